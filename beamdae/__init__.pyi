@@ -33,6 +33,7 @@ from .analysis.statics.imperfections import knock_down as knock_down
 from .analysis.statics.linear_buckling import buckling as buckling
 from .analysis.statics.static_equilibrium import equilibrium as equilibrium
 from .beams.beam import Beam as Beam
+from .beams.beam_contact import BeamContact as BeamContact
 from .beams.beam_loads import DistributedForce as DistributedForce
 from .beams.beam_loads import MovingForce as MovingForce
 from .beams.damping import AirDrag as AirDrag
@@ -43,6 +44,7 @@ from .beams.sections import taper as taper
 from .beams.sliding import SlidingOnBeam as SlidingOnBeam
 from .beams.structures import frame as frame
 from .beams.structures import welded_beams as welded_beams
+from .beams.viscoelasticity import StandardLinearSolid as StandardLinearSolid
 from .checks import check as check
 from .cli.model_files.model_file import load_model as load_model
 from .curves.intrinsic_curve import IntrinsicCurve as IntrinsicCurve
@@ -66,6 +68,7 @@ from .model_functions import model as model
 from .model_parameters import param as param
 from .parts.attachments import Attachment as Attachment
 from .parts.bodies.point_mass import PointMass as PointMass
+from .parts.bodies.reduced_body import ReducedBody as ReducedBody
 from .parts.bodies.rigid_body import RigidBody as RigidBody
 from .parts.control.blocks import low_pass as low_pass
 from .parts.control.blocks import pid as pid

@@ -106,6 +106,7 @@ GROUPS = (
         (
             Public("RigidBody", "beamdae.parts.bodies.rigid_body"),
             Public("PointMass", "beamdae.parts.bodies.point_mass"),
+            Public("ReducedBody", "beamdae.parts.bodies.reduced_body"),
         ),
     ),
     Group(
@@ -149,11 +150,13 @@ GROUPS = (
             Public("TorsionDamper", "beamdae.parts.forces.springs"),
             Public("Bushing", "beamdae.parts.forces.bushing"),
             Public("Contact", "beamdae.parts.forces.contact"),
+            Public("BeamContact", "beamdae.beams.beam_contact"),
             Public("LineSurface", "beamdae.parts.forces.surfaces"),
             Public("CircleSurface", "beamdae.parts.forces.surfaces"),
             Public("Friction", "beamdae.parts.forces.friction"),
             Public("RayleighDamping", "beamdae.beams.damping"),
             Public("AirDrag", "beamdae.beams.damping"),
+            Public("StandardLinearSolid", "beamdae.beams.viscoelasticity"),
             Public("ForceLaw", "beamdae.parts.forces.force_law"),
             Public("positive_part", "beamdae.parts.forces.smooth"),
             Public("smooth_sign", "beamdae.parts.forces.smooth"),

@@ -162,8 +162,8 @@ MAP = bd.table(
 )
 NO_PARTS = ("LineSurface", "CircleSurface", "Friction", "positive_part", "smooth_sign")
 # Loads named "load" of the same mechanism.
-# The contact of the catalog is open; those below penetrate.
-LOADS = catalog_parts("Loads and forces", "load", without=(*NO_PARTS, "Contact")) | {
+# The contacts of the catalog are open; those below penetrate.
+LOADS = catalog_parts("Loads and forces", "load", without=(*NO_PARTS, "Contact", "BeamContact")) | {
     "follower force": lambda m, d, b: bd.Force("load", b.at(0.7), (swing, 3.0), axes="body"),
     "force on a rigid body": lambda m, d, b: bd.Force("load", d.at(1.0, 1.0), (swing, 1.0), "body"),
     "moment on a rigid body": lambda m, d, b: bd.Moment("load", d.at(0.1, 0.2), swing),
@@ -214,6 +214,17 @@ LOADS = catalog_parts("Loads and forces", "load", without=(*NO_PARTS, "Contact")
     ),
     "contact with a circle": lambda m, d, b: bd.Contact(
         "load", d.at(0.1, 0.2), bd.CircleSurface(b.end, 30.0), 7.0, friction=0.3, friction_speed=0.5
+    ),
+    "contact along a beam": lambda m, d, b: bd.BeamContact(
+        "load",
+        b,
+        bd.LineSurface(d.at(TIP[0], TIP[1] + 0.5), (1.0, 0.3)),
+        7.0,
+        start=0.3,
+        restitution=0.8,
+        impact_speed=3.0,
+        friction=0.3,
+        friction_speed=0.5,
     ),
     "contact inside a circle": lambda m, d, b: bd.Contact(
         "load", b.end, bd.CircleSurface(m.ground.at(*ARC.start), 0.1, "inside"), 7.0, 2.0

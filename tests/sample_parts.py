@@ -6,6 +6,8 @@ from collections.abc import Callable
 from functools import cached_property
 from typing import Any
 
+import numpy as np
+
 import beamdae as bd
 
 
@@ -90,6 +92,9 @@ def _potential(point: Any) -> Any:
     return 0.5 * point.position[0] ** 2
 
 
+# Two masses on a spring along x.
+_ROD = np.kron([[100.0, -100.0], [-100.0, 100.0]], [[1.0, 0.0], [0.0, 0.0]])
+
 # Functions that return keyword arguments of a valid call, by public name. Tests of parts, error
 # messages and robustness start from these calls.
 SAMPLES: dict[str, Callable[[SampleMechanism], dict[str, Any]]] = {
@@ -103,6 +108,16 @@ SAMPLES: dict[str, Callable[[SampleMechanism], dict[str, Any]]] = {
         "shape": ((2.9, 0.0), (3.1, 0.0), (3.0, 0.1)),
     },
     "PointMass": lambda m: {"name": "mass", "mass": 0.1, "at": (2.0, 0.0), "velocity": (0.0, 0.0)},
+    "ReducedBody": lambda m: {
+        "name": "rod",
+        "mass": np.eye(4),
+        "stiffness": _ROD,
+        "nodes": [(3.0, 0.0), (4.0, 0.0)],
+        "shapes": [[-1.0], [0.0], [1.0], [0.0]],
+        "damping": 0.01,
+        "velocity": (0.0, 0.0),
+        "angular_velocity": 0.0,
+    },
     "Revolute": _joint_arguments,
     "Weld": _joint_arguments,
     "Prismatic": lambda m: _joint_arguments(m) | {"direction": (1.0, -0.5)},
@@ -208,6 +223,21 @@ SAMPLES: dict[str, Callable[[SampleMechanism], dict[str, Any]]] = {
         "static": 0.2,
         "stribeck": 0.3,
     },
+    "BeamContact": lambda m: {
+        "name": "strip contact",
+        "beam": m.beam,
+        "surface": m.floor,
+        "stiffness": 1e4,
+        "start": 0.1,
+        "end": 0.9,
+        "exponent": 1.5,
+        "restitution": 0.5,
+        "impact_speed": 1.0,
+        "friction": 0.1,
+        "friction_speed": 0.1,
+        "static": 0.2,
+        "stribeck": 0.3,
+    },
     "LineSurface": lambda m: {"on": m.ground.at(0.0, 0.0), "direction": (1.0, 0.0)},
     "CircleSurface": lambda m: {"on": m.ground.at(0.0, 9.0), "radius": 1.0, "side": "outside"},
     "Friction": lambda m: {
@@ -222,6 +252,12 @@ SAMPLES: dict[str, Callable[[SampleMechanism], dict[str, Any]]] = {
     },
     "RayleighDamping": lambda m: {"name": "oil", "beam": m.beam, "mass": 0.1, "stiffness": 1e-5},
     "AirDrag": lambda m: {"name": "drag", "beam": m.beam, "coefficient": 0.1},
+    "StandardLinearSolid": lambda m: {
+        "name": "relaxation",
+        "beam": m.beam,
+        "ratio": 0.5,
+        "relaxation_time": 0.01,
+    },
     "ForceLaw": lambda m: {
         "name": "load",
         "on": m.disk.at(0.1, 0.2),

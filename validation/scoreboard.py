@@ -218,15 +218,13 @@ def _try_mechanism(name: str) -> Outcome:
     import scorer
 
     mechanism, _, setting = name.partition(", ")
-    problem, folder = record.load_problem(mechanism), record.MECHANISMS / mechanism
+    problem = record.load_problem(mechanism)
     table, information = record.run_tool("beamdae", problem, setting, 8)
     steps = information.get("steps", len(table))
     if not information["success"]:
         return Outcome(name, MISSED, count=steps, reason=information["reason"])
-    reference, uncertainty = (
-        pd.read_csv(folder / f"{x}.csv") for x in ("reference", "uncertainty")
-    )
-    error = scorer.score_columns(reference, uncertainty, table)["error"].max()
+    reference = scorer.read_reference(record.REFERENCES / f"{mechanism}.csv")
+    error = scorer.score_columns(*reference, table)["error"].max()
     has_warned = bool(information.get("warnings"))
     verdict = RIGHT if error <= _RECORD_ERROR else WRONG if has_warned else MISSED
     reason = f"error {error:.2g} of half the range, {'with a' if has_warned else 'no'} warning"

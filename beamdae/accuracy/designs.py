@@ -7,7 +7,7 @@ import numpy as np
 from beamdae.accuracy.errors import Errors, Split
 from beamdae.accuracy.refinement import Refinement, refine
 from beamdae.accuracy.runs import describe_refinement, refine_method
-from beamdae.analysis.optimization.search import SearchResult
+from beamdae.analysis.optimization.search_result import SearchResult
 from beamdae.errors import BeamdaeError
 from beamdae.results.solution import Solution
 
@@ -22,7 +22,7 @@ def measure_design(search: SearchResult) -> Errors:
     """
     problem, best, first = search.problem, search.best, search.trials[0]
     design = problem.design(best.numbers)
-    ratios = np.append(1.0, search.scaled.ratios)
+    ratios = np.append(1.0, search.problem.ratios)
     values = ratios * best.values
     labels = [x.label for x in problem.quantities]
     headers = tuple(f"{x} [{unit or '-'}]" for x, unit in zip(labels, search.units, strict=True))

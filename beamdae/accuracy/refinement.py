@@ -12,6 +12,7 @@ from beamdae.beams.beam import Beam, beams_of
 from beamdae.beams.mesh import Mesh
 from beamdae.beams.prolongation import prolong_coordinates
 from beamdae.beams.remeshing import divide_meshes, list_fixed_beams, replace_beams
+from beamdae.beams.viscoelasticity import StandardLinearSolid
 from beamdae.equations.assembly.assemble import equations_of_motion
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import hold_messages
@@ -187,7 +188,9 @@ def refine(
         refined_equations = equations_of_motion(refined.mechanism, start)
     final = {beam.name: beam for beam in beams_of(refined.mechanism)}
     beams = refined.remeshed
-    pairs = {name: (beam, final[name]) for name, beam in beams.items()}
+    pairs: dict[str, tuple[Any, Any]] = {name: (beam, final[name]) for name, beam in beams.items()}
+    solids = (x for x in mechanism.parts.values() if isinstance(x, StandardLinearSolid))
+    pairs |= {x.name: (x, refined.mechanism.parts[x.name]) for x in solids}
     names = equations.q_names, refined_equations.q_names
     prolongation, offset = prolong_coordinates(*names, pairs)
     of_beams = refined.halved, refined.raised, *refined[2:]

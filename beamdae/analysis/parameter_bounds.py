@@ -1,4 +1,4 @@
-"""Bounds of parameters, and starting points of several searches between them."""
+"""Bounds of parameters, and several searches between them: first values and ends."""
 
 from __future__ import annotations
 
@@ -15,12 +15,65 @@ from beamdae.errors import (
     require_sequence,
     short_repr,
 )
-from beamdae.model_parameters import convert_text
+from beamdae.model_parameters import convert_text, format_with_unit
 
 Array = np.ndarray
 
 MAX_STARTS = 10_000
 MAX_SEED = 2**32 - 1
+# Logarithm of the ratio of first values to those about zero where variables like logarithms are
+# linear: they are logarithms up to 1e-12 of the first values.
+LOG_ORIGIN = 30.0
+
+
+class ParameterScales:
+    """Map between the variables x of a search and the values v of parameters.
+
+    Variables are 1 at first values v0. Those with an origin c are like logarithms, but linear
+    through zero, 1 + asinh(v / v0 sinh(c)) - c; others are linear, 1 + (v - v0) / size.
+
+    Attributes
+    ----------
+    first
+        First values v0, (k,).
+    sizes
+        Absolute first values (k,) of parameters with an origin, and sizes of the others.
+    bounds
+        Lower and upper bounds of the values, (k,) each; values are clipped to them.
+    limits
+        Lower and upper bounds of the variables, (k,) each.
+    """
+
+    def __init__(self, first: Array, sizes: Array, origins: Array, lower: Array, upper: Array):
+        self.first, self.bounds, self._origins = first, (lower, upper), origins
+        self._is_linear = origins == 0.0
+        self.sizes = np.where(self._is_linear, sizes, np.abs(first))
+        self.limits = self.variables(lower), self.variables(upper)
+
+    def variables(self, values: Array) -> Array:
+        """Return the variables of values (k,)."""
+        with np.errstate(invalid="ignore"):  # of infinite bounds
+            ratio = np.sinh(self._origins) * values / self.sizes
+        logarithm = np.arcsinh(ratio) - np.sign(self.first) * self._origins
+        linear = (values - self.first) / self.sizes
+        return 1.0 + np.where(self._is_linear, linear, logarithm)
+
+    def values(self, x: Array) -> Array:
+        """Return the values of the parameters at x."""
+        linear = self.first + self.sizes * (x - 1.0)
+        values = np.where(self._is_linear, linear, self.sizes * self._ratio(np.sinh, x))
+        values = np.where(x <= self.limits[0], self.bounds[0], values)
+        return np.where(x >= self.limits[1], self.bounds[1], values)
+
+    def derivatives(self, x: Array) -> Array:
+        """Return the derivatives of the values with respect to x, (k,)."""
+        return self.sizes * np.where(self._is_linear, 1.0, self._ratio(np.cosh, x))
+
+    def _ratio(self, function: Any, x: Array) -> Array:
+        # Long steps overflow: models reject infinite values.
+        with np.errstate(all="ignore"):
+            changed = function(x - 1.0 + np.sign(self.first) * self._origins)
+            return np.asarray(changed / np.sinh(self._origins))
 
 
 def read_bounds(
@@ -89,22 +142,42 @@ def _read_bound(caller: str, part: str, bound: Any, count: int, unit: str) -> Ar
     return np.array(numbers, float)
 
 
-def spread_starts(lower: Array, upper: Array, count: int, seed: int) -> Array:
-    """Return points (count, k) of a Latin hypercube between finite bounds (k,)."""
-    generator = np.random.default_rng(seed)
-    cells = [generator.permutation(count) for _ in lower]
-    shares = (np.array(cells).T + generator.uniform(size=(count, len(lower)))) / max(count, 1)
-    return np.asarray(lower + shares * (upper - lower))
+def draw_starts(
+    caller: str,
+    names: Sequence[str],
+    lower: Array,
+    upper: Array,
+    count: int,
+    seed: int,
+    is_log: Array | bool = False,
+) -> Array:
+    """Return points (count, k) of a Latin hypercube between bounds (k,), or between logarithms.
 
-
-def require_start_bounds(
-    caller: str, names: Sequence[str], lower: Array, upper: Array, condition: str = ""
-) -> None:
-    """Raise BeamdaeError unless all bounds (k,) are finite; a further condition may be named."""
-    is_bounded = np.isfinite(lower) & np.isfinite(upper)
-    missing = [name for name, x in zip(names, is_bounded, strict=True) if not x]
+    Raises
+    ------
+    BeamdaeError
+        If a bound is infinite, or a lower bound of logarithms is zero.
+    """
+    with np.errstate(divide="ignore"):
+        low, high = (np.where(is_log, np.log(np.abs(x)), x) for x in (lower, upper))
+    missing = [x for x, width in zip(names, high - low, strict=True) if not np.isfinite(width)]
     if missing:
         raise BeamdaeError(
-            f"{caller}: several starts need finite bounds of all parameters{condition}; pass those "
-            f"of {', '.join(missing)} in bounds={{name: (lower, upper)}}."
+            f"{caller}: several starts need finite bounds of all parameters"
+            f"{', above 0 for those in log' if np.any(is_log) else ''}; pass those of "
+            f"{', '.join(missing)} in bounds={{name: (lower, upper)}}."
         )
+    generator = np.random.default_rng(seed)
+    cells = [generator.permutation(count) for _ in names]
+    shares = (np.array(cells).T + generator.uniform(size=(count, len(names)))) / max(count, 1)
+    points = low + shares * (high - low)
+    return np.where(is_log, np.exp(np.where(is_log, points, 0.0)), points)
+
+
+def describe_ends(ends: Array, count: int, limit: float, noun: str, unit: str = "") -> str:
+    """Return how many of `count` searches have ends (j,) up to a limit, and the next one."""
+    text = f"{np.sum(ends <= limit)} of {count} searches end at this {noun}"
+    next_one = float(np.min(ends[ends > limit], initial=np.inf))
+    if np.isfinite(next_one):
+        text += f"; the next best {noun} is {format_with_unit(next_one, unit)}"
+    return text

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -10,7 +11,14 @@ from scipy.sparse.linalg import splu
 
 from beamdae.beams.beam import Beam
 from beamdae.beams.elements import NODE_SIZE
-from beamdae.beams.shape_functions import node_positions, shape_functions
+from beamdae.beams.shape_functions import (
+    gauss_points,
+    lagrange_weights,
+    node_positions,
+    shape_functions,
+)
+from beamdae.beams.strains import STRAIN_SIZE
+from beamdae.beams.viscoelasticity import StandardLinearSolid
 
 Array = np.ndarray
 
@@ -49,8 +57,25 @@ def prolongation_matrix(coarse: Beam, fine: Beam) -> sp.csc_array:
     return sp.csc_array(normal.solve((operator.T @ target).toarray()))
 
 
+def prolong_states(coarse: StandardLinearSolid, fine: StandardLinearSolid) -> sp.csc_array:
+    """Return the matrix that maps states to those on a finer mesh, see `prolongation_matrix`.
+
+    The strains of the dampers are interpolated between the stiffness points of coarse elements.
+    """
+    mesh, points = coarse.beam.mesh, coarse.beam.kinematics.element.quadrature
+    s = fine.beam.mesh.gauss_arc_lengths(fine.beam.kinematics.element.quadrature)
+    at = np.zeros((len(s), mesh.elements, points))
+    for k, (element, xi) in enumerate(map(mesh.locate, s.tolist())):
+        at[k, element] = lagrange_weights(gauss_points(points)[0], xi)
+    strains = sp.kron(at.reshape(len(s), -1), np.eye(STRAIN_SIZE))
+    old, new = (np.moveaxis(x.state_sizes, 0, -1).ravel() for x in (coarse, fine))
+    return sp.csc_array(sp.diags_array(new) @ strains @ sp.diags_array(1.0 / old))
+
+
 def prolong_coordinates(
-    names: Sequence[str], fine_names: Sequence[str], beams: Mapping[str, tuple[Beam, Beam]]
+    names: Sequence[str],
+    fine_names: Sequence[str],
+    pairs: Mapping[str, tuple[Any, Any]],
 ) -> tuple[sp.csc_array, Array]:
     """Return the map from coordinates q of a mechanism to those with other meshes of beams.
 
@@ -58,8 +83,8 @@ def prolong_coordinates(
     ----------
     names, fine_names
         Names of the coordinates of both mechanisms.
-    beams
-        The beams of both, by name; those with the same mesh have the same coordinates.
+    pairs
+        The beams of both, and the parts whose states depend on their meshes, by name.
 
     Returns
     -------
@@ -70,15 +95,18 @@ def prolong_coordinates(
     new = {name: k for k, name in enumerate(fine_names)}
     prolongation = sp.lil_array((len(new), len(old)))
     start = np.zeros(len(new))
-    for name, (coarse, fine) in beams.items():
+    for name, (coarse, fine) in pairs.items():
         rows = [new[f"{name}.{c.name}"] for c in fine.coordinates]
         columns = [old[f"{name}.{c.name}"] for c in coarse.coordinates]
-        block = sp.eye_array(len(rows))
-        if fine.mesh is not coarse.mesh:
+        if isinstance(coarse, StandardLinearSolid):
+            block = prolong_states(coarse, fine)
+        elif fine.mesh is coarse.mesh:
+            block = sp.eye_array(len(rows))
+        else:
             block = prolongation_matrix(coarse, fine)
         prolongation[np.ix_(rows, columns)] = block.toarray()
         start[rows] = fine.initial_position - block @ coarse.initial_position
-    prefixes = tuple(f"{name}." for name in beams)
+    prefixes = tuple(f"{name}." for name in pairs)
     for name in new:
         if not name.startswith(prefixes):
             prolongation[new[name], old[name]] = 1.0

@@ -102,22 +102,6 @@ def list_known_sections(
     return {name: x.stress_sections for name, x in varying.items() if x.stress_sections}
 
 
-def merge_known_sections(known: KnownSections, others: KnownSections) -> KnownSections:
-    """Return known sections with those of another model that these lack."""
-    result = dict(known)
-    for key, (arc_lengths, located) in known.items():
-        other = _find_known(others, key)
-        if other is None:
-            continue
-        near = _CHECKED_DISTANCE * (key[-1] - key[0])
-        places = np.array(arc_lengths)
-        new = [x for x in other.arc_lengths if np.min(np.abs(places - x)) > near]
-        of_new = [x for x in other.located if x.s in new]
-        merged = tuple(sorted((*arc_lengths, *new)))
-        result[key] = StressSections(merged, (*located, *of_new))
-    return result
-
-
 @contextmanager
 def keep_numbers_of_sections(sections: Mapping[str, Section | VaryingSection]) -> Iterator[None]:
     """Let beams have as many stress sections as those with given sections, by name of the beam.

@@ -451,9 +451,9 @@ def _smaller_resultant(
     """Return the smallest resultant [N] of the other forces on a movable body of a contact."""
     motions = compute_rigid_motions(equations, q) * equations.position_scales[:, None]
     resultants = []
-    for attachment in penetration.part.attachments:
-        rows = coordinates.slice_of(attachment.body)
-        if attachment.size:
+    for body in penetration.part.bodies:
+        rows = coordinates.slice_of(body)
+        if rows.stop > rows.start:
             work = np.sum(np.abs(motions[rows].T @ others[rows]))
             resultants.append(float(work) / equations.length)
     return min(resultants)

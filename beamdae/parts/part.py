@@ -221,7 +221,7 @@ class Part:
 
         "points": each force acts at its attachment, or on the axes of elements. "line": the forces
         act along the curve. "shares": the forces are shares of a single force that acts between
-        their attachments.
+        their attachments. "none": the forces are internal forces of the beam.
         """
         return "points"
 

@@ -99,14 +99,14 @@ def run_starts(
     problem: FitProblem,
     scaling: Scaling,
     max_evaluations: int,
-    starts: int,
-    seed: int,
+    points: Array,
     folder: Any,
     jobs: Any,
     progress: Any,
 ) -> tuple[Array, pd.DataFrame, bool]:
     """Return the variables at the end of the best of several searches, and a table of all.
 
+    The first search begins with the first values of the problem, others with `points` (j, K).
     The third value is True if Ctrl-C ended the searches. See `fit` for the arguments.
 
     Raises
@@ -121,8 +121,8 @@ def run_starts(
     path = None if folder is None else require_folder("fit", folder)
     serial = as_real(jobs) == 1.0
     executor = SerialPool() if serial else create_executor("fit", "", jobs, None)
-    points = [problem.first_values, *scaling.spread(starts - 1, seed)]
-    settings = [dict(zip(problem.names, point.tolist(), strict=False)) for point in points]
+    starts = [problem.first_values, *points]
+    settings = [dict(zip(problem.names, point.tolist(), strict=False)) for point in starts]
     defaults = problem.model.parameters
     changed = {
         name: value
@@ -135,7 +135,7 @@ def run_starts(
         t_end=_RELATIVE_RUN * problem.last_time,
         limits=Limits(),
         searches=tuple(
-            StartSearch(problem, scaling, max_evaluations, scaling.start(x)) for x in points
+            StartSearch(problem, scaling, max_evaluations, scaling.variables(x)) for x in starts
         ),
     )
     results = _run(study, path, executor, progress)
@@ -146,7 +146,8 @@ def run_starts(
         raise Interrupted(f"interrupted{hint}", None, "fit")
     if not len(finished):
         raise BeamdaeError(
-            f"fit: all {starts} searches failed, the first one because {table['reason'].iloc[0]}"
+            f"fit: all {len(starts)} searches failed, the first one because "
+            f"{table['reason'].iloc[0]}"
         )
     best = int(np.argmin(finished["chi-square"].to_numpy(float)))
     values = finished[list(problem.variables)].to_numpy(float)[best]

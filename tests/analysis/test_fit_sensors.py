@@ -296,16 +296,22 @@ LONG = {"observable": ["mass.x"] * 3, "t [s]": [0.1, 0.2, 0.3], "value": [1.0, 1
         ),
         ({"data": {"t [s]": [1.0], "t [ms]": [1.0], "mass.x": [1.0]}}, "are both times"),
         ({"data": {"t [s]": [1.0, 2.0], "mass.x": ["1", "a"]}}, "got 'a' in row 2"),
-        ({"data": {"t [s]": [1.0], "mass.x": [1e200]}}, "got 1e\\+200 in row 1"),
+        ({"data": {"t [s]": [1.0], "mass.x": [np.inf]}}, "got inf in row 1"),
         ({"data": "missing.csv"}, "'missing.csv' cannot be read"),
-        ({"data": LONG | {"t [s]": [0.1, 0.2, 0.2]}}, "got 0.2 s after 0.2 s in row 3"),
-        ({"data": LONG | {"t [s]": [0.1, 0.2, np.nan]}}, "must be finite and ascend"),
+        ({"data": LONG | {"t [s]": [0.1, 0.2, 0.2]}}, "got 0.2 s again in row 3"),
+        (
+            {"data": LONG | {"t [s]": [0.1, 0.2, np.nan]}},
+            "must be finite, not negative and different",
+        ),
         ({"data": LONG | {"sigma": [0.1, 0.0, 0.1]}, "sigma": None}, "must be positive.*row 2"),
         ({"data": LONG | {"sigma": [0.1, 0.1, 0.1]}}, "sigma is given twice"),
-        ({"data": LONG | {"units": ["m"] * 3}}, "got 'units'"),
-        ({"data": LONG | {"observable": ["mass.x", None, "mass.x"]}}, "got None in row 2"),
-        ({"data": LONG | {"observable": np.sin}}, "must have one entry per time"),
-        ({"data": {"a": LONG["value"], "value": [1.0]}}, "must contain the column"),
+        ({"data": LONG | {"units": ["m"] * 3}}, "got columns .*'units'"),
+        ({"data": LONG | {"observable": ["mass.x", None, "mass.x"]}}, "got (None|nan) in row 2"),
+        (
+            {"data": LONG | {"observable": np.sin}},
+            "must contain names .*, got <ufunc 'sin'> in row 1",
+        ),
+        ({"data": {"a": LONG["value"], "value": LONG["value"]}}, "must contain the column"),
         ({"experiments": {"b": {}}}, "for which there are no data"),
         ({"experiments": {"": {"stiffness": 2.0}}}, "sets stiffness, which is in by"),
         ({"scale": ["mass.y"]}, "scale contains 'mass.y', which is not in the data"),
@@ -370,7 +376,7 @@ def test_tables_that_are_too_large_are_rejected(tmp_path, monkeypatch):
         't [s],mass.x\n0.1,"1',
         "t [s],mass.x\n0.1,1;5\n",
         "observable,value\nmass.x,1\n",
-        "t [s],mass.x\n0.2,1\n0.1,1\n",
+        "t [s],mass.x\n0.2,1\n0.2,1\n",
         "t [s],mass.x\n0.1,inf\n",
         "t [s],mass.x,mass.x [m]\n0.1,1,1\n0.2,1,1\n",
         "t [s]\n0.1\n",
@@ -466,9 +472,9 @@ def test_regression_durations_are_rejected(times):
 def test_regression_only_columns_with_a_unit_of_time_are_times(name):
     """The columns were "both times"."""
     table = {name: TIMES, "t [ms]": 1e3 * TIMES, "mass.x": TIMES}
-    columns = read_measurements("plot", table).columns
-    assert [source.name for source, _ in columns] == [name, "mass.x"]
-    np.testing.assert_allclose(columns[-1][1]["t [s]"], TIMES, rtol=1e-15)
+    data = read_measurements("plot", table).table
+    assert list(data["observable"].unique()) == [name, "mass.x"]
+    np.testing.assert_allclose(data["t [s]"].unique(), TIMES, rtol=1e-15)
 
 
 @SLOW

@@ -86,7 +86,7 @@ def test_experiments_shifts_and_starts(here):
     assert [x["evaluations"] for x in document["searches"]] == searches["evaluations"].tolist()
     # Nothing was printed on the searches. The stored ones are read.
     text = run("long.csv", "--by", "stiffness", *options).stdout
-    assert "2 of 2 searches end at these estimates" in text
+    assert "2 of 2 searches end at this chi-square" in text
     assert len(list(Path("results/oscillator_fit_starts/outcomes").glob("*.json"))) == 2
 
 

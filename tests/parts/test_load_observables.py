@@ -80,7 +80,7 @@ def test_power_is_the_rate_of_work_in_the_energy_ledger(name):
     without = NumericEquations(mech, time=TIME)
 
     def energies(at):
-        return numeric.energies(at, v) - without.energies(at, v)
+        return numeric.energies(at, v) - without.energies(at[: without.n], v[: without.n])
 
     h = 1e-3
     strain = [energies(q + k * h * v)[1] for k in (-2, -1, 1, 2)]

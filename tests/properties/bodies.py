@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from finite_elements import straight_bar
 from properties.similarity import Similarity, create_section
 
 import beamdae as bd
 
 GROUND = None
+REDUCED_ELEMENTS = 4  # of the finite-element model of a bar
 
 # Settings of beams by name.
 THEORIES = {
@@ -61,9 +63,15 @@ class Body:
         if self.is_beam:
             x, y = self.axis.point(u * self.axis.length)
             return float(x), float(y)
+        if self.kind == "reduced":
+            u, w = self.node(u) / REDUCED_ELEMENTS, 0.0
         along, left = u * self.length, w * self.length
         x = self.start[0] + c * along - s * left
         return float(x), float(self.start[1] + s * along + c * left)
+
+    def node(self, u: float) -> int:
+        """Return the node of a reduced body near a fraction of the length."""
+        return round(u * REDUCED_ELEMENTS)
 
     @cached_property
     def axis(self):
@@ -84,6 +92,13 @@ class Body:
         if self.kind == "bar":
             end = frame.point(*self.point(1.0))
             return bd.RigidBody.rod(self.name, start, end, mass=mass, **moving)
+        if self.kind == "reduced":
+            heading, uniform = frame.heading(self.heading), replace(self, profile="rectangle")
+            section = create_section(frame, uniform, length)
+            matrices = straight_bar(section, length, REDUCED_ELEMENTS, heading, start)
+            more = {"damping": frame.number(self.damping, "s")} | moving
+            ends = (0, REDUCED_ELEMENTS)
+            return bd.ReducedBody.from_matrices(self.name, *matrices, ends, modes=2, **more)
         axis = CURVES[self.curve](self, frame)
         section = create_section(frame, self, axis.length)
         theory = THEORIES[self.theory]
@@ -168,4 +183,6 @@ class World:
             return part.point
         if body.is_beam:
             return part.at(part.length * place.u)
+        if body.kind == "reduced":
+            return part.at(body.node(place.u))
         return part.at(*self.frame.point(*body.point(place.u, place.w)))

@@ -32,7 +32,9 @@ def sample_part(kind):
         sample = SampleMechanism()
         sample.mechanism, sample.disk, sample.beam = mech, disk, beam
         part = mech.add(getattr(bd, kind)(**scale_arguments(SAMPLES[kind](sample), x)))
-        place = getattr(part, "point", None) or (kind == "RigidBody" and part.at(3.0, 0.1))
+        place = getattr(part, "point", None) or (
+            part.at(3.0, 0.1) if kind == "RigidBody" else kind == "ReducedBody" and part.at(0)
+        )
         if place:
             mech.add(bd.Spring("tie", disk.at(0.7, 0.4), place, 3.0 * x))
 

@@ -89,6 +89,15 @@ def contact_line(w, name, a, b, n):
     return _contact(w, name, b, bd.LineSurface(w.at(a), direction), n)
 
 
+def wrapping(w, name, a, b, n):
+    f = w.frame
+    x, y = n["direction"]
+    surface = bd.LineSurface(w.at(a), f.way(f.sense * x, f.sense * y, unit=""))
+    stiffness = f.number(n["stiffness"], "N/m^2.5")
+    friction = {"friction": n["friction"], "friction_speed": f.number(0.1, "m/s")}
+    return bd.BeamContact(name, w.parts[w.bodies[b.body].name], surface, stiffness, **friction)
+
+
 def contact_circle(w, name, a, b, n):
     surface = bd.CircleSurface(w.at(a), w.frame.number(n["radius"], "m"), n["side"])
     return _contact(w, name, b, surface, n)
@@ -148,6 +157,11 @@ def drag(w, name, a, b, n):
     return bd.AirDrag(name, beam, w.frame.number(n["damping"], "kg/m^2"))
 
 
+def solid(w, name, a, b, n):
+    beam = w.parts[w.bodies[b.body].name]
+    return bd.StandardLinearSolid(name, beam, n["ratio"], w.frame.number(0.02, "s"))
+
+
 def load_mass(w, name, a, b, n):
     return bd.PointMass(name, w.frame.number(n["mass"], "kg"), on=w.at(b))
 
@@ -176,6 +190,7 @@ FORCES = {
     "bushing": bushing,
     "contact with a line": contact_line,
     "contact with a circle": contact_circle,
+    "wrapping": wrapping,
     "force": force,
     "moment": moment,
     "law of two points": force_law,
@@ -183,6 +198,7 @@ FORCES = {
     "moving force": moving_force,
     "Rayleigh": rayleigh,
     "drag": drag,
+    "relaxation": solid,
     "mass": load_mass,
     "friction": friction,
 }

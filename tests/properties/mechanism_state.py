@@ -146,6 +146,9 @@ class MechanismState(NumericEquations):
             if kind == "q":
                 angles = [base_name(name) in ABSOLUTE_ANGLES for name in other.names]
                 error[angles] -= 2.0 * np.pi * np.round(error[angles] / (2.0 * np.pi))
+            # The signs of mode shapes are arbitrary.
+            modes = [base_name(name) == "mode" for name in other.names]
+            error[modes] = np.abs(there[modes]) - np.abs(expected[modes])
             scales = e.position_scales ** (-1 if kind == "Q" else 1)
             size = max(float(np.max(np.abs(expected) / scales)), smallest_sizes[kind], 1e-300)
             differences[kind] = float(np.max(np.abs(error) / scales) / size)

@@ -15,7 +15,7 @@ from properties.forces import FORCES
 from properties.similarity import PROFILES, Similarity, Wave
 
 # Kinds of parts, bodies, curves, sections and settings of beams.
-ALL_KINDS = (*BUILDERS, "bar", "disk", "particle", *CURVES, *PROFILES, *THEORIES)
+ALL_KINDS = (*BUILDERS, "bar", "disk", "particle", "reduced", *CURVES, *PROFILES, *THEORIES)
 
 
 def add_spring(builder: DrawingBuilder, a: Place, b: Place) -> None:
@@ -91,6 +91,15 @@ def add_force(builder: DrawingBuilder, kinds: tuple[str, ...], free: bool) -> No
                 "side": rng.choice(["outside", "inside"]),
             }
         builder.piece(kind, builder.place(a), builder.place(b), **parameters)
+    elif kind == "wrapping":
+        beams = [k for k in beams if k != a]
+        if beams and (a is GROUND or a in with_angle):
+            parameters = {
+                "stiffness": builder.power(1.0, 3.0),
+                "direction": builder.direction(),
+                "friction": rng.choice([0.0, 0.3]),
+            }
+            builder.piece(kind, builder.place(a), Place(rng.choice(beams)), **parameters)
     elif kind == "friction":
         joints = [
             piece
@@ -112,7 +121,7 @@ def add_force(builder: DrawingBuilder, kinds: tuple[str, ...], free: bool) -> No
             builder.piece(kind, of.a, of.b, friction=builder.between(0.05, 0.4), **parameters)
     elif free and kind in EXTERNAL_FORCES:
         return
-    elif kind in ("load by length", "moving force", "Rayleigh", "drag"):
+    elif kind in ("load by length", "moving force", "Rayleigh", "drag", "relaxation"):
         if beams:
             _add_force_on_beam(builder, kind, Place(rng.choice(beams)))
     elif kind == "mass":
@@ -143,6 +152,7 @@ def _add_force_on_beam(builder: DrawingBuilder, kind: str, on: Place) -> None:
         },
         "Rayleigh": {"mass": builder.between(0.0, 1.0)},
         "drag": {"damping": builder.between(0.1, 1.0)},
+        "relaxation": {"ratio": builder.between(0.1, 1.0)},
     }
     builder.piece(kind, on, on, **parameters[kind])
 
@@ -255,7 +265,7 @@ def draw_mechanism(
 
 def _draw(rng, most, kinds, flexible, free, outside, damped) -> Drawing:
     builder = DrawingBuilder(rng, outside=outside, damped=damped)
-    shapes = ("bar", "disk", "beam", "particle") if flexible else ("bar", "disk", "particle")
+    shapes = ("bar", "disk", "particle", *(("beam", "reduced") if flexible else ()))
     free = builder.chance(0.25) if free is None else free
     for k in range(rng.choice(range(1, most + 1))):
         if free and k == 0:
@@ -394,4 +404,6 @@ def _close_loop(builder: DrawingBuilder, free: bool) -> None:
         more = {"direction": builder.direction()} if kind == "point on line" else {}
         builder.piece(kind, ground, b, **more)
     elif others:
-        builder.piece("distance", builder.place(builder.rng.choice(others)), b)
+        a = builder.place(builder.rng.choice(others))
+        if world.point(a) != world.point(b):
+            builder.piece("distance", a, b)

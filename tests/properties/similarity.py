@@ -27,6 +27,7 @@ UNIT_EXPONENTS = {
     "N": (1, 1, -2),
     "N/m": (0, 1, -2),
     "N/m^1.5": (-0.5, 1, -2),
+    "N/m^2.5": (-1.5, 1, -2),
     "N s/m": (0, 1, -1),
     "N m": (2, 1, -2),
     "N m s": (2, 1, -1),
@@ -118,6 +119,10 @@ def transform_values(
             if kind == "q":
                 vector += frame.shift
             transformed[coordinate.name], transformed[other] = vector.tolist()
+        elif coordinate.unit == "J^0.5 s^0.5":
+            value = weight * values[k] * frame.length * np.sqrt(frame.mass / frame.time)
+            is_even = kind_of_coordinate.endswith("axial")
+            transformed[coordinate.name] = value * (1.0 if is_even else frame.sense)
         elif kind_of_coordinate != "y":
             changes_sign = coordinate.unit == "rad" or kind_of_coordinate == "v"
             value *= frame.sense if changes_sign else 1.0

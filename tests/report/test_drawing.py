@@ -44,7 +44,8 @@ def test_every_kind_of_part_is_drawn_with_its_name(make):
     names = find_names(mech)
     assert {"disk", "beam", "9.81 m/s²"} <= names
     # Damping distributed along a beam has no symbol.
-    assert (part.name in names) != isinstance(part, bd.RayleighDamping | bd.AirDrag)
+    distributed = bd.RayleighDamping | bd.AirDrag | bd.StandardLinearSolid
+    assert (part.name in names) != isinstance(part, distributed)
 
 
 def test_forces_point_where_they_push_and_end_where_they_act():

@@ -16,11 +16,13 @@ sys.path.insert(0, str(FOLDER))
 import record  # noqa: E402
 import scorer  # noqa: E402
 
-MECHANISMS = FOLDER / "mechanisms"
+
+def read_both(name):
+    return scorer.read_reference(record.REFERENCES / f"{name}.csv")
 
 
-def read(name, table="reference"):
-    return pd.read_csv(MECHANISMS / name / f"{table}.csv")
+def read(name):
+    return read_both(name)[0]
 
 
 @pytest.mark.slow(reason="a quarter of a second")
@@ -31,13 +33,12 @@ def test_problems_follow_the_schema_and_are_those_that_were_confirmed():
 
 def test_reference_of_the_rod_is_the_closed_form():
     # Angle from the lowest position, starting at rest from a right angle: sin(phi/2) = k sn.
-    table = read("rod_pendulum")
+    table, uncertainty = read_both("rod_pendulum")
     rate, modulus = np.sqrt(1.5 * 9.81), 0.5
     sn, *_ = ellipj(ellipk(modulus) - rate * table["t [s]"].to_numpy(), modulus)
     phi = 2.0 * np.arcsin(np.sqrt(modulus) * sn)
     error = table["end.angle [rad]"] - (np.pi / 2.0 - phi)
-    uncertainty = read("rod_pendulum", "uncertainty")["end.angle [rad]"]
-    assert np.all(np.abs(error) <= uncertainty + 1e-8)
+    assert np.all(np.abs(error) <= uncertainty["end.angle [rad]"] + 1e-8)
 
 
 def elastic_line(load):
@@ -181,5 +182,5 @@ def test_exact_beams_agree_with_the_reference(name):
     problem = record.load_problem(name)
     table, information = beamdae_adapter.solve(problem, "Radau 1e-8", 12, "exact")
     assert information["success"]
-    scores = scorer.score_columns(read(name), read(name, "uncertainty"), table)
+    scores = scorer.score_columns(*read_both(name), table)
     assert scores["error"].max() < 5e-5

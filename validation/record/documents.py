@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import re
+import shutil
 import textwrap
 from pathlib import Path
 from typing import Any
@@ -12,11 +13,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from geometry import attachments, make_curve
-from scorer import TIME
+from scorer import TIME, read_reference
 
 VERSION = "1.1.0"
 _LINES_PER_PAGE = 60
-_PACKAGED = ("problem.json", "reference.csv", "uncertainty.csv", "confirmation.json", "drawing.svg")
 
 
 def attachment_point(problem: dict[str, Any], attachment: dict[str, Any]) -> np.ndarray:
@@ -136,7 +136,7 @@ def _format_place(attachment: dict[str, Any]) -> str:
 
 
 def describe(problem: dict[str, Any], confirmation: dict[str, Any]) -> str:
-    """Return the description in Markdown; `problem.json` contains the same data in full."""
+    """Return the description in Markdown; the problem contains the same data in full."""
     end, step = problem["time"]["end"], problem["time"]["output_step"]
     is_static = problem.get("analysis") == "static"
     extent = "path of equilibria with the parameter t from 0 to" if is_static else "motion of"
@@ -215,42 +215,49 @@ def _format_data(data: Any) -> str:
     return text.replace('"', "")[1:-1]
 
 
-def checksum(file: Path) -> str:
-    """Return the checksum of a file."""
-    return f"sha256:{hashlib.sha256(file.read_bytes()).hexdigest()}"
+def checksum(problem: dict[str, Any]) -> str:
+    """Return the checksum of a problem, independent of the form of its file."""
+    data = {key: value for key, value in problem.items() if key != "$schema"}
+    return f"sha256:{hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()}"
 
 
-def write_datapackage(folder: Path) -> None:
-    """Write `datapackage.json` (Frictionless) with units and checksums."""
-    problem = json.loads((folder / "problem.json").read_text())
-    resources: list[dict[str, Any]] = []
-    for name in _PACKAGED:
-        resource = {
-            "name": name.replace(".", "-").lower(),
-            "path": name,
-            "bytes": (folder / name).stat().st_size,
-            "hash": checksum(folder / name),
+def write(
+    folder: Path, problem: dict[str, Any], confirmation: dict[str, Any], reference: Path
+) -> None:
+    """Write problem, confirmation, reference, description and drawing, with a data package."""
+    (folder / "problem.json").write_text(json.dumps(problem, indent=2) + "\n")
+    (folder / "confirmation.json").write_text(json.dumps(confirmation, indent=1) + "\n")
+    (folder / "description.md").write_text(describe(problem, confirmation))
+    shutil.copy(reference, folder / "reference.csv")
+    draw(problem, pd.read_csv(reference), folder / "drawing.svg")
+    columns = pd.read_csv(reference, nrows=0).columns
+    fields = [
+        {
+            "name": column,
+            "type": "number",
+            "unit": unit[1] if (unit := re.search(r"\[(.*)\]", column)) else "",
+            "constraints": {"required": True},
         }
-        if name.endswith(".csv"):
-            columns = pd.read_csv(folder / name, nrows=0).columns
-            units = [re.search(r"\[(.*)\]", column) for column in columns]
-            fields = [
-                {
-                    "name": column,
-                    "type": "number",
-                    "unit": unit[1] if unit else "",
-                    "constraints": {"required": True},
-                }
-                for column, unit in zip(columns, units, strict=True)
-            ]
-            resource |= {
-                "type": "table",
-                "format": "csv",
-                "mediatype": "text/csv",
-                "encoding": "utf-8",
-                "schema": {"fields": fields, "primaryKey": [TIME]},
-            }
-        resources.append(resource)
+        for column in columns
+    ]
+    table = {
+        "type": "table",
+        "format": "csv",
+        "mediatype": "text/csv",
+        "encoding": "utf-8",
+        "schema": {"fields": fields, "primaryKey": [TIME]},
+    }
+    resources = [
+        {
+            "name": file.name.replace(".", "-").lower(),
+            "path": file.name,
+            "bytes": file.stat().st_size,
+            "hash": f"sha256:{hashlib.sha256(file.read_bytes()).hexdigest()}",
+        }
+        | (table if file.suffix == ".csv" else {})
+        for file in sorted(folder.iterdir())
+        if file.is_file() and file.name != "datapackage.json"
+    ]
     package = {
         "name": problem["name"].replace("_", "-"),
         "title": problem["title"],
@@ -340,10 +347,18 @@ def iftomm_sections(problem: dict[str, Any], confirmation: dict[str, Any]) -> di
     }
 
 
-def write_iftomm(folder: Path, result: Path | None, row: dict[str, Any] | None) -> None:
+def write_iftomm(
+    folder: Path,
+    problem: dict[str, Any],
+    confirmation: dict[str, Any],
+    reference_file: Path,
+    result: Path,
+    row: dict[str, Any],
+) -> None:
     """Write description (PDF), results (text) and entries of both forms into folder/iftomm.
 
-    `result` is the CSV file of the submitted solution, and `row` its row of the scores.
+    `result` is the CSV file of the submitted solution, if it has run, and `row` its row of the
+    scores.
     """
     import matplotlib
 
@@ -351,9 +366,7 @@ def write_iftomm(folder: Path, result: Path | None, row: dict[str, Any] | None) 
     import matplotlib.pyplot as plt
     from matplotlib.backends.backend_pdf import PdfPages
 
-    problem = json.loads((folder / "problem.json").read_text())
-    confirmation = json.loads((folder / "confirmation.json").read_text())
-    reference = pd.read_csv(folder / "reference.csv")
+    reference, _ = read_reference(reference_file)
     target = folder / "iftomm"
     target.mkdir(exist_ok=True)
     lines: list[tuple[str, str]] = [(problem["title"], "title")]
@@ -374,30 +387,31 @@ def write_iftomm(folder: Path, result: Path | None, row: dict[str, Any] | None) 
         drawing = draw(problem, reference, None)
         pages.savefig(drawing)
         plt.close(drawing)
-    for name, table in (("reference", reference), ("solution", result and pd.read_csv(result))):
-        if table is not None:
-            columns = [column.replace(" ", "_") for column in table.columns]
-            table.to_csv(
-                target / f"{name}.txt", sep=" ", index=False, header=columns, float_format="%.10g"
-            )
+    tables = {"reference": reference}
+    if result.exists():
+        tables["solution"] = pd.read_csv(result)
+    for name, table in tables.items():
+        columns = [column.replace(" ", "_") for column in table.columns]
+        table.to_csv(
+            target / f"{name}.txt", sep=" ", index=False, header=columns, float_format="%.10g"
+        )
     form = ["# Form: problem", "", "| entry | value |", "|---|---|"]
     form += [f"| Title | {problem['title']} |", "| Authors | The beamdae developers |"]
     form += ["| Description file | description.pdf |", "| Reference file | reference.txt |"]
-    if row is not None:
-        form += [
-            "",
-            "# Form: solution",
-            "",
-            "| entry | value |",
-            "|---|---|",
-            f"| Title | Solution for {problem['title']} |",
-            "| Authors | The beamdae developers |",
-            f"| Accuracy | {row['error']:.1e} |",
-            f"| CPU time | {row['processor_time']:.2f} s |",
-            "| CPU / GPU | one core of an x86-64 server (2020s) |",
-            "| Operating system | Linux |",
-            f"| Method description | {_METHOD} |",
-            "| Results file | solution.txt |",
-            "| Additional material | problem.json, problem.schema.json, uncertainty.csv |",
-        ]
+    form += [
+        "",
+        "# Form: solution",
+        "",
+        "| entry | value |",
+        "|---|---|",
+        f"| Title | Solution for {problem['title']} |",
+        "| Authors | The beamdae developers |",
+        f"| Accuracy | {row['error']:.1e} |",
+        f"| CPU time | {row['processor_time']:.2f} s |",
+        "| CPU / GPU | one core of an x86-64 server (2020s) |",
+        "| Operating system | Linux |",
+        f"| Method description | {_METHOD} |",
+        "| Results file | solution.txt |",
+        "| Additional material | problem.json, problem.schema.json, reference.csv |",
+    ]
     (target / "forms.md").write_text("\n".join(form) + "\n")

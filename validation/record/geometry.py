@@ -1,4 +1,4 @@
-"""Laws, axes and attachments of problem.json, as defined in problem.schema.json."""
+"""Laws, axes and attachments of a problem, as defined in problem.schema.json."""
 
 from __future__ import annotations
 

@@ -31,7 +31,8 @@ import documents
 import scorer
 from scorer import TIME
 
-MECHANISMS, RESULTS = HERE / "mechanisms", HERE / "results"
+PROBLEMS, REFERENCES, RESULTS = HERE / "problems", HERE / "references", HERE / "results"
+CONFIRMATIONS = HERE / "confirmations.json"
 AGREEMENT = 1e-4  # of half the range of each column, required of two codes
 
 # Elements per beam and steps per row of the reference; two thirds of both in the second run.
@@ -101,7 +102,7 @@ Names = Annotated[list[str], typer.Argument(help="Names of mechanisms, or all.")
 
 def load_problem(name: str) -> dict[str, Any]:
     """Return the problem of a mechanism."""
-    path = MECHANISMS / name / "problem.json"
+    path = PROBLEMS / f"{name}.json"
     if not path.exists():
         choices = ", ".join(all_names())
         raise typer.BadParameter(f"{name}: unknown mechanism; choose from {choices}.")
@@ -110,7 +111,7 @@ def load_problem(name: str) -> dict[str, Any]:
 
 def all_names() -> list[str]:
     """Return the names of all mechanisms."""
-    return sorted(path.parent.name for path in MECHANISMS.glob("*/problem.json"))
+    return sorted(path.stem for path in PROBLEMS.glob("*.json"))
 
 
 def expand(names: list[str]) -> list[str]:
@@ -222,7 +223,7 @@ def score(
     Rows of scores.csv without a run in the folder are kept: runs are not part of the repository.
     """
     file = results / "scores.csv"
-    scores = scorer.score_all(MECHANISMS, results)
+    scores = scorer.score_all(REFERENCES, results)
     if scores.empty:
         raise typer.BadParameter(f"{results}: contains no runs; add runs with `solve`.")
     scores = scores[~scores["tool"].isin(UNSCORED)]
@@ -246,14 +247,15 @@ def read_scores(file: Path) -> pd.DataFrame:
     return pd.read_csv(file).fillna({"worst column": "", "reason": ""})
 
 
+def read_confirmations() -> dict[str, Any]:
+    """Return the stored confirmations by name of the mechanism."""
+    return json.loads(CONFIRMATIONS.read_text())
+
+
 def stored_code(name: str, tool: str) -> dict[str, Any] | None:
     """Return the stored entry of a confirming tool; None if the problem has changed since."""
-    folder = MECHANISMS / name
-    file = folder / "confirmation.json"
-    if not file.exists():
-        return None
-    confirmation = json.loads(file.read_text())
-    if confirmation["problem"] != documents.checksum(folder / "problem.json"):
+    confirmation = read_confirmations().get(name)
+    if confirmation is None or confirmation["problem"] != documents.checksum(load_problem(name)):
         return None
     codes: list[dict[str, Any]] = confirmation["codes"]
     return next((code for code in codes if code["tool"] == tool), None)
@@ -266,11 +268,10 @@ def write_reference(name: str, kept: Sequence[str] = ()) -> None:
     which exceeds the error of any method of at least second order. The uncertainty is the larger of
     this part and the difference from the best second code. Both are running maxima in time.
 
-    The tools of `kept` are not evaluated: their entries in confirmation.json are those of the last
+    The tools of `kept` are not evaluated: their entries in confirmations.json are those of the last
     confirmation, as long as the problem is the same. If such a tool agrees best, the stored
     uncertainty bounds its difference.
     """
-    folder = MECHANISMS / name
     fine, coarse = (pd.read_csv(RESULTS / f"plain_{x}" / f"{name}.csv") for x in ("fine", "coarse"))
     setting = REFINEMENT.get(name, DEFAULT_REFINEMENT)
     half = scorer.half_ranges(fine)
@@ -284,7 +285,7 @@ def write_reference(name: str, kept: Sequence[str] = ()) -> None:
             codes += [stored] if stored else []
             largest = stored and stored["largest"]
             if largest is not None and (best is None or largest < best[0]):
-                best = largest, pd.read_csv(folder / "uncertainty.csv")
+                best = largest, scorer.read_reference(REFERENCES / f"{name}.csv")[1]
             continue
         information = json.loads(file.with_suffix(".json").read_text())
         if not file.exists() or not information["success"]:
@@ -304,7 +305,7 @@ def write_reference(name: str, kept: Sequence[str] = ()) -> None:
     if best is not None:
         relative = max(relative, best[0])
     confirmation = {
-        "problem": documents.checksum(folder / "problem.json"),
+        "problem": documents.checksum(load_problem(name)),
         "status": "confirmed" if best is not None and relative <= AGREEMENT else "open",
         "code": "plain",
         "elements": setting[0],
@@ -313,22 +314,28 @@ def write_reference(name: str, kept: Sequence[str] = ()) -> None:
         "uncertainty": relative,
         "codes": codes,
     }
-    fine.to_csv(folder / "reference.csv", index=False, float_format="%.10g")
-    table = uncertainty.copy()
-    for column in table.columns.drop(TIME):
-        table[column] = table[column].map("{:.1e}".format)
-    table[TIME] = table[TIME].map("{:.10g}".format)
-    table.to_csv(folder / "uncertainty.csv", index=False)
-    (folder / "confirmation.json").write_text(json.dumps(confirmation, indent=1) + "\n")
+    table = fine.map("{:.10g}".format)
+    for column in fine.columns.drop(TIME):
+        table[f"{scorer.UNCERTAINTY}{column}"] = uncertainty[column].map("{:.1e}".format)
+    table.to_csv(REFERENCES / f"{name}.csv", index=False)
+    confirmations = dict(sorted((read_confirmations() | {name: confirmation}).items()))
+    CONFIRMATIONS.write_text(json.dumps(confirmations, indent=1) + "\n")
 
 
-def write_documents(name: str) -> None:
-    """Write drawing, description and data package of a mechanism."""
-    folder, problem = MECHANISMS / name, load_problem(name)
-    confirmation = json.loads((folder / "confirmation.json").read_text())
-    documents.draw(problem, pd.read_csv(folder / "reference.csv"), folder / "drawing.svg")
-    (folder / "description.md").write_text(documents.describe(problem, confirmation))
-    documents.write_datapackage(folder)
+@app.command("documents")
+def write_documents(names: Names) -> None:
+    """Write description, drawing, data package and forms to documents/NAME/."""
+    scores = read_scores(RESULTS / "scores.csv").set_index(["tool", "mechanism"])
+    for name in expand(names):
+        problem, confirmation = load_problem(name), read_confirmations()[name]
+        reference = REFERENCES / f"{name}.csv"
+        folder = HERE / "documents" / name
+        folder.mkdir(parents=True, exist_ok=True)
+        documents.write(folder, problem, confirmation, reference)
+        if name in documents.IFTOMM:
+            result = RESULTS / IFTOMM_RESULT / f"{name}.csv"
+            row = scores.loc[(IFTOMM_RESULT, name)].to_dict()
+            documents.write_iftomm(folder, problem, confirmation, reference, result, row)
 
 
 @app.command()
@@ -337,47 +344,33 @@ def rebuild(
     exudyn_python: Annotated[str, typer.Option(help="Python with exudyn.")] = sys.executable,
     workers: Annotated[int, typer.Option(help="Number of processes.")] = 2,
     resume: Annotated[bool, typer.Option(help="Keep results with the same inputs.")] = False,
-    documents_only: Annotated[
-        bool, typer.Option(help="Keep all runs, references and scores.")
-    ] = False,
     without_exudyn: Annotated[
         bool, typer.Option("--without-exudyn", help="Keep the stored results of Exudyn.")
     ] = False,
 ) -> None:
-    """Run all tools, then write references, data packages, scores and tables."""
+    """Run all tools, then write references, scores and tables."""
     chosen = expand(names)
     kept = ("exudyn",) if without_exudyn else ()
-    if not documents_only:
-        commands = [
-            [tool, name, "--setting", setting]
-            for setting in SETTINGS["plain"]
-            for tool, name in [("plain", x) for x in sort_by_cost(chosen)]
-        ]
-        commands += [
-            [tool, *chosen, "--setting", setting]
-            for tool in SETTINGS
-            if tool not in ("plain", *kept)
-            for setting in SETTINGS[tool]
-        ]
-        if resume:
-            commands = [x for x in commands if not all_current(x)]
-        # A tool that cannot be imported would replace its stored results by failures.
-        require_tools(dict.fromkeys(x[0] for x in commands), exudyn_python)
-        with ThreadPoolExecutor(workers) as pool:
-            list(pool.map(lambda x: run_solve(x, exudyn_python, resume), commands))
-        for name in chosen:
-            write_reference(name, kept)
+    commands = [
+        [tool, name, "--setting", setting]
+        for setting in SETTINGS["plain"]
+        for tool, name in [("plain", x) for x in sort_by_cost(chosen)]
+    ]
+    commands += [
+        [tool, *chosen, "--setting", setting]
+        for tool in SETTINGS
+        if tool not in ("plain", *kept)
+        for setting in SETTINGS[tool]
+    ]
+    if resume:
+        commands = [x for x in commands if not all_current(x)]
+    # A tool that cannot be imported would replace its stored results by failures.
+    require_tools(dict.fromkeys(x[0] for x in commands), exudyn_python)
+    with ThreadPoolExecutor(workers) as pool:
+        list(pool.map(lambda x: run_solve(x, exudyn_python, resume), commands))
     for name in chosen:
-        write_documents(name)
-    if not documents_only:
-        score(RESULTS)
-    scores = read_scores(RESULTS / "scores.csv").set_index(["tool", "mechanism"])
-    for name in chosen:
-        if name in documents.IFTOMM and (IFTOMM_RESULT, name) in scores.index:
-            result = RESULTS / IFTOMM_RESULT / f"{name}.csv"
-            row = scores.loc[(IFTOMM_RESULT, name)].to_dict()
-            # Without the run, the stored solution stays.
-            documents.write_iftomm(MECHANISMS / name, result if result.exists() else None, row)
+        write_reference(name, kept)
+    score(RESULTS)
 
 
 def require_tools(tools: Iterable[str], exudyn_python: str) -> None:
@@ -436,7 +429,7 @@ def quick() -> None:
         results = Path(folder)
         for tool, setting in (("plain", "coarse"), ("beamdae", "Radau 1e-8 exact")):
             solve(tool, list(QUICK), setting, results=results)
-        scores = scorer.score_all(MECHANISMS, results)
+        scores = scorer.score_all(REFERENCES, results)
     messages = [message for name in QUICK for message in check(name)]
     messages += [
         f"{row.mechanism}, {row.tool}: error {row.error:.1e} {row.reason}"
@@ -462,20 +455,18 @@ def check(name: str) -> list[str]:
     """Return one sentence per problem of a mechanism."""
     import jsonschema
 
-    folder, problem = MECHANISMS / name, load_problem(name)
+    problem = load_problem(name)
     schema = json.loads((HERE / "problem.schema.json").read_text())
     errors = jsonschema.Draft202012Validator(schema).iter_errors(problem)
-    messages = [f"{name}/problem.json: {error.message}" for error in errors]
-    confirmation = json.loads((folder / "confirmation.json").read_text())
-    if confirmation["problem"] != documents.checksum(folder / "problem.json"):
-        messages.append(f"{name}/problem.json: differs from the confirmed problem.")
-    reference = pd.read_csv(folder / "reference.csv")
-    uncertainty = pd.read_csv(folder / "uncertainty.csv")
-    if list(reference.columns) != list(uncertainty.columns) or len(reference) != len(uncertainty):
-        messages.append(f"{name}: reference and uncertainty have different columns or times.")
+    messages = [f"problems/{name}.json: {error.message}" for error in errors]
+    if read_confirmations()[name]["problem"] != documents.checksum(problem):
+        messages.append(f"problems/{name}.json: differs from the confirmed problem.")
+    reference, uncertainty = scorer.read_reference(REFERENCES / f"{name}.csv")
+    if uncertainty.isna().any(axis=None):
+        messages.append(f"references/{name}.csv: an uncertainty is missing.")
     rows = round(problem["time"]["end"] / problem["time"]["output_step"]) + 1
     if len(reference) != rows:
-        messages.append(f"{name}/reference.csv: has {len(reference)} rows instead of {rows}.")
+        messages.append(f"references/{name}.csv: has {len(reference)} rows instead of {rows}.")
     return messages
 
 

@@ -12,8 +12,17 @@ import numpy as np
 import pandas as pd
 
 TIME = "t [s]"
+UNCERTAINTY = "uncertainty of "  # prefix of columns of a reference
 TIME_TOLERANCE = 1e-9  # relative to the end time
 COSTS = ("wall_time", "processor_time", "steps", "max_position_drift", "energy_imbalance")
+
+
+def read_reference(file: Path) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Return the reference in a file and its uncertainty, with equal columns."""
+    table = pd.read_csv(file)
+    names = [name for name in table.columns if not name.startswith(UNCERTAINTY)]
+    uncertainty = table[[TIME, *(f"{UNCERTAINTY}{name}" for name in names if name != TIME)]]
+    return table[names], uncertainty.set_axis(names, axis="columns")
 
 
 def half_ranges(reference: pd.DataFrame) -> pd.Series:
@@ -64,13 +73,13 @@ def score_columns(
     return pd.DataFrame(scores).T.infer_objects()
 
 
-def score_result(mechanism: Path, result: Path) -> dict[str, Any]:
+def score_result(reference: Path, result: Path) -> dict[str, Any]:
     """Return one row of the table of results; a failure is a row as well.
 
     Parameters
     ----------
-    mechanism
-        Folder of the mechanism.
+    reference
+        CSV file of the reference.
     result
         CSV file of the tool. The JSON file of the same name, if present, contains `success`,
         `reason` and costs: wall and processor time [s], steps, drift [m], energy imbalance.
@@ -78,7 +87,7 @@ def score_result(mechanism: Path, result: Path) -> dict[str, Any]:
     details = result.with_suffix(".json")
     information = json.loads(details.read_text()) if details.exists() else {}
     row: dict[str, Any] = {
-        "mechanism": mechanism.name,
+        "mechanism": reference.stem,
         "tool": result.parent.name,
         "success": information.get("success", True),
         "error": np.nan,
@@ -91,11 +100,7 @@ def score_result(mechanism: Path, result: Path) -> dict[str, Any]:
     if not result.exists():
         return row | {"success": False, "reason": row["reason"] or "there is no CSV file"}
     try:
-        columns = score_columns(
-            pd.read_csv(mechanism / "reference.csv"),
-            pd.read_csv(mechanism / "uncertainty.csv"),
-            pd.read_csv(result),
-        )
+        columns = score_columns(*read_reference(reference), pd.read_csv(result))
     except (ValueError, KeyError) as error:
         return row | {"success": False, "reason": f"{row['reason']}; {error}".strip("; ")}
     worst = columns["error"].idxmax()
@@ -106,14 +111,14 @@ def score_result(mechanism: Path, result: Path) -> dict[str, Any]:
     }
 
 
-def score_all(mechanisms: Path, results: Path) -> pd.DataFrame:
+def score_all(references: Path, results: Path) -> pd.DataFrame:
     """Return the scores of all result files in results/TOOL/MECHANISM.csv or .json."""
     stems = {
         file.with_suffix(".csv")
         for file in results.glob("*/*.*")
-        if file.suffix in (".csv", ".json") and (mechanisms / file.stem / "reference.csv").exists()
+        if file.suffix in (".csv", ".json") and (references / f"{file.stem}.csv").exists()
     }
-    return pd.DataFrame([score_result(mechanisms / x.stem, x) for x in sorted(stems)])
+    return pd.DataFrame([score_result(references / x.name, x) for x in sorted(stems)])
 
 
 def plot_work_precision(scores: pd.DataFrame, path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -17,6 +18,7 @@ from beamdae.errors import (
     InputWarning,
     as_real,
     as_text,
+    format_message,
     is_valid_path,
     list_first,
     path_as_text,
@@ -28,8 +30,8 @@ from beamdae.errors import (
 )
 from beamdae.model_parameters import (
     conversion_factor,
+    convert_text,
     parse_unit,
-    parse_value,
     split_unit,
     standardize_header,
     suggest_unit,
@@ -41,13 +43,12 @@ Array = np.ndarray
 
 # Columns of the long table of measured data, and of long tables of users.
 EXPERIMENT, COLUMN, VALUE, SIGMA = "experiment", "column", "value", "sigma"
-_OBSERVABLE = "observable"
+_OBSERVABLE, _ROW = "observable", "row"
 ALL_COLUMNS = "*"  # name of all columns
 # Larger tables are probably raw records, whose fit would take hours and gigabytes.
 _MAX_DATA = 1_000_000
-# Squares of larger values, relative to their standard deviations, could overflow.
-_MAX_MAGNITUDE = 1e75
 _MAX_LISTED_COLUMNS = 5  # in a message
+_TABLES = pd.DataFrame, Mapping
 _ALLOWED = (
     "a table (DataFrame or dict) of numbers by column, a dict of such tables by experiment, or "
     "the path of a CSV file"
@@ -58,44 +59,16 @@ class UnmatchedDataError(BeamdaeError):
     """Error of measured data that contain none of the needed columns."""
 
 
-@dataclass(frozen=True)
-class Source:
-    """Origin of the values of a column of the run in an experiment.
-
-    Attributes
-    ----------
-    experiment
-        Name of the experiment; "" if the data do not name experiments.
-    name
-        Name of the column of the run, with the unit of the data.
-    name_in_data
-        Name of the column in the data.
-    header
-        Header of the column of the run; "" before it is matched.
-    factor
-        Factor from the unit of the data to that of the column.
-    """
-
-    experiment: str
-    name: str
-    name_in_data: str
-    header: str = ""
-    factor: float = 1.0
-
-    @property
-    def label(self) -> str:
-        """Name of the column without its unit and, if the data name experiments, of this one."""
-        return label_column(remove_unit(self.header), self.experiment)
-
-
 class Measurements(NamedTuple):
-    """All columns of measured data: "t [s]", "value" and "sigma" by row of the data.
+    """All measured data, not yet compared with a run.
 
-    Times are NaN if they are missing, and values may be no numbers. `name` is the path of the
-    file, or "data".
+    `table` has one value per row: "experiment" ("" without experiments), "observable" (its name in
+    the data), "t [s]", "value" of any type, "sigma", and "row" in the data from 1 on. `names`
+    contains the names of columns in the run by those in the data, `name` the path or "data".
     """
 
-    columns: tuple[tuple[Source, pd.DataFrame], ...]
+    table: pd.DataFrame
+    names: Mapping[str, str]
     has_sigma: bool
     name: str
     is_file: bool
@@ -103,7 +76,26 @@ class Measurements(NamedTuple):
     @property
     def experiments(self) -> tuple[str, ...]:
         """Names of the experiments, in the order of the data."""
-        return tuple(dict.fromkeys(source.experiment for source, _ in self.columns))
+        return tuple(map(str, self.table[EXPERIMENT].unique()))
+
+
+class Source(NamedTuple):
+    """Origin of the values of a column (`header`) of the run in an experiment.
+
+    `name` is the name of the column of the run with the unit of the data, `name_in_data` that in
+    the data, and `factor` converts the unit of the data to that of the column.
+    """
+
+    experiment: str
+    header: str
+    name: str
+    name_in_data: str
+    factor: float
+
+    @property
+    def label(self) -> str:
+        """Name of the column without its unit and, if the data name experiments, of this one."""
+        return label_column(remove_unit(self.header), self.experiment)
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,8 +130,7 @@ class MeasuredData:
     @cached_property
     def rows(self) -> tuple[tuple[Source, slice], ...]:
         """The sources with their rows."""
-        counts = self.table.groupby([EXPERIMENT, COLUMN], sort=False).size()
-        ends = counts.cumsum().tolist()
+        ends = self.table.groupby([EXPERIMENT, COLUMN], sort=False).size().cumsum().tolist()
         pairs = zip(self.sources, [0, *ends], ends, strict=False)
         return tuple((source, slice(begin, end)) for source, begin, end in pairs)
 
@@ -156,24 +147,194 @@ class MeasuredData:
         rows = (is_early | (groups.cumcount() < 2)).to_numpy()
         return replace(self, table=self.table[rows]), rows
 
+    def find(self, name: str, experiment: str | None = None) -> list[Source]:
+        """Return the sources of a column, named as in the run or else as in the data.
+
+        Units may be omitted. All experiments match if `experiment` is None.
+        """
+        own = [x for x in self.sources if experiment in (None, x.experiment)]
+        in_run = [x for x in own if name in (ALL_COLUMNS, x.header, remove_unit(x.header))]
+        header = standardize_header(name)
+        names = ((x, (x.name, x.name_in_data, remove_unit(x.name_in_data))) for x in own)
+        return in_run or [x for x, known in names if header in known]
+
 
 def label_column(column: str, experiment: str) -> str:
     """Return "column" or "column in experiment"."""
     return f"{column} in {experiment}" if experiment else column
 
 
-def find_sources(
-    sources: Sequence[Source], name: str, experiment: str | None = None
-) -> list[Source]:
-    """Return the sources of a column, named as in the run or else as in the data.
+def read_measurements(part: str, data: Any, data_columns: Any = None) -> Measurements:
+    """Return all columns of data as in `fit`; `part` is the calling function.
 
-    Units may be omitted. All experiments match if `experiment` is None.
+    Raises
+    ------
+    BeamdaeError
+        If the data are no table, their times are missing, a long table is incomplete, or
+        `data_columns` is invalid or names columns that the data do not contain.
     """
-    own = [x for x in sources if experiment in (None, x.experiment)]
-    header = standardize_header(name)
-    in_run = [x for x in own if name in (ALL_COLUMNS, x.header, remove_unit(x.header))]
-    names = ((x, (x.name, x.name_in_data, remove_unit(x.name_in_data))) for x in own)
-    return in_run or [x for x, known in names if header in known]
+    what = "a dict of names of columns of the run by names in data"
+    given = require_mapping(
+        part, "data_columns", {} if data_columns is None else data_columns, what
+    )
+    if not all(isinstance(x, str) and x.strip() for x in given.values()):
+        raise BeamdaeError(f"{part}: data_columns must be {what}, got {short_repr(given)}.")
+    renamed = {standardize_header(x): standardize_header(y) for x, y in given.items()}
+    path = None if isinstance(data, Mapping) else path_as_text(data)
+    if path is not None and not (is_valid_path(path) and path.strip()):
+        raise BeamdaeError(f"{part}: data must be {_ALLOWED}, got {short_repr(data)}.")
+    name = "data" if path is None else path
+    if path is not None:
+        texts = EXPERIMENT, _OBSERVABLE
+        cells = read_csv_table(part, path, _MAX_DATA, texts).items()
+        data = {unescape_cell(x): y if x in texts else parse_numbers(y) for x, y in cells}
+    tables = {"": (name, data)}
+    if isinstance(data, Mapping):
+        experiments = require_mapping(part, name, data, _ALLOWED)
+        if experiments and all(isinstance(x, _TABLES) for x in experiments.values()):
+            tables = {x: (f"the experiment {x!r}", y) for x, y in experiments.items()}
+    frames = {x: (place, _as_frame(part, y, place)) for x, (place, y) in tables.items()}
+    whole = pd.concat([_read_table(part, x, *y, renamed) for x, y in frames.items()])
+    if not len(whole):
+        raise UnmatchedDataError(f"{part}: {name} contains no values; fill in measured values.")
+    headers = {*whole[_OBSERVABLE], *(x for _, y in frames.values() for x in y)}
+    known = headers | {remove_unit(x) for x in headers}
+    for unused in renamed.keys() - known:
+        raise BeamdaeError(
+            f"{part}: data_columns contains {unused!r}, which is not a column of {name}"
+            f"{suggest(unused, known)}; correct the name."
+        )
+    names = {x: _name_in_run(x, renamed) for x in whole[_OBSERVABLE].unique()}
+    has_sigma = any({SIGMA, VALUE, _OBSERVABLE} <= set(x) for _, x in frames.values())
+    return Measurements(whole, names, has_sigma, name, path is not None)
+
+
+def _as_frame(part: str, data: Any, name: str) -> pd.DataFrame:
+    """Return a table whose headers have one form."""
+    try:
+        columns = data if isinstance(data, pd.DataFrame) else dict(data)
+        frame = pd.DataFrame(columns).reset_index(drop=True)
+        frame = frame.rename(columns=lambda x: standardize_header(str(x)))
+    except Exception as problem:  # Of any kind in conversions of the user's objects.
+        raise BeamdaeError(
+            f"{part}: {name} must be {_ALLOWED}, got {short_repr(data)}: {format_message(problem)}."
+        ) from None
+    for header in frame.columns[frame.columns.duplicated()]:
+        raise BeamdaeError(
+            f"{part}: {name} contains the column {short_repr(header)} twice; remove one."
+        )
+    return frame
+
+
+def _name_in_run(header: str, renamed: Mapping[str, str]) -> str:
+    """Return the name in the run of a column of data; the unit in the header precedes others."""
+    name, unit = split_unit(header)
+    in_run, other_unit = split_unit(renamed.get(header, renamed.get(name, header)))
+    unit = unit or other_unit
+    return f"{in_run} [{unit}]" if unit else in_run
+
+
+def _read_table(
+    part: str, experiment: str, place: str, table: pd.DataFrame, renamed: Mapping[str, str]
+) -> pd.DataFrame:
+    """Return a wide or a long table as in `Measurements`, by time; `place` is its name."""
+    is_long = _OBSERVABLE in table and VALUE in table
+    own = (EXPERIMENT, _OBSERVABLE, VALUE, SIGMA) if is_long else ()
+    headers = [str(x) for x in table]
+    others = {x: _name_in_run(x, renamed) for x in headers if x not in own}
+    time = _find_time(part, others)
+    if time is None or len(table.columns) == 1 or (is_long and len(others) > 1):
+        of_time = (x for x in others if conversion_factor(split_unit(x)[1], "s") is not None)
+        other = next(of_time, next(iter(others), "time"))
+        raise BeamdaeError(
+            f"{part}: {place} must contain the column {TIME!r} and measured columns, or the "
+            f"columns observable, {TIME}, value (and experiment, sigma) alone, got columns "
+            f"{', '.join(map(repr, headers)) or 'none'}; map times of another name, as with "
+            f"data_columns={{{other!r}: 't'}}."
+        )
+    times = _read_times(part, table[time], time, others[time], place)
+    rows = pd.DataFrame({EXPERIMENT: experiment, TIME: times, SIGMA: 1.0})
+    rows[_ROW] = np.arange(1, 1 + len(times))
+    if not is_long:
+        # Truth values, durations and dates are no numbers.
+        types = {x: str if table[x].dtype.kind in "bmM" else object for x in headers}
+        columns = [
+            rows.assign(observable=x, value=table[x].astype(types[x])) for x in headers if x != time
+        ]
+        return pd.concat(columns).sort_values(TIME, kind="stable")
+    rows = rows.assign(**{x: table[x] for x in headers if x != time})
+    rows[SIGMA] = _as_numbers(part, rows[SIGMA], SIGMA, rows[_ROW], place)
+    for key in {EXPERIMENT, _OBSERVABLE} & set(table):
+        rows[key] = [_as_name(x) for x in table[key]]
+        for row in rows[_ROW][rows[key] == ""]:
+            raise BeamdaeError(
+                f"{part}: the column {key!r} of {place} must contain names of printable "
+                f"characters, got {short_repr(table[key][row - 1])} in row {row}."
+            )
+    rows[_OBSERVABLE] = rows[_OBSERVABLE].map(standardize_header)
+    return rows.sort_values(TIME, kind="stable")
+
+
+def _find_time(part: str, in_run: Mapping[str, str]) -> str | None:
+    """Return the column of times: "t" or "time", with a unit of time if there are several.
+
+    `in_run` contains the names in the run by those in the data.
+    """
+    # T may be a temperature.
+    names = {x: split_unit(y) for x, y in in_run.items()}
+    times = [x for x, (name, _) in names.items() if name == "t" or name.casefold() == "time"]
+    with_unit = [x for x in times if conversion_factor(names[x][1], "s") is not None]
+    if len(with_unit) > 1:
+        raise BeamdaeError(
+            f"{part}: the columns {with_unit[0]!r} and {with_unit[1]!r} of data are both times; "
+            "remove one."
+        )
+    return next(iter([*with_unit, *times]), None)
+
+
+def _read_times(part: str, cells: pd.Series, time: str, in_run: str, place: str) -> Array:
+    """Return the times [s], from the first one if they are time stamps."""
+    unit = split_unit(time)[1] or split_unit(in_run)[1]
+    if cells.dtype.kind in "MOUS":
+        stamps = read_time_stamps(part, f"{time!r} of {place}", map(str, cells))
+        if stamps is not None:
+            return stamps
+    factor: Any = conversion_factor(unit, "s") if unit else 1.0
+    if factor is None:
+        raise BeamdaeError(
+            f"{part}: the times {time!r} of {place} must be in a unit such as s or ms, got {unit}"
+            f"{suggest_unit(unit, 's') if parse_unit(unit) is None else ''}."
+        )
+    rows = pd.Series(cells.index) + 1
+    numbers = _as_numbers(part, cells, time, rows, place)
+    if not unit:
+        warn_user(
+            f"{part}: the times {time!r} of {place} have no unit and are taken as seconds; name "
+            f"the column '{time} [s]'.",
+            InputWarning,
+        )
+    return numbers.to_numpy() * float(factor)
+
+
+def _as_numbers(part: str, cells: pd.Series, column: str, rows: pd.Series, place: str) -> pd.Series:
+    """Return cells (n,) in some rows of a column as floats; missing values become NaN."""
+    numbers = pd.to_numeric(cells, errors="coerce").astype(float)
+    is_wrong = (numbers.isna() & cells.notna()) | np.isinf(numbers)
+    # Durations and dates would become counts of their own unit, such as nanoseconds.
+    is_wrong |= cells.dtype.kind in "bmM"
+    for cell, row in zip(cells[is_wrong].astype(object), rows[is_wrong], strict=True):
+        raise BeamdaeError(
+            f"{part}: the column {column!r} of {place} must contain finite numbers or NaN, got "
+            f"{short_repr(cell)} in row {row}; leave missing values empty."
+        )
+    return numbers
+
+
+def _as_name(value: Any) -> str:
+    """Return a name, or a number as one; "" for others."""
+    number = as_real(value)
+    text = as_text(value) or ("" if number is None or number != number else f"{number:g}")
+    return text.strip() if text.isprintable() else ""
 
 
 def match_columns(
@@ -201,29 +362,30 @@ def match_columns(
     """
     matched: dict[tuple[str, str], tuple[Source, pd.DataFrame]] = {}
     unknown: dict[str, str] = {}
-    for source, table in measured.columns:
-        known = headers[source.experiment]
-        header = _find_header(source.name, known)
-        if header is None:
-            unknown[source.name] = _describe_unknown(source.name, known)
-            if source.name != source.name_in_data:
+    groups = measured.table.groupby([EXPERIMENT, _OBSERVABLE], sort=False)
+    for key, rows in groups:
+        experiment, name_in_data = map(str, key)
+        name, known = measured.names[name_in_data], headers[experiment]
+        found = _find_headers(name, known)
+        if len(found) != 1:
+            hint = f" (name one of {list_first(found, _MAX_LISTED_COLUMNS)})"
+            hint = hint if found else suggest(remove_unit(name), map(remove_unit, known))
+            unknown[name_in_data] = f"{name!r}{hint}"
+            if name != name_in_data:
                 raise BeamdaeError(
-                    f"{part}: data_columns maps {source.name_in_data!r} to "
-                    f"{unknown[source.name]}, which is not a column of the run; name one of its "
-                    "table."
+                    f"{part}: data_columns maps {name_in_data!r} to {unknown[name_in_data]}, which "
+                    "is not a column of the run; name one of its table."
                 )
             continue
-        key = source.experiment, header
-        if key in matched:
+        header = found[0]
+        if other := matched.get((experiment, header)):
             raise BeamdaeError(
-                f"{part}: the columns {matched[key][0].name_in_data!r} and "
-                f"{source.name_in_data!r} of data are the same column of the run; remove one."
+                f"{part}: the columns {other[0].name_in_data!r} and {name_in_data!r} of data are "
+                "the same column of the run; remove one."
             )
-        factor = _convert_unit(part, source, header)
-        values = _read_values(part, measured.name, source, table)
-        values[[VALUE, SIGMA]] *= factor
-        values = values.assign(**{EXPERIMENT: source.experiment, COLUMN: header})
-        matched[key] = replace(source, header=header, factor=factor), values
+        source = Source(experiment, header, name, name_in_data, 1.0)
+        source = source._replace(factor=_convert_unit(part, source))
+        matched[experiment, header] = source, _read_values(part, measured.name, source, rows)
     if not matched:
         listed = list_first(list(unknown.values()), _MAX_LISTED_COLUMNS)
         example = next((x for xs in headers.values() for x in xs if x != TIME), "tip.y [m]")
@@ -232,84 +394,66 @@ def match_columns(
             f"name them as in the table of the run, such as {example!r}, or map them, as with "
             f"data_columns={{{next(iter(unknown))!r}: {remove_unit(example)!r}}}."
         )
-    filled = [(x, values) for x, values in matched.values() if len(values)]
+    filled = [(source, rows) for source, rows in matched.values() if len(rows)]
     if not filled:
         raise UnmatchedDataError(
             f"{part}: {measured.name} contains no values; fill in measured values."
         )
-    whole = pd.concat([values for _, values in filled], ignore_index=True)
+    whole = pd.concat([rows for _, rows in filled], ignore_index=True)
     data = MeasuredData(whole, tuple(x for x, _ in filled), measured.has_sigma)
     return data, list(unknown.values())
 
 
-def _read_values(part: str, name: str, source: Source, table: pd.DataFrame) -> pd.DataFrame:
-    """Return the rows whose value is not missing, after checks of their times and `sigma`."""
-    values = _as_numbers(part, table[VALUE], source.name_in_data, name)
-    table = table.assign(value=values).dropna(subset=VALUE)
-    times, sigma = table[TIME], table[SIGMA]
-    rule = f"{part}: the times of {name} must be finite and ascend, from 0 s or later"
-    checks = (
-        (times.isna(), f"{rule}, but row {{row}} has no time; fill it in, or remove it."),
-        (
-            times < 0.0,
-            f"{rule}, got {{t:g}} s in row {{row}}; remove the rows before the start of the run (t "
-            "< 0), or shift the times.",
-        ),
-        (
-            times.diff() <= 0.0,
-            f"{rule}, got {{t:g}} s after {{last:g}} s in row {{row}}; sort the rows and average "
-            "repeated ones.",
-        ),
-        (
-            ~(sigma > 0.0),
-            f"{part}: sigma of {name} must be positive, got {{sigma:g}} in row {{row}}; fill in "
-            "all rows, or remove the column.",
-        ),
-    )
-    for is_wrong, sentence in checks:
-        for row in table.index[is_wrong]:
-            facts = {"row": row + 1, "t": times[row], "sigma": sigma[row]}
-            raise BeamdaeError(sentence.format(**facts, last=times.shift()[row]))
-    return table
+def _find_headers(column: str, headers: Sequence[str]) -> list[str]:
+    """Return the headers that a column of data may name: one, or all of an observable."""
+    names = (column, split_unit(column)[0])
+    exact = [x for x in headers if x == column] or [x for x in headers if remove_unit(x) in names]
+    # Coordinates follow the observed columns.
+    return exact[:1] or [x for x in headers if Header.of(x).name in names]
 
 
-def _convert_unit(part: str, source: Source, header: str) -> float:
-    """Return the factor from the unit in the name of a column to that of a header."""
-    name, unit = split_unit(source.name)
-    if not unit or source.name in (header, remove_unit(header)):
+def _convert_unit(part: str, source: Source) -> float:
+    """Return the factor from the unit in the name of a column to that of its header."""
+    unit, unit_in_run = split_unit(source.name)[1], split_unit(source.header)[1]
+    if not unit or source.name in (source.header, remove_unit(source.header)):
         return 1.0
-    unit_in_run = split_unit(header)[1]
     factor = conversion_factor(unit, unit_in_run)
     if factor is None:
         hint = suggest_unit(unit, unit_in_run) if parse_unit(unit) is None else ""
-        shown = name if source.name == source.name_in_data else source.name_in_data
         raise BeamdaeError(
-            f"{part}: the column {shown!r} of data is in {unit}{hint}, but the model observes it "
-            f"in {unit_in_run}; convert the values and name the column {header!r}."
+            f"{part}: the column {source.name_in_data!r} of data is in {unit}{hint}, but the model "
+            f"observes it in {unit_in_run}; convert the values and name the column "
+            f"{source.header!r}."
         )
     return float(factor)
 
 
-def _find_header(column: str, headers: Sequence[str]) -> str | None:
-    """Return the header that a column of data names, or None."""
-    if column in headers:
-        return column
-    names = (column, split_unit(column)[0])
-    matches = [x for x in headers if remove_unit(x) in names]
-    of_observable = [x for x in headers if Header.of(x).name in names]
-    if not matches and len(of_observable) > 1:
-        return None
-    # Coordinates follow the observed columns.
-    return next(iter(matches or of_observable), None)
-
-
-def _describe_unknown(column: str, headers: Sequence[str]) -> str:
-    """Return the name of a column that is not in `headers`, with a hint if possible."""
-    name = remove_unit(column)
-    several = [x for x in headers if Header.of(x).name == name]
-    if several:
-        return f"{column!r} (name one of {list_first(several, _MAX_LISTED_COLUMNS)})"
-    return f"{column!r}{suggest(name, map(remove_unit, headers))}"
+def _read_values(part: str, name: str, source: Source, rows: pd.DataFrame) -> pd.DataFrame:
+    """Return the values of a source in the units of the run, after checks of times and `sigma`."""
+    values = _as_numbers(part, rows[VALUE], source.name_in_data, rows[_ROW], name)
+    rows = rows.assign(value=values, column=source.header).dropna(subset=VALUE)
+    times, sigma = rows[TIME], rows[SIGMA]
+    rule = "the times of {name} must be finite, not negative and different"
+    checks = [
+        (times.isna(), f"{rule}, but row {{row}} has no time; fill it in, or remove the row"),
+        (
+            times < 0.0,
+            f"{rule}, got {{t:g}} s in row {{row}}; remove the rows before the start of the run (t "
+            "< 0), or shift the times",
+        ),
+        (times.diff() <= 0.0, f"{rule}, got {{t:g}} s again in row {{row}}; average such rows"),
+        (
+            ~(sigma > 0.0),
+            "sigma of {name} must be positive, got {sigma:g} in row {row}; fill in all rows, or "
+            "remove the column",
+        ),
+    ]
+    for is_wrong, sentence in checks:
+        for t, deviation, row in rows[is_wrong][[TIME, SIGMA, _ROW]].itertuples(index=False):
+            facts = sentence.format(name=name, row=row, t=t, sigma=deviation)
+            raise BeamdaeError(f"{part}: {facts}.")
+    rows[[VALUE, SIGMA]] *= source.factor
+    return rows[[EXPERIMENT, COLUMN, TIME, VALUE, SIGMA]]
 
 
 def read_fit_data(
@@ -339,12 +483,19 @@ def read_fit_data(
             f"fit: sigma is given twice, as an argument and as a column of {measured.name}; omit "
             "one."
         )
-    if not measured.has_sigma:
+    if sigma is not None:
         data = _with_sigma(data, sigma)
+    elif not measured.has_sigma and len(data.headers) > 1:
+        raise BeamdaeError(
+            "fit: sigma is required for several columns, because it determines their weights; "
+            "pass sigma={name: standard deviation}, or a long table with the column sigma."
+        )
+    elif not measured.has_sigma:
+        # The same column may be in different units in different experiments.
+        data = replace(data, table=data.table.assign(sigma=1.0))
     # The energies, which a table of the run contains, are not observed.
     warn_of_columns("fit", measured, data, unknown, "the model does not observe")
-    empty = next((x for x in measured.experiments if x not in data.experiments), None)
-    if empty is not None:
+    for empty in set(measured.experiments) - set(data.experiments):
         raise BeamdaeError(
             f"fit: the experiment {empty!r} contains no values of observed columns; fill in "
             "measured values, or remove it from the data."
@@ -353,44 +504,29 @@ def read_fit_data(
 
 
 def _with_sigma(data: MeasuredData, sigma: Any) -> MeasuredData:
-    """Return data with the standard deviations of the argument `sigma`; 1 if it is None."""
-    if sigma is None:
-        # The same column may be in different units in different experiments.
-        if len(data.headers) > 1:
-            raise BeamdaeError(
-                "fit: sigma is required for several columns, because it determines their weights; "
-                "pass sigma={name: standard deviation}, or a long table with the column sigma."
-            )
-        return replace(data, table=data.table.assign(sigma=1.0))
+    """Return data with the standard deviations of the argument `sigma`."""
     entries = {ALL_COLUMNS: sigma}
     if isinstance(sigma, Mapping):
         entries = require_mapping("fit", "sigma", sigma, "a number, or numbers by column")
-    named = {key: find_sources(data.sources, key) for key in entries}
-    chosen = {source: key for key, sources in named.items() for source in sources}
-    count = sum(map(len, named.values()))
-    if not all(named.values()) or not count == len(chosen) == len(data.sources):
+    named = [(source, key) for key in entries for source in data.find(key)]
+    keys = dict(named)
+    if not (set(keys.values()) == set(entries) and len(named) == len(keys) == len(data.sources)):
         columns = dict.fromkeys(x.name for x in data.sources)
         raise BeamdaeError(
             f"fit: sigma must name the observed columns of data, {', '.join(columns)} (also "
             f"without units), got {', '.join(entries) or 'none'}."
         )
-    values = [_read_sigma(x, chosen[x], entries[chosen[x]]) for x in data.sources]
-    counts = [rows.stop - rows.start for _, rows in data.rows]
-    table = data.table.assign(sigma=np.repeat(values, counts))
-    return replace(data, table=table, is_sigma_known=True)
-
-
-def _read_sigma(source: Source, key: str, value: Any) -> float:
-    """Return a standard deviation in the unit of the column of the run."""
-    label = "sigma" if key == ALL_COLUMNS else f"sigma of {key}"
-    text = as_text(value)
-    if text is not None:
-        unit = split_unit(source.header)[1]
-        number = parse_value("fit", label, text, unit)
-        if number is not None:
-            return require_positive("fit", label, number)
-    number = None if text is None else as_real(text)
-    return require_positive("fit", label, value if number is None else number) * source.factor
+    deviations = np.ones(len(data.table))
+    for source, rows in data.rows:
+        key, value = keys[source], entries[keys[source]]
+        label = "sigma" if key == ALL_COLUMNS else f"sigma of {key}"
+        with suppress(ValueError):
+            value = float(value) if isinstance(value, str) else value
+        # Plain numbers are in the unit of the data, texts with a unit in their own.
+        factor = 1.0 if isinstance(value, str) else source.factor
+        number = convert_text("fit", label, value, split_unit(source.header)[1])
+        deviations[rows] = require_positive("fit", label, number) * factor
+    return replace(data, table=data.table.assign(sigma=deviations), is_sigma_known=True)
 
 
 def warn_of_columns(
@@ -417,243 +553,3 @@ def warn_of_columns(
             f"{assumed}; write units in the header, such as '{name} [{unit}]'.",
             InputWarning,
         )
-
-
-class _ColumnNames:
-    """Names of columns of the run, or of times, for columns of data; see `fit`."""
-
-    def __init__(self, part: str, data_columns: Any) -> None:
-        given = {} if data_columns is None else data_columns
-        what = "a dict of names of columns of the run by names in data"
-        self._part, self._names = part, {}
-        self._known: dict[str, None] = {}
-        for key, name in require_mapping(part, "data_columns", given, what).items():
-            text = as_text(name)
-            if not (text and text.strip()):
-                raise BeamdaeError(
-                    f"{part}: data_columns must be {what}, got {short_repr(name)} for "
-                    f"{short_repr(key)}."
-                )
-            self._names[standardize_header(key)] = standardize_header(text)
-
-    def in_run(self, header: str) -> str:
-        """Return the name in the run of a column of data, by default its own.
-
-        The unit in the header of the data precedes that of the name in the run.
-        """
-        name, unit = split_unit(header)
-        self._known |= {header: None, name: None}
-        keys = [x for x in dict.fromkeys((header, name)) if x in self._names]
-        if not keys:
-            return header
-        if len(keys) > 1:
-            raise BeamdaeError(
-                f"{self._part}: data_columns names {header!r} twice, also as {name!r}; remove one."
-            )
-        in_run, other_unit = split_unit(self._names[keys[0]])
-        unit = unit or other_unit
-        return f"{in_run} [{unit}]" if unit else in_run
-
-    def require_all_used(self, name: str) -> None:
-        """Reject names that are not in the data, which are called `name`."""
-        for unused in self._names.keys() - self._known:
-            raise BeamdaeError(
-                f"{self._part}: data_columns contains {unused!r}, which is not a column of "
-                f"{name}{suggest(unused, self._known)}; correct the name."
-            )
-
-
-def read_measurements(part: str, data: Any, data_columns: Any = None) -> Measurements:
-    """Return all columns of data as in `fit`; `part` is the calling function.
-
-    Raises
-    ------
-    BeamdaeError
-        If the data are no table, their times are missing, a long table is incomplete, or
-        `data_columns` is invalid or names columns that the data do not contain.
-    """
-    names = _ColumnNames(part, data_columns)
-    path = None if isinstance(data, Mapping) else path_as_text(data)
-    if path is not None and not (is_valid_path(path) and path.strip()):
-        raise BeamdaeError(f"{part}: data must be {_ALLOWED}, got {short_repr(data)}.")
-    name = "data" if path is None else path
-    table = _as_columns(part, data if path is None else _read_file(part, path), name)
-    if _OBSERVABLE in table and VALUE in table:
-        columns = _read_long_table(part, table, name, names)
-    elif table and all(isinstance(x, (pd.DataFrame, Mapping)) for x in table.values()):
-        columns = []
-        labels = _as_names(part, "experiments", name, list(table))
-        for experiment, inner in zip(labels, table.values(), strict=True):
-            place = f"the experiment {experiment!r}"
-            inner = _as_columns(part, inner, place)
-            columns += _read_wide_table(part, inner, place, names, experiment)
-    else:
-        columns = _read_wide_table(part, table, name, names, "")
-    sourced = tuple((Source(x, names.in_run(y), y), rows) for x, y, rows in columns)
-    names.require_all_used(name)
-    if not sourced:
-        raise BeamdaeError(f"{part}: {name} contains no values; fill in measured values.")
-    return Measurements(sourced, SIGMA in table, name, path is not None)
-
-
-def _read_file(part: str, path: str) -> dict[str, Any]:
-    """Return the columns of a CSV file; those of numbers as arrays."""
-    texts = (EXPERIMENT, _OBSERVABLE)
-    columns = read_csv_table(part, path, _MAX_DATA, texts)
-    return {
-        unescape_cell(x): cells if x in texts else parse_numbers(cells)
-        for x, cells in columns.items()
-    }
-
-
-def _as_columns(part: str, data: Any, name: str) -> dict[str, Any]:
-    """Return the columns of a table by their headers in one form, which must differ."""
-    if isinstance(data, pd.DataFrame):
-        pairs: list[Any] = [(x, column.to_numpy()) for x, column in data.items()]
-    else:
-        pairs = list(require_mapping(part, name, data, _ALLOWED).items())
-    columns: dict[str, Any] = {}
-    for key, values in pairs:
-        is_table = isinstance(values, (pd.DataFrame, Mapping))
-        header = key if is_table or not isinstance(key, str) else standardize_header(key)
-        if header in columns:
-            raise BeamdaeError(
-                f"{part}: {name} contains the column {short_repr(header)} twice; remove one."
-            )
-        columns[header] = values
-    return require_mapping(part, name, columns, _ALLOWED)
-
-
-def _read_wide_table(
-    part: str, table: dict[str, Any], name: str, names: _ColumnNames, experiment: str
-) -> list[tuple[str, str, pd.DataFrame]]:
-    """Return the experiment, the name and the rows of each column beside that of the times."""
-    in_run = {x: names.in_run(x) for x in table}
-    time = _find_time(part, in_run)
-    if time is None or len(table) == 1:
-        of_time = (x for x in table if conversion_factor(split_unit(x)[1], "s") is not None)
-        other = next(of_time, next(iter(table), ""))
-        hint = f"; map times of another name, as with data_columns={{{other!r}: 't'}}"
-        raise BeamdaeError(
-            f"{part}: {name} must contain the column {TIME!r} and measured columns (or the columns "
-            f"observable, {TIME}, value), got columns {', '.join(map(repr, table)) or 'none'}"
-            f"{hint if len(table) > 1 else ''}."
-        )
-    times = _read_times(part, table[time], time, in_run[time], name)
-    cells = {x: _as_cells(part, y, x, name, len(times)) for x, y in table.items() if x != time}
-    return [
-        (experiment, x, pd.DataFrame({TIME: times, VALUE: y, SIGMA: 1.0})) for x, y in cells.items()
-    ]
-
-
-def _read_long_table(
-    part: str, table: dict[str, Any], name: str, names: _ColumnNames
-) -> list[tuple[str, str, pd.DataFrame]]:
-    """Return the columns of a table with one value per row; its rows may have any order."""
-    own = (EXPERIMENT, _OBSERVABLE, VALUE, SIGMA)
-    in_run = {x: names.in_run(x) for x in table if x not in own}
-    time = _find_time(part, in_run)
-    unknown = [x for x in in_run if x != time]
-    if time is None or unknown:
-        problem = f"got {short_repr(unknown[0])}" if unknown else "got no times"
-        raise BeamdaeError(
-            f"{part}: the long table {name} must have the columns experiment, observable, {TIME}, "
-            f"value, sigma (the first and the last are optional), {problem}."
-        )
-    times = _read_times(part, table[time], time, in_run[time], name)
-    cells = {x: _as_cells(part, table[x], x, name, len(times)) for x in own if x in table}
-    frame = pd.DataFrame({EXPERIMENT: "", SIGMA: 1.0, TIME: times, **cells})
-    frame[SIGMA] = _as_numbers(part, frame[SIGMA], SIGMA, name)
-    for key in {EXPERIMENT, _OBSERVABLE} & set(table):
-        frame[key] = _as_names(part, key, name, cells[key])
-    frame[_OBSERVABLE] = frame[_OBSERVABLE].map(standardize_header)
-    groups = frame.groupby([EXPERIMENT, _OBSERVABLE], sort=False)[[TIME, VALUE, SIGMA]]
-    return [
-        (str(experiment), str(column), rows.sort_values(TIME, kind="stable"))
-        for (experiment, column), rows in groups
-    ]
-
-
-def _find_time(part: str, in_run: Mapping[str, str]) -> str | None:
-    """Return the column of times: "t" or "time", with a unit of time if there are several.
-
-    `in_run` contains the names in the run by those in the data.
-    """
-    # T may be a temperature.
-    names = {x: split_unit(y) for x, y in in_run.items()}
-    times = [x for x, (name, _) in names.items() if name == "t" or name.casefold() == "time"]
-    with_unit = [x for x in times if conversion_factor(names[x][1], "s") is not None]
-    if len(with_unit) > 1:
-        raise BeamdaeError(
-            f"{part}: the columns {with_unit[0]!r} and {with_unit[1]!r} of data are both times; "
-            "remove one."
-        )
-    return next(iter([*with_unit, *times]), None)
-
-
-def _read_times(part: str, values: Any, time: str, in_run: str, name: str) -> pd.Series:
-    """Return the times [s], from the first one if they are time stamps."""
-    unit = split_unit(time)[1] or split_unit(in_run)[1]
-    cells = _as_cells(part, values, time, name)
-    if cells.dtype.kind in "MOUS":
-        stamps = read_time_stamps(part, f"{time!r} of {name}", map(str, cells))
-        if stamps is not None:
-            return pd.Series(stamps)
-    factor: Any = conversion_factor(unit, "s") if unit else 1.0
-    if factor is None:
-        raise BeamdaeError(
-            f"{part}: the times {time!r} of {name} must be in a unit such as s or ms, got {unit}"
-            f"{suggest_unit(unit, 's') if parse_unit(unit) is None else ''}."
-        )
-    numbers = _as_numbers(part, pd.Series(cells), time, name)
-    if not unit:
-        warn_user(
-            f"{part}: the times {time!r} of {name} have no unit and are taken as seconds; name the "
-            f"column '{time} [s]'.",
-            InputWarning,
-        )
-    return numbers * float(factor)
-
-
-def _as_cells(part: str, values: Any, column: str, name: str, count: int | None = None) -> Array:
-    """Return a column of a table as an array (n,) of any type, with a given length."""
-    try:
-        cells = np.asarray(values)
-    except Exception:  # Of any kind in conversions of the user's objects.
-        cells = np.asarray(None)
-    if cells.ndim != 1 or count not in (None, len(cells)):
-        got = f"{len(cells)} for {count} times" if cells.ndim == 1 else short_repr(values)
-        raise BeamdaeError(
-            f"{part}: the column {column!r} of {name} must have one entry per time, got {got}."
-        )
-    return cells
-
-
-def _as_numbers(part: str, cells: pd.Series, column: str, name: str) -> pd.Series:
-    """Return a column (n,) as floats; missing values become NaN."""
-    numbers = pd.to_numeric(cells, errors="coerce").astype(float)
-    is_wrong = (numbers.isna() & cells.notna()) | (numbers.abs() > _MAX_MAGNITUDE)
-    # Durations and dates would become counts of their own unit, such as nanoseconds.
-    is_wrong |= cells.dtype.kind in "bmM"
-    for row in cells.index[is_wrong]:
-        got = short_repr(cells.astype(object)[row])
-        raise BeamdaeError(
-            f"{part}: the column {column!r} of {name} must contain finite numbers or NaN, got "
-            f"{got} in row {row + 1}; leave missing values empty."
-        )
-    return numbers
-
-
-def _as_names(part: str, column: str, name: str, values: Any) -> list[str]:
-    """Return texts; numbers become texts."""
-    texts = []
-    for k, value in enumerate(values):
-        number = as_real(value)
-        text = as_text(value) or ("" if number is None or number != number else f"{number:g}")
-        if not (text.strip() and text.isprintable()):
-            raise BeamdaeError(
-                f"{part}: the column {column!r} of {name} must contain names of printable "
-                f"characters, got {short_repr(value)} in row {k + 1}."
-            )
-        texts.append(text.strip())
-    return texts

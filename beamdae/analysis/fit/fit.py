@@ -15,7 +15,7 @@ from beamdae.analysis.fit.problem import FitProblem
 from beamdae.analysis.fit.result import Fit, create_fit
 from beamdae.analysis.fit.search import SearchResult, search
 from beamdae.analysis.fit.variables import Scaling
-from beamdae.analysis.parameter_bounds import MAX_SEED, MAX_STARTS, require_start_bounds
+from beamdae.analysis.parameter_bounds import MAX_SEED, MAX_STARTS
 from beamdae.errors import (
     require_choice,
     require_count,
@@ -63,27 +63,27 @@ def fit(
     """Estimate parameters of a model function from measured columns.
 
     The sum of the squares of (model - data) / sigma is minimized by a trust-region method
-    (`scipy.optimize.least_squares`, method "trf"; Branch, Coleman & Li, SIAM J. Sci. Comput. 21
-    (1999) 1, doi:10.1137/S1064827595289108) with the exact Jacobian of `sensitivities`. Scales and
-    offsets of sensors are eliminated by variable projection (Golub & Pereyra, Inverse Problems 19
-    (2003) R1, doi:10.1088/0266-5611/19/2/201). A search is local: start near the solution, or use
-    several `starts`.
+    (`scipy.optimize.least_squares`, method "dogbox"; Voglis & Lagaris, WSEAS Conference on Applied
+    Mathematics, Corfu 2004) with the exact Jacobian of `sensitivities`. Scales and offsets of
+    sensors are eliminated by variable projection (Golub & Pereyra, Inverse Problems 19 (2003) R1,
+    doi:10.1088/0266-5611/19/2/201). A search is local: start near the solution, or use several
+    `starts`.
 
     Parameters
     ----------
     model
         Model function.
     data
-        A wide table, a long table, wide tables by experiment, or the path of a CSV file. A table is
-        a DataFrame or a dict of columns. A wide table contains the ascending times "t [s]" of the
-        data, from 0 on up to at most ten times the end time of the model, and measured columns with
-        names of observed columns, such as "tip.y [m]" or "tip.y"; missing values are NaN. A long
-        table contains one value per row: the columns "observable" (name of an observed column),
-        "t [s]", "value", and optionally "experiment" and "sigma". Columns in other units, such as
-        "t [ms]" or "tip.y (mm)", are converted; their results are in the units of the model.
-        Columns that the model does not observe are omitted with a warning. CSV files may be
-        separated by commas, semicolons or tabs, the last two also with decimal commas; lines that
-        begin with "#", "%" or "//" are comments, and empty rows and columns are skipped.
+        A wide table, a long table, tables by experiment, or the path of a CSV file. A table is a
+        DataFrame or a dict of columns; its rows may have any order. A wide table contains the times
+        "t [s]" of the data, from 0 on up to at most ten times the end time of the model, and
+        measured columns with names of observed columns, such as "tip.y [m]" or "tip.y"; missing
+        values are NaN. A long table contains one value per row: the columns "observable" (name of
+        an observed column), "t [s]", "value", and optionally "experiment" and "sigma". Columns in
+        other units, such as "t [ms]" or "tip.y (mm)", are converted; their results are in the units
+        of the model. Columns that the model does not observe are omitted with a warning. CSV files
+        may be separated by commas, semicolons or tabs, the last two also with decimal commas; lines
+        that begin with "#", "%" or "//" are comments, and empty rows and columns are skipped.
     by
         Names of the parameters to estimate. They must be floats.
     integrator
@@ -103,8 +103,7 @@ def fit(
         it. Defaults to an estimate from the residuals.
     parameters
         Values of parameters that differ from the defaults. For those in `by`, the search begins
-        with these values; those at a bound are moved inside by 1 % of the range of the bounds, at
-        most by 1 % of the value.
+        with these values.
     experiments
         For each experiment of the data, values of parameters that differ in this experiment, such
         as another tip mass. All experiments are fitted together.
@@ -207,33 +206,33 @@ def fit(
         data_columns,
     )
     scaling = Scaling(problem, bounds, log)
-    if starts > 1:
-        condition = ", above 0 for those in log" if np.any(scaling.is_log) else ""
-        require_start_bounds("fit", problem.variables, *scaling.ranges, condition)
-    first, known, table, is_interrupted = scaling.first, None, None, False
+    first, known, table, best = np.ones(len(scaling.first)), None, None, None
+    points = scaling.draw_starts(starts - 1, seed) if starts > 1 else ()
     with suppress(ValueError, ArithmeticError):  # A search states the reason; others may succeed.
         known = problem.evaluate(scaling.values(first))
-    if starts > 1:
-        run_starts: Any = deferred.module("studies.fit_starts").run_starts
-        first, table, is_interrupted = run_starts(
-            problem, scaling, max_evaluations, starts, seed, folder, jobs, progress
-        )
-    if is_interrupted:
-        status = Status("interrupted", "interrupted before the end of all searches")
-        best = problem.evaluate(scaling.values(first))
-        end = SearchResult(best, 1, status, np.zeros(len(first), bool), best)
-    else:
-        try:
-            end = search(problem, scaling, first, max_evaluations, known if starts == 1 else None)
-        except Interrupted as interrupt:
-            if not isinstance(interrupt.partial, SearchResult):
-                raise  # Interrupted in the first run.
-            acknowledge()
-            end = interrupt.partial
-    if table is not None:
+    try:
+        if starts > 1:
+            run_starts: Any = deferred.module("studies.fit_starts").run_starts
+            first, table, is_interrupted = run_starts(
+                problem, scaling, max_evaluations, points, folder, jobs, progress
+            )
+            best = table.loc[table["chi-square"].astype(float).idxmin()]
+            if is_interrupted:
+                last = problem.evaluate(scaling.values(first))
+                status = Status("interrupted", "interrupted before the end of all searches")
+                nowhere = np.zeros(len(first), bool)
+                raise Interrupted(
+                    status.sentence, SearchResult(last, 1, status, nowhere, last), "fit"
+                )
+        end = search(problem, scaling, first, max_evaluations, None if best is not None else known)
+    except Interrupted as interrupt:
+        if not isinstance(interrupt.partial, SearchResult):
+            raise  # Interrupted in the first run.
+        acknowledge()
+        end = interrupt.partial
+    if best is not None:
         # Those of the search from the best start, whose end is evaluated again.
-        row = table.loc[table["chi-square"].astype(float).idxmin()]
-        end = replace(end, evaluations=int(row["evaluations"]), first=known or end.first)
+        end = replace(end, evaluations=int(best["evaluations"]), first=known or end.first)
     result = create_fit(problem, scaling, end, table)
     if result.status.kind == "interrupted":
         if partial == "raise":

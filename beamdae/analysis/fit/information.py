@@ -39,8 +39,7 @@ class Information:
     def _decomposition(self) -> tuple[Array, Array]:
         # Rows of zeros complete the directions of few data.
         matrix = np.vstack([self.jacobian * self.sizes, np.zeros((len(self.sizes),) * 2)])
-        _, singular, directions = np.linalg.svd(matrix, full_matrices=False)
-        return singular, directions
+        return np.linalg.svd(matrix, full_matrices=False)[1:]
 
     @property
     def singular(self) -> Array:
@@ -91,7 +90,7 @@ class Information:
         for s, direction, is_dependent in zip(
             self.singular, self.directions, self.is_dependent, strict=True
         ):
-            if not is_dependent and s * MAX_RELATIVE_DEVIATION >= 1.0:
+            if s * MAX_RELATIVE_DEVIATION >= 1.0 and not is_dependent:
                 continue
             # The largest share is positive.
             largest = direction[np.argmax(np.abs(direction))]
@@ -103,8 +102,8 @@ class Information:
                 for (name, value), size, x in zip(values.items(), self.sizes, change, strict=True)
                 if abs(x) > _MIN_NAMED_SHARE * np.abs(change).max()
             ]
+            effect = "lie within one standard deviation"
+            effect = "do not change the fitted columns" if is_dependent else effect
             subject = "Changes of" if len(shares) == 1 else "Joint changes of"
-            effect = "do not change the fitted columns"
-            effect = effect if is_dependent else "lie within one standard deviation"
             sentences.append(f"{subject} {', '.join(shares)} {effect}.")
         return sentences

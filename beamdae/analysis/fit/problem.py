@@ -19,7 +19,7 @@ from beamdae.analysis.fit.data import (
     read_fit_data,
     read_measurements,
 )
-from beamdae.analysis.fit.sensors import SCALE, SHIFT, Sensor, read_sensors
+from beamdae.analysis.fit.sensors import OFFSET, SCALE, SHIFT, Sensor, read_sensors
 from beamdae.analysis.sensitivities.differentiable_methods import DERIVATIVE_METHOD
 from beamdae.analysis.sensitivities.sensitivities import Sensitivities, differentiate_run
 from beamdae.analysis.sensitivities.sensitivity_result import (
@@ -40,6 +40,8 @@ Array = np.ndarray
 _MAX_DURATION = 10.0
 # Singular values below this ratio to the largest are rounding errors of the derivatives.
 MIN_SINGULAR_RATIO = 1e-9
+# Residuals below this ratio to the data are rounding errors.
+MIN_RELATIVE_RESIDUAL = 1e-6
 # Consecutive residuals with at most this correlation are noise.
 MAX_NOISE_CORRELATION = 0.5
 # Step of the differences of columns over time, relative to the mean step of the run.
@@ -139,18 +141,18 @@ class FitProblem:
     ) -> None:
         self.names = require_parameters("fit", model, by)
         self.model, self.start = model, start
-        self.integrator = require_integrator(
-            "fit", DERIVATIVE_METHOD if integrator is None else integrator
-        )
+        method = DERIVATIVE_METHOD if integrator is None else integrator
+        self.integrator = require_integrator("fit", method)
         self.parameters = complete_parameters("fit", model, parameters)
         measured = read_measurements("fit", data, data_columns)
-        self._settings = self._read_experiments(experiments, measured.experiments)
+        changes = self._read_experiments(experiments, measured.experiments)
+        self._settings = {x: self.parameters | y for x, y in changes.items()}
         headers = {
-            x: as_equations("fit", model(**{**self.parameters, **values}), start).observed_headers
+            x: as_equations("fit", model(**values), start).observed_headers
             for x, values in self._settings.items()
         }
-        data = read_fit_data(measured, headers, sigma)
-        self._set_data(data, read_sensors(data, scale, offset, shift))
+        fitted = read_fit_data(measured, headers, sigma)
+        self._set_data(fitted, read_sensors(fitted, scale, offset, shift))
         self.first_values = np.array(
             [self.parameters[name] for name in self.names]
             + [float(np.clip(0.0, *shift.bounds)) for shift in self.shifts]
@@ -161,20 +163,44 @@ class FitProblem:
                 "fewer parameters."
             )
 
+    def _read_experiments(
+        self, experiments: Any, known: tuple[str, ...]
+    ) -> dict[str, dict[str, Any]]:
+        """Return the values of parameters that each experiment changes."""
+        what = "a dict of values of parameters by experiment"
+        given = {} if experiments is None else experiments
+        given = require_mapping("fit", "experiments", given, what)
+        for name, values in given.items():
+            if name not in known:
+                raise BeamdaeError(
+                    f"fit: experiments contains {short_repr(name)}, for which there are no data; "
+                    f"the data name {', '.join(filter(None, known)) or 'no experiments'}."
+                )
+            values = require_mapping("fit", f"experiments of {name}", values, "values by name")
+            for fitted in set(values) & set(self.names):
+                raise BeamdaeError(
+                    f"fit: the experiment {name} sets {fitted}, which is in by; remove it from "
+                    "one of them."
+                )
+            given[name] = {x: self.model.complete({x: values[x]})[x] for x in values}
+        return {name: given.get(name, {}) for name in known}
+
     def _set_data(self, data: MeasuredData, sensors: tuple[Sensor, ...]) -> None:
         self.data, self.sensors = data, sensors
-        self._times = data.table[TIME].to_numpy()
-        self._values = data.table[VALUE].to_numpy()
-        self.weights = 1.0 / data.table[SIGMA].to_numpy()
-        self.shifts = [x for x in sensors if x.kind == SHIFT]
-        self._linear = [x for x in sensors if x.kind != SHIFT]
-        scales = [x.rows for x in sensors if x.kind == SCALE]
-        self._scaled_rows = np.array(scales, float).reshape(len(scales), self.count)
+        self._times, self._values, sigma = (data.table[x].to_numpy() for x in (TIME, VALUE, SIGMA))
+        self.weights = 1.0 / sigma
+        self._scaled, offset, self.shifts = (
+            [x for x in sensors if x.kind == kind] for kind in (SCALE, OFFSET, SHIFT)
+        )
+        self.linear = [*self._scaled, *offset]
+        self._linear_rows = np.array([x.rows for x in self.linear], float)
+        self._linear_rows = self._linear_rows.reshape(len(self.linear), self.count)
         # The last time at which the run of each experiment may be compared [s].
         latest = self._times.copy()
         for shift in self.shifts:
             latest[shift.rows] -= shift.bounds[0]
-        self._t_end = {x: float(latest[self._rows_of(x)].max()) for x in data.experiments}
+        self._rows = {x: (data.table[EXPERIMENT] == x).to_numpy() for x in data.experiments}
+        self._t_end = {x: float(latest[rows].max()) for x, rows in self._rows.items()}
         limit = _MAX_DURATION * self.model.t_end
         if not (min(self._t_end.values()) > 0.0 and self._times.max() <= limit):
             raise BeamdaeError(
@@ -201,9 +227,9 @@ class FitProblem:
         return len(self._values)
 
     @property
-    def weighted_square(self) -> float:
-        """Sum of the squares of the data in standard deviations."""
-        return float(np.sum((self._values * self.weights) ** 2))
+    def rounding(self) -> float:
+        """Sum of squared residuals of which only rounding errors are left."""
+        return float(np.sum((MIN_RELATIVE_RESIDUAL * self._values * self.weights) ** 2))
 
     @property
     def last_time(self) -> float:
@@ -218,40 +244,13 @@ class FitProblem:
     @property
     def estimated(self) -> tuple[str, ...]:
         """Names of the variables, and of scales and offsets, which are solved for linearly."""
-        return (*self.variables, *(x.name for x in self._linear))
+        return (*self.variables, *(x.name for x in self.linear))
 
     @property
     def units(self) -> dict[str, str]:
         """Units of parameters and properties of sensors by name; "" if unknown."""
         info = self.model.parameter_info
         return {x: info[x].unit for x in self.names} | {x.name: x.unit for x in self.sensors}
-
-    def _read_experiments(
-        self, experiments: Any, known: tuple[str, ...]
-    ) -> dict[str, dict[str, Any]]:
-        """Return the values of parameters that each experiment changes."""
-        what = "a dict of values of parameters by experiment"
-        given = require_mapping(
-            "fit", "experiments", {} if experiments is None else experiments, what
-        )
-        for name, values in given.items():
-            if name not in known:
-                raise BeamdaeError(
-                    f"fit: experiments contains {short_repr(name)}, for which there are no data; "
-                    f"the data name {', '.join(filter(None, known)) or 'no experiments'}."
-                )
-            values = require_mapping("fit", f"experiments of {name}", values, "values by name")
-            fitted = next((x for x in values if x in self.names), None)
-            if fitted is not None:
-                raise BeamdaeError(
-                    f"fit: the experiment {name} sets {fitted}, which is in by; remove it from "
-                    "one of them."
-                )
-            given[name] = {x: self.model.complete({x: values[x]})[x] for x in values}
-        return {name: given.get(name, {}) for name in known}
-
-    def _rows_of(self, experiment: str) -> Array:
-        return (self.data.table[EXPERIMENT] == experiment).to_numpy()
 
     def evaluate(self, values: Array) -> Evaluation:
         """Run all experiments at the given values (K,) and compare them with the data.
@@ -263,8 +262,18 @@ class FitProblem:
         """
         times = self._shift_times(values)
         runs = {x: self._run(x, values, times) for x in self.data.experiments}
-        model = self._read({x: run.solution for x, run in runs.items()}, times)
-        return self._project(values, runs, model, self._differentiate(runs, times))
+        derivatives = np.zeros((self.count, len(self.variables)))
+        for source, rows in self.data.rows:
+            run = runs[source.experiment]
+            at = _nearest_rows(run.t, times[rows])
+            for j, name in enumerate(self.names):
+                derivatives[rows, j] = run.sensitivity(source.header, name).to_numpy()[at]
+            for j, shift in enumerate(self.shifts, len(self.names)):
+                if shift.rows[rows.start]:
+                    rates = differentiate_column(run.solution, source.header, times[rows])
+                    derivatives[rows, j] = -rates
+        solutions = {x: run.solution for x, run in runs.items()}
+        return self._project(values, runs, solutions, derivatives)
 
     def change_of_residuals(
         self,
@@ -281,18 +290,16 @@ class FitProblem:
         BeamdaeError
             If a run fails.
         """
-        times = self._shift_times(evaluation.values)
-        solutions = {}
+        times, solutions = self._shift_times(evaluation.values), {}
         for experiment, run in evaluation.runs.items():
             with _without_warnings():
-                mechanism = change(run.solution.equations)
-                t_end = self._t_end[experiment]
+                mechanism, t_end = change(run.solution.equations), self._t_end[experiment]
                 other = simulate(mechanism, method, t_end, start=self.start, keep_steps=True)
                 if other.trajectory.end < t_end:
                     raise BeamdaeError(f"fit: the run was {other.status.sentence}.")
                 solutions[experiment] = other.at_times(self._needed_times(experiment, times))
-        model, nothing = self._read(solutions, times), np.zeros((len(times), len(self.variables)))
-        compared = self._project(evaluation.values, {}, model, nothing)
+        nothing = np.zeros((self.count, len(self.variables)))
+        compared = self._project(evaluation.values, {}, solutions, nothing)
         return compared.residuals - evaluation.residuals
 
     def start_of(self, equations: EquationsOfMotion) -> Any:
@@ -304,7 +311,7 @@ class FitProblem:
         """Return the recorded values (N,) that an evaluation predicts."""
         return self._values + evaluation.residuals / self.weights
 
-    def weighted_rates(self, evaluation: Evaluation) -> Array:
+    def rates(self, evaluation: Evaluation) -> Array:
         """Return the time derivatives (N,) of the recorded values over the sigma of the data."""
         times = self._shift_times(evaluation.values)
         result = self.weights * self._scale_rows(evaluation.coefficients)
@@ -315,8 +322,9 @@ class FitProblem:
 
     def _scale_rows(self, coefficients: Array) -> Array:
         """Return the scale of each of the data, (N,)."""
-        scales = coefficients[: len(self._scaled_rows)] @ self._scaled_rows
-        return np.where(self._scaled_rows.any(axis=0), scales, 1.0)
+        count = len(self._scaled)
+        scales = coefficients[:count] @ self._linear_rows[:count]
+        return np.where(self._linear_rows[:count].any(axis=0), scales, 1.0)
 
     def _shift_times(self, values: Array) -> Array:
         """Return the times (N,) of the runs at which they are compared with the data."""
@@ -328,21 +336,15 @@ class FitProblem:
     def _needed_times(self, experiment: str, times: Array) -> Array:
         """Return the ascending times of the rows of an experiment, within its run."""
         # Bounds of shifts hold up to rounding.
-        return np.unique(np.clip(times[self._rows_of(experiment)], 0.0, self._t_end[experiment]))
+        return np.unique(np.clip(times[self._rows[experiment]], 0.0, self._t_end[experiment]))
 
     def _run(self, experiment: str, values: Array, times: Array) -> Sensitivities:
         t_end, needed = self._t_end[experiment], self._needed_times(experiment, times)
         fitted = dict(zip(self.names, values.tolist(), strict=False))
+        settings = {"parameters": self._settings[experiment] | fitted, "start": self.start}
         # The result evaluates the warnings of the last run.
         with _without_warnings():
-            run = differentiate_run(
-                self.model,
-                self.names,
-                self.integrator,
-                t_end,
-                parameters={**self.parameters, **self._settings[experiment], **fitted},
-                start=self.start,
-            )
+            run = differentiate_run(self.model, self.names, self.integrator, t_end, **settings)
             if run.solution.trajectory.end < t_end:
                 raise BeamdaeError(
                     f"fit: the run of {self.model.name} was {run.solution.status.sentence}, before "
@@ -350,46 +352,30 @@ class FitProblem:
                 )
             return run.at_times(needed)
 
-    def _read(self, runs: Mapping[str, Solution], times: Array) -> Array:
-        """Return the model at the times of the data, (N,)."""
-        model = np.empty(len(times))
-        for source, rows in self.data.rows:
-            run = runs[source.experiment]
-            model[rows] = run.columns[source.header][_nearest_rows(run.t, times[rows])]
-        return model
-
-    def _differentiate(self, runs: Mapping[str, Sensitivities], times: Array) -> Array:
-        """Return the derivatives (N, K) of the model at the times of the data."""
-        derivatives = np.zeros((len(times), len(self.variables)))
-        for source, rows in self.data.rows:
-            run = runs[source.experiment]
-            at = _nearest_rows(run.t, times[rows])
-            for j, name in enumerate(self.names):
-                derivatives[rows, j] = run.sensitivity(source.header, name).to_numpy()[at]
-            for j, shift in enumerate(self.shifts, len(self.names)):
-                if shift.rows[rows.start]:
-                    rates = differentiate_column(run.solution, source.header, times[rows])
-                    derivatives[rows, j] = -rates
-        return derivatives
-
     def _project(
-        self, values: Array, runs: Mapping[str, Sensitivities], model: Array, derivatives: Array
+        self,
+        values: Array,
+        runs: Mapping[str, Sensitivities],
+        solutions: Mapping[str, Solution],
+        derivatives: Array,
     ) -> Evaluation:
         """Solve for scales and offsets, and differentiate the remaining residuals.
 
         Reactions that grow without bounds are left out: their residuals are zero.
         """
-        is_missing = np.isnan(model)
+        times, model = self._shift_times(values), np.empty(self.count)
+        for source, rows in self.data.rows:
+            run = solutions[source.experiment]
+            model[rows] = run.columns[source.header][_nearest_rows(run.t, times[rows])]
+        is_missing, count = np.isnan(model), len(self._scaled)
         if is_missing.all():
             raise BeamdaeError(
                 "fit: reactions of the model grow without bounds at all times of the data; choose "
                 "other first values in parameters, or other columns."
             )
         weights, model = np.where(is_missing, 0.0, self.weights), np.nan_to_num(model)
-        scaled = self._scaled_rows
-        offsets = [x.rows for x in self._linear[len(scaled) :]]
-        rows = np.vstack([scaled * model, np.reshape(offsets, (len(offsets), self.count))])
-        matrix = (rows * weights).T
+        scaled, offset = self._linear_rows[:count], self._linear_rows[count:]
+        matrix = (np.vstack([scaled * model, offset]) * weights).T
         remainder = (self._values - np.where(scaled.any(axis=0), 0.0, model)) * weights
         # Columns of equal size, so that the rank does not depend on units.
         sizes = column_lengths(matrix)
@@ -399,7 +385,7 @@ class FitProblem:
         weighted = np.where(is_missing[:, None], 0.0, derivatives * weights[:, None])
         effects = weighted * self._scale_rows(coefficients)[:, None]
         projected = effects - matrix @ (inverse @ effects)
-        projected -= inverse[: len(scaled)].T @ ((scaled * residuals) @ weighted)
+        projected -= inverse[:count].T @ ((scaled * residuals) @ weighted)
         jacobian = np.hstack([effects, matrix])
         return Evaluation(values, runs, residuals, coefficients, projected, jacobian)
 

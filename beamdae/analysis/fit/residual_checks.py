@@ -54,15 +54,13 @@ def check_bounds(problem: FitProblem, scaling: Scaling, search: SearchResult) ->
         )
 
 
-def check_residuals(
-    problem: FitProblem, search: SearchResult, residuals: Array, freedom: int
-) -> Iterator[str]:
+def check_residuals(problem: FitProblem, search: SearchResult, residuals: Array) -> Iterator[str]:
     """Yield the first kind of warnings about the residuals that applies.
 
     The residuals of the search are in units of the weights, `residuals` in standard deviations.
     """
     left, is_known = float(residuals @ residuals), problem.data.is_sigma_known
-    square = search.evaluation.chi_square
+    square, freedom = search.evaluation.chi_square, problem.count - len(problem.estimated)
     outliers = [_find_outliers(residuals[rows]) for _, rows in problem.data.rows]
     if is_known and freedom > 0 and chdtrc(freedom, left) < _MIN_PROBABILITY:
         sentence = (
@@ -130,19 +128,20 @@ def _name_outliers(problem: FitProblem, outliers: list[Array]) -> Iterator[str]:
 
 
 def check_errors(
-    evaluation: Evaluation, errors: Any, sigma: float, scatter: float
+    evaluation: Evaluation, errors: Any, sigma: float, residuals: Array
 ) -> Iterator[str]:
     """Yield a warning if errors of the runs change estimates by over 0.4 standard deviations.
 
-    `sigma` is the estimated factor of the standard deviations of the data, and `scatter` the ratio
-    of the residuals to these if it exceeds 1.
+    `sigma` is the estimated factor of the standard deviations of the data, in which `residuals` are
+    given.
     """
     values = evaluation.values
     change = evaluation.projected_jacobian @ (errors.companions[: len(values)] - values)
-    shift = float(np.linalg.norm(change))
-    if shift > _MAX_SHIFT * sigma * scatter:
-        aim = errors.largest * _AIM_OF_SHIFT * sigma / shift
+    shift = float(np.linalg.norm(change)) / sigma
+    # Residuals far above sigma, perhaps in a wrong unit, are no errors of the steps.
+    if shift > _MAX_SHIFT * max(1.0, float(np.sqrt(np.mean(residuals**2)))):
+        aim = errors.largest * _AIM_OF_SHIFT / shift
         yield (
-            f"The estimates would change by up to {shift / sigma:.2g} standard deviations in "
+            f"The estimates would change by up to {shift:.2g} standard deviations in "
             f"{errors.refined}; use {errors.recommend(aim)}."
         )

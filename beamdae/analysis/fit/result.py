@@ -14,15 +14,16 @@ import pandas as pd
 from scipy.special import chdtrc, stdtrit
 
 from beamdae import deferred
-from beamdae.analysis.fit.data import COLUMN, SIGMA, VALUE
+from beamdae.analysis.fit.data import COLUMN, EXPERIMENT, SIGMA, VALUE
 from beamdae.analysis.fit.information import MAX_RELATIVE_DEVIATION, Information
 from beamdae.analysis.fit.problem import FitProblem
 from beamdae.analysis.fit.profile import ProfileLikelihood, trace_profile
 from beamdae.analysis.fit.residual_causes import suggest_causes
 from beamdae.analysis.fit.residual_checks import check_bounds, check_errors, check_residuals
-from beamdae.analysis.fit.search import MIN_RELATIVE_RESIDUAL, SearchResult
+from beamdae.analysis.fit.search import SearchResult
 from beamdae.analysis.fit.sensors import OFFSET, SCALE, SHIFT
 from beamdae.analysis.fit.variables import Scaling
+from beamdae.analysis.parameter_bounds import describe_ends
 from beamdae.analysis.sensitivities.sensitivities import Sensitivities
 from beamdae.equations.measures import TIME
 from beamdae.errors import BeamdaeError, kind_of_message, require_choice, warn_user
@@ -36,9 +37,7 @@ from beamdae.results.storage.files import require_file_path, write_escaped_table
 
 Array = np.ndarray
 
-# Quantile of the normal distribution for intervals of 95 %, and its probability.
-_NORMAL_QUANTILE = 1.959964
-_UPPER_PROBABILITY = 0.975
+_UPPER_PROBABILITY = 0.975  # of the upper limits of intervals of 95 %
 # Changes of parameters below this ratio to their first value are relative to the first value.
 _MIN_RELATIVE_VALUE = 1e-3
 # Searches with a larger difference of their sums of squares, in variances, have other minima.
@@ -100,9 +99,7 @@ class Fit:
     undetermined: tuple[str, ...]
     at_bounds: tuple[str, ...]
     _own_warnings: tuple[str, ...]
-    # Information on all parameters, and with some of them fixed, see `covariance`.
-    _whole: Information
-    _free: Information
+    _information: Information  # with some parameters fixed, see `covariance`
     _problem: FitProblem
     _scaling: Scaling
     _search: SearchResult
@@ -237,9 +234,8 @@ class Fit:
         1.96 of the normal distribution if `sigma` was given, otherwise that of the t distribution
         with `degrees_of_freedom`.
         """
-        if self.is_sigma_known:
-            return _NORMAL_QUANTILE
-        return float(stdtrit(max(self.degrees_of_freedom, 1), _UPPER_PROBABILITY))
+        freedom = np.inf if self.is_sigma_known else max(self.degrees_of_freedom, 1)
+        return float(stdtrit(freedom, _UPPER_PROBABILITY))
 
     @property
     def chi_square(self) -> float:
@@ -260,17 +256,6 @@ class Fit:
         return float(chdtrc(self.degrees_of_freedom, self.chi_square))
 
     @property
-    def singular_values(self) -> Array:
-        """Singular values of the Jacobian of the residuals, (k,), in descending order.
-
-        The Jacobian is taken with respect to relative changes of the parameters: 1 / s is the
-        relative standard deviation of the combination of parameters that belongs to s. Changes of
-        offsets are relative to half the range of their data, and changes of shifts to half the
-        width of their bounds.
-        """
-        return self._whole.singular
-
-    @property
     def starts(self) -> pd.DataFrame | None:
         """Table of all searches with first values, estimates, sum of squares and status.
 
@@ -285,15 +270,10 @@ class Fit:
         """
         if self._starts is None:
             return ""
-        sums = self._starts["chi-square"].dropna().to_numpy(float)
-        variance = 1.0 if self.is_sigma_known else self.chi_square / max(self.degrees_of_freedom, 1)
-        rounding = MIN_RELATIVE_RESIDUAL**2 * self._problem.weighted_square
-        limit = sums.min(initial=np.inf) + max(_MAX_SUM_DIFFERENCE * variance, rounding)
-        text = f"{np.sum(sums <= limit)} of {len(self._starts)} searches end at these estimates"
-        worse = sums[sums > limit]
-        if len(worse):
-            text += f"; the next lowest chi-square is {worse.min():.4g}, not {sums.min():.4g}"
-        return text
+        sums = self._starts["chi-square"].dropna()
+        rounding = _MAX_SUM_DIFFERENCE * self._estimate**2, self._problem.rounding
+        limit = sums.min() + max(rounding)
+        return describe_ends(sums.to_numpy(float), len(self._starts), limit, "chi-square")
 
     def table(self) -> pd.DataFrame:
         """Return a table of estimates, standard deviations and limits of 95 % intervals.
@@ -303,29 +283,29 @@ class Fit:
         one-sided for estimates at a bound. There are no limits (NaN) if the search did not reach a
         minimum. See `profile` for intervals without the linear approximation.
         """
-        lower, upper = self._limits.T
-        columns = {
-            "value": self.values,
-            "standard deviation": self.standard_deviations,
-            "lower 95 %": lower,
-            "upper 95 %": upper,
-        }
-        return pd.DataFrame(columns, index=list(self.names))
+        columns = ["value", "standard deviation", "lower 95 %", "upper 95 %"]
+        rows = [self.values, self.standard_deviations, *self._limits]
+        return pd.DataFrame(dict(zip(columns, rows, strict=True)), index=list(self.names))
 
     @cached_property
-    def _limits(self) -> Array:
-        """Lower and upper limits (k, 2) of the 95 % intervals."""
-        scaling, values = self._scaling, self.values
-        count = len(scaling.is_log)
-        is_log = np.append(scaling.is_log, np.zeros(len(values) - count, bool))
+    def _limits(self) -> tuple[Array, Array]:
+        """Lower and upper limits (k,) of the 95 % intervals."""
+        values, others = self.values, len(self._problem.linear)
+        is_log = np.append(self._scaling.is_log, np.zeros(others, bool))
         half = self.quantile * np.sqrt(np.diag(self.covariance))
         half = half / np.where(is_log, values, 1.0) if self.status.success else half * np.nan
         with np.errstate(over="ignore"):
             limits = [np.where(is_log, values * np.exp(x), values + x) for x in (-half, half)]
-        for limit in limits:
-            # Scales and offsets have no bounds.
-            limit[:count] = np.clip(limit[:count], *scaling.bounds)
-        return np.stack(limits, axis=1)
+        # Scales and offsets have no bounds.
+        unbounded = np.full(others, np.inf)
+        low, high = self._scaling.bounds
+        box = np.append(low, -unbounded), np.append(high, unbounded)
+        return np.clip(limits[0], *box), np.clip(limits[1], *box)
+
+    @property
+    def _estimate(self) -> float:
+        """Estimated factor of the standard deviations of the data, 1 if these are known."""
+        return 1.0 if self.is_sigma_known else next(iter(self.sigma.values()))
 
     def to_csv(self, path: str | Path, *, sep: str = ",", decimal: str = ".") -> Path:
         """Write `table` and the units of the estimates as CSV and return the path.
@@ -362,13 +342,11 @@ class Fit:
         "model" contains the recorded values that the model and the sensors predict; "residual" is
         (model - value) / sigma.
         """
-        # Estimated standard deviations are the given ones, 1, times the estimate.
-        estimate = 1.0 if self.is_sigma_known else next(iter(self.sigma.values()))
-        data = self._problem.data.table.rename(columns={COLUMN: "observable"})
-        sigma = data[SIGMA] * estimate
+        data = self._problem.data.table
+        sigma = data[SIGMA] * self._estimate
+        table = data[[EXPERIMENT, COLUMN, TIME, VALUE]].rename(columns={COLUMN: "observable"})
         model = data[VALUE] + self.residuals * sigma
-        data = data[["experiment", "observable", TIME, VALUE]]
-        return data.assign(sigma=sigma, model=model, residual=self.residuals)
+        return table.assign(sigma=sigma, model=model, residual=self.residuals)
 
     def prediction(self, column: str, experiment: str | None = None) -> pd.DataFrame:
         """Return an observed column of the model with its uncertainty, over time.
@@ -400,18 +378,18 @@ class Fit:
             experiment = names[0]
         run = self.sensitivities[require_choice("prediction", "experiment", experiment, names)]
         columns = run.solution.columns
-        header = require_one_column(
-            "prediction", column, select_observed_columns("prediction", [column], list(columns))
-        )
+        selected = select_observed_columns("prediction", [column], list(columns))
+        header = require_one_column("prediction", column, selected)
         derivatives = np.zeros((len(run.t), len(self.names)))
         for k, name in enumerate(self.parameters):
             derivatives[:, k] = run.sensitivity(header, name)
-        value, deviations = columns[header], self._free.standard_deviations(derivatives)
+        value, deviations = columns[header], self._information.standard_deviations(derivatives)
+        half = self.quantile * deviations
         limits = {
             "value": value,
             "standard deviation": deviations,
-            "lower 95 %": value - self.quantile * deviations,
-            "upper 95 %": value + self.quantile * deviations,
+            "lower 95 %": value - half,
+            "upper 95 %": value + half,
         }
         return pd.DataFrame(limits, index=pd.Index(run.t, name=TIME))
 
@@ -442,13 +420,12 @@ class Fit:
             If no limit was found, with the reason.
         """
         name = require_choice("profile", "name", name, self._problem.variables)
-        index = self._problem.variables.index(name)
         if not self.status.success:
             raise BeamdaeError(
                 f"profile: the fit did not converge ({self.status.sentence}); repeat the fit first."
             )
-        half_widths = np.abs(self._limits[index] - self.values[index])
-        variance = 1.0 if self.is_sigma_known else next(iter(self.sigma.values())) ** 2
+        k, variance = self._problem.variables.index(name), self._estimate**2
+        half_widths = np.abs(np.array(self._limits)[:, k] - self.values[k])
         result = trace_profile(
             self._problem,
             self._scaling,
@@ -504,24 +481,50 @@ class Fit:
 
 def create_fit(problem: FitProblem, scaling: Scaling, search: SearchResult, starts: Any) -> Fit:
     """Return the result at the last values of a search."""
-    end, data = search.evaluation, problem.data.table
+    end, data, status = search.evaluation, problem.data.table, search.status
     values = dict(zip(problem.estimated, end.estimates.tolist(), strict=True))
-    freedom, estimate = problem.count - len(values), 1.0
+    estimate = 1.0
     if not problem.data.is_sigma_known:
         # Data computed by the model itself have no residuals, but rounding errors.
         rounding = float(np.finfo(float).eps) * (float(data[VALUE].abs().max()) or 1.0)
-        estimate = max(float(np.sqrt(end.chi_square / max(freedom, 1))), rounding)
-    residuals = end.residuals / estimate
-    whole = Information(end.jacobian / estimate, _sizes(problem, values))
-    is_fixed = _find_fixed(scaling, search, whole)
-    free = Information(whole.jacobian, np.where(is_fixed, 0.0, whole.sizes))
-    covariance = free.covariance
-    # Fixed estimates keep the variances of the complete fit.
+        freedom = max(problem.count - len(values), 1)
+        estimate = max(float(np.sqrt(end.chi_square / freedom)), rounding)
+    residuals, jacobian = end.residuals / estimate, end.jacobian / estimate
+    # Changes are relative to the values, or to the first values near zero, or to typical sizes.
+    typical = np.append(scaling.sizes, [x.size for x in problem.linear])
+    sizes = np.abs(end.estimates)
+    sizes = np.where(sizes < _MIN_RELATIVE_VALUE * typical, typical, sizes)
+    has_size = np.isin(problem.estimated, [x.name for x in problem.sensors if x.kind != SCALE])
+    sizes = np.where(has_size, typical, sizes)
+    # The covariance of the others holds fixed what is at a bound or has no effect of its own.
+    effects = np.linalg.norm(jacobian * np.maximum(sizes, typical), axis=0)
+    is_fixed = effects * MAX_RELATIVE_DEVIATION < 1.0
+    is_fixed[: len(search.at_bounds)] |= search.at_bounds
+    whole = Information(jacobian, sizes)
+    information = Information(jacobian, np.where(is_fixed, 0.0, sizes))
+    covariance = information.covariance
     variances = np.where(is_fixed, np.diag(whole.covariance), np.diag(covariance))
     np.fill_diagonal(covariance, variances)
+    sentences, errors, undetermined = list(check_bounds(problem, scaling, search)), None, []
+    if search.explains:
+        undetermined = whole.describe_undetermined(values, problem.units)
+        if status.success or not search.failures:
+            sentences += check_residuals(problem, search, residuals)
+    else:
+        causes = suggest_causes(problem, end, search.first)
+        advice = "check signs, units and times of the data and start=, or start from other values"
+        status = Status("limited", f"{status.sentence}; {causes}{advice}")
+    # Data without noise are computed by runs that are as accurate.
+    is_computed = end.chi_square <= problem.rounding and not problem.data.is_sigma_known
+    if search.explains and status.kind != "interrupted" and not is_computed:
+        try:
+            errors = deferred.module("accuracy.fits").measure_fit(problem, end)
+            sentences += check_errors(end, errors, estimate, residuals)
+        except KeyboardInterrupt:
+            acknowledge()
+            sentence = "interrupted while the accuracy of the runs was checked"
+            status = Status("interrupted", sentence)
     mean_squares = (data[SIGMA] ** 2).groupby(data[COLUMN], sort=False).mean()
-    undetermined = whole.describe_undetermined(values, problem.units) if search.explains else ()
-    status, warnings, errors = _check(problem, scaling, search, residuals, estimate)
     fit = Fit(
         parameters={x: values[x] for x in problem.names},
         sensors={x: y for x, y in values.items() if x not in problem.names},
@@ -534,9 +537,8 @@ def create_fit(problem: FitProblem, scaling: Scaling, search: SearchResult, star
         status=status,
         undetermined=tuple(undetermined),
         at_bounds=tuple(np.array(problem.variables)[search.at_bounds].tolist()),
-        _own_warnings=tuple(warnings),
-        _whole=whole,
-        _free=free,
+        _own_warnings=tuple(sentences),
+        _information=information,
         _problem=problem,
         _scaling=scaling,
         _search=search,
@@ -545,61 +547,3 @@ def create_fit(problem: FitProblem, scaling: Scaling, search: SearchResult, star
     if errors is not None:
         vars(fit)["errors"] = errors
     return fit
-
-
-def _check(
-    problem: FitProblem, scaling: Scaling, search: SearchResult, residuals: Array, estimate: float
-) -> tuple[Status, list[str], Any]:
-    """Return the status of a fit, its warnings, and its errors by runs, None if not measured.
-
-    `estimate` is the estimated factor of the standard deviations of the data.
-    """
-    end, status = search.evaluation, search.status
-    sentences = list(check_bounds(problem, scaling, search))
-    if not search.explains:
-        causes = suggest_causes(problem, end, search.first)
-        advice = "check signs, units and times of the data and start=, or start from other values"
-        return Status("limited", f"{status.sentence}; {causes}{advice}"), sentences, None
-    if status.success or not search.failures:
-        freedom = problem.count - len(problem.estimated)
-        sentences += check_residuals(problem, search, residuals, freedom)
-    # Data without noise are computed by runs that are as accurate.
-    is_computed = end.chi_square <= MIN_RELATIVE_RESIDUAL**2 * problem.weighted_square
-    if status.kind == "interrupted" or (is_computed and not problem.data.is_sigma_known):
-        return status, sentences, None
-    try:
-        errors = deferred.module("accuracy.fits").measure_fit(problem, end)
-    except KeyboardInterrupt:
-        acknowledge()
-        status = Status("interrupted", "interrupted while the accuracy of the runs was checked")
-        return status, sentences, None
-    # Residuals far above sigma, perhaps in a wrong unit, are no errors of the steps.
-    scatter = max(1.0, float(np.sqrt(np.mean(residuals**2))))
-    return status, [*sentences, *check_errors(end, errors, estimate, scatter)], errors
-
-
-def _sizes(problem: FitProblem, values: Mapping[str, float]) -> Array:
-    """Return the sizes (k,) to which changes are relative.
-
-    They are the values, or typical sizes of offsets and shifts, or first values near zero.
-    """
-    sizes = {x: abs(value) for x, value in values.items()}
-    firsts = zip(problem.names, np.abs(problem.first_values).tolist(), strict=False)
-    sizes |= {x: first for x, first in firsts if sizes[x] < _MIN_RELATIVE_VALUE * first}
-    sizes |= {x.name: x.size for x in problem.sensors if x.kind != SCALE}
-    return np.array([x or 1.0 for x in sizes.values()])
-
-
-def _find_fixed(scaling: Scaling, search: SearchResult, information: Information) -> Array:
-    """Return True (k,) for estimates that the covariance of the others holds fixed.
-
-    They are at a bound, or have relative standard deviations above 100 % even if all others are
-    known.
-    """
-    # Near zero, changes are relative to the first value.
-    sizes, count = information.sizes.copy(), len(scaling.sizes)
-    sizes[:count] = np.maximum(sizes[:count], scaling.sizes)
-    effects = np.linalg.norm(information.jacobian * sizes, axis=0)
-    is_fixed = effects * MAX_RELATIVE_DEVIATION < 1.0
-    is_fixed[:count] |= search.at_bounds
-    return np.asarray(is_fixed)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,7 +12,6 @@ from beamdae.analysis.fit.data import (
     ALL_COLUMNS,
     VALUE,
     MeasuredData,
-    find_sources,
     label_column,
 )
 from beamdae.equations.measures import TIME
@@ -33,6 +32,7 @@ from beamdae.results.columns import remove_unit
 Array = np.ndarray
 
 SHIFT, SCALE, OFFSET = "shift", "scale", "offset"
+_BOUNDS = "(lower, upper) in seconds"
 _NAMES = "a list of names of columns, or of pairs (experiment, column)"
 
 
@@ -85,33 +85,29 @@ def read_sensors(data: MeasuredData, scale: Any, offset: Any, shift: Any) -> tup
     """
     bounds = require_entries("fit", SHIFT, shift, _NAMES) if isinstance(shift, Mapping) else {}
     sensors = []
-    for name, label, rows in _select(data, SHIFT, list(bounds) or shift):
-        given = bounds[name] if bounds else None
-        low, high = _read_bounds(label, given, float(data.table[TIME][rows].min()))
-        sensors.append(Sensor(SHIFT, label, rows, 0.5 * (high - low), "s", (low, high)))
-    sensors += [Sensor(SCALE, label, rows) for _, label, rows in _select(data, SCALE, scale)]
-    for _, label, rows in _select(data, OFFSET, offset):
+    for entry, name, rows, _ in _select(data, SHIFT, list(bounds) or shift):
+        low, high = _read_bounds(name, bounds.get(entry), float(data.table[TIME][rows].min()))
+        sensors.append(Sensor(SHIFT, name, rows, 0.5 * (high - low), "s", (low, high)))
+    sensors += [Sensor(SCALE, name, rows) for _, name, rows, _ in _select(data, SCALE, scale)]
+    for _, name, rows, header in _select(data, OFFSET, offset):
         half_range = 0.5 * float(np.ptp(data.table[VALUE][rows])) or 1.0
-        header = next(x.header for x, at in data.rows if rows[at.start])
-        sensors.append(Sensor(OFFSET, label, rows, half_range, split_unit(header)[1]))
+        sensors.append(Sensor(OFFSET, name, rows, half_range, split_unit(header)[1]))
     return tuple(sensors)
 
 
-def _read_bounds(label: str, bounds: Any, first: float) -> tuple[float, float]:
+def _read_bounds(name: str, bounds: Any, first: float) -> tuple[float, float]:
     """Return the bounds of a shift, by default the first time of its data in both directions."""
-    if bounds is None:
-        bounds = -first, first
-    pair = require_pair("fit", label, bounds, "(lower, upper) in seconds")
-    low, high = (as_real(convert_text("fit", label, x, "s")) for x in pair)
+    pair = require_pair("fit", name, (-first, first) if bounds is None else bounds, _BOUNDS)
+    low, high = (as_real(convert_text("fit", name, x, "s")) for x in pair)
     if low is None or high is None or not -np.inf < low < min(high, first):
         raise BeamdaeError(
-            f"fit: {label} must be (lower, upper) in seconds, at most the first time of its data, "
-            f"{first:g} s, because the run starts at 0 s, got {short_repr(bounds)}; change the "
-            "bounds, or omit earlier data."
+            f"fit: {name} must be {_BOUNDS}, at most the first time of its data, {first:g} s, "
+            f"because the run starts at 0 s, got {short_repr(pair)}; change the bounds, or omit "
+            "earlier data."
         )
     if high > first:
         warn_user(
-            f"fit: {label} can be at most the first time of its data, {first:g} s, because the run "
+            f"fit: {name} can be at most the first time of its data, {first:g} s, because the run "
             f"starts at 0 s; omit data before {high:g} s for the bound {high:g} s.",
             InputWarning,
             merges=False,
@@ -119,49 +115,46 @@ def _read_bounds(label: str, bounds: Any, first: float) -> tuple[float, float]:
     return low, min(high, first)
 
 
-def _select(data: MeasuredData, kind: str, names: Any) -> list[tuple[Any, str, Array]]:
-    """Return the entries of an argument with names of sensors, and True (N,) for their rows."""
-    names = [names] if isinstance(names, str) else names
-    selected: list[tuple[Any, str, Array]] = []
-    used = np.zeros(len(data.table), bool)
-    for name in require_iterable("fit", kind, names, _NAMES):
-        experiment, column = _split(data, kind, name)
-        chosen = find_sources(data.sources, column, experiment)
+def _select(data: MeasuredData, kind: str, entries: Any) -> Iterator[tuple[Any, str, Array, str]]:
+    """Yield each entry of an argument, the name of the sensor, True (N,) for its rows, a header."""
+    used, names = np.zeros(len(data.table), bool), set[str]()
+    for entry in require_iterable(
+        "fit", kind, [entries] if isinstance(entries, str) else entries, _NAMES
+    ):
+        experiment, column = _split(data, kind, entry)
+        chosen = data.find(column, experiment)
         if not chosen:
             columns = dict.fromkeys(f"{x.header} ({x.name_in_data})" for x in data.sources)
             experiments = ", ".join(filter(None, data.experiments)) or "none"
             raise BeamdaeError(
-                f"fit: {kind} contains {short_repr(name)}, which is not in the data (columns, with "
-                f"their names in the data: {', '.join(columns)}; experiments: {experiments}); "
+                f"fit: {kind} contains {short_repr(entry)}, which is not in the data (columns, "
+                f"with their names in the data: {', '.join(columns)}; experiments: {experiments}); "
                 "correct the name."
             )
-        # The unit of the estimate is that of the model. Scales and shifts have another one.
+        # The unit of an offset is that of the model. Scales and shifts have another one.
         header = chosen[0].header
         label = header if kind == OFFSET else remove_unit(header)
         label = "all columns" if column == ALL_COLUMNS else label
-        label = f"{kind} of {label_column(label, experiment or '')}"
+        label = label_column(label, experiment or "")
         rows = np.zeros(len(used), bool)
         for source, at in data.rows:
             rows[at] = source in chosen
-        if np.any(used & rows) or label in [x for _, x, _ in selected]:
+        if np.any(used & rows) or label in names:
             raise BeamdaeError(
-                f"fit: {kind} contains {label.removeprefix(f'{kind} of ')} twice; remove one, or "
-                "name the experiments of both."
+                f"fit: {kind} contains {label} twice; remove one, or name the experiments of both."
             )
-        used |= rows
-        selected.append((name, label, rows))
-    return selected
+        used, names = used | rows, names | {label}
+        yield entry, f"{kind} of {label}", rows, header
 
 
-def _split(data: MeasuredData, kind: str, name: Any) -> tuple[str | None, str]:
+def _split(data: MeasuredData, kind: str, entry: Any) -> tuple[str | None, str]:
     """Return the experiment and the column of "column", "experiment:column" or a pair."""
-    if isinstance(name, str):
-        if not find_sources(data.sources, name):
-            for experiment in filter(None, data.experiments):
-                if name.startswith(f"{experiment}:"):
-                    return experiment, name.removeprefix(f"{experiment}:")
-        return None, name
-    experiment, column = require_pair("fit", kind, name, _NAMES)
+    if isinstance(entry, str):
+        found = [x for x in data.experiments if x and entry.startswith(f"{x}:")]
+        if not found or data.find(entry):
+            return None, entry
+        return found[0], entry.removeprefix(f"{found[0]}:")
+    experiment, column = require_pair("fit", kind, entry, _NAMES)
     if not (isinstance(experiment, str) and isinstance(column, str)):
-        raise BeamdaeError(f"fit: {kind} must be {_NAMES}, got {short_repr(name)}.")
+        raise BeamdaeError(f"fit: {kind} must be {_NAMES}, got {short_repr(entry)}.")
     return experiment, column

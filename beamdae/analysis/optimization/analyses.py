@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -171,14 +171,6 @@ class RunAnalysis(Analysis):
         return self._run.differentiate(sum(x.objective * w for x, w in weights.items()))[1]
 
 
-class _Reading(NamedTuple):
-    """Value read from rows of a path, and its derivatives by the entries of these rows."""
-
-    value: float
-    rows: Array
-    weights: Array
-
-
 class PathAnalysis(Analysis):
     """An equilibrium path.
 
@@ -202,14 +194,26 @@ class PathAnalysis(Analysis):
 
     def value(self, quantity: EquilibriumQuantity) -> float:
         """See `Analysis`."""
-        return self._read(quantity).value
+        return self._read(quantity)[0]
 
     def gradient(self, weights: Mapping[EquilibriumQuantity, float]) -> Array:
         """See `Analysis`."""
         adjoint = self._adjoint_gradient(weights)
-        return self._forward_gradient(weights) if adjoint is None else adjoint
+        if adjoint is not None:
+            return adjoint
+        result = np.zeros(len(self._model.flat.entries))
+        for quantity, weight in weights.items():
+            _, rows, factors = self._read(quantity)
+            for k, name in enumerate(self._model.flat.entries):
+                if isinstance(quantity, CriticalLoad):
+                    rates = np.sum(self._sensitivities.factors[name], axis=1)
+                else:
+                    rates = self._sensitivities.sensitivity(quantity.column, name).to_numpy()  # type: ignore[attr-defined]
+                result[k] += weight * float(factors @ rates[rows])
+        return result
 
-    def _read(self, quantity: EquilibriumQuantity) -> _Reading:
+    def _read(self, quantity: Any) -> tuple[float, Array, Array]:
+        """Return a value, the rows of the path from which it is read, and its derivatives."""
         path = self.result
         if isinstance(quantity, CriticalLoad):
             if len(path.critical) < quantity.number:
@@ -219,53 +223,31 @@ class PathAnalysis(Analysis):
                     f"{quantity.label} is requested; increase to=."
                 )
             point = path.critical[quantity.number - 1]
-            return _Reading(float(point.factor), np.array([point.row]), np.ones(1))
-        column = self._column(quantity)
-        if isinstance(quantity, EquilibriumErrors):
-            rows = self._rows(quantity)
-            errors = (column[rows] - quantity.values) / quantity.sigma
-            return _Reading(float(errors @ errors), rows, 2.0 * errors / quantity.sigma)
-        last = len(path.q) - 1
-        return _Reading(float(column[last]), np.array([last]), np.ones(1))
-
-    def _forward_gradient(self, weights: Mapping[EquilibriumQuantity, float]) -> Array:
-        names = list(self._model.flat.entries)
-        result = np.zeros(len(names))
-        for quantity, weight in weights.items():
-            reading = self._read(quantity)
-            for k, name in enumerate(names):
-                if isinstance(quantity, CriticalLoad):
-                    rates = np.sum(self._sensitivities.factors[name], axis=1)
-                else:
-                    rates = self._sensitivities.sensitivity(quantity.column, name).to_numpy()  # type: ignore[attr-defined]
-                result[k] += weight * float(reading.weights @ rates[reading.rows])
-        return result
+            return float(point.factor), np.array([point.row]), np.ones(1)
+        column = path[quantity.column]
+        if column.ndim > 1:
+            require_one_column(_NAME, quantity.column, list(column))
+        if column.ndim != 1 or column.dtype == object:
+            raise BeamdaeError(
+                f"{_NAME}: {quantity.column!r} must name a single column of numbers of the "
+                "equilibrium."
+            )
+        rows = np.array([len(path.q) - 1])
+        if not isinstance(quantity, EquilibriumErrors):
+            return float(column.to_numpy()[-1]), rows, np.ones(1)
+        reached = path.factors[:, -1]
+        if isinstance(quantity.to, Mapping):
+            reached = path[next(iter(quantity.to))].to_numpy()
+        rows = np.argmin(np.abs(reached[:, None] - quantity.targets), axis=0)
+        errors = (column.to_numpy()[rows] - quantity.values) / quantity.sigma
+        return float(errors @ errors), rows, 2.0 * errors / quantity.sigma
 
     @cached_property
     def _sensitivities(self) -> Any:
         flat = self._model.flat
         return equilibrium_sensitivities(as_model(flat), list(flat.entries), **self._arguments)
 
-    def _column(self, quantity: Any) -> Array:
-        values = self.result[quantity.column]
-        if values.ndim > 1:
-            require_one_column(_NAME, quantity.column, list(values))
-        if values.ndim != 1 or values.dtype == object:
-            raise BeamdaeError(
-                f"{_NAME}: {quantity.column!r} must name a single column of numbers of the "
-                "equilibrium."
-            )
-        return values.to_numpy()
-
-    def _rows(self, quantity: EquilibriumErrors) -> Array:
-        """Return the rows of the path at the targets."""
-        path, to = self.result, quantity.to
-        column = path.factors[:, -1]
-        if isinstance(to, Mapping):
-            column = path[next(iter(to))].to_numpy()
-        return np.argmin(np.abs(column[:, None] - quantity.targets), axis=0)
-
-    def _adjoint_gradient(self, weights: Mapping[EquilibriumQuantity, float]) -> Array | None:
+    def _adjoint_gradient(self, weights: Mapping[Any, float]) -> Array | None:
         """Return the gradient by the adjoint, or None if it does not apply."""
         path = self.result
         e = path.equations
@@ -278,22 +260,16 @@ class PathAnalysis(Analysis):
         )
         if not (is_full_load and is_regular and is_end):
             return None
-        rest, row = np.zeros((1, e.n)), slice(-1, None)
-        at = State(path.q[row], rest, rest, path.lam[row])
-        times = np.full((1, 2), path.t)
-        seeds = ColumnSeeds.empty(e, [])
-        by_state = np.zeros((1, 2 * e.n + e.m))
+        rest, times = np.zeros((1, e.n)), np.full((1, 2), path.t)
+        at = State(path.q[-1:], rest, rest, path.lam[-1:])
+        seeds, by_state = ColumnSeeds.empty(e, []), np.zeros((1, 2 * e.n + e.m))
         for quantity, weight in weights.items():
-            term = EndValue(quantity.column)  # type: ignore[attr-defined]
+            term = EndValue(quantity.column)
             add_term(seeds, by_state, e, weight, term, times, at, np.ones(1))
         with single_threaded:
-            start = StartDerivatives(ConsistencySolver(e))
-            numbers = start.equilibrium_gradient(
-                times[0],
-                State(*(x[0] for x in at)),
-                by_state[0, : e.n],
-                by_state[0, 2 * e.n :],
-            )
+            start, end = StartDerivatives(ConsistencySolver(e)), State(*(x[0] for x in at))
+            by_q, by_lam = by_state[0, : e.n], by_state[0, 2 * e.n :]
+            numbers = start.equilibrium_gradient(times[0], end, by_q, by_lam)
             derivatives = self._model.number_derivatives(path.t)
         if numbers is None or derivatives is None:
             return None

@@ -1,27 +1,29 @@
-"""Conditions of first order of a design, by linear programs within steps of one size.
+"""Conditions of first order of a design, by nonnegative least squares.
 
-The decrease of the linearized objective within a box is a measure of criticality: it is zero if and
-only if the conditions of Karush, Kuhn and Tucker hold (Conn, Gould & Toint, Trust-Region Methods,
-SIAM 2000, section 12.1.4, doi:10.1137/1.9780898719857). The dual variables are the multipliers.
+The gradient g of the objective and multipliers l >= 0 of the margins m with the Jacobian J bound
+the decrease of the linearized objective within a step d of length 1 that keeps the margins:
+
+    -g d <= |g - J^T l| + l m    for all l >= 0.
+
+It is zero if and only if the conditions of Karush, Kuhn and Tucker hold; the multipliers minimize
+the sum of the squares of both terms (Lawson & Hanson, Solving Least Squares Problems, SIAM 1995,
+chapter 23, doi:10.1137/1.9781611971217).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from scipy.optimize import linprog
+from scipy.optimize import nnls
 
 Array = np.ndarray
 
-# Tolerances of linear programs, the smallest of HiGHS: those of searches are 1e-7 by default.
-_OPTIONS: dict[str, Any] = {
-    "primal_feasibility_tolerance": 1e-10,
-    "dual_feasibility_tolerance": 1e-10,
-}
-# Relative decrease of the violation below which no step reduces it.
+# Decrease of the violation within a step of length 1, relative to the violation, below which no
+# step reduces it.
 _MIN_RELATIVE_DECREASE = 1e-3
+_MIN_SHARE = 1e-3  # of the multiplier of a limit that blocks in the sum of all
+_FAR = 1e3  # distance of bounds in steps of length 1
 
 
 @dataclass(frozen=True)
@@ -44,56 +46,36 @@ class Linearization:
     lower: Array
     upper: Array
 
-    @property
-    def box(self) -> Array:
-        """Bounds (k, 2) of equal steps with the length of one size, within the bounds."""
-        step = 1.0 / np.sqrt(len(self.gradient))
-        return np.stack([np.clip(self.lower, -step, 0.0), np.clip(self.upper, 0.0, step)], axis=1)
+    def _balance(self, target: Array, margins: Array, total: float) -> tuple[float, Array]:
+        """Return the bound of the decrease along a target (k,), and the multipliers (C,).
 
-    @property
-    def free_decrease(self) -> float:
-        """Decrease of the objective within the box without margins and bounds."""
-        return float(np.sum(np.abs(self.gradient)) / np.sqrt(len(self.gradient)))
+        `total` is the sum of the multipliers of the limits if it is not zero.
+        """
+        unit, count = np.eye(len(target)), len(margins)
+        # Bounds that are far away, or infinite, have no effect.
+        distances = np.concatenate([margins, -self.lower, self.upper]).clip(max=_FAR)
+        columns = np.hstack([self.jacobian.T, unit, -unit])
+        sums = bool(total) * (np.arange(len(distances)) < count)
+        rows = np.vstack([columns, distances, sums])
+        multipliers, _ = nnls(rows, np.append(target, [0.0, total]), maxiter=100 * len(distances))
+        slope, gap, size = np.split(rows @ multipliers, [len(target), len(target) + 1])
+        decrease = float(np.linalg.norm(target - slope) + gap[0])
+        return decrease / (float(size[0]) if total else 1.0), multipliers[:count]
 
+    def measure_decrease(self) -> tuple[float, Array]:
+        """Return the possible decrease of the objective and the multipliers (C,) of the limits.
 
-def measure_decrease(point: Linearization) -> tuple[float, Array]:
-    """Return the possible decrease of the objective and the multipliers (C,) of the limits.
+        Limits that are violated need not be satisfied, but must not become worse.
+        """
+        return self._balance(self.gradient, np.maximum(self.margins, 0.0), 0.0)
 
-    Limits that are violated need not be satisfied, but must not become worse.
-    """
-    margins = np.maximum(point.margins, 0.0)
-    value, multipliers = _minimize(point.gradient, point.jacobian, margins, point.box, 0.0)
-    return max(0.0, -value), multipliers
+    def find_blocking(self) -> Array:
+        """Return True (C,) for limits that contradict each other or the bounds near a design.
 
-
-def find_blocking(point: Linearization) -> Array:
-    """Return True (C,) for limits that contradict each other or the bounds near a design.
-
-    There are none if a step within the box reduces the largest violation.
-    """
-    violation = float(np.max(-point.margins))
-    # The last variable is the remaining share of the violation.
-    cost = np.append(np.zeros(len(point.gradient)), 1.0)
-    matrix = np.hstack([point.jacobian, np.full((len(point.margins), 1), violation)])
-    box = np.vstack([point.box, [0.0, np.inf]])
-    share, weights = _minimize(cost, matrix, point.margins, box, 1.0)
-    return (weights > 0.0) & (share >= 1.0 - _MIN_RELATIVE_DECREASE)
-
-
-def _minimize(
-    cost: Array, matrix: Array, margins: Array, box: Array, rest: float
-) -> tuple[float, Array]:
-    """Return the least cost x with margins + matrix x >= 0 in a box, and the dual variables.
-
-    `rest` is the cost without a step, which is feasible.
-    """
-    size = float(np.max(np.abs(cost))) or 1.0
-    rows = np.max(np.abs(matrix), axis=1, initial=0.0)
-    rows[rows == 0.0] = 1.0
-    # Larger margins cannot become zero in a box of at most one.
-    distances = np.minimum(margins / rows, len(cost) + 1.0)
-    program = linprog(cost / size, -matrix / rows[:, None], distances, bounds=box, options=_OPTIONS)
-    if program.fun is None:
-        # Rounding errors of rows with only this feasible step exceed the tolerances.
-        return rest, np.zeros(len(margins))
-    return size * float(program.fun), -size * np.asarray(program.ineqlin.marginals) / rows
+        There are none if a step of length 1 reduces the largest violation.
+        """
+        violation = float(np.max(-self.margins))
+        nothing = np.zeros(len(self.gradient))
+        decrease, multipliers = self._balance(nothing, self.margins + violation, 1.0)
+        is_stuck = decrease <= _MIN_RELATIVE_DECREASE * violation
+        return is_stuck & (multipliers > _MIN_SHARE)

@@ -18,28 +18,26 @@ from beamdae.analysis.optimization.analyses import (
     RunSettings,
     create_analysis,
 )
+from beamdae.analysis.optimization.optimality import Linearization
 from beamdae.analysis.optimization.quantities import (
-    RUN,
     AnalysisQuantity,
     Limit,
     Quantity,
     RunQuantity,
     as_quantity,
 )
-from beamdae.analysis.parameter_bounds import read_bounds
+from beamdae.analysis.parameter_bounds import LOG_ORIGIN, ParameterScales, read_bounds
 from beamdae.beams.beam import beams_of
 from beamdae.beams.section_samples import (
     KnownSections,
     keep_known_sections,
     list_known_sections,
-    merge_known_sections,
 )
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import (
     BeamdaeError,
     BeamdaeWarning,
     list_first,
-    record_messages,
     require_sequence,
     short_repr,
 )
@@ -49,6 +47,11 @@ from beamdae.simulation import skip_result_checks
 
 Array = np.ndarray
 
+# Violation of a limit, relative to the limit, up to which a design satisfies it.
+FEASIBILITY_TOLERANCE = 1e-6
+# First values below this ratio to their change over the size of the numbers are rounding errors.
+_MIN_RELATIVE_VALUE = 1e-8
+_MIN_LOGARITHMIC_RATIO = 0.5  # of a value to its limit, from which on margins are logarithms
 _NAME = "optimize"
 _MAX_NAMES = 3  # of quantities in a message
 # Designs whose analyses are kept: the current one, the one of the last gradient and a trial.
@@ -141,6 +144,11 @@ class DesignProblem:
         Bounds (k,) of the numbers.
     settings
         Arguments of runs.
+    scales
+        Units (1 + C,) in which the objective and the limited quantities are near 1.
+    ratios
+        Ratios (C,) of maxima to their limited smooth maxima by which these are multiplied; 1 for
+        other quantities.
     sections
         Known stress sections with which designs are built; their own ones if it is empty.
     """
@@ -151,6 +159,8 @@ class DesignProblem:
     lower: Array
     upper: Array
     settings: RunSettings
+    scales: Array
+    ratios: Array
     sections: Mapping[str, KnownSections] = field(default_factory=dict)
     _designs: dict[bytes, Design] = field(default_factory=dict, init=False)
 
@@ -205,44 +215,99 @@ class DesignProblem:
         has_runs = [any(isinstance(y, RunQuantity) for y in x.leaves) for x in self.quantities]
         return np.where(has_runs, value if name == "rtol" else 0.0, 0.0)
 
-    def variables(self, numbers: Array) -> Array:
-        """Return the variables (k,) of the search for values (k,) of the numbers.
+    @cached_property
+    def variables(self) -> ParameterScales:
+        """Variables of the search: like logarithms of numbers with a positive lower bound.
 
-        These are logarithms of numbers with a positive lower bound, in which products of powers
-        are linear, and otherwise the numbers relative to their sizes.
+        Products of powers are linear in logarithms.
         """
-        with np.errstate(all="ignore"):
-            return np.where(self.lower > 0.0, np.log(numbers), numbers / self.sizes)
+        origins = np.where(self.lower > 0.0, LOG_ORIGIN, 0.0)
+        return ParameterScales(self.first, self.sizes, origins, self.lower, self.upper)
 
-    def numbers(self, variables: Array) -> Array:
-        """Return the values (k,) of the numbers, within their bounds, for variables (k,)."""
-        with np.errstate(over="ignore"):
-            numbers = np.where(self.lower > 0.0, np.exp(variables), self.sizes * variables)
-        return np.clip(numbers, self.lower, self.upper)
+    def scaled_by(self, first: Design) -> DesignProblem:
+        """Scale the objective and quantities with limits of zero by the values of a design.
 
-    def rates(self, numbers: Array) -> Array:
-        """Return the derivatives (k,) of the numbers with respect to the variables."""
-        return np.where(self.lower > 0.0, numbers, self.sizes)
+        Values that are rounding errors are replaced by changes over the sizes of the numbers.
+        """
+        is_missing = np.array([True, *(x.bound == 0.0 for x in self.limits)])
+        changes = np.linalg.norm(first.gradients * self.sizes, axis=1)
+        is_small = np.abs(first.values) <= _MIN_RELATIVE_VALUE * changes
+        values = np.where(is_small, changes, np.abs(first.values))
+        return replace(self, scales=np.where(is_missing & (values > 0.0), values, self.scales))
+
+    @property
+    def tolerances(self) -> Array:
+        """Scaled violations (C,) up to which a limit is satisfied."""
+        return np.maximum(FEASIBILITY_TOLERANCE, self.noise[1:])
+
+    @property
+    def _signs(self) -> Array:
+        """1 for upper limits, -1 for lower ones, (C,)."""
+        return np.array([x.sign for x in self.limits], float)
+
+    def scaled_objective(self, values: Array) -> float:
+        """Return the scaled objective for values (1 + C,) of a design."""
+        return float(values[0] / self.scales[0])
+
+    def margins(self, values: Array) -> Array:
+        """Return the scaled margins (C,) of the limits; negative if these are violated."""
+        bounds = np.array([x.bound for x in self.limits])
+        return self._signs * (bounds - self.ratios * values[1:]) / self.scales[1:]
+
+    def costs(self, values: Array) -> Array:
+        """Return the scaled objective and excesses over the limits, (1 + C,)."""
+        return np.append(self.scaled_objective(values), -self.margins(values))
+
+    def violation(self, values: Array) -> float:
+        """Return the largest violation, 0 within the tolerances, NaN for a failed design."""
+        excess = -self.margins(values)
+        return float(np.max(np.where(excess <= self.tolerances, 0.0, excess), initial=0.0))
+
+    def log_margins(self, margins: Array) -> tuple[Array, Array]:
+        """Return margins (C,) of which limits of magnitudes are logarithmic, and their slopes.
+
+        Of a quantity whose magnitude r, relative to its limit, must not exceed 1, this is -ln(r)
+        instead of 1 - r: stresses and deflections are nearly products of powers of thicknesses,
+        whose logarithms are linear in those of the thicknesses. Below r = 1/2, the function
+        continues as a straight line, because logarithms of small values diverge. The slopes are
+        derivatives with respect to the margins.
+        """
+        least = _MIN_LOGARITHMIC_RATIO
+        is_magnitude = self._signs * [x.bound for x in self.limits] > 0.0
+        ratio = np.maximum(1.0 - margins, least)
+        logarithms = (least - 1.0 + margins).clip(0.0) / least - np.log(ratio)
+        return np.where(is_magnitude, logarithms, margins), np.where(is_magnitude, 1 / ratio, 1.0)
+
+    def linearize(self, numbers: Array, values: Array, is_logarithmic: bool) -> Linearization:
+        """Return the functions of a design, linearized in the variables of the search.
+
+        Raises
+        ------
+        BeamdaeError
+            If quantities have no derivatives.
+        """
+        margins, slopes = self.margins(values), np.ones(len(self.ratios))
+        if is_logarithmic:
+            margins, slopes = self.log_margins(margins)
+        scales, here = self.variables, self.variables.variables(numbers)
+        rows = self.design(numbers).gradients * scales.derivatives(here) / self.scales[:, None]
+        bounds = (limit - here for limit in scales.limits)
+        factors = -slopes * self._signs * self.ratios
+        return Linearization(rows[0], margins, factors[:, None] * rows[1:], *bounds)
 
     def starting_at(self, values: Array) -> DesignProblem:
         """Return the problem with other first values (k,) of the numbers."""
         return replace(self, flat=replace(self.flat, parameters=self.parameters(values)))
 
-    def with_sections_of(self, design: Design, is_added: bool = False) -> DesignProblem:
-        """Return the problem with the stress sections of a design, or with these and its own ones.
+    def with_sections_of(self, design: Design) -> DesignProblem:
+        """Return the problem with the stress sections of a design.
 
-        Bounds of stresses jump where the number of sections changes. Additional sections only make
-        the bounds larger.
+        Bounds of stresses jump where the number of sections changes.
         """
         results = [x for x in design.results if hasattr(x, "equations")]
         beams = [x for result in results for x in beams_of(result.equations.mechanism)]
-        sections = list_known_sections({x.name: x.section for x in beams})
-        if is_added:
-            for name, known in sections.items():
-                sections[name] = merge_known_sections(known, self.sections.get(name, {}))
-        other = replace(self, sections=sections)
-        if not is_added:
-            other._designs[np.array(list(design.flat.values.values())).tobytes()] = design
+        other = replace(self, sections=list_known_sections({x.name: x.section for x in beams}))
+        other._designs[np.array(list(design.flat.values.values())).tobytes()] = design
         return other
 
     def units_of(self, analyses: Sequence[Any]) -> list[str]:
@@ -271,23 +336,11 @@ class DesignProblem:
         """
         key = values.tobytes()
         if key not in self._designs:
-            with _muted_warnings(), skip_result_checks():
-                design = self._analyze(replace(self.flat, parameters=self.parameters(values)))
+            design = self._analyze(replace(self.flat, parameters=self.parameters(values)))
             while len(self._designs) >= _KEPT_DESIGNS:
                 del self._designs[next(iter(self._designs))]
             self._designs[key] = design
         return self._designs[key]
-
-    def check(self, values: Array) -> tuple[tuple[Any, ...], list[str]]:
-        """Return the results of a design with all their checks, and the warnings of the analyses.
-
-        The run of the design, which contains its checks, is not repeated.
-        """
-        runs = {key: x for key, x in self.design(values).analyses.items() if key[0] == RUN}
-        flat = replace(self.flat, parameters=self.parameters(values))
-        with _muted_warnings(), record_messages() as messages:
-            checked = self._analyze(flat, runs)
-        return checked.results, messages
 
     def repeat(self, values: Array, mechanism: Any, integrator: Integrator | None) -> Array:
         """Return the values (1 + C,) of a design with another mechanism and integrator.
@@ -299,8 +352,7 @@ class DesignProblem:
         """
         settings = replace(self.settings, integrator=integrator)
         flat = _FixedModel(self.flat.model, self.parameters(values), self.flat.entries, mechanism)
-        with _muted_warnings(), skip_result_checks():
-            return replace(self, settings=settings)._analyze(flat).values
+        return replace(self, settings=settings)._analyze(flat).values
 
     def start_of(self, equations: EquationsOfMotion) -> Any:
         """Return the start of the runs and equilibria of a design."""
@@ -308,15 +360,12 @@ class DesignProblem:
         assert mechanism is not None
         return mechanism.start if self.settings.start is None else self.settings.start
 
-    def _analyze(
-        self, flat: FlatModel, known: Mapping[tuple[str, ...], Analysis] | None = None
-    ) -> Design:
-        model, analyses = DesignModel(flat), dict(known or {})
+    def _analyze(self, flat: FlatModel) -> Design:
+        model, analyses = DesignModel(flat), dict[tuple[str, ...], Analysis]()
         results: dict[AnalysisQuantity, float] = {}
-        with keep_known_sections(self.sections):
+        with _muted_warnings(), skip_result_checks(), keep_known_sections(self.sections):
             for key, group in group_by_analysis(self.leaves).items():
-                if key not in analyses:
-                    analyses[key] = create_analysis(model, group, self.settings)
+                analyses[key] = create_analysis(model, group, self.settings)
                 results |= {leaf: analyses[key].value(leaf) for leaf in group}
         numbers, weights = zip(*(x.evaluate(results) for x in self.quantities), strict=True)
         for quantity, number in zip(self.quantities, numbers, strict=True):
@@ -361,7 +410,9 @@ def create_problem(
     lower, upper = np.full((2, len(keys)), [[-np.inf], [np.inf]])
     for name, ends in read_bounds(_NAME, bounds, first, units).items():
         lower[keys == name], upper[keys == name] = ends
-    return DesignProblem(flat, goal, limits, lower, upper, settings)
+    scales = np.array([1.0, *(abs(x.bound) or 1.0 for x in limits)])
+    ratios = np.ones(len(limits))
+    return DesignProblem(flat, goal, limits, lower, upper, settings, scales, ratios)
 
 
 def require_units(problem: DesignProblem, units: Sequence[str]) -> None:

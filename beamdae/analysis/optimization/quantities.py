@@ -171,11 +171,11 @@ class AnalysisQuantity(Quantity):
     analysis
         Kind and arguments of the analysis; quantities with equal ones share it.
     unit
-        Unit of the value; "" if it is unknown, or that of a column.
+        Unit of the value; "" if it is unknown, None if it is that of the attribute `column`.
     """
 
     analysis: tuple[str, ...]
-    unit: str = ""
+    unit: str | None = ""
 
     @property
     def leaves(self) -> tuple[AnalysisQuantity, ...]:
@@ -188,7 +188,7 @@ class AnalysisQuantity(Quantity):
 
     def find_unit(self, columns: Mapping[str, str]) -> str:
         """See `Quantity`."""
-        return self.unit
+        return columns.get(getattr(self, "column", ""), "") if self.unit is None else self.unit
 
 
 class RunQuantity(AnalysisQuantity):
@@ -199,11 +199,7 @@ class RunQuantity(AnalysisQuantity):
     def __init__(self, objective: ColumnObjective) -> None:
         self.objective, self.column = objective, objective.column
         self.label = f"{type(objective).__name__} of {objective.column}"
-
-    def find_unit(self, columns: Mapping[str, str]) -> str:
-        """See `Quantity`."""
-        is_value = isinstance(self.objective, (EndValue, SmoothMaximum))
-        return columns.get(self.column, "") if is_value else ""
+        self.unit = None if isinstance(objective, (EndValue, SmoothMaximum)) else ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -276,8 +272,14 @@ class ParameterFunction(AnalysisQuantity):
         return self.function(**{x: y for x, y in parameters.items() if x in accepted})
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
 class EquilibriumQuantity(AnalysisQuantity):
-    """Result of an equilibrium path."""
+    """Result of an equilibrium path; see `equilibrium` for the attributes."""
+
+    loads: Any = None
+    control: str | None = None
+    step: float | None = None
+    t: float = 0.0
 
     @property
     def path(self) -> dict[str, Any]:
@@ -311,18 +313,10 @@ class EquilibriumValue(EquilibriumQuantity):
 
     column: str
     to: Any = 1.0
-    loads: Any = None
-    control: str | None = None
-    step: float | None = None
-    t: float = 0.0
 
     def __post_init__(self) -> None:
         column = _require_text("EquilibriumValue", "column", self.column)
-        set_fields(self, column=column, label=f"{column} at equilibrium")
-
-    def find_unit(self, columns: Mapping[str, str]) -> str:
-        """See `Quantity`."""
-        return columns.get(self.column, "")
+        set_fields(self, column=column, unit=None, label=f"{column} at equilibrium")
 
 
 @dataclass(frozen=True, eq=False)
@@ -356,10 +350,6 @@ class EquilibriumErrors(EquilibriumQuantity):
     to: Any
     values: Any
     sigma: Any = 1.0
-    loads: Any = None
-    control: str | None = None
-    step: float | None = None
-    t: float = 0.0
     targets: Array = field(default_factory=lambda: np.zeros(0), init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -413,10 +403,6 @@ class CriticalLoad(EquilibriumQuantity):
 
     to: Any
     number: int = 1
-    loads: Any = None
-    control: str | None = None
-    step: float | None = None
-    t: float = 0.0
 
     def __post_init__(self) -> None:
         number = require_count("CriticalLoad", "number", self.number, most=_MAX_NUMBER)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -14,13 +14,12 @@ import numpy as np
 from beamdae import deferred
 from beamdae.analysis.optimization.problem import DesignProblem
 from beamdae.analysis.optimization.quantities import EquilibriumErrors, EquilibriumValue
-from beamdae.analysis.optimization.search import SearchResult
-from beamdae.analysis.optimization.verdict import find_active
+from beamdae.analysis.optimization.search_result import SearchResult, find_active
+from beamdae.analysis.parameter_bounds import describe_ends
 from beamdae.errors import format_count, format_percent, list_first
 from beamdae.interrupts import acknowledge
 from beamdae.model_parameters import format_with_unit
 from beamdae.read_only import read_only_data
-from beamdae.results.equilibrium import Equilibrium
 from beamdae.results.outcome import Status
 from beamdae.results.solution import Solution
 from beamdae.results.storage.files import require_file_path, write_escaped_table
@@ -198,9 +197,9 @@ class Optimization:
         """
         import pandas as pd
 
-        search, measure = self._search, self._search.scaled.violation
+        search, measure = self._search, self._problem.violation
         values = np.array([x.values for x in search.trials])
-        limited = pd.DataFrame(values[:, 1:] * search.scaled.ratios, columns=self._limit_names)
+        limited = pd.DataFrame(values[:, 1:] * search.problem.ratios, columns=self._limit_names)
         numbers = pd.DataFrame([x.numbers for x in search.trials], columns=self._problem.names)
         violations = [math.nan if x.failure else measure(x.values) for x in search.trials]
         first = pd.DataFrame({"objective": values[:, 0], "violation": violations})
@@ -229,16 +228,11 @@ class Optimization:
         table = self.starts
         if table is None:
             return ""
-        objectives = table["objective"][table["violation"] == 0.0].to_numpy(float)
-        if not len(objectives):
+        ends = table["objective"][table["violation"] == 0.0].to_numpy(float)
+        if not len(ends):
             return f"none of {len(table)} searches ends at a design that satisfies the constraints"
-        limit = objectives.min() + _EQUAL_OBJECTIVES * np.abs(objectives).max()
-        text = f"{np.sum(objectives <= limit)} of {len(table)} searches end at this objective"
-        worse = objectives[objectives > limit]
-        if len(worse):
-            unit = self.units["objective"]
-            text += f"; the next best objective is {format_with_unit(float(worse.min()), unit)}"
-        return text
+        limit = ends.min() + _EQUAL_OBJECTIVES * np.abs(ends).max()
+        return describe_ends(ends, len(table), limit, "objective", self.units["objective"])
 
     @property
     def objective_label(self) -> str:
@@ -331,8 +325,16 @@ def create_optimization(
 
     `starts` are the rows of the table of several searches, of which this is the best one.
     """
-    problem, best = search.problem, search.best
-    design = problem.design(best.numbers)
+    problem, best, errors = search.problem, search.best, None
+    design, warnings = problem.design(best.numbers), list[str]()
+    if not search.was_ended:
+        try:
+            errors = deferred.module("accuracy.designs").measure_design(search)
+            warnings = [*errors.sentences(), *_list_warnings(problem, design.results)]
+        except KeyboardInterrupt:
+            acknowledge()
+            sentence = "interrupted while the best design was checked"
+            search = replace(search, status=Status("interrupted", sentence))
     optimization = Optimization(
         problem.varied_parameters(best.numbers),
         float(best.values[0]),
@@ -344,51 +346,36 @@ def create_optimization(
         design.results,
         search.first_analyses,
         {"name": problem.flat.name, "parameters": dict(design.flat.parameters)},
-        (),
+        tuple(dict.fromkeys(warnings)),
         # Stored analyses need much memory.
-        replace(search, scaled=replace(search.scaled, problem=replace(problem))),
+        replace(search, problem=replace(problem)),
         starts,
     )
-    if search.was_ended:
-        return optimization
-    try:
-        results, messages = problem.check(best.numbers)
-        errors = deferred.module("accuracy.designs").measure_design(search)
-    except KeyboardInterrupt:
-        acknowledge()
-        status = Status("interrupted", "interrupted while the best design was checked")
-        return replace(optimization, status=status)
-    warnings = _list_warnings(problem, results, messages)
-    sentences = dict.fromkeys([*errors.sentences(), *warnings])
-    optimization = replace(optimization, analyses=results, warnings=tuple(sentences))
-    vars(optimization)["errors"] = errors
+    if errors is not None:
+        vars(optimization)["errors"] = errors
     return optimization
 
 
-def _list_warnings(
-    problem: DesignProblem, results: Sequence[Any], messages: Sequence[str]
-) -> list[str]:
-    """Return the warnings of analyses, with those of runs.
+def _list_warnings(problem: DesignProblem, results: Sequence[Any]) -> Iterator[str]:
+    """Yield the warnings of analyses.
 
     Those about the output rows and errors of runs are omitted, because quantities are integrals
     over the steps whose errors are measured; and those about ends of paths, beyond critical loads,
     if no quantity uses ends.
     """
     uses_ends = any(isinstance(x, (EquilibriumValue, EquilibriumErrors)) for x in problem.leaves)
-    omitted: set[str] = set()
     for result in results:
         if isinstance(result, Solution):
-            messages = [*messages, *result.model_warnings]
-            omitted.update(result.row_warnings)
-        elif isinstance(result, Equilibrium) and not uses_ends:
-            omitted.add(result.instability)
-    return [x for x in messages if x not in omitted]
+            yield from (x for x in result.model_warnings if x not in result.row_warnings)
+        else:
+            omitted = "" if uses_ends else getattr(result, "instability", "")
+            yield from (x for x in result.warnings if x != omitted)
 
 
 def _list_constraints(search: SearchResult) -> tuple[Constraint, ...]:
-    scaled = search.scaled
-    is_active = np.abs(scaled.margins(search.best.values)) <= scaled.tolerances
-    values = (scaled.ratios * search.best.values[1:]).tolist()
+    problem = search.problem
+    is_active = np.abs(problem.margins(search.best.values)) <= problem.tolerances
+    values = (problem.ratios * search.best.values[1:]).tolist()
     constraints = []
     for k, (limit, value) in enumerate(zip(search.problem.limits, values, strict=True)):
         margin, size = limit.margin(value), abs(limit.bound)

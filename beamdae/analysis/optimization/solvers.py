@@ -43,21 +43,6 @@ class SmoothProblem:
     upper: Array
 
 
-def measure_violations(problem: SmoothProblem, violation: float) -> SmoothProblem:
-    """Return the problem of the smallest violation, the last variable, which begins at a value."""
-
-    def values(x: Array) -> tuple[float, Array]:
-        objective, margins = problem.values(x[:-1])
-        return float(x[-1]) if np.isfinite(objective) else np.inf, margins + x[-1]
-
-    def gradients(x: Array) -> tuple[Array, Array]:
-        gradient, jacobian = problem.gradients(x[:-1])
-        return np.append(0.0 * gradient, 1.0), np.hstack([jacobian, np.ones((problem.count, 1))])
-
-    ends = (problem.begin, violation), (problem.lower, 0.0), (problem.upper, np.inf)
-    return SmoothProblem(values, gradients, problem.count, *(np.append(*x) for x in ends))
-
-
 def solve(problem: SmoothProblem, method: Method, tolerance: float, iterations: int) -> Array:
     """Return the variables (k,) at which a solver ends, whether it converged or not."""
     solver = {"SLSQP": _solve_by_slsqp, "IPOPT": _solve_by_ipopt}[method]

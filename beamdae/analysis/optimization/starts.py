@@ -6,14 +6,9 @@ from dataclasses import replace
 from typing import Any
 
 from beamdae.analysis.optimization.problem import DesignProblem
-from beamdae.analysis.optimization.search import (
-    Search,
-    SearchResult,
-    SearchSettings,
-    describe_failure,
-)
-from beamdae.analysis.optimization.verdict import conclude
-from beamdae.analysis.parameter_bounds import require_start_bounds, spread_starts
+from beamdae.analysis.optimization.search import Search, SearchSettings, describe_failure
+from beamdae.analysis.optimization.search_result import SearchResult
+from beamdae.analysis.parameter_bounds import draw_starts
 from beamdae.errors import BeamdaeError
 from beamdae.interrupts import acknowledge
 from beamdae.results.outcome import Status
@@ -34,40 +29,36 @@ def search_from_starts(
         If a number has no finite bounds, or the first designs of all searches fail.
     """
     if starts == 1:
-        return conclude(Search(problem, settings).run()), None
-    require_start_bounds("optimize", problem.names, problem.lower, problem.upper)
-    points = [problem.first, *spread_starts(problem.lower, problem.upper, starts - 1, seed)]
+        return Search(problem, settings).run(), None
+    bounds = problem.lower, problem.upper
+    points = [problem.first, *draw_starts("optimize", problem.names, *bounds, starts - 1, seed)]
     searches: list[SearchResult] = []
     rows: list[dict[str, Any]] = []
     status = None
     for point in points:
-        earlier = replace(settings, earlier_designs=sum(len(x.trials) for x in searches))
-        rows.append({f"first {x}": y for x, y in zip(problem.names, point, strict=True)})
+        row: dict[str, Any] = {f"first {x}": y for x, y in zip(problem.names, point, strict=True)}
+        count = sum(len(x.trials) for x in searches)
         try:
-            search = conclude(Search(problem.starting_at(point), earlier).run())
+            search = Search(problem.starting_at(point), replace(settings, earlier_designs=count))
+            end = search.run()
         except KeyboardInterrupt:
             if not searches:
                 raise
             acknowledge()
-            rows.pop()
             status = _INTERRUPTED
             break
         except (ValueError, ArithmeticError) as failure:
             # BeamdaeError, or an error of the model function at extreme values.
             reason = describe_failure(failure)
-            rows[-1] |= {"status": "failed", "reason": reason, "evaluations": 1}
+            rows.append(row | {"status": "failed", "reason": reason, "evaluations": 1})
             continue
-        searches.append(search)
-        rows[-1] |= {
-            "status": search.status.kind,
-            "reason": search.status.sentence,
-            "objective": float(search.best.values[0]),
-            "violation": search.violation,
-            "evaluations": len(search.trials),
-            **dict(zip(problem.names, search.best.numbers.tolist(), strict=True)),
-        }
-        if search.was_ended:
-            status = _INTERRUPTED if search.progress_error is None else search.status
+        searches.append(end)
+        row |= {"status": end.status.kind, "reason": end.status.sentence}
+        row |= {"objective": float(end.best.values[0]), "violation": end.violation}
+        row |= {"evaluations": len(end.trials)}
+        rows.append(row | dict(zip(problem.names, end.best.numbers.tolist(), strict=True)))
+        if end.was_ended:
+            status = _INTERRUPTED if end.progress_error is None else end.status
             break
     if not searches:
         raise BeamdaeError(

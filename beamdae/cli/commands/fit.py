@@ -187,31 +187,17 @@ def fit_command(
     )
 
 
-def _assign(option: str, texts: list[str] | None) -> list[tuple[str, str]]:
-    return list(parse_assignments(texts, option).items())
-
-
-def _parse_sigma_value(text: str) -> float | str:
-    """Return a number, or a text such as "0.1 mm", which `fit` converts."""
-    try:
-        return float(text)
-    except ValueError:
-        return text
-
-
-def _parse_sigma(texts: list[str] | None) -> float | str | dict[str, float | str] | None:
+def _parse_sigma(texts: list[str] | None) -> str | dict[str, str] | None:
     """Return the value of --sigma VALUE, or the values by column of --sigma COLUMN=VALUE."""
-    if not texts:
-        return None
-    if len(texts) == 1 and "=" not in texts[0]:
-        return _parse_sigma_value(texts[0])
-    return {name: _parse_sigma_value(x) for name, x in _assign("--sigma", texts)}
+    if texts and len(texts) == 1 and "=" not in texts[0]:
+        return texts[0]
+    return parse_assignments(texts, "--sigma") or None
 
 
 def _parse_experiments(texts: list[str] | None) -> dict[str, dict[str, str]]:
     """Return the values of --experiment EXPERIMENT:NAME=VALUE by experiment and parameter."""
     experiments: dict[str, dict[str, str]] = {}
-    for key, value in _assign("--experiment", texts):
+    for key, value in parse_assignments(texts, "--experiment").items():
         experiment, _, name = key.rpartition(":")
         if not experiment or not name:
             raise BeamdaeError(

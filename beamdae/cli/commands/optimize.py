@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -96,16 +96,13 @@ def optimize_command(
     history, searches = (out / f"{model.name}_{name}.csv" for name in ("designs", "design_starts"))
     further = [history, *[searches] * (starts > 1)]
     files = ResultFiles.plan(out, f"{model.name}_design", page, picture, *further)
-    parser = _QuantityParser(model, t)
-    objective = (
-        parser.quantity("--minimize", minimize)
-        if maximize is None
-        else -parser.quantity("--maximize", maximize)
-    )
-    limits = [parser.limit("--at-most", x) for x in at_most or []]
-    limits += [parser.limit("--at-least", x) for x in at_least or []]
-    if t and not parser.has_equilibria:
+    texts = [minimize or maximize, *(at_most or []), *(at_least or [])]
+    if t and not any(str(x).startswith("equilibrium:") for x in texts):
         raise BeamdaeError(f"--t {t:g}: no quantity is of the kind equilibrium:COLUMN; add one.")
+    parse = partial(_parse_quantity, model, t)
+    objective = -parse("--maximize", maximize) if maximize else parse("--minimize", minimize)
+    limits = [_parse_limit(parse, "--at-most", x) for x in at_most or []]
+    limits += [_parse_limit(parse, "--at-least", x) for x in at_least or []]
     ranges, initial_state = parse_bounds(model, bounds), parse_start(start, model)
 
     def analyze() -> Optimization:
@@ -149,59 +146,50 @@ def optimize_command(
     )
 
 
-@dataclass
-class _QuantityParser:
-    """Parser of quantities of `model`, with equilibria at the time `t` [s]."""
+def _parse_quantity(model: Model, t: float, option: str, text: Any) -> Quantity:
+    """Return the quantity KIND:NAME, with equilibria at the time `t` [s], or a parameter."""
+    from beamdae.analysis.gradients.objectives import EndValue, SmoothMaximum, TimeIntegral
+    from beamdae.analysis.optimization.quantities import (
+        EquilibriumValue,
+        Frequency,
+        Mass,
+        ParameterFunction,
+        as_quantity,
+    )
 
-    model: Model
-    t: float
-    has_equilibria: bool = False
+    kind, _, name = str(text).partition(":")
+    number, _, about = name.partition(":")
+    is_frequency = number.isdigit() and name in (number, *(f"{number}:{x}" for x in _STATES))
+    kinds: dict[str, Any] = {
+        "frequency": lambda: Frequency(int(number), about or None),
+        "equilibrium": lambda: EquilibriumValue(name, t=t),
+        "end": lambda: EndValue(name),
+        "maximum": lambda: SmoothMaximum(name),
+        "integral": lambda: TimeIntegral(name),
+    }
+    if kind == "mass" and not name:
+        return Mass()
+    if text in model.parameters:
+        unit = model.parameter_info[text].unit
+        return ParameterFunction(lambda **parameters: parameters[text], text, unit)
+    if kind not in kinds or not (is_frequency if kind == "frequency" else name):
+        raise BeamdaeError(f"{option} {text}: the quantity must be one of {_KINDS}.")
+    return as_quantity(option, kinds[kind]())
 
-    def quantity(self, option: str, text: Any) -> Quantity:
-        """Return the quantity KIND:NAME, or that of a parameter."""
-        from beamdae.analysis.gradients.objectives import EndValue, SmoothMaximum, TimeIntegral
-        from beamdae.analysis.optimization.quantities import (
-            EquilibriumValue,
-            Frequency,
-            Mass,
-            ParameterFunction,
-            as_quantity,
+
+def _parse_limit(parse: Callable[[str, str], Quantity], option: str, text: str) -> Limit:
+    """Return the constraint QUANTITY=LIMIT."""
+    from beamdae.analysis.optimization.quantities import at_least, at_most
+    from beamdae.model_parameters import parse_quantity
+
+    quantity, _, limit = text.rpartition("=")
+    if not quantity or parse_quantity(limit) is None:
+        raise BeamdaeError(
+            f"{option} {text}: the constraint must have the form QUANTITY=LIMIT, with a number in "
+            "SI units, or with a unit, as limit."
         )
-
-        kind, _, name = str(text).partition(":")
-        number, _, about = name.partition(":")
-        is_frequency = number.isdigit() and name in (number, *(f"{number}:{x}" for x in _STATES))
-        kinds: dict[str, Any] = {
-            "frequency": lambda: Frequency(int(number), about or None),
-            "equilibrium": lambda: EquilibriumValue(name, t=self.t),
-            "end": lambda: EndValue(name),
-            "maximum": lambda: SmoothMaximum(name),
-            "integral": lambda: TimeIntegral(name),
-        }
-        if kind == "mass" and not name:
-            return Mass()
-        if text in self.model.parameters:
-            unit = self.model.parameter_info[text].unit
-            return ParameterFunction(lambda **parameters: parameters[text], text, unit)
-        is_valid = kind in kinds and (is_frequency if kind == "frequency" else bool(name))
-        if not is_valid:
-            raise BeamdaeError(f"{option} {text}: the quantity must be one of {_KINDS}.")
-        self.has_equilibria |= kind == "equilibrium"
-        return as_quantity(option, kinds[kind]())
-
-    def limit(self, option: str, text: str) -> Limit:
-        """Return the constraint QUANTITY=LIMIT."""
-        from beamdae.analysis.optimization.quantities import at_least, at_most
-        from beamdae.model_parameters import parse_quantity
-
-        quantity, _, limit = text.rpartition("=")
-        if not quantity or parse_quantity(limit) is None:
-            raise BeamdaeError(
-                f"{option} {text}: the constraint must have the form QUANTITY=LIMIT, with a "
-                "number in SI units, or with a unit, as limit."
-            )
-        create = at_most if option == "--at-most" else at_least
-        return create(self.quantity(option, quantity), limit)
+    create = at_most if option == "--at-most" else at_least
+    return create(parse(option, quantity), limit)
 
 
 def _describe(name: str, result: Optimization) -> Report:

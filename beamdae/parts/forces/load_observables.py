@@ -33,7 +33,7 @@ from beamdae.symbolic.statements import (
     rebuilt_for_mesh,
 )
 
-_FORCE = (Variable("Fx", "N"), Variable("Fy", "N"))
+FORCE = (Variable("Fx", "N"), Variable("Fy", "N"))
 _MOMENT = Variable("M", "N m")
 _POWER = Variable("power", "W")
 
@@ -236,7 +236,7 @@ def _sum_powers(copies: list[_Copy], local: Local) -> SX:
     return sum((ca.dot(copy.force, copy.v) for copy in copies), start=SX(0))
 
 
-def _resultant_at(kinematics: Callable[[SX], Any], force: SX, q: SX, has_angle: bool) -> SX:
+def resultant_at(kinematics: Callable[[SX], Any], force: SX, q: SX, has_angle: bool) -> SX:
     """Return (Fx, Fy) or (Fx, Fy, M) at a point, given the generalized forces J^T (Fx, Fy, M).
 
     J is the Jacobian of position and rotation. The rotation is the first column of the QR
@@ -307,7 +307,7 @@ class ObservableBeamLoad(ObservablePower):
     @rebuilt_for_mesh
     def force(self) -> Quantity:
         """Resultant force Fx, Fy [N] on the beam, in the inertial frame."""
-        return self._observe_resultant(_FORCE, slice(0, 2))
+        return self._observe_resultant(FORCE, slice(0, 2))
 
     @property
     @rebuilt_for_mesh
@@ -367,7 +367,7 @@ class ObservableLoad(ObservablePower):
         require_choice(self.name, "place", place, tuple(points))
         require_choice(self.name, "axes", axes, ("inertial", "body"))
         at = self._require_coordinates(place)
-        columns = (*_FORCE, *([_MOMENT] if at.has_angle else []))
+        columns = (*FORCE, *([_MOMENT] if at.has_angle else []))
         return self._observe_points([place], columns, slice(None), axes, is_numbered=False)
 
     @property
@@ -378,7 +378,7 @@ class ObservableLoad(ObservablePower):
         With several loaded points, the columns are Fx1, Fy1, Fx2, ...
         """
         places = self._places(needs_angle=False)
-        return self._observe_points(places, _FORCE, slice(0, 2))
+        return self._observe_points(places, FORCE, slice(0, 2))
 
     @property
     @rebuilt_for_mesh
@@ -437,7 +437,7 @@ class ObservableLoad(ObservablePower):
             values = []
             for at, piece in points:
                 force, q = copy.of_piece(piece)
-                load = _resultant_at(at.checked_kinematics, force, q, at.has_angle)
+                load = resultant_at(at.checked_kinematics, force, q, at.has_angle)
                 if axes == "body":
                     _, rotation = at.checked_kinematics(q)
                     load = ca.vertcat(rotate(-SX(rotation), load), load[2:])

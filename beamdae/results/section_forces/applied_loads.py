@@ -84,7 +84,7 @@ def collect_applied_loads(
     constant_gravity = None if gravity_factor == 1.0 else gravity[0]
     for statement in _list_statements(equations.statements, constant_gravity):
         factor = factors.get(statement.part.name, 1.0)
-        if statement.part is not beam and factor:
+        if statement.part is not beam and statement.part.load_distribution != "none" and factor:
             collector.add_statement(statement, factor)
     return collector.collect()
 

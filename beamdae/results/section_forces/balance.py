@@ -23,7 +23,8 @@ import numpy as np
 
 from beamdae.beams.beam import Beam
 from beamdae.beams.shape_functions import gauss_points
-from beamdae.beams.strains import section_forces
+from beamdae.beams.strains import identity, section_forces
+from beamdae.beams.viscoelasticity import StandardLinearSolid
 from beamdae.equations.assembly.coordinate_map import map_coordinates
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.results.section_forces.applied_loads import (
@@ -78,8 +79,8 @@ def balanced_and_elastic_forces(
         computed from the strains (3, rows, sections).
     """
     assert equations.mechanism is not None
-    kinematics, columns = beam.kinematics, map_coordinates(equations.mechanism).slice_of(beam)
-    of_beam = [x[:, columns] for x in state[:3]]
+    kinematics, coordinates = beam.kinematics, map_coordinates(equations.mechanism)
+    of_beam = [x[:, coordinates.slice_of(beam)] for x in state[:3]]
     loads = collect_applied_loads(beam, equations, times, state, factors)
     wrenches = _accumulate_loads(beam, loads, s, before)
     points = [kinematics.material_point(x) for x in (0.0, *s.tolist())]
@@ -96,6 +97,11 @@ def balanced_and_elastic_forces(
     moment = wrenches[..., 2] + arm[..., 0] * n[..., 1] - arm[..., 1] * n[..., 0]
     sides = np.where(before, beam.mesh.just_before(s), s).tolist()
     forces = evaluate_sections(section_forces, [*map(kinematics.section_forces, sides)], *of_beam)
+    for part in equations.mechanism.parts.values():
+        if isinstance(part, StandardLinearSolid) and part.beam is beam:
+            pairs = zip(of_beam, state[:3], strict=True)
+            both = [np.hstack([x, y[:, coordinates.slice_of(part)]]) for x, y in pairs]
+            forces += evaluate_sections(identity, [*map(part.point_values, sides)], *both)
     return np.stack([axial, shear, moment]), np.moveaxis(forces, -1, 0)
 
 

@@ -1,4 +1,4 @@
-"""Adapter of beamdae: builds a mechanism from problem.json and simulates it."""
+"""Adapter of beamdae: builds a mechanism from a problem and simulates it."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ MAX_STATIC_ELEMENTS = 64
 
 
 def make_law(law: Any) -> Any:
-    """Return the beamdae law of a law in problem.json."""
+    """Return the beamdae law of a law in a problem."""
     if isinstance(law, int | float):
         return float(law)
     kind = law["type"]

@@ -1,0 +1,218 @@
+"""Contact of a beam with a surface along a range of arc lengths."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from beamdae.beams.beam import Beam, require_beam
+from beamdae.beams.shape_functions import gauss_points
+from beamdae.errors import BeamdaeError, require_name, require_positive, set_fields
+from beamdae.parts.attachments import Attachment
+from beamdae.parts.forces.contact import Contact
+from beamdae.parts.forces.load_observables import FORCE, ObservablePower, resultant_at
+from beamdae.parts.forces.regularized_friction import RegularizedFriction
+from beamdae.parts.forces.surfaces import CircleSurface, LineSurface
+from beamdae.parts.part import SurfaceGap
+from beamdae.symbolic.formula import FormulaExpression, constant_formula
+from beamdae.symbolic.statements import (
+    SX,
+    ForceStatement,
+    Local,
+    Quantity,
+    Variable,
+    rebuilt_for_mesh,
+)
+
+Array = np.ndarray
+# Settings of the law of a `Contact`.
+_LAW = (
+    *("exponent", "restitution", "impact_speed", "friction", "friction_speed"),
+    *("static", "stribeck"),
+)
+
+
+@dataclass(frozen=True)
+class _SmallestGap:
+    """Smallest distance of points with `sizes` local coordinates from a surface."""
+
+    sizes: tuple[int, ...]
+    surface: Callable[..., tuple[SX, SX]]
+
+    def __call__(self, local: Local, *functions: Any) -> SX:
+        *points, on, numbers = functions
+        *parts, of_surface = ca.vertsplit(local.q, [0, *np.cumsum(self.sizes).tolist(), local.size])
+        root, rotation = on(of_surface)
+        positions = (motion(q)[0] for motion, q in zip(points, parts, strict=True))
+        gaps = [self.surface(SX(rotation), x - root, numbers())[0] for x in positions]
+        return ca.mmin(ca.vertcat(*gaps))
+
+
+@dataclass(frozen=True, eq=False)
+class BeamContact(ObservablePower):
+    """Contact of a beam with a surface along the beam, such as a strip over a cam.
+
+    The force per length at the penetration d of the axis is that of a `Contact`,
+    stiffness d^exponent with hysteresis and friction, integrated by Gauss points in each element:
+    as many as nodes, so that finer meshes refine the contact, too. The axis of the beam touches the
+    surface; add half the thickness to the radius of a circle, or shift a line.
+
+    Parameters
+    ----------
+    name
+        Unique name.
+    beam
+        The beam.
+    surface
+        `bd.LineSurface` or `bd.CircleSurface`, not on the same beam.
+    stiffness
+        Penalty stiffness per length [N/m^(1 + exponent)], positive: in N/m^2.5 by default.
+    start, end
+        Arc lengths between which the beam can touch [m]. Default to the whole beam.
+    exponent, restitution, impact_speed, friction, friction_speed, static, stribeck
+        See `Contact`.
+
+    Raises
+    ------
+    BeamdaeError
+        If `beam` is not a Beam, `surface` is on this beam, the arc lengths are outside the beam or
+        do not ascend, or as for `Contact`.
+
+    Examples
+    --------
+    >>> import beamdae as bd
+    >>> mech = bd.Mechanism()
+    >>> strip = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=0.001)
+    >>> blade = mech.add(bd.Beam("blade", bd.Line((0.0, 0.0), (0.4, 0.0)), strip, elements=20))
+    >>> cam = bd.CircleSurface(mech.ground.at(0.1, -0.3), radius=0.3)
+    >>> wrap = mech.add(bd.BeamContact("wrap", blade, cam, stiffness=1e9, exponent=1.0))
+    """
+
+    symbol = "contact"
+    name: str
+    beam: Beam
+    surface: LineSurface | CircleSurface
+    stiffness: float
+    start: float = 0.0
+    end: float | None = None
+    exponent: float = 1.5
+    restitution: float | None = None
+    impact_speed: float | None = None
+    friction: float = 0.0
+    friction_speed: float | None = None
+    static: float | None = None
+    stribeck: float | None = None
+
+    def __post_init__(self) -> None:
+        name = require_name("BeamContact", self.name)
+        set_fields(self, name=name)
+        beam = require_beam(name, self.beam)
+        last = beam.length if self.end is None else self.end
+        start, end = (beam.at(x).s or 0.0 for x in (self.start, last))
+        stiffness = require_positive(name, "stiffness", self.stiffness)
+        set_fields(self, stiffness=stiffness, start=start, end=end)
+        law = self._contact_at(start, 1.0)
+        if law.surface.on.body is beam:
+            raise BeamdaeError(f"{name}: surface must not be on the beam itself.")
+        if not start < end:
+            raise BeamdaeError(f"{name}: start must be less than end, got {start:g} and {end:g} m.")
+        # Defaults of the law are resolved, and numbers are converted.
+        set_fields(self, **{x: getattr(law, x) for x in _LAW})
+        beam.has_moving_load = True
+
+    def _contact_at(self, s: float, weight: float) -> Contact:
+        """Return the contact of a section at s [m] with the stiffness of a length `weight` [m]."""
+        law: dict[str, Any] = {x: getattr(self, x) for x in _LAW}
+        return Contact(self.name, self.beam.at(s), self.surface, self.stiffness * weight, **law)
+
+    @property
+    def _contacts(self) -> list[Contact]:
+        """Contacts at the Gauss points between `start` and `end`."""
+        mesh, contacts = self.beam.mesh, []
+        xi, weights = gauss_points(mesh.nodes)
+        bounds = np.clip(mesh.element_bounds, self.start, self.end)
+        for low, high in pairwise(bounds.tolist()):
+            if high > low:
+                half = 0.5 * (high - low)
+                points = zip(low + half * (1.0 + xi), half * weights, strict=True)
+                contacts += [self._contact_at(float(s), float(x)) for s, x in points]
+        return contacts
+
+    @property
+    def attachments(self) -> tuple[Attachment, ...]:
+        """Attachment of the surface: elements need not end at the contact points."""
+        return (self.surface.on,)
+
+    @property
+    def point(self) -> Attachment:
+        """Section in the middle of the range, where the contact is drawn."""
+        return self.beam.at(0.5 * (self.start + float(self.end or 0.0)))
+
+    def sharpen_friction(self, ratio: float) -> bool:
+        """Multiply the friction speed, see `Part`."""
+        if self.friction:
+            set_fields(self, friction_speed=ratio * float(self.friction_speed or 0.0))
+        return self.friction > 0.0
+
+    @property
+    def regularized_friction(self) -> RegularizedFriction | None:
+        """Law of the friction; None without friction."""
+        return self._contact_at(self.start, 1.0).regularized_friction
+
+    @property
+    @rebuilt_for_mesh
+    def gap(self) -> Quantity:
+        """Smallest distance of the contact points from the surface [m], negative in contact."""
+        points, on = [x.point for x in self._contacts], self.surface.on
+        motions = [x.checked_kinematics for x in (*points, on)]
+        kind = _SmallestGap(tuple(x.size for x in points), type(self.surface).kind)
+        functions: list[Callable[..., Any]] = [*motions, constant_formula(*self.surface.numbers)]
+        values, data = FormulaExpression.of(kind, functions)
+        pieces = tuple(x.piece for x in (*points, on))
+        return Quantity((Variable("", "m"),), pieces, values, data, is_magnitude=True)
+
+    @property
+    def gaps(self) -> tuple[SurfaceGap, ...]:
+        """Smallest gap, as a tuple of one entry: later points touch gradually."""
+        return (SurfaceGap(self.gap, self.surface.remedy),)
+
+    def forces(self, gravity: Array) -> list[ForceStatement]:
+        """Return one statement for each contact point."""
+        return [x for contact in self._contacts for x in contact.forces(gravity)]
+
+    @property
+    @rebuilt_for_mesh
+    def force(self) -> Quantity:
+        """Resultant force Fx, Fy [N] on the beam, in the inertial frame."""
+        points = [contact.point for contact in self._contacts]
+
+        def combine(copies: list[Any], local: Local) -> SX:
+            total = SX.zeros(2)
+            for at, copy in zip(points, copies, strict=True):
+                force, q = copy.of_piece(0)
+                total += resultant_at(at.checked_kinematics, force, q, at.has_angle)[:2]
+            return total
+
+        return self._observe_forces(FORCE, combine)
+
+    @rebuilt_for_mesh
+    def pressure(self, s: float) -> Quantity:
+        """Return the normal force p and the friction t per length at the arc length `s` [m].
+
+        Parameters
+        ----------
+        s
+            Arc length [m].
+
+        Raises
+        ------
+        BeamdaeError
+            If `s` is outside the beam.
+        """
+        force = self._contact_at(s, 1.0).force
+        return replace(force, columns=(Variable("p", "N/m"), Variable("t", "N/m")))

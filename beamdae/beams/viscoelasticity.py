@@ -1,0 +1,281 @@
+"""Relaxation of beams: the standard linear solid, with strains of dampers as first-order states.
+
+With the states y = c x, c = sqrt(weight ratio D time), for the strain x of a damper at a quadrature
+point, forces are derivatives of one energy V, and the states follow y' = -dV/dy: the stiffness is
+symmetric, as equilibria assume of elastic forces, and the dissipated power is y'^2.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, NamedTuple
+
+import casadi as ca
+import numpy as np
+import scipy.sparse as sp
+
+from beamdae.beams.beam import Beam, require_beam
+from beamdae.beams.element_data import STIFFNESS_VALUES
+from beamdae.beams.elements import NODE_SIZE, PointElement
+from beamdae.beams.kinematics import PointValues
+from beamdae.beams.shape_functions import gauss_points, lagrange_weights
+from beamdae.beams.strains import AXIAL, SHEAR, STRAIN_SIZE, identity, slice_column
+from beamdae.errors import require_name, require_positive, set_fields
+from beamdae.parts.forces.load_observables import ObservablePower
+from beamdae.symbolic.formula import Formula, FormulaExpression, cache_kernels
+from beamdae.symbolic.sparse_operators import select_rows
+from beamdae.symbolic.statements import (
+    SX,
+    ForceKernel,
+    ForceStatement,
+    Local,
+    Piece,
+    PointForce,
+    Quantity,
+    Variable,
+    rebuilt_for_mesh,
+)
+
+Array = np.ndarray
+_STRAIN_SCALE = 1e-3  # typical strain of elastic beams
+_STATE_UNIT = "J^0.5 s^0.5"
+_STATE_NAMES = ("axial", "shear", "bending")
+
+
+@dataclass(frozen=True, eq=False)
+class StandardLinearSolid(ObservablePower):
+    """Relaxation of a beam: a spring and a damper in series (Maxwell), parallel to its stiffness.
+
+    The section of the beam has the relaxed stiffness D = diag(EA, GA, EI), which alone acts in
+    equilibria. The part adds the section forces ratio D (eps - x), where eps are the strains of
+    the axis and x those of the damper, first-order states that follow x' = (eps - x) /
+    relaxation_time from x = eps at the start. At an angular frequency w, with the time t, the
+    modulus is E (1 + ratio i w t / (1 + i w t)): it increases from E to (1 + ratio) E, and the loss
+    factor is largest at w t = 1 / sqrt(1 + ratio), ratio / (2 sqrt(1 + ratio)). Several parts on
+    one beam form a Prony series (generalized Maxwell model).
+
+    Quantities of the beam that follow from strains, such as `Beam.stress`, are those of the relaxed
+    stiffness; `Solution.section_forces` contains the part, and `section_forces` is its share.
+
+    Parameters
+    ----------
+    name
+        Unique name.
+    beam
+        The beam; `material` of its section has the relaxed modulus E.
+    ratio
+        Stiffness of the spring of the Maxwell element, divided by the relaxed stiffness [-].
+    relaxation_time
+        Time in which the force of the Maxwell element decreases to 1/e at constant strain [s].
+
+    Raises
+    ------
+    BeamdaeError
+        If `name` is invalid, `beam` is not a Beam, or a number is not positive.
+
+    Examples
+    --------
+    >>> import beamdae as bd
+    >>> polymer = bd.Material(E=1.5e9, nu=0.4, rho=1150.0)
+    >>> strip = bd.Section.rectangle(polymer, width=0.02, height=0.004)
+    >>> beam = bd.Beam("beam", bd.Line((0.0, 0.0), (0.2, 0.0)), strip)
+    >>> relaxation = bd.StandardLinearSolid("relaxation", beam, ratio=0.4, relaxation_time=0.02)
+    """
+
+    name: str
+    beam: Beam
+    ratio: float
+    relaxation_time: float
+
+    load_distribution = "none"
+
+    def __post_init__(self) -> None:
+        set_fields(self, name=require_name("StandardLinearSolid", self.name))
+        require_beam(self.name, self.beam)
+        set_fields(
+            self,
+            ratio=require_positive(self.name, "ratio", self.ratio),
+            relaxation_time=require_positive(self.name, "relaxation_time", self.relaxation_time),
+        )
+
+    @property
+    def is_state(self) -> bool:
+        """True: the strains of the damper have no inertia."""
+        return True
+
+    @property
+    def scale(self) -> float:
+        """States of axial springs with a typical strain."""
+        return _STRAIN_SCALE * float(np.mean(self.state_sizes[AXIAL]))
+
+    @property
+    def coordinates(self) -> tuple[Variable, ...]:
+        """Three states at each stiffness point."""
+        points = range(self.state_sizes[AXIAL].size)
+        return tuple(Variable(f"{name}{k}", _STATE_UNIT) for k in points for name in _STATE_NAMES)
+
+    @property
+    def initial_position(self) -> Array:
+        """States of the strains of the reference configuration: the springs are relaxed."""
+        kinematics = self.beam.kinematics
+        element = kinematics.element
+        columns = (kinematics.operator @ kinematics.initial_position).reshape(-1, element.size, 1)
+        strains = element.strains_on_copies(columns, self._element_data)[..., 0]
+        return np.moveaxis(self.state_sizes * strains, 0, -1).ravel()
+
+    @property
+    def state_sizes(self) -> Array:
+        """States per strain of the dampers, (3, elements, points)."""
+        layout = self.beam.kinematics.element.layout
+        values = np.moveaxis(layout.stiffness_values(self._element_data), -1, 0)
+        stiffness = values[-len(STIFFNESS_VALUES) :][:STRAIN_SIZE]
+        return np.sqrt(self.ratio * self.relaxation_time * values[0] * stiffness)
+
+    @property
+    def initial_velocity(self) -> Array:
+        """Zero; the rates follow from the strains."""
+        return np.zeros(len(self.coordinates))
+
+    @property
+    def _element_data(self) -> Array:
+        return self.beam.kinematics.data(np.zeros(2))
+
+    def forces(self, gravity: Array) -> list[ForceStatement]:
+        """Return the forces of the springs, and the rows y' + dV/dy of the states."""
+        kernel, own = (
+            _element_kernel(self.beam.kinematics.element),
+            (self.ratio, self.relaxation_time),
+        )
+        columns = enumerate(self._element_data.T)
+        return [
+            ForceStatement(self.name, kernel, self._pieces(k), np.array([[*column, *own]]).T)
+            for k, column in columns
+        ]
+
+    def _pieces(self, element: int) -> tuple[Piece, Piece]:
+        kinematics, n = self.beam.kinematics, len(self.coordinates)
+        size = STRAIN_SIZE * kinematics.element.quadrature
+        rows = np.arange(size) + size * element
+        states = select_rows(sp.csr_array(sp.eye_array(n)), rows)
+        return Piece(self.beam, kinematics.rows_of_element(element)), Piece(self, states)
+
+    @rebuilt_for_mesh
+    def section_forces(self, s: float) -> Quantity:
+        """Return the share of the Maxwell element in the section forces at `s`.
+
+        Parameters
+        ----------
+        s
+            Arc length [m].
+
+        Returns
+        -------
+        Quantity
+            Columns N [N], Q [N] and M [N m], see `Beam.section_forces`.
+
+        Raises
+        ------
+        BeamdaeError
+            If `s` is outside the beam.
+        """
+        columns = self.beam.section_forces(s).columns
+        pieces, formula = self._forces_at(float(s))
+        values, data = FormulaExpression.of(identity, [formula])
+        return Quantity(columns, pieces, values, data)
+
+    def point_values(self, s: float) -> PointValues:
+        """Return the function for the `section_forces` at s [m].
+
+        The operator applies to the coordinates of the beam, followed by the states.
+        """
+        pieces, formula = self._forces_at(s)
+        return PointValues(sp.csr_array(sp.block_diag([x.operator for x in pieces])), formula)
+
+    def _forces_at(self, s: float) -> tuple[tuple[Piece, Piece], Formula]:
+        element, (number, xi) = self.beam.kinematics.element, self.beam.mesh.locate(s)
+        data = self._element_data[element.layout.stiffness_rows, number]
+        weights = lagrange_weights(gauss_points(element.quadrature)[0], xi)
+        numbers = (*weights, self.ratio, self.relaxation_time, *data.tolist())
+        return self._pieces(number), Formula(_MaxwellForces(element), numbers)
+
+
+@dataclass(frozen=True)
+class _MaxwellForces:
+    """Section forces of the Maxwell element, interpolated between the stiffness points.
+
+    The local coordinates are those of the element, then the states. `numbers` are the weights of
+    the points, ratio and relaxation time, and the data of the points.
+    """
+
+    element: PointElement
+
+    def __call__(self, local: Local, numbers: Any) -> SX:
+        """Return (N, Q, M)."""
+        count, function = self.element.quadrature, _section_force_function(self.element.of_point)
+        values = slice_column(numbers, count + 2, (function.numel_in(1) - 2) * count)
+        own = slice_column(numbers, count, 2)
+        data = [ca.vertcat(x, own) for x in ca.horzsplit(ca.reshape(values, -1, count))]
+        total = SX(0)
+        for k, point in enumerate(_maxwell_points(self.element, data)):
+            _, q, _, _, point_data = point.inputs(local)
+            total += numbers[k] * function(q, point_data)
+        return total
+
+
+class _MaxwellPoint(NamedTuple):
+    """Maxwell element at a stiffness point: elongations and forces of its springs.
+
+    The coordinates are those of the point, then the states. The data are those of the point, then
+    the ratio and the relaxation time.
+    """
+
+    local: Local
+    elongation: SX
+    forces: SX
+
+    @classmethod
+    def of(cls, element: PointElement) -> _MaxwellPoint:
+        first, size = len(element.layout.stiffness_point), 2 * NODE_SIZE
+        local = Local(size + STRAIN_SIZE, first + len(STIFFNESS_VALUES) + 2)
+        stiffness = local.data[-2] * local.data[first : first + STRAIN_SIZE]
+        sizes = ca.sqrt(local.data[0] * local.data[-1] * stiffness)
+        elongation = element.strain_at(local.q[:size], local.data) - local.q[size:] / sizes
+        return cls(local, elongation, stiffness * elongation)
+
+
+@cache
+def _section_force_function(element: PointElement) -> ca.Function:
+    local, _, forces = _MaxwellPoint.of(element)
+    angle = element.force_rotation_at(local.q[: 2 * NODE_SIZE])
+    values = forces + ca.vertcat(ca.sin(angle) * forces[SHEAR], 0, 0)
+    return ca.Function("maxwell_forces", [local.q, local.data], [ca.densify(values)])
+
+
+@cache
+def _point_kernel(element: PointElement) -> ForceKernel:
+    local, elongation, forces = _MaxwellPoint.of(element)
+    weight, rates = local.data[0], local.v[2 * NODE_SIZE :]
+    force = weight * ca.jtimes(elongation, local.q, forces, True)
+    force += ca.vertcat(SX.zeros(2 * NODE_SIZE), rates)
+    energy = 0.5 * weight * ca.dot(forces, elongation)
+    return ForceKernel(local, force, ca.vertcat(0, energy, 0), ca.vertcat(0, ca.sumsqr(rates)))
+
+
+def _maxwell_points(element: PointElement, numbers: Sequence[SX]) -> list[PointForce]:
+    """Return the forces at the stiffness points with the numbers of each point."""
+    kernel, count = _point_kernel(element.of_point), STRAIN_SIZE * element.quadrature
+    differences = ca.diagcat(element.differences, ca.DM.eye(count))
+    states = ca.vertsplit(ca.DM.eye(count), STRAIN_SIZE)
+    triples = zip(element.stiffness_weights, states, numbers, strict=True)
+    return [PointForce(differences, ca.diagcat(w, x), kernel, data) for w, x, data in triples]
+
+
+@cache_kernels
+def _element_kernel(element: PointElement) -> ForceKernel:
+    size = element.size + STRAIN_SIZE * element.quadrature
+    local = Local(size, element.n_data + 2)
+    points = element.layout.split_stiffness(local.data)
+    numbers = [ca.vertcat(x, local.data[-2:]) for x in points]
+    return ForceKernel.of_points(local, _maxwell_points(element, numbers))

@@ -1,0 +1,160 @@
+"""Bodies by Craig-Bampton reduction beside beams of the same bar, and closed forms."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from conformance import integrators
+from finite_elements import straight_bar
+from numpy.testing import assert_allclose
+from support import NumericEquations
+
+import beamdae as bd
+
+LENGTH, ELEMENTS = 1.0, 20
+ALLOY = bd.Material(E=7e10, nu=0.3, rho=2700.0)
+RECTANGLE = bd.Section.rectangle(ALLOY, width=0.02, height=0.01)
+# Without shear deformation, as the finite elements.
+BAR = bd.Section(ALLOY, RECTANGLE.area, RECTANGLE.second_moment, shear_coefficient=1e3, height=0.01)
+END = {"reduced": lambda body: body.at(ELEMENTS), "beam": lambda body: body.end}
+START = {"reduced": lambda body: body.at(0), "beam": lambda body: body.start}
+
+
+def reduced_bar(modes=8, angle=0.0, interface=(0, ELEMENTS), **settings):
+    model = straight_bar(BAR, LENGTH, ELEMENTS, angle)
+    return bd.ReducedBody.from_matrices("bar", *model, interface, modes, **settings)
+
+
+def beam_bar(angle=0.0, **settings):
+    end = (LENGTH * np.cos(angle), LENGTH * np.sin(angle))
+    line = bd.Line((0.0, 0.0), end)
+    return bd.Beam("bar", line, BAR, elements=4, strain="linear", **settings)
+
+
+def mechanism(kind, support=None, gravity=0.0, **settings):
+    mech = bd.Mechanism(gravity=(0.0, -gravity))
+    body = mech.add({"reduced": reduced_bar, "beam": beam_bar}[kind](**settings))
+    if support is not None:
+        mech.add(support("support", mech.ground.at(0.0, 0.0), START[kind](body)))
+    mech.observe("tip", END[kind](body))
+    return mech
+
+
+@pytest.mark.parametrize("support", [None, bd.Weld, bd.Revolute], ids=["free", "clamped", "pinned"])
+def test_frequencies_converge_to_those_of_a_beam_with_the_number_of_modes(support):
+    free = 3 if support is None else 1 if support is bd.Revolute else 0
+    exact = bd.modes(mechanism("beam", support), n=6).frequencies[free]
+    errors = []
+    for modes in (2, 4, 8):
+        mech = mechanism("reduced", support, modes=modes)
+        computed = bd.modes(mech, n=6).frequencies[free]
+        errors.append(abs(computed / exact - 1.0))
+    assert errors[0] > 5.0 * errors[1] > 25.0 * errors[2]
+    assert errors[2] < 2e-5
+
+
+def test_static_deflection_is_that_of_the_finite_elements_with_any_number_of_modes():
+    load = -3.0
+    for modes in (0, 6):
+        mech = mechanism("reduced", bd.Weld, modes=modes, angle=0.4)
+        mech.add(
+            bd.Force(
+                "load", mech.part("bar").at(ELEMENTS), (-load * np.sin(0.4), load * np.cos(0.4))
+            )
+        )
+        body = mech.part("bar")
+        # The moment at the clamp, by the curvature of the first element.
+        turn = np.kron(
+            np.eye(2), [[np.cos(0.4), np.sin(0.4), 0], [-np.sin(0.4), np.cos(0.4), 0], [0, 0, 1]]
+        )
+        h = LENGTH / ELEMENTS
+        curvature = np.array([0.0, -6.0 / h**2, -4.0 / h, 0.0, 6.0 / h**2, -2.0 / h]) @ turn
+        row = np.zeros((1, 3 * (ELEMENTS + 1)))
+        row[0, :6] = BAR.EI * curvature * RECTANGLE.height / 2.0 / BAR.second_moment
+        mech.observe("stress", body.recover(row, ["root"]))
+        columns = bd.equilibrium(mech).columns
+        deflection = np.hypot(
+            columns["tip.x [m]"] - np.cos(0.4), columns["tip.y [m]"] - np.sin(0.4)
+        )[-1]
+        assert_allclose(deflection, abs(load) * LENGTH**3 / (3.0 * BAR.EI), rtol=1e-4)
+        stress = abs(load) * LENGTH * RECTANGLE.height / 2.0 / BAR.second_moment
+        assert_allclose(abs(columns["stress.root [Pa]"][-1]), stress, rtol=1e-4)
+
+
+@integrators(rtol=1e-6, step=2e-4, slow=("ida", "alpha stabilized", "alpha adaptive"))
+def test_swinging_pendulum_beside_a_beam(integrator):
+    settings = {"support": bd.Revolute, "gravity": 9.81}
+    reduced = mechanism("reduced", modes=4, damping=1e-5, **settings)
+    runs = [
+        bd.simulate(mech, integrator, t_end=0.4, output_step=0.05)
+        for mech in (reduced, mechanism("beam", **settings))
+    ]
+    for column in ("tip.x", "tip.y"):
+        assert_allclose(runs[0][column], runs[1][column], atol=2e-5)
+    balance = runs[0].energies.iloc[-1]
+    assert abs(balance["energy.imbalance [J]"]) < 1e-4 * balance["energy.kinetic [J]"]
+
+
+def test_stretch_of_a_spinning_bar():
+    """At the speed w, half a bar of length a becomes longer by rho w^2 a^3 / (3 E)."""
+    speed, mech = 300.0, mechanism("reduced", modes=12)
+    numeric, body = NumericEquations(mech), mech.part("bar")
+    v = np.zeros(numeric.n)
+    v[2] = speed
+    modal = -np.linalg.solve(numeric.stiffness(v=v)[3:, 3:], numeric.force(v=v)[3:])
+    half = LENGTH / 2.0
+    stretch = ALLOY.rho * speed**2 * half**3 / (3.0 * ALLOY.E)
+    assert_allclose(body.shapes[3 * ELEMENTS] @ modal, stretch, rtol=3e-3)
+
+
+def test_inertia_of_a_rigid_motion_is_that_of_the_bar():
+    numeric = NumericEquations(mechanism("reduced", angle=0.7))
+    v = np.zeros(numeric.n)
+    v[:3] = 0.4, -1.1, 2.0
+    mass = BAR.rhoA * LENGTH
+    inertia = mass * LENGTH**2 / 12.0 + BAR.rhoI * LENGTH
+    kinetic = 0.5 * mass * (0.4**2 + 1.1**2) + 0.5 * inertia * 2.0**2
+    assert_allclose(numeric.energies(v=v)[0], kinetic, rtol=1e-9)
+
+
+def test_particles_of_a_truss():
+    nodes = np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)])
+    stiffness = np.zeros((6, 6))
+    for a, b in [(0, 1), (1, 2), (2, 0)]:
+        row = np.zeros(6)
+        direction = (nodes[b] - nodes[a]) / np.linalg.norm(nodes[b] - nodes[a])
+        row[2 * a : 2 * a + 2], row[2 * b : 2 * b + 2] = -direction, direction
+        stiffness += 1e4 * np.outer(row, row)
+    body = bd.ReducedBody.from_matrices("truss", np.eye(6), stiffness, nodes, [0, 1])
+    mech = bd.Mechanism()
+    mech.add(body)
+    exact = np.sqrt(np.linalg.eigvalsh(stiffness)[3:]) / (2.0 * np.pi)
+    assert_allclose(bd.modes(mech).frequencies[3:], exact, rtol=1e-9)
+    with pytest.raises(bd.BeamdaeError, match="without an angle"):
+        bd.Moment("moment", body.at(2), 1.0)
+
+
+TWO = straight_bar(BAR, LENGTH, 2)
+HELD = TWO[1] + np.diag([1e9, *np.zeros(8)])
+ERRORS = {
+    "size": (lambda: (TWO[0][:5, :5], *TWO[1:], [0]), "mass must be a square matrix"),
+    "symmetry": (lambda: (TWO[0], np.triu(TWO[1]), TWO[2], [0]), "stiffness must be a symmetric"),
+    "supports": (lambda: (TWO[0], HELD, TWO[2], [0]), "stiffness must be that of the free body"),
+    "mass": (lambda: (np.zeros((9, 9)), *TWO[1:], [0]), "mass must be the same positive mass"),
+    "nodes": (lambda: (*TWO[:2], [(0.0, 0.0)], [0]), "nodes must be at least two points"),
+    "twice": (lambda: (*TWO, [0, 0]), "interface must contain different nodes"),
+    "no node": (lambda: (*TWO, [3]), "interface must be"),
+}
+
+
+@pytest.mark.parametrize("name", ERRORS)
+def test_wrong_matrices_are_one_sentence(name):
+    make, sentence = ERRORS[name]
+    with pytest.raises(bd.BeamdaeError, match=sentence):
+        bd.ReducedBody.from_matrices("bar", *make())
+
+
+def test_rigid_shapes_are_rejected():
+    rigid = np.tile([1.0, 0.0, 0.0], 3)[:, None]
+    with pytest.raises(bd.BeamdaeError, match="contain no rigid motion"):
+        bd.ReducedBody("bar", *TWO, rigid)
