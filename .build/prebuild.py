@@ -34,7 +34,7 @@ import numpy as np
 ROOT = Path(__file__).parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
 
-from sample_parts import SAMPLES, SampleMechanism  # noqa: E402
+from sample_parts import SAMPLES, SampleMechanism, find_public  # noqa: E402
 
 import beamdae as bd  # noqa: E402
 from beamdae import catalog  # noqa: E402
@@ -170,7 +170,7 @@ def sample_runs() -> Iterator[Callable[[], Any]]:
         yield from sample_runs_of(mechanism, all_integrators())
     for formulation, (name, arguments) in product(FORMULATIONS, SAMPLES.items()):
         mechanism, sample = sample_mechanism({"formulation": formulation})
-        part = getattr(bd, name)(**arguments(sample))
+        part = find_public(name)(**arguments(sample))
         if isinstance(part, Part):
             mechanism.add(part)
             yield from sample_runs_of(mechanism, default_integrators())
@@ -184,7 +184,7 @@ def derivative_runs() -> Iterator[Callable[[], Any]]:
     t_end = _RUN_FRACTION * model.t_end
     for integrator in (bd.GeneralizedAlpha(), bd.Radau()):
         yield partial(bd.sensitivities, model, [by], integrator, t_end)
-        yield partial(bd.gradient, model, bd.EndValue("tip.x"), by, integrator, t_end)
+        yield partial(bd.gradient, model, bd.quantities.EndValue("tip.x"), by, integrator, t_end)
 
 
 def single_state_runs() -> Iterator[Callable[[], Any]]:

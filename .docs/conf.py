@@ -64,7 +64,10 @@ nitpick_ignore_regex = [("py:class", r"(?!beamdae\.[A-Z]).*"), ("py:obj", r"(?!b
 suppress_warnings = ["toc.empty_glob"]
 
 # Members of these protocols are documented once, on the page of the protocol.
-_PROTOCOLS = {bd.Part: ["multipliers", "reactions", "constraint", "observed"], bd.Integrator: []}
+_PROTOCOLS = {
+    bd.Part: ["multipliers", "reactions", "constraint", "observed"],
+    bd.results.Integrator: [],
+}
 autosummary_generate = True
 autosummary_context = {
     "hidden": {
@@ -161,7 +164,7 @@ def resolve_public_name(app, env, node, contnode):
 def link_code(app, doctree):
     """Link inline code such as `bd.Beam(...)` to the page of its name."""
     for code in list(doctree.findall(nodes.literal)):
-        name = re.match(r"bd\.(?:results\.)?(\w+)", code.astext())
+        name = re.match(r"bd\.(?:results\.|quantities\.)?(\w+)", code.astext())
         public = catalog.NAMES.get(name[1]) if name else None
         if public is None or isinstance(code.parent, nodes.reference):
             continue

@@ -1,7 +1,8 @@
 """beamdae: flexible multibody systems with curved beams; IDA, Radau and generalized-alpha.
 
 The public names are listed in `catalog`; each is imported when it is first used. Classes that
-functions return are in `results`.
+functions return are in `results`, and quantities that `optimize` and `gradient` evaluate in
+`quantities`.
 """
 
 import os
@@ -19,13 +20,13 @@ if (
 import lazy_loader
 
 from beamdae.argument_names import explain_arguments
-from beamdae.catalog import NAMES, attributes_by_module
+from beamdae.catalog import NAMES, PACKAGES, attributes_by_module
 from beamdae.errors import suggest
 from beamdae.garbage_collection import paused_collection
 from beamdae.interrupts import interruptible
 
 _load, __dir__, __all__ = lazy_loader.attach(
-    __name__, submodules={"results"}, submod_attrs=attributes_by_module()
+    __name__, submodules=set(PACKAGES), submod_attrs=attributes_by_module()
 )
 __version__ = "0.1.0"
 # Interrupts are raised after the import.

@@ -13,7 +13,7 @@ from pathlib import Path
 
 @dataclass(frozen=True)
 class Public:
-    """Public name `bd.<name>` or `bd.results.<name>`, and the module from which it is imported.
+    """Public name `bd.<name>` or `bd.<package>.<name>`, and the module of its definition.
 
     Attributes
     ----------
@@ -22,7 +22,8 @@ class Public:
     module
         Dotted path of the module or package from which the name is imported.
     package
-        "results" for classes that functions return, which are in `bd.results`; otherwise empty.
+        "results" for classes that functions return and base classes, "quantities" for what
+        `optimize` and `gradient` evaluate; otherwise empty.
     command
         Name of an integrator on the command line, as in `--integrator ida`; otherwise empty.
     """
@@ -89,7 +90,7 @@ GROUPS = (
         "",
         (
             Public("Mechanism", "beamdae.parts.mechanism"),
-            Public("Attachment", "beamdae.parts.attachments"),
+            Public("Attachment", "beamdae.parts.attachments", "results"),
             Public("Part", "beamdae.parts.part"),
             Public("model", "beamdae.model_functions"),
             Public("Model", "beamdae.model_functions", "results"),
@@ -201,7 +202,7 @@ GROUPS = (
         "parts",
         "Events",
         (
-            Public("Event", "beamdae.parts.events"),
+            Public("Event", "beamdae.parts.events", "results"),
             Public("activate", "beamdae.parts.event_actions"),
             Public("deactivate", "beamdae.parts.event_actions"),
             Public("change_law", "beamdae.parts.event_actions"),
@@ -242,7 +243,7 @@ GROUPS = (
             Public("Ida", "beamdae.integrators", command="ida"),
             Public("Radau", "beamdae.integrators", command="radau"),
             Public("GeneralizedAlpha", "beamdae.integrators", command="generalized-alpha"),
-            Public("Integrator", "beamdae.integrators"),
+            Public("Integrator", "beamdae.integrators", "results"),
         ),
     ),
     Group(
@@ -344,10 +345,10 @@ GROUPS = (
             Public("gradient", "beamdae.analysis.gradients.gradients"),
             Public("Gradient", "beamdae.analysis.gradients.gradients", "results"),
             Public("Objective", "beamdae.analysis.gradients.objectives", "results"),
-            Public("EndValue", "beamdae.analysis.gradients.objectives"),
-            Public("TimeIntegral", "beamdae.analysis.gradients.objectives"),
-            Public("SmoothMaximum", "beamdae.analysis.gradients.objectives"),
-            Public("SquaredErrors", "beamdae.analysis.gradients.objectives"),
+            Public("EndValue", "beamdae.analysis.gradients.objectives", "quantities"),
+            Public("TimeIntegral", "beamdae.analysis.gradients.objectives", "quantities"),
+            Public("SmoothMaximum", "beamdae.analysis.gradients.objectives", "quantities"),
+            Public("SquaredErrors", "beamdae.analysis.gradients.objectives", "quantities"),
         ),
     ),
     Group(
@@ -364,16 +365,16 @@ GROUPS = (
         (
             Public("optimize", "beamdae.analysis.optimization.optimize"),
             Public("Optimization", "beamdae.analysis.optimization.result", "results"),
-            Public("at_most", "beamdae.analysis.optimization.quantities"),
-            Public("at_least", "beamdae.analysis.optimization.quantities"),
+            Public("at_most", "beamdae.analysis.optimization.quantities", "quantities"),
+            Public("at_least", "beamdae.analysis.optimization.quantities", "quantities"),
             Public("Quantity", "beamdae.analysis.optimization.quantities", "results"),
-            Public("Mass", "beamdae.analysis.optimization.quantities"),
-            Public("Frequency", "beamdae.analysis.optimization.quantities"),
-            Public("EquilibriumValue", "beamdae.analysis.optimization.quantities"),
-            Public("EquilibriumErrors", "beamdae.analysis.optimization.quantities"),
-            Public("CriticalLoad", "beamdae.analysis.optimization.quantities"),
-            Public("ParameterFunction", "beamdae.analysis.optimization.quantities"),
-            Public("LargestOf", "beamdae.analysis.optimization.quantities"),
+            Public("Mass", "beamdae.analysis.optimization.quantities", "quantities"),
+            Public("Frequency", "beamdae.analysis.optimization.quantities", "quantities"),
+            Public("EquilibriumValue", "beamdae.analysis.optimization.quantities", "quantities"),
+            Public("EquilibriumErrors", "beamdae.analysis.optimization.quantities", "quantities"),
+            Public("CriticalLoad", "beamdae.analysis.optimization.quantities", "quantities"),
+            Public("ParameterFunction", "beamdae.analysis.optimization.quantities", "quantities"),
+            Public("LargestOf", "beamdae.analysis.optimization.quantities", "quantities"),
         ),
     ),
     Group(
@@ -384,7 +385,7 @@ GROUPS = (
             Public("Sweep", "beamdae.studies", "results"),
             Public("SweepResults", "beamdae.studies", "results"),
             Public("study", "beamdae.studies"),
-            Public("Study", "beamdae.studies"),
+            Public("Study", "beamdae.studies", "results"),
             Public("Case", "beamdae.studies"),
             Public("grid", "beamdae.studies"),
             Public("compare", "beamdae.studies"),
@@ -411,6 +412,7 @@ GROUPS = (
     ),
 )
 
+PACKAGES = ("quantities", "results")
 NAMES = {public.name: public for group in GROUPS for public in group.names}
 INTEGRATORS = {public.command: public for public in NAMES.values() if public.command}
 
@@ -433,11 +435,11 @@ def stub_text(package: str = "") -> str:
         for name in names
     ]
     if not package:
-        lines.append("from . import results as results")
+        lines += [f"from . import {name} as {name}" for name in PACKAGES]
     return "\n".join([*sorted(lines), *([] if package else ["", "__version__: str"]), ""])
 
 
 if __name__ == "__main__":
-    for package in ("", "results"):
+    for package in ("", *PACKAGES):
         stub = Path(__file__).parent / package / "__init__.pyi"
         stub.write_text(stub_text(package), "utf-8")

@@ -20,6 +20,7 @@ from beamdae.errors import BeamdaeError
 
 _T = TypeVar("_T", bound=type)
 _MAX_DEPTH = 50  # of nested containers
+_CONSTANTS = {"str", "float", "int", "bool"}  # annotations of entries that cannot change
 
 
 class ReadOnlyDict(dict[Any, Any]):
@@ -82,6 +83,9 @@ def _protect(value: Any, depth: int, known: dict[int, tuple[Any, Any]]) -> Any:
 def _may_change(kind: type) -> bool:
     """Return True for arrays, sparse matrices, and the containers that may contain them."""
     is_matrix = hasattr(kind, "nnz") and hasattr(kind, "dtype")
+    entries = [getattr(x, "__forward_arg__", x) for x in get_annotations(kind).values()]
+    if hasattr(kind, "_fields") and entries and _CONSTANTS.issuperset(entries):
+        return False
     return is_matrix or kind in (dict, list) or issubclass(kind, (np.ndarray, tuple))
 
 

@@ -10,7 +10,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from sample_parts import SAMPLES, SampleMechanism
+from sample_parts import SAMPLES, SampleMechanism, find_public
 from support import ARC
 
 import beamdae as bd
@@ -65,7 +65,7 @@ def catalog_parts(heading, name, without=()):
         def build(mechanism, disk, beam):
             sample = SampleMechanism()
             sample.mechanism, sample.disk, sample.beam = mechanism, disk, beam
-            return getattr(bd, kind)(**(SAMPLES[kind](sample) | {"name": name}))
+            return find_public(kind)(**(SAMPLES[kind](sample) | {"name": name}))
 
         return build
 

@@ -97,6 +97,14 @@ _ROD = np.kron([[100.0, -100.0], [-100.0, 100.0]], [[1.0, 0.0], [0.0, 0.0]])
 
 # Functions that return keyword arguments of a valid call, by public name. Tests of parts, error
 # messages and robustness start from these calls.
+
+
+def find_public(name):
+    """Return the object of a public name, in whichever package it is."""
+    packages = (bd, bd.quantities, bd.results)
+    return next((getattr(x, name) for x in packages if name in x.__all__), None)
+
+
 SAMPLES: dict[str, Callable[[SampleMechanism], dict[str, Any]]] = {
     "RigidBody": lambda m: {
         "name": "body",

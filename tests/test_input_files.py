@@ -201,7 +201,7 @@ def test_no_method_replaces_an_input(folder):
     model = bd.load_model("swing.py")
     solution = bd.simulate(model)
     fit = bd.fit(model, "measured.csv", by="mass")
-    optimum = bd.optimize(model, bd.Mass(), by="mass", bounds={"mass": (0.1, 0.2)})
+    optimum = bd.optimize(model, bd.quantities.Mass(), by="mass", bounds={"mass": (0.1, 0.2)})
     sweep = bd.sweep(model, over={"mass": [0.1, 0.2]}, jobs=1)
     writers = {
         "to_csv": (solution.to_csv, "a.csv"),

@@ -10,7 +10,7 @@ from fractions import Fraction
 import casadi as ca
 import numpy as np
 import pytest
-from sample_parts import SAMPLES, SampleMechanism
+from sample_parts import SAMPLES, SampleMechanism, find_public
 
 import beamdae as bd
 
@@ -59,12 +59,12 @@ FLOOR = bd.LineSurface(GROUND.at(0.0, 0.0))
 RIGID_BODY = {"name": "b", "mass": 1.0, "inertia": 0.1}
 # Working calls: each argument in turn is replaced by every value of `awkward_values`.
 CALLS = {
-    name: (getattr(bd, name), arguments(SampleMechanism()))
+    name: (find_public(name), arguments(SampleMechanism()))
     for name, arguments in SAMPLES.items()
     if name not in WITHOUT_CHECKS
 } | {
     "Attachment": (
-        bd.Attachment,
+        bd.results.Attachment,
         {
             "body": DISK,
             "point": (0.0, 0.0),
@@ -88,7 +88,7 @@ CALLS = {
         {"t": T, "q": Q, "v": V, "mass": [1, 1], "force": [0, 0], "q0": [0, 0], "v0": [0, 0]},
     ),
     "Curve of points": (bd.Curve, {"points": POINTS}),
-    "Event": (bd.Event, {"what": "tip.y", "crosses": 0.0, "direction": "up", "name": "e"}),
+    "Event": (bd.results.Event, {"what": "tip.y", "crosses": 0.0, "direction": "up", "name": "e"}),
     "Ground.at": (GROUND.at, {"x": 0.0, "y": 0.0}),
     "Material.of": (bd.Material.of, {"name": "steel"}),
     "Mechanism": (bd.Mechanism, {"gravity": (0.0, -9.81)}),
@@ -395,7 +395,7 @@ def test_the_error_of_a_failing_user_part_names_the_part():
 @pytest.mark.parametrize("kinematics", [failing, lambda q: q, lambda: 1])
 def test_the_error_of_failing_kinematics_names_the_attachment(kinematics):
     place = DISK.at(1.0, 0.0)
-    attachment = bd.Attachment(DISK, (1.0, 0.0), 0.0, place.operator, kinematics)
+    attachment = bd.results.Attachment(DISK, (1.0, 0.0), 0.0, place.operator, kinematics)
     mech = disk_mechanism()
     mech.add(bd.Force("push", attachment, (1.0, 0.0)))
     with pytest.raises(bd.BeamdaeError, match=r"disk at \(1, 0\): kinematics must") as problem:

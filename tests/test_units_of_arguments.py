@@ -93,16 +93,16 @@ def test_values_of_parameters_may_have_units():
 
 
 def optimize(*limits, **options):
-    return bd.optimize(mass, bd.Mass(), ["weight"], limits, **options)
+    return bd.optimize(mass, bd.quantities.Mass(), ["weight"], limits, **options)
 
 
 @pytest.mark.slow(reason="optimizations")
 @pytest.mark.parametrize(
     ("limit", "bounds"),
     [
-        (bd.at_least(bd.Mass(), "1500 g"), None),
-        (bd.at_most(bd.Frequency(1, about="equilibrium"), "1 Hz"), None),
-        (bd.at_least(bd.Mass(), "1.5"), {"weight": ("1", "50")}),
+        (bd.quantities.at_least(bd.quantities.Mass(), "1500 g"), None),
+        (bd.quantities.at_most(bd.quantities.Frequency(1, about="equilibrium"), "1 Hz"), None),
+        (bd.quantities.at_least(bd.quantities.Mass(), "1.5"), {"weight": ("1", "50")}),
     ],
 )
 def test_regression_limits_may_have_units(limit, bounds):
@@ -114,16 +114,33 @@ def test_regression_limits_may_have_units(limit, bounds):
 @pytest.mark.parametrize(
     ("limit", "message"),
     [
-        (lambda: bd.at_least(bd.Mass(), "15 mm"), r"the limit of mass is in mm, but .* in kg"),
-        (lambda: bd.at_most(bd.EndValue("bob.x"), "1 s"), r"is in s, but the quantity is in m;"),
-        (lambda: bd.at_most(bd.EquilibriumValue("bob.x"), "1 Pa"), r"but the quantity is in m;"),
         (
-            lambda: bd.at_most(bd.LargestOf([bd.EndValue("bob.x")]), "1 Pa"),
+            lambda: bd.quantities.at_least(bd.quantities.Mass(), "15 mm"),
+            r"the limit of mass is in mm, but .* in kg",
+        ),
+        (
+            lambda: bd.quantities.at_most(bd.quantities.EndValue("bob.x"), "1 s"),
+            r"is in s, but the quantity is in m;",
+        ),
+        (
+            lambda: bd.quantities.at_most(bd.quantities.EquilibriumValue("bob.x"), "1 Pa"),
+            r"but the quantity is in m;",
+        ),
+        (
+            lambda: bd.quantities.at_most(
+                bd.quantities.LargestOf([bd.quantities.EndValue("bob.x")]), "1 Pa"
+            ),
             "but the quantity is in m;",
         ),
-        (lambda: bd.at_least(2.0 * bd.Mass(), "1 kg"), "but the quantity has no known unit"),
-        (lambda: bd.at_least(bd.Mass(), "1 elephant"), r"must be a number in SI units"),
-        (lambda: bd.at_least(bd.Mass(), "a"), r"must be a number, got 'a'"),
+        (
+            lambda: bd.quantities.at_least(2.0 * bd.quantities.Mass(), "1 kg"),
+            "but the quantity has no known unit",
+        ),
+        (
+            lambda: bd.quantities.at_least(bd.quantities.Mass(), "1 elephant"),
+            r"must be a number in SI units",
+        ),
+        (lambda: bd.quantities.at_least(bd.quantities.Mass(), "a"), r"must be a number, got 'a'"),
     ],
 )
 def test_limits_in_units_of_other_quantities_are_rejected(limit, message):

@@ -157,9 +157,9 @@ def _fit_stiffness():
 
 
 def _optimize_stiffness():
-    limit = bd.at_most(bd.EndValue("mass.x"), "2000 mm")
+    limit = bd.quantities.at_most(bd.quantities.EndValue("mass.x"), "2000 mm")
     bounds = {"stiffness": (50.0, 200.0)}
-    objective = bd.EndValue("mass.x")
+    objective = bd.quantities.EndValue("mass.x")
     bd.optimize(_mass_with_steep_table, objective, "stiffness", limit, bounds, max_evaluations=2)
 
 

@@ -327,7 +327,7 @@ def _fit_oscillator(name: str) -> Outcome:
 
 def _design_oscillator(name: str) -> Outcome:
     times = np.linspace(0.1, 1.0, 19)
-    goal = bd.SquaredErrors("body.x", times, _oscillate(times, 24.0, 0.5), 1e-3)
+    goal = bd.quantities.SquaredErrors("body.x", times, _oscillate(times, 24.0, 0.5), 1e-3)
     result = bd.optimize(
         _oscillator,
         goal,

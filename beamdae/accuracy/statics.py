@@ -26,7 +26,6 @@ from beamdae.analysis.statics.path_parameters import quantity_units, resolve_par
 from beamdae.analysis.statics.path_settings import PathSettings
 from beamdae.analysis.statics.paths import (
     EquilibriumPath,
-    stability_of,
     tabulate_points,
     trace_path,
 )
@@ -228,7 +227,7 @@ def _repeat(path: Equilibrium, refinement: Refinement) -> Values:
     loading, settings = _load(path, refinement.equations), _read_settings(path)
     end = _correct_end(path, refinement, loading, settings) if path.status.success else None
     is_critical = any(x.row == len(path.q) - 1 for x in path.critical)
-    is_near = end is not None and (is_critical or stability_of(end).unstable == path.unstable[-1])
+    is_near = end is not None and (is_critical or end.monitor.unstable == path.unstable[-1])
     ends = {} if end is None else _list_values(_as_equilibrium(path, loading, [end]))
     if is_near and not path.critical:
         return ends
@@ -331,7 +330,7 @@ def _as_equilibrium(
         path,
         equations=loading.full_equations,
         factors=factors if traced is None else traced.factors,
-        unstable=np.full(len(points), stability_of(points[-1]).unstable),
+        unstable=np.full(len(points), points[-1].monitor.unstable),
         critical=tuple(y for _, y in takewhile(lambda x: x[0].kind == x[1].kind, pairs)),
         **tabulate_points(loading, points),
     )

@@ -161,10 +161,6 @@ class ResultFiles:
             reason = f"shows earlier results and cannot be removed ({problem.strerror})"
             print_error(f"failed: {path}: the file {reason}; remove it.")
             self.failed = True
-        if path.suffix == ".html":
-            from beamdae.report.page.page_file import remove_curve_files
-
-            remove_curve_files(path)
 
     def write(self, name: str, write: Callable[[], Iterable[Path]]) -> None:
         """Write files; if this fails, print one line and set `failed`."""

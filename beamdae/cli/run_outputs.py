@@ -312,8 +312,10 @@ def describe_run(run: Run, solution: Solution) -> Report:
     from beamdae.report.terminal import text_tables
     from beamdae.results.columns import remove_unit
     from beamdae.results.event_records import describe_events
+    from beamdae.results.outcome import accuracy_of
 
-    facts = text_tables.further_facts(solution)
+    reached = accuracy_of(solution)
+    facts = {} if reached is None else {"accuracy": reached.sentence}
     if solution.equations.events:
         facts["events"] = describe_events(
             solution.equations, solution.trajectory, solution.event_records

@@ -27,6 +27,7 @@ from beamdae.errors import (
 from beamdae.live.session import LiveSession
 from beamdae.model_functions import Model, model_of
 from beamdae.parts.mechanism import Mechanism
+from beamdae.report.page.page_data import encode
 from beamdae.report.page.page_file import fill_template
 
 _HOST = "127.0.0.1"
@@ -39,7 +40,7 @@ _FRAME_HEIGHT = 720  # of the page in a notebook [pixels]
 DEFAULT_TIME_LIMIT = 10.0  # wall time of a run [s]
 
 _STYLES = ("page", "charts", "tables", "mechanism", "media", "live")
-_SCRIPTS = ("decoding", "elements", "numbers", "markers", "mechanism", "player", "live")
+_SCRIPTS = ("data", "numbers", "markers", "mechanism", "player", "live")
 _POLICY = (
     "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'; "
     "img-src data: blob:; connect-src 'self'; base-uri 'none'; form-action 'none'"
@@ -170,7 +171,7 @@ class _Handler(BaseHTTPRequestHandler):
         if not isinstance(request, dict) or not isinstance(request.get("values"), dict):
             self._send_text(HTTPStatus.BAD_REQUEST, "The request must contain values.")
             return
-        answer = json.dumps(actions[path](request), allow_nan=False, separators=(",", ":"))
+        answer = encode(actions[path](request))
         self._send(HTTPStatus.OK, _JSON, answer)
 
     def _draw(self, request: Mapping[str, Any]) -> dict[str, Any]:

@@ -14,7 +14,6 @@ from beamdae.integrators.auto import Auto
 from beamdae.live.controls import create_controls
 from beamdae.model_functions import Model
 from beamdae.parts.mechanism import Mechanism
-from beamdae.report.page.page_data import encode_frames
 from beamdae.report.scene.frame_export import export_frames, export_run_frames
 from beamdae.report.scene.mechanism_scene import build_scene
 from beamdae.report.scene.poses import reference_poses
@@ -121,7 +120,7 @@ class LiveSession:
     def _draw(self, mechanism: Mechanism, number: int) -> dict[str, Any]:
         times = np.zeros(1)
         scene = build_scene(mechanism, reference_poses, times, name="view")
-        return {"frames": encode_frames(export_frames(scene, times))}
+        return {"frames": export_frames(scene, times)}
 
     def _run(self, mechanism: Mechanism, number: int, t_end: Any) -> dict[str, Any]:
         # The first step follows compilation, which takes seconds once on a machine.
@@ -138,7 +137,7 @@ class LiveSession:
         solution = simulate(mechanism, Auto(rtol=RTOL), end, progress=stop)
         if number != self._latest:
             return {_SUPERSEDED: True}
-        return {"frames": encode_frames(export_run_frames(solution)), **summarize(solution)}
+        return {"frames": export_run_frames(solution), **summarize(solution)}
 
 
 def summarize(solution: Solution) -> dict[str, Any]:

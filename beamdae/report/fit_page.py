@@ -9,17 +9,17 @@ import numpy as np
 
 from beamdae.equations.measures import TIME
 from beamdae.errors import format_count
-from beamdae.report.page.page_content import PageCase, PageContent, PageTable
+from beamdae.report.page.page_content import Content
 from beamdae.report.page.page_data import compute_row_limit, select_curves
 from beamdae.report.page.page_file import write_page
+from beamdae.report.page_parts import describe_page, export_table, fact_table
 from beamdae.report.scene.frame_export import export_run_frames
-from beamdae.report.terminal.text_tables import format_headers, format_number
+from beamdae.report.terminal import text_tables as terminal
 from beamdae.results.columns import remove_unit
 
 if TYPE_CHECKING:
     from beamdae.analysis.fit.result import Fit
 
-_DIGITS = 6  # of estimates and limits
 _GROUP = "data"  # id of the group of experiments without a name
 
 
@@ -28,14 +28,14 @@ def write_fit_page(fit: Fit, path: Path) -> Path:
     return write_page(path, build_fit_page(fit, f"Fit of {fit.model_name}"))
 
 
-def build_fit_page(fit: Fit, title: str) -> PageContent:
+def build_fit_page(fit: Fit, title: str) -> Content:
     """Return the page content of a fit for `beamdae.report.page.page_file.write_page`."""
     runs, data = fit.solutions, fit.residual_table()
     groups = data.groupby(["experiment", "observable"], sort=False)
     sources = [(str(x), str(header), rows) for (x, header), rows in groups]
     columns = sum(len(run.columns) for run in runs.values()) + 2 * len(sources)
     limit = compute_row_limit(columns)
-    cases: list[PageCase] = []
+    cases: list[Content] = []
     for experiment, run in runs.items():
         cases.append(
             {
@@ -69,15 +69,17 @@ def build_fit_page(fit: Fit, title: str) -> PageContent:
         )
     corrections = "data, corrected by the estimated shifts, offsets and scales"
     source = corrections if fit.sensors else "data as measured"
-    return {
-        "title": title,
-        "subtitle": describe_fit(fit)["status"],
-        "made": next(iter(runs.values())).versions,
-        "notes": [
-            *fit.warnings,
-            *fit.undetermined,
+    facts = describe_fit(fit)
+    return describe_page(
+        title,
+        facts["status"],
+        [*fit.warnings, *fit.undetermined],
+        [
+            fact_table("Fit", facts | {"points in the charts": source}),
+            export_table("Estimates", terminal.estimates_table(fit.table(), fit.units)),
         ],
-        "groups": [
+        made=next(iter(runs.values())).versions,
+        groups=[
             {
                 "id": experiment or _GROUP,
                 "label": experiment or fit.model_name,
@@ -85,22 +87,15 @@ def build_fit_page(fit: Fit, title: str) -> PageContent:
             }
             for experiment, run in runs.items()
         ],
-        "columns": [
+        columns=[
             {"key": "count", "label": "number of data", "unit": "", "kind": "number"},
             {"key": "rms", "label": "rms residual", "unit": "sigma", "kind": "number"},
         ],
-        "axes": None,
-        "noun": "curves",
-        "featured": list(dict.fromkeys(y for _, x, _ in sources for y in (x, _residual_header(x)))),
-        "tables": [
-            {
-                "title": "Fit",
-                "rows": [*describe_fit(fit).items(), ("points in the charts", source)],
-            },
-            _estimates_table(fit),
-        ],
-        "cases": cases,
-    }
+        axes=None,
+        noun="curves",
+        featured=list(dict.fromkeys(y for _, x, _ in sources for y in (x, _residual_header(x)))),
+        cases=cases,
+    )
 
 
 def _residual_header(header: str) -> str:
@@ -130,12 +125,3 @@ def describe_fit(fit: Fit) -> dict[str, str]:
     if fit.at_bounds:
         facts["at a bound"] = ", ".join(fit.at_bounds)
     return facts
-
-
-def _estimates_table(fit: Fit) -> PageTable:
-    table, headers = fit.table(), format_headers(fit.units)
-    rows = [
-        [headers.get(name, name), *(format_number(x, _DIGITS) for x in row)]
-        for name, row in zip(table.index, table.to_numpy().tolist(), strict=True)
-    ]
-    return {"title": "Estimates", "head": ["parameter", *table], "rows": rows}

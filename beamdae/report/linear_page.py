@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from beamdae.analysis.linear_dynamics.bode_diagram import (
@@ -11,14 +13,13 @@ from beamdae.analysis.linear_dynamics.bode_diagram import (
 )
 from beamdae.analysis.linear_dynamics.linear_model import LinearModel
 from beamdae.errors import format_count
-from beamdae.report.page.page_content import PageCase, PageContent, PageTable
-from beamdae.results.storage.files import versions
+from beamdae.report.page.page_content import Content
+from beamdae.report.page_parts import create_cases, describe_columns, describe_page, fact_table
 
-_GROUP = "transfers"  # id of the only group of cases
 _MAX_VIBRATIONS, _MAX_DECAYS = 16, 8  # the slowest ones; growing ones are listed, too
 
 
-def build_linear_page(content: LinearModel | Bode, title: str) -> PageContent:
+def build_linear_page(content: LinearModel | Bode, title: str) -> Content:
     """Return the page content of a linear model: its poles and one case per transfer function.
 
     The charts show magnitude and phase over the frequency (Bode diagram).
@@ -49,52 +50,52 @@ def build_linear_page(content: LinearModel | Bode, title: str) -> PageContent:
         for x, y in zip(model.outputs, model.output_values, strict=True)
     ]
     quantities = [*([x.name, x.unit, "input", "-"] for x in model.inputs), *values]
-    tables: list[PageTable] = [
-        {"title": "Linear model", "rows": list(facts.items())},
+    import pandas as pd
+
+    largest = [int(np.argmax(np.abs(x.response))) for x in transfers]
+    table = pd.DataFrame(
         {
-            "title": "Poles",
-            "head": ["pole", "frequency [Hz]", "damping ratio [-]", "growth rate [1/s]"],
-            "rows": rows,
-        },
-        {
-            "title": "Inputs and outputs",
-            "head": ["name", "unit", "kind", "value at the state"],
-            "rows": quantities,
-        },
+            "largest magnitude": [
+                float(np.abs(x.response[k])) for x, k in zip(transfers, largest, strict=True)
+            ],
+            "at frequency [Hz]": diagram.frequencies[largest],
+        }
+    )
+    curves = [
+        {"family": model.inputs[x.input].name, "curves": _select_response(diagram, x)}
+        for x in transfers
     ]
-    return {
-        "title": title,
-        "subtitle": f"{facts['size']}, {format_count(len(transfers), 'transfer function')}",
-        "made": versions(),
-        "notes": list(diagram.warnings),
-        "groups": [{"id": _GROUP}],
-        "time": {"name": "frequency", "unit": "Hz", "log": True},
-        "noun": "transfer functions",
-        "axes": None,
-        "columns": [
-            {"key": "label", "label": "output / input", "unit": "", "kind": "text"},
-            {"key": "largest", "label": "largest magnitude", "unit": "", "kind": "number"},
-            {"key": "at", "label": "at frequency", "unit": "Hz", "kind": "number"},
+    return describe_page(
+        title,
+        f"{facts['size']}, {format_count(len(transfers), 'transfer function')}",
+        diagram.warnings,
+        [
+            fact_table("Linear model", facts),
+            {
+                "title": "Poles",
+                "head": ["pole", "frequency [Hz]", "damping ratio [-]", "growth rate [1/s]"],
+                "rows": rows,
+            },
+            {
+                "title": "Inputs and outputs",
+                "head": ["name", "unit", "kind", "value at the state"],
+                "rows": quantities,
+            },
         ],
-        "tables": [table for table in tables if table["rows"]],
-        "cases": [_build_transfer_case(diagram, x) for x in transfers],
-    }
+        time={"name": "frequency", "unit": "Hz", "log": True},
+        noun="transfer functions",
+        axes=None,
+        columns=describe_columns("output / input", table),
+        cases=create_cases(table, [x.name for x in transfers], *curves),
+    )
 
 
-def _build_transfer_case(diagram: Bode, x: TransferFunction) -> PageCase:
-    """Return a transfer function, without curves if it is zero but for rounding errors."""
-    magnitude, largest = np.abs(x.response), int(np.argmax(np.abs(x.response)))
+def _select_response(diagram: Bode, x: TransferFunction) -> dict[str, Any] | None:
+    """Return the curves of a transfer function; None if it is zero but for rounding errors."""
+    if x.is_noise:
+        return None
     return {
-        "id": f"{x.output}-{x.input}",
-        "group": _GROUP,
-        "label": x.name,
-        "family": diagram.model.inputs[x.input].name,
-        "values": {"largest": float(magnitude[largest]), "at": float(diagram.frequencies[largest])},
-        "curves": None
-        if x.is_noise
-        else {
-            "t": diagram.frequencies,
-            "magnitude": {f"magnitude [{x.unit}]": magnitude},
-            "phase": {"phase [deg]": x.phase},
-        },
+        "t": diagram.frequencies,
+        "magnitude": {f"magnitude [{x.unit}]": np.abs(x.response)},
+        "phase": {"phase [deg]": x.phase},
     }

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypedDict
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,43 +12,33 @@ from beamdae.equations.measures import TIME
 from beamdae.errors import BeamdaeError, BeamdaeWarning
 from beamdae.model_parameters import format_with_unit, split_unit
 from beamdae.report.analysis_pages import build_modes_page, build_path_page
-from beamdae.report.page.page_content import (
-    Curves,
-    Frames,
-    PageCase,
-    PageColumn,
-    PageContent,
-    PageProfile,
-    PageTable,
-    PageTime,
-)
+from beamdae.report.page.page_content import Content
 from beamdae.report.page.page_data import compute_row_limit, select_curves
 from beamdae.report.page.page_file import write_page
+from beamdae.report.page_parts import (
+    GROUP,
+    create_cases,
+    describe_columns,
+    describe_page,
+    export_table,
+    fact_table,
+)
 from beamdae.report.scene.frame_export import export_frames, export_run_frames
 from beamdae.report.scene.mechanism_scene import build_scene
 from beamdae.report.scene.poses import reference_poses
-from beamdae.report.terminal.text_tables import format_headers, format_number
+from beamdae.report.terminal import text_tables as terminal
+from beamdae.report.terminal.text_tables import format_number
 from beamdae.results.equilibrium import Equilibrium
 from beamdae.results.solution import Solution
-from beamdae.results.storage.files import versions
 
 if TYPE_CHECKING:
     from beamdae.analysis.optimization.result import Optimization
 
 _DIGITS = 6  # of values and bounds
-_GROUP = "designs"  # id of the only group
 _BEST, _FIRST, _FEASIBLE, _INFEASIBLE = "best", "first", "within limits", "beyond a limit"
-_DESIGN, _OBJECTIVE, _VIOLATION = "design", "objective", "violation"
+_OBJECTIVE, _VIOLATION = "objective", "violation"
 # Numbers of more parameters, such as the heights of a beam, are in the table of parameters only.
 _MAX_NUMBER_COLUMNS = 12
-
-
-class _Motion(TypedDict):
-    """Motion, equilibria, mode or drawing of a design; `time` is the axis of its curves."""
-
-    frames: Frames | None
-    curves: Curves | None
-    time: PageTime
 
 
 def write_optimization_page(result: Optimization, path: Path) -> Path:
@@ -56,35 +46,61 @@ def write_optimization_page(result: Optimization, path: Path) -> Path:
     return write_page(path, build_optimization_page(result, f"Design of {result.model['name']}"))
 
 
-def build_optimization_page(result: Optimization, title: str) -> PageContent:
+def build_optimization_page(result: Optimization, title: str) -> Content:
     """Return the page content of an optimization for `write_page`.
 
     The cases are the evaluated designs; the first and the best one have a motion or a drawing.
     """
-    motions = [_export_design(result, is_best) for is_best in (False, True)]
-    tables: list[PageTable] = [
-        {"title": "Optimization", "rows": list(describe_optimization(result).items())},
-        _constraints_table(result),
-        _parameters_table(result),
-        _starts_table(result),
-    ]
-    return {
-        "title": title,
-        "subtitle": result.status.sentence,
-        "made": versions(),
-        "notes": list(dict.fromkeys([*result.warnings, *_build_warnings(result)])),
-        "groups": [{"id": _GROUP, "label": result.model["name"]}],
-        "noun": "designs",
-        "leads": True,
-        "columns": _list_columns(result),
-        "axes": {"x": _DESIGN, "y": _OBJECTIVE},
-        "families": [_BEST, _FIRST, _FEASIBLE, _INFEASIBLE],
-        "time": motions[1]["time"],
-        "featured": _list_headers(result),
-        "profiles": _list_profiles(result),
-        "tables": [table for table in tables if table["rows"]],
-        "cases": _list_cases(result, motions),
-    }
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", BeamdaeWarning)  # The optimization has issued them.
+        of_model = result.mechanism().build_warnings
+    history, best, units = result.history(), result.best_number, result.units
+    labels: list[str] = []
+    entries: list[Content] = []
+    time: Content = {}
+    for k, violation in enumerate(history[_VIOLATION], 1):
+        family = _FEASIBLE if violation == 0.0 else _INFEASIBLE
+        label, motion = f"design {k}", Content()
+        if k in (1, best):
+            family = _BEST if k == best else _FIRST
+            label += f" ({'first and best' if best == 1 else family})"
+            motion, axis = _export_design(result, k == best)
+            time = axis if k == best else time
+        labels.append(label)
+        status = history["failure"].iloc[k - 1] or "ok"
+        entries.append({"rank": k, "family": family, "status": status, **motion})
+    table = history.drop(columns="failure")
+    table.insert(0, "design", range(1, len(table) + 1))
+    numbers = list(result.table().index)
+    shown = table.drop(columns=numbers if len(numbers) > _MAX_NUMBER_COLUMNS else [])
+    searches = []
+    if result.starts is not None:
+        of_parameters = {x: units[x] for x in map(str, result.table().index)}
+        starts = terminal.searches_table(result.starts, of_parameters, _OBJECTIVE, "designs")
+        searches = [export_table("Searches", starts)]
+    cases = create_cases(table, labels, *entries)
+    # The page opens on the first cases with curves.
+    cases.sort(key=lambda x: (_BEST, _FIRST).index(x["family"]) if x.get("frames") else 2)
+    return describe_page(
+        title,
+        result.status.sentence,
+        list(dict.fromkeys([*result.warnings, *of_model])),
+        [
+            fact_table("Optimization", describe_optimization(result)),
+            _constraints_table(result),
+            _parameters_table(result),
+            *searches,
+        ],
+        groups=[{"id": GROUP, "label": result.model["name"]}],
+        noun="designs",
+        leads=True,
+        columns=describe_columns("design", shown, units)[1:],
+        axes={"x": "design", "y": _OBJECTIVE},
+        families=[_BEST, _FIRST, _FEASIBLE, _INFEASIBLE],
+        time=time,
+        featured=_list_headers(result),
+        cases=cases,
+    )
 
 
 def describe_optimization(result: Optimization) -> dict[str, str]:
@@ -106,14 +122,7 @@ def describe_optimization(result: Optimization) -> dict[str, str]:
     }
 
 
-def _build_warnings(result: Optimization) -> tuple[str, ...]:
-    """Return the warnings of the model function, which were issued by the optimization."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", BeamdaeWarning)
-        return result.mechanism().build_warnings
-
-
-def _constraints_table(result: Optimization) -> PageTable:
+def _constraints_table(result: Optimization) -> Content:
     rows = [
         [
             format_with_unit(x.name, x.unit),
@@ -127,7 +136,7 @@ def _constraints_table(result: Optimization) -> PageTable:
     return {"title": "Constraints", "head": head, "rows": rows}
 
 
-def _parameters_table(result: Optimization) -> PageTable:
+def _parameters_table(result: Optimization) -> Content:
     table = result.table()
     rows = [
         [
@@ -141,15 +150,6 @@ def _parameters_table(result: Optimization) -> PageTable:
     return {"title": "Parameters", "head": ["parameter", *map(str, list(table)[:-1])], "rows": rows}
 
 
-def _starts_table(result: Optimization) -> PageTable:
-    """Return the searches from several starts."""
-    table, headers = result.starts, format_headers(result.units)
-    columns = ["objective", "violation", "evaluations", *map(str, result.table().index), "status"]
-    rows = [] if table is None else table[columns].to_numpy().tolist()
-    texts = [[*(format_number(x, _DIGITS) for x in row[:-1]), row[-1]] for row in rows]
-    return {"title": "Searches", "head": [headers.get(x, x) for x in columns], "rows": texts}
-
-
 def _list_headers(result: Optimization) -> list[str]:
     """Return the headers of the columns in the objective and the constraints."""
     observed: dict[str, str] = {}
@@ -159,87 +159,25 @@ def _list_headers(result: Optimization) -> list[str]:
     return [observed.get(name, name) for name in result.columns]
 
 
-def _list_profiles(result: Optimization) -> list[PageProfile]:
-    """Return lists of numbers among the parameters, such as the thicknesses along a beam."""
-    profiles: list[PageProfile] = []
-    for name, values in result.parameters.items():
-        if isinstance(values, tuple) and len(values) > 1:
-            keys = [f"{name}[{k}]" for k in range(len(values))]
-            label = format_headers({name: result.units[keys[0]]}).get(name, name)
-            profiles.append({"label": label, "keys": keys})
-    return profiles
-
-
-def _list_columns(result: Optimization) -> list[PageColumn]:
-    """Return the columns of the table of designs."""
-    names = [str(x) for x in result.history() if x != "failure"]
-    numbers = list(result.table().index)
-    if len(numbers) > _MAX_NUMBER_COLUMNS:
-        names = [x for x in names if x not in numbers]
-    columns: list[PageColumn] = [{"key": _DESIGN, "label": _DESIGN, "unit": "", "kind": "number"}]
-    for name in names:
-        unit = result.units.get(name, "")
-        columns.append({"key": name, "label": name, "unit": unit, "kind": "number"})
-    return columns
-
-
-def _list_cases(result: Optimization, motions: list[_Motion]) -> list[PageCase]:
-    """Return a case per evaluated design."""
-    history = result.history()
-    rows = history.drop(columns="failure").to_dict("records")
-    best = result.best_number
-    cases: list[PageCase] = []
-    for k, (row, failure) in enumerate(zip(rows, history["failure"], strict=True), 1):
-        family = _FEASIBLE if row[_VIOLATION] == 0.0 else _INFEASIBLE
-        label = f"design {k}"
-        if k in (1, best):
-            family = _BEST if k == best else _FIRST
-            label += f" ({'first and best' if best == 1 else family})"
-        values = {_DESIGN: k, **{str(name): x for name, x in row.items() if np.isfinite(x)}}
-        case: PageCase = {
-            "id": f"{_DESIGN} {k}",
-            "group": _GROUP,
-            "label": label,
-            "family": family,
-            "rank": k,
-            "status": failure or "ok",
-            "values": values,
-        }
-        if k in (1, best):
-            motion = motions[k == best]
-            case |= {"frames": motion["frames"], "curves": motion["curves"]}
-        cases.append(case)
-    # The page opens on the first cases with curves.
-    cases.sort(key=lambda case: (_BEST, _FIRST).index(case["family"]) if case.get("frames") else 2)
-    return cases
-
-
-def _export_design(result: Optimization, is_best: bool) -> _Motion:
-    """Return frames, curves and their time axis: of a run, a path, a mode, or a drawing."""
+def _export_design(result: Optimization, is_best: bool) -> tuple[Content, Content]:
+    """Return frames and curves of a run, a path, a mode, or a drawing, and their time axis."""
     analyses = result.analyses if is_best else result.first_analyses
     run = next((x for x in analyses if isinstance(x, Solution)), None)
+    path = next((x for x in analyses if isinstance(x, Equilibrium)), None)
     if run is not None:
         limit = compute_row_limit(2 * len(run.columns))
-        return {
-            "frames": export_run_frames(run, enlarges=True),
-            "curves": select_curves({TIME: run.t, **run.columns}, limit),
-            "time": {},
-        }
-    path = next((x for x in analyses if isinstance(x, Equilibrium)), None)
+        curves = select_curves({TIME: run.t, **run.columns}, limit)
+        return {"frames": export_run_frames(run, enlarges=True), "curves": curves}, {}
     if path is not None:
         page = build_path_page(path, "")
-        frames, curves = page["groups"][0]["frames"], page["cases"][0]["curves"]
-        return {"frames": frames, "curves": curves, "time": page["time"]}
+        entries = {"frames": page["groups"][0]["frames"], "curves": page["cases"][0]["curves"]}
+        return entries, page["time"]
     if analyses:
         page = build_modes_page(analyses[0], "")
-        frames = next((x["frames"] for x in page["cases"]), None)
-        return {"frames": frames, "curves": None, "time": page["time"]}
-    return {"frames": _export_drawing(result.mechanism(is_best)), "curves": None, "time": {}}
-
-
-def _export_drawing(mechanism: Any) -> dict[str, Any] | None:
+        return {"frames": next((x["frames"] for x in page["cases"]), None)}, page["time"]
     times = np.zeros(1)
     try:
-        return export_frames(build_scene(mechanism, reference_poses, times), times)
+        scene = build_scene(result.mechanism(is_best), reference_poses, times)
+        return {"frames": export_frames(scene, times)}, {}
     except BeamdaeError:
-        return None  # There are no parts that can be drawn.
+        return {"frames": None}, {}  # There are no parts that can be drawn.

@@ -7,14 +7,15 @@ from datetime import datetime
 from typing import Any
 
 from beamdae.equations.measures import TIME
-from beamdae.report.page.page_content import PageCase, PageContent, PageTable
+from beamdae.report.page.page_content import Content
 from beamdae.report.page.page_data import compute_row_limit, select_curves
+from beamdae.report.page_parts import export_table, fact_table
 from beamdae.report.pictures.time_plots import PlotSelection, find_time_window
 from beamdae.report.scene.frame_export import export_run_frames
 from beamdae.report.terminal import text_tables as terminal
-from beamdae.report.terminal.responsive_table import ResponsiveTable
 from beamdae.results.columns import is_derivative, observed_columns
 from beamdae.results.event_records import describe_events
+from beamdae.results.outcome import accuracy_of
 from beamdae.results.solution import Solution
 
 _ID = "run"  # id of the case of the run and of its group
@@ -30,7 +31,7 @@ def build_run_page(
     errors: Mapping[str, Any] | None = None,
     warnings: Sequence[str] | None = None,
     charts: PlotSelection | None = None,
-) -> PageContent:
+) -> Content:
     """Return the page content of a run for `beamdae.report.page.page_file.write_page`.
 
     Parameters
@@ -86,7 +87,7 @@ def build_run_page(
     }
 
 
-def _list_measured(charts: PlotSelection, limit: int) -> list[PageCase]:
+def _list_measured(charts: PlotSelection, limit: int) -> list[Content]:
     """Return a case for the measured values of each column and experiment."""
     return [
         {
@@ -103,27 +104,38 @@ def _list_measured(charts: PlotSelection, limit: int) -> list[PageCase]:
 
 
 def _build_tables(
-    solution: Solution,
-    columns: Mapping[str, Any],
-    errors: Mapping[str, Any] | None,
-) -> list[PageTable]:
+    solution: Solution, columns: Mapping[str, Any], errors: Mapping[str, Any] | None
+) -> list[Content]:
     facts = terminal.run_facts(solution.summary(), solution.integrator)
-    facts |= terminal.further_facts(solution)
+    if (reached := accuracy_of(solution)) is not None:
+        facts["accuracy"] = reached.sentence
     if solution.equations.events:
         facts["events"] = describe_events(
             solution.equations, solution.trajectory, solution.event_records
         )
+    model, metadata = solution.model, solution.metadata()
+    units = model.get("units", {})
+    parameters = {
+        name: f"{_format_parameter(x)} {units.get(name, '')}".strip()
+        for name, x in model.get("parameters", {}).items()
+    }
+    provenance = {
+        "model": model.get("name", ""),
+        "started": metadata["start"]["asked"] or "as drawn",
+        "equations": metadata["equations"]["identity"][:_HASH_DIGITS],
+        "written": datetime.now().astimezone().isoformat(" ", "seconds"),
+    }
     return [
         _build_observed_table(solution, columns, errors),
-        {"title": "Parameters", "rows": _list_parameters(solution), "section": "motion"},
-        {"title": "Run", "rows": list(facts.items()), "section": "solver"},
-        {"title": "Provenance", "rows": _list_provenance(solution), "section": "solver"},
+        fact_table("Parameters", parameters, "motion"),
+        fact_table("Run", facts, "solver"),
+        fact_table("Provenance", provenance, "solver"),
     ]
 
 
 def _build_observed_table(
     solution: Solution, columns: Mapping[str, Any], errors: Mapping[str, Any] | None
-) -> PageTable:
+) -> Content:
     """Return extremes and errors of the observed columns; derivatives have no errors."""
     observed = {name: columns[name] for name in observed_columns(columns)}
     table = export_table("Observed", terminal.range_table(observed, steps=solution.step_extremes))
@@ -138,32 +150,7 @@ def _build_observed_table(
     return table | {"head": [*table["head"], *head[1:]], "rows": extended}
 
 
-def export_table(title: str, table: ResponsiveTable, section: str = "results") -> PageTable:
-    """Return a table of the terminal as a table of facts of the page."""
-    head, *rows = (list(row) for row in table.texts)
-    return {"title": title, "head": head, "rows": rows, "section": section}
-
-
-def _list_parameters(solution: Solution) -> list[list[str]]:
-    model = solution.metadata()["model"]
-    units = model.get("units", {})
-    return [
-        [str(name), f"{_format_parameter(x)} {units.get(name, '')}".strip()]
-        for name, x in model.get("parameters", {}).items()
-    ]
-
-
 def _format_parameter(value: Any) -> str:
     if isinstance(value, (list, tuple)):
         return f"({', '.join(map(_format_parameter, value))})"
     return terminal.format_number(value, _PARAMETER_DIGITS)
-
-
-def _list_provenance(solution: Solution) -> list[list[str]]:
-    metadata = solution.metadata()
-    model = metadata["model"]
-    settings = {"model": model.get("name", "")}
-    settings["started"] = str(metadata["start"]["asked"] or "as drawn")
-    settings["equations"] = metadata["equations"]["identity"][:_HASH_DIGITS]
-    settings["written"] = datetime.now().astimezone().isoformat(" ", "seconds")
-    return [[name, value] for name, value in settings.items() if value]

@@ -1,13 +1,11 @@
-"""HTML summary of a run for notebooks: status, cost, accuracy and a thumbnail."""
+"""HTML summary of a run for notebooks: status, cost and accuracy."""
 
 from __future__ import annotations
 
 import html
 from collections.abc import Mapping
 
-from beamdae.errors import BeamdaeError
-from beamdae.report.pictures.run_animation import draw_thumbnail
-from beamdae.report.terminal.text_tables import format_number
+from beamdae.report.terminal.text_tables import run_facts
 from beamdae.results.event_records import describe_events
 from beamdae.results.solution import Solution
 
@@ -21,38 +19,14 @@ def summarize_as_html(solution: Solution) -> str:
     name = solution.model.get("name", "")
     method = str(solution.integrator.get("integrator", ""))
     title = " by ".join(filter(None, (name, method))) or "run"
-    try:
-        thumbnail = draw_thumbnail(solution)
-    except BeamdaeError:
-        # The run has no mechanism that could be drawn.
-        thumbnail = ""
-    return (
-        '<div style="display: flex; flex-wrap: wrap; gap: 24px; align-items: center">'
-        f"<div><b>{html.escape(title)}</b>{format_html_table(_collect_facts(solution))}</div>"
-        f"<div>{thumbnail}</div></div>"
-    )
-
-
-def _collect_facts(solution: Solution) -> dict[str, str]:
-    cost, quality, status = solution.statistics, solution.quality, solution.status
-    wall_time = format_number(cost.wall_time)
-    position_drift = format_number(quality.max_position_drift)
-    velocity_drift = format_number(quality.max_velocity_drift)
-    facts = {
-        "status": f"{status.kind}: {status.sentence}",
-        "time": f"{solution.t[0]:g} s to {solution.trajectory.end:g} s, {len(solution.t)} rows",
-        "cost": f"{cost.steps} steps, {cost.rejected_steps} rejected, {wall_time} s",
-        "energy imbalance": format_number(quality.energy_imbalance),
-        "drift": f"{position_drift}, {velocity_drift} (positions, velocities)",
-        "observed": ", ".join(o.name for o in solution.equations.observables) or "nothing",
-    }
+    facts = run_facts(solution.summary(), solution.integrator)
+    facts["observed"] = ", ".join(o.name for o in solution.equations.observables) or "nothing"
     if solution.equations.events:
         facts["events"] = describe_events(
             solution.equations, solution.trajectory, solution.event_records
         )
-    for k, sentence in enumerate(solution.warnings):
-        facts[f"warning {k + 1}"] = sentence
-    return facts
+    facts |= {f"warning {k + 1}": sentence for k, sentence in enumerate(solution.warnings)}
+    return f"<div><b>{html.escape(title)}</b>{format_html_table(facts)}</div>"
 
 
 def format_html_table(facts: Mapping[str, str]) -> str:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import difflib
 import math
-import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import lru_cache
 from types import MappingProxyType
@@ -31,7 +30,6 @@ UNITS_OF_POSITIONS = ("m", "rad")  # which must be accurate by default
 
 UNITS_OF_ACCELERATIONS = ("m/s^2", "rad/s^2")
 UNITS_OF_FORCES = ("N", "N m")  # of columns whose values do not depend on an origin
-UNITS_OF_LOADS = (*UNITS_OF_FORCES, "Pa")
 
 # Errors of columns that have a sentence, and those at which recommended settings aim.
 LIMIT, AIM = 0.04, 0.01
@@ -52,7 +50,6 @@ NO_OTHERS: Mapping[str, float] = MappingProxyType({})
 
 _BY = ")/d("  # between column and parameter in the header of a derivative
 _MAX_NAMES = 12  # of columns in a message
-_WORD = re.compile(r"[^\W_]+")
 
 
 class Header(NamedTuple):
@@ -159,27 +156,14 @@ def _select_by_name(
         matches = [header for header in headers if reading(header) == name]
         if matches:
             return [header for header in matches if header in preferred] or matches
-    shown = list(map(remove_unit, _order_by_likeness(headers, name)))
+    text, shown = as_text(name) or "", list(map(remove_unit, headers))
+    shown = difflib.get_close_matches(text, shown, max(len(shown), 1), cutoff=0.0)
     # Headers last, for names with another unit.
     known_names = list(dict.fromkeys(x(h) for x in (*readings[1:], readings[0]) for h in headers))
     raise BeamdaeError(
         f"{part or of}: there is no column {short_repr(name)}{suggest(name, known_names)}; "
         f"available columns: {list_first(shown, _MAX_NAMES) or 'none'}."
     )
-
-
-def _order_by_likeness(headers: Iterable[str], name: Any) -> list[str]:
-    """Return the headers to list for an unknown name, the most similar ones first."""
-    text = (as_text(name) or "").lower()
-    words = set(_WORD.findall(text))
-
-    def likeness(header: str) -> float:
-        known = remove_unit(header).lower()
-        ratio = difflib.SequenceMatcher(None, text, known).ratio()
-        # A common word, such as the name of a part, counts more than common letters.
-        return ratio + len(words & set(_WORD.findall(known)))
-
-    return sorted(headers, key=likeness, reverse=True)
 
 
 def select_column(part: str, headers: Iterable[str], name: Any) -> str:

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn, Protocol, cast
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from beamdae import deferred
 from beamdae.results.storage.files import require_file_path, write_escaped_table
@@ -171,30 +170,9 @@ class HasModeShapes(HasTable, HasPage):
         return load_views().animate_mode(self, mode, path, frames)
 
 
-class Views(Protocol):
-    """Interface of `beamdae.views`: the functions called by the methods of results."""
-
-    animate: Callable[..., Animation | Path]
-    animate_mode: Callable[..., Animation | Path]
-    draw_campbell: Callable[..., Plot]
-    draw_modes: Callable[..., Plot]
-    plot_bode: Callable[..., Plot]
-    plot_critical_loads: Callable[..., Plot]
-    plot_equilibrium_path: Callable[..., Plot]
-    plot_fit: Callable[..., Plot]
-    plot_frequency_response: Callable[..., Plot]
-    plot_profile: Callable[..., Plot]
-    plot_section_forces: Callable[..., Plot]
-    plot_time_series: Callable[..., Plot]
-    save_plot: Callable[..., Path]
-    summarize_as_html: Callable[..., str]
-    write_analysis_page: Callable[..., Path]
-    write_run_page: Callable[..., Path]
-
-
-def load_views() -> Views:
+def load_views() -> Any:
     """Import and return `beamdae.views`, which displays results.
 
     Result classes do not import drawing code; their display methods call this function instead.
     """
-    return cast("Views", deferred.module("views"))
+    return deferred.module("views")

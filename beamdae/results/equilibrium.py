@@ -222,28 +222,23 @@ class Equilibrium(HasPage):
                 "start= to look for a stable one."
             )
         number = sum(x.kind == "branch point" for x in self.critical if x.row <= onset.row)
-        if not by_load:
-            switches = np.cumsum(np.abs(self.settings.get("switch", []))).tolist()
-            if onset.kind != "branch point" or number not in switches:
-                if isinstance(self.settings["to"], Mapping) or not self.status.success:
-                    return ""
-                return (
-                    f"equilibrium: {state} since the {onset.kind} at "
-                    f"{self.quantity} {onset.factor:.6g}, where a real structure leaves this path; "
-                    "simulate what it does beyond this point."
-                )
-            return (
-                f"equilibrium: {state} since the branch point at {self.quantity} "
-                f"{onset.factor:.6g}, where the path switches; simulate what the structure does at "
-                "this point."
+        is_branch = onset.kind == "branch point"
+        switches = np.cumsum(np.abs(self.settings.get("switch", []))).tolist()
+        is_switched = not by_load and is_branch and number in switches
+        is_asked = isinstance(self.settings["to"], Mapping) or not self.status.success
+        if is_asked and not (by_load or is_switched):
+            return ""
+        remedy = "simulate what the structure does beyond this point"
+        if by_load and is_branch:
+            crossing = f"follow the crossing path with switch={number}, or "
+            remedy = (
+                f"{crossing if len(self.loads) == 1 else ''}analyze an imperfect structure "
+                "(bd.imperfect, bd.knock_down)"
             )
-        state = f"{state} since the {onset.kind} at {self.quantity} {onset.factor:.6g}"
-        if onset.kind != "branch point":
-            return f"equilibrium: {state}; simulate what the structure does beyond it."
-        crossing = f"follow the crossing path with switch={number}, or " * (len(self.loads) == 1)
+        what = "the path switches" if is_switched else "a real structure leaves this path"
         return (
-            f"equilibrium: {state}, where a real structure leaves this path; {crossing}analyze an "
-            "imperfect structure (bd.imperfect, bd.knock_down)."
+            f"equilibrium: {state} since the {onset.kind} at {self.quantity} {onset.factor:.6g}, "
+            f"where {what}; {remedy}."
         )
 
     @property

@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 Array = np.ndarray
 
 STABILITY_MARGIN = 1e-3  # moduli of the multipliers of stable motions may exceed 1 by this
-_SHORTEST_STEP = 1e-12  # minimum arc length between two points of the curve
 # Half ranges whose relative changes along the curve are smaller are constant: errors of the runs.
 _MIN_VARIATION = 1e-4
 # Smaller half ranges, relative to the largest ones of the same kind, are rounding errors.
@@ -208,8 +207,8 @@ class FrequencyResponse(HasTable, HasPage):
         Each peak is the vertex of a parabola through the three nearest points: 1 / half range^2
         over the parameter, with an error below 0.2 % for a linear resonance with a damping ratio up
         to 1 % and two points within the half-power bandwidth. Where the curve folds, or the peak
-        would be more than 25 % above the highest point, the parabola is the half range over the arc
-        length of the curve. The ends of the curve are not peaks.
+        would be more than 25 % above the highest point, it is the highest point. The ends of the
+        curve are not peaks.
 
         Parameters
         ----------
@@ -253,19 +252,13 @@ class FrequencyResponse(HasTable, HasPage):
         """Return (parameter, half range) of the peak next to the point `k`."""
         near = slice(k - 1, k + 2)
         before, here, after = values[near].tolist()
-        is_monotone = (here - before) * (after - here) > 0.0
-        if is_monotone and np.all(sizes[near] > 0.0):
+        if (here - before) * (after - here) > 0.0 and np.all(sizes[near] > 0.0):
             a, b, c = np.polyfit(values[near] - here, (sizes[k] / sizes[near]) ** 2, 2).tolist()
-            shift = -0.5 * b / a if a > 0.0 else np.inf
-            lowest = c - 0.25 * b**2 / a if a > 0.0 else 0.0
-            is_resolved = lowest * _MAX_PEAK_RATIO**2 > 1.0
-            if is_resolved and min(before, after) <= here + shift <= max(before, after):
+            shift, lowest = -0.5 * b / a, c - 0.25 * b**2 / a
+            is_between = min(before, after) <= here + shift <= max(before, after)
+            if a > 0.0 and is_between and lowest * _MAX_PEAK_RATIO**2 > 1.0:
                 return here + shift, float(sizes[k] / np.sqrt(lowest))
-        at = self._vertex_arc_length(k, sizes)
-        parameter = _interpolate_parabola(at, k, self._arc_length, values)
-        if is_monotone:
-            parameter = min(max(parameter, min(before, after)), max(before, after))
-        return parameter, _interpolate_parabola(at, k, self._arc_length, sizes)
+        return here, float(sizes[k])
 
     def curve(self, column: str) -> tuple[Array, Array]:
         """Return the parameter (k,) and the half range (k,) of an observed column.
@@ -328,24 +321,6 @@ class FrequencyResponse(HasTable, HasPage):
         at_rest = mark_resting_columns(names, rows, half_ranges, length, rate)
         return frozenset(name for name, rests in zip(names, at_rest, strict=True) if rests)
 
-    @cached_property
-    def _arc_length(self) -> Array:
-        """Arc length along the curve (k,), with all coordinates scaled to a range of 1.
-
-        The coordinates are the parameter and the half ranges of the varying columns.
-        """
-        values = np.array([point.parameter for point in self.points])
-        rows = np.stack([values, *(self.curve(name)[1] for name in self.varying_columns)], axis=1)
-        rows = rows / np.where(np.ptp(rows, axis=0) > 0.0, np.ptp(rows, axis=0), 1.0)
-        steps = np.linalg.norm(np.diff(rows, axis=0), axis=1)
-        return np.concatenate([[0.0], np.cumsum(np.maximum(steps, _SHORTEST_STEP))])
-
-    def _vertex_arc_length(self, k: int, values: Array) -> float:
-        """Return the arc length at the vertex of the parabola through points `k` - 1 to `k` + 1."""
-        x, y = self._arc_length[k - 1 : k + 2], values[k - 1 : k + 2]
-        a, b, _ = np.polyfit(x - x[1], y, 2)
-        return float(x[1] - 0.5 * b / a) if a != 0.0 else float(x[1])
-
 
 def _size_headers(header: str) -> list[str]:
     """Return the headers of the mean, the half range and the largest magnitude of a column."""
@@ -357,8 +332,3 @@ def _find_maxima(sizes: Array) -> list[int]:
     """Return the indices of the inner local maxima of a curve (k,)."""
     (inner,) = np.nonzero((sizes[1:-1] >= sizes[:-2]) & (sizes[1:-1] > sizes[2:]))
     return (inner + 1).tolist()
-
-
-def _interpolate_parabola(at: float, k: int, arc_length: Array, values: Array) -> float:
-    x, y = arc_length[k - 1 : k + 2], values[k - 1 : k + 2]
-    return float(np.polyval(np.polyfit(x - x[1], y, 2), at - x[1]))

@@ -25,13 +25,6 @@ Array = np.ndarray
 # 7e-3.
 _SINGULAR_RATIO = 4e-3
 
-# The velocity jumps if its change between two samples exceeds this multiple of the median change
-# and this fraction of the velocity. For parallelogram linkages the ratio to the median is 2 if a
-# run stays on its branch, and 40 or more if it changes the branch.
-_JUMP_TO_MEDIAN_CHANGE = 10.0
-_JUMP_TO_VELOCITY = 0.1
-_JUMP_SAMPLES = np.linspace(-2.0, 2.0, 25)  # around a singular position, in sample distances
-
 # The number of samples of a run decreases with the cube of the number of constraints.
 _MIN_SAMPLES = 24
 _MAX_SAMPLES = 400
@@ -54,13 +47,10 @@ class SingularPosition:
         Time at which the run passed the position [s].
     joints
         Names of the joints whose reactions balance each other and are therefore not unique.
-    jump
-        True if the velocity jumped, which means that the run continued on a different branch.
     """
 
     t: float
     joints: tuple[str, ...]
-    jump: bool
 
 
 def find_singular_positions(
@@ -104,10 +94,9 @@ def _find_in_stretch(
     if not len(singular):
         return []
     times, state = trajectory.at(singular)
-    jumps = _has_velocity_jump(equations, trajectory, singular, distance)
     return [
-        SingularPosition(float(when), tuple(jacobian.singular_joints(time, q)), bool(jump))
-        for when, time, q, jump in zip(singular, times, state.q, jumps, strict=True)
+        SingularPosition(float(when), tuple(jacobian.singular_joints(time, q)))
+        for when, time, q in zip(singular, times, state.q, strict=True)
     ]
 
 
@@ -154,49 +143,17 @@ def _refine_minima(
     return at, minimum
 
 
-def _has_velocity_jump(
-    equations: EquationsOfMotion, trajectory: Trajectory, at: Array, distance: float
-) -> Array:
-    """Return one boolean per time: True if the velocity jumps near this time.
-
-    The velocity is compared at samples around the time; `distance` is the sample distance of the
-    run [s].
-    """
-    steps, first = np.unique(
-        np.concatenate([interval.t for interval in trajectory.intervals]), return_index=True
-    )
-    rates = np.concatenate([interval.state.v for interval in trajectory.intervals])[first]
-    t = at[:, None] + distance * _JUMP_SAMPLES
-    # Interpolated linearly, because a polynomial of higher degree would oscillate near a jump.
-    scaled = (rates / equations.position_scales).T
-    v = np.stack([np.interp(t, steps, component) for component in scaled], axis=-1)
-    changes = np.linalg.norm(np.diff(v, axis=1), axis=2)
-    largest, median = changes.max(axis=1), np.median(changes, axis=1)
-    speed = np.linalg.norm(v, axis=2).max(axis=1)
-    return (largest > _JUMP_TO_MEDIAN_CHANGE * median) & (largest > _JUMP_TO_VELOCITY * speed)
-
-
 def singularity_warnings(positions: tuple[SingularPosition, ...]) -> tuple[str, ...]:
-    """Return warnings about the first singular position and, if any, the first velocity jump."""
+    """Return a warning about the first singular position, if there is one."""
     if not positions:
         return ()
-    first, count = positions[0], len(positions)
-    later = ""
-    if count > 1:
-        later = f" and at {format_count(count - 1, 'later time')}"
-    warning = (
+    first, later = positions[0], ""
+    if len(positions) > 1:
+        later = f" and at {format_count(len(positions) - 1, 'later time')}"
+    return (
         f"{', '.join(first.joints)}: the constraints lose rank near t = {first.t:.5g} s{later}, "
-        "where the motion may branch; check that the run continues on the intended branch."
+        "where the motion may branch; check that the run continues on the intended branch.",
     )
-    jumps = [position for position in positions if position.jump]
-    if not jumps:
-        return (warning,)
-    jumped = (
-        f"{', '.join(jumps[0].joints)}: the velocity jumps near t = {jumps[0].t:.5g} s, where "
-        "the constraints lose rank, and the run continues on another branch; use a formulation "
-        "that enforces positions and velocities, such as 'stabilized-index1', or smaller steps."
-    )
-    return (warning, jumped)
 
 
 def unbounded_warnings(names: Sequence[str], trajectory: Trajectory) -> Iterator[str]:

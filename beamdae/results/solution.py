@@ -421,7 +421,6 @@ class Solution(RunData, TimeSeries):
             "start": {
                 "asked": self.start.request,
                 "changed by the joints": [asdict(change) for change in self.start.changes],
-                "moved by settling": [asdict(motion) for motion in self.start.settling],
             },
             "singular positions": [asdict(position) for position in self.singular_positions],
             "events": [record.as_dict() for record in self.event_records],

@@ -9,11 +9,7 @@ import numpy as np
 from beamdae.equations.equations_of_motion import EquationsOfMotion, Start, State
 from beamdae.equations.smooth_intervals import time_on_branch
 from beamdae.equations.starts.consistent_start import ConsistencySolver
-from beamdae.equations.starts.mobility import find_free_motions
-from beamdae.equations.starts.rank import analyze_constraint_rank
-from beamdae.equations.starts.rigid_motions import Body, collect_bodies, describe_free_motion
 from beamdae.equations.starts.state_evaluator import StateEvaluator
-from beamdae.parts.attachments import measure_extent
 from beamdae.parts.joints.drivers import DrivenJoint
 from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM
 from beamdae.read_only import read_only_data
@@ -24,13 +20,7 @@ _MAX_UNREPORTED_DISPLACEMENT = 1e-3  # relative to the length of the mechanism
 _MAX_UNREPORTED_VELOCITY_CHANGE = 1e-2  # relative to the largest requested velocity of the part
 # Displacements by drivers up to this share of the length of the mechanism are preloads.
 _MAX_PRELOAD = 0.05
-# Larger rotations and displacements (relative to the extent of the drawing with the attachments of
-# springs and contacts) of bodies that joints leave free are falls, not static deflections.
-_MIN_FALL_ANGLE = np.pi / 4  # [rad]
-_MIN_FALL_DISPLACEMENT = 0.5
-_ROUNDING_OF_MOTIONS = 1e-9  # [m] and [rad], in descriptions
 _MIN_OPEN_GAP = 1e-9  # relative to the scale of the gap
-_MAX_CONSTRAINTS = 1500  # for dense matrices of rigid motions
 _MAX_ROUNDING = 1e-9  # of velocities, relative to the largest one
 _MIN_RATE = 1e-14  # of velocities relative to the length [1/s]; slower motions are at rest
 
@@ -56,35 +46,6 @@ class StartChange:
     coordinate: str
 
 
-@dataclass(frozen=True)
-class Settling:
-    """Motion of one body from the drawing with closed joints to an equilibrium or a rotation.
-
-    Attributes
-    ----------
-    part
-        Name of the part.
-    displacement
-        Distance [m] between both positions of its reference point, or of its farthest node.
-    rotation
-        Angle [rad] of its rotation, or mean rotation of its nodes.
-    """
-
-    part: str
-    displacement: float
-    rotation: float
-
-    def describe(self, name: str) -> str:
-        """Return a phrase such as "turns <name> by 90 degrees and moves it by 0.5 m", or ""."""
-        phrases = []
-        if self.rotation > _ROUNDING_OF_MOTIONS:
-            phrases.append(f"turns {name} by {np.rad2deg(self.rotation):.3g} degrees")
-        if self.displacement > _ROUNDING_OF_MOTIONS:
-            pronoun = "it" if phrases else name
-            phrases.append(f"moves {pronoun} by {self.displacement:.3g} m")
-        return " and ".join(phrases)
-
-
 @read_only_data
 @dataclass(frozen=True)
 class StartSummary:
@@ -100,28 +61,17 @@ class StartSummary:
     warning
         Warning if no positions were requested and a part was displaced by more than a thousandth of
         the length of the mechanism to close the joints, or if a requested velocity was changed by
-        more than a hundredth of it, or if an equilibrium or a rotation turns a body that the joints
-        leave free by more than 45 degrees or moves it by more than half the extent of the
-        drawing; otherwise empty.
-    settling
-        Motions of the bodies from the drawing with closed joints to the equilibrium or the steady
-        rotation; empty for other starts.
+        more than a hundredth of it; otherwise empty.
     """
 
     request: str
     changes: tuple[StartChange, ...]
     warning: str
-    settling: tuple[Settling, ...] = ()
 
     @property
     def largest(self) -> StartChange | None:
         """Change with the largest displacement, or None if no part has coordinates."""
         return max(self.changes, key=lambda change: change.displacement, default=None)
-
-    @property
-    def largest_settling(self) -> Settling | None:
-        """Motion to the equilibrium or rotation with the largest rotation and displacement."""
-        return max(self.settling, key=lambda x: (x.rotation, x.displacement), default=None)
 
 
 def compare_start(e: EquationsOfMotion, state: State) -> StartSummary:
@@ -143,16 +93,10 @@ def compare_start(e: EquationsOfMotion, state: State) -> StartSummary:
     warning = "" if is_moved else _describe_displacement(e, q, summary.largest)
     if request == AS_DRAWN and not warning:
         warning = _describe_lost_velocity(e, v, state)
-    if drawn_closed_q is None or e.mechanism is None:
-        return replace(summary, warning=warning)
-    settling = [_settling(body, state.q - closed_q) for body in collect_bodies(e) if body.position]
-    warning = warning or _describe_fall(e, request, closed_q, settling)
-    return replace(summary, warning=warning, settling=tuple(settling))
+    return replace(summary, warning=warning)
 
 
-def drawing_warnings(
-    e: EquationsOfMotion, time: Array, q: Array | None = None, request: str = EQUILIBRIUM
-) -> tuple[str, ...]:
+def drawing_warnings(e: EquationsOfMotion, time: Array) -> tuple[str, ...]:
     """Return `StartSummary.warning` of an analysis that begins with the drawing, if any.
 
     Parameters
@@ -161,63 +105,20 @@ def drawing_warnings(
         Equations of the active parts, with independent constraints and the drawing as start.
     time
         (t, branch).
-    q
-        Positions (n,) that the analysis has reached. None to examine only the drawing.
-    request
-        Name of the state at `q`.
     """
     # Imported here because runs do not need it.
     from beamdae.equations.formulations.static_equations import StaticEquations
 
-    closed_q, rest = e.q0, np.zeros(e.n)
     # The static equations, unlike the consistency solver, are compiled already.
     gaps = StaticEquations(e, time).residual(e.q0, np.zeros(e.m))[e.n :]
-    if np.max(np.abs(gaps) / e.constraint_scales, initial=0.0) > _MIN_OPEN_GAP:
-        closed_q = ConsistencySolver(e).close_positions(time, e.q0)
+    if np.max(np.abs(gaps) / e.constraint_scales, initial=0.0) <= _MIN_OPEN_GAP:
+        return ()
+    closed_q, rest = ConsistencySolver(e).close_positions(time, e.q0), np.zeros(e.n)
     # At other times, drivers have left their positions in the drawing.
     drawn_q = e.q0 if time[0] == 0.0 else closed_q
-    start = Start(request, drawn_q, rest, False, closed_q)
-    state = State(closed_q if q is None else q, rest, rest, np.zeros(e.m))
+    start = Start(EQUILIBRIUM, drawn_q, rest, False, closed_q)
+    state = State(closed_q, rest, rest, np.zeros(e.m))
     return tuple(filter(None, (compare_start(replace(e, start=start), state).warning,)))
-
-
-def _settling(body: Body, change: Array) -> Settling:
-    if body.nodes is not None:
-        x, y, angles = change[body.nodes.T]
-        return Settling(body.name, float(np.hypot(x, y).max()), float(abs(np.mean(angles))))
-    x, y = change[list(body.position or ())]
-    rotation = 0.0 if body.angle is None else float(abs(change[body.angle]))
-    return Settling(body.name, float(np.hypot(x, y)), rotation)
-
-
-def _describe_fall(
-    e: EquationsOfMotion, request: str, closed_q: Array, settling: list[Settling]
-) -> str:
-    """Return a sentence on the body that fell farthest along a free motion, or an empty string."""
-    assert e.mechanism is not None
-    parts = e.mechanism.parts.values()
-    largest_displacement = _MIN_FALL_DISPLACEMENT * (measure_extent(parts, parts) or e.length)
-
-    def size(body: Settling) -> float:
-        return max(body.rotation / _MIN_FALL_ANGLE, body.displacement / largest_displacement)
-
-    fallen = sorted((x for x in settling if size(x) > 1.0), key=size, reverse=True)
-    if not fallen or e.m > _MAX_CONSTRAINTS:
-        return ""
-    time = time_on_branch(e.breakpoints, 0.0)
-    rank = analyze_constraint_rank(StateEvaluator(e.initially_active), time, closed_q)
-    motions = find_free_motions(e, closed_q, rank)
-    rows = {part.name: part.rows for part in e.parts}
-    for body in fallen:
-        # Elastic beams may bend as far without a free motion.
-        moving = (x for x in motions if np.any(x[rows[body.part]]))
-        if (motion := next(moving, None)) is not None:
-            return (
-                f"{body.part}: the {request} {body.describe('this part')} from its "
-                f"drawing, because {describe_free_motion(e, closed_q, motion)}; if this is "
-                "intended, draw the part there, otherwise add the missing joint, spring or driver."
-            )
-    return ""
 
 
 def _describe_displacement(e: EquationsOfMotion, q: Array, change: StartChange | None) -> str:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,7 +19,6 @@ from beamdae.errors import (
 from beamdae.results.columns import can_select, merge_columns, observed_columns, select_columns
 from beamdae.results.displays import Plot, load_views
 from beamdae.results.step_response import StepResponse, measure_step_response
-from beamdae.results.storage.files import atomic_write, require_file_path
 
 # Imported by the methods that return tables: importing pandas takes as long as a short run.
 if TYPE_CHECKING:
@@ -303,32 +301,6 @@ class TimeSeries:
         return load_views().plot_time_series(
             self, *names, x=x, data=data, data_columns=data_columns
         )
-
-    def to_parquet(self, path: str | Path) -> Path:
-        """Write the table as Parquet and return the path.
-
-        This method requires pyarrow, which `pip install beamdae[parquet]` installs.
-
-        Parameters
-        ----------
-        path
-            Path of the file, with any suffix.
-
-        Raises
-        ------
-        BeamdaeError
-            If pyarrow is not installed, or the file cannot be written.
-        """
-        file = require_file_path("to_parquet", path)
-        table = self.table()
-        with atomic_write(file) as scratch:
-            try:
-                table.to_parquet(scratch, index=False)
-            except ImportError:
-                raise BeamdaeError(
-                    "to_parquet: pyarrow is not installed; run `pip install pyarrow`."
-                ) from None
-        return file
 
     def _rows_at(self, times: Array, owner: str, advice: str) -> Array:
         """Return the indices of the rows at exactly these times [s], or raise BeamdaeError."""

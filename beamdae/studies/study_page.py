@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from functools import partial
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from beamdae.equations.measures import TIME
-from beamdae.report.page.page_content import PageCase, PageContent, PageGroup
+from beamdae.report.page.page_content import Content
 from beamdae.report.page.page_data import compute_row_limit, select_curves
 from beamdae.results.columns import Header
 from beamdae.results.storage.files import versions
 from beamdae.studies.case_table import BOUND_COLUMN, ERROR_COLUMN
 from beamdae.studies.definition import Study
-from beamdae.studies.deviations import compute_deviations, count_common_rows
+from beamdae.studies.deviations import compute_deviations
 from beamdae.studies.execution.study_run import StudyResults
 from beamdae.studies.references import RESOLUTION_FACTOR, Reference
 from beamdae.studies.run_values import (
@@ -26,14 +24,10 @@ from beamdae.studies.run_values import (
     MIN_WALL_TIME_COLUMN,
     WALL_TIME_COLUMN,
 )
-from beamdae.studies.tasks import read_table, shared_measures, shared_table
+from beamdae.studies.tasks import shared_table
 from beamdae.studies.unique_names import number_duplicates
 
-# Cases with curves in the page; pages with more take long to open. Those of the other cases are in
-# files that the page loads.
-MAX_CURVES = 200
-_CASES_PER_FILE = 10
-_ROWS_IN_FILES = 400  # per curve
+MAX_CURVES = 200  # cases with curves in the page; pages with more take long to open
 _NO_ERRORS = "These cases have no errors: no other case has the same parameters."
 # Columns about the solver, which the page shows on request.
 _SOLVER_COLUMNS = {
@@ -77,7 +71,7 @@ def create_study_page(
     extra_columns: pd.DataFrame | None = None,
     with_curves: set[int] | None = None,
     is_stored: bool = True,
-) -> PageContent:
+) -> Content:
     """Return the page data of a study for `beamdae.report.page.page_file.write_page`.
 
     Parameters
@@ -88,8 +82,7 @@ def create_study_page(
         Columns shown instead of the parameters, with one row per case (in sweeps, the parameters
         and the default responses).
     with_curves
-        Rows of the cases whose curves the page contains. Defaults to the first 200. The curves of
-        the other cases are in files that the page loads.
+        Rows of the cases whose curves the page contains. Defaults to the first 200.
     is_stored
         False if the rows of the cases are in no folder beside the page.
     """
@@ -115,12 +108,11 @@ def create_study_page(
     failures = int((table["status"] != "ok").sum())
     # All cases without a reference are in one group with the name of the study.
     group_without_reference = number_duplicates([*results.references, results.study.name])[-1]
-    in_files = _list_cases_in_files(results, with_curves)
     return {
         "title": results.study.name,
         "subtitle": f"{len(table)} cases, {failures} failed",
         "made": versions(),
-        "notes": _create_notes(results, len(in_files)),
+        "notes": _create_notes(results),
         "groups": _create_groups(results, group_without_reference),
         "columns": [
             {
@@ -140,9 +132,7 @@ def create_study_page(
             is_labeled_by_tag=extra_columns is not None,
             with_curves=with_curves,
             is_stored=is_stored,
-            blocks={row: k // _CASES_PER_FILE for k, row in enumerate(in_files)},
         ),
-        "curve_files": _create_curve_files(results, table, in_files),
     }
 
 
@@ -156,35 +146,6 @@ def _find_units(study: Study) -> dict[str, str]:
     return {name: next(iter(units)) for name, units in by_name.items() if len(units) == 1}
 
 
-def _list_cases_in_files(results: StudyResults, with_curves: set[int]) -> list[int]:
-    """Return the rows of the cases that have curves, but not in the page."""
-    return [
-        k
-        for k, case in enumerate(results.study.cases)
-        if k not in with_curves and shared_measures(results.outcome(case))
-    ]
-
-
-def _create_curve_files(
-    results: StudyResults, table: pd.DataFrame, in_files: list[int]
-) -> list[Callable[[], dict[str, dict[str, Any] | None]]]:
-    """Return functions that read the curves of ten cases each, by the id of the case."""
-
-    def create_curves(rows: list[int]) -> dict[str, dict[str, Any] | None]:
-        return {
-            str(k): _create_curves(
-                results,
-                read_table(results.outcome(results.study.cases[k])),
-                str(table["group"].iloc[k]),
-                _ROWS_IN_FILES,
-            )
-            for k in rows
-        }
-
-    starts = range(0, len(in_files), _CASES_PER_FILE)
-    return [partial(create_curves, in_files[k : k + _CASES_PER_FILE]) for k in starts]
-
-
 def extra_column_key(name: str) -> str:
     """Return the key of an extra column in the data of the page."""
     return _EXTRA_COLUMN_PREFIX + name
@@ -196,7 +157,7 @@ def _describe_extra_column(table: pd.DataFrame, name: str) -> tuple[str, str, st
     return extra_column_key(name), name.removesuffix(f" [{unit}]"), unit, _column_kind(table[name])
 
 
-def _create_notes(results: StudyResults, n_in_files: int) -> list[str]:
+def _create_notes(results: StudyResults) -> list[str]:
     notes = []
     if results.references:
         notes.append(
@@ -205,23 +166,18 @@ def _create_notes(results: StudyResults, n_in_files: int) -> list[str]:
             f"{RESOLUTION_FACTOR:g} times the uncertainty of the reference are upper "
             "bounds; their markers are hollow."
         )
-    if n_in_files:
-        notes.append(
-            f"The curves of {n_in_files} of {len(results.table)} cases are in a folder beside this "
-            "page, which loads them when you select the cases."
-        )
     if results.interrupted:
         notes.append("The study was interrupted; run the study again to resume.")
     return [*results.describe_warnings(), *notes]
 
 
-def _create_groups(results: StudyResults, group_without_reference: str) -> list[PageGroup]:
+def _create_groups(results: StudyResults, group_without_reference: str) -> list[Content]:
     """Return the groups whose errors are computed and, if needed, one group for all other cases."""
     frames: dict[str, Any] = {}
     for case, group in zip(results.study.cases, results.table["group"], strict=True):
         # Only references record frames, which are valid for all runs of the same mechanism.
         frames[group] = frames.get(group) or results.frames_of(case)
-    groups: list[PageGroup] = [
+    groups: list[Content] = [
         _create_group(name, reference, frames[name])
         for name, reference in results.references.items()
     ]
@@ -236,7 +192,7 @@ def _create_groups(results: StudyResults, group_without_reference: str) -> list[
     return groups
 
 
-def _create_group(group: str, reference: Reference, frames: dict[str, Any] | None) -> PageGroup:
+def _create_group(group: str, reference: Reference, frames: dict[str, Any] | None) -> Content:
     accepted = reference.table is not None
     return {
         "id": group,
@@ -248,7 +204,7 @@ def _create_group(group: str, reference: Reference, frames: dict[str, Any] | Non
             # The page adds these words.
             "sentence": reference.sentence.removeprefix("no reference, "),
         },
-        "frames": frames,
+        "frames": frames if frames and frames["glyphs"] else None,
     }
 
 
@@ -260,11 +216,10 @@ def _create_cases(
     is_labeled_by_tag: bool,
     with_curves: set[int],
     is_stored: bool,
-    blocks: Mapping[int, int],
-) -> list[PageCase]:
+) -> list[Content]:
     study, ranks = results.study, _rank_cases(results.study)
     max_rows = _max_rows_per_case(results, with_curves)
-    cases: list[PageCase] = []
+    cases: list[Content] = []
     for k, (case, row) in enumerate(zip(study.cases, table.to_dict("records"), strict=True)):
         group = str(row["group"])
         has_reference = group in results.references
@@ -293,8 +248,6 @@ def _create_cases(
                 "file": row["trajectory"] if is_stored else "",
             }
         )
-        if k in blocks:
-            cases[-1]["block"] = blocks[k]
     return cases
 
 
@@ -333,14 +286,7 @@ def _create_curves(
     if reference is None or exact is None or not set(reference.columns) <= set(table):
         return select_curves(columns, max_rows)
     error = compute_deviations(table, exact, reference.columns).max(axis=1).reindex(table.index)
-    rows = count_common_rows(table, exact)
-    padding = np.full(len(table) - rows, np.nan)
-    differences = {
-        name: np.concatenate([values[:rows] - exact[name].to_numpy()[:rows], padding])
-        for name, values in _column_arrays(table).items()
-        if name in exact
-    }
-    return select_curves(columns, max_rows, error.to_numpy(), differences)
+    return select_curves(columns, max_rows, error.to_numpy())
 
 
 def _column_arrays(table: pd.DataFrame) -> dict[str, np.ndarray]:
@@ -350,5 +296,4 @@ def _column_arrays(table: pd.DataFrame) -> dict[str, np.ndarray]:
 def _max_rows_per_case(results: StudyResults, with_curves: set[int]) -> int:
     cases = [case for k, case in enumerate(results.study.cases) if k in with_curves]
     tables = [shared_table(results.outcome(case)) for case in cases]
-    # Each column may be accompanied by its difference from the reference, hence the factor 2.
-    return compute_row_limit(sum(2 * len(table.columns) for table in tables if table is not None))
+    return compute_row_limit(sum(len(table.columns) for table in tables if table is not None))

@@ -46,7 +46,7 @@ def test_errors_of_sensitivities_contain_those_of_mesh_and_steps(method, cause):
 
 @pytest.mark.slow(reason="several runs with gradients")
 def test_errors_of_gradients_contain_those_of_the_mesh():
-    objective, method = bd.EndValue("tip.y"), bd.Radau(1e-6)
+    objective, method = bd.quantities.EndValue("tip.y"), bd.Radau(1e-6)
     names = ["load", "height"]
     coarse = bd.gradient(bent_strip, objective, names, method, estimate_error=False)
     fine = bd.gradient(bent_strip, objective, names, method, parameters=FINE, estimate_error=False)

@@ -23,14 +23,16 @@ def bent_strip(height=2e-3, elements=1, strain="nonlinear"):
 
 def optimize(limit, **parameters):
     bounds = {"height": (1e-3, 4e-3)}
-    return bd.optimize(bent_strip, bd.Mass(), "height", limit, bounds, parameters=parameters)
+    return bd.optimize(
+        bent_strip, bd.quantities.Mass(), "height", limit, bounds, parameters=parameters
+    )
 
 
 @pytest.mark.slow(reason="half a second and more")
 @pytest.mark.parametrize("limit", [0.5, 0.52])
 def test_errors_of_limited_values_are_true(limit):
     with pytest.warns(bd.BeamdaeWarning, match=r"tip.x.*: the error is about .* of its value"):
-        design = optimize(bd.at_least(bd.EquilibriumValue("tip.x"), limit))
+        design = optimize(bd.quantities.at_least(bd.quantities.EquilibriumValue("tip.x"), limit))
     finer = bd.equilibrium(bent_strip(**design.parameters, elements=4, strain="exact"))
     error = abs(finer["tip.x"].iloc[-1] / limit - 1.0)
     table = design.errors.table()
@@ -45,13 +47,13 @@ def test_errors_of_limited_values_are_true(limit):
 
 @pytest.mark.slow(reason="half a second")
 def test_accurate_designs_have_no_sentence():
-    limit = bd.at_least(bd.EquilibriumValue("tip.y"), -0.5)
+    limit = bd.quantities.at_least(bd.quantities.EquilibriumValue("tip.y"), -0.5)
     design = optimize(limit, elements=4, strain="exact")
     assert design.errors.largest < 0.01
     assert design.warnings == ()
 
 
 def test_designs_without_analyses_are_not_checked():
-    size = bd.ParameterFunction(lambda height: height, "height")
+    size = bd.quantities.ParameterFunction(lambda height: height, "height")
     design = bd.optimize(bent_strip, size, "height", [], {"height": (1e-3, 4e-3)})
     assert design.errors.reason == "no quantity depends on steps or beams"

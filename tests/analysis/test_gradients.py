@@ -75,16 +75,19 @@ def position_objective(run):
     header = next(iter(run.columns), None) or list(run.coordinate_columns())[1]
     column, end = header.rpartition(" [")[0], run.trajectory.end
     times = np.linspace(0.0, 0.99 * end, 5)
-    samples = bd.SquaredErrors(column, times, 0.1 + times, 0.5)
+    samples = bd.quantities.SquaredErrors(column, times, 0.1 + times, 0.5)
     return (
-        bd.EndValue(column) + 0.3 * bd.TimeIntegral(column, 2) + bd.SmoothMaximum(column) + samples
+        bd.quantities.EndValue(column)
+        + 0.3 * bd.quantities.TimeIntegral(column, 2)
+        + bd.quantities.SmoothMaximum(column)
+        + samples
     )
 
 
 def multiplier_objective(run):
     """Return a sum of objectives of the first and the last multiplier."""
     headers = [x for x in run.coordinate_columns() if x.startswith("lam.")]
-    return bd.TimeIntegral(headers[0]) + 0.2 * bd.EndValue(headers[-1])
+    return bd.quantities.TimeIntegral(headers[0]) + 0.2 * bd.quantities.EndValue(headers[-1])
 
 
 def chain_rule(result, objective, parameter):
@@ -183,7 +186,7 @@ def test_derivatives_by_forces_that_vanish(method):
 @pytest.mark.slow(reason="half a second and more")
 def test_gradients_of_runs_that_start_in_equilibrium():
     method = bd.GeneralizedAlpha(step=5e-3)
-    result = bd.gradient(hanging, bd.EndValue("tip.y"), ["load", "mass"], method)
+    result = bd.gradient(hanging, bd.quantities.EndValue("tip.y"), ["load", "mass"], method)
     forward = bd.sensitivities(hanging, ["load", "mass"], method, estimate_error=False)
     actual = [forward.sensitivity("tip.y", x).iloc[-1] for x in ("load", "mass")]
     np.testing.assert_allclose(actual, result.array, rtol=POSITIONS)
@@ -203,7 +206,7 @@ def test_end_value_converges_to_the_closed_form_with_order_two():
     expected, errors = exact(40.0 + 1e-30j).imag / 1e-30, []
     for step in (4e-3, 2e-3):
         method = bd.GeneralizedAlpha(step=step)
-        result = bd.gradient(oscillator, bd.EndValue("mass.x"), "stiffness", method)
+        result = bd.gradient(oscillator, bd.quantities.EndValue("mass.x"), "stiffness", method)
         errors.append(abs(result.derivatives["stiffness"] - expected))
     assert errors[0] < 1e-2 * abs(expected)
     assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.05)
@@ -246,7 +249,7 @@ def test_regression_undamped_slider_crank_with_radau(t_end):
     """Factors that had not been tested were unsuitable, and the transposed equations diverged."""
     method, by = bd.Radau(1e-8), ["damping", "density"]
     values = {"formulation": "exact", "damping": 0.0}
-    objective = bd.EndValue("slider.x")
+    objective = bd.quantities.EndValue("slider.x")
     forward = bd.sensitivities(
         slider_crank, by, method, t_end, parameters=values, estimate_error=False
     )
@@ -339,10 +342,12 @@ def coupled(gains=(0.0,) * 10):
 
 @pytest.mark.slow(reason="half a second and more")
 def test_parameters_that_affect_the_same_number_are_changed_one_by_one():
-    result = bd.gradient(coupled, bd.EndValue("mass.x"), "gains", bd.GeneralizedAlpha(step=1e-3))
+    result = bd.gradient(
+        coupled, bd.quantities.EndValue("mass.x"), "gains", bd.GeneralizedAlpha(step=1e-3)
+    )
     by_stiffness = bd.gradient(
         oscillator,
-        bd.EndValue("mass.x"),
+        bd.quantities.EndValue("mass.x"),
         "stiffness",
         bd.GeneralizedAlpha(step=1e-3),
         0.1,
@@ -353,7 +358,7 @@ def test_parameters_that_affect_the_same_number_are_changed_one_by_one():
 
 @pytest.mark.slow(reason="half a second and more")
 def test_lists_of_floats_and_floats():
-    objective, method = bd.TimeIntegral("tip.y", 2), bd.GeneralizedAlpha(step=1e-3)
+    objective, method = bd.quantities.TimeIntegral("tip.y", 2), bd.GeneralizedAlpha(step=1e-3)
     result = bd.gradient(arm, objective, ["torque", "thickness"], method)
     assert isinstance(result.derivatives["torque"], float)
     assert result.derivatives["thickness"].shape == (12,)
@@ -391,7 +396,13 @@ def test_transposed_sum_is_the_transpose_of_the_directional_sum(stabilized):
 def test_interpreted_sweep_agrees_with_machine_code(monkeypatch):
     if not is_native_enabled():
         pytest.skip("machine code is switched off")
-    arguments = (swing, bd.EndValue("tip.x"), "torque", bd.GeneralizedAlpha(step=5e-3), 0.1)
+    arguments = (
+        swing,
+        bd.quantities.EndValue("tip.x"),
+        "torque",
+        bd.GeneralizedAlpha(step=5e-3),
+        0.1,
+    )
     compiled = bd.gradient(*arguments).derivatives["torque"]
     monkeypatch.setattr("beamdae.native.loops.is_native_enabled", lambda: False)
     assert bd.gradient(*arguments).derivatives["torque"] == pytest.approx(compiled, rel=1e-10)
@@ -401,16 +412,36 @@ def test_interpreted_sweep_agrees_with_machine_code(monkeypatch):
     ("arguments", "options", "message"),
     [
         ((oscillator, 3, "stiffness"), {}, "objective must be an Objective"),
-        ((3, bd.EndValue("mass.x"), "stiffness"), {}, "model must be a model function"),
-        ((oscillator, bd.EndValue("mass.x"), []), {}, "by must contain each parameter once"),
-        ((oscillator, bd.EndValue("mass.x"), "stifness"), {}, "did you mean 'stiffness'"),
-        ((oscillator, bd.EndValue("mass.x"), "elements"), {}, "neither a float nor a list"),
-        ((oscillator, bd.EndValue("mass.z"), "stiffness"), {}, "there is no column 'mass.z'"),
-        ((oscillator, bd.EndValue("mass.x"), "stiffness", bd.Ida()), {}, "gradient: runs of Ida"),
+        ((3, bd.quantities.EndValue("mass.x"), "stiffness"), {}, "model must be a model function"),
+        (
+            (oscillator, bd.quantities.EndValue("mass.x"), []),
+            {},
+            "by must contain each parameter once",
+        ),
+        (
+            (oscillator, bd.quantities.EndValue("mass.x"), "stifness"),
+            {},
+            "did you mean 'stiffness'",
+        ),
+        (
+            (oscillator, bd.quantities.EndValue("mass.x"), "elements"),
+            {},
+            "neither a float nor a list",
+        ),
+        (
+            (oscillator, bd.quantities.EndValue("mass.z"), "stiffness"),
+            {},
+            "there is no column 'mass.z'",
+        ),
+        (
+            (oscillator, bd.quantities.EndValue("mass.x"), "stiffness", bd.Ida()),
+            {},
+            "gradient: runs of Ida",
+        ),
         (
             (
                 oscillator,
-                bd.EndValue("mass.x"),
+                bd.quantities.EndValue("mass.x"),
                 "stiffness",
                 bd.GeneralizedAlpha(formulation="stabilized-index2"),
             ),
@@ -438,7 +469,7 @@ def exact_derivative(time, stiffness=40.0):
 def test_errors_of_fixed_steps_are_reported(step, error, recwarn):
     """The period is 1.4 s; with 28 steps per period, the derivative is wrong by 11 %."""
     method = bd.GeneralizedAlpha(step=step)
-    result = bd.gradient(oscillator, bd.EndValue("mass.x"), "stiffness", method, 4.0)
+    result = bd.gradient(oscillator, bd.quantities.EndValue("mass.x"), "stiffness", method, 4.0)
     actual = abs(result.derivatives["stiffness"] / exact_derivative(4.0) - 1.0)
     assert actual == pytest.approx(error, rel=0.15)
     assert result.errors.total[1] == pytest.approx(actual, rel=0.4)
@@ -451,7 +482,9 @@ def test_errors_of_steps_that_resolve_no_vibration_are_large(step):
     """Numbers by such steps and by half of them may agree by chance."""
     method = bd.GeneralizedAlpha(step=step)
     for t_end in (1.5, 2.5, 4.0):
-        result = bd.gradient(oscillator, bd.EndValue("mass.x"), "stiffness", method, t_end)
+        result = bd.gradient(
+            oscillator, bd.quantities.EndValue("mass.x"), "stiffness", method, t_end
+        )
         actual = abs(result.array[0] / exact_derivative(t_end) - 1.0)
         assert 0.7 * actual < result.errors.total[1] < 1.4 * actual
 
@@ -460,7 +493,7 @@ def test_regression_errors_near_a_minimum_are_not_reported(recwarn):
     """The gradient vanishes near a stiffness of 40.46 N/m; an error of 88 % of it was stated."""
     result = bd.gradient(
         oscillator,
-        bd.EndValue("mass.x"),
+        bd.quantities.EndValue("mass.x"),
         "stiffness",
         bd.GeneralizedAlpha(step=0.02),
         1.0,
@@ -476,7 +509,7 @@ def test_regression_errors_near_a_minimum_are_not_reported(recwarn):
 
 @pytest.mark.parametrize(("rtol", "count"), [(1e-2, 1), (1e-4, 0)])
 def test_regression_errors_of_adaptive_steps_are_reported(rtol, count, recwarn):
-    objective, method = bd.EndValue("mass.x"), bd.GeneralizedAlpha(rtol=rtol)
+    objective, method = bd.quantities.EndValue("mass.x"), bd.GeneralizedAlpha(rtol=rtol)
     result = bd.gradient(oscillator, objective, "stiffness", method, 4.0)
     error = abs(result.array[0] / exact_derivative(4.0) - 1.0)
     assert (error > 0.05) == count
@@ -485,7 +518,7 @@ def test_regression_errors_of_adaptive_steps_are_reported(rtol, count, recwarn):
 
 @pytest.mark.parametrize("call", [bd.gradient, bd.sensitivities])
 def test_invalid_estimate_error_is_rejected(call):
-    objective = [bd.EndValue("mass.x")] if call is bd.gradient else []
+    objective = [bd.quantities.EndValue("mass.x")] if call is bd.gradient else []
     with pytest.raises(bd.BeamdaeError, match=r"estimate_error must be .*, got 'yes'"):
         call(oscillator, *objective, "stiffness", estimate_error="yes")
 
@@ -510,7 +543,7 @@ def test_regression_start_at_first_touch_of_a_contact(height):
     -0.52 at penetrations of 1e-18 m and 1e-12 m. Neglecting it changes derivatives by 1e-3.
     """
     method, values = bd.GeneralizedAlpha(step=1e-3), {"height": height}
-    objective, delta = bd.EndValue("ball.y"), 1e-6
+    objective, delta = bd.quantities.EndValue("ball.y"), 1e-6
     ends = [
         bd.simulate(resting_ball(height=height + x), method, 0.05)["ball.y"].iloc[-1]
         for x in (-delta, delta)
@@ -525,7 +558,7 @@ def test_regression_start_at_first_touch_of_a_contact(height):
 @pytest.mark.slow(reason="kernels of a mechanism with friction")
 def test_regression_weights_that_decay_to_underflow():
     """Before the only sample, friction damps the weights of later steps to denormal numbers."""
-    objective = bd.SquaredErrors("motor.M", [0.1], [0.0], 1.0)
+    objective = bd.quantities.SquaredErrors("motor.M", [0.1], [0.0], 1.0)
     whole, short = (
         bd.gradient(quick_return, objective, "crank_radius", bd.Radau(rtol=1e-8), t_end).array
         for t_end in (0.3, 0.12)
@@ -563,7 +596,7 @@ def differentiate_rod(kind, by, method):
     """Return the derivatives of the angle at the end, forward and backward."""
     options = {"parameters": {"kind": kind}, "estimate_error": False}
     forward = bd.sensitivities(loaded_rod, by, method, **options)
-    backward = bd.gradient(loaded_rod, bd.EndValue("rod.angle"), by, method, **options)
+    backward = bd.gradient(loaded_rod, bd.quantities.EndValue("rod.angle"), by, method, **options)
     return {x: forward.sensitivity("rod.angle", x).iloc[-1] for x in by}, backward.derivatives
 
 

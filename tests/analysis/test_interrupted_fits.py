@@ -109,7 +109,7 @@ def test_regression_derivatives_survive_an_interrupt_of_their_error_estimate(cal
         monkeypatch.setattr(module, "warn_of_errors", interrupt)
     spring, _ = model()
     function = getattr(bd, call)
-    objective = [bd.EndValue("mass.x")] * (call == "gradient")
+    objective = [bd.quantities.EndValue("mass.x")] * (call == "gradient")
     with pytest.raises(Interrupted, match="error of the derivatives was estimated") as caught:
         function(spring, *objective, "stiffness", METHOD)
     assert isinstance(caught.value.partial, (bd.results.Gradient, bd.results.Sensitivities))
@@ -128,7 +128,7 @@ def test_regression_derivatives_of_interrupted_calls_list_warnings(call, monkeyp
     for module in (gradients, sensitivities):
         monkeypatch.setattr(module, "warn_of_errors", interrupt)
     spring, _ = model()
-    objective = [bd.EndValue("mass.x")] * (call == "gradient")
+    objective = [bd.quantities.EndValue("mass.x")] * (call == "gradient")
     with pytest.warns(bd.BeamdaeWarning, match="coarse"), pytest.raises(Interrupted) as caught:
         getattr(bd, call)(spring, *objective, "stiffness", METHOD)
     assert caught.value.partial.warnings == ("coarse: a message",)

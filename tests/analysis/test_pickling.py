@@ -46,7 +46,7 @@ def test_equilibria_modes_and_gradients():
     # Modes contain the mechanism, and pickle does not support its law, a local function.
     for again in (pickle.loads(cloudpickle.dumps(modes)), copy.deepcopy(modes)):
         np.testing.assert_array_equal(again.frequencies, modes.frequencies)
-    gradient = bd.gradient(pendulum, bd.EndValue("tip.x"), "mass", METHOD)
+    gradient = bd.gradient(pendulum, bd.quantities.EndValue("tip.x"), "mass", METHOD)
     for again in copies(gradient):
         np.testing.assert_array_equal(again.array, gradient.array)
     along = bd.equilibrium_sensitivities(pendulum, "mass")

@@ -208,7 +208,9 @@ def test_regression_parameters_whose_equations_differ_after_an_event(method):
     # Such parameters were differentiated together, and arrays of different lengths combined.
     names = ["angle", "rate", "mark"]
     together = bd.sensitivities(relieved, names, method, estimate_error=False)
-    gradient = bd.gradient(relieved, bd.EndValue("end.y"), names, method, estimate_error=False)
+    gradient = bd.gradient(
+        relieved, bd.quantities.EndValue("end.y"), names, method, estimate_error=False
+    )
     for name in names:
         alone = bd.sensitivities(relieved, name, method, estimate_error=False)
         actual, expected = (x.sensitivity("end.y", name) for x in (together, alone))
@@ -434,7 +436,7 @@ def test_regression_contact_forces_have_derivatives_while_the_contact_is_open():
     # The contact is closed at 0.06 s, and open at 0.04 s.
     for t_end in (0.06, 0.04):
         end = bd.sensitivities(stop_force, "stiffness", method, t_end=t_end)
-        force = bd.EndValue("stop.N")
+        force = bd.quantities.EndValue("stop.N")
         result = bd.gradient(stop_force, force, by="stiffness", integrator=method, t_end=t_end)
         expected = end.sensitivity("stop.N", "stiffness").iloc[-1]
         assert result.derivatives["stiffness"] == pytest.approx(expected, rel=1e-10, abs=1e-15)

@@ -269,26 +269,6 @@ def test_regression_gaps_of_drawings_are_reported_with_all_starts(start, law):
     assert run.start.changes[0].displacement == findings.start.changes[0].displacement
 
 
-@pytest.mark.slow(reason="a fifth of a second")
-def test_regression_bodies_that_fall_to_the_equilibrium_are_named(tmp_path):
-    """A body without its second joint hung down from its hinge without a word."""
-    mech = arm(np.pi / 2)
-    findings = bd.check(mech, predict=False, start="equilibrium")
-    sentence = (
-        "arm: the equilibrium turns this part by 90 degrees and moves it by 0.707 m "
-        "from its drawing, because arm can rotate about (0, 0)"
-    )
-    assert findings.warnings == (findings.start.warning,)
-    assert findings.start.warning.startswith(sentence)
-    assert "then the equilibrium turns arm by 90 degrees and moves it by 0.707 m" in str(findings)
-    with pytest.warns(bd.BeamdaeWarning, match="turns this part by 90 degrees"):
-        run = bd.simulate(mech, bd.GeneralizedAlpha(step=1e-3), 2e-3, start="equilibrium")
-    assert [x.displacement for x in run.start.changes] == [0.0]
-    loaded = bd.load(run.save(tmp_path / "a.run"), mech)
-    assert loaded.start == run.start
-    assert_allclose(loaded.start.settling[0].rotation, np.pi / 2, atol=1e-8)
-
-
 def test_regression_inactive_joints_do_not_act_on_equilibria():
     """The run started at the position of a driver that an event activates later."""
     mech = arm(0.2)
@@ -301,48 +281,6 @@ def test_regression_inactive_joints_do_not_act_on_equilibria():
     findings = bd.check(mech, predict=False)
     assert findings.start.changes[0].displacement == 0.0
     assert findings.mobility == 1
-
-
-def test_small_motions_to_the_equilibrium_have_no_warning():
-    findings = bd.check(arm(0.5), predict=False, start="equilibrium")
-    assert_allclose(findings.start.largest_settling.rotation, 0.5, atol=1e-8)
-    assert findings.verdict == "ready to run"
-
-
-@pytest.mark.parametrize("size", [1.0, 1e-3])
-@pytest.mark.parametrize("support", [bd.Spring, bd.SpringDamper, bd.Contact])
-def test_regression_deflections_of_long_springs_are_no_falls(support, size):
-    """Only the distance of the joint counted, not the length of the bar, a spring."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    node = mech.add(bd.PointMass("node", 1.0, at=(100.0 * size, size)))
-    guide = mech.ground.at(100.0 * size, 0.0)
-    mech.add(bd.PointOnLine("guide", guide, node.point, (0.0, 1.0)))
-    mech.add(bd.Spring("bar", mech.ground.at(0.0, 0.0), node.point, 1.0 / size))
-    if support is bd.Contact:
-        # Drawn with a penetration, because an open contact has no stiffness.
-        floor = bd.LineSurface(mech.ground.at(0.0, 1.01 * size))
-        mech.add(bd.Contact("support", node.point, floor, 10.0 / size, exponent=1.0))
-    else:
-        values = (10.0 / size, 1.0 / size)[: 1 + (support is bd.SpringDamper)]
-        mech.add(support("support", mech.ground.at(100.0 * size, -size), node.point, *values))
-    path = bd.equilibrium(mech, to=1.0)
-    unloaded = 1.01 if support is bd.Contact else 1.0
-    # The bar is nearly horizontal: its vertical force is below 1e-3 of the weight.
-    assert path.q[-1, 1] == pytest.approx((unloaded - 0.981) * size, abs=1e-3 * size)
-    assert not path.warnings
-
-
-@pytest.mark.slow(reason="a fifth of a second")
-def test_beams_that_bend_far_to_the_equilibrium_have_no_warning():
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    strip = bd.Section.rectangle(bd.Material.of("steel"), width=0.01, height=5e-4)
-    beam = mech.add(
-        bd.Beam("strip", bd.Line((0.0, 0.0), (1.0, 0.0)), strip, elements=6, formulation="exact")
-    )
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
-    findings = bd.check(mech, predict=False, start="equilibrium")
-    assert findings.start.settling[0].rotation > np.pi / 4
-    assert not findings.start.warning
 
 
 @pytest.mark.parametrize("travel", [3e-4, 0.1])

@@ -83,7 +83,9 @@ def test_each_pulse_of_a_train_has_its_impulse():
 def test_derivatives_by_height_and_width_of_a_pulse(method):
     by = ["height", "width"]
     forward = bd.sensitivities(struck_mass, by, method, estimate_error=False)
-    adjoint = bd.gradient(struck_mass, bd.EndValue("mass.y_dot"), by, method, estimate_error=False)
+    adjoint = bd.gradient(
+        struck_mass, bd.quantities.EndValue("mass.y_dot"), by, method, estimate_error=False
+    )
     velocity = final_velocity()
     for name, value in (("height", 1000.0), ("width", 1e-4)):
         expected = velocity / value  # The runs have errors of 1e-3.

@@ -33,7 +33,7 @@ class Pin(bd.Part):
     """Constrains x of a point; not a `Joint`, with another name for its attachment."""
 
     name: str
-    anchor: bd.Attachment
+    anchor: bd.results.Attachment
 
     def constraints(self):
         local = Local(self.anchor.size, 0, 1)
@@ -47,7 +47,7 @@ class Push(bd.Part):
     """Constant force in x; some fields make its statement invalid."""
 
     name: str
-    where: bd.Attachment
+    where: bd.results.Attachment
     columns: int = 0
     rows: int = 0
     data: tuple = (3.0,)

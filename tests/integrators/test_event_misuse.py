@@ -6,14 +6,14 @@ import warnings
 from contextlib import suppress
 
 import pytest
-from sample_parts import SAMPLES, SampleMechanism
+from sample_parts import SAMPLES, SampleMechanism, find_public
 
 import beamdae as bd
 
 PARTS = {
     name: arguments
     for name, arguments in SAMPLES.items()
-    if isinstance(getattr(bd, name), type) and issubclass(getattr(bd, name), bd.Part)
+    if isinstance(find_public(name), type) and issubclass(find_public(name), bd.Part)
 }
 ACTIONS = {
     "activate": bd.activate,
@@ -28,7 +28,7 @@ EVENT_TIME, END = 0.005, 0.01  # s
 def sample(kind):
     """Return a mechanism with a sample part, and a ball that crosses x = 5 mm at 5 ms."""
     source = SampleMechanism()
-    part = getattr(bd, kind)(**PARTS[kind](source))
+    part = find_public(kind)(**PARTS[kind](source))
     mech = source.mechanism
     mech.add(part)
     clock = mech.add(bd.PointMass("clock", 1.0, at=(0.0, 9.0), velocity=(1.0, 0.0)))

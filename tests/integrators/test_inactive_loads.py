@@ -76,7 +76,7 @@ def test_regression_derivatives_of_loads_of_a_cut_spring():
 
 @pytest.mark.slow(reason="half a second and more")
 def test_regression_gradient_of_the_integral_of_a_load_that_ends():
-    objective = bd.TimeIntegral("spring")
+    objective = bd.quantities.TimeIntegral("spring")
 
     def value(stiffness):
         parameters = {"stiffness": stiffness}

@@ -137,9 +137,11 @@ def test_unbounded_reactions_have_no_maximum():
     def unequal(mass=0.8):
         return parallelogram((0.5, mass))
 
-    limit = bd.at_most(bd.SmoothMaximum("foot 0.Fx"), 100.0)
+    limit = bd.quantities.at_most(bd.quantities.SmoothMaximum("foot 0.Fx"), 100.0)
     with pytest.raises(bd.BeamdaeError, match=r"SmoothMaximum of foot 0\.Fx of unequal is nan"):
-        bd.optimize(unequal, bd.Mass(), "mass", limit, {"mass": (0.6, 1.0)}, bd.Radau(1e-5))
+        bd.optimize(
+            unequal, bd.quantities.Mass(), "mass", limit, {"mass": (0.6, 1.0)}, bd.Radau(1e-5)
+        )
 
 
 @pytest.mark.slow(reason="two fits")

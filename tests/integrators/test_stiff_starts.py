@@ -93,7 +93,7 @@ def test_derivatives_agree_with_runs():
                 actual, expected, rtol=0.0, atol=1e-5 * np.abs(expected).max()
             )
     for column in columns:
-        objective = bd.EndValue(column)
+        objective = bd.quantities.EndValue(column)
         adjoint = bd.gradient(slinger, objective, names, method, estimate_error=False)
         for name in names:
             expected = forward.sensitivity(column, name).iloc[-1]

@@ -67,7 +67,7 @@ def test_a_study_file_may_name_a_model_in_another_folder(tmp_path):
     )
     (study,) = studies(tmp_path / "mine.py").values()
     assert study.cases[0].model.name == "pendulum"
-    assert isinstance(study, bd.Study)
+    assert isinstance(study, bd.results.Study)
 
 
 @pytest.mark.slow(reason="six runs of the four-bar linkage")

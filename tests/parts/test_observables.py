@@ -276,7 +276,7 @@ def control(mech, of):
 
 
 def maximize(mech, of):
-    bd.gradient(SWING, bd.EndValue("sensor.ay"), ["length"], bd.Radau(), t_end=0.1)
+    bd.gradient(SWING, bd.quantities.EndValue("sensor.ay"), ["length"], bd.Radau(), t_end=0.1)
 
 
 def reach(mech, of):

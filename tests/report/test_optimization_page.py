@@ -20,8 +20,11 @@ def swinging(length=0.5, mass=1.0):
 
 @pytest.fixture(scope="module")
 def result():
-    limits = [bd.at_most(bd.SmoothMaximum("bob.y_dot"), 3.0), bd.at_most(bd.Mass(), 2.0)]
-    objective = bd.EndValue("bob.x")
+    limits = [
+        bd.quantities.at_most(bd.quantities.SmoothMaximum("bob.y_dot"), 3.0),
+        bd.quantities.at_most(bd.quantities.Mass(), 2.0),
+    ]
+    objective = bd.quantities.EndValue("bob.x")
     return bd.optimize(swinging, objective, ["length", "mass"], limits, LIMITS, METHOD)
 
 
@@ -78,9 +81,14 @@ def test_tables_have_units_bounds_and_the_budget(result, read):
 
 def test_regression_quantities_with_a_sign_keep_their_unit(read):
     """The unit was missing in tables and axes."""
-    limits = [bd.at_least(-bd.SmoothMaximum("bob.y_dot"), -3.0), bd.at_most(-bd.Mass(), -1.0)]
-    limits.append(bd.at_most(2.0 * bd.Mass(), 6.0))
-    result = bd.optimize(swinging, -bd.EndValue("bob.x"), "mass", limits, LIMITS_OF_MASS, METHOD)
+    limits = [
+        bd.quantities.at_least(-bd.quantities.SmoothMaximum("bob.y_dot"), -3.0),
+        bd.quantities.at_most(-bd.quantities.Mass(), -1.0),
+    ]
+    limits.append(bd.quantities.at_most(2.0 * bd.quantities.Mass(), 6.0))
+    result = bd.optimize(
+        swinging, -bd.quantities.EndValue("bob.x"), "mass", limits, LIMITS_OF_MASS, METHOD
+    )
     page = read(result)
     assert dict(facts(page, "Optimization"))["objective"] == "-EndValue of bob.x [m]"
     units = {x["label"]: x["unit"] for x in page["columns"]}
@@ -108,40 +116,15 @@ def stepped(height=(0.02,) * 3, widths=(0.02, 0.02), force=-50.0):
 
 @pytest.fixture(scope="module")
 def lists():
-    limit = bd.at_most(bd.EquilibriumValue("stress", step=1.0), 6e7)
+    limit = bd.quantities.at_most(bd.quantities.EquilibriumValue("stress", step=1.0), 6e7)
     bounds = {"height": (0.01, 0.05), "widths": (0.01, 0.05)}
-    return bd.optimize(stepped, bd.Mass(), ["height", "widths"], limit, bounds)
-
-
-def test_regression_lists_of_numbers_are_shown_over_their_index(lists, show, read):
-    """The numbers were only in the table, and the first chart was the load factor."""
-    assert [x["label"] for x in read(lists)["profiles"]] == ["height [m]", "widths"]
-    tab = show(lists)
-    numbers = "state.charts.get('profile').spec.series.map(({data}) => data.length)"
-    assert tab.evaluate(numbers) == [3, 3]
-    assert "height [m]" in tab.locator("#profile text").all_text_contents()
-    choice = tab.get_by_label("Parameter over its index")
-    choice.select_option(label="widths")
-    assert tab.evaluate(numbers) == [2, 2]
-    # Designs that are not selected have no line; those without curves have one.
-    tab.locator("#selection button").first.click()
-    assert tab.evaluate(numbers) == [2]
-    tab.locator("#table tbody tr", has_text="design 2").locator("td.label").first.click()
-    assert tab.evaluate(numbers) == [2, 2]
-    # The constrained column is the first one.
-    assert tab.get_by_label("Observed: quantity").input_value() == "stress [Pa]"
+    return bd.optimize(stepped, bd.quantities.Mass(), ["height", "widths"], limit, bounds)
 
 
 def test_regression_limits_that_are_reached_have_no_rounding_errors(lists, read):
     (row,) = facts(read(lists), "Constraints")
     assert row[0] == "stress at equilibrium <= 6e+07 Pa"
     assert row[3] == "0"
-
-
-def test_lists_of_designs_without_curves_are_shown(show):
-    bounds = {"height": (0.01, 0.05)}
-    result = bd.optimize(stepped, bd.Mass(), "height", bd.at_least(bd.Mass(), 2.0), bounds)
-    assert len(list_lines(show(result), "profile")) == 2
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
@@ -162,7 +145,7 @@ def test_the_page_fits_a_phone(name, phone, request):
 
 
 def test_designs_without_runs_have_a_drawing(tmp_path):
-    result = bd.optimize(swinging, bd.Mass(), "mass", bounds={"mass": (0.5, 3.0)})
+    result = bd.optimize(swinging, bd.quantities.Mass(), "mass", bounds={"mass": (0.5, 3.0)})
     path = result.page(tmp_path / "design.html")
     page = read_page(path)
     assert [bool(x.get("frames")) for x in page["cases"]] == [True, True]
@@ -178,6 +161,6 @@ def test_failed_designs_are_listed(show):
         return swinging(mass=mass)
 
     with pytest.warns(bd.BeamdaeWarning, match="it is too light"):
-        result = bd.optimize(rod, bd.Mass(), "mass", bounds={"mass": (0.5, 3.0)})
+        result = bd.optimize(rod, bd.quantities.Mass(), "mass", bounds={"mass": (0.5, 3.0)})
     tab = show(result)
     assert "it is too light" in tab.inner_text("#unplotted")

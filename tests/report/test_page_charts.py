@@ -107,7 +107,7 @@ def test_values_are_read_at_the_pointer_and_by_keys(show):
     assert tab.inner_text("#time") == "t = 0.5 s"
     tab.mouse.move(1, 1)
     tab.locator(PLOT.format("observed")).focus()
-    for _ in range(200):
+    for _ in range(len(T)):
         tab.keyboard.press("ArrowRight")
     words = tab.inner_text("#reading").split()
     assert float(words[2]) == pytest.approx(2.0, abs=0.03)
@@ -133,21 +133,21 @@ def test_regression_the_page_opens_on_a_column_that_moves_as_much_as_others(show
         if case["curves"]:
             columns = {"tip.x [m]": 1.0 - shortening * T, "tip.y [m]": 1e-3 * T}
             columns["tip.F [N]"] = 1e-6 * T
-            case["curves"]["observed"] = {name: x.tolist() for name, x in columns.items()}
+            case["curves"]["observed"] = columns
     choice = show(page).get_by_label("Observed: quantity")
     assert choice.input_value() == "tip.y [m]"
-    assert choice.locator("option").first.inner_text() == "tip.x [m]"
+    assert choice.locator("option").first.inner_text() == "tip.y [m]"
 
 
-def test_lines_differ_by_color_dashes_and_marks(show):
+def test_lines_differ_by_color_and_dashes(show):
     tab = show(study_page())
     select_only(tab, 2, 1, 5, 4)
     lines = list_lines(tab)
     assert len(lines) == 4
     assert len({color for _, color, _ in lines}) == 4
     assert len({dashes for *_, dashes in lines}) == 4
-    icons = tab.locator("#selection svg path[transform]").all()
-    assert len({icon.get_attribute("d") for icon in icons}) == 4
+    icons = tab.locator("#selection svg path").all()
+    assert len({icon.get_attribute("stroke-dasharray") for icon in icons}) == 4
 
 
 def test_entries_of_the_selection_remove_cases(show):
@@ -175,9 +175,9 @@ def test_curves_of_the_same_unit_share_a_chart(show):
     page["cases"] = page["cases"][:2]
     for case in page["cases"]:
         case["curves"]["observed"] = {
-            "a [m]": T.tolist(),
-            "b [m]": (2 * T).tolist(),
-            "c [N]": T.tolist(),
+            "a [m]": T,
+            "b [m]": 2 * T,
+            "c [N]": T,
         }
     tab = show(page)
     choice = tab.get_by_label("Observed: quantity")
@@ -196,21 +196,6 @@ def test_curves_of_the_same_unit_share_a_chart(show):
     select_only(tab, 2)
     assert [name for name, *_ in list_lines(tab)] == ["a [m]", "b [m]"]
     assert len({color for _, color, _ in list_lines(tab)}) == 2
-
-
-def test_the_difference_to_the_reference_is_shown_if_known(show):
-    tab = show(study_page())
-    select_only(tab, 5)
-    panel = tab.locator("[data-panel=observed]")
-    panel.get_by_label("difference to the reference").check()
-    assert "difference of tip.x [mm]" in panel.locator("text").all_text_contents()
-    # The difference is -2e-3 t.
-    assert_allclose(visible_ranges(tab, "observed")[1], [-4e-3, 0.0], rtol=1e-4)
-    tab.get_by_label("Observed: quantity").select_option("hinge.F [N]")
-    assert "difference to the reference" in panel.locator(".empty").inner_text()
-    panel.get_by_label("difference to the reference").uncheck()
-    assert len(list_lines(tab)) == 1
-    assert tab.locator("[data-panel=drift] input").count() == 0
 
 
 def test_axes_of_the_scatter_plot_show_any_two_quantities(show):
@@ -273,10 +258,6 @@ def test_charts_are_saved_as_self_contained_pictures(open_page, scheme):
     assert "#0072b2" in svg
     assert "var(" not in svg
     assert tab.evaluate("document.documentElement.className") == ""
-    image = download_chart(tab, "scatter", "PNG").path().read_bytes()
-    assert image[:8] == b"\x89PNG\r\n\x1a\n"
-    width, _ = (int.from_bytes(image[k : k + 4]) for k in (16, 20))
-    assert width == 2 * round(tab.evaluate("state.charts.get('scatter').width"))
 
 
 def test_charts_with_odd_names_are_saved(show):
@@ -292,4 +273,3 @@ def test_charts_with_odd_names_are_saved(show):
             csv.reader(io.StringIO(download_chart(tab, "observed", "CSV").path().read_text(), ""))
         )
         assert {len(row) for row in rows} == {4}
-    assert download_chart(tab, "observed", "PNG").path().stat().st_size > 1000

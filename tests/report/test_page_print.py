@@ -75,7 +75,6 @@ def run_page():
     return page | {
         "columns": [],
         "sliders": [],
-        "map": None,
         "groups": [{"id": "bar", "frames": bar_frames()}],
         "tables": [table | {"rows": [[x, "-0.1234", "1.234"] for x in names]}, facts],
         "cases": [case],

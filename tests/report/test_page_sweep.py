@@ -1,19 +1,13 @@
-"""The page of a sweep in a browser: sliders, map, colors, and cases without curves."""
+"""The page of a sweep in a browser: sliders, colors, and cases without curves."""
 
 import re
 
 import numpy as np
-import pytest
 from numpy.testing import assert_allclose
 from pages import (
-    click_point,
-    find_point,
     find_row,
     list_lines,
-    page_with_files,
-    read_tooltip,
     sweep_page,
-    wait_until,
 )
 
 
@@ -60,86 +54,6 @@ def test_a_selected_case_moves_the_sliders(show):
     assert tab.inner_text("#shown") == "speed=4, height=0.3"
 
 
-def scale_limits(tab):
-    """Return the limits of the color scale of the map."""
-    return tab.evaluate("(({min, max}) => [min, max])(state.charts.get('map').spec.visualMap[0])")
-
-
-def test_the_map_colors_cells_and_selects_cases(show):
-    tab = show(sweep_page())
-    fills = tab.locator("[data-chart=map] svg path").evaluate_all(
-        "all => all.map((cell) => cell.getAttribute('fill'))"
-    )
-    assert len(set(fills)) >= 9
-    assert scale_limits(tab) == [0.0, 22.0]
-    tab.click("#clear")
-    click_point(tab, 5, "map")
-    assert find_row(tab, 5).locator("input").is_checked()
-    tab.mouse.move(*find_point(tab, 5, "map"))
-    assert "speed=2, height=0.3 tip.y max [m]: 12" in read_tooltip(tab).replace("\n", " ")
-    tab.get_by_label("response of the map").select_option("speed [rad/s]")
-    assert scale_limits(tab) == [1.0, 4.0]
-
-
-def three_parameter_page():
-    """Return the sweep over speed and height at two masses, whose responses differ by 100."""
-    page = sweep_page()
-    page["sliders"].append({"label": "mass", "unit": "kg", "values": [0.5, 2.0], "isNumeric": True})
-    cases = page["cases"]
-    page["cases"] = [
-        case
-        | {
-            "id": f"case {k + 9 * m}",
-            "label": f"{case['label']}, mass={mass:g}",
-            "at": [*case["at"], m],
-            "values": case["values"] | {"tip.y max [m]": 100.0 * m + k},
-        }
-        for m, mass in enumerate((0.5, 2.0))
-        for k, case in enumerate(cases)
-    ]
-    return page
-
-
-@pytest.mark.slow(reason="opens two pages")
-def test_the_map_of_three_parameters_follows_the_position_and_the_keyboard(show):
-    tab = show(three_parameter_page())
-    plane = tab.get_by_label("mass of the map")
-    assert tab.inner_text("#map-title").endswith("at mass = \n0.5 kg\n2 kg")
-    assert scale_limits(tab) == [0.0, 8.0]
-    slide(tab, 2, 1)
-    assert plane.locator("option:checked").inner_text() == "2 kg"
-    assert scale_limits(tab) == [100.0, 108.0]
-    assert "at mass = 2 kg" in tab.locator("#map .plot").get_attribute("aria-label")
-    plane.focus()
-    plane.select_option("0.5 kg")
-    assert plane.evaluate("select => select === document.activeElement")
-    assert tab.locator("#sliders output").all_inner_texts()[2] == "0.5"
-
-    page = three_parameter_page()
-    for case in page["cases"]:
-        case["frames"] = None
-    tab = show(page)
-    tab.click("#clear")
-    find_row(tab, 13).locator("td.label").click()
-    assert plane_cells(tab) == [f"case {k}" for k in range(9, 18)]
-    tab.get_by_label("mass of the map").select_option("0.5 kg")
-    assert plane_cells(tab) == [f"case {k}" for k in range(9)]
-    # Arrow keys visit the cells, and Enter selects one.
-    tab.locator("[data-chart=map] .plot").focus()
-    tab.keyboard.press("ArrowRight")
-    tab.keyboard.press("ArrowRight")
-    tab.keyboard.press("Enter")
-    assert find_row(tab, 1).locator("input").is_checked()
-
-
-def plane_cells(tab):
-    """Return the cases of the map in ascending order."""
-    cells = tab.evaluate(
-        "state.charts.get('map').spec.series.flatMap(({data}) => data.map(([, , id]) => id))"
-    )
-    return sorted(cells, key=lambda name: int(name.split()[1]))
-
-
 def test_a_case_without_curves_says_why_and_names_the_nearest(show):
     tab = show(sweep_page(without={4}))
     tab.click("#clear")
@@ -159,51 +73,8 @@ def test_regression_a_measured_sweep_opens_on_its_responses(show):
     tab = show(page)
     assert not tab.locator("#top").is_visible()
     assert "has curves" not in tab.inner_text("main")
-    charts = [tab.locator(f"[data-chart={key}]").bounding_box() for key in ("scatter", "map")]
-    assert all(chart["y"] + chart["height"] < 768 for chart in charts)
-
-
-def test_curves_are_loaded_from_files_when_a_case_is_selected(show):
-    tab = show(page_with_files())
-    tab.click("#clear")
-    find_row(tab, 7).locator("td.label").click()
-    wait_until(tab, "state.charts.get('observed')?.spec.series.length === 1")
-    assert tab.inner_text("#selection-notes") == ""
-    # The file also contains the curves of the case 4.
-    assert tab.evaluate("page.cases.filter((run) => run.curves).length") == 8
-    find_row(tab, 4).locator("td.label").click()
-    assert len(list_lines(tab)) == 2
-    tab.get_by_label("Observed: quantity").select_option("hinge.F [N]")
-    last = "state.charts.get('observed').spec.series.map(({data}) => data.at(-1)[1])"
-    assert_allclose(tab.evaluate(last), [5.0 + 2.0 * 7, 5.0 + 2.0 * 4], rtol=1e-4)
-
-
-def test_a_missing_file_of_curves_is_named(show):
-    tab = show(page_with_files())
-    tab.click("#clear")
-    # A file that adds no curves: a missing one would be reported by the browser.
-    # An expression whose value is a function would be called.
-    tab.evaluate("window.load = addCurves; addCurves = () => {}; 0")
-    find_row(tab, 5).locator("td.label").click()
-    wait_until(tab, "curveFiles.get(1) === 'failed'")
-    note = tab.inner_text("#selection-notes")
-    assert "The curves of speed=2, height=0.3 cannot be loaded; keep the folder page_curves" in note
-    assert "trajectories/5.csv" in note
-    # Selecting the case again tries again.
-    tab.click("#clear")
-    tab.evaluate("addCurves = window.load; 0")
-    find_row(tab, 5).locator("td.label").click()
-    wait_until(tab, "state.charts.get('observed')?.spec.series.length === 1")
-    assert tab.inner_text("#selection-notes") == ""
-
-
-def test_regression_a_group_with_all_curves_in_files_shows_some_of_them(show):
-    """No case was selected when the page opened."""
-    page = page_with_files()
-    for number in (4, 5, 7):
-        page["cases"][number]["group"] = "rod"
-    tab = show(page | {"groups": [{"id": "rod"}, {"id": "bar"}]})
-    wait_until(tab, "state.charts.get('observed')?.spec.series.length === 3")
+    chart = tab.locator("[data-chart=scatter]").bounding_box()
+    assert chart["y"] + chart["height"] < 768
 
 
 def test_of_many_families_the_legend_names_the_first_and_the_last(show):

@@ -17,20 +17,25 @@ PLOT = "[data-chart={}] .plot"
 PIXEL = 0.02  # tolerance of values read from positions rounded to pixels
 
 
+def zoom_in(tab, key):
+    """Zoom in about the middle of a chart."""
+    box = tab.locator(PLOT.format(key)).bounding_box()
+    tab.mouse.move(box["x"] + 0.5 * box["width"], box["y"] + 0.5 * box["height"])
+    tab.keyboard.down("Control")
+    tab.mouse.wheel(0, -100)
+    tab.keyboard.up("Control")
+    tab.wait_for_timeout(100)
+
+
 @pytest.mark.parametrize("key", ["scatter", "observed", "error"])
-def test_buttons_zoom_and_reset_the_view(show, key):
+def test_a_button_resets_the_view(show, key):
     tab = show(study_page())
     full = visible_ranges(tab, key)
-    zoom_in, zoom_out, reset = (tool_buttons(tab, key).nth(k) for k in range(3))
-    zoom_in.click()
+    tab.locator(PLOT.format(key)).scroll_into_view_if_needed()
+    zoom_in(tab, key)
     for (low, high), (first, last) in zip(visible_ranges(tab, key), full, strict=True):
-        # Zooming is about the middle of the data; axes may be longer.
-        assert 0.4 * (last - first) < high - low < 0.7 * (last - first)
         assert first < low < high < last
-    zoom_out.click()
-    assert_allclose(visible_ranges(tab, key), full, atol=1e-9)
-    zoom_in.click()
-    reset.click()
+    tool_buttons(tab, key).first.click()
     assert visible_ranges(tab, key) == full
 
 
@@ -46,7 +51,7 @@ def test_the_wheel_scrolls_the_page_unless_ctrl_is_pressed(show):
     tab.keyboard.down("Control")
     tab.mouse.wheel(0, -100)
     tab.keyboard.up("Control")
-    wait_until(tab, "state.views.observed?.x")
+    tab.wait_for_timeout(100)
     (begin, end), _ = visible_ranges(tab, "observed")
     assert end - begin < 2.0
     # The pointer is the center.
@@ -56,7 +61,8 @@ def test_the_wheel_scrolls_the_page_unless_ctrl_is_pressed(show):
 
 def test_dragging_pans(show):
     tab = show(study_page())
-    tool_buttons(tab, "observed").first.click()
+    for _ in range(4):
+        zoom_in(tab, "observed")
     (begin, end), (low, high) = visible_ranges(tab, "observed")
     start, finish = (screen_position(tab, "observed", x, x - 1.0) for x in (1.0, 0.8))
     tab.mouse.move(*start)
@@ -68,22 +74,10 @@ def test_dragging_pans(show):
     assert_allclose(ranges, [(begin + 0.2, end + 0.2), (low + 0.2, high + 0.2)], atol=PIXEL)
 
 
-def test_keys_zoom_pan_and_reset(show):
-    tab = show(study_page())
-    full = visible_ranges(tab, "observed")
-    tab.locator(PLOT.format("observed")).focus()
-    tab.keyboard.press("+")
-    assert_allclose(visible_ranges(tab, "observed")[0], [1 / 3, 5 / 3], atol=1e-3)
-    tab.keyboard.press("Shift+ArrowRight")
-    assert_allclose(visible_ranges(tab, "observed")[0], [1 / 3 + 0.2, 5 / 3 + 0.2], atol=1e-3)
-    tab.keyboard.press("-")
-    tab.keyboard.press("0")
-    assert visible_ranges(tab, "observed") == full
-
-
 def test_a_click_on_a_point_of_a_zoomed_chart_selects_it(show):
     tab = show(study_page())
-    tool_buttons(tab, "scatter").first.click()
+    tab.locator(PLOT.format("scatter")).scroll_into_view_if_needed()
+    zoom_in(tab, "scatter")
     before = tab.locator("tr.selected").count()
     tab.mouse.click(*find_point(tab, 4))
     assert tab.locator("tr.selected").count() == before - 1
@@ -91,21 +85,21 @@ def test_a_click_on_a_point_of_a_zoomed_chart_selects_it(show):
 
 def test_all_panels_share_the_range_of_time(show):
     tab = show(study_page())
-    tool_buttons(tab, "observed").first.click()
+    zoom_in(tab, "observed")
     times = [visible_ranges(tab, key)[0] for key in ("observed", "error", "energy", "drift")]
-    assert_allclose(times, [[1 / 3, 5 / 3]] * 4, atol=1e-3)
-    tool_buttons(tab, "drift").nth(2).click()
+    assert times[0] != (0.0, 2.0)
+    assert_allclose(times, [times[0]] * 4, atol=1e-3)
+    _, zoomed = visible_ranges(tab, "observed")
+    tool_buttons(tab, "drift").first.click()
     # The vertical range of each panel is independent.
-    times, values = visible_ranges(tab, "observed")
-    assert times == (0.0, 2.0)
-    assert_allclose(values, [-2 / 3, 2 / 3], atol=1e-3)
+    assert visible_ranges(tab, "observed") == ((0.0, 2.0), zoomed)
 
 
 def test_the_view_persists_when_cases_are_added_but_not_for_another_quantity(show):
     tab = show(study_page())
     tab.click("#clear")
     find_row(tab, 1).locator("td.label").click()
-    tool_buttons(tab, "observed").first.click()
+    zoom_in(tab, "observed")
     zoomed = visible_ranges(tab, "observed")
     find_row(tab, 5).locator("td.label").click()
     assert_allclose(visible_ranges(tab, "observed"), zoomed)

@@ -13,7 +13,8 @@ from spin_up import spin_up
 from support import ARC, SOFT_MATERIAL
 
 import beamdae as bd
-from beamdae.report.scene.frame_export import export_frames, export_run_frames
+from beamdae.report.page.page_data import encode
+from beamdae.report.scene.frame_export import export_run_frames
 from beamdae.report.scene.mechanism_scene import MAX_BEAM_SECTIONS, build_scene
 from beamdae.report.scene.poses import CoordinatePoses, reference_poses
 from beamdae.report.scene.run_scene import build_run_scene, frame_times
@@ -244,7 +245,7 @@ def test_arrows_have_the_direction_and_the_relative_size_of_the_load():
     assert_allclose(drag[:, 0, 1] / drag[:, 0, 0], 0.5, rtol=1e-9)
     assert np.all(drag[:, 0, 0] < 0.0)
     # The exported scene is standard JSON.
-    assert json.loads(json.dumps(export_run_frames(solution), allow_nan=False))
+    assert json.loads(encode(export_run_frames(solution)))
 
 
 def leaf(heights, width=0.3):
@@ -264,33 +265,32 @@ def leaf(heights, width=0.3):
 
 def drawn_curves(mechanism):
     scene = build_scene(mechanism, reference_poses, np.zeros(1))
-    return scene, {x.part: x for x in scene.glyphs if x.kind == "beam"}
+    return scene, {x.part: x for x in scene.glyphs if x.kind.startswith("beam")}
 
 
 def test_beams_are_drawn_with_the_heights_of_varying_sections():
     scene, curves = drawn_curves(leaf((0.01, 0.02)))
-    assert scene.height_scale == 1.0
-    assert_allclose(curves["leaf"].heights[[0, -1]], [0.01, 0.016])
-    assert_allclose(curves["strut"].heights, 0.005)
-    (outline,) = curves["leaf"].outline(1.0)
+    assert scene.caption == ""
+    (leaf_outline,), (strut,) = (curves[x].positions for x in ("leaf", "strut"))
     k = MAX_BEAM_SECTIONS
-    assert outline.shape == (2 * k + 1, 2)
-    assert_allclose(outline[0], outline[-1])
-    assert_allclose(np.hypot(*(outline[:k] - outline[k:-1][::-1]).T), curves["leaf"].heights)
-    assert_allclose(outline[[0, k - 1]], [(-0.005, 0.0), (-0.008, 0.3)], atol=1e-12)
-    frames = export_frames(scene, np.zeros(1))
-    assert frames["heights"] == 1.0
-    assert [x.get("heights", [0.0])[0] for x in frames["bodies"]] == [0.01, 0.005]
+    assert leaf_outline.shape == (2 * k + 1, 2)
+    assert_allclose(leaf_outline[0], leaf_outline[-1])
+    heights = np.hypot(*(leaf_outline[:k] - leaf_outline[k:-1][::-1]).T)
+    assert_allclose(heights[[0, -1]], [0.01, 0.016])
+    assert_allclose(np.hypot(*(strut[:k] - strut[k:-1][::-1]).T), 0.005)
+    assert_allclose(leaf_outline[[0, k - 1]], [(-0.005, 0.0), (-0.008, 0.3)], atol=1e-12)
 
 
 def test_beams_of_constant_sections_and_unknown_heights_are_lines():
-    scene, curves = drawn_curves(pendulum())
-    assert not scene.has_heights
-    assert "heights" not in export_frames(scene, np.zeros(1))
+    for mechanism in (pendulum(), unknown_heights()):
+        scene, curves = drawn_curves(mechanism)
+        assert {x.kind for x in curves.values()} == {"beam"}
+        assert scene.caption == ""
+
+
+def unknown_heights():
     section = bd.Section(SOFT_MATERIAL, area=1e-4, second_moment=1e-10)
     mechanism = bd.Mechanism()
     line = bd.Line((0.0, 0.0), (1.0, 0.0))
     mechanism.add(bd.Beam("beam", line, lambda s: section, elements=1))
-    scene, curves = drawn_curves(mechanism)
-    assert curves["beam"].heights is None
-    assert not scene.has_heights
+    return mechanism

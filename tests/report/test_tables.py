@@ -136,7 +136,7 @@ def test_ranges_always_show_name_error_and_verdict(width):
     for line in lines:
         assert line.split()[-1] == "agrees"
         assert "1.2e-06" in line
-    assert ("not shown" in text) == (width <= 100)
+    assert ("not shown" in text) == (width < 100)
 
 
 @pytest.mark.parametrize("width", [width for width in WIDTHS if width < 300])

@@ -27,17 +27,17 @@ METHODS = {
     "PeriodicMotion": {"plot", "page"},
     "PeriodicSensitivities": set(),
     "ProfileLikelihood": {"plot"},
-    "SavedRun": {"plot", "to_parquet"},  # A page needs the equations.
+    "SavedRun": {"plot"},  # A page needs the equations.
     "SectionForces": set(),  # `diagram` plots one of N, Q and M.
     "Sensitivities": set(),
-    "Solution": {"plot", "page", "to_parquet"},
+    "Solution": {"plot", "page"},
     "StabilityMargins": set(),
     "SweepResults": {"plot", "page"},
 }
 # Results without warnings: quantities of another result.
 WITHOUT_WARNINGS = {"Errors", "SectionForces"}
 OTHER_RESULTS = {"Check", "ExportedFmu", "Gradient"}
-NAMES = {"table", "to_csv", "to_parquet", "plot", "page"}
+NAMES = {"table", "to_csv", "plot", "page"}
 
 
 def test_every_result_has_a_table_that_can_be_written():

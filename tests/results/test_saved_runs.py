@@ -224,10 +224,3 @@ def test_invalid_differences_are_rejected(run):
     early = falling(0.2, bd.Radau(1e-3))
     with pytest.raises(bd.BeamdaeError, match=r"no output time of this run \(0\.3 to 0\.6 s\)"):
         late.difference(early)
-
-
-def test_parquet_contains_the_table(run, tmp_path):
-    import pandas as pd
-
-    table = pd.read_parquet(run.to_parquet(tmp_path / "run.parquet"))
-    pd.testing.assert_frame_equal(table, run.table())

@@ -168,9 +168,9 @@ def test_regression_refined_runs_and_designs_have_the_stress_at_the_load():
     run = bd.simulate(ramped_bar(ramp=0.5), accuracy_columns=["stress.largest"], **settings_of_run)
     assert run.errors.status.success
     assert run["stress.largest"].to_numpy()[-1] == pytest.approx(exact, rel=5e-3)
-    limit = bd.at_most(bd.EquilibriumValue("stress.bound"), "100 MPa")
+    limit = bd.quantities.at_most(bd.quantities.EquilibriumValue("stress.bound"), "100 MPa")
     bounds = {"height": (0.003, 0.05)}
-    design = bd.optimize(ramped_bar, bd.Mass(), bounds, [limit]).parameters["height"]
+    design = bd.optimize(ramped_bar, bd.quantities.Mass(), bounds, [limit]).parameters["height"]
     assert 0.98 * 100e6 < 24.0 / (0.02 * design**2 / 6.0) < 100.1e6
 
 
@@ -432,8 +432,8 @@ def test_derivatives_of_the_largest_stress_follow_heights_and_places_of_kinks():
 
 @pytest.mark.slow(reason="optimization with dozens of equilibria")
 def test_designs_have_the_stress_limit_at_kinks():
-    limit = bd.at_most(bd.EquilibriumValue("stress.bound"), "60 MPa")
-    design = bd.optimize(leaf_with_knot, bd.Mass(), {"height": (0.003, 0.009)}, [limit])
+    limit = bd.quantities.at_most(bd.quantities.EquilibriumValue("stress.bound"), "60 MPa")
+    design = bd.optimize(leaf_with_knot, bd.quantities.Mass(), {"height": (0.003, 0.009)}, [limit])
     height = design.parameters["height"]
     stress = 6.0 * TIP_FORCE * (LEAF_LENGTH - 0.08) / LEAF_WIDTH / height**2
     assert stress == pytest.approx(60e6, rel=5e-3)

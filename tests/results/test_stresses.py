@@ -205,7 +205,7 @@ ROD_FORCE = 1e4  # [N]
 
 
 @cache
-def shaken_rod(elements=4, nodes=4, rise_time=0.0, damping=0.0, kind="load", step=None):
+def shaken_rod(elements=4, nodes=4, rise_time=0.0, damping=0.0, kind="load"):
     """Return N of a clamped rod after a step of the end force or an impact, up to t = 6 L / c."""
     section = bd.Section.rectangle(STEEL, width=0.1, height=0.1, damping=damping)
     speed = np.sqrt(STEEL.E / STEEL.rho)
@@ -222,8 +222,7 @@ def shaken_rod(elements=4, nodes=4, rise_time=0.0, damping=0.0, kind="load", ste
             force = bd.piecewise((rise_time, lambda t: ROD_FORCE / rise_time * t), ROD_FORCE)
         mech.add(bd.Force("load", rod.end, (force, 0.0)))
     end = 6.0 / speed
-    integrator = bd.GeneralizedAlpha(step) if step else bd.Radau(1e-6)
-    run = bd.simulate(mech, integrator, t_end=end, output_step=end / 150)
+    run = bd.simulate(mech, bd.Radau(1e-6), t_end=end, output_step=end / 150)
     return run.section_forces(rod)
 
 
@@ -241,36 +240,12 @@ ROD_PEAK = {"load": 2.0, "impact": -1.0}
         pytest.param("impact", 16, 3, marks=pytest.mark.slow(reason="as four nodes")),
     ],
 )
-def test_peaks_after_sudden_loads_have_an_error_that_covers_the_overshoot(kind, elements, nodes):
+def test_unresolved_waves_after_sudden_loads_reduce_the_safety_factor(kind, elements, nodes):
     forces = shaken_rod(elements, nodes, kind=kind)
-    envelope, exact = forces.envelope(), ROD_PEAK[kind] * ROD_FORCE
-    word, row = ("max", forces.N.max(axis=0).argmax()) if exact > 0.0 else ("min", 0)
-    peak, error = (envelope[f"N {x} [N]"][row] for x in (word, f"{word} error"))
-    # The overshoot of 20 to 80 % of the jump F is larger than the difference from the strains.
+    exact = ROD_PEAK[kind] * ROD_FORCE
+    peak = forces.N.max() if exact > 0.0 else forces.N[:, 0].min()
     assert abs(peak - exact) > 0.2 * ROD_FORCE
-    assert abs(peak - exact) > 2.0 * np.median(forces.error[0])
-    assert abs(peak - exact) < error < 0.9 * ROD_FORCE
-    with pytest.warns(
-        bd.BeamdaeWarning,
-        match="rod: the stress .* of the smallest safety factor, .* do not resolve the",
-    ):
-        safety = forces.safety()
-    factor = 235e6 * 0.1**2 / abs(exact)
-    assert safety.factor < 0.9 * factor
-    assert safety.lower_bound < safety.factor
-    assert factor < 235e6 / (safety.stress - safety.error)
-
-
-@pytest.mark.slow(reason="two runs of a rod")
-@pytest.mark.parametrize("step", [4e-5, 2e-5])
-def test_steps_that_do_not_resolve_waves_increase_the_error_of_peaks(step):
-    # The wave crosses the rod in 1.9e-4 s. Radau resolves all waves of the mesh.
-    forces = shaken_rod(elements=8, step=step)
-    assert forces.step == step
-    overshoot = np.max(forces.N) - 2.0 * ROD_FORCE
-    assert overshoot > 0.4 * ROD_FORCE
-    assert 0.8 * overshoot < forces.wave_error[0] < 1.4 * overshoot
-    assert shaken_rod().step == 0.0
+    assert forces.safety().factor < 0.9 * 235e6 * 0.1**2 / abs(exact)
 
 
 @pytest.mark.slow(reason="two runs of a rod")
@@ -279,23 +254,13 @@ def test_steps_that_do_not_resolve_waves_increase_the_error_of_peaks(step):
     "settings", [{"rise_time": 2e-4}, {"damping": 2e-6}], ids=["gradual load", "damping"]
 )
 def test_remedies_against_unresolved_waves(settings):
-    # The rise time is four times the period in the warning of the sudden load, and half of the time
-    # after which the first reflected wave returns to the clamp and reduces the peak.
+    # The rise time is half of that after which the first reflected wave returns to the clamp and
+    # reduces the peak.
     forces = shaken_rod(elements=8, **settings)
     safety = forces.safety()
     assert safety.warning is None
     assert safety.stress == pytest.approx(2.0 * ROD_FORCE / 0.1**2, rel=0.03)
     assert safety.error < 0.1 * safety.stress
-
-
-@pytest.mark.slow(reason="a fifth of a second")
-@pytest.mark.parametrize(
-    ("elements", "error"),
-    [pytest.param(2, 0.02, marks=pytest.mark.slow(reason="as 4 elements")), (4, 2e-3)],
-)
-def test_resolved_motions_have_small_wave_errors(swinging_strip, elements, error):
-    forces = swinging_strip(elements)
-    assert forces.wave_error[2] < error * np.max(np.abs(forces.M))
 
 
 @pytest.fixture
@@ -429,7 +394,7 @@ def loaded_bar(height=0.01, load=-10.0):
 @pytest.mark.slow(reason="kernels of derivatives are compiled")
 def test_bound_of_the_largest_stress_is_differentiated_in_runs():
     method = bd.GeneralizedAlpha(step=1e-3, newton_tolerance=1e-10)
-    objective = bd.SmoothMaximum("stress.bound")
+    objective = bd.quantities.SmoothMaximum("stress.bound")
     by_load = bd.gradient(loaded_bar, objective, "load", method, estimate_error=False)
     one, other = (objective.value(bd.simulate(loaded_bar(load=x), method)) for x in (-9.99, -10.01))
     assert by_load.derivatives["load"] == pytest.approx((one - other) / 0.02, rel=1e-5)

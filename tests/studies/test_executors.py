@@ -25,7 +25,7 @@ def distributed():
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning")
 
 
-STUDY = bd.Study(
+STUDY = bd.results.Study(
     "swings",
     tuple(
         bd.Case(swing, {"mass": mass}, bd.GeneralizedAlpha(step=h))

@@ -315,7 +315,7 @@ class Addressed:
 def test_regression_parameters_that_cannot_be_reproduced_are_refused(value, words):
     """They were stored under a new hash each time."""
     with pytest.raises(bd.BeamdaeError, match=f"swing: {words}"):
-        bd.Study("made", (bd.Case(swing, {"note": value}),))
+        bd.results.Study("made", (bd.Case(swing, {"note": value}),))
 
 
 @dataclass(frozen=True)

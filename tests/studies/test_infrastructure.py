@@ -35,7 +35,7 @@ def swing(mass=1.0):
 OVER = ("--over", "mass=1,2,3")
 
 
-STUDY = bd.Study("swings", tuple(bd.Case(swing, {"mass": m}) for m in (1.0, 2.0, 3.0)))
+STUDY = bd.results.Study("swings", tuple(bd.Case(swing, {"mass": m}) for m in (1.0, 2.0, 3.0)))
 
 
 # Reasons and cells ----------------------------------------------------------------------------

@@ -89,7 +89,7 @@ def test_page_plots_responses_over_a_parameter(speed_radius_sweep, tmp_path):
     )
 
 
-def test_the_page_has_sliders_a_map_and_the_motion_of_cases_that_span_the_parameters(
+def test_the_page_has_sliders_and_the_motion_of_cases_that_span_the_parameters(
     speed_radius_sweep, tmp_path
 ):
     page = read_page(speed_radius_sweep.page(tmp_path / "report.html"))
@@ -97,7 +97,6 @@ def test_the_page_has_sliders_a_map_and_the_motion_of_cases_that_span_the_parame
     assert [slider["label"] for slider in page["sliders"]] == ["speed", "radius"]
     for slider in page["sliders"]:
         assert slider["values"] == sorted({x[slider["label"]] for x in sweep.settings})
-    assert sorted(page["map"]) == [0, 1]
     assert page["sequential"]
     for case, setting in zip(page["cases"], sweep.settings, strict=True):
         values = [x["values"][k] for x, k in zip(page["sliders"], case["at"], strict=True)]

@@ -26,7 +26,7 @@ from beamdae.studies.tasks import Outcome, Task
 from beamdae.studies.unique_names import create_file_names
 
 CASE = bd.Case(swing, {"mass": 1.0}, bd.GeneralizedAlpha(step=0.01))
-STUDY = bd.Study(
+STUDY = bd.results.Study(
     "made", (CASE,), references=(bd.Ida(rtol=1e-6), bd.GeneralizedAlpha(step=1e-3)), t_end=0.1
 )
 TASK = replace(STUDY.task(CASE), name="one")

@@ -44,7 +44,7 @@ def self_killing(marker="", tries=1):
 
 
 def create_study(cases, references=COARSE, **settings):
-    return bd.Study("made", tuple(cases), references=references, **settings)
+    return bd.results.Study("made", tuple(cases), references=references, **settings)
 
 
 def run(study, folder, executor=None, progress=None):
@@ -196,7 +196,9 @@ def test_mesh_studies_have_errors_in_space_only(tmp_path):
         for n in (1, 2, 4, 8, 12)
     ]
     columns = ("deformation.u [m]", "deformation.v [m]")
-    results = run(bd.Study("mesh", tuple(cases), columns=columns, over="elements"), tmp_path)
+    results = run(
+        bd.results.Study("mesh", tuple(cases), columns=columns, over="elements"), tmp_path
+    )
     assert len(results.references) == 1
     (reference,) = results.references.values()
     assert reference.methods == ("elements=12", "elements=8")

@@ -37,7 +37,7 @@ INVALID_NAMES += ["nul.txt", "com1", "", " a", "a ", "a.", "a:b", "\u202ea", "\u
 def test_regression_names_that_are_no_folder_names_are_rejected(name):
     """Such names used to write outside of --out."""
     with pytest.raises(bd.BeamdaeError, match="study: the name must be a valid folder name"):
-        bd.Study(name, (bd.Case(swing),))
+        bd.results.Study(name, (bd.Case(swing),))
 
     def build(mass=1.0):
         return swing()
@@ -49,7 +49,7 @@ def test_regression_names_that_are_no_folder_names_are_rejected(name):
 
 @pytest.mark.parametrize("name", ["a", "hub_beam_compare_x=0.5", "größe", "梁", "Con2", "a.b c"])
 def test_folder_names_are_accepted(name):
-    assert bd.Study(name, (bd.Case(swing),)).name == name
+    assert bd.results.Study(name, (bd.Case(swing),)).name == name
 
 
 # Wrong arguments --------------------------------------------------------------------------------
@@ -132,7 +132,7 @@ def test_regression_wrong_cases_are_rejected(create):
 def test_regression_wrong_studies_are_rejected(settings):
     valid = {"name": "made", "cases": (CASE,), "references": REFERENCES}
     with pytest.raises(bd.BeamdaeError, match=r"^(made|study|swing): .*\.$") as error:
-        bd.Study(**(valid | settings))
+        bd.results.Study(**(valid | settings))
     assert "\n" not in str(error.value)
 
 

@@ -61,7 +61,7 @@ def test_a_case_with_other_events_than_the_reference_warns():
 @pytest.mark.slow(reason="half a second")
 def test_references_that_end_at_an_event_are_extrapolated(tmp_path):
     coarse = bd.GeneralizedAlpha(step=2e-3, newton_tolerance=1e-10)
-    study = bd.Study("caught", (bd.Case(pendulum),), references=(coarse, FINE))
+    study = bd.results.Study("caught", (bd.Case(pendulum),), references=(coarse, FINE))
     results = run_study(study, tmp_path, SerialPool())
     (reference,) = results.references.values()
     assert reference.uncertainty < 1e-6

@@ -69,7 +69,7 @@ def faulty(kind="none", marker=""):
 
 
 def create_study(*cases, **settings):
-    return bd.Study("faults", cases, references=REFERENCES, **settings)
+    return bd.results.Study("faults", cases, references=REFERENCES, **settings)
 
 
 def create_faulty_cases(*kinds):

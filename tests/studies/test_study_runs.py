@@ -8,7 +8,6 @@ from itertools import count
 import numpy as np
 import pandas as pd
 import pytest
-from numpy.testing import assert_allclose
 from study_models import swing
 from study_runs import SerialPool, create_study_page, run_study
 
@@ -19,7 +18,7 @@ ALPHA = bd.GeneralizedAlpha(step=5e-3)
 
 def sweep(*values, **settings):
     cases = tuple(bd.Case(swing, x, ALPHA) for x in values)
-    return bd.Study("sweep", cases, references=(), **settings)
+    return bd.results.Study("sweep", cases, references=(), **settings)
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +39,7 @@ def run(tmp_path):
     folders = map(str, count())
 
     def run(cases, **settings):
-        study = bd.Study("mixed", tuple(cases), **settings)
+        study = bd.results.Study("mixed", tuple(cases), **settings)
         return run_study(study, tmp_path / next(folders), SerialPool())
 
     return run
@@ -95,7 +94,7 @@ def test_regression_different_parameters_with_equal_labels_are_different_groups(
 @pytest.mark.slow(reason="half a second")
 def test_study_with_errors_of_some_cases(tmp_path):
     cases = [*MIXED, bd.Case(swing, {"mass": -1.0}, ALPHA)]
-    results = run_study(bd.Study("mixed", tuple(cases)), tmp_path, SerialPool())
+    results = run_study(bd.results.Study("mixed", tuple(cases)), tmp_path, SerialPool())
     assert list(results.table["error bound [-]"].notna()) == [False, True, True, False]
     assert not results.table["below resolution"][[0, 3]].any()
     assert set(results.summary["group"]) <= {"swing(mass=2.0)"}
@@ -109,17 +108,13 @@ def test_study_with_errors_of_some_cases(tmp_path):
         f"swing(mass=1.0), {ALPHA.label}",
         ALPHA.label,
     ]
-    assert "bob" in [symbol["name"] for symbol in page["groups"][0]["frames"]["symbols"]]
+    assert "bob" in [symbol["name"] for symbol in page["groups"][0]["frames"]["glyphs"]]
     kinds = {column["label"]: column["kind"] for column in page["columns"]}
     assert [kinds[x] for x in ("error", "wall time", "steps")] == ["error", "cost", "number"]
-    # Only cases with a reference have differences.
-    differences = [case["curves"]["difference"] for case in page["cases"][:3]]
-    assert differences[0] == {}
-    assert list(differences[1]) == ["observed", "energy"]
-    reference = results.references["swing(mass=2.0)"]
-    (column, *_) = reference.columns
-    expected = results.outcome(cases[1]).table[column] - reference.table[column]
-    assert_allclose(differences[1]["observed"][column], expected)
+    # Only cases with a reference have errors over time.
+    errors = [case["curves"]["error"] for case in page["cases"][:2]]
+    assert errors[0] == {}
+    assert list(errors[1]) == ["error"]
 
 
 # Studies without references -----------------------------------------------------------------------
@@ -137,7 +132,7 @@ def test_study_with_errors_of_some_cases(tmp_path):
 def test_study_without_references_has_no_errors_and_no_summary(masses, settings, tmp_path):
     """Groups of a single run need no reference."""
     cases = tuple(bd.Case(swing, {"mass": mass}, ALPHA) for mass in masses)
-    results = run_study(bd.Study("pair", cases, **settings), tmp_path, SerialPool())
+    results = run_study(bd.results.Study("pair", cases, **settings), tmp_path, SerialPool())
     assert len(results.outcomes) == len(set(masses))
     assert list(results.table["status"]) == ["ok" if mass > 0.0 else "failed" for mass in masses]
     assert "error [-]" not in results.table
@@ -170,12 +165,6 @@ def test_page_without_references_has_one_group_and_the_curves_of_the_first_cases
     assert page["cases"][0]["label"] == f"swing(mass=1.0), {ALPHA.label}"
     has_curves = [case["curves"] is not None for case in page["cases"]]
     assert has_curves == [True, False, True, True, False, False]
-    blocks = [case.get("block") for case in page["cases"]]
-    assert blocks == [None, None, None, None, 0, 0]
-    assert page["notes"] == [
-        "The curves of 2 of 6 cases are in a folder beside this page, which loads them when you "
-        "select the cases."
-    ]
     assert page["groups"][0]["reference"] is None
 
 

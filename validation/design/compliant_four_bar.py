@@ -117,9 +117,13 @@ def optimize_heights(
     method = bd.GeneralizedAlpha(step=0.0125)
     reference = bd.simulate(four_bar(**_reference_heights()), method)
     exact = reference.at_times(TIMES)
-    path = sum(bd.SquaredErrors(name, TIMES, exact[name].to_numpy(), DEVIATION) for name in PATH)
-    roughness = ROUGHNESS_WEIGHT * bd.ParameterFunction(_measure_roughness, "roughness")
-    stress = bd.LargestOf([bd.SmoothMaximum(name, 100.0) for name in STRESSES], 30.0)
+    path = sum(
+        bd.quantities.SquaredErrors(name, TIMES, exact[name].to_numpy(), DEVIATION) for name in PATH
+    )
+    roughness = ROUGHNESS_WEIGHT * bd.quantities.ParameterFunction(_measure_roughness, "roughness")
+    stress = bd.quantities.LargestOf(
+        [bd.quantities.SmoothMaximum(name, 100.0) for name in STRESSES], 30.0
+    )
     limit = _largest_stress(reference)
     heights: dict[str, tuple[float, ...]] = {}
     # Smooth maxima over time are below the maxima: the ratio of both corrects the limit.
@@ -129,7 +133,7 @@ def optimize_heights(
             four_bar,
             roughness + path,
             ["coupler", "rocker"],
-            bd.at_most(stress, limit * correction),
+            bd.quantities.at_most(stress, limit * correction),
             {"coupler": HEIGHT_RANGE, "rocker": HEIGHT_RANGE},
             method,
             parameters=heights,

@@ -33,7 +33,7 @@ def main() -> None:
         for step in np.geomspace(1e-3, 5e-4, min(case_count, 100)).tolist()
     )
     references = (bd.Ida(rtol=1e-5), bd.GeneralizedAlpha(step=5e-4))
-    study = bd.Study("overhead", cases, references=references, t_end=2.0)
+    study = bd.results.Study("overhead", cases, references=references, t_end=2.0)
     pool = LocalPool()
     with tempfile.TemporaryDirectory() as folder:
         start = time.perf_counter()

@@ -92,7 +92,7 @@ def measure(name: str, integrator: str, t_end: float, rounds: int) -> dict[str, 
     equations = bd.equations_of_motion(model(**parameters))
     times = np.linspace(0.0, t_end, 1001)
     point = "rocker" if name.startswith("four_bar") else "tip"
-    objective = bd.EndValue(f"{point}.y") + bd.SmoothMaximum(f"{point}.x")
+    objective = bd.quantities.EndValue(f"{point}.y") + bd.quantities.SmoothMaximum(f"{point}.x")
     derivatives = np.zeros(0)
 
     def differentiate(part: str) -> float:

@@ -80,7 +80,7 @@ def record_loop_times(folder: str) -> None:
     CompiledLoop.__call__ = timed
 
 
-def make_study(number: int, t_end: float, loop_folder: str) -> bd.Study:
+def make_study(number: int, t_end: float, loop_folder: str) -> bd.results.Study:
     """Return the study of the sweep."""
     values = bd.grid(
         torque=np.linspace(5.0, 10.0, max(number // 20, 1)).tolist(),
@@ -91,9 +91,9 @@ def make_study(number: int, t_end: float, loop_folder: str) -> bd.Study:
         for x in values
     )
     try:
-        return bd.Study("sweep", cases, references=(), t_end=t_end)
+        return bd.results.Study("sweep", cases, references=(), t_end=t_end)
     except bd.BeamdaeError:
-        return bd.Study("sweep", cases, over="density", t_end=t_end)
+        return bd.results.Study("sweep", cases, over="density", t_end=t_end)
 
 
 def run_sweep(number: int, t_end: float) -> dict[str, float]:

@@ -80,7 +80,7 @@ RESULTS: dict[str, Callable[[Path], Any]] = {
         shaken, {"t [s]": [0.0, 0.05, 0.1], "bob.x": [1.0, 1.001, 1.0]}, "stiffness"
     ),
     "Optimization": lambda _: bd.optimize(
-        shaken, bd.Mass(), "stiffness", (), {"stiffness": (40.0, 160.0)}
+        shaken, bd.quantities.Mass(), "stiffness", (), {"stiffness": (40.0, 160.0)}
     ),
     "SweepResults": lambda _: bd.sweep(shaken, {"stiffness": [50.0, 60.0]}, jobs=1),
     "Mechanism": lambda _: arm(),

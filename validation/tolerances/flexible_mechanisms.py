@@ -32,7 +32,7 @@ def _observe_bend(mech: bd.Mechanism, beam: bd.Beam, name: str = "bend") -> None
     mech.observe(name, beam.deformation(0.5 * beam.length, axes="frame"))
 
 
-def _hinge(mech: bd.Mechanism, name: str, *points: bd.Attachment) -> bd.Revolute:
+def _hinge(mech: bd.Mechanism, name: str, *points: bd.results.Attachment) -> bd.Revolute:
     """Hinge the points, which coincide, to the first one; return the last joint."""
     first, *others = points
     joints = [mech.add(bd.Revolute(f"{name} {k}", first, p)) for k, p in enumerate(others)]

@@ -23,7 +23,6 @@ from beamdae.analysis.continuation.engine import (
     CurveError,
     Point,
     Segment,
-    Tangent,
     interpolate,
     weigh_nodes,
 )
@@ -65,7 +64,7 @@ class _Sample(NamedTuple):
 
     position: float
     point: Point
-    tangent: Tangent
+    tangent: Array
 
     @property
     def counts(self) -> Count:
@@ -76,7 +75,7 @@ class _Sample(NamedTuple):
     @property
     def rate(self) -> float:
         """Derivative of the parameter by the control."""
-        return self.tangent.p
+        return float(self.tangent[-1])
 
 
 def explain_counts(segment: Segment, resolution: float = _RESOLUTION) -> list[CriticalPoint]:
@@ -174,13 +173,10 @@ def _find_hidden_change(segment: Segment, low: _Sample, high: _Sample) -> float 
 
 def _find_neighbor(sample: _Sample, way: float) -> Neighbor:
     """Return the count beside a sample, at a distance relative to a change of the control."""
-    tangent = sample.tangent.scale(way)
-    move, count = sample.point.neighbor(tangent.scale(_NEIGHBOR_DISTANCE))
-    sizes = np.append(sample.point.problem.weights, 1.0)
-    # Products of tiny motions would be zero.
-    sizes = sizes / (np.max(np.abs(sizes * tangent.packed), initial=0.0) or 1.0)
-    one, other = sizes * move.packed, sizes * tangent.packed
-    return Neighbor(count, float(one @ other) / float(other @ other))
+    tangent = way * sample.tangent
+    move, count = sample.point.neighbor(_NEIGHBOR_DISTANCE * tangent)
+    largest = int(np.argmax(np.abs(np.append(sample.point.problem.weights, 1.0) * tangent)))
+    return Neighbor(count, float(move[largest] / tangent[largest]))
 
 
 def _is_between(*samples: _Sample) -> bool:
@@ -191,8 +187,8 @@ def _is_between(*samples: _Sample) -> bool:
 def _find_turn(segment: Segment, low: _Sample, high: _Sample) -> CriticalPoint:
     """Return the point where the parameter has an extremum, which is a parabola between samples."""
     share, width = low.rate / (low.rate - high.rate), high.position - low.position
-    move = high.point.minus(low.point).scale(share)
-    move = Tangent(move.x, 0.5 * low.rate * share * width * segment.reach)
+    move = share * high.point.minus(low.point)
+    move[-1] = 0.5 * low.rate * share * width * segment.reach
     point = replace(low.point.plus(move), beside=low.point)
     return CriticalPoint(low.position + share * width, BRANCH, point, critical_mode(low.point))
 
@@ -294,7 +290,7 @@ def _opposes(point: Point, border: Array) -> float:
     It vanishes where curves cross. Elsewhere, a curve turns where its Jacobian is singular.
     """
     by_parameter, weights = point.linearization.by_parameter, point.problem.mode_weights
-    share = point.bordered(border, border, 0.0).solve(np.append(by_parameter, 0.0))[-1]
+    share = point.bordered(border, border).solve(np.append(by_parameter, 0.0))[-1]
     sizes = np.divide(1.0, weights, out=np.zeros_like(weights), where=weights > 0.0)
     whole = float(np.linalg.norm(sizes * by_parameter))
     return abs(share) * float(np.linalg.norm(sizes * border)) / whole if whole else 0.0
@@ -315,5 +311,5 @@ def critical_mode(point: Point) -> Array:
 
 def _test_singularity(point: Point, border: Array) -> tuple[float, Array]:
     """Return g and v of [[J, b], [b^T, 0]] (v, g) = (0, 1): g is zero where J is singular."""
-    solution = point.bordered(border, border, 0.0).solve(np.append(np.zeros(len(border)), 1.0))
+    solution = point.bordered(border, border).solve(np.append(np.zeros(len(border)), 1.0))
     return float(solution[-1]), solution[:-1]

@@ -11,11 +11,11 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.linalg import splu
+from scipy.sparse.linalg import SuperLU, splu
 
 from beamdae.analysis.continuation.newton import (
     CORRECTED,
@@ -60,24 +60,55 @@ class CurveError(Exception):
     """Raised if a point or a step cannot be found; the message says why, without a period."""
 
 
-class Factors(Protocol):
-    """Factors of a bordered matrix."""
+class BorderedFactors(NamedTuple):
+    """Bordered matrix in units `sizes` of the unknowns, and its factors."""
 
-    def solve(self, right: Array) -> Array:
-        """Return the solution for a right-hand side (n + 1,)."""
+    matrix: sp.csc_array
+    factors: SuperLU
+    sizes: Array | float = 1.0
+
+    def solve(self, right: Array, transposition: str = "N") -> Array:
+        """Return the solution for a right-hand side, or that of the transposed matrix ("T").
+
+        It is refined once: small changes of tests for critical points count more than the accuracy
+        of a correction.
+        """
+        matrix = self.matrix if transposition == "N" else self.matrix.T
+        scaled = self.sizes * right
+        solution = self.factors.solve(scaled, transposition)
+        solution += self.factors.solve(scaled - matrix @ solution, transposition)
+        return np.asarray(self.sizes * solution)
 
 
 @dataclass(frozen=True, eq=False)
-class SparseLinearization:
-    """Linearization of equations with a Jacobian (CSC), see `Problem.linearize`."""
+class Linearization:
+    """Equations, linearized about a point.
+
+    Attributes
+    ----------
+    residual, by_parameter
+        F and its derivative by the parameter, (n,).
+    jacobian
+        Jacobian by x in units `sizes` of the unknowns.
+    sizes
+        Units of the unknowns, (n,) or a number.
+    """
 
     residual: Array
     by_parameter: Array
     jacobian: sp.csc_array
+    sizes: Array | float = 1.0
 
-    def bordered(self, column: Array, row: Array, corner: float) -> Factors:
-        """Return the factors of the bordered Jacobian."""
-        return factorize_bordered(self.jacobian, column, row, corner)
+    def bordered(self, column: Array, row: Array, corner: float) -> Any:
+        """Return the factors of [[J, column], [row, corner]], with a method `solve(right)`.
+
+        Raises
+        ------
+        CurveError
+            If the matrix is singular or not finite.
+        """
+        scaled = factorize_bordered(self.jacobian, column * self.sizes, row * self.sizes, corner)
+        return scaled._replace(sizes=np.append(np.broadcast_to(self.sizes, len(row)), 1.0))
 
 
 class Problem(ABC):
@@ -95,18 +126,14 @@ class Problem(ABC):
 
     @abstractmethod
     def linearize(self, x: Array, p: float, last: Any = None) -> Any:
-        """Return the equations, linearized about (x, p).
-
-        The result has the residual F and its derivative `by_parameter`, (n,) each, and a method
-        `bordered(column, row, corner)` that returns the factors of [[J, column], [row, corner]]. J
-        is the Jacobian by x; factors have a method `solve(right)`.
+        """Return the equations, linearized about (x, p), like `Linearization`.
 
         `last` is the linearization of the last iteration, or None: a problem may keep its matrix.
 
         Raises
         ------
         CurveError
-            If the equations cannot be evaluated; `bordered` raises it for singular matrices.
+            If the equations cannot be evaluated.
         """
 
     @abstractmethod
@@ -130,7 +157,7 @@ class Problem(ABC):
         corrections, linear = Corrections(), self.linearize(x, p)
         while True:
             row = control(x, p)
-            factors = linear.bordered(linear.by_parameter, row.x, row.p)
+            factors = linear.bordered(linear.by_parameter, row.gradient[:-1], row.gradient[-1])
             step = factors.solve(-np.append(linear.residual, row.value - target))
             size = self.measure(step[:-1])
             code = judge(corrections, size, self.is_solved(linear, step, size, corrections.last))
@@ -149,11 +176,11 @@ class Problem(ABC):
                         raise
             x, p = following
 
-    def find_tangent(self, point: Point, row: Row) -> Tangent:
-        """Return the tangent at a solution along which the control with this row increases by 1."""
-        factors = point.bordered(point.linearization.by_parameter, row.x, row.p)
-        solution = factors.solve(np.append(np.zeros(len(point.x)), 1.0))
-        return Tangent(solution[:-1], float(solution[-1]))
+    def find_tangent(self, point: Point, row: Row) -> Array:
+        """Return the tangent (n + 1,) at a solution along which this control increases by 1."""
+        column, unit = point.linearization.by_parameter, _last_unit(len(point.x) + 1)
+        factors = point.bordered(column, row.gradient[:-1], row.gradient[-1])
+        return np.asarray(factors.solve(unit))
 
     def is_solved(self, linear: Any, step: Array, size: float, last: float) -> bool:
         """Return True if a point is a solution after its correction `step` of (x, p).
@@ -168,35 +195,14 @@ class Problem(ABC):
         return replace(point, x=x, p=p, linearization=self.linearize(x, p))
 
 
-class Tangent(NamedTuple):
-    """Derivatives of x and p along a curve, or changes of both."""
-
-    x: Array
-    p: float
-
-    def scale(self, factor: float) -> Tangent:
-        """Return the tangent times `factor`."""
-        return Tangent(factor * self.x, factor * self.p)
-
-    def plus(self, other: Tangent, factor: float = 1.0) -> Tangent:
-        """Return the sum with `factor` times another one."""
-        return Tangent(self.x + factor * other.x, self.p + factor * other.p)
-
-    @property
-    def packed(self) -> Array:
-        """Derivatives in one array, (n + 1,)."""
-        return np.append(self.x, self.p)
-
-
 class Row(NamedTuple):
-    """Value of a control at a point, and its derivatives by x and p.
+    """Value of a control at a point, and its derivatives by (x, p), (n + 1,).
 
     `is_linear` is True if the derivatives are the same everywhere.
     """
 
     value: float
-    x: Array
-    p: float
+    gradient: Array
     is_linear: bool = False
 
 
@@ -207,23 +213,25 @@ Control = Callable[[Array, float], Row]
 class Point:
     """Solution of a problem, with its linearization.
 
-    `beside` is a point beside a singular one, whose monitor is not a matter of rounding.
+    `beside` is a point beside a singular one, whose monitor is not a matter of rounding;
+    `known_tangent` the gradient of a control and the tangent along which it increases by 1.
     """
 
-    problem: Problem
+    problem: Any
     x: Array
     p: float
     linearization: Any
     iterations: int = 0
     beside: Point | None = None
-    _neighbor: list[tuple[Tangent, Any]] = field(default_factory=list, init=False, repr=False)
+    known_tangent: tuple[Array, Array] | None = None
+    _neighbor: list[tuple[Array, Any]] = field(default_factory=list, init=False, repr=False)
 
     @cached_property
     def monitor(self) -> Any:
         """What must change continuously along curves, see `Problem.monitor`."""
         return self.beside.monitor if self.beside else self.problem.monitor(self)
 
-    def neighbor(self, move: Tangent) -> tuple[Tangent, Any]:
+    def neighbor(self, move: Array) -> tuple[Array, Any]:
         """Return a small move along the curve, and the monitor after it.
 
         They are those of the first call: the tangent of a curve is unique.
@@ -232,28 +240,30 @@ class Point:
             self._neighbor.append((move, self.plus(move).monitor))
         return self._neighbor[0]
 
-    def plus(self, move: Tangent) -> Point:
-        """Return the point after a move that keeps it on the curve."""
-        x, p = self.x + move.x, self.p + move.p
+    def plus(self, move: Array) -> Point:
+        """Return the point after a change (n + 1,) of (x, p) that keeps it on the curve."""
+        x, p = self.x + move[:-1], self.p + float(move[-1])
         return Point(self.problem, x, p, self.problem.linearize(x, p))
 
-    def minus(self, other: Point) -> Tangent:
-        """Return the change from another point to this one."""
-        return Tangent(self.x - other.x, self.p - other.p)
+    def minus(self, other: Point) -> Array:
+        """Return the change (n + 1,) of (x, p) from another point to this one."""
+        return np.append(self.x - other.x, self.p - other.p)
 
-    def bordered(self, column: Array, row: Array, corner: float) -> Factors:
+    def bordered(self, column: Array, row: Array, corner: float = 0.0) -> Any:
         """Return the factors of the Jacobian, bordered by a column and a row."""
         return self.linearization.bordered(column, row, corner)
 
-    def tangent(self, row: Row) -> Tangent:
-        """Return the tangent along which the control with this row increases by 1."""
-        tangent = self.problem.find_tangent(self, row)
-        if not np.isfinite(tangent.packed).all():
+    def tangent(self, control: Control) -> Array:
+        """Return the tangent (n + 1,) along which the control increases by 1."""
+        tangent = self.problem.find_tangent(self, control(self.x, self.p))
+        if not np.isfinite(tangent).all():
             raise CurveError("the tangent is not unique")
-        return tangent
+        return np.asarray(tangent)
 
 
-def factorize_bordered(jacobian: sp.csc_array, column: Array, row: Array, corner: float) -> Factors:
+def factorize_bordered(
+    jacobian: sp.csc_array, column: Array, row: Array, corner: float = 0.0
+) -> BorderedFactors:
     """Return the factors of [[J, column], [row, corner]].
 
     Raises
@@ -261,44 +271,50 @@ def factorize_bordered(jacobian: sp.csc_array, column: Array, row: Array, corner
     CurveError
         If the matrix is singular or not finite.
     """
-    top = sp.hstack([jacobian, sp.csc_array(column[:, None])])
-    bottom = sp.csc_array(np.append(row, corner)[None])
-    matrix = sp.csc_matrix(sp.vstack([top, bottom]))
-    if not np.isfinite(matrix.data).all():
+    n, starts = len(row), jacobian.indptr
+    entries = np.concatenate([np.insert(jacobian.data, starts[1:], row), column, [corner]])
+    if not np.isfinite(entries).all():
         raise CurveError("the equations are not finite")
+    rows = np.append(np.insert(jacobian.indices, starts[1:], n), np.arange(n + 1))
+    starts = np.append(starts + np.arange(n + 1), len(entries))
+    matrix = sp.csc_array((entries, rows, starts))
     try:
-        return splu(matrix)
+        return BorderedFactors(matrix, splu(matrix))
     except RuntimeError:
         raise CurveError("the tangent is singular") from None
 
 
 def prescribe_parameter(x: Array, p: float) -> Row:
     """Control by the parameter."""
-    return Row(p, _zero_row(len(x)), 1.0, True)
+    return Row(p, _last_unit(len(x) + 1), True)
 
 
 @lru_cache(maxsize=8)
-def _zero_row(size: int) -> Array:
-    zeros = np.zeros(size)
-    zeros.flags.writeable = False
-    return zeros
+def _last_unit(size: int) -> Array:
+    unit = np.zeros(size)
+    unit[-1] = 1.0
+    unit.flags.writeable = False
+    return unit
 
 
 @dataclass(frozen=True, eq=False)
 class ArcLength:
-    """Control by the distance from a point along its tangent, in natural sizes."""
+    """Control by the distance from a point along its tangent, in units 1 / `weights`."""
 
     begin: Point
-    tangent: Tangent
-    parameter_weight: float
+    tangent: Array
+    weights: Array
+
+    @cached_property
+    def gradient(self) -> Array:
+        """Derivatives of the distance, (n + 1,)."""
+        row = self.weights**2 * self.tangent
+        return np.asarray(row / (row @ self.tangent))
 
     def __call__(self, x: Array, p: float) -> Row:
         """Return the distance and its derivatives."""
-        begin, tangent = self.begin, self.tangent.packed
-        row = np.append(begin.problem.weights, self.parameter_weight) ** 2 * tangent
-        row /= row @ tangent
-        value = float(row @ np.append(x - begin.x, p - begin.p))
-        return Row(value, row[:-1], float(row[-1]), True)
+        begin, row = self.begin, self.gradient
+        return Row(float(row[:-1] @ (x - begin.x) + row[-1] * (p - begin.p)), row, True)
 
 
 @dataclass(frozen=True, eq=False)
@@ -312,15 +328,16 @@ class Segment:
     control, values
         Control that changes monotonically along the curve, and its values at both points.
     begin_tangent, end_tangent
-        Tangents at both points, with respect to the control; None to compute that at the end.
+        Tangents (n + 1,) at both points, with respect to the control; None to compute that at the
+        end.
     """
 
     begin: Point
     end: Point
     control: Control
     values: tuple[float, float]
-    begin_tangent: Tangent
-    end_tangent: Tangent | None = None
+    begin_tangent: Array
+    end_tangent: Array | None = None
 
     @property
     def reach(self) -> float:
@@ -335,18 +352,18 @@ class Segment:
         CurveError
             If Newton's method fails.
         """
-        begin, step = self.begin, self.end.minus(self.begin).scale(position)
-        value = self.values[0] + position * self.reach
-        return begin.problem.correct(self.control, value, begin.x + step.x, begin.p + step.p)
+        begin, step = self.begin, position * self.end.minus(self.begin)
+        value, p = self.values[0] + position * self.reach, begin.p + float(step[-1])
+        return begin.problem.correct(self.control, value, begin.x + step[:-1], p)
 
-    def tangent_at(self, point: Point) -> Tangent:
+    def tangent_at(self, point: Point) -> Array:
         """Return the tangent at a point of the segment, with respect to the control."""
         if point is self.begin:
             return self.begin_tangent
-        return self.tangent if point is self.end else self._tangent_at(point)
+        return self.tangent if point is self.end else point.tangent(self.control)
 
     @cached_property
-    def tangent(self) -> Tangent:
+    def tangent(self) -> Array:
         """Tangent at the end, with respect to the control.
 
         Raises
@@ -354,15 +371,12 @@ class Segment:
         CurveError
             If it is not unique.
         """
-        return self.end_tangent or self._tangent_at(self.end)
+        return self.end.tangent(self.control) if self.end_tangent is None else self.end_tangent
 
     @property
-    def direction(self) -> Tangent:
+    def direction(self) -> Array:
         """Tangent at the end, along the segment."""
-        return self.tangent.scale(float(np.sign(self.reach)))
-
-    def _tangent_at(self, point: Point) -> Tangent:
-        return point.tangent(self.control(point.x, point.p))
+        return self.tangent * np.sign(self.reach)
 
     def part(self, begin: Point, end: Point, first: float, last: float) -> Segment:
         """Return the part between two points at the positions `first` and `last`."""
@@ -380,7 +394,7 @@ class Segment:
         found = [one for one in critical if one.position <= share + ROUNDING]
         is_after = any(one.position > share - d for one in found)
         end = replace(interpolate(points, share), beside=after if is_after else before)
-        tangent = after.minus(before).scale(0.5 / (d * self.reach))
+        tangent = after.minus(before) * (0.5 / (d * self.reach))
         return replace(self.part(self.begin, end, 0.0, share), end_tangent=tangent), found
 
 
@@ -388,9 +402,7 @@ def interpolate(points: dict[float, Point], position: float) -> Point:
     """Return the point at a position of the cubic through the four nearest points."""
     nearest = sorted(points, key=lambda x: abs(x - position))[:4]
     base = points[nearest[0]]
-    changes = [points[x].minus(base).packed for x in nearest]
-    change = weigh_nodes(nearest, position) @ changes
-    return base.plus(Tangent(change[:-1], float(change[-1])))
+    return base.plus(weigh_nodes(nearest, position) @ [points[x].minus(base) for x in nearest])
 
 
 def weigh_nodes(nodes: list[float], at: float) -> Array:
@@ -434,7 +446,7 @@ def follow(
     target: float,
     steps: Steps,
     explain: Callable[[Segment], list[Any]],
-    tangent: Tangent | None = None,
+    tangent: Array | None = None,
 ) -> Iterator[tuple[Segment, list[Any]]]:
     """Yield segments from `begin` on until the control has the value `target`.
 
@@ -461,12 +473,13 @@ def follow(
     is_last = control(begin.x, begin.p).value == target
     while not is_last:
         problem, row, usual = begin.problem, control(begin.x, begin.p), steps.largest
+        weights = np.append(problem.weights, steps.parameter_weight)
         proposed, passes = size, False
         if tangent is None:
-            tangent = begin.tangent(row).scale(np.sign(target - row.value))
+            tangent = begin.tangent(control) * np.sign(target - row.value)
         if steps.by_arc_length:
-            tangent = tangent.scale(1.0 / _length(problem, tangent.packed, steps.parameter_weight))
-            motion, change = problem.measure(tangent.x), abs(tangent.p)
+            tangent = tangent / _length(problem, weights, tangent)
+            motion, change = problem.measure(tangent[:-1]), abs(float(tangent[-1]))
             usual = min(
                 steps.largest / motion if motion > 0.0 else np.inf,
                 steps.parameter_step / change if change > 0.0 else np.inf,
@@ -475,11 +488,12 @@ def follow(
         while True:
             is_corner, is_last = size <= _CORNER_STEP * usual, False
             try:
-                trial, is_last = _plan_step(begin, control, row, target, steps, tangent, size)
+                arc = ArcLength(begin, tangent, weights) if steps.by_arc_length else None
+                trial, is_last = _plan_step(begin, control, row, target, arc, tangent, size)
                 if passes:
                     values = trial.values[0], trial.values[0] + trial.reach / _TARGET
                     trial = replace(trial, values=values)
-                segment, growth = _correct_step(trial, last, steps, is_corner)
+                segment, growth = _correct_step(trial, last, arc, weights, is_corner)
                 after = control(segment.end.x, segment.end.p).value
                 if not is_last and (target - row.value) * (target - after) <= 0.0:
                     raise CurveError("the step passes the target")
@@ -495,8 +509,8 @@ def follow(
                     if size < steps.smallest * usual:
                         raise
         taken = 0.0 if isinstance(trial.control, ArcLength) else abs(trial.reach)
-        along = trial.begin_tangent.packed * np.sign(trial.reach)
-        last = along, segment.end.minus(begin).packed, taken
+        along = trial.begin_tangent * np.sign(trial.reach)
+        last = along, segment.end.minus(begin), taken
         size = growth * (taken or size)
         # A step that is shortened to meet a target does not shorten the next step.
         size = max(size, proposed) if is_last else size
@@ -510,32 +524,31 @@ def _plan_step(
     control: Control,
     row: Row,
     target: float,
-    steps: Steps,
-    tangent: Tangent,
+    arc: ArcLength | None,
+    tangent: Array,
     size: float,
 ) -> tuple[Segment, bool]:
     """Return a segment whose end is not known yet, and True if it ends at the target.
 
-    `row` is the control at its begin. A step that would pass the target ends at it.
+    `row` is the control at its begin, `arc` that of steps by arc length. A step that would pass the
+    target ends at it.
     """
-    rate = float(row.x @ tangent.x) + row.p * tangent.p
-    reach, moved = target - row.value, size * rate
-    if not steps.by_arc_length:
-        moved = float(np.copysign(size, reach))
+    rate = float(row.gradient @ tangent)
+    reach = target - row.value
+    moved = size * rate if arc else float(np.copysign(size, reach))
     is_last = moved * reach > 0.0 and (1.0 + _REACH_ROUNDING) * abs(moved) >= abs(reach)
-    if steps.by_arc_length and not is_last:
-        arc = ArcLength(begin, tangent, steps.parameter_weight)
+    if arc and not is_last:
         return Segment(begin, begin, arc, (0.0, size), tangent), False
     if not is_last and abs(reach) < _SPLIT_RATIO * abs(moved):
         moved = 0.5 * reach  # the last step is not tiny
     if rate == 0.0:
         raise CurveError("the control has an extremum")
     values = row.value, target if is_last else row.value + moved
-    return Segment(begin, begin, control, values, tangent.scale(1.0 / rate)), is_last
+    return Segment(begin, begin, control, values, tangent / rate), is_last
 
 
 def _correct_step(
-    trial: Segment, last: _Step | None, steps: Steps, is_corner: bool
+    trial: Segment, last: _Step | None, arc: ArcLength | None, weights: Array, is_corner: bool
 ) -> tuple[Segment, float]:
     """Return the segment of a planned step, and by which factor the next step may grow.
 
@@ -547,27 +560,26 @@ def _correct_step(
     CurveError
         If Newton's method fails, or the tangent at one of the ends does not lead to the other one.
     """
-    begin, problem, control = trial.begin, trial.begin.problem, trial.control
-    change, weight = trial.begin_tangent.scale(trial.reach), steps.parameter_weight
-    is_arc, cosine = isinstance(control, ArcLength), 1.0
-    if isinstance(control, ArcLength) and is_corner and problem.measure(change.x) > 0.0:
-        trial = replace(trial, control=replace(control, parameter_weight=0.0))
+    begin, problem, is_arc = trial.begin, trial.begin.problem, trial.control is arc
+    change, cosine = trial.reach * trial.begin_tangent, 1.0
+    moved = problem.measure(change[:-1])
+    if arc and is_arc and is_corner and moved > 0.0:
+        trial = replace(trial, control=replace(arc, weights=np.append(weights[:-1], 0.0)))
     reach = 0.0 if is_arc else abs(trial.reach)
-    predicted = _extrapolate(problem, last, change.packed, reach, weight)
+    predicted = _extrapolate(problem, weights, last, change, reach)
     x, p = begin.x + predicted[:-1], begin.p + float(predicted[-1])
     end = problem.correct(trial.control, trial.values[1], x, p)
     segment = replace(trial, end=end)
     # A step between two curves is not seen from one of its ends alone.
-    returned = segment.tangent.scale(-trial.reach)
-    moved, error = problem.measure(change.x), problem.measure(end.x - x)
-    missed = problem.measure(end.x + returned.x - begin.x)
+    returned, error = -trial.reach * segment.tangent[:-1], problem.measure(end.x - x)
+    missed = problem.measure(end.x + returned - begin.x)
     if is_corner:
         # Seen from the softer side, a corner shortens the step.
-        is_near = error <= moved + ROUNDING or missed <= problem.measure(returned.x) + ROUNDING
+        is_near = error <= moved + ROUNDING or missed <= problem.measure(returned) + ROUNDING
     else:
         is_near = max(error, missed) <= _MAX_ERROR * moved + ROUNDING
-    if steps.by_arc_length:
-        cosine = _cosine(problem, change.packed, segment.direction.packed, weight)
+    if arc:
+        cosine = _cosine(weights, change, segment.direction)
     if not is_near or (cosine < _MIN_COSINE and not is_corner):
         raise CurveError("the curve turns too sharply for the step")
     growth = np.sqrt((_AIMED_CORRECTION * moved + ROUNDING) / (error + NEGLIGIBLE))
@@ -577,33 +589,34 @@ def _correct_step(
 
 
 def _extrapolate(
-    problem: Problem, last: _Step | None, straight: Array, reach: float, weight: float
+    problem: Problem, weights: Array, last: _Step | None, straight: Array, reach: float
 ) -> Array:
     """Return the change (n + 1,) of a step along a cubic polynomial through the last one.
 
     The polynomial over the control, or over the arc length if `reach` is 0, has the tangents and
     the chord of the last step. `straight` is the change along the tangent.
     """
-    sizes = np.append(problem.weights, weight)
     if last is None:
         return straight
     (start, chord, before), slope = last, 1.0
     if reach == 0.0:
         # Lengths must be smooth functions.
-        reach, slope, before = (float(np.linalg.norm(sizes * x)) for x in (straight, start, chord))
+        reach, slope, before = (
+            float(np.linalg.norm(weights * x)) for x in (straight, start, chord)
+        )
     if 0.0 in (reach, slope, before):
         return straight
     mean, unit, ratio = chord / before, straight / reach, reach / before
     # Newton's form of the polynomial, with both ends as double nodes.
     second = unit - mean
     bent = reach * ratio * (second + (1.0 + ratio) * (second - mean + start / slope))
-    is_smooth = _length(problem, bent, weight) <= _MAX_CURVED * _length(problem, straight, weight)
+    is_smooth = _length(problem, weights, bent) <= _MAX_CURVED * _length(problem, weights, straight)
     return straight + bent if is_smooth else straight
 
 
 def switch(
-    branch: Point, mode: Array, along: Tangent, side: float, steps: Steps
-) -> tuple[Point, Tangent]:
+    branch: Point, mode: Array, along: Array, side: float, steps: Steps
+) -> tuple[Point, Array]:
     """Return the first point of the curve that crosses at a branch point, and its tangent.
 
     Parameters
@@ -624,27 +637,23 @@ def switch(
     CurveError
         If no point is found.
     """
-    problem, weight = branch.problem, steps.parameter_weight
+    problem, weights = branch.problem, np.append(branch.problem.weights, steps.parameter_weight)
     # Both curves are tangent to the plane of the mode and the response to the parameter.
-    row = problem.weights**2 * mode
-    response = branch.bordered(row, row, 0.0).solve(
-        np.append(-branch.linearization.by_parameter, 0.0)
-    )
+    row, load = weights[:-1] ** 2 * mode, branch.linearization.by_parameter
+    response = branch.bordered(row, row).solve(np.append(-load, 0.0))
     plane = np.array([np.append(mode, 0.0), np.append(response[:-1], 1.0)])
-    metric = np.append(problem.weights, weight) ** 2
-    known = along.packed
-    parts = plane - np.outer(plane @ (metric * known) / (known @ (metric * known)), known)
+    metric = weights**2
+    parts = plane - np.outer(plane @ (metric * along) / (along @ (metric * along)), along)
     shares = (parts**2 @ metric) / (plane**2 @ metric)
-    part = side * parts[np.argmax(shares)]
-    part = part / _length(problem, part, weight)
-    tangent = Tangent(part[:-1], float(part[-1]))
-    control, size = ArcLength(branch, tangent, weight), 0.5 * steps.largest
+    tangent = side * parts[np.argmax(shares)]
+    tangent /= _length(problem, weights, tangent)
+    control, size = ArcLength(branch, tangent, weights), 0.5 * steps.largest
     while True:
         try:
-            step = tangent.scale(size)
-            first = problem.correct(control, size, branch.x + step.x, branch.p + step.p)
-            after = first.tangent(control(first.x, first.p))
-            if _cosine(problem, first.minus(branch).packed, after.packed, weight) < _MIN_COSINE:
+            at = branch.x + size * tangent[:-1], branch.p + size * float(tangent[-1])
+            first = problem.correct(control, size, *at)
+            after = first.tangent(control)
+            if _cosine(weights, first.minus(branch), after) < _MIN_COSINE:
                 raise CurveError("the curve turns too sharply for the step")
             return first, after
         except CurveError as error:
@@ -655,14 +664,13 @@ def switch(
                 ) from None
 
 
-def _length(problem: Problem, change: Array, weight: float) -> float:
+def _length(problem: Problem, weights: Array, change: Array) -> float:
     """Return the length of a change of (x, p)."""
-    return max(problem.measure(change[:-1]), weight * abs(float(change[-1])))
+    return max(problem.measure(change[:-1]), float(weights[-1]) * abs(float(change[-1])))
 
 
-def _cosine(problem: Problem, one: Array, other: Array, weight: float) -> float:
+def _cosine(weights: Array, one: Array, other: Array) -> float:
     """Return the cosine of the angle between two changes of (x, p)."""
-    sizes = np.append(problem.weights, weight)
-    one, other = sizes * one, sizes * other
+    one, other = weights * one, weights * other
     lengths = np.linalg.norm(one) * np.linalg.norm(other)
     return min(float(one @ other / lengths), 1.0) if lengths else 1.0

@@ -67,8 +67,7 @@ def find_slow_space(
     respond: Callable[[Array], Array],
     size: int,
     number: int,
-    find_missing: Callable[[Array, float], float] = lambda *_: 0.0,
-    which: str = "LM",
+    find_missing: Callable[[Array, float], float] | None = lambda *_: 0.0,
 ) -> SlowSpace:
     """Return motions that span the slowest modes, or all motions of small systems.
 
@@ -83,10 +82,8 @@ def find_slow_space(
         N, and number of eigenvalues of the first search.
     find_missing
         Function from eigenvalues of the flexibility to the number of missing modes, if all that are
-        larger than the second argument are known.
-    which
-        Measure of eigenvalues in searches after the first, see `scipy.sparse.linalg.eigs`: growing
-        motions are among the slowest ones, whatever is sought.
+        larger than the second argument are known. None to search once more, for oscillations:
+        strong damping slows many motions down to nearly the same decay.
     """
     if size <= max(MAX_DENSE, 2 * number):
         return SlowSpace(np.eye(size), respond(np.eye(size)), True)
@@ -108,7 +105,8 @@ def find_slow_space(
         if tolerance > _ARPACK_TOLERANCE:
             number, settings["ncv"] = EXTRA_VALUES, _CLUSTER_VECTORS
         try:
-            found, vectors = eigs(operator, number, which=which if k else "LM", **settings)
+            which = "LI" if k and find_missing is None else "LM"
+            found, vectors = eigs(operator, number, which=which, **settings)
         except ArpackNoConvergence as error:
             # Decays at nearly the same rate are not separated.
             found, vectors = error.eigenvalues, error.eigenvectors
@@ -116,14 +114,18 @@ def find_slow_space(
                 break
             tolerance = _CLUSTER_TOLERANCE
         if k and len(found):
-            bound = float(np.max(np.abs(found.imag if which == "LI" else found)))
+            bound = float(np.max(np.abs(found)))
         new = la.orth(remove(np.hstack([vectors.real, vectors.imag])), _DEPENDENCE_RATIO)
         basis, images = np.hstack([basis, new]), np.hstack([images, respond(new)])
+        if find_missing is None:
+            if k:
+                return SlowSpace(basis, images, True)
+            continue
         inverses = la.eigvals(basis.T @ images)
         missing = int(np.ceil(find_missing(inverses, (1.0 - tolerance) * bound)))
         if missing <= 0:
             return SlowSpace(basis, images, True)
-        number = EXTRA_VALUES + (2 * missing if k or which == "LI" else 0)
+        number = EXTRA_VALUES + (2 * missing if k else 0)
     return SlowSpace(basis, images, False)
 
 
@@ -215,11 +217,7 @@ def _find_slowest(
     if not is_damped:
         return la.eigvals(find_slow_space(respond_to_squares, n, _SLOW_COUNT).reduced)
 
-    # Strong damping slows many motions down to nearly the same decay: oscillations are sought, too.
-    def find_missing(_: Array, bound: float) -> float:
-        return 0.5 * _SLOW_COUNT if np.isinf(bound) else 0.0
-
-    return la.eigvals(find_slow_space(respond, 2 * n, _SLOW_COUNT, find_missing, "LI").reduced)
+    return la.eigvals(find_slow_space(respond, 2 * n, _SLOW_COUNT, None).reduced)
 
 
 def _select_slow(values: Array) -> Array:

@@ -50,14 +50,13 @@ def solve_eigenproblem(
     lin: LinearizedEquations,
     count: int | None,
     damped: bool = True,
-    max_damping_ratio: float = 1.0,
+    oscillating: bool = False,
 ) -> EigenSolution:
     """Return the modes with the smallest |eigenvalue|: at most `count`, or all if it is None.
 
     If `damped` is False, the symmetric parts of M and K are used, and damping is ignored. If
-    `max_damping_ratio` is below 1, modes with a larger damping ratio do not count: strong damping
-    slows many stiff motions down to nearly the same rate of decay. If they are among the `count`
-    slowest modes, they are returned or missing.
+    `oscillating` is True, decays do not count: strong damping slows many stiff motions down to
+    nearly the same rate.
     """
     e = lin.equations
     if len(e.states) and not damped:
@@ -67,18 +66,12 @@ def solve_eigenproblem(
         )
     is_undamped = not np.any(lin.tangent.damping.data) and not len(e.states)
     if not damped or (is_undamped and lin.is_symmetric):
-        undamped = solve_undamped(lin, count)
-        values = np.sqrt(-undamped.squares + 0j)
-        return _normalize(lin, values, undamped.shapes.astype(complex), count)
-    values, shapes = solve_damped(lin, count, max_damping_ratio)
-    if count is not None and max_damping_ratio < 1.0:
-        # The slowest modes, whatever their damping, and `count` of those that count.
-        order = np.argsort(np.abs(values), kind="stable")
-        values, shapes = values[order], shapes[:, order]
-        is_counted = values.real >= -max_damping_ratio * np.abs(values)
-        selected = is_counted & (np.cumsum(is_counted) <= count)
-        selected[:count] = True
-        values, shapes, count = values[selected], shapes[:, selected], None
+        squares, shapes = solve_undamped(lin, count)
+        return _normalize(lin, np.sqrt(-squares + 0j), shapes.astype(complex), count)
+    values, shapes = solve_damped(lin, count, oscillating)
+    if oscillating and count is not None:
+        is_oscillation = values[np.argsort(np.abs(values), kind="stable")].imag > 0.0
+        count = int(np.sum(np.cumsum(is_oscillation) <= count))
     return _normalize(lin, values, shapes, count)
 
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from beamdae.analysis.eigenproblems.linearized_equations import LinearizedEquations
-from beamdae.analysis.eigenproblems.slow_motions import MasslessError, solve_undamped_without_states
+from beamdae.analysis.eigenproblems.slow_motions import MasslessError, solve_undamped
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.tangents import compute_tangent
 
@@ -44,7 +44,7 @@ def compute_frequency_range(e: EquationsOfMotion, time: Array, state: State) -> 
     """
     tangent = compute_tangent(e, time, state)
     try:
-        squares, shapes = solve_undamped_without_states(LinearizedEquations(e, tangent), None)
+        squares, shapes = solve_undamped(LinearizedEquations(e, tangent), None)
     except MasslessError as error:
         return FrequencyRange(massless=error.coordinate)
     rates, growth = np.sqrt(squares[squares > 0.0]), ""

@@ -40,8 +40,6 @@ _MAX_SHIFTS, _BLOCK_SIZE, _ITERATIONS, _SLOW_RATIO, _ZERO_RATIO = 20, 8, 4, 1e-9
 # Shift relative to the geometric mean of the lowest and highest frequency of interest; a factor of
 # one would hit the frequency of a single mode. If all modes are requested, the lowest ten count.
 _SHIFT_RATIO, _DEFAULT_COUNT = 0.6, 10
-# Number of eigenvalues of the first search if modes of a measure other than the size are sought.
-_FIRST_VALUES = 6
 # Eigenvalues of the inverse below this fraction of the largest are lost in rounding.
 _MIN_INVERSE_RATIO = 1e-13
 # Images under the flexibility replace shapes if this share of their kinetic energy is not parallel.
@@ -67,21 +65,6 @@ class MasslessError(BeamdaeError):
         self.coordinate = coordinate
 
 
-class UndampedModes(NamedTuple):
-    """Undamped modes in ascending order of the squared frequency.
-
-    Attributes
-    ----------
-    squares
-        Squared angular frequencies [1/s^2], (k,); negative for unstable motions.
-    shapes
-        Mode shapes, (n, k), with x^T M x = 1.
-    """
-
-    squares: Array
-    shapes: Array
-
-
 class _Motions(NamedTuple):
     """Motions (N, k), the rows (k, N) of a left inverse, and their images under the flexibility."""
 
@@ -95,10 +78,12 @@ def quadratic_form_rounding(matrix: sp.csc_array, shapes: Array) -> Array:
     return ROUNDING_RATIO * quadratic_forms(abs(matrix), np.abs(shapes))
 
 
-def solve_undamped(lin: LinearizedEquations, count: int | None) -> UndampedModes:
-    """Return the modes of the symmetric parts of M and K under G x - C mu = 0.
+def solve_undamped(lin: LinearizedEquations, count: int | None) -> tuple[Array, Array]:
+    """Return squared angular frequencies (k,) [1/s^2] and shapes (n, k), x^T M x = 1, in order.
 
-    All modes or, of large problems, the `count` modes with the smallest |squares|.
+    They are those of the symmetric parts of M and K under G x - C mu = 0, with first-order states
+    held; squares of unstable motions are negative. All modes or, of large problems, the `count`
+    modes with the smallest |squares|.
 
     Raises
     ------
@@ -107,19 +92,26 @@ def solve_undamped(lin: LinearizedEquations, count: int | None) -> UndampedModes
     BeamdaeError
         If many eigenvalues are too close to each other to be separated.
     """
+    e = lin.equations
+    if len(e.states):
+        moving = np.setdiff1d(np.arange(e.n), e.states)
+        squares, motions = solve_undamped(lin.select(moving, np.arange(e.m)), count)
+        shapes = np.zeros((e.n, len(squares)))
+        shapes[moving] = motions
+        return squares, shapes
+    if e.n <= e.m:
+        return np.zeros(0), np.zeros((e.n, 0))
     lin = lin.symmetrized()
-    if lin.equations.n <= lin.equations.m:
-        return UndampedModes(np.zeros(0), np.zeros((lin.equations.n, 0)))
     square = _choose_shift(lin)
 
     def find_missing(inverses: Array, bound: float) -> float:
         is_known = np.abs(1.0 / inverses - square) <= 1.0 / bound - square
         return (count or 0) - float(np.sum(is_known))
 
-    motions = _find_motions(lin, np.sqrt(square), count, find_missing)
-    squares, shapes = _solve_symmetric(lin, motions, square, count)
+    space = _find_motions(lin, np.sqrt(square), count, find_missing)
+    squares, shapes = _solve_symmetric(lin, space, square, count)
     order = np.argsort(squares, kind="stable")
-    return UndampedModes(squares[order], shapes[:, order])
+    return squares[order], shapes[:, order]
 
 
 def _choose_shift(lin: LinearizedEquations) -> float:
@@ -213,7 +205,7 @@ def _find_motions(
     count: int | None,
     find_missing: Callable[[Array, float], float],
     free: Array | None = None,
-    which: str = "LM",
+    oscillating: bool = False,
 ) -> _Motions:
     """Return motions that span the slowest modes, or all admissible ones.
 
@@ -228,8 +220,8 @@ def _find_motions(
         larger than the second argument are known.
     free
         Motions (n, k) without stiffness and damping that are left out, with x^T M x = 1.
-    which
-        Measure of eigenvalues of the flexibility, see `scipy.sparse.linalg.eigs`.
+    oscillating
+        True to search for the slowest motions, and once for the slowest oscillations.
     """
     mass, n = lin.tangent.mass, lin.equations.n
     free = np.zeros((n, 0)) if free is None else free
@@ -241,10 +233,13 @@ def _find_motions(
 
     scales = _find_scales(lin, s)
     if count is not None and n > MAX_DENSE and 2 * count + 6 < n:
-        number = (1 + lin.has_rates) * count + EXTRA_VALUES if which == "LM" else _FIRST_VALUES
+        number = (1 + lin.has_rates) * count + EXTRA_VALUES
         sizes = scales[:, None]
         space = find_slow_space(
-            lambda y: apply(sizes * y) / sizes, len(scales), number, find_missing, which
+            lambda y: apply(sizes * y) / sizes,
+            len(scales),
+            number,
+            None if oscillating else find_missing,
         )
         if space.is_complete:
             return _Motions(sizes * space.basis, (space.basis / sizes).T, sizes * space.images)
@@ -320,7 +315,7 @@ def _invert(lin: LinearizedEquations, s: float) -> Callable[[Array], Array]:
 
 
 def solve_damped(
-    lin: LinearizedEquations, count: int | None, max_damping_ratio: float = 1.0
+    lin: LinearizedEquations, count: int | None, oscillating: bool = False
 ) -> tuple[Array, Array]:
     """Return eigenvalues (k,) [1/s] and mode shapes (n, k) of the quadratic problem, not sorted.
 
@@ -334,49 +329,37 @@ def solve_damped(
         Linearized equations.
     count
         Number of modes of interest, or None for all modes.
-    max_damping_ratio
-        If below 1, modes with a larger damping ratio do not count, and may be missing. Large
-        problems then give the other modes up to the highest undamped frequency of interest, which
-        may be fewer than `count`.
+    oscillating
+        True to search for oscillations, too, which may be faster than `count` decays.
 
     Raises
     ------
     BeamdaeError
         If the equations are singular at the shift, or many eigenvalues are too close to each other.
     """
-    undamped = solve_undamped_without_states(lin, count or _DEFAULT_COUNT)
-    sizes = np.abs(undamped.squares)
+    squares, undamped = solve_undamped(lin, count or _DEFAULT_COUNT)
+    sizes, still = np.abs(squares), undamped[:, squares == 0.0]
     rates = np.sqrt(np.sort(sizes[sizes > 0.0])[: count or _DEFAULT_COUNT])
     # In the middle of the modes of interest, low and high modes lose equal accuracy. Round numbers
     # may be eigenvalues.
     s = float(_SHIFT_RATIO * np.sqrt(rates[0] * rates[-1])) if len(rates) else np.pi
-    free, has_rates, mass = _undamped_free_motions(lin, undamped), lin.has_rates, lin.tangent.mass
-    is_selective = has_rates and max_damping_ratio < 1.0
-    limit = float(rates[-1]) if len(rates) and is_selective else np.inf
+    free, has_rates, mass = _undamped_free_motions(lin, still), lin.has_rates, lin.tangent.mass
     # Double zeros are one free motion.
-    needed = (count or 0) + int(np.sum(undamped.squares == 0.0)) - 2 * free.shape[1]
+    needed = (count or 0) + still.shape[1] - 2 * free.shape[1]
 
     def find_values(inverses: Array) -> Array:
         return s + 1.0 / inverses if has_rates else s**2 - 1.0 / inverses
 
     def find_missing(inverses: Array, bound: float) -> float:
-        reach = 1.0 / bound - (s if has_rates else s**2)
-        if is_selective:
-            # The imaginary part of the inverse is at least c |l| / (|l| + s)^2.
-            c = np.sqrt(1.0 - max_damping_ratio**2) - 2.0 * s * bound
-            reach = (c + np.sqrt(max(c**2 - (2.0 * s * bound) ** 2, 0.0))) / (2.0 * bound)
         values = find_values(inverses)
-        sizes = np.abs(values)
-        is_known = (sizes <= reach) & (
-            (values.real >= -max_damping_ratio * sizes) | (not has_rates)
-        )
+        is_known = np.abs(values) <= 1.0 / bound - (s if has_rates else s**2)
         # Either eigenvalue of a conjugate pair counts half.
         weights = np.where(has_rates & (values.imag != 0.0), 0.5, 1.0)
-        return 0.0 if reach >= limit else needed - float(np.sum(weights[is_known]))
+        return needed - float(np.sum(weights[is_known]))
 
-    which = "LI" if is_selective else "LM"
+    is_twofold = oscillating and has_rates
     basis, left, images = _find_motions(
-        lin, s, None if count is None else max(needed, 1), find_missing, free, which
+        lin, s, None if count is None else max(needed, 1), find_missing, free, is_twofold
     )
     inverses, vectors = la.eig(left @ images)
     is_accurate = np.abs(inverses) > _MIN_INVERSE_RATIO * np.max(np.abs(inverses), initial=0.0)
@@ -389,7 +372,7 @@ def solve_damped(
     if not has_rates:
         values, shapes = _roots_of_squares(values, shapes)
     values = np.append(np.zeros(free.shape[1]), values)
-    return _clean(lin, undamped, s, values, np.hstack([free, shapes]))
+    return _clean(lin, still, s, values, np.hstack([free, shapes]))
 
 
 def _refine_values(lin: LinearizedEquations, values: Array, shapes: Array) -> tuple[Array, Array]:
@@ -418,24 +401,13 @@ def _refine_values(lin: LinearizedEquations, values: Array, shapes: Array) -> tu
     return np.where(is_accepted, nearest, values), shapes
 
 
-def solve_undamped_without_states(lin: LinearizedEquations, count: int | None) -> UndampedModes:
-    """Return the result of `solve_undamped` with first-order states held."""
-    moving = np.setdiff1d(np.arange(lin.equations.n), lin.equations.states)
-    if len(moving) == lin.equations.n:
-        return solve_undamped(lin, count)
-    squares, shapes = solve_undamped(lin.select(moving, np.arange(lin.equations.m)), count)
-    padded = np.zeros((lin.equations.n, len(squares)))
-    padded[moving] = shapes
-    return UndampedModes(squares, padded)
-
-
-def _undamped_free_motions(lin: LinearizedEquations, undamped: UndampedModes) -> Array:
+def _undamped_free_motions(lin: LinearizedEquations, free: Array) -> Array:
     """Return the free motions (n, k) on which no damper acts, scaled to x^T M x = 1.
 
     The result is empty if the equations are not symmetric: follower loads couple free motions to
     other modes. Without these motions, large eigenvalues of the inverse hide no slow modes.
     """
-    free, damping = undamped.shapes[:, undamped.squares == 0.0], lin.tangent.damping
+    damping = lin.tangent.damping
     if not lin.is_symmetric:
         return free[:, :0]
     free = free @ la.inv(la.cholesky(free.T @ (lin.tangent.mass @ free))) if free.size else free
@@ -461,7 +433,7 @@ def _roots_of_squares(squares: Array, shapes: Array) -> tuple[Array, Array]:
 
 def _clean(
     lin: LinearizedEquations,
-    undamped: UndampedModes,
+    free: Array,
     shift: float,
     values: Array,
     shapes: Array,
@@ -493,15 +465,15 @@ def _clean(
     is_zero = (size**2 <= rounding) & (stiffness <= rounding * inertia)
     if lin.is_symmetric and not len(states) + len(lin.equations.nonholonomic_rows):
         # The same motions are free with and without dampers.
-        momenta = (tangent.mass @ undamped.shapes[:, undamped.squares == 0.0]).T
+        momenta = (tangent.mass @ free).T
         is_zero &= np.sum(np.abs(momenta @ shapes) ** 2, axis=0) > 0.5
     scales = lin.equations.position_scales[:, None]
     parts = shapes[:, is_zero] / scales
     parts = parts / la.norm(parts, axis=0)
     left, singular, _ = la.svd(np.hstack([parts.real, parts.imag]), full_matrices=False)
-    free = scales * left[:, singular > _RANK_TOLERANCE * np.max(singular, initial=0.0)]
+    independent = scales * left[:, singular > _RANK_TOLERANCE * np.max(singular, initial=0.0)]
     is_upper = ~is_zero & (imaginary >= 0.0)
     return (
-        np.append(np.zeros(free.shape[1]), (real + 1j * imaginary)[is_upper]),
-        np.hstack([free, shapes[:, is_upper]]),
+        np.append(np.zeros(independent.shape[1]), (real + 1j * imaginary)[is_upper]),
+        np.hstack([independent, shapes[:, is_upper]]),
     )

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
 
 import numpy as np
 
 from beamdae.analysis.eigenproblems.linearized_equations import LinearizedEquations
-from beamdae.analysis.eigenproblems.slow_motions import solve_undamped_without_states
+from beamdae.analysis.eigenproblems.slow_motions import solve_undamped
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.errors import BeamdaeError
@@ -24,27 +23,13 @@ _SLOW_MODES = 10
 _MAX_ENERGY_RATIO = 1e-2
 
 
-class Turning(NamedTuple):
-    """Rotation that a state at rest omits.
-
-    Attributes
-    ----------
-    cause
-        The cause, such as "drivers turn hub".
-    speed
-        The speed [rad/s].
-    """
-
-    cause: str
-    speed: float
-
-
 def find_turning(
     e: EquationsOfMotion, time: Array, q: Array, linearize: Callable[[], LinearizedEquations]
-) -> Turning | None:
-    """Return the rotation by drivers or given velocities, or None if it is slow or absent.
+) -> tuple[str, float] | None:
+    """Return the cause and the speed [rad/s] of a rotation that a state at rest omits.
 
-    Given velocities count if the motion is a free rotation.
+    The cause is such as "drivers turn hub"; given velocities count if the motion is a free
+    rotation. The result is None if the rotation is slow or absent.
 
     Parameters
     ----------
@@ -76,9 +61,9 @@ def find_turning(
     potential = float(v @ (tangent.stiffness @ v)) / speed**2
     if not is_driven and abs(potential) > _MAX_ENERGY_RATIO * float(v @ (tangent.mass @ v)):
         return None
-    squares = np.abs(solve_undamped_without_states(linearized, _SLOW_MODES).squares)
+    squares = np.abs(solve_undamped(linearized, _SLOW_MODES)[0])
     slowest = np.sqrt(np.min(squares[squares > 0.0], initial=np.inf))
     if abs(speed) <= _MIN_RELATIVE_SPEED * slowest:
         return None
     part = next(x.name for x in e.parts if fastest in range(*x.rows.indices(e.n)))
-    return Turning(f"{'drivers' if is_driven else 'given velocities'} turn {part}", speed)
+    return f"{'drivers' if is_driven else 'given velocities'} turn {part}", speed

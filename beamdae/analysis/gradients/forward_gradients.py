@@ -10,16 +10,15 @@ from beamdae.analysis.gradients.column_seeds import locate_column
 from beamdae.analysis.gradients.objectives import (
     ColumnObjective,
     Objective,
-    SampleGrid,
     read_column,
 )
-from beamdae.analysis.sensitivities.model_differences import Difference
+from beamdae.analysis.sensitivities.neighbors import Difference
 from beamdae.analysis.sensitivities.observable_derivatives import (
     differentiate_run_columns,
     time_derivative,
 )
 from beamdae.analysis.sensitivities.restart_times import differentiate_event_time, find_stop
-from beamdae.analysis.sensitivities.run_derivatives import RunDerivative
+from beamdae.analysis.sensitivities.run_chain import RunDerivative
 from beamdae.equations.equations_of_motion import State
 from beamdae.integrators.reaction_balance import bound_reactions
 from beamdae.results.solution import Solution
@@ -44,19 +43,17 @@ def differentiate_along(
     """
     solution = bound_reactions(solution)
     equations, trajectory = solution.equations, solution.trajectory
-    grid = SampleGrid.of(trajectory)
-    runs, changes_at = dict[bytes, Solution](), dict[tuple[bytes, int], dict[str, Array]]()
+    changes_at: dict[tuple[bytes, int], dict[str, Array]] = {}
     along = {name: x.trajectory for name, x in derivatives.items()}
     shifts = np.array([x.shifts for x in derivatives.values()])
     moved = np.flatnonzero(shifts.any(axis=0)).tolist()
     ends = _differentiate_end_time(solution, differences, derivatives)
     value, result = 0.0, np.zeros(len(derivatives))
-    for factor, term in objective.terms:
-        times = term.sample_times(grid)
-        run = runs.setdefault(times.tobytes(), solution.at_times(times))
+    for factor, term, run, weights in objective.sample(solution):
+        times = run.t
         header, column = read_column(run, term.column)
         number, index = locate_column(equations, header)
-        term_value, by_samples = term.evaluate(column, grid.weights)
+        term_value, by_samples = term.evaluate(column, weights)
         value += factor * term_value
         if number is None:
             changes = [np.hstack(_motion(x.at(times)[1]))[:, index] for x in along.values()]

@@ -24,7 +24,7 @@ from beamdae.analysis.sensitivities.differentiable_methods import (
     require_end,
     warn_of_errors,
 )
-from beamdae.analysis.sensitivities.model_differences import (
+from beamdae.analysis.sensitivities.neighbors import (
     Difference,
     derivative_call,
     difference_model,
@@ -34,7 +34,7 @@ from beamdae.analysis.sensitivities.requested_starts import (
     start_adds_velocities,
 )
 from beamdae.analysis.sensitivities.restart_times import find_stop
-from beamdae.analysis.sensitivities.run_derivatives import (
+from beamdae.analysis.sensitivities.run_chain import (
     RunDerivative,
     differentiate_states,
     node_state,
@@ -207,7 +207,8 @@ def gradient(
     ...     mech.observe("mass", mass.point)
     ...     return mech
     >>> method = bd.GeneralizedAlpha(step=1e-3)
-    >>> result = bd.gradient(oscillator, bd.EndValue("mass.x"), ["stiffness", "speed"], method)
+    >>> end = bd.quantities.EndValue("mass.x")
+    >>> result = bd.gradient(oscillator, end, ["stiffness", "speed"], method)
     >>> print(f"{result.derivatives['stiffness']:.3e} m per N/m")
     2.481e-03 m per N/m
     """

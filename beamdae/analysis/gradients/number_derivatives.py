@@ -15,7 +15,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from beamdae.analysis.sensitivities.model_differences import (
+from beamdae.analysis.sensitivities.neighbors import (
     CENTRAL,
     RELATIVE_DIFFERENCE,
     TWO_NEIGHBORS,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, NoReturn
 
@@ -34,8 +34,6 @@ Array = np.ndarray
 _POINTS_PER_STEP = 8
 # Powers of larger exponents of a smooth maximum are dominated by rounding errors of single rows.
 _MAX_EXPONENT = 1000.0
-# Largest difference of times, relative to the times, of samples before and after a jump.
-_JUMP = 4.0 * float(np.finfo(float).eps)
 
 
 class Summand:
@@ -121,16 +119,22 @@ class Objective(Summand):
             raise BeamdaeError(
                 f"{type(self).__name__}: value needs a Solution, got {short_repr(solution)}."
             )
-        grid, total = SampleGrid.of(solution.trajectory), 0.0
-        runs: dict[bytes, Solution] = {}
+        return sum(
+            factor * term.evaluate(read_column(run, term.column)[1], weights)[0]
+            for factor, term, run, weights in self.sample(solution)
+        )
+
+    def sample(
+        self, solution: Solution
+    ) -> Iterator[tuple[float, ColumnObjective, Solution, Array]]:
+        """Yield all terms with their factors, the run at their times, and weights of integrals."""
+        grid, runs = SampleGrid.of(solution.trajectory), dict[bytes, Solution]()
         for factor, term in self.terms:
             times = term.sample_times(grid)
             key = times.tobytes()
             if key not in runs:
                 runs[key] = solution.at_times(times)
-            values = read_column(runs[key], term.column)[1]
-            total += factor * term.evaluate(values, grid.weights)[0]
-        return total
+            yield factor, term, runs[key], grid.weights
 
     def _sum(self, terms: tuple[tuple[float, Any], ...]) -> Any:
         others = [x for _, x in terms if not isinstance(x, ColumnObjective)]
@@ -157,6 +161,15 @@ class ColumnObjective(Objective):
     """
 
     column: str
+
+    def __post_init__(self) -> None:
+        name = as_text(self.column)
+        if name is None:
+            raise BeamdaeError(
+                f"{type(self).__name__}: column must be the name of a column, got "
+                f"{short_repr(self.column)}."
+            )
+        set_fields(self, column=name)
 
     def sample_times(self, grid: SampleGrid) -> Array:
         """Return the ascending times at which the column is evaluated [s]."""
@@ -188,15 +201,6 @@ class ColumnObjective(Objective):
         """
         return 0.0
 
-    def _require_column(self) -> str:
-        name = as_text(self.column)
-        if name is None:
-            raise BeamdaeError(
-                f"{type(self).__name__}: column must be the name of a column, got "
-                f"{short_repr(self.column)}."
-            )
-        return name
-
 
 @dataclass(frozen=True)
 class EndValue(ColumnObjective):
@@ -211,14 +215,11 @@ class EndValue(ColumnObjective):
     Examples
     --------
     >>> import beamdae as bd
-    >>> bd.EndValue("tip.y") - 2.0 * bd.EndValue("tip.x")
+    >>> bd.quantities.EndValue("tip.y") - 2.0 * bd.quantities.EndValue("tip.x")
     WeightedSum(weighted_terms=((1.0, EndValue(column='tip.y')), (-2.0, EndValue(column='tip.x'))))
     """
 
     column: str
-
-    def __post_init__(self) -> None:
-        set_fields(self, column=self._require_column())
 
     def sample_times(self, grid: SampleGrid) -> Array:
         """See `ColumnObjective`."""
@@ -254,10 +255,8 @@ class TimeIntegral(ColumnObjective):
     power: int = 1
 
     def __post_init__(self) -> None:
-        name = self._require_column()
-        set_fields(
-            self, column=name, power=require_choice("TimeIntegral", "power", self.power, [1, 2])
-        )
+        super().__post_init__()
+        set_fields(self, power=require_choice("TimeIntegral", "power", self.power, [1, 2]))
 
     def evaluate(self, y: Array, weights: Array) -> tuple[float, Array]:
         """See `ColumnObjective`."""
@@ -296,13 +295,14 @@ class SmoothMaximum(ColumnObjective):
     exponent: float = 50.0
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         p = require_finite("SmoothMaximum", "exponent", self.exponent)
         if not 1.0 <= p <= _MAX_EXPONENT:
             _, most, given = format_distinct(1.0, _MAX_EXPONENT, p)
             raise BeamdaeError(
                 f"SmoothMaximum: exponent must be between 1 and {most}, got {given}."
             )
-        set_fields(self, column=self._require_column(), exponent=p)
+        set_fields(self, exponent=p)
 
     def evaluate(self, y: Array, weights: Array) -> tuple[float, Array]:
         """See `ColumnObjective`."""
@@ -371,9 +371,9 @@ class SquaredErrors(ColumnObjective):
                 "SquaredErrors: sigma must be a positive number or one per time, got "
                 f"{len(sigma)} numbers for {len(times)} times."
             )
+        super().__post_init__()
         weights = np.where(np.isnan(values), 0.0, 1.0 / sigma**2)
-        set_fields(self, column=self._require_column(), times=times, values=values)
-        set_fields(self, _weights=weights)
+        set_fields(self, times=times, values=values, _weights=weights)
 
     def sample_times(self, grid: SampleGrid) -> Array:
         """See `ColumnObjective`."""

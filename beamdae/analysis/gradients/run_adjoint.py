@@ -14,7 +14,7 @@ import numpy as np
 from beamdae.analysis.gradients.column_seeds import ColumnSeeds, differentiate_objective
 from beamdae.analysis.gradients.objectives import Objective
 from beamdae.analysis.sensitivities.linear_steps import Matrices, transpose_steps
-from beamdae.analysis.sensitivities.run_derivatives import node_state
+from beamdae.analysis.sensitivities.run_chain import node_state
 from beamdae.analysis.sensitivities.start_derivatives import StartDerivatives
 from beamdae.equations.equations_of_motion import State
 from beamdae.equations.starts.consistent_start import ConsistencySolver

@@ -216,7 +216,7 @@ def _linearize_rotation(
     center = center_warning(full_equations, rotation)
     unit = f"speeds are in rad/s ({speed:g} rpm are {speed * _RPM:.4g} rad/s)"
     warnings = (
-        *drawing_warnings(e, time, state.q, description),
+        *drawing_warnings(e, time),
         *([center] if center else []),
         *strain_warnings(e, state.q[None], unit),
     )
@@ -260,10 +260,11 @@ def _linearize_rest(
     warnings = [*filter(None, (note,)), *lin.warnings]
     turning = find_turning(lin.equations, lin.time, lin.state.q, lambda: lin.linearized_equations)
     if turning is not None:
+        cause, speed = turning
         warnings.append(
-            f"{turning.cause} at {turning.speed:.6g} rad/s, but the linearized state is at rest, "
-            f"without centrifugal forces; use about=bd.rotation({turning.speed:.10g}) for a steady "
-            "rotation (--speed), or solution.at(t) for another motion."
+            f"{cause} at {speed:.6g} rad/s, but the linearized state is at rest, without "
+            f"centrifugal forces; use about=bd.rotation({speed:.10g}) for a steady rotation "
+            "(--speed), or solution.at(t) for another motion."
         )
     return replace(lin, warnings=tuple(warnings))
 

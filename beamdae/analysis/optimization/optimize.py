@@ -157,8 +157,9 @@ def optimize(
     ...     mech.add(bd.Force("load", beam.end, (0.0, -50.0)))
     ...     mech.observe("tip", beam.end)
     ...     return mech
-    >>> limit = bd.at_least(bd.EquilibriumValue("tip.y"), -0.01)
-    >>> result = bd.optimize(cantilever, bd.Mass(), "height", limit, {"height": (0.005, 0.05)})
+    >>> limit = bd.quantities.at_least(bd.quantities.EquilibriumValue("tip.y"), -0.01)
+    >>> bounds = {"height": (0.005, 0.05)}
+    >>> result = bd.optimize(cantilever, bd.quantities.Mass(), "height", limit, bounds)
     >>> print(f"{1e3 * result.parameters['height']:.1f} mm")
     16.8 mm
     """

@@ -131,7 +131,8 @@ class LargestOf(Quantity):
     Examples
     --------
     >>> import beamdae as bd
-    >>> bd.LargestOf([bd.EquilibriumValue(f"stress {k}") for k in range(3)]).label
+    >>> values = [bd.quantities.EquilibriumValue(f"stress {k}") for k in range(3)]
+    >>> bd.quantities.LargestOf(values).label
     'largest of 3: stress 0 at equilibrium, ...'
     """
 
@@ -211,7 +212,7 @@ class Mass(AnalysisQuantity):
     Examples
     --------
     >>> import beamdae as bd
-    >>> bd.at_most(bd.Mass(), 2.0).label
+    >>> bd.quantities.at_most(bd.quantities.Mass(), 2.0).label
     'mass <= 2'
     """
 
@@ -240,7 +241,7 @@ class ParameterFunction(AnalysisQuantity):
     Examples
     --------
     >>> import beamdae as bd
-    >>> volume = bd.ParameterFunction(lambda thickness: 0.02 * sum(thickness), "volume")
+    >>> volume = bd.quantities.ParameterFunction(lambda thickness: 0.02 * sum(thickness), "volume")
     >>> volume.label
     'volume'
     """
@@ -307,7 +308,7 @@ class EquilibriumValue(EquilibriumQuantity):
     Examples
     --------
     >>> import beamdae as bd
-    >>> bd.at_least(bd.EquilibriumValue("tip.y"), -0.01).label
+    >>> bd.quantities.at_least(bd.quantities.EquilibriumValue("tip.y"), -0.01).label
     'tip.y at equilibrium >= -0.01'
     """
 
@@ -342,7 +343,7 @@ class EquilibriumErrors(EquilibriumQuantity):
     Examples
     --------
     >>> import beamdae as bd
-    >>> bd.EquilibriumErrors("tip.y", {"tip.x": [0.1, 0.2]}, [0.0, 0.05], 1e-3).label
+    >>> bd.quantities.EquilibriumErrors("tip.y", {"tip.x": [0.1, 0.2]}, [0.0, 0.05], 1e-3).label
     'squared errors of tip.y at 2 equilibria'
     """
 
@@ -397,7 +398,7 @@ class CriticalLoad(EquilibriumQuantity):
     Examples
     --------
     >>> import beamdae as bd
-    >>> bd.at_least(bd.CriticalLoad(to=10.0), 2.0).label
+    >>> bd.quantities.at_least(bd.quantities.CriticalLoad(to=10.0), 2.0).label
     'critical load 1 >= 2'
     """
 
@@ -424,7 +425,7 @@ class Frequency(AnalysisQuantity):
     Examples
     --------
     >>> import beamdae as bd
-    >>> bd.at_least(bd.Frequency(1), 20.0).label
+    >>> bd.quantities.at_least(bd.quantities.Frequency(1), 20.0).label
     'frequency 1 >= 20'
     """
 
@@ -491,7 +492,7 @@ def at_most(quantity: Any, limit: float | str) -> Limit:
     Examples
     --------
     >>> import beamdae as bd
-    >>> bd.at_most(bd.SmoothMaximum("stress"), 150e6).label
+    >>> bd.quantities.at_most(bd.quantities.SmoothMaximum("stress"), 150e6).label
     'SmoothMaximum of stress <= 1.5e+08'
     """
     return _create_limit("at_most", quantity, 1, limit)
@@ -516,7 +517,7 @@ def at_least(quantity: Any, limit: float | str) -> Limit:
     Examples
     --------
     >>> import beamdae as bd
-    >>> bd.at_least(bd.Frequency(2), 50.0).label
+    >>> bd.quantities.at_least(bd.quantities.Frequency(2), 50.0).label
     'frequency 2 >= 50'
     """
     return _create_limit("at_least", quantity, -1, limit)

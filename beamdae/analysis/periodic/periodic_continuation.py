@@ -327,7 +327,7 @@ class ResponseCurve:
         yield self._describe(first, 1.0), 0.0, []
         try:
             for segment, found in follow(first, prescribe_parameter, 1.0, steps, _explain):
-                point = self._describe(segment.end, segment.tangent.p)
+                point = self._describe(segment.end, float(segment.tangent[-1]))
                 critical = [(_KINDS[x.kind], self.span.value(x.point.p)) for x in found]
                 yield point, segment.end.p, critical
         except CurveError as error:

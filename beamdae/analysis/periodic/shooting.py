@@ -462,7 +462,7 @@ def solve_shooting(
         # Corrections are orthogonal to the time derivative at the start.
         rate = run.rates[0] / max(float(np.linalg.norm(run.rates[0])), _TINY)
         row = rate @ run.projection
-        control = lambda y, _: Row(float(row @ (y - x)), row, 0.0)  # noqa: E731
+        control = lambda y, _: Row(float(row @ (y - x)), np.append(row, 0.0))  # noqa: E731
 
     similar = before.matrix if before else None
     base = PeriodLinearization(problem, x, p, run, similar, similar is not None)

@@ -6,7 +6,7 @@ from dataclasses import fields, replace
 from typing import Any
 
 from beamdae import deferred
-from beamdae.analysis.sensitivities.model_differences import derivative_call
+from beamdae.analysis.sensitivities.neighbors import derivative_call
 from beamdae.errors import BeamdaeError, short_repr, warn_user, warnings_are_ignored
 from beamdae.integrators import Auto, GeneralizedAlpha, Ida, Radau
 from beamdae.results.solution import Solution

@@ -1,7 +1,7 @@
-"""Derivatives of equilibria F(x, mu; p) = 0 by the implicit function theorem.
+"""Derivatives of equilibria, critical points and modes by the implicit function theorem.
 
-x are coordinates, multipliers and the forces of stiff parts, mu is the load factor. Where a control
-s(x, mu; p) is prescribed, such as the load factor, the derivatives of a point solve
+EQUILIBRIA F(x, mu; p) = 0: x are coordinates, multipliers and the forces of stiff parts, mu is the
+load factor. With a prescribed control s(x, mu; p), such as the load factor, derivatives solve
 
     [F_x F_mu; s_x s_mu] (dx, dmu) = -(F_p, s_p) dp.
 
@@ -11,13 +11,24 @@ from solutions with [F_x b; b^T 0]: the last component of (x', h') for the right
 -(F_mu, 0) is h_mu, and that for -(dF_x v + dF_mu u, 0), with the change of the tangent along one
 direction and another direction (v, u), is the mixed second derivative. A limit point solves
 h = h_xi = 0. A branch point solves h_xi = h_mu = 0 together with h = 0, which holds for all values
-of a parameter that preserves the branch point, such as those of symmetric structures. At a flutter
-point, an eigenvalue of the linearized motion has no real part, or coalesces with another one, see
-`eigenpairs`. Cf. Godoy, Theory of Elastic Stability: Analysis and Sensitivity, Taylor & Francis
-(1999); Wriggers & Simo, Int. J. Numer. Meth. Eng. 30 (1990) 155, doi:10.1002/nme.1620300110.
+of a parameter that preserves the branch point, such as those of symmetric structures. Cf. Godoy,
+Theory of Elastic Stability: Analysis and Sensitivity, Taylor & Francis (1999); Wriggers & Simo,
+Int. J. Numer. Meth. Eng. 30 (1990) 155, doi:10.1002/nme.1620300110.
+
+EIGENPAIRS A(l; p) z = 0, with the matrix A of `LinearizedEquations.pencil` and z = (x, multipliers,
+forces of stiff parts): with vectors b and c near the null vectors, the bordered solutions
+[A b; c^H 0] (u, s) = (dA z, 0) and [A b; c^H 0] (u', s') = (A'(l) z, 0) give the derivatives along
+a change dA,
+
+    dl = -s / s',    dz = -u - dl u',
+
+if s' is not zero, as for simple eigenvalues (Fox & Kapoor, AIAA J. 6 (1968) 2426,
+doi:10.2514/3.5008; Nelson, AIAA J. 14 (1976) 1201, doi:10.2514/3.7211, who deletes an equation in
+place of the border). The part of dz along z follows from the normalization. At a flutter point, an
+eigenvalue has no real part, or coalesces with another one.
 
 F_p follows from the numbers of neighboring models and the exact derivatives of F by these numbers.
-s and products with the matrices of F are differenced along the neighboring models, or along a
+s and products with the matrices of F and A are differenced along the neighboring models, or along a
 direction of x and mu.
 """
 
@@ -30,33 +41,38 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
+import scipy.sparse as sp
 
 from beamdae.analysis.continuation.critical import critical_mode
 from beamdae.analysis.continuation.engine import (
+    BorderedFactors,
     Control,
     CurveError,
-    Factors,
     Point,
-    Tangent,
-    prescribe_parameter,
+    factorize_bordered,
 )
 from beamdae.analysis.eigenproblems.eigensolution import solve_eigenproblem
-from beamdae.analysis.eigenproblems.linearized_equations import LinearizedEquations
-from beamdae.analysis.sensitivities.eigenpairs import Eigenpair, apply_pencil, linearize_at
-from beamdae.analysis.sensitivities.model_differences import (
+from beamdae.analysis.eigenproblems.linearized_equations import (
+    LinearizedEquations,
+    linearize_in_mixed_form,
+)
+from beamdae.analysis.sensitivities.neighbors import (
     CENTRAL,
     Difference,
-    difference_values,
+    difference_along,
+    directional_plan_along,
     forms_of,
     with_structure,
 )
-from beamdae.analysis.sensitivities.operator_changes import directional_plan_along
 from beamdae.analysis.statics.load_scaling import LoadedEquations
 from beamdae.analysis.statics.static_problem import StaticProblem
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
+from beamdae.equations.formulations import tangents
 from beamdae.equations.formulations.compliant_equations import introduce_resultants
 from beamdae.equations.formulations.static_equations import StaticEquations, find_idle_forces
-from beamdae.equations.formulations.tangents import differentiate_residual, plan_tangent_residual
+from beamdae.equations.starts.steady_rotation import rotating_state
+from beamdae.linear.orderings import invert_to_power_of_two
+from beamdae.parts.rotation import Rotation
 
 Array = np.ndarray
 
@@ -67,11 +83,140 @@ _REFINEMENTS = 2
 # A parameter preserves a branch point if its forces along the critical mode, in the neighboring
 # models, are below this fraction of those that the load exerts on the mode at its natural size.
 _MAX_IMPERFECTION = 1e-8
-# Number of modes among which critical ones are sought. Modes with a larger damping ratio are not
-# about to grow and do not count: strong damping slows many modes down to nearly the same rate.
-_MODE_COUNT, _MAX_GROWTH_DAMPING = 12, 0.5
+# Number of oscillations among which critical ones are sought.
+_MODE_COUNT = 12
 # Eigenvalues with a smaller imaginary part, relative to their magnitude, do not oscillate.
 _MIN_OSCILLATION = 1e-3
+# Inverse iterations for the next eigenvalue.
+_GAP_ITERATIONS = 5
+
+
+@dataclass(frozen=True, eq=False)
+class Eigenpair:
+    """Eigenvalue that is not zero, and its shape.
+
+    Attributes
+    ----------
+    lin
+        Linearized equations in mixed form.
+    value, shape
+        Eigenvalue l [1/s] and shape x (n,), with x^H M x = 1.
+    """
+
+    lin: LinearizedEquations
+    value: complex
+    shape: Array
+
+    @cached_property
+    def vector(self) -> Array:
+        """Shape with its multipliers and forces, z."""
+        return self._solve(np.zeros(len(self._row)), 1.0)[0]
+
+    def work(self, change: Array) -> complex:
+        """Return w^T dA z for dA z and the left vector w, up to a factor."""
+        return self._solve(change)[1]
+
+    def derivative(self, change: Array, mass_change: Array) -> tuple[complex, Array]:
+        """Return the derivatives of the eigenvalue and of the normalized shape.
+
+        `change` and `mass_change` are dA z and dM x.
+        """
+        (by_change, work), (by_value, slope) = self._solve(change), self._by_value
+        x, mass, rate = self.shape, self.lin.tangent.mass, -work / slope
+        response = -(by_change + rate * by_value)[: len(x)]
+        # The shape keeps x^H M x = 1 and the phase of x^T M x.
+        share, size = complex(-0.5 * np.real(x.conj() @ mass_change)), x @ (mass @ x)
+        if abs(size) > np.sqrt(np.finfo(float).eps):
+            plain = x @ (2.0 * (mass @ response) + mass_change)
+            share -= 0.5j * float(np.imag(plain)) / float(np.real(size))
+        return rate, response + share * x
+
+    @cached_property
+    def gap(self) -> float:
+        """Distance to the nearest other eigenvalue, relative to |l|, if it is small."""
+        vector, size = np.cos(np.arange(len(self._row)) ** 2.0), 1.0
+        try:
+            for _ in range(_GAP_ITERATIONS):
+                vector = self._solve(self._slope @ vector / size)[0]
+                size = float(np.linalg.norm(vector)) or 1.0
+        except CurveError:
+            return 0.0
+        return 1.0 / (size * abs(self.value))
+
+    @cached_property
+    def _by_value(self) -> tuple[Array, complex]:
+        return self._solve(self._slope @ self.vector)
+
+    @cached_property
+    def _slope(self) -> sp.csc_array:
+        """Derivative of A with respect to l."""
+        _, *others = self.lin.pencil.matrices
+        terms = (k * self.value ** (k - 1) * x for k, x in enumerate(others, 1))
+        return sp.csc_array(sum(terms, sp.csc_array(others[0].shape)))
+
+    @cached_property
+    def _row(self) -> Array:
+        """Row x^H M of the border."""
+        row = self.lin.tangent.mass.T @ self.shape.conj()
+        return np.append(row, np.zeros(self.lin.pencil.matrices[0].shape[0] - len(row)))
+
+    @cached_property
+    def _bordered(self) -> tuple[Array, BorderedFactors]:
+        """Scales of the rows of A, and factors of the bordered matrix."""
+        matrix = sp.csc_array(
+            sum(self.value**k * x.astype(complex) for k, x in enumerate(self.lin.pencil.matrices))
+        )
+        sizes = abs(matrix).max(axis=1).toarray().ravel()
+        scales = invert_to_power_of_two(sizes)
+        scaled = sp.csc_array(sp.diags_array(scales) @ matrix)
+        # The second column is not orthogonal to the left vector, even where eigenvalues coalesce.
+        border, transposed = scales * self._row.conj(), sp.csc_array(scaled.T)
+        unit = np.append(np.zeros(len(scales)), 1.0 + 0j)
+        left = factorize_bordered(transposed, self._row, border, 0.0).solve(unit)[:-1]
+        column = left.conj() / np.linalg.norm(left)
+        return scales, factorize_bordered(scaled, column, self._row, 0.0)
+
+    def _solve(self, right: Array, last: float = 0.0) -> tuple[Array, complex]:
+        """Return u and s with [A b; c^H 0] (u, s) = (right, last)."""
+        scales, factors = self._bordered
+        solution = factors.solve(np.append(scales * right, last).astype(complex))
+        return solution[:-1], complex(solution[-1])
+
+
+def apply_pencil(lin: LinearizedEquations, value: complex, z: Array) -> Array:
+    """Return A(l) z."""
+    return np.asarray(sum(value**k * (x @ z) for k, x in enumerate(lin.pencil.matrices)))
+
+
+def linearize_at(
+    e: EquationsOfMotion,
+    tangent_at: Callable[..., tangents.Tangent],
+    x: Array,
+    idle: Array | None = None,
+    rotation: Rotation | None = None,
+) -> LinearizedEquations:
+    """Return the equations in mixed form about x = (q, multipliers, stiff forces).
+
+    The state is at rest, or in steady rotation. `tangent_at` is a function of a state and a
+    conversion of the equations that returns their matrices; see `introduce_resultants` for `idle`.
+    """
+    q, lam = np.split(x, [e.n])
+    if rotation is not None:
+        state = rotating_state(e, rotation, q, lam)
+    else:
+        state = State(q, np.zeros(e.n), np.zeros(e.n), lam)
+    return linearize_in_mixed_form(e, state, tangent_at, idle)
+
+
+class Tangent(NamedTuple):
+    """Derivatives of the unknowns and of the load factor."""
+
+    x: Array
+    p: float
+
+    def scale(self, factor: float) -> Tangent:
+        """Return the derivatives times a factor."""
+        return Tangent(factor * self.x, factor * self.p)
 
 
 class MixedStatics:
@@ -139,18 +284,16 @@ class Direction(NamedTuple):
         """Return a direction of x and mu at a point of a system."""
         step = _MOTION / (point.problem.measure(along.x) or 1.0)
         steps = [step * x for x in CENTRAL.steps]
-        weights = [x / step for x in CENTRAL.derivative_weights]
+        weights = [x / step for x in CENTRAL.weights.tolist()]
         return cls([system] * len(steps), steps, weights, along)
 
     def differentiate(
         self, point: Point, function: Callable[[MixedStatics, Array, float], Array]
     ) -> Array:
         """Return the derivative of a function of the system, x and mu along the direction."""
-        values = [
-            function(system, point.x + step * self.along.x, point.p + step * self.along.p)
-            for system, step in zip(self.systems, self.steps, strict=True)
-        ]
-        return np.asarray(difference_values(self.weights, values))
+        changes = zip((point.x, point.p), self.along, strict=True)
+        rate = difference_along(self.systems, self.steps, self.weights, function, *changes)
+        return np.asarray(rate)
 
 
 class ParameterDirection:
@@ -217,32 +360,22 @@ def _derive_statics(
     part = replace(difference, base=base, equations=tuple(neighbors))
     dp, rest, plan = part.derivative(lambda e: e.p), np.zeros(base.n), None
     if is_moved or base.structure != first.structure:
-        size = plan_tangent_residual(base.structure)[1]
-        plan = directional_plan_along(part, lambda e: plan_tangent_residual(e.structure)[0], size)
+        size = tangents.plan_tangent_residual(base.structure)[1]
+        plan = directional_plan_along(
+            part, lambda e: tangents.plan_tangent_residual(e.structure)[0], size
+        )
 
     def differentiate(x: Array) -> Array:
         state = State(x[: base.n], rest, rest, x[base.n :])
-        return differentiate_residual(base, here.time, state, dp, plan)
+        return tangents.differentiate_residual(base, here.time, state, dp, plan)
 
     return differentiate
 
 
 def find_regular_point(problem: StaticProblem, q: Array, mu: float, control: Control) -> Point:
     """Return the point with these positions and this load factor."""
-    x = _deform(problem, q, mu)
+    x = problem.point_at(q, mu).x
     return problem.correct(control, control(x, mu).value, x, mu)
-
-
-def _deform(problem: StaticProblem, q: Array, mu: float) -> Array:
-    """Return the unknowns at positions q: the forces that follow from deformations, and reactions.
-
-    Rigid bodies have no other stiffness than that of the reactions that balance their loads.
-    """
-    x, n, first = problem.start(q), problem.n, problem.rigid_size
-    x[first:] = problem.residual(x, mu)[0][first:]
-    gradients = problem.matrix(x, mu)[:n, n:first].toarray()
-    x[n:first] = np.linalg.lstsq(gradients, -problem.residual(x, mu)[0][:n])[0]
-    return x
 
 
 @dataclass(frozen=True, eq=False)
@@ -254,9 +387,8 @@ class RegularPoint:
 
     def derivative(self, direction: ParameterDirection) -> Tangent | None:
         """Return dx and dmu."""
-        is_load = self.control is prescribe_parameter
-        rate = 0.0 if is_load else direction.control_rate(self.point)
-        return self.respond(np.append(direction.forces(self.point), rate))
+        point = self.point
+        return self.respond(np.append(direction.forces(point), direction.control_rate(point)))
 
     def respond(self, change: Array) -> Tangent:
         """Return the change of the unknowns that balances a change of the equations and control.
@@ -272,9 +404,12 @@ class RegularPoint:
         return Tangent(solution[:-1], float(solution[-1]))
 
     @cached_property
-    def _factors(self) -> Factors:
-        row = self.control(self.point.x, self.point.p)
-        return self.point.bordered(self.point.linearization.by_parameter, row.x, row.p)
+    def _factors(self) -> BorderedFactors:
+        row, column = (
+            self.control(self.point.x, self.point.p),
+            self.point.linearization.by_parameter,
+        )
+        return self.point.bordered(column, row.gradient[:-1], row.gradient[-1])
 
 
 class SingularPoint:
@@ -306,8 +441,7 @@ class SingularPoint:
         cls, problem: StaticProblem, q: Array, mu: float, system: MixedStatics, is_limit: bool
     ) -> SingularPoint:
         """Return the singular point next to these positions and this load factor."""
-        x = _deform(problem, q, mu)
-        found = cls(Point(problem, x, mu, problem.linearize(x, mu)), system, is_limit)
+        found = cls(problem.point_at(q, mu), system, is_limit)
         found = found._move(Tangent(found._unbalance()[0], 0.0))
         for _ in range(_REFINEMENTS):
             response, h = found._unbalance()
@@ -357,7 +491,9 @@ class SingularPoint:
         return self._solve(-self.point.linearization.residual)
 
     def _move(self, change: Tangent) -> SingularPoint:
-        return SingularPoint(self.point.plus(change), self._system, self._is_limit)
+        return SingularPoint(
+            self.point.plus(np.append(change.x, change.p)), self._system, self._is_limit
+        )
 
     def _solve(self, right: Array, last: float = 0.0) -> tuple[Array, float]:
         solution = self._factors.solve(np.append(right, last))
@@ -419,7 +555,7 @@ class FlutterPoint(RegularPoint):
         found: list[Eigenpair] = []
         for group, rows in self._motion.split(self.system.system.equations.parts):
             # All modes of a small structure may be faster than as many modes of a large one.
-            modes = solve_eigenproblem(group, _MODE_COUNT, max_damping_ratio=_MAX_GROWTH_DAMPING)
+            modes = solve_eigenproblem(group, _MODE_COUNT, oscillating=True)
             shapes = np.zeros((len(modes.values), self._motion.equations.n), complex)
             shapes[:, rows] = modes.shapes.T
             pairs = zip(modes.values.tolist(), shapes, strict=True)

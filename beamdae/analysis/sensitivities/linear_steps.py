@@ -26,10 +26,13 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.analysis.sensitivities.directions import Directions
-from beamdae.analysis.sensitivities.model_differences import derivative_call
-from beamdae.analysis.sensitivities.recorded_maps import Gradient, plan_transpose
-from beamdae.analysis.sensitivities.start_derivatives import STEP_FRACTION, StartDerivatives
+from beamdae.analysis.sensitivities.neighbors import derivative_call
+from beamdae.analysis.sensitivities.recorded_maps import Gradient, plan_along, plan_transpose
+from beamdae.analysis.sensitivities.start_derivatives import (
+    STEP_FRACTION,
+    Directions,
+    StartDerivatives,
+)
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.first_order import formulate_first_order, plan_residual
 from beamdae.equations.formulations.kinematic_reduction import reduce_kinematics
@@ -90,77 +93,9 @@ class StepTables(NamedTuple):
     after: Array
 
 
-@dataclass(frozen=True)
-class StageEquations:
-    """Equations of the stages of a method.
-
-    Attributes
-    ----------
-    equations
-        Equations of motion.
-    residual, n_inputs, size
-        Function of a module that returns the plan of the residual of a stage, and the sizes of its
-        inputs and of the residual. The inputs begin with (q, v).
-    matrix, pattern
-        Plan and pattern of the parts of the matrix of a stage.
-    inputs
-        Positions of the accelerations and the multipliers among the inputs.
-    rows
-        Rows of the residual that are solved, (k,).
-    corrected
-        Coordinates whose velocities are unknowns, because joints correct q' = v.
-    nodes
-        Times of the stages in a step of length 1, (s,).
-    is_native
-        True if machine code is available.
-    """
-
-    equations: EquationsOfMotion
-    residual: Callable[[Structure], SumPlan]
-    n_inputs: int
-    size: int
-    matrix: SumPlan
-    pattern: sp.csc_array
-    inputs: tuple[int, int]
-    rows: Array
-    corrected: Array
-    nodes: Array
-    is_native: bool
-
-
-def formulate_steps(
-    method: GeneralizedAlpha | Radau, equations: EquationsOfMotion
-) -> StageEquations:
-    """Return the equations of the stages of a method."""
-    n, m = equations.n, equations.m
-    if isinstance(method, GeneralizedAlpha):
-        step = formulate_step(equations, False)
-        return StageEquations(
-            equations, _plan_step_residual, 4 * n + 2 * m, n + m, step.sums[2], step.pattern,
-            (2 * n, 3 * n), np.arange(n + m), np.arange(0), np.ones(1), step.is_native,
-        )  # fmt: skip
-    form = formulate_first_order(equations, STABILIZED_FORM, apart=True)
-    pattern, plan, reduction = reduce_kinematics(form)
-    corrected = reduction.corrected.astype(int)
-    rows = np.concatenate([np.arange(n, 2 * n), corrected, np.arange(2 * n, form.size)])
-    return StageEquations(
-        equations, _plan_stage_residual, 2 * form.size, form.size, plan, pattern,
-        (form.size + n, form.size + 2 * n), rows, corrected, C, form.is_native,
-    )  # fmt: skip
-
-
-def _plan_step_residual(structure: Structure) -> SumPlan:
-    return plan_step_sums(structure, False)[1][0]
-
-
-def _plan_stage_residual(structure: Structure) -> SumPlan:
-    return plan_residual(structure, STABILIZED_FORM)
-
-
-def tabulate_alpha(member: AlphaParameters, h: Array) -> StepTables:
+def _tabulate_alpha(member: AlphaParameters, h: Array) -> StepTables:
     """Return the coefficients of generalized-alpha for steps `h` [s]."""
-    coefficients = [member.coefficients(x) for x in h.tolist()]
-    c_v, c_a, c_f = np.array(coefficients).T
+    c_v, c_a, c_f = member.coefficients(h)
     one, zero, f = np.ones_like(h), np.zeros_like(h), 1.0 / (1.0 - member.alpha_m)
     # a after the step, as far as z predicts it.
     after = [zero, zero, f * member.alpha_f * one, -f * member.alpha_m * one]
@@ -179,7 +114,7 @@ def tabulate_alpha(member: AlphaParameters, h: Array) -> StepTables:
     )
 
 
-def tabulate_radau(h: Array) -> StepTables:
+def _tabulate_radau(h: Array) -> StepTables:
     """Return the coefficients of Radau IIA for steps `h` [s]."""
     steps, s, h = len(h), len(C), h[:, None, None]
     predict, rates = np.zeros((steps, s, 2, 4)), np.linalg.inv(A) / h
@@ -193,7 +128,7 @@ def tabulate_radau(h: Array) -> StepTables:
 
 @dataclass(slots=True, kw_only=True)
 class LinearSteps:
-    """Work arrays of a loop over the steps of a run.
+    """Work arrays of a loop over the steps of a run, `forward` or `backward`.
 
     Attributes
     ----------
@@ -207,18 +142,29 @@ class LinearSteps:
     matrix, parts, block, linear, nonzeros, targets
         Sum of the matrix of a stage and its result, work array for a block of M, solver and
         non-zeros of M or of its transpose, and positions of the entries of its blocks.
-    entries, inputs, acceleration_at, reaction_at
-        0, 1, ...; inputs of the sums, and positions of accelerations and multipliers among them.
+    entries, inputs, n_inputs, acceleration_at
+        0, 1, ...; inputs of the sums, the number x of inputs of the residual, and the position of
+        accelerations among them, which multipliers follow.
     rows, scales, corrected
         Rows of the residual that are solved, their scales, and coordinates with unknown velocities.
     right
         Right-hand side or solution, all stages.
     positions, velocities, accelerations, reactions
         Work arrays of the stages, one stage a row.
-    motion
-        z by direction, (4 k, n), or derivatives of the objective with respect to z, (4, n).
-    next_a
-        Work array, (n,).
+    motion, before
+        z by direction, (4 k, n), or derivatives of the objective with respect to z, (4, n), and a
+        work array, (4, n).
+    change, result
+        Directional derivative of the residual of a stage with the inputs (x, dx), or gradient of
+        weights . residual with the inputs (x, weights), and its result.
+    data, shifts, time_rates
+        `forward`: further inputs by direction, derivatives of the time of all steps (k,) [s], and
+        partial derivatives of the residual with respect to time at the stages.
+    stages
+        `forward`: results, derivatives of (q, v, a, lam) at the stages, one direction a row.
+        `backward`: derivatives of the objective with respect to (q, v, lam) at the stages.
+    numbers
+        `backward`: derivatives with respect to p, summed over the steps.
     step, last
         Index of the step, and of that at which the loop ends.
     """
@@ -238,8 +184,8 @@ class LinearSteps:
     targets: Array
     entries: Array
     inputs: Array
+    n_inputs: int
     acceleration_at: int
-    reaction_at: int
     rows: Array
     scales: Array
     corrected: Array
@@ -249,76 +195,35 @@ class LinearSteps:
     accelerations: Array
     reactions: Array
     motion: Array
-    next_a: Array
+    before: Array
+    change: Sum
+    result: Array
+    data: Array
+    shifts: Array
+    time_rates: Array
+    stages: Array
+    numbers: Array
     step: int = 0
     last: int = 0
 
 
-@dataclass(slots=True, kw_only=True)
-class ForwardSteps(LinearSteps):
-    """Work arrays of `forward`.
-
-    Attributes
-    ----------
-    directional, data, residual
-        Directional derivative of the residual of a stage with the inputs (x, dx), its further
-        inputs by direction, and its result.
-    shifts, time_rates
-        Derivatives of the time of all steps (k,) [s], and partial derivatives of the residual with
-        respect to time at the stages.
-    results
-        Derivatives of (q, v, a, lam) at the stages, one direction a row.
-    """
-
-    directional: Sum
-    data: Array
-    residual: Array
-    shifts: Array
-    time_rates: Array
-    results: Array
-
-
-@dataclass(slots=True, kw_only=True)
-class BackwardSteps(LinearSteps):
-    """Work arrays of `backward`.
-
-    Attributes
-    ----------
-    transposed, weights, gradient
-        Gradient of weights . residual, the weights, and its result by (inputs, p).
-    seeds
-        Derivatives of the objective with respect to (q, v, lam) at the stages.
-    numbers
-        Derivatives with respect to p, summed over the steps.
-    before
-        Work array for the derivatives with respect to z before a step, (4, n).
-    """
-
-    transposed: Sum
-    weights: Array
-    gradient: Array
-    seeds: Array
-    numbers: Array
-    before: Array
-
-
-def _set_state(run: Any, row: int, factor: float) -> None:
+def _set_state(run: LinearSteps, row: int, factor: float) -> None:
     """Write a state to the inputs, with multipliers times a factor."""
     n, state, x = run.n, run.states[row], run.inputs
     combine(x[: 2 * n], (1.0,), (state[: 2 * n],))
-    a, lam = run.acceleration_at, run.reaction_at
+    a, lam = run.acceleration_at, run.acceleration_at + n
     combine(x[a : a + n], (1.0,), (state[2 * n : 3 * n],))
     combine(x[lam : lam + state.size - 3 * n], (factor,), (state[3 * n :],))
 
 
-def _stage_time(run: Any, i: int) -> float:
+def _stage_time(run: LinearSteps, i: int) -> float:
     start = run.times[run.step]
     if i == run.nodes.size - 1:
         return run.times[run.step + 1]
     return start + run.nodes[i] * (run.times[run.step + 1] - start)
 
 
-def _factorize(run: Any) -> int:
+def _factorize(run: LinearSteps) -> int:
     """Factorize M, or its transpose, of the current step; return the code."""
     s, size, c, blocks = run.nodes.size, run.block.size, run.tables.factors, run.tables.blocks
     k, block = run.step, run.block
@@ -336,7 +241,7 @@ def _factorize(run: Any) -> int:
     return factorize(run.linear, run.nonzeros)
 
 
-def forward(run: ForwardSteps) -> int:
+def forward(run: LinearSteps) -> int:
     """Differentiate steps along all directions; return DONE, NEW_PIVOTS or SINGULAR."""
     while run.step < run.last:
         code = _factorize(run)
@@ -348,10 +253,10 @@ def forward(run: ForwardSteps) -> int:
     return DONE
 
 
-def _differentiate_step(run: ForwardSteps, k: int) -> None:
+def _differentiate_step(run: LinearSteps, k: int) -> None:
     n, m, s, step, tables = run.n, run.m, run.nodes.size, run.step, run.tables
     unknowns, inputs, z, c = run.rows.size, run.inputs, run.motion, run.tables.predict
-    n_inputs = inputs.size // 2
+    n_inputs, residual = run.n_inputs, run.result
     for i in range(s):
         _set_state(run, s * step + 1 + i, 1.0)
         for part in range(2):
@@ -363,19 +268,18 @@ def _differentiate_step(run: ForwardSteps, k: int) -> None:
         combine(run.positions[i], (1.0,), (inputs[n_inputs : n_inputs + n],))
         combine(run.velocities[i], (1.0,), (inputs[n_inputs + n : n_inputs + 2 * n],))
         t = _stage_time(run, i)
-        set_time(run.directional, t, run.branch)
-        evaluate_with_data(run.directional, run.data[k], inputs, run.residual)
+        set_time(run.change, t, run.branch)
+        evaluate_with_data(run.change, run.data[k], inputs, residual)
         if run.shifts[k] != 0.0:
-            rate = run.time_rates[s * step + i]
-            combine(run.residual, (1.0, run.shifts[k]), (run.residual, rate))
+            combine(residual, (1.0, run.shifts[k]), (residual, run.time_rates[s * step + i]))
         right = run.right[i * unknowns : (i + 1) * unknowns]
-        gather(right, run.entries, run.scales, run.residual, run.rows, 0, unknowns)
+        gather(right, run.entries, run.scales, residual, run.rows, 0, unknowns)
     solve(run.linear, run.right)
     after = tables.after
     factors = (after[step, 0], after[step, 1], after[step, 2], after[step, 3])
-    combine(run.next_a, factors, (z[4 * k], z[4 * k + 1], z[4 * k + 2], z[4 * k + 3]))
+    combine(run.before[3], factors, (z[4 * k], z[4 * k + 1], z[4 * k + 2], z[4 * k + 3]))
     last = run.right[(s - 1) * unknowns :]
-    combine(run.next_a, (1.0, after[step, 4]), (run.next_a, last[:n]))
+    combine(run.before[3], (1.0, after[step, 4]), (run.before[3], last[:n]))
     first = n + run.corrected.size
     # Accelerations serve as work array for the corrections of velocities.
     for i in range(s):
@@ -388,7 +292,7 @@ def _differentiate_step(run: ForwardSteps, k: int) -> None:
         pick(correction, run.corrected, x, run.entries, 0, x.size)
     for i in range(s):
         x = run.right[i * unknowns : (i + 1) * unknowns]
-        row = run.results[(s * step + i) * run.shifts.size + k]
+        row = run.stages[(s * step + i) * run.shifts.size + k]
         combine(row[:n], (1.0, -1.0), (run.positions[i], x[:n]))
         combine(row[n : 2 * n], (1.0, -1.0), (run.velocities[i], run.accelerations[i]))
         fill(row[2 * n :], 0.0)
@@ -397,13 +301,13 @@ def _differentiate_step(run: ForwardSteps, k: int) -> None:
             combine(a, (1.0, -tables.acceleration[step, i, j]), (a, run.accelerations[j]))
             x = run.right[j * unknowns + first : j * unknowns + first + m]
             combine(lam, (1.0, -tables.reaction[step, i, j]), (lam, x))
-    row = run.results[(s * step + s - 1) * run.shifts.size + k]
+    row = run.stages[(s * step + s - 1) * run.shifts.size + k]
     for b in range(3):
         combine(z[4 * k + b], (1.0,), (row[b * n : (b + 1) * n],))
-    combine(z[4 * k + 3], (1.0,), (run.next_a,))
+    combine(z[4 * k + 3], (1.0,), (run.before[3],))
 
 
-def backward(run: BackwardSteps) -> int:
+def backward(run: LinearSteps) -> int:
     """Transpose steps, the last one first; return DONE, NEW_PIVOTS or SINGULAR."""
     while run.step > run.last:
         run.step -= 1
@@ -415,11 +319,11 @@ def backward(run: BackwardSteps) -> int:
     return DONE
 
 
-def _transpose_step(run: BackwardSteps) -> None:
+def _transpose_step(run: LinearSteps) -> None:
     n, m, s, step, tables = run.n, run.m, run.nodes.size, run.step, run.tables
     unknowns, z, c, after = run.rows.size, run.motion, run.tables.predict, run.tables.after
     for i in range(s):
-        seed = run.seeds[s * step + i]
+        seed = run.stages[s * step + i]
         combine(run.positions[i], (1.0,), (seed[:n],))
         combine(run.velocities[i], (1.0,), (seed[n : 2 * n],))
         combine(run.reactions[i], (1.0,), (seed[2 * n :],))
@@ -449,19 +353,18 @@ def _transpose_step(run: BackwardSteps) -> None:
     solve(run.linear, run.right)
     for b in range(4):
         combine(run.before[b], (after[step, b],), (z[3],))
-    n_inputs = run.inputs.size - run.weights.size
+    weights, gradient = run.inputs[run.n_inputs :], run.result
     for i in range(s):
         x = run.right[i * unknowns : (i + 1) * unknowns]
-        fill(run.weights, 0.0)
-        gather(run.weights, run.rows, run.scales, x, run.entries, 0, unknowns)
+        fill(weights, 0.0)
+        gather(weights, run.rows, run.scales, x, run.entries, 0, unknowns)
         _set_state(run, s * step + 1 + i, 1.0)
-        combine(run.inputs[n_inputs:], (1.0,), (run.weights,))
-        set_time(run.transposed, _stage_time(run, i), run.branch)
-        evaluate_sum(run.transposed, run.inputs, run.gradient)
-        combine(run.numbers, (1.0, 1.0), (run.numbers, run.gradient[n_inputs:]))
+        set_time(run.change, _stage_time(run, i), run.branch)
+        evaluate_sum(run.change, run.inputs, gradient)
+        combine(run.numbers, (1.0, 1.0), (run.numbers, gradient[run.n_inputs :]))
         q, v = run.positions[i], run.velocities[i]
-        combine(q, (1.0, 1.0), (q, run.gradient[:n]))
-        combine(v, (1.0, 1.0), (v, run.gradient[n : 2 * n]))
+        combine(q, (1.0, 1.0), (q, gradient[:n]))
+        combine(v, (1.0, 1.0), (v, gradient[n : 2 * n]))
         for b in range(4):
             factors = (1.0, c[step, i, 0, b], c[step, i, 1, b])
             combine(run.before[b], factors, (run.before[b], q, v))
@@ -474,8 +377,32 @@ def _transpose_step(run: BackwardSteps) -> None:
 Matrices = dict[tuple[int, bool], tuple[FactorizedMatrix, Array, sp.csc_array]]
 
 
+def _plan_step_residual(structure: Structure) -> SumPlan:
+    return plan_step_sums(structure, False)[1][0]
+
+
+def _plan_stage_residual(structure: Structure) -> SumPlan:
+    return plan_residual(structure, STABILIZED_FORM)
+
+
 class _Steps:
-    """Steps of an interval, and the corrections of generalized-alpha between them."""
+    """Steps of an interval, and the corrections of generalized-alpha between them.
+
+    Attributes
+    ----------
+    equations, interval, count, steps, tables
+        Equations, states, number, lengths [s] and coefficients of the steps.
+    parts
+        Indices of the first step and after the last one of parts with equal steps.
+    residual, n_inputs, size
+        Function of a module that returns the plan of the residual of a stage, and the sizes of its
+        inputs and of the residual. The inputs begin with (q, v).
+    rows, corrected
+        Rows of the residual that are solved, (k,), and coordinates whose velocities are unknowns,
+        because joints correct q' = v.
+    nodes
+        Times of the stages in a step of length 1, (s,).
+    """
 
     def __init__(
         self,
@@ -484,8 +411,8 @@ class _Steps:
         interval: Interval,
         matrices: Matrices,
     ) -> None:
-        self.form, self.interval = formulate_steps(method, equations), interval
-        self._matrices = matrices
+        n, m = equations.n, equations.m
+        self.equations, self.interval, self._matrices = equations, interval, matrices
         self.count, self.is_alpha = len(interval.t) - 1, isinstance(method, GeneralizedAlpha)
         self.parts, self.steps = [(0, self.count)], np.diff(interval.t)
         if isinstance(method, GeneralizedAlpha):
@@ -494,10 +421,27 @@ class _Steps:
                 length = float((interval.t[last] - interval.t[first]) / (last - first))
                 self.steps[first:last] = length
             self.member = family_parameters(method.family, method.rho_inf)
-            self.tables = tabulate_alpha(self.member, self.steps)
+            self.tables = _tabulate_alpha(self.member, self.steps)
             self._is_cured = method.start == "cured"
-        else:
-            self.tables = tabulate_radau(self.steps)
+            step = formulate_step(equations, False)
+            self._matrix, self._pattern, self._is_native = (
+                step.sums[2],
+                step.pattern,
+                step.is_native,
+            )
+            self.residual, self.n_inputs, self.size = _plan_step_residual, 4 * n + 2 * m, n + m
+            self._acceleration_at, self.nodes = 2 * n, np.ones(1)
+            self.rows, self.corrected = np.arange(n + m), np.arange(0)
+            return
+        self.tables = _tabulate_radau(self.steps)
+        form = formulate_first_order(equations, STABILIZED_FORM, apart=True)
+        self._pattern, self._matrix, reduction = reduce_kinematics(form)
+        self._is_native = form.is_native
+        self.residual, self.n_inputs, self.size = _plan_stage_residual, 2 * form.size, form.size
+        self._acceleration_at, self.nodes = form.size + n, C
+        self.corrected = reduction.corrected.astype(int)
+        rows = np.arange(n, 2 * n), self.corrected, np.arange(2 * n, form.size)
+        self.rows = np.concatenate(rows)
 
     def node(self, k: int) -> tuple[Array, State]:
         """Return (t, branch) and the state at the start of step `k`."""
@@ -508,76 +452,77 @@ class _Steps:
         """Return the starting values of generalized-alpha."""
         return AlphaStart(self.member, solver, True, self._is_cured)
 
-    def scales(self, step: int) -> Array:
+    def _scales(self, step: int) -> Array:
         """Return the scales of the rows of the residual."""
-        form, scales = self.form, np.ones(len(self.form.rows))
+        e, scales = self.equations, np.ones(len(self.rows))
         if self.is_alpha:
-            e = form.equations
             scales[: e.n] = self.tables.factors[step, 6]
             scales[e.n + e.nonholonomic_rows] = 1.0 / self.tables.velocity[step, 0, 0]
         return scales
 
     def make_loop(
-        self,
-        loop: Callable[[Any], int],
-        make: Callable[[bool, dict[str, Any]], Any],
-        transposed: bool,
-        is_native: bool,
-        n_inputs: int,
-    ) -> StepLoop[Any]:
-        """Return a loop; `make` returns its workspace, given common fields."""
-        form, s = self.form, len(self.form.nodes)
-        e, (n, m) = form.equations, (form.equations.n, form.equations.m)
-        key, nnz = (id(form.pattern), transposed), form.pattern.nnz
+        self, loop: Callable[[LinearSteps], int], plan: SumPlan, e: EquationsOfMotion, **fields: Any
+    ) -> StepLoop[LinearSteps]:
+        """Return a loop; `plan` is that of its sum `change`, for the numbers of `e`."""
+        s, n, nnz = len(self.nodes), e.n, self._pattern.nnz
+        key = id(self._pattern), loop is backward
         if key in self._matrices:
             source, targets, _ = self._matrices[key]
             source.pivot_source = None  # Runs may have thousands of intervals.
             matrix = FactorizedMatrix.from_pattern(source.pattern, pivot_source=source)
         else:
-            pattern, targets = _join_blocks(form.pattern, s, transposed)
+            pattern, targets = _join_blocks(self._pattern, s, loop is backward)
             matrix = FactorizedMatrix.from_pattern(pattern)
-        self._matrices[key] = matrix, targets, form.pattern  # whose id is not reused
+        self._matrices[key] = matrix, targets, self._pattern  # whose id is not reused
+        sizes = self.n_inputs, self.size
+        n_further, n_result = sizes[::-1] if loop is backward else sizes
         common = {
             "n": n,
-            "m": m,
+            "m": e.m,
             "branch": float(self.interval.branch),
             "times": np.ascontiguousarray(self.interval.t),
-            "nodes": form.nodes,
+            "nodes": self.nodes,
             "states": np.hstack(self.interval.rows),
             "tables": StepTables(*map(np.ascontiguousarray, self.tables)),
             "parts": np.zeros(self.tables.blocks.shape[-1] * nnz + (s > 1)),
             "block": np.zeros(nnz),
             "nonzeros": matrix.nonzeros,
             "targets": targets,
-            "entries": np.arange(max(nnz, len(form.rows)), dtype=np.uint32),
-            "inputs": np.zeros(n_inputs),
-            "acceleration_at": form.inputs[0],
-            "reaction_at": form.inputs[1],
-            "rows": form.rows.astype(np.uint32),
-            "scales": np.ones(len(form.rows)),
-            "corrected": form.corrected.astype(np.uint32),
-            "right": np.zeros(s * len(form.rows)),
-            "positions": np.zeros((s, n)),
-            "velocities": np.zeros((s, n)),
-            "accelerations": np.zeros((s, n)),
-            "reactions": np.zeros((s, m)),
-            "next_a": np.zeros(n),
+            "entries": np.arange(max(nnz, len(self.rows)), dtype=np.uint32),
+            "inputs": np.zeros(self.n_inputs + n_further),
+            "n_inputs": self.n_inputs,
+            "acceleration_at": self._acceleration_at,
+            "rows": self.rows.astype(np.uint32),
+            "scales": np.ones(len(self.rows)),
+            "corrected": self.corrected.astype(np.uint32),
+            "right": np.zeros(s * len(self.rows)),
+            **{x: np.zeros((s, n)) for x in ("positions", "velocities", "accelerations")},
+            "reactions": np.zeros((s, e.m)),
+            "before": np.zeros((4, n)),
+            "result": np.zeros(n_result + (len(e.p) if loop is backward else 0)),
+            "data": np.zeros((0, 0)),
+            "shifts": np.zeros(0),
+            "time_rates": np.zeros((0, self.size)),
+            "numbers": np.zeros(0),
+            **fields,
         }
 
-        def make_fields(native: bool) -> Any:
-            solver = matrix.make_solver(native, "auto")
-            matrix_sum = form.matrix.sum(native, e.p)
-            return make(native, {**common, "matrix": matrix_sum, "linear": solver})
+        def make(native: bool) -> LinearSteps:
+            return LinearSteps(
+                matrix=self._matrix.sum(native, self.equations.p),
+                linear=matrix.make_solver(native, "auto"),
+                change=plan.sum(native, e.p),
+                **common,
+            )
 
-        return StepLoop(
-            loop, make_fields, lambda run: [(run.linear, matrix)], is_native and form.is_native
-        )
+        is_native = self._is_native and plan.is_native
+        return StepLoop(loop, make, lambda run: [(run.linear, matrix)], is_native)
 
-    def run(self, loop: StepLoop[Any], first: int, last: int) -> None:
+    def run(self, loop: StepLoop[LinearSteps], first: int, last: int) -> None:
         """Run a loop from step `first` to step `last`, which may be before it."""
         run = loop.work
         run.step, run.last = int(first), int(last)
-        run.scales[:] = self.scales(min(first, last))
+        run.scales[:] = self._scales(min(first, last))
         code = loop()
         if code != DONE or not np.all(np.isfinite(run.motion)):
             raise BeamdaeError(
@@ -630,39 +575,36 @@ def differentiate_steps(
         If the matrix is singular at a step.
     """
     steps = _Steps(method, equations, interval, matrices)
-    form, maps, n, count = steps.form, directions.maps, equations.n, len(shifts)
+    maps, n, count = directions.maps, equations.n, len(shifts)
     motion = np.zeros((count, 4, n))
     if steps.is_alpha:
         start, (time, at) = steps.start(maps.solver), steps.node(0)
         initial = maps.initial_motion(start, time, at, float(steps.steps[0]))
-        motion[:] = np.stack(directions.along(initial, starts, shifts), 1)
+        motion[:] = np.stack(initial.along(starts, directions.numbers, shifts), 1)
     else:
         motion[:, :2] = np.stack(starts[:2], 1)
-    plan = maps.directional_plan(form.residual, form.n_inputs)
-    stages = steps.count * len(form.nodes)
+    plan = plan_along(maps.equations, maps.moving, steps.residual, steps.n_inputs)
+    stages = steps.count * len(steps.nodes)
     results = np.zeros(((stages + 1) * count, 3 * n + equations.m))
     results[:count] = np.hstack(starts)
 
-    def make(native: bool, fields: dict[str, Any]) -> ForwardSteps:
-        return ForwardSteps(
-            **fields,
-            motion=motion.reshape(-1, n).copy(),
-            directional=motion_plan(plan, form.n_inputs).sum(native, maps.equations.p),
-            data=direction_inputs(plan, form.n_inputs, maps.equations.p, directions.numbers),
-            residual=np.zeros(form.size),
-            shifts=shifts,
-            time_rates=_time_rates(steps) if shifts.any() else np.zeros((0, form.size)),
-            results=results[count:],
-        )
-
-    loop = steps.make_loop(forward, make, False, plan.is_native, 2 * form.n_inputs)
+    loop = steps.make_loop(
+        forward,
+        motion_plan(plan, steps.n_inputs),
+        maps.equations,
+        motion=motion.reshape(-1, n).copy(),
+        data=direction_inputs(plan, steps.n_inputs, maps.equations.p, directions.numbers),
+        shifts=shifts,
+        time_rates=_time_rates(steps) if shifts.any() else np.zeros((0, steps.size)),
+        stages=results[count:],
+    )
     z = loop.work.motion.reshape(count, 4, n)
     for first, last in steps.parts:
         if first > 0:
             (time, at), h, before = steps.node(first), steps.steps[first], steps.steps[first - 1]
             ratio, square = h / before, (h * h - before * before) * steps.member.defect
             jerk_map = maps.jerk_map(time, at, float(h))
-            (jerks,) = directions.along(jerk_map, [z[:, b] for b in range(3)], shifts)
+            (jerks,) = jerk_map.along([z[:, b] for b in range(3)], directions.numbers, shifts)
             z[:, 1] += square * jerks
             z[:, 3] = (1.0 - ratio) * z[:, 2] + ratio * z[:, 3]
         steps.run(loop, first, last)
@@ -671,11 +613,9 @@ def differentiate_steps(
 
 def _time_rates(steps: _Steps) -> Array:
     """Return the derivatives of the residual by time at the ends of steps, (steps, size)."""
-    form, interval = steps.form, steps.interval
-    e = form.equations
-    total, inputs = form.residual(e.structure).sum(False, e.p), np.zeros(form.n_inputs)
-    values = np.zeros((2, form.size))
-    result = np.zeros((steps.count, form.size))
+    e, interval = steps.equations, steps.interval
+    total, inputs = steps.residual(e.structure).sum(False, e.p), np.zeros(steps.n_inputs)
+    values, result = np.zeros((2, steps.size)), np.zeros((steps.count, steps.size))
     for k, delta in enumerate((STEP_FRACTION * steps.steps).tolist()):
         inputs[: 3 * e.n + e.m] = np.concatenate([x[k + 1] for x in interval.state])
         for value, shift in zip(values, (delta, -delta), strict=True):
@@ -714,23 +654,16 @@ def transpose_steps(
     """
     e = start.equations
     steps = _Steps(method, e, interval, matrices)
-    form = steps.form
-    plan = plan_transpose(e.structure, form.residual, form.n_inputs, 0.0)
+    plan = plan_transpose(e.structure, steps.residual, steps.n_inputs, 0.0)
 
-    def make(native: bool, fields: dict[str, Any]) -> BackwardSteps:
-        return BackwardSteps(
-            **fields,
-            motion=np.zeros((4, e.n)),
-            transposed=plan.sum(native, e.p),
-            weights=np.zeros(form.size),
-            gradient=np.zeros(form.n_inputs + len(e.p)),
-            seeds=np.ascontiguousarray(seeds),
-            numbers=np.zeros(len(e.p)),
-            before=np.zeros((4, e.n)),
-        )
-
-    n_inputs = form.n_inputs + form.size
-    loop = steps.make_loop(backward, make, True, plan.is_native, n_inputs)
+    loop = steps.make_loop(
+        backward,
+        plan,
+        e,
+        motion=np.zeros((4, e.n)),
+        stages=np.ascontiguousarray(seeds),
+        numbers=np.zeros(len(e.p)),
+    )
     run, numbers = loop.work, np.zeros(len(e.p))
     for first, last in reversed(steps.parts):
         if last < steps.count:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -18,8 +18,8 @@ from beamdae.analysis.linear_dynamics.linearization import (
     model_of_modes,
 )
 from beamdae.analysis.linear_dynamics.natural_modes import Modes, compute_modes
-from beamdae.analysis.sensitivities.eigenpairs import Eigenpair, apply_pencil, linearize_at
-from beamdae.analysis.sensitivities.model_differences import (
+from beamdae.analysis.sensitivities.implicit import Eigenpair, apply_pencil, linearize_at
+from beamdae.analysis.sensitivities.neighbors import (
     Difference,
     difference_model,
     difference_values,
@@ -219,8 +219,8 @@ def mode_sensitivities(
 
     drawn = assemble(model(**values))
     base = replace(lin.full_equations, q0=drawn.q0, v0=drawn.v0)
-    state = _State(result, damping)
-    pairs = _simple_pairs(model.name, result, state.linearized, damping)
+    state = _State.of(result, damping)
+    pairs = _simple_pairs(model.name, result, state.select(state.full), damping)
     eigenvalues, shapes = {}, {}
     for name in names:
         difference = difference_model(model, name, values, base, assemble)
@@ -230,11 +230,18 @@ def mode_sensitivities(
                 f"{_NAME}: {name} of {model.name} moves the state out of equilibrium, so its modes "
                 "cannot be differentiated; use about='equilibrium'."
             )
-        changes = state.differentiate(difference, frames, follows_start, values[name])
+        along = np.zeros_like(state.x)
+        if follows_start:
+            starts = [_closed_start(x) for x in frames]
+            along[: base.n] = difference_values(difference.weights, starts)
+        neighbors = state.follow(difference, frames, along, values[name])
         eigenvalues[name] = np.full(len(result), complex(np.nan, np.nan))
         shapes[name] = np.full(result.shapes.shape, complex(np.nan, np.nan))
         for k, pair in pairs.items():
-            eigenvalues[name][k], shapes[name][k] = pair.derivative(*changes(pair))
+            products = [apply_pencil(x, pair.value, pair.vector) for x in neighbors]
+            inertia = [x.tangent.mass @ pair.shape for x in neighbors]
+            changes = (difference_values(difference.weights, x) for x in (products, inertia))
+            eigenvalues[name][k], shapes[name][k] = pair.derivative(*changes)
     result._issue_warnings()
     return ModeSensitivities(
         result,
@@ -278,27 +285,47 @@ def _closed_start(frame: Frame) -> Array:
     return ConsistencySolver(e).state(frame.time, e.q0, np.zeros(e.n)).q
 
 
+@dataclass(frozen=True)
 class _State:
-    """State about which modes are computed."""
+    """State about which modes are computed.
 
-    def __init__(self, result: Modes, damping: bool) -> None:
+    Attributes
+    ----------
+    full
+        Linearized equations.
+    x, idle
+        Coordinates, multipliers and stiff forces, and the mask of the forces without stiffness.
+    damping
+        False to omit the damping of modes.
+    shift
+        Shift of eigenvalues [1/s] with which free motions have a stiffness.
+    """
+
+    full: LinearizedEquations
+    x: Array
+    idle: Array | None
+    damping: bool
+    shift: float
+
+    @classmethod
+    def of(cls, result: Modes, damping: bool) -> _State:
+        """Return the state of modes."""
         lin = result._linearization
-        self._full = full = lin.linearized_equations
-        # Coordinates, multipliers and stiff forces.
-        lam = lin.state.lam if full.mixed is None else full.mixed.multipliers
-        self._x, self._damping = np.append(lin.state.q, lam), damping
-        self._idle = None if full.mixed is None else abs(full.mixed.rows).sum(axis=1) == 0.0
+        full, lam, idle = lin.linearized_equations, lin.state.lam, None
+        if full.mixed is not None:
+            lam, idle = full.mixed.multipliers, abs(full.mixed.rows).sum(axis=1) == 0.0
         speeds = np.abs(result.eigenvalues[result.eigenvalues != 0.0])
-        self._shift = _SHIFT * float(speeds[0] if len(speeds) else 1.0)
-        self.linearized = self._select(full)
+        shift = _SHIFT * float(speeds[0] if len(speeds) else 1.0)
+        return cls(full, np.append(lin.state.q, lam), idle, damping, shift)
 
-    def _select(self, lin: LinearizedEquations) -> LinearizedEquations:
-        return lin if self._damping else lin.symmetrized()
+    def select(self, lin: LinearizedEquations) -> LinearizedEquations:
+        """Return the equations of the modes."""
+        return lin if self.damping else lin.symmetrized()
 
-    def differentiate(
-        self, difference: Difference, frames: Sequence[Frame], follows_start: bool, value: float
-    ) -> Callable[[Eigenpair], tuple[Array, Array]]:
-        """Return a function that gives the changes dA z and dM x for eigenpairs.
+    def follow(
+        self, difference: Difference, frames: Sequence[Frame], along: Array, value: float
+    ) -> list[LinearizedEquations]:
+        """Return the linearized equations of neighboring models, about their equilibria.
 
         Parameters
         ----------
@@ -306,54 +333,40 @@ class _State:
             Neighboring models and the value of a parameter.
         frames
             Equations of the neighboring models.
-        follows_start
-            True if the state is the start of the models; otherwise it follows from equilibrium.
+        along
+            Derivative of the state, except for that of equilibrium.
         """
-        weights, along = difference.weights, np.zeros_like(self._x)
-        if follows_start:
-            along[: self._full.equations.n] = difference_values(
-                weights, [_closed_start(x) for x in frames]
-            )
 
         def move(direction: Array) -> list[LinearizedEquations]:
-            pairs = zip(frames, difference.steps, strict=True)
             return [
                 linearize_at(
-                    x.equations, x.tangent_at, self._x + s * direction, self._idle, x.rotation
+                    x.equations, x.tangent_at, self.x + s * direction, self.idle, x.rotation
                 )
-                for x, s in pairs
+                for x, s in zip(frames, difference.steps, strict=True)
             ]
 
-        change = self._balance(
-            difference_values(weights, [x.tangent.residual for x in move(along)]), value
-        )
+        residuals = [x.tangent.residual for x in move(along)]
+        change = self._balance(difference_values(difference.weights, residuals), value)
         if change is None:
             raise BeamdaeError(
                 f"{_NAME}: the equilibrium has no derivative with respect to {difference.name}, "
                 "because a motion that it causes has no stiffness; add a spring or a joint."
             )
-        neighbors = [self._select(x) for x in move(along + change)]
-
-        def apply(pair: Eigenpair) -> tuple[Array, Array]:
-            products = [apply_pencil(x, pair.value, pair.vector) for x in neighbors]
-            inertia = [x.tangent.mass @ pair.shape for x in neighbors]
-            return difference_values(weights, products), difference_values(weights, inertia)
-
-        return apply
+        return [self.select(x) for x in move(along + change)]
 
     def _balance(self, force: Array, value: float) -> Array | None:
         """Return the change of x that balances a derivative of the forces; None if there is none.
 
         Free motions have no stiffness; the motion along them is zero.
         """
-        pencil, n = self._full.pencil, self._full.equations.n
-        matrix, solve = pencil.matrices[0], pencil.factorize(self._shift)
+        pencil, n = self.full.pencil, self.full.equations.n
+        matrix, solve = pencil.matrices[0], pencil.factorize(self.shift)
         if solve is None:
             return None
         change = np.zeros_like(force)
         for _ in range(_SOLUTIONS):
             change = change - solve(force + matrix @ change)
-        scales, stiffness = self._full.equations.position_scales, abs(self._full.stiffness)
+        scales, stiffness = self.full.equations.position_scales, abs(self.full.stiffness)
         error, sizes = np.abs(force + matrix @ change), abs(matrix) @ np.abs(change) + np.abs(force)
         limit = _MAX_UNBALANCED_FORCE * np.max(scales * sizes[:n], initial=0.0)
         rounding = np.max(scales * (stiffness @ scales), initial=0.0) / (abs(value) or 1.0)

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.analysis.sensitivities.model_differences import Difference, equations_key
+from beamdae.analysis.sensitivities.neighbors import Difference, equations_key
 from beamdae.equations.equations_of_motion import (
     EquationsOfMotion,
     Observable,

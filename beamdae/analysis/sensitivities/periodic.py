@@ -9,16 +9,17 @@ from typing import Any
 
 import numpy as np
 
+from beamdae.analysis.periodic.load_periods import Loads
 from beamdae.analysis.periodic.monodromy import EXACT_RANK
 from beamdae.analysis.periodic.period_map import PeriodMap, PeriodRun
 from beamdae.analysis.periodic.periodic_solution import periodic
 from beamdae.analysis.periodic.shooting import DEFAULT_RTOL, ShootingMatrix
-from beamdae.analysis.sensitivities.model_differences import Difference, difference_model
+from beamdae.analysis.sensitivities.neighbors import Difference, difference_model
 from beamdae.analysis.sensitivities.observable_derivatives import (
     differentiate_run_columns,
     time_derivative,
 )
-from beamdae.analysis.sensitivities.run_derivatives import differentiate_states
+from beamdae.analysis.sensitivities.run_chain import differentiate_states
 from beamdae.analysis.sensitivities.sensitivity_result import (
     SensitivityResult,
     complete_parameters,
@@ -26,7 +27,6 @@ from beamdae.analysis.sensitivities.sensitivity_result import (
 )
 from beamdae.equations import measures
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
-from beamdae.equations.formulations.tangents import compute_residual
 from beamdae.errors import (
     BeamdaeError,
     format_exception,
@@ -53,10 +53,6 @@ _CORRECTIONS = 3
 # Singular values below this fraction of the largest belong to motions of any amplitude; integration
 # errors are near 1e-8.
 _MIN_SINGULAR_VALUE = 1e-6
-# Loads whose derivative differs after a period by more than this fraction have another period if
-# the parameter changes; number of times of the comparison.
-_MAX_LOAD_CHANGE = 1e-6
-_COMPARED_TIMES = 7
 
 
 @read_only_data
@@ -236,18 +232,24 @@ def periodic_sensitivities(
     base = replace(equations, q0=drawn.q0, v0=drawn.v0)
     periods, trajectories, differences = {}, {}, {}
     for name in names:
-        difference = difference_model(model, name, values, base, assemble)
+        difference = differences[name] = difference_model(model, name, values, base, assemble)
         stretch = 0.0
         if is_function:
             changed = [{**values, name: values[name] + x} for x in difference.steps]
             lengths = [_evaluate_period(period, x) for x in changed]
             stretch = float(np.dot(difference.weights, lengths))
-        elif period is not None:
-            _require_constant_period(model.name, run, difference)
+        elif period is not None and not all(
+            Loads(e, period_map.begin, duration).repeat_after(duration)
+            for e in difference.equations
+        ):
+            raise BeamdaeError(
+                f"{_NAME}: {name} of {model.name} changes the period of loads or drivers; pass "
+                "period= as a function of the parameters, such as "
+                "lambda **values: 1.0 / values['frequency']."
+            )
         periods[name], trajectories[name] = _differentiate(
             run, jacobian, method, difference, stretch
         )
-        differences[name] = difference
     return PeriodicSensitivities(
         motion, {name: float(values[name]) for name in names}, periods, trajectories, differences
     )
@@ -288,24 +290,3 @@ def _differentiate(
         change = change + run.basis @ correction[:count]
         stretch += run.period_map.period * float(np.sum(correction[count:]))
     return stretch, along
-
-
-def _require_constant_period(model: str, run: PeriodRun, difference: Difference) -> None:
-    """Reject parameters that change the period of the loads."""
-    interval = run.solution.trajectory.intervals[0]
-    times = np.linspace(interval.t[0], interval.t[-1], _COMPARED_TIMES + 2)[1:-1]
-
-    def evaluate(e: EquationsOfMotion) -> Array:
-        rows = []
-        for t, *state in zip(times.tolist(), *interval.at(times), strict=True):
-            branches = np.array([t, interval.branch]), np.full(2, t + run.period_map.period)
-            rows.append([compute_residual(e, branch, State(*state)) for branch in branches])
-        return np.array(rows)
-
-    now, later = np.moveaxis(difference.derivative(evaluate), 1, 0)
-    if np.max(np.abs(later - now)) > _MAX_LOAD_CHANGE * np.max(np.abs(now)):
-        raise BeamdaeError(
-            f"{_NAME}: {difference.name} of {model} changes the period of loads or drivers; pass "
-            "period= as a function of the parameters, such as "
-            "lambda **values: 1.0 / values['frequency']."
-        )

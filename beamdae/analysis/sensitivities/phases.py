@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from beamdae.analysis.sensitivities.model_differences import (
+from beamdae.analysis.sensitivities.neighbors import (
     Difference,
     derivative_call,
     forms_of,
@@ -92,49 +92,21 @@ class Phase:
     def _active_configurations(self) -> list[Configuration]:
         return [x for x in self.configurations if x is not None]
 
-    def impact(
-        self, number: int, run: EquationsOfMotion, configuration: Configuration
-    ) -> ImpactDifference:
-        """Return the equations of the impacts of an event.
-
-        `number` is the index of the event; `run` and `configuration` are the equations of the run
-        and its active parts before the event.
-        """
-
-        def assemble(e: EquationsOfMotion, now: Configuration) -> ImpactEquations:
-            event = e.events[number]
-            impacts = select_impacts(event.do)
-            return _configurations(e).impact_equations(e, now, event.name, impacts)
-
-        whole = self.whole
-        here = assemble(run, configuration)
-        neighbors = [
-            assemble(e, now)
-            for e, now in zip(whole.equations, self._active_configurations, strict=True)
-        ]
-        active = _difference(whole, here.equations, [x.equations for x in neighbors])
-        pairs = zip(whole.weights, neighbors, strict=True)
-        restitution = sum(w * (x.coefficients - here.coefficients) for w, x in pairs)
-        return ImpactDifference(replace(here, equations=active.base), active, restitution)
+    def impacts(self, number: int) -> list[ImpactEquations]:
+        """Return the equations of the impacts of an event of the neighboring models."""
+        pairs = zip(self.whole.equations, self._active_configurations, strict=True)
+        return [impact_equations(e, now, number) for e, now in pairs]
 
 
-@dataclass(frozen=True)
-class ImpactDifference:
-    """Equations of the impacts of an event, and their derivative with respect to one parameter.
-
-    Attributes
-    ----------
-    impact
-        Equations at the value of the parameter.
-    equations
-        Equations at neighboring values.
-    restitution
-        Derivatives of the coefficients of restitution, (m,).
-    """
-
-    impact: ImpactEquations
-    equations: Difference
-    restitution: Array
+def impact_equations(
+    equations: EquationsOfMotion, configuration: Configuration, number: int
+) -> ImpactEquations:
+    """Return the equations of the impacts of an event; `configuration` is that before it."""
+    event = equations.events[number]
+    impacts = select_impacts(event.do)
+    return _configurations(equations).impact_equations(
+        equations, configuration, event.name, impacts
+    )
 
 
 def _configurations(equations: EquationsOfMotion) -> Configurations:

@@ -15,8 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from beamdae.analysis.sensitivities.model_differences import Difference
-from beamdae.analysis.sensitivities.operator_changes import directional_plan_along
+from beamdae.analysis.sensitivities.neighbors import Difference, directional_plan_along
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.starts.state_evaluator import PlanFunction
 from beamdae.equations.structure import Structure, cache_on_owner
@@ -278,23 +277,9 @@ class Record:
         return result
 
     def evaluate(
-        self,
-        total: DifferentiableSum,
-        time: Array,
-        state: Sequence[Array | RecordedArray],
-        moves: bool,
+        self, total: DifferentiableSum, time: Array, state: Sequence[Array | RecordedArray]
     ) -> RecordedArray:
-        """Return a sum at a state.
-
-        Parameters
-        ----------
-        total
-            The sum.
-        time, state
-            (t, branch) and the inputs of the sum.
-        moves
-            True if the time moves with that of the record.
-        """
+        """Return a sum at (t, branch) for its inputs `state`."""
         x = np.concatenate([value_of(y) for y in state])
         ends = np.cumsum([len(value_of(y)) for y in state])
         parts = [
@@ -320,7 +305,7 @@ class Record:
             if dp is not None:
                 rows[:, 2 * len(x) :] = dp
             change = total.along(time, rows, total.size)
-            if moves and dt is not None and dt.any():
+            if dt is not None and dt.any():
                 change = change + dt * time_rate()
             return change
 

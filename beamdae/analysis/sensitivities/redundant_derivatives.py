@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from beamdae.analysis.sensitivities.model_differences import Difference, difference_values
+from beamdae.analysis.sensitivities.neighbors import Difference
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.starts.reduced_equations import ReducedEquations, keep_constraints
 from beamdae.equations.starts.state_evaluator import StateEvaluator
@@ -66,17 +66,14 @@ class RedundantConstraints:
 
         The reactions of minimum norm are differenced along the derivatives.
         """
-        neighbors = [
-            replace(self.reduced, full=e, equations=self._keep(e)) for e in difference.equations
-        ]
 
         def restore(interval: Interval, change: Interval) -> Interval:
+            def evaluate(e: EquationsOfMotion, q: Array, lam: Array) -> Array:
+                neighbor = replace(self.reduced, full=e, equations=self._keep(e))
+                return neighbor.restore_reactions(interval.times, q, lam)
+
             (q, _, _, lam), rows = interval.rows, change.rows
-            values = (
-                x.restore_reactions(interval.times, q + step * rows.q, lam + step * rows.lam)
-                for x, step in zip(neighbors, difference.steps, strict=True)
-            )
-            lam = difference_values(difference.weights, values)
+            lam = difference.along(evaluate, (q, rows.q), (lam, rows.lam))
             return replace(change, rows=rows._replace(lam=lam))
 
         pairs = zip(self.solution.trajectory.intervals, along.intervals, strict=True)

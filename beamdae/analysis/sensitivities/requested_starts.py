@@ -8,9 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from beamdae.analysis.sensitivities.directions import derive_states
-from beamdae.analysis.sensitivities.model_differences import Difference, derivative_call
-from beamdae.analysis.sensitivities.start_derivatives import has_unique_equilibrium
+from beamdae.analysis.sensitivities.neighbors import Difference, derivative_call
+from beamdae.analysis.sensitivities.start_derivatives import (
+    StartDerivatives,
+    has_unique_equilibrium,
+)
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.smooth_intervals import time_on_branch
 from beamdae.equations.starts.consistent_start import ConsistencySolver
@@ -37,7 +39,7 @@ def differentiate_start(difference: Difference, time: Array, at: State) -> tuple
         dq, dv = np.split(difference.derivative(start), 2)
     if base.start is not None and base.start.description == EQUILIBRIUM:
         dp = difference.derivative(lambda e: e.p)
-        dq = derive_states(difference).correct_equilibrium(time, at, dq, dp)
+        dq = StartDerivatives.of(difference).correct_equilibrium(time, at, dq, dp)
     return dq, dv
 
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from beamdae.analysis.sensitivities.model_differences import Difference, derivative_call
+from beamdae.analysis.sensitivities.neighbors import Difference, derivative_call
 from beamdae.analysis.sensitivities.observable_derivatives import (
     differentiate_columns,
     time_derivative,

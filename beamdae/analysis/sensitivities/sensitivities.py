@@ -16,16 +16,15 @@ from beamdae.analysis.sensitivities.differentiable_methods import (
     require_end,
     warn_of_errors,
 )
-from beamdae.analysis.sensitivities.model_differences import (
+from beamdae.analysis.sensitivities.neighbors import (
     Difference,
     derivative_call,
     difference_model,
-    difference_values,
 )
 from beamdae.analysis.sensitivities.observable_derivatives import differentiate_run_columns
 from beamdae.analysis.sensitivities.requested_starts import assemble_neighbors
 from beamdae.analysis.sensitivities.restart_times import differentiate_event_time
-from beamdae.analysis.sensitivities.run_derivatives import differentiate_states
+from beamdae.analysis.sensitivities.run_chain import differentiate_states
 from beamdae.analysis.sensitivities.sensitivity_result import (
     SensitivityResult,
     complete_parameters,
@@ -172,15 +171,10 @@ class Sensitivities(SensitivityResult):
         times, at = trajectory.at(self.t)
         columns = {measures.TIME: self.t}
         for name, along in self.trajectories.items():
-            change, difference = along.at(self.t)[1], self._differences[name]
-            neighbors = zip(difference.equations, difference.steps, strict=True)
-            values = [
-                measures.balance_rows(e)(
-                    times, *(x + step * dx for x, dx in zip(at, change, strict=True))
-                )
-                for e, step in neighbors
-            ]
-            rows = difference_values(difference.weights, values)[:, : len(measures.ENERGIES)]
+            rows = self._differences[name].along(
+                lambda e, *state: measures.balance_rows(e)(times, *state),
+                *zip(at, along.at(self.t)[1], strict=True),
+            )[:, : len(measures.ENERGIES)]
             headers = (derivative_header(x, name) for x in measures.LEDGER_COLUMNS)
             columns |= dict(zip(headers, rows.T, strict=False))
         return pd.DataFrame(columns)

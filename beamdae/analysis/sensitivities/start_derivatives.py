@@ -6,20 +6,24 @@ derivatives of its functions are applied forward or transposed.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
-from beamdae.analysis.sensitivities.model_differences import Difference
+from beamdae.analysis.sensitivities.neighbors import (
+    Difference,
+    equations_key,
+    moves_operators,
+)
 from beamdae.analysis.sensitivities.recorded_maps import (
     DifferentiableSum,
     Record,
-    plan_along,
     value_of,
 )
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
@@ -32,16 +36,19 @@ from beamdae.equations.starts.state_evaluator import (
     PlanFunction,
     plan_balance,
 )
-from beamdae.equations.structure import Structure, cache_on_owner
+from beamdae.equations.structure import (
+    ConstraintTerm,
+    ForceTerm,
+    Structure,
+    cache_on_owner,
+    comparison_key,
+)
 from beamdae.integrators.alpha.family import JERK_INTERVAL, AlphaStart
 from beamdae.symbolic.sums.directional_sums import directional_plan
 from beamdae.symbolic.sums.kernel_sums import SumPlan
 
 Array = np.ndarray
 
-# Larger corrections of a differenced equilibrium, relative to the difference, are motions without
-# stiffness.
-_MAX_EQUILIBRIUM_CORRECTION = 1e-4
 # Larger errors of a solution of the static equations show that the equilibrium is not unique. Those
 # of stiff beams reach 1e-7.
 _MAX_EQUILIBRIUM_ERROR = 1e-6
@@ -75,9 +82,7 @@ class StaticFactors:
     ----------
     is_unique
         False if the equilibrium is not unique: a motion without stiffness makes solutions
-        inaccurate.
-    is_singular
-        True if there are no factors.
+        inaccurate or the matrix singular.
     """
 
     def __init__(self, equations: EquationsOfMotion, time: Array, at: State) -> None:
@@ -92,11 +97,10 @@ class StaticFactors:
             scales /= np.sqrt(np.where(largest > 0.0, largest, 1.0))
         self._scales = scales
         self._matrix = sp.csc_array(sp.diags_array(scales) @ matrix @ sp.diags_array(scales))
-        self.is_singular, self.is_unique = False, False
+        self.is_unique = False
         try:
             self._factors = splu(self._matrix)
         except RuntimeError:
-            self.is_singular = True
             return
         expected = np.ones(len(scales))
         error = self._factors.solve(self._matrix @ expected) - expected
@@ -129,15 +133,12 @@ class RecordingSolver(ConsistencySolver):
     ----------
     derivatives, record
         Sums and factors, and the record.
-    moves
-        True if times move with that of the record.
     at
         Consistent state near which states are recorded; None if it is not known.
     """
 
     derivatives: StartDerivatives
     record: Record
-    moves: bool
     at: State | None
 
     def evaluate(self, plan: PlanFunction, time: Array, state: Sequence[Any], size: int) -> Any:
@@ -145,7 +146,7 @@ class RecordingSolver(ConsistencySolver):
         e = self.equations
         zeros = (np.zeros(k) for k in (e.n, e.n, e.n, e.m))
         state = [z if x is None else x for x, z in zip(state, zeros, strict=True)]
-        return self.record.evaluate(self.derivatives.sum(plan, size), time, state, self.moves)
+        return self.record.evaluate(self.derivatives.sum(plan, size), time, state)
 
     def _split_levels(self, motion: Any) -> Any:
         n, m = self.equations.n, self.equations.m
@@ -160,14 +161,15 @@ class RecordingSolver(ConsistencySolver):
         """Return the derivative of (F, g, g_dot, g_ddot, G^T lam) along a change of the state."""
         e = self.equations
         state = (q, v, np.zeros(e.n), lam, change, np.zeros(len(e.p)))
-        return self.record.evaluate(self.derivatives.change, time, state, self.moves)
+        return self.record.evaluate(self.derivatives.change, time, state)
 
     def close_positions(self, time: Array, q: Any, requested: Any = None) -> Any:
         """Return the positions that close the joints, near those of a consistent state."""
         e = self.equations
         if e.m == 0:
             return q
-        solve = self._solver_at(time, q, np.zeros(e.n), CLOSING_COEFFICIENTS, None)
+        at_rest = np.zeros(e.n)
+        solve = self.derivatives.factorize(time, q.value, at_rest, CLOSING_COEFFICIENTS)
         right = np.zeros(e.n), self.position_gaps(time, q)
         change = self.record.solve(solve, right, np.zeros(e.n + e.m))[: e.n]
         return q - e.without_states(np.ones(e.n)) * change
@@ -181,11 +183,11 @@ class RecordingSolver(ConsistencySolver):
         rates: Any,
         coefficients: Coefficients = MASS_COEFFICIENTS,
         lam: Array | None = None,
-        kept: Array | None = None,
     ) -> tuple[Any, Any]:
-        """See `StateEvaluator`; only constraints at the indices `kept` act, all by default."""
+        """See `StateEvaluator`."""
         e = self.equations
-        solve = self._solver_at(time, q, v, coefficients, lam, kept)
+        at = q.value, value_of(v)
+        solve = self.derivatives.factorize(time, *at, coefficients, lam)
         right = [
             np.zeros(k) if isinstance(x, float) else x for k, x in ((e.n, force), (e.m, rates))
         ]
@@ -197,12 +199,8 @@ class RecordingSolver(ConsistencySolver):
             assert coefficients == MASS_COEFFICIENTS
             at_rest = np.zeros(2 * e.n)
             change = self._change(time, q, v, np.zeros(e.m), np.concatenate([at_rest, x]))
-            forces = change
-            if kept is not None:  # Impulses of joints cause no friction.
-                motion = np.concatenate([at_rest, x[: e.n], np.zeros(e.m)])
-                forces = self._change(time, q, v, np.zeros(e.m), motion)
             levels = self._split_levels(change)
-            right = [right[0] - forces[: e.n] - change[e.n + 3 * e.m :], right[1] - levels[2]]
+            right = [right[0] - change[: e.n] - change[e.n + 3 * e.m :], right[1] - levels[2]]
         solution = self.record.solve(solve, right, x)
         return solution[: e.n], solution[e.n :]
 
@@ -216,17 +214,6 @@ class RecordingSolver(ConsistencySolver):
         coefficients = (stiff_time**2, 0.0, 1.0)
         da, dlam = self.solve_saddle(time, q, v, -force, -rates, coefficients, lam)
         return a + da, lam + dlam
-
-    def _solver_at(
-        self,
-        time: Array,
-        q: Any,
-        v: Any,
-        coefficients: Coefficients,
-        lam: Array | None,
-        kept: Array | None = None,
-    ) -> Callable[[Array, bool], Array]:
-        return self.derivatives.factorize(time, q.value, value_of(v), coefficients, lam, kept)
 
 
 @dataclass(frozen=True)
@@ -253,13 +240,11 @@ class StartDerivatives:
         default_factory=dict, init=False, repr=False
     )
 
-    def directional_plan(self, plan: PlanFunction, n_inputs: int) -> SumPlan:
-        """Return the directional derivative of a sum with inputs of size `n_inputs`.
-
-        `plan` returns the plan of the sum of a structure; it is a function of a module, because
-        plans are cached by function.
-        """
-        return plan_along(self.equations, self.moving, plan, n_inputs)
+    @classmethod
+    def of(cls, difference: Difference) -> StartDerivatives:
+        """Return the derivatives along directions of a parameter."""
+        moving = difference if moves_operators(difference) else None
+        return cls(ConsistencySolver(difference.base), moving)
 
     @property
     def equations(self) -> EquationsOfMotion:
@@ -282,7 +267,7 @@ class StartDerivatives:
             e, _plan_change, n_inputs, size, self.moving, MIN_STIFF_PENETRATION
         )
 
-    def start_map(self, time: Array, at: State, v: Array) -> Record:
+    def start_map(self, time: Array, at: State, v: Array, h: float = 0.0) -> Record:
         """Return the map from requested (q, v) to the consistent state (q, v, a, lam).
 
         Parameters
@@ -292,51 +277,21 @@ class StartDerivatives:
             rounding.
         v
             Requested velocities.
-        """
-        record, (solver, _) = self._record(0.0, at)
-        record.inputs = request = record.variables(at.q, v)
-        q, v = self._project(solver, time, *request)
-        record.outputs = solver.complete(time, q, v)
-        return record
-
-    def restart_map(self, time: Array, at: State, v: Array, h: float) -> Record:
-        """Return the map of `start_map` with a moving time, for a step `h` [s] after it.
-
-        The inputs are those along the moving time. The outputs are the consistent state along the
-        moving time, (q, v, a, lam), and that at fixed time.
-        """
-        record, (fixed, moving) = self._record(h, at)
-        record.inputs = request = record.variables(at.q, v)
-        q, v = self._project(moving, time, *request)
-        q_fixed, v_fixed = q - at.v * record.shift, v - at.a * record.shift
-        record.outputs = (*moving.complete(time, q, v), *fixed.complete(time, q_fixed, v_fixed))
-        return record
-
-    def _project(self, solver: RecordingSolver, time: Array, q: Any, v: Any) -> tuple[Any, Any]:
-        q = solver.close_positions(time, q)
-        return q, solver.project_velocities(time, q, v)
-
-    def impact_map(
-        self, time: Array, at: State, active: Array, restitution: Array, h: float
-    ) -> Record:
-        """Return the map from (q, v, restitution) to v after an impact, see `apply_impact`.
-
-        Parameters
-        ----------
-        time, at
-            (t, branch), and the state before the impact.
-        active
-            Indices of the constraints that act.
-        restitution
-            Coefficients of restitution of all constraints, (m,).
         h
-            Step of the run [s].
+            Step after it [s] if the time moves, and all derivatives are those along the moving
+            time.
         """
-        record, (_, solver) = self._record(h)
-        record.inputs = q, v, e = record.variables(at.q, at.v, restitution)
-        rates = solver.constraint_levels(time, q, v)[1]
-        jump, _ = solver.solve_saddle(time, q, v, 0.0, -(1.0 + e) * rates, kept=active)
-        record.outputs = (v + jump,)
+        record, solver = self._record(h, at)
+        record.inputs = q, v = record.variables(at.q, v)
+        q = solver.close_positions(time, q)
+        record.outputs = solver.complete(time, q, solver.project_velocities(time, q, v))
+        return record
+
+    def completion_map(self, time: Array, at: State) -> Record:
+        """Return the map from consistent (q, v) at a fixed time to the state (q, v, a, lam)."""
+        record, solver = self._record(0.0, at)
+        record.inputs = q, v = record.variables(at.q, at.v)
+        record.outputs = solver.complete(time, q, v)
         return record
 
     def initial_motion(self, start: AlphaStart, time: Array, at: State, h: float) -> Record:
@@ -344,7 +299,7 @@ class StartDerivatives:
 
         It maps the state (q, v, a, lam) to (q, v, q'', algorithmic acceleration).
         """
-        record, (_, solver) = self._record(h)
+        record, solver = self._record(h)
         record.inputs = state = record.variables(*at)
         motion = replace(start, solver=solver).initial_motion(time, State(*state), h)
         record.outputs = motion.q, motion.v, motion.ddq, motion.a
@@ -352,7 +307,7 @@ class StartDerivatives:
 
     def jerk_map(self, time: Array, at: State, h: float) -> Record:
         """Return the map from (q, v, a) to the normal jerk that corrects steps `h` [s]."""
-        record, (_, solver) = self._record(h)
+        record, solver = self._record(h)
         record.inputs = q, v, a = record.variables(*at[:3])
         interval = JERK_INTERVAL * h
         jerk = solver.evaluate_normal_jerk(time, State(q, v, a, at.lam), interval, True)
@@ -363,18 +318,14 @@ class StartDerivatives:
         """Return the derivative of equilibrium positions, given an approximation dq.
 
         It solves [[K, G^T + dF/dlam], [G, 0]] (dq, dlam) = -(dF/dp dp + d(G^T lam)/dp dp, dg/dp dp)
-        with K = d(F + G^T lam)/dq. If the equilibrium is not unique, dq is corrected only if the
-        correction is small.
+        with K = d(F + G^T lam)/dq. If the equilibrium is not unique, dq is returned.
         """
         factors = StaticFactors(self.equations, time, at)
-        if factors.is_singular:
+        if not factors.is_unique:
             return dq
         # The residual along (dq, dp) corrects dq.
         record = self._equilibrium_map(time, at, factors)
-        change = record.along([dq[None]], dp[None])[0][0] - dq
-        size = np.max(np.abs(dq), initial=0.0)
-        is_small = np.max(np.abs(change), initial=0.0) <= _MAX_EQUILIBRIUM_CORRECTION * size
-        return dq + change if factors.is_unique or is_small else dq
+        return record.along([dq[None]], dp[None])[0][0]
 
     def equilibrium_gradient(
         self, time: Array, at: State, by_q: Array, by_lam: Array
@@ -397,7 +348,7 @@ class StartDerivatives:
 
     def _equilibrium_map(self, time: Array, at: State, factors: StaticFactors) -> Record:
         """Return the map from approximate positions to those of the equilibrium, (q, lam)."""
-        n, (record, (solver, _)) = self.equations.n, self._record(0.0)
+        n, (record, solver) = self.equations.n, self._record(0.0)
         record.inputs = (q,) = record.variables(at.q)
         force, levels = solver.balance(time, q, None, None, at.lam)
         right = -force, -levels[0]
@@ -405,15 +356,10 @@ class StartDerivatives:
         record.outputs = q + change[:n], at.lam + change[n:]
         return record
 
-    def _record(
-        self, h: float, at: State | None = None
-    ) -> tuple[Record, tuple[RecordingSolver, RecordingSolver]]:
-        """Return a record, and its solvers at fixed and at moving times."""
+    def _record(self, h: float, at: State | None = None) -> tuple[Record, RecordingSolver]:
+        """Return a record and its solver; `h` is the step of a moving time [s]."""
         record = Record(len(self.equations.p), STEP_FRACTION * h)
-        fixed, moving = (
-            RecordingSolver(self.equations, self, record, moves, at) for moves in (False, True)
-        )
-        return record, (fixed, moving)
+        return record, RecordingSolver(self.equations, self, record, at)
 
     def factorize(
         self,
@@ -421,35 +367,91 @@ class StartDerivatives:
         q: Array,
         v: Array,
         coefficients: Coefficients,
-        lam: Array | None,
-        kept: Array | None,
+        lam: Array | None = None,
     ) -> Callable[[Array, bool], Array]:
-        """Return the function that solves the equations of the saddle-point matrix.
-
-        Multipliers of constraints that are not at the indices `kept` are zero.
-        """
+        """Return the function that solves the equations of the saddle-point matrix."""
         if not self.solver.has_friction:
             lam = None  # The matrix does not depend on the multipliers.
-        states = (None if x is None else x.tobytes() for x in (time, q, v, lam, kept))
+        states = (None if x is None else x.tobytes() for x in (time, q, v, lam))
         key = coefficients, *states
         if key not in self._factors:
             if len(self._factors) >= _MAX_STATES:
                 self._factors.clear()
-            n, pattern = self.equations.n, self.solver.sums.saddle_pattern
+            pattern = self.solver.sums.saddle_pattern
             nonzeros = self.solver.saddle_matrix(time, q, v, None, coefficients, lam)
-            matrix = sp.csc_array((nonzeros, pattern.indices, pattern.indptr), shape=pattern.shape)
-            rows = np.arange(pattern.shape[0])
-            if kept is not None:
-                # Impulses of joints cause no friction.
-                mass, gradient = matrix[:n, :n], matrix[n + kept, :n]
-                matrix = sp.block_array([[mass, gradient.T], [gradient, None]], format="csc")
-                rows = np.concatenate([np.arange(n), n + kept])
-            factors = splu(matrix)
-
-            def solve(right: Array, transposed: bool) -> Array:
-                solution = np.zeros(len(right))
-                solution[rows] = factors.solve(right[rows], "T" if transposed else "N")
-                return solution
-
-            self._factors[key] = solve
+            matrix = (nonzeros, pattern.indices, pattern.indptr)
+            factors = splu(sp.csc_array(matrix, shape=pattern.shape))
+            self._factors[key] = lambda b, transposed: factors.solve(b, "T" if transposed else "N")
         return self._factors[key]
+
+
+class Directions(NamedTuple):
+    """Directions of parameters that the same equations serve.
+
+    Forces may be missing in a model because they vanish at the value of a parameter, such as drag
+    with a coefficient of zero, and a parameter may move the operators of joints. Along these
+    parameters, other sums are differentiated than along the others. At the value of the parameter,
+    all of them are equal: the steps of all directions have the matrices of the run.
+
+    Attributes
+    ----------
+    maps
+        Derivatives of the maps to consistent states of these equations.
+    members
+        Indices of the parameters, (k,).
+    numbers
+        Derivatives of the numbers p along them, (k, n_p).
+    """
+
+    maps: StartDerivatives
+    members: Array
+    numbers: Array
+
+
+def group_directions(differences: Sequence[Difference]) -> list[Directions]:
+    """Group parameters by equations that serve them; one that moves operators is a group."""
+    groups: dict[Any, list[int]] = {}
+    for k, x in enumerate(differences):
+        groups.setdefault(k if moves_operators(x) else equations_key(x.base), []).append(k)
+    result: list[Directions] = []
+    # Equations with further forces, which vanish, serve the parameters of those without, too.
+    for members in sorted(groups.values(), key=lambda x: -len(differences[x[0]].base.p)):
+        maps = StartDerivatives.of(differences[members[0]])
+        numbers = np.array([differences[k].derivative(lambda e: e.p) for k in members])
+        for i, other in enumerate(result):
+            targets = _locate_numbers(maps, other.maps)
+            if targets is not None:
+                rows = np.zeros((len(members), other.numbers.shape[1]))
+                rows[:, targets[0]] = numbers[:, targets[1]]
+                members = [*other.members, *members]
+                result[i] = Directions(
+                    other.maps, np.array(members), np.vstack([other.numbers, rows])
+                )
+                break
+        else:
+            result.append(Directions(maps, np.array(members), numbers))
+    return result
+
+
+def _locate_numbers(maps: StartDerivatives, other: StartDerivatives) -> list[Array] | None:
+    """Return the positions in p of the terms of `maps`, in other equations and in its own.
+
+    Return None if the other equations do not contain all terms with the same numbers.
+    """
+    if maps.moving is not None or other.moving is not None:
+        return None
+
+    def locate(e: EquationsOfMotion) -> dict[Any, Array]:
+        counts, positions = Counter[Any](), dict[Any, Array]()
+        terms: tuple[ForceTerm | ConstraintTerm, ...] = (*e.forces, *e.joints)
+        for term in terms:
+            values = (x for name, x in vars(term).items() if name != "data")
+            key = *map(comparison_key, values), (e.p[term.data] + 0.0).tobytes()  # not -0.0
+            positions[key, counts[key]] = np.arange(term.data.start, term.data.stop)
+            counts[key] += 1
+        return positions
+
+    here, there = locate(maps.equations), locate(other.equations)
+    if not here.keys() <= there.keys():
+        return None
+    return [np.concatenate([np.zeros(0, int), *(x[key] for key in here)]) for x in (there, here)]

@@ -19,10 +19,10 @@ from beamdae.analysis.sensitivities.implicit import (
     SingularPoint,
     find_regular_point,
 )
-from beamdae.analysis.sensitivities.model_differences import (
+from beamdae.analysis.sensitivities.neighbors import (
     Difference,
+    difference_along,
     difference_model,
-    difference_values,
 )
 from beamdae.analysis.sensitivities.observable_derivatives import (
     differentiate_columns,
@@ -163,25 +163,21 @@ class EquilibriumSensitivities(SensitivityResult):
                 "derivative: function must be a function of an Equilibrium, got "
                 f"{short_repr(function)}."
             )
-        difference, path = self._differences[parameter], self.equilibrium
-        values = []
-        for e, step in zip(difference.equations, difference.steps, strict=True):
-            neighbor = replace(
-                path,
-                equations=e,
-                factors=path.factors + step * self.factors[parameter],
-                q=path.q + step * self.q[parameter],
-                lam=path.lam + step * self.lam[parameter],
-            )
+        path = self.equilibrium
+
+        def evaluate(e: EquationsOfMotion, factors: Array, q: Array, lam: Array) -> Array:
             try:
-                values.append(np.asarray(function(neighbor), dtype=float))
+                moved = replace(path, equations=e, factors=factors, q=q, lam=lam)
+                return np.asarray(function(moved), dtype=float)
             except BeamdaeError:
                 raise
             except Exception as problem:
                 raise BeamdaeError(
                     f"derivative: the function failed: {format_exception(problem)}."
                 ) from problem
-        return np.asarray(difference_values(difference.weights, values))
+
+        changes = [(getattr(path, x), getattr(self, x)[parameter]) for x in ("factors", "q", "lam")]
+        return np.asarray(self._differences[parameter].along(evaluate, *changes))
 
     @cached_property
     def _columns(self) -> dict[str, dict[str, Array]]:
@@ -302,11 +298,14 @@ class _PathPoints:
         """
         path, result = self.path, np.full_like(self.path.lam, np.nan)
         (rows,) = np.nonzero(np.isfinite(q).all(axis=1))
-        values = [
-            x.full_multipliers(path.q[rows] + s * q[rows], multipliers[rows] + s * lam[rows])
-            for x, s in zip(neighbors, difference.steps, strict=True)
-        ]
-        result[rows] = difference_values(difference.weights, values)
+        result[rows] = difference_along(
+            neighbors,
+            difference.steps,
+            difference.weights,
+            Loading.full_multipliers,
+            (path.q[rows], q[rows]),
+            (multipliers[rows], lam[rows]),
+        )
         return result
 
 

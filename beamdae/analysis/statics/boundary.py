@@ -20,7 +20,6 @@ from beamdae.analysis.continuation.engine import (
 from beamdae.analysis.parameter_range import ParameterRange
 from beamdae.analysis.statics.critical_curves import CHANGE_SIZE, CriticalCurve, Family
 from beamdae.analysis.statics.load_scaling import LoadedEquations, build_loading
-from beamdae.analysis.statics.paths import stability_of
 from beamdae.analysis.statics.static_equilibrium import trace_critical_points
 from beamdae.analysis.statics.static_problem import StaticProblem
 from beamdae.equations.assembly.assemble import equations_of_motion
@@ -40,7 +39,7 @@ from beamdae.interrupts import interruptible
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.parts.mechanism import AS_DRAWN
 from beamdae.results.displays import HasPage, HasTable, Plot, load_views
-from beamdae.results.equilibrium import UNSTABLE, Equilibrium
+from beamdae.results.equilibrium import UNSTABLE
 from beamdae.results.outcome import REACHED_END, Status
 
 if TYPE_CHECKING:
@@ -271,7 +270,8 @@ def boundary(
     points, special, status = list[_CurvePoint](), list[BoundaryPoint](), REACHED_END
     with single_threaded:
         family = Family(load_model)
-        first = _first_point(family, path, rows[number - 1])
+        row = rows[number - 1]
+        first = family.at(0.0)[0].point_at(path.q[row], float(path.factors[row, -1]))
         follow_points = _follow_flutter if kind == FLUTTER else _follow_curve
         try:
             for point, passed in follow_points(family, kind, first, step):
@@ -320,17 +320,6 @@ class _CurvePoint(NamedTuple):
     unstable: int
 
 
-def _first_point(family: Family, path: Equilibrium, row: int) -> Point:
-    """Return the critical point of a path at `row`."""
-    problem, _ = family.at(0.0)
-    x, mu = problem.start(path.q[row]), float(path.factors[row, -1])
-    # The equations are linear in the multipliers, which include axial and shear forces.
-    columns = problem.matrix(x, mu)[:, problem.n :].toarray()
-    rest = -problem.scales * problem.residual(x, mu)[0]
-    x[problem.n :] = problem.scales[problem.n :] * np.linalg.lstsq(columns, rest)[0]
-    return Point(problem, x, mu, problem.linearize(x, mu))
-
-
 # Points of a curve, and kinds and places of the special points before them.
 _Points = Iterator[tuple[_CurvePoint, list[tuple[str, _CurvePoint]]]]
 
@@ -357,15 +346,15 @@ def _follow_curve(family: Family, kind: str, first: Point, step: float) -> _Poin
 
     end = curve.correct(prescribe_parameter, 0.0, curve.first, 0.0)
     yield at(end), []
-    tangent = end.tangent(prescribe_parameter(end.x, end.p))
+    tangent = end.tangent(prescribe_parameter)
     steps = Steps(CHANGE_SIZE * step, True, CHANGE_SIZE, step)
     target, previous = np.nan, tangent
     while end.p != target:
-        target = 1.0 if tangent.p > 0.0 else 0.0
+        target = 1.0 if tangent[-1] > 0.0 else 0.0
         for segment, found in follow(end, prescribe_parameter, target, steps, explain, tangent):
             end, previous, tangent = segment.end, tangent, segment.direction
             yield at(end), found
-            if previous.p * tangent.p < 0.0:
+            if previous[-1] * tangent[-1] < 0.0:
                 break
 
 
@@ -399,7 +388,7 @@ def _locate_flutter(problem: StaticProblem, x: Array, mu: float) -> tuple[Point,
         )
         flutter = [one.point for _, found in segments for one in found if one.kind == FLUTTER]
         if flutter:
-            ends = stability_of(begin).unstable, stability_of(segments[-1][0].end).unstable
+            ends = begin.monitor.unstable, segments[-1][0].end.monitor.unstable
             return min(flutter, key=lambda point: abs(point.p - mu)), min(ends)
         width *= _WINDOW_GROWTH
     raise CurveError(f"no flutter point was found near the load factor {mu:.6g}; reduce step")

@@ -25,9 +25,9 @@ from beamdae.analysis.continuation.counts import Count
 from beamdae.analysis.continuation.critical import BRANCH, critical_mode
 from beamdae.analysis.continuation.engine import (
     CurveError,
+    Linearization,
     Point,
     Problem,
-    SparseLinearization,
     factorize_bordered,
 )
 from beamdae.analysis.statics.load_scaling import LoadedEquations
@@ -149,11 +149,11 @@ class CriticalCurve(Problem):
         """
         border, end = np.zeros(self._size), np.append(np.zeros(self._size), 1.0)
         border[: self._n] = self._first_mode
-        mode = factorize_bordered(stiffness, border, border, 0.0).solve(end)[: self._n]
+        mode = factorize_bordered(stiffness, border, border).solve(end)[: self._n]
         border[: self._n] = mode / np.linalg.norm(mode)
-        return border, factorize_bordered(stiffness, border, border, 0.0)
+        return border, factorize_bordered(stiffness, border, border)
 
-    def linearize(self, x: Array, p: float, last: Any = None) -> SparseLinearization:
+    def linearize(self, x: Array, p: float, last: Any = None) -> Linearization:
         """Return the equations, linearized about a point."""
         here, n, is_branch = self._evaluate(x, p), self._size, self.kind == BRANCH
         # Toward the middle, because no model may exist beyond the ends of the range.
@@ -185,7 +185,7 @@ class CriticalCurve(Problem):
             rates.append(-left @ (change + along_load * (near.by_factor - here.by_factor)) / shift)
             tests.append(solution[-1])
         jacobian = sp.vstack([sp.hstack([here.stiffness, column]), np.array(rows)])
-        return SparseLinearization(
+        return Linearization(
             np.append(residual, tests),
             np.append((near.residual - here.residual) / shift, rates),
             sp.csc_array(jacobian),

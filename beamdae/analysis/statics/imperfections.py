@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -52,68 +52,37 @@ _DIFFERENCE = 1e-5
 _MIN_BENDING = 1e-9
 
 
-@dataclass(frozen=True)
-class _Deviation:
-    """Deviation of the stress-free shape of a beam, per unit of its amplitude.
-
-    Attributes
-    ----------
-    beam
-        The beam.
-    slope
-        Derivatives of the displacement (x, y) and of the section rotation [rad] of the reference
-        curve by its arc length s, as a function of s [m] that returns (..., 3).
-    """
-
-    beam: Beam
-    slope: Callable[[Array], Array]
-
-    @classmethod
-    def of(cls, beam: Beam, s: Array, motion: Array) -> _Deviation:
-        """Return the deviation for displacements and rotations (3, k) at the arc lengths s (k,)."""
-        # Imported here because the import takes as long as a short run, and few models need it.
-        from scipy.interpolate import make_interp_spline
-
-        degree = min(_SPLINE_DEGREE, len(s) - 1)
-        return cls(beam, make_interp_spline(s, motion.T, degree).derivative())
-
-    def with_amplitude(self, amplitude: float) -> Beam:
-        """Return the beam with the stress-free shape of an amplitude."""
-        s = np.linspace(0.0, self.beam.length, _SAMPLES)
-        angle = self.beam.curve.tangent_angle(s)
-        axis = np.stack([np.cos(angle), np.sin(angle)]) + amplitude * self.slope(s).T[:2]
-        stretch = np.linalg.norm(axis, axis=0)
-        before = self.beam.free_curve
-        length = before.length + float(np.trapezoid(stretch - 1.0, s))
-        ratio, ratio_before = length / self.beam.length, before.length / self.beam.length
-
-        def curvature(s: float) -> float:
-            at = s / ratio
-            change = amplitude * float(self.slope(np.array(at))[2])
-            return (ratio_before * float(before.curvature(ratio_before * at)) + change) / ratio
-
-        angle_before = float(before.tangent_angle(0.0))
-        return self.beam.with_free_curve(IntrinsicCurve(curvature, length, angle=angle_before))
+# Derivatives of the displacement (x, y) and of the section rotation [rad] of a reference curve by
+# its arc length s, as a function of s [m] that returns (..., 3).
+_Slope = Callable[[Array], Array]
 
 
-class _Deviations(NamedTuple):
-    """Deviations of beams by name, and their largest distance from the reference curves [m]."""
+def _differentiate_motion(s: Array, motion: Array) -> _Slope:
+    """Return the slope of displacements and rotations (3, k) at the arc lengths s (k,)."""
+    # Imported here because the import takes as long as a short run, and few models need it.
+    from scipy.interpolate import make_interp_spline
 
-    beams: dict[str, _Deviation]
-    size: float
+    slope: _Slope = make_interp_spline(s, motion.T, min(_SPLINE_DEGREE, len(s) - 1)).derivative()
+    return slope
 
-    def change(self, argument: str, mechanism: Mechanism, amplitude: float | None) -> Mechanism:
-        """Return a copy of the mechanism with an amplitude [m], or unscaled if it is None."""
-        scale, changed = 1.0 if amplitude is None else amplitude / self.size, {}
-        for name, deviation in self.beams.items():
-            try:
-                changed[name] = deviation.with_amplitude(scale)
-            except BeamdaeError as problem:
-                raise BeamdaeError(
-                    f"{argument} {scale * self.size:.3g} m is too large for {name} ({problem}); "
-                    "reduce it."
-                ) from problem
-        return replace_beams(mechanism, changed, _NAME)
+
+def _deviate(beam: Beam, slope: _Slope, amplitude: float) -> Beam:
+    """Return the beam whose stress-free shape deviates by a multiple of a motion."""
+    s = np.linspace(0.0, beam.length, _SAMPLES)
+    angle = beam.curve.tangent_angle(s)
+    axis = np.stack([np.cos(angle), np.sin(angle)]) + amplitude * slope(s).T[:2]
+    stretch = np.linalg.norm(axis, axis=0)
+    before = beam.free_curve
+    length = before.length + float(np.trapezoid(stretch - 1.0, s))
+    ratio, ratio_before = length / beam.length, before.length / beam.length
+
+    def curvature(s: float) -> float:
+        at = s / ratio
+        change = amplitude * float(slope(np.array(at))[2])
+        return (ratio_before * float(before.curvature(ratio_before * at)) + change) / ratio
+
+    angle_before = float(before.tangent_angle(0.0))
+    return beam.with_free_curve(IntrinsicCurve(curvature, length, angle=angle_before))
 
 
 def imperfect(model: Any, shape: Any, amplitude: float | None = None) -> Mechanism:
@@ -161,18 +130,21 @@ def imperfect(model: Any, shape: Any, amplitude: float | None = None) -> Mechani
     True
     """
     model = as_mechanism(_NAME, model)
-    deviations = _find_deviations(_NAME, model, shape)
+    change = _prepare_changes(_NAME, model, shape)
     if amplitude is not None:
         amplitude = require_finite(_NAME, "amplitude", amplitude)
     elif not isinstance(shape, Mapping):
         raise BeamdaeError(f"{_NAME}: a mode has no size; pass amplitude= [m].")
-    return deviations.change(f"{_NAME}: amplitude", model, amplitude)
+    return change(f"{_NAME}: amplitude", amplitude)
 
 
-def _find_deviations(call: str, mechanism: Mechanism, shape: Any) -> _Deviations:
-    """Return the deviations of the beams that a mode or measured curves bend.
+def _prepare_changes(
+    call: str, mechanism: Mechanism, shape: Any
+) -> Callable[[str, float | None], Mechanism]:
+    """Return the function from an amplitude [m] to the mechanism with this imperfection.
 
-    All beams of a mode share its amplitude, that of its largest displacement.
+    Its first argument names the amplitude in messages; without an amplitude, the shape is not
+    scaled. All beams of a mode share its amplitude, that of its largest displacement.
     """
     beams = {beam.name: beam for beam in beams_of(mechanism)}
     is_measured = isinstance(shape, Mapping)
@@ -184,17 +156,30 @@ def _find_deviations(call: str, mechanism: Mechanism, shape: Any) -> _Deviations
     size = max((np.max(np.hypot(*motion[:2])) for _, motion in motions.values()), default=0.0)
     bending = {name: float(np.ptp(motion[2])) for name, (_, motion) in motions.items()}
     least = _MIN_BENDING * max(bending.values(), default=0.0)
-    bent = {
-        name: _Deviation.of(beams[name], *motion)
+    slopes = {
+        name: _differentiate_motion(*motion)
         for name, motion in motions.items()
         if is_measured or bending[name] > least
     }
-    if not (bent and size > 0.0):
+    if not (slopes and size > 0.0):
         raise BeamdaeError(
             f"{call}: the shape bends no beam; choose another mode or other curves, because only "
             "beams have imperfections."
         )
-    return _Deviations(bent, float(size))
+
+    def change(argument: str, amplitude: float | None) -> Mechanism:
+        scale, changed = 1.0 if amplitude is None else amplitude / float(size), {}
+        for name, slope in slopes.items():
+            try:
+                changed[name] = _deviate(beams[name], slope, scale)
+            except BeamdaeError as problem:
+                raise BeamdaeError(
+                    f"{argument} {scale * size:.3g} m is too large for {name} ({problem}); "
+                    "reduce it."
+                ) from problem
+        return replace_beams(mechanism, changed, _NAME)
+
+    return change
 
 
 @dataclass(frozen=True, repr=False)
@@ -279,13 +264,13 @@ def knock_down(model: Any, shape: Any, amplitudes: Any, **settings: Any) -> Knoc
         each kind of warning once.
     """
     model = as_mechanism("knock_down", model)
-    deviations = _find_deviations("knock_down", model, shape)
+    change = _prepare_changes("knock_down", model, shape)
     values = require_sequence("knock_down", "amplitudes", amplitudes, "numbers")
     sizes = [require_finite("knock_down", "amplitudes", value) for value in values]
     kinds, factors = [], []
     messages: dict[str, str] = {}
     argument = "knock_down: an entry of amplitudes,"
-    for mechanism in [*(deviations.change(argument, model, size) for size in sizes), model]:
+    for mechanism in [*(change(argument, size) for size in sizes), model]:
         path, sentences = trace_critical_points(mechanism, settings)
         for sentence in sentences:
             messages.setdefault(kind_of_message(sentence), sentence)

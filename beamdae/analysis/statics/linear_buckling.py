@@ -14,7 +14,7 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
 from beamdae import deferred
-from beamdae.analysis.continuation.engine import CurveError, Point, Tangent, prescribe_parameter
+from beamdae.analysis.continuation.engine import CurveError, Point, prescribe_parameter
 from beamdae.analysis.continuation.spectrum import find_slow_space
 from beamdae.analysis.eigenproblems.eigensolution import locate_largest
 from beamdae.analysis.statics.load_scaling import build_loading
@@ -23,8 +23,6 @@ from beamdae.analysis.statics.paths import (
     find_unloaded_equilibrium,
     follow_to_critical_point,
     free_coordinate,
-    problem_of,
-    stability_of,
 )
 from beamdae.analysis.statics.static_equilibrium import initial_positions
 from beamdae.analysis.statics.static_problem import StaticProblem
@@ -168,7 +166,7 @@ class _Solution(NamedTuple):
     factors: Array
     vectors: Array
     reversed_factor: float
-    response: Tangent
+    response: Array
     motion: float
     has_potential: bool
 
@@ -276,7 +274,7 @@ def _compute_buckling(model: Any, count: int, loads: Any, t: float, start: Any) 
             "loads to scale, and add a load if there is none."
         )
     begin = find_unloaded_equilibrium(StaticProblem(loading.systems[0]), q)
-    if stability_of(begin).free:
+    if begin.monitor.free:
         raise BeamdaeError(
             f"{_NAME}: {free_coordinate(begin)} can move without stiffness; add "
             "a joint or a spring."
@@ -284,7 +282,7 @@ def _compute_buckling(model: Any, count: int, loads: Any, t: float, start: Any) 
     with _name_singular_response():
         solution = _solve(begin, count)
         warnings = _check_prebuckling(begin, solution)
-    e, factors = problem_of(begin).system.equations, solution.factors
+    e, factors = begin.problem.system.equations, solution.factors
     motions = solution.vectors / e.position_scales[:, None]
     motions /= motions[locate_largest(motions), np.arange(len(factors))]
     shapes = (motions * e.position_scales[:, None]).T
@@ -350,15 +348,16 @@ def _check_prebuckling(begin: Point, solution: _Solution) -> list[str]:
         ]
     if has_potential:
         factors = (1.0 - _MAX_ERROR) * first, (1.0 + _MAX_ERROR) * first
-        ends = [begin.plus(solution.response.scale(mu)) for mu in factors]
-        count, before, after = (stability_of(x).divergent for x in (begin, *ends))
+        ends = [begin.plus(mu * solution.response) for mu in factors]
+        count, before, after = (x.monitor.divergent for x in (begin, *ends))
         if before == count < after and max(map(_imbalance, ends)) < _MAX_IMBALANCE:
             return []
     # Without a potential, a direction may be stable again soon after the first factor.
     targets = ((1.0 + _MAX_ERROR) * first, _SEARCH_RATIO * first)
     path = follow_to_critical_point(begin, targets)
     if path.critical:
-        kind, factor = path.critical[0].kind, path.critical[0].point.p
+        first_point = next(iter(path.critical.values()))
+        kind, factor = first_point.kind, first_point.point.p
         if abs(factor - first) <= _MAX_ERROR * factor:
             return []
         reason = f"the first critical point of the path is a {kind} at {factor:.5g}"
@@ -376,7 +375,7 @@ def _check_prebuckling(begin: Point, solution: _Solution) -> list[str]:
 
 
 def _imbalance(point: Point) -> float:
-    e, linear = problem_of(point).system.equations, point.linearization
+    e, linear = point.problem.system.equations, point.linearization
     residual, load = (
         float(np.max(np.abs(forces[: e.n]) * e.position_scales))
         for forces in (linear.residual, linear.by_parameter)
@@ -394,12 +393,12 @@ def _solve(begin: Point, count: int) -> _Solution:
     RuntimeError
         If K_0 is singular.
     """
-    problem, response = problem_of(begin), begin.tangent(prescribe_parameter(begin.x, begin.p))
+    problem, response = begin.problem, begin.tangent(prescribe_parameter)
     e = problem.system.equations
-    motion = float(np.max(np.abs(response.x[: e.n]) / e.position_scales))
+    motion = float(np.max(np.abs(response[: e.n]) / e.position_scales))
     step = _DIFFERENCE_MOTION / motion if motion > 0.0 else 1.0
     before, after = (
-        problem.matrix(begin.x + side * step * response.x, begin.p + side * step)
+        problem.matrix(begin.x + side * step * response[:-1], begin.p + side * step)
         for side in (-1.0, 1.0)
     )
     rate = (after - before) / (2.0 * step)

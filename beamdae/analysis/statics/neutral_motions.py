@@ -11,7 +11,6 @@ from dataclasses import replace
 import numpy as np
 import scipy.linalg as la
 
-from beamdae.analysis.eigenproblems.eigensolution import locate_largest
 from beamdae.analysis.statics.load_scaling import LoadedEquations
 from beamdae.equations.starts.rigid_motions import compute_rigid_motions, move_rigidly
 
@@ -22,6 +21,8 @@ Array = np.ndarray
 _ROUNDING, _ROUNDING_OF_MOTIONS = 1e-12, 1e-9
 # Displacements, in natural sizes, after which the mechanism must still be in equilibrium.
 _DISPLACEMENTS = (0.0, 0.13, -0.07)
+# Decimals of motions that are not rounding errors.
+_DECIMALS = 9
 # Step of central differences, which have the direction of a finite rotation.
 _STEP = 0.01
 
@@ -36,14 +37,9 @@ def hold_neutral_motions(system: LoadedEquations, x: Array, mu: float) -> Loaded
     motions = _find_motions_without_stiffness(system, x, mu)
     if not all(_is_neutral(system, x, mu, motion) for motion in motions.T):
         return system
-    indices = []
-    for _ in range(motions.shape[1]):
-        sizes = la.norm(motions, axis=1)
-        index = int(locate_largest(sizes))
-        row = motions[index] / sizes[index]
-        motions = motions - np.outer(motions @ row, row)
-        indices.append(index)
-    return replace(system, held_coordinates=tuple(sorted(indices)))
+    # Of coordinates that move equally but for rounding, the first one is held.
+    order = la.qr(motions.T.round(_DECIMALS), mode="r", pivoting=True)[1]
+    return replace(system, held_coordinates=tuple(sorted(order[: motions.shape[1]].tolist())))
 
 
 def _find_motions_without_stiffness(system: LoadedEquations, x: Array, mu: float) -> Array:

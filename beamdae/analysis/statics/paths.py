@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from beamdae.analysis.continuation.counts import Count
 from beamdae.analysis.continuation.critical import (
     BRANCH,
     FLUTTER,
@@ -22,9 +21,7 @@ from beamdae.analysis.continuation.engine import (
     Control,
     CurveError,
     Point,
-    Segment,
     Steps,
-    Tangent,
     follow,
     prescribe_parameter,
     switch,
@@ -78,12 +75,10 @@ class StagePath:
 
     Attributes
     ----------
-    problem
-        Equations of the stage.
     points
         Equilibria in order along the path, including critical points.
     critical
-        Critical points of the path.
+        Critical points of the path by their index in `points`.
     tangent
         Direction of the path at its end; None if it is not known.
     status
@@ -92,22 +87,22 @@ class StagePath:
         True if the path ended because no step converges.
     """
 
-    problem: StaticProblem
     points: list[Point]
-    critical: list[CurvePoint] = field(default_factory=list)
-    tangent: Tangent | None = None
+    critical: dict[int, CurvePoint] = field(default_factory=dict)
+    tangent: Array | None = None
     status: Status = REACHED_END
     is_stuck: bool = False
+
+    @property
+    def problem(self) -> StaticProblem:
+        """Equations of the stage."""
+        problem: StaticProblem = self.end.problem
+        return problem
 
     @property
     def end(self) -> Point:
         """Last point of the path."""
         return self.points[-1]
-
-    @property
-    def branch_points(self) -> list[CurvePoint]:
-        """Points at which other paths cross."""
-        return [one for one in self.critical if one.kind == BRANCH]
 
     def fail(self, sentence: object) -> None:
         """End the path with a reason."""
@@ -141,18 +136,6 @@ class EquilibriumPath(NamedTuple):
     approach: list[Array]
 
 
-def problem_of(point: Point) -> StaticProblem:
-    """Return the static equations that a point solves."""
-    assert isinstance(point.problem, StaticProblem)
-    return point.problem
-
-
-def stability_of(point: Point) -> Count:
-    """Return the stability of an equilibrium."""
-    count: Count = point.monitor
-    return count
-
-
 def trace_path(loading: Loading, q: Array, settings: PathSettings) -> EquilibriumPath:
     """Trace the path from the equilibrium without scaled loads, near `q`, to the targets.
 
@@ -162,50 +145,47 @@ def trace_path(loading: Loading, q: Array, settings: PathSettings) -> Equilibriu
         If no equilibrium is found at which the path begins; or if the targets are values of a
         column that is not an observed position, or no load is scaled to reach them.
     """
-    _require_loads(loading, settings)
-    width = len(loading.stages) + (loading.parameter is not None)
-    points: list[Point] = []
-    factors: list[Array] = []
-    critical: list[CriticalPoint] = []
-    notes: list[str] = []
-    approach: list[Array] = []
-    last_control: Control = prescribe_parameter
+    if settings.column and not loading.stages:
+        raise BeamdaeError(
+            f"equilibrium: {settings.column} cannot be prescribed because no load is scaled; add a "
+            "load to the mechanism and to loads=, or, if a driver moves the mechanism, set t= to "
+            "the time of the wanted position and omit to=."
+        )
+    control: Control = prescribe_parameter
     if settings.column:
         time = loading.systems[0].loaded.time
-        last_control = PrescribedColumn.from_name(loading.full_equations, settings.column, time)
-    status = REACHED_END
+        control = PrescribedColumn.from_name(loading.full_equations, settings.column, time)
+    points, stages = list[Point](), list[int]()
+    critical, notes, approach = list[CriticalPoint](), list[str](), list[Array]()
     for k, system in enumerate(loading.systems):
         problem, is_last = StaticProblem(system), k == len(loading.systems) - 1
+        stage = settings if is_last else settings.for_earlier_stage()
         if k == 0:
             begin = find_unloaded_equilibrium(problem, q, approach)
         else:
             begin = problem.point(points.pop().x, system.ends[0])
-            factors.pop()
+            stages.pop()
+        path = StagePath([begin])
         if system.has_scaled_loads:
-            begin = _hold_neutral_motions(begin)
-        path = StagePath(problem_of(begin), [begin])
-        stage = settings if is_last else settings.for_earlier_stage()
-        try:
-            if system.has_scaled_loads:
-                _follow_stage(path, stage, last_control if is_last else prescribe_parameter)
-        except KeyboardInterrupt:
-            acknowledge()
-            path.status = Status("interrupted", "interrupted")
-        row = -1
-        for one in path.critical:
-            row = path.points.index(one.point, row + 1)
+            path.points[0] = _hold_neutral_motions(begin)
+            try:
+                _follow_stage(path, stage, control if is_last else prescribe_parameter)
+            except KeyboardInterrupt:
+                acknowledge()
+                path.status = Status("interrupted", "interrupted")
+        for row, one in path.critical.items():
             moves = dominant_coordinate(system.equations, one.mode)
             critical.append(CriticalPoint(one.kind, len(points) + row, float(one.point.p), moves))
-        rows = np.tile(np.where(np.arange(width) < k, 1.0, 0.0), (len(path.points), 1))
-        rows[:, k : k + 1] = np.array([[point.p] for point in path.points])
         points += path.points
-        factors += list(rows)
+        stages += [k] * len(path.points)
         notes += _zero_load_notes(path, loading)
         status = _end_status(path, stage.control, loading.quantity)
         if not status.success:
             break
-    all_factors = np.array(factors).reshape(len(points), width)
-    return EquilibriumPath(points, all_factors, tuple(critical), status, tuple(notes), approach)
+    columns = np.arange(len(loading.stages) + (loading.parameter is not None))
+    of_row, values = np.array(stages)[:, None], np.array([[point.p] for point in points])
+    factors = np.where(columns == of_row, values, columns < of_row)
+    return EquilibriumPath(points, factors, tuple(critical), status, tuple(notes), approach)
 
 
 def tabulate_points(loading: Loading, points: Sequence[Point]) -> dict[str, Any]:
@@ -213,22 +193,12 @@ def tabulate_points(loading: Loading, points: Sequence[Point]) -> dict[str, Any]
     e, parameter = loading.systems[0].equations, loading.parameter
     states = np.array([point.x for point in points])
     q, lam, _ = np.split(states, [e.n, e.n + e.m], axis=1)
-    times = np.array([problem_of(point).system.time_at(point.p) for point in points])
+    times = np.array([point.problem.system.time_at(point.p) for point in points])
     numbers = None
     if parameter is not None and parameter.time is not None:
         numbers = np.array([parameter.equations_at(point.p).p for point in points])
     lam = loading.full_multipliers(q, lam, times)
     return {"q": q, "lam": lam, "times": times, "numbers": numbers}
-
-
-def _require_loads(loading: Loading, settings: PathSettings) -> None:
-    """Raise BeamdaeError if a column is prescribed, but no load is scaled."""
-    if settings.column and not loading.stages:
-        raise BeamdaeError(
-            f"equilibrium: {settings.column} cannot be prescribed because no load is scaled; add a "
-            "load to the mechanism and to loads=, or, if a driver moves the mechanism, set t= to "
-            "the time of the wanted position and omit to=."
-        )
 
 
 def _zero_load_notes(path: StagePath, loading: Loading) -> list[str]:
@@ -269,7 +239,7 @@ def _relax(problem: StaticProblem, q: Array, mu: float, passed: list[Array] | No
     x = problem.start(np.append(q, lam))
     point = problem.point(x, mu)
     # Rounding would move the mechanism along motions without stiffness.
-    held = problem_of(_hold_neutral_motions(point))
+    held = _hold_neutral_motions(point).problem
     try:
         corrected = held.correct(prescribe_parameter, mu, x, mu)
     except CurveError:
@@ -283,8 +253,7 @@ def follow_to_critical_point(begin: Point, targets: tuple[float, ...]) -> StageP
     It has a point at each of the load factors `targets` before, ends at the last one if there is no
     critical point, and earlier with a status that is no success if it cannot be followed.
     """
-    problem = problem_of(begin)
-    path = StagePath(problem, [begin])
+    path = StagePath([begin])
     settings = PathSettings("", targets, ARC_LENGTH, None, (), _MAX_CHECK_POINTS)
     steps = _choose_steps(begin, settings, prescribe_parameter)
     _follow(path, prescribe_parameter, targets, steps, settings, 1, (LIMIT, BRANCH, FLUTTER))
@@ -293,8 +262,8 @@ def follow_to_critical_point(begin: Point, targets: tuple[float, ...]) -> StageP
 
 def _hold_neutral_motions(point: Point) -> Point:
     """Return the point of the equations whose neutral motions are held, if there are any."""
-    system = problem_of(point).system
-    if not stability_of(point).free:
+    system = point.problem.system
+    if not point.monitor.free:
         return point
     held = hold_neutral_motions(system, point.x[: system.loaded.size], point.p)
     return StaticProblem(held).point(point.x, point.p) if held.held_coordinates else point
@@ -309,7 +278,7 @@ def _follow_stage(path: StagePath, settings: PathSettings, control: Control) -> 
         return
     steps = _choose_steps(begin, settings, control)
     targets = list(settings.targets)
-    if stability_of(begin).free and not _leave_free_position(path, control, targets):
+    if begin.monitor.free and not _leave_free_position(path, control, targets):
         return
     try:
         for number in settings.switch:
@@ -321,7 +290,10 @@ def _follow_stage(path: StagePath, settings: PathSettings, control: Control) -> 
                 )
             if not path.status.success:
                 return
-            _switch(path, steps, float(np.sign(number)))
+            # The tangent is not unique at the branch point.
+            chord, mode = path.end.minus(path.points[-2]), path.critical[len(path.points) - 1].mode
+            first, path.tangent = switch(path.end, mode, chord, np.sign(number), steps)
+            path.points.append(first)
     except CurveError as error:
         path.fail(error)
         return
@@ -352,21 +324,22 @@ def _follow(
     for target in targets:
         tangent = path.tangent
         if tangent is None and steps.by_arc_length and control is not prescribe_parameter:
-            tangent = path.end.tangent(prescribe_parameter(path.end.x, path.end.p))
+            tangent = path.end.tangent(prescribe_parameter)
         try:
             for segment, found in follow(path.end, control, target, steps, explain_counts, tangent):
-                known = len(path.branch_points)
+                passed = [*path.critical.values()]
                 for one in found:
-                    path.critical.append(one)
+                    is_closed = steps.by_arc_length and _is_among(passed, one, steps)
+                    path.critical[len(path.points)] = one
                     path.points.append(one.point)
                     count += one.kind in stops_at
                     if stop and count == stop:
                         return count
-                    if one.kind == BRANCH and steps.by_arc_length and _revisits(path, steps, known):
+                    if is_closed:
                         path.fail(_CLOSED_PATH)
                         return count
                 path.points.append(segment.end)
-                path.tangent = _try_tangent(segment)
+                path.tangent = segment.direction
                 is_reached = control(path.end.x, path.end.p).value == target
                 if len(path.points) >= settings.max_points and not is_reached:
                     path.status = Status(
@@ -382,34 +355,16 @@ def _follow(
     return count
 
 
-def _try_tangent(segment: Segment) -> Tangent | None:
-    """Return the tangent at the end of a segment; None if it is not unique."""
-    try:
-        return segment.direction
-    except CurveError:
-        return None
-
-
-def _revisits(path: StagePath, steps: Steps, known: int) -> bool:
-    """Return True if the last branch point of a path is one of the first `known` ones."""
-    points = [one.point for one in path.branch_points]
-    others, last = points[:known], points[-1]
-    size = _SAME_POINT_RATIO * steps.largest
+def _is_among(passed: Sequence[CurvePoint], last: CurvePoint, steps: Steps) -> bool:
+    """Return True for a branch point that a path has passed before."""
+    size, at = _SAME_POINT_RATIO * steps.largest, last.point
     return any(
-        path.problem.measure(one.x - last.x) < size
+        one.kind == last.kind == BRANCH
+        and at.problem.measure(one.point.x - at.x) < size
         # Branch points of a straight column differ in their load factors only.
-        and abs(one.p - last.p) * steps.parameter_weight < size
-        for one in others
+        and abs(one.point.p - at.p) * steps.parameter_weight < size
+        for one in passed
     )
-
-
-def _switch(path: StagePath, steps: Steps, side: float) -> None:
-    """Let the path leave its last branch point along the crossing path."""
-    branch, before, mode = path.end, path.points[-2], path.branch_points[-1].mode
-    # The tangent is not unique at the branch point.
-    chord = Tangent(branch.x - before.x, branch.p - before.p)
-    first, path.tangent = switch(branch, mode, chord, side, steps)
-    path.points.append(first)
 
 
 def _choose_steps(begin: Point, settings: PathSettings, control: Control) -> Steps:
@@ -427,10 +382,12 @@ def _choose_steps(begin: Point, settings: PathSettings, control: Control) -> Ste
     if not by_load:
         # Largest change of the column if all coordinates move by their natural sizes.
         is_coordinate = weights > 0.0
-        sensitivity = float(np.sum(np.abs(row.x[is_coordinate]) / weights[is_coordinate]))
+        sensitivity = float(
+            np.sum(np.abs(row.gradient[:-1][is_coordinate]) / weights[is_coordinate])
+        )
         step = min(step, _MAX_SHARE_OF_NEEDED_MOTION * reach / max(sensitivity, _MIN_REACH))
     try:
-        motion = begin.problem.measure(begin.tangent(prescribe_parameter(begin.x, begin.p)).x)
+        motion = begin.problem.measure(begin.tangent(prescribe_parameter)[:-1])
     except CurveError:
         motion = 0.0
     # A load is weighted no less than the motion that it causes, so that crossing paths differ in
@@ -457,9 +414,8 @@ def _leave_free_position(path: StagePath, control: Control, targets: list[float]
     with suppress(CurveError):
         point = problem.correct(prescribe_parameter, begin.p + small, begin.x, begin.p + small)
         motion = problem.measure(point.x - begin.x)
-        if motion <= _MAX_INITIAL_MOTION and not stability_of(point).free:
-            tangent = point.tangent(prescribe_parameter(point.x, point.p))
-            path.tangent = tangent.scale(float(np.sign(small)) or 1.0)
+        if motion <= _MAX_INITIAL_MOTION and not point.monitor.free:
+            path.tangent = point.tangent(prescribe_parameter) * (float(np.sign(small)) or 1.0)
             return True
     return _begin_under_load(path, control, targets)
 
@@ -471,7 +427,7 @@ def _begin_under_load(path: StagePath, control: Control, targets: list[float]) -
     begins under load. Targets that are passed are removed.
     """
     problem, begin, by_load = path.problem, path.end, control is prescribe_parameter
-    is_arbitrary = bool(stability_of(begin).free)
+    is_arbitrary = bool(begin.monitor.free)
     step = _LOAD_STEP_RATIO * (abs(targets[0] - begin.p) if by_load else 1.0)
     loads = list(targets) if by_load else [begin.p + step]
     try:
@@ -480,8 +436,7 @@ def _begin_under_load(path: StagePath, control: Control, targets: list[float]) -
             mu = end.p + float(np.clip(target - end.p, -step, step)) if step else target
             # Loads give motions other than neutral ones a stiffness.
             point = _hold_neutral_motions(_relax(problem, end.x[: problem.n], mu))
-            if not stability_of(point).free:
-                path.problem = problem_of(point)
+            if not point.monitor.free:
                 path.points[len(path.points) - is_arbitrary :] = [point]
                 del targets[:k]
                 return True
@@ -499,11 +454,11 @@ def free_coordinate(point: Point) -> str:
 
     The name is "" if there is no such motion.
     """
-    problem = problem_of(point)
+    problem = point.problem
     e, held = problem.system.equations, problem.system.held_coordinates
     if held:
         return e.q_names[held[0]]
-    if not stability_of(point).free:
+    if not point.monitor.free:
         return ""
     try:
         mode = critical_mode(point)

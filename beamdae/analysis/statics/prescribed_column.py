@@ -75,14 +75,10 @@ class PrescribedColumn:
         """Return the value of the column at x = (q, lam), in the unit of the column."""
         return float(self.observable.function(*self._arguments(x))[0, self.column])
 
-    def gradient(self, x: Array) -> Array:
-        """Return the derivatives of the column with respect to x = (q, lam)."""
-        by_x = np.zeros_like(x)
+    def __call__(self, x: Array, p: float) -> Row:
+        """Return the column at x = (q, lam) as a control of the curve engine."""
+        gradient = np.zeros(len(x) + 1)
         rows = self._position_derivative(*self._arguments(x))
         by_local = rows.reshape(-1, len(self.observable.columns))[:, self.column]
-        by_x[: self.equations.n] = self.observable.operator.T @ by_local
-        return by_x
-
-    def __call__(self, x: Array, p: float) -> Row:
-        """Return the column as a control of the curve engine."""
-        return Row(self.value(x), self.gradient(x), 0.0)
+        gradient[: self.equations.n] = self.observable.operator.T @ by_local
+        return Row(self.value(x), gradient)

@@ -22,7 +22,6 @@ from beamdae.analysis.statics.path_settings import PathSettings
 from beamdae.analysis.statics.paths import (
     EquilibriumPath,
     free_coordinate,
-    stability_of,
     tabulate_points,
     trace_path,
 )
@@ -264,11 +263,8 @@ def _trace(
         start_warnings: tuple[str, ...] = ()
         if equations.start is None and from_ is None and not isinstance(start, Equilibrium):
             first = loading.systems[0]
-            # Paths to chosen loads and positions are meant to move bodies far.
-            is_whole = loads is over is None and not settings.column and settings.targets == (1.0,)
-            reached = rows["q"][-1] if is_whole else None
             begin = first.loaded if first.is_linear else first.unloaded
-            start_warnings = drawing_warnings(begin.equations, begin.time, reached)
+            start_warnings = drawing_warnings(begin.equations, begin.time)
         parameter = loading.parameter
         if parameter is not None and rows["numbers"] is not None:
             last = parameter.equations_at(points[-1].p)
@@ -280,7 +276,7 @@ def _trace(
             status=_add_meaningless_strain(equations, rows["q"][-1:], path.status),
             loads=loading.stages,
             factors=path.factors,
-            unstable=np.array([stability_of(point).unstable for point in points]),
+            unstable=np.array([point.monitor.unstable for point in points]),
             critical=path.critical,
             settings={**settings.description, "iterations": sum(x.iterations for x in points)},
             model=information,
@@ -343,9 +339,10 @@ def _turning_notes(system: LoadedEquations, x: Array, factor: float) -> tuple[st
     turning = find_turning(e, system.time_at(factor), state.q, linearize)
     if turning is None:
         return ()
+    cause, speed = turning
     return (
-        f"{turning.cause} at {turning.speed:.6g} rad/s, but an equilibrium is at rest, without "
-        f"centrifugal forces; {_rotation_remedy(turning.speed)}.",
+        f"{cause} at {speed:.6g} rad/s, but an equilibrium is at rest, without centrifugal forces; "
+        f"{_rotation_remedy(speed)}.",
     )
 
 

@@ -37,7 +37,6 @@ EVALUATE_FORCES = 0
 EVALUATE_TANGENT = 1
 COUNT_SIGNS = 2
 CORRECT = 3
-FIND_TANGENT = 4
 
 
 @dataclass(slots=True)
@@ -84,7 +83,8 @@ class StaticWorkspace:
     column_start
         Start of the last column, F_mu, in `nonzeros`.
     right
-        Right-hand side, (n + m + 1,), and then the solution.
+        Right-hand side, (n + m + 1,), and then the solution; after `CORRECT`, derivatives by the
+        control.
     joint_count
         Number of multipliers of joints, g = 0; the others are compliant, g - lam = 0.
     remainder
@@ -102,17 +102,15 @@ class StaticWorkspace:
         Load factor; that of the parts U and L is (mu - center) * scale.
     task
         `EVALUATE_FORCES`; `EVALUATE_TANGENT` to evaluate also the tangent; `COUNT_SIGNS` to count
-        also its negative pivots; `CORRECT` to correct the point by Newton's method
-        until it is a solution or, if the control is not linear, once; `FIND_TANGENT` to find the
-        derivatives by the control.
+        also its negative pivots; `CORRECT` to correct the point by Newton's method until it is a
+        solution or, if the control is not linear, once.
     is_linear
         1 if derivatives of the control are the same everywhere, else 0.
     has_forces, has_tangent
         1 if forces and tangent have been evaluated at `inputs` and `mu`, else 0.
     has_factors
         1 if the last factors are those of the tangent at the last point where it was evaluated and
-        `row`, with F_mu as column, else 0. A solution keeps those before its last correction for
-        the tangent of the path.
+        `row`, with F_mu as column, else 0.
     """
 
     common: LoadPart
@@ -154,8 +152,6 @@ def perform_task(run: StaticWorkspace) -> int:
     task = run.task
     if task == CORRECT:
         return _correct(run)
-    if task == FIND_TANGENT:
-        return _find_tangent(run)
     if task == EVALUATE_FORCES:
         _evaluate_forces(run)
     else:
@@ -170,21 +166,10 @@ def forget_point(run: StaticWorkspace) -> None:
     run.has_forces = run.has_tangent = run.has_factors = 0
 
 
-def _find_tangent(run: StaticWorkspace) -> int:
-    """Find the derivatives by the control; return DONE or the code of the linear solver."""
-    size = run.forces.size
-    if run.has_factors == 0:
-        _evaluate_forces(run)
-        _evaluate_tangent(run)
-    fill(run.right[:size], 0.0)
-    run.right[size] = 1.0
-    return _solve_newton(run)
-
-
 def _correct(run: StaticWorkspace) -> int:
     """Correct a point by the law of `Problem.correct`, once if the control is not linear.
 
-    Return a code of `judge`. After DONE, the factors are those before the last correction.
+    Return a code of `judge`. Derivatives by the control are those before the last correction.
     """
     size = run.forces.size
     n, code = run.inputs.size - size, CORRECTED
@@ -208,7 +193,10 @@ def _correct(run: StaticWorkspace) -> int:
         run.deviation += share * inner_product(run.row, run.right)
         run.has_forces = run.has_tangent = 0
         if run.is_linear == 0:
-            return code
+            break
+    fill(run.right[:size], 0.0)
+    run.right[size] = 1.0
+    _solve_newton(run)
     return code
 
 

@@ -20,10 +20,10 @@ from beamdae.analysis.continuation.counts import Count
 from beamdae.analysis.continuation.engine import (
     Control,
     CurveError,
+    Linearization,
     Point,
     Problem,
     Row,
-    Tangent,
 )
 from beamdae.analysis.continuation.newton import CORRECTED, FAILURES, Corrections
 from beamdae.analysis.continuation.spectrum import (
@@ -44,7 +44,6 @@ from beamdae.analysis.statics.static_loop import (
     COUNT_SIGNS,
     EVALUATE_FORCES,
     EVALUATE_TANGENT,
-    FIND_TANGENT,
     LoadPart,
     StaticWorkspace,
     forget_point,
@@ -217,17 +216,18 @@ def _select_terms(structure: Structure, is_selected: tuple[bool, ...]) -> Struct
     return replace(structure, forces=forces, joints=joints, states=())
 
 
-@dataclass(frozen=True, eq=False)
-class StaticLinearization:
-    """Static equations, linearized about a point (x, p)."""
+class StaticLinearization(Linearization):
+    """Static equations, linearized about a point (x, p), evaluated when they are needed."""
 
-    problem: StaticProblem
-    x: Array
-    p: float
+    _at: tuple[StaticProblem, Array, float]
+
+    def __init__(self, problem: StaticProblem, x: Array, p: float) -> None:
+        vars(self).update(_at=(problem, x, p), sizes=problem.scales)
 
     @cached_property
     def _forces(self) -> tuple[Array, Array]:
-        return self.problem.residual(self.x, self.p)
+        problem, x, p = self._at
+        return problem.residual(x, p)
 
     @property
     def residual(self) -> Array:
@@ -239,27 +239,11 @@ class StaticLinearization:
         """Derivative of F by the parameter, (n + m,)."""
         return self._forces[1]
 
-    def bordered(self, column: Array, row: Array, corner: float) -> BorderedFactors:
-        """Return the factors of the bordered tangent."""
-        return self.problem.factorize(self.x, self.p, np.append(column, corner), row)
-
-
-class BorderedFactors(NamedTuple):
-    """Bordered tangent in natural sizes of the unknowns, and its factors."""
-
-    matrix: sp.csc_array
-    factors: SuperLU
-    sizes: Array
-
-    def solve(self, right: Array) -> Array:
-        """Return the solution for a right-hand side (n + m + 1,), once refined.
-
-        Small changes of tests for critical points count more than the accuracy of a correction.
-        """
-        scaled = self.sizes * right
-        solution = self.factors.solve(scaled)
-        solution += self.factors.solve(scaled - self.matrix @ solution)
-        return np.asarray(self.sizes * solution)
+    @cached_property
+    def jacobian(self) -> sp.csc_array:
+        """Tangent F_x in natural sizes, (n + m, n + m)."""
+        problem, x, p = self._at
+        return problem.matrix(x, p)
 
 
 class StaticProblem(Problem):
@@ -327,6 +311,7 @@ class StaticProblem(Problem):
         Natural sizes are set by the tangent in the reference configuration, without loads.
         """
         self._loop, run, begin = loop, loop.work, self.system.ends[0]
+        self._point = np.nan, b""
         run.weights[:] = self._weights
         run.remainder[:] = self._forms[1].remainder
         run.added[: self._held], run.added[self._held :] = 0.0, -1.0
@@ -426,6 +411,15 @@ class StaticProblem(Problem):
         """Return a solution that is known."""
         return Point(self, x, p, self.linearize(x, p), iterations)
 
+    def point_at(self, q: Array, mu: float) -> Point:
+        """Return the point with positions (n,) near an equilibrium, which determine multipliers."""
+        x, n, first = self.start(q), self.n, self.rigid_size
+        x[first:] = self.residual(x, mu)[0][first:]
+        gradients = self.matrix(x, mu)[:n, n:first].toarray()
+        rest = -self.scales[:n] * self.residual(x, mu)[0][:n]
+        x[n:first] = self.scales[n:first] * np.linalg.lstsq(gradients, rest)[0]
+        return self.point(x, mu)
+
     def monitor(self, point: Point) -> Count:
         """Return the stability under constant loads.
 
@@ -485,10 +479,10 @@ class StaticProblem(Problem):
 
     def matrix(self, x: Array, mu: float) -> sp.csc_array:
         """Return F_x in natural sizes of the unknowns, see `scales`."""
-        pattern, scales = self.pattern, self.scales
-        nonzeros = self._run(x, mu, EVALUATE_TANGENT).nonzeros[self._plan.tangent_targets]
-        entries = (nonzeros, pattern.indices, pattern.indptr)
-        return sp.csc_array(sp.csc_array(entries, pattern.shape) * scales * scales[:, None])
+        pattern, targets = self.pattern, self._plan.tangent_targets
+        run = self._run(x, mu, EVALUATE_TANGENT)
+        entries = run.nonzeros[targets] * run.products[targets]
+        return sp.csc_array((entries, pattern.indices, pattern.indptr), pattern.shape)
 
     def count_signs(self, x: Array, mu: float) -> SaddlePoint:
         """Return the signs of pivots at a point, see `SaddlePoint`; valid until the next call."""
@@ -496,52 +490,38 @@ class StaticProblem(Problem):
 
     def correct(self, control: Control, target: float, x: Array, p: float) -> Point:
         """Return the solution at which the control has the value `target`, by Newton's method."""
-        run, n, code = self._loop.work, self.n, CORRECTED
+        run, code = self._loop.work, CORRECTED
         run.corrections.restart()
         while code == CORRECTED:
             row = control(x, p)
-            self._set_row(row)
-            self._set_point(x, p)
-            run.deviation = row.value - target
-            run.is_linear = int(row.is_linear and self.system.is_linear)
-            code = self._perform(CORRECT)
-            x, p = np.append(run.inputs[:n], run.inputs[2 * n :]), run.mu
+            x, p, code = self._correct(row, target, x, p)
         count = run.corrections.count
+        tangent = (row.gradient, run.right.copy()) if row.is_linear else None
         self._compile_if_used(count)
         if code != DONE:
             raise CurveError(FAILURES[code])
-        return self.point(x, p, count)
+        return Point(self, x, p, self.linearize(x, p), count, known_tangent=tangent)
 
-    def find_tangent(self, point: Point, row: Row) -> Tangent:
-        """Return the tangent at a solution along which the control with this row increases by 1."""
-        self._set_row(row)
-        solution = self._run(point.x, point.p, FIND_TANGENT).right.copy()
-        return Tangent(solution[:-1], float(solution[-1]))
+    def _correct(self, row: Row, target: float, x: Array, p: float) -> tuple[Array, float, int]:
+        """Return a corrected point and the code of the loop."""
+        run, n = self._loop.work, self.n
+        if not np.array_equal(run.row, row.gradient):
+            run.row[:], run.has_factors = row.gradient, 0
+        self._set_point(x, p)
+        run.deviation = row.value - target
+        run.is_linear = int(row.is_linear and self.system.is_linear)
+        code = self._perform(CORRECT)
+        x, p = np.append(run.inputs[:n], run.inputs[2 * n :]), run.mu
+        self._point = p, x.tobytes()
+        return x, p, code
 
-    def _set_row(self, row: Row) -> None:
-        run = self._loop.work
-        if not (run.row[-1] == row.p and np.array_equal(run.row[:-1], row.x)):
-            run.row[:-1], run.row[-1], run.has_factors = row.x, row.p, 0
-
-    def factorize(self, x: Array, p: float, column: Array, row: Array) -> BorderedFactors:
-        """Return the factors of the tangent with a last column (n + m + 1,) and row (n + m,).
-
-        Raises
-        ------
-        CurveError
-            If the bordered matrix is singular or not finite.
-        """
-        run, bordered = self._run(x, p, EVALUATE_TANGENT), self._plan.bordered
-        entries = run.nonzeros[:-1].copy()
-        entries[self._plan.row_targets[:-1]] = row
-        entries[run.column_start :] = column
-        matrix = sp.csc_array((entries * run.products, bordered.indices, bordered.indptr))
-        if not np.isfinite(matrix.data).all():
-            raise CurveError("the equations are not finite")
-        try:
-            return BorderedFactors(matrix, splu(matrix), run.sizes.copy())
-        except RuntimeError:
-            raise CurveError(_SINGULAR) from None
+    def find_tangent(self, point: Point, row: Row) -> Array:
+        """Return the tangent (n + m + 1,) at a solution along which this control increases by 1."""
+        if point.known_tangent and point.known_tangent[0] is row.gradient:
+            return point.known_tangent[1]
+        self._loop.work.corrections.restart()
+        self._correct(row._replace(is_linear=False), row.value, point.x, point.p)
+        return self._loop.work.right.copy()
 
     def _run(self, x: Array, mu: float, task: int) -> StaticWorkspace:
         self._set_point(x, mu)
@@ -561,10 +541,10 @@ class StaticProblem(Problem):
         return code
 
     def _set_point(self, x: Array, mu: float) -> None:
-        run, n = self._loop.work, self.n
-        q, lam = run.inputs[:n], run.inputs[2 * n :]
-        if not (mu == run.mu and np.array_equal(x[:n], q) and np.array_equal(x[n:], lam)):
-            q[:], lam[:], run.mu = x[:n], x[n:], mu
+        run, n, point = self._loop.work, self.n, (mu, x.tobytes())
+        if point != self._point:
+            run.inputs[:n], run.inputs[2 * n :], run.mu = x[:n], x[n:], mu
+            self._point = point
             forget_point(run)
         is_off = abs(mu - run.center) * run.scale > _CENTER_TOLERANCE
         if is_off and not self.system.is_linear:

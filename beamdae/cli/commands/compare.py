@@ -72,11 +72,11 @@ def _create_report(results: StudyResults) -> StudyReport:
     from beamdae.studies.study_pictures import list_plots
 
     def write_page() -> list[Path]:
-        from beamdae.report.page import page_file
+        from beamdae.report.page.page_file import write_page as write
         from beamdae.studies.study_page import create_study_page
 
         path = results.folder / PAGE_FILE
-        return page_file.list_page_files(page_file.write_page(path, create_study_page(results)))
+        return [write(path, create_study_page(results))]
 
     table, groups = results.table, list(results.references)
     ungrouped = [results.study.cases[row] for row in table.index[~table["group"].isin(groups)]]

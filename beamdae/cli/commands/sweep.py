@@ -240,7 +240,6 @@ def _sweep_of_file(file: ModelFile, name: str | None) -> Sweep:
 
 
 def _create_report(results: StudyResults) -> StudyReport:
-    from beamdae.report.page.page_file import list_page_files
     from beamdae.report.terminal import text_tables
     from beamdae.studies.sweeps.response_plots import list_response_plots
     from beamdae.studies.sweeps.sweep_results import TABLE_FILE, create_sweep_results
@@ -265,6 +264,6 @@ def _create_report(results: StudyResults) -> StudyReport:
         ),
         [],
         tables={TABLE_FILE: lambda: [swept.to_csv(folder / TABLE_FILE)]},
-        page={PAGE_FILE: lambda: list_page_files(swept.page(folder / PAGE_FILE))},
+        page={PAGE_FILE: lambda: [swept.page(folder / PAGE_FILE)]},
         pictures=list_response_plots(sweep, table, swept.panels(), folder),
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -40,8 +40,8 @@ class AlphaParameters(NamedTuple):
     beta: float
     shift: float
 
-    def coefficients(self, h: float) -> tuple[float, float, float]:
-        """Return the factors (c_v, c_a, c_f) of `StepEquations` for steps `h` [s]."""
+    def coefficients(self, h: Any) -> tuple[Any, Any, Any]:
+        """Return the factors (c_v, c_a, c_f) of `StepEquations` for a step or steps `h` [s]."""
         c_f = h * h * self.beta
         c_a = (1.0 - self.alpha_m) / ((1.0 - self.alpha_f) * c_f)
         return self.gamma / (h * self.beta), c_a, c_f

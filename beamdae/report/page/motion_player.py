@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from beamdae.report.page.page_data import encode_frames
 from beamdae.report.page.page_file import fill_template
 from beamdae.results.displays import ANIMATION_WIDTH, Animation
 
 _STYLES = ("page", "charts", "mechanism")
-_SCRIPTS = ("decoding", "elements", "numbers", "markers", "mechanism", "player", "notebook_player")
+_SCRIPTS = ("data", "numbers", "markers", "mechanism", "player", "notebook_player")
 
 # Size of the picture [units of the SVG view box]; must agree with script/mechanism.js.
 _DRAWING_WIDTH = 420.0
@@ -40,7 +39,7 @@ def build_motion_player(
         If true, beams are initially colored by the first color quantity.
     """
     data = {
-        "frames": encode_frames(frames),
+        "frames": frames,
         "caption": caption,
         "speed": speed,
         "colored": colored,

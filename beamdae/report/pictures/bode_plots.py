@@ -7,14 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from beamdae.analysis.linear_dynamics.bode_diagram import Bode
-from beamdae.report.pictures.figures import (
-    COLORS,
-    MAX_PANELS,
-    create_panels,
-    disable_math_text,
-    format_axis,
-    single_point_marker,
-)
+from beamdae.report.pictures.figures import COLORS, Panel, draw_panels
 from beamdae.report.pictures.tick_labels import format_ticks
 from beamdae.results.displays import Plot
 
@@ -29,9 +22,7 @@ _MIN_MAGNITUDE_RATIO, _MIN_PHASE_RANGE = 10.0, 20.0
 
 def plot_bode(diagram: Bode) -> Plot:
     """Draw magnitudes and phases of the transfer functions; see `Bode.plot`."""
-    figure = create_bode_figure(diagram)
-    disable_math_text(figure)
-    return Plot(figure)
+    return Plot(create_bode_figure(diagram))
 
 
 def create_bode_figure(diagram: Bode, title: str = "") -> Figure:
@@ -39,20 +30,21 @@ def create_bode_figure(diagram: Bode, title: str = "") -> Figure:
 
     Transfer functions that are zero but for rounding errors are omitted.
     """
-    drawn = [x for x in diagram.transfer_functions if not x.is_noise]
-    figure, axes = create_panels(2 * len(drawn), title, "panels", "frequency [Hz]")
-    frequencies = diagram.frequencies
-    for x, magnitude, phase in zip(drawn[: MAX_PANELS // 2], axes[::2], axes[1::2], strict=True):
-        style = {"color": COLORS[0], "lw": 1.2, **single_point_marker(frequencies)}
-        name = x.name.replace(f" [{diagram.model.outputs[x.output].unit}]", "", 1)
-        name = name.removesuffix(f" [{diagram.model.inputs[x.input].unit}]")
-        magnitude.loglog(frequencies, np.abs(x.response), **style)
-        phase.semilogx(frequencies, x.phase, **style)
-        phase.locator_params(axis="y", steps=_PHASE_STEPS)
-        _widen_ranges(magnitude, phase)
-        for axis, label in ((magnitude, f"magnitude [{x.unit}]"), (phase, "phase [deg]")):
-            format_axis(axis, name, label)
-            format_ticks(axis.xaxis)
+    model, panels = diagram.model, []
+    style = {"color": COLORS[0], "lw": 1.2}
+    for x in diagram.transfer_functions:
+        if not x.is_noise:
+            name = x.name.replace(f" [{model.outputs[x.output].unit}]", "", 1)
+            name = name.removesuffix(f" [{model.inputs[x.input].unit}]")
+            size, phase = ((diagram.frequencies, y, style) for y in (np.abs(x.response), x.phase))
+            panels.append(Panel(name, f"magnitude [{x.unit}]", [size], scales=("log", "log")))
+            panels.append(Panel(name, "phase [deg]", [phase], scales=("log", "linear")))
+    figure = draw_panels(panels, title, what="panels", x_label="frequency [Hz]")
+    for axis in figure.axes:
+        format_ticks(axis.xaxis)
+    for upper, lower in zip(figure.axes[::2], figure.axes[1::2], strict=True):
+        lower.locator_params(axis="y", steps=_PHASE_STEPS)
+        _widen_ranges(upper, lower)
     return figure
 
 

@@ -10,7 +10,7 @@ from beamdae.errors import BeamdaeError, short_repr
 from beamdae.parts.mechanism import Mechanism
 from beamdae.report.pictures.figures import disable_math_text
 from beamdae.report.pictures.label_placement import place_labels
-from beamdae.report.pictures.scene_artists import SceneArtists, describe_heights
+from beamdae.report.pictures.scene_artists import SceneArtists
 from beamdae.report.scene.mechanism_scene import build_scene
 from beamdae.report.scene.poses import reference_poses
 from beamdae.report.scene.scene import Scene
@@ -65,7 +65,7 @@ def create_drawing(mechanism: Mechanism, size: tuple[float, float] | None = None
     low, high = scene.extent()
     figure, axis = _create_axis(high - low, size)
     SceneArtists(axis, scene)
-    if caption := describe_heights(scene):
+    if caption := scene.caption:
         axis.set_title(caption, loc="right", fontsize=9, color="0.4", pad=2.0)
     labels = _collect_labels(scene, _SHARED_LABEL_DISTANCE * float(np.max(high - low)))
     if np.any(mechanism.gravity):
@@ -130,7 +130,7 @@ def _collect_labels(scene: Scene, distance: float) -> list[tuple[Array, str]]:
 def _sample_lines(scene: Scene) -> Array:
     """Return closely spaced points (k, 2) on the lines that labels must not cover."""
     samples = []
-    for glyph, line in scene.outlines():
+    for glyph, line in scene.lines():
         if glyph.kind not in _COVERABLE_KINDS:
             points = line[0][np.isfinite(line[0]).all(axis=1)]
             at = np.linspace(0.0, len(points) - 1.0, max(len(points), _POINTS_PER_LINE))

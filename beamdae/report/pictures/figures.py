@@ -7,7 +7,7 @@ import textwrap
 import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -39,6 +39,9 @@ DASHES: tuple[Any, ...] = ("-", (0, (5, 2)), (0, (1, 1.2)), (0, (6, 1.5, 1, 1.5)
 MAX_LABEL_LETTERS = 28  # of an axis label
 _TITLE_LINE_LETTERS = 60
 _LEGEND_ENTRY_LETTERS = 60
+_PANEL_TITLE_LETTERS = 40
+_PANEL_LEGEND_LETTERS = 14  # of an entry in the legend of a panel
+_PANEL_LEGEND_COLUMNS = 4
 _LEGEND_LETTER_WIDTH = 0.075  # approximate width of a letter [inch]
 _LEGEND_LINE_WIDTH = 0.8  # width of the line beside a legend entry [inch]
 _LEGEND_ROW_HEIGHT = 0.19  # [inch]
@@ -203,9 +206,73 @@ def format_horizontal_axis(axis: Axes, header: str, vertical: str) -> None:
         axis.set_aspect("equal", adjustable="datalim")
 
 
-def single_point_marker(rows: Sequence[Any] | Array | pd.Series) -> dict[str, Any]:
-    """Return a marker style for a single row, where a line would be invisible; otherwise empty."""
-    return {"marker": "o", "ms": 4} if len(rows) == 1 else {}
+class Panel(NamedTuple):
+    """Lines over common axes.
+
+    Attributes
+    ----------
+    title, label
+        Title, and label of the vertical axis.
+    lines
+        Horizontal and vertical values, and the style of each line.
+    abscissa
+        Header of the column on the horizontal axis, and of that on the vertical one; None for the
+        common axis of all panels.
+    scales
+        Scales of both axes.
+    legend
+        Names of the lines in a legend above the axes.
+    """
+
+    title: str
+    label: str
+    lines: Sequence[tuple[Any, Any, Mapping[str, Any]]]
+    abscissa: tuple[str, str] | None = None
+    scales: tuple[str, str] = ("linear", "linear")
+    legend: Sequence[str] = ()
+
+
+def draw_panels(
+    panels: Sequence[Panel],
+    title: str = "",
+    entries: Mapping[str, Mapping[str, Any]] | None = None,
+    what: str = "columns",
+    x_label: str | None = "t [s]",
+) -> Figure:
+    """Create a figure of panels, see `create_panels`, with a common legend of `entries`."""
+    figure, axes = create_panels(len(panels), title, what, x_label)
+    for axis, panel in zip(axes, panels, strict=False):
+        for x, y, style in panel.lines:
+            shown = mask_huge_values({"x": x, "y": y})
+            # A line through a single point would be invisible.
+            looks: dict[str, Any] = {"marker": "o", "ms": 4} if len(shown["x"]) == 1 else {}
+            axis.plot(shown["x"], shown["y"], **(looks | dict(style)))
+        axis.set(xscale=panel.scales[0], yscale=panel.scales[1])
+        format_axis(axis, shorten_text(panel.title, _PANEL_TITLE_LETTERS), panel.label)
+        if panel.abscissa is not None:
+            format_horizontal_axis(axis, *panel.abscissa)
+        if panel.legend:
+            _add_panel_legend(axis, panel.legend)
+    if entries:
+        add_legend(figure, entries)
+    disable_math_text(figure)
+    return figure
+
+
+def _add_panel_legend(axis: Axes, labels: Sequence[str]) -> None:
+    """Add a legend above the upper right corner of the axes, where it covers no curve."""
+    legend = axis.legend(
+        axis.lines,
+        [""] * len(labels),
+        loc="lower right",
+        bbox_to_anchor=(1.02, 0.97),
+        frameon=False,
+        fontsize=8,
+        ncols=min(len(labels), _PANEL_LEGEND_COLUMNS),
+        handlelength=1.2,
+        columnspacing=1.0,
+    )
+    set_legend_names(legend, [shorten_text(label, _PANEL_LEGEND_LETTERS) for label in labels])
 
 
 def add_legend(figure: Figure, entries: Mapping[str, Mapping[str, Any]]) -> None:

@@ -22,17 +22,15 @@ from beamdae.report.pictures.figures import (
     format_axis,
     wrap_title,
 )
-from beamdae.report.pictures.label_placement import LineLabel, label_lines
 from beamdae.report.pictures.run_animation import MAX_FRAMES
 from beamdae.report.pictures.scene_artists import (
     SceneArtists,
     add_caption,
     create_bare_axis,
-    describe_heights,
     padded_extent,
     show_region,
 )
-from beamdae.report.scene.frame_export import export_frames
+from beamdae.report.scene.frame_export import FRAMES_PER_PERIOD, export_frames
 from beamdae.report.scene.mechanism_scene import (
     build_scene,
     collect_drawings,
@@ -88,6 +86,26 @@ class ModeScenes:
         )
 
 
+def export_modes(
+    modes: Modes | Buckling, numbers: Sequence[int], phases: Sequence[complex] | None = None
+) -> list[dict[str, Any] | None]:
+    """Return one period of each of some modes as exported frames; None if nothing can be drawn.
+
+    The first frame, which pages show first and print, is at the largest displacement, or has the
+    complex phase of `phases`.
+    """
+    try:
+        scenes = ModeScenes("page", modes)
+    except BeamdaeError:
+        return [None] * len(numbers)
+    shares = np.linspace(0.0, 1.0, FRAMES_PER_PERIOD + 1)
+    period = np.exp(2j * np.pi * shares)
+    return [
+        export_frames(scenes.vibrating(number, period * phase), shares)
+        for number, phase in zip(numbers, phases or [1.0] * len(numbers), strict=True)
+    ]
+
+
 def _require_drawable(name: str, modes: Any) -> Mechanism:
     if not isinstance(modes, Modes | Buckling):
         raise BeamdaeError(
@@ -121,7 +139,7 @@ def create_modes_figure(modes: Modes | Buckling, title: str = "") -> Figure:
         np.clip(_PANEL_WIDTH * height / width, _MIN_PANEL_HEIGHT, _MAX_PANEL_HEIGHT)
     )
     size = (max(_PANEL_WIDTH * columns, 5.0), (panel_height + _PANEL_TITLE_HEIGHT) * rows + 0.5)
-    heights = describe_heights(scenes.rest)
+    heights = scenes.rest.caption
     title = title or f"modes about {modes.about}"
     figure = _create_figure(size, f"{title}, {heights}" if heights else title)
     for k, scene in enumerate(panels):
@@ -211,30 +229,39 @@ def create_campbell_figure(diagram: Campbell, title: str = "Campbell diagram") -
     frequencies = diagram.frequencies[order]
     highest = 1.05 * choose_frequency_limit(diagram) or 1.0
     revolutions = np.abs(diagram.speeds[order]) / (2.0 * np.pi)
-    labels: list[LineLabel] = []
     for multiple in diagram.multiples:
         line = multiple * revolutions
         axis.plot(speeds, line, color="0.6", lw=0.8, ls=(0, (4, 3)))
-        # From the right end, where the lines are farthest apart.
-        path = np.column_stack([speeds, line])[::-1]
-        labels.append(LineLabel(path, f"{multiple}\u00d7", "0.4", is_beside=False))
+        # Where the line leaves the picture.
+        k = int(np.flatnonzero(line <= highest)[-1])
+        axis.annotate(f"{multiple}\u00d7", (speeds[k], line[k]), color="0.4", **_LABEL)
     is_hidden = find_overdamped(diagram) | (np.min(frequencies, axis=0) > highest)
     for k in np.flatnonzero(~is_hidden).tolist():
-        values = frequencies[:, k]
-        color = COLORS[k % len(COLORS)]
-        axis.plot(speeds, values, color=color, lw=1.4, marker=".", ms=4)
-        path = np.column_stack([speeds, values])
-        labels.append(LineLabel(path, f"mode {k + 1}", color, is_beside=True))
+        style: dict[str, Any] = {
+            "color": COLORS[k % len(COLORS)],
+            "lw": 1.4,
+            "marker": ".",
+            "ms": 4,
+        }
+        axis.plot(speeds, frequencies[:, k], label=f"mode {k + 1}", **style)
     resonances = diagram.resonances()[["speed [rad/s]", "frequency [Hz]"]].to_numpy(float)
-    marks = resonances / [diagram.speed_factor, 1.0]
-    axis.plot(*marks.T, "o", color="0.2", mfc="none", ms=7)
+    axis.plot(*(resonances / [diagram.speed_factor, 1.0]).T, "o", color="0.2", mfc="none", ms=7)
     format_axis(axis, "", "frequency [Hz]")
     axis.set_ylim(0.0, highest)
     axis.set_xlabel(f"speed [{diagram.speed_unit}]")
+    if not is_hidden.all():
+        figure.legend(loc="outside right upper", frameon=False, fontsize=8)
     disable_math_text(figure)
-    points = np.column_stack([np.repeat(speeds, frequencies.shape[1]), frequencies.ravel()])
-    label_lines(axis, labels, np.vstack([points, marks]))
     return figure
+
+
+_LABEL: dict[str, Any] = {
+    "xytext": (-3.0, 3.0),
+    "textcoords": "offset points",
+    "ha": "right",
+    "fontsize": 8,
+    "parse_math": False,
+}
 
 
 def _create_figure(size: tuple[float, float], title: str) -> Figure:

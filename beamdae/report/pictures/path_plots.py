@@ -13,12 +13,11 @@ from beamdae.analysis.statics.boundary import Boundary
 from beamdae.analysis.statics.imperfections import KnockDown
 from beamdae.report.pictures.figures import (
     COLORS,
-    add_legend,
+    Panel,
     create_panels,
     disable_math_text,
     draw_grid,
-    format_axis,
-    format_horizontal_axis,
+    draw_panels,
     mask_huge_values,
     save_figure,
     varying_columns,
@@ -69,78 +68,54 @@ def save_path_figure(
     Path
         Path of the image file.
     """
-    return save_figure(_create_selected_figure(equilibrium, title, names, x), path)
+    return save_figure(_create_path_figure(equilibrium, title, names, x), path)
 
 
 def plot_path(equilibrium: Equilibrium, names: Sequence[str], x: str | None = None) -> Plot:
     """Plot the load factor over the named columns, or these over `x`; see `Equilibrium.plot`."""
-    figure = _create_selected_figure(equilibrium, "", names, x)
-    disable_math_text(figure)
-    return Plot(figure)
-
-
-def _create_selected_figure(
-    equilibrium: Equilibrium, title: str, names: Sequence[str], x: str | None
-) -> Figure:
-    merged = merge_columns(equilibrium.columns, equilibrium.coordinate_columns())
-
-    def select(name: str) -> list[str]:
-        return select_columns(merged, name, "Equilibrium", equilibrium.columns)
-
-    headers = dict.fromkeys(header for name in names for header in select(name))
-    columns = {h: np.asarray(merged[h]) for h in headers} if names else dict(equilibrium.columns)
-    abscissa = None
-    if x is not None:
-        abscissa = require_one_column("Equilibrium.plot", x, select(x))
-        columns[abscissa] = np.asarray(merged[abscissa])
-        # The name of an observable selects the abscissa, too.
-        headers = dict.fromkeys(c for c in headers if c != abscissa) or headers
-    elif equilibrium.over:
-        abscissa = equilibrium.over
-        columns[abscissa] = equilibrium.factors[:, 0]
-    masked = mask_huge_values(columns)
-    return _create_path_figure(equilibrium, masked, title, tuple(headers), abscissa)
+    return Plot(_create_path_figure(equilibrium, "", names, x))
 
 
 def _create_path_figure(
-    equilibrium: Equilibrium,
-    columns: Any,
-    title: str,
-    names: Sequence[str] = (),
-    abscissa: str | None = None,
+    equilibrium: Equilibrium, title: str, names: Sequence[str], x: str | None
 ) -> Figure:
-    if not names:
-        observed = {c: x for c, x in columns.items() if c in equilibrium.columns}
-        names = [c for c in varying_columns(observed) if _is_varying(equilibrium, c)]
-        names = [c for c in names if c != abscissa]
-    if not names and abscissa is not None:
-        names, abscissa = [abscissa], None
-    factors, is_unstable = equilibrium.factors.sum(axis=1), _find_unstable_segments(equilibrium)
-    figure, axes = create_panels(len(names), title, x_label=None)
-    for axis, name in zip(axes, names, strict=False):
-        horizontal = name if abscissa is None else abscissa
-        values = columns[horizontal]
-        heights = factors if abscissa is None else columns[name]
-        for unstable, segments in groupby(range(len(values) - 1), is_unstable.__getitem__):
+    columns = merge_columns(equilibrium.columns, equilibrium.coordinate_columns())
+    factors, over, header = equilibrium.factors.sum(axis=1), equilibrium.over, equilibrium.header
+
+    def select(name: str) -> list[str]:
+        return select_columns(columns, name, "Equilibrium", equilibrium.columns)
+
+    abscissa = over or None
+    if x is not None:
+        abscissa = require_one_column("Equilibrium.plot", x, select(x))
+    chosen = list(dict.fromkeys(header for name in names for header in select(name)))
+    # The name of an observable selects the abscissa, too.
+    chosen = [c for c in chosen if x is None or c != abscissa] or chosen
+    if not chosen:
+        observed = mask_huge_values(equilibrium.columns)
+        chosen = [c for c in varying_columns(observed) if _is_varying(equilibrium, c)]
+        chosen = [c for c in chosen if c != abscissa]
+    if not chosen and abscissa is not None:
+        chosen, abscissa = [abscissa], None
+    columns = {**columns, header: factors}
+    is_unstable = _find_unstable_segments(equilibrium)
+    stable, unstable = ({"color": COLORS[0], "lw": 1.2, "ls": x} for x in ("-", _UNSTABLE_DASHES))
+    entries: dict[str, dict[str, Any]] = {} if all(is_unstable) else {"stable": stable}
+    entries |= {"unstable": unstable} if any(is_unstable) else {}
+    for point in equilibrium.critical:
+        entries.setdefault(point.kind, _marker_style(point.kind))
+    panels = []
+    for name in chosen:
+        horizontal, vertical = (name, header) if abscissa is None else (abscissa, name)
+        u, v = (np.asarray(columns[c]) for c in (horizontal, vertical))
+        lines = []
+        for dashed, segments in groupby(range(len(u) - 1), is_unstable.__getitem__):
             rows = list(segments)
-            points = slice(rows[0], rows[-1] + 2)
-            dashes = _UNSTABLE_DASHES if unstable else "-"
-            axis.plot(values[points], heights[points], color=COLORS[0], lw=1.2, ls=dashes)
-        for point in equilibrium.critical:
-            axis.plot(values[point.row], heights[point.row], **_marker_style(point.kind))
-        vertical = equilibrium.header if abscissa is None else name
-        format_axis(axis, "", vertical)
-        format_horizontal_axis(axis, horizontal, vertical)
-    entries: dict[str, dict[str, Any]] = {}
-    if not all(is_unstable):
-        entries["stable"] = {"color": COLORS[0], "ls": "-"}
-    if any(is_unstable):
-        entries["unstable"] = {"color": COLORS[0], "ls": _UNSTABLE_DASHES}
-    for kind in dict.fromkeys(point.kind for point in equilibrium.critical):
-        entries[kind] = _marker_style(kind)
-    if names:
-        add_legend(figure, entries)
-    return figure
+            part = slice(rows[0], rows[-1] + 2)
+            lines.append((u[part], v[part], unstable if dashed else stable))
+        lines += [(u[[x.row]], v[[x.row]], entries[x.kind]) for x in equilibrium.critical]
+        panels.append(Panel("", vertical, lines, (horizontal, vertical)))
+    return draw_panels(panels, title, entries if panels else {}, x_label=None)
 
 
 def _find_unstable_segments(equilibrium: Equilibrium) -> list[bool]:

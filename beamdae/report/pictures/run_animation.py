@@ -1,8 +1,7 @@
-"""Animations and SVG thumbnails of runs."""
+"""Animations of runs."""
 
 from __future__ import annotations
 
-import html
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,11 +17,9 @@ from beamdae.report.pictures.scene_artists import (
     create_bare_axis,
     create_colormap,
     create_norm,
-    describe_heights,
-    find_style,
     padded_extent,
 )
-from beamdae.report.scene.beam_colors import BeamColors, available_colors, compute_beam_colors
+from beamdae.report.scene.beam_colors import BeamColors, available_colors
 from beamdae.report.scene.frame_export import export_frames
 from beamdae.report.scene.run_scene import build_run_scene, choose_run_scale, frame_times
 from beamdae.report.scene.scene import Scene
@@ -40,8 +37,6 @@ _MIN_RATE = 0.1  # frames per second
 _MIN_FRAMES = 2
 MAX_FRAMES = 500
 _COLOR_BAR_STRIP = 0.62  # height of the strip for the color bar below the picture [inch]
-_THUMBNAIL_SIZE = 320.0  # longer side [pixels]
-_THUMBNAIL_FRAMES = 6
 
 
 def animate(
@@ -77,8 +72,8 @@ def animate(
         low, high = scene.extent()
         width, height = (high - low).tolist()
         return build_motion_player(data, (width, height), "", speed, color is not None)
-    colors = None if color is None else compute_beam_colors("animate", solution, color, times)
-    captions = _format_captions(times, speed, factor, describe_heights(scene))
+    colors = None if color is None else available_colors(solution, times, color)[0]
+    captions = _format_captions(times, speed, factor, scene.caption)
     return _save(path, scene, colors, captions, rate)
 
 
@@ -119,41 +114,3 @@ def _add_color_bar(figure: Figure, colors: BeamColors) -> None:
     axis.tick_params(labelsize=8, color="0.4", labelcolor="0.3", length=2)
     axis.locator_params(nbins=6)
     axis.set_title(colors.title, fontsize=8, color="0.3", pad=3)
-
-
-def draw_thumbnail(solution: Solution) -> str:
-    """Return an SVG picture of the bodies at six times of a run; earlier times are faded.
-
-    Raises
-    ------
-    BeamdaeError
-        If the run has no mechanism or no parts that can be drawn.
-    """
-    times = frame_times(solution, _THUMBNAIL_FRAMES)
-    scene = build_run_scene("animate", solution, times, is_hidden=lambda part: True)
-    low, high = padded_extent([scene])
-    width, height = high - low
-    scale = _THUMBNAIL_SIZE / max(width, height)
-    elements = []
-    for k in range(_THUMBNAIL_FRAMES):
-        is_last = k == _THUMBNAIL_FRAMES - 1
-        opacity = 1.0 if is_last else 0.15 + 0.35 * k / _THUMBNAIL_FRAMES
-        for glyph, line in scene.lines():
-            x, y = scale * (line[k, :, 0] - low[0]), scale * (high[1] - line[k, :, 1])
-            color = find_style(glyph.kind).color
-            if glyph.kind == "point":
-                elements.append(
-                    f'<circle cx="{np.mean(x[:-1]):.1f}" cy="{np.mean(y[:-1]):.1f}" r="3" '
-                    f'fill="{color}" opacity="{opacity:.2f}"/>'
-                )
-                continue
-            points = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x, y, strict=True))
-            elements.append(
-                f'<polyline points="{points}" fill="none" stroke="{color}" stroke-width="2" '
-                f'stroke-linecap="round" opacity="{opacity:.2f}"/>'
-            )
-    label = html.escape(", ".join(glyph.part for glyph in scene.glyphs))
-    return (
-        f'<svg xmlns="http://www.w3.org/2000/svg" width="{scale * width:.0f}" '
-        f'height="{scale * height:.0f}" role="img" aria-label="{label}">{"".join(elements)}</svg>'
-    )

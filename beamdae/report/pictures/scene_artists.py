@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from beamdae.report.pictures.figures import COLORS
-from beamdae.report.scene.scene import Glyph, MovingCurve, Scene, bounding_box
+from beamdae.report.scene.scene import Glyph, Scene, bounding_box, find_layer
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -31,64 +31,47 @@ _CHAIN_LINE = (0, (6, 2, 1, 2))
 _DOTTED_LINE = (0, (1, 1.5))
 _PALE_COLOR = "0.8"
 _PALE_ORDER = 0.5
-_OUTLINE_WIDTH = 0.7  # of beams with drawn heights [pt]
-_COLORED_WIDTH = 1.4  # line width of colored beams, relative to uncolored beams
 
 # Margin around a drawing, relative to the larger of width and height.
 _MARGIN = 0.05
 
 
 class LineStyle(NamedTuple):
-    """Appearance of a line in a figure.
-
-    Attributes
-    ----------
-    color, width, dash
-        Color, width [pt] and dash pattern, as defined by Matplotlib.
-    fill, opacity
-        Fill color of a closed line (None for no fill), and opacity of the fill.
-    order
-        Drawing order; lines of higher order cover lines of lower order.
-    """
+    """Color, width [pt] and dash pattern of a line, fill and opacity of a closed one."""
 
     color: str
     width: float = 1.2
     dash: Any = "-"
     fill: str | None = None
     opacity: float = 1.0
-    order: int = 3
 
 
 _STYLES = {
-    "ground": LineStyle("0.5", 1.0, order=1),
-    "guide": LineStyle("0.55", 1.0, order=1),
-    "surface": LineStyle("0.45", 1.1, order=1),
-    "gear": LineStyle("0.4", 0.9, _CHAIN_LINE, order=1),
-    "wheel": LineStyle("0.3", 1.0, order=1),
-    "trail": LineStyle("0.45", 0.9, order=1),
-    "rigid": LineStyle(_ORANGE, 2.2, fill=_ORANGE, opacity=0.18, order=2),
-    "beam": LineStyle(_BLUE, 2.4, order=3),
-    "link": LineStyle("0.2", 1.2, _DOTTED_LINE, order=3),
-    "spring": LineStyle(_GREEN, 1.3, order=3),
-    "damper": LineStyle("0.3", 1.3, order=3),
-    "point": LineStyle(_RED, 1.0, fill=_RED, order=4),
-    "sleeve": LineStyle("0.2", 1.1, fill="white", order=3),
-    "joint": LineStyle("0.2", 1.1, fill="white", order=5),
-    "weld": LineStyle("0.2", 1.1, fill="0.2", order=5),
-    "skate": LineStyle("0.2", 3.0, order=5),
-    "contact": LineStyle(_RED, 1.0, fill="white", order=5),
-    "driver": LineStyle("0.2", 1.3, order=5),
-    "driver tip": LineStyle("0.2", 1.0, fill="0.2", order=5),
-    "load": LineStyle(_RED, 1.5, order=6),
-    "load tip": LineStyle(_RED, 1.0, fill=_RED, order=6),
+    "ground": LineStyle("0.5", 1.0),
+    "guide": LineStyle("0.55", 1.0),
+    "surface": LineStyle("0.45", 1.1),
+    "gear": LineStyle("0.4", 0.9, _CHAIN_LINE),
+    "wheel": LineStyle("0.3", 1.0),
+    "trail": LineStyle("0.45", 0.9),
+    "rigid": LineStyle(_ORANGE, 2.2, fill=_ORANGE, opacity=0.18),
+    "beam": LineStyle(_BLUE, 2.4),
+    "beam solid": LineStyle(_BLUE, 0.7, fill=_BLUE),  # thin sections remain visible
+    "link": LineStyle("0.2", 1.2, _DOTTED_LINE),
+    "spring": LineStyle(_GREEN, 1.3),
+    "damper": LineStyle("0.3", 1.3),
+    "point": LineStyle(_RED, 1.0, fill=_RED),
+    "sleeve": LineStyle("0.2", 1.1, fill="white"),
+    "joint": LineStyle("0.2", 1.1, fill="white"),
+    "weld": LineStyle("0.2", 1.1, fill="0.2"),
+    "skate": LineStyle("0.2", 3.0),
+    "contact": LineStyle(_RED, 1.0, fill="white"),
+    "driver": LineStyle("0.2", 1.3),
+    "driver tip": LineStyle("0.2", 1.0, fill="0.2"),
+    "load": LineStyle(_RED, 1.5),
+    "load tip": LineStyle(_RED, 1.0, fill=_RED),
 }
 # Style of unknown kinds, which user-defined parts may return from `Part.draw`.
 _DEFAULT_STYLE = LineStyle(_ORANGE, 1.2)
-
-
-def find_style(kind: str) -> LineStyle:
-    """Return the line style of a kind, or the default style if the kind is unknown."""
-    return _STYLES.get(kind, _DEFAULT_STYLE)
 
 
 def create_colormap(colors: BeamColors) -> Colormap:
@@ -124,71 +107,44 @@ class SceneArtists:
         self, axis: Axes, scene: Scene, colors: BeamColors | None = None, is_pale: bool = False
     ) -> None:
         self._axis, self._is_pale, self._colors = axis, is_pale, colors
-        self._artists = [(self._create(g, line), line, g) for g, line in scene.outlines()]
+        self._artists = [(self._create(g, line), line, g) for g, line in scene.lines()]
         self.show(0)
 
     def _create(self, glyph: Glyph, line: Array) -> Artist:
-        style = find_style(glyph.kind)
-        color, order = style.color, float(style.order)
+        from matplotlib.collections import PolyCollection
+        from matplotlib.colors import to_rgba
+        from matplotlib.patches import Polygon
+
+        style = _STYLES.get(glyph.kind, _DEFAULT_STYLE)
+        color, order = style.color, 1.0 + find_layer(glyph.kind)
         if self._is_pale:
             color, order = _PALE_COLOR, _PALE_ORDER
-        if _has_heights(glyph):
-            from matplotlib.collections import PolyCollection
-
-            # Thin sections remain visible as lines.
-            fill: dict[str, Any] = {"linewidths": _OUTLINE_WIDTH, "zorder": order}
-            if self._is_colored(glyph):
-                assert self._colors is not None
-                fill["cmap"] = create_colormap(self._colors)
-                fill["norm"] = create_norm(self._colors)
-                fill["edgecolors"] = "face"
-            else:
-                fill["facecolors"] = fill["edgecolors"] = color
-            return self._axis.add_collection(PolyCollection([], **fill), autolim=False)
-        if self._is_colored(glyph):
-            from matplotlib.collections import LineCollection
-
-            lines = LineCollection([], linewidths=_COLORED_WIDTH * style.width, zorder=order)
-            assert self._colors is not None
-            colormap, norm = create_colormap(self._colors), create_norm(self._colors)
-            lines.set(cmap=colormap, norm=norm, capstyle="butt")
-            return self._axis.add_collection(lines, autolim=False)
-        if style.fill is not None and line.shape[1] > 2 and not self._is_pale:
-            from matplotlib.colors import to_rgba
-            from matplotlib.patches import Polygon
-
-            face = to_rgba(style.fill, style.opacity)
+        if (colors := self._colors_of(glyph)) is not None:
+            pieces = PolyCollection([], edgecolors="face", linewidths=style.width, zorder=order)
+            pieces.set(cmap=create_colormap(colors), norm=create_norm(colors))
+            return self._axis.add_collection(pieces, autolim=False)
+        if (
+            style.fill is not None
+            and line.shape[1] > 2
+            and not (self._is_pale and style.opacity < 1.0)
+        ):
+            face = to_rgba(color if self._is_pale else style.fill, style.opacity)
             edge: dict[str, Any] = {"fc": face, "ec": color, "lw": style.width, "zorder": order}
             return self._axis.add_patch(Polygon(line[0], closed=True, **edge))
-        options: dict[str, Any] = {
-            "color": color,
-            "lw": style.width,
-            "ls": style.dash,
-            "zorder": order,
-        }
-        return self._axis.plot([], [], **options, solid_capstyle="round")[0]
+        looks: dict[str, Any] = {"color": color, "lw": style.width, "ls": style.dash}
+        return self._axis.plot([], [], **looks, zorder=order, solid_capstyle="round")[0]
 
-    def _is_colored(self, glyph: Glyph) -> bool:
-        colors = self._colors
-        return colors is not None and isinstance(glyph, MovingCurve) and glyph.part in colors.values
+    def _colors_of(self, glyph: Glyph) -> BeamColors | None:
+        values = {} if self._colors is None else self._colors.values
+        return self._colors if glyph.kind.startswith("beam") and glyph.part in values else None
 
     def show(self, frame: int) -> list[Artist]:
         """Update all artists to a frame and return them."""
         for artist, line, glyph in self._artists:
             points = line[frame]
-            if _has_heights(glyph):
-                is_colored = self._is_colored(glyph)
-                artist.set(verts=_split_outline(points) if is_colored else [points])
-                if is_colored:
-                    assert self._colors is not None
-                    artist.set(array=self._colors.segment_values(glyph.part, frame))
-            elif self._is_colored(glyph):
-                assert self._colors is not None
-                # Each segment extends below the next segment to hide the seams.
-                next_points = np.concatenate([points[2:], points[-1:]])
-                segments = np.stack([points[:-1], points[1:], next_points], axis=1)
-                artist.set(segments=segments)
-                artist.set(array=self._colors.segment_values(glyph.part, frame))
+            if (colors := self._colors_of(glyph)) is not None:
+                values = colors.segment_values(glyph.part, frame)
+                artist.set(verts=_split_line(points, len(values)), array=values)
             elif hasattr(artist, "set_xy"):
                 artist.set_xy(points)
             else:
@@ -196,21 +152,14 @@ class SceneArtists:
         return [artist for artist, _, _ in self._artists]
 
 
-def _has_heights(glyph: Glyph) -> bool:
-    return isinstance(glyph, MovingCurve) and glyph.heights is not None
-
-
-def _split_outline(outline: Array) -> Array:
-    """Return the quadrilaterals (k - 1, 4, 2) between neighboring sections of an outline."""
-    count = len(outline) // 2
-    upper, lower = outline[:count], outline[count:-1][::-1]
+def _split_line(line: Array, count: int) -> Array:
+    """Return the pieces (count, 2 or 4, 2) between the sections of a line or an outline."""
+    upper = line[: count + 1]
+    if len(line) == len(upper):
+        # Each piece extends below the next one to hide the seams.
+        return np.stack([upper[:-1], upper[1:], np.concatenate([upper[2:], upper[-1:]])], axis=1)
+    lower = line[count + 1 : -1][::-1]
     return np.stack([upper[:-1], upper[1:], lower[1:], lower[:-1]], axis=1)
-
-
-def describe_heights(scene: Scene) -> str:
-    """Return a caption with the factor of the drawn section heights, or "" if there is none."""
-    scale = scene.height_scale
-    return "" if scale == 1.0 else f"section heights \u00d7 {scale:.4g}"
 
 
 def show_region(axis: Axes, corners: tuple[Array, Array]) -> None:

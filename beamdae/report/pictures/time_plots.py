@@ -21,17 +21,11 @@ from beamdae.report.pictures.figures import (
     COLORS,
     DASHES,
     MAX_DRAWABLE,
-    MAX_LABEL_LETTERS,
-    add_legend,
+    Panel,
     characteristic_columns,
-    create_panels,
-    disable_math_text,
-    format_axis,
-    format_horizontal_axis,
+    draw_panels,
     mask_huge_values,
     save_figure,
-    set_legend_names,
-    single_point_marker,
     varying_columns,
 )
 from beamdae.report.text import shorten_text
@@ -40,6 +34,7 @@ from beamdae.results.columns import (
     is_derivative,
     merge_columns,
     observed_columns,
+    remove_unit,
     require_one_column,
     select_columns,
 )
@@ -48,17 +43,13 @@ from beamdae.results.time_series import TimeSeries
 
 if TYPE_CHECKING:
     import pandas as pd
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from beamdae.report.pictures.figures import Columns
 
 Array = np.ndarray
 
-_TITLE_LETTERS = 40  # of a panel title
 _TITLE_LETTERS_BESIDE_LEGEND = 22
-_PANEL_LEGEND_LETTERS = 14  # of an entry in the legend of a panel
-_PANEL_LEGEND_COLUMNS = 4
 _MAX_FALLBACK_COLUMNS = 3  # if no column characterizes a run
 _DATA_COLOR = "#333333"
 _MARGIN_OF_DATA = 0.25  # of their duration, before and after them
@@ -128,7 +119,6 @@ def plot(
     observed = list(runs[0].all_columns())
     selection = select_plot(list(tables[0]), observed, names, x, data, data_columns)
     figure = _create_figure(dict(zip(run_labels, tables, strict=True)), selection, observed)
-    disable_math_text(figure)
     return Plot(figure)
 
 
@@ -160,48 +150,41 @@ def _create_figure(
         candidates = _candidates(observed, abscissa)
         columns = characteristic_columns({c: first[c] for c in candidates})
         columns = columns or candidates[:_MAX_FALLBACK_COLUMNS]
-    is_over_time = abscissa == TIME
     window = None
-    if is_over_time:
+    if abscissa == TIME:
         ends = [np.asarray(table[TIME])[[0, -1]] for table in tables.values()]
         window = find_time_window(points, float(np.min(ends)), float(np.max(ends)))
     if window is not None:
         tables = {label: _select_rows(table, window) for label, table in tables.items()}
-    figure, axes = create_panels(len(columns), title, x_label=TIME if is_over_time else None)
     experiments = dict.fromkeys(name for measured in points.values() for name in measured)
     markers = {name: _marker_style(k) for k, name in enumerate(experiments)}
     styles = dict(zip(tables, _line_styles(len(tables)), strict=True))
-    for axis, column in zip(axes, columns, strict=False):
+    panels = []
+    for column in columns:
+        lines: list[tuple[Any, Any, dict[str, Any]]] = []
         for label, table in tables.items():
-            (horizontal,), (vertical,) = (select_columns(table, c) for c in (abscissa, column))
-            masked = mask_huge_values({c: table[c] for c in (horizontal, vertical)})
-            values, style = masked[horizontal], styles[label]
-            axis.plot(values, masked[vertical], lw=1.4, **style, **single_point_marker(values))
-            if not is_over_time:
-                start = {"color": style["color"], "marker": "o", "ms": 4}
-                axis.plot(values[:1], masked[vertical][:1], **start)
+            (x,), (y,) = (select_columns(table, c) for c in (abscissa, column))
+            lines.append((table[x], table[y], styles[label]))
+            if abscissa != TIME:
+                start = {"color": styles[label]["color"], "marker": "o", "ms": 4}
+                lines.append((np.asarray(table[x])[:1], np.asarray(table[y])[:1], start))
         measured = points.get(column, {})
         is_dense = sum(len(values) for _, values in measured.values()) > _MAX_DATA_MARKERS
-        for experiment, values_of_data in measured.items():
+        for experiment, (u, v) in measured.items():
             style = markers[experiment]
-            axis.plot(*values_of_data, **(_as_dots(style) if is_dense else style))
-        if window is not None:
-            axis.set_xlim(*window)
-        header = Header.of(column)
-        name = column.removesuffix(f" [{header.unit}]")
-        format_axis(axis, shorten_text(name, _TITLE_LETTERS), f"[{header.unit}]")
-        if not is_over_time:
-            format_horizontal_axis(axis, abscissa, column)
-    entries: dict[str, dict[str, Any]] = {}
-    if len(tables) > 1 or points:
-        entries = {label: {"lw": 1.4, **style} for label, style in styles.items()}
+            lines.append((u, v, _as_dots(style) if is_dense else style))
+        over = None if abscissa == TIME else (abscissa, column)
+        panels.append(Panel(remove_unit(column), f"[{Header.of(column).unit}]", lines, over))
+    entries: dict[str, dict[str, Any]] = dict(styles) if len(tables) > 1 or points else {}
     for experiment, marker in markers.items():
         label = f"data, {experiment}" if experiment else "data"
         while label in entries:
             label = f"measured {label}"  # A run has this label.
         entries[label] = marker
-    if entries:
-        add_legend(figure, entries)
+    figure = draw_panels(panels, title, entries, x_label=TIME if abscissa == TIME else None)
+    if window is not None:
+        for axis in figure.axes:
+            axis.set_xlim(*window)
     return figure
 
 
@@ -359,7 +342,7 @@ def _line_styles(count: int) -> list[dict[str, Any]]:
     The numbers of colors and dashes are coprime, so that all their pairs occur.
     """
     pairs = zip(range(count), cycle(COLORS), cycle(DASHES), strict=False)
-    return [{"color": color, "ls": dash} for _, color, dash in pairs]
+    return [{"color": color, "ls": dash, "lw": 1.4} for _, color, dash in pairs]
 
 
 def _require_runs(solutions: Any) -> list[TimeSeries]:
@@ -399,7 +382,7 @@ def save_run_figure(path: Path, table: Columns, title: str) -> Path:
     """Plot observed positions, deformations and forces over time, and write an image file.
 
     Rates are omitted, and constant columns too unless all columns are constant. If no columns
-    remain, energies are plotted.
+    remain, energies are plotted. Columns of the same observable and unit share a panel.
 
     Parameters
     ----------
@@ -415,48 +398,23 @@ def save_run_figure(path: Path, table: Columns, title: str) -> Path:
     Path
         Path of the image file.
     """
-    masked = mask_huge_values(table)
-    groups = _group_by_observable(masked)
-    figure, axes = create_panels(len(groups), title, "observables")
-    for axis, ((name, unit), columns) in zip(axes, groups.items(), strict=False):
-        labels = [column.removesuffix(f" [{unit}]").removeprefix(f"{name}.") for column in columns]
-        has_legend = len(columns) > 1
-        for column, color in zip(columns, cycle(COLORS), strict=False):
-            time, values = masked[TIME], masked[column]
-            axis.plot(time, values, color=color, lw=1.2, **single_point_marker(time))
-        letters = _TITLE_LETTERS_BESIDE_LEGEND if has_legend else _TITLE_LETTERS
-        format_axis(axis, shorten_text(name, letters), f"[{unit}]")
-        if has_legend:
-            _add_panel_legend(axis, labels)
-        else:
-            label = f"{labels[0]} [{unit}]" if labels[0] != name else f"[{unit}]"
-            axis.set_ylabel(shorten_text(label, MAX_LABEL_LETTERS))
-    return save_figure(figure, path)
-
-
-def _group_by_observable(table: Columns) -> dict[tuple[str, str], list[str]]:
-    """Group the columns to plot by observable and unit; each group shares a panel."""
     groups: dict[tuple[str, str], list[str]] = {}
-    for column in varying_columns(table) or [c for c in map(str, table) if c in LEDGER_COLUMNS]:
+    names = varying_columns(mask_huge_values(table))
+    for column in names or [c for c in map(str, table) if c in LEDGER_COLUMNS]:
         header = Header.of(column)
         groups.setdefault((header.name, header.unit), []).append(column)
-    return groups
-
-
-def _add_panel_legend(axis: Axes, labels: Sequence[str]) -> None:
-    """Add a legend above the upper right corner of the axes, where it covers no curve."""
-    legend = axis.legend(
-        axis.lines,
-        [""] * len(labels),
-        loc="lower right",
-        bbox_to_anchor=(1.02, 0.97),
-        frameon=False,
-        fontsize=8,
-        ncols=min(len(labels), _PANEL_LEGEND_COLUMNS),
-        handlelength=1.2,
-        columnspacing=1.0,
-    )
-    set_legend_names(legend, [shorten_text(label, _PANEL_LEGEND_LETTERS) for label in labels])
+    panels = []
+    for (name, unit), columns in groups.items():
+        labels = [remove_unit(column).removeprefix(f"{name}.") for column in columns]
+        colors = zip(columns, cycle(COLORS), strict=False)
+        lines = [(table[TIME], table[x], {"color": color, "lw": 1.2}) for x, color in colors]
+        if len(columns) > 1:
+            short = shorten_text(name, _TITLE_LETTERS_BESIDE_LEGEND)
+            panels.append(Panel(short, f"[{unit}]", lines, legend=labels))
+        else:
+            label = f"{labels[0]} [{unit}]" if labels[0] != name else f"[{unit}]"
+            panels.append(Panel(name, label, lines))
+    return save_figure(draw_panels(panels, title, what="observables"), path)
 
 
 def save_comparison_figure(
@@ -487,39 +445,22 @@ def save_comparison_figure(
     Path
         Path of the image file.
     """
-    truth = mask_huge_values(reference)
-    columns = characteristic_columns(truth)
+    styles = dict(zip(runs, _line_styles(len(runs)), strict=True))
+    entries = {"reference": {"color": "0.8", "lw": 5}} | styles
+    panels = []
+    for column in characteristic_columns(mask_huge_values(reference)):
+        lines: list[tuple[Any, Any, dict[str, Any]]] = [
+            (reference[TIME], reference[column], entries["reference"])
+        ]
+        lines += [(x[TIME], x[column], styles[k]) for k, (x, _) in runs.items() if column in x]
+        panels.append(Panel("", column, lines))
     errors = {label: error.max(axis=1) for label, (_, error) in runs.items() if error is not None}
     errors = {label: x.where((x > 0.0) & (x < MAX_DRAWABLE)) for label, x in errors.items()}
-    has_errors = any(x.notna().any() for x in errors.values())
-    figure, axes = create_panels(len(columns) + has_errors, title)
-    styles = dict(zip(runs, _line_styles(len(runs)), strict=True))
-    for axis, column in zip(axes, columns, strict=False):
-        time = truth[TIME]
-        axis.plot(time, truth[column], color="0.8", lw=5, **single_point_marker(time))
-        for label, (curve, _) in runs.items():
-            table = mask_huge_values(curve)
-            if column in table:
-                time = table[TIME]
-                axis.plot(time, table[column], lw=1.4, **styles[label], **single_point_marker(time))
-        format_axis(axis, "", column)
-    if has_errors:
-        _plot_errors(axes[-1], errors, styles, uncertainty)
-    entries = {"reference": {"color": "0.8", "lw": 5}} | {x: {"lw": 1.4, **styles[x]} for x in runs}
-    add_legend(figure, entries)
-    return save_figure(figure, path)
-
-
-def _plot_errors(
-    axis: Axes,
-    errors: Mapping[str, pd.Series],
-    styles: Mapping[str, dict[str, Any]],
-    uncertainty: float,
-) -> None:
-    for label, error in errors.items():
-        axis.plot(error.index, error, lw=1.0, **styles[label], **single_point_marker(error))
-    axis.set_yscale("log")
-    if 0.0 < uncertainty < MAX_DRAWABLE:
-        line = axis.axhline(uncertainty, color="0.4", lw=1.0, ls=":")
-        axis.legend([line], ["reference uncertainty"], loc="lower right", frameon=False, fontsize=8)
-    format_axis(axis, "", "error / amplitude [-]")
+    if any(x.notna().any() for x in errors.values()):
+        lines = [(x.index, x, styles[label] | {"lw": 1.0}) for label, x in errors.items()]
+        if 0.0 < uncertainty < MAX_DRAWABLE:
+            entries["reference uncertainty"] = {"color": "0.4", "lw": 1.0, "ls": ":"}
+            ends = reference[TIME].to_numpy()[[0, -1]]
+            lines.append((ends, np.full(2, uncertainty), entries["reference uncertainty"]))
+        panels.append(Panel("", "error / amplitude [-]", lines, scales=("linear", "log")))
+    return save_figure(draw_panels(panels, title, entries), path)

@@ -1,7 +1,7 @@
 """Symbols of joints, drivers, gears and rolling contacts.
 
-Each function listed in `symbols.py` adds the symbol of one part to a `SceneBuilder`.
-The length constants are relative to the symbol size unless stated otherwise.
+Each function listed in `symbols.py` adds the symbol of one part to a `SceneBuilder` and returns the
+pose at which the name of the part is shown. Lengths are relative to the symbol size.
 """
 
 from __future__ import annotations
@@ -53,50 +53,39 @@ _SLIDER_SECTIONS = 201
 _END_TOLERANCE = 1e-6
 
 
-def draw_markers(part: Part, builder: SceneBuilder) -> None:
+def draw_markers(part: Part, builder: SceneBuilder) -> int | None:
     """Draw a diamond at each attachment, the default symbol of a part."""
     rows = [builder.add_attachment(attachment) for attachment in part.attachments]
     for row in rows:
-        diamond = circle(_MARKER_RADIUS * builder.size, 4)
-        builder.add_rigid("load" if part.is_load else "joint", row, diamond)
-    if rows:
-        builder.add_name(rows[0])
+        builder.add_rigid("load" if part.is_load else "joint", row, circle(_MARKER_RADIUS, 4))
+    return rows[0] if rows else None
 
 
-def draw_supports(part: Any, builder: SceneBuilder) -> None:
-    """Draw a support at each ground attachment of the part."""
-    for attachment in part.attachments:
-        builder.add_support(attachment)
-
-
-def _draw_pin(builder: SceneBuilder, row: int) -> None:
-    builder.add_rigid("joint", row, circle(_PIN_RADIUS * builder.size))
-
-
-def draw_joint(part: Joint, builder: SceneBuilder) -> None:
+def draw_joint(part: Joint, builder: SceneBuilder) -> int:
     """Draw a diamond at the second attachment, the default symbol of a joint."""
-    draw_supports(part, builder)
     row = builder.add_attachment(part.b)
-    builder.add_rigid("joint", row, circle(_MARKER_RADIUS * builder.size, 4))
-    builder.add_name(row)
+    builder.add_rigid("joint", row, circle(_MARKER_RADIUS, 4))
+    return row
 
 
-def draw_revolute(part: Revolute, builder: SceneBuilder) -> None:
+def draw_revolute(part: Revolute, builder: SceneBuilder) -> int:
     """Draw a pin at the common point."""
-    draw_supports(part, builder)
-    row = builder.add_attachment(part.b)
-    _draw_pin(builder, row)
-    builder.add_name(row)
+    return _draw_pin(builder, builder.add_attachment(part.b))
 
 
-def draw_weld(part: Weld, builder: SceneBuilder) -> None:
+def _draw_pin(builder: SceneBuilder, row: int) -> int:
+    builder.add_rigid("joint", row, circle(_PIN_RADIUS))
+    return row
+
+
+def draw_weld(part: Weld, builder: SceneBuilder) -> int:
     """Draw a square and, for a weld to the ground, a wall across the beam end or a support."""
     row = builder.add_attachment(part.b)
     for fixed, clamped in ((part.a, part.b), (part.b, part.a)):
         if isinstance(fixed.body, Ground):
             _draw_clamp(fixed, clamped, builder)
-    builder.add_rigid("weld", row, box(_WELD_WIDTH * builder.size, _WELD_WIDTH * builder.size))
-    builder.add_name(row)
+    builder.add_rigid("weld", row, box(_WELD_WIDTH, _WELD_WIDTH))
+    return row
 
 
 def _draw_clamp(fixed: Attachment, clamped: Attachment, builder: SceneBuilder) -> None:
@@ -107,90 +96,82 @@ def _draw_clamp(fixed: Attachment, clamped: Attachment, builder: SceneBuilder) -
         return
     side = 1.0 if s < 0.5 * length else -1.0
     along = side * np.array([math.cos(clamped.inclination), math.sin(clamped.inclination)])
-    half = _WALL_HALF_LENGTH * builder.size
-    wall = align_points(hatched_line(-half, half, builder.size), rotate_left(-along))
-    builder.add_rigid("ground", builder.add_attachment(fixed), wall)
+    wall = hatched_line(-_WALL_HALF_LENGTH, _WALL_HALF_LENGTH)
+    row = builder.add_attachment(fixed)
+    builder.add_rigid("ground", row, align_points(wall, rotate_left(-along)))
 
 
-def draw_point_on_line(part: PointOnLine, builder: SceneBuilder) -> None:
+def draw_point_on_line(part: PointOnLine, builder: SceneBuilder) -> int:
     """Draw a pin in a slot that covers the travel of the pin."""
     _draw_slot(part, builder, 0.0)
-    row = builder.add_attachment(part.b)
-    _draw_pin(builder, row)
-    builder.add_name(row)
+    return _draw_pin(builder, builder.add_attachment(part.b))
 
 
-def draw_prismatic(part: Prismatic, builder: SceneBuilder) -> None:
+def draw_prismatic(part: Prismatic, builder: SceneBuilder) -> int:
     """Draw a block in a slot that covers the travel of the block."""
-    a, b = np.array(part.a.point), np.array(part.b.point)
-    _draw_slot(part, builder, float(rotate_left(unit_vector(part.direction)) @ (b - a)))
+    offset = rotate_left(unit_vector(part.direction)) @ np.subtract(part.b.point, part.a.point)
+    _draw_slot(part, builder, float(offset) / builder.size)
     row = builder.add_attachment(part.b)
-    block = box(1.5 * builder.size, 2.0 * _SLOT_HALF_WIDTH * builder.size)
-    builder.add_rigid("joint", row, align_points(block, part.direction))
-    builder.add_name(row)
+    builder.add_rigid("joint", row, align_points(box(1.5, 2.0 * _SLOT_HALF_WIDTH), part.direction))
+    return row
 
 
 def _draw_slot(part: Any, builder: SceneBuilder, offset: float) -> None:
     """Draw two walls along the travel of a guided point; one is hatched if fixed to the ground."""
     low, high = find_travel(part.a, part.b, part.direction, builder)
-    half = _SLOT_HALF_WIDTH * builder.size
-    walls = [np.array([(low, offset + half), (high, offset + half)])]
+    upper = np.array([(low, offset + _SLOT_HALF_WIDTH), (high, offset + _SLOT_HALF_WIDTH)])
+    lower = upper - (0.0, 2.0 * _SLOT_HALF_WIDTH)
     if isinstance(part.a.body, Ground):
-        walls.append(np.add(hatched_line(low, high, builder.size), (0.0, offset - half)))
-    else:
-        walls.append(np.subtract(walls[0], (0.0, 2.0 * half)))
-    slot = align_points(join_lines(*walls), part.direction)
+        lower = np.add(hatched_line(low, high), (0.0, offset - _SLOT_HALF_WIDTH))
+    slot = align_points(join_lines(upper, lower), part.direction)
     builder.add_rigid("guide", builder.add_attachment(part.a), slot)
 
 
 def find_travel(
     a: Attachment, b: Attachment, direction: Any, builder: SceneBuilder, margin: float = 0.0
 ) -> tuple[float, float]:
-    """Return the lowest and highest position [m] of `b` along `direction` in the axes of `a`.
+    """Return the lowest and highest position of `b` along `direction` in the axes of `a`.
 
     Both limits are extended by an overhang and by `margin` [m].
     """
     position = builder.relative_position(builder.add_attachment(a), builder.add_attachment(b))
-    x = position @ unit_vector(direction)
-    overhang = _GUIDE_OVERHANG * builder.size + margin
+    x = position @ unit_vector(direction) / builder.size
+    overhang = _GUIDE_OVERHANG + margin / builder.size
     return float(np.min(x)) - overhang, float(np.max(x)) + overhang
 
 
-def draw_translational_driver(part: TranslationalDriver, builder: SceneBuilder) -> None:
+def draw_translational_driver(part: TranslationalDriver, builder: SceneBuilder) -> int:
     """Draw an arrow in the direction of the driver."""
     a, b = builder.add_attachment(part.a), builder.add_attachment(part.b)
-    pose = np.column_stack([builder.pose(b)[:, :2], builder.pose(a)[:, 2]])
-    row, length = builder.add_pose(pose), _SHAFT_LENGTH * builder.size
-    shaft = np.array([(0.0, 0.0), (0.8 * length, 0.0)])
-    tip = np.add(arrow_head(builder.size), (length, 0.0))
+    row = builder.add_pose(np.column_stack([builder.pose(b)[:, :2], builder.pose(a)[:, 2]]))
+    shaft, tip = (
+        [(0.0, 0.0), (0.8 * _SHAFT_LENGTH, 0.0)],
+        np.add(arrow_head(), (_SHAFT_LENGTH, 0.0)),
+    )
     builder.add_rigid("driver", row, align_points(shaft, part.direction))
     builder.add_rigid("driver tip", row, align_points(tip, part.direction))
-    builder.add_name(b)
+    return b
 
 
-def draw_distance(part: Distance, builder: SceneBuilder) -> None:
+def draw_distance(part: Distance, builder: SceneBuilder) -> int:
     """Draw a link between two pins."""
-    draw_supports(part, builder)
     a, b = builder.add_attachment(part.a), builder.add_attachment(part.b)
     builder.add_link("link", a, b)
-    _draw_pin(builder, a)
-    _draw_pin(builder, b)
-    builder.add_name(builder.add_midpoint(a, b))
+    return builder.add_midpoint(_draw_pin(builder, a), _draw_pin(builder, b))
 
 
-def draw_driver(part: Driver, builder: SceneBuilder) -> None:
+def draw_driver(part: Driver, builder: SceneBuilder) -> int:
     """Draw an arc-shaped arrow around the second attachment."""
-    draw_supports(part, builder)
     row = builder.add_attachment(part.b)
     angle = np.linspace(-0.25 * math.pi, 1.05 * math.pi, 24)
-    arc = _DRIVER_RADIUS * builder.size * np.column_stack([np.cos(angle), np.sin(angle)])
+    arc = _DRIVER_RADIUS * np.column_stack([np.cos(angle), np.sin(angle)])
     builder.add_rigid("driver", row, arc)
-    tip = np.add(arrow_head(builder.size), (0.25 * builder.size, 0.0))
-    builder.add_rigid("driver tip", row, align_points(tip, rotate_left(arc[-1])) + arc[-1])
-    builder.add_name(row)
+    tip = align_points(np.add(arrow_head(), (0.25, 0.0)), rotate_left(arc[-1]))
+    builder.add_rigid("driver tip", row, tip + arc[-1])
+    return row
 
 
-def draw_gear(part: Gear, builder: SceneBuilder) -> None:
+def draw_gear(part: Gear, builder: SceneBuilder) -> int:
     """Draw a line between the points and, for meshing wheels without a shape, the pitch circles."""
     a, b = builder.add_attachment(part.a), builder.add_attachment(part.b)
     builder.add_link("gear", a, b)
@@ -201,8 +182,8 @@ def draw_gear(part: Gear, builder: SceneBuilder) -> None:
         radii = distance * abs(part.ratio) / share, distance / share
         for row, attachment, radius in zip((a, b), (part.a, part.b), radii, strict=True):
             if not getattr(attachment.body, "shape", ()):
-                builder.add_rigid("gear", row, wheel(radius))
-    builder.add_name(builder.add_midpoint(a, b))
+                builder.add_rigid("gear", row, wheel(radius / builder.size))
+    return builder.add_midpoint(a, b)
 
 
 def _is_center(attachment: Attachment) -> bool:
@@ -212,50 +193,48 @@ def _is_center(attachment: Attachment) -> bool:
     )
 
 
-def draw_rack_and_pinion(part: RackAndPinion, builder: SceneBuilder) -> None:
+def draw_rack_and_pinion(part: RackAndPinion, builder: SceneBuilder) -> int:
     """Draw the pinion as a wheel and the rack as a line."""
-    a, b = builder.add_attachment(part.a), builder.add_attachment(part.b)
-    builder.add_rigid("wheel", a, wheel(abs(part.radius)))
-    direction = unit_vector(part.direction)
+    b, direction = builder.add_attachment(part.b), unit_vector(part.direction)
     # Seen along its direction, the rack is on the right of the pinion if the radius is positive.
     touch = np.subtract(part.a.point, part.b.point) - part.radius * rotate_left(direction)
+    touch = (touch - (touch @ direction) * direction) / builder.size
     low, high = find_travel(part.b, part.a, part.direction, builder, abs(part.radius))
-    line = align_points([(low, 0.0), (high, 0.0)], direction)
-    builder.add_rigid("guide", b, line + (touch - (touch @ direction) * direction))
-    builder.add_name(a)
+    builder.add_rigid("guide", b, align_points([(low, 0.0), (high, 0.0)], direction) + touch)
+    return _draw_wheel(part.a, abs(part.radius), builder)
 
 
-def draw_rolling_on_line(part: RollingOnLine, builder: SceneBuilder) -> None:
+def draw_rolling_on_line(part: RollingOnLine, builder: SceneBuilder) -> int:
     """Draw a wheel on a hatched line that covers the travel of the wheel."""
-    low, high = find_travel(part.a, part.b, part.direction, builder, part.radius)
+    line = hatched_line(*find_travel(part.a, part.b, part.direction, builder, part.radius))
     side = np.subtract(part.b.point, part.a.point) @ rotate_left(unit_vector(part.direction))
-    line = hatched_line(low, high, builder.size) * (1.0, 1.0 if side > 0.0 else -1.0)
-    builder.add_rigid("surface", builder.add_attachment(part.a), align_points(line, part.direction))
-    _draw_wheel(part.b, part.radius, builder)
+    line = align_points(line * (1.0, 1.0 if side > 0.0 else -1.0), part.direction)
+    builder.add_rigid("surface", builder.add_attachment(part.a), line)
+    return _draw_wheel(part.b, part.radius, builder)
 
 
-def draw_rolling_on_circle(part: RollingOnCircle, builder: SceneBuilder) -> None:
+def draw_rolling_on_circle(part: RollingOnCircle, builder: SceneBuilder) -> int:
     """Draw a wheel on a circular track, with a spoke in the track if the track can rotate."""
-    can_rotate = not isinstance(part.a.body, Ground)
-    track = wheel(part.radii[0]) if can_rotate else circle(part.radii[0], _TRACK_CORNERS)
+    can_rotate, radius = not isinstance(part.a.body, Ground), part.radii[0] / builder.size
+    track = wheel(radius) if can_rotate else circle(radius, _TRACK_CORNERS)
     builder.add_rigid("wheel" if can_rotate else "surface", builder.add_attachment(part.a), track)
-    _draw_wheel(part.b, part.radii[1], builder)
+    return _draw_wheel(part.b, part.radii[1], builder)
 
 
-def _draw_wheel(center: Attachment, radius: float, builder: SceneBuilder) -> None:
+def _draw_wheel(center: Attachment, radius: float, builder: SceneBuilder) -> int:
     row = builder.add_attachment(center)
-    builder.add_rigid("wheel", row, wheel(radius))
-    builder.add_name(row)
+    builder.add_rigid("wheel", row, wheel(radius / builder.size))
+    return row
 
 
-def draw_skate(part: Skate, builder: SceneBuilder) -> None:
+def draw_skate(part: Skate, builder: SceneBuilder) -> int:
     """Draw the blade of the skate as a line in its direction."""
-    row, half = builder.add_attachment(part.on), builder.size
-    builder.add_rigid("skate", row, align_points([(-half, 0.0), (half, 0.0)], part.direction))
-    builder.add_name(row)
+    row = builder.add_attachment(part.on)
+    builder.add_rigid("skate", row, align_points([(-1.0, 0.0), (1.0, 0.0)], part.direction))
+    return row
 
 
-def draw_sliding_on_beam(part: SlidingOnBeam, builder: SceneBuilder) -> None:
+def draw_sliding_on_beam(part: SlidingOnBeam, builder: SceneBuilder) -> int:
     """Draw a sleeve at the sliding point, parallel to the beam axis at the nearest section."""
     row, beam = builder.add_attachment(part.a), part.beam
     sections = [beam.at(s) for s in np.linspace(0.0, beam.length, _SLIDER_SECTIONS)]
@@ -266,5 +245,5 @@ def draw_sliding_on_beam(part: SlidingOnBeam, builder: SceneBuilder) -> None:
     along = axis[frames, first + 2] - axis[frames, first]
     angle = np.arctan2(along[:, 1], along[:, 0])
     sleeve = builder.add_pose(np.column_stack([position, angle]))
-    builder.add_rigid("sleeve", sleeve, box(1.6 * builder.size, 1.0 * builder.size))
-    builder.add_name(row)
+    builder.add_rigid("sleeve", sleeve, box(1.6, 1.0))
+    return row

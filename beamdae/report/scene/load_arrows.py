@@ -1,6 +1,6 @@
 """Arrows of loads: in animations, their lengths are proportional to the loads.
 
-The length constants are relative to the symbol size.
+Lengths are relative to the symbol size.
 """
 
 from __future__ import annotations
@@ -35,19 +35,15 @@ _MOMENT_RADIUS = 1.6
 _LATER_TIMES = (1e-3, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0)
 
 
-def draw_force(part: Force, builder: SceneBuilder) -> None:
+def draw_force(part: Force, builder: SceneBuilder) -> int:
     """Draw an arrow that ends at the point of application."""
     row = builder.add_attachment(part.on)
     load = _evaluate_laws(part.laws, builder)
-    if part.axes == "body":
-        load = _rotate_to_inertial(load, row, builder)
-    _draw_force_arrow(builder, row, load)
-    builder.add_name(row)
+    _draw_force_arrow(builder, row, _rotate(load, builder, row) if part.axes == "body" else load)
+    return row
 
 
-def _rotate_to_inertial(
-    load: Array, row: int, builder: SceneBuilder, inclination: float = 0.0
-) -> Array:
+def _rotate(load: Array, builder: SceneBuilder, row: int, inclination: float = 0.0) -> Array:
     """Rotate components (frames, 2) from the axes of a pose to the inertial axes.
 
     `inclination` is the angle of the axes in the reference configuration [rad].
@@ -57,51 +53,46 @@ def _rotate_to_inertial(
     return np.stack([c * load[:, 0] - s * load[:, 1], s * load[:, 0] + c * load[:, 1]], axis=-1)
 
 
-def draw_moment(part: Moment, builder: SceneBuilder) -> None:
+def draw_moment(part: Moment, builder: SceneBuilder) -> int:
     """Draw an arc-shaped arrow around each point of application."""
     rows = [builder.add_attachment(attachment) for attachment in part.attachments]
-    moment = _evaluate_laws(part.laws, builder)[:, 0]
+    moment = _evaluate_laws(part.laws, builder)
     for row, sign in zip(rows, (1.0, -1.0), strict=False):
         _draw_moment_arrow(builder, row, sign * moment)
-    builder.add_name(rows[0])
+    return rows[0]
 
 
-def draw_force_law(part: ForceLaw, builder: SceneBuilder) -> None:
+def draw_force_law(part: ForceLaw, builder: SceneBuilder) -> int | None:
     """Draw arrows in animations and markers in drawings, where the load cannot be evaluated."""
-    rows = [builder.add_attachment(attachment) for attachment in part.on]
     if builder.measure is None:
-        draw_markers(part, builder)
-        return
+        return draw_markers(part, builder)
+    rows = [builder.add_attachment(attachment) for attachment in part.on]
     loads = builder.measure(part.load).reshape(len(builder.times), -1, 3)
     for k, row in enumerate(rows):
         _draw_force_arrow(builder, row, loads[:, k, :2])
-        _draw_moment_arrow(builder, row, loads[:, k, 2])
-    builder.add_name(rows[0])
+        _draw_moment_arrow(builder, row, loads[:, k, 2:])
+    return rows[0]
 
 
-def draw_distributed_force(part: DistributedForce, builder: SceneBuilder) -> None:
+def draw_distributed_force(part: DistributedForce, builder: SceneBuilder) -> int:
     """Draw arrows and a line through their tails; only heads if the load varies with s."""
     sections = [part.beam.at(s) for s in np.linspace(0.0, part.beam.length, _DISTRIBUTED_ARROWS)]
     rows = [builder.add_attachment(section) for section in sections]
-    middle = _DISTRIBUTED_ARROWS // 2
     if not part.laws:
         # If the load depends on the section, it has no common direction; only heads are drawn.
         for row in rows:
-            builder.add_rigid("load", row, arrow_head(builder.size))
-        builder.add_name(rows[middle])
-        return
-    load = _evaluate_laws(part.laws, builder)
+            builder.add_rigid("load", row, arrow_head())
+        return rows[_DISTRIBUTED_ARROWS // 2]
+    load, turns = _evaluate_laws(part.laws, builder), part.axes == "section"
     tails = []
-    for row, section in zip(rows, sections, strict=True):
-        rotated = _rotate_to_inertial(load, row, builder, section.inclination)
-        arrow_load = rotated if part.axes == "section" else load
-        tails.append(_draw_force_arrow(builder, row, arrow_load, 0.5))
-    tail_positions = np.stack([builder.pose(tail)[:, :2] for tail in tails], axis=1)
-    builder.add_curve("load", tail_positions)
-    builder.add_name(tails[middle])
+    for row, x in zip(rows, sections, strict=True):
+        here = _rotate(load, builder, row, x.inclination) if turns else load
+        tails.append(_draw_force_arrow(builder, row, here, 0.5 * _FORCE_LENGTH))
+    builder.add_curve("load", np.stack([builder.pose(x)[:, :2] for x in tails], axis=1))
+    return tails[_DISTRIBUTED_ARROWS // 2]
 
 
-def draw_moving_force(part: MovingForce, builder: SceneBuilder) -> None:
+def draw_moving_force(part: MovingForce, builder: SceneBuilder) -> int:
     """Draw an arrow that ends on the beam axis at the current position of the force."""
     beam = part.beam
     sections = np.linspace(0.0, beam.length, _AXIS_SECTIONS)
@@ -113,46 +104,46 @@ def draw_moving_force(part: MovingForce, builder: SceneBuilder) -> None:
     # A drawing shows the force even if it is off the beam.
     off_beam = (s < 0.0) | (s > beam.length)
     load = np.where(off_beam[:, None] & (len(s) > 1), 0.0, np.array(part.force))
-    builder.add_name(_draw_force_arrow(builder, builder.add_pose(pose), load))
+    return _draw_force_arrow(builder, builder.add_pose(pose), load)
 
 
-def _draw_force_arrow(builder: SceneBuilder, row: int, load: Array, length: float = 1.0) -> int:
+def _draw_force_arrow(
+    builder: SceneBuilder, row: int, load: Array, length: float = _FORCE_LENGTH
+) -> int:
     """Draw the arrow of a force (frames, 2), which ends at the pose with index `row`.
 
     Return the index of the pose at the tail of the arrow.
     """
     tail = builder.pose(row).copy()
-    tail[:, :2] -= length * _FORCE_LENGTH * builder.size * _relative_to_largest(load)
+    tail[:, :2] -= length * builder.size * _relative_to_largest(load)
     tail[:, 2] = np.arctan2(load[:, 1], load[:, 0])
     start = builder.add_pose(tail)
     builder.add_link("load", start, row)
-    head = np.column_stack([np.ones(4), arrow_head(builder.size)])
-    builder.add_stretched("load tip", start, row, head)
+    builder.add_stretched("load tip", start, row, np.column_stack([np.ones(4), arrow_head()]))
     return start
 
 
 def _draw_moment_arrow(builder: SceneBuilder, row: int, moment: Array) -> None:
-    """Draw the arrow of a moment (frames,) around a pose, counter-clockwise if positive."""
-    share = _relative_to_largest(moment[:, None])[:, 0]
+    """Draw the arrow of a moment (frames, 1) around a pose, counter-clockwise if positive."""
+    share = _relative_to_largest(moment)[:, 0]
     if not np.any(np.isfinite(share)):
         return
-    start_angle, angle = -0.25 * math.pi, _MOMENT_ANGLE * share
-    radius = _MOMENT_RADIUS * builder.size
     ends = np.tile(builder.pose(row), (2, 1, 1))
-    ends[0, :, 2], ends[1, :, 2] = start_angle, start_angle + angle
-    head = ends[1].copy()
-    head[:, :2] += radius * np.column_stack([np.cos(ends[1, :, 2]), np.sin(ends[1, :, 2])])
-    head[:, 2] = ends[1, :, 2] + np.sign(angle) * 0.5 * math.pi
+    ends[0, :, 2] = -0.25 * math.pi
+    ends[1, :, 2] = ends[0, :, 2] + _MOMENT_ANGLE * share
+    angle, head = ends[1, :, 2], ends[1].copy()
+    arm = np.column_stack([np.cos(angle), np.sin(angle)])
+    head[:, :2] += _MOMENT_RADIUS * builder.size * arm
+    head[:, 2] = angle + np.sign(share) * 0.5 * math.pi
     first, last = map(builder.add_pose, ends)
-    arc = [(x, radius, 0.0) for x in np.linspace(0.0, 0.95, 24)]
-    builder.add_between("load", first, last, np.array(arc))
-    tip = np.add(arrow_head(builder.size), (0.2 * builder.size, 0.0))
-    builder.add_rigid("load tip", builder.add_pose(head), tip)
+    arc = [(x, _MOMENT_RADIUS, 0.0) for x in np.linspace(0.0, 0.95, 24)]
+    builder.add_between("load", first, last, arc)
+    builder.add_rigid("load tip", builder.add_pose(head), np.add(arrow_head(), (0.2, 0.0)))
 
 
 def _relative_to_largest(load: Array) -> Array:
     """Divide loads (frames, k) by the largest magnitude; negligible loads become nan."""
-    size = np.hypot(*load.T) if load.shape[1] == 2 else np.abs(load[:, 0])
+    size = np.linalg.norm(load, axis=1)
     largest = float(np.max(size[np.isfinite(size)], initial=0.0))
     visible = size > _MIN_VISIBLE_LOAD * largest
     shares = np.full(load.shape, math.nan)
@@ -166,11 +157,11 @@ def _evaluate_laws(laws: Sequence[Law], builder: SceneBuilder) -> Array:
     In a drawing, which has a single frame, the laws are evaluated at the first of several times at
     which at least one law is not zero; if there is no such time, a unit load is returned.
     """
-    if len(builder.times) > 1:
-        return np.array([[law.at(t) for law in laws] for t in builder.times])
-    for t in (0.0, *_LATER_TIMES):
-        values = [law.at(t) for law in laws]
-        if any(values):
-            return np.array([values])
+    is_drawing = len(builder.times) == 1
+    times = (0.0, *_LATER_TIMES) if is_drawing else builder.times
+    values = np.array([[law.at(t) for law in laws] for t in times])
+    if not is_drawing:
+        return values
     # Loads that are zero at all these times are drawn as unit loads, forces pointing downward.
-    return np.array([[1.0] if len(laws) == 1 else [0.0, -1.0]])
+    unit = np.array([[1.0] if len(laws) == 1 else [0.0, -1.0]])
+    return np.concatenate([values[values.any(axis=1)], unit])[:1]

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -14,7 +13,7 @@ from beamdae.parts.attachments import Attachment
 from beamdae.parts.mechanism import Mechanism
 from beamdae.parts.part import Drawing, Part
 from beamdae.report.scene.poses import Poses
-from beamdae.report.scene.scene import Scene, bounding_box, round_down_scale
+from beamdae.report.scene.scene import Scene, bounding_box, outline, round_down_scale
 from beamdae.report.scene.scene_builder import Measure, SceneBuilder
 from beamdae.report.scene.shapes import circle
 from beamdae.report.scene.symbols import draw_symbol
@@ -70,17 +69,18 @@ def build_scene(
         raise BeamdaeError(f"{name}: the mechanism has no parts that can be drawn; add a body.")
     low, high = bounding_box(np.concatenate(points))
     builder.size = _SYMBOL_SIZE * (float(np.max(high - low)) or 1.0)
-    heights = _collect_heights(mechanism, bodies)
+    heights, caption = _collect_heights(mechanism, bodies)
     for (body, drawing), line in zip(bodies, lines, strict=True):
         builder.part = body
-        _draw_body(drawing, line, builder, heights.get(body))
+        if body in heights:
+            drawing, line = drawing._replace(kind="beam solid"), outline(line, heights[body])
+        _draw_body(drawing, line, builder)
     body_names = {body for body, _ in bodies}
     for part in mechanism.parts.values():
         if part.name not in body_names and not is_hidden(part):
             builder.part = part.name
             draw_symbol(part, builder)
-    scene = builder.build()
-    return replace(scene, height_scale=_choose_height_scale(heights, bodies)) if heights else scene
+    return builder.build(caption)
 
 
 def collect_drawings(mechanism: Mechanism, points: int) -> list[tuple[str, Drawing]]:
@@ -110,49 +110,38 @@ def count_beam_sections(mechanism: Mechanism) -> int:
 
 def _collect_heights(
     mechanism: Mechanism, bodies: Sequence[tuple[str, Drawing]]
-) -> dict[str, Array]:
-    """Return the section heights [m] of all beams by name, if the section of any beam varies.
+) -> tuple[dict[str, Array], str]:
+    """Return the visible section heights [m] of beams by name, and a caption with their factor.
 
-    Beams without a height are omitted, as are all beams if no section varies: the line of a beam
-    then has a constant width.
+    The factor is the same in all states of a mechanism. Beams without a height are lines of
+    constant width, as are all beams if no section varies.
     """
-    places = {
-        body: [x.s or 0.0 for x in drawing.places]
-        for body, drawing in bodies
-        if isinstance(mechanism.parts.get(body), Beam)
-    }
-    beams = beams_of(mechanism)
-    if not any(isinstance(beam.section, VaryingSection) for beam in beams):
-        return {}
-    heights = {
-        beam.name: [beam.section.at(s).height for s in places[beam.name]]
-        for beam in beams
-        if beam.name in places
-    }
-    return {beam: np.array(x) for beam, x in heights.items() if None not in x}
-
-
-def _choose_height_scale(
-    heights: Mapping[str, Array], bodies: Sequence[tuple[str, Drawing]]
-) -> float:
-    """Return the factor of section heights, which is the same in all states of a mechanism."""
+    if not any(isinstance(beam.section, VaryingSection) for beam in beams_of(mechanism)):
+        return {}, ""
+    heights = {}
+    for body, drawing in bodies:
+        if isinstance(beam := mechanism.parts.get(body), Beam):
+            along = [beam.section.at(x.s or 0.0).height for x in drawing.places]
+            if None not in along:
+                heights[body] = np.array(along)
     points = np.array([x.point for _, drawing in bodies for x in drawing.places])
-    largest = max(float(np.max(x)) for x in heights.values())
-    return round_down_scale(max(_VISIBLE_HEIGHT * float(np.max(np.ptp(points, 0))) / largest, 1.0))
+    largest = max((float(np.max(x)) for x in heights.values()), default=np.inf)
+    size = float(np.max(np.ptp(points, 0)))
+    scale = round_down_scale(max(_VISIBLE_HEIGHT * size / largest, 1.0))
+    caption = "" if scale == 1.0 or not heights else f"section heights \u00d7 {scale:.4g}"
+    return {body: scale * x for body, x in heights.items()}, caption
 
 
-def _draw_body(
-    drawing: Drawing, line: Array, builder: SceneBuilder, heights: Array | None = None
-) -> None:
+def _draw_body(drawing: Drawing, line: Array, builder: SceneBuilder) -> None:
     attachments = drawing.places
     if drawing.kind == "rigid" and len({id(a.body) for a in attachments}) == 1:
         _draw_rigid_body(attachments, builder)
     elif drawing.kind == "point":
         row = builder.add_attachment(attachments[0])
-        builder.add_rigid("point", row, circle(_PARTICLE_RADIUS * builder.size))
+        builder.add_rigid("point", row, circle(_PARTICLE_RADIUS))
         builder.add_name(row)
     else:
-        builder.add_curve(drawing.kind, line, heights)
+        builder.add_curve(drawing.kind, line)
         builder.add_name(builder.add_attachment(attachments[len(attachments) // 2]))
 
 
@@ -162,9 +151,9 @@ def _draw_rigid_body(attachments: Sequence[Attachment], builder: SceneBuilder) -
     points = points - points[0]
     if len(points) > 1:
         polygon = points[[*range(len(points)), *([0] if len(points) > 2 else [])]]
-        builder.add_rigid("rigid", row, polygon)
+        builder.add_rigid("rigid", row, polygon / builder.size)
     else:
-        builder.add_rigid("joint", row, circle(_SINGLE_POINT_RADIUS * builder.size))
+        builder.add_rigid("joint", row, circle(_SINGLE_POINT_RADIUS))
     arm, center = points.mean(axis=0), builder.pose(row).copy()
     c, s = np.cos(center[:, 2]), np.sin(center[:, 2])
     center[:, 0] += c * arm[0] - s * arm[1]

@@ -11,6 +11,15 @@ Array = np.ndarray
 
 # Minimum extent of a scene relative to the symbol size, so that symbols appear small.
 _MIN_EXTENT = 20.0
+# Kinds of lines from back to front; the second layer contains all others.
+_LAYERS = (
+    ("ground", "guide", "surface", "gear", "wheel", "trail"),
+    ("rigid",),
+    ("beam", "link", "spring", "damper", "sleeve"),
+    ("point",),
+    ("joint", "weld", "skate", "contact", "driver"),
+    ("load",),
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,24 +34,11 @@ class MovingCurve:
         Key of the style, see `pictures.scene_artists`.
     positions
         Positions (frames, k, 2) of the k points [m].
-    heights
-        Heights (k,) of a beam across the line [m], drawn to scale; None for a line.
     """
 
     part: str
     kind: str
     positions: Array
-    heights: Array | None = None
-
-    def outline(self, scale: float) -> Array:
-        """Return the closed outline (frames, 2 k + 1, 2) [m] of the heights times `scale`."""
-        assert self.heights is not None
-        tangent = np.gradient(self.positions, axis=1)
-        length = np.maximum(np.hypot(*np.moveaxis(tangent, -1, 0)), np.finfo(float).tiny)
-        normal = np.stack([-tangent[..., 1], tangent[..., 0]], axis=-1) / length[..., None]
-        arm = 0.5 * scale * self.heights[:, None] * normal
-        upper, lower = self.positions + arm, self.positions - arm
-        return np.concatenate([upper, lower[:, ::-1], upper[:, :1]], axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,8 +88,8 @@ class Scene:
         Symbol size [m].
     absent
         Masks (frames,) that are True in frames in which a part is inactive, by part name.
-    height_scale
-        Factor of the section heights of beams, which makes them visible.
+    caption
+        Factor of the section heights of beams, if they are enlarged.
     """
 
     poses: Array
@@ -101,7 +97,7 @@ class Scene:
     names: tuple[tuple[int, str], ...]
     size: float
     absent: Mapping[str, Array] = field(default_factory=dict)
-    height_scale: float = 1.0
+    caption: str = ""
 
     def line(self, glyph: Glyph) -> Array:
         """Return the points (frames, k, 2) [m] of a glyph; nan in frames without the glyph."""
@@ -126,25 +122,27 @@ class Scene:
         """Iterate over all glyphs and their points, see `line`."""
         return zip(self.glyphs, map(self.line, self.glyphs), strict=False)
 
-    @property
-    def has_heights(self) -> bool:
-        """True if beams are drawn with the heights of their sections."""
-        return any(isinstance(x, MovingCurve) and x.heights is not None for x in self.glyphs)
-
-    def outlines(self) -> Iterator[tuple[Glyph, Array]]:
-        """Iterate over all glyphs and their visible lines: outlines of beams with heights."""
-        for glyph, line in self.lines():
-            if isinstance(glyph, MovingCurve) and glyph.heights is not None:
-                yield glyph, glyph.outline(self.height_scale)
-            else:
-                yield glyph, line
-
     def extent(self) -> tuple[Array, Array]:
         """Return the lower left and upper right corner [m] of the scene, with a minimum size."""
-        points = [line.reshape(-1, 2) for _, line in self.outlines()]
+        points = [line.reshape(-1, 2) for _, line in self.lines()]
         low, high = bounding_box(np.concatenate(points or [self.poses[..., :2].reshape(-1, 2)]))
         margin = 0.5 * max(_MIN_EXTENT * self.size - float(np.max(high - low)), 0.0)
         return low - margin, high + margin
+
+
+def find_layer(kind: str) -> int:
+    """Return the layer of lines of a kind; higher layers cover lower ones."""
+    return next((k for k, kinds in enumerate(_LAYERS) if kind.split(" ")[0] in kinds), 1)
+
+
+def outline(line: Array, heights: Array) -> Array:
+    """Return the closed outline (frames, 2 k + 1, 2) [m] of heights (k,) across a line."""
+    tangent = np.gradient(line, axis=1)
+    length = np.maximum(np.hypot(*np.moveaxis(tangent, -1, 0)), np.finfo(float).tiny)
+    normal = np.stack([-tangent[..., 1], tangent[..., 0]], axis=-1) / length[..., None]
+    arm = 0.5 * heights[:, None] * normal
+    upper, lower = line + arm, line - arm
+    return np.concatenate([upper, lower[:, ::-1], upper[:, :1]], axis=1)
 
 
 def round_down_scale(scale: float) -> float:

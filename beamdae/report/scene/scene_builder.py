@@ -81,39 +81,35 @@ class SceneBuilder:
         c, s = np.cos(self._poses[a][:, 2]), np.sin(self._poses[a][:, 2])
         return np.stack([c * x + s * y, c * y - s * x], axis=-1)
 
-    def add_curve(self, kind: str, positions: Array, heights: Array | None = None) -> None:
+    def add_curve(self, kind: str, positions: Array) -> None:
         """Add a line through points (frames, k, 2) [m], see `MovingCurve`."""
-        self._glyphs.append(MovingCurve(self.part, kind, positions, heights))
+        self._glyphs.append(MovingCurve(self.part, kind, positions))
 
-    def add_rigid(self, kind: str, at: int, points: Array) -> None:
-        """Add a line through points (k, 2) [m] that are fixed in the axes of a pose."""
-        self._add_symbol(kind, at, points)
+    def add_rigid(self, kind: str, at: int, points: Any, part: str = "") -> None:
+        """Add a line through points (k, 2) that are fixed in the axes of a pose.
 
-    def add_between(self, kind: str, start: int, end: int, points: Array) -> None:
+        Like those of all symbols, they are relative to the symbol size.
+        """
+        points = np.insert(np.asarray(points, float), 0, 0.0, axis=1)
+        self._add_symbol(kind, at, at, points, False, part)
+
+    def add_between(self, kind: str, start: int, end: int, points: Any) -> None:
         """Add a `Symbol` with points (k, 3), whose axes rotate with the two poses."""
-        self._add_symbol(kind, start, points, end)
+        self._add_symbol(kind, start, end, points, False)
 
-    def add_stretched(self, kind: str, start: int, end: int, points: Array) -> None:
+    def add_stretched(self, kind: str, start: int, end: int, points: Any) -> None:
         """Add a `Symbol` with points (k, 3), whose first axis points from start to end."""
-        self._add_symbol(kind, start, points, end, along=True)
+        self._add_symbol(kind, start, end, points, True)
 
     def add_link(self, kind: str, start: int, end: int) -> None:
         """Add a straight line between two poses."""
-        self.add_stretched(kind, start, end, np.array([(0.0, 0.0, 0.0), (1.0, 0.0, 0.0)]))
+        self.add_stretched(kind, start, end, [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0)])
 
     def _add_symbol(
-        self,
-        kind: str,
-        start: int,
-        points: Array,
-        end: int | None = None,
-        along: bool = False,
-        part: str = "",
+        self, kind: str, start: int, end: int, points: Any, along: bool, part: str = ""
     ) -> None:
-        points = np.asarray(points, float)
-        if end is None:
-            end, points = start, np.column_stack([np.zeros(len(points)), points])
-        self._glyphs.append(Symbol(part or self.part, kind, start, end, along, points))
+        scaled = np.asarray(points, float) * (1.0, self.size, self.size)
+        self._glyphs.append(Symbol(part or self.part, kind, start, end, along, scaled))
 
     def add_name(self, row: int) -> None:
         """Add the name of the current part at a pose."""
@@ -124,18 +120,17 @@ class SceneBuilder:
         if not isinstance(attachment.body, Ground) or attachment.point in self._supported:
             return
         self._supported.add(attachment.point)
-        half, below = _SUPPORT_HALF_WIDTH * self.size, -_SUPPORT_DEPTH * self.size
+        half, below = _SUPPORT_HALF_WIDTH, -_SUPPORT_DEPTH
         feet = np.linspace(-1.0, 1.2, _SUPPORT_HATCHES) * half
         hatches = [np.array([(x, below), (x - 0.4 * half, below - 0.4 * half)]) for x in feet]
         base = np.array([(-1.2 * half, below), (1.2 * half, below)])
         cone = np.array([(-0.7 * half, below), (0.0, 0.0), (0.7 * half, below)])
         # The support belongs to the ground, so it stays visible while the part is inactive.
-        support = join_lines(cone, base, *hatches)
-        self._add_symbol(
-            "ground", self.add_attachment(attachment), support, part=attachment.body.name
-        )
+        row, name = self.add_attachment(attachment), attachment.body.name
+        self.add_rigid("ground", row, join_lines(cone, base, *hatches), name)
 
-    def build(self) -> Scene:
+    def build(self, caption: str) -> Scene:
         """Return the scene with everything added so far."""
         poses = np.array(self._poses).reshape(-1, len(self.times), 3)
-        return Scene(poses, tuple(self._glyphs), tuple(self._names), self.size)
+        names = tuple(self._names)
+        return Scene(poses, tuple(self._glyphs), names, self.size, caption=caption)

@@ -1,4 +1,4 @@
-"""Polylines for symbols: circles, boxes, hatched lines and arrow heads."""
+"""Polylines for symbols, relative to the symbol size."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ Array = np.ndarray
 _SYMBOL_CORNERS = 16  # at the size of a symbol
 _WHEEL_CORNERS = 60  # at the size of a body
 
-_HATCH_DISTANCE = 0.6  # relative to the symbol size
-_HATCH_LENGTH = 0.4  # of a hatch along and across the line, relative to the symbol size
+_HATCH_DISTANCE = 0.6
+_HATCH_LENGTH = 0.4  # of a hatch along and across the line
 
 
 def join_lines(*lines: Array) -> Array:
@@ -58,15 +58,14 @@ def box(width: float, height: float) -> Array:
     return 0.5 * corners * (width, height)
 
 
-def hatched_line(low: float, high: float, size: float) -> Array:
+def hatched_line(low: float, high: float) -> Array:
     """Return a line (k, 2) along the x axis with hatches below it."""
-    count = max(round((high - low) / (_HATCH_DISTANCE * size)), 2)
+    count = max(round((high - low) / _HATCH_DISTANCE), 2)
     feet = np.linspace(low, high, count + 1)[1:]
-    length = _HATCH_LENGTH * size
-    hatches = [np.array([(x, 0.0), (x - length, -length)]) for x in feet]
+    hatches = [np.array([(x, 0.0), (x - _HATCH_LENGTH, -_HATCH_LENGTH)]) for x in feet]
     return join_lines(np.array([(low, 0.0), (high, 0.0)]), *hatches)
 
 
-def arrow_head(size: float) -> Array:
+def arrow_head() -> Array:
     """Return a closed triangle (4, 2) pointing in the x direction, with its tip at the origin."""
-    return 0.5 * size * np.array([(-1.0, -0.4), (0.0, 0.0), (-1.0, 0.4), (-1.0, -0.4)])
+    return 0.5 * np.array([(-1.0, -0.4), (0.0, 0.0), (-1.0, 0.4), (-1.0, -0.4)])

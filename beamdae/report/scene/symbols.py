@@ -40,7 +40,7 @@ from beamdae.report.scene.load_arrows import (
 from beamdae.report.scene.scene_builder import SceneBuilder
 
 # A function may use any field of the built-in parts with its symbol, such as `a` and `direction`.
-_SYMBOLS: dict[str, Callable[[Any, SceneBuilder], None]] = {
+_SYMBOLS: dict[str, Callable[[Any, SceneBuilder], int | None]] = {
     "marker": draw_markers,
     # Joints.
     "joint": draw_joint,
@@ -71,6 +71,10 @@ _SYMBOLS: dict[str, Callable[[Any, SceneBuilder], None]] = {
 }
 
 
+# Symbols with a support at each point of the ground.
+_SUPPORTED = ("joint", "hinge", "link", "driver", "spring-damper", "torsion spring", "bushing")
+
+
 def require_symbol(owner: str, name: object) -> str:
     """Return the name of a symbol; raise an error if there is none of this name."""
     return require_choice(owner, "symbol", name, tuple(_SYMBOLS))
@@ -84,4 +88,10 @@ def draw_symbol(part: Part, builder: SceneBuilder) -> None:
     BeamdaeError
         If the symbol of the part does not exist.
     """
-    _SYMBOLS[require_symbol(part.name, part.symbol)](part, builder)
+    symbol = require_symbol(part.name, part.symbol)
+    if symbol in _SUPPORTED:
+        for attachment in part.attachments:
+            builder.add_support(attachment)
+    row = _SYMBOLS[symbol](part, builder)
+    if row is not None:
+        builder.add_name(row)

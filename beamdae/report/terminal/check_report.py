@@ -107,9 +107,6 @@ def _describe_start(check: Any) -> str:
         text = f"closing the joints moves {change.part} by {distance}"
     else:
         text = "the joints are closed"
-    settling = check.start.largest_settling
-    if settling is not None and (motion := settling.describe(settling.part)):
-        text += f", then the {check.start.request} {motion}"
     return f"{check.start.request}; {text}"
 
 

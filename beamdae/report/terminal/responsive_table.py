@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 from rich import box
-from rich.cells import cell_len
+from rich.cells import cell_len, set_cell_size
 from rich.console import Console, ConsoleOptions, RenderResult
 from rich.table import Table
 from rich.text import Text
@@ -18,9 +19,11 @@ from beamdae.report.text import make_printable
 _FIRST_COLUMN_WIDTH = 28
 _MIN_FIRST_COLUMN_WIDTH = 6
 _MIN_SENTENCE_WIDTH = 24  # columns of sentences are not folded to less than this
+_MIN_BROKEN_HEADER = 8  # headers with fewer characters have one line
 _COLUMN_GAP = 2  # between two columns
 _ROW_MARGIN = 2  # at both ends of a row together
 _MAX_TOPIC_SHARE = 0.5  # maximum width of the topics, relative to the terminal width
+_SPACE = re.compile(r" (?![^\[]*\])")  # not inside a unit
 
 
 def shorten_to_cells(text: str, most: int) -> str:
@@ -28,11 +31,8 @@ def shorten_to_cells(text: str, most: int) -> str:
     text = make_printable(text)
     if cell_len(text) <= most:
         return text
-    head, tail = text[: (len(text) + 1) // 2], text[(len(text) + 1) // 2 :]
-    while cell_len(head) + 1 + cell_len(tail) > most:
-        head, tail = (head[:-1], tail) if cell_len(head) > cell_len(tail) else (head, tail[1:])
-        if not (head or tail):
-            break
+    head = set_cell_size(text, most // 2).rstrip()
+    tail = set_cell_size(text[::-1], max(most - 1 - cell_len(head), 0)).rstrip()[::-1]
     return f"{head}…{tail}"
 
 
@@ -42,28 +42,33 @@ class Column:
 
     Attributes
     ----------
-    header
-        Name of the column; it may contain line breaks.
+    title
+        Name of the column.
     rank
         Columns with the largest rank are omitted first. Columns with rank 0 are never omitted.
     sentences
         True if the texts of the column may be folded.
     """
 
-    header: str
+    title: str
     rank: int = 0
     sentences: bool = False
 
     @property
-    def title(self) -> str:
-        """The header on one line."""
-        return self.header.replace("\n", " ")
+    def header(self) -> str:
+        """The name, on the two lines that are narrowest."""
+        breaks = [x.start() for x in _SPACE.finditer(self.title)]
+        if len(self.title) < _MIN_BROKEN_HEADER or not breaks or self.sentences:
+            return self.title
+        k = min(breaks, key=lambda k: max(k, len(self.title) - k))
+        return f"{self.title[:k]}\n{self.title[k + 1 :]}"
 
 
+@dataclass(frozen=True)
 class ResponsiveTable:
     """Table of texts whose layout adapts to the terminal width.
 
-    Parameters
+    Attributes
     ----------
     first
         Header of the first column, which is always shown. Long texts in this column are
@@ -78,74 +83,68 @@ class ResponsiveTable:
         Names of data that the table omits at any width, but `elsewhere` contains.
     """
 
-    def __init__(
-        self,
-        first: str,
-        columns: Sequence[Column],
-        rows: Iterable[Sequence[str]],
-        elsewhere: str = "",
-        never_shown: Sequence[str] = (),
-    ) -> None:
-        self._never_shown = list(map(make_printable, never_shown))
-        self._first, self._columns, self._elsewhere = first, list(columns), elsewhere
-        self._rows = [[make_printable(text) for text in row] for row in rows]
+    first: str
+    columns: Sequence[Column]
+    rows: Iterable[Sequence[str]]
+    elsewhere: str = ""
+    never_shown: Sequence[str] = field(default=())
+
+    def __post_init__(self) -> None:
+        rows = [[make_printable(text) for text in row] for row in self.rows]
+        object.__setattr__(self, "rows", rows)
+
+    def omitting(self, names: Sequence[str]) -> ResponsiveTable:
+        """Return the table with names of data that it omits at any width."""
+        return replace(self, never_shown=names)
 
     @property
     def texts(self) -> list[list[str]]:
         """Table as lists of texts: the headers, followed by the rows."""
-        return [[self._first, *(column.title for column in self._columns)], *self._rows]
+        return [[self.first, *(column.title for column in self.columns)], *map(list, self.rows)]
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         """Yield the table and, if columns are omitted, a line with their names."""
-        columns = self._choose_columns(options.max_width)
-        available = options.max_width - self._min_width_without_first(columns)
-        first_width = min(self._content_width(self._first, 0), available)
-        yield self._build_table(columns, max(_MIN_FIRST_COLUMN_WIDTH, first_width))
-        omitted = [column.title for column in self._columns if column not in columns]
-        if omitted:
-            remedy = " or ".join(filter(None, ("a wider terminal", self._elsewhere)))
-            yield Text(f"not shown: {', '.join(omitted)}; {remedy} shows them", style="dim")
-        if self._never_shown:
-            names = ", ".join(self._never_shown)
-            yield Text(f"not shown: {names}; {self._elsewhere} shows them", style="dim")
-
-    def _choose_columns(self, width: int) -> list[Column]:
-        first = min(self._content_width(self._first, 0), max(_FIRST_COLUMN_WIDTH, width // 2))
-        columns = list(self._columns)
-        while first + self._min_width_without_first(columns) > width:
-            if not any(column.rank for column in columns):
-                break
-            columns.remove(max(reversed(columns), key=lambda column: column.rank))
-        return columns
-
-    def _min_width_without_first(self, columns: Sequence[Column]) -> int:
-        return _ROW_MARGIN + sum(_COLUMN_GAP + self._min_width(column) for column in columns)
-
-    def _min_width(self, column: Column) -> int:
-        width = self._content_width(column.header, self._index(column))
-        return min(width, _MIN_SENTENCE_WIDTH) if column.sentences else width
-
-    def _index(self, column: Column) -> int:
-        return 1 + self._columns.index(column)
-
-    def _content_width(self, header: str, k: int) -> int:
-        return max(map(cell_len, [*header.split("\n"), *(row[k] for row in self._rows)]))
-
-    def _build_table(self, columns: Sequence[Column], first_width: int) -> Table:
-        table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
-        first = Text(shorten_to_cells(self._first, first_width))
-        table.add_column(first, no_wrap=True, width=first_width)
-        for column in columns:
-            header = Text(column.header)
+        cells = dict(zip((None, *self.columns), zip(*self.texts, strict=True), strict=True))
+        widths = {
+            column: max(map(cell_len, [*(column.header if column else "").split("\n"), *texts[1:]]))
+            for column, texts in cells.items()
+        }
+        widths[None] = max(widths[None], cell_len(self.first))
+        for column in self.columns:
             if column.sentences:
-                table.add_column(header, overflow="fold")
+                widths[column] = min(widths[column], _MIN_SENTENCE_WIDTH)
+        shown = list(self.columns)
+
+        def remaining() -> int:
+            """Return the width that these columns leave to the first one."""
+            others = sum(_COLUMN_GAP + widths[column] for column in shown)
+            return options.max_width - _ROW_MARGIN - others
+
+        preferred = min(widths[None], max(_FIRST_COLUMN_WIDTH, options.max_width // 2))
+        while remaining() < preferred and any(column.rank for column in shown):
+            shown.remove(max(reversed(shown), key=lambda column: column.rank))
+        first_width = max(_MIN_FIRST_COLUMN_WIDTH, min(widths[None], remaining()))
+        table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
+        name = Text(shorten_to_cells(self.first, first_width))
+        table.add_column(name, no_wrap=True, width=first_width)
+        for column in shown:
+            if column.sentences:
+                table.add_column(Text(column.header), overflow="fold")
             else:
-                width = self._min_width(column)
-                table.add_column(header, justify="right", no_wrap=True, min_width=width)
-        for row in self._rows:
-            texts = (row[self._index(column)] for column in columns)
-            table.add_row(Text(shorten_to_cells(row[0], first_width)), *map(Text, texts))
-        return table
+                width = widths[column]
+                table.add_column(
+                    Text(column.header), justify="right", no_wrap=True, min_width=width
+                )
+        for k, (label, *_) in enumerate(self.rows):
+            row = (Text(cells[column][k + 1]) for column in shown)
+            table.add_row(Text(shorten_to_cells(label, first_width)), *row)
+        yield table
+        omitted = [column.title for column in self.columns if column not in shown]
+        remedy = " or ".join(filter(None, ("a wider terminal", self.elsewhere)))
+        for names, where in ((omitted, remedy), (self.never_shown, self.elsewhere)):
+            if names:
+                texts = ", ".join(map(make_printable, names))
+                yield Text(f"not shown: {texts}; {where} shows them", style="dim")
 
 
 class FactList:

@@ -13,13 +13,11 @@ from beamdae.errors import format_count
 from beamdae.model_parameters import format_with_unit, split_unit
 from beamdae.report.terminal.responsive_table import Column, FactList, ResponsiveTable
 from beamdae.report.text import make_printable
-from beamdae.results.outcome import accuracy_of
 
 if TYPE_CHECKING:
     import pandas as pd
 
     from beamdae.accuracy.errors import Errors
-    from beamdae.results.solution import Solution
     from beamdae.results.step_extremes import StepExtremes
 
     # A table by header.
@@ -28,36 +26,24 @@ if TYPE_CHECKING:
 # Values below this fraction of the largest comparable value are shown as zero (rounding noise).
 _ROUNDING = 1e-12
 _MIN_RATE = 1e-3  # of decay or growth [1/s]; those of free motions are rounding errors
-_SHOWN_HEADERS = {"total": "error", "rows": "error\nof rows"}
-
-_SETTINGS_IN_FILES = ("orders", "error_test_failures")  # shown only in files
-_SETTINGS_WITH_ROWS = ("integrator", "amplitudes", "limited_by")  # shown in separate rows
-
-# From this number of adaptive steps between samples of a controller on, reports compare it with a
-# number of fixed steps.
-_MANY_STEPS_PER_SAMPLE, _FIXED_STEPS_PER_SAMPLE = 20, 10
-
-# Columns of a comparison in the terminal.
+_SHOWN_HEADERS = {"total": "error", "rows": "error of rows"}
+# Settings of runs that are shown in separate rows, or only in files.
+_OTHER_SETTINGS = {"integrator", "amplitudes", "limited_by", "orders", "error_test_failures"}
+# Ranks of the columns of a comparison, and their headers in the terminal.
 _COMPARISON_COLUMNS = {
-    "status": Column("status", 2),
-    "wall time [s]": Column("wall\n[s]", 1),
-    "wall time max [s]": Column("min to max\n[s]", 4),
-    "events": Column("events", 10, sentences=True),
-    "steps": Column("steps", 3),
-    "rejected steps": Column("rejected", 7),
-    "residual calls": Column("residual\ncalls", 8),
-    "Jacobian calls": Column("Jacobian\ncalls", 6),
-    "error [-]": Column("error\n[-]"),
-    "measured error [-]": Column("measured\nerror [-]", 6),
-    "max position drift": Column("position\ndrift", 5),
-    "max velocity drift": Column("velocity\ndrift", 9),
-    "energy imbalance [-]": Column("energy\nimbalance", 4),
-}
-_SUMMARY_COLUMNS = {
-    "what": Column("what", 1, sentences=True),
-    "at": Column("at", 3, sentences=True),
-    "value": Column("value"),
-    "as fast": Column("as fast", 4, sentences=True),
+    "status": ("status", 2),
+    "wall time [s]": ("wall [s]", 1),
+    "wall time max [s]": ("min to max [s]", 4),
+    "events": ("events", 10),
+    "steps": ("steps", 3),
+    "rejected steps": ("rejected", 7),
+    "residual calls": ("residual calls", 8),
+    "Jacobian calls": ("Jacobian calls", 6),
+    "error [-]": ("error [-]", 0),
+    "measured error [-]": ("measured error [-]", 6),
+    "max position drift": ("position drift", 5),
+    "max velocity drift": ("velocity drift", 9),
+    "energy imbalance [-]": ("energy imbalance", 4),
 }
 
 
@@ -81,8 +67,40 @@ def format_number(value: Any, digits: int = 3) -> str:
 
 def fact_list(title: str, rows: Mapping[str, Any]) -> FactList:
     """Create a `FactList`, formatting values that are not strings."""
-    texts = {name: x if isinstance(x, str) else format_number(x) for name, x in rows.items()}
-    return FactList(title, texts)
+    return FactList(title, {name: format_number(x) for name, x in rows.items()})
+
+
+def table_of(
+    frame: pd.DataFrame,
+    title: str = "",
+    ranks: Mapping[str, int] | None = None,
+    digits: Mapping[str, int] | None = None,
+    source: str = "the CSV file",
+) -> ResponsiveTable:
+    """Return a table whose first column is the first one of a frame.
+
+    Parameters
+    ----------
+    frame
+        Numbers and texts; texts with spaces may be folded.
+    title
+        Header of the first column. Defaults to its name.
+    ranks
+        Columns of the largest rank are omitted first in narrow terminals. Defaults to 0 for never.
+    digits
+        Significant digits of numbers. Defaults to 5.
+    source
+        Source that contains the omitted columns.
+    """
+    first, *names = map(str, frame)
+    digits = digits or {}
+    rows = [
+        tuple(format_number(x, digits.get(str(name), 5)) for name, x in row.items())
+        for row in frame.to_dict("records")
+    ]
+    folded = [any(" " in row[k] for row in rows) for k in range(1, len(names) + 1)]
+    columns = [Column(x, (ranks or {}).get(x, 0), y) for x, y in zip(names, folded, strict=True)]
+    return ResponsiveTable(title or first, columns, rows, source)
 
 
 def run_facts(summary: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[str, str]:
@@ -96,27 +114,21 @@ def run_facts(summary: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[s
         Settings of the integrator, `Solution.integrator`.
     """
     s = {name: format_number(value) for name, value in summary.items()}
-    left_out = {*_SETTINGS_WITH_ROWS, *_SETTINGS_IN_FILES}
     options = ", ".join(
         f"{name}={format_number(value)}"
         for name, value in settings.items()
-        if value is not None and name not in left_out
+        if value is not None and name not in _OTHER_SETTINGS
     )
+    sizes = ", ".join(f"{k} {format_number(x)}" for k, x in settings.get("amplitudes", {}).items())
+    limits = ", ".join(f"{k} {100.0 * x:.0f} %" for k, x in settings.get("limited_by", {}).items())
     facts = {
         "status": str(s["reason"]),
         "time reached": f"{format_number(summary['last_time'], 6)} s",
         "integrator": f"{settings.get('integrator', '')} {options}",
-    }
-    if amplitudes := settings.get("amplitudes", {}):
-        sizes = ", ".join(f"{name} {format_number(value)}" for name, value in amplitudes.items())
-        facts["amplitudes"] = f"{sizes} (relative to the size of the part, or in rad)"
-    facts["steps"] = (
-        f"{s['steps']}, {s['rejected_steps']} rejected, {s['newton_failures']} Newton failures"
-    )
-    if shares := settings.get("limited_by", {}):
-        limits = ", ".join(f"{name} {100.0 * share:.0f} %" for name, share in shares.items())
-        facts["limited by"] = f"{limits} of the steps"
-    return facts | {
+        "amplitudes": f"{sizes} (relative to the size of the part, or in rad)" if sizes else "",
+        "steps": f"{s['steps']}, {s['rejected_steps']} rejected, {s['newton_failures']} Newton "
+        "failures",
+        "limited by": f"{limits} of the steps" if limits else "",
         "calls": f"{s['residual_calls']} residual, {s['jacobian_calls']} Jacobian, "
         f"{s['factorizations']} factorizations",
         "wall time": f"{s['wall_time']} s, and {s['setup_time']} s of set-up "
@@ -125,38 +137,7 @@ def run_facts(summary: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[s
         "residual": f"{s['max_residual']} of the largest force",
         "energy imbalance": f"{s['energy_imbalance']} of the energy exchanged",
     }
-
-
-def further_facts(solution: Solution) -> dict[str, str]:
-    """Return texts about a required accuracy and many steps between samples, by topic."""
-    reached = accuracy_of(solution)
-    facts = {} if reached is None else {"accuracy": reached.sentence}
-    controllers = [x.controller for x in solution.equations.controllers]
-    if not controllers or solution.integrator.get("rtol") is None:
-        return facts
-    fastest = min(controllers, key=lambda x: x.every)
-    count = (solution.trajectory.end - solution.trajectory.start) / fastest.every
-    ratio = solution.statistics.steps / max(count, 1.0)
-    if ratio < _MANY_STEPS_PER_SAMPLE:
-        return facts
-    step = format_number(fastest.every / _FIXED_STEPS_PER_SAMPLE)
-    return facts | {
-        "steps per sample": f"{ratio:.0f} of {fastest.name}; GeneralizedAlpha(step={step}) takes "
-        f"{_FIXED_STEPS_PER_SAMPLE}, without an error test"
-    }
-
-
-def errors_table(errors: Errors) -> ResponsiveTable:
-    """Return a table of the values of a result, of its companion, and the errors by cause."""
-    columns = [Column("value", 1), Column("refined", 2), Column("error\n[-]")]
-    columns += [Column("by\nelements", 3), Column("by\nstrains", 4)]
-    causes = (errors.causes[x] for x in ("mesh", "theory"))
-    values = (errors.values, errors.companions, errors.total, *causes)
-    rows = [
-        (header, *(format_number(x, 4 if k < 2 else 2) for k, x in enumerate(row)))
-        for header, row in zip(errors.headers, np.stack(values, axis=1).tolist(), strict=True)
-    ]
-    return ResponsiveTable("errors", columns, rows, "the JSON file")
+    return {topic: text for topic, text in facts.items() if text}
 
 
 def range_table(
@@ -179,13 +160,7 @@ def range_table(
     names = [] if errors is None else list(map(str, errors))[1:]
     columns = [Column("min", 2), Column("max", 3), Column("end", 1)]
     always_shown = (names[0], names[-1]) if names else ()
-    columns += [
-        Column(
-            _SHOWN_HEADERS.get(x, x),
-            0 if x in always_shown else 4,
-        )
-        for x in names
-    ]
+    columns += [Column(_SHOWN_HEADERS.get(x, x), 0 if x in always_shown else 4) for x in names]
     error_values = [] if errors is None else [np.asarray(errors[x]).tolist() for x in names]
     rows = [
         (
@@ -203,11 +178,10 @@ def equilibrium_table(columns: Columns, errors: Errors | None) -> ResponsiveTabl
 
     Errors of the end belong to the columns; those of load factors and critical points follow.
     """
-    extremes = column_extremes(columns)
-    table = {name: tuple(x.values()) for name, x in extremes.items()}
+    table = {name: tuple(x.values()) for name, x in column_extremes(columns).items()}
     headers, texts = [Column("min", 2), Column("max", 3), Column("end", 1)], {}
     if errors is not None:
-        headers += [Column("error"), Column("by\nelements", 4), Column("by\nstrains", 5)]
+        headers += [Column("error"), Column("by elements", 4), Column("by strains", 5)]
         causes = np.stack([errors.total, errors.causes["mesh"], errors.causes["theory"]], axis=1)
         texts = dict(zip(errors.headers, causes.tolist(), strict=True))
         for name, value in zip(errors.headers, errors.values.tolist(), strict=True):
@@ -231,25 +205,22 @@ def column_extremes(
     # Imports CasADi, which tables of models and examples do not need.
     from beamdae.results.columns import Header, largest_by
 
-    columns = {name: np.asarray(observed[name]) for name in map(str, observed)}
-    ranges = {name: _smallest_and_largest(values) for name, values in columns.items()}
-    kinds = {name: Header.of(name).kind for name in columns}
-    sizes = (max(map(abs, x)) for x in ranges.values())
-    sizes_of_kinds = largest_by(kinds.values(), (x if math.isfinite(x) else 0.0 for x in sizes))
     extremes = {}
-    for name, values in columns.items():
-        (smallest, largest), limit = ranges[name], _ROUNDING * sizes_of_kinds[kinds[name]]
+    for name in map(str, observed):
+        values = np.asarray(observed[name], float)
+        numbers = values[~np.isnan(values)]
+        low, high = (f(numbers) if numbers.size else math.nan for f in (np.min, np.max))
+        extremes[name] = {"min": float(low), "max": float(high), "end": float(values[-1])}
+    kinds = {name: Header.of(name).kind for name in extremes}
+    sizes = (max(abs(x["min"]), abs(x["max"])) for x in extremes.values())
+    largest = largest_by(kinds.values(), (x if math.isfinite(x) else 0.0 for x in sizes))
+    for name, entry in extremes.items():
         if steps and name in steps:
-            smallest, largest = min(smallest, steps[name].min), max(largest, steps[name].max)
-        numbers = {"min": smallest, "max": largest, "end": float(values[-1])}
-        extremes[name] = {k: 0.0 if abs(x) < limit else x for k, x in numbers.items()}
+            entry["min"] = min(entry["min"], steps[name].min)
+            entry["max"] = max(entry["max"], steps[name].max)
+        limit = _ROUNDING * largest[kinds[name]]
+        extremes[name] = {k: 0.0 if abs(x) < limit else x for k, x in entry.items()}
     return extremes
-
-
-def _smallest_and_largest(values: np.ndarray) -> tuple[float, float]:
-    """Return minimum and maximum of the values, ignoring nan; nan if all values are nan."""
-    numbers = values[~np.isnan(values)]
-    return (float(numbers.min()), float(numbers.max())) if numbers.size else (math.nan, math.nan)
 
 
 def comparison_table(table: pd.DataFrame) -> ResponsiveTable:
@@ -258,18 +229,17 @@ def comparison_table(table: pd.DataFrame) -> ResponsiveTable:
     Errors below the resolution of the reference are shown as upper bounds.
     """
     names = [name for name in _COMPARISON_COLUMNS if name in table]
-    rows = []
-    for _, row in table.iterrows():
-        cells = {name: format_number(row[name]) for name in names}
-        if row.get("below resolution", False):
-            cells["error [-]"] = f"< {format_number(row['error bound [-]'])}"
-        if "wall time max [s]" in cells:
-            cells["wall time max [s]"] = _format_range(
-                row["wall time min [s]"], row["wall time max [s]"]
-            )
-        rows.append((str(row["label"]), *cells.values()))
-    columns = [_COMPARISON_COLUMNS[name] for name in names]
-    return ResponsiveTable("integrator", columns, rows, "cases.csv")
+    shown = table[["label", *names]].astype(object)
+    if "below resolution" in table:
+        for k in table.index[table["below resolution"].fillna(False)]:
+            shown.loc[k, "error [-]"] = f"< {format_number(table.loc[k, 'error bound [-]'])}"
+    if "wall time max [s]" in table:
+        spans = table[["wall time min [s]", "wall time max [s]"]].to_numpy().tolist()
+        shown["wall time max [s]"] = [_format_range(*x) for x in spans]
+    ranks = dict(_COMPARISON_COLUMNS.values())
+    headers = {name: _COMPARISON_COLUMNS[name][0] for name in names}
+    digits = dict.fromkeys(headers.values(), 3)
+    return table_of(shown.rename(columns=headers), "integrator", ranks, digits, "cases.csv")
 
 
 def _format_range(least: Any, most: Any) -> str:
@@ -284,11 +254,9 @@ def summary_table(summary: pd.DataFrame) -> ResponsiveTable:
     )
     values = summary["value"].map(format_number) + " " + summary["unit"] + list(ranges)
     texts = summary.assign(value=values.str.strip()).astype(str)
-    names = [name for name in _SUMMARY_COLUMNS if name in texts and (texts[name] != "").any()]
-    rows = [tuple(row) for row in texts[["answer", *names]].to_numpy()]
-    return ResponsiveTable(
-        "answer", [_SUMMARY_COLUMNS[name] for name in names], rows, "summary.csv"
-    )
+    ranks = {"what": 1, "at": 3, "value": 0, "as fast": 4}
+    names = [name for name in ranks if name in texts and (texts[name] != "").any()]
+    return table_of(texts[["answer", *names]], ranks=ranks, source="summary.csv")
 
 
 def format_headers(units: Mapping[str, str]) -> dict[str, str]:
@@ -318,38 +286,35 @@ def sweep_table(
     """
     import pandas as pd
 
-    magnitudes = pd.DataFrame({x: pd.to_numeric(table[x], "coerce").abs() for x in outputs})
+    sizes = pd.DataFrame({x: pd.to_numeric(table[x], "coerce").abs() for x in outputs})
     # Values without a unit are compared with those of the same column, which other measures share.
     kinds = {}
     for name in outputs:
         column, unit = split_unit(name)
         kinds[name] = unit if unit not in ("", "-") else column.rpartition(" ")[0] or column
-    largest = {"rad": 1.0}
-    for name, kind in kinds.items():
-        largest[kind] = max(largest.get(kind, 0.0), float(magnitudes[name].max(skipna=True)))
+    largest = sizes.max().groupby(kinds.__getitem__).max().to_dict()
+    largest["rad"] = max(largest.get("rad", 0.0), 1.0)
     limits = {name: _ROUNDING * largest[kind] for name, kind in kinds.items()}
-    if shown := [x for x in outputs if (magnitudes[x] > limits[x]).any()]:
+    if shown := [x for x in outputs if (sizes[x] > limits[x]).any()]:
         if n_zeros := len(outputs) - len(shown):
-            zeros = f"{format_count(n_zeros, 'column')} of zeros"
-            never_shown = [zeros, *never_shown]
+            never_shown = [f"{format_count(n_zeros, 'column')} of zeros", *never_shown]
         outputs = shown
-    last = len(outputs) + 2
     varied = [name for name in parameters if table[name].astype(str).nunique() > 1]
-    first, *others = [*varied, *(name for name in parameters if name not in varied)]
+    names = [*varied, *(x for x in parameters if x not in varied), "status", *outputs]
+    rounded = table[names].copy()
+    for name in outputs:
+        if len(limits) and pd.api.types.is_float_dtype(table[name]):
+            rounded[name] = table[name].where(~(table[name].abs() <= limits[name]), 0.0)
+    last = len(outputs) + 2
+    ranks = {name: 2 + k for k, name in enumerate(outputs)}
+    ranks |= {name: last for name in parameters if name not in varied}
+    ranks["status"] = last if (table["status"] == "ok").all() else 1
     headers = format_headers(units or {})
-    columns = [
-        Column(headers.get(x, x).replace(" [", "\n["), 0 if x in varied else last) for x in others
-    ]
-    columns.append(Column("status", last if (table["status"] == "ok").all() else 1))
-    columns += [Column(name.replace(" [", "\n["), 2 + k) for k, name in enumerate(outputs)]
-    names = [first, *others, "status", *outputs]
-
-    def format_cell(name: str, value: Any) -> str:
-        is_noise = isinstance(value, float) and abs(value) <= limits.get(name, 0.0)
-        return format_number(0.0 if is_noise else value, 5)
-
-    rows = [tuple(format_cell(name, row[name]) for name in names) for _, row in table.iterrows()]
-    return ResponsiveTable(headers.get(first, first), columns, rows, "sweep.csv", never_shown)
+    return table_of(
+        rounded.rename(columns=headers),
+        ranks={headers.get(name, name): rank for name, rank in ranks.items()},
+        source="sweep.csv",
+    ).omitting(never_shown)
 
 
 def failure_sentences(table: pd.DataFrame) -> list[str]:
@@ -360,72 +325,35 @@ def failure_sentences(table: pd.DataFrame) -> list[str]:
     return [make_printable(f"{label}: {reason}") for label, reason in reasons]
 
 
-def _create_table(
-    title: str,
-    table: pd.DataFrame,
-    first: str,
-    columns: Mapping[str, tuple[Column, int]],
-    source: str = "the CSV file",
-) -> ResponsiveTable:
-    """Return the column `first` of a table and others, given with their numbers of digits."""
-    rows = [
-        (
-            str(row[first]),
-            *(format_number(row[name], digits) for name, (_, digits) in columns.items()),
-        )
-        for row in table.to_dict("records")
-    ]
-    return ResponsiveTable(title, [column for column, _ in columns.values()], rows, source)
-
-
 def buckling_table(table: pd.DataFrame) -> ResponsiveTable:
     """Return a table of load factors and moving coordinates, given `Buckling.table()`."""
-    columns = {
-        "load factor [-]": (Column("load factor\n[-]"), 6),
-        "moves most": (Column("moves most", 1, sentences=True), 0),
-    }
-    return _create_table("mode", table, "mode", columns)
+    shown = table[["mode", "load factor [-]", "moves most"]]
+    return table_of(shown, ranks={"moves most": 1}, digits={"load factor [-]": 6})
 
 
 def amplitudes_table(table: pd.DataFrame) -> ResponsiveTable:
     """Return a table of observed columns, given `PeriodicMotion.amplitudes()`."""
-    ranks = {"mean": 0, "half range": 0, "least": 1, "largest": 1}
-    columns = {name: (Column(name, rank), 5) for name, rank in ranks.items()}
-    indexed = table.rename_axis("observed").reset_index()
-    return _create_table("observed", indexed, "observed", columns, "--json")
+    shown = table.drop(columns="unit").rename_axis("observed").reset_index()
+    return table_of(shown, ranks={"least": 1, "largest": 1}, source="--json")
 
 
 def peaks_table(parameter: str, label: str, peaks: pd.DataFrame) -> ResponsiveTable:
     """Return a table of the peaks of response curves, given `FrequencyResponse.peak_table()`."""
-    columns = {
-        parameter: (Column(label), 6),
-        "half range": (Column("half\nrange"), 5),
-        "largest magnitude": (Column("largest\nmagnitude"), 5),
-    }
-    return _create_table("peak of", peaks, "observed", columns, "--json")
+    shown = peaks.rename(columns={parameter: label})
+    return table_of(shown, "peak of", digits={label: 6}, source="--json")
 
 
 def bode_table(peaks: pd.DataFrame) -> ResponsiveTable:
     """Return a table of the peaks of transfer functions, given `Bode.peak_table()`."""
-    first, frequency, size, unit, phase = map(str, peaks)
-    columns = {
-        frequency: (Column("frequency\n[Hz]"), 6),
-        size: (Column("magnitude"), 5),
-        unit: (Column("unit"), 0),
-        phase: (Column("phase\n[deg]", 1), 4),
-    }
-    return _create_table("peak of", peaks, first, columns)
+    _, frequency, _, _, phase = map(str, peaks)
+    return table_of(peaks, "peak of", ranks={phase: 1}, digits={frequency: 6, phase: 4})
 
 
 def estimates_table(table: pd.DataFrame, units: Mapping[str, str] | None = None) -> ResponsiveTable:
     """Return a table of estimates and their 95 % intervals, given `Fit.table()` and units."""
-    heads = ("value", "standard\ndeviation", "lower\n95 %", "upper\n95 %")
-    columns = {
-        str(name): (Column(head, k // 2), 2 if k == 1 else 5)
-        for k, (name, head) in enumerate(zip(table, heads, strict=True))
-    }
     named = table.rename(index=format_headers(units or {})).rename_axis("name").reset_index()
-    return _create_table("estimate of", named, "name", columns)
+    _, _, deviation, lower, upper = map(str, named)
+    return table_of(named, "estimate of", ranks={lower: 1, upper: 1}, digits={deviation: 2})
 
 
 def searches_table(
@@ -442,39 +370,24 @@ def searches_table(
     goal, cost
         Column with the minimized value, and header of the number of evaluations.
     """
-    headers = format_headers(units)
-    first = [name for name in units if f"first {name}" in table]
+    headers = format_headers(units) | {"evaluations": cost, "reason": "end"}
+    first = [f"first {name}" for name in units if f"first {name}" in table]
     last = [name for name in units if name in table]
-    columns = [
-        Column(goal),
-        *(Column(headers.get(name, name), k) for k, name in enumerate(last)),
-        *(Column(f"first\n{headers.get(name, name)}", len(last)) for name in first),
-        Column(cost, 2 * len(units)),
-        Column("end", 1, sentences=True),
-    ]
-    names = [goal, *last, *(f"first {name}" for name in first), "evaluations"]
-    rows = [
-        (str(k), *(format_number(row[name], 5) for name in names), str(row["reason"]))
-        for k, (_, row) in enumerate(table.iterrows(), 1)
-    ]
-    return ResponsiveTable("search", columns, rows, "the file of the searches")
+    shown = table[[goal, *last, *first, "evaluations", "reason"]].rename(columns=headers)
+    shown.insert(0, "search", [str(k) for k in range(1, len(table) + 1)])
+    ranks = {headers.get(name, name): k for k, name in enumerate(last)}
+    ranks |= dict.fromkeys(first, len(last)) | {cost: 2 * len(units), "end": 1}
+    return table_of(shown, ranks=ranks, source="the file of the searches")
 
 
 def modes_table(table: pd.DataFrame) -> ResponsiveTable:
     """Return a table of frequencies, damping and moving parts, given `Modes.table()`."""
     masses = [name for name in map(str, table) if name.startswith("effective mass")]
-    columns = {
-        "frequency [Hz]": (Column("frequency\n[Hz]"), 6),
-        "damping ratio [-]": (Column("damping\nratio [-]", 2), 3),
-        "growth rate [1/s]": (Column("growth rate\n[1/s]", 3), 3),
-        **{
-            name: (Column(f"effective\nmass {axis} [kg]", rank), 3)
-            for name, axis, rank in zip(masses, "xy", (4, 5), strict=True)
-        },
-        "kind": (Column("kind", 1, sentences=True), 0),
-        "moves": (Column("moves", 1, sentences=True), 0),
-    }
-    return _create_table("mode", table, "mode", columns)
+    ranks = {"damping ratio [-]": 2, "growth rate [1/s]": 3, "kind": 1, "moves": 1}
+    ranks |= {name: 4 + k for k, name in enumerate(masses)}
+    digits = dict.fromkeys(map(str, table), 3) | {"frequency [Hz]": 6}
+    names = ["mode", "frequency [Hz]", "damping ratio [-]", "growth rate [1/s]", *masses]
+    return table_of(table[[*names, "kind", "moves"]], ranks=ranks, digits=digits)
 
 
 def campbell_table(table: pd.DataFrame) -> ResponsiveTable:
@@ -483,42 +396,29 @@ def campbell_table(table: pd.DataFrame) -> ResponsiveTable:
     Modes that decay or grow without oscillation have a word in place of the frequency.
     """
     frequencies = [name for name in map(str, table) if name.endswith("[Hz]")]
-    columns = [
-        Column("speed\n[rpm]"),
-        *(Column(name.replace(" [", "\n["), k) for k, name in enumerate(frequencies)),
-    ]
+    shown = table[["speed [rad/s]", *frequencies]].astype(object)
+    for name in frequencies:
+        rate = table[name.replace("mode", "growth rate").replace("[Hz]", "[1/s]")]
+        still = (table[name] == 0.0) & (rate.abs() > _MIN_RATE)
+        shown.loc[still, name] = np.where(rate[still] < 0.0, "decay", "growth")
+    ranks = {name: k for k, name in enumerate(frequencies)}
+    return table_of(_insert_rpm(shown), ranks=ranks, digits=_SPEED_DIGITS)
 
-    def format_mode(row: Any, name: str) -> str:
-        rate = row[name.replace("mode", "growth rate").replace("[Hz]", "[1/s]")]
-        if row[name] == 0.0 and abs(rate) > _MIN_RATE:
-            return "decay" if rate < 0.0 else "growth"
-        return format_number(row[name], 5)
 
-    rows = [
-        (*_format_speed(row), *(format_mode(row, name) for name in frequencies))
-        for _, row in table.iterrows()
-    ]
-    return ResponsiveTable("speed [rad/s]", columns, rows, "the CSV file")
+_SPEED_DIGITS = {"speed [rad/s]": 6, "speed [rpm]": 6}
+
+
+def _insert_rpm(table: pd.DataFrame) -> pd.DataFrame:
+    table = table.copy()
+    table.insert(1, "speed [rpm]", table["speed [rad/s]"] * 30.0 / math.pi)
+    return table
 
 
 def resonances_table(table: pd.DataFrame) -> ResponsiveTable:
     """Return a table of resonance speeds, given `Campbell.resonances()`."""
-    rows = [
-        (
-            *_format_speed(row),
-            format_number(row["frequency [Hz]"], 5),
-            *(f"{row[name]:.0f}" for name in ("mode", "multiple")),
-        )
-        for _, row in table.iterrows()
-    ]
-    columns = [Column(x) for x in ("speed\n[rpm]", "frequency\n[Hz]", "mode", "multiple")]
-    return ResponsiveTable("resonance [rad/s]", columns, rows, "the CSV file")
-
-
-def _format_speed(row: Any) -> tuple[str, str]:
-    """Return the rotation speed in rad/s and in rpm."""
-    speed = row["speed [rad/s]"]
-    return format_number(speed, 6), format_number(speed * 30.0 / math.pi, 6)
+    names = ["speed [rad/s]", "frequency [Hz]", "mode", "multiple"]
+    shown = table[names].astype({"mode": int, "multiple": int})
+    return table_of(_insert_rpm(shown), "resonance [rad/s]", digits=_SPEED_DIGITS)
 
 
 def parts_table(kinds: Mapping[str, str]) -> ResponsiveTable:
@@ -529,7 +429,7 @@ def parts_table(kinds: Mapping[str, str]) -> ResponsiveTable:
 def models_table(models: Iterable[Mapping[str, Any]]) -> ResponsiveTable:
     """Return a table of the models found in files, with their parameters."""
     columns = [
-        Column("t_end\n[s]", 3),
+        Column("t_end [s]", 3),
         Column("file", 1, sentences=True),
         Column("parameters", 2, sentences=True),
         Column("about", 4, sentences=True),

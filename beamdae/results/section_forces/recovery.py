@@ -57,10 +57,7 @@ def recover_section_forces(
         sections = _requested_sections(beam, s)
     sampler = _SectionSampler(run, beam, *sections)
     (N, Q, M), strained = sampler.evaluate(times)
-    settings = run.integrator
-    step = 0.0 if settings.get("rtol") else float(settings.get("step") or 0.0)
-    s, before = sections
-    return SectionForces(beam, times, s, N, Q, M, strained, before, sampler, step)
+    return SectionForces(beam, times, sections[0], N, Q, M, strained, sections[1], sampler)
 
 
 @read_only_data

@@ -14,11 +14,6 @@ from beamdae.equations.measures import TIME
 from beamdae.errors import BeamdaeError, require_positive, warn_user
 from beamdae.read_only import read_only_data
 from beamdae.results.displays import HasTable, Plot, load_views
-from beamdae.results.section_forces.peak_errors import (
-    estimate_sampling_errors,
-    estimate_wave_errors,
-    shortest_resolved_periods,
-)
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -27,6 +22,8 @@ Array = np.ndarray
 
 SECTION_FORCE_HEADERS = {"N": "N [N]", "Q": "Q [N]", "M": "M [N m]"}
 _ARC_LENGTH = "s [m]"
+# Times between two rows at which section forces are compared with their extremes.
+_SHARES_BETWEEN_ROWS = np.array([0.25, 0.5, 0.75])
 # Estimated error above which `SectionForces.safety` issues a warning, relative to the stress.
 _MAX_UNREPORTED_STRESS_ERROR = 0.1
 # Stress, including its error, below which this warning is omitted, relative to the yield stress;
@@ -53,9 +50,9 @@ class Safety:
     where
         Point of the section: "top", "bottom" or "axis".
     error
-        Estimated error of the stress at this time and point [Pa], including waves that the mesh
-        does not resolve and peaks between the times. It is not that of the largest stress of the
-        run, which may occur elsewhere: `lower_bound` covers all times and sections.
+        Estimated error of the stress at this time and point [Pa], including peaks between the
+        times. It is not that of the largest stress of the run, which may occur elsewhere:
+        `lower_bound` covers all times and sections.
     lower_bound
         Lower bound of the safety factor [-]: the smallest ratio, over all times and sections, of
         the yield stress to the sum of the stress and its estimated error. It may belong to another
@@ -109,8 +106,6 @@ class SectionForces(HasTable):
     sample
         Function of ascending times [s] that returns N, Q and M (3, rows, l) at the same sections;
         times outside the run are replaced by its ends. None for equilibria and after unpickling.
-    step
-        Fixed step of the integrator [s]; 0 with error control and for equilibria.
     """
 
     beam: Beam
@@ -122,7 +117,6 @@ class SectionForces(HasTable):
     strained: Array
     before: Array
     sample: Callable[[Array], Array] | None = None
-    step: float = 0.0
 
     def __repr__(self) -> str:
         times, sections = self.N.shape
@@ -146,23 +140,6 @@ class SectionForces(HasTable):
         return np.abs(np.stack([self.N, self.Q, self.M]) - self.strained)
 
     @cached_property
-    def wave_error(self) -> Array:
-        """Estimated errors of the peaks of N, Q and M due to unresolved waves, (3,) [N, N, N m].
-
-        After a sudden load, the section forces of beams without damping contain waves that are too
-        short for the mesh and increase the peaks by 20 to 80 % of the jump, on any mesh. `error`
-        shows only a part of this. The estimate compares the largest and the smallest N, Q and M
-        with averages over the periods of the shortest waves that the mesh resolves: axial waves of
-        6 and bending waves of 4 node intervals, or of 8 steps if these are fixed and longer. It
-        applies to the whole beam and is zero for equilibria.
-        """
-        if self.sample is None:
-            return np.zeros(3)
-        forces = np.stack([self.N, self.Q, self.M])
-        periods = shortest_resolved_periods(self.beam, self.step)
-        return estimate_wave_errors(self.t, forces, periods, self.sample)
-
-    @cached_property
     def sampling_error(self) -> Array:
         """Amounts by which N, Q and M exceed their extremes between the times `t`, (3,).
 
@@ -170,14 +147,22 @@ class SectionForces(HasTable):
         M and the adjacent times; more distant extremes are not found. The result is zero for a
         single time.
         """
-        if self.sample is None:
-            return np.zeros(3)
-        return estimate_sampling_errors(self.t, np.stack([self.N, self.Q, self.M]), self.sample)
+        errors = np.zeros(3)
+        if self.sample is None or len(self.t) < 2:
+            return errors
+        for k, force in enumerate((self.N, self.Q, self.M)):
+            for extreme in (np.argmin(force), np.argmax(force)):
+                row = int(extreme) // force.shape[1]
+                near = self.t[max(row - 1, 0) : row + 2]
+                between = near[:-1, None] + np.diff(near)[:, None] * _SHARES_BETWEEN_ROWS
+                values = self.sample(between.ravel())[k]
+                excess = max(values.max() - force.max(), force.min() - values.min())
+                errors[k] = max(errors[k], excess)
+        return errors
 
     def __getstate__(self) -> dict[str, Any]:
         # `sample` contains the whole run.
-        errors = {"wave_error": self.wave_error, "sampling_error": self.sampling_error}
-        return {**vars(self), **errors, "sample": None}
+        return {**vars(self), "sampling_error": self.sampling_error, "sample": None}
 
     def table(self) -> pd.DataFrame:
         """Return N, Q, M and their estimated errors, one row per time and section."""
@@ -252,11 +237,6 @@ class SectionForces(HasTable):
         error = self.error[0] / area + self.error[2] * np.abs(bending)
         return self.N / area + self.M * bending, error
 
-    @property
-    def _peak_error(self) -> Array:
-        """Errors of the peaks of N, Q and M in addition to `error`, (3,) [N, N, N m]."""
-        return self.wave_error + self.sampling_error
-
     def _sigma_peak_error(self, offset: float | str, peak_error: Array) -> Array:
         """Return errors of longitudinal stresses due to errors of N, Q and M, (l,) [Pa]."""
         axial, _, moment = peak_error
@@ -276,7 +256,7 @@ class SectionForces(HasTable):
         """Return minima and maxima of N, Q and M over time, one row per section.
 
         Each extreme has an estimated error and a time. The error is the sum of `error` at this time
-        and section, `wave_error` and `sampling_error`.
+        and section and of `sampling_error`.
 
         If all sections define their height and do not reach the center of curvature, the table
         includes the longitudinal stress at the top and the bottom.
@@ -284,7 +264,7 @@ class SectionForces(HasTable):
         import pandas as pd
 
         headers = list(SECTION_FORCE_HEADERS.values())
-        peak_errors = self._peak_error
+        peak_errors = self.sampling_error
         forces = zip((self.N, self.Q, self.M), self.error, peak_errors, strict=True)
         quantities = dict(zip(headers, forces, strict=True))
         try:
@@ -310,10 +290,10 @@ class SectionForces(HasTable):
 
         The von Mises equivalent stress is |sigma| at the top and the bottom, and
         sqrt(sigma^2 + 3 tau^2) on the axis. Its error follows from the errors of N, Q and M:
-        `error`, `wave_error` for waves that the mesh does not resolve, and `sampling_error` for
-        peaks between the times. Unresolved waves increase peaks, so that `Safety.factor` is usually
-        too small after sudden loads. A `BeamdaeWarning` is issued if the error exceeds 10 % of the
-        stress.
+        `error`, and `sampling_error` for peaks between the times. After sudden loads, waves that no
+        mesh resolves increase peaks by 20 to 80 % of the jump, so that `Safety.factor` is too
+        small; apply loads over the period of the shortest waves of interest, or set the damping of
+        the section. A `BeamdaeWarning` is issued if the error exceeds 10 % of the stress.
 
         Parameters
         ----------
@@ -383,8 +363,8 @@ class SectionForces(HasTable):
         # Shear stresses vanish at the surfaces; on the axis, they count sqrt(3) times.
         shear = np.sqrt(3.0) if point == "axis" else 0.0
         tau, tau_error = shear * np.abs(self._tau(self.Q)), shear * self._tau(self.error[1])
-        peak_error = self._sigma_peak_error(offset, self._peak_error)
-        tau_peak_error = shear * self._tau(self._peak_error[1])
+        peak_error = self._sigma_peak_error(offset, self.sampling_error)
+        tau_peak_error = shear * self._tau(self.sampling_error[1])
         size, tau_size = np.abs(sigma) + error, tau + tau_error
         return (
             np.hypot(sigma, tau),
@@ -396,24 +376,12 @@ class SectionForces(HasTable):
         self, stress: float, mesh_error: float, error: float, t: float
     ) -> str:
         cause, remedy = "due to the mesh", "use more elements or a smaller tolerance"
-        wave, sampling = (
-            np.max(self._sigma_peak_error(0.0, x) + self._sigma_peak_error("top", x))
-            for x in (self.wave_error, self.sampling_error)
-        )
-        if error > 2.0 * mesh_error and sampling > wave:
+        if error > 2.0 * mesh_error:
             cause, remedy = "between the times", "use more times t, or a smaller output_step"
-        elif error > 2.0 * mesh_error:
-            period = shortest_resolved_periods(self.beam, self.step)[0]
-            cause = "because mesh and steps do not resolve the waves of a sudden load"
-            remedy = (
-                f"apply loads over more than {period:.2g} s, set the damping of the section, or "
-                "use `lower_bound`"
-            )
+        share = 100.0 * error / stress if stress else np.inf
         return (
             f"{self.beam.name}: the stress {stress:.4g} Pa of the smallest safety factor, at t = "
-            f"{t:.4g} s, has an estimated error of "
-            f"{100.0 * error / stress if stress else np.inf:.0f} % {cause}; "
-            f"{remedy}."
+            f"{t:.4g} s, has an estimated error of {share:.0f} % {cause}; {remedy}."
         )
 
     def diagram(self, what: str = "M", t: float | None = None) -> Plot:

@@ -139,30 +139,6 @@ def checksum(content: Any, arrays: Mapping[str, Array] | None = None) -> str:
     return digest.hexdigest()
 
 
-def require_shapes(arrays: Mapping[str, Array], dimensions: Mapping[str, str]) -> dict[str, int]:
-    """Return the sizes of the dimensions of numeric arrays, such as those of "rows n".
-
-    Raises
-    ------
-    ContentError
-        If an array is missing or has another shape; dimensions of the same name have the same size.
-    """
-    sizes: dict[str, int] = {}
-    for name, names in dimensions.items():
-        if name not in arrays:
-            raise ContentError(f"{name} is missing")
-        array, axes = arrays[name], names.split()
-        found = zip(axes, array.shape, strict=False)
-        has_sizes = array.ndim == len(axes) and all(sizes.setdefault(x, k) == k for x, k in found)
-        if not has_sizes or array.dtype.kind not in "fiu":
-            shape = ", ".join(str(sizes.get(x, x)) for x in axes)
-            raise ContentError(
-                f"{name} must contain numbers in the shape ({shape}), got {array.dtype} in "
-                f"{array.shape}"
-            )
-    return sizes
-
-
 def _as_plain(value: Any) -> Any:
     """Return the number or the list of a NumPy scalar or array."""
     return value.tolist()

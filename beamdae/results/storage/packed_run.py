@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import accumulate, pairwise
 from typing import Any, NamedTuple
@@ -16,7 +16,6 @@ from beamdae.results.column_derivatives import ColumnDerivatives
 from beamdae.results.event_records import EventRecord
 from beamdae.results.outcome import Statistics, Status
 from beamdae.results.run_data import RunData
-from beamdae.results.storage.documents import require_shapes
 from beamdae.results.storage.reader import ContentError
 from beamdae.results.trajectory import Interval, StepRecord, Trajectory
 
@@ -224,35 +223,3 @@ def _unpack_configuration(
         raise ContentError("parts of the run were switched, but no event of the model does this")
     inactive = frozenset(packed.inactive)
     return configurations.configuration_without(equations, inactive, packed.frozen_gaps)
-
-
-def require_consistent(packed: PackedRun, further: Mapping[str, str]) -> None:
-    """Raise ContentError unless the arrays of a packed run belong to its intervals and events.
-
-    `further` are the dimensions of further arrays, see `require_shapes`.
-    """
-    arrays, plain = packed
-    dimensions = {"t": "rows", "q0": "n", "v0": "n", "nodes": "nodes", **further}
-    dimensions |= {"q": "nodes n", "v": "nodes n", "a": "nodes n", "lam": "nodes m"}
-    counts = {"nodes": sum(x.nodes for x in plain.intervals)}
-    if recorded := sum(x.recorded_nodes for x in plain.intervals):
-        dimensions |= {"record nodes": "records", "record values": "records energies"}
-        counts["records"] = recorded
-    if plain.derivatives is not None:
-        dimensions[_DERIVATIVES] = "parameters columns rows"
-    sizes = require_shapes(arrays, dimensions)
-    for name, count in counts.items():
-        if sizes[name] != count:
-            raise ContentError(f"{name} must be {count}, got {sizes[name]}")
-    state = {name: (sizes["m" if name == "lam" else "n"],) for name in State._fields}
-    start = dict.fromkeys(("q", "v", "closed_q"), state["q"])
-    for values, shapes in (*((x.state, state) for x in plain.events), (plain.start, start)):
-        for name, shape in shapes.items():
-            if (x := getattr(values, name, None)) is not None and x.shape != shape:
-                raise ContentError(f"{name} of an event or the start must have the shape {shape}")
-    for x in plain.intervals:
-        if x.nodes < 1 or (x.nodes - 1) % x.nodes_per_step:
-            raise ContentError(f"nodes must be 1 and {x.nodes_per_step} per step, got {x.nodes}")
-    t, nodes = arrays["t"], arrays["nodes"]
-    if not (len(t) and (np.diff(t) > 0.0).all() and (np.diff(nodes) >= 0.0).all()):
-        raise ContentError("the times must ascend")

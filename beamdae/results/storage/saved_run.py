@@ -23,7 +23,6 @@ from beamdae.results.storage.packed_run import (
     PackedRun,
     PlainRun,
     pack_run,
-    require_consistent,
     unpack_derivatives,
 )
 from beamdae.results.time_series import TimeSeries
@@ -225,7 +224,6 @@ def load_saved_run(path: Any, equations: EquationsOfMotion | None) -> SavedRun |
     content, arrays = _FORMAT.read_archive(file)
     packed = PackedRun(arrays, content.run)
     with _FORMAT.kind.errors_of(file):
-        require_consistent(packed, {_TABLE: "headers rows", _COORDINATES: "coordinates rows"})
         columns = dict(zip(content.table, arrays[_TABLE], strict=True))
         states = dict(zip(content.coordinates, arrays[_COORDINATES], strict=True))
         if equations is None:

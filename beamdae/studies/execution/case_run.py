@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import pickle
 import time as clock
@@ -16,6 +17,7 @@ from beamdae.accuracy.runs import unchecked
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import BeamdaeError, BeamdaeWarning, KernelWarning, working_folder
 from beamdae.memory import limit_memory, peak_memory, reset_peak_memory
+from beamdae.report.page.page_data import encode
 from beamdae.report.scene.frame_export import export_run_frames
 from beamdae.results.outcome import Status
 from beamdae.results.solution import Solution
@@ -149,8 +151,9 @@ def _run_case(task: Task, reads: FileReads) -> Outcome:
 
 def _export_frames(solution: Solution, count: int) -> dict[str, Any]:
     """Return the animation of a run; without frames if nothing can be drawn."""
-    lists: dict[str, Any] = {x: [] for x in ("t", "bodies", "poses", "symbols", "colors")}
-    return export_run_frames(solution, count) or lists | {"extent": [[0.0, 0.0]] * 2}
+    frames = export_run_frames(solution, count) or {"glyphs": []}
+    # As stored, so that stored and new outcomes are equal.
+    return dict(json.loads(encode(frames)))
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from beamdae.equations.measures import TIME
 from beamdae.errors import BeamdaeError, as_real, short_repr, suggest, unbox_scalar
 from beamdae.model_parameters import convert_text
 from beamdae.read_only import read_only_data
-from beamdae.report.page.page_content import PageContent
+from beamdae.report.page.page_content import Content
 from beamdae.report.page.page_file import write_page
 from beamdae.report.terminal.text_tables import format_headers
 from beamdae.results.columns import Header, remove_unit
@@ -411,7 +411,7 @@ def _is_same_value(displayed: Any, value: Any) -> bool:
     return bool(displayed == (value if plain else format_parameter(value)))
 
 
-def create_sweep_page(swept: SweepResults) -> PageContent:
+def create_sweep_page(swept: SweepResults) -> Content:
     """Return the data of the HTML page of a sweep, for `write_page`.
 
     Responses are plotted over one parameter; each combination of the other parameters forms a
@@ -469,30 +469,19 @@ def _choose_response(swept: SweepResults, numeric: set[str]) -> str | None:
     return None
 
 
-def _add_motion(content: PageContent, swept: SweepResults, grid: ParameterGrid) -> None:
-    """Add the sliders of the varied parameters, the map and the recorded motions to a page."""
+def _add_motion(content: Content, swept: SweepResults, grid: ParameterGrid) -> None:
+    """Add the sliders of the varied parameters and the recorded motions to a page."""
     units = swept.sweep.units
     content["sliders"] = [
         {
             "label": axis.name,
             "unit": units.get(axis.name, ""),
             "values": [x if axis.is_numeric else str(x) for x in axis.values],
-            "isNumeric": axis.is_numeric,
         }
         for axis in grid.axes
     ]
-    if len(grid.axes) > 1:
-        content["map"] = _choose_map_axes(swept, grid)
     content["sequential"] = all(axis.is_numeric for axis in grid.axes)
     cases = zip(content["cases"], swept.sweep.cases, grid.positions.tolist(), strict=True)
     for entry, case, position in cases:
         frames = swept.results.outcome(case).frames
-        entry |= {"at": position, "frames": frames if frames and frames["t"] else None}
-
-
-def _choose_map_axes(swept: SweepResults, grid: ParameterGrid) -> list[int]:
-    """Return the horizontal and vertical axis of the map: those with the most values."""
-    names = [axis.name for axis in grid.axes]
-    x = names.index(choose_axis(swept.sweep, swept.table))
-    others = [k for k in range(len(names)) if k != x]
-    return [x, max(others, key=lambda k: len(grid.axes[k].values))]
+        entry |= {"at": position, "frames": frames if frames and frames["glyphs"] else None}

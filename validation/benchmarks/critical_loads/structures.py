@@ -37,7 +37,7 @@ def build_frame(
     """Return the frame under its loads times EI / L^2, with `elements` elements per member."""
     mech = bd.Mechanism()
     unit = strip(slenderness).EI / LENGTH**2
-    joints: dict[str, bd.Attachment] = {}
+    joints: dict[str, bd.results.Attachment] = {}
     for k, member in enumerate(frame.members):
         a, b = (tuple(LENGTH * x for x in frame.nodes[node]) for node in (member.a, member.b))
         section = strip(slenderness, member.width)
@@ -68,7 +68,11 @@ def build_frame(
 
 
 def _support(
-    mech: bd.Mechanism, name: str, ground: bd.Attachment, node: bd.Attachment, axes: str
+    mech: bd.Mechanism,
+    name: str,
+    ground: bd.results.Attachment,
+    node: bd.results.Attachment,
+    axes: str,
 ) -> None:
     """Add the joint that fixes the displacements `axes` of a node."""
     along_x, along_y = (1.0, 0.0), (0.0, 1.0)

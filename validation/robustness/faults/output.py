@@ -155,7 +155,7 @@ def study_named_by_a_path(bench: Bench) -> None:
     """A study whose name contains separators is refused, or stays in its folder."""
     write_study(bench)
     path = bench.folder / "study.py"
-    path.write_text(path.read_text() + "\nfew = bd.Study('../../escaped', few.cases)\n")
+    path.write_text(path.read_text() + "\nfew = bd.results.Study('../../escaped', few.cases)\n")
     expect_exit(bench.run("compare", "study.py", time_limit=STUDY_TIME_LIMIT), 0, 2)
     expect(not (bench.folder.parent / "escaped").exists(), "files were written elsewhere")
 

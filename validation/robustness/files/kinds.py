@@ -143,10 +143,10 @@ def swing(mass: float = 2.0) -> bd.Mechanism:
 
 
 @cache
-def _study() -> bd.Study:
+def _study() -> bd.results.Study:
     case = bd.Case(swing, {"mass": 1.0}, bd.GeneralizedAlpha(step=0.01))
     references = (bd.Ida(rtol=1e-6), bd.GeneralizedAlpha(step=1e-3))
-    return bd.Study("made", (case,), references=references, t_end=0.1, output_step=0.005)
+    return bd.results.Study("made", (case,), references=references, t_end=0.1, output_step=0.005)
 
 
 @cache

@@ -453,7 +453,7 @@ def _periodic_sensitivities() -> bd.results.PeriodicSensitivities:
 
 def _optimization(sandbox: Sandbox) -> bd.results.Optimization:
     return bd.optimize(
-        sandbox.swing, bd.Mass(), "mass", (), {"mass": (0.5, 2.0)}, max_evaluations=2
+        sandbox.swing, bd.quantities.Mass(), "mass", (), {"mass": (0.5, 2.0)}, max_evaluations=2
     )
 
 
@@ -671,7 +671,8 @@ SENSITIVITY_CALLS: dict[str, WorkingCall] = {
     "gradient": WorkingCall(
         lambda box: {
             "model": box.swing,
-            "objective": bd.EndValue("bob.y") + 0.1 * bd.SmoothMaximum("bob.x"),
+            "objective": bd.quantities.EndValue("bob.y")
+            + 0.1 * bd.quantities.SmoothMaximum("bob.x"),
             "by": ["mass"],
             "integrator": _SENSITIVITY_METHOD,
             "t_end": T_END,
@@ -684,9 +685,9 @@ SENSITIVITY_CALLS: dict[str, WorkingCall] = {
     "optimize": WorkingCall(
         lambda box: {
             "model": box.swing,
-            "objective": bd.EndValue("bob.y") + bd.EndValue("bob.x"),
+            "objective": bd.quantities.EndValue("bob.y") + bd.quantities.EndValue("bob.x"),
             "by": ["mass"],
-            "subject_to": [bd.at_most(bd.Mass(), 3.0)],
+            "subject_to": [bd.quantities.at_most(bd.quantities.Mass(), 3.0)],
             "bounds": {"mass": (0.5, 2.0)},
             "integrator": _SENSITIVITY_METHOD,
             "t_end": T_END,
@@ -713,14 +714,18 @@ SENSITIVITY_CALLS: dict[str, WorkingCall] = {
         lambda box, path: write_two_folders_down(box, _optimization(box).to_csv, path),
     ),
     "at_most": WorkingCall(
-        lambda box: {"quantity": bd.Frequency(1), "limit": 2.0}, lambda box, limit: limit.label
+        lambda box: {"quantity": bd.quantities.Frequency(1), "limit": 2.0},
+        lambda box, limit: limit.label,
     ),
     "at_least": WorkingCall(
-        lambda box: {"quantity": bd.EndValue("bob.y"), "limit": 2.0},
+        lambda box: {"quantity": bd.quantities.EndValue("bob.y"), "limit": 2.0},
         lambda box, limit: limit.label,
     ),
     "LargestOf": WorkingCall(
-        lambda box: {"quantities": [bd.Mass(), bd.EndValue("bob.y")], "exponent": 20.0},
+        lambda box: {
+            "quantities": [bd.quantities.Mass(), bd.quantities.EndValue("bob.y")],
+            "exponent": 20.0,
+        },
         lambda box, quantity: quantity.label,
     ),
     "Mass": WorkingCall(lambda box: {}, lambda box, quantity: quantity.label),

@@ -179,7 +179,7 @@ _LIMITS = {"max_step": None, "max_steps": 1000, "time_limit": RUN_TIME_LIMIT}
 _INTEGRATOR_MEMBERS = ("method", "label", "order", "accuracy")
 
 
-def _make_integrator(sandbox: Sandbox, **members: Any) -> bd.Integrator:
+def _make_integrator(sandbox: Sandbox, **members: Any) -> bd.results.Integrator:
     """Return an integrator of a user's class that overrides members with constant values."""
     answers = {
         name: property(lambda self, value=value: value)
@@ -240,7 +240,7 @@ def _model_returning(mechanism: Any) -> bd.results.Model:
     return bd.model(t_end=T_END)(swing)
 
 
-def _study_listing(cases: Any) -> bd.Study:
+def _study_listing(cases: Any) -> bd.results.Study:
     def few() -> Any:
         return cases
 
@@ -397,7 +397,7 @@ STUDY_CALLS: dict[str, WorkingCall] = {
     ),
     "Case parameters": WorkingCall(
         lambda box: {"mass": 2.0, "spin": 1, "at": (1.0, 0.0)},
-        lambda box, case: run_study(box, bd.Study("few", (case,), output_step=OUTPUT_STEP)),
+        lambda box, case: run_study(box, bd.results.Study("few", (case,), output_step=OUTPUT_STEP)),
         lambda box, **values: box.case(**values),
     ),
     "Study": WorkingCall(

@@ -133,7 +133,7 @@ def _run_with_parts(sandbox: Sandbox, *joints: Any) -> bd.results.Solution:
     return sandbox.run()
 
 
-def _hinge_points(box: Sandbox) -> tuple[bd.Attachment, bd.Attachment]:
+def _hinge_points(box: Sandbox) -> tuple[bd.results.Attachment, bd.results.Attachment]:
     return box.mech.ground.at(0.0, 0.0), box.bar.at(0.0, 0.0)
 
 
@@ -255,7 +255,7 @@ def _run_in_units(sandbox: Sandbox, length: float, mass: float, time: float) -> 
 
 
 def _run_study_of(sandbox: Sandbox, cases: Any, **settings: Any) -> Any:
-    study = bd.Study("few", tuple(cases), t_end=0.01, output_step=0.002, **settings)
+    study = bd.results.Study("few", tuple(cases), t_end=0.01, output_step=0.002, **settings)
     return run_study(sandbox, study)
 
 
@@ -278,7 +278,9 @@ STUDIES: dict[str, Situation] = {
         box, [box.case(**row) for row in bd.grid(mass=[])]
     ),
     "grid that does not end": lambda box: [bd.grid(mass=iter(lambda: 1.0, 2.0))],
-    "name with separators": lambda box: run_study(box, bd.Study("a/../../b", (box.case(),))),
+    "name with separators": lambda box: run_study(
+        box, bd.results.Study("a/../../b", (box.case(),))
+    ),
     "compare nothing": lambda box: bd.compare([]),
     "compare one that fails": lambda box: bd.compare([box.case(mass=-1.0)]),
     "reference that fails": lambda box: bd.compare([box.case()], reference=box.case(mass=-1.0)),

@@ -5,18 +5,14 @@ const ROWS_PER_STEP = 100;
 const LONG_TEXT = 16; // texts with more characters have a column of a minimum width
 
 function listTableColumns() {
-  const getters = { error: (run) => run.error, cost: (run) => run.cost };
-  const label = page.columns.find((column) => column.key === "label") ?? { label: "case", unit: "" };
-  const status = page.columns.find((column) => column.kind === "status") ?? { label: "status", unit: "" };
+  const label = page.columns.find(({ key }) => key === "label") ?? { label: "case", unit: "" };
+  const status = page.columns.find(({ kind }) => kind === "status") ?? { label: "status", unit: "" };
   const hasStatus = page.columns.some(({ kind }) => kind === "status") || page.cases.some(hasFailed);
   const others = page.columns.filter((column) => column.key !== "label" && column.kind !== "status");
   return [
     { ...label, kind: "label", value: (run) => run.label, sortValue: (run) => run.rank ?? run.label },
     ...(hasStatus ? [{ ...status, kind: "status", value: (run) => run.status }] : []),
-    ...others.map((column) => ({
-      ...column,
-      value: getters[column.kind] ?? ((run) => getOwn(run.values, column.key)),
-    })),
+    ...others.map(addGetters),
   ];
 }
 
@@ -28,11 +24,7 @@ function shownColumns() {
 function drawCaseTable() {
   byId("cases").hidden = !isStudyPage();
   byId("solver-choice").hidden = !columns.some(({ section }) => section === "solver");
-  const [head, body] = byId("table").children;
-  const headers = shownColumns().map(createHeaderCell);
-  head.replaceChildren(html("tr", {}, html("th", { class: "pick" }, "selected"), ...headers));
-  body.replaceChildren();
-  state.table = { cases: [], rows: new Map(), texts: new Map() };
+  state.texts = new Map(groupCases().map((run) => [run.id, columns.map((column) => formatCell(run, column)).join(" ").toLowerCase()]));
   listCases();
 }
 
@@ -41,24 +33,26 @@ function listCases() {
   const [head, body] = byId("table").children;
   const words = byId("filter").value.toLowerCase().split(/\s+/);
   const all = groupCases().sort(compareCases);
-  const isListed = (run) => words.every((word) => !word || searchableText(run).includes(word));
-  state.table.cases = all.filter(isListed);
+  state.listed = all.filter((run) => words.every((word) => state.texts.get(run.id).includes(word)));
+  const headers = shownColumns().map((column) => {
+    const unit = column.unit ? [html("span", { class: "unit" }, `[${column.unit}]`)] : [];
+    const sort = () => {
+      state.order = { column, isDescending: state.order?.column === column && !state.order.isDescending };
+      listCases();
+    };
+    const direction = state.order?.isDescending ? "descending" : "ascending";
+    const button = html("button", { type: "button", click: sort }, html("span", { class: "name" }, column.label), ...unit);
+    return html("th", { class: column.kind, scope: "col", "aria-sort": state.order?.column === column ? direction : "none" }, button);
+  });
+  head.replaceChildren(html("tr", {}, html("th", { class: "pick" }, "selected"), ...headers));
   body.replaceChildren();
   showRows(ROWS_PER_STEP);
-  byId("count").value = `${state.table.cases.length} of ${all.length} ${page.noun}`;
-  const direction = state.order?.isDescending ? "descending" : "ascending";
-  shownColumns().forEach((column, k) => {
-    const isSorted = state.order?.column === column;
-    head.rows[0].cells[k + 1].setAttribute("aria-sort", isSorted ? direction : "none");
-  });
+  byId("count").value = `${state.listed.length} of ${all.length} ${page.noun}`;
 }
 
 function showRows(count) {
   const body = byId("table").tBodies[0];
-  const { cases, rows } = state.table;
-  const added = cases.slice(body.rows.length, body.rows.length + count);
-  for (const run of added.filter((each) => !rows.has(each.id))) rows.set(run.id, createRow(run));
-  body.append(...added.map((run) => rows.get(run.id)));
+  body.append(...state.listed.slice(body.rows.length, body.rows.length + count).map(createRow));
   markSelection();
 }
 
@@ -68,34 +62,12 @@ function listenToTable() {
   scroll.addEventListener("scroll", () => {
     if (scroll.scrollTop + 2 * scroll.clientHeight > scroll.scrollHeight) showRows(ROWS_PER_STEP);
   });
-  byId("solver-columns").addEventListener("change", drawCaseTable);
-}
-
-function searchableText(run) {
-  const { texts } = state.table;
-  if (!texts.has(run.id)) {
-    texts.set(run.id, columns.map((column) => formatCell(run, column)).join(" ").toLowerCase());
-  }
-  return texts.get(run.id);
-}
-
-function createHeaderCell(column) {
-  const unit = column.unit ? [html("span", { class: "unit" }, `[${column.unit}]`)] : [];
-  const button = html(
-    "button",
-    { type: "button", click: () => sortByColumn(column) },
-    html("span", { class: "name" }, column.label),
-    ...unit,
-  );
-  return html("th", { class: column.kind, scope: "col" }, button);
+  byId("filter").addEventListener("input", listCases);
+  byId("solver-columns").addEventListener("change", listCases);
 }
 
 function createRow(run) {
-  const box = html("input", {
-    type: "checkbox",
-    "aria-label": `select ${run.label}`,
-    change: () => toggleCase(run.id),
-  });
+  const box = html("input", { type: "checkbox", "aria-label": `select ${run.label}`, change: () => toggleCase(run.id) });
   const cells = shownColumns().map((column) => {
     const alarm = column.kind === "status" && hasFailed(run) ? "alarm" : "";
     const icon = column.kind === "label" ? [createFamilyIcon(run.family)] : [];
@@ -103,23 +75,14 @@ function createRow(run) {
     const long = column.kind === "text" && text.length > LONG_TEXT ? "long" : "";
     return html("td", { class: `${column.kind} ${alarm}${long}` }, ...icon, text);
   });
-  return html(
-    "tr",
-    { "data-case": run.id, click: (event) => !event.target.closest(".pick") && toggleCase(run.id) },
-    html("td", { class: "pick" }, html("label", {}, box, " ", html("span", { class: "number badge" }))),
-    ...cells,
-  );
+  const pick = html("td", { class: "pick" }, html("label", {}, box, " ", html("span", { class: "number badge" })));
+  const select = (event) => event.target.closest(".pick") || toggleCase(run.id);
+  return html("tr", { "data-case": run.id, click: select }, pick, ...cells);
 }
 
 function formatCell(run, column) {
   if (column.kind !== "error" || !run.below) return formatValue(column.value(run));
   return referenceResolution() ? `< ${formatValue(referenceResolution(), 2)}` : "not resolved";
-}
-
-function sortByColumn(column) {
-  const isSame = state.order?.column === column;
-  state.order = { column, isDescending: isSame && !state.order.isDescending };
-  listCases();
 }
 
 // Failed cases are sorted last, preceded by cases without a value.
@@ -129,7 +92,6 @@ function compareCases(run, other) {
   const { value, sortValue = value } = state.order.column;
   const [a, b] = [sortValue(run) ?? null, sortValue(other) ?? null];
   if (a === null || b === null) return (a === null) - (b === null);
-  const sign = state.order.isDescending ? -1 : 1;
   const areNumbers = typeof a === "number" && typeof b === "number";
-  return sign * (areNumbers ? a - b : String(a).localeCompare(String(b), "en", { numeric: true }));
+  return (state.order.isDescending ? -1 : 1) * (areNumbers ? a - b : String(a).localeCompare(String(b), "en", { numeric: true }));
 }

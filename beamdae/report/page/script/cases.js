@@ -17,29 +17,24 @@ function referenceResolution() {
   return state.group.reference?.uncertainty || null;
 }
 
-function formatError(run) {
-  if (!run.below) return formatValue(run.error);
-  return `at most ${formatValue(run.error, 3)}, the resolution of the reference`;
+function titleOf({ label, unit }) {
+  return unit && unit !== "-" ? `${label} [${unit}]` : label;
+}
+
+// Columns of the table with functions that return their values.
+function addGetters(column) {
+  const value = (run) => (column.kind === "error" || column.kind === "cost" ? run[column.kind] : getOwn(run.values, column.key));
+  return { ...column, title: titleOf(column), value };
 }
 
 // Quantities that users can select for the axes of the scatter plot: wall time, error, numeric columns.
 function listQuantities() {
-  const getters = {
-    error: (run) => run.error,
-    cost: (run) => run.cost,
-  };
-  const numeric = page.columns.filter(({ kind }) => kind === "number" || getters[kind]);
+  const numeric = page.columns.filter(({ kind }) => ["number", "error", "cost"].includes(kind));
   const missing = [
     { key: "cost", kind: "cost", label: "wall time", unit: "s" },
     { key: "error", kind: "error", label: "error", unit: "" },
   ].filter(({ kind }) => !numeric.some((column) => column.kind === kind));
-  return [...missing, ...numeric]
-    .map((column) => ({
-      ...column,
-      title: column.unit && column.unit !== "-" ? `${column.label} [${column.unit}]` : column.label,
-      value: getters[column.kind] ?? ((run) => getOwn(run.values, column.key)),
-    }))
-    .filter(({ value }) => page.cases.some((run) => Number.isFinite(value(run))));
+  return [...missing, ...numeric].map(addGetters).filter(({ value }) => page.cases.some((run) => Number.isFinite(value(run))));
 }
 
 // Axes of error and wall time are logarithmic; other axes only if their values span a large range.
@@ -51,28 +46,25 @@ function needsLogAxis({ kind, value }, cases) {
   return low > 0 && high / low > MIN_LOG_RATIO && !hasNoise;
 }
 
-function isPlottable(run, quantity) {
-  const value = quantity.value(run);
-  return !hasFailed(run) && Number.isFinite(value) && (quantity.kind === "number" || value > 0);
+// Cases of the group with values of both axes.
+function plottableCases() {
+  const isDrawn = (run, { kind, value }) => Number.isFinite(value(run)) && (kind === "number" || value(run) > 0);
+  const axes = axisQuantities();
+  return groupCases().filter((run) => !hasFailed(run) && axes.every((axis) => axis && isDrawn(run, axis)));
 }
 
 // Pairs of name and value for the tooltip of a case.
 function listCaseFacts(run) {
-  const rows = [];
-  if (run.error !== null) rows.push(["error", formatError(run)]);
-  if (run.cost !== null) rows.push(["wall time", `${formatValue(run.cost)} s`]);
-  const steps = getOwn(run.values, "steps");
-  if (steps !== undefined) rows.push(["steps", formatValue(steps)]);
-  for (const { kind, title, value, key } of axisQuantities().filter(Boolean)) {
-    if (kind === "number" && key !== "steps") rows.push([title, formatValue(value(run))]);
-  }
-  return rows;
+  const error = run.below ? `at most ${formatValue(run.error, 3)}, the resolution of the reference` : formatValue(run.error);
+  const facts = [["error", run.error, error], ["wall time", run.cost, `${formatValue(run.cost)} s`]];
+  const numeric = [...quantities.filter(({ key }) => key === "steps"), ...axisQuantities()].filter((one) => one?.kind === "number");
+  const rows = facts.filter(([, value]) => value !== null).map(([name, , text]) => [name, text]);
+  return [...rows, ...new Map(numeric.map(({ title, value }) => [title, formatValue(value(run))]))];
 }
 
 // Quantities of the x and y axes of the scatter plot, undefined if the page has too few quantities.
 function axisQuantities() {
-  const byKey = (key) => quantities.find((quantity) => quantity.key === key);
-  const byKind = (kind) => quantities.find((quantity) => quantity.kind === kind);
   const { x, y } = { ...page.axes, ...state.axes };
-  return [byKey(x) ?? byKind("cost") ?? quantities[0], byKey(y) ?? byKind("error") ?? quantities[1]];
+  const find = (key, kind, k) => quantities.find((one) => one.key === key) ?? quantities.find((one) => one.kind === kind) ?? quantities[k];
+  return [find(x, "cost", 0), find(y, "error", 1)];
 }

@@ -1,7 +1,7 @@
 // Tables of facts about a run, such as its cost, accuracy and provenance, in the sections of the page.
 
 const MAX_NARROW_COLUMNS = 6; // of tables that are printed side by side
-const MAX_PHONE_CHARACTERS = 34; // beside the first column; rows of wider tables become blocks on a phone
+const MAX_PHONE_COLUMNS = 4; // rows of wider tables become blocks on a phone
 const FACT_SECTIONS = { motion: "motion-facts", results: "result-facts", errors: "error-facts", solver: "solver-facts" };
 
 function drawFactTables() {
@@ -18,33 +18,17 @@ function hideEmptySections() {
   byId("results").hidden = !isStudyPage() && !hasContent("result-facts");
 }
 
-// Width of all columns but the first one, in characters, if the heads are wrapped.
-function countCharacters(head, rows) {
-  const widths = head.map((name, k) => {
-    const words = name.split(" ").map((word) => word.length);
-    return Math.max(...words, ...rows.map((row) => String(formatValue(row[k])).length));
-  });
-  return widths.slice(1).reduce((sum, width) => sum + width, 0);
-}
-
 function createFactTable({ title, head, rows }) {
-  const isNumeric = (k) =>
-    head.length > 0 && k > 0 && rows.every((row) => row[k] === "-" || Number.isFinite(Number(row[k])));
-  const columnClass = (k) => (isNumeric(k) ? "number" : "");
+  const isNumber = (cell) => cell === "-" || Number.isFinite(Number(cell));
+  const classes = head.map((_, k) => (k > 0 && rows.every((row) => isNumber(row[k])) ? "number" : ""));
+  const headCells = head.map((name, k) => (name ? html("th", { scope: "col", class: classes[k] }, name) : html("td", {})));
   const bodyRows = rows.map(([name, ...values]) => {
-    const cells = values.map((value, k) => {
-      const attributes = { class: columnClass(k + 1), "data-column": head[k + 1] ?? false };
-      return html("td", attributes, formatValue(value));
-    });
+    const cells = values.map((value, k) => html("td", { class: classes[k + 1] ?? "", "data-column": head[k + 1] ?? false }, formatValue(value)));
     return html("tr", {}, html("th", { scope: "row" }, name), ...cells);
   });
-  const headCells = head.map((name, k) =>
-    name ? html("th", { scope: "col", class: columnClass(k) }, name) : html("td", {}),
-  );
   const tableHead = head.length ? [html("thead", {}, html("tr", {}, ...headCells))] : [];
-  const isCards = head.length > 2 && countCharacters(head, rows) > MAX_PHONE_CHARACTERS;
-  const table = html("table", { class: isCards && "cards" }, ...tableHead, html("tbody", {}, ...bodyRows));
+  const table = html("table", { class: head.length > MAX_PHONE_COLUMNS && "cards" }, ...tableHead, html("tbody", {}, ...bodyRows));
+  const box = html("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": `table: ${title || page.title}` }, table);
   const heading = title ? [html("h3", {}, title)] : [];
-  const wide = head.length > MAX_NARROW_COLUMNS ? "wide" : "";
-  return html("div", { class: `printed ${wide}` }, ...heading, createScrollBox(`table: ${title || page.title}`, table));
+  return html("div", { class: `printed ${head.length > MAX_NARROW_COLUMNS ? "wide" : ""}` }, ...heading, box);
 }

@@ -4,10 +4,10 @@ const SLIDER_STEPS = 400;
 const SLIDER_DIGITS = 4;
 const FIELD_DIGITS = 6;
 const MIN_STAGE_SHARE = 0.3; // of the picture; a smaller mechanism gets a new scale
-const live = { controls: [], values: {}, isBusy: false, next: null, extent: null };
+const live = { controls: [], values: {}, number: 0, isBusy: false, isRunning: false, next: null, extent: null };
 
 function startLiveView() {
-  const { name, summary, controls, t_end, first } = JSON.parse(byId("data").textContent);
+  const { name, summary, controls, t_end, first } = parseData(byId("data").textContent);
   byId("title").textContent = name;
   byId("subtitle").textContent = summary.replaceAll("`", "");
   byId("end").value = t_end;
@@ -21,80 +21,74 @@ function startLiveView() {
   if (!first.error) request("run");
 }
 
+// Row with the control of a parameter; `control.show` shows a value.
 function createControl(control) {
-  const { name, unit, description, kind, value } = control;
+  const { name, description, kind, value } = control;
   const id = `parameter-${name}`;
+  const create = { flag: createBox, choice: createChoice }[kind] ?? createField;
   const label = html("label", { for: id, title: description.replaceAll("`", "") }, name);
-  const shownUnit = unit === "-" ? "" : unit;
-  const row = html("div", { class: `parameter ${kind}` }, label);
-  control.row = row;
-  if (kind === "flag") {
-    const box = html("input", { id, type: "checkbox", change: () => changeValue(control, box.checked, true) });
-    control.show = (shown) => {
-      box.checked = shown;
-    };
-    row.append(box);
-  } else if (kind === "choice") {
-    const select = html(
-      "select",
-      { id, change: () => changeValue(control, select.value, true) },
-      ...control.choices.map((text) => html("option", { value: text }, text)),
-    );
-    control.show = (shown) => {
-      select.value = shown;
-    };
-    row.append(select);
-  } else {
-    const suggestions = control.choices ? `choices-${name}` : false;
-    if (suggestions) {
-      const options = control.choices.map((text) => html("option", { value: text }));
-      row.append(html("datalist", { id: suggestions }, ...options));
-    }
-    const field = html("input", {
-      id,
-      list: suggestions,
-      type: "text",
-      inputmode: kind === "text" ? "text" : "decimal",
-      autocomplete: "off",
-      spellcheck: "false",
-      change: () => changeValue(control, readField(field.value, kind), true),
-    });
-    row.append(field, ...(kind === "text" ? [] : [html("span", { class: "unit" }, shownUnit)]));
-    const slider = control.low === undefined ? null : createSlider(control, field, shownUnit);
-    if (slider) row.append(slider);
-    control.show = (shown) => {
-      field.value = typeof shown === "number" ? formatPlain(shown) : shown;
-      if (slider && typeof shown === "number") slider.value = toPosition(control, shown);
-    };
-  }
+  control.row = html("div", { class: `parameter ${kind}` }, label, ...create(control, id));
   control.show(value);
-  return row;
+  return control.row;
+}
+
+function createBox(control, id) {
+  const box = html("input", { id, type: "checkbox", change: () => changeValue(control, box.checked, true) });
+  control.show = (shown) => (box.checked = shown);
+  return [box];
+}
+
+function createChoice(control, id) {
+  const options = control.choices.map((text) => html("option", { value: text }, text));
+  const select = html("select", { id, change: () => changeValue(control, select.value, true) }, ...options);
+  control.show = (shown) => (select.value = shown);
+  return [select];
+}
+
+function createField(control, id) {
+  const { name, kind, choices, low } = control;
+  const unit = control.unit === "-" ? "" : control.unit;
+  const field = html("input", {
+    id,
+    list: choices ? `choices-${name}` : false,
+    type: "text",
+    inputmode: kind === "text" ? "text" : "decimal",
+    autocomplete: "off",
+    spellcheck: "false",
+    change: () => changeValue(control, readField(field.value, kind), true),
+  });
+  const slider = low === undefined ? null : createSlider(control, field, unit);
+  control.show = (shown) => {
+    const isNumber = typeof shown === "number";
+    field.value = isNumber ? formatPlain(shown) : shown;
+    if (slider && isNumber) slider.value = toPosition(control, shown);
+  };
+  const suggestions = choices ? [html("datalist", { id: `choices-${name}` }, ...choices.map((text) => html("option", { value: text })))] : [];
+  const shownUnit = kind === "text" ? [] : [html("span", { class: "unit" }, unit)];
+  return [...suggestions, field, ...shownUnit, ...(slider ? [slider] : [])];
 }
 
 function createSlider(control, field, unit) {
   const { name, low, high, kind } = control;
-  const steps = kind === "integer" ? high - low : SLIDER_STEPS;
-  const slider = html("input", { type: "range", min: 0, max: steps, step: 1, "aria-label": name });
+  control.steps = kind === "integer" ? high - low : SLIDER_STEPS;
+  const title = `${formatPlain(low)} to ${formatPlain(high)} ${unit}`.trim();
   const move = (isReleased) => {
-    const value = toValue(control, Number(slider.value), steps);
+    const value = toValue(control, Number(slider.value));
     field.value = formatPlain(value);
     slider.setAttribute("aria-valuetext", `${formatPlain(value)} ${unit}`.trim());
     changeValue(control, value, isReleased, true);
   };
-  slider.addEventListener("input", () => move(false));
-  slider.addEventListener("change", () => move(true));
-  control.steps = steps;
-  slider.title = `${formatPlain(low)} to ${formatPlain(high)} ${unit}`.trim();
+  const attributes = { type: "range", min: 0, max: control.steps, step: 1, "aria-label": name, title };
+  const slider = html("input", { ...attributes, input: () => move(false), change: () => move(true) });
   return slider;
 }
 
-function toValue({ low, high, log, kind }, position, steps) {
+function toValue({ low, high, log, kind, steps }, position) {
   if (kind === "integer") return low + position;
   const share = position / steps;
   const value = log ? low * (high / low) ** share : low + (high - low) * share;
   // Rounded relative to the range, so that a slider through zero reaches zero.
-  const unit = log ? value : high - low;
-  const digit = 10 ** (Math.floor(Math.log10(Math.abs(unit))) - SLIDER_DIGITS + 1);
+  const digit = 10 ** (Math.floor(Math.log10(Math.abs(log ? value : high - low))) - SLIDER_DIGITS + 1);
   return Number((Math.round(value / digit) * digit).toPrecision(12));
 }
 
@@ -124,82 +118,67 @@ function changeValue(control, value, isReleased, isFromSlider = false) {
 
 function resetControls() {
   Object.assign(live, { values: {}, extent: null });
-  for (const control of live.controls) {
-    control.show(control.value);
-    control.row.classList.remove("changed");
+  for (const { show, row, value } of live.controls) {
+    show(value);
+    row.classList.remove("changed");
   }
   showCommand();
   request("run");
 }
 
 function showCommand() {
-  const settings = Object.entries(live.values).map(([name, value]) => {
-    const setting = `${name}=${value}`;
-    return ` --set ${/^[\w=.+-]+$/.test(setting) ? setting : `'${setting}'`}`;
-  });
+  const settings = Object.entries(live.values).map((pair) => pair.join("="));
+  const quoted = settings.map((setting) => ` --set ${/^[\w=.+-]+$/.test(setting) ? setting : `'${setting}'`}`);
   byId("command").hidden = !settings.length;
-  byId("command").querySelector("code").textContent = `beamdae run MODEL${settings.join("")}`;
+  byId("command").querySelector("code").textContent = `beamdae run MODEL${quoted.join("")}`;
 }
 
 // One request at a time: while one is in progress, only the latest waits. A run is first drawn. A request that
 // follows a run ends it in the server.
 async function request(action) {
   pause();
-  if (live.isBusy && live.action !== "run") {
+  if (live.isBusy && !live.isRunning) {
     live.next = action;
     return;
   }
-  const number = (live.number ?? 0) + 1;
-  Object.assign(live, { isBusy: true, number, action: "draw", next: null });
-  const isCurrent = () => live.number === number;
+  live.number += 1;
+  Object.assign(live, { isBusy: true, isRunning: false, next: null });
+  const { number } = live;
   const drawing = await send("draw");
-  if (!isCurrent()) return;
+  if (live.number !== number) return;
   showAnswer("draw", drawing);
   if (live.next === null && action === "run" && !drawing.error) {
-    live.action = "run";
+    live.isRunning = true;
     showState("running …");
     const result = await send("run");
-    if (!isCurrent()) return;
+    if (live.number !== number) return;
     showAnswer("run", result);
   }
-  live.isBusy = false;
-  const { next } = live;
-  if (next !== null) request(next);
+  Object.assign(live, { isBusy: false, isRunning: false });
+  if (live.next !== null) request(live.next);
 }
 
 async function send(action) {
   const body = JSON.stringify({ values: live.values, t_end: readField(byId("end").value, "number") });
   try {
     const response = await fetch(action, { method: "POST", headers: { "Content-Type": "application/json" }, body });
-    return response.ok ? await response.json() : { error: await response.text() };
+    return response.ok ? parseData(await response.text()) : { error: await response.text() };
   } catch {
     return { error: "The server does not answer; start `beamdae view` again." };
   }
 }
 
-function showAnswer(action, answer) {
-  if (answer.superseded) {
-    showState("Stopped by a later request.");
-    return;
-  }
-  if (answer.error) {
-    showState(answer.error, true);
-    return;
-  }
-  if (!answer.frames) {
-    showState("The run cannot be animated.", true);
-    return;
-  }
-  const frames = withCommonExtent(decodeFrames(answer.frames));
-  if (action === "draw") {
-    showState("");
-    drawMotion(frames);
-    return;
-  }
-  showState(answer.status, !answer.ok);
-  const color = frames.colors.find(({ title }) => title === motion.color?.title) ?? null;
-  drawMotion(frames, color);
-  showResults(answer);
+function showAnswer(action, { superseded, error, frames, status, ok, warnings, table }) {
+  if (superseded) return showState("Stopped by a later request.");
+  if (error) return showState(error, true);
+  if (!frames) return showState("The run cannot be animated.", true);
+  const { color } = motion;
+  motion.frames = null;
+  drawMotion(withCommonExtent(frames), action === "run" ? (frames.colors.find(({ title }) => title === live.color?.title) ?? null) : null);
+  live.color = action === "run" ? motion.color : (color ?? live.color);
+  if (action === "draw") return showState("");
+  showState(status, !ok);
+  showResults(warnings, table);
   if (frames.t.length > 1) play();
 }
 
@@ -218,16 +197,13 @@ function showState(text, isAlarm = false) {
   byId("state").classList.toggle("alarm", isAlarm);
 }
 
-function showResults({ warnings, table }) {
-  byId("results").hidden = !table.rows.length && !warnings.length;
+function showResults(warnings, { head, rows }) {
+  byId("results").hidden = !rows.length && !warnings.length;
   byId("notes").hidden = !warnings.length;
   byId("notes").replaceChildren(...warnings.map((text) => html("li", {}, text)));
-  const createCell = (tag) => (cell, k) => html(tag, { class: k > 0 && "number" }, cell);
-  const createRow = (cells, tag) => html("tr", {}, ...cells.map(createCell(tag)));
-  byId("table").replaceChildren(
-    html("thead", {}, createRow(table.head, "th")),
-    html("tbody", {}, ...table.rows.map((cells) => createRow(cells, "td"))),
-  );
+  const createRow = (cells, tag) => html("tr", {}, ...cells.map((cell, k) => html(tag, { class: k > 0 && "number" }, cell)));
+  const body = html("tbody", {}, ...rows.map((cells) => createRow(cells, "td")));
+  byId("table").replaceChildren(html("thead", {}, createRow(head, "th")), body);
 }
 
 startLiveView();

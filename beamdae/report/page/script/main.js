@@ -1,6 +1,6 @@
 // State and initialization of the page.
 
-const page = decodePage(JSON.parse(byId("data").textContent));
+const page = parseData(byId("data").textContent);
 Object.assign(timeAxis, page.time);
 const families = removeDuplicates([...page.families, ...page.cases.map((run) => run.family)]);
 const columns = listTableColumns();
@@ -10,16 +10,12 @@ const state = {
   slots: [], // selected cases, see selection.js
   sliderSlot: null, // slot of the case that was selected by the sliders
   position: page.sliders.map(() => 0), // of the sliders, as indices of values
-  table: null, // listed cases, and rows and searchable texts by id of the case
+  listed: [], // cases of the table
+  texts: null, // searchable texts by id of the case
   order: null, // sorting column and direction of the case table
   axes: {}, // keys of the quantities of the scatter plot
-  mapped: null, // key of the quantity of the map
-  plane: [], // values of the parameters outside the map, as indices
   choices: {}, // label of the selected choice, by panel
-  differences: {}, // by panel, true to show the difference from the reference
   charts: new Map(), // by id
-  views: {}, // visible ranges, by id of the chart and axis
-  legends: {}, // entries that are shown, by id of the chart
 };
 
 function drawHeader() {
@@ -30,18 +26,15 @@ function drawHeader() {
   byId("remarks").open = page.notes.length === 1 && !window.matchMedia("(max-width: 34rem)").matches;
   byId("remarks").firstElementChild.textContent = page.notes.length === 1 ? "1 note" : `${page.notes.length} notes`;
   byId("notes").replaceChildren(...page.notes.map((note) => html("li", {}, note)));
-  byId("versions").textContent = Object.entries(page.made)
-    .map((entry) => entry.join(" "))
-    .join(", ");
+  byId("versions").textContent = Object.entries(page.made).map((entry) => entry.join(" ")).join(", ");
   byId("group").replaceChildren(...page.groups.map((group) => html("option", {}, group.label || group.id)));
-  if (!isStudyPage()) byId("selected-title").textContent = isTime() ? "Over time" : "Curves";
-  else byId("selected-title").textContent = `Selected ${page.noun}`;
+  const title = isTime() ? "Over time" : "Curves";
+  byId("selected-title").textContent = isStudyPage() ? `Selected ${page.noun}` : title;
   byId("cases-title").textContent = `All ${page.noun}`;
   const isMoving = page.groups.some((group) => group.frames) || page.cases.some((run) => run.frames);
   byId("motion").hidden = !isMoving;
   document.querySelector("main").classList.toggle("without-motion", !isMoving);
-  const hasCurves = page.cases.some(mayHaveCurves);
-  byId("curves").hidden = (isMoving || isStudyPage()) && !hasCurves && !page.leads;
+  byId("curves").hidden = (isMoving || isStudyPage()) && !page.cases.some((run) => run.curves) && !page.leads;
   document.querySelector("main").classList.toggle("without-curves", isMoving && byId("curves").hidden);
   byId("top").hidden = !isMoving && byId("curves").hidden;
   if (page.leads) byId("curves").prepend(byId("precision"));
@@ -52,23 +45,20 @@ function drawReference() {
   const isRejected = Boolean(reference) && !reference.accepted;
   byId("choice").hidden = page.groups.length < 2 && !isRejected;
   byId("rejection").textContent = isRejected ? "No errors are known: the reference was not accepted." : "";
-  const elements = [];
-  if (reference) {
-    if (isRejected) elements.push(html("span", { class: "alarm" }, "Reference not accepted. "));
-    elements.push(reference.sentence || (reference.methods ?? []).join(" and "));
-  }
-  byId("reference").replaceChildren(...elements.length ? [html("p", {}, ...elements)] : []);
+  const alarm = isRejected ? [html("span", { class: "alarm" }, "Reference not accepted. ")] : [];
+  byId("reference").replaceChildren(...(reference ? [html("p", {}, ...alarm, reference.sentence)] : []));
 }
 
 function showGroup(group) {
   state.group = group;
-  state.views = { ...page.views };
+  [...state.charts.keys()].forEach(removeChart);
   drawReference();
   listUnplottedCases();
   drawFactTables();
   drawCaseTable();
   byId("shown").textContent = "";
-  drawMotion(state.group.frames);
+  motion.frames = null;
+  drawMotion(group.frames);
   selectInitialCases();
   drawSliders();
   showSelection();
@@ -88,7 +78,6 @@ function startPage() {
   drawHeader();
   motion.follow = (time) => state.charts.forEach((chart) => markTime(chart, time));
   byId("group").addEventListener("change", (event) => showGroup(page.groups[event.target.selectedIndex]));
-  byId("filter").addEventListener("input", listCases);
   listenToTable();
   window.addEventListener("beforeprint", preparePrint);
   window.addEventListener("afterprint", restoreScreen);

@@ -1,11 +1,11 @@
 // Initialization of the animation in a notebook.
 
 function startNotebookPlayer() {
-  const { frames, caption, speed, colored } = JSON.parse(byId("data").textContent);
+  const { frames, caption, speed, colored } = parseData(byId("data").textContent);
   byId("caption").textContent = caption;
   if (!SPEEDS.includes(speed)) SPEEDS.push(speed);
   listenToPlayer();
-  drawMotion(decodeFrames(frames), colored ? frames.colors[0] : null);
+  drawMotion(frames, colored ? frames.colors[0] : null);
   byId("speed").selectedIndex = SPEEDS.indexOf(speed);
   if (frames.t.length > 1) play();
   new ResizeObserver(fitIframe).observe(document.body);

@@ -7,8 +7,10 @@ const PREFERRED_DURATION = 6; // desired duration of one playback at the initial
 const MAX_FRAME_DELAY = 100; // limits the time step after a pause of the browser, for example in a hidden tab [ms]
 const motion = { frames: null, draw: null, time: 0, isPlaying: false, lastClock: 0, color: null, follow: null };
 
-function drawMotion(frames, color = null) {
-  pause();
+// Show frames; those of another motion are shown at the same time and in the same color.
+function drawMotion(frames, color = frames?.colors?.find(({ title }) => title === motion.color?.title)) {
+  const isFirst = !motion.frames;
+  if (isFirst || !frames) pause();
   motion.frames = frames;
   const isStill = !frames || frames.t.length < 2;
   byId("player").hidden = isStill;
@@ -17,28 +19,15 @@ function drawMotion(frames, color = null) {
     byId("stage-legend").replaceChildren();
     return;
   }
-  drawStage(color);
-  byId("frame").max = frames.t.length - 1;
-  if (!isStill) {
-    const duration = frames.t.at(-1) - frames.t[0];
-    const deviation = (speed) => Math.abs(Math.log(duration / speed / PREFERRED_DURATION));
+  drawStage(color ?? null);
+  const { t } = frames;
+  byId("frame").max = t.length - 1;
+  if (isFirst && !isStill) {
+    const deviation = (speed) => Math.abs(Math.log((t.at(-1) - t[0]) / speed / PREFERRED_DURATION));
     const [best] = [...SPEEDS].sort((a, b) => deviation(a) - deviation(b));
     byId("speed").selectedIndex = SPEEDS.indexOf(best);
   }
-  showTime(frames.t[0]);
-}
-
-// Show other frames at the same time, for example of another case.
-function replaceFrames(frames) {
-  if (!motion.frames || !frames) {
-    drawMotion(frames);
-    return;
-  }
-  motion.frames = frames;
-  drawStage(frames.colors.find(({ title }) => title === motion.color?.title) ?? null);
-  byId("player").hidden = frames.t.length < 2;
-  byId("frame").max = frames.t.length - 1;
-  showTime(clamp(motion.time, frames.t[0], frames.t.at(-1)));
+  showTime(isFirst ? t[0] : clamp(motion.time, t[0], t.at(-1)));
 }
 
 function drawStage(color) {
@@ -50,15 +39,14 @@ function drawStage(color) {
   };
   byId("stage").replaceChildren(createStage(frames, color));
   byId("stage-legend").replaceChildren(
-    html("div", { class: "controls" }, ...createColorSelect(frames.colors, color, select)),
+    html("div", { class: "controls" }, ...createColorSelect(frames.colors ?? [], color, select)),
     html("div", { class: "legend" }, ...createBodyLegend(frames)),
   );
 }
 
 function showTime(time) {
   const { t } = motion.frames;
-  const next = t.findIndex((value) => value > time);
-  const frame = next < 0 ? t.length - 1 : Math.max(next - 1, 0);
+  const frame = Math.max(t.findLastIndex((value) => value <= time), 0);
   motion.time = time;
   motion.draw(frame);
   byId("frame").value = frame;
@@ -77,18 +65,14 @@ function isTime() {
   return timeAxis.name === "t";
 }
 
-// Advance per second of playback; in PATH_DURATION seconds, a path or a period is shown once.
-function playbackRate() {
-  const { t } = motion.frames;
-  return isTime() ? SPEEDS[byId("speed").selectedIndex] : (t.at(-1) - t[0]) / PATH_DURATION;
-}
-
 function advance(clock) {
   if (!motion.isPlaying) return;
   const { t } = motion.frames;
   const elapsed = Math.min(clock - motion.lastClock, MAX_FRAME_DELAY) / 1000;
+  // In PATH_DURATION seconds, a path or a period is shown once.
+  const rate = isTime() ? SPEEDS[byId("speed").selectedIndex] : (t.at(-1) - t[0]) / PATH_DURATION;
+  const time = motion.time + elapsed * rate;
   motion.lastClock = clock;
-  const time = motion.time + elapsed * playbackRate();
   showTime(time > t.at(-1) ? t[0] : time);
   requestAnimationFrame(advance);
 }

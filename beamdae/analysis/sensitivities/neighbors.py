@@ -1,8 +1,9 @@
-"""Derivatives of the numbers and the start of a model with respect to parameters.
+"""Neighbors: models at values next to that of a parameter, and differences along them.
 
-Parameters enter the equations of motion only through the numbers p and the start. The model
-function is an arbitrary Python function; therefore, p is differenced, while the equations
-themselves are differentiated exactly.
+Parameters enter the equations of motion only through the numbers p, the operators and the start.
+The model function is an arbitrary Python function; therefore, these are differenced, and explicit
+maps, such as impacts and energies, are differenced along with them. The equations of implicit steps
+are differentiated exactly.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import lru_cache, partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,6 +23,8 @@ from beamdae.equations.structure import ConstraintTerm, ForceTerm, has_same_patt
 from beamdae.errors import BeamdaeError, format_exception, warn_user
 from beamdae.interrupts import outermost_call
 from beamdae.model_functions import Model
+from beamdae.symbolic.sums.directional_sums import directional_plan
+from beamdae.symbolic.sums.kernel_sums import SumPlan
 
 Array = np.ndarray
 
@@ -69,22 +72,35 @@ def derivative_call() -> str:
     return outermost_call(_CALLS) or "sensitivities"
 
 
+@lru_cache
+def _weigh(steps: tuple[float, ...], order: int) -> Array:
+    """Return the weights of values at `steps` in a derivative at zero."""
+    return np.linalg.solve(np.vander(steps, increasing=True).T, np.eye(len(steps))[order])
+
+
 class Stencil(NamedTuple):
-    """Values of a parameter in differences, and the weights of the model at these values.
+    """Values of a parameter in differences.
 
     Attributes
     ----------
     steps
         Values of the parameter, relative to that of the model, in multiples of the difference.
-    derivative_weights, value_weights, error_weights
-        Weights of the derivative, of the interpolated value, and of the difference between a
-        derivative on one side and this derivative, times the smallest step.
     """
 
     steps: tuple[float, ...]
-    derivative_weights: tuple[float, ...]
-    value_weights: tuple[float, ...]
-    error_weights: tuple[float, ...]
+
+    @property
+    def weights(self) -> Array:
+        """Weights of the models in the derivative."""
+        return _weigh(self.steps, 1)
+
+    @property
+    def _error_weights(self) -> Array:
+        """Weights of the deviation of a derivative on one side, times the smallest step."""
+        step = min(map(abs, self.steps))
+        side = [x for x in self.steps if x * self.steps[-1] > 0.0 and abs(x) <= 2.0 * step]
+        one_sided = dict(zip(side, _weigh((0.0, *side), 1)[1:], strict=True))
+        return step * (np.array([one_sided.get(x, 0.0) for x in self.steps]) - self.weights)
 
     def assess(self, changes: Array, sizes: Array, rounding: Array) -> float:
         """Return the largest error of one-sided derivatives, relative to the largest change.
@@ -103,37 +119,20 @@ class Stencil(NamedTuple):
         if not np.any(is_significant):
             return math.inf if np.any(change) else 0.0
         sizes = np.maximum(np.maximum(sizes, change), np.finfo(float).tiny)
-        errors = np.maximum(np.abs(np.asarray(self.error_weights) @ changes) - rounding, 0.0)
+        errors = np.maximum(np.abs(self._error_weights @ changes) - rounding, 0.0)
         largest = [np.max(x / sizes, where=is_significant, initial=0.0) for x in (errors, change)]
         return float(largest[0] / largest[1])
 
     def find_kinks(self, changes: Array, rounding: Array) -> Array:
         """Return True for numbers that are far from their interpolated values, (k,)."""
-        errors = np.abs(np.asarray(self.value_weights) @ changes)
+        errors = np.abs(_weigh(self.steps, 0) @ changes)
         return errors > _MIN_KINK * np.abs(changes).max(axis=0) + rounding
 
 
-CENTRAL = Stencil(
-    (-2.0, -1.0, 1.0, 2.0),
-    (1.0 / 12.0, -2.0 / 3.0, 2.0 / 3.0, -1.0 / 12.0),
-    (-1.0 / 6.0, 2.0 / 3.0, 2.0 / 3.0, -1.0 / 6.0),
-    (-1.0 / 12.0, 2.0 / 3.0, 4.0 / 3.0, -5.0 / 12.0),
-)
+CENTRAL = Stencil((-2.0, -1.0, 1.0, 2.0))
 # Of second order, with a difference that is a hundred times smaller.
-TWO_NEIGHBORS = Stencil((-0.01, 0.01), (-50.0, 50.0), (0.5, 0.5), (0.5, 0.5))
-_FORWARD = Stencil(
-    (1.0, 2.0, 3.0, 4.0),
-    (-13.0 / 3.0, 9.5, -7.0, 11.0 / 6.0),
-    (4.0, -6.0, 4.0, -1.0),
-    (19.0 / 3.0, -10.0, 7.0, -11.0 / 6.0),
-)
-_BACKWARD = Stencil(
-    (-1.0, -2.0, -3.0, -4.0),
-    (13.0 / 3.0, -9.5, 7.0, -11.0 / 6.0),
-    _FORWARD.value_weights,
-    _FORWARD.error_weights,
-)
-_STENCILS = (CENTRAL, _FORWARD, _BACKWARD)
+TWO_NEIGHBORS = Stencil((-0.01, 0.01))
+_STENCILS = CENTRAL, Stencil((1.0, 2.0, 3.0, 4.0)), Stencil((-1.0, -2.0, -3.0, -4.0))
 
 
 @dataclass(frozen=True)
@@ -162,7 +161,14 @@ class Difference:
 
     def derivative(self, function: Callable[[EquationsOfMotion], Any]) -> Any:
         """Return the derivative of a function of the equations with respect to the parameter."""
-        return difference_values(self.weights, [function(e) for e in self.equations])
+        return self.along(function)
+
+    def along(self, function: Callable[..., Any], *changes: tuple[Any, Any]) -> Any:
+        """Return the derivative of function(equations, *x) along the parameter.
+
+        `changes` are pairs of x and of its derivative.
+        """
+        return difference_along(self.equations, self.steps, self.weights, function, *changes)
 
     def keeps_structure(self, run: EquationsOfMotion) -> bool:
         """Return True if the neighboring models have the structure of the equations of a run."""
@@ -185,7 +191,7 @@ def difference_model(
     Forces that vanish at the value of the parameter may be missing in `base`, such as damping
     forces at damping = 0. The numbers at this value are then interpolated or extrapolated in the
     structure of the neighboring models. The operators of joints may depend on the parameter, as the
-    shape functions at joints of curved floating-frame beams do; see `operator_changes`.
+    shape functions at joints of curved floating-frame beams do; see `directional_plan_along`.
 
     Parameters
     ----------
@@ -351,7 +357,7 @@ def try_step(
         if np.any(is_lost) and delta < _ROUNDING * np.max(sizes[n_p:]):
             error = math.inf
         kinks = stencil.find_kinks(changes[:, :n_p], rounding[:n_p])
-        weights = tuple(x / delta for x in stencil.derivative_weights)
+        weights = tuple((stencil.weights / delta).tolist())
         difference = Difference(name, base, neighbors, weights, steps)
         relative_change = float(np.max(change / np.maximum(sizes, 1.0)))
         return Trial(difference, error, relative_change, bool(np.any(kinks)))
@@ -389,11 +395,8 @@ def interpolate(steps: Sequence[float], values: Sequence[Array]) -> Array:
     Entries that are equal in all values are exact: tables contain integers from which rows are
     computed, and 4 (1 - 1e-16) would select another row.
     """
-    weights = []
-    for step in steps:
-        others = np.array([x for x in steps if x != step])
-        weights.append(float(np.prod(others / (others - step))))
     first = values[0]
+    weights = _weigh(tuple(steps), 0).tolist()
     return np.asarray(first + _combine(weights, [x - first for x in values]))
 
 
@@ -403,6 +406,25 @@ def build_neighbor(model: Callable[..., Any], parameters: Mapping[str, Any]) -> 
         return model(**parameters)
     except (ArithmeticError, ValueError) as problem:
         raise BeamdaeError(format_exception(problem)) from problem
+
+
+def difference_along(
+    models: Sequence[Any],
+    steps: Sequence[float],
+    weights: Sequence[float],
+    function: Callable[..., Any],
+    *changes: tuple[Any, Any],
+) -> Any:
+    """Return the derivative of function(model, *x) along a direction, given models next to it.
+
+    `steps` and `weights` are the distances of the models and their weights; `changes` are pairs of
+    x and of its derivative.
+    """
+    values = [
+        function(model, *(x + step * dx for x, dx in changes))
+        for model, step in zip(models, steps, strict=True)
+    ]
+    return difference_values(weights, values)
 
 
 def difference_values(weights: Sequence[float], values: Iterable[Any]) -> Any:
@@ -474,3 +496,26 @@ def _largest_of_kind(equations: EquationsOfMotion) -> Array:
             order="F"
         )
     return sizes
+
+
+def moves_operators(difference: Difference) -> bool:
+    """Return True if operators of joints depend on the parameter."""
+    return any(e.structure != difference.base.structure for e in difference.equations)
+
+
+def directional_plan_along(
+    difference: Difference,
+    plan: Callable[[EquationsOfMotion], SumPlan],
+    n_inputs: int,
+    min_base: float = 0.0,
+) -> SumPlan:
+    """Return the plan of the derivative of a sum along a parameter that moves its operators.
+
+    `plan` returns the plan of the sum of equations, with inputs of size `n_inputs`. For `min_base`,
+    see `expand_powers`.
+    """
+    changes = (
+        difference.derivative(lambda e: plan(e).gather_weights),
+        difference.derivative(lambda e: plan(e).weights),
+    )
+    return directional_plan(plan(difference.base), n_inputs, changes, min_base)

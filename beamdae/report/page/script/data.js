@@ -1,4 +1,19 @@
-// Creation of HTML and SVG elements.
+// Data of the page, and creation of HTML and SVG elements.
+
+// Arrays are stored as 32-bit numbers, see page_data.py; numbers that are missing become null.
+function parseData(text) {
+  return JSON.parse(text, (_, value) => (typeof value?.[""] === "string" ? decodeArray(value[""]) : value));
+}
+
+function decodeArray(text) {
+  const bytes = Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
+  return Array.from(new Float32Array(bytes.buffer), (x) => (Number.isFinite(x) ? x : null));
+}
+
+// Names chosen by users may equal names of inherited properties, such as "constructor".
+function getOwn(object, name) {
+  return object && Object.hasOwn(object, name) ? object[name] : undefined;
+}
 
 function byId(id) {
   return document.getElementById(id);
@@ -30,11 +45,6 @@ function createSelect(label, options, selected, choose, textOf = (option) => opt
   };
   const createOption = (option) => html("option", { selected: option === selected && "" }, textOf(option));
   return html("select", { "aria-label": label, change }, ...options.map(createOption));
-}
-
-// Box that scrolls sideways; the keyboard reaches it, and screen readers announce it by its label.
-function createScrollBox(label, ...children) {
-  return html("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": label }, ...children);
 }
 
 function createPlaceholder(sentence) {

@@ -19,14 +19,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from beamdae.analysis.sensitivities.directions import (
-    Directions,
-    derive_states,
-    group_directions,
-)
 from beamdae.analysis.sensitivities.linear_steps import Matrices, differentiate_steps
-from beamdae.analysis.sensitivities.model_differences import Difference, derivative_call
-from beamdae.analysis.sensitivities.phases import Phase
+from beamdae.analysis.sensitivities.neighbors import (
+    Difference,
+    derivative_call,
+    difference_along,
+)
+from beamdae.analysis.sensitivities.phases import Phase, impact_equations
 from beamdae.analysis.sensitivities.redundant_derivatives import RedundantConstraints
 from beamdae.analysis.sensitivities.requested_starts import differentiate_start
 from beamdae.analysis.sensitivities.restart_times import (
@@ -37,10 +36,14 @@ from beamdae.analysis.sensitivities.restart_times import (
     require_inner_breakpoints,
     time_rounding,
 )
-from beamdae.equations.equations_of_motion import State
+from beamdae.analysis.sensitivities.start_derivatives import (
+    Directions,
+    group_directions,
+)
+from beamdae.equations.equations_of_motion import ImpactEquations, State
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.integrators import GeneralizedAlpha, Radau
-from beamdae.integrators.events.impacts import apply_impact, select_active_constraints
+from beamdae.integrators.events.impacts import apply_impact
 from beamdae.integrators.reaction_balance import bound_reactions
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.memory import require_memory
@@ -181,20 +184,18 @@ class _Chain:
 
     def _sweep(self, crossing: _Crossing, directions: Directions, interval: Interval) -> Array:
         """Return the derivatives along some directions, (nodes, k, size)."""
-        members, maps = directions.members, directions.maps
-        shifts = crossing.shifts[members]
-        changes = crossing.dq[members], crossing.dv[members]
+        maps, members, numbers = directions
+        shifts, dq, dv = (x[members] for x in (crossing.shifts, crossing.dq, crossing.dv))
         time, at = node_state(interval, 0)
-        request = time, at, crossing.v
+        h = float(interval.t[1] - interval.t[0]) if shifts.any() else 0.0
+        moved = maps.start_map(time, at, crossing.v, h).along((dq, dv), numbers, shifts)
+        fixed = moved
         if shifts.any():
-            h = float(interval.t[1] - interval.t[0])
-            states = directions.along(maps.restart_map(*request, h), changes, shifts)
-            moved, fixed = states[:4], states[4:]
-        else:
-            moved = fixed = directions.along(maps.start_map(*request), changes)
-        equations = interval.active_equations(self._equations)
+            changes = [x - y * shifts[:, None] for x, y in zip(moved, at[1:3], strict=False)]
+            fixed = maps.completion_map(time, at).along(changes, numbers)
         if isinstance(self._method, Radau):
             moved, shifts = fixed, np.zeros_like(shifts)
+        equations = interval.active_equations(self._equations)
         nodes = differentiate_steps(
             self._method, directions, equations, interval, moved, shifts, self._matrices
         )
@@ -237,41 +238,28 @@ class _Chain:
             return _Crossing(phases, at.v, shifts, dq, dv)
         v = at.v
         if select_impacts(self._equations.events[number].do):
-            h = float(after.t[1] - after.t[0])
-            v, dv = self._jump(phases, number, before, time, at, shifts, dq, dv, h)
+            assert before.configuration is not None
+
+            def hit(impact: ImpactEquations, time: Array, q: Array, v: Array) -> Array:
+                return apply_impact(impact, time, at._replace(q=q, v=v))[0]
+
+            for k, (phase, dt) in enumerate(zip(phases, shifts.tolist(), strict=True)):
+                dv[k] = difference_along(
+                    phase.impacts(number),
+                    phase.whole.steps,
+                    phase.whole.weights,
+                    hit,
+                    (time, np.array([dt, 0.0])),
+                    (at.q, dq[k]),
+                    (at.v, dv[k]),
+                )
+            v = hit(impact_equations(self._equations, before.configuration, number), time, *at[:2])
         assert after.configuration is not None
         phases = [
             phase.after_event(number, after.configuration, time, dt, at.q, change)
             for phase, dt, change in zip(phases, shifts.tolist(), dq, strict=True)
         ]
         return _Crossing(phases, v, shifts, dq, dv)
-
-    def _jump(
-        self,
-        phases: list[Phase],
-        number: int,
-        before: Interval,
-        time: Array,
-        at: State,
-        shifts: Array,
-        dq: Array,
-        dv: Array,
-        h: float,
-    ) -> tuple[Array, Array]:
-        """Return the velocities after the impacts of an event, and their total derivatives."""
-        assert before.configuration is not None
-        dv = dv.copy()
-        for k, phase in enumerate(phases):
-            difference = phase.impact(number, self._equations, before.configuration)
-            impact, maps = difference.impact, derive_states(difference.equations)
-            rates = maps.solver.constraint_levels(time, at.q, at.v)[1]
-            active = select_active_constraints(impact, rates)
-            if len(active):
-                record = maps.impact_map(time, at, active, impact.coefficients, h)
-                dp = difference.equations.derivative(lambda e: e.p)
-                changes = [x[None] for x in (dq[k], dv[k], difference.restitution)]
-                dv[k] = record.along(changes, dp[None], shifts[k : k + 1])[0][0]
-        return apply_impact(impact, time, at)[0], dv
 
     def _state_before(self, before: Interval) -> tuple[Array, State]:
         """Return (t, branch) and the state at the end of an interval, with its accelerations."""

@@ -1,0 +1,13 @@
+from ..analysis.gradients.objectives import EndValue as EndValue
+from ..analysis.gradients.objectives import SmoothMaximum as SmoothMaximum
+from ..analysis.gradients.objectives import SquaredErrors as SquaredErrors
+from ..analysis.gradients.objectives import TimeIntegral as TimeIntegral
+from ..analysis.optimization.quantities import CriticalLoad as CriticalLoad
+from ..analysis.optimization.quantities import EquilibriumErrors as EquilibriumErrors
+from ..analysis.optimization.quantities import EquilibriumValue as EquilibriumValue
+from ..analysis.optimization.quantities import Frequency as Frequency
+from ..analysis.optimization.quantities import LargestOf as LargestOf
+from ..analysis.optimization.quantities import Mass as Mass
+from ..analysis.optimization.quantities import ParameterFunction as ParameterFunction
+from ..analysis.optimization.quantities import at_least as at_least
+from ..analysis.optimization.quantities import at_most as at_most
