@@ -93,10 +93,15 @@ class Loads:
         return changes
 
     @property
+    def repeat(self) -> bool:
+        """True if loads and drivers repeat after the period."""
+        return bool(np.max(self._changes) <= _TOLERANCE)
+
+    @property
     def are_constant(self) -> bool:
         """True if loads and drivers do not depend on time."""
         changes = [self._changes_after(x * self.period) for x in _TEST_PERIODS]
-        return bool(max(np.max(np.abs(changes)), np.max(self._changes)) <= _TOLERANCE)
+        return self.repeat and bool(np.max(np.abs(changes)) <= _TOLERANCE)
 
     def require_constant(self) -> None:
         """Reject loads and drivers that depend on time."""
