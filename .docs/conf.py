@@ -66,7 +66,7 @@ suppress_warnings = ["toc.empty_glob"]
 # Members of these protocols are documented once, on the page of the protocol.
 _PROTOCOLS = {
     bd.Part: ["multipliers", "reactions", "constraint", "observed"],
-    bd.results.Integrator: [],
+    bd.Integrator: [],
 }
 autosummary_generate = True
 autosummary_context = {

@@ -49,6 +49,7 @@ from .export.fmu import export_fmu as export_fmu
 from .integrators import Auto as Auto
 from .integrators import GeneralizedAlpha as GeneralizedAlpha
 from .integrators import Ida as Ida
+from .integrators import Integrator as Integrator
 from .integrators import Radau as Radau
 from .interrupts import Interrupted as Interrupted
 from .model_functions import model as model
@@ -64,6 +65,7 @@ from .parts.event_actions import activate as activate
 from .parts.event_actions import change_law as change_law
 from .parts.event_actions import deactivate as deactivate
 from .parts.event_actions import impact as impact
+from .parts.events import Event as Event
 from .parts.forces.bushing import Bushing as Bushing
 from .parts.forces.contact import Contact as Contact
 from .parts.forces.force_law import ForceLaw as ForceLaw

@@ -58,6 +58,15 @@ class Group:
     names: tuple[Public, ...]
 
 
+def _create_group(page: str, heading: str, lines: str) -> Group:
+    """Return the group of the names in `lines`: path, module and, of integrators, the command."""
+    names = []
+    for path, module, *command in map(str.split, lines.strip().splitlines()):
+        package, _, name = path.rpartition(".")
+        names.append(Public(name, f"beamdae.{module}", package, *command))
+    return Group(page, heading, tuple(names))
+
+
 # Title and opening sentence of each page of the reference, in reading order.
 PAGES = {
     "mechanism": (
@@ -85,330 +94,328 @@ PAGES = {
 }
 
 GROUPS = (
-    Group(
+    _create_group(
         "mechanism",
         "",
-        (
-            Public("Mechanism", "beamdae.parts.mechanism"),
-            Public("Attachment", "beamdae.parts.attachments", "results"),
-            Public("Part", "beamdae.parts.part"),
-            Public("model", "beamdae.model_functions"),
-            Public("Model", "beamdae.model_functions", "results"),
-            Public("param", "beamdae.model_parameters"),
-            Public("load_model", "beamdae.cli.model_files.model_file"),
-            Public("ConstrainedSystem", "beamdae.equations.assembly.constrained_system"),
-            Public("equations_of_motion", "beamdae.equations.assembly.assemble"),
-            Public("EquationsOfMotion", "beamdae.equations.equations_of_motion", "results"),
-        ),
+        """
+        Mechanism parts.mechanism
+        results.Attachment parts.attachments
+        Part parts.part
+        model model_functions
+        results.Model model_functions
+        param model_parameters
+        load_model cli.model_files.model_file
+        ConstrainedSystem equations.assembly.constrained_system
+        equations_of_motion equations.assembly.assemble
+        results.EquationsOfMotion equations.equations_of_motion
+        """,
     ),
-    Group(
+    _create_group(
         "parts",
         "Bodies",
-        (
-            Public("RigidBody", "beamdae.parts.bodies.rigid_body"),
-            Public("PointMass", "beamdae.parts.bodies.point_mass"),
-            Public("ReducedBody", "beamdae.parts.bodies.reduced_body"),
-        ),
+        """
+        RigidBody parts.bodies.rigid_body
+        PointMass parts.bodies.point_mass
+        ReducedBody parts.bodies.reduced_body
+        """,
     ),
-    Group(
+    _create_group(
         "parts",
         "Joints",
-        (
-            Public("Joint", "beamdae.parts.joints.joint"),
-            Public("Revolute", "beamdae.parts.joints.joint"),
-            Public("Weld", "beamdae.parts.joints.joint"),
-            Public("Prismatic", "beamdae.parts.joints.guides"),
-            Public("PointOnLine", "beamdae.parts.joints.guides"),
-            Public("Distance", "beamdae.parts.joints.distance"),
-            Public("SlidingOnBeam", "beamdae.beams.sliding"),
-            Public("Gear", "beamdae.parts.joints.gears"),
-            Public("RackAndPinion", "beamdae.parts.joints.gears"),
-            Public("RollingOnLine", "beamdae.parts.joints.rolling"),
-            Public("RollingOnCircle", "beamdae.parts.joints.rolling"),
-            Public("Skate", "beamdae.parts.joints.rolling"),
-        ),
+        """
+        Joint parts.joints.joint
+        Revolute parts.joints.joint
+        Weld parts.joints.joint
+        Prismatic parts.joints.guides
+        PointOnLine parts.joints.guides
+        Distance parts.joints.distance
+        SlidingOnBeam beams.sliding
+        Gear parts.joints.gears
+        RackAndPinion parts.joints.gears
+        RollingOnLine parts.joints.rolling
+        RollingOnCircle parts.joints.rolling
+        Skate parts.joints.rolling
+        """,
     ),
-    Group(
+    _create_group(
         "parts",
         "Drivers",
-        (
-            Public("Driver", "beamdae.parts.joints.drivers"),
-            Public("TranslationalDriver", "beamdae.parts.joints.drivers"),
-        ),
+        """
+        Driver parts.joints.drivers
+        TranslationalDriver parts.joints.drivers
+        """,
     ),
-    Group(
+    _create_group(
         "parts",
         "Loads and forces",
-        (
-            Public("Force", "beamdae.parts.forces.loads"),
-            Public("Moment", "beamdae.parts.forces.loads"),
-            Public("DistributedForce", "beamdae.beams.beam_loads"),
-            Public("MovingForce", "beamdae.beams.beam_loads"),
-            Public("Spring", "beamdae.parts.forces.springs"),
-            Public("Damper", "beamdae.parts.forces.springs"),
-            Public("SpringDamper", "beamdae.parts.forces.springs"),
-            Public("TorsionSpring", "beamdae.parts.forces.springs"),
-            Public("TorsionDamper", "beamdae.parts.forces.springs"),
-            Public("Bushing", "beamdae.parts.forces.bushing"),
-            Public("Contact", "beamdae.parts.forces.contact"),
-            Public("BeamContact", "beamdae.beams.beam_contact"),
-            Public("LineSurface", "beamdae.parts.forces.surfaces"),
-            Public("CircleSurface", "beamdae.parts.forces.surfaces"),
-            Public("Friction", "beamdae.parts.forces.friction"),
-            Public("RayleighDamping", "beamdae.beams.damping"),
-            Public("AirDrag", "beamdae.beams.damping"),
-            Public("StandardLinearSolid", "beamdae.beams.viscoelasticity"),
-            Public("ForceLaw", "beamdae.parts.forces.force_law"),
-            Public("positive_part", "beamdae.parts.forces.smooth"),
-            Public("smooth_sign", "beamdae.parts.forces.smooth"),
-        ),
+        """
+        Force parts.forces.loads
+        Moment parts.forces.loads
+        DistributedForce beams.beam_loads
+        MovingForce beams.beam_loads
+        Spring parts.forces.springs
+        Damper parts.forces.springs
+        SpringDamper parts.forces.springs
+        TorsionSpring parts.forces.springs
+        TorsionDamper parts.forces.springs
+        Bushing parts.forces.bushing
+        Contact parts.forces.contact
+        BeamContact beams.beam_contact
+        LineSurface parts.forces.surfaces
+        CircleSurface parts.forces.surfaces
+        Friction parts.forces.friction
+        RayleighDamping beams.damping
+        AirDrag beams.damping
+        StandardLinearSolid beams.viscoelasticity
+        ForceLaw parts.forces.force_law
+        positive_part parts.forces.smooth
+        smooth_sign parts.forces.smooth
+        """,
     ),
-    Group(
+    _create_group(
         "parts",
         "Time laws",
-        (
-            Public("Law", "beamdae.parts.laws"),
-            Public("run_up", "beamdae.parts.laws"),
-            Public("sine", "beamdae.parts.laws"),
-            Public("piecewise", "beamdae.parts.laws"),
-            Public("table", "beamdae.parts.tables"),
-            Public("table_from_csv", "beamdae.parts.tables"),
-        ),
+        """
+        Law parts.laws
+        run_up parts.laws
+        sine parts.laws
+        piecewise parts.laws
+        table parts.tables
+        table_from_csv parts.tables
+        """,
     ),
-    Group(
+    _create_group(
         "parts",
         "Observables",
-        (
-            Public("acceleration", "beamdae.parts.observables"),
-            Public("relative_displacement", "beamdae.parts.observables"),
-            Public("relative_motion", "beamdae.parts.observables"),
-        ),
+        """
+        acceleration parts.observables
+        relative_displacement parts.observables
+        relative_motion parts.observables
+        """,
     ),
-    Group(
+    _create_group(
         "parts",
         "Inputs, states and controllers",
-        (
-            Public("Input", "beamdae.parts.signals", "results"),
-            Public("Sensor", "beamdae.parts.signals", "results"),
-            Public("State", "beamdae.parts.signals", "results"),
-            Public("low_pass", "beamdae.parts.control.blocks"),
-            Public("transfer_function", "beamdae.parts.control.blocks"),
-            Public("pid", "beamdae.parts.control.blocks"),
-            Public("Controller", "beamdae.parts.control.controller"),
-            Public("Sample", "beamdae.parts.control.controller", "results"),
-        ),
+        """
+        results.Input parts.signals
+        results.Sensor parts.signals
+        results.State parts.signals
+        low_pass parts.control.blocks
+        transfer_function parts.control.blocks
+        pid parts.control.blocks
+        Controller parts.control.controller
+        results.Sample parts.control.controller
+        """,
     ),
-    Group(
+    _create_group(
         "parts",
         "Events",
-        (
-            Public("Event", "beamdae.parts.events", "results"),
-            Public("activate", "beamdae.parts.event_actions"),
-            Public("deactivate", "beamdae.parts.event_actions"),
-            Public("change_law", "beamdae.parts.event_actions"),
-            Public("impact", "beamdae.parts.event_actions"),
-        ),
+        """
+        Event parts.events
+        activate parts.event_actions
+        deactivate parts.event_actions
+        change_law parts.event_actions
+        impact parts.event_actions
+        """,
     ),
-    Group(
+    _create_group(
         "beams",
         "",
-        (
-            Public("Beam", "beamdae.beams.beam"),
-            Public("welded_beams", "beamdae.beams.structures"),
-            Public("frame", "beamdae.beams.structures"),
-            Public("Frame", "beamdae.beams.structures", "results"),
-            Public("Line", "beamdae.curves.plane_curves"),
-            Public("Arc", "beamdae.curves.plane_curves"),
-            Public("Parabola", "beamdae.curves.spline_curves"),
-            Public("Curve", "beamdae.curves.spline_curves"),
-            Public("IntrinsicCurve", "beamdae.curves.intrinsic_curve"),
-            Public("Segment", "beamdae.curves.plane_curves"),
-        ),
+        """
+        Beam beams.beam
+        welded_beams beams.structures
+        frame beams.structures
+        results.Frame beams.structures
+        Line curves.plane_curves
+        Arc curves.plane_curves
+        Parabola curves.spline_curves
+        Curve curves.spline_curves
+        IntrinsicCurve curves.intrinsic_curve
+        Segment curves.plane_curves
+        """,
     ),
-    Group(
+    _create_group(
         "sections",
         "",
-        (
-            Public("Section", "beamdae.beams.sections"),
-            Public("taper", "beamdae.beams.sections"),
-            Public("Material", "beamdae.beams.materials"),
-        ),
+        """
+        Section beams.sections
+        taper beams.sections
+        Material beams.materials
+        """,
     ),
-    Group(
+    _create_group(
         "integrators",
         "",
-        (
-            Public("simulate", "beamdae.simulation"),
-            Public("Auto", "beamdae.integrators", command="auto"),
-            Public("Ida", "beamdae.integrators", command="ida"),
-            Public("Radau", "beamdae.integrators", command="radau"),
-            Public("GeneralizedAlpha", "beamdae.integrators", command="generalized-alpha"),
-            Public("Integrator", "beamdae.integrators", "results"),
-        ),
+        """
+        simulate simulation
+        Auto integrators auto
+        Ida integrators ida
+        Radau integrators radau
+        GeneralizedAlpha integrators generalized-alpha
+        Integrator integrators
+        """,
     ),
-    Group(
+    _create_group(
         "results",
         "Runs",
-        (
-            Public("Solution", "beamdae.results.solution", "results"),
-            Public("SavedRun", "beamdae.results.storage.saved_run", "results"),
-            Public("load", "beamdae.simulation"),
-            Public("StepResponse", "beamdae.results.step_response", "results"),
-            Public("SectionForces", "beamdae.results.section_forces.section_forces", "results"),
-        ),
+        """
+        results.Solution results.solution
+        results.SavedRun results.storage.saved_run
+        load simulation
+        results.StepResponse results.step_response
+        results.SectionForces results.section_forces.section_forces
+        """,
     ),
-    Group(
+    _create_group(
         "results",
         "Pictures",
-        (
-            Public("LiveView", "beamdae.live.server", "results"),
-            Public("plot", "beamdae.report.pictures.time_plots"),
-            Public("Plot", "beamdae.results.displays", "results"),
-            Public("Animation", "beamdae.results.displays", "results"),
-        ),
+        """
+        results.LiveView live.server
+        plot report.pictures.time_plots
+        results.Plot results.displays
+        results.Animation results.displays
+        """,
     ),
-    Group(
+    _create_group(
         "analysis",
         "Equilibria",
-        (
-            Public("equilibrium", "beamdae.analysis.statics.static_equilibrium"),
-            Public("Equilibrium", "beamdae.results.equilibrium", "results"),
-            Public("CriticalPoint", "beamdae.results.equilibrium", "results"),
-            Public("buckling", "beamdae.analysis.statics.linear_buckling"),
-            Public("Buckling", "beamdae.analysis.statics.linear_buckling", "results"),
-            Public("imperfect", "beamdae.analysis.statics.imperfections"),
-            Public("knock_down", "beamdae.analysis.statics.imperfections"),
-            Public("KnockDown", "beamdae.analysis.statics.imperfections", "results"),
-            Public("boundary", "beamdae.analysis.statics.boundary"),
-            Public("Boundary", "beamdae.analysis.statics.boundary", "results"),
-            Public("BoundaryPoint", "beamdae.analysis.statics.boundary", "results"),
-        ),
+        """
+        equilibrium analysis.statics.static_equilibrium
+        results.Equilibrium results.equilibrium
+        results.CriticalPoint results.equilibrium
+        buckling analysis.statics.linear_buckling
+        results.Buckling analysis.statics.linear_buckling
+        imperfect analysis.statics.imperfections
+        knock_down analysis.statics.imperfections
+        results.KnockDown analysis.statics.imperfections
+        boundary analysis.statics.boundary
+        results.Boundary analysis.statics.boundary
+        results.BoundaryPoint analysis.statics.boundary
+        """,
     ),
-    Group(
+    _create_group(
         "analysis",
         "Modes and linear models",
-        (
-            Public("modes", "beamdae.analysis.linear_dynamics.natural_modes"),
-            Public("Modes", "beamdae.analysis.linear_dynamics.natural_modes", "results"),
-            Public("linearize", "beamdae.analysis.linear_dynamics.linear_model"),
-            Public("LinearModel", "beamdae.analysis.linear_dynamics.linear_model", "results"),
-            Public("bode", "beamdae.analysis.linear_dynamics.bode_diagram"),
-            Public("Bode", "beamdae.analysis.linear_dynamics.bode_diagram", "results"),
-            Public("margins", "beamdae.analysis.linear_dynamics.stability_margins"),
-            Public(
-                "StabilityMargins", "beamdae.analysis.linear_dynamics.stability_margins", "results"
-            ),
-            Public("Crossover", "beamdae.analysis.linear_dynamics.stability_margins", "results"),
-        ),
+        """
+        modes analysis.linear_dynamics.natural_modes
+        results.Modes analysis.linear_dynamics.natural_modes
+        linearize analysis.linear_dynamics.linear_model
+        results.LinearModel analysis.linear_dynamics.linear_model
+        bode analysis.linear_dynamics.bode_diagram
+        results.Bode analysis.linear_dynamics.bode_diagram
+        margins analysis.linear_dynamics.stability_margins
+        results.StabilityMargins analysis.linear_dynamics.stability_margins
+        results.Crossover analysis.linear_dynamics.stability_margins
+        """,
     ),
-    Group(
+    _create_group(
         "analysis",
         "Steady rotation",
-        (
-            Public("rotation", "beamdae.parts.rotation"),
-            Public("campbell", "beamdae.analysis.linear_dynamics.campbell_diagram"),
-            Public("Campbell", "beamdae.analysis.linear_dynamics.campbell_diagram", "results"),
-        ),
+        """
+        rotation parts.rotation
+        campbell analysis.linear_dynamics.campbell_diagram
+        results.Campbell analysis.linear_dynamics.campbell_diagram
+        """,
     ),
-    Group(
+    _create_group(
         "analysis",
         "Periodic motions",
-        (
-            Public("periodic", "beamdae.analysis.periodic.periodic_solution"),
-            Public("PeriodicMotion", "beamdae.results.periodic_motion", "results"),
-            Public("frequency_response", "beamdae.analysis.periodic.periodic_continuation"),
-            Public("FrequencyResponse", "beamdae.results.frequency_response", "results"),
-            Public("ResponsePoint", "beamdae.results.frequency_response", "results"),
-        ),
+        """
+        periodic analysis.periodic.periodic_solution
+        results.PeriodicMotion results.periodic_motion
+        frequency_response analysis.periodic.periodic_continuation
+        results.FrequencyResponse results.frequency_response
+        results.ResponsePoint results.frequency_response
+        """,
     ),
-    Group(
+    _create_group(
         "analysis",
         "Sensitivities and fits",
-        (
-            Public("sensitivities", "beamdae.analysis.sensitivities.sensitivities"),
-            Public("Sensitivities", "beamdae.analysis.sensitivities.sensitivities", "results"),
-            Public("equilibrium_sensitivities", "beamdae.analysis.sensitivities.statics"),
-            Public("EquilibriumSensitivities", "beamdae.analysis.sensitivities.statics", "results"),
-            Public("mode_sensitivities", "beamdae.analysis.sensitivities.modes"),
-            Public("ModeSensitivities", "beamdae.analysis.sensitivities.modes", "results"),
-            Public("periodic_sensitivities", "beamdae.analysis.sensitivities.periodic"),
-            Public("PeriodicSensitivities", "beamdae.analysis.sensitivities.periodic", "results"),
-            Public("fit", "beamdae.analysis.fit.fit"),
-            Public("Fit", "beamdae.analysis.fit.result", "results"),
-            Public("ProfileLikelihood", "beamdae.analysis.fit.profile", "results"),
-        ),
+        """
+        sensitivities analysis.sensitivities.sensitivities
+        results.Sensitivities analysis.sensitivities.sensitivities
+        equilibrium_sensitivities analysis.sensitivities.statics
+        results.EquilibriumSensitivities analysis.sensitivities.statics
+        mode_sensitivities analysis.sensitivities.modes
+        results.ModeSensitivities analysis.sensitivities.modes
+        periodic_sensitivities analysis.sensitivities.periodic
+        results.PeriodicSensitivities analysis.sensitivities.periodic
+        fit analysis.fit.fit
+        results.Fit analysis.fit.result
+        results.ProfileLikelihood analysis.fit.profile
+        """,
     ),
-    Group(
+    _create_group(
         "analysis",
         "Gradients",
-        (
-            Public("gradient", "beamdae.analysis.gradients.gradients"),
-            Public("Gradient", "beamdae.analysis.gradients.gradients", "results"),
-            Public("Objective", "beamdae.analysis.gradients.objectives", "results"),
-            Public("EndValue", "beamdae.analysis.gradients.objectives", "quantities"),
-            Public("TimeIntegral", "beamdae.analysis.gradients.objectives", "quantities"),
-            Public("SmoothMaximum", "beamdae.analysis.gradients.objectives", "quantities"),
-            Public("SquaredErrors", "beamdae.analysis.gradients.objectives", "quantities"),
-        ),
+        """
+        gradient analysis.gradients.gradients
+        results.Gradient analysis.gradients.gradients
+        results.Objective analysis.gradients.objectives
+        quantities.EndValue analysis.gradients.objectives
+        quantities.TimeIntegral analysis.gradients.objectives
+        quantities.SmoothMaximum analysis.gradients.objectives
+        quantities.SquaredErrors analysis.gradients.objectives
+        """,
     ),
-    Group(
+    _create_group(
         "analysis",
         "Export",
-        (
-            Public("export_fmu", "beamdae.export.fmu"),
-            Public("ExportedFmu", "beamdae.export.fmu", "results"),
-        ),
+        """
+        export_fmu export.fmu
+        results.ExportedFmu export.fmu
+        """,
     ),
-    Group(
+    _create_group(
         "analysis",
         "Optimization",
-        (
-            Public("optimize", "beamdae.analysis.optimization.optimize"),
-            Public("Optimization", "beamdae.analysis.optimization.result", "results"),
-            Public("at_most", "beamdae.analysis.optimization.quantities", "quantities"),
-            Public("at_least", "beamdae.analysis.optimization.quantities", "quantities"),
-            Public("Quantity", "beamdae.analysis.optimization.quantities", "results"),
-            Public("Mass", "beamdae.analysis.optimization.quantities", "quantities"),
-            Public("Frequency", "beamdae.analysis.optimization.quantities", "quantities"),
-            Public("EquilibriumValue", "beamdae.analysis.optimization.quantities", "quantities"),
-            Public("EquilibriumErrors", "beamdae.analysis.optimization.quantities", "quantities"),
-            Public("CriticalLoad", "beamdae.analysis.optimization.quantities", "quantities"),
-            Public("ParameterFunction", "beamdae.analysis.optimization.quantities", "quantities"),
-            Public("LargestOf", "beamdae.analysis.optimization.quantities", "quantities"),
-        ),
+        """
+        optimize analysis.optimization.optimize
+        results.Optimization analysis.optimization.result
+        quantities.at_most analysis.optimization.quantities
+        quantities.at_least analysis.optimization.quantities
+        results.Quantity analysis.optimization.quantities
+        quantities.Mass analysis.optimization.quantities
+        quantities.Frequency analysis.optimization.quantities
+        quantities.EquilibriumValue analysis.optimization.quantities
+        quantities.EquilibriumErrors analysis.optimization.quantities
+        quantities.CriticalLoad analysis.optimization.quantities
+        quantities.ParameterFunction analysis.optimization.quantities
+        quantities.LargestOf analysis.optimization.quantities
+        """,
     ),
-    Group(
+    _create_group(
         "studies",
         "",
-        (
-            Public("sweep", "beamdae.studies"),
-            Public("Sweep", "beamdae.studies", "results"),
-            Public("SweepResults", "beamdae.studies", "results"),
-            Public("study", "beamdae.studies"),
-            Public("Study", "beamdae.studies", "results"),
-            Public("Case", "beamdae.studies"),
-            Public("grid", "beamdae.studies"),
-            Public("compare", "beamdae.studies"),
-        ),
+        """
+        sweep studies
+        results.Sweep studies
+        results.SweepResults studies
+        study studies
+        results.Study studies
+        Case studies
+        grid studies
+        compare studies
+        """,
     ),
-    Group(
+    _create_group(
         "checks",
         "",
-        (
-            Public("check", "beamdae.checks"),
-            Public("Check", "beamdae.checks", "results"),
-            Public("Errors", "beamdae.accuracy.errors", "results"),
-            Public("verify", "beamdae.accuracy.runs"),
-        ),
+        """
+        check checks
+        results.Check checks
+        results.Errors accuracy.errors
+        verify accuracy.runs
+        """,
     ),
-    Group(
+    _create_group(
         "errors",
         "",
-        (
-            Public("BeamdaeError", "beamdae.errors"),
-            Public("BeamdaeWarning", "beamdae.errors"),
-            Public("Interrupted", "beamdae.interrupts"),
-        ),
+        """
+        BeamdaeError errors
+        BeamdaeWarning errors
+        Interrupted interrupts
+        """,
     ),
 )
 

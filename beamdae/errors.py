@@ -116,10 +116,6 @@ class KernelWarning(UserWarning):
 # Kinds of warnings that were shown: the filters that showed them, and the key of the message in
 # Python's registry of shown warnings.
 _shown_kinds: dict[tuple[str, str, int], tuple[list[Any], list[Any], tuple[Any, ...]]] = {}
-_MERGING_NOTE = (
-    "warnings: further ones of this line that differ only in numbers are not shown; read "
-    "`warnings` of each result, or show all by warnings.simplefilter('always', bd.BeamdaeWarning)."
-)
 # Digits in names such as "link1" distinguish parts.
 _NUMBER = re.compile(r"(?<![\w.])[-+]?(?:\d+(?:\.\d+)?(?:e[-+]?\d+)?|nan|inf)(?!\w)")
 
@@ -233,27 +229,6 @@ def merge_alike(messages: Iterable[str]) -> Iterator[str]:
         yield f"{name_with_others(part, list(names))}{colon}{text}" if names else first
 
 
-def merge_ranges(messages: Sequence[str]) -> str:
-    """Return the text that messages share, with the range of each number.
-
-    If their texts differ, the first message is returned. Numbers before the first colon, which
-    belong to the name of a part, are kept.
-    """
-    part, colon, first = messages[0].partition(": ")
-    pieces = _NUMBER.split(first)
-    texts = [x.partition(": ")[2] for x in messages]
-    if any(_NUMBER.split(x) != pieces for x in texts) or any(
-        not x.startswith(part + colon) for x in messages
-    ):
-        return messages[0]
-    columns = [_NUMBER.findall(x) for x in texts]
-    merged = part + colon + pieces[0]
-    for numbers, piece in zip(zip(*columns, strict=True), pieces[1:], strict=True):
-        low, high = min(numbers, key=float), max(numbers, key=float)
-        merged += (low if float(low) == float(high) else f"{low} to {high}") + piece
-    return merged
-
-
 def warn_user(
     message: str, category: type[BeamdaeWarning] = BeamdaeWarning, *, merges: bool = True
 ) -> None:
@@ -276,15 +251,11 @@ def warn_of_incomplete_result(message: str) -> None:
 
 
 def warn_of_result(messages: Iterable[str], build_warnings: Iterable[str] = ()) -> None:
-    """Issue the warnings of a result, except those that were issued when its model was built.
-
-    If some are not shown because an earlier result at the same line had the same ones with other
-    numbers, a note is shown once.
-    """
+    """Issue the warnings of a result, except those that were issued when its model was built."""
     issued = set(build_warnings)
     for message in messages:
         if message not in issued:
-            _issue(message, BeamdaeWarning, merges=True, notes=True)
+            _issue(message, BeamdaeWarning, merges=True)
 
 
 def _issue(
@@ -292,7 +263,6 @@ def _issue(
     category: type[BeamdaeWarning],
     *,
     merges: bool = False,
-    notes: bool = False,
     always: bool = False,
 ) -> None:
     held_messages = _held_messages.get()
@@ -323,9 +293,6 @@ def _issue(
     # The list is another one inside `catch_warnings`, and changes if a filter is added. Notebooks
     # clear the registry before each cell.
     if merges and last and last[0] is filters and last[1] == filters and last[2] in registry:
-        if notes and last[2][0] != message:
-            # As for any text, Python shows the note once per line.
-            warnings.warn_explicit(_MERGING_NOTE, category, file, line, module, registry)
         return
     warnings.warn_explicit(message, category, file, line, module, registry)
     key = message, category, line

@@ -1,13 +1,11 @@
-"""Memory of this process: availability, limit and peak."""
+"""Memory that this process can still allocate."""
 
 from __future__ import annotations
 
 import ctypes
 import errno
 import os
-import sys
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 
@@ -25,7 +23,6 @@ _MAX_RETAINED_BYTES = 2**26
 _MAX_HEAP_ARRAY_BYTES = 2**24
 _MEMORY_FILE = Path("/proc/meminfo")
 _PAGES_FILE = Path("/proc/self/statm")
-_STATUS_FILE = Path("/proc/self/status")
 _GROUP_FILE = Path("/proc/self/cgroup")
 _GROUPS = Path("/sys/fs/cgroup")
 # Files with limit and use, and the entry of memory.stat for cached files, in versions 2 and 1.
@@ -33,17 +30,11 @@ _GROUP_ENTRIES = {
     "": ("memory.max", "memory.current", "inactive_file"),
     "memory": ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"),
 }
-_CLEAR_FILE = Path("/proc/self/clear_refs")
 # Enough for all entries of interest; `Path.read_text` takes four times as long.
 _MAX_FILE_BYTES = 4096
 UNCHECKED_BYTES = 1e6  # see `require_memory`
 # In messages of CasADi, and of the dynamic linker.
 _OUT_OF_MEMORY_WORDS = ("bad_alloc", "failed to map segment", "cannot allocate memory")
-# Writing this to clear_refs resets the peak of resident memory.
-_RESET_PEAK = b"5"
-# Smallest limit above the present memory [GB]. The memory check of a run must stop the run before
-# the limit is reached, so that results are kept.
-_MIN_LIMIT = 0.5
 
 
 def available_memory() -> float:
@@ -173,62 +164,6 @@ def format_gigabytes(size: float) -> str:
     return f"{size / _BYTES_PER_GIGABYTE:.2g} GB"
 
 
-@contextmanager
-def limit_memory(memory: float | None) -> Iterator[None]:
-    """Within the context, limit this process to `memory` [GB] beyond its present size.
-
-    The limit is at least 0.5 GB beyond the present size, unless a lower limit exists. Allocations
-    beyond the limit raise MemoryError, even while a model is built and no run checks the memory. If
-    `memory` is None or the system has no file /proc/self/status, no limit is set.
-    """
-    present = None if memory is None else _read_status("VmData")
-    if memory is None or present is None:
-        yield
-        return
-    import resource
-
-    previous = resource.getrlimit(resource.RLIMIT_DATA)
-    limit = int((present + max(memory, _MIN_LIMIT)) * _BYTES_PER_GIGABYTE)
-    finite_limits = [limit, *(x for x in previous if x != resource.RLIM_INFINITY)]
-    resource.setrlimit(resource.RLIMIT_DATA, (min(finite_limits), previous[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_DATA, previous)
-
-
-def reset_peak_memory() -> None:
-    """Reset the value of `peak_memory`, if the system supports resetting."""
-    try:
-        with open(_CLEAR_FILE, "wb", buffering=0) as file:
-            file.write(_RESET_PEAK)
-    except OSError:
-        return
-
-
-def peak_memory() -> float:
-    """Return the peak memory [GB] since the last reset or process start; NaN if unknown."""
-    peak = _read_status("VmHWM")
-    if peak is not None:
-        return peak
-    try:
-        from resource import RUSAGE_SELF, getrusage
-    except ImportError:
-        return float("nan")
-    # ru_maxrss is in bytes on macOS and in kilobytes elsewhere.
-    unit = 1.0 if sys.platform == "darwin" else _BYTES_PER_KILOBYTE
-    return getrusage(RUSAGE_SELF).ru_maxrss * unit / _BYTES_PER_GIGABYTE
-
-
 def _read_start(file: Path) -> str:
     with open(file, "rb", buffering=0) as content:
         return content.read(_MAX_FILE_BYTES).decode()
-
-
-def _read_status(name: str) -> float | None:
-    """Return an entry of /proc/self/status [GB], or None if the entry is missing."""
-    try:
-        lines = [x for x in _read_start(_STATUS_FILE).splitlines() if x.startswith(f"{name}:")]
-        return float(lines[0].split()[1]) * _BYTES_PER_KILOBYTE / _BYTES_PER_GIGABYTE
-    except (OSError, IndexError):
-        return None

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-import dis
 import inspect
 import os
 import re
@@ -52,15 +51,12 @@ from beamdae.read_only import ReadOnlyDict, copy_containers
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
 
-MAX_NAME_BYTES = 120
+_MAX_NAME_BYTES = 120
 # Windows reserves these file names, with any suffix.
 _RESERVED = {"CON", "PRN", "AUX", "NUL", *(f"{x}{k}" for x in ("COM", "LPT") for k in range(10))}
 _INVALID_CHARACTERS = frozenset('/\\:*?"<>|')
 
 _NUMBER_START = re.compile(r"[-+]?\.?\d")
-
-# Functions that read all local variables, or variables whose names are in a text.
-_READERS_OF_ALL = frozenset({"eval", "exec", "locals", "vars"})
 
 
 class Origin(NamedTuple):
@@ -162,19 +158,6 @@ class Model:
         signature = inspect.signature(self.build).parameters
         defaults = {name: x.default for name, x in signature.items()}
         return describe_parameters(self.build.__doc__ or "", self.parameters, defaults)
-
-    @property
-    def unread_parameters(self) -> tuple[str, ...]:
-        """Names of the parameters that the function never reads; empty if this is unknown."""
-        code = inspect.unwrap(self.build).__code__
-        if not _READERS_OF_ALL.isdisjoint(code.co_names):
-            return ()
-        # Newer interpreters read two variables by one instruction.
-        loads = [x.argval for x in dis.get_instructions(code) if "LOAD_FAST" in x.opname]
-        read = {name for x in loads for name in (x if isinstance(x, tuple) else (x,))}
-        read.update(code.co_cellvars)
-        arguments = code.co_varnames[: code.co_argcount + code.co_kwonlyargcount]
-        return tuple(x for x in self.parameters if x in arguments and x not in read)
 
     def __repr__(self) -> str:
         """Return the name of the model with its parameters and end time."""
@@ -513,10 +496,10 @@ def require_file_name(part: str, value: Any) -> str:
     if not isinstance(value, str):
         raise BeamdaeError(f"{part}: the name must be a string, got {short_repr(value)}.")
     length = len(value.encode(errors="replace"))
-    fits = 0 < length <= MAX_NAME_BYTES and value[0] not in ". " and value[-1] not in ". "
+    fits = 0 < length <= _MAX_NAME_BYTES and value[0] not in ". " and value[-1] not in ". "
     if not (fits and value.isprintable() and not _INVALID_CHARACTERS & set(value)):
         raise BeamdaeError(
-            f"{part}: the name must be a valid folder name, 1 to {MAX_NAME_BYTES} "
+            f"{part}: the name must be a valid folder name, 1 to {_MAX_NAME_BYTES} "
             'bytes without control characters, / \\ : * ? " < > | and leading or trailing dots or '
             f"spaces, got {short_repr(value)}."
         )
@@ -533,30 +516,9 @@ def _require_function(build: Any) -> None:
         raise BeamdaeError(f"model: build must be a function, got {short_repr(build)}.")
 
 
-def _explain_missing_end_time(function: Callable[_P, _R]) -> Callable[_P, _R]:
-    """Decorate `model`: calls without `t_end`, such as @bd.model, end in one sentence."""
-
-    @wraps(function)
-    def call(*misplaced: _P.args, **settings: _P.kwargs) -> _R:
-        number = as_real(misplaced[0]) if misplaced else None
-        if number is not None:
-            raise BeamdaeError(
-                f"model: the end time {number:g} has no name; pass t_end by name: "
-                f"@bd.model(t_end={number:g})."
-            )
-        # Python names misspelled arguments.
-        if misplaced or (settings.get("t_end") is None and settings.keys() <= {"t_end", "data"}):
-            raise BeamdaeError(
-                "model: the end time of runs is missing; write @bd.model(t_end=1.0) before the "
-                "function."
-            )
-        return function(*misplaced, **settings)
-
-    return call
-
-
-@_explain_missing_end_time
-def model(*, t_end: float, data: Sequence[str] = ()) -> Callable[[Callable[..., Any]], Model]:
+def model(
+    *misplaced: Any, t_end: float | None = None, data: Sequence[str] = ()
+) -> Callable[[Callable[..., Any]], Model]:
     """Return a decorator that turns a function that builds a mechanism into a `Model`.
 
     Every parameter of the function needs a default value. The defaults define the parameters of the
@@ -595,7 +557,12 @@ def model(*, t_end: float, data: Sequence[str] = ()) -> Callable[[Callable[..., 
     >>> swing.parameters
     {'mass': 2.0}
     """
-    require_positive("model", "t_end", t_end)
+    if misplaced or t_end is None:
+        raise BeamdaeError(
+            "model: the end time of runs is missing; write @bd.model(t_end=1.0) before the "
+            "function."
+        )
+    end = require_positive("model", "t_end", t_end)
 
     def decorate(function: Callable[..., Any]) -> Model:
         _require_function(function)
@@ -607,7 +574,7 @@ def model(*, t_end: float, data: Sequence[str] = ()) -> Callable[[Callable[..., 
                     "a default value and must not be positional-only."
                 )
             parameters[parameter.name] = unbox_scalar(parameter.default)
-        decorated = Model(function, t_end, parameters, data)
+        decorated = Model(function, end, parameters, data)
         for file in (*decorated.files(), inspect.unwrap(function).__code__.co_filename):
             register_input(file)
         return decorated

@@ -90,37 +90,6 @@ _SUPERSCRIPTS = str.maketrans("²³⁻¹", "23-1")
 _MISLEADING = re.compile(r"in\s+[\w°%].*|.*(?<![^\W\d])(?:ms|[^\W\d]?N[cm]?m)\^?-[1-9].*")
 _DENSITY: Mapping[str, int] = {"kg": 1, "m": -3}
 _INERTIA: Mapping[str, int] = {"kg": 1, "m": 2}
-# Unknown units by their lower-case spelling, and known units that they may mean.
-_UNKNOWN_UNITS: Mapping[str, list[str]] = {
-    "inch": ["in"],
-    "inches": ["in"],
-    "lbm": ["lb"],
-    "lbs": ["lb", "lbf"],
-    "ksi": [],
-    "kip": [],
-    "mph": [],
-    "percent": ["%"],
-    "microstrains": ["microstrain"],
-    "millistrain": ["mstrain"],
-}
-# Names of units that take the prefixes in words, in the singular.
-_UNIT_WORDS = {
-    "meter": "m",
-    "metre": "m",
-    "gram": "g",
-    "newton": "N",
-    "pascal": "Pa",
-    "degree": "deg",
-    "radian": "rad",
-    "hertz": "Hz",
-    "volt": "V",
-    "minute": "min",
-    "second": "s",
-}
-_PREFIX_WORDS = {"": "", "giga": "G", "mega": "M", "kilo": "k", "centi": "c", "milli": "m"}
-_PREFIX_WORDS |= {"micro": "u", "nano": "n"}
-_COMMON_WORDS = ("second", "minute")  # are no units in parentheses, as in "gauge (second)"
-_TONNES = {"t", "ton", "tons", "tonne", "tonnes"}
 # Spellings of rpm. A frequency per minute is a number of revolutions in practice.
 _PER_MINUTE = {"1/min", "/min", "min^-1", "min-1", "r/min", "U/min"}
 # The number is the longest one: "2.0" is no "2." with the unit "0".
@@ -128,7 +97,6 @@ _VALUE = re.compile(r"((?>[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?))\s*(\S.*)")
 # Header that ends with a unit in brackets or parentheses.
 _UNIT_AT_END = re.compile(r"(\S(?:.*\S)?)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))")
 _MAX_UNIT_LENGTH = 40
-_MAX_SPELLINGS = 4  # in a hint
 
 _PROSE = re.compile(r"``?(\w+)``? \[([^\[\]]+)\]")
 # A line "radius : float" of a numpydoc section, or "radius [m]: radius of the arc".
@@ -437,70 +405,19 @@ def suggest_unit(unit: str, target: str = "") -> str:
 
     With a `target`, only units of the same quantity are suggested.
     """
-    hint = _explain_rejection(unit)
-    if hint:
-        return f" ({hint})"
-    if not _TONNES.isdisjoint(re.findall(r"[^\W\d]+", unit)):
-        return " (write Mg for tonnes)"
-    is_known = parse_unit(target) is not None
-    similar = _similar_units(unit)
-    candidates = [x for x in similar if not is_known or conversion_factor(x, target) is not None]
-    if candidates:
-        return f" (did you mean {' or '.join(map(repr, candidates))}?)"
-    if similar or unit.casefold() in _UNKNOWN_UNITS:
-        return ""
-    if not is_known:
-        return suggest(unit, _UNITS)
-    symbols = (symbol for spelled in _spellings().values() for symbol in spelled)
-    return suggest(unit, [x for x in symbols if conversion_factor(x, target) is not None])
-
-
-def _explain_rejection(unit: str) -> str:
-    """Return the reason why an unknown unit is rejected although its symbols are known, or ""."""
-    unit = _normalize_powers(unit)
-    symbols = set(re.findall(r"[^\W\d]+", unit))
-    if "lb" in symbols:
-        return "lb is a mass, write lbf for a force"
-    if "kg" in symbols and symbols & {"mm", "cm"}:
-        return "kg is a mass, write kgf, N or Pa for forces and pressures"
-    first, _, second = unit.partition(" ")
-    if first == "in" and parse_unit(second.strip()) is not None:
-        return "omit the word in, or write a product of inches as in*lbf"
-    if first != "in" and _MISLEADING.fullmatch(unit):
-        return "write a quotient, such as m/s, N/m or 1/ms"
-    return ""
-
-
-def _similar_units(unit: str) -> list[str]:
-    """Return known units that an unknown one spells in other letters or in words."""
     spellings = _spellings()
-    parts = re.split(r"([^\W\d]+)", _normalize_powers(unit))
-    candidates = [""]
-    for part in parts:
-        known = [part] if not part or parse_unit(part) else spellings.get(part.casefold(), [part])
-        candidates = [first + x for first in candidates for x in known][:_MAX_SPELLINGS]
-    return [x for x in candidates if parse_unit(x) is not None]
-
-
-@lru_cache(maxsize=256)
-def _resembles_unit(text: str) -> bool:
-    """Return True for an unknown unit such as KN; single letters other than G are names."""
-    if len(text) > _MAX_UNIT_LENGTH:
-        return False
-    if text == "G" or text.casefold() in _UNKNOWN_UNITS or _explain_rejection(text):
-        return True
-    return len(text) > 1 and text not in _COMMON_WORDS and bool(_similar_units(text))
+    symbols = spellings.get(unit.casefold()) or [x for same in spellings.values() for x in same]
+    if parse_unit(target) is not None:
+        symbols = [x for x in symbols if conversion_factor(x, target) is not None]
+    if unit.casefold() not in spellings:
+        return suggest(unit, symbols)
+    return f" (did you mean {' or '.join(map(repr, symbols))}?)" if symbols else ""
 
 
 @lru_cache(maxsize=1)
 def _spellings() -> dict[str, list[str]]:
-    """Return the usual symbols with and without a prefix by their lower-case spelling or name."""
-    spellings = dict(_UNKNOWN_UNITS)
-    for prefix_word, prefix in _PREFIX_WORDS.items():
-        for word, symbol in _UNIT_WORDS.items():
-            if not (prefix and symbol in _WITHOUT_PREFIX):
-                name = f"{prefix_word}{word}"
-                spellings[name] = spellings[f"{name}s"] = [f"{prefix}{symbol}"]
+    """Return the usual symbols with and without a prefix by their lower-case spelling."""
+    spellings: dict[str, list[str]] = {}
     for symbol in _UNITS:
         prefixes = ("",) if symbol in _WITHOUT_PREFIX else ("", *_PREFIXES)
         for text in (prefix + symbol for prefix in prefixes):
@@ -516,6 +433,11 @@ def split_unit(header: str) -> tuple[str, str]:
 
 
 _UNITS_OF_TIMES = ("h", "min")
+
+
+def _resembles_unit(text: str) -> bool:
+    """Return True for an unknown unit such as KN; single letters are names."""
+    return len(text) > 1 and text.casefold() in _spellings()
 
 
 def standardize_header(header: str) -> str:

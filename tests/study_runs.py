@@ -7,16 +7,14 @@ from beamdae.studies.case_summaries import summarize_cases
 from beamdae.studies.execution.executors import (
     LocalPool,
     SerialPool,
-    TaskResult,
     create_executor,
 )
 from beamdae.studies.execution.study_run import run_study
 from beamdae.studies.study_page import create_study_page
-from beamdae.studies.tasks import Limits, Outcome
+from beamdae.studies.tasks import Outcome
 
 __all__ = [
     "KernelWarning",
-    "Limits",
     "LocalPool",
     "LosingPool",
     "ModelFile",
@@ -42,4 +40,4 @@ class LosingPool(SerialPool):
         yield from super().run_tasks(tasks[:1])
         for task in tasks[1:]:
             status = Status("not run", "connection-lost.\nClient lost")
-            yield TaskResult(task, Outcome(status), storable=False)
+            yield task, Outcome(status, is_final=False)

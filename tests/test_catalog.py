@@ -40,4 +40,4 @@ def test_sample_calls_belong_to_public_names_in_the_order_of_the_catalog():
 def test_integrators_of_the_command_line_are_integrators():
     assert len(catalog.INTEGRATORS) >= 4
     for public in catalog.INTEGRATORS.values():
-        assert issubclass(getattr(bd, public.name), bd.results.Integrator)
+        assert issubclass(getattr(bd, public.name), bd.Integrator)

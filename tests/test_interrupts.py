@@ -72,7 +72,7 @@ def test_other_treatments_of_partial_results_are_rejected(value):
 
 
 @dataclass(frozen=True)
-class Truncating(bd.results.Integrator):
+class Truncating(bd.Integrator):
     """Integrator of a user that returns interrupted runs."""
 
     step: float = 1e-3

@@ -88,7 +88,7 @@ CALLS = {
         {"t": T, "q": Q, "v": V, "mass": [1, 1], "force": [0, 0], "q0": [0, 0], "v0": [0, 0]},
     ),
     "Curve of points": (bd.Curve, {"points": POINTS}),
-    "Event": (bd.results.Event, {"what": "tip.y", "crosses": 0.0, "direction": "up", "name": "e"}),
+    "Event": (bd.Event, {"what": "tip.y", "crosses": 0.0, "direction": "up", "name": "e"}),
     "Ground.at": (GROUND.at, {"x": 0.0, "y": 0.0}),
     "Material.of": (bd.Material.of, {"name": "steel"}),
     "Mechanism": (bd.Mechanism, {"gravity": (0.0, -9.81)}),

@@ -13,7 +13,6 @@ import beamdae as bd
 from beamdae.errors import (
     InputWarning,
     record_messages,
-    warn_of_result,
     warn_user,
 )
 from beamdae.model_checks import run_checks
@@ -104,17 +103,6 @@ def test_regression_each_unfinished_result_is_announced(analyze):
     assert not any(x.status.success for x in results)
     assert len(set(reasons)) == 2  # two of four results are alike
     assert [sum(reason in x for x in messages) for reason in reasons] == [2, 2, 2, 2]
-
-
-def test_regression_a_note_states_that_warnings_of_results_are_not_shown():
-    """Warnings of later results at the same line were omitted in silence."""
-    with warnings.catch_warnings(record=True) as records:
-        warnings.simplefilter("default")
-        for error in (1, 1, 2, 3):
-            warn_of_result([f"beam: the error is {error} %."])
-    first, note = (str(x.message) for x in records)
-    assert first == "beam: the error is 1 %."
-    assert "only in numbers are not shown; read `warnings`" in note
 
 
 def test_regression_numbers_of_names_distinguish_parts():

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from beamdae.accuracy.errors import FACTOR, Errors, Refined, Split
-from beamdae.accuracy.refinement import RefinedMechanism, refine_mechanism
+from beamdae.accuracy.errors import FACTOR, Errors, Refined, measure_errors
+from beamdae.accuracy.refinement import refine_mechanism
 from beamdae.accuracy.runs import (
     RTOL_BESIDE_ACCURATE_STEPS,
     check_result,
@@ -20,7 +20,7 @@ from beamdae.accuracy.runs import (
 )
 from beamdae.analysis.gradients.gradients import Gradient
 from beamdae.analysis.sensitivities.sensitivities import Sensitivities
-from beamdae.errors import BeamdaeError, hold_messages
+from beamdae.errors import hold_messages
 from beamdae.parts.mechanism import AS_DRAWN, Mechanism
 from beamdae.results.columns import largest_of_kind
 from beamdae.simulation import skip_result_checks
@@ -117,46 +117,30 @@ def _measure(
     method = refine_method(run, time_limit, RTOL_BESIDE_ACCURATE_STEPS)
     start = run.equations.start
     searched = AS_DRAWN if start is None or start.searched is None else start.searched
-    latest: RefinedMechanism | None = None
+    refined = Refined()
 
-    def refine(mechanism: Any, *, strains: bool = True) -> Any:
-        nonlocal latest
-        if not isinstance(mechanism, Mechanism):
-            return mechanism
-        latest = refine_mechanism(mechanism, searched, strains=strains)
-        return mechanism if latest is None else latest.mechanism
+    def repeat_values(strains: bool | None) -> _Values:
+        def change(mechanism: Any) -> Any:
+            nonlocal refined
+            if strains is None or not isinstance(mechanism, Mechanism):
+                return mechanism
+            finer = refine_mechanism(mechanism, searched, strains=strains)
+            if strains:
+                refined = describe_refinement(run.equations, finer, run)
+            return mechanism if finer is None else finer.mechanism
 
-    def analyze(change: Callable[[Any], Any]) -> _Values:
         with hold_messages(), unchecked(), skip_result_checks():
             return evaluate(repeat(change, method))
 
-    try:
-        companion = analyze(refine)
-    except BeamdaeError as problem:
+    def fail(problem: Exception) -> Errors:
         reason = f"a refined repetition fails: {problem}".rstrip(".")
-        refined = describe_refinement(run.equations, latest, run)
         errors = Errors.unchecked(headers, peaks, reason)
         return replace(errors, refined=refined, has_failed=True)
-    refined = describe_refinement(run.equations, latest, run)
-
-    def repeat_or_none(is_halved: bool) -> _Values | None:
-        try:
-            return analyze(partial(refine, strains=False) if is_halved else lambda x: x)
-        except BeamdaeError:
-            return None
 
     def compare(first: _Values, second: _Values) -> Errors:
         return _compare(headers, first, second, refined, relative_to)
 
-    split = Split(
-        values,
-        companion,
-        repeat_or_none,
-        lambda first, second: compare(first, second).total,
-        bool(refined.inexact),
-    )
-    errors = compare(values, companion)
-    return Errors(**{**vars(errors), "_split": split})
+    return measure_errors(values, repeat_values, compare, fail)
 
 
 def _compare(

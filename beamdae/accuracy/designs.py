@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from beamdae.accuracy.errors import Errors, Split
-from beamdae.accuracy.refinement import Refinement, refine
+from beamdae.accuracy.errors import Errors, Refined, measure_errors
+from beamdae.accuracy.refinement import refine
 from beamdae.accuracy.runs import describe_refinement, refine_method
 from beamdae.analysis.optimization.search_result import SearchResult
-from beamdae.errors import BeamdaeError
 from beamdae.results.solution import Solution
 
 Array = np.ndarray
@@ -33,29 +32,23 @@ def measure_design(search: SearchResult) -> Errors:
     run = next((x for x in results if isinstance(x, Solution)), None)
     method = None if run is None else refine_method(run, None)
 
-    def analyze(refinement: Refinement | None) -> Array:
-        used = equations if refinement is None else refinement.equations
-        return ratios * problem.repeat(best.numbers, used.mechanism, method)
-
-    start = problem.start_of(equations)
-    try:
-        refinement = refine(equations, start)
-        companions = analyze(refinement)
-    except BeamdaeError as problem_of_companion:
-        reason = f"the refined design cannot be analyzed: {problem_of_companion}".rstrip(".")
-        return Errors.unchecked(headers, values, reason)
-    refined = describe_refinement(equations, refinement, run)
+    start, refined = problem.start_of(equations), Refined()
     bounds = np.array([0.0, *(abs(x.bound) for x in problem.limits)])
     sizes = np.maximum(np.abs(values), np.where(bounds > 0.0, bounds, np.abs(first.values)))
 
-    def repeat(is_halved: bool) -> Array | None:
-        try:
-            return analyze(refine(equations, start, strains=False) if is_halved else None)
-        except BeamdaeError:
-            return None
+    def repeat(strains: bool | None) -> Array:
+        nonlocal refined
+        refinement = None if strains is None else refine(equations, start, strains=strains)
+        if strains:
+            refined = describe_refinement(equations, refinement, run)
+        used = equations if refinement is None else refinement.equations
+        return ratios * problem.repeat(best.numbers, used.mechanism, method)
 
-    def compare(one: Array, other: Array) -> Array:
-        return Errors.of_values(headers, one, other, refined, sizes).total
+    def compare(one: Array, other: Array) -> Errors:
+        return Errors.of_values(headers, one, other, refined, sizes)
 
-    split = Split(values, companions, repeat, compare, bool(refined.inexact))
-    return Errors.of_values(headers, values, companions, refined, sizes, split)
+    def fail(failure: Exception) -> Errors:
+        reason = f"the refined design cannot be analyzed: {failure}".rstrip(".")
+        return Errors.unchecked(headers, values, reason)
+
+    return measure_errors(values, repeat, compare, fail)

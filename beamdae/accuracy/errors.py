@@ -9,7 +9,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from beamdae.errors import format_percent, join_names, list_first, name_with_others
+from beamdae.errors import (
+    BeamdaeError,
+    format_percent,
+    join_names,
+    list_first,
+    name_with_others,
+)
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.read_only import read_only_data
 from beamdae.results.columns import AIM, LIMIT, remove_unit
@@ -144,7 +150,6 @@ class Errors(HasTable):
         companions: Array,
         refined: Refined,
         scales: Array | None = None,
-        split: Callable[[], Mapping[str, Array]] | None = None,
     ) -> Errors:
         """Return the errors of single values (columns,), such as frequencies or loads.
 
@@ -156,17 +161,8 @@ class Errors(HasTable):
         with np.errstate(divide="ignore", invalid="ignore"):
             total = np.where(changes == 0.0, 0.0, FACTOR * changes / sizes)
         rows = np.full(len(headers), np.nan)
-        relative_to = "its value"
-        return cls(
-            tuple(headers),
-            values,
-            companions,
-            total,
-            rows,
-            refined,
-            relative_to=relative_to,
-            _split=split,
-        )
+        names, relative_to = tuple(headers), "its value"
+        return cls(names, values, companions, total, rows, refined, relative_to=relative_to)
 
     @classmethod
     def join(cls, parts: Sequence[Errors]) -> Errors:
@@ -323,51 +319,76 @@ class Errors(HasTable):
         return join_names(texts) if texts else ""
 
 
-@read_only_data
 @dataclass(frozen=True, eq=False)
 class Split:
-    """Repetitions of a result that separate the causes of its errors.
-
-    Attributes
-    ----------
-    result, companion
-        The result and its companion.
-    repeat
-        Function that repeats the result with refined steps and, if its argument is True, halved
-        elements with original strains; None if it fails.
-    compare
-        Function that returns the errors (columns,) of its first argument relative to its second.
-    has_theory
-        True if the companion has other strains.
-    """
+    """Repetitions of a result that separate the causes of its errors; see `measure_errors`."""
 
     result: Any
     companion: Any
-    repeat: Callable[[bool], Any]
-    compare: Callable[[Any, Any], Array]
-    has_theory: bool
+    repeat: Callable[[bool | None], Any]
+    compare: Callable[[Any, Any], Errors]
+    failures: tuple[type[Exception], ...]
 
     @cached_property
     def timed(self) -> Any:
         """The result repeated with refined steps only; None if this fails."""
-        return self.repeat(False)
+        return self._repeat_or_none(None)
+
+    def _repeat_or_none(self, strains: bool | None) -> Any:
+        try:
+            return self.repeat(strains)
+        except self.failures:
+            return None
 
     @single_threaded
     def __call__(self) -> dict[str, Array]:
         """Return the errors of the columns by cause."""
         timed, companion = self.timed, self.companion
+        whole = self.compare(self.result, companion)
         if timed is None:
-            missing = np.full_like(self.compare(self.result, companion), np.nan)
-            return dict.fromkeys(CAUSES, missing)
-        causes = {"time": self.compare(self.result, timed), "mesh": self.compare(timed, companion)}
-        largest_of_steps, of_mesh = (np.nanmax(x, initial=0.0) for x in causes.values())
-        causes["theory"] = np.zeros_like(causes["mesh"])
-        if self.has_theory and of_mesh >= min(AIM, largest_of_steps):
-            meshed = self.repeat(True)
+            return dict.fromkeys(CAUSES, np.full_like(whole.total, np.nan))
+        by_time = self.compare(self.result, timed).total
+        by_mesh = self.compare(timed, companion).total
+        by_theory = np.zeros_like(by_mesh)
+        largest_of_steps, of_mesh = (np.nanmax(x, initial=0.0) for x in (by_time, by_mesh))
+        if whole.refined.inexact and of_mesh >= min(AIM, largest_of_steps):
+            meshed = self._repeat_or_none(False)
             if meshed is not None:
-                causes["mesh"] = self.compare(timed, meshed)
-                causes["theory"] = self.compare(meshed, companion)
-        return causes
+                by_mesh = self.compare(timed, meshed).total
+                by_theory = self.compare(meshed, companion).total
+        return dict(zip(CAUSES, (by_time, by_mesh, by_theory), strict=True))
+
+
+def measure_errors(
+    result: Any,
+    repeat: Callable[[bool | None], Any],
+    compare: Callable[[Any, Any], Errors],
+    fail: Callable[[Exception], Errors],
+    failures: tuple[type[Exception], ...] = (BeamdaeError,),
+) -> Errors:
+    """Return the errors of a result, measured by one repetition with everything refined together.
+
+    Parameters
+    ----------
+    result
+        The result, or what is compared of it.
+    repeat
+        Function that repeats the result with refined steps: with finer meshes and exact strains if
+        its argument is True, with finer meshes if False, and with neither if None. True comes
+        first.
+    compare
+        Function that returns the errors of its first argument relative to its second.
+    fail
+        Function that returns the errors if the companion fails.
+    failures
+        Exceptions of repetitions that fail.
+    """
+    try:
+        companion = repeat(True)
+    except failures as problem:
+        return fail(problem)
+    errors = compare(result, companion)
+    return replace(errors, _split=Split(result, companion, repeat, compare, failures))
 
 
 def _describe(error: float) -> str:

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from beamdae.accuracy.errors import FACTOR, Errors, Split
-from beamdae.accuracy.refinement import Refinement, refine
+from beamdae.accuracy.errors import FACTOR, Errors, Refined, measure_errors
+from beamdae.accuracy.refinement import refine
 from beamdae.accuracy.runs import RTOL_BESIDE_ACCURATE_STEPS, describe_refinement, refine_method
 from beamdae.analysis.fit.problem import MIN_SINGULAR_RATIO, Evaluation, FitProblem
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.errors import BeamdaeError
 
 Array = np.ndarray
 
@@ -35,28 +33,22 @@ def measure_fit(problem: FitProblem, evaluation: Evaluation) -> Errors:
     half_ranges = np.array([0.5 * np.ptp(measured[x]) for x in rows])
     run = next(iter(evaluation.runs.values())).solution
     method = refine_method(run, None, RTOL_BESIDE_ACCURATE_STEPS)
-    first: Refinement | None = None
+    refined = Refined()
 
     def repeat(strains: bool | None) -> Array:
-        """Return the change of the residuals; the mesh is not refined if `strains` is None."""
+        """Return the change of the residuals."""
 
         def change(equations: EquationsOfMotion) -> Any:
-            nonlocal first
+            nonlocal refined
             refinement = None
             if strains is not None:
                 refinement = refine(equations, problem.start_of(equations), strains=strains)
-                first = first or refinement
+            if strains:
+                refined = describe_refinement(run.equations, refinement, run)
             used = equations if refinement is None else refinement.equations
             return used.mechanism
 
         return problem.change_of_residuals(evaluation, change, method)
-
-    try:
-        changes = repeat(True)
-    except BeamdaeError as failure:
-        reason = f"a refined run fails: {failure}".rstrip(".")
-        return Errors.unchecked(tuple(headers), np.append(values, peaks), reason)
-    refined = describe_refinement(run.equations, first, run)
 
     def state(changes: Array) -> Errors:
         shifts = -np.linalg.lstsq(jacobian, changes, rcond=MIN_SINGULAR_RATIO)[0] * sizes
@@ -77,14 +69,9 @@ def measure_fit(problem: FitProblem, evaluation: Evaluation) -> Errors:
         )
         return Errors.join([of_estimates, of_columns])
 
-    def repeat_or_none(is_halved: bool) -> Array | None:
-        try:
-            return repeat(False if is_halved else None)
-        except BeamdaeError:
-            return None
+    def fail(failure: Exception) -> Errors:
+        reason = f"a refined run fails: {failure}".rstrip(".")
+        return Errors.unchecked(tuple(headers), np.append(values, peaks), reason)
 
-    def compare(first: Array, second: Array) -> Array:
-        return state(second - first).total
-
-    split = Split(np.zeros_like(changes), changes, repeat_or_none, compare, bool(refined.inexact))
-    return replace(state(changes), _split=split)
+    none = np.zeros(len(problem.weights))
+    return measure_errors(none, repeat, lambda first, second: state(second - first), fail)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from beamdae.accuracy.errors import FACTOR, Errors, Refined, Split
+from beamdae.accuracy.errors import FACTOR, Errors, Refined, measure_errors
 from beamdae.accuracy.refinement import Refinement, refine
 from beamdae.accuracy.runs import describe_refinement
 from beamdae.analysis.continuation.engine import CurveError, prescribe_parameter
@@ -114,30 +114,32 @@ def measure_about_state(
         Function that returns the samples of the companion.
     """
     names, values = tuple(headers), summarize(samples)
-    beams = beams_of(lin.full_equations.mechanism)
-    try:
-        companion = _find_companion(lin, about, t, True, eigenvalues)
-        if companion is None:
-            if beams:
-                return Errors.unchecked(names, values, "no beam can be refined")
-            return Errors.of_values(names, values, values, Refined())
-        others = solve(*companion)
-    except _StateError as problem:
-        reason = f"the state is not found with halved elements ({str(problem).rstrip('.')})"
-        return replace(Errors.unchecked(names, values, reason), has_failed=True)
-    except BeamdaeError as problem:
+    beams, refined = beams_of(lin.full_equations.mechanism), Refined()
+
+    def repeat(strains: bool | None) -> Array:
+        nonlocal refined
+        companion = None
+        if strains is not None:
+            companion = _find_companion(lin, about, t, strains, eigenvalues)
+        if strains and companion is None and beams:
+            raise BeamdaeError("no beam can be refined")
+        if strains and companion is not None:
+            refined = describe_refinement(lin.full_equations, companion[0], None)
+            orders = (2 * x.mesh.nodes - 2 for x in beams if x.name in refined.elements)
+            refined = refined._replace(mesh_order=min(orders, default=2))
+        return samples if companion is None else solve(*companion)
+
+    def compare(first: Array, second: Array) -> Errors:
+        errors = Errors.of_values(names, summarize(first), summarize(second), refined)
+        return replace(errors, total=_measure_changes(first, second))
+
+    def fail(problem: Exception) -> Errors:
+        if isinstance(problem, _StateError):
+            reason = f"the state is not found with halved elements ({str(problem).rstrip('.')})"
+            return replace(Errors.unchecked(names, values, reason), has_failed=True)
         return Errors.unchecked(names, values, f"no refined model: {problem}")
 
-    def repeat(is_halved: bool) -> Array:
-        meshed = _find_companion(lin, about, t, False, eigenvalues) if is_halved else None
-        return samples if meshed is None else solve(*meshed)
-
-    refined = describe_refinement(lin.full_equations, companion[0], None)
-    orders = (2 * x.mesh.nodes - 2 for x in beams if x.name in refined.elements)
-    refined = refined._replace(mesh_order=min(orders, default=2))
-    split = Split(samples, others, repeat, _measure_changes, bool(refined.inexact))
-    errors = Errors.of_values(names, values, summarize(others), refined, split=split)
-    return replace(errors, total=_measure_changes(samples, others))
+    return measure_errors(samples, repeat, compare, fail)
 
 
 class _StateError(BeamdaeError):

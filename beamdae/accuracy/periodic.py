@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from beamdae.accuracy.errors import FACTOR, Errors, Refined, Split
+from beamdae.accuracy.errors import FACTOR, Errors, Refined, measure_errors
 from beamdae.accuracy.refinement import Refinement, refine
 from beamdae.accuracy.runs import (
     RTOL_BESIDE_ACCURATE_STEPS,
@@ -52,30 +52,25 @@ def measure_motion(motion: PeriodicMotion, time_limit: float | None = None) -> E
     if not isinstance(run.made_by, Integrator):
         return Errors.unchecked(headers, sizes, "the motion was loaded from a file")
     method = refine_method(run, time_limit, RTOL_BESIDE_ACCURATE_STEPS)
-    refinement = None
-    try:
-        refinement = refine(run.equations)
-        other = _find_motion(motion, method, refinement)
-    except _FAILURES as problem:
-        refined = describe_refinement(run.equations, refinement, run)
+    refined = Refined()
+
+    def repeat(strains: bool | None) -> PeriodicMotion:
+        nonlocal refined
+        refinement = None if strains is None else refine(run.equations, strains=strains)
+        if strains:
+            refined = describe_refinement(run.equations, refinement, run)
+        return _find_motion(motion, method, refinement)
+
+    def fail(problem: Exception) -> Errors:
         sentence = str(problem).removeprefix("periodic: ").rstrip(".")
         reason = f"{refined} finds no such motion ({sentence})"
         errors = Errors.unchecked(headers, sizes, reason)
         return replace(errors, refined=refined, has_failed=True)
-    refined = describe_refinement(run.equations, refinement, run)
 
-    def repeat(is_halved: bool) -> PeriodicMotion | None:
-        try:
-            halved = refine(run.equations, strains=False) if is_halved else None
-            return _find_motion(motion, method, halved)
-        except _FAILURES:
-            return None
+    def compare(first: PeriodicMotion, second: PeriodicMotion) -> Errors:
+        return _compare(first, second, refined)
 
-    def compare(first: PeriodicMotion, second: PeriodicMotion) -> Array:
-        return _compare(first, second, refined).total
-
-    split = Split(motion, other, repeat, compare, bool(refined.inexact))
-    return replace(_compare(motion, other, refined), _split=split)
+    return measure_errors(motion, repeat, compare, fail, _FAILURES)
 
 
 def measure_response(response: FrequencyResponse, time_limit: float | None = None) -> Errors:

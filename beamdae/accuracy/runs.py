@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from beamdae.accuracy.errors import FACTOR, Errors, Refined, Split
+from beamdae.accuracy.errors import FACTOR, Errors, Refined, measure_errors
 from beamdae.accuracy.refinement import RefinedMechanism, Refinement, refine
 from beamdae.accuracy.values import compare_columns
 from beamdae.beams.beam import Beam, beams_of
@@ -88,32 +88,22 @@ def measure_run(
     twin = replace(run)
     vars(twin).update(vars(run))
     run = twin
-    method = refine_method(run, time_limit)
-    try:
-        refinement, motion = refine_equations(run)
+    method, refined = refine_method(run, time_limit), Refined()
+
+    def repeat(strains: bool | None) -> Solution:
+        nonlocal refined
+        refinement, motion = None, run.trajectory
+        if strains is not None:
+            refinement, motion = refine_equations(run, strains=strains)
+        if strains:
+            refined = describe_refinement(run.equations, refinement, run)
         equations = run.equations if refinement is None else refinement.equations
-        other = _repeat(run, method, equations, motion, progress)
-    except BeamdaeError as problem:
+        return _repeat(run, method, equations, motion, progress if strains else None)
+
+    def fail(problem: Exception) -> Errors:
         return _state_obstacle(run, f"a refined run cannot begin: {problem}")
 
-    refined = describe_refinement(run.equations, refinement, run)
-
-    def repeat(is_halved: bool) -> Solution | None:
-        equations, motion = run.equations, run.trajectory
-        try:
-            if is_halved:
-                halved, motion = refine_equations(run, strains=False)
-                assert halved is not None
-                equations = halved.equations
-            return _repeat(run, method, equations, motion, progress)
-        except BeamdaeError:
-            return None
-
-    def compare(first: Solution, second: Solution) -> Array:
-        return _compare(first, second, refined).total
-
-    split = Split(run, other, repeat, compare, bool(refined.inexact))
-    return replace(_compare(run, other, refined), _split=split)
+    return measure_errors(run, repeat, lambda one, other: _compare(one, other, refined), fail)
 
 
 @interruptible

@@ -10,7 +10,7 @@ from itertools import takewhile
 
 import numpy as np
 
-from beamdae.accuracy.errors import Errors, Refined, Split
+from beamdae.accuracy.errors import Errors, Refined, measure_errors
 from beamdae.accuracy.refinement import Refinement, refine
 from beamdae.accuracy.runs import describe_refinement
 from beamdae.analysis.continuation.engine import (
@@ -105,37 +105,33 @@ def _measure(
     find_scales: Callable[[], Values],
 ) -> Errors:
     """Return the errors of values that `repeat` computes for refined equations."""
+    refined, scales = Refined(), values
 
-    def refine_and_repeat(strains: bool) -> tuple[Refinement, Array]:
+    def repeat_values(strains: bool | None) -> Array:
+        nonlocal refined, scales
+        if strains is None:
+            return values
         with hold_messages(), single_threaded:
             refinement = refine(equations, strains=strains)
             if refinement is None or not (refinement.halved or refinement.raised):
                 raise BeamdaeError("no beam can be refined.")
             found = repeat(refinement)
-        return refinement, np.array([found.get(x, np.nan) for x in headers])
+        others = np.array([found.get(x, np.nan) for x in headers])
+        if strains:
+            refined, of_columns = describe_refinement(equations, refinement, None), find_scales()
+            pairs = zip(headers, others.tolist(), strict=True)
+            scales = np.array([of_columns.get(x, abs(y)) for x, y in pairs])
+        return others
 
-    def compare(first: Array, second: Array) -> Array:
-        return Errors.of_values(headers, first, second, refined, scales).total
+    def compare(first: Array, second: Array) -> Errors:
+        errors = Errors.of_values(headers, first, second, refined, scales)
+        return replace(errors, relative_to="its largest value")
 
-    def repeat_halved(is_halved: bool) -> Array | None:
-        try:
-            return refine_and_repeat(False)[1] if is_halved else values
-        except (BeamdaeError, CurveError):
-            return None
-
-    try:
-        refinement, companions = refine_and_repeat(True)
-    except (BeamdaeError, CurveError) as problem:
+    def fail(problem: Exception) -> Errors:
         reason = f"the refined result is not found: {problem}".removesuffix(".")
         return Errors.unchecked(headers, values, reason)
-    of_columns = find_scales()
-    scales = np.array(
-        [of_columns.get(x, abs(y)) for x, y in zip(headers, companions.tolist(), strict=True)]
-    )
-    refined = describe_refinement(equations, refinement, None)
-    split = Split(values, companions, repeat_halved, compare, bool(refined.inexact))
-    errors = Errors.of_values(headers, values, companions, refined, scales, split)
-    return replace(errors, relative_to="its largest value")
+
+    return measure_errors(values, repeat_values, compare, fail, (BeamdaeError, CurveError))
 
 
 def _find_obstacle(path: Equilibrium) -> str:

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 
 import typer
 
-from beamdae.cli import completion, signals, streams
+from beamdae.cli import signals, streams
 from beamdae.cli.command_wrapper import EXIT_CODES, Command, Commands, wrap_command
 from beamdae.cli.output import record_warning
 from beamdae.errors import BeamdaeWarning, KernelWarning
@@ -60,11 +60,9 @@ def main() -> int:
     try:
         streams.secure_streams()
         _configure_warnings()
-        with completion.rejoin_bash_words():
-            # Importing all commands takes longer than the start of a command.
-            create_app(*(name for name in sys.argv[1:2] if name in _GROUP_OF_COMMAND))(
-                prog_name="beamdae"
-            )
+        # Importing all commands takes longer than the start of a command.
+        names = (name for name in sys.argv[1:2] if name in _GROUP_OF_COMMAND)
+        create_app(*names)(prog_name="beamdae")
     except SystemExit as problem:
         code = problem.code if isinstance(problem.code, int) else int(problem.code is not None)
     except KeyboardInterrupt:

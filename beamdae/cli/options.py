@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from beamdae.catalog import INTEGRATORS
-from beamdae.cli import completion, startup
+from beamdae.cli import startup
 from beamdae.cli.output import record_results
 from beamdae.cli.ranges import parse_ends
-from beamdae.errors import BeamdaeError, join_names, require_choice, short_repr, suggest, warn_user
+from beamdae.errors import BeamdaeError, require_choice, short_repr, suggest
 
 if TYPE_CHECKING:
     from beamdae.cli.model_files.model_file import ModelFile
@@ -121,7 +121,6 @@ ModelPath = Annotated[
     typer.Argument(
         metavar="MODEL.py",
         help="Model file, or example:NAME.",
-        autocompletion=completion.complete_model_files,
     ),
 ]
 StudyPath = Annotated[
@@ -129,7 +128,6 @@ StudyPath = Annotated[
     typer.Argument(
         metavar="FILE.py",
         help="Study, sweep or model file, or example:NAME.",
-        autocompletion=completion.complete_model_files,
     ),
 ]
 ModelName = Annotated[
@@ -138,7 +136,6 @@ ModelName = Annotated[
         "--model",
         metavar="NAME",
         help="Model, study or sweep to use if the file contains several.",
-        autocompletion=completion.complete_models,
     ),
 ]
 Settings = Annotated[
@@ -147,7 +144,6 @@ Settings = Annotated[
         "--set",
         metavar="NAME=VALUE",
         help="Set a model parameter; repeatable.",
-        autocompletion=completion.complete_parameters,
     ),
 ]
 Starts = Annotated[
@@ -294,9 +290,6 @@ Scheduler = Annotated[
         metavar="ADDRESS", help="Run on this Dask scheduler, for example tcp://host:8786."
     ),
 ]
-Parquet = Annotated[
-    bool, output_option("--parquet", help="Write the trajectories as Parquet files, too.")
-]
 Page = Annotated[
     bool, output_option(metavar="", help="Write a page (HTML) with charts and tables.")
 ]
@@ -343,7 +336,6 @@ def load_model(
     model = file.model(name)
     values = parse_assignments(settings)
     model = replace(model, parameters=model.complete(values))
-    warn_of_unread(model, values)
     record_results(lambda: {"model": {"name": model.name, "parameters": model.parameters}})
     return model, file
 
@@ -367,16 +359,6 @@ def find_state(command: str, mechanism: Any, about: str | None, speed: float | N
     if about is not None:
         return require_choice(command, "--about", about, _LINEARIZED_STATES)
     return getattr(mechanism, "start", "reference")
-
-
-def warn_of_unread(model: Model, settings: Mapping[str, str]) -> None:
-    """Warn of values of --set for parameters that the model function never reads."""
-    unread = [x for x in model.unread_parameters if x in settings]
-    if unread:
-        warn_user(
-            f"--set {unread[0]}={settings[unread[0]]}: the function {model.name} never reads "
-            f"{join_names(unread)}, so the value has no effect; use the argument in the function."
-        )
 
 
 def select_plotted_columns(

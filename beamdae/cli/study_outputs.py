@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +17,7 @@ from beamdae.cli.output import print_error
 from beamdae.cli.output_paths import require_writable
 from beamdae.cli.progress import show_study_progress
 from beamdae.cli.results import Report, ResultFiles
-from beamdae.errors import BeamdaeError, require_positive
+from beamdae.errors import require_positive
 from beamdae.interrupts import Interrupted, acknowledge
 
 # NumPy and CasADi are imported inside functions, so that --help responds quickly.
@@ -68,7 +67,7 @@ def apply_run_options(
     """
     if time_limit is not None:
         limit = require_positive(command, "--time-limit", time_limit)
-        study = replace(study, limits=replace(study.limits, time=limit))
+        study = replace(study, time_limit=limit)
     if t_end is not None:
         study = replace(study, t_end=t_end)
     if output_step is not None:
@@ -108,7 +107,7 @@ def run_and_write(
     folder: Path,
     create_report: Callable[[StudyResults], StudyReport],
     executor: tuple[int | None, str | None],
-    files: tuple[bool, bool, bool],
+    files: tuple[bool, bool],
 ) -> None:
     """Run a study, write its tables, print its results, and write its page and pictures.
 
@@ -125,22 +124,18 @@ def run_and_write(
     executor
         Values of --jobs and --scheduler.
     files
-        True to write trajectories as Parquet files, the page, and the pictures.
+        True to write the page, and the pictures.
 
     Raises
     ------
     BeamdaeError
-        If the folder cannot be written, or no Parquet engine is installed for --parquet.
+        If the folder cannot be written.
     """
-    has_parquet, has_page, has_pictures = files
+    has_page, has_pictures = files
     # All existing files, the case table, and a file in the folder of the records.
     existing = [path for path in folder.glob("*.*") if path.suffix in _FILE_SUFFIXES]
     planned = [*existing, folder / "cases.csv", folder / "outcomes" / "record.json"]
     require_writable(("--out", dict.fromkeys(planned)))
-    if has_parquet and not (find_spec("pyarrow") or find_spec("fastparquet")):
-        raise BeamdaeError(
-            "--parquet: no Parquet engine is installed; run pip install 'beamdae[parquet]'."
-        )
     written, report, n_runs = ResultFiles(), None, 0
     try:
         # The exception may have been swallowed, for example by a callback of other code.
@@ -175,10 +170,6 @@ def run_and_write(
     try:
         if not signals.is_terminated():
             _write(written, report.page if has_page else {})
-            if has_parquet:
-                # There may be thousands of files, so their folder is reported.
-                folders = lambda: sorted({path.parent for path in results.to_parquet()})  # noqa: E731
-                written.write("trajectories", folders)
             _write(written, report.pictures if has_pictures else {})
     except KeyboardInterrupt:
         acknowledge()

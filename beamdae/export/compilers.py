@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 from beamdae.errors import BeamdaeError
-from beamdae.python_processes import SAFE_PATH
 
 # The sources are standard C. Fused multiplications would differ between processors.
 _FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fvisibility=hidden")
@@ -83,7 +82,7 @@ def find_compiler(part: str, target: Platform) -> list[str]:
             f"{part}: there is no C compiler for {target.name}; install one by "
             '`pip install "beamdae[fmu]"`, or pass platforms=() for an FMU with sources only.'
         )
-    return [sys.executable, SAFE_PATH, "-m", "ziglang", "cc", "-target", target.zig_target]
+    return [sys.executable, "-P", "-m", "ziglang", "cc", "-target", target.zig_target]
 
 
 def compile_objects(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import inspect
 import math
-import re
 from collections.abc import Mapping
 from typing import Any, Literal, get_args, get_origin
 
@@ -34,8 +33,7 @@ def create_controls(model: Model, ranges: Mapping[str, Any] | None = None) -> li
     list of dict
         "name", "value", "unit", "description", "kind" ("number", "integer", "flag", "choice" or
         "text"); for numbers with a slider, its ends "low" and "high" and whether it is logarithmic
-        ("log"); for choices, annotated as `Literal` texts, and for texts whose values are in the
-        docstring, these values ("choices").
+        ("log"); for choices, annotated as `Literal` texts, these values ("choices").
 
     Raises
     ------
@@ -54,8 +52,6 @@ def create_controls(model: Model, ranges: Mapping[str, Any] | None = None) -> li
         name, default = control["name"], control["value"]
         if default in literals.get(name, ()):
             control |= {"kind": "choice", "choices": literals[name]}
-        elif others := _read_documented(model, name, default):
-            control["choices"] = [default, *others]
     return controls
 
 
@@ -71,13 +67,6 @@ def _read_literals(model: Model) -> dict[str, list[str]]:
         if get_origin(annotation) is Literal
     }
     return {name: x for name, x in choices.items() if all(isinstance(text, str) for text in x)}
-
-
-def _read_documented(model: Model, name: str, default: str) -> list[str]:
-    """Return the other values of a text that the docstring mentions, as in `name="value"`."""
-    docstring = inspect.getdoc(model.build) or ""
-    values = re.findall(rf"""\b{re.escape(name)}\s*=\s*(["'])(.+?)\1""", docstring)
-    return [x for x in dict.fromkeys(value for _, value in values) if x != default]
 
 
 def _create_control(x: ModelParameter, ends: tuple[Any, Any] | None) -> dict[str, Any]:

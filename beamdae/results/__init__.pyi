@@ -23,12 +23,10 @@ from ..beams.structures import Frame as Frame
 from ..checks import Check as Check
 from ..equations.equations_of_motion import EquationsOfMotion as EquationsOfMotion
 from ..export.fmu import ExportedFmu as ExportedFmu
-from ..integrators import Integrator as Integrator
 from ..live.server import LiveView as LiveView
 from ..model_functions import Model as Model
 from ..parts.attachments import Attachment as Attachment
 from ..parts.control.controller import Sample as Sample
-from ..parts.events import Event as Event
 from ..parts.signals import Input as Input
 from ..parts.signals import Sensor as Sensor
 from ..parts.signals import State as State

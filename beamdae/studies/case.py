@@ -28,7 +28,7 @@ from beamdae.results.solution import Solution
 from beamdae.results.storage.files import versions
 from beamdae.simulation import simulate
 from beamdae.studies.store.file_hashes import digest_file, digest_package
-from beamdae.studies.store.fingerprints import FingerprintError, digest, digest_transferable
+from beamdae.studies.store.fingerprints import FingerprintError, digest
 
 FINGERPRINT_LENGTH = 20  # hexadecimal digits: 80 bits
 _LABEL_HASH_LENGTH = 6
@@ -176,7 +176,8 @@ class Case:
             name: _digest_parameter(self.model, name, value, digests)
             for name, value in self.model.complete(dict(self.parameters)).items()
         }
-        model = cached_digest(digests, self.model.build, lambda: _digest_model(self.model))
+        build = self.model.build
+        model = cached_digest(digests, build, lambda: _digest_code(self.model.name, build))
         data = [digest_file(str(path)) for path in self.model.files()]
         start = sorted(self.start.items()) if isinstance(self.start, Mapping) else self.start
         content = [model, sorted(parameters.items()), start, data, _digest_environment()]
@@ -195,7 +196,7 @@ class Case:
         """
         digests = {} if digests is None else digests
         kind = type(self.integrator)
-        code = cached_digest(digests, kind, lambda: _digest_integrator(kind))
+        code = cached_digest(digests, kind, lambda: _digest_code(kind.__name__, kind))
         # All cases of a sweep have the same integrator.
         settings = cached_digest(
             digests,
@@ -216,51 +217,41 @@ def cached_digest(digests: DigestCache, value: Any, compute: Callable[[], str]) 
 
 def _digest_parameter(model: Model, name: str, value: Any, digests: DigestCache) -> str:
     def compute() -> str:
-        try:
-            return digest_transferable(value)
-        except FingerprintError as problem:
-            raise BeamdaeError(
-                f"{model.name}: {name} must be {_REPRODUCIBLE_VALUES}, got {short_repr(value)} "
-                f"({problem.location} has the type {problem.kind})."
-            ) from None
+        return _digest_value(f"{model.name}: {name}", value)
 
     # Only defaults are shared by many cases.
     is_default = value is model.parameters[name]
     return cached_digest(digests, value, compute) if is_default else compute()
 
 
-def _digest_model(model: Model) -> str:
+def _digest_value(part: str, value: Any) -> str:
+    """Return the digest of a parameter or a setting, which other processes can reproduce."""
     try:
-        return digest([model.name, model.build])
+        return digest(value)
     except FingerprintError as problem:
         raise BeamdaeError(
-            f"{model.name}: {problem.location} must be {_REPRODUCIBLE_VALUES}, got an object "
-            f"of type {problem.kind}; create this object inside the model function."
+            f"{part} must be {_REPRODUCIBLE_VALUES}, got {short_repr(value)} "
+            f"({problem.location} has the type {problem.kind})."
         ) from None
 
 
-def _digest_integrator(kind: type[Integrator]) -> str:
+def _digest_code(name: str, code: Any) -> str:
+    """Return the digest of a function or class and of the values to which it refers."""
     try:
-        return digest(kind)
+        return digest([name, code])
     except FingerprintError as problem:
         raise BeamdaeError(
-            f"{kind.__name__}: {problem.location} must be {_REPRODUCIBLE_VALUES}, "
-            f"got an object of type {problem.kind}; create this object inside a method."
+            f"{name}: {problem.location} must be {_REPRODUCIBLE_VALUES}, got an object "
+            f"of type {problem.kind}; create this object inside the function."
         ) from None
 
 
 def _digest_settings(integrator: Integrator) -> dict[str, str]:
-    digests = {}
-    for setting in fields(integrator):  # type: ignore[arg-type]
-        value = getattr(integrator, setting.name)
-        try:
-            digests[setting.name] = digest_transferable(value)
-        except FingerprintError as problem:
-            raise BeamdaeError(
-                f"{type(integrator).__name__}: {setting.name} must be {_REPRODUCIBLE_VALUES}, got "
-                f"{short_repr(value)} ({problem.location} has the type {problem.kind})."
-            ) from None
-    return digests
+    kind = type(integrator).__name__
+    return {
+        x.name: _digest_value(f"{kind}: {x.name}", getattr(integrator, x.name))
+        for x in fields(integrator)  # type: ignore[arg-type]
+    }
 
 
 @cache

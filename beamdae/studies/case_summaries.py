@@ -15,8 +15,7 @@ from beamdae.studies.run_values import (
 )
 
 _ERROR_LEVELS = (1e-2, 1e-3, 1e-4, 1e-5)
-_COLUMNS = ["group", "what", "at", "answer", "value", "unit", "min", "max", "as fast"]
-_TIMING_SCATTER = 1.2  # assumed ratio of a single wall time to the shortest one
+_COLUMNS = ["group", "what", "at", "answer", "value", "unit", "min", "max"]
 
 
 def summarize_cases(cases: pd.DataFrame) -> pd.DataFrame:
@@ -25,11 +24,6 @@ def summarize_cases(cases: pd.DataFrame) -> pd.DataFrame:
     Only successful cases with a known error are included. To find the fastest integrator, an error
     that the reference cannot resolve is replaced by its bound; orders are computed without such
     errors.
-
-    Case A is considered faster than case B only if the median wall time of A is below the shortest
-    wall time of B. The shortest wall time of a case with a single run is estimated as its wall time
-    / 1.2. The column "as fast" lists the other cases that meet the error level and are not slower
-    than the fastest case by this criterion.
     """
     lines: list[dict[str, Any]] = []
     if ERROR_COLUMN in cases:
@@ -72,15 +66,7 @@ def _summary_line(
         "unit": unit,
         "min": np.nan,
         "max": np.nan,
-        "as fast": "",
     }
-
-
-def _shortest_wall_times(rows: pd.DataFrame) -> pd.Series:
-    estimate = rows[WALL_TIME_COLUMN] / _TIMING_SCATTER
-    if MIN_WALL_TIME_COLUMN not in rows:
-        return estimate
-    return rows[MIN_WALL_TIME_COLUMN].fillna(estimate)
 
 
 def _find_fastest(group: str, rows: pd.DataFrame) -> list[dict[str, Any]]:
@@ -91,13 +77,11 @@ def _find_fastest(group: str, rows: pd.DataFrame) -> list[dict[str, Any]]:
             continue
         fastest = accurate.iloc[0]
         wall_time = fastest[WALL_TIME_COLUMN]
-        as_fast = accurate["label"][_shortest_wall_times(accurate) <= wall_time].iloc[1:]
         line = _summary_line(
             group, "fastest", f"error <= {level:.0e}", fastest["label"], wall_time, "s"
         )
         line["min"] = fastest.get(MIN_WALL_TIME_COLUMN, np.nan)
         line["max"] = fastest.get(MAX_WALL_TIME_COLUMN, np.nan)
-        line["as fast"] = ", ".join(as_fast)
         lines.append(line)
     return lines
 

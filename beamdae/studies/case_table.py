@@ -12,7 +12,6 @@ from beamdae.studies.case import Case, format_parameter
 from beamdae.studies.deviations import (
     compute_amplitudes,
     compute_deviations,
-    select_reaction_columns,
 )
 from beamdae.studies.references import Reference
 from beamdae.studies.run_values import (
@@ -22,11 +21,10 @@ from beamdae.studies.run_values import (
     describe_event_mismatch,
     is_event_count,
 )
-from beamdae.studies.tasks import Outcome, shared_table
+from beamdae.studies.tasks import Outcome
 
 ERROR_COLUMN = "error [-]"
 BOUND_COLUMN = "error bound [-]"
-_REACTION_ERROR, _REACTION_BOUND = "reaction error [-]", "reaction error bound [-]"
 # Columns of the integrator settings that control the accuracy, by name.
 ACCURACY_COLUMNS = {"rtol": "rtol", "step": "step [s]"}
 _PARAMETER_PREFIX = "parameter: "
@@ -68,51 +66,36 @@ def tabulate_case(
 def _error_columns(outcome: Outcome, reference: Reference) -> dict[str, Any]:
     """Return the errors of a case and of its event times [s].
 
-    "error [-]" and "reaction error [-]" are the largest errors of all columns, relative to half
-    their ranges; the errors by column are in its unit. Errors below the resolution of the reference
-    are NaN. A bound is the larger one of the error and the resolution.
+    "error [-]" is the largest error of all columns, relative to half their ranges; the errors by
+    column are in its unit. Errors below the resolution of the reference are NaN. The bound is the
+    larger one of the error and the resolution.
     """
     columns: dict[str, Any] = dict.fromkeys([ERROR_COLUMN, BOUND_COLUMN], np.nan)
     columns["below resolution"] = False
-    columns |= dict.fromkeys([_REACTION_ERROR, _REACTION_BOUND], np.nan)
     columns["reference uncertainty [-]"] = reference.uncertainty
     # Without a step, the run contains only the initial state, which has no error.
-    table = shared_table(outcome)
+    table = outcome.table
     if reference.table is None or table is None or not outcome.values.get("steps"):
         return columns
     is_complete = outcome.status.success
-
-    def bound(errors: pd.DataFrame) -> tuple[bool, float]:
-        """Return True if the largest error is below the resolution, and its bound."""
-        largest, resolution = (
-            float(errors.to_numpy().max()),
-            reference.resolution(list(map(str, errors))),
-        )
-        return bool(is_complete and largest < resolution), float(np.fmax(largest, resolution))
-
-    error = compute_deviations(table, reference.table, reference.columns)
-    columns["below resolution"], columns[BOUND_COLUMN] = bound(error)
+    errors = compute_deviations(table, reference.table, reference.columns)
+    largest, resolution = errors.max(), reference.resolution
+    is_below = is_complete & (largest < resolution)
+    columns[BOUND_COLUMN] = float(np.fmax(largest.max(), resolution))
+    columns["below resolution"] = bool(is_below.all())
     if not columns["below resolution"]:
-        columns[ERROR_COLUMN] = float(error.to_numpy().max())
-    forces = select_reaction_columns(reference.table)
-    if forces:
-        reaction_error = compute_deviations(table, reference.table, forces)
-        is_below, columns[_REACTION_BOUND] = bound(reaction_error)
-        columns[_REACTION_ERROR] = np.nan if is_below else float(reaction_error.to_numpy().max())
+        columns[ERROR_COLUMN] = float(largest.max())
     amplitudes = compute_amplitudes(reference.table, reference.columns)
     for name, amplitude in zip(reference.columns, amplitudes.tolist(), strict=True):
-        errors = amplitude * error[name]
-        is_below, relative_bound = bound(error[[name]])
+        error = amplitude * errors[name]
         measures = {
-            "end": errors.iloc[-1] if is_complete else np.nan,
-            "max": errors.max(),
-            "rms": np.sqrt(np.mean(errors**2)),
+            "end": error.iloc[-1] if is_complete else np.nan,
+            "max": error.max(),
+            "rms": np.sqrt(np.mean(error**2)),
         }
-        unit = Header.of(name).unit
         for measure, value in measures.items():
-            column = f"error of {remove_unit(name)}, {measure} [{unit}]"
-            columns[column] = np.nan if is_below else float(value)
-        columns[f"error of {remove_unit(name)}, bound [{unit}]"] = amplitude * relative_bound
+            column = f"error of {remove_unit(name)}, {measure} [{Header.of(name).unit}]"
+            columns[column] = np.nan if is_below[name] else float(value)
     columns |= compute_event_errors(outcome.values, reference.events)
     if is_complete and (mismatch := describe_event_mismatch(outcome.values, reference.events)):
         columns["warnings"] = " ".join(filter(None, [outcome.values.get("warnings"), mismatch]))

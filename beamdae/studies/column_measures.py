@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from beamdae.results.columns import observed_columns
 from beamdae.results.step_extremes import StepExtremes
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 Array = np.ndarray
 
@@ -30,14 +26,6 @@ MEASURES: Mapping[str, Callable[[Array, Array], Array]] = {
     "min": lambda t, x: x.min(axis=-1),
     "RMS": lambda t, x: np.sqrt(_time_average(t, x**2)),
 }
-
-
-def measure_table(
-    table: pd.DataFrame, steps: Mapping[str, StepExtremes] | None = None
-) -> dict[str, list[float]]:
-    """Return `measure_rows` of a trajectory, given as a table indexed by time [s]."""
-    numbers = np.column_stack([table.index.to_numpy(float), table.to_numpy(float)])
-    return measure_rows([str(column) for column in table], numbers, steps)
 
 
 def measure_rows(

@@ -31,7 +31,7 @@ from beamdae.studies.case import Case
 from beamdae.studies.case_table import assemble_case_table, tabulate_case
 from beamdae.studies.deviations import RELATIVE_TIME_TOLERANCE, select_error_columns
 from beamdae.studies.references import Reference
-from beamdae.studies.run_values import collect_event_values, collect_run_values, tabulate_trajectory
+from beamdae.studies.run_values import collect_event_values, collect_rows, collect_run_values
 from beamdae.studies.tasks import NOT_RUN, Outcome, describe_exception
 
 CaseProgress = Callable[[str, float], None]
@@ -157,7 +157,7 @@ def _run_case(
             raise
         is_described = isinstance(problem, BeamdaeError)
         return Outcome.failed(str(problem) if is_described else describe_exception(problem))
-    return Outcome(solution.status, collect_run_values(solution), tabulate_trajectory(solution))
+    return Outcome(solution.status, collect_run_values(solution), collect_rows(solution))
 
 
 def _sample_reference(
@@ -175,7 +175,7 @@ def _sample_reference(
     events = collect_event_values(solution, end) if solution.model["t_end"] >= end else {}
     method = str(solution.integrator.get("integrator", ""))
     return Reference(
-        (method, ""), tabulate_trajectory(solution), error_columns, np.nan, "as given", events
+        (method, ""), collect_rows(solution).table(), error_columns, np.nan, "as given", events
     )
 
 

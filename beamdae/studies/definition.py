@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from itertools import islice
 from typing import Any
 
@@ -23,7 +23,7 @@ from beamdae.model_functions import Model, require_file_name
 from beamdae.read_only import read_only_data
 from beamdae.results.columns import require_column_names
 from beamdae.studies.case import MAX_CASES, Case, DigestCache
-from beamdae.studies.tasks import Limits, Task, describe_exception
+from beamdae.studies.tasks import Task, describe_exception
 
 _DEFAULT_OUTPUT_ROWS = 400
 _DEFAULT_TIME_LIMIT = 120.0  # seconds
@@ -57,9 +57,8 @@ class Study:
     t_end, output_step
         End time and time between rows of all cases [s]. The defaults are the end time of the model,
         and the end time / 400.
-    limits
-        Limits on the wall time, memory and time without progress of each case. Defaults to
-        `Limits(time=120.0)`.
+    time_limit
+        Maximum wall time of each repetition of a case [s]. Defaults to 120 s; None means no limit.
     repetitions
         Number of runs of each case; the wall time of the case is the median of all runs.
     over
@@ -85,7 +84,7 @@ class Study:
     columns: tuple[str, ...] = ()
     t_end: float | None = None
     output_step: float | None = None
-    limits: Limits = field(default_factory=lambda: Limits(time=_DEFAULT_TIME_LIMIT))
+    time_limit: float | None = _DEFAULT_TIME_LIMIT
     repetitions: int = 1
     over: str | None = None
     errors: bool | None = None
@@ -102,15 +101,10 @@ class Study:
             ),
             errors=require_choice(self.name, "errors", self.errors, (True, False, None)),
         )
-        for setting in ("t_end", "output_step"):
+        for setting in ("t_end", "output_step", "time_limit"):
             value = getattr(self, setting)
             if value is not None:
                 set_fields(self, **{setting: require_positive(self.name, setting, value)})
-        if not isinstance(self.limits, Limits):
-            raise BeamdaeError(
-                f"{self.name}: limits must be Limits(time=, memory=, patience=), "
-                f"got {short_repr(self.limits)}."
-            )
         if self.over is not None and not isinstance(self.over, str):
             raise BeamdaeError(
                 f"{self.name}: over must be the name of a parameter, got {short_repr(self.over)}."
@@ -164,16 +158,16 @@ class Study:
         """
         t_end = case.model.t_end if self.t_end is None else self.t_end
         output_step = t_end / _DEFAULT_OUTPUT_ROWS if self.output_step is None else self.output_step
-        limits = self.limits
+        limit = self.time_limit
         digests = {} if digests is None else digests
-        if reference and limits.time is not None:
-            limits = replace(limits, time=_REFERENCE_TIME_LIMIT_FACTOR * limits.time)
+        if reference and limit is not None:
+            limit = _REFERENCE_TIME_LIMIT_FACTOR * limit
         return Task(
             case.fingerprint(t_end, output_step, digests),
             case,
             t_end,
             output_step,
-            limits,
+            limit,
             1 if reference else self.repetitions,
             frames=_REFERENCE_FRAMES if reference else 0,
             mechanism_fingerprint=case.mechanism_fingerprint(digests),
@@ -226,8 +220,6 @@ def study(
     t_end: float | None = None,
     output_step: float | None = None,
     time_limit: float | None = _DEFAULT_TIME_LIMIT,
-    memory_limit: float | None = None,
-    patience: float | None = None,
     repetitions: int = 1,
     over: str | None = None,
     errors: bool | None = None,
@@ -236,14 +228,8 @@ def study(
 
     Parameters
     ----------
-    references, columns, t_end, output_step, repetitions, over, errors
+    references, columns, t_end, output_step, time_limit, repetitions, over, errors
         See `Study`.
-    time_limit
-        Maximum wall time of each repetition of a case [s]. Defaults to 120 s; None means no limit.
-    memory_limit
-        Maximum memory of the process of a case [GB]. Defaults to no limit.
-    patience
-        Maximum wall time without progress of a case [s]. Defaults to no limit.
 
     Returns
     -------
@@ -253,17 +239,12 @@ def study(
     Raises
     ------
     BeamdaeError
-        If a limit is not positive. The decorator raises this error if it is not applied to a
-        function, the function fails or returns no cases, or another setting is invalid (see
+        If the time limit is not positive. The decorator raises this error if it is not applied to
+        a function, the function fails or returns no cases, or another setting is invalid (see
         `Study`).
     """
-    for name, value in (
-        ("time_limit", time_limit),
-        ("memory_limit", memory_limit),
-        ("patience", patience),
-    ):
-        if value is not None:
-            require_positive("study", name, value)
+    if time_limit is not None:
+        require_positive("study", "time_limit", time_limit)
 
     def decorate(function: Callable[[], Iterable[Case]]) -> Study:
         if not callable(function) or not hasattr(function, "__name__"):
@@ -277,7 +258,7 @@ def study(
             columns,  # type: ignore[arg-type]
             t_end,
             output_step,
-            Limits(time_limit, memory_limit, patience),
+            time_limit,
             repetitions,
             over,
             errors,

@@ -14,7 +14,6 @@ RELATIVE_TIME_TOLERANCE = 1e-12  # output times within it are considered equal
 # Ratio of ranges in the same unit; points that joints hold fixed move by less.
 _MIN_RELATIVE_MOTION = 1e-6
 _POSITION_UNITS = ("m", "rad")
-_REACTION_UNITS = ("N", "N m")
 
 
 def select_error_columns(reference: pd.DataFrame, columns: Sequence[str] = ()) -> list[str]:
@@ -46,15 +45,6 @@ def select_error_columns(reference: pd.DataFrame, columns: Sequence[str] = ()) -
             f"constant in {', '.join(constant)}; observe or select columns that vary."
         )
     return moving
-
-
-def select_reaction_columns(reference: pd.DataFrame) -> list[str]:
-    """Return the observed forces and moments that vary.
-
-    The range of a column must exceed 1e-6 of the largest range in the same unit.
-    """
-    forces = [c for c in observed_columns(reference) if Header.of(c).unit in _REACTION_UNITS]
-    return _select_moving_columns(reference, forces, _MIN_RELATIVE_MOTION)
 
 
 def _select_moving_columns(

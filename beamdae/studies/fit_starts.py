@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -19,36 +16,32 @@ from beamdae.analysis.fit.variables import Scaling
 from beamdae.errors import BeamdaeError, as_real, require_progress
 from beamdae.integrators import Integrator
 from beamdae.interrupts import Interrupted, attach_partial
+from beamdae.model_functions import Model
 from beamdae.read_only import read_only_data
-from beamdae.results.solution import Solution
 from beamdae.studies.case import FINGERPRINT_LENGTH, Case, DigestCache
 from beamdae.studies.definition import Study
-from beamdae.studies.execution.executors import SerialPool, TaskExecutor, create_executor
-from beamdae.studies.execution.study_progress import StudyProgress
+from beamdae.studies.execution.executors import SerialPool, create_executor
 from beamdae.studies.execution.study_run import StudyResults, run_study
 from beamdae.studies.run_values import format_output_column
 from beamdae.studies.store.fingerprints import FingerprintError, digest
 from beamdae.studies.sweeps.sweep import require_folder
-from beamdae.studies.tasks import Limits, Task
+from beamdae.studies.tasks import Task
 
 Array = np.ndarray
 
 _OUTPUT = "search"
-# Length of the run of each case, relative to the time span of the data. Its result is not used: the
-# study runs a case before it evaluates its outputs, and the output of these cases is a search.
-_RELATIVE_RUN = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
 class StartSearch:
-    """Output function of a case that runs a search from the variables `first`."""
+    """Measure of a case that runs a search from the variables `first`."""
 
     problem: FitProblem
     scaling: Scaling
     max_evaluations: int
     first: Array
 
-    def __call__(self, solution: Solution) -> str:
+    def __call__(self, model: Model) -> str:
         """Return the end of the search as JSON."""
         result = search(self.problem, self.scaling, self.first, self.max_evaluations)
         return json.dumps(
@@ -81,7 +74,7 @@ class StartStudy(Study):
         task = super().task(case, reference, digests)
         own = self.searches[next(k for k, x in enumerate(self.cases) if x is case)]
         key = digest([task.key, self._problem_digest, own.first.tolist()])
-        return replace(task, key=key[:FINGERPRINT_LENGTH], outputs={_OUTPUT: own})
+        return replace(task, key=key[:FINGERPRINT_LENGTH], outputs={_OUTPUT: own}, is_measured=True)
 
     @cached_property
     def _problem_digest(self) -> str:
@@ -132,13 +125,18 @@ def run_starts(
     study = StartStudy(
         f"{problem.model.name}_fit",
         tuple(Case(problem.model, changed | x, problem.integrator) for x in settings),
-        t_end=_RELATIVE_RUN * problem.last_time,
-        limits=Limits(),
+        time_limit=None,
         searches=tuple(
             StartSearch(problem, scaling, max_evaluations, scaling.variables(x)) for x in starts
         ),
     )
-    results = _run(study, path, executor, progress)
+    try:
+        results = run_study(study, path, executor, progress)
+    except Exception as failure:
+        if hasattr(failure, "partial"):
+            # Raised by `progress`. Finished searches are no fit yet.
+            attach_partial(failure, None)
+        raise
     table = _tabulate(problem, results, settings)
     finished = table[table["chi-square"].notna()]
     if results.interrupted and not len(finished):
@@ -152,24 +150,6 @@ def run_starts(
     best = int(np.argmin(finished["chi-square"].to_numpy(float)))
     values = finished[list(problem.variables)].to_numpy(float)[best]
     return scaling.variables(values), table, results.interrupted
-
-
-def _run(
-    study: StartStudy,
-    folder: Path | None,
-    executor: TaskExecutor,
-    progress: Callable[[StudyProgress], None] | None,
-) -> StudyResults:
-    try:
-        if folder is not None:
-            return run_study(study, folder, executor, progress)
-        with TemporaryDirectory(prefix="beamdae-") as scratch:
-            return run_study(study, Path(scratch), executor, progress)
-    except Exception as problem:
-        if hasattr(problem, "partial"):
-            # Raised by `progress`. Finished searches are no fit yet.
-            attach_partial(problem, None)
-        raise
 
 
 def _tabulate(

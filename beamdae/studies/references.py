@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -20,11 +20,9 @@ from beamdae.studies.deviations import (
     compute_deviations,
     count_common_rows,
     select_error_columns,
-    select_reaction_columns,
 )
-from beamdae.studies.run_values import extrapolate_events
+from beamdae.studies.run_values import select_event_columns
 from beamdae.studies.tasks import Outcome, Task
-from beamdae.studies.unique_names import number_duplicates
 
 # Two different methods are unlikely to have the same error.
 DEFAULT_REFERENCES = (Radau(rtol=1e-7), GeneralizedAlpha(step=1e-4, newton_tolerance=1e-9))
@@ -52,9 +50,6 @@ class Reference:
         Description of the reference, or the reason why it is missing.
     events
         Counts and first times of events, see `collect_event_values`; empty if there are none.
-    differences
-        Largest difference between the two methods in each compared column, force and moment,
-        relative to its amplitude [-]; empty if it is unknown.
     """
 
     methods: tuple[str, str]
@@ -63,16 +58,23 @@ class Reference:
     uncertainty: float
     sentence: str
     events: Mapping[str, Any] = field(default_factory=dict)
-    differences: Mapping[str, float] = field(default_factory=dict)
 
-    def resolution(self, columns: Sequence[str] | None = None) -> float:
-        """Return the smallest error that the reference can resolve in columns, by default in all.
+    @property
+    def resolution(self) -> float:
+        """Smallest error [-] that the reference can resolve; NaN if this is unknown.
 
-        It is ten times the largest difference between the two methods; NaN if this is unknown.
+        It is ten times the largest difference between the two methods.
         """
-        if columns is None:
-            return RESOLUTION_FACTOR * self.uncertainty
-        return RESOLUTION_FACTOR * float(np.max([self.differences.get(x, np.nan) for x in columns]))
+        return RESOLUTION_FACTOR * self.uncertainty
+
+
+def number_duplicates(names: Iterable[str]) -> list[str]:
+    """Return the names; a number is appended to repeated names, as in "name (2)"."""
+    unique: dict[str, None] = {}
+    for name in names:
+        numbered = (f"{name} ({k})" for k in itertools.count(2))
+        unique[next(x for x in itertools.chain([name], numbered) if x not in unique)] = None
+    return list(unique)
 
 
 def group_cases(
@@ -155,9 +157,7 @@ def build_reference(
     table, second_table = (_tabulate_method(tasks, outcomes) for tasks in methods)
     try:
         columns = select_error_columns(table, study.columns)
-        compared = list(dict.fromkeys([*columns, *select_reaction_columns(table)]))
-        deviations = compute_deviations(second_table, table, compared).max()
-        differences = deviations[columns].to_numpy()
+        differences = compute_deviations(second_table, table, columns).max().to_numpy()
     except BeamdaeError as problem:
         return _missing_reference(labels, str(problem))
     # A column may differ because it nearly vanishes by symmetry; the others still have errors.
@@ -184,9 +184,8 @@ def build_reference(
     )
     if disputed:
         sentence += f"; no errors of columns that differ by more ({disputed})"
-    events = _collect_method_events(methods[0], outcomes)
-    by_column = {str(name): float(x) for name, x in deviations.items()}
-    return Reference(labels, table, tuple(columns), uncertainty, sentence, events, by_column)
+    events = select_event_columns(outcomes[methods[0][-1].key].values)
+    return Reference(labels, table, tuple(columns), uncertainty, sentence, events)
 
 
 def _missing_reference(methods: tuple[str, str], sentence: str) -> Reference:
@@ -211,8 +210,3 @@ def _tabulate_method(tasks: list[Task], outcomes: Mapping[str, Outcome]) -> pd.D
         return tables[0]
     coarse, fine = (table.iloc[: count_common_rows(*tables)] for table in tables)
     return fine + (fine - coarse.to_numpy()) / (2.0 ** tasks[0].case.integrator.order - 1.0)
-
-
-def _collect_method_events(tasks: list[Task], outcomes: Mapping[str, Outcome]) -> dict[str, Any]:
-    values = [outcomes[task.key].values for task in tasks]
-    return extrapolate_events(values[0], values[-1], tasks[0].case.integrator.order)

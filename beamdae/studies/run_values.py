@@ -3,20 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from beamdae.equations.measures import TIME
 from beamdae.errors import BeamdaeError, as_real, format_exception, short_repr, unbox_scalar
 from beamdae.results.event_records import format_event_counts
 from beamdae.results.solution import Solution
-
-if TYPE_CHECKING:
-    import pandas as pd
-
-Array = np.ndarray
+from beamdae.studies.tasks import Rows
 
 EVENTS_COLUMN = "events"
 WALL_TIME_COLUMN = "wall time [s]"
@@ -24,7 +18,6 @@ WALL_TIME_COLUMN = "wall time [s]"
 MIN_WALL_TIME_COLUMN = "wall time min [s]"
 MAX_WALL_TIME_COLUMN = "wall time max [s]"
 MEASURING_TIME_COLUMN = "measuring time [s]"
-PEAK_MEMORY_COLUMN = "peak memory [GB]"
 REACHED_COLUMN = "reached [s]"
 MEASURED_ERROR_COLUMN = "measured error [-]"  # largest one of the observed columns
 SETTING_COLUMNS = ("formulation", "error control", "max order")
@@ -130,17 +123,6 @@ def collect_event_values(solution: Solution, until: float = np.inf) -> dict[str,
     return {EVENTS_COLUMN: _format_counts(values), **values} if values else {}
 
 
-def extrapolate_events(
-    coarse: Mapping[str, Any], fine: Mapping[str, Any], order: int
-) -> dict[str, Any]:
-    """Return event values with first times extrapolated (Richardson) from steps h and h/2."""
-    values = _select_event_columns(fine)
-    for column, value in values.items():
-        if column in coarse and isinstance(value, float):
-            values[column] = value + (value - coarse[column]) / (2.0**order - 1.0)
-    return values
-
-
 def compute_event_errors(
     values: Mapping[str, Any], reference: Mapping[str, Any]
 ) -> dict[str, float]:
@@ -160,7 +142,7 @@ def describe_event_mismatch(values: Mapping[str, Any], reference: Mapping[str, A
 
     Otherwise, or if the reference has no events, return an empty string.
     """
-    events, expected = _select_event_columns(values), _select_event_columns(reference)
+    events, expected = select_event_columns(values), select_event_columns(reference)
     counts = [name for name, value in expected.items() if isinstance(value, int)]
     if not expected or all(events.get(name) == expected[name] for name in counts):
         return ""
@@ -175,7 +157,8 @@ def is_event_count(column: str) -> bool:
     return column.startswith("event ") and column.endswith(", times")
 
 
-def _select_event_columns(values: Mapping[str, Any]) -> dict[str, Any]:
+def select_event_columns(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the counts and first times of events among the values of a run."""
     return {name: value for name, value in values.items() if name.startswith("event ")}
 
 
@@ -188,42 +171,10 @@ def _format_counts(values: Mapping[str, Any]) -> str:
     )
 
 
-@dataclass(frozen=True)
-class TrajectoryRows:
-    """Observed columns, energies and drift of a run by output time [s].
-
-    Calls return them as a table, which takes ten times as long to create and to transfer to another
-    process.
-
-    Attributes
-    ----------
-    headers
-        Headers of the columns after the time.
-    numbers
-        Times and columns, (k, 1 + columns).
-    """
-
-    headers: tuple[str, ...]
-    numbers: Array
-
-    def __call__(self) -> pd.DataFrame:
-        """Return the columns as a table, indexed by time."""
-        # Imported here, because worker processes create no tables.
-        import pandas as pd
-
-        times = pd.Index(self.numbers[:, 0], name=TIME)
-        return pd.DataFrame(self.numbers[:, 1:], times, pd.Index(self.headers))
-
-
-def collect_rows(solution: Solution) -> TrajectoryRows:
+def collect_rows(solution: Solution) -> Rows:
     """Return observed columns, energies and drift at the output times."""
     columns = solution.all_columns() | solution.drift_columns
     numbers = np.empty((len(solution.t), len(columns)))
     for k, column in enumerate(columns.values()):
         numbers[:, k] = column
-    return TrajectoryRows(tuple(columns)[1:], numbers)
-
-
-def tabulate_trajectory(solution: Solution) -> pd.DataFrame:
-    """Return observed columns, energies and drift, indexed by output time [s]."""
-    return collect_rows(solution)()
+    return Rows(tuple(columns)[1:], numbers)

@@ -17,15 +17,13 @@ from beamdae.studies.case_table import BOUND_COLUMN, ERROR_COLUMN
 from beamdae.studies.definition import Study
 from beamdae.studies.deviations import compute_deviations
 from beamdae.studies.execution.study_run import StudyResults
-from beamdae.studies.references import RESOLUTION_FACTOR, Reference
+from beamdae.studies.references import RESOLUTION_FACTOR, Reference, number_duplicates
 from beamdae.studies.run_values import (
     EVENTS_COLUMN,
     MAX_WALL_TIME_COLUMN,
     MIN_WALL_TIME_COLUMN,
     WALL_TIME_COLUMN,
 )
-from beamdae.studies.tasks import shared_table
-from beamdae.studies.unique_names import number_duplicates
 
 MAX_CURVES = 200  # cases with curves in the page; pages with more take long to open
 _NO_ERRORS = "These cases have no errors: no other case has the same parameters."
@@ -39,7 +37,6 @@ _SOLVER_COLUMNS = {
     "max velocity drift",
     "energy imbalance [-]",
     "reached [s]",
-    "peak memory [GB]",
 }
 # Prefix of the keys of extra columns, whose names may also occur in the case table.
 _EXTRA_COLUMN_PREFIX = "extra: "
@@ -49,8 +46,6 @@ _TABLE_COLUMNS = (
     ("status", "status", "", "status"),
     (EVENTS_COLUMN, "events", "", "text"),
     (ERROR_COLUMN, "error", "-", "error"),
-    ("reaction error [-]", "reaction error", "-", "number"),
-    ("reaction error bound [-]", "reaction error bound", "-", "number"),
     (WALL_TIME_COLUMN, "wall time", "s", "cost"),
     (MIN_WALL_TIME_COLUMN, "wall min", "s", "number"),
     (MAX_WALL_TIME_COLUMN, "wall max", "s", "number"),
@@ -62,7 +57,6 @@ _TABLE_COLUMNS = (
     ("max velocity drift", "velocity drift", "", "number"),
     ("energy imbalance [-]", "energy imbalance", "-", "number"),
     ("reached [s]", "reached", "s", "number"),
-    ("peak memory [GB]", "memory", "GB", "number"),
 )
 
 
@@ -199,7 +193,7 @@ def _create_group(group: str, reference: Reference, frames: dict[str, Any] | Non
         "label": group,
         "reference": {
             "methods": list(reference.methods),
-            "uncertainty": reference.resolution() if accepted else None,
+            "uncertainty": reference.resolution if accepted else None,
             "accepted": accepted,
             # The page adds these words.
             "sentence": reference.sentence.removeprefix("no reference, "),
@@ -240,9 +234,7 @@ def _create_cases(
                 "cost": _as_json_value(row.get(WALL_TIME_COLUMN)),
                 "below": bool(row.get("below resolution", False)),
                 "limited": row["status"] == "limited",
-                "curves": _create_curves(
-                    results, shared_table(results.outcome(case)), group, max_rows
-                )
+                "curves": _create_curves(results, results.outcome(case).table, group, max_rows)
                 if k in with_curves
                 else None,
                 "file": row["trajectory"] if is_stored else "",
@@ -295,5 +287,5 @@ def _column_arrays(table: pd.DataFrame) -> dict[str, np.ndarray]:
 
 def _max_rows_per_case(results: StudyResults, with_curves: set[int]) -> int:
     cases = [case for k, case in enumerate(results.study.cases) if k in with_curves]
-    tables = [shared_table(results.outcome(case)) for case in cases]
-    return compute_row_limit(sum(len(table.columns) for table in tables if table is not None))
+    rows = filter(None, (results.outcome(case).rows for case in cases))
+    return compute_row_limit(sum(len(x.headers) for x in rows))

@@ -45,16 +45,11 @@ _HEADING_HEIGHT = 0.6  # inches
 # Range of values on logarithmic axes; Matplotlib overflows beyond it.
 _MIN_LOG_VALUE = 1e-300
 _MAX_LOG_VALUE = 1e300
-# Padding on each side of a logarithmic axis: a fraction of its decades, but at least a minimum
-# factor, and enough for the axis to span half a decade.
-_PADDING_FRACTION = 0.08
-_MIN_PADDING_FACTOR = 1.1
-_MIN_SPAN_FACTOR = 10.0**0.25  # from the middle of the axis to its end
-# Axes that span fewer decades get plain numbers at 1, 2, 5 or at 1, 2, 3, 5 of each decade.
+_PADDING = 0.08  # on each side of a logarithmic axis, relative to its decades
+_MIN_DECADES = 0.5  # of an axis
+# Axes that span fewer decades have plain numbers at 1, 2, 5 of each decade.
 _MAX_PLAIN_DECADES = 2.5
-_MAX_DENSE_DECADES = 1.2
 _PLAIN_TICKS = (1.0, 2.0, 5.0)
-_DENSE_TICKS = (1.0, 2.0, 3.0, 5.0)
 # The band of unresolved errors is drawn if it begins less than a decade below the errors.
 _BAND_DISTANCE = 10.0
 _BAND_HEIGHT = 2.0
@@ -141,7 +136,7 @@ def _draw_work_precision(results: StudyResults) -> list[Path]:
                     lw=0.7,
                 )
         low, high = _pad_limits(panel_rows[BOUND_COLUMN])
-        resolution = results.references[group].resolution()
+        resolution = results.references[group].resolution
         if low / _BAND_DISTANCE < resolution < high:
             low = min(low, resolution / _BAND_HEIGHT)
             axis.axhspan(low, resolution, color="0.92", zorder=0)
@@ -218,11 +213,7 @@ def _create_panels(titles: list[str]) -> tuple[Figure, dict[str, Axes]]:
 
 def _pad_limits(values: pd.Series) -> tuple[float, float]:
     low, high = float(values.min()), float(values.max())
-    factor = max(
-        (high / low) ** _PADDING_FRACTION,
-        _MIN_SPAN_FACTOR / math.sqrt(high / low),
-        _MIN_PADDING_FACTOR,
-    )
+    factor = max((high / low) ** _PADDING, 10.0 ** (0.5 * _MIN_DECADES) / math.sqrt(high / low))
     return max(low / factor, _MIN_LOG_VALUE), min(high * factor, _MAX_LOG_VALUE)
 
 
@@ -244,12 +235,10 @@ def _set_plain_ticks(axis: Axis, low: float, high: float) -> None:
 
     from beamdae.report.pictures.tick_labels import format_ticks
 
-    decades = math.log10(high / low)
     format_ticks(axis)
     axis.set_minor_formatter(NullFormatter())
-    if decades < _MAX_PLAIN_DECADES:
-        ticks = _DENSE_TICKS if decades < _MAX_DENSE_DECADES else _PLAIN_TICKS
-        axis.set_major_locator(LogLocator(subs=ticks))
+    if math.log10(high / low) < _MAX_PLAIN_DECADES:
+        axis.set_major_locator(LogLocator(subs=_PLAIN_TICKS))
         axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
 
 

@@ -1,56 +1,36 @@
-"""Tasks of a study: cases with limits, their outcomes, and transfer to other processes."""
+"""Tasks of a study: cases with a time limit, their outcomes, and transfer to other processes."""
 
 from __future__ import annotations
 
 import copyreg
+import re
 import sys
+import unicodedata
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import _lru_cache_wrapper, cached_property, lru_cache
-from typing import TYPE_CHECKING, Any, cast
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from beamdae.errors import format_exception, require_positive, set_fields, short_repr
+import numpy as np
+
+from beamdae.equations.measures import TIME
+from beamdae.errors import format_exception, short_repr
 from beamdae.function_pickler import pickle_with_functions
-from beamdae.read_only import read_only_data
 from beamdae.results.outcome import REACHED_END, Status
 from beamdae.studies.case import Case
-from beamdae.studies.column_measures import measure_table
-from beamdae.studies.run_values import TrajectoryRows
 
 if TYPE_CHECKING:
     import pandas as pd
 
+Array = np.ndarray
+
 # Status of a case whose model was measured; it has no rows.
 MEASURED = Status("ok", "measured without a run")
-
-
-@dataclass(frozen=True)
-class Limits:
-    """Limits of a case; None means no limit.
-
-    Attributes
-    ----------
-    time
-        Maximum wall time of each repetition [s], excluding the assembly of the equations.
-    memory
-        Maximum memory of the process [GB].
-    patience
-        Wall time [s] within which the simulated time must advance by 1e-5 of the end time.
-
-    Raises
-    ------
-    BeamdaeError
-        If a limit is not positive.
-    """
-
-    time: float | None = None
-    memory: float | None = None
-    patience: float | None = None
-
-    def __post_init__(self) -> None:
-        for name in ("time", "memory", "patience"):
-            if getattr(self, name) is not None:
-                set_fields(self, **{name: require_positive("Limits", name, getattr(self, name))})
+# Characters without a special meaning in file systems and shells are kept.
+_INVALID_CHARACTERS = re.compile(r"[^\w=.+]+")
+_MAX_NAME_BYTES = 100  # of a trajectory file
+_KEY_DIGITS = 8  # in the name of a trajectory file
 
 
 @dataclass(frozen=True)
@@ -66,8 +46,8 @@ class Task:
         The case.
     t_end, output_step
         End time and time between rows [s].
-    limits
-        Limits on wall time, memory and time without progress.
+    time_limit
+        Maximum wall time of each repetition [s], without the assembly; None for no limit.
     repetitions
         Number of runs; an unsuccessful run is the last. The last run is recorded, with the median
         and the extremes of all wall times.
@@ -75,8 +55,6 @@ class Task:
         Number of frames of the animation that the outcome includes; 0 for no animation.
     mechanism_fingerprint
         `Case.mechanism_fingerprint`, or "" if it is unknown.
-    name
-        Readable name of the trajectory file without suffix, unique in the study; "" to use `key`.
     outputs
         Functions of the solution by name; their values are recorded.
     is_measured
@@ -89,14 +67,20 @@ class Task:
     case: Case
     t_end: float
     output_step: float
-    limits: Limits = Limits()
+    time_limit: float | None = None
     repetitions: int = 1
     frames: int = 0
     mechanism_fingerprint: str = ""
-    name: str = ""
     outputs: Mapping[str, Callable[[Any], Any]] = field(default_factory=dict)
     is_measured: bool = False
     is_checked: bool = False
+
+    @property
+    def file(self) -> str:
+        """Name of the trajectory file: a valid file name on all systems, unique by the key."""
+        text = unicodedata.normalize("NFC", f"{self.case.group}-{self.case.label}")
+        name = _INVALID_CHARACTERS.sub("-", text).encode()[:_MAX_NAME_BYTES]
+        return f"{name.decode(errors='ignore').strip('-.')}-{self.key[:_KEY_DIGITS]}.csv"
 
     def serialize(self) -> bytes:
         """Serialize the task for another process, including the code of the model."""
@@ -104,7 +88,40 @@ class Task:
         return pickle_with_functions(self)
 
 
-@read_only_data
+@dataclass(frozen=True)
+class Rows:
+    """Observed columns, energies and drift of a run by output time [s].
+
+    Attributes
+    ----------
+    headers
+        Headers of the columns after the time.
+    source
+        Times and columns (k, 1 + columns), or the CSV file that contains them.
+    """
+
+    headers: tuple[str, ...]
+    source: Array | Path
+
+    @property
+    def numbers(self) -> Array:
+        """Times and columns (k, 1 + columns)."""
+        if isinstance(self.source, np.ndarray):
+            return self.source
+        cells = self.source.read_bytes().partition(b"\n")[2].replace(b"\n", b",").split(b",")[:-1]
+        numbers = np.array([cell or b"nan" for cell in cells], bytes).astype(float)
+        return numbers.reshape(-1, 1 + len(self.headers))
+
+    def table(self) -> pd.DataFrame:
+        """Return the columns as a new table, indexed by time."""
+        # Imported here, because worker processes create no tables.
+        import pandas as pd
+
+        numbers = self.numbers
+        times = pd.Index(numbers[:, 0], name=TIME)
+        return pd.DataFrame(numbers[:, 1:].copy(), times, pd.Index(self.headers))
+
+
 @dataclass(frozen=True)
 class Outcome:
     """Result of a task.
@@ -116,77 +133,44 @@ class Outcome:
     values
         Settings, cost, quality, events and outputs by column of the case table; may be empty if the
         run was not completed.
-    _rows
-        Trajectory table, or a function that reads it; None if none was recorded, for example
-        without a consistent start. `table` returns a copy.
+    rows
+        Trajectory; None if none was recorded, for example without a consistent start.
+    measures
+        Measures of the observed columns, see `measure_rows`.
     frames
         Shapes of the bodies over time for an animation; None unless requested.
-    _measures
-        Measures of the observed columns of the trajectory, see `measure_table`; None until they are
-        needed, see `shared_measures`.
     read
-        Hashes of the files that were read, by name; see
-        `beamdae.studies.store.file_reads.digest_reads`.
+        Hashes of the files that were read, by name; see `digest_reads`.
     file
         Name of the stored trajectory file, or "".
     text
         Content of the trajectory file before it is stored, formatted by the process of the case.
     kernel_warnings
         Messages about machine code in the process of the case; not stored.
+    is_final
+        False if the run is repeated when the study resumes, because a process or a cluster failed.
     """
 
     status: Status = REACHED_END
     values: dict[str, Any] = field(default_factory=dict)
-    _rows: pd.DataFrame | Callable[[], pd.DataFrame] | None = field(default=None, repr=False)
+    rows: Rows | None = field(default=None, repr=False)
+    measures: dict[str, list[float]] = field(default_factory=dict, repr=False)
     frames: dict[str, Any] | None = None
     read: dict[str, str | None] = field(default_factory=dict)
     file: str = ""
     text: bytes = field(default=b"", repr=False)
     kernel_warnings: tuple[str, ...] = ()
-    _measures: dict[str, list[float]] | None = field(default=None, repr=False)
+    is_final: bool = True
 
     @property
     def table(self) -> pd.DataFrame | None:
         """Observed columns, energies and drift by time as a new table, or None."""
-        table = shared_table(self)
-        return None if table is None else table.copy()
+        return None if self.rows is None else self.rows.table()
 
     @classmethod
     def failed(cls, sentence: str) -> Outcome:
         """Return a failed outcome without values."""
         return cls(Status("failed", sentence))
-
-
-def shared_table(outcome: Outcome) -> pd.DataFrame | None:
-    """Return `outcome.table` without a copy, for functions that only read it."""
-    rows = vars(outcome)["_rows"]
-    if callable(rows):
-        rows = vars(outcome)["_rows"] = rows()
-    return cast("pd.DataFrame | None", rows)
-
-
-def read_table(outcome: Outcome) -> pd.DataFrame | None:
-    """Return `outcome.table` without a copy; a table that must be read is not kept in memory."""
-    rows = vars(outcome)["_rows"]
-    return cast("pd.DataFrame | None", rows() if callable(rows) else rows)
-
-
-def trajectory_columns(outcome: Outcome) -> list[str] | None:
-    """Return the columns of `outcome.table`, which is not created, or None without a trajectory."""
-    rows = vars(outcome)["_rows"]
-    if isinstance(rows, TrajectoryRows):
-        return list(rows.headers)
-    table = shared_table(outcome)
-    return None if table is None else [str(column) for column in table]
-
-
-def shared_measures(outcome: Outcome) -> dict[str, list[float]]:
-    """Return the measures of the observed columns of an outcome; empty without a trajectory."""
-    measures = vars(outcome)["_measures"]
-    if measures is None:
-        table = shared_table(outcome)
-        measures = vars(outcome)["_measures"] = {} if table is None else measure_table(table)
-    return cast("dict[str, list[float]]", measures)
 
 
 NOT_RUN = Outcome(Status("interrupted", "not run because the study was interrupted"))

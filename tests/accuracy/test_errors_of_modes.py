@@ -208,7 +208,7 @@ def test_modes_that_cannot_be_refined_are_exact_or_not_checked():
     (status,) = bd.modes(equations).errors.statuses
     assert status == "not checked: the model is not a mechanism"
     named = bd.modes(cantilever(2), {"beam.x0": 0.0}, n=2)
-    assert set(named.errors.statuses) == {"not checked: no beam can be refined"}
+    assert set(named.errors.statuses) == {"not checked: no refined model: no beam can be refined"}
     assert not named.warnings
 
 

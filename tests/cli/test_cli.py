@@ -210,7 +210,7 @@ def test_failed_run_keeps_its_results(command):
 @pytest.mark.slow(reason="two seconds")
 @pytest.mark.usefixtures("serial")
 def test_compare_writes_tables_pictures_and_a_page(command):
-    result = command("compare", ARM, "--parquet", "--set", "width=0.01")
+    result = command("compare", ARM, "--set", "width=0.01")
     assert result.exit_code == 0, result.stderr
     folder = Path("results/arm_compare_width=0.01")
     table = pd.read_csv(folder / "cases.csv")
@@ -219,11 +219,7 @@ def test_compare_writes_tables_pictures_and_a_page(command):
     written = [line.split(": ")[1] for line in result.stdout.splitlines() if "written" in line]
     names = {Path(path).name for path in written}
     assert {"cases.csv", "summary.csv", "comparison.png", "report.html"} <= names
-    assert {"work_precision.png", "work_precision.svg", "trajectories"} <= names
-    tables, parquet_files = (
-        sorted((folder / "trajectories").glob(f"*.{x}")) for x in ("csv", "parquet")
-    )
-    assert [x.stem for x in parquet_files] == [x.stem for x in tables]
+    assert {"work_precision.png", "work_precision.svg"} <= names
     assert all(Path(path).stat().st_size > 0 for path in written)
     assert "differs by" in " ".join(result.stdout.split())
     assert re.search(r"\b(\d+)/\1, 0:00 left$", result.stderr.splitlines()[-1])
@@ -320,16 +316,6 @@ def test_regression_runs_state_which_data_they_do_not_compare(command, rows, opt
     (warning,) = (x for x in result.stderr.splitlines() if x.startswith("warning: "))
     assert message in warning
     assert ".png" in result.stdout
-
-
-def test_regression_settings_that_the_model_never_reads_have_a_warning(command):
-    """They were accepted in silence."""
-    model = FALL.replace("fall()", "fall(height=2.0, color=1)")
-    model = model.replace("2.0))", "height))")
-    options = ["--no-page", "--no-picture", "--no-estimate"]
-    result = command("run", model, "--set", "color=2", "--set", "height=1", *options)
-    assert "warning: --set color=2: the function fall never reads color, so the" in result.stderr
-    assert "height" not in result.stderr
 
 
 CRANK = """import beamdae as bd

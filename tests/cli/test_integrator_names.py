@@ -26,7 +26,7 @@ from beamdae.results.outcome import Statistics
 
 
 @dataclass(frozen=True)
-class ImplicitEuler(bd.results.Integrator):
+class ImplicitEuler(bd.Integrator):
     """y' = (y - y_n) / h; calls `drive` itself."""
 
     step: float = 1e-3

@@ -9,7 +9,7 @@ from beamdae.results.outcome import Statistics
 
 
 @dataclass(frozen=True)
-class OwnMethod(bd.results.Integrator):
+class OwnMethod(bd.Integrator):
     """`lengths(k)` replaces the step [s], and `change(t, state, k)` the result of step `k`.
 
     With `rtol`, the method counts as adaptive.

@@ -183,7 +183,7 @@ def test_regression_invalid_mass_matrix_is_rejected(mass, message):
 
 
 @dataclass(frozen=True)
-class Stepless(bd.results.Integrator):
+class Stepless(bd.Integrator):
     order = 1
 
 

@@ -91,9 +91,7 @@ def test_regression_resumed_runs_at_rest_have_no_given_velocities():
 def test_a_pendulum_passes_its_bottom_at_times_of_the_elliptic_integral(integrator):
     every = QUARTER * np.array([1.0, 3.0, 5.0])
     times = {"up": every[1:2], "down": every[::2], "both": every}
-    bottoms = [
-        bd.results.Event("x", 0.0, direction, "record", name=direction) for direction in times
-    ]
+    bottoms = [bd.Event("x", 0.0, direction, "record", name=direction) for direction in times]
     solution = bd.simulate(pendulum(*bottoms), integrator, 6.5 * QUARTER)
     for direction, expected in times.items():
         rows = solution.events[solution.events["event"] == direction]
@@ -108,7 +106,7 @@ def test_a_pendulum_passes_its_bottom_at_times_of_the_elliptic_integral(integrat
 
 @pytest.mark.slow(reason="half a second")
 def test_events_of_generalized_alpha_are_of_order_two():
-    bottom = bd.results.Event("x", 0.0, do="record", name="bottom")
+    bottom = bd.Event("x", 0.0, do="record", name="bottom")
     errors = []
     for step in (4e-3, 2e-3, 1e-3):
         solution = bd.simulate(pendulum(bottom), bd.GeneralizedAlpha(step=step), 6.5 * QUARTER)
@@ -132,7 +130,7 @@ def test_events_within_one_step_are_recorded_in_order():
 
 
 def test_two_crossings_within_a_step_are_detected():
-    ball = particle(lambda t, x, v: -9.81, 0.0, 1.0, bd.results.Event("x", 0.04, do="record"))
+    ball = particle(lambda t, x, v: -9.81, 0.0, 1.0, bd.Event("x", 0.04, do="record"))
     # Above 0.04 m for 94 ms about the top at 102 ms: inside the step from 0 to 200 ms.
     solution = bd.simulate(ball, bd.GeneralizedAlpha(step=0.2), 0.4)
     expected = (1.0 + np.array([-1.0, 1.0]) * np.sqrt(1.0 - 0.08 * 9.81)) / 9.81
@@ -143,7 +141,7 @@ def test_two_crossings_within_a_step_are_detected():
 
 @ALL
 def test_quantity_starting_on_its_value_crosses_on_return(integrator):
-    ball = particle(lambda t, x, v: -9.81, 0.0, 1.0, bd.results.Event("x", 0.0))
+    ball = particle(lambda t, x, v: -9.81, 0.0, 1.0, bd.Event("x", 0.0))
     solution = bd.simulate(ball, integrator, 1.0)
     assert_allclose(solution.t[-1], 2.0 / 9.81, atol=1e-6)
     assert [one.direction for one in solution.event_records] == ["down"]
@@ -152,8 +150,8 @@ def test_quantity_starting_on_its_value_crosses_on_return(integrator):
 @RUNS
 def test_constant_or_tangent_quantity_does_not_cross(integrator):
     events = (
-        bd.results.Event("still", 3.0, do="stop"),
-        bd.results.Event("x", 0.5, do="stop", name="over the top"),
+        bd.Event("still", 3.0, do="stop"),
+        bd.Event("x", 0.5, do="stop", name="over the top"),
     )
     ball = particle(
         lambda t, x, v: -1.0,
@@ -172,20 +170,20 @@ def test_constant_or_tangent_quantity_does_not_cross(integrator):
 def test_event_at_a_breakpoint_happens_once(integrator, at):
     # x = t.
     moving = particle(
-        lambda t, x, v: 0.0, 0.0, 1.0, bd.results.Event("x", at, do="record"), breakpoints=(0.5,)
+        lambda t, x, v: 0.0, 0.0, 1.0, bd.Event("x", at, do="record"), breakpoints=(0.5,)
     )
     solution = bd.simulate(moving, integrator, 1.0)
     assert_allclose([one.t for one in solution.event_records], [at], atol=1e-12)
-    moving = particle(lambda t, x, v: 0.0, 0.0, 1.0, bd.results.Event("x", at), breakpoints=(0.5,))
+    moving = particle(lambda t, x, v: 0.0, 0.0, 1.0, bd.Event("x", at), breakpoints=(0.5,))
     solution = bd.simulate(moving, integrator, 1.0)
     assert_allclose(solution.t[-1], at, atol=1e-12)
     assert np.isfinite(solution.table().to_numpy(float)).all()
 
 
 def test_nonfinite_observable_triggers_no_event():
-    root = bd.results.Event("root", 0.0)
+    root = bd.Event("root", 0.0)
     falls = particle(
-        lambda t, x, v: -1.0, 1.0, 0.0, root, bd.results.Event("x", -1.0, name="later"),
+        lambda t, x, v: -1.0, 1.0, 0.0, root, bd.Event("x", -1.0, name="later"),
         observe={"root": lambda t, x, v: ca.sqrt(x) + 1.0},
     )  # fmt: skip
     with pytest.warns(bd.BeamdaeWarning, match="root"):

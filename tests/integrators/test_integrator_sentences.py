@@ -58,7 +58,7 @@ def inactive_body():
     bd.equations_of_motion(mech)
 
 
-class Undecorated(bd.results.Integrator):
+class Undecorated(bd.Integrator):
     step, order = 0.1, 1
 
 

@@ -39,7 +39,7 @@ def test_first_group_of_a_study_shows_the_expected_orders(path, tmp_path):
     # References of two methods, one of order five, one extrapolated: far below all reported errors.
     assert reference.uncertainty < 1e-6
     errors = results.table["error [-]"].dropna()
-    assert errors.min() >= reference.resolution()
+    assert errors.min() >= reference.resolution
     summary = results.summary
     is_order = (summary["what"] == "order in step") & (summary["answer"] == "GeneralizedAlpha")
     orders = summary[is_order]

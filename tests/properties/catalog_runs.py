@@ -20,10 +20,8 @@ import beamdae as bd
 
 ROWS, RTOL = 0.02, 1e-5
 INTEGRATORS = [getattr(bd, name) for name in bd.__all__]
-INTEGRATORS = [
-    x for x in INTEGRATORS if isinstance(x, type) and issubclass(x, bd.results.Integrator)
-]
-METHODS = {x.__name__: x(rtol=RTOL) for x in INTEGRATORS if x is not bd.results.Integrator}
+INTEGRATORS = [x for x in INTEGRATORS if isinstance(x, type) and issubclass(x, bd.Integrator)]
+METHODS = {x.__name__: x(rtol=RTOL) for x in INTEGRATORS if x is not bd.Integrator}
 FORMS = {name: replace(method, rtol=RTOL) for name, method in IDA_FORMS.items()} | {
     "alpha stabilized": bd.GeneralizedAlpha(rtol=RTOL, formulation="stabilized-index2")
 }

@@ -24,7 +24,7 @@ import beamdae as bd
 
 # What the other names return, base classes, and what has no mechanics: files, pictures, texts.
 NOT_SUBJECT = {
-    *("Mechanism", "Part", "model", "param", "load_model", "Joint"),
+    *("Mechanism", "Part", "model", "param", "load_model", "Joint", "Integrator"),
     *("ConstrainedSystem", "equations_of_motion", "load", "plot", "export_fmu", "study", "Case"),
     *("grid", "compare", "verify", "BeamdaeError", "BeamdaeWarning", "Interrupted", "knock_down"),
     *("quantities", "results"),

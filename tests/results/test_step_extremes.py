@@ -14,7 +14,7 @@ import beamdae as bd
 from beamdae.live.session import summarize
 from beamdae.report.run_page import build_run_page
 from beamdae.report.terminal import text_tables
-from beamdae.studies.column_measures import MEASURES, measure_table
+from beamdae.studies.column_measures import MEASURES, measure_rows
 
 MISSED = "the output rows miss its largest value"
 
@@ -47,7 +47,9 @@ def test_extremes_have_values_times_and_root_mean_squares():
     assert_allclose(
         [high, high_time, rms], [force.max(), times[force.argmax()], expected], rtol=0.01
     )
-    values = measure_table(run.table(), run.step_extremes)["stop.N [N]"]
+    table = run.table()
+    numbers = np.column_stack([run.t, table[["stop.N [N]"]]])
+    values = measure_rows(["stop.N [N]"], numbers, run.step_extremes)["stop.N [N]"]
     assert_allclose(values[list(MEASURES).index("RMS")], expected, rtol=0.01)
     # Names without units were not found, and are kept by copies.
     copy = pickle.loads(pickle.dumps(run.step_extremes))

@@ -101,7 +101,7 @@ def sentences(compute: Callable[[], object]) -> list[str]:
 @pytest.mark.parametrize("integrator", [None, bd.Ida(rtol=1e-3)], ids=["default", "loose"])
 @pytest.mark.parametrize("elements", [1, 2])
 def test_regression_few_elements_do_not_change_the_velocity_of_a_fixed_pivot(
-    elements: int, integrator: bd.results.Integrator | None
+    elements: int, integrator: bd.Integrator | None
 ) -> None:
     """A velocity of 1e-8 m/s, the drift of the joint, differed by 40 % with halved elements."""
     mech = four_bar(elements, accelerations=False)

@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 from command_line import invoke
 from study_models import swing
-from study_runs import KernelWarning, LocalPool, LosingPool, SerialPool, run_study
+from study_runs import LosingPool, SerialPool, run_study
 
 import beamdae as bd
 
@@ -69,18 +69,6 @@ def test_exit_code_of_a_study_with_lost_tasks(tmp_path, monkeypatch):
 
 
 # Processes ------------------------------------------------------------------------------------
-
-
-@pytest.mark.slow(reason="starts a process")
-def test_process_that_cannot_start_a_thread_is_replaced_by_this_process(monkeypatch, tmp_path):
-    hiding = Path(__file__).parents[1] / "hidden_packages"
-    paths = (str(hiding), *sys.path)
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(paths))
-    monkeypatch.setenv("HIDDEN", "threads")
-    with pytest.warns(KernelWarning, match="can't start new thread") as issued:
-        results = run_study(STUDY, tmp_path, LocalPool(2))
-    assert len(issued) == 1
-    assert list(results.table["status"]) == ["ok"] * 3
 
 
 def run_beamdae(folder, *arguments, shell="", **options):

@@ -75,7 +75,7 @@ def test_stored_measures_are_not_computed_again(tmp_path):
 
 
 def test_warnings_of_analyses_are_in_the_table():
-    with pytest.warns(bd.BeamdaeWarning, match="1 of 1 cases have warnings"):
+    with pytest.warns(bd.BeamdaeWarning, match="warnings in 1 of 1 cases"):
         table = bd.sweep(oscillator, {"length": [0.9]}, measure={"f": first_frequency}).table
     assert "accelerates" in table["warnings"][0]
 

@@ -13,7 +13,7 @@ import pandas as pd
 import pytest
 from numpy.testing import assert_allclose
 from study_models import singular_torque
-from study_runs import Limits, LocalPool, ModelFile, SerialPool, run_study, summarize_cases
+from study_runs import LocalPool, ModelFile, SerialPool, run_study, summarize_cases
 
 import beamdae as bd
 
@@ -70,7 +70,6 @@ TIME_AND_MEMORY_COLUMNS = [
     "wall time [s]",
     "setup time [s]",
     "measuring time [s]",
-    "peak memory [GB]",
 ]
 
 
@@ -99,7 +98,6 @@ def test_each_case_is_a_row_in_order(swings):
     assert list(table["group"].unique()) == ["swing(mass=1.0)", "swing(mass=3.0)"]
     for column in ("wall time [s]", "setup time [s]", "steps", "residual calls", "solves"):
         assert (table[column] > 0).all()
-    assert (table["peak memory [GB]"] > 0.01).all()
     # Rounding.
     assert (table["max position drift"] < 1e-9).all()
 
@@ -114,13 +112,13 @@ def test_errors_are_relative_to_a_reference_of_two_methods(swings):
         errors = rows["error [-]"].to_numpy()
         # Order 2, and above the resolution of the reference.
         assert_allclose(np.log2(errors[:-1] / errors[1:]), 2.0, atol=0.1)
-        assert errors.min() > reference.resolution()
+        assert errors.min() > reference.resolution
         assert (rows["reference uncertainty [-]"] == reference.uncertainty).all()
 
 
 @pytest.mark.slow(reason="half a second")
 def test_unresolved_errors_are_bounds(tmp_path):
-    """Plots showed them as errors; the largest difference of all columns was the limit of each."""
+    """Plots showed them as errors."""
     cases = [bd.Case(swing, {}, method) for method in (bd.GeneralizedAlpha(0.02), bd.Radau(1e-9))]
     results = run(create_study(cases, REFERENCES), tmp_path)
     (reference,) = results.references.values()
@@ -131,12 +129,6 @@ def test_unresolved_errors_are_bounds(tmp_path):
     assert table["error bound [-]"][0] == table["error [-]"][0]
     assert np.isnan(table["error [-]"][1])
     assert_allclose(table["error bound [-]"][1], 10.0 * reference.uncertainty)
-    half_range = 0.5 * np.ptp(reference.table["end.x [m]"])
-    of_forces = [x for name, x in reference.differences.items() if name.endswith("N]")]
-    assert_allclose(table["reaction error bound [-]"][1], 10.0 * max(of_forces))
-    of_x = reference.differences["end.x [m]"]
-    assert_allclose(table["error of end.x, bound [m]"][1], 10.0 * half_range * of_x)
-    assert table["reaction error [-]"].isna().tolist() == [False, True]
     assert table["error of end.x, max [m]"].isna().tolist() == [False, True]
 
 
@@ -234,22 +226,11 @@ def test_failures_are_rows_with_a_reason(tmp_path):
 
 
 @pytest.mark.slow(reason="runs up to their limits")
-@pytest.mark.parametrize(
-    ("executor", "limits", "words"),
-    [
-        # The limit applies to the whole process, so not to this one.
-        (LocalPool(1), Limits(memory=1e-3), "reached the memory limit of 0.001 GB"),
-        (SerialPool(), Limits(patience=1e-9), "no progress for 1e-09 s"),
-        (SerialPool(), Limits(time=1e-3), "reached the time limit of 0.001 s"),
-    ],
-    ids=["memory", "patience", "time"],
-)
-def test_cases_that_reach_a_limit_are_rows_with_a_reason(tmp_path, executor, limits, words):
-    # 256 of these steps advance less than a hundred-thousandth of the run.
+def test_cases_that_reach_the_time_limit_are_rows_with_a_reason(tmp_path):
     cases = [bd.Case(swing, {}, bd.GeneralizedAlpha(step=1e-8))]
-    table = run(create_study(cases, t_end=0.4, limits=limits), tmp_path, executor).table
+    table = run(create_study(cases, t_end=0.4, time_limit=1e-3), tmp_path).table
     assert table["status"][0] == "limited"
-    assert table["reason"][0].endswith(words)
+    assert table["reason"][0].endswith("reached the time limit of 0.001 s")
 
 
 @pytest.mark.slow(reason="processes die and are started again")
@@ -364,9 +345,9 @@ def test_regression_modules_next_to_a_study_are_sent_to_its_processes(tmp_path, 
 @pytest.mark.slow(reason="half a second")
 def test_failures_under_other_limits_are_repeated(tmp_path):
     cases = [bd.Case(swing, {}, bd.GeneralizedAlpha(step=5e-4))]
-    first = run(create_study(cases, limits=Limits(time=1e-3)), tmp_path)
+    first = run(create_study(cases, time_limit=1e-3), tmp_path)
     assert first.table["reason"][0].endswith("reached the time limit of 0.001 s")
-    second = run(create_study(cases, limits=Limits(time=60.0)), tmp_path)
+    second = run(create_study(cases, time_limit=60.0), tmp_path)
     assert list(second.table["status"]) == ["ok"]
 
 
@@ -425,8 +406,8 @@ def test_a_study_is_a_decorated_function():
     assert two.name == "two"
     assert two.cases == tuple(SWINGS[:2])
     assert two.columns == ("end.x [m]",)
-    assert two.task(SWINGS[0]).limits.time == 5.0
-    assert two.task(SWINGS[0], reference=True).limits.time == 50.0
+    assert two.task(SWINGS[0]).time_limit == 5.0
+    assert two.task(SWINGS[0], reference=True).time_limit == 50.0
     assert two.task(SWINGS[0]).t_end == 0.1
 
 

@@ -55,7 +55,7 @@ class ErrorCase:
     name: str
     model: bd.results.Model
     settings: dict[str, Any] = field(default_factory=dict)
-    integrator: bd.results.Integrator = field(default_factory=bd.Auto)
+    integrator: bd.Integrator = field(default_factory=bd.Auto)
     rows: int = ROWS
 
     @property
@@ -84,7 +84,7 @@ class ErrorCase:
         return solution.observed
 
     def _simulate(
-        self, settings: dict[str, Any], method: bd.results.Integrator, rows: int
+        self, settings: dict[str, Any], method: bd.Integrator, rows: int
     ) -> bd.results.Solution:
         t_end = self.model.t_end
         with warnings.catch_warnings():
@@ -238,7 +238,7 @@ def _coarse_cases() -> list[ErrorCase]:
 _UNNAMED = ("formulation", "soft")
 
 
-def _label(method: bd.results.Integrator) -> str:
+def _label(method: bd.Integrator) -> str:
     name, rtol = type(method).__name__, getattr(method, "rtol", None)
     return f"{name}({rtol:g})" if rtol else f"{name}(step={method.step:.2g})"
 

@@ -94,7 +94,7 @@ RATE = 2e3  # 1/s
 
 def make_call_timer(
     equations: bd.results.EquationsOfMotion,
-    integrator: bd.results.Integrator,
+    integrator: bd.Integrator,
     statistics: Statistics,
 ) -> Callable[[], float]:
     """Return a function that measures the time of a run's counted calls, back to back [s]."""
@@ -166,7 +166,7 @@ def time_runs(rounds: int, systems: Systems = SYSTEMS) -> pd.DataFrame:
 
 def _time_run(
     equations: bd.results.EquationsOfMotion,
-    integrator: bd.results.Integrator,
+    integrator: bd.Integrator,
     times: np.ndarray,
     in_loops: TimeSamples,
 ) -> float:
@@ -194,7 +194,7 @@ def compare_with_exudyn(peer: Worker, rounds: int) -> pd.DataFrame:
 
 
 def _time_beamdae(
-    equations: bd.results.EquationsOfMotion, integrator: bd.results.Integrator, times: np.ndarray
+    equations: bd.results.EquationsOfMotion, integrator: bd.Integrator, times: np.ndarray
 ) -> float:
     return time_integration(equations, integrator, times)[0]
 

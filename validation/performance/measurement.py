@@ -67,7 +67,7 @@ def processor_time_of_children() -> float:
 
 
 def time_integration(
-    equations: bd.results.EquationsOfMotion, integrator: bd.results.Integrator, times: Array
+    equations: bd.results.EquationsOfMotion, integrator: bd.Integrator, times: Array
 ) -> tuple[float, bd.results.Solution]:
     """Return the processor time of the integration alone [s], and its solution.
 
@@ -80,7 +80,7 @@ def time_integration(
 
 
 def time_within_loops(
-    equations: bd.results.EquationsOfMotion, integrator: bd.results.Integrator, times: Array
+    equations: bd.results.EquationsOfMotion, integrator: bd.Integrator, times: Array
 ) -> tuple[float, float]:
     """Return the time of the integration, and its part within compiled loops [s]."""
     with time_calls(CompiledLoop, "__call__") as inside:

@@ -105,7 +105,7 @@ def compare_cases(rounds: int) -> pd.DataFrame:
 
 
 def _time_loops(
-    equations: bd.results.EquationsOfMotion, integrator: bd.results.Integrator, times: np.ndarray
+    equations: bd.results.EquationsOfMotion, integrator: bd.Integrator, times: np.ndarray
 ) -> float:
     return time_within_loops(equations, integrator, times)[1]
 

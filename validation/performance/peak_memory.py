@@ -13,11 +13,11 @@ import subprocess
 import sys
 import warnings
 from pathlib import Path
+from resource import RUSAGE_SELF, getrusage
 
 from systems import beam
 
 import beamdae as bd
-from beamdae.memory import peak_memory
 
 RESULTS = Path(__file__).parent / "results"
 RUNS = ((512, 10_000), (2048, 10_000), (4096, 1_100), (4096, 10_000))  # elements and steps
@@ -40,7 +40,7 @@ def print_peak(elements: int, steps: int) -> None:
         solution = bd.simulate(beam(elements), bd.GeneralizedAlpha(STEP), t_end, t_end / ROWS)
     if not solution.status.success:
         raise RuntimeError(solution.status.sentence)
-    print(peak_memory())
+    print(getrusage(RUSAGE_SELF).ru_maxrss * 1024.0 / 1e9)
 
 
 def main() -> None:

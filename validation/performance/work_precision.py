@@ -113,7 +113,7 @@ class Setting:
     run: Callable[[], Outcome]
 
 
-def run_beamdae(case: Case, mesh: tuple[int, int], integrator: bd.results.Integrator) -> Outcome:
+def run_beamdae(case: Case, mesh: tuple[int, int], integrator: bd.Integrator) -> Outcome:
     """Run beamdae from a model to the table of its tip."""
     begin = time.process_time()
     equations = bd.equations_of_motion(case.mechanism(mesh))
@@ -126,9 +126,7 @@ def tip_path(solution: bd.results.Solution) -> Array:
     return solution.observed[["tip.x [m]", "tip.y [m]"]].to_numpy()
 
 
-def time_parts(
-    case: Case, mesh: tuple[int, int], integrator: bd.results.Integrator
-) -> pd.DataFrame:
+def time_parts(case: Case, mesh: tuple[int, int], integrator: bd.Integrator) -> pd.DataFrame:
     """Return the processor times of the parts of a run, from the model to the table of its tip."""
     rounds = pd.DataFrame([_time_parts_once(case, mesh, integrator) for _ in range(PARTS_ROUNDS)])
     rounds["all"] = rounds.sum(axis=1)
@@ -137,7 +135,7 @@ def time_parts(
 
 
 def _time_parts_once(
-    case: Case, mesh: tuple[int, int], integrator: bd.results.Integrator
+    case: Case, mesh: tuple[int, int], integrator: bd.Integrator
 ) -> dict[str, float]:
     begin = time.process_time()
     mechanism = case.mechanism(mesh)

@@ -27,7 +27,7 @@ SAMPLE_SIZE = 10
 QUICK_SEED_COUNT = 4
 MAX_ERROR = 100.0  # over rtol, of positions and angles; the guaranteed bound of undamped models
 MAX_ENERGY_IMBALANCE = 0.1  # relative to the energy exchanged
-INTEGRATORS: dict[str, Callable[[], bd.results.Integrator]] = {
+INTEGRATORS: dict[str, Callable[[], bd.Integrator]] = {
     "Auto": lambda: bd.Auto(RTOL, time_limit=RUN_TIME_LIMIT),
     "Ida": lambda: bd.Ida(RTOL, time_limit=RUN_TIME_LIMIT),
     "Radau": lambda: bd.Radau(RTOL, time_limit=RUN_TIME_LIMIT),
@@ -125,7 +125,7 @@ def try_seed(name: str) -> list[MechanismRow]:
     return rows
 
 
-def _run(seed: int, integrator: bd.results.Integrator) -> bd.results.Solution | str:
+def _run(seed: int, integrator: bd.Integrator) -> bd.results.Solution | str:
     t_end = end_time(seed)
     try:
         with warnings.catch_warnings():

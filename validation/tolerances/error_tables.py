@@ -17,7 +17,7 @@ from tolerances.tolerance_case import ToleranceCase
 
 TIME_LIMIT = 10.0  # wall time of a run [s]
 WARM_UP_RTOL = 1e-2
-INTEGRATORS: dict[str, Callable[[float], bd.results.Integrator]] = {
+INTEGRATORS: dict[str, Callable[[float], bd.Integrator]] = {
     "Ida": lambda rtol: bd.Ida(rtol, time_limit=TIME_LIMIT),
     "Radau": lambda rtol: bd.Radau(rtol, time_limit=TIME_LIMIT),
     "GeneralizedAlpha": lambda rtol: bd.GeneralizedAlpha(rtol=rtol, time_limit=TIME_LIMIT),

@@ -166,7 +166,7 @@ def _select_nearest(
     return nearest
 
 
-def _run(case: ToleranceCase, integrator: bd.results.Integrator) -> tuple[np.ndarray | None, float]:
+def _run(case: ToleranceCase, integrator: bd.Integrator) -> tuple[np.ndarray | None, float]:
     """Return the compared rows, None for a failed run, and the processor time [s]."""
     start = process_time()
     solution = case.run(integrator)

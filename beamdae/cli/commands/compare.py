@@ -12,7 +12,6 @@ from beamdae.cli.options import (
     Out,
     OutputStep,
     Page,
-    Parquet,
     Pictures,
     Scheduler,
     Settings,
@@ -49,7 +48,6 @@ def compare_command(
     start: Starts = None,
     jobs: Jobs = None,
     scheduler: Scheduler = None,
-    parquet: Parquet = False,
     page: Page = True,
     picture: Pictures = True,
 ) -> None:
@@ -62,7 +60,7 @@ def compare_command(
     """
     study = _select_study(path, model_name, parse_assignments(settings))
     study = apply_run_options("compare", study, time_limit, t_end, output_step, start)
-    folder, files = out / study.name, (parquet, page, picture)
+    folder, files = out / study.name, (page, picture)
     run_and_write("compare", study, folder, _create_report, (jobs, scheduler), files)
 
 

@@ -72,7 +72,6 @@ def new_command(
         typer.Option(
             metavar="NAME",
             help="Example to copy. Defaults to a short starter model.",
-            autocompletion=lambda: example_names(),
         ),
     ] = None,
 ) -> None:

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from beamdae.cli import completion
 from beamdae.cli.options import (
     EndTime,
     FixedStep,
@@ -19,7 +18,6 @@ from beamdae.cli.options import (
     Out,
     OutputStep,
     Page,
-    Parquet,
     Pictures,
     RelativeTolerance,
     Scheduler,
@@ -30,7 +28,6 @@ from beamdae.cli.options import (
     create_integrator,
     parse_assignments,
     split_names,
-    warn_of_unread,
 )
 from beamdae.cli.ranges import SPACED_FORMS, parse_spaced_values
 from beamdae.cli.results import Report
@@ -62,7 +59,6 @@ def sweep_command(
         typer.Option(
             metavar="NAME=VALUES",
             help=f"Parameter to vary and its values: {_VALUE_FORMS}; repeatable.",
-            autocompletion=completion.complete_parameters,
         ),
     ] = None,
     of: Annotated[
@@ -93,7 +89,6 @@ def sweep_command(
     start: Starts = None,
     jobs: Jobs = None,
     scheduler: Scheduler = None,
-    parquet: Parquet = False,
     page: Page = True,
     picture: Pictures = True,
 ) -> None:
@@ -134,7 +129,7 @@ def sweep_command(
         columns = tuple(split_names(of, sweep.cases[0].model))
         sweep = replace(sweep, columns=columns) if columns else sweep
     study = apply_run_options("sweep", sweep, time_limit, t_end, output_step, start)
-    folder, files = out / study.name, (parquet, page, picture)
+    folder, files = out / study.name, (page, picture)
     run_and_write("sweep", study, folder, _create_report, (jobs, scheduler), files)
 
 
@@ -150,7 +145,6 @@ def _sweep_from_options(
     from beamdae.studies.sweeps.sweep import create_sweep
 
     constants = parse_assignments(settings)
-    warn_of_unread(model, constants)
     ranges = parse_assignments(over, "--over")
     for name in ranges:
         if name in constants:
@@ -248,7 +242,7 @@ def _create_report(results: StudyResults) -> StudyReport:
     sweep, table = swept.sweep, swept.table
     shown: list[Any] = [results.describe_completion(sweep.cases)]
     if len(table) <= MAX_SCREEN_ROWS:
-        columns = swept.parameters, swept.response_columns, sweep.units, swept.other_columns
+        columns = swept.parameters, swept.response_columns, sweep.units
         shown.append(text_tables.sweep_table(table, *columns))
     return StudyReport(
         Report(

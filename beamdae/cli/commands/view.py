@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from beamdae.cli import completion
 from beamdae.cli.options import (
     EndTime,
     ModelName,
@@ -34,7 +33,6 @@ def view_command(
             "--range",
             metavar="NAME=FIRST:LAST",
             help="Ends of the slider of a parameter, for example radius=50cm:2m; repeatable.",
-            autocompletion=completion.complete_parameters,
         ),
     ] = None,
     model_name: ModelName = None,

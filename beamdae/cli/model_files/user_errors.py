@@ -3,19 +3,13 @@
 from __future__ import annotations
 
 import builtins
-import inspect
 import re
-import sys
 import traceback
 from contextlib import suppress
 from pathlib import Path
-from types import FrameType
 
-import beamdae
 from beamdae.errors import format_message, short_repr, suggest
 
-_UNEXPECTED_ARGUMENT = re.compile(r"([\w.]+)\(\) got an unexpected keyword argument '(\w+)'")
-_MISSING_NAME = re.compile(r"cannot import name '(\w+)'")
 # Python 3.13 and later suggest arguments themselves.
 _SUGGESTION = re.compile(r"\. Did you mean '\w+'\?$")
 
@@ -48,30 +42,11 @@ def describe_error(problem: BaseException, path: Path) -> str:
 def _suggest_name(problem: BaseException) -> str:
     """Return a suggestion for the name that an exception reports as missing, or ""."""
     missing, names = getattr(problem, "name", None) or "", []
-    frames = [frame for frame, _ in traceback.walk_tb(problem.__traceback__)]
-    unexpected = _UNEXPECTED_ARGUMENT.match(str(problem))
     if isinstance(problem, AttributeError):
         with suppress(Exception):  # of the object
             names = dir(problem.obj)
     elif isinstance(problem, NameError):
-        names = [*frames[-1].f_globals, *frames[-1].f_locals, *dir(builtins)]
-    elif isinstance(problem, ModuleNotFoundError):
-        names = [name.partition(".")[0] for name in sys.modules]
-    elif isinstance(problem, ImportError) and (match := _MISSING_NAME.match(str(problem))):
-        missing, names = match[1], dir(sys.modules.get(missing))
-    elif isinstance(problem, TypeError) and unexpected:
-        missing, names = unexpected[2], _argument_names(unexpected[1], frames[-1])
+        *_, (frame, _) = traceback.walk_tb(problem.__traceback__)
+        names = [*frame.f_globals, *frame.f_locals, *dir(builtins)]
     is_private = missing.startswith("_")
     return suggest(missing, [x for x in names if is_private or not x.startswith("_")])
-
-
-def _argument_names(qualified_name: str, frame: FrameType) -> list[str]:
-    """Return the argument names of the function `qualified_name`, or [] if it is unknown."""
-    first, *others = qualified_name.removesuffix(".__init__").split(".")
-    function = frame.f_globals.get(first) or getattr(beamdae, first, None)
-    for name in others:
-        function = getattr(function, name, None)
-    try:
-        return list(inspect.signature(function).parameters) if callable(function) else []
-    except ValueError:
-        return []

@@ -276,13 +276,12 @@ def sweep_table(
     parameters: Sequence[str],
     outputs: Sequence[str],
     units: Mapping[str, str] | None = None,
-    never_shown: Sequence[str] = (),
 ) -> ResponsiveTable:
     """Return a table of the parameters, status and outputs of each run of a sweep.
 
-    `units` contains the units of the parameters, by name, and `never_shown` the names of other
-    columns of the sweep. Outputs below 1e-12 of the largest one of the same unit are zero. Of
-    several outputs, those that are zero in all runs are omitted and counted.
+    `units` contains the units of the parameters, by name. Outputs below 1e-12 of the largest one of
+    the same unit are zero. Of several outputs, those that are zero in all runs are omitted and
+    counted.
     """
     import pandas as pd
 
@@ -295,9 +294,10 @@ def sweep_table(
     largest = sizes.max().groupby(kinds.__getitem__).max().to_dict()
     largest["rad"] = max(largest.get("rad", 0.0), 1.0)
     limits = {name: _ROUNDING * largest[kind] for name, kind in kinds.items()}
+    never_shown: list[str] = []
     if shown := [x for x in outputs if (sizes[x] > limits[x]).any()]:
         if n_zeros := len(outputs) - len(shown):
-            never_shown = [f"{format_count(n_zeros, 'column')} of zeros", *never_shown]
+            never_shown = [f"{format_count(n_zeros, 'column')} of zeros"]
         outputs = shown
     varied = [name for name in parameters if table[name].astype(str).nunique() > 1]
     names = [*varied, *(x for x in parameters if x not in varied), "status", *outputs]

@@ -1,4 +1,4 @@
-"""Run of one case in the current process, within its limits, and the recorded values."""
+"""Run of one case in the current process, within its time limit, and the recorded values."""
 
 from __future__ import annotations
 
@@ -9,14 +9,13 @@ import time as clock
 import warnings
 from contextlib import nullcontext, suppress
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
 from beamdae.accuracy.runs import unchecked
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import BeamdaeError, BeamdaeWarning, KernelWarning, working_folder
-from beamdae.memory import limit_memory, peak_memory, reset_peak_memory
 from beamdae.report.page.page_data import encode
 from beamdae.report.scene.frame_export import export_run_frames
 from beamdae.results.outcome import Status
@@ -27,7 +26,6 @@ from beamdae.studies.case import Case
 from beamdae.studies.column_measures import measure_rows
 from beamdae.studies.run_values import (
     MEASURING_TIME_COLUMN,
-    PEAK_MEMORY_COLUMN,
     collect_rows,
     collect_run_values,
     evaluate_outputs,
@@ -40,10 +38,8 @@ from beamdae.studies.store.file_reads import (
     record_file_reads,
 )
 from beamdae.studies.store.store import format_trajectory
-from beamdae.studies.tasks import MEASURED, Limits, Outcome, Task, describe_exception
+from beamdae.studies.tasks import MEASURED, Outcome, Task, describe_exception
 from beamdae.symbolic.sums.sum_evaluator import compile_sums
-
-_MIN_PROGRESS = 1e-5  # simulated time per `Limits.patience`, relative to the end time
 
 
 def run_task(serialized: bytes) -> Outcome:
@@ -66,9 +62,7 @@ def run_task(serialized: bytes) -> Outcome:
             except BeamdaeError as problem:
                 outcome = Outcome.failed(str(problem))
             except MemoryError:
-                outcome = Outcome.failed(
-                    "out of memory: the run exceeds the memory limit or the memory of the machine"
-                )
+                outcome = Outcome.failed("out of memory: the run exceeds the memory of the machine")
             except BaseException as problem:  # An exception of a model ends only its case.
                 outcome = Outcome.failed(describe_exception(problem))
         # The reads of modules are included when the block ends.
@@ -83,12 +77,10 @@ def run_task(serialized: bytes) -> Outcome:
 def _measure_case(task: Task) -> Outcome:
     """Evaluate functions of the model of a task, without a run."""
     begin = clock.perf_counter()
-    reset_peak_memory()
-    with limit_memory(task.limits.memory), warnings.catch_warnings(record=True) as caught:
+    with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", BeamdaeWarning)
         values = evaluate_outputs(task.outputs, task.case.configured())
     values |= summarize_wall_times([clock.perf_counter() - begin])
-    values[PEAK_MEMORY_COLUMN] = peak_memory()
     by_kind: dict[type[Warning], dict[str, None]] = {BeamdaeWarning: {}, KernelWarning: {}}
     for warning in caught:
         for kind, sentences in by_kind.items():
@@ -101,21 +93,20 @@ def _measure_case(task: Task) -> Outcome:
 
 def _run_case(task: Task, reads: FileReads) -> Outcome:
     begin = clock.perf_counter()
-    reset_peak_memory()
-    with limit_memory(task.limits.memory), warnings.catch_warnings(record=True) as caught:
+    with warnings.catch_warnings(record=True) as caught:
         # Not printed, because the case table contains the warnings of the run.
         warnings.simplefilter("ignore", BeamdaeWarning)
         built = _build_equations(task)
         reads |= built.reads
         solutions = []
         for _ in range(task.repetitions):
-            monitor = _LimitMonitor(task.limits, task.t_end)
+            stop = partial(_find_exceeded_limit, task.time_limit, clock.perf_counter())
             solution = simulate(
                 built.equations,
                 task.case.integrator,
                 task.t_end,
                 task.output_step,
-                monitor,
+                stop,
                 partial="return",
             )
             solutions.append(solution)
@@ -136,16 +127,15 @@ def _run_case(task: Task, reads: FileReads) -> Outcome:
         frames = _export_frames(solution, task.frames) if task.frames else None
     simulation_time = sum(wall_times) + sum(s.statistics.setup_time for s in solutions)
     values[MEASURING_TIME_COLUMN] = clock.perf_counter() - begin - simulation_time
-    values[PEAK_MEMORY_COLUMN] = peak_memory()
     messages = tuple(str(x.message) for x in caught if issubclass(x.category, KernelWarning))
     return Outcome(
         status,
         values,
         rows,
+        measures,
         frames,
         text=text,
         kernel_warnings=messages,
-        _measures=measures,
     )
 
 
@@ -196,25 +186,7 @@ def _cached_equations(key: _EquationsKey) -> _BuiltEquations:
     return _BuiltEquations(equations, reads)
 
 
-class _LimitMonitor:
-    """Progress callback that stops a run that exceeds its limits of time, memory or patience."""
-
-    def __init__(self, limits: Limits, t_end: float) -> None:
-        self._limits = limits
-        self._min_advance = _MIN_PROGRESS * t_end
-        self._progress_t = 0.0
-        self._start = self._progress_clock = clock.perf_counter()
-
-    def __call__(self, t: float) -> str | None:
-        """Return the reason to stop at the simulated time `t` [s], or None."""
-        now = clock.perf_counter()
-        if t - self._progress_t >= self._min_advance:
-            self._progress_t, self._progress_clock = t, now
-        limits = self._limits
-        if limits.time is not None and now - self._start > limits.time:
-            return f"reached the time limit of {limits.time:g} s"
-        if limits.patience is not None and now - self._progress_clock > limits.patience:
-            return f"no progress for {limits.patience:g} s"
-        if limits.memory is not None and peak_memory() > limits.memory:
-            return f"reached the memory limit of {limits.memory:g} GB"
-        return None
+def _find_exceeded_limit(limit: float | None, begin: float, t: float) -> str | None:
+    """Return the reason to stop a run that began at a time of the clock [s], or None."""
+    is_exceeded = limit is not None and clock.perf_counter() - begin > limit
+    return f"reached the time limit of {limit:g} s" if is_exceeded else None

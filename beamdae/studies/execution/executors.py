@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import logging
+import math
 import os
+import signal
+import sys
+import threading
+import time as clock
 import warnings
 from collections import deque
-from collections.abc import Callable, Generator, Sequence
-from concurrent.futures import CancelledError, Executor, as_completed
-from typing import Any, NamedTuple, Protocol
+from collections.abc import Callable, Generator, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, as_completed, wait
+from contextlib import contextmanager, suppress
+from typing import Any
 
 from beamdae.errors import (
     BeamdaeError,
@@ -19,15 +25,10 @@ from beamdae.errors import (
     short_repr,
 )
 from beamdae.interrupts import DeferredInterrupts
+from beamdae.linear.blas_threads import single_threaded
 from beamdae.report.text import shorten_text
 from beamdae.results.outcome import Status
 from beamdae.studies.execution.case_run import run_task
-from beamdae.studies.execution.worker_processes import (
-    WorkerError,
-    WorkerProcess,
-    WorkerStartError,
-    wait_for_workers,
-)
 from beamdae.studies.store.file_reads import clear_module_reads
 from beamdae.studies.tasks import Outcome, Task, describe_exception
 
@@ -38,41 +39,9 @@ _POLL_INTERVAL = 0.1  # time between checks of interrupts and deadlines [s]
 _CONNECT_TIMEOUT = 10.0  # maximum time for a Dask scheduler to answer [s]
 _MAX_ADDRESS_LETTERS = 80
 
-
-class TaskResult(NamedTuple):
-    """Result of an executor for one task.
-
-    Attributes
-    ----------
-    task, outcome
-        The task, and its outcome.
-    storable
-        True if the outcome may be stored; False if the task could not be transferred, its process
-        died or the cluster failed.
-    """
-
-    task: Task
-    outcome: Outcome
-    storable: bool
-
-
+# Tasks and outcomes in the order of completion.
 # Callers that do not exhaust the generator must close it, which ends the processes.
-TaskResults = Generator[TaskResult, None, None]
-
-
-class TaskExecutor(Protocol):
-    """Runs tasks and yields their results in the order of completion.
-
-    Attributes
-    ----------
-    workers
-        Maximum number of tasks that run at the same time.
-    """
-
-    workers: int
-
-    def run_tasks(self, tasks: Sequence[Task]) -> TaskResults:
-        """Yield the result of each task."""
+TaskResults = Generator[tuple[Task, Outcome], None, None]
 
 
 class SerialPool:
@@ -80,11 +49,6 @@ class SerialPool:
 
     A case that crashes the process ends the study, and a case that ignores its time limit blocks
     the study.
-
-    Attributes
-    ----------
-    workers
-        Always 1.
     """
 
     workers = 1
@@ -97,136 +61,209 @@ class SerialPool:
         for task in tasks:
             clear_module_reads()
             outcome = run_task(task.serialize())
-            yield TaskResult(task, outcome, storable=True)
+            yield task, outcome
             # After an interrupt, the integrator only ends its run, but the whole study must end.
             if outcome.status.kind == "interrupted":
                 raise KeyboardInterrupt
 
 
-class _Attempt(NamedTuple):
-    """A task and the number of the attempt to run it, starting from 1."""
-
-    task: Task
-    number: int
-
-
 class LocalPool:
     """Runs tasks in local processes, by default one per available core.
 
-    If a process dies, only its task is affected; the task is run once more in another process.
-    Interrupts are raised between results, after all processes have been killed. If the system
-    cannot start all processes, fewer are used; if it can start none, all tasks that have not been
-    tried yet run in this process.
+    Each process is a pool of one worker, so that a crash ends one task only; the task is run once
+    more in another process. Interrupts are raised between results, after all processes have been
+    killed. If the system cannot start all processes, fewer are used; if it can start none, the
+    tasks run in this process.
     """
 
     def __init__(self, workers: int | None = None) -> None:
         self.workers = workers or _count_cores()
-        # Number of processes that the system can run.
-        self._capacity = self.workers
 
     def run_tasks(self, tasks: Sequence[Task]) -> TaskResults:
         """Yield the result of each task in the order of completion."""
-        self._capacity = self.workers
-        waiting = deque(_Attempt(task, 1) for task in tasks)
-        workers: list[WorkerProcess[_Attempt]] = []
-        results: list[TaskResult] = []
+        waiting = deque((task, 1) for task in tasks)
+        idle: list[_Process] = []
+        running: dict[Future[Outcome], tuple[_Process, Task, int, float]] = {}
+        results: list[tuple[Task, Outcome]] = []
+        capacity = self.workers
         with DeferredInterrupts() as interrupts:
             try:
-                while (waiting and self._capacity) or any(worker.current for worker in workers):
+                while running or (waiting and capacity) or results:
                     # Start the next tasks first, so that they run while the caller handles results.
-                    yield from self._assign_tasks(waiting, workers)
+                    while waiting and len(running) < capacity:
+                        task, attempt = waiting.popleft()
+                        serialized = _serialize_task(task)
+                        if isinstance(serialized, Outcome):
+                            results.append((task, serialized))
+                            continue
+                        try:
+                            process = idle.pop() if idle else _Process()
+                            future = process.submit(serialized)
+                        # A daemonic process must not start others; browsers have no processes.
+                        except (AssertionError, ImportError, OSError, RuntimeError) as problem:
+                            waiting.appendleft((task, attempt))
+                            capacity = len(running)
+                            _warn_of_missing_processes(self.workers, problem)
+                            break
+                        limit = task.time_limit
+                        span = math.inf if limit is None else task.repetitions * limit + _KILL_DELAY
+                        running[future] = process, task, attempt, clock.monotonic() + span
                     yield from results
                     if interrupts.received:
                         raise KeyboardInterrupt
-                    results = list(self._collect_outcomes(waiting, workers))
-                yield from results
+                    ended = wait(running, _POLL_INTERVAL, FIRST_COMPLETED).done
+                    late = {x for x in running if clock.monotonic() > running[x][3]} - ended
+                    results = []
+                    for future in (*ended, *late):
+                        process, task, attempt, _ = running.pop(future)
+                        if future not in late and future.exception() is None:
+                            idle.append(process)
+                            results.append((task, future.result()))
+                            continue
+                        process.kill()
+                        if future in late:
+                            reason = "killed because the run did not stop at the time limit"
+                            results.append((task, Outcome(Status("limited", reason))))
+                        elif attempt < _MAX_ATTEMPTS:
+                            waiting.appendleft((task, attempt + 1))
+                        else:
+                            status = Status("failed", f"the process died {attempt} times")
+                            results.append((task, Outcome(status, is_final=False)))
             finally:
-                for worker in workers:
-                    worker.kill()
+                for process in (*idle, *(x[0] for x in running.values())):
+                    process.kill()
         # A task that has ended a process could end this one.
-        for task, number in waiting:
-            if number > 1:
-                outcome = Outcome(Status("not run", "no process can be started for a second try"))
-                yield TaskResult(task, outcome, storable=False)
-        yield from SerialPool().run_tasks([task for task, number in waiting if number == 1])
-
-    def _assign_tasks(
-        self, waiting: deque[_Attempt], workers: list[WorkerProcess[_Attempt]]
-    ) -> TaskResults:
-        """Assign tasks to idle or new processes; yield results of unserializable tasks."""
-        while waiting and sum(worker.current is not None for worker in workers) < self._capacity:
-            attempt = waiting.popleft()
-            task = attempt.task
-            serialized = _serialize_task(task)
-            if isinstance(serialized, TaskResult):
-                yield serialized
-                continue
-            idle = [worker for worker in workers if worker.current is None]
-            if not idle:
-                try:
-                    idle = [WorkerProcess()]
-                except WorkerStartError as problem:
-                    waiting.appendleft(attempt)
-                    self._reduce_capacity(len(workers), problem)
-                    return
-                workers += idle
-            limit = task.limits.time
-            time_limit = None if limit is None else task.repetitions * limit + _KILL_DELAY
-            idle[0].start_task(attempt, serialized, time_limit)
-
-    def _reduce_capacity(self, count: int, problem: WorkerStartError) -> None:
-        """Use at most `count` processes from now on, and warn the first time."""
-        if self._capacity == self.workers:
-            warnings.warn(
-                f"study: not all of the {self.workers} worker processes can be started "
-                f"({problem}); the cases run in fewer processes or in the main process.",
-                KernelWarning,
-                stacklevel=2,
-            )
-        self._capacity = min(self._capacity, count)
-
-    def _collect_outcomes(
-        self, waiting: deque[_Attempt], workers: list[WorkerProcess[_Attempt]]
-    ) -> TaskResults:
-        """Yield the results of one poll interval, and kill processes past their deadline.
-
-        Exhaust this generator before handling the results, so that idle processes get new tasks
-        first.
-        """
-        busy = [worker for worker in workers if worker.current is not None]
-        for worker in wait_for_workers(busy, _POLL_INTERVAL):
-            assert worker.current is not None
-            task, number = worker.current
-            try:
-                outcome = worker.receive_outcome()
-                if outcome is not None:
-                    yield TaskResult(task, outcome, storable=True)
-            except (WorkerError, WorkerStartError) as problem:
-                workers.remove(worker)
-                worker.kill()
-                if isinstance(problem, WorkerStartError):
-                    waiting.appendleft(_Attempt(task, number))
-                    self._reduce_capacity(len(workers), problem)
-                elif number < _MAX_ATTEMPTS:
-                    waiting.appendleft(_Attempt(task, number + 1))
-                else:
-                    reason = f"the process died {number} times; the last process {problem}"
-                    yield TaskResult(task, Outcome.failed(reason), storable=False)
-        for worker in list(workers):
-            if worker.current is not None and worker.is_late:
-                workers.remove(worker)
-                worker.kill()
-                status = Status("limited", "killed because the run did not stop at the time limit")
-                yield TaskResult(worker.current.task, Outcome(status), storable=True)
+        for task in (task for task, attempt in waiting if attempt > 1):
+            yield task, _lose("no process can be started for a second try")
+        yield from SerialPool().run_tasks([task for task, attempt in waiting if attempt == 1])
 
 
-def _serialize_task(task: Task) -> bytes | TaskResult:
-    """Return the serialized task, or a failed result if it cannot be serialized."""
+class _Process:
+    """Local process that runs one task at a time."""
+
+    def __init__(self) -> None:
+        # Imported here, because browsers have no processes.
+        from concurrent.futures import ProcessPoolExecutor
+        from multiprocessing import get_context
+
+        context = get_context("spawn")
+        self._pool = ProcessPoolExecutor(1, context, _isolate_process)
+
+    def submit(self, serialized: bytes) -> Future[Outcome]:
+        """Start a task."""
+        with _isolated_start():
+            return self._pool.submit(_run_in_process, serialized)
+
+    def kill(self) -> None:
+        """Kill the process and its process group, which contains its child processes."""
+        for process in list((self._pool._processes or {}).values()):
+            if hasattr(os, "killpg"):
+                # A process that has just started has no group yet.
+                with suppress(ProcessLookupError, PermissionError):
+                    os.killpg(process.pid or 0, signal.SIGKILL)
+            process.kill()
+        self._pool.shutdown()
+
+
+@contextmanager
+def _isolated_start() -> Iterator[None]:
+    """Isolate processes that are started in this block.
+
+    They ignore Ctrl-C, have one BLAS thread, and run neither the main program nor files of the
+    working folder, which may be deleted while they start.
+    """
+    from multiprocessing import resource_tracker, spawn
+
+    prepare, entries = spawn.get_preparation_data, os.environ
+    added = {"OPENBLAS_NUM_THREADS": "1", "PYTHONSAFEPATH": "1"}.items() - entries.items()
+    omitted = {"dir", "init_main_from_name", "init_main_from_path"}
+    mask: Any = None
+    if hasattr(signal, "pthread_sigmask"):
+        # Otherwise, Python starts the tracker with the first process and unblocks the signal.
+        resource_tracker.ensure_running()
+        mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    before = {name: entries.get(name) for name, _ in added}
+    entries.update(added)
+    spawn.get_preparation_data = lambda name: {
+        key: x for key, x in prepare(name).items() if key not in omitted
+    }
+    try:
+        yield
+    finally:
+        spawn.get_preparation_data = prepare
+        for name, value in before.items():
+            if value is None:
+                del entries[name]
+            else:
+                entries[name] = value
+        if mask is not None:
+            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+
+
+def _isolate_process() -> None:
+    """Make this process a group leader without Ctrl-C and streams that ends with its parent."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if hasattr(os, "setsid"):
+        with suppress(OSError):
+            os.setsid()
+    null = os.open(os.devnull, os.O_RDWR)
+    for descriptor in (0, 1, 2):
+        os.dup2(null, descriptor)
+    os.close(null)
+    for stream in (sys.stdout, sys.stderr):
+        # A character that cannot be encoded must not end a run.
+        if stream is not None and hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="backslashreplace")
+    threading.Thread(target=_exit_with_parent, daemon=True).start()
+    # Entered once: entering and leaving this context for each run takes 0.5 ms.
+    single_threaded.__enter__()
+
+
+def _exit_with_parent() -> None:
+    """Wait for the end of the process that started this one, then end this process group."""
+    from multiprocessing import parent_process
+
+    parent = parent_process()
+    assert parent is not None
+    parent.join()
+    if hasattr(os, "killpg") and os.getpgrp() == os.getpid():
+        os.killpg(0, signal.SIGKILL)
+    os._exit(0)
+
+
+def _run_in_process(serialized: bytes) -> Outcome:
+    """Run a task in another process, which ignores Ctrl-C."""
+    pid = os.getpid()
+    try:
+        outcome = run_task(serialized)
+    except KeyboardInterrupt:
+        outcome = Outcome.failed("the model raised KeyboardInterrupt")
+    if os.getpid() != pid:
+        # The model has forked, and this is the child.
+        os._exit(0)
+    return outcome
+
+
+def _warn_of_missing_processes(workers: int, problem: BaseException) -> None:
+    reason = getattr(problem, "strerror", None) or format_message(problem)
+    warnings.warn(
+        f"study: not all of the {workers} worker processes can be started ({reason}); the cases "
+        "run in fewer processes or in the main process.",
+        KernelWarning,
+        stacklevel=3,
+    )
+
+
+def _lose(reason: str) -> Outcome:
+    return Outcome(Status("not run", reason), is_final=False)
+
+
+def _serialize_task(task: Task) -> bytes | Outcome:
+    """Return the serialized task, or a failed outcome if it cannot be serialized."""
     try:
         return task.serialize()
     except Exception as problem:  # Pickling objects of a model can raise any error.
-        reason = f"the task cannot be serialized: {describe_exception(problem)}"
-        return TaskResult(task, Outcome.failed(reason), storable=False)
+        return Outcome.failed(f"the task cannot be serialized: {describe_exception(problem)}")
 
 
 class FuturePool:
@@ -257,26 +294,28 @@ class FuturePool:
         try:
             for task in tasks:
                 serialized = _serialize_task(task)
-                if isinstance(serialized, TaskResult):
-                    yield serialized
+                if isinstance(serialized, Outcome):
+                    yield task, serialized
                 else:
                     futures[self._executor.submit(run_task, serialized)] = task
             for future in as_completed(futures):
                 try:
-                    yield TaskResult(futures[future], future.result(), storable=True)
+                    outcome = future.result()
                 # `run_task` raises no exceptions, so the cause is the executor.
                 except CancelledError:
-                    status = Status("not run", f"the connection to the {self._name} was lost")
-                    yield TaskResult(futures[future], Outcome(status), storable=False)
+                    lost = f"the connection to the {self._name} was lost"
+                    outcome = _lose(lost)
                 except Exception as problem:
-                    status = Status(
-                        "not run", f"the {self._name} failed: {format_exception(problem)}"
-                    )
-                    yield TaskResult(futures[future], Outcome(status), storable=False)
+                    reason = f"the {self._name} failed: {format_exception(problem)}"
+                    outcome = _lose(reason)
+                yield futures[future], outcome
         finally:
             for future in futures:
                 future.cancel()
             self._close()
+
+
+TaskExecutor = SerialPool | LocalPool | FuturePool
 
 
 def _connect_to_dask(label: str, address: str) -> FuturePool:
@@ -321,13 +360,9 @@ def create_executor(part: str, prefix: str, workers: Any, scheduler: Any) -> Tas
         If `workers` is not a count or is too large, or `scheduler` is neither an executor nor the
         address of a Dask scheduler that answers.
     """
-    option = f"{prefix}jobs"
-    limit = _MAX_WORKERS_PER_CORE * (os.cpu_count() or 1)
-    if workers is not None and require_count(part, option, workers) > limit:
-        raise BeamdaeError(
-            f"{part}: {option} must be at most {limit} ({_MAX_WORKERS_PER_CORE} per core), "
-            f"got {workers}."
-        )
+    if workers is not None:
+        most = _MAX_WORKERS_PER_CORE * (os.cpu_count() or 1)
+        workers = require_count(part, f"{prefix}jobs", workers, most=most)
     if scheduler is None:
         return LocalPool(workers)
     if isinstance(scheduler, Executor):

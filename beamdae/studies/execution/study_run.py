@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import pandas as pd
@@ -17,14 +18,12 @@ from beamdae.errors import (
     KernelWarning,
     ProgressError,
     kind_of_message,
-    merge_ranges,
-    warn_user,
 )
 from beamdae.interrupts import DeferredInterrupts, acknowledge, attach_partial
 from beamdae.read_only import read_only_data
 from beamdae.results.columns import observed_columns, select_observed_columns
 from beamdae.results.outcome import REACHED_END, Status
-from beamdae.results.storage.files import write_bytes, write_escaped_table
+from beamdae.results.storage.files import write_escaped_table
 from beamdae.studies.case import Case, DigestCache
 from beamdae.studies.case_summaries import summarize_cases, summarize_mesh_study
 from beamdae.studies.case_table import assemble_case_table, tabulate_case
@@ -42,13 +41,11 @@ from beamdae.studies.store.file_reads import register_reads
 from beamdae.studies.store.folder_lock import lock_folder
 from beamdae.studies.store.store import Store
 from beamdae.studies.tasks import MEASURED, NOT_RUN, Outcome, Task
-from beamdae.studies.unique_names import create_file_names
 
 # The warnings of a case are one text; each begins with the name of a part or column and a colon.
 _BETWEEN_WARNINGS = re.compile(r"(?<=\.) (?=(?:(?!\. )[^:;,]){1,60}: )")
 _CHECKED_EVERY = 20  # cases whose errors are measured, and the last one
 _MAX_WARNING_KINDS = 5  # kinds of warnings that are described
-_MAX_NOTES = 20  # notes on damaged files; further notes are only counted
 
 
 @dataclass(frozen=True)
@@ -99,10 +96,7 @@ class StudyPlan:
 
 
 def _merge_tasks(tasks: list[Task]) -> list[Task]:
-    """Merge tasks with the same key, and assign unique names.
-
-    A merged task has the largest number of repetitions and of frames.
-    """
+    """Merge tasks with the same key, with the largest number of repetitions and of frames."""
     merged: dict[str, Task] = {}
     for task in tasks:
         earlier = merged.setdefault(task.key, task)
@@ -112,8 +106,7 @@ def _merge_tasks(tasks: list[Task]) -> list[Task]:
             frames=max(earlier.frames, task.frames),
             is_checked=earlier.is_checked or task.is_checked,
         )
-    names = create_file_names((task.case.group, task.case.label) for task in merged.values())
-    return [replace(x, name=name) for x, name in zip(merged.values(), names, strict=True)]
+    return list(merged.values())
 
 
 @read_only_data
@@ -140,8 +133,6 @@ class StudyResults:
         `Case.mechanism_fingerprint`.
     interrupted
         True if the study was interrupted; run the study again to resume.
-    notes
-        Messages about damaged stored results.
     task_by_case
         Task of each case when the study was run, by the `id` of the case.
     """
@@ -154,7 +145,6 @@ class StudyResults:
     outcomes: dict[str, Outcome]
     frames: dict[str, Any]
     interrupted: bool
-    notes: tuple[str, ...] = ()
     task_by_case: Mapping[int, Task] = field(default_factory=dict, repr=False)
 
     def outcome(self, case: Case) -> Outcome:
@@ -205,7 +195,7 @@ class StudyResults:
     def describe_warnings(self) -> list[str]:
         """Return a sentence on each of the first five kinds of warnings of cases.
 
-        Warnings of one kind differ only in numbers, of which the ranges are given.
+        Warnings of one kind differ only in numbers.
         """
         # By kind, the first warning of each case.
         kinds: dict[str, dict[int, str]] = {}
@@ -217,39 +207,17 @@ class StudyResults:
             row, text = next(iter(cases.items()))
             group, tag = self.table["group"].iloc[row], self.study.tag(self.study.cases[row])
             label = f"{group}, {tag}" if group in self.references else tag
-            merged, example = merge_ranges(list(cases.values())), f"for example {label}"
-            if merged != text:
-                text, example = merged, "with the ranges of numbers"
             count = f"{len(cases)} of {len(self.table)} cases"
-            sentences.append(f"{self.study.name}: warnings in {count}, {example}: {text}")
+            sentences.append(f"{self.study.name}: warnings in {count}, for example {label}: {text}")
         if len(kinds) > _MAX_WARNING_KINDS:
             n_more = len(kinds) - _MAX_WARNING_KINDS
             sentences.append(f"{self.study.name}: {n_more} more kinds of warnings; see cases.csv.")
         return sentences
 
-    def to_parquet(self) -> list[Path]:
-        """Write the trajectories as Parquet files next to their CSV files and return the paths.
-
-        Raises
-        ------
-        BeamdaeError
-            If a file cannot be written.
-        """
-        paths = []
-        for outcome in self.outcomes.values():
-            table = outcome.table
-            if table is None or not outcome.file:
-                continue
-            path = (self.folder / "trajectories" / outcome.file).with_suffix(".parquet")
-            content = table.reset_index().to_parquet(index=False)
-            write_bytes(path, content)
-            paths.append(path)
-        return paths
-
 
 def run_study(
     study: Study,
-    folder: Path,
+    folder: Path | None,
     executor: TaskExecutor,
     progress: Callable[[StudyProgress], None] | None = None,
 ) -> StudyResults:
@@ -265,7 +233,7 @@ def run_study(
     study
         The study.
     folder
-        Results folder, created if needed.
+        Results folder, created if needed. If None, nothing remains on the disk.
     executor
         Executor that runs the cases and references.
     progress
@@ -281,27 +249,26 @@ def run_study(
 
     Warns
     -----
-    BeamdaeWarning
-        If stored results are damaged; these runs are repeated.
     KernelWarning
         If machine code cannot be compiled or cached, here or in a worker process, or not all
         processes can be started; once per message.
     """
+    if folder is None:
+        with TemporaryDirectory(prefix="beamdae-") as scratch:
+            return run_study(study, Path(scratch), executor, progress)
     with DeferredInterrupts() as interrupts, lock_folder(folder):
         # Nothing has been computed yet.
         interrupts.immediate = True
         plan = StudyPlan.of(study)
         store = Store(folder)
         store.remove_scratch_files()
-        notes, outcomes = _load_stored_outcomes(plan, store, interrupts)
-        for sentence in notes:
-            warn_user(sentence)
+        outcomes = _load_stored_outcomes(plan, store, interrupts)
         interrupted, progress_error = False, None
         try:
             interrupted = _run_missing_tasks(plan, outcomes, store, executor, progress, interrupts)
         except ProgressError as error:
             progress_error = error.problem
-        results = _evaluate_outcomes(plan, folder, outcomes, notes)
+        results = _evaluate_outcomes(plan, folder, outcomes)
         _write_tables(results)
         results = replace(results, interrupted=interrupted or interrupts.received)
         if progress_error is not None:
@@ -312,26 +279,20 @@ def run_study(
 
 def _load_stored_outcomes(
     plan: StudyPlan, store: Store, interrupts: DeferredInterrupts
-) -> tuple[tuple[str, ...], dict[str, Outcome]]:
-    """Return messages about damaged files, and the usable outcomes by key."""
+) -> dict[str, Outcome]:
+    """Return the usable outcomes by key."""
     outcomes: dict[str, Outcome] = {}
-    notes: list[str] = []
     try:
         for task in plan.tasks:
-            outcome, problem = store.load(task)
+            outcome = store.load(task)
             if outcome is not None:
                 outcomes[task.key] = outcome
                 register_reads(outcome.read, task.case.model.home)
-            if problem:
-                notes.append(f"{store.folder}: {problem}, so {task.case.label} is run again.")
     except KeyboardInterrupt:
         acknowledge()
     finally:
         interrupts.immediate = False
-    if len(notes) > _MAX_NOTES:
-        more = len(notes) - _MAX_NOTES
-        notes[_MAX_NOTES:] = [f"{store.folder}: further damaged results: {more}; run again."]
-    return tuple(notes), outcomes
+    return outcomes
 
 
 def _run_missing_tasks(
@@ -353,14 +314,14 @@ def _run_missing_tasks(
         interrupts.immediate = True
         # Needed even if nothing is missing: an executor releases its resources when exhausted.
         with closing(executor.run_tasks(missing)) as results:
-            for task, outcome, storable in results:
+            for task, outcome in results:
                 _require_columns(plan, task, outcome)
                 for message in outcome.kernel_warnings:
                     if message not in issued_messages:
                         issued_messages.add(message)
                         warnings.warn(message, KernelWarning, stacklevel=3)
                 register_reads(outcome.read, task.case.model.home)
-                if storable and outcome.status.kind != "interrupted":
+                if outcome.is_final and outcome.status.kind != "interrupted":
                     outcome = store.save(task, outcome)
                 outcomes[task.key] = outcome
                 counter.add(outcome)
@@ -389,7 +350,6 @@ def _evaluate_outcomes(
     plan: StudyPlan,
     folder: Path,
     outcomes: dict[str, Outcome],
-    notes: tuple[str, ...],
 ) -> StudyResults:
     study = plan.study
     references = {
@@ -419,7 +379,6 @@ def _evaluate_outcomes(
         outcomes,
         frames,
         interrupted=False,
-        notes=notes,
         task_by_case=plan.task_by_case,
     )
 

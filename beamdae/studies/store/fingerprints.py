@@ -11,7 +11,6 @@ from __future__ import annotations
 import copyreg
 import dis
 import hashlib
-import pickle
 import struct
 import sys
 from collections.abc import Iterable, Iterator
@@ -34,7 +33,6 @@ from typing import Any
 
 import numpy as np
 
-from beamdae.function_pickler import pickle_with_functions
 from beamdae.read_only import ReadOnlyDict
 from beamdae.studies.store.file_hashes import PACKAGE_FOLDER, is_installed
 
@@ -107,26 +105,6 @@ def digest(value: Any) -> str:
         file, or if the parts are nested too deeply.
     """
     return _Hasher().digest(value).hex()
-
-
-def digest_transferable(value: Any) -> str:
-    """Return the `digest` of a value after checking that pickling preserves it.
-
-    Raises
-    ------
-    FingerprintError
-        As for `digest`, and if the value cannot be pickled or its unpickled copy has a different
-        hash.
-    """
-    original = digest(value)
-    if not isinstance(value, (bool, int, float, str, bytes, type(None), np.ndarray)):
-        try:
-            copy = pickle.loads(pickle_with_functions(value))
-        except Exception as problem:  # __reduce__ can raise any error.
-            raise FingerprintError(value) from problem
-        if digest(copy) != original:
-            raise FingerprintError(value)
-    return original
 
 
 class _Hasher:

@@ -18,13 +18,11 @@ from beamdae.results.displays import Plot
 from beamdae.studies.sweeps.parameter_study import (
     STATUS,
     ParameterStudy,
-    format_setting,
     parameter_column,
 )
 from beamdae.studies.sweeps.responses import (
     Panel,
     choose_axis,
-    find_scale,
     group_rows,
     is_numeric_parameter,
 )
@@ -48,11 +46,11 @@ _FAILURE_STYLE: dict[str, Any] = {
 _FAILURE_HEIGHT = 0.02  # position of the marks of failed runs, relative to the axes height
 _MAX_COLOR = 0.95  # end of the color map for curves; brighter colors are hard to see
 _MAX_TICKS = 12
-_ROUNDING = 1e-12  # relative to the largest response of the same unit, or to 1 rad
+_NOISE = 1e-6  # of responses, relative to the largest one of the same unit, or to 1 rad
 _CONSTANT_RANGE = 1e-6  # relative range of responses that are not plotted by default
 _MAX_TICK_LETTERS = 18
-_AXIS_LETTERS = 48  # letters of all tick labels that fit side by side below a panel
-_LABEL_ROTATION = 30  # rotation of tick labels that do not fit [degrees]
+_AXIS_LETTERS = 40  # letters of all texts that fit side by side below a panel
+_LABEL_ROTATION = 30  # of texts below a panel [degrees]
 _RATIO_TOLERANCE = 1e-6  # relative tolerance of the ratios of a geometric sequence
 
 
@@ -107,42 +105,13 @@ class ParameterScale:
             getattr(axes, f"set_{which}scale")("log")
         # Scales the label, too.
         format_ticks(axis)
-        spread = np.linspace(0, len(self.ticks) - 1, _MAX_TICKS).round().astype(int)
-        ticks = self.ticks[np.unique(spread)]
-        # Labels below the panel share its width.
-        max_letters = _AXIS_LETTERS // len(ticks) - 2 if which == "x" else _MAX_TICK_LETTERS
         if self.labels:
+            spread = np.linspace(0, len(self.ticks) - 1, _MAX_TICKS).round().astype(int)
+            ticks = self.ticks[np.unique(spread)]
             names = [shorten_text(self.labels[int(k)], _MAX_TICK_LETTERS) for k in ticks]
-            style: dict[str, Any] = {}
-            if max(map(len, names)) > max_letters:
-                style = {"rotation": _LABEL_ROTATION, "ha": "right"}
-            axis.set_ticks(ticks, names, **style)
-            return
-        scale = find_scale(ticks.tolist(), self.unit)
-        names = [format_setting(scale.divide(float(x))) for x in ticks]
-        # Values with many digits, such as 2666.67, are harder to read than round numbers.
-        is_short = self.log or all(np.isclose(float(f"{x:.3g}"), x, rtol=1e-9) for x in ticks)
-        few = len(self.ticks) <= _MAX_TICKS // 2 or self.log
-        if (
-            few
-            and is_short
-            and len(ticks) == len(self.ticks)
-            and max(map(len, names)) <= max_letters
-        ):
-            if scale.unit:
-                axis.set_label_text(f"{label} [{scale.unit}]")
             axis.set_ticks(ticks, names)
-            axis.set_ticks([], minor=True)
-
-    def cell_edges(self) -> Array:
-        """Return the edges (len(ticks) + 1,) of the map cells around the ticks."""
-        x = np.log(self.ticks) if self.log else self.ticks
-        if len(x) == 1:
-            edges = np.array([x[0] - 0.5, x[0] + 0.5])
-        else:
-            middles = 0.5 * (x[1:] + x[:-1])
-            edges = np.array([1.5 * x[0] - 0.5 * x[1], *middles, 1.5 * x[-1] - 0.5 * x[-2]])
-        return np.exp(edges) if self.log else edges
+            if which == "x" and len(" ".join(names)) > _AXIS_LETTERS:
+                axes.tick_params("x", rotation=_LABEL_ROTATION)
 
 
 def _is_geometric(values: Array) -> bool:
@@ -272,30 +241,21 @@ def drop_constant(
 ) -> list[Panel]:
     """Return the panels with a response that differs between runs; all panels if none does.
 
-    Differences below 1e-12 of the largest response of the same unit are rounding errors.
-
     With several varied parameters, each measure is a panel, as in `plot_curves`.
     """
     if len(study.varied) > 1:
         panels = [line for panel in panels for line in panel.split()]
 
-    numbers = {
-        column: values[~np.isnan(values)]
-        for panel in panels
-        for column in panel.lines.values()
-        for values in [_extract_numbers(table[column])]
-    }
+    numbers = {x: _extract_numbers(table[x]) for y in panels for x in y.lines.values()}
     largest = {"rad": 1.0}
     for panel in panels:
-        sizes = [np.abs(numbers[x]).max(initial=0.0) for x in panel.lines.values()]
-        if panel.unit not in ("", "-"):
-            largest[panel.unit] = max(largest.get(panel.unit, 0.0), *sizes)
+        size = np.nanmax([np.abs(numbers[x]) for x in panel.lines.values()], initial=0.0)
+        largest[panel.unit] = max(largest.get(panel.unit, 0.0), float(size))
 
     def varies(column: str, unit: str) -> bool:
-        values = numbers[column]
-        size = np.abs(values).max(initial=0.0)
-        is_noise = size <= _ROUNDING * largest.get(unit, 0.0)
-        return bool(len(values) and not is_noise and np.ptp(values) > _CONSTANT_RANGE * size)
+        values = numbers[column][np.isfinite(numbers[column])]
+        size = max(np.abs(values).max(initial=0.0), _NOISE * largest[unit])
+        return bool(len(values) and np.ptp(values) > _CONSTANT_RANGE * size)
 
     varying = [x for x in panels if any(varies(column, x.unit) for column in x.lines.values())]
     return varying or list(panels)
@@ -357,14 +317,12 @@ def plot_maps(
 def _draw_map(axis: Axes, x: ParameterScale, y: ParameterScale, heights: Array, unit: str) -> None:
     """Draw cells, or dots if fewer than half of all pairs were run; crosses mark missing values.
 
-    Contour lines are added to cells if all cells have values and both parameters are numeric with
-    at least three values. Relative differences below 1e-6 are not drawn.
+    Relative differences below 1e-6 are not drawn.
     """
     from beamdae.report.pictures.tick_labels import format_ticks
 
-    size, span = np.nanmax(np.abs(heights)), np.nanmax(heights) - np.nanmin(heights)
-    if span <= _CONSTANT_RANGE * size:
-        heights, span = np.where(np.isnan(heights), np.nan, np.nanmean(heights)), 0.0
+    if np.nanmax(heights) - np.nanmin(heights) <= _CONSTANT_RANGE * np.nanmax(np.abs(heights)):
+        heights = np.where(np.isnan(heights), np.nan, np.nanmean(heights))
     cells = np.full((len(y.ticks), len(x.ticks)), np.nan)
     rows = np.searchsorted(y.ticks, y.positions)
     columns = np.searchsorted(x.ticks, x.positions)
@@ -374,17 +332,9 @@ def _draw_map(axis: Axes, x: ParameterScale, y: ParameterScale, heights: Array, 
         x_run, y_run = x.positions[~failed], y.positions[~failed]
         colored: Any = axis.scatter(x_run, y_run, c=heights[~failed], s=30, cmap="viridis")
     else:
-        colored = axis.pcolormesh(x.cell_edges(), y.cell_edges(), cells, cmap="viridis")
-        if span and min(cells.shape) > 2 and not (x.labels or y.labels or np.isnan(cells).any()):
-            # Contour lines would follow the rounding errors of flat regions.
-            rounded = np.round(cells / (_CONSTANT_RANGE * span)) * (_CONSTANT_RANGE * span)
-            axis.contour(x.ticks, y.ticks, rounded, colors="white", linewidths=0.7)
+        colored = axis.pcolormesh(x.ticks, y.ticks, cells, cmap="viridis", shading="nearest")
     axis.plot(x.positions[failed], y.positions[failed], **_FAILURE_STYLE)
     axis.grid(False)
-    if not span:
-        middle = float(np.nanmean(heights))
-        margin = abs(middle) or 1.0
-        colored.set_clim(middle - margin, middle + margin)
     bar = axis.figure.colorbar(colored, ax=axis)
     bar.set_label(unit)
     format_ticks(bar.ax.yaxis)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -15,8 +15,8 @@ from beamdae.errors import (
     short_repr,
     suggest,
 )
+from beamdae.model_parameters import format_with_unit
 from beamdae.report.pictures.figures import characteristic_columns
-from beamdae.report.scaled_units import engineering_order, scale_unit
 from beamdae.results.columns import (
     Header,
     observed_columns,
@@ -37,10 +37,9 @@ from beamdae.studies.sweeps.parameter_study import (
     TRAJECTORY,
     WARNINGS,
     ParameterStudy,
-    format_setting,
     parameter_column,
 )
-from beamdae.studies.tasks import Outcome, shared_measures, shared_table
+from beamdae.studies.tasks import Outcome
 
 Array = np.ndarray
 
@@ -61,7 +60,7 @@ def select_headers(results: StudyResults, study: ParameterStudy) -> list[str]:
     BeamdaeError
         If runs have observed columns, but the study selects a column that no run has.
     """
-    measures = [shared_measures(results.outcome(case)) for case in study.cases]
+    measures = [results.outcome(case).measures for case in study.cases]
     headers = dict.fromkeys(header for by_column in measures for header in by_column)
     if not study.columns or not headers:
         return list(headers)
@@ -99,7 +98,7 @@ def tabulate_responses(results: StudyResults, study: ParameterStudy) -> pd.DataF
 
 def _measure_run(outcome: Outcome, headers: list[str]) -> list[float]:
     """Return all measures of each observed column; NaN if the run or the column is missing."""
-    measures = shared_measures(outcome) if outcome.status.success else {}
+    measures = outcome.measures if outcome.status.success else {}
     missing = [np.nan] * len(MEASURES)
     return [value for header in headers for value in measures.get(header, missing)]
 
@@ -117,7 +116,7 @@ def select_characteristic(results: StudyResults, study: ParameterStudy) -> list[
     if study.columns or not headers:
         return headers
     for outcome in map(results.outcome, study.cases):
-        table = shared_table(outcome)
+        table = outcome.table
         if table is not None and outcome.status.success:
             return characteristic_columns(table[observed_columns(table)])
     return []
@@ -226,52 +225,15 @@ def choose_axis(study: ParameterStudy, table: pd.DataFrame, name: Any = None) ->
     return max(varied, key=rank)
 
 
-class SettingScale(NamedTuple):
-    """Multiple of a unit in which pictures show the values of a parameter.
-
-    Attributes
-    ----------
-    order
-        Power of ten by which values are divided.
-    unit
-        The multiple of the unit; "" if it is unknown or one.
-    """
-
-    order: int
-    unit: str
-
-    def divide(self, value: float) -> float:
-        """Return the value in this unit."""
-        return value / 10.0**self.order
-
-    def format(self, value: Any) -> str:
-        """Return the value with the unit."""
-        if self.order and isinstance(value, (int, float)):
-            value = self.divide(float(value))
-        return f"{format_setting(value)} {self.unit}".rstrip()
-
-
-def find_scale(values: Sequence[Any], unit: str) -> SettingScale:
-    """Return the multiple of a unit in which pictures show the values of a parameter."""
-    numbers = [abs(x) for x in values if isinstance(x, (int, float)) and not isinstance(x, bool)]
-    if unit in ("", "-"):
-        return SettingScale(0, "")
-    order = engineering_order(max(numbers, default=0.0)) if len(numbers) == len(values) else 0
-    return SettingScale(order, scale_unit(unit, order))
-
-
 def group_rows(study: ParameterStudy, x: str) -> dict[str, Array]:
     """Return table row indices, grouped by the values of all varied parameters except `x`.
 
-    The names of groups have the multiples of units that axes have: "thickness = 3 mm".
+    The names of groups have units: "thickness = 0.003 m".
     """
     others = [name for name in study.varied if name != x]
     groups: dict[str, list[int]] = {}
-    scales = {
-        name: find_scale([x[name] for x in study.settings], study.units.get(name, ""))
-        for name in others
-    }
     for row, setting in enumerate(study.settings):
-        label = ", ".join(f"{x} = {scales[x].format(setting[x])}" for x in others)
+        values = {x: format_with_unit(setting[x], study.units.get(x, "")) for x in others}
+        label = ", ".join(f"{x} = {value}" for x, value in values.items())
         groups.setdefault(label, []).append(row)
     return {label: np.array(rows) for label, rows in groups.items()}

@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any, overload
 
 from beamdae.errors import (
@@ -56,7 +55,6 @@ from beamdae.studies.sweeps.sweep_results import (
     create_sweep_results,
     list_warnings,
 )
-from beamdae.studies.tasks import Limits
 
 
 @read_only_data
@@ -116,11 +114,7 @@ class Sweep(ParameterStudy):
         # A connection to a scheduler is closed by `run_study`.
         executor = SerialPool() if serial else create_executor(self.name, "", jobs, scheduler)
         try:
-            if path is None:
-                with TemporaryDirectory(prefix="beamdae-") as scratch:
-                    results = run_study(self, Path(scratch), executor, progress)
-            else:
-                results = run_study(self, path, executor, progress)
+            results = run_study(self, path, executor, progress)
         except Exception as problem:
             if isinstance(so_far := getattr(problem, "partial", None), StudyResults):
                 attach_partial(problem, _create_results(so_far, path))
@@ -195,7 +189,7 @@ def create_sweep(
         name,
         tuple(cases),
         columns=require_column_names(name, (of,) if isinstance(of, str) else of),
-        limits=Limits(time=time_limit),
+        time_limit=time_limit,
         outputs={} if outputs is None else outputs,
         is_measured=measure is not None,
         settings=tuple({x: entry.label for x, entry in each.items()} for each in combinations),

@@ -19,7 +19,6 @@ from beamdae.read_only import read_only_data
 from beamdae.report.page.page_content import Content
 from beamdae.report.page.page_file import write_page
 from beamdae.report.terminal.text_tables import format_headers
-from beamdae.results.columns import Header, remove_unit
 from beamdae.results.displays import Plot
 from beamdae.results.outcome import Status
 from beamdae.results.storage.files import require_file_path, write_escaped_table
@@ -227,19 +226,6 @@ class SweepResults:
         """Names of the columns in the table that are plotted by default."""
         return [column for panel in self.panels() for column in panel.lines.values()]
 
-    @property
-    def other_columns(self) -> list[str]:
-        """Names of the observed columns without measures in `response_columns`.
-
-        Observables without any of their columns there are named once: "root" for "root.N".
-        """
-        responses = set(self.response_columns)
-        headers = select_headers(self.results, self.sweep)
-        others = [x for x in headers if not responses & set(measure_columns(x).values())]
-        partial = {Header.of(x).name for x in headers if x not in others}
-        names = [(x, Header.of(x).name) for x in others]
-        return list(dict.fromkeys(remove_unit(x) if y in partial else y for x, y in names))
-
     def plot(self, *names: str, x: str | None = None) -> Plot:
         """Plot responses over one parameter, with a curve per combination of other parameters.
 
@@ -376,27 +362,17 @@ def idle_parameter_warnings(swept: SweepResults) -> Iterator[str]:
 
 
 def list_warnings(swept: SweepResults) -> Iterator[str]:
-    """Yield messages about the runs of a sweep.
-
-    There is one message about all unsuccessful runs, if any, one about all successful runs with
-    warnings, if any, and one about each parameter without effect.
-    """
-    yield from idle_parameter_warnings(swept)
-    failed = swept.table[STATUS] != "ok"
-    measured, things = swept.sweep.is_measured, "cases" if swept.sweep.is_measured else "runs"
-    with_warnings = (swept.table[WARNINGS] != "") & ~failed
-    for selection, column, problem in (
-        (failed, REASON, "failed" if measured else "did not reach the end time"),
-        (with_warnings, WARNINGS, "have warnings" if measured else "ended with warnings"),
-    ):
-        rows = swept.table[selection]
-        if len(rows):
-            tag = swept.sweep.tag(swept.sweep.cases[int(rows.index[0])])
-            reason = str(rows[column].iloc[0]).removesuffix(".")
-            yield (
-                f"{swept.sweep.name}: {len(rows)} of {len(swept.table)} {things} {problem}, "
-                f"for example {tag}: {reason}; see the table for all."
-            )
+    """Yield `SweepResults.warnings` and a message about unsuccessful runs."""
+    yield from swept.warnings
+    rows = swept.table[swept.table[STATUS] != "ok"]
+    if len(rows):
+        tag = swept.sweep.tag(swept.sweep.cases[int(rows.index[0])])
+        reason = str(rows[REASON].iloc[0]).removesuffix(".")
+        problem = "cases failed" if swept.sweep.is_measured else "runs did not reach the end time"
+        yield (
+            f"{swept.sweep.name}: {len(rows)} of {len(swept.table)} {problem}, for example {tag}: "
+            f"{reason}; see the table for all."
+        )
 
 
 def _matches(setting: Mapping[str, Any], parameters: Mapping[str, Any]) -> bool:

@@ -70,19 +70,6 @@ def case_that_exhausts_memory(bench: Bench) -> None:
     _expect_only_one_failure(bench, "np.zeros(10**15)")
 
 
-def memory_limit(bench: Bench) -> None:
-    """A case that exceeds the study's memory limit fails with that reason."""
-    fill = "if mass == 2.0: globals()['kept'] = np.ones(150_000_000)"
-    write_study(bench, fill, "time_limit=20.0, memory_limit=0.8")
-    expect_exit(bench.run(*RUN, time_limit=STUDY_TIME_LIMIT), 0, 1)
-    ended = read_cases(bench)
-    heavy = ended[(ended["mass"] == 2.0)]
-    expect(
-        heavy["reason"].astype(str).str.contains("memory").all(),
-        "the reason does not mention memory",
-    )
-
-
 def case_that_hangs(bench: Bench) -> None:
     """A model that does not end is killed one minute after its time limit."""
     hang = f"while mass == 2.0 and {_IN_WORKER}: pass"
@@ -190,7 +177,6 @@ FAULTS = (
     case_that_calls_sys_exit,
     case_that_raises_an_interrupt,
     case_that_exhausts_memory,
-    memory_limit,
     interrupt_at_the_start,
     interrupt_in_the_middle,
     interrupt_twice,

@@ -167,10 +167,10 @@ def write_record(folder: Path, change: str, rng: random.Random) -> Path:
         if rng.random() < 0.5
         else path
     )
-    content, rows = json.loads(path.read_text()), path.with_suffix(".csv")
+    content = json.loads(path.read_text())
     if change == "tables":
+        rows = folder / "trajectories" / content["rows"]["file"]
         text = mutations.change_csv(rows.read_text(), rng)
-        rows.unlink()
         rows.write_text(text)
         content["rows"]["sha256"] = hashlib.sha256(text.encode()).hexdigest()
     else:

@@ -351,7 +351,7 @@ def _system_arguments(sandbox: Sandbox) -> dict[str, Any]:
         "breakpoints": (0.005,),
         "time_scale": 1.0,
         "scales": [1.0, 1.0],
-        "events": (bd.results.Event("x", 5.0, name="event"),),
+        "events": (bd.Event("x", 5.0, name="event"),),
     }
 
 

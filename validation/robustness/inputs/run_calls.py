@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import beamdae as bd
-from beamdae.studies.tasks import Limits
 from robustness.inputs.sandbox import (
     KNEE,
     OUTPUT_STEP,
@@ -179,7 +178,7 @@ _LIMITS = {"max_step": None, "max_steps": 1000, "time_limit": RUN_TIME_LIMIT}
 _INTEGRATOR_MEMBERS = ("method", "label", "order", "accuracy")
 
 
-def _make_integrator(sandbox: Sandbox, **members: Any) -> bd.results.Integrator:
+def _make_integrator(sandbox: Sandbox, **members: Any) -> bd.Integrator:
     """Return an integrator of a user's class that overrides members with constant values."""
     answers = {
         name: property(lambda self, value=value: value)
@@ -402,7 +401,7 @@ STUDY_CALLS: dict[str, WorkingCall] = {
     ),
     "Study": WorkingCall(
         lambda box: (
-            {"name": "few", "cases": (box.case(mass=2.0),), "limits": Limits(10.0)}
+            {"name": "few", "cases": (box.case(mass=2.0),), "time_limit": 10.0}
             | _study_arguments(box)
         ),
         run_study,
@@ -411,8 +410,6 @@ STUDY_CALLS: dict[str, WorkingCall] = {
         lambda box: {
             **_study_arguments(box),
             "time_limit": 10.0,
-            "memory_limit": 4.0,
-            "patience": 5.0,
         },
         _run_decorated_study,
     ),

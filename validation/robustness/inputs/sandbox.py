@@ -19,7 +19,7 @@ from beamdae.studies.execution.executors import SerialPool
 T_END = 0.01  # s
 OUTPUT_STEP = 0.002  # s
 RUN_TIME_LIMIT = 5.0  # s; a run that takes longer ends with its limit as the reason
-INTEGRATORS: tuple[Callable[[], bd.results.Integrator], ...] = (
+INTEGRATORS: tuple[Callable[[], bd.Integrator], ...] = (
     lambda: bd.Auto(1e-3, time_limit=RUN_TIME_LIMIT),
     lambda: bd.GeneralizedAlpha(2e-3, time_limit=RUN_TIME_LIMIT),
     lambda: bd.Radau(1e-3, time_limit=RUN_TIME_LIMIT),
