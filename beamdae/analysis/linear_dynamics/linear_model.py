@@ -62,6 +62,7 @@ _MAX_COORDINATES = 2000
 # poles at zero, and not a round number, because models may have poles at those.
 _POLE_SHIFT = 0.618034
 # Smaller shares of the products of absolute values are rounding errors: half of the digits cancel.
+_NORM_SHARE = 10.0 * float(np.finfo(float).eps)
 _NOISE_SHARE = float(np.sqrt(np.finfo(float).eps))
 # Smaller damping ratios and relative growth rates are rounding errors.
 _MIN_DAMPING_RATIO = 1e-9
@@ -251,9 +252,12 @@ class LinearModel(HasPage):
         """
         identity = np.eye(len(self.A))
         system = self.A, identity, identity, np.zeros_like(identity)
-        inverses = [np.abs(transfer_matrix(system, 2j * np.pi * f)) for f in frequencies]
-        bounds = np.abs(self.C) @ np.array(inverses) @ np.abs(self.B)
-        return np.asarray(_NOISE_SHARE * np.median(bounds, axis=0))
+        inverses = np.array([transfer_matrix(system, 2j * np.pi * f) for f in frequencies])
+        bounds = _NOISE_SHARE * np.abs(self.C) @ np.abs(inverses) @ np.abs(self.B)
+        # Errors of stiff elements reach states that they do not move.
+        gains = np.linalg.norm(self.C @ inverses, axis=2)[:, :, None]
+        norms = _NORM_SHARE * gains * np.linalg.norm(self.B, axis=0)
+        return np.asarray(np.median(np.maximum(bounds, norms), axis=0))
 
     def evaluate_response(self, values: Sequence[float]) -> Array:
         """Return the transfer matrix at frequencies [Hz], (k, outputs, inputs).
