@@ -23,8 +23,6 @@ _EXAMINED = 24  # vibrations for default bands
 _MIN_CURVE_SIZE = 20
 # A companion has twice as many states and takes eight times as long for each frequency.
 _COMPARED_SHARE, _MIN_COMPARED = 0.125, 20
-# Magnitudes below this share of the bound by the norms of matrices are rounding errors.
-_NOISE_SHARE = 1e-9
 _FIRST_MODES = 10  # to begin with
 _REACH = 1.5  # of the modes of the companion beyond the band, whose frequencies may be higher
 
@@ -96,7 +94,7 @@ def _measure(model: LinearModel, band: _Band, frequencies: Array, response: Arra
     is_noise = np.zeros(response.shape, bool)
     if is_noise.size:
         middle = frequencies[[len(frequencies) // 2]]
-        is_noise = np.abs(response) <= _NOISE_SHARE * model.bound_magnitudes(middle)
+        is_noise = np.abs(response) <= model.bound_rounding(middle)
 
     def join(rates: Array, response: Array) -> Array:
         """Return the samples of all columns."""

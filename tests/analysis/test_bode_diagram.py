@@ -233,3 +233,18 @@ def test_regression_slow_instability_beside_fast_vibrations_is_found(elements, d
 def test_regression_rounding_errors_of_hanging_beams_are_no_growth(damping, mass):
     diagram = bd.bode(thin_beam(damping, 16, (0.0, -0.06), 9.81, mass), frequencies=[1.0])
     assert not any("unstable" in x for x in diagram.warnings)
+
+
+@pytest.mark.slow(reason="a quarter of a second")
+def test_responses_of_rounding_errors_are_told_from_small_ones():
+    """By symmetry, a vertical force does not turn the crown of an arch."""
+    arch = bd.load_model("example:shallow_arch")
+    diagram = bd.bode(bd.linearize(arch()), np.geomspace(1.0, 100.0, 30))
+    noise = {x.name for x in diagram.transfer_functions if x.is_noise}
+    assert {f"crown.{x} / press.Fy [N]" for x in ("x [m]", "angle [rad]")} <= noise
+    assert "crown.y [m] / press.Fy [N]" not in noise
+    # States of filters are twelve orders of magnitude smaller than others.
+    damped = bd.linearize(bd.load_model("example:active_damping")())
+    diagram = bd.bode(damped, np.geomspace(1.0, 100.0, 30))
+    noise = {x.name for x in diagram.transfer_functions if x.is_noise}
+    assert not noise & {"strain [-] / patch.M [N m]", "end.y [m] / patch.M [N m]"}

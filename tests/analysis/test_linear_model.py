@@ -288,42 +288,6 @@ def test_regression_largest_magnitudes_are_no_outputs(about):
             bd.linearize(mech, about, outputs=[name])
 
 
-def lightly_damped_strip(ratio):
-    """Return a linear model of a cantilever with this damping ratio of its mode at 13.4 Hz."""
-    mech = bd.Mechanism()
-    damping = 2.0 * ratio / (2.0 * np.pi * 13.4)
-    section = bd.Section.rectangle(bd.Material.of("steel"), 0.02, 0.004, damping=damping)
-    beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (0.5, 0.0)), section, elements=4))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
-    mech.add(bd.Force("push", beam.end, (0.0, 0.0)))
-    mech.observe("tip", beam.end)
-    return bd.linearize(mech, inputs=["push"], outputs=["tip.y"])
-
-
-@pytest.mark.slow(reason="a quarter of a second")
-def test_regression_frequencies_that_miss_a_peak_have_a_warning(recwarn):
-    """A resonance between two of 401 frequencies lost 13 % of its peak."""
-    model = lightly_damped_strip(3e-4)
-    pole = float(np.min(model.poles.imag[model.poles.imag > 0.0])) / (2.0 * np.pi)
-    spacing = 5e-4 * pole
-    frequencies = pole + spacing * (np.arange(-200, 201) + 0.5)
-    with pytest.warns(bd.BeamdaeWarning, match=f"resonance at {pole:.6g} Hz.*between freq"):
-        model.frequency_response(frequencies)
-    resonances = np.abs(model.poles.imag) / (2.0 * np.pi)
-    resonances = resonances[(resonances > frequencies[0]) & (resonances < frequencies[-1])]
-    model.frequency_response(np.union1d(frequencies, resonances))
-    model.frequency_response(frequencies[195:205])  # single values
-    lightly_damped_strip(3e-3).frequency_response(frequencies)
-    assert len(recwarn) == 0
-
-
-def test_regression_undamped_resonances_between_frequencies_have_a_warning():
-    """The largest response depended on the frequencies, without a warning."""
-    model = lightly_damped_strip(0.0)
-    with pytest.warns(bd.BeamdaeWarning, match="or damping, without which peaks are infinite"):
-        model.frequency_response(np.linspace(5.0, 20.0, 41))
-
-
 def ball_above_floor():
     mech = bd.Mechanism()
     ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 1.0)))

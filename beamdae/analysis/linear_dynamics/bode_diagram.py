@@ -38,8 +38,6 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 
-# Transfer functions below this share of the bound by the norms of matrices are rounding noise.
-_TRANSFER_ROUNDING = 10.0 * np.finfo(float).eps
 _QUARTILES = (0.25, 0.5, 0.75)
 _MAX_VIBRATIONS = 24  # in the default range
 MIN_POLE = 1e-4  # [1/s]; smaller poles, of free motions and integrators, are zero
@@ -145,9 +143,7 @@ class Bode(HasTable, HasPage):
         ]
         largest = largest_by((unit for *_, unit in pairs), (sizes[i, j] for i, j, _ in pairs))
         pairs.sort(key=lambda x: list(largest).index(x[2]))
-        noise = _TRANSFER_ROUNDING * model.bound_magnitudes(
-            np.quantile(self.frequencies, _QUARTILES)
-        )
+        noise = model.bound_rounding(np.quantile(self.frequencies, _QUARTILES))
         return tuple(
             TransferFunction(
                 f"{model.outputs[i].header} / {model.inputs[j].header}",
@@ -173,36 +169,40 @@ class Bode(HasTable, HasPage):
         return pd.DataFrame(columns)
 
     def peak_table(self) -> pd.DataFrame:
-        """Return the peaks of the magnitudes, one row each, and the largest magnitude.
+        """Return the peak of each resonance, and the largest magnitude, one row each.
 
         Peaks are omitted if they are below 1e-9 of the largest magnitude of their transfer
         function, or less than 1 % above the response beside them. Those of undamped modes (damping
-        ratios below 1e-6) are infinite.
+        ratios below 1e-6) are infinite. Natural frequencies closer than 1e-6 are one resonance.
         """
         import pandas as pd
 
         # Imported here because importing scipy.signal takes as long as a short run.
         from scipy.signal import find_peaks
 
-        f, poles = self.frequencies, self.model.poles
-        undamped = np.abs(poles.imag[_are_undamped(poles)]) / (2.0 * np.pi)
-        rows = {}
+        f, poles = self.frequencies, np.sort_complex(1j * self.model.poles.conj())
+        poles = poles[poles.real >= 0.0] if len(poles) else np.zeros(1, complex)
+        first = np.diff(poles.real, prepend=-np.inf) > _MIN_WIDTH * poles.real
+        centers, is_undamped = poles.real[first] / (2.0 * np.pi), _are_undamped(poles[first] / 1j)
+        nearest = np.argmin(np.abs(np.subtract.outer(f, centers)), axis=1)
+        is_pole = is_undamped[nearest] & (np.abs(f - centers[nearest]) <= _MIN_WIDTH * f)
+        prominence = np.log(np.where(is_pole, _MIN_UNDAMPED_RATIO, _MIN_PEAK_RATIO))
+        rows = []
         for x in self.transfer_functions:
             if x.is_noise:
                 continue
-            size, name = np.abs(x.response), self._short_name(x)
+            size = np.abs(x.response)
             levels = np.log(np.maximum(size, _NOISE_RANGE * size.max()))
-            peaks, found = find_peaks(levels, prominence=np.log(_MIN_PEAK_RATIO))
-            ratios = dict(zip(peaks.tolist(), np.exp(found["prominences"]).tolist(), strict=True))
-            ratios[int(np.argmax(size))] = np.inf
-            for k in sorted(ratios):
-                near = undamped[np.abs(f[k] - undamped) <= _MIN_WIDTH * f[k]]
-                if not len(near):
-                    rows[name, f[k]] = (name, f[k], size[k], x.unit, x.phase[k])
-                elif ratios[k] >= _MIN_UNDAMPED_RATIO:
-                    rows[name, near[0]] = (name, near[0], np.inf, x.unit, np.nan)
+            peaks = find_peaks(levels, prominence=prominence)[0].tolist()
+            # Rounding errors divide the peaks of nearly undamped resonances.
+            highest = {nearest[k]: k for k in sorted(peaks, key=size.__getitem__)}
+            for k in sorted({*highest.values(), int(np.argmax(size))}):
+                peak = (f[k], size[k], x.unit, x.phase[k])
+                if is_pole[k]:
+                    peak = (centers[nearest[k]], np.inf, x.unit, np.nan)
+                rows.append((self._short_name(x), *peak))
         names = ["output / input", "frequency [Hz]", "magnitude", "unit", "phase [deg]"]
-        return pd.DataFrame(list(rows.values()), columns=names)
+        return pd.DataFrame(rows, columns=names)
 
     def plot(self) -> Plot:
         """Draw magnitudes and phases over the frequency, of up to six transfer functions."""
@@ -264,8 +264,8 @@ def bode(
     Warns
     -----
     BeamdaeWarning
-        If the model is unstable, frequencies miss peaks (see `LinearModel.frequency_response`), or
-        `Bode.errors` exceed 4 %; they are measured unless warnings are filtered out.
+        If the model is unstable, or `Bode.errors` exceed 4 %; they are measured unless warnings are
+        filtered out.
 
     Examples
     --------
@@ -325,7 +325,7 @@ def _compute_bode(
     if values is None:
         values = _choose_frequencies(model, ends)
     response = model.evaluate_response(values.tolist())
-    remarks = model.find_missed_peaks(values, response)
+    remarks: list[str] = []
     # Without free motions.
     rate = float(np.max(model.poles.real[np.abs(model.poles) > MIN_POLE], initial=0.0))
     if rate > 0.0:

@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -54,21 +53,6 @@ _SPEED_TOLERANCE = 1e-11
 _MAX_DEVIATION = 1e-3
 # Modes with a smaller one at two speeds have the frequency of the excitation at each speed.
 _EQUAL = 1e-9
-
-
-class _ModeSolver:
-    """Function that returns the modes at a speed, and computes those of each speed once."""
-
-    def __init__(self, diagram: Campbell) -> None:
-        self.known = {x.speed: x.modes for x in diagram._stops}
-        self.equations, self.center = diagram.modes[0].equations, diagram.center
-        self.options = max(map(len, diagram.modes)), diagram.damping
-
-    def __call__(self, speed: float) -> Modes:
-        if speed not in self.known:
-            about = rotation(speed, self.center)
-            self.known[speed] = compute_modes(self.equations, about, *self.options)
-        return self.known[speed]
 
 
 class _Stop(NamedTuple):
@@ -168,49 +152,13 @@ class Campbell(HasTable, HasPage):
         ]
         return (*merged.values(), *lost)
 
-    def plot(self, multiples: Sequence[int] | None = None) -> Plot:
+    def plot(self) -> Plot:
         """Plot natural frequencies and multiples of the rotation speed over the rotation speed.
 
         Circles mark the resonances where they are equal, see `resonances`. The picture ends above
         the first mode beyond the multiples; a note names modes of higher frequencies.
-
-        Parameters
-        ----------
-        multiples
-            Numbers of excitations per revolution (engine orders). Defaults to those of the diagram.
-
-        Raises
-        ------
-        BeamdaeError
-            If `multiples` is invalid.
         """
-        return load_views().draw_campbell(self, multiples)
-
-    def page(self, path: str | Path, multiples: Sequence[int] | None = None) -> Path:
-        """Write an HTML page with the frequencies, the resonances and the motion of each mode.
-
-        Parameters
-        ----------
-        path
-            Path of the file.
-        multiples
-            Numbers of excitations per revolution. Defaults to those of the diagram.
-
-        Raises
-        ------
-        BeamdaeError
-            If `multiples` is invalid, or the file cannot be written.
-        """
-        return HasPage.page(self.with_multiples(multiples), path)
-
-    def with_multiples(self, multiples: Sequence[int] | None) -> Campbell:
-        """Return the diagram with other numbers of excitations per revolution.
-
-        None keeps those of the diagram. Raises BeamdaeError if a number is not whole or below 1.
-        """
-        if multiples is None:
-            return self
-        return replace(self, multiples=_require_multiples("Campbell", multiples))
+        return load_views().draw_campbell(self)
 
     def table(self) -> pd.DataFrame:
         """Return a table with one row per speed [rad/s]: frequencies [Hz], growth rates [1/s]."""
@@ -250,53 +198,67 @@ class Campbell(HasTable, HasPage):
         """
         import pandas as pd
 
+        diagram = self
+        if multiples is not None:
+            diagram = replace(self, multiples=_require_multiples("Campbell", multiples))
+        names = ["speed [rad/s]", "frequency [Hz]", "mode", "multiple"]
+        return pd.DataFrame(list(diagram._resonances), columns=names)
+
+    @cached_property
+    def _resonances(self) -> tuple[tuple[float, float, int, int], ...]:
+        """Rows of `resonances`."""
+        known = {x.speed: x.modes for x in self._stops}
+        equations, count = self.modes[0].equations, max(map(len, self.modes))
+
+        def solve(speed: float) -> Modes:
+            if speed not in known:
+                about = rotation(speed, self.center)
+                known[speed] = compute_modes(equations, about, count, self.damping)
+            return known[speed]
+
         rows = [
             (speed, multiple * abs(speed) / (2.0 * np.pi), mode + 1, multiple)
             for before, after in pairwise(self._stops)
             for mode in np.flatnonzero(~after.lost).tolist()
-            for multiple in self.with_multiples(multiples).multiples
-            for speed in self._find_resonance(before, after, mode, multiple)
+            for multiple in self.multiples
+            for speed in _find_resonances(solve, (before, after), mode, multiple)
         ]
-        rows.sort(key=lambda row: abs(row[0]))
-        names = ["speed [rad/s]", "frequency [Hz]", "mode", "multiple"]
-        return pd.DataFrame(rows, columns=names)
+        return tuple(sorted(rows, key=lambda row: abs(row[0])))
 
-    @cached_property
-    def _modes_at(self) -> _ModeSolver:
-        return _ModeSolver(self)
 
-    def _find_resonance(
-        self, before: _Stop, after: _Stop, mode: int, multiple: int
-    ) -> Iterator[float]:
-        """Yield the speeds between two stops at which a frequency is a multiple of the speed.
+def _find_resonances(
+    solve: Callable[[float], Modes], stops: tuple[_Stop, _Stop], mode: int, multiple: int
+) -> Iterator[float]:
+    """Yield the speeds between two stops at which a frequency is a multiple of the speed.
 
-        The mode is followed by its shape. Speeds are roots of the difference between the squares
-        of frequency and excitation over the square of the speed, between which centrifugal
-        stiffening gives a linear relation (R. Southwell).
-        """
-        ends = [(x.modes, int(x.order[mode])) for x in (before, after)]
+    The mode is followed by its shape. Speeds are roots of the difference between the squares of
+    frequency and excitation over the square of the speed, between which centrifugal stiffening
+    gives a linear relation (R. Southwell).
+    """
 
-        def speed_of(square: float) -> float:
-            return float(np.copysign(np.sqrt(abs(square)), square))
+    def difference(square: float) -> float:
+        modes = solve(_signed_root(square))
+        mac = np.sum([x.modes.mac(modes)[x.order[mode]] for x in stops], axis=0)
+        rate = float(modes.eigenvalues[int(np.argmax(mac))].imag)
+        return rate**2 - multiple**2 * abs(square)
 
-        def difference(square: float) -> float:
-            modes = self._modes_at(speed_of(square))
-            mac = np.sum([other.mac(modes)[k] for other, k in ends], axis=0)
-            rate = float(modes.eigenvalues[int(np.argmax(mac))].imag)
-            return rate**2 - multiple**2 * abs(square)
+    # At rest, whirls in both directions have the same frequency, and any shape.
+    first, last = (x.speed for x in stops)
+    speeds = np.unique(np.clip([first, 0.0, last], first, last))
+    for pair in pairwise((np.sign(speeds) * speeds**2).tolist()):
+        values = np.array([difference(x) for x in pair])
+        excitations = multiple**2 * np.abs(pair)
+        if np.prod(values) >= 0.0 or np.all(np.abs(values) <= 2.0 * _EQUAL * excitations):
+            continue
+        tolerances = {"xtol": 1e-16 * max(excitations), "rtol": 2.0 * _SPEED_TOLERANCE}
+        square = scipy.optimize.brentq(difference, *pair, **tolerances)
+        # At rest, motions without stiffness have the frequency of an excitation: zero.
+        if abs(difference(square)) < 2.0 * _MAX_DEVIATION * multiple**2 * abs(square):
+            yield _signed_root(square)
 
-        # At rest, whirls in both directions have the same frequency, and any shape.
-        speeds = np.unique(np.clip([before.speed, 0.0, after.speed], before.speed, after.speed))
-        for pair in pairwise((np.sign(speeds) * speeds**2).tolist()):
-            values = np.array([difference(x) for x in pair])
-            excitations = multiple**2 * np.abs(pair)
-            if np.prod(values) >= 0.0 or np.all(np.abs(values) <= 2.0 * _EQUAL * excitations):
-                continue
-            tolerances = {"xtol": 1e-16 * max(excitations), "rtol": 2.0 * _SPEED_TOLERANCE}
-            square = scipy.optimize.brentq(difference, *pair, **tolerances)
-            # At rest, motions without stiffness have the frequency of an excitation: zero.
-            if abs(difference(square)) < 2.0 * _MAX_DEVIATION * multiple**2 * abs(square):
-                yield speed_of(square)
+
+def _signed_root(square: float) -> float:
+    return float(np.copysign(np.sqrt(abs(square)), square))
 
 
 @interruptible

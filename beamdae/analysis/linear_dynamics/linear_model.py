@@ -29,7 +29,6 @@ from beamdae.equations.starts.steady_rotation import RotatingCoordinates
 from beamdae.errors import (
     BeamdaeError,
     format_count,
-    format_percent,
     list_first,
     require_finite,
     require_positive,
@@ -62,17 +61,12 @@ _MAX_COORDINATES = 2000
 # Shift of the inverse from which slow poles are computed [1/s]: not small, because free motions are
 # poles at zero, and not a round number, because models may have poles at those.
 _POLE_SHIFT = 0.618034
+# Smaller shares of the products of absolute values are rounding errors: half of the digits cancel.
+_NORM_SHARE = 10.0 * float(np.finfo(float).eps)
+_NOISE_SHARE = float(np.sqrt(np.finfo(float).eps))
 # Smaller damping ratios and relative growth rates are rounding errors.
 _MIN_DAMPING_RATIO = 1e-9
 _MIN_IMAGINARY_SHARE = 1e-6  # of poles; smaller ones are rounding errors of double real poles
-# Fewer frequencies are single values rather than a curve whose peaks are read.
-_MIN_GRID_SIZE = 20
-# A resonance is missed if the response at the frequencies beside it is below this fraction of its
-# peak.
-_MIN_PEAK_SHARE = 0.95
-# Distance from resonances at which their peaks are evaluated, relative to the frequency: those of
-# modes without damping are infinite.
-_PEAK_DISTANCE = 1e-6
 _MAX_NAMES = 4  # of inputs or outputs without a finite derivative
 _FINITE_REMEDY = "or add a small positive number under a square root of zero"
 
@@ -220,9 +214,8 @@ class LinearModel(HasPage):
         Warns
         -----
         BeamdaeWarning
-            If 20 or more frequencies miss the peak of a resonance between them by more than 5 %, or
-            errors exceed 4 % of the frequency or the largest magnitude (see `Bode.errors`), which
-            are measured unless warnings are filtered out.
+            If errors exceed 4 % of the frequency or the largest magnitude (see `Bode.errors`),
+            which are measured unless warnings are filtered out.
         """
         values = [
             require_finite("frequency_response", "frequencies", f)
@@ -230,12 +223,10 @@ class LinearModel(HasPage):
                 "frequency_response", "frequencies", frequencies, "a list [Hz]"
             )
         ]
-        response, grid = self.evaluate_response(values), np.array(values)
-        for warning in self.find_missed_peaks(grid, response):
-            # The response is an array, whose warnings cannot be read later.
-            warn_user(warning, merges=False)
+        response = self.evaluate_response(values)
         if values and not warnings_are_ignored():
-            for sentence in self.measure_errors(grid, response).sentences():
+            for sentence in self.measure_errors(np.array(values), response).sentences():
+                # The response is an array, whose warnings cannot be read later.
                 warn_user(f"frequency_response: {sentence}", merges=False)
         return response
 
@@ -252,39 +243,21 @@ class LinearModel(HasPage):
         module = deferred.module("accuracy.linear_models")
         return module.measure_response(self, frequencies, response)
 
-    def bound_magnitudes(self, frequencies: Array) -> Array:
-        """Return the median over the frequencies [Hz] of |C (i w I - A)^-1| |B|, w = 2 pi f.
+    def bound_rounding(self, frequencies: Array) -> Array:
+        """Return a bound of rounding errors of the transfer matrix near frequencies [Hz].
 
-        |.| are the norms of rows and columns. Rounding errors of the transfer matrix are
-        proportional to this product, even where the response is zero by symmetry.
+        It is 1.5e-8 of the median of |C| |(i w I - A)^-1| |B| with absolute values of all elements,
+        which does not depend on the units of states, and is not zero where the response is zero by
+        symmetry.
         """
         identity = np.eye(len(self.A))
-        system = self.A, identity, self.C, np.zeros_like(self.C)
-        gains = [transfer_matrix(system, 2j * np.pi * f) for f in frequencies]
-        bounds = np.linalg.norm(gains, axis=2)[:, :, None] * np.linalg.norm(self.B, axis=0)
-        return np.asarray(np.median(bounds, axis=0))
-
-    def find_missed_peaks(self, frequencies: Array, response: Array) -> list[str]:
-        """Return a warning if peaks at poles exceed the response at both adjacent frequencies."""
-        grid, rows = np.unique(np.abs(frequencies), return_index=True)
-        poles = np.unique(self.poles.imag) / (2.0 * np.pi)
-        if len(grid) >= _MIN_GRID_SIZE:
-            poles = poles[(poles > grid[0]) & (poles < grid[-1])]
-        if len(grid) < _MIN_GRID_SIZE or not len(poles):
-            return []
-        after, sizes = np.searchsorted(grid, poles), np.abs(response[rows])
-        nearest = np.maximum(sizes[after - 1], sizes[after])
-        peaks = np.abs(self.evaluate_response((poles * (1.0 + _PEAK_DISTANCE)).tolist()))
-        ratios = np.where(peaks > 0.0, nearest / np.where(peaks > 0.0, peaks, 1.0), 1.0)
-        shares = np.min(ratios, axis=(1, 2), initial=1.0)
-        worst = int(np.argmin(shares))
-        if shares[worst] >= _MIN_PEAK_SHARE:
-            return []
-        return [
-            f"frequency_response: the resonance at {poles[worst]:.6g} Hz lies between frequencies "
-            f"that reach {format_percent(float(shares[worst]))} of its peak; add the frequencies "
-            "abs(model.poles.imag) / (2 * np.pi), or damping, without which peaks are infinite."
-        ]
+        system = self.A, identity, identity, np.zeros_like(identity)
+        inverses = np.array([transfer_matrix(system, 2j * np.pi * f) for f in frequencies])
+        bounds = _NOISE_SHARE * np.abs(self.C) @ np.abs(inverses) @ np.abs(self.B)
+        # Errors of stiff elements reach states that they do not move.
+        gains = np.linalg.norm(self.C @ inverses, axis=2)[:, :, None]
+        norms = _NORM_SHARE * gains * np.linalg.norm(self.B, axis=0)
+        return np.asarray(np.median(np.maximum(bounds, norms), axis=0))
 
     def evaluate_response(self, values: Sequence[float]) -> Array:
         """Return the transfer matrix at frequencies [Hz], (k, outputs, inputs).
@@ -466,12 +439,12 @@ def compute_linear_model(model: Any, request: _Request) -> LinearModel:
 
 
 def build_linear_model(model: Any, lin: Linearization, request: _Request) -> LinearModel:
-    """Return the state-space model of a linearization with the requested inputs and outputs."""
+    """Return the state-space model of a linearization with the requested inputs and outputs.
+
+    Those without a finite derivative are omitted with a warning, or rejected if they are requested.
+    """
     inputs = _resolve_inputs(model, lin, request.inputs)
-    undefined = [x.quantity.name for x in inputs if not np.all(np.isfinite(x.force))]
-    warnings = _report_undefined(undefined, "inputs", request.inputs)
-    inputs = [x for x in inputs if x.quantity.name not in undefined]
-    observables, columns = _resolve_outputs(lin, request.outputs)
+    observables, headers = _resolve_outputs(lin, request.outputs)
     if lin.equations.n > _MAX_COORDINATES:
         raise BeamdaeError(
             f"linearize: the model has {lin.equations.n} coordinates, more than the "
@@ -479,42 +452,39 @@ def build_linear_model(model: Any, lin: Linearization, request: _Request) -> Lin
         )
     linear = reduce_to_states(lin, inputs, observables)
     place = {output.header: k for k, output in enumerate(linear.outputs)}
-    is_finite = np.isfinite(np.hstack([linear.C, linear.D])).all(axis=1)
-    undefined = [x for x in columns if not is_finite[place[x]]]
-    warnings += _report_undefined(undefined, "outputs", request.outputs)
-    rows = [place[x] for x in columns if is_finite[place[x]]]
+    rows, warnings = np.array([place[x] for x in headers], int), list(linear.warnings)
+    columns = np.isfinite(linear.B).all(axis=0)
+    outputs = np.hstack([linear.C, linear.D[:, columns]])[rows]
+    is_finite = np.isfinite(outputs).all(axis=1)
+    undefined = (
+        ("inputs", [x.name for x in linear.inputs], columns, request.inputs),
+        ("outputs", headers, is_finite, request.outputs),
+    )
+    for kind, names, are_finite, requested in undefined:
+        if are_finite.all():
+            continue
+        which = list_first([x for x, y in zip(names, are_finite, strict=True) if not y], _MAX_NAMES)
+        reason = "the derivative is not finite at this state"
+        if requested is not None:
+            raise BeamdaeError(
+                f"linearize: {which} cannot be one of the {kind}, because {reason}; choose others, "
+                f"{_FINITE_REMEDY}."
+            )
+        warnings.append(
+            f"{which}: omitted from the {kind} of the linear model, because {reason}; linearize "
+            f"about another state, {_FINITE_REMEDY}."
+        )
+    rows = rows[is_finite]
     return replace(
         linear,
+        B=linear.B[:, columns],
         C=linear.C[rows],
-        D=linear.D[rows],
+        D=linear.D[rows][:, columns],
+        inputs=tuple(x for x, y in zip(linear.inputs, columns, strict=True) if y),
         outputs=tuple(linear.outputs[k] for k in rows),
         output_values=linear.output_values[rows],
-        warnings=(*linear.warnings, *warnings),
+        warnings=tuple(warnings),
     )
-
-
-def _report_undefined(
-    names: Sequence[str], kind: str, requested: Sequence[str] | None
-) -> list[str]:
-    """Return a warning that inputs or outputs without a finite derivative are omitted, or none.
-
-    Raises
-    ------
-    BeamdaeError
-        If the user requested them.
-    """
-    if not names:
-        return []
-    which, reason = list_first(names, _MAX_NAMES), "the derivative is not finite at this state"
-    if requested is not None:
-        raise BeamdaeError(
-            f"linearize: {which} cannot be one of the {kind}, because {reason}; choose others, "
-            f"{_FINITE_REMEDY}."
-        )
-    return [
-        f"{which}: omitted from the {kind} of the linear model, because {reason}; linearize about "
-        f"another state, {_FINITE_REMEDY}."
-    ]
 
 
 class ModelInput(NamedTuple):
@@ -526,11 +496,8 @@ class ModelInput(NamedTuple):
         Name of the input, the load or the driver.
     quantity
         Name and unit, such as "push.Fy" [N]; for drivers, the prescribed acceleration.
-    force
-        Derivative of the residual F of the equations of motion with respect to the law, (n,).
-    constraints
-        Nonzero derivatives of the constraints with respect to the law, by name of the multiplier;
-        empty for loads.
+    change
+        Derivative of forces and constraints with respect to the law, (n + m,).
     indices
         Indices of the numbers `p` of the full equations that are equal to the input; empty for the
         laws of parts.
@@ -538,8 +505,7 @@ class ModelInput(NamedTuple):
 
     owner: str
     quantity: Variable
-    force: Array
-    constraints: dict[str, float]
+    change: Array
     indices: tuple[int, ...] = ()
 
 
@@ -584,37 +550,36 @@ def _create_input(
     owner: str, law: Variable, e: EquationsOfMotion, change: Array, indices: tuple[int, ...] = ()
 ) -> ModelInput:
     """Return an input whose law changes the residual of equations by `change`, (n + m,)."""
-    force, by_constraint = np.split(change, [e.n])
-    names = zip(e.lam_names, by_constraint.tolist(), strict=True)
-    constraints = {name: x for name, x in names if x != 0.0}
-    if constraints and np.any(force):
+    if not change[e.n :].any():
+        return ModelInput(owner, law, change, indices)
+    if change[: e.n].any():
         raise BeamdaeError(
             f"linearize: the input {owner} is used both by a driver and by a force; use "
             "different inputs."
         )
-    quantity = Variable(f"{law.name}_ddot", f"{law.unit}/s^2") if constraints else law
-    return ModelInput(owner, quantity, force, constraints, indices)
+    acceleration = Variable(f"{law.name}_ddot", f"{law.unit}/s^2")
+    return ModelInput(owner, acceleration, change, indices)
 
 
 def differentiate_part_laws(
     mechanism: Mechanism, part: Part, lin: Linearization
 ) -> list[ModelInput]:
     """Return an input for each law of a load or a driver, which depend linearly on their laws."""
-    count = len(part.inputs)
-    e, at_zero = _part_residual(mechanism, part.with_constant_laws([0.0] * count), lin)
+    at_zero = _part_residual(mechanism, part, [0.0] * len(part.inputs), lin)
     inputs = []
-    for law, values in zip(part.inputs, np.eye(count).tolist(), strict=True):
-        _, at_one = _part_residual(mechanism, part.with_constant_laws(values), lin)
+    for law, values in zip(part.inputs, np.eye(len(part.inputs)).tolist(), strict=True):
+        change = _part_residual(mechanism, part, values, lin) - at_zero
         quantity = Variable(f"{part.name}.{law.name}", law.unit)
-        inputs.append(_create_input(part.name, quantity, e, at_one - at_zero))
+        inputs.append(_create_input(part.name, quantity, lin.equations, change))
     return inputs
 
 
 def _part_residual(
-    mechanism: Mechanism, part: Part, lin: Linearization
-) -> tuple[EquationsOfMotion, Array]:
-    """Return the equations of one part in the coordinates of the mechanism, and their residual."""
+    mechanism: Mechanism, part: Part, laws: Sequence[float], lin: Linearization
+) -> Array:
+    """Return the residual of one part with constant laws, (n + m,)."""
     coordinate_map, e = map_coordinates(mechanism), lin.equations
+    part = part.with_constant_laws(laws)
     forces, constraints = collect_statements(part, mechanism.gravity, coordinate_map.sizes)
     terms = build_terms(Statements(forces, constraints), e.coordinates, e.parts, coordinate_map)
     equations = EquationsOfMotion(
@@ -628,7 +593,16 @@ def _part_residual(
         **vars(terms),
     )
     state = lin.state._replace(lam=np.zeros(equations.m))
-    return equations, compute_tangent(equations, lin.time, state).residual
+    residual = compute_tangent(equations, lin.time, state).residual
+    row_of = {name: k for k, name in enumerate(e.lam_names, e.n)}
+    if missing := [name for name in equations.lam_names if name not in row_of]:
+        raise BeamdaeError(
+            f"linearize: {missing[0]} is inactive or redundant and cannot be an input; "
+            "choose other inputs."
+        )
+    total = np.zeros(e.n + e.m)
+    total[[*range(e.n), *(row_of[name] for name in equations.lam_names)]] = residual
+    return total
 
 
 def _resolve_outputs(
@@ -661,16 +635,10 @@ def reduce_to_states(
     these constraints (see `linearization`). The outputs are the columns of `observables`.
     """
     e, tangent = lin.equations, lin.tangent
-    row_of = {name: k for k, name in enumerate(e.lam_names)}
-    driven = [name for one in inputs for name in one.constraints]
-    if missing := [name for name in driven if name not in row_of]:
-        raise BeamdaeError(
-            f"linearize: {missing[0]} is inactive or redundant and cannot be an input; "
-            "choose other inputs."
-        )
+    by_inputs = np.reshape([x.change for x in inputs], (len(inputs), e.n + e.m)).T
+    remains = ~by_inputs[e.n :].any(axis=1)
     by_q, by_v = tangent.position_jacobian.toarray(), tangent.velocity_jacobian.toarray()
     rolling = np.isin(np.arange(e.m), e.nonholonomic_rows)
-    remains = np.isin(e.lam_names, driven, invert=True)
     places, z = _independent_coordinates(by_q[remains & ~rolling], e.position_scales)
     velocity_rows = np.where(rolling[:, None], by_v, by_q)[remains]
     rates, y = _independent_coordinates(velocity_rows, e.position_scales)
@@ -687,13 +655,13 @@ def reduce_to_states(
     size = n_states + len(inputs)
     dq = np.hstack([z, np.zeros((e.n, size - len(places)))])
     dv = np.hstack([w, y, np.zeros((e.n, len(inputs)))])
-    by_inputs, dp = np.zeros((e.n + e.m, size)), np.zeros((len(lin.full_equations.p), size))
+    by_inputs = np.hstack([np.zeros((e.n + e.m, n_states)), by_inputs])
+    dp = np.zeros((len(lin.full_equations.p), size))
     for k, one in enumerate(inputs, n_states):
-        by_inputs[: e.n, k], change = one.force, np.eye(size)[k]
-        for name, slope in one.constraints.items():
-            by_inputs[e.n + row_of[name], k] = slope
+        change, driven = np.eye(size)[k], np.flatnonzero(one.change[e.n :])
+        for row in driven:
             # The displacement of a driver depends on the states.
-            change = -by_q[row_of[name]] @ dq / slope
+            change = -by_q[row] @ dq / one.change[e.n + row]
         dp[list(one.indices)] = change
     # The rows of first-order states are x' - f.
     forces = tangent.stiffness @ dq + tangent.damping @ dv + by_inputs[: e.n]

@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
-from itertools import pairwise
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -45,7 +44,6 @@ from beamdae.errors import (
 )
 from beamdae.interrupts import interruptible
 from beamdae.linear.blas_threads import single_threaded
-from beamdae.parts.mechanism import Mechanism
 from beamdae.parts.signals import State as SignalState
 from beamdae.results.displays import HasTable
 from beamdae.symbolic.statements import Variable
@@ -176,16 +174,13 @@ class StabilityMargins(HasTable):
 
 @dataclass(frozen=True, eq=False)
 class _Loop:
-    """Loop transfer function L of x' = A x + b u, -u = c x + d u (or x_k+1), with a delay [s].
+    """Loop transfer function of a system with one input and one output, and a delay [s].
 
     `every` is None in continuous time; otherwise, there is no `delay`. `known` contains the values
     that were computed, by frequency.
     """
 
-    a: Array
-    b: Array
-    c: Array
-    d: float
+    system: Matrices
     every: float | None = None
     delay: float = 0.0
     known: dict[float, complex] = field(default_factory=dict)
@@ -193,10 +188,9 @@ class _Loop:
     def at(self, f: float) -> complex:
         """Return L without its delay at a frequency [Hz]; not finite at a pole."""
         if f not in self.known:
-            w = _FULL_TURN * f
-            point = 1j * w if self.every is None else np.exp(1j * w * self.every)
-            system = self.a, self.b[:, None], self.c[None], np.array([[self.d]])
-            self.known[f] = complex(transfer_matrix(system, point)[0, 0])
+            s = 1j * _FULL_TURN * f
+            point = s if self.every is None else np.exp(s * self.every)
+            self.known[f] = complex(transfer_matrix(self.system, point)[0, 0])
         return self.known[f]
 
     def lag(self, f: float) -> float:
@@ -206,12 +200,13 @@ class _Loop:
     @cached_property
     def poles(self) -> Array:
         """Poles without delay [1/s]."""
-        return self._find_poles(self.a)
+        return self._find_poles(self.system[0])
 
     @cached_property
     def closed_poles(self) -> Array:
         """Poles of the closed loop without delay [1/s]."""
-        return self._find_poles(self.a - np.outer(self.b, self.c) / (1.0 + self.d))
+        a, b, c, d = self.system
+        return self._find_poles(a - b @ c / (1.0 + d))
 
     def _find_poles(self, matrix: Array) -> Array:
         if self.every is None:
@@ -308,10 +303,14 @@ def margins(
     3.1416, 61.35 deg, 0.5354 s
     """
     require_linear_model("margins", model)
-    loop = _build_loop(model, at, controller, every, delay)
+    loop = _open_loop(model, plain_text(at), controller, every, delay)
     crossovers = _find_crossovers(loop)
-    gains = [x for x in crossovers if x.kind == "phase"]
+    none = Crossover("", math.nan, math.inf, math.inf, math.inf)
     phases = [x for x in crossovers if x.kind == "gain"]
+    gains = [x for x in crossovers if x.kind == "phase"]
+    gain = min(gains, key=lambda x: abs(math.log(x.gain_margin)), default=none)
+    phase = min(phases, key=lambda x: abs(x.phase_margin), default=none)
+    late = min(phases, key=lambda x: x.delay_margin, default=none)
     count = _count_unstable_poles(loop, [x.frequency for x in phases])
     warnings: tuple[str, ...] = ()
     if count:
@@ -320,10 +319,6 @@ def margins(
             "the margins are not distances from instability; check the sign and the gain of the "
             "controller.",
         )
-    none = Crossover("", math.nan, math.inf, math.inf, math.inf)
-    gain = min(gains, key=lambda x: abs(math.log(x.gain_margin)), default=none)
-    phase = min(phases, key=lambda x: abs(x.phase_margin), default=none)
-    late = min(phases, key=lambda x: x.delay_margin, default=none)
     warn_of_result(warnings)
     return StabilityMargins(
         gain.gain_margin,
@@ -339,68 +334,66 @@ def margins(
     )
 
 
-def _build_loop(model: LinearModel, at: Any, controller: Any, every: Any, delay: Any) -> _Loop:
-    at, lin = plain_text(at), model._linearization
+def _open_loop(model: LinearModel, at: Any, controller: Any, every: Any, delay: Any) -> _Loop:
+    """Return the loop, opened at an input or at the command of a `pid`."""
+    inputs, lin = [x.name for x in model.inputs], model._linearization
     mechanism = None if lin is None else lin.equations.mechanism
-    commands = {} if mechanism is None else mechanism.outputs
-    inputs = [x.name for x in model.inputs]
-    if at is None and len(inputs) != 1:
+    commands = [] if mechanism is None else list(mechanism.outputs)
+    if at is None and len(inputs) == 1:
+        at = inputs[0]
+    if at is None:
         names = join_names([*inputs, *commands]) if inputs or commands else "none"
         raise BeamdaeError(
             f"margins: at must name the input or pid at which the loop is opened ({names})."
         )
-    name = inputs[0] if at is None else at
-    if isinstance(name, str) and name not in inputs and name in commands:
+    if at not in inputs and at in commands:
         assert lin is not None
-        assert mechanism is not None
-        is_default = type(controller) is float and controller == 1.0
-        if not is_default or every is not None:
+        if every is not None or type(controller) is not float or controller != 1.0:
             raise BeamdaeError(
-                f"margins: {name} closes the loop itself, in continuous time; omit controller and "
+                f"margins: {at} closes the loop itself, in continuous time; omit controller and "
                 "every."
             )
-        dead_time = require_non_negative("margins", "delay", delay)
-        closed = _inject_at_command(lin, mechanism, name)
+        a, b, c, d = _inject_at_command(lin, at)
         # x' = A x + b (w - u), u = c x: without the feedback through w = u + disturbance.
-        b, c = closed.B[:, 0], closed.C[0]
-        return _Loop(closed.A - np.outer(b, c), b, -c, 0.0, None, dead_time)
+        return _Loop((a - b @ c, b, -c, d), None, require_non_negative("margins", "delay", delay))
     columns = [
         k
         for k, x in enumerate(model.inputs)
-        if name in (x.name, x.header) or x.name.startswith(f"{name}.")
+        if at in (x.name, x.header) or x.name.startswith(f"{at}.")
     ]
     if len(columns) != 1:
         raise BeamdaeError(
-            f"margins: there is no input or pid {short_repr(name)}"
-            f"{suggest(name, [*inputs, *commands])}; use the name of an input of the linear model "
+            f"margins: there is no input or pid {short_repr(at)}"
+            f"{suggest(at, [*inputs, *commands])}; use the name of an input of the linear model "
             "or of a pid."
         )
-    system, interval = _as_system(controller, len(model.outputs), every)
-    plant, dead_time, samples = model, 0.0, 0
+    law, interval = _as_system(controller, len(model.outputs), every)
     if interval is None:
-        dead_time = require_non_negative("margins", "delay", delay)
+        plant, dead_time = model, require_non_negative("margins", "delay", delay)
     else:
-        plant = model.state_space(interval)
+        plant, dead_time = model.state_space(interval), 0.0
         samples = require_count("margins", "delay", delay, 0, _MAX_DELAY)
-    loop = _connect((plant.A, plant.B[:, columns], plant.C, plant.D[:, columns]), system)
-    if samples:
         # The state of a sample of delay is the value of the loop at the sample before.
         first, last = np.eye(samples)[:, :1], np.eye(samples)[-1:]
-        loop = _connect(loop, (np.eye(samples, k=-1), first, last, np.zeros((1, 1))))
-    a, b, c, d = loop
-    if abs(1.0 + d[0, 0]) <= np.finfo(float).eps * (1.0 + abs(d[0, 0])):
+        shift = np.eye(samples, k=-1), first, last, np.zeros((1, 1))
+        law = _connect(law, shift) if samples else law
+    system = _connect((plant.A, plant.B[:, columns], plant.C, plant.D[:, columns]), law)
+    gain = float(system[3][0, 0])
+    if abs(1.0 + gain) <= np.finfo(float).eps * (1.0 + abs(gain)):
         raise BeamdaeError(
-            f"margins: the loop at {name} is algebraic with the gain -1, so that it has no "
+            f"margins: the loop at {at} is algebraic with the gain -1, so that it has no "
             "solution; change the gain, or add a delay."
         )
-    return _Loop(a, b[:, 0], c[0], float(d[0, 0]), interval, dead_time)
+    return _Loop(system, interval, dead_time)
 
 
-def _inject_at_command(lin: Linearization, mechanism: Mechanism, name: str) -> LinearModel:
+def _inject_at_command(lin: Linearization, name: str) -> Matrices:
     """Return the linear model from a disturbance, added to the output of a `pid`, to this output.
 
-    All loops are closed. The first output of the model is the command before the disturbance.
+    All loops are closed. The output is the command before the disturbance.
     """
+    mechanism = lin.equations.mechanism
+    assert mechanism is not None
     commands = compile_commands(lin.equations)
     command = next((x for x in commands if x.name.startswith(f"{name}: ")), None)
     if command is None:
@@ -422,14 +415,14 @@ def _inject_at_command(lin: Linearization, mechanism: Mechanism, name: str) -> L
             f"margins: no law of a part contains the output of {name}; pass it to a force, a "
             "moment or a state as it is, or in a formula."
         )
-    force = np.zeros(lin.equations.n)
+    change = np.zeros(lin.equations.n + lin.equations.m)
     for part, slopes in laws:
         if isinstance(part, SignalState):
             # The row of the state is x' - rate.
-            force[map_coordinates(mechanism).slice_of(part)] -= slopes[0]
+            change[map_coordinates(mechanism).slice_of(part)] -= slopes[0]
         elif len(part.inputs) == len(slopes):
             inputs = differentiate_part_laws(mechanism, part, lin)
-            force += sum(slope * x.force for slope, x in zip(slopes, inputs, strict=True))
+            change += sum(slope * x.change for slope, x in zip(slopes, inputs, strict=True))
         else:
             raise BeamdaeError(
                 f"margins: the loop cannot be opened at {name} because {part.name} is not a force, "
@@ -438,9 +431,10 @@ def _inject_at_command(lin: Linearization, mechanism: Mechanism, name: str) -> L
     full, data = lin.full_equations, command.value.observable.data
     shifted = slice(len(full.p) + data.start, len(full.p) + data.stop)
     extended = replace(full, p=np.concatenate([full.p, command.value.numbers]))
-    disturbance = ModelInput(name, Variable(name, "-"), force, {})
+    disturbance = ModelInput(name, Variable(name, "-"), change)
     observable = replace(command.value.observable, data=shifted)
-    return reduce_to_states(replace(lin, full_equations=extended), [disturbance], [observable])
+    closed = reduce_to_states(replace(lin, full_equations=extended), [disturbance], [observable])
+    return closed.A, closed.B, closed.C[:1], np.zeros((1, 1))
 
 
 def _connect(first: Matrices, second: Matrices) -> Matrices:
@@ -489,33 +483,32 @@ def _as_system(controller: Any, count: int, every: Any) -> tuple[Matrices, float
 
 def _find_crossovers(loop: _Loop) -> list[Crossover]:
     """Return all crossovers in ascending order of their frequencies."""
-
-    def size(f: float) -> float:
-        return math.log(abs(loop.at(f)))
-
-    def turns(first: float, f: float) -> float:
-        """Return the phase above -180 degrees [turns], continuous from a sample on."""
-        begin = loop.at(first)
-        change = np.angle(-begin) + np.angle(loop.at(f) / begin)
-        return float(change) / _FULL_TURN - f * loop.delay
-
+    f = _sample(loop)
+    values = np.array([loop.at(x) for x in f.tolist()])
+    sizes = np.log(np.abs(values))
+    # Phases above -180 degrees [turns], continuous from the first to the last end of each interval.
+    first = np.angle(-values[:-1]) / _FULL_TURN - f[:-1] * loop.delay
+    last = first + np.angle(values[1:] / values[:-1]) / _FULL_TURN - np.diff(f) * loop.delay
     crossovers, critical = [], _list_ends(loop)
-    for first, last in pairwise(_sample(loop)):
-        if size(first) * size(last) < 0.0 or size(first) == 0.0:
-            f = _find_root(size, first, last)
-            lag = (loop.lag(f) - _FULL_TURN * f * loop.delay) % _FULL_TURN
-            margin = math.degrees(lag if lag <= np.pi else lag - _FULL_TURN)
-            crossovers.append(Crossover("gain", f, math.nan, margin, lag / (_FULL_TURN * f)))
-        if max(size(first), size(last)) > _MIN_SIZE and len(critical) < _MAX_CROSSOVERS:
-            low, high = sorted((turns(first, first), turns(first, last)))
-            levels = np.arange(np.ceil(low), np.ceil(high))[:_MAX_CROSSOVERS]
-            levels = levels[np.maximum(levels - low, high - levels) > _PHASE_ROUNDING]
-            for level in levels.tolist():
-                f = _find_root(partial(lambda k, a, f: turns(a, f) - k, level, first), first, last)
-                critical.append((f, abs(loop.at(f))))
+    for k in np.flatnonzero((sizes[:-1] * sizes[1:] < 0.0) | (sizes[:-1] == 0.0)).tolist():
+        x = _find_root(lambda x: math.log(abs(loop.at(x))), f[k], f[k + 1])
+        lag = (loop.lag(x) - _FULL_TURN * x * loop.delay) % _FULL_TURN
+        margin = math.degrees(lag if lag <= np.pi else lag - _FULL_TURN)
+        crossovers.append(Crossover("gain", x, math.nan, margin, lag / (_FULL_TURN * x)))
+    for k in np.flatnonzero(np.maximum(sizes[:-1], sizes[1:]) > _MIN_SIZE).tolist():
+        low, high = sorted((first[k], last[k]))
+        levels = np.arange(np.ceil(low), np.ceil(high))[: _MAX_CROSSOVERS - len(critical)]
+        for level in levels[np.maximum(levels - low, high - levels) > _PHASE_ROUNDING]:
+
+            def turns(x: float, k: int = k, level: float = level) -> float:
+                change = float(np.angle(loop.at(x) / values[k])) / _FULL_TURN
+                return first[k] + change - (x - f[k]) * loop.delay - level
+
+            x = _find_root(turns, f[k], f[k + 1])
+            critical.append((x, abs(loop.at(x))))
     crossovers += [
-        Crossover("phase", f, 1.0 / magnitude, math.nan, math.nan)
-        for f, magnitude in critical
+        Crossover("phase", x, 1.0 / magnitude, math.nan, math.nan)
+        for x, magnitude in critical
         if _MIN_MAGNITUDE < magnitude < _MAX_MAGNITUDE
     ]
     return sorted(crossovers, key=lambda x: x.frequency)
@@ -531,11 +524,11 @@ def _list_ends(loop: _Loop) -> list[tuple[float, float]]:
     if loop.every is not None:
         ends.append((0.5 / loop.every, loop.at(0.5 / loop.every)))
     elif not loop.delay:
-        ends.append((math.inf, complex(loop.d)))
+        ends.append((math.inf, complex(loop.system[3][0, 0])))
     return [(f, abs(x)) for f, x in ends if np.isfinite(x) and x.real < 0.0]
 
 
-def _sample(loop: _Loop) -> list[float]:
+def _sample(loop: _Loop) -> Array:
     """Return frequencies [Hz] between which magnitude and phase change little."""
     poles = np.concatenate([loop.poles, loop.closed_poles])
     poles = poles[np.isfinite(poles) & (np.abs(poles) > MIN_POLE)]
@@ -544,28 +537,22 @@ def _sample(loop: _Loop) -> list[float]:
     if loop.every is not None:
         high = 0.5 / loop.every
         low = min(low, 1e-3 * high)
-    elif loop.d == 0.0:
+    elif not loop.system[3].any():
         # The magnitude decreases at least as the reciprocal of the frequency.
         high *= max(1.0, abs(loop.at(high)) / _MIN_MAGNITUDE)
-    count = int(_POINTS_PER_DECADE * math.log10(high / low)) + 2
     near = frequencies_beside(poles, np.array([-1.0, 0.0, 1.0]))
-    near = near[(near > low) & (near < high)]
-    grid = np.unique(np.append(np.geomspace(low, high, count), near)).tolist()
-    pending, frequencies = list(pairwise(grid)), set(grid)
-    while pending and len(frequencies) < _MAX_FREQUENCIES:
-        halves = []
-        for first, last in pending:
-            begin, end = loop.at(first), loop.at(last)
-            is_small = max(abs(begin), abs(end)) < math.exp(_MIN_SIZE)
-            if is_small or last < (1.0 + _MIN_SPACING) * first:
-                continue
-            change = np.log(end / begin) if begin and end else complex("nan")
-            if not max(abs(change.real), abs(change.imag)) < _MAX_CHANGE:
-                middle = math.sqrt(first * last)
-                frequencies.add(middle)
-                halves += [(first, middle), (middle, last)]
-        pending = halves
-    return [f for f in sorted(frequencies) if np.isfinite(loop.at(f)) and loop.at(f)]
+    count = int(_POINTS_PER_DECADE * math.log10(high / low)) + 2
+    f = np.unique([*np.geomspace(low, high, count), *near[(near > low) & (near < high)]])
+    while True:
+        values = np.array([loop.at(x) for x in f.tolist()])
+        with np.errstate(all="ignore"):
+            change = np.log(values[1:] / values[:-1])
+        is_coarse = ~(np.maximum(np.abs(change.real), np.abs(change.imag)) < _MAX_CHANGE)
+        is_coarse &= ~(np.maximum(*np.abs([values[1:], values[:-1]])) < math.exp(_MIN_SIZE))
+        is_coarse &= f[1:] > (1.0 + _MIN_SPACING) * f[:-1]
+        if not is_coarse.any() or len(f) > _MAX_FREQUENCIES:
+            return f[np.isfinite(values) & (values != 0.0)]
+        f = np.sort(np.append(f, np.sqrt(f[1:] * f[:-1])[is_coarse]))
 
 
 def _count_unstable_poles(loop: _Loop, crossovers: Sequence[float]) -> int:

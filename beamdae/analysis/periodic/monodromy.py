@@ -238,13 +238,17 @@ class VariationalEquations:
         work, h, n = self._loop.work, np.diff(nodes), self.equations.n
         # Rounding may put the last stage beyond the end.
         times = np.minimum((nodes[:-1, None] + h[:, None] * C).ravel(), interval.t[-1])
-        state = interval.at(times)
-        lam = slice(2 * n, 2 * n + self.equations.m)
-        work.times[: len(times)], work.h[: len(h)] = times, h
+        first = int(np.searchsorted(interval.nodes, nodes[0]))
+        ends = interval.nodes[first : first + len(times) + 1 : _STAGES]
+        if interval.nodes_per_step == _STAGES and np.array_equal(ends, nodes):
+            state = State(*(x[first + 1 : first + 1 + len(times)] for x in interval.rows))
+        else:
+            state = interval.at(times)
         stages = slice(0, len(times))
-        work.states[stages, :n], work.states[stages, n : 2 * n] = state.q, state.v
-        work.state_rates[stages, :n], work.state_rates[stages, n : 2 * n] = state.v, state.a
-        work.state_rates[stages, lam] = state.lam
+        work.times[stages], work.h[: len(h)] = times, h
+        work.states[stages, : 2 * n] = np.hstack([state.q, state.v])
+        rates = np.hstack([state.v, state.a, state.lam])
+        work.state_rates[stages, : rates.shape[1]] = rates
         work.branch, work.steps, work.next = interval.branch, len(h), 0
         self._loop()
         return work.next
@@ -320,6 +324,12 @@ def assemble_monodromy(
                 outputs = np.column_stack([outputs, propagate(extra)])
             return outputs @ np.column_stack([inputs[:, :count], extra]).T
     return outputs @ inputs.T
+
+
+def dominant_range(monodromy: Array, tolerance: float) -> Array:
+    """Return an orthonormal basis of the range of a monodromy matrix."""
+    vectors, values, _ = la.svd(monodromy)
+    return vectors[:, values > tolerance * np.max(values, initial=_TINY)]
 
 
 def _extend_basis(basis: Array, columns: Array, tolerance: float) -> Array:

@@ -38,7 +38,7 @@ _OUTPUT_TIMES = 201  # in a period, including both ends
 # Rank tolerance of Newton's matrix. Disturbances that shrink below it within a period need no
 # linearization: Newton's method leaves them to the run (Lust, Roose, Spence & Champneys, SIAM J.
 # Sci. Comput. 19 (1998) 1188). With 1e-2, kept matrices do not reduce the deviation of stiff beams.
-_NEWTON_RANK_TOLERANCE = 1e-4
+NEWTON_RANK_TOLERANCE = 1e-4
 # Error of the stages of the variational equations, relative to the rank tolerance of a matrix.
 _STAGE_TOLERANCE_RATIO = 1e-2
 
@@ -294,7 +294,7 @@ class PeriodRun:
     def monodromy(
         self,
         *directions: Array,
-        tolerance: float = _NEWTON_RANK_TOLERANCE,
+        tolerance: float = NEWTON_RANK_TOLERANCE,
         refinement: int = 0,
     ) -> Array:
         """Return the monodromy matrix (k, k), in terms of `basis`.

@@ -11,6 +11,7 @@ import scipy.linalg as la
 
 from beamdae import deferred
 from beamdae.analysis.periodic.load_periods import Loads
+from beamdae.analysis.periodic.monodromy import dominant_range
 from beamdae.analysis.periodic.period_map import (
     IncompleteRunError,
     PeriodMap,
@@ -305,9 +306,12 @@ def _find_multipliers(run: PeriodRun, is_free: bool) -> tuple[Array, float]:
     """
     along = run.rates[0][None] if is_free else np.zeros((0, len(run.rates[0])))
     across = la.null_space(along)
-    previous = np.array([np.inf])
+    previous, expected = np.array([np.inf]), across[:, :0]
     for refinement in range(-1, _MAX_REFINEMENTS + 1):
-        monodromy = run.monodromy(tolerance=_MULTIPLIER_RANK_TOLERANCE, refinement=refinement)
+        monodromy = run.monodromy(
+            expected, tolerance=_MULTIPLIER_RANK_TOLERANCE, refinement=refinement
+        )
+        expected = dominant_range(monodromy, _MULTIPLIER_RANK_TOLERANCE)
         others = floquet_multipliers(across.T @ monodromy @ across)
         values = np.concatenate([np.ones(len(monodromy) - len(others)), others, [0.0]])
         values = values[np.argsort(-np.abs(values), kind="stable")]

@@ -26,7 +26,13 @@ from beamdae.analysis.continuation.engine import (
     prescribe_parameter,
 )
 from beamdae.analysis.periodic.load_periods import FULL_TURN
-from beamdae.analysis.periodic.period_map import PeriodMap, PeriodRun, equalize_deformations
+from beamdae.analysis.periodic.monodromy import dominant_range
+from beamdae.analysis.periodic.period_map import (
+    NEWTON_RANK_TOLERANCE,
+    PeriodMap,
+    PeriodRun,
+    equalize_deformations,
+)
 from beamdae.errors import BeamdaeError, require_positive
 from beamdae.integrators import Integrator
 from beamdae.results.frequency_response import STABILITY_MARGIN
@@ -85,21 +91,26 @@ class Tolerance(NamedTuple):
         Difference at which the iteration ends.
     accepted
         Largest difference at which an iteration that stagnates has succeeded.
+    correction
+        Largest next correction of a solution.
     """
 
     target: float
     accepted: float
+    correction: float
 
     @classmethod
     def for_integrator(cls, name: str, value: Any, integrator: Integrator) -> Tolerance:
         """Return the tolerance `value`, or the default for the integrator if it is None."""
         if value is not None:
             target = require_positive(name, "tolerance", value)
-            return cls(target, target)
-        if integrator.accuracy.name != "rtol":
-            return cls(_FIXED_STEP_TOLERANCE, _FIXED_STEP_TOLERANCE)
-        target = float(np.clip(_TOLERANCE_FACTOR * integrator.accuracy.value, *_TOLERANCE_BOUNDS))
-        return cls(target, _STAGNATION_ALLOWANCE * target)
+            allowance = 1.0
+        elif integrator.accuracy.name == "rtol":
+            target = np.clip(_TOLERANCE_FACTOR * integrator.accuracy.value, *_TOLERANCE_BOUNDS)
+            allowance = _STAGNATION_ALLOWANCE
+        else:
+            target, allowance = _FIXED_STEP_TOLERANCE, 1.0
+        return cls(float(target), allowance * float(target), _CORRECTION_RATIO * float(target))
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,17 +146,22 @@ class ShootingMatrix:
         return cls(run, jacobian, run.basis @ change - jacobian @ shift)
 
     @classmethod
-    def of_free(cls, run: PeriodRun, **options: Any) -> ShootingMatrix:
+    def of_free(cls, run: PeriodRun, *directions: Array, **options: Any) -> ShootingMatrix:
         """Return the derivatives whose parameter is the logarithm of the period."""
         last = run.solution.trajectory.intervals[-1].state
         rate = run.period_map.period * np.concatenate([last.v[-1], last.a[-1]])
-        return cls.of(run, 0.0, rate, run.rates[0], **options)
+        return cls.of(run, 0.0, rate, run.rates[0], *directions, **options)
 
     @cached_property
     def monodromy(self) -> Array:
         """Monodromy matrix (k, k), in terms of the basis of the run."""
         matrix = self.run.projection @ self.jacobian @ self.run.basis
         return np.asarray(matrix + np.eye(len(matrix)))
+
+    @cached_property
+    def persistent(self) -> Array:
+        """Disturbances of (q, v) that persist over a period, (2 n, r)."""
+        return self.run.basis @ dominant_range(self.monodromy, NEWTON_RANK_TOLERANCE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,8 +179,10 @@ class PeriodLinearization:
         Unknowns and parameter.
     run
         The run from the nearest consistent state.
-    kept
-        Matrix of a similar run, or None for that of the run.
+    similar
+        Matrix of a similar run, whose range is expected in that of the run; or None.
+    is_kept
+        True if the matrix of the similar run is kept.
     iterations
         Number of runs before this one.
     """
@@ -173,13 +191,17 @@ class PeriodLinearization:
     x: Array
     p: float
     run: PeriodRun
-    kept: ShootingMatrix | None = None
+    similar: ShootingMatrix | None = None
+    is_kept: bool = False
     iterations: int = 0
 
     @cached_property
     def matrix(self) -> ShootingMatrix:
         """Derivatives of the residual."""
-        return self.kept or self.problem.differentiate(self.run, self.p)
+        if self.is_kept:
+            assert self.similar is not None
+            return self.similar
+        return self.problem.differentiate(self.run, self.p, self.similar)
 
     @property
     def residual(self) -> Array:
@@ -196,7 +218,7 @@ class PeriodLinearization:
     def alternating(self) -> PeriodLinearization:
         """The linearization with the sum of monodromy matrix and identity in its place."""
         jacobian = self.matrix.jacobian + 2.0 * np.eye(len(self.x))
-        return replace(self, kept=replace(self.matrix, jacobian=jacobian))
+        return replace(self, similar=replace(self.matrix, jacobian=jacobian), is_kept=True)
 
     def bordered(self, column: Array, row: Array, corner: float) -> _Inverse:
         """Return the inverse of the bordered Jacobian; states that are all periodic remain.
@@ -309,20 +331,21 @@ class PeriodProblem(Problem):
         before = last or base
         matrix, run = before.matrix, self.shoot(x, p, before.run.amplitudes)
         if last is None:
-            return PeriodLinearization(self, x, p, run, matrix)
-        linear = PeriodLinearization(self, x, p, run, None, last.iterations + 1)
+            return PeriodLinearization(self, x, p, run, matrix, True)
+        linear = PeriodLinearization(self, x, p, run, matrix, False, last.iterations + 1)
         at, move, change = matrix.run, run.state - last.run.state, p - last.p
         predicted = at.projection @ (matrix.jacobian @ move + change * matrix.by_parameter)
         error = at.projection @ (run.difference - last.run.difference) - predicted
         if run.relative_deviation <= self.tolerance.target:
             # Errors of the runs would spoil directions in which all states are periodic.
-            return replace(linear, kept=matrix)
+            return replace(linear, is_kept=True)
         if np.linalg.norm(error) <= _MAX_PREDICTION_ERROR * np.linalg.norm(predicted):
             inner = at.projection @ move
             error = at.basis @ error / max(float(inner @ inner) + change**2, _TINY)
             jacobian = matrix.jacobian + np.outer(error, inner @ at.projection)
             by_parameter = matrix.by_parameter + change * error
-            return replace(linear, kept=ShootingMatrix(at, jacobian, by_parameter))
+            matrix = ShootingMatrix(at, jacobian, by_parameter)
+            return replace(linear, similar=matrix, is_kept=True)
         return linear
 
     def shoot(self, x: Array, p: float, amplitudes: Array | None) -> PeriodRun:
@@ -342,16 +365,19 @@ class PeriodProblem(Problem):
         except (BeamdaeError, la.LinAlgError) as error:
             raise CurveError(str(error).rstrip(".")) from error
 
-    def differentiate(self, run: PeriodRun, p: float) -> ShootingMatrix:
+    def differentiate(
+        self, run: PeriodRun, p: float, similar: ShootingMatrix | None
+    ) -> ShootingMatrix:
         """Return the derivatives of the deviation of a run.
 
         Those by the parameter are differences to a point toward the middle of the range, because
         the model may not exist beyond its ends.
         """
+        expected = () if similar is None else (run.projection @ similar.persistent,)
         if self.is_free:
-            return ShootingMatrix.of_free(run)
+            return ShootingMatrix.of_free(run, *expected)
         if not self.varies:
-            return ShootingMatrix.of(run)
+            return ShootingMatrix.of(run, 0.0, 0.0, *expected)
         step = _DIFFERENCE_STEP if p < 0.5 else -_DIFFERENCE_STEP
         period_map = self.map_at(p + step)
         stretch = abs(period_map.period / run.period_map.period - 1.0)
@@ -362,14 +388,14 @@ class PeriodProblem(Problem):
         # With the same amplitudes, the errors of both runs are similar.
         other = PeriodRun(period_map, period_map.run(q, v, run.solution.equations.scales))
         shift, change = other.state - run.state, other.difference - run.difference
-        return ShootingMatrix.of(run, shift / step, change / step)
+        return ShootingMatrix.of(run, shift / step, change / step, *expected)
 
     def is_solved(self, linear: PeriodLinearization, step: Array, size: float, last: float) -> bool:
         """Return True if the deviation is within the tolerance, and so is the next correction.
 
         If disturbances decay slowly, a motion is off by a multiple of its deviation.
         """
-        target, accepted = self.tolerance
+        target, accepted, correction = self.tolerance
         deviation = linear.run.relative_deviation
         least = min((x.run.relative_deviation for x in self.iterates[:-1]), default=np.inf)
         stagnates = deviation > _STAGNATION_RATIO * least and size > _STAGNATION_RATIO * last
@@ -378,13 +404,20 @@ class PeriodProblem(Problem):
             largest = size * np.sqrt(len(linear.x))
             if self.is_free:
                 largest = max(largest, abs(step[-1]) / _CORRECTION_RATIO)
-            return stagnates or bool(largest <= _CORRECTION_RATIO * target)
-        return deviation <= accepted and stagnates and linear.kept is None
+            return stagnates or bool(largest <= correction)
+        return deviation <= accepted and stagnates and not linear.is_kept
 
     def complete(self, point: Point, step: Array) -> Point:
         """Return a motion with its own matrix and sizes; it needs no further correction."""
         linear = linearization_at(point)
-        linear = replace(linear, kept=None, problem=self, x=linear.run.state)
+        # A matrix of this run is kept, one of a similar run is not.
+        linear = replace(
+            linear,
+            problem=self,
+            x=linear.run.state,
+            similar=linear.matrix,
+            is_kept=False,
+        )
         problem = replace(self, base=linear)
         self.iterates.clear()
         return replace(point, problem=problem, x=linear.x, linearization=linear)
@@ -431,7 +464,8 @@ def solve_shooting(
         row = rate @ run.projection
         control = lambda y, _: Row(float(row @ (y - x)), np.append(row, 0.0))  # noqa: E731
 
-    base = PeriodLinearization(problem, x, p, run, before.matrix if before else None)
+    similar = before.matrix if before else None
+    base = PeriodLinearization(problem, x, p, run, similar, similar is not None)
     problem = replace(problem, base=base)
     try:
         return linearization_at(problem.correct(control, control(x, p).value, x, p))
@@ -461,6 +495,7 @@ def settle_and_solve(
         with suppress(CurveError):
             q, v, amplitudes = coarse.settle(periods)
             limits = Tolerance.for_integrator("periodic", None, coarse.integrator)
+            limits = limits._replace(correction=np.inf)
             first = solve_shooting(coarse, q, v, limits, False, amplitudes)
             if first.run.relative_deviation <= limits.accepted:
                 q, v = first.run.end_state()
@@ -477,32 +512,20 @@ def estimate_period(solution: Solution) -> float | None:
 
     Differences are measured relative to the ranges of (q, v) in the second half of the run.
     """
-    # Imported here because importing scipy.signal takes as long as a short run.
-    from scipy.optimize import minimize_scalar
-    from scipy.signal import find_peaks
-
     trajectory, is_angle = solution.trajectory, solution.equations.is_angle
-    last = trajectory.intervals[-1].state
-
-    def differences(times: Array) -> Array:
-        state = trajectory.at(times)[1]
-        q = state.q - last.q[-1]
-        q -= np.where(is_angle, FULL_TURN * np.round(q / FULL_TURN), 0.0)
-        return np.concatenate([q, state.v - last.v[-1]], axis=1)
-
     # From the end backward.
     times = np.linspace(trajectory.end, trajectory.start, _RETURN_SAMPLES)
-    changes = differences(times)
+    state = trajectory.at(times)[1]
+    q, v = state.q - state.q[0], state.v - state.v[0]
+    changes = np.hstack([q - np.where(is_angle, FULL_TURN * np.round(q / FULL_TURN), 0.0), v])
     ranges = np.ptp(changes[: _RETURN_SAMPLES // 2], axis=0)
     largest = np.repeat([np.max(x) for x in np.split(ranges, 2)], len(is_angle))
     ranges[ranges <= _REST_RATIO * largest] = np.inf
     distance = np.max(np.abs(changes / ranges), axis=1)
-    returns, _ = find_peaks(-distance, height=-_RETURN_DISTANCE, prominence=_RETURN_DISTANCE)
-    if not len(returns):
+    departure = int(np.argmax(distance > 2.0 * _RETURN_DISTANCE))
+    is_near = distance[departure:] < _RETURN_DISTANCE
+    if not departure or not is_near.any():
         return None
-    found = minimize_scalar(
-        lambda t: float(np.linalg.norm(differences(np.array([t])) / ranges)),
-        bounds=(times[returns[0] + 1], times[returns[0] - 1]),
-        method="bounded",
-    )
-    return float(trajectory.end - found.x)
+    first = departure + int(np.argmax(is_near))
+    last = first + int(np.argmax(np.append(distance[first:] >= _RETURN_DISTANCE, True)))
+    return float(trajectory.end - times[first + np.argmin(distance[first:last])])

@@ -23,54 +23,39 @@ Array = np.ndarray
 class VariationalWorkspace:
     """Work arrays of the variational equations for some steps of Radau IIA.
 
+    Fields with names of `RadauWorkspace` are those of a block of disturbances; `yp` is zero.
+
     Attributes
     ----------
     form
         First-order form whose Jacobian has the parts of the reduced matrices, see
         `reduce_kinematics`.
-    real_solver, complex_solver
-        Linear solvers of the decoupled stage equations; see `radau.coefficients`.
-    reduction
-        Unknowns and equations of these systems, with the indices of all lanes.
+    real_solver, complex_solver, reduction
+        Linear solvers of the decoupled stage equations, see `radau.coefficients`; their unknowns
+        and equations, with the indices of all lanes.
     step_size
         Its `last_step` is the last step [s], 0 before the first step.
-    times, states, state_rates
-        Times [s], states and rates of the run at the stages, three rows per step.
-    h
-        Steps [s].
-    branch
-        A time inside the interval [s].
-    disturbances, ends
-        Disturbances of y at the start and at the end of a step, one block per row.
-    disturbances_w, ends_w
-        W of the disturbances in the last and in the current step, three rows per block.
-    scales
-        Reciprocal natural sizes of (q, v).
-    weights
-        Reciprocal errors of the stages of the current block.
-    jacobians
-        Parts of the reduced matrices, one row per stage.
-    real_nonzeros, complex_nonzeros
-        Non-zeros of the real and the complex matrix.
+    times, states, state_rates, h, branch
+        Times [s], states and rates of the run at the stages, three rows per step; steps [s], and a
+        time inside the interval [s].
+    disturbances, ends, disturbances_w, ends_w
+        Disturbances of y at the start and at the end of a step, one block per row, and W in the
+        last and in the current step, three rows per block.
+    scales, weights
+        Reciprocal natural sizes of (q, v), and reciprocal errors of the stages of the block.
+    jacobians, real_nonzeros, complex_nonzeros
+        Parts of the reduced matrices, one row per stage, and non-zeros of both matrices.
     row_starts, entry_columns, entry_sources
-        All parts side by side, by rows: starts of the rows,
-        columns, and indices of the entries in a row of `jacobians`.
-    y, yp, w, last_w, stages, rates, right, complex_right, extrapolation, velocities
-        As in `RadauWorkspace`, for a block of disturbances; `yp` is zero.
-    real_change, complex_change, complex_real, complex_imaginary
-        As in `RadauWorkspace`.
-    residuals
-        Reduced residuals of the stages.
-    unknowns
-        Factors of the parts: reduced stage, reduced rates, and accelerations.
-    tolerance
-        Error of the stages, relative to the disturbance at the start of the step.
-    rate
-        Largest rate of convergence in the current step.
-    steps, next
-        Number of steps, and index of the next step.
-    count
-        Number of blocks.
+        All parts side by side, by rows: starts of the rows, columns, and indices of the entries in
+        a row of `jacobians`.
+    residuals, unknowns
+        Reduced residuals of the stages, and factors of the parts: reduced stage, reduced rates, and
+        accelerations.
+    tolerance, rate
+        Error of the stages, relative to the disturbance at the start of the step, and largest rate
+        of convergence in the current step.
+    steps, next, count
+        Number of steps, index of the next step, and number of blocks.
     tableau
         Coefficients of Radau IIA.
     """

@@ -239,8 +239,7 @@ def periodic_sensitivities(
             lengths = [_evaluate_period(period, x) for x in changed]
             stretch = float(np.dot(difference.weights, lengths))
         elif period is not None and not all(
-            Loads(e, period_map.begin, duration).repeat_after(duration)
-            for e in difference.equations
+            Loads(e, period_map.begin, duration).repeat for e in difference.equations
         ):
             raise BeamdaeError(
                 f"{_NAME}: {name} of {model.name} changes the period of loads or drivers; pass "

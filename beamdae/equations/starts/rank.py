@@ -136,9 +136,12 @@ class ConstraintJacobian:
 
     def scaled(self, times: Array, q: Array) -> tuple[Array, Array]:
         """Return `at`, and the lengths (rows, m) by which the rows of G were divided."""
-        columns, rows = self.columns, zip(times, q, strict=True)
-        matrices = [_scaled_gradients(self.evaluator, *row)[:, columns] for row in rows]
-        return normalize_rows(np.array(matrices))
+        evaluator, e = self.evaluator, self.evaluator.equations
+        pattern, rows = evaluator.sums.gradient_pattern, zip(times, q, strict=True)
+        columns, matrices = column_indices(pattern), np.zeros((len(q), e.m, e.n))
+        values = np.array([evaluator.gradients(*row) for row in rows])
+        matrices[:, pattern.indices, columns] = values * e.position_scales[columns]
+        return normalize_rows(matrices[:, :, self.columns])
 
     def smallest_singular_values(self, times: Array, q: Array) -> Array:
         """Return the smallest singular value of the scaled G at rows of (t, branch) and q, (rows,).

@@ -243,10 +243,9 @@ def _candidates(peak_height: Array, height: Array, gap: Array) -> Iterator[tuple
     `peak_height` is the height of the samples that may belong to a peak, otherwise zero.
     """
     (starts,) = np.nonzero(np.diff(gap, prepend=-1))
-    for first, end in pairwise([*starts.tolist(), len(gap)]):
-        highest = peak_height[first:end].max()
-        if highest == 0.0:
-            continue
+    ends, highests = np.append(starts[1:], len(gap)), np.maximum.reduceat(peak_height, starts)
+    for k in np.flatnonzero(highests).tolist():
+        first, end, highest = int(starts[k]), int(ends[k]), highests[k]
         quiet = first + np.flatnonzero(height[first:end] <= _QUIET * highest)
         for before, after in pairwise([first - 1, *quiet.tolist(), end]):
             rows = slice(before + 1, after)

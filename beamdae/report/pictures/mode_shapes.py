@@ -179,9 +179,9 @@ def animate_mode(
     return save_animation("animate", path, figure, artists.show, number, rate)
 
 
-def draw_campbell(diagram: Campbell, multiples: Sequence[int] | None = None) -> Plot:
+def draw_campbell(diagram: Campbell) -> Plot:
     """Plot a Campbell diagram; see `Campbell.plot`."""
-    return Plot(create_campbell_figure(diagram.with_multiples(multiples)))
+    return Plot(create_campbell_figure(diagram))
 
 
 def choose_frequency_limit(diagram: Campbell) -> float:

@@ -123,9 +123,9 @@ MODE_CALLS: dict[str, WorkingCall] = {
         lambda box, **settings: bd.modes(box.mech, about="equilibrium").animate(**settings),
     ),
     "Campbell.plot": WorkingCall(
-        lambda box: {"multiples": (1, 2)},
+        lambda box: {},
         return_result,
-        lambda box, multiples: bd.campbell(_spinning_disk(box), [0.0, 1.0]).plot(multiples),
+        lambda box: bd.campbell(_spinning_disk(box), [0.0, 1.0]).plot(),
     ),
 }
 
