@@ -436,8 +436,10 @@ _UNITS_OF_TIMES = ("h", "min")
 
 
 def _resembles_unit(text: str) -> bool:
-    """Return True for an unknown unit such as KN; single letters are names."""
-    return len(text) > 1 and text.casefold() in _spellings()
+    """Return True for an unknown unit such as KN or lb/in; single letters are names."""
+    words = re.findall(r"[^\W\d]+", text)
+    known = (word.casefold() in _spellings() for word in words)
+    return any(len(word) > 1 for word in words) and all(known)
 
 
 def standardize_header(header: str) -> str:

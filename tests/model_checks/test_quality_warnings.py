@@ -14,7 +14,6 @@ from tolerances.mechanisms import parallelogram
 import beamdae as bd
 from beamdae.model_checks import run_checks
 from beamdae.results.columns import observed_columns
-from beamdae.studies.run_values import tabulate_trajectory
 
 
 def bar(law=None, gravity=(0.0, -9.81), angle=0.0):
@@ -304,13 +303,13 @@ def test_observables_may_have_the_names_of_drift_columns():
     solution = bd.simulate(mech, bd.Ida(1e-3), 1.0)
     names = list(solution.observed)
     assert {"drift.x [m]", "drift.position.x [m]"} <= set(names)
-    assert observed_columns(tabulate_trajectory(solution)) == names
+    assert observed_columns(solution.table()) == names
     assert list(solution.errors.table().index) == names
     system = particle(
         lambda t, q: -q, start=1.0, names=["energy"], observe={"drift.position": ca.SX(1.0)}
     )
     solution = bd.simulate(system, bd.Ida(1e-3), 1.0)
-    assert observed_columns(tabulate_trajectory(solution)) == ["energy [-]", "drift.position [-]"]
+    assert observed_columns(solution.table()) == ["energy [-]", "drift.position [-]"]
 
 
 @pytest.mark.parametrize("integrator", [bd.Radau(1e-4), bd.GeneralizedAlpha(step=1e-3)])

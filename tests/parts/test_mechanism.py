@@ -76,9 +76,8 @@ def test_regression_models_without_an_end_time_are_explained():
 
 
 def test_regression_end_times_without_a_name_are_explained():
-    """The end time in @bd.model(2.5) was called missing, and signatures contained `*misplaced`."""
-    with pytest.raises(bd.BeamdaeError, match=r"2\.5 has no name; .*: @bd\.model\(t_end=2\.5\)\.$"):
+    """Signatures contained `*misplaced`."""
+    with pytest.raises(bd.BeamdaeError, match=r"^model: the end time .* @bd\.model\(t_end=1"):
         bd.model(2.5)
     end_time = inspect.signature(bd.model).parameters["t_end"]
     assert end_time.kind is end_time.KEYWORD_ONLY
-    assert end_time.default is end_time.empty

@@ -10,7 +10,6 @@ import zipfile
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pytest
 from numpy.testing import assert_array_equal
 from test_files import posix
@@ -19,9 +18,6 @@ import beamdae as bd
 from beamdae.errors import FileContentError
 from beamdae.results.storage.checkpoint import Checkpoint
 from beamdae.results.storage.documents import checksum
-from beamdae.studies.case import Case
-from beamdae.studies.store.store import Store
-from beamdae.studies.tasks import Outcome, Task
 
 
 def falling():
@@ -188,22 +184,6 @@ def test_checkpoints_that_were_read_cannot_be_changed(tmp_path, run):
     assert checkpoint == Checkpoint.of(run)
 
 
-# Trajectories of records ---------------------------------------------------------------------
-
-
-def test_stored_trajectories_are_exact(tmp_path):
-    case = bd.Case(bd.model(t_end=1.0)(falling), {}, bd.Radau(1e-3))
-    table = pd.DataFrame(
-        {"=a": [0.1 + 0.2, -1e-17, 1e150, 3.0], "b": [np.nan, np.inf, -0.0, 1e22]},
-        pd.Index([0.0, 1e-5, 0.5, 1.0], name="t [s]"),
-    )
-    for number, stored in enumerate((table, table.iloc[:, :0])):
-        task = Task(f"key {number}", case, 1.0, 0.1)
-        Store(tmp_path).save(task, Outcome(_rows=stored))
-        loaded = Store(tmp_path).load(task)[0].table
-        pd.testing.assert_frame_equal(loaded, stored, check_exact=True, check_column_type=False)
-
-
 @posix
 def test_hashes_and_outlines_of_pipes_do_not_wait(tmp_path):
     from beamdae.cli.model_files.outline import Outline, read_outline
@@ -214,18 +194,3 @@ def test_hashes_and_outlines_of_pipes_do_not_wait(tmp_path):
     assert digest_file(str(tmp_path / "pipe")) is None
     assert read_outline(tmp_path / "pipe") == Outline({})
     assert digest_file(str(tmp_path / "file")) == hashlib.sha256(b"content").hexdigest()
-
-
-@posix
-def test_regression_linked_folders_of_results_are_refused(tmp_path):
-    (tmp_path / "elsewhere").mkdir()
-    (tmp_path / "results").mkdir()
-    (tmp_path / "results" / "outcomes").symlink_to(tmp_path / "elsewhere")
-
-    @bd.model(t_end=0.1)
-    def swing():
-        return falling()
-
-    task = Task("key", Case(swing, {}, bd.Radau()), 0.1, 0.01, name="one")
-    with pytest.raises(bd.BeamdaeError, match="outcomes: the path must be a folder, but is a link"):
-        Store(tmp_path / "results").load(task)
