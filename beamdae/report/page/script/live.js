@@ -46,11 +46,10 @@ function createChoice(control, id) {
 }
 
 function createField(control, id) {
-  const { name, kind, choices, low } = control;
+  const { kind, low } = control;
   const unit = control.unit === "-" ? "" : control.unit;
   const field = html("input", {
     id,
-    list: choices ? `choices-${name}` : false,
     type: "text",
     inputmode: kind === "text" ? "text" : "decimal",
     autocomplete: "off",
@@ -63,9 +62,8 @@ function createField(control, id) {
     field.value = isNumber ? formatPlain(shown) : shown;
     if (slider && isNumber) slider.value = toPosition(control, shown);
   };
-  const suggestions = choices ? [html("datalist", { id: `choices-${name}` }, ...choices.map((text) => html("option", { value: text })))] : [];
   const shownUnit = kind === "text" ? [] : [html("span", { class: "unit" }, unit)];
-  return [...suggestions, field, ...shownUnit, ...(slider ? [slider] : [])];
+  return [field, ...shownUnit, ...(slider ? [slider] : [])];
 }
 
 function createSlider(control, field, unit) {
