@@ -73,13 +73,23 @@ def show_progress(first: ProgressLine) -> Iterator[Callable[[ProgressLine], None
     from rich.progress import BarColumn, Progress, TextColumn
     from rich.table import Column
 
-    def column(name: str, overflow: str) -> TextColumn:
-        layout = Column(no_wrap=True, overflow=overflow)  # type: ignore[arg-type]
-        return TextColumn(f"{{task.fields[{name}]}}", markup=False, table_column=layout)
-
-    columns = BarColumn(_BAR_WIDTH), column("numbers", "crop"), column("label", "ellipsis")
+    # The label has the width that the numbers leave.
+    columns = (
+        BarColumn(_BAR_WIDTH),
+        TextColumn("{task.fields[numbers]}", table_column=Column(no_wrap=True)),
+        TextColumn(
+            "{task.fields[label]}",
+            markup=False,
+            table_column=Column(no_wrap=True, overflow="ellipsis", ratio=1),
+        ),
+    )
     with Progress(
-        *columns, console=console, transient=True, redirect_stdout=False, redirect_stderr=False
+        *columns,
+        console=console,
+        expand=True,
+        transient=True,
+        redirect_stdout=False,
+        redirect_stderr=False,
     ) as progress:
         task = progress.add_task("", total=1.0, numbers="", label="")
 

@@ -91,7 +91,7 @@ def test_regression_sweeps_name_the_columns_that_the_terminal_omits(tmp_path):
     every, one = outputs.values()
     assert "not shown: 3 columns of zeros; sweep.csv shows them" in every
     assert "not shown: 1 column of zeros; sweep.csv" in one
-    assert "end.y max" in one
+    assert "max [m]" in one
 
 
 @pytest.mark.slow(reason="starts worker processes")
