@@ -211,6 +211,8 @@ def read_measurements(part: str, data: Any, data_columns: Any = None) -> Measure
 
 def _as_frame(part: str, data: Any, name: str) -> pd.DataFrame:
     """Return a table whose headers have one form."""
+    if not isinstance(data, _TABLES):
+        raise BeamdaeError(f"{part}: {name} must be {_ALLOWED}, got {short_repr(data)}.")
     try:
         columns = data if isinstance(data, pd.DataFrame) else dict(data)
         frame = pd.DataFrame(columns).reset_index(drop=True)
