@@ -244,7 +244,7 @@ def test_files_and_figures(tmp_path, sensed):
     figure = fit.plot().figure
     assert len(figure.axes) == 4
     np.testing.assert_allclose(
-        figure.axes[1].lines[0].get_ydata(), fit.residual_table()["residual"][:37]
+        figure.axes[1].lines[-1].get_ydata(), fit.residual_table()["residual"][:37]
     )
 
 

@@ -297,7 +297,7 @@ def test_resonances_of_a_campbell_diagram():
         diagram.resonances([0])
     axis = diagram.plot().figure.axes[0]
     assert len(axis.lines[-1].get_xdata()) == len(table)
-    assert {"mode 1", "mode 2"} <= {text.get_text() for text in axis.texts}
+    assert {"mode 1", "mode 2"} <= {x.get_text() for x in axis.figure.legends[0].get_texts()}
 
 
 @pytest.mark.slow(reason="half a second and more")

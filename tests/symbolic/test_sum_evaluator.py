@@ -5,11 +5,11 @@ import pytest
 
 import beamdae as bd
 from beamdae.equations.formulations.static_equations import StaticEquations
-from beamdae.equations.starts.state_evaluator import StateEvaluator
+from beamdae.equations.starts.state_evaluator import StateEvaluator, plan_motion
 from beamdae.native.object_code import is_native_enabled
 from beamdae.symbolic.functions import row_kernels
 from beamdae.symbolic.sums.kernel_sums import SumPlan
-from beamdae.symbolic.sums.sum_evaluator import compile_sums
+from beamdae.symbolic.sums.sum_evaluator import SumEvaluator, compile_sums
 
 TIME = np.array([0.1, 0.1])
 
@@ -82,3 +82,21 @@ def test_evaluators_are_reused_with_the_numbers_of_the_next_model(loops):
     assert len(loops) == count
     for result, other in zip(results, expected, strict=True):
         np.testing.assert_array_equal(result, other)
+
+
+def test_evaluators_are_reused_with_other_sizes():
+    """Models that share a plan may have more numbers, by which forces are differentiated."""
+    equations = build_equations(4)
+    plan = plan_motion(equations.structure)
+    x = np.concatenate([equations.q0, np.zeros(2 * equations.n + equations.m)])
+    size = equations.n + 3 * equations.m
+    results = []
+    for more in (0, 5):
+
+        class Owner:
+            pass
+
+        owner = Owner()
+        results.append(SumEvaluator.borrow(plan, equations.p, owner)(x, size + more))
+        del owner
+    np.testing.assert_array_equal(results[1], np.append(results[0], np.zeros(5)))

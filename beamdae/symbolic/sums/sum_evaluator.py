@@ -54,12 +54,14 @@ class _Buffers:
             result = np.zeros(size)
             evaluate_plainly(self.total, x, result)
             return result
-        if self.evaluation is None or self.loop is None:
-            self.evaluation = Evaluation(self.total, np.zeros(len(x)), np.zeros(size))
+        last = self.evaluation
+        # Models that share a plan may differ in the number of their observed quantities.
+        if self.loop is None or last is None or (len(last.x), len(last.result)) != (len(x), size):
+            last = self.evaluation = Evaluation(self.total, np.zeros(len(x)), np.zeros(size))
             self.loop = Loop("run_evaluation", self.evaluation)
-        self.evaluation.x[:] = x
+        last.x[:] = x
         self.loop.call_loaded()
-        return self.evaluation.result.copy()
+        return last.result.copy()
 
 
 class SumEvaluator:
