@@ -20,9 +20,6 @@ SENTENCES = {
     # Only friction and speed balance the driving weight.
     "governor": "rotor.angle: no equilibrium was found under the loads at t = 0 s",
     "quick_return": "friction depends on the sliding velocity and is zero at rest",
-    # They are drawn far from where they hang.
-    "pendulum": "beam: the equilibrium turns this part by 76.8 degrees from its drawing",
-    "press": "wheel: the equilibrium turns this part by 154 degrees from its drawing",
 }
 ENDS = {"sliding_mass": 1, "governor": 2}
 # Without its weight, the strip is in equilibrium at any angle: rounding decides whether the first

@@ -146,8 +146,9 @@ class _Process:
         from concurrent.futures import ProcessPoolExecutor
         from multiprocessing import get_context
 
-        context = get_context("spawn")
-        self._pool = ProcessPoolExecutor(1, context, _isolate_process)
+        # The locks of the pool start a process, too.
+        with _isolated_start():
+            self._pool = ProcessPoolExecutor(1, get_context("spawn"), _isolate_process)
 
     def submit(self, serialized: bytes) -> Future[Outcome]:
         """Start a task."""
@@ -172,11 +173,15 @@ def _isolated_start() -> Iterator[None]:
     They ignore Ctrl-C, have one BLAS thread, and run neither the main program nor files of the
     working folder, which may be deleted while they start.
     """
-    from multiprocessing import resource_tracker, spawn
+    from multiprocessing import resource_tracker, spawn, util
 
-    prepare, entries = spawn.get_preparation_data, os.environ
-    added = {"OPENBLAS_NUM_THREADS": "1", "PYTHONSAFEPATH": "1"}.items() - entries.items()
+    internals: Any = util
+    prepare, flags = spawn.get_preparation_data, internals._args_from_interpreter_flags
+    entries = os.environ
+    added = {"OPENBLAS_NUM_THREADS": "1"}.items() - entries.items()
     omitted = {"dir", "init_main_from_name", "init_main_from_path"}
+    # Not an environment variable, which the option -E disables.
+    internals._args_from_interpreter_flags = lambda: [*flags(), "-P"]
     mask: Any = None
     if hasattr(signal, "pthread_sigmask"):
         # Otherwise, Python starts the tracker with the first process and unblocks the signal.
@@ -191,6 +196,7 @@ def _isolated_start() -> Iterator[None]:
         yield
     finally:
         spawn.get_preparation_data = prepare
+        internals._args_from_interpreter_flags = flags
         for name, value in before.items():
             if value is None:
                 del entries[name]
