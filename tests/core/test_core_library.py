@@ -83,8 +83,9 @@ def test_steps_of_the_core_are_those_of_the_plain_reference(monkeypatch, name, f
     monkeypatch.setattr(generalized_alpha, "load_core", lambda: None)
     plain = bd.simulate(model(), method, 0.02 * model.t_end)
     assert plain.statistics.factorizations > expected.statistics.factorizations
-    # Velocities contain errors of the iterations, divided by the step.
-    for name, tolerance in (("q", 1e-10), ("v", 1e-7)):
+    # Rounding errors, at which Newton's method ends, decide on one iteration more or less: up to
+    # 7e-10 in positions. Velocities contain them divided by the step.
+    for name, tolerance in (("q", 2e-9), ("v", 1e-7)):
         values, others = getattr(plain, name), getattr(expected, name)
         bound = tolerance * np.abs(others).max()
         np.testing.assert_allclose(values, others, rtol=0.0, atol=bound)

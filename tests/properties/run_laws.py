@@ -30,6 +30,8 @@ def build_with_observations(drawing: Drawing) -> bd.Mechanism:
         part = mech.part(body.name)
         if body.kind == "particle":
             place = part.point
+        elif body.kind == "reduced":
+            place = part.at(body.node(1.0))
         else:
             place = part.end if body.is_beam else part.at(*body.point(1.0))
         mech.observe(body.name, place)
