@@ -11,10 +11,10 @@ import threading
 import time as clock
 import warnings
 from collections import deque
-from collections.abc import Callable, Generator, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, as_completed, wait
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from concurrent.futures import CancelledError, Executor, as_completed
 from contextlib import contextmanager, suppress
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from beamdae.errors import (
     BeamdaeError,
@@ -31,6 +31,9 @@ from beamdae.results.outcome import Status
 from beamdae.studies.execution.case_run import run_task
 from beamdae.studies.store.file_reads import clear_module_reads
 from beamdae.studies.tasks import Outcome, Task, describe_exception
+
+if TYPE_CHECKING:
+    from multiprocessing.connection import Connection
 
 _KILL_DELAY = 60.0  # time after the time limit of a task until its process is killed [s]
 _MAX_ATTEMPTS = 2  # per task, if its process dies
@@ -70,10 +73,10 @@ class SerialPool:
 class LocalPool:
     """Runs tasks in local processes, by default one per available core.
 
-    Each process is a pool of one worker, so that a crash ends one task only; the task is run once
-    more in another process. Interrupts are raised between results, after all processes have been
-    killed. If the system cannot start all processes, fewer are used; if it can start none, the
-    tasks run in this process.
+    A crash of a process ends one task only, which is run once more in another process. Interrupts
+    are raised between results, after all processes have been killed. If the system cannot start all
+    processes, fewer are used; if it can start none, the tasks run in this process, which starts no
+    threads for the others: systems limit these, too.
     """
 
     def __init__(self, workers: int | None = None) -> None:
@@ -83,7 +86,7 @@ class LocalPool:
         """Yield the result of each task in the order of completion."""
         waiting = deque((task, 1) for task in tasks)
         idle: list[_Process] = []
-        running: dict[Future[Outcome], tuple[_Process, Task, int, float]] = {}
+        running: dict[_Process, tuple[Task, int, float]] = {}
         results: list[tuple[Task, Outcome]] = []
         capacity = self.workers
         with DeferredInterrupts() as interrupts:
@@ -98,39 +101,43 @@ class LocalPool:
                             continue
                         try:
                             process = idle.pop() if idle else _Process()
-                            future = process.submit(serialized)
                         # A daemonic process must not start others; browsers have no processes.
                         except (AssertionError, ImportError, OSError, RuntimeError) as problem:
                             waiting.appendleft((task, attempt))
                             capacity = len(running)
                             _warn_of_missing_processes(self.workers, problem)
                             break
+                        process.submit(serialized)
                         limit = task.time_limit
                         span = math.inf if limit is None else task.repetitions * limit + _KILL_DELAY
-                        running[future] = process, task, attempt, clock.monotonic() + span
+                        running[process] = task, attempt, clock.monotonic() + span
                     yield from results
                     if interrupts.received:
                         raise KeyboardInterrupt
-                    ended = wait(running, _POLL_INTERVAL, FIRST_COMPLETED).done
-                    late = {x for x in running if clock.monotonic() > running[x][3]} - ended
+                    _wait_for_messages(running)
                     results = []
-                    for future in (*ended, *late):
-                        process, task, attempt, _ = running.pop(future)
-                        if future not in late and future.exception() is None:
-                            idle.append(process)
-                            results.append((task, future.result()))
-                            continue
-                        process.kill()
-                        if future in late:
-                            reason = "killed because the run did not stop at the time limit"
-                            results.append((task, Outcome(Status("limited", reason))))
-                        elif attempt < _MAX_ATTEMPTS:
-                            waiting.appendleft((task, attempt + 1))
-                        else:
+                    for process, (task, attempt, deadline) in [*running.items()]:
+                        try:
+                            outcome = process.fetch()
+                            if outcome is None and clock.monotonic() > deadline:
+                                process.kill()
+                                reason = "killed because the run did not stop at the time limit"
+                                outcome = Outcome(Status("limited", reason))
+                        except EOFError:
+                            process.kill()
+                            if attempt < _MAX_ATTEMPTS:
+                                del running[process]
+                                waiting.appendleft((task, attempt + 1))
+                                continue
                             status = Status("failed", f"the process died {attempt} times")
-                            results.append((task, Outcome(status, is_final=False)))
+                            outcome = Outcome(status, is_final=False)
+                        if outcome is not None:
+                            del running[process]
+                            results.append((task, outcome))
+                            if process.is_alive:
+                                idle.append(process)
             finally:
-                for process in (*idle, *(x[0] for x in running.values())):
+                for process in (*idle, *running):
                     process.kill()
         # A task that has ended a process could end this one.
         for task in (task for task, attempt in waiting if attempt > 1):
@@ -139,31 +146,81 @@ class LocalPool:
 
 
 class _Process:
-    """Local process that runs one task at a time."""
+    """Local process that runs one task at a time, and sends None when it has started."""
 
     def __init__(self) -> None:
         # Imported here, because browsers have no processes.
-        from concurrent.futures import ProcessPoolExecutor
         from multiprocessing import get_context
 
-        # The locks of the pool start a process, too.
+        context = get_context("spawn")
+        self.connection, other = context.Pipe()
+        self._process = context.Process(target=_serve, args=(other,))
+        self._task, self._has_started = b"", False
         with _isolated_start():
-            self._pool = ProcessPoolExecutor(1, get_context("spawn"), _isolate_process)
+            self._process.start()
+        other.close()
 
-    def submit(self, serialized: bytes) -> Future[Outcome]:
-        """Start a task."""
-        with _isolated_start():
-            return self._pool.submit(_run_in_process, serialized)
+    @property
+    def sentinel(self) -> int:
+        """Handle that becomes ready when the process ends."""
+        return self._process.sentinel
+
+    @property
+    def is_alive(self) -> bool:
+        """True until the process has ended."""
+        return self._process.is_alive()
+
+    def submit(self, task: bytes) -> None:
+        """Start a task, as soon as the process has started."""
+        self._task = task
+        if self._has_started:
+            self._send()
+
+    def _send(self) -> None:
+        # `fetch` notices the end of a process.
+        with suppress(OSError):
+            self.connection.send_bytes(self._task)
+        self._task = b""
+
+    def fetch(self) -> Outcome | None:
+        """Return the outcome of the task, or None while it runs.
+
+        Raises
+        ------
+        EOFError
+            If the process has ended without an outcome.
+        """
+        is_alive = self.is_alive
+        try:
+            if self.connection.poll():
+                outcome: Outcome | None = self.connection.recv()
+                if outcome is None:
+                    self._has_started = True
+                    self._send()
+                return outcome
+        except OSError:
+            raise EOFError from None
+        if not is_alive:
+            raise EOFError
+        return None
 
     def kill(self) -> None:
         """Kill the process and its process group, which contains its child processes."""
-        for process in list((self._pool._processes or {}).values()):
-            if hasattr(os, "killpg"):
-                # A process that has just started has no group yet.
-                with suppress(ProcessLookupError, PermissionError):
-                    os.killpg(process.pid or 0, signal.SIGKILL)
-            process.kill()
-        self._pool.shutdown()
+        if hasattr(os, "killpg"):
+            # A process that has just started has no group yet.
+            with suppress(ProcessLookupError, PermissionError):
+                os.killpg(self._process.pid or 0, signal.SIGKILL)
+        self._process.kill()
+        self._process.join()
+        self.connection.close()
+
+
+def _wait_for_messages(processes: Iterable[_Process]) -> None:
+    """Wait until a process sends a message or ends, at most for the time between checks."""
+    from multiprocessing.connection import wait
+
+    if handles := [x for process in processes for x in (process.connection, process.sentinel)]:
+        wait(handles, _POLL_INTERVAL)
 
 
 @contextmanager
@@ -206,6 +263,15 @@ def _isolated_start() -> Iterator[None]:
             signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
 
+def _serve(connection: Connection) -> None:
+    """Run the tasks that another process sends, and send their outcomes."""
+    _isolate_process()
+    connection.send(None)
+    with suppress(EOFError):
+        while True:
+            connection.send(_run_in_process(connection.recv_bytes()))
+
+
 def _isolate_process() -> None:
     """Make this process a group leader without Ctrl-C and streams that ends with its parent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -220,7 +286,9 @@ def _isolate_process() -> None:
         # A character that cannot be encoded must not end a run.
         if stream is not None and hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="backslashreplace")
-    threading.Thread(target=_exit_with_parent, daemon=True).start()
+    # Systems limit threads, too.
+    with suppress(RuntimeError):
+        threading.Thread(target=_exit_with_parent, daemon=True).start()
     # Entered once: entering and leaving this context for each run takes 0.5 ms.
     single_threaded.__enter__()
 

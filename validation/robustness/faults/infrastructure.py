@@ -39,6 +39,8 @@ _KILLS = 20  # per command
 _QUICK_KILLS = 3
 _ORPHAN_TIME_LIMIT = 10.0  # s; a worker that imports modules notices the end of its parent late
 _OPEN_FILES = (14, 20, 32)
+_PROCESSES = {4: 1, 8: 1, 12: 0}  # number of warnings by the limit; six cases start at 12
+_USER = 12345  # user and group id without any other process
 _LARGE_SWEEP = 2000  # cases
 _NOT_RUN_CODE = 3
 _BUSY_SECONDS = 0.3  # duration of a case without machine code and sleep
@@ -170,6 +172,31 @@ def few_open_files(bench: Bench) -> None:
         result = bench.run_in_shell(f"ulimit -n {limit}; BEAMDAE {' '.join(_SWEEP)}")
         _expect_all_cases(bench, result)
         expect(result.err.count("processes can be started") <= 1, "more than one warning")
+
+
+def few_processes(bench: Bench) -> None:
+    """With 4 or 8 processes and threads a sweep uses fewer processes, with one warning."""
+    if os.geteuid() != 0 or shutil.which("setpriv") is None:
+        raise UnsupportedMachineError("only root can start a process of a user without others")
+    _write_model(bench)
+    os.chown(bench.folder, _USER, _USER)
+    for folder in bench.folder.parents:
+        if folder.name.startswith("robustness-"):
+            folder.chmod(0o711)
+    # These capabilities only let the other user read Python.
+    rights = "+dac_override,+dac_read_search"
+    other = f"--reuid={_USER} --regid={_USER} --clear-groups"
+    user = f"setpriv {other} --inh-caps={rights} --ambient-caps={rights}"
+    bench.env |= {"HOME": str(bench.folder), "BEAMDAE_NATIVE": "off"}
+    bench.env.pop("XDG_CACHE_HOME", None)
+    for limit, warnings in _PROCESSES.items():
+        shutil.rmtree(bench.folder / "results", ignore_errors=True)
+        sweep = " ".join((*_SWEEP[:-1], "8"))
+        line = f"{user} bash -c 'ulimit -u {limit}; BEAMDAE {sweep}'"
+        result = bench.run_in_shell(line, STUDY_TIME_LIMIT)
+        _expect_all_cases(bench, result)
+        count = result.err.count("processes can be started")
+        expect(count == warnings, f"{count} warnings in place of {warnings}")
 
 
 def working_folder_deleted_in_a_sweep(bench: Bench) -> None:
@@ -335,6 +362,7 @@ def dask_scheduler_lost(bench: Bench) -> None:
 FAULTS = (
     sweep_killed_in_a_case,
     few_open_files,
+    few_processes,
     working_folder_deleted_in_a_sweep,
     two_sweeps_in_one_folder,
     full_disk_of_a_sweep,
