@@ -89,6 +89,12 @@ class LocalPool:
         running: dict[_Process, tuple[Task, int, float]] = {}
         results: list[tuple[Task, Outcome]] = []
         capacity = self.workers
+
+        def reduce_capacity(problem: BaseException) -> int:
+            if capacity == self.workers:
+                _warn_of_missing_processes(self.workers, problem)
+            return len(running) + len(idle)
+
         with DeferredInterrupts() as interrupts:
             try:
                 while running or (waiting and capacity) or results:
@@ -104,8 +110,7 @@ class LocalPool:
                         # A daemonic process must not start others; browsers have no processes.
                         except (AssertionError, ImportError, OSError, RuntimeError) as problem:
                             waiting.appendleft((task, attempt))
-                            capacity = len(running)
-                            _warn_of_missing_processes(self.workers, problem)
+                            capacity = reduce_capacity(problem)
                             break
                         process.submit(serialized)
                         limit = task.time_limit
@@ -114,7 +119,8 @@ class LocalPool:
                     yield from results
                     if interrupts.received:
                         raise KeyboardInterrupt
-                    _wait_for_messages(running)
+                    if running:
+                        _wait_for_messages(running)
                     results = []
                     for process, (task, attempt, deadline) in [*running.items()]:
                         try:
@@ -123,8 +129,13 @@ class LocalPool:
                                 process.kill()
                                 reason = "killed because the run did not stop at the time limit"
                                 outcome = Outcome(Status("limited", reason))
-                        except EOFError:
+                        except EOFError as problem:
                             process.kill()
+                            if not process.has_started:
+                                del running[process]
+                                waiting.appendleft((task, attempt))
+                                capacity = reduce_capacity(problem)
+                                continue
                             if attempt < _MAX_ATTEMPTS:
                                 del running[process]
                                 waiting.appendleft((task, attempt + 1))
@@ -136,6 +147,8 @@ class LocalPool:
                             results.append((task, outcome))
                             if process.is_alive:
                                 idle.append(process)
+                            else:
+                                process.kill()
             finally:
                 for process in (*idle, *running):
                     process.kill()
@@ -146,7 +159,15 @@ class LocalPool:
 
 
 class _Process:
-    """Local process that runs one task at a time, and sends None when it has started."""
+    """Local process that runs one task at a time, and sends None when it has started.
+
+    Attributes
+    ----------
+    connection
+        The pipe to the process.
+    has_started
+        True after the process has sent its first message.
+    """
 
     def __init__(self) -> None:
         # Imported here, because browsers have no processes.
@@ -155,7 +176,7 @@ class _Process:
         context = get_context("spawn")
         self.connection, other = context.Pipe()
         self._process = context.Process(target=_serve, args=(other,))
-        self._task, self._has_started = b"", False
+        self._task, self.has_started = b"", False
         with _isolated_start():
             self._process.start()
         other.close()
@@ -173,7 +194,7 @@ class _Process:
     def submit(self, task: bytes) -> None:
         """Start a task, as soon as the process has started."""
         self._task = task
-        if self._has_started:
+        if self.has_started:
             self._send()
 
     def _send(self) -> None:
@@ -191,36 +212,43 @@ class _Process:
             If the process has ended without an outcome.
         """
         is_alive = self.is_alive
+        if not is_alive:
+            # Its child processes would keep the pipe open in the middle of a message.
+            self._kill_group()
         try:
             if self.connection.poll():
                 outcome: Outcome | None = self.connection.recv()
                 if outcome is None:
-                    self._has_started = True
+                    self.has_started = True
                     self._send()
                 return outcome
-        except OSError:
-            raise EOFError from None
+        except OSError as problem:
+            raise EOFError(problem.strerror) from None
         if not is_alive:
-            raise EOFError
+            raise EOFError("a process ended")
         return None
 
     def kill(self) -> None:
         """Kill the process and its process group, which contains its child processes."""
+        self._kill_group()
+        self._process.kill()
+        self._process.join()
+        self.connection.close()
+
+    def _kill_group(self) -> None:
         if hasattr(os, "killpg"):
             # A process that has just started has no group yet.
             with suppress(ProcessLookupError, PermissionError):
                 os.killpg(self._process.pid or 0, signal.SIGKILL)
-        self._process.kill()
-        self._process.join()
-        self.connection.close()
 
 
 def _wait_for_messages(processes: Iterable[_Process]) -> None:
     """Wait until a process sends a message or ends, at most for the time between checks."""
     from multiprocessing.connection import wait
 
-    if handles := [x for process in processes for x in (process.connection, process.sentinel)]:
-        wait(handles, _POLL_INTERVAL)
+    wait(
+        [x for process in processes for x in (process.connection, process.sentinel)], _POLL_INTERVAL
+    )
 
 
 @contextmanager
@@ -237,26 +265,26 @@ def _isolated_start() -> Iterator[None]:
     entries = os.environ
     added = {"OPENBLAS_NUM_THREADS": "1"}.items() - entries.items()
     omitted = {"dir", "init_main_from_name", "init_main_from_path"}
-    # Not an environment variable, which the option -E disables.
-    internals._args_from_interpreter_flags = lambda: [*flags(), "-P"]
-    mask: Any = None
-    if hasattr(signal, "pthread_sigmask"):
-        # Otherwise, Python starts the tracker with the first process and unblocks the signal.
-        resource_tracker.ensure_running()
-        mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     before = {name: entries.get(name) for name, _ in added}
-    entries.update(added)
-    spawn.get_preparation_data = lambda name: {
-        key: x for key, x in prepare(name).items() if key not in omitted
-    }
+    mask: Any = None
     try:
+        # Not an environment variable, which the option -E disables.
+        internals._args_from_interpreter_flags = lambda: [*flags(), "-P"]
+        if hasattr(signal, "pthread_sigmask"):
+            # Otherwise, Python starts the tracker with the first process and unblocks the signal.
+            resource_tracker.ensure_running()
+            mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        entries.update(added)
+        spawn.get_preparation_data = lambda name: {
+            key: x for key, x in prepare(name).items() if key not in omitted
+        }
         yield
     finally:
         spawn.get_preparation_data = prepare
         internals._args_from_interpreter_flags = flags
         for name, value in before.items():
             if value is None:
-                del entries[name]
+                entries.pop(name, None)
             else:
                 entries[name] = value
         if mask is not None:
@@ -286,9 +314,8 @@ def _isolate_process() -> None:
         # A character that cannot be encoded must not end a run.
         if stream is not None and hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="backslashreplace")
-    # Systems limit threads, too.
-    with suppress(RuntimeError):
-        threading.Thread(target=_exit_with_parent, daemon=True).start()
+    # Without this thread, the process could outlive a study by the duration of a case.
+    threading.Thread(target=_exit_with_parent, daemon=True).start()
     # Entered once: entering and leaving this context for each run takes 0.5 ms.
     single_threaded.__enter__()
 
