@@ -267,7 +267,7 @@ def _refine_results(analysis: Analysis, request: _Request, model: Any) -> Iterat
             reason = errors.reason or f"{list_first(names, _MAX_NAMES) or 'nothing'} is not finite"
             break
         known, error = step.result, float(totals.max())
-        description = _describe(step, errors, int(np.argmax(totals)))
+        description = _describe(errors, int(np.argmax(totals)))
         vars(known)["errors"] = replace(errors, status=Status("limited", description))
         yield known
         stagnations += not error < least / _MIN_REDUCTION
@@ -444,7 +444,7 @@ def _list_kept(analysis: Analysis, model: Any) -> dict[str, str]:
     return list_fixed_beams(model, analysis.start) if isinstance(model, Mechanism) else {}
 
 
-def _describe(step: _Step, errors: Errors, worst: int) -> str:
+def _describe(errors: Errors, worst: int) -> str:
     """Return the largest error with the settings of a result."""
     refined, of = errors.refined, errors.relative_to
     name, value = refined.accuracy

@@ -97,6 +97,11 @@ def test_invalid_arguments_are_rejected():
         match=r"^mass\S*: loads or drivers .* do not repeat after the period of 3 s",
     ):
         bd.periodic(oscillation, 3.0)
+    # It never repeats, except after no time.
+    with pytest.raises(
+        bd.BeamdaeError, match=r"set period to the period of the loads and drivers\.$"
+    ):
+        bd.periodic(oscillator(lambda t: t), 1.0)
     # Within these periods, a cosine changes by less than rounding errors.
     for period in (1e-6, 1e-9, 1e-12):
         with pytest.raises(bd.BeamdaeError, match=f"after the period of {period:g} s; set period"):

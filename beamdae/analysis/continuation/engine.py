@@ -60,8 +60,8 @@ class CurveError(Exception):
     """Raised if a point or a step cannot be found; the message says why, without a period."""
 
 
-class BorderedFactors(NamedTuple):
-    """Bordered matrix in units `sizes` of the unknowns, and its factors."""
+class RefinedFactors(NamedTuple):
+    """Matrix in units `sizes` of the unknowns, and its factors."""
 
     matrix: sp.csc_array
     factors: SuperLU
@@ -263,7 +263,7 @@ class Point:
 
 def factorize_bordered(
     jacobian: sp.csc_array, column: Array, row: Array, corner: float = 0.0
-) -> BorderedFactors:
+) -> RefinedFactors:
     """Return the factors of [[J, column], [row, corner]].
 
     Raises
@@ -279,7 +279,7 @@ def factorize_bordered(
     starts = np.append(starts + np.arange(n + 1), len(entries))
     matrix = sp.csc_array((entries, rows, starts))
     try:
-        return BorderedFactors(matrix, splu(matrix))
+        return RefinedFactors(matrix, splu(matrix))
     except RuntimeError:
         raise CurveError("the tangent is singular") from None
 

@@ -44,9 +44,9 @@ class Scaling(ParameterScales):
             low = float(lower[self._names.index(name)])
             if first[name] <= 0.0 or -np.inf < low < 0.0:
                 raise BeamdaeError(
-                    f"fit: the first value and the lower bound of {name} must not be negative "
-                    f"because it is in log, got {first[name]:g} and {low:g}; pass others, or "
-                    f"remove {name} from log."
+                    f"fit: the first value of {name} must be positive and its lower bound not "
+                    f"negative because it is in log, got {first[name]:g} and {low:g}; pass others, "
+                    f"or remove {name} from log."
                 )
         self.is_log = np.isin(self._names, list(logarithmic))
         lower = np.where(self.is_log, np.maximum(lower, 0.0), lower)

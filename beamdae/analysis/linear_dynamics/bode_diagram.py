@@ -325,16 +325,15 @@ def _compute_bode(
     if values is None:
         values = _choose_frequencies(model, ends)
     response = model.evaluate_response(values.tolist())
-    remarks: list[str] = []
+    remarks: tuple[str, ...] = ()
     # Without free motions.
     rate = float(np.max(model.poles.real[np.abs(model.poles) > MIN_POLE], initial=0.0))
     if rate > 0.0:
-        unstable = (
+        remarks = (
             f"the linear model is unstable (largest growth rate {rate:.4g} 1/s), so motions do not "
-            "settle to this response; linearize about a stable state, or close the control loop."
+            "settle to this response; linearize about a stable state, or close the control loop.",
         )
-        remarks = [unstable, *remarks]
-    return Bode(model, values, response, tuple(remarks))
+    return Bode(model, values, response, remarks)
 
 
 def _choose_frequencies(model: LinearModel, ends: tuple[float, float] | None) -> Array:

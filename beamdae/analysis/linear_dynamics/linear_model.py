@@ -62,8 +62,9 @@ _MAX_COORDINATES = 2000
 # poles at zero, and not a round number, because models may have poles at those.
 _POLE_SHIFT = 0.618034
 # Smaller shares of the products of absolute values are rounding errors: half of the digits cancel.
-_NORM_SHARE = 10.0 * float(np.finfo(float).eps)
 _NOISE_SHARE = float(np.sqrt(np.finfo(float).eps))
+# Smaller shares of the product of norms are rounding errors of the inverse.
+_NORM_SHARE = 10.0 * float(np.finfo(float).eps)
 # Smaller damping ratios and relative growth rates are rounding errors.
 _MIN_DAMPING_RATIO = 1e-9
 _MIN_IMAGINARY_SHARE = 1e-6  # of poles; smaller ones are rounding errors of double real poles
@@ -246,9 +247,10 @@ class LinearModel(HasPage):
     def bound_rounding(self, frequencies: Array) -> Array:
         """Return a bound of rounding errors of the transfer matrix near frequencies [Hz].
 
-        It is 1.5e-8 of the median of |C| |(i w I - A)^-1| |B| with absolute values of all elements,
-        which does not depend on the units of states, and is not zero where the response is zero by
-        symmetry.
+        It is the median of the larger one of two bounds, which are not zero where the response is
+        zero by symmetry: 1.5e-8 of |C| |(i w I - A)^-1| |B| with absolute values of all elements,
+        and 2.2e-15 of the product of the norms of C (i w I - A)^-1 and B, which depends on the
+        units of states.
         """
         identity = np.eye(len(self.A))
         system = self.A, identity, identity, np.zeros_like(identity)

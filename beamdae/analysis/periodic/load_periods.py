@@ -152,6 +152,8 @@ class Loads:
                 before, step = self._changes_after(period), _PROPOSAL_STEP * period
                 slope = (self._changes_after(period + step) - before) / step
                 period -= float(np.sum(slope * before) / max(np.sum(slope * slope), _TINY))
-            if np.max(np.abs(self._changes_after(period))) <= _TOLERANCE:
+            # All loads repeat after no time at all.
+            is_searched = period > periods[0]
+            if is_searched and np.max(np.abs(self._changes_after(period))) <= _TOLERANCE:
                 return period
         return None

@@ -45,10 +45,10 @@ import scipy.sparse as sp
 
 from beamdae.analysis.continuation.critical import critical_mode
 from beamdae.analysis.continuation.engine import (
-    BorderedFactors,
     Control,
     CurveError,
     Point,
+    RefinedFactors,
     factorize_bordered,
 )
 from beamdae.analysis.eigenproblems.eigensolution import solve_eigenproblem
@@ -161,7 +161,7 @@ class Eigenpair:
         return np.append(row, np.zeros(self.lin.pencil.matrices[0].shape[0] - len(row)))
 
     @cached_property
-    def _bordered(self) -> tuple[Array, BorderedFactors]:
+    def _bordered(self) -> tuple[Array, RefinedFactors]:
         """Scales of the rows of A, and factors of the bordered matrix."""
         matrix = sp.csc_array(
             sum(self.value**k * x.astype(complex) for k, x in enumerate(self.lin.pencil.matrices))
@@ -404,7 +404,7 @@ class RegularPoint:
         return Tangent(solution[:-1], float(solution[-1]))
 
     @cached_property
-    def _factors(self) -> BorderedFactors:
+    def _factors(self) -> RefinedFactors:
         row, column = (
             self.control(self.point.x, self.point.p),
             self.point.linearization.by_parameter,

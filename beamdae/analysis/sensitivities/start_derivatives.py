@@ -16,6 +16,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
+from beamdae.analysis.continuation.engine import RefinedFactors
 from beamdae.analysis.sensitivities.neighbors import (
     Difference,
     equations_key,
@@ -95,24 +96,20 @@ class StaticFactors:
             np.maximum.at(largest, rows, values)
             np.maximum.at(largest, columns, values)
             scales /= np.sqrt(np.where(largest > 0.0, largest, 1.0))
-        self._scales = scales
-        self._matrix = sp.csc_array(sp.diags_array(scales) @ matrix @ sp.diags_array(scales))
+        scaled = sp.csc_array(sp.diags_array(scales) @ matrix @ sp.diags_array(scales))
         self.is_unique = False
         try:
-            self._factors = splu(self._matrix)
+            factors = splu(scaled)
         except RuntimeError:
             return
+        self._factors = RefinedFactors(scaled, factors, scales)
         expected = np.ones(len(scales))
-        error = self._factors.solve(self._matrix @ expected) - expected
+        error = factors.solve(scaled @ expected) - expected
         self.is_unique = bool(np.max(np.abs(error)) <= _MAX_EQUILIBRIUM_ERROR)
 
     def solve(self, right: Array, transposed: bool) -> Array:
         """Return the solution of the equations or of the transposed ones, with one refinement."""
-        trans, matrix = ("T", self._matrix.T) if transposed else ("N", self._matrix)
-        right = self._scales * right
-        solution = self._factors.solve(right, trans)
-        solution += self._factors.solve(right - matrix @ solution, trans)
-        return self._scales * solution
+        return self._factors.solve(right, "T" if transposed else "N")
 
 
 def has_unique_equilibrium(equations: EquationsOfMotion, time: Array) -> bool:

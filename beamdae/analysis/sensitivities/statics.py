@@ -332,11 +332,12 @@ def equilibrium_sensitivities(
 
         F_x dx + F_mu dmu + F_p dp = 0
 
-    with the exact tangent; F_p is differenced along the model function, see `sensitivities`. What
-    `to` prescribes is constant: load factors, or an observed position; then, the load factors have
-    derivatives. In the rows of critical points, the derivatives are those of these points, which
-    move with the parameters. See Godoy, Theory of Elastic Stability: Analysis and Sensitivity,
-    Taylor & Francis (1999), and Wriggers & Simo, Int. J. Numer. Meth. Eng. 30 (1990) 155,
+    with the exact tangent; F_p contains exact derivatives of F by the numbers of the model, which
+    are differenced along the model function, see `sensitivities`. What `to` prescribes is constant:
+    load factors, or an observed position; then, the load factors have derivatives. In the rows of
+    critical points, the derivatives are those of these points, which move with the parameters.
+    See Godoy, Theory of Elastic Stability: Analysis and Sensitivity, Taylor & Francis (1999), and
+    Wriggers & Simo, Int. J. Numer. Meth. Eng. 30 (1990) 155,
     doi:10.1002/nme.1620300110.
 
     Parameters
