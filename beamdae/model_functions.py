@@ -559,8 +559,8 @@ def model(
     """
     if misplaced or t_end is None:
         raise BeamdaeError(
-            "model: the end time of runs is missing; write @bd.model(t_end=1.0) before the "
-            "function."
+            "model: the end time of runs is not passed by name; write @bd.model(t_end=1.0) before "
+            "the function."
         )
     end = require_positive("model", "t_end", t_end)
 

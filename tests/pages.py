@@ -78,7 +78,6 @@ def bar_frames(frames=21):
 
 def study_page():
     accepted_reference = {
-        "methods": ["Radau(rtol=1e-7)", "GeneralizedAlpha(step=0.0001)"],
         "uncertainty": RESOLUTION,
         "accepted": True,
         "sentence": "They agree.",
@@ -213,16 +212,16 @@ def visible_labels(tab):
     return tab.locator("#table tbody tr:visible td.label").all_inner_texts()
 
 
-def find_point(tab, number, key="scatter"):
-    """Return the position in the window of the point or cell of a case."""
-    entry = """([key, id]) => state.charts.get(key).spec.series
+def find_point(tab, number):
+    """Return the position in the window of the point of a case."""
+    entry = """(id) => state.charts.get("scatter").spec.series
         .flatMap(({data}) => data).find(([, , other]) => other === id)"""
-    x, y, *_ = tab.evaluate(entry, [key, f"case {number}"])
-    return screen_position(tab, key, x, y)
+    x, y, *_ = tab.evaluate(entry, f"case {number}")
+    return screen_position(tab, "scatter", x, y)
 
 
-def click_point(tab, number, key="scatter"):
-    tab.mouse.click(*find_point(tab, number, key))
+def click_point(tab, number):
+    tab.mouse.click(*find_point(tab, number))
 
 
 def find_row(tab, number):

@@ -43,7 +43,7 @@ _STYLES = ("page", "charts", "tables", "mechanism", "media", "live")
 _SCRIPTS = ("data", "numbers", "markers", "mechanism", "player", "live")
 _POLICY = (
     "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'; "
-    "img-src data: blob:; connect-src 'self'; base-uri 'none'; form-action 'none'"
+    "img-src data:; connect-src 'self'; base-uri 'none'; form-action 'none'"
 )
 _JSON = "application/json"
 

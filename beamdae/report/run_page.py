@@ -80,7 +80,7 @@ def build_run_page(
             },
             *measured,
         ],
-        "featured": [] if charts is None else charts.columns,
+        **({} if charts is None else {"featured": charts.columns}),
         "noun": "curves" if measured else "cases",
         "axes": None if measured else {},
         "views": {} if window is None else {key: {"x": list(window)} for key in _TIME_CHARTS},

@@ -192,7 +192,6 @@ def _create_group(group: str, reference: Reference, frames: dict[str, Any] | Non
         "id": group,
         "label": group,
         "reference": {
-            "methods": list(reference.methods),
             "uncertainty": reference.resolution if accepted else None,
             "accepted": accepted,
             # The page adds these words.

@@ -1,4 +1,4 @@
-"""Zooming and panning of charts in a browser: wheel, drag, keys and buttons."""
+"""Zooming and panning of charts in a browser: wheel, drag and the button Reset."""
 
 import numpy as np
 import pytest

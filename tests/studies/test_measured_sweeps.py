@@ -132,8 +132,7 @@ def test_the_command_measures(here):
     assert Path("results/heights/sweep.csv").read_text().startswith("height [m],status,parts,")
     result = measure("--over", "height=50cm,1", "--modes", "1", "--jobs", "1")
     assert result.exit_code == 0, result.output
-    assert "frequency" in result.output
-    assert "1 [Hz]" in result.output
+    assert "frequency 1" in result.output
 
 
 @pytest.mark.slow(reason="starts worker processes")

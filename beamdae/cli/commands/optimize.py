@@ -100,7 +100,9 @@ def optimize_command(
     if t and not any(str(x).startswith("equilibrium:") for x in texts):
         raise BeamdaeError(f"--t {t:g}: no quantity is of the kind equilibrium:COLUMN; add one.")
     parse = partial(_parse_quantity, model, t)
-    objective = -parse("--maximize", maximize) if maximize else parse("--minimize", minimize)
+    objective = (
+        parse("--minimize", minimize) if maximize is None else -parse("--maximize", maximize)
+    )
     limits = [_parse_limit(parse, "--at-most", x) for x in at_most or []]
     limits += [_parse_limit(parse, "--at-least", x) for x in at_least or []]
     ranges, initial_state = parse_bounds(model, bounds), parse_start(start, model)

@@ -41,9 +41,9 @@ _PAGE_DEFAULTS: dict[str, Any] = {
     **dict.fromkeys(("notes", "groups", "columns", "sliders", "families", "overlays"), ()),
     **dict.fromkeys(("tables", "cases"), ()),
     **{key: {} for key in ("made", "axes", "time", "views")},
-    **dict.fromkeys(("portrait",), None),
     **dict.fromkeys(("sequential", "leads"), False),
     "noun": "cases",
+    "portrait": None,
 }
 
 

@@ -233,9 +233,9 @@ def create_campbell_figure(diagram: Campbell, title: str = "Campbell diagram") -
     for multiple in diagram.multiples:
         line = multiple * revolutions
         axis.plot(speeds, line, color="0.6", lw=0.8, ls=(0, (4, 3)))
-        # Where the line leaves the picture.
-        k = int(np.flatnonzero(line <= highest)[-1])
-        axis.annotate(f"{multiple}\u00d7", (speeds[k], line[k]), color="0.4", **_LABEL)
+        # Where the line leaves the picture, if it is in it.
+        for k in np.flatnonzero(line <= highest)[-1:].tolist():
+            axis.annotate(f"{multiple}\u00d7", (speeds[k], line[k]), color="0.4", **_LABEL)
     is_hidden = find_overdamped(diagram) | (np.min(frequencies, axis=0) > highest)
     for k in np.flatnonzero(~is_hidden).tolist():
         style: dict[str, Any] = {

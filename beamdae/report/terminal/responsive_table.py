@@ -23,7 +23,7 @@ _MIN_BROKEN_HEADER = 8  # headers with fewer characters have one line
 _COLUMN_GAP = 2  # between two columns
 _ROW_MARGIN = 2  # at both ends of a row together
 _MAX_TOPIC_SHARE = 0.5  # maximum width of the topics, relative to the terminal width
-_SPACE = re.compile(r" (?![^\[]*\])")  # not inside a unit
+_SPACE = re.compile(r" (?!\d+ \[|[^\[]*\])")  # neither inside a unit nor before a number with one
 
 
 def shorten_to_cells(text: str, most: int) -> str:

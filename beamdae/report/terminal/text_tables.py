@@ -254,7 +254,7 @@ def summary_table(summary: pd.DataFrame) -> ResponsiveTable:
     )
     values = summary["value"].map(format_number) + " " + summary["unit"] + list(ranges)
     texts = summary.assign(value=values.str.strip()).astype(str)
-    ranks = {"what": 1, "at": 3, "value": 0, "as fast": 4}
+    ranks = {"what": 1, "at": 3, "value": 0}
     names = [name for name in ranks if name in texts and (texts[name] != "").any()]
     return table_of(texts[["answer", *names]], ranks=ranks, source="summary.csv")
 

@@ -18,6 +18,7 @@ from beamdae.model_parameters import convert_text
 from beamdae.read_only import read_only_data
 from beamdae.report.page.page_content import Content
 from beamdae.report.page.page_file import write_page
+from beamdae.report.page_parts import slider
 from beamdae.report.terminal.text_tables import format_headers
 from beamdae.results.displays import Plot
 from beamdae.results.outcome import Status
@@ -449,11 +450,11 @@ def _add_motion(content: Content, swept: SweepResults, grid: ParameterGrid) -> N
     """Add the sliders of the varied parameters and the recorded motions to a page."""
     units = swept.sweep.units
     content["sliders"] = [
-        {
-            "label": axis.name,
-            "unit": units.get(axis.name, ""),
-            "values": [x if axis.is_numeric else str(x) for x in axis.values],
-        }
+        slider(
+            axis.name,
+            [x if axis.is_numeric else str(x) for x in axis.values],
+            units.get(axis.name, ""),
+        )
         for axis in grid.axes
     ]
     content["sequential"] = all(axis.is_numeric for axis in grid.axes)

@@ -228,7 +228,7 @@ function handleKey(chart, event) {
     const { time, seriesIndex, dataIndex } = points[chart.visited];
     moveMotion(time);
     chart.instance.dispatchAction({ type: "showTip", seriesIndex, dataIndex });
-  } else if (event.key === "Enter" || event.key === " ") chart.spec.select?.(points[chart.visited]?.id);
+  } else if (points[chart.visited] && (event.key === "Enter" || event.key === " ")) chart.spec.select?.(points[chart.visited].id);
   else return;
   event.preventDefault();
 }

@@ -30,5 +30,5 @@ function createFactTable({ title, head, rows }) {
   const table = html("table", { class: head.length > MAX_PHONE_COLUMNS && "cards" }, ...tableHead, html("tbody", {}, ...bodyRows));
   const box = html("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": `table: ${title || page.title}` }, table);
   const heading = title ? [html("h3", {}, title)] : [];
-  return html("div", { class: `printed ${head.length > MAX_NARROW_COLUMNS ? "wide" : ""}` }, ...heading, box);
+  return html("div", { class: head.length > MAX_NARROW_COLUMNS && "wide" }, ...heading, box);
 }

@@ -81,8 +81,9 @@ function explainMissingCurves() {
   byId("selection-notes").replaceChildren(...notes);
 }
 
-// Case with the most similar parameters, of those listed; `axes` are the indices of the compared parameters.
-function nearestCase(run, others, axes = Object.keys(run.at ?? [])) {
+// Case with the most similar parameters, of those listed.
+function nearestCase(run, others) {
+  const axes = Object.keys(run.at ?? []);
   const distance = (other) => axes.reduce((sum, axis) => sum + ((run.at[axis] - other.at[axis]) / page.sliders[axis].values.length) ** 2, 0);
   return others.reduce((best, other) => (distance(other) < distance(best) ? other : best));
 }
