@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import scipy.linalg as la
 from conformance import integrators
 from finite_elements import straight_bar
 from numpy.testing import assert_allclose
@@ -136,7 +137,20 @@ def test_particles_of_a_truss():
 
 TWO = straight_bar(BAR, LENGTH, 2)
 HELD = TWO[1] + np.diag([1e9, *np.zeros(8)])
+TURNING = TWO[0] - np.diag([0, 0, 1, 0, 0, 1, 0, 0, 1])
 ERRORS = {
+    "dimensions": (lambda: (TWO[0].ravel(), *TWO[1:], [0]), "mass must be a matrix .* rows by"),
+    "complex": (lambda: (1j * TWO[0], *TWO[1:], [0]), "mass must be a matrix of finite real"),
+    "negative stiffness": (lambda: (TWO[0], -TWO[1], TWO[2], [0]), "singular or negative"),
+    "negative mass": (lambda: (TURNING, *TWO[1:], [0]), "mass must be positive for all motions"),
+    "rotary inertia": (
+        lambda: (np.diag([1, 1, 0, 2, 2, 0, 1, 1, 0]), *TWO[1:], [0, 2]),
+        "add the missing mass or rotary inertia, pass fewer modes",
+    ),
+    "directions": (
+        lambda: (np.diag([1, 2, 0, 2, 2, 0, 2, 1, 0]), *TWO[1:], [0]),
+        r"the same positive mass in both directions, got 5 kg at \(0.6, 0\) m and 5 kg at \(0.4, 0",
+    ),
     "size": (lambda: (TWO[0][:5, :5], *TWO[1:], [0]), "mass must be a square matrix"),
     "symmetry": (lambda: (TWO[0], np.triu(TWO[1]), TWO[2], [0]), "stiffness must be a symmetric"),
     "supports": (lambda: (TWO[0], HELD, TWO[2], [0]), "stiffness must be that of the free body"),
@@ -158,3 +172,60 @@ def test_rigid_shapes_are_rejected():
     rigid = np.tile([1.0, 0.0, 0.0], 3)[:, None]
     with pytest.raises(bd.BeamdaeError, match="contain no rigid motion"):
         bd.ReducedBody("bar", *TWO, rigid)
+
+
+def test_negative_stiffness_and_mass_of_shapes_are_rejected():
+    shapes = bd.ReducedBody.from_matrices("bar", *TWO, [0]).shapes
+    with pytest.raises(bd.BeamdaeError, match="stiffness must not be negative for any shape"):
+        bd.ReducedBody("bar", TWO[0], -TWO[1], TWO[2], shapes)
+    with pytest.raises(bd.BeamdaeError, match="mass must be positive for all motions"):
+        bd.ReducedBody("bar", TURNING, *TWO[1:], shapes)
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.3, 0.4, 1.0])
+def test_a_mechanism_in_the_body_is_rejected(angle):
+    """Rounding decided whether a node between two collinear bars had a stiffness."""
+    turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+    nodes = np.array([(0.0, 0.0), (1.0, 0.0), (2.0, 0.0), (0.0, 1.0)]) @ turn
+    stiffness = np.zeros((8, 8))
+    for a, b in [(0, 1), (1, 2), (2, 3), (3, 0)]:
+        row = np.zeros(8)
+        direction = (nodes[b] - nodes[a]) / np.linalg.norm(nodes[b] - nodes[a])
+        row[2 * a : 2 * a + 2], row[2 * b : 2 * b + 2] = -direction, direction
+        stiffness += 1e4 * np.outer(row, row)
+    with pytest.raises(bd.BeamdaeError, match="the stiffness is singular or negative"):
+        bd.ReducedBody.from_matrices("truss", np.eye(8), stiffness, nodes, [0, 2, 3])
+
+
+@pytest.mark.parametrize("modes", [2, 5, 10, 12, 100])
+@pytest.mark.parametrize("elements", [3, 6, 12])
+def test_lumped_masses_have_no_rotary_inertia(elements, modes):
+    _, stiffness, nodes = straight_bar(BAR, LENGTH, elements, 0.3)
+    share = BAR.rhoA * LENGTH / elements * np.array([0.5, *np.ones(elements - 1), 0.5])
+    inertia = np.array([1e-6, *np.zeros(elements - 1), 1e-6])  # at joints
+    masses = np.stack([share, share, inertia], axis=1).ravel()
+    mech = bd.Mechanism()
+    mech.add(
+        bd.ReducedBody.from_matrices("bar", np.diag(masses), stiffness, nodes, [0, elements], modes)
+    )
+    # Rotations without inertia follow the displacements.
+    a, b = np.flatnonzero(masses), np.flatnonzero(masses == 0.0)
+    to_a = np.linalg.solve(stiffness[np.ix_(b, b)], stiffness[np.ix_(b, a)])
+    condensed = stiffness[np.ix_(a, a)] - stiffness[np.ix_(a, b)] @ to_a
+    exact = np.sqrt(la.eigvalsh(condensed, np.diag(masses[a]))[3]) / (2.0 * np.pi)
+    rtol = 1e-8 if modes > 2 * elements else 1e-2
+    assert_allclose(bd.modes(mech, n=4).frequencies[3], exact, rtol=rtol)
+
+
+@pytest.mark.parametrize("size", [1e-6, 1e-3, 1e3, 1e5])
+def test_bodies_of_any_size(size):
+    """Similar bodies of one material have frequencies in inverse proportion to their size."""
+    frequencies = []
+    for factor in (1.0, size):
+        section = bd.Section.rectangle(ALLOY, width=0.02 * factor, height=0.01 * factor)
+        mech = bd.Mechanism()
+        mech.add(
+            bd.ReducedBody.from_matrices("bar", *straight_bar(section, factor, 8, 0.3), [0, 8])
+        )
+        frequencies.append(factor * bd.modes(mech, n=6).frequencies[3:])
+    assert_allclose(frequencies[1], frequencies[0], rtol=1e-6)

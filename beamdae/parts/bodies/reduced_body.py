@@ -9,9 +9,7 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-import scipy.linalg as la
 import scipy.sparse as sp
-from scipy.sparse.linalg import eigsh, splu
 
 from beamdae.errors import (
     BeamdaeError,
@@ -24,9 +22,18 @@ from beamdae.errors import (
     require_sequence,
     require_unit,
     set_fields,
-    short_repr,
 )
 from beamdae.parts.attachments import Attachment, rotate
+from beamdae.parts.bodies.craig_bampton import (
+    RIGID_COUNT,
+    center_of_mass,
+    find_modes,
+    require_free_body,
+    require_matrix,
+    require_positive_stiffness,
+    rigid_motions,
+    unit_mass_factors,
+)
 from beamdae.parts.part import Drawing, Part
 from beamdae.read_only import read_only_data
 from beamdae.symbolic.formula import Formula, cache_kernels
@@ -41,8 +48,7 @@ from beamdae.symbolic.statements import (
 )
 
 Array = np.ndarray
-_FRAME = 3  # coordinates x, y and angle of the frame
-_ROUNDING = 1e-6  # asymmetry of matrices, and forces of rigid motions, relative to their sizes
+_FRAME = RIGID_COUNT  # coordinates x, y and angle of the frame
 
 
 @read_only_data
@@ -78,7 +84,7 @@ class ReducedBody(Part):
     BeamdaeError
         If `name` is invalid, a matrix or shape has another size, is not finite or not symmetric,
         the stiffness resists rigid motions, the mass differs by direction, a shape is a rigid
-        motion, or a number is invalid.
+        motion, the mass or the stiffness of a motion is negative, or a number is invalid.
     """
 
     name: str
@@ -94,8 +100,8 @@ class ReducedBody(Part):
 
     def __post_init__(self) -> None:
         name = require_name("ReducedBody", self.name)
-        mass, stiffness, nodes = _require_model(name, self.mass, self.stiffness, self.nodes)
-        shapes = _require_matrix(name, "shapes", self.shapes).toarray()
+        mass, stiffness, nodes = require_free_body(name, self.mass, self.stiffness, self.nodes)
+        shapes = require_matrix(name, "shapes", self.shapes).toarray()
         if len(shapes) != mass.shape[0] or not shapes.shape[1]:
             raise BeamdaeError(
                 f"{name}: shapes must be an array of shape ({mass.shape[0]}, k) with k > 0, got "
@@ -112,12 +118,15 @@ class ReducedBody(Part):
             velocity=optional_point(name, "velocity", self.velocity),
             angular_velocity=optional_finite(name, "angular_velocity", self.angular_velocity),
         )
-        vectors = np.hstack([_rigid_motions(nodes, mass.shape[0], self.center), shapes])
-        if np.linalg.matrix_rank(vectors) < vectors.shape[1]:
+        motions = np.hstack([rigid_motions(nodes, mass.shape[0], self.center), shapes])
+        sizes = np.linalg.norm(motions, axis=0)
+        if not np.all(sizes) or np.linalg.matrix_rank(motions / sizes) < len(sizes):
             raise BeamdaeError(
                 f"{name}: shapes must be independent of each other and contain no rigid motion; "
-                "omit the others."
+                "omit those that are zero, rigid or sums of others."
             )
+        unit_mass_factors(name, mass, motions)
+        require_positive_stiffness(name, stiffness, shapes)
 
     @classmethod
     def from_matrices(
@@ -174,19 +183,17 @@ class ReducedBody(Part):
         6
         """
         name = require_name("ReducedBody", name)
-        model = _require_model(name, mass, stiffness, nodes)
+        model = require_free_body(name, mass, stiffness, nodes)
         entries = require_sequence(name, "interface", interface, "a list of indices of nodes")
         last = len(model[2]) - 1
         of_interface = [require_count(name, "interface", x, least=0, most=last) for x in entries]
         count = require_count(name, "modes", modes, least=0)
-        return cls(name, *model, _reduce(name, model, of_interface, count), **settings)
+        return cls(name, *model, find_modes(name, *model, of_interface, count), **settings)
 
     @cached_property
     def center(self) -> tuple[float, float]:
         """Center of mass (x, y) in the reference configuration [m], the origin of the frame."""
-        along_x = _rigid_motions(self.nodes, self.mass.shape[0], (0.0, 0.0))[:, 0]
-        share = (self.mass @ along_x)[:: self._node_size]
-        x, y = share @ self.nodes / np.sum(share)
+        _, (x, y) = center_of_mass(self.nodes, self.mass)
         return float(x), float(y)
 
     @property
@@ -232,7 +239,7 @@ class ReducedBody(Part):
     @cached_property
     def _inertia(self) -> Array:
         """Reduced mass matrix of the velocities in `_body_kernel`, (3 + 2 k, 3 + 2 k)."""
-        rigid = _rigid_motions(self.nodes, self.mass.shape[0], self.center)
+        rigid = rigid_motions(self.nodes, self.mass.shape[0], self.center)
         turned = np.zeros_like(self.shapes)
         turned[0 :: self._node_size] = -self.shapes[1 :: self._node_size]
         turned[1 :: self._node_size] = self.shapes[0 :: self._node_size]
@@ -293,7 +300,7 @@ class ReducedBody(Part):
             If the matrix has another shape, or a name or the unit is invalid.
         """
         headers = require_names(self.name, "names", names, "a list of names of columns")
-        rows = _require_matrix(self.name, "matrix", matrix)
+        rows = require_matrix(self.name, "matrix", matrix)
         if rows.shape != (len(headers), self.mass.shape[0]):
             raise BeamdaeError(
                 f"{self.name}: matrix must have the shape {(len(headers), self.mass.shape[0])}, a "
@@ -358,106 +365,3 @@ def _body_kernel(count: int) -> ForceKernel:
     energies = ca.vertcat(0.5 * ca.dot(velocities, momenta), 0.5 * ca.dot(modal, elastic), weight)
     powers = ca.vertcat(0, ca.dot(viscous, v[_FRAME:]))
     return ForceKernel(local, force, energies, powers, reused=True)
-
-
-def _rigid_motions(nodes: Array, size: int, center: tuple[float, float]) -> Array:
-    """Return the displacements in translations by 1 m and a rotation by 1 rad, (size, 3)."""
-    motions = np.zeros((len(nodes), size // len(nodes), _FRAME))
-    motions[:, 0, 0] = motions[:, 1, 1] = 1.0
-    motions[:, 0, 2], motions[:, 1, 2] = center[1] - nodes[:, 1], nodes[:, 0] - center[0]
-    motions[:, 2:, 2] = 1.0
-    return motions.reshape(size, _FRAME)
-
-
-def _reduce(name: str, model: Sequence[Any], interface: list[int], count: int) -> Array:
-    """Return Craig-Bampton modes without rigid motions, (n, k), in ascending order of frequency."""
-    mass, stiffness, nodes = model
-    n, node_size = mass.shape[0], mass.shape[0] // len(nodes)
-    rigid = _rigid_motions(nodes, n, (0.0, 0.0))
-    held = (np.array(interface, int)[:, None] * node_size + np.arange(node_size)).ravel()
-    inner = np.setdiff1d(np.arange(n), held)
-    if len(set(interface)) < len(interface) or np.linalg.matrix_rank(rigid[held]) < _FRAME:
-        raise BeamdaeError(
-            f"{name}: interface must contain different nodes that hold the body if they are fixed: "
-            f"two, or one with a rotation, got {short_repr(interface)}."
-        )
-    count = count if count < len(inner) - 1 else len(inner)
-    basis = np.zeros((n, len(held) + count))
-    basis[held, np.arange(len(held))] = 1.0
-    if len(inner):
-        of_inner, coupling = (sp.csc_matrix(stiffness[inner][:, x]) for x in (inner, held))
-        try:
-            basis[inner, : len(held)] = -splu(of_inner).solve(coupling.toarray())
-        except RuntimeError:
-            raise BeamdaeError(
-                f"{name}: with the interface fixed, the stiffness is singular; connect all nodes."
-            ) from None
-        if 0 < count < len(inner):
-            inertia, start = sp.csc_matrix(mass[inner][:, inner]), np.ones(len(inner))
-            fixed_modes = eigsh(of_inner, count, inertia, sigma=0.0, v0=start)[1]
-        else:
-            fixed_modes = np.eye(len(inner))[:, :count]  # all motions, or none
-        basis[inner, len(held) :] = fixed_modes
-    reduced = [basis.T @ (x @ basis) for x in (mass, stiffness)]
-    coefficients = np.vstack([rigid[held], np.zeros((basis.shape[1] - len(held), _FRAME))])
-    elastic = la.null_space(coefficients.T @ reduced[0])
-    try:
-        _, modes = la.eigh(*(elastic.T @ x @ elastic for x in reversed(reduced)))
-    except la.LinAlgError:
-        raise BeamdaeError(f"{name}: an interface node has no mass; add it, or omit it.") from None
-    shapes = basis @ elastic @ modes
-    # The largest displacement of a node is 1 m, in any axes.
-    displacements = shapes.reshape(len(nodes), node_size, -1)[:, :2]
-    return np.asarray(shapes / np.max(np.linalg.norm(displacements, axis=1), axis=0))
-
-
-def _require_matrix(name: str, what: str, value: Any) -> sp.csc_array:
-    """Return a dense or sparse matrix of finite numbers in sparse form."""
-    try:
-        matrix = sp.csc_array(
-            value if sp.issparse(value) else np.asarray(value, float), dtype=float
-        )
-    except Exception:  # Foreign array types may raise anything.
-        matrix = None
-    if matrix is None or not np.isfinite(matrix.data).all():
-        raise BeamdaeError(
-            f"{name}: {what} must be a matrix of finite numbers, got {short_repr(value)}."
-        )
-    return matrix
-
-
-def _require_model(
-    name: str, mass: Any, stiffness: Any, nodes: Any
-) -> tuple[sp.csc_array, sp.csc_array, Array]:
-    """Return the matrices and the nodes of a free body."""
-    places = _require_matrix(name, "nodes", nodes).toarray()
-    if places.shape[1] != 2 or len(places) < 2:
-        raise BeamdaeError(
-            f"{name}: nodes must be at least two points (x, y), got {short_repr(nodes)}."
-        )
-    sizes = [(k * len(places), k * len(places)) for k in (2, 3)]
-    matrices: list[sp.csc_array] = []
-    for what, value in (("mass", mass), ("stiffness", stiffness)):
-        matrix = _require_matrix(name, what, value)
-        if matrix.shape not in sizes or matrix.shape != (*matrices, matrix)[0].shape:
-            raise BeamdaeError(
-                f"{name}: {what} must be a square matrix with 2 or 3 rows for each of the "
-                f"{len(places)} nodes, as many as the other matrix, got the shape {matrix.shape}."
-            )
-        if abs(matrix - matrix.T).max() > _ROUNDING * abs(matrix).max():
-            raise BeamdaeError(f"{name}: {what} must be a symmetric matrix.")
-        matrices.append(sp.csc_array(0.5 * (matrix + matrix.T)))
-    rigid = _rigid_motions(places, matrices[0].shape[0], tuple(places[0]))
-    forces = np.max(np.abs(matrices[1] @ rigid), axis=0)
-    if np.any(forces > _ROUNDING * np.max(abs(matrices[1]) @ np.abs(rigid), axis=0)):
-        raise BeamdaeError(
-            f"{name}: stiffness must be that of the free body, but resists rigid motions; remove "
-            "the supports, and check the order of nodes and rows."
-        )
-    x, y = np.sum(rigid[:, :2] * (matrices[0] @ rigid[:, :2]), axis=0)
-    if not x > 0.0 or abs(y - x) > _ROUNDING * x:
-        raise BeamdaeError(
-            f"{name}: mass must be the same positive mass in both directions, got {x:g} kg "
-            f"and {y:g} kg."
-        )
-    return matrices[0], matrices[1], places
