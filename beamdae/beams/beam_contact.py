@@ -12,9 +12,15 @@ import numpy as np
 
 from beamdae.beams.beam import Beam, require_beam
 from beamdae.beams.shape_functions import gauss_points
-from beamdae.errors import BeamdaeError, require_name, require_positive, set_fields
+from beamdae.errors import (
+    BeamdaeError,
+    require_finite,
+    require_name,
+    require_positive,
+    set_fields,
+)
 from beamdae.parts.attachments import Attachment
-from beamdae.parts.forces.contact import Contact
+from beamdae.parts.forces.contact import Contact, require_unit_of_stiffness
 from beamdae.parts.forces.load_observables import FORCE, ObservablePower, resultant_at
 from beamdae.parts.forces.regularized_friction import RegularizedFriction
 from beamdae.parts.forces.surfaces import CircleSurface, LineSurface
@@ -59,8 +65,9 @@ class BeamContact(ObservablePower):
 
     The force per length at the penetration d of the axis is that of a `Contact`,
     stiffness d^exponent with hysteresis and friction, integrated by Gauss points in each element:
-    as many as nodes, so that finer meshes refine the contact, too. The axis of the beam touches the
-    surface; add half the thickness to the radius of a circle, or shift a line.
+    as many as nodes, so that finer meshes refine the contact, too. A circle smaller than the
+    distance between these points can pass between them; choose shorter elements. The axis of the
+    beam touches the surface; add half the thickness to the radius of a circle, or shift a line.
 
     Parameters
     ----------
@@ -114,6 +121,8 @@ class BeamContact(ObservablePower):
         beam = require_beam(name, self.beam)
         last = beam.length if self.end is None else self.end
         start, end = (beam.at(x).s or 0.0 for x in (self.start, last))
+        exponent = require_finite(name, "exponent", self.exponent)
+        require_unit_of_stiffness(name, self.stiffness, exponent, is_per_length=True)
         stiffness = require_positive(name, "stiffness", self.stiffness)
         set_fields(self, stiffness=stiffness, start=start, end=end)
         law = self._contact_at(start, 1.0)
@@ -165,6 +174,11 @@ class BeamContact(ObservablePower):
         return self._contact_at(self.start, 1.0).regularized_friction
 
     @property
+    def restitution_or_elastic(self) -> float:
+        """`restitution`, or 1 if it is None."""
+        return self._contact_at(self.start, 1.0).restitution_or_elastic
+
+    @property
     @rebuilt_for_mesh
     def gap(self) -> Quantity:
         """Smallest distance of the contact points from the surface [m], negative in contact."""
@@ -179,7 +193,7 @@ class BeamContact(ObservablePower):
     @property
     def gaps(self) -> tuple[SurfaceGap, ...]:
         """Smallest gap, as a tuple of one entry: later points touch gradually."""
-        return (SurfaceGap(self.gap, self.surface.remedy),)
+        return (SurfaceGap(self.gap, self.beam.name, self.surface.remedy),)
 
     def forces(self, gravity: Array) -> list[ForceStatement]:
         """Return one statement for each contact point."""
@@ -212,7 +226,13 @@ class BeamContact(ObservablePower):
         Raises
         ------
         BeamdaeError
-            If `s` is outside the beam.
+            If `s` is not between `start` and `end`.
         """
+        s, last = require_finite(self.name, "s", s), float(self.end or 0.0)
+        if not self.start <= s <= last:
+            raise BeamdaeError(
+                f"{self.name}: arc length s must lie in [{self.start:g}, {last:g}] m, where the "
+                f"beam can touch, got {s:g}."
+            )
         force = self._contact_at(s, 1.0).force
         return replace(force, columns=(Variable("p", "N/m"), Variable("t", "N/m")))

@@ -402,7 +402,7 @@ def start_inside_warnings(
             ):
                 continue
             yield (
-                f"{x.part.name}: {x.part.attachments[0]} starts {x.depth:.3g} m inside the "
+                f"{x.part.name}: {x.gap.point} starts {x.depth:.3g} m inside the "
                 f"surface, far deeper than at rest, and the contact releases {x.energy:.3g} J; "
                 f"{x.gap.remedy}, or build the model with bd.Mechanism(start='equilibrium') if it "
                 "is a preload."

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from beamdae.parts.bodies.rigid_body import Ground, RigidBody
 from beamdae.results.trajectory import Interval, Trajectory
 
 if TYPE_CHECKING:
+    from beamdae.beams.beam_contact import BeamContact
     from beamdae.parts.forces.contact import Contact
 
 Array = np.ndarray
@@ -31,14 +32,10 @@ _RATE_STEP = 1e-3  # of central differences, relative to a step
 _MIN_TRAVEL = 1e-5  # of impacts at their speed in the run, relative to the length
 
 
-def contacts_of(equations: EquationsOfMotion) -> dict[str, Contact]:
-    """Return the contacts of the mechanism by name, without an import if there are none."""
+def contacts_of(equations: EquationsOfMotion) -> dict[str, Contact | BeamContact]:
+    """Return the contacts of the mechanism by name."""
     parts = {} if equations.mechanism is None else equations.mechanism.parts
-    if not any(part.gaps for part in parts.values()):
-        return {}
-    from beamdae.parts.forces.contact import Contact
-
-    return {name: part for name, part in parts.items() if isinstance(part, Contact)}
+    return {name: cast("Contact | BeamContact", part) for name, part in parts.items() if part.gaps}
 
 
 def untouched_contact_warnings(
@@ -145,7 +142,9 @@ def _describe_depths(equations: EquationsOfMotion, depths: dict[str, float]) -> 
     )
 
 
-def _smallest_size(equations: EquationsOfMotion, contact: Contact) -> tuple[float, str]:
+def _smallest_size(
+    equations: EquationsOfMotion, contact: Contact | BeamContact
+) -> tuple[float, str]:
     """Return the smallest known size at a contact [m], and its description.
 
     Beams that no joint connects to the ground may fall on a layer that is thicker than they are.
@@ -156,7 +155,7 @@ def _smallest_size(equations: EquationsOfMotion, contact: Contact) -> tuple[floa
     surface, parts = contact.surface, equations.mechanism.parts.values()
     loose = {name for group in find_loose_groups(equations) for name in group}
     known: list[tuple[float, str]] = []
-    for x in contact.attachments:
+    for x in (contact.point, surface.on):
         body = x.body
         if isinstance(x, BeamAttachment) and x.s is not None:
             height = x.body.section.at(x.s).height

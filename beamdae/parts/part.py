@@ -57,11 +57,14 @@ class SurfaceGap(NamedTuple):
     ----------
     quantity
         Quantity with one column, the gap [m].
+    point
+        Name of what touches the surface.
     remedy
         Clause of a message that explains how to start without penetration.
     """
 
     quantity: Quantity
+    point: str
     remedy: str
 
 

@@ -18,6 +18,7 @@ from beamdae.equations.measures import TIME
 from beamdae.errors import format_exception, short_repr
 from beamdae.function_pickler import pickle_with_functions
 from beamdae.results.outcome import REACHED_END, Status
+from beamdae.results.storage.reader import FileKind, read_bytes
 from beamdae.studies.case import Case
 
 if TYPE_CHECKING:
@@ -29,6 +30,7 @@ Array = np.ndarray
 MEASURED = Status("ok", "measured without a run")
 # Characters without a special meaning in file systems and shells are kept.
 _INVALID_CHARACTERS = re.compile(r"[^\w=.+]+")
+TRAJECTORY = FileKind("trajectory", "run the case again")
 _MAX_NAME_BYTES = 100  # of a trajectory file
 _KEY_DIGITS = 8  # in the name of a trajectory file
 
@@ -105,12 +107,14 @@ class Rows:
 
     @property
     def numbers(self) -> Array:
-        """Times and columns (k, 1 + columns)."""
+        """Times and columns (k, 1 + columns); FileContentError if the file cannot be read."""
         if isinstance(self.source, np.ndarray):
             return self.source
-        cells = self.source.read_bytes().partition(b"\n")[2].replace(b"\n", b",").split(b",")[:-1]
-        numbers = np.array([cell or b"nan" for cell in cells], bytes).astype(float)
-        return numbers.reshape(-1, 1 + len(self.headers))
+        text = read_bytes(self.source, TRAJECTORY).partition(b"\n")[2]
+        with TRAJECTORY.errors_of(self.source):
+            cells = text.replace(b"\n", b",").split(b",")[:-1]
+            numbers = np.array([cell or b"nan" for cell in cells], bytes).astype(float)
+            return numbers.reshape(-1, 1 + len(self.headers))
 
     def table(self) -> pd.DataFrame:
         """Return the columns as a new table, indexed by time."""

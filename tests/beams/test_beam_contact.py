@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+import warnings
+
 import numpy as np
 import pytest
 from conformance import integrators
@@ -116,12 +119,57 @@ def test_friction_stops_a_sliding_strip(integrator):
     assert abs(run.energies["energy.imbalance [J]"].iloc[-1]) < 1e-4
 
 
+@pytest.mark.parametrize(
+    ("distance", "stiffness", "friction", "message"),
+    [
+        (5.0, 1e5, 0.3, "slide: the bodies do not touch during the run"),
+        (0.01, 0.5, 0.0, "slide: the contact sinks .* more than strip is long"),
+        (-0.01, 1e5, 0.0, "slide: strip starts 0.01 m inside the surface"),
+        (0.01, 1e5, 0.0, None),
+    ],
+)
+def test_warnings_are_those_of_contacts_of_points(distance, stiffness, friction, message):
+    mech = bd.Mechanism(gravity=(0.0, -GRAVITY))
+    beam = strip(mech, 2)
+    floor = bd.LineSurface(mech.ground.at(0.0, -distance))
+    law = {"exponent": 1.0, "friction": friction}
+    slide = mech.add(bd.BeamContact("slide", beam, floor, stiffness, **law))
+    assert slide.restitution_or_elastic == 1.0
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", bd.BeamdaeWarning)
+        run = bd.simulate(mech, bd.Radau(1e-4), t_end=0.2)
+    found = [x for x in run.warnings if x.startswith("slide: ")]
+    assert len(found) == (message is not None)
+    assert not found or re.match(message, found[0])
+
+
+@pytest.mark.parametrize("exponent", [1.0, 1.5])
+def test_the_unit_of_the_stiffness_is_checked(exponent):
+    @bd.model(t_end=0.1)
+    def wrap(k=bd.param(1e5, "N/m"), exponent=exponent):
+        mech = bd.Mechanism()
+        floor = bd.LineSurface(mech.ground.at(0.0, 0.0))
+        mech.add(bd.BeamContact("wrap", strip(mech, 2), floor, k, exponent=exponent))
+        return mech
+
+    with pytest.raises(bd.BeamdaeError, match=rf"must be in N/m\^{exponent + 1:g} with"):
+        wrap()
+
+
 ERRORS = {
     "range": ({"start": 0.2, "end": 0.1}, "start must be less than end"),
     "outside": ({"end": 9.0}, "arc length s must lie in"),
     "surface": ({"surface": 3}, "surface must be a LineSurface or a CircleSurface"),
     "stiffness": ({"stiffness": 0.0}, "stiffness must be positive"),
 }
+
+
+def test_pressure_exists_where_the_beam_can_touch():
+    mech = bd.Mechanism()
+    floor = bd.LineSurface(mech.ground.at(0.0, 0.0))
+    half = mech.add(bd.BeamContact("half", strip(mech, 2), floor, 1.0, end=0.15))
+    with pytest.raises(bd.BeamdaeError, match=r"half: arc length s must lie in \[0, 0.15\] m"):
+        half.pressure(0.28)
 
 
 @pytest.mark.parametrize("name", ERRORS)

@@ -127,6 +127,24 @@ class _ContactSliding(_ContactLaw):
         return ca.vertcat(normal_force, slip)
 
 
+def require_unit_of_stiffness(
+    name: str, stiffness: Any, exponent: float, is_per_length: bool = False
+) -> None:
+    """Reject a parameter in N/m if the law of the contact is not linear, or is per length."""
+    power = exponent + is_per_length
+    if (
+        isinstance(stiffness, NumberWithUnit)
+        and conversion_factor(stiffness.unit, "N/m") is not None
+        and power != 1
+    ):
+        linear = "" if is_per_length else "exponent=1 for a linear contact, or "
+        raise BeamdaeError(
+            f"{name}: stiffness must be in N/m^{power:g} with exponent={exponent:g}, got the "
+            f"parameter {stiffness.parameter} in {stiffness.unit}; pass {linear}a stiffness in "
+            f"N/m^{power:g}."
+        )
+
+
 def hysteresis_factor(restitution: float, speed: float) -> float:
     """Return X [s/m] in the contact force N = k d^n (1 + X d') at penetration d.
 
@@ -275,7 +293,7 @@ class Contact(ObservableLoad):
                 "a body."
             )
         set_fields(self, exponent=require_finite(self.name, "exponent", self.exponent))
-        self._check_unit_of_stiffness()
+        require_unit_of_stiffness(self.name, self.stiffness, self.exponent)
         set_fields(
             self,
             stiffness=require_positive(self.name, "stiffness", self.stiffness),
@@ -321,19 +339,6 @@ class Contact(ObservableLoad):
         assert self.friction_speed is not None
         set_fields(self, friction_speed=ratio * self.friction_speed)
         return True
-
-    def _check_unit_of_stiffness(self) -> None:
-        k = self.stiffness
-        if (
-            isinstance(k, NumberWithUnit)
-            and conversion_factor(k.unit, "N/m") is not None
-            and self.exponent != _MIN_EXPONENT
-        ):
-            raise BeamdaeError(
-                f"{self.name}: stiffness must be in N/m^{self.exponent:g} with "
-                f"exponent={self.exponent:g}, got the parameter {k.parameter} in {k.unit}; pass "
-                f"exponent=1 for a linear contact, or a stiffness in N/m^{self.exponent:g}."
-            )
 
     @property
     def attachments(self) -> tuple[Attachment, ...]:
@@ -436,7 +441,7 @@ class Contact(ObservableLoad):
     @property
     def gaps(self) -> tuple[SurfaceGap, ...]:
         """Gap of the contact, as a tuple of one entry."""
-        return (SurfaceGap(self.gap, self.surface.remedy),)
+        return (SurfaceGap(self.gap, str(self.point), self.surface.remedy),)
 
     @property
     def gap(self) -> Quantity:

@@ -24,7 +24,7 @@ from beamdae.results.storage.files import (
 )
 from beamdae.results.storage.reader import FileKind, read_bytes
 from beamdae.studies.store.file_reads import changed_files
-from beamdae.studies.tasks import Outcome, Rows, Task
+from beamdae.studies.tasks import TRAJECTORY, Outcome, Rows, Task
 
 Array = np.ndarray
 
@@ -53,7 +53,6 @@ class Record:
 
 
 _FORMAT = Format(FileKind("record", "run the case again"), 5, Record)
-_TRAJECTORY = FileKind("trajectory", "run the case again")
 
 
 @dataclass(frozen=True)
@@ -111,7 +110,7 @@ class Store:
             stored, rows = record.rows, None
             if stored is not None:
                 path = self.folder / "trajectories" / Path(stored.file).name
-                if hashlib.sha256(read_bytes(path, _TRAJECTORY)).hexdigest() != stored.sha256:
+                if hashlib.sha256(read_bytes(path, TRAJECTORY)).hexdigest() != stored.sha256:
                     return None
                 rows = Rows(stored.columns, path)
         except FileContentError:
