@@ -9,7 +9,6 @@
 
 #include <complex.h>
 #include <math.h>
-#include <stddef.h>
 #include <stdint.h>
 
 /* Entries of a vector; arrays of lanes hold the first entry of all lanes, then the second one. */
@@ -88,10 +87,6 @@ static inline Reals part(Reals x, int64_t begin, int64_t end) {
 static inline Reals from(Reals x, int64_t begin) { return part(x, begin, x.size); }
 
 static inline Reals row(Reals2 x, int64_t i) { return (Reals){x.at + i * x.columns, x.columns}; }
-
-static inline Complexes complex_part(Complexes x, int64_t begin, int64_t end) {
-    return (Complexes){x.at + begin, end - begin};
-}
 
 static inline double entry3(Reals3 x, int64_t i, int64_t j, int64_t k) {
     return x.at[(i * x.n1 + j) * x.n2 + k];

@@ -130,8 +130,7 @@ def compile_library(
     position = () if sys.platform == "win32" else ("-fPIC",)
     libraries = () if sys.platform == "win32" else ("-lm",)
     names = [str(x) for x in sources]
-    further = shlex.split(os.environ.get("CFLAGS", ""))
-    options = [*CORE_FLAGS, *flags, *position, *further, "-shared", "-o", str(file)]
+    options = [*CORE_FLAGS, *flags, *position, "-shared", "-o", str(file)]
     run_compiler(part, [*compiler, *options, *names, *libraries])
 
 

@@ -3,8 +3,7 @@
    linear.c includes this file for real and for complex numbers, with the macros
 
    NUMBER, ARRAY, LANE   a number, an array of numbers, and one entry of all lanes;
-   NAME(x)               name of a function for this type;
-   PARTS                 1, or 2 for real and imaginary part.
+   NAME(x)               name of a function for this type.
 
    The matrix is eliminated column by column from the left with the pivots of an `EliminationPlan`
    (see linear/elimination.py), as in the refactorization of KLU (Davis & Palamadai Natarajan, ACM

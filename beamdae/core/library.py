@@ -53,10 +53,12 @@ def compile_core(target: llvm.Target | None) -> bytes:
     compiler = find_compiler("core")
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder, "core.so")
+        processor = _processor_flags(target, compiler)
         try:
-            flags = [*_FLAGS, *_processor_flags(target, compiler)]
-            compile_library("core", compiler, flags, core_sources(), file)
+            compile_library("core", compiler, [*_FLAGS, *processor], core_sources(), file)
         except BeamdaeError:
+            if not processor:
+                raise
             # Older compilers know no levels of processors.
             compile_library("core", compiler, _FLAGS, core_sources(), file)
         return file.read_bytes()

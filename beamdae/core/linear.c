@@ -153,19 +153,16 @@ typedef ComplexSolver complex_Solver;
 #define NUMBER double
 #define ARRAY Reals
 #define LANE Vector
-#define PARTS 1
 #define NAME(x) real_##x
 #include "elimination.h"
 #undef NUMBER
 #undef ARRAY
 #undef LANE
-#undef PARTS
 #undef NAME
 
 #define NUMBER Complex
 #define ARRAY Complexes
 #define LANE ComplexVector
-#define PARTS 2
 #define NAME(x) complex_##x
 #include "elimination.h"
 

@@ -45,6 +45,7 @@ int solve_jump(InputJumpWorkspace *run) {
         set_matrix_factors(&run->saddle, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0);
         evaluate_sum(&run->saddle, run->motion, run->nonzeros);
         const int code = factorize(&run->linear, run->nonzeros);
+        if (code != NEW_PIVOTS) run->linear.singular = 0;
         if (code != DONE) return code;
         solve(&run->linear, change);
         add_to(a, 1.0, change);

@@ -77,7 +77,8 @@ class Auto(AdaptiveIntegrator):
         began = clock.perf_counter()
         pilot = replace(self, rtol=PILOT_RTOL)
         first = drive(self, equations, times, self._choose, progress, pilot._choose)
-        if not (first.status.kind == "failed" and first.integrator["method"] == "Ida"):
+        failed = first.status.kind == "failed" and first.integrator["method"] == "Ida"
+        if not failed or load_core() is None:  # Radau needs the core.
             return first
         limited = self
         if self.time_limit is not None:

@@ -21,9 +21,9 @@ Array = np.ndarray
 # (validation/performance, --linear).
 DENSE_LIMIT = 250
 # A solution is accurate if its backward error does not exceed this value.
-MAX_BACKWARD_ERROR = 1e-10
+_MAX_BACKWARD_ERROR = 1e-10
 # Pivots that require more steps of iterative refinement are rejected.
-MAX_REFINEMENTS = 2
+_MAX_REFINEMENTS = 2
 
 
 class SingularMatrixError(ArithmeticError):
@@ -164,7 +164,7 @@ class SparseFactorization:
         return x
 
     def _set_refinements(self) -> bool:
-        """Set the number of refinements; return False if `MAX_REFINEMENTS` are not enough.
+        """Set the number of refinements; return False if `_MAX_REFINEMENTS` are not enough.
 
         The measure is the backward error of Oettli & Prager, relative to the terms of each
         equation, for a solution to which all columns contribute equally.
@@ -173,10 +173,10 @@ class SparseFactorization:
         exact = _invert_largest(matrix.data, matrix.indptr[:-1])
         right = matrix @ exact
         solution = self._lu.solve(self._weights * right)
-        for self.refinements in range(MAX_REFINEMENTS + 1):
+        for self.refinements in range(_MAX_REFINEMENTS + 1):
             residual = right - matrix @ solution
             terms = magnitudes @ np.abs(solution) + np.abs(right)
-            if np.all(np.abs(residual) <= MAX_BACKWARD_ERROR * terms):
+            if np.all(np.abs(residual) <= _MAX_BACKWARD_ERROR * terms):
                 return True
             solution += self._lu.solve(self._weights * residual)
         return False
@@ -190,21 +190,10 @@ def _invert_largest(values: Array, starts: Array) -> Array:
     return invert_to_power_of_two(np.maximum.reduceat(np.abs(values), starts))
 
 
-def create_factorization(
-    pattern: sp.csc_array, method: str = "auto", dtype: type = float
-) -> Factorization:
-    """Return a `Factorization` for matrices with this pattern.
+def create_factorization(pattern: sp.csc_array, dtype: type = float) -> Factorization:
+    """Return a `Factorization` for float or complex matrices with this CSC pattern, without values.
 
-    Parameters
-    ----------
-    pattern
-        CSC pattern of a square matrix; its values are not used.
-    method
-        "dense", "sparse", or "auto": dense up to `DENSE_LIMIT` unknowns.
-    dtype
-        float or complex.
+    It is dense up to `DENSE_LIMIT` unknowns.
     """
-    if method == "auto":
-        method = "dense" if pattern.shape[0] <= DENSE_LIMIT else "sparse"
-    factorization = DenseFactorization if method == "dense" else SparseFactorization
-    return factorization(pattern, dtype)
+    is_small = pattern.shape[0] <= DENSE_LIMIT
+    return (DenseFactorization if is_small else SparseFactorization)(pattern, dtype)

@@ -154,7 +154,7 @@ def _write_cache(folder: Path, source: ObjectSource, content: bytes) -> None:
 
 
 def _warn_of_cache(problem: CacheError) -> None:
-    _warn(f"{problem}; each process compiles kernels and loops again, which takes some seconds")
+    _warn(f"{problem}; each process compiles kernels again, which takes some seconds")
 
 
 def _warn(problem: str) -> None:

@@ -9,6 +9,7 @@ from beamdae.linear.factorizations import (
     DENSE_LIMIT,
     DenseFactorization,
     SingularMatrixError,
+    SparseFactorization,
     create_factorization,
 )
 
@@ -29,13 +30,13 @@ def arrow(size, rng, dtype=float):
 
 
 @pytest.mark.parametrize("dtype", [float, complex])
-@pytest.mark.parametrize("method", ["dense", "sparse"])
+@pytest.mark.parametrize("method", [DenseFactorization, SparseFactorization])
 @pytest.mark.parametrize("size", [1, 4, 60])
 def test_factorization_solves_every_matrix_of_its_pattern(method, size, dtype):
     rng = np.random.default_rng(size)
     pattern, _, _ = arrow(size, rng)
     ones = pattern.data.copy()
-    solver = create_factorization(pattern, method, dtype)
+    solver = method(pattern, dtype)
     for _ in range(2):
         _, nonzeros, matrix = arrow(size, rng, dtype)
         solver.factorize(nonzeros)
@@ -57,11 +58,11 @@ def test_auto_is_dense_for_small_systems_and_sparse_for_large_ones():
 
 
 @pytest.mark.parametrize("dtype", [float, complex])
-@pytest.mark.parametrize("method", ["dense", "sparse"])
+@pytest.mark.parametrize("method", [DenseFactorization, SparseFactorization])
 @pytest.mark.parametrize("bad", [0.0, np.nan, np.inf])
 def test_singular_or_infinite_matrix_is_rejected(method, bad, dtype):
     pattern = sp.csc_array(sp.eye_array(3, format="csc"))
-    solver = create_factorization(pattern, method, dtype)
+    solver = method(pattern, dtype)
     with pytest.raises(SingularMatrixError):
         solver.factorize(np.array([1.0, bad, 1.0]))
     # The bad matrix must not affect the next one.
@@ -69,7 +70,7 @@ def test_singular_or_infinite_matrix_is_rejected(method, bad, dtype):
     assert_allclose(solver.solve(np.ones(3)), [1.0, 0.5, 0.25], rtol=1e-15)
 
 
-@pytest.mark.parametrize("method", ["dense", "sparse"])
+@pytest.mark.parametrize("method", [DenseFactorization, SparseFactorization])
 @pytest.mark.parametrize(
     "matrix",
     [
@@ -83,12 +84,12 @@ def test_singular_or_infinite_matrix_is_rejected(method, bad, dtype):
 def test_rank_deficient_matrix_is_rejected(method, matrix):
     matrix = sp.csc_array(np.array(matrix))
     with pytest.raises(SingularMatrixError):
-        create_factorization(matrix, method).factorize(matrix.data)
+        method(matrix).factorize(matrix.data)
 
 
-@pytest.mark.parametrize("method", ["dense", "sparse"])
+@pytest.mark.parametrize("method", [DenseFactorization, SparseFactorization])
 def test_entries_near_the_largest_float_do_not_overflow(method):
     pattern = sp.csc_array(sp.eye_array(2, format="csc"))
-    solver = create_factorization(pattern, method)
+    solver = method(pattern)
     solver.factorize(np.array([1.5e308, 1.5e308]))
     assert_allclose(solver.solve(np.array([1.5e308, 0.0])), [1.0, 0.0], rtol=1e-15)

@@ -62,7 +62,7 @@ from beamdae.equations.formulations.first_order import formulate_first_order
 from beamdae.equations.formulations.step_equations import StepPrediction, formulate_step
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.linear.blas_threads import single_threaded
-from beamdae.linear.factorizations import create_factorization
+from beamdae.linear.factorizations import DenseFactorization, SparseFactorization
 from beamdae.results.outcome import Statistics
 
 MODELS_BY_NAME = {"hub_beam": hub_beam, "pendulum": pendulum, "slider_crank": slider_crank}
@@ -310,9 +310,9 @@ def _time_process(command: list[str], folder: str) -> dict[str, float]:
 
 
 def _time_factorization(
-    pattern: sp.csc_array, method: str, nonzeros: np.ndarray
+    pattern: sp.csc_array, method: type, nonzeros: np.ndarray
 ) -> tuple[float, float]:
-    solver, right = create_factorization(pattern, method), np.ones(pattern.shape[0])
+    solver, right = method(pattern), np.ones(pattern.shape[0])
     solver.factorize(nonzeros)
     factorize = min(
         time_action(lambda: [solver.factorize(nonzeros) for _ in range(20)]) for _ in range(5)
@@ -339,8 +339,9 @@ def compare_factorizations() -> pd.DataFrame:
             ("GeneralizedAlpha", alpha, alpha.jacobian(TIME_AND_BRANCH, at, np.zeros(alpha.size))),
         ):
             row = {"form": name, "unknowns": form.size, "non-zeros": form.pattern.nnz}
-            for method in ("dense", "sparse"):
-                factorize, solve = _time_factorization(form.pattern, method, nonzeros)
+            methods = {"dense": DenseFactorization, "sparse": SparseFactorization}
+            for method, factorization in methods.items():
+                factorize, solve = _time_factorization(form.pattern, factorization, nonzeros)
                 row[f"{method} factorize [us]"] = round(factorize * 1e6)
                 row[f"{method} solve [us]"] = round(solve * 1e6, 1)
             rows.append(row)

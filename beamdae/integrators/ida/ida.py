@@ -35,13 +35,13 @@ class Ida(AdaptiveIntegrator):
     Departures from IDA's defaults: beamdae computes the consistent start, including accelerations,
     and names dependent constraints; the order is limited to 2 where BDF of orders 3 to 5 is
     unstable; error weights come from the scales of the mechanism; and the residual is premultiplied
-    by the inverse of its last Jacobian (`callbacks`), so that beamdae factorizes and solves the
+    by the inverse of its last Jacobian (`core/ida.c`), so that beamdae factorizes and solves the
     linear systems.
 
-    The entry "ida" of `Solution.integrator` is "shared libraries" if the callbacks of IDA are
-    machine code, and "scikit-sundae" if they are called through that package. The results of both
-    agree within the tolerance. Without machine code, the error test includes multipliers in runs
-    with friction, nonholonomic constraints or only prescribed motions. With machine code,
+    The entry "ida" of `Solution.integrator` is "shared libraries" if its callbacks are in
+    the core, and "scikit-sundae" if they are called through that package. The results of both
+    agree within the tolerance. Without the core, the error test includes multipliers in runs
+    with friction, nonholonomic constraints or only prescribed motions. With the core,
     `Solution.integrator` also contains "orders" (number of steps per order), "error_test_failures"
     and "limited_by": up to three unknowns that most often had the largest error of a step, with the
     fraction of such steps.

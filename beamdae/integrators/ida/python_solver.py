@@ -3,7 +3,7 @@
 Used where the core cannot be compiled, and where the functions of SUNDIALS cannot be loaded
 (`sundials.library`): in builds with static libraries, with MPI, with 64-bit indices or with another
 major version. Its results agree with those of the C interface within the tolerance, but it runs in
-plain Python, which is 15 to 30 times slower than machine code.
+plain Python, which is 15 to 30 times slower than the core.
 """
 
 from __future__ import annotations

@@ -6,7 +6,7 @@ the matrix R_y + (gamma/h) R_y' and complex equations with alpha + i beta in pla
 Hairer & Wanner, Solving ODEs II, 1996, section IV.8.
 
 All numbers are evaluated in closed form: LAPACK would round them differently on other processors,
-and the machine code of the loops, which contains them, could not be shared between processors.
+and results would differ between processors.
 """
 
 from __future__ import annotations

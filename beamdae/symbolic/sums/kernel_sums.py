@@ -53,8 +53,6 @@ PICK_END = 2
 GATHER_END = 3
 ADD_END = 4
 WEIGHTED_END = 5
-PICK_TILE_END = 6
-ADD_TILE_END = 7
 
 # Gathering and adding the numbers of a batch take as long as this number of operations.
 _OPERATIONS_PER_BATCH = 10_000
@@ -203,7 +201,7 @@ class Sum:
     kernels
         Addresses of C functions, one per batch; see `LaneKernel`.
     batches
-        One row per batch, with the columns `START` to `ADD_TILE_END`. Entries of `add_targets`
+        One row per batch, with the columns from `START`, in this order. Entries of `add_targets`
         and `weighted_targets` beyond the last batch read `shared` and the 1.
     pick_targets, pick_sources
         local[pick_targets] = x[pick_sources].
@@ -505,7 +503,12 @@ class InterpretedKernel:
             if addresses not in views:
                 arrays = [_view_of(*x) for x in zip(addresses, shapes, strict=True)]
                 keep_latest(views, addresses, arrays)
-            evaluate(*views[addresses])
+            try:
+                evaluate(*views[addresses])
+            except BaseException:
+                # The caller is C: ctypes prints the exception, and the numbers end the step.
+                views[addresses][2][:] = np.nan
+                raise
 
         self._callback = KERNEL_SIGNATURE(call)
         self.address = ctypes.cast(self._callback, ctypes.c_void_p).value

@@ -350,7 +350,6 @@ INTEGRATOR_CALLS: dict[str, WorkingCall] = {
             "formulation": "index3",
             "start": "cured",
             "newton_tolerance": 1e-7,
-            "linear_solver": "auto",
             "time_limit": RUN_TIME_LIMIT,
             "family": "hht",
         },
@@ -367,7 +366,6 @@ INTEGRATOR_CALLS: dict[str, WorkingCall] = {
             "formulation": "ggl",
             "error_control": "positions",
             "max_order": 2,
-            "linear_solver": "auto",
             **_LIMITS,
         },
         run_with_integrator,
@@ -377,7 +375,6 @@ INTEGRATOR_CALLS: dict[str, WorkingCall] = {
         lambda box: {
             "rtol": 1e-3,
             "error_control": "positions",
-            "linear_solver": "auto",
             **_LIMITS,
         },
         run_with_integrator,
