@@ -25,7 +25,7 @@ RIGID, VIBRATION, DECAY, UNSTABLE = "free motion", "vibration", "decay", "unstab
 # Real parts below this fraction of the eigenvalue are rounding errors.
 _GROWTH_TOLERANCE = 1e-9
 # Sizes that differ by less than this fraction are equal but for rounding.
-_EQUAL_SIZE_TOLERANCE = 1e-6
+EQUAL_SIZE_TOLERANCE = 1e-6
 
 
 class EigenSolution(NamedTuple):
@@ -103,7 +103,7 @@ def locate_largest(columns: Array) -> Array:
     It is the first of those that are equal up to rounding.
     """
     sizes = np.abs(columns)
-    is_largest = sizes >= (1.0 - _EQUAL_SIZE_TOLERANCE) * np.max(sizes, axis=0)
+    is_largest = sizes >= (1.0 - EQUAL_SIZE_TOLERANCE) * np.max(sizes, axis=0)
     return np.argmax(is_largest, axis=0)
 
 

@@ -18,6 +18,7 @@ from beamdae.errors import (
     short_repr,
 )
 
+_NAME = "equilibrium"
 LOAD, DISPLACEMENT, ARC_LENGTH = "load", "displacement", "arc length"
 
 
@@ -35,12 +36,12 @@ class PathSettings:
         See `to`, `control`, `step`, `switch` and `max_points` of `equilibrium`.
     """
 
-    column: str
-    targets: tuple[float, ...]
-    control: str
-    step: float | None
-    switch: tuple[int, ...]
-    max_points: int
+    column: str = ""
+    targets: tuple[float, ...] = (1.0,)
+    control: str = LOAD
+    step: float | None = None
+    switch: tuple[int, ...] = ()
+    max_points: int = 500
     varies: str = ""
 
     @classmethod
@@ -54,7 +55,7 @@ class PathSettings:
         BeamdaeError
             If an argument is invalid; the message names it.
         """
-        name, column, values = "equilibrium", "", 1.0 if to is None and over is None else to
+        column, values = "", 1.0 if to is None and over is None else to
         if over is not None and (to is None or isinstance(to, Mapping)):
             raise BeamdaeError(
                 f"equilibrium: to must be the last value of {short_repr(over)}, or a list of "
@@ -65,27 +66,32 @@ class PathSettings:
                 "a load factor, a list of load factors, or one observed position with a value "
                 "such as {'tip.y': -0.1}"
             )
-            positions = require_mapping(name, "to", to, what)
+            positions = require_mapping(_NAME, "to", to, what)
             if len(positions) != 1:
                 raise BeamdaeError(f"equilibrium: to must be {what}, got {short_repr(to)}.")
             ((column, values),) = positions.items()
-        is_number = as_real(values) is not None
-        items = [values] if is_number else require_sequence(name, "to", values, "numbers")
-        targets = tuple(require_finite(name, "to", value) for value in items)
+        targets = _require_numbers("to", values, "numbers")
         if not targets:
             raise BeamdaeError("equilibrium: to must contain at least one number.")
-        switch = _parse_switches(switch)
-        default = ARC_LENGTH if switch else DISPLACEMENT if column else LOAD
+        numbers = _require_numbers("switch", switch, "a whole number or a list of whole numbers")
+        counts = [require_count(_NAME, "switch", abs(x), 1) for x in numbers if numbers != (0.0,)]
+        default = ARC_LENGTH if counts else DISPLACEMENT if column else LOAD
         control = default if control is None else control
-        require_choice(name, "control", control, (LOAD, DISPLACEMENT, ARC_LENGTH))
+        require_choice(_NAME, "control", control, (LOAD, DISPLACEMENT, ARC_LENGTH))
         if control not in (default, ARC_LENGTH):
             raise BeamdaeError(
                 f"equilibrium: control={control!r} is not supported with the given to=, switch= "
                 f"and over=; omit it, or use control={ARC_LENGTH!r}."
             )
-        size = None if step is None else require_positive(name, "step", step)
-        max_points = require_count(name, "max_points", max_points, 2)
-        return cls(column, targets, control, size, switch, max_points, over or "")
+        return cls(
+            column,
+            targets,
+            control,
+            None if step is None else require_positive(_NAME, "step", step),
+            tuple(k if x > 0.0 else -k for k, x in zip(counts, numbers, strict=False)),
+            require_count(_NAME, "max_points", max_points, 2),
+            over or "",
+        )
 
     @property
     def description(self) -> dict[str, Any]:
@@ -99,18 +105,9 @@ class PathSettings:
             "switch": list(self.switch),
         }
 
-    def for_earlier_stage(self) -> PathSettings:
-        """Return the settings for stages before the last: load control up to the full load."""
-        return PathSettings("", (1.0,), LOAD, None, (), self.max_points)
 
-
-def _parse_switches(switch: Any) -> tuple[int, ...]:
-    """Return the signed numbers of the branch points at which to switch; empty for 0."""
-    expected = "a whole number or a list of whole numbers"
-    is_number = as_real(switch) is not None
-    items = [switch] if is_number else require_sequence("equilibrium", "switch", switch, expected)
-    numbers = [require_finite("equilibrium", "switch", number) for number in items]
-    if numbers == [0.0]:
-        return ()
-    counts = [require_count("equilibrium", "switch", abs(number), 1) for number in numbers]
-    return tuple(k if number > 0.0 else -k for k, number in zip(counts, numbers, strict=True))
+def _require_numbers(argument: str, values: Any, expected: str) -> tuple[float, ...]:
+    """Return a finite number, or a list of them, as a tuple."""
+    is_number = as_real(values) is not None
+    items = [values] if is_number else require_sequence(_NAME, argument, values, expected)
+    return tuple(require_finite(_NAME, argument, value) for value in items)

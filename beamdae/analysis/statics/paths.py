@@ -26,6 +26,7 @@ from beamdae.analysis.continuation.engine import (
     prescribe_parameter,
     switch,
 )
+from beamdae.analysis.eigenproblems.eigensolution import EQUAL_SIZE_TOLERANCE, locate_largest
 from beamdae.analysis.statics.load_scaling import Loading
 from beamdae.analysis.statics.neutral_motions import hold_neutral_motions
 from beamdae.analysis.statics.path_settings import ARC_LENGTH, DISPLACEMENT, LOAD, PathSettings
@@ -60,13 +61,17 @@ _MAX_INITIAL_MOTION = 0.05
 _MIN_FIRST_LOAD = 1e-6
 # Distance, relative to the largest step, within which two branch points are equal.
 _SAME_POINT_RATIO = 1e-2
-# Relative difference up to which two coordinates of a mode have equal amplitudes.
-_EQUAL_MOTION_TOLERANCE = 1e-6
 _MAX_CHECK_POINTS = 100
 _CLOSED_PATH = (
     "the path is closed and returns to a branch point passed before; switch at one "
     "more branch point, for example with switch=[1, 1]"
 )
+_REMEDIES = {
+    (DISPLACEMENT, True): "check that the loads move the prescribed column",
+    (DISPLACEMENT, False): "use control='arc length' to continue where a displacement reverses",
+    (LOAD, True): "even 1e-8 of the largest step fails, so check the size of the loads",
+    (LOAD, False): "use control='arc length' to continue past the maximum of a load",
+}
 
 
 @dataclass
@@ -77,6 +82,8 @@ class StagePath:
     ----------
     points
         Equilibria in order along the path, including critical points.
+    settings, control
+        Settings of the path, and the quantity whose values are its targets.
     critical
         Critical points of the path by their index in `points`.
     tangent
@@ -88,21 +95,22 @@ class StagePath:
     """
 
     points: list[Point]
+    settings: PathSettings
+    control: Control = prescribe_parameter
     critical: dict[int, CurvePoint] = field(default_factory=dict)
     tangent: Array | None = None
     status: Status = REACHED_END
     is_stuck: bool = False
 
     @property
-    def problem(self) -> StaticProblem:
-        """Equations of the stage."""
-        problem: StaticProblem = self.end.problem
-        return problem
-
-    @property
     def end(self) -> Point:
         """Last point of the path."""
         return self.points[-1]
+
+    @property
+    def by_load(self) -> bool:
+        """True if targets are load factors."""
+        return self.control is prescribe_parameter
 
     def fail(self, sentence: object) -> None:
         """End the path with a reason."""
@@ -145,31 +153,32 @@ def trace_path(loading: Loading, q: Array, settings: PathSettings) -> Equilibriu
         If no equilibrium is found at which the path begins; or if the targets are values of a
         column that is not an observed position, or no load is scaled to reach them.
     """
-    if settings.column and not loading.stages:
-        raise BeamdaeError(
-            f"equilibrium: {settings.column} cannot be prescribed because no load is scaled; add a "
-            "load to the mechanism and to loads=, or, if a driver moves the mechanism, set t= to "
-            "the time of the wanted position and omit to=."
-        )
     control: Control = prescribe_parameter
     if settings.column:
+        if not loading.stages:
+            raise BeamdaeError(
+                f"equilibrium: {settings.column} cannot be prescribed because no load is scaled; "
+                "add a load to the mechanism and to loads=, or, if a driver moves the mechanism, "
+                "set t= to the time of the wanted position and omit to=."
+            )
         time = loading.systems[0].loaded.time
         control = PrescribedColumn.from_name(loading.full_equations, settings.column, time)
     points, stages = list[Point](), list[int]()
     critical, notes, approach = list[CriticalPoint](), list[str](), list[Array]()
     for k, system in enumerate(loading.systems):
-        problem, is_last = StaticProblem(system), k == len(loading.systems) - 1
-        stage = settings if is_last else settings.for_earlier_stage()
+        problem = StaticProblem(system)
         if k == 0:
             begin = find_unloaded_equilibrium(problem, q, approach)
         else:
             begin = problem.point(points.pop().x, system.ends[0])
             stages.pop()
-        path = StagePath([begin])
+        path = StagePath([begin], PathSettings(max_points=settings.max_points))
+        if k == len(loading.systems) - 1:
+            path.settings, path.control = settings, control
         if system.has_scaled_loads:
             path.points[0] = _hold_neutral_motions(begin)
             try:
-                _follow_stage(path, stage, control if is_last else prescribe_parameter)
+                _follow_stage(path)
             except KeyboardInterrupt:
                 acknowledge()
                 path.status = Status("interrupted", "interrupted")
@@ -179,8 +188,11 @@ def trace_path(loading: Loading, q: Array, settings: PathSettings) -> Equilibriu
         points += path.points
         stages += [k] * len(path.points)
         notes += _zero_load_notes(path, loading)
-        status = _end_status(path, stage.control, loading.quantity)
+        status = path.status
         if not status.success:
+            sentence = f"{status.sentence} (last converged {loading.quantity}: {path.end.p:.6g})"
+            remedy = _find_remedy(path) if path.is_stuck else ""
+            status = Status(status.kind, f"{sentence}; {remedy}" if remedy else sentence)
             break
     columns = np.arange(len(loading.stages) + (loading.parameter is not None))
     of_row, values = np.array(stages)[:, None], np.array([[point.p] for point in points])
@@ -205,7 +217,7 @@ def _zero_load_notes(path: StagePath, loading: Loading) -> list[str]:
     """Return a remark if nothing depends on the load factor along the path of a stage."""
     if path.end is path.points[0] or not all(map(_is_unloaded, path.points)):
         return []
-    t, parameter = path.problem.system.loaded.time[0], loading.parameter
+    t, parameter = path.end.problem.system.loaded.time[0], loading.parameter
     cause = f"all scaled loads are zero at t = {t:g} s"
     remedy = "pass another time t=, other loads=, or other values of inputs"
     if parameter is not None:
@@ -253,10 +265,9 @@ def follow_to_critical_point(begin: Point, targets: tuple[float, ...]) -> StageP
     It has a point at each of the load factors `targets` before, ends at the last one if there is no
     critical point, and earlier with a status that is no success if it cannot be followed.
     """
-    path = StagePath([begin])
-    settings = PathSettings("", targets, ARC_LENGTH, None, (), _MAX_CHECK_POINTS)
-    steps = _choose_steps(begin, settings, prescribe_parameter)
-    _follow(path, prescribe_parameter, targets, steps, settings, 1, (LIMIT, BRANCH, FLUTTER))
+    settings = PathSettings(targets=targets, control=ARC_LENGTH, max_points=_MAX_CHECK_POINTS)
+    path = StagePath([begin], settings)
+    _follow(path, targets, _choose_steps(path), 1, (LIMIT, BRANCH, FLUTTER))
     return path
 
 
@@ -269,79 +280,75 @@ def _hold_neutral_motions(point: Point) -> Point:
     return StaticProblem(held).point(point.x, point.p) if held.held_coordinates else point
 
 
-def _follow_stage(path: StagePath, settings: PathSettings, control: Control) -> None:
+def _follow_stage(path: StagePath) -> None:
     """Extend the path of one stage to the targets; switch branches as the settings request."""
-    begin = path.end
+    begin, settings, targets = path.end, path.settings, list(path.settings.targets)
     if settings.column and _is_unloaded(begin):
-        t = path.problem.system.loaded.time[0]
+        t = begin.problem.system.loaded.time[0]
         path.fail(f"all scaled loads are zero at t = {t:g} s; pass another time t= or other loads=")
         return
-    steps = _choose_steps(begin, settings, control)
-    targets = list(settings.targets)
-    if begin.monitor.free and not _leave_free_position(path, control, targets):
+    steps = _choose_steps(path)
+    if begin.monitor.free and not _leave_free_position(path, targets):
         return
-    try:
-        for number in settings.switch:
-            count = _follow(path, control, targets, steps, settings, stop=abs(number))
-            if path.status.success and count < abs(number):
-                path.fail(
-                    f"switch={number} requests branch point {abs(number)}, but the number of "
-                    f"branch points found is {count}; use a smaller number or a farther target"
-                )
-            if not path.status.success:
-                return
-            # The tangent is not unique at the branch point.
-            chord, mode = path.end.minus(path.points[-2]), path.critical[len(path.points) - 1].mode
+    for number in settings.switch:
+        count = _follow(path, targets, steps, abs(number))
+        if path.status.success and count < abs(number):
+            path.fail(
+                f"switch={number} requests branch point {abs(number)}, but the number of "
+                f"branch points found is {count}; use a smaller number or a farther target"
+            )
+        if not path.status.success:
+            return
+        # The tangent is not unique at the branch point.
+        chord, mode = path.end.minus(path.points[-2]), path.critical[len(path.points) - 1].mode
+        try:
             first, path.tangent = switch(path.end, mode, chord, np.sign(number), steps)
-            path.points.append(first)
-    except CurveError as error:
-        path.fail(error)
-        return
-    _follow(path, control, targets, steps, settings)
-    if path.is_stuck and path.end is begin and control is prescribe_parameter:
+        except CurveError as error:
+            path.fail(error)
+            return
+        path.points.append(first)
+    _follow(path, targets, steps)
+    if path.is_stuck and path.end is begin and path.by_load:
         # The mechanism moves far under the smallest load, until it is stretched or rests.
         stuck, path.status, path.is_stuck = path.status, REACHED_END, False
-        if _begin_under_load(path, control, targets):
-            _follow(path, control, targets, _choose_steps(path.end, settings, control), settings)
-        elif len(path.points) == 1:
+        if _begin_under_load(path, targets):
+            _follow(path, targets, _choose_steps(path))
+        elif path.end is begin:
             path.status, path.is_stuck = stuck, True
 
 
 def _follow(
     path: StagePath,
-    control: Control,
     targets: Sequence[float],
     steps: Steps,
-    settings: PathSettings,
     stop: int = 0,
-    stops_at: tuple[str, ...] = (BRANCH,),
+    kinds: tuple[str, ...] = (BRANCH,),
 ) -> int:
-    """Extend the path to each target in turn; return the number of critical points found.
+    """Extend the path to each target in turn; return the number of critical points of `kinds`.
 
-    They are those of the kinds `stops_at`; the path ends at the one with the number `stop`.
+    The path ends at the one with the number `stop`.
     """
-    count = 0
+    count, control = 0, path.control
     for target in targets:
-        tangent = path.tangent
-        if tangent is None and steps.by_arc_length and control is not prescribe_parameter:
-            tangent = path.end.tangent(prescribe_parameter)
         try:
+            tangent = path.tangent
+            if tangent is None and steps.by_arc_length and not path.by_load:
+                tangent = path.end.tangent(prescribe_parameter)
             for segment, found in follow(path.end, control, target, steps, explain_counts, tangent):
                 passed = [*path.critical.values()]
                 for one in found:
-                    is_closed = steps.by_arc_length and _is_among(passed, one, steps)
                     path.critical[len(path.points)] = one
                     path.points.append(one.point)
-                    count += one.kind in stops_at
+                    count += one.kind in kinds
                     if stop and count == stop:
                         return count
-                    if is_closed:
+                    if steps.by_arc_length and _is_among(passed, one, steps):
                         path.fail(_CLOSED_PATH)
                         return count
                 path.points.append(segment.end)
                 path.tangent = segment.direction
                 is_reached = control(path.end.x, path.end.p).value == target
-                if len(path.points) >= settings.max_points and not is_reached:
+                if len(path.points) >= path.settings.max_points and not is_reached:
                     path.status = Status(
                         "limited",
                         f"stopped at the maximum of {len(path.points)} points; increase "
@@ -367,69 +374,63 @@ def _is_among(passed: Sequence[CurvePoint], last: CurvePoint, steps: Steps) -> b
     )
 
 
-def _choose_steps(begin: Point, settings: PathSettings, control: Control) -> Steps:
+def _choose_steps(path: StagePath) -> Steps:
     """Return the steps of a stage, with default sizes where none are set."""
-    weights = begin.problem.weights
-    row = control(begin.x, begin.p)
+    begin, settings = path.end, path.settings
+    row = path.control(begin.x, begin.p)
     reach = max(*(abs(target - row.value) for target in settings.targets), _MIN_REACH)
-    by_load = control is prescribe_parameter
     ratio = _PARAMETER_STEP_RATIO if settings.varies else _LOAD_STEP_RATIO
-    load_step = ratio * (reach if by_load else 1.0)
+    load_step = ratio * (reach if path.by_load else 1.0)
     if settings.control != ARC_LENGTH:
-        default = load_step if by_load else _DISPLACEMENT_STEP_RATIO * reach
+        default = load_step if path.by_load else _DISPLACEMENT_STEP_RATIO * reach
         return Steps(settings.step or default)
     step = _ARC_STEP
-    if not by_load:
+    if not path.by_load:
         # Largest change of the column if all coordinates move by their natural sizes.
-        is_coordinate = weights > 0.0
-        sensitivity = float(
-            np.sum(np.abs(row.gradient[:-1][is_coordinate]) / weights[is_coordinate])
-        )
-        step = min(step, _MAX_SHARE_OF_NEEDED_MOTION * reach / max(sensitivity, _MIN_REACH))
-    try:
+        is_coordinate = (weights := begin.problem.weights) > 0.0
+        changes = np.abs(row.gradient[:-1][is_coordinate]) / weights[is_coordinate]
+        step = min(step, _MAX_SHARE_OF_NEEDED_MOTION * reach / max(np.sum(changes), _MIN_REACH))
+    motion = 0.0
+    with suppress(CurveError):
         motion = begin.problem.measure(begin.tangent(prescribe_parameter)[:-1])
-    except CurveError:
-        motion = 0.0
     # A load is weighted no less than the motion that it causes, so that crossing paths differ in
     # direction.
     weight = max(motion, _MIN_LOAD_STEP_MOTION / load_step)
-    step = settings.step or step
-    if by_load:
+    step = settings.step or float(step)
+    if path.by_load:
         return Steps(step, True, weight, load_step)
     # The load that a displacement requires is not known in advance.
     return Steps(step, True, weight, first=min(1.0, weight * load_step / step))
 
 
-def _leave_free_position(path: StagePath, control: Control, targets: list[float]) -> bool:
+def _leave_free_position(path: StagePath, targets: list[float]) -> bool:
     """Begin a path where a motion has no stiffness; return True if it can be followed.
 
     The motion may get stiffness by a small load, near the begin; otherwise the mechanism moves far
     under it.
     """
-    problem, begin = path.problem, path.end
-    by_load = control is prescribe_parameter
-    reach = targets[0] - begin.p if by_load else 1.0
-    first = float(np.clip(reach, -1.0, 1.0)) * _LOAD_STEP_RATIO
-    small = _MIN_FIRST_LOAD * first
+    begin, problem = path.end, path.end.problem
+    reach = float(np.clip(targets[0] - begin.p, -1.0, 1.0)) if path.by_load else 1.0
+    small = _MIN_FIRST_LOAD * _LOAD_STEP_RATIO * reach
     with suppress(CurveError):
         point = problem.correct(prescribe_parameter, begin.p + small, begin.x, begin.p + small)
         motion = problem.measure(point.x - begin.x)
         if motion <= _MAX_INITIAL_MOTION and not point.monitor.free:
             path.tangent = point.tangent(prescribe_parameter) * (float(np.sign(small)) or 1.0)
             return True
-    return _begin_under_load(path, control, targets)
+    return _begin_under_load(path, targets)
 
 
-def _begin_under_load(path: StagePath, control: Control, targets: list[float]) -> bool:
+def _begin_under_load(path: StagePath, targets: list[float]) -> bool:
     """Begin a path at the first load step, found by relaxation; return True if it can be followed.
 
     The position without load is arbitrary if it has a motion without stiffness; the path then
     begins under load. Targets that are passed are removed.
     """
-    problem, begin, by_load = path.problem, path.end, control is prescribe_parameter
+    begin, problem = path.end, path.end.problem
     is_arbitrary = bool(begin.monitor.free)
-    step = _LOAD_STEP_RATIO * (abs(targets[0] - begin.p) if by_load else 1.0)
-    loads = list(targets) if by_load else [begin.p + step]
+    step = _LOAD_STEP_RATIO * (abs(targets[0] - begin.p) if path.by_load else 1.0)
+    loads = list(targets) if path.by_load else [begin.p + step]
     try:
         for k, target in enumerate(loads):
             end = path.end
@@ -440,7 +441,7 @@ def _begin_under_load(path: StagePath, control: Control, targets: list[float]) -
                 path.points[len(path.points) - is_arbitrary :] = [point]
                 del targets[:k]
                 return True
-            if not by_load:
+            if not path.by_load:
                 path.fail(_describe_freedom(free_coordinate(point)))
                 return False
             path.points.append(_relax(problem, end.x[: problem.n], target))
@@ -469,23 +470,12 @@ def free_coordinate(point: Point) -> str:
 
 
 def dominant_coordinate(e: EquationsOfMotion, mode: Array) -> str:
-    """Return the name of the coordinate that moves most in a mode, relative to its natural size."""
-    size = np.abs(mode[: e.n] / e.position_scales)
-    largest = np.flatnonzero(size >= (1.0 - _EQUAL_MOTION_TOLERANCE) * np.max(size)).tolist()
-    # If amplitudes are equal, an angle describes the mode better than the points it moves.
-    return e.q_names[min(largest, key=lambda k: (e.coordinates[k].unit != "rad", k))]
+    """Return the name of the coordinate that moves most in a mode, relative to its natural size.
 
-
-def _end_status(path: StagePath, control: str, quantity: str) -> Status:
-    """Return the status of a path; if it ended early, with the last load factor.
-
-    A remedy is added if no step converges.
+    If amplitudes are equal, an angle describes the mode better than the points it moves.
     """
-    if path.status.success:
-        return path.status
-    sentence = f"{path.status.sentence} (last converged {quantity}: {path.end.p:.6g})"
-    remedy = _find_remedy(path, control) if path.is_stuck else ""
-    return Status(path.status.kind, f"{sentence}; {remedy}" if remedy else sentence)
+    preference = np.where(e.is_angle, 1.0 + 3.0 * EQUAL_SIZE_TOLERANCE, 1.0)
+    return e.q_names[locate_largest(mode[: e.n] / e.position_scales * preference)]
 
 
 def _describe_freedom(coordinate: str) -> str:
@@ -495,20 +485,15 @@ def _describe_freedom(coordinate: str) -> str:
     )
 
 
-def _find_remedy(path: StagePath, control: str) -> str:
+def _find_remedy(path: StagePath) -> str:
     """Return why steps probably fail, and a remedy; "" if unknown."""
-    system, end, is_first = path.problem.system, path.end, len(path.points) == 1
+    system, end, is_first = path.end.problem.system, path.end, len(path.points) == 1
     first, last = system.ends
     if system.time_at(first)[0] != system.time_at(last)[0]:
         distance = _MIN_FIRST_LOAD * abs(last - first)
         for jump in system.equations.breakpoints:
             if abs(jump - end.p) <= distance:
                 return f"the loads jump at t = {jump:g} s, so begin another path there with from_="
-    if control == DISPLACEMENT and is_first and (free := free_coordinate(end)):
+    if path.settings.control == DISPLACEMENT and is_first and (free := free_coordinate(end)):
         return _describe_freedom(free)
-    return {
-        (DISPLACEMENT, True): "check that the loads move the prescribed column",
-        (DISPLACEMENT, False): "use control='arc length' to continue where a displacement reverses",
-        (LOAD, True): "even 1e-8 of the largest step fails, so check the size of the loads",
-        (LOAD, False): "use control='arc length' to continue past the maximum of a load",
-    }.get((control, is_first), "")
+    return _REMEDIES.get((path.settings.control, is_first), "")
