@@ -52,22 +52,6 @@ def bent_frame(options, side=1.0):
     return mech
 
 
-@pytest.mark.slow(reason="several seconds for each frame")
-@pytest.mark.parametrize(
-    ("options", "step", "side"), [(EXACT, None, 1.0), (FLOATING, None, -1.0), (EXACT, 0.3, -1.0)]
-)
-def test_regression_pairs_of_flutter_points_within_one_step_are_found(options, step, side):
-    # At the end of a step, as many modes grow as at its begin.
-    mech = bent_frame(options, side)
-    path = bd.equilibrium(mech, to=14.0, step=step)
-    assert [point.kind for point in path.critical] == ["flutter point"] * 3
-    factors = [point.factor for point in path.critical]
-    assert factors == pytest.approx([4.37579, 13.36396, 13.39974], rel=1e-5)
-    between = bd.equilibrium(mech, to=np.mean(factors[1:]))
-    row = len(between.unstable) - 1
-    assert between.unstable[row] == len(dense_growth(mech, between, row)) == 4
-
-
 def column(damping, follower=1.0, elements=8, height=0.02, options=EXACT):
     """Return a cantilever of 1 m under EI / L^2, of which the fraction `follower` turns with it."""
     mech = bd.Mechanism()

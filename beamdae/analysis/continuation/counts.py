@@ -2,20 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 
-Array = np.ndarray
-
-# Positions between two points at which interpolated motions are examined.
+# Positions between two points at which an interpolated determinant is examined.
 _SHARES = np.linspace(0.0, 1.0, 101)
-# Real parts up to this fraction of an eigenvalue between points are interpolation errors.
-_MIN_GROWTH = 1e-5
-# Largest deviation of a change from the mean rate, relative to the largest rate, of a pair of
-# eigenvalues; changes below a fraction of their sizes are none.
-_MAX_RATE_ERROR, _MIN_CHANGE = 0.5, 1e-6
 
 
 class Count(NamedTuple):
@@ -29,19 +21,17 @@ class Count(NamedTuple):
         Motions that alternate from period to period.
     free
         Motions without stiffness.
-    pairs
-        Mean (l1 + l2) / 2 and (l1 - l2)^2 / 4 of neighboring eigenvalues, (2, k). Both are smooth
-        functions along a curve, also where the eigenvalues meet.
-    log_unit
-        Logarithm of the unit of eigenvalues: determinants exceed the range of numbers.
+    sign, log_size
+        Sign of a determinant that vanishes at critical points, 0 if it is not known, and the
+        logarithm of its magnitude, which exceeds the range of numbers.
     """
 
     divergent: int
     oscillating: int
     alternating: int = 0
     free: int = 0
-    pairs: Array = np.zeros((2, 0))
-    log_unit: float = 0.0
+    sign: int = 0
+    log_size: float = 0.0
 
     @property
     def growing(self) -> tuple[int, int, int]:
@@ -61,51 +51,26 @@ class Neighbor(NamedTuple):
     distance: float
 
 
-def pair_neighbors(values: Array) -> Array:
-    """Return `Count.pairs` of eigenvalues in pairs l, -l or conjugate ones."""
-    values = values[np.lexsort((values.real, values.imag))]
-    lower, upper = values[:-1], values[1:]
-    return np.array([0.5 * (upper + lower), 0.25 * (upper - lower) ** 2])
-
-
 def find_hidden_growth(
     first: Count, first_beside: Neighbor, last: Count, last_beside: Neighbor
 ) -> float | None:
-    """Return a position from 0 to 1 where other motions may grow than at both ends, or None.
+    """Return a position from 0 to 1 where the determinant may have another sign than at both ends.
 
-    Pairs are interpolated by cubic polynomials, with the derivatives at both ends.
+    It is a cubic polynomial with the values and derivatives at both ends. The result is None if the
+    polynomial has one sign.
     """
     counts = first, first_beside.counts, last, last_beside.counts
-    begin, begin_near, end, end_near = _match_pairs(*counts)
+    unit = max(x.log_size for x in counts)
+    begin, begin_near, end, end_near = (x.sign * np.exp(x.log_size - unit) for x in counts)
     begin_rate = (begin_near - begin) / first_beside.distance
     end_rate = (end_near - end) / last_beside.distance
-    squares = np.array([begin, begin + begin_rate / 3.0, end - end_rate / 3.0, end])[:, 1]
-    if not begin[0].any() and np.ptp(np.sign(squares), axis=0).max(initial=0.0) == 0.0:
+    if begin * (begin + begin_rate / 3.0) > 0.0 and begin * (end - end_rate / 3.0) > 0.0:
         # Polynomials remain between their control points.
         return None
-    t, change = _SHARES[:, None], end - begin
+    t, change = _SHARES, end - begin
     bend = t * (1.0 - t) * ((begin_rate - change) * (1.0 - t) - (end_rate - change) * t)
-    mean, squared = begin + change * t + bend
-    values = mean + np.array([1.0, -1.0])[:, None, None] * np.sqrt(squared)
-    growing = (values.real > _MIN_GROWTH * np.abs(values)).sum(axis=0)
-    # Pairs of other eigenvalues at the end do not follow from the rates.
-    error, size = np.abs(change - 0.5 * (begin_rate + end_rate)), np.abs(begin) + np.abs(end)
-    largest = np.maximum(np.abs(begin_rate), np.abs(end_rate))
-    is_same = (error <= _MAX_RATE_ERROR * largest + _MIN_CHANGE * size).all(axis=(0, 1))
-    differs = (growing != growing[0]) & (growing[0] == growing[-1]) & is_same
-    (selected,) = np.nonzero(differs.any(axis=1))
+    (selected,) = np.nonzero(begin * (begin + change * t + bend) < 0.0)
     return float(_SHARES[selected[len(selected) // 2]]) if len(selected) else None
-
-
-def _match_pairs(*counts: Count) -> Array:
-    """Return the pairs of the slowest eigenvalues of each count in one unit, (counts, 2, 1, k)."""
-    size, unit = min(x.pairs.shape[1] for x in counts), max(x.log_unit for x in counts)
-    matched = np.empty((len(counts), 2, 1, size), complex)
-    for k, count in enumerate(counts):
-        cut, factor = (count.pairs.shape[1] - size) // 2, math.exp(count.log_unit - unit)
-        matched[k, 0] = factor * count.pairs[0, cut : cut + size]
-        matched[k, 1] = factor**2 * count.pairs[1, cut : cut + size]
-    return matched
 
 
 def find_hidden_turn(change: float, begin_rate: float, end_rate: float) -> float | None:

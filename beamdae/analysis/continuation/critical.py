@@ -161,7 +161,7 @@ def _find_hidden_change(segment: Segment, low: _Sample, high: _Sample) -> float 
     way = width * segment.reach
     change = high.point.p - low.point.p
     share = find_hidden_turn(change, way * low.rate, way * high.rate)
-    if share is None and low.counts.pairs.size:
+    if share is None and low.counts.sign and high.counts.sign == low.counts.sign:
         try:
             neighbors = [_find_neighbor(x, way) for x in (low, high)]
         except CurveError:

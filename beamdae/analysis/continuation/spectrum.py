@@ -15,7 +15,7 @@ import scipy.linalg as la
 import scipy.sparse as sp
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
 
-from beamdae.analysis.continuation.counts import Count, pair_neighbors
+from beamdae.analysis.continuation.counts import Count
 
 Array = np.ndarray
 
@@ -175,14 +175,11 @@ def count_growing(flexibility: Flexibility, mass: sp.csc_array, damping: sp.csc_
     values = np.where(is_real, values.real, values)
     if is_damped:
         growing = values.real > _ROUNDING_OF_GROWTH * np.abs(values).max(initial=0.0)
-        divergent, oscillating, spectrum = growing & is_real, growing & ~is_real, 1.0 / values
+        divergent, oscillating = growing & is_real, growing & ~is_real
     else:
         # Reciprocals of squared eigenvalues: real ones do not oscillate if they are positive.
         divergent, oscillating = is_real & (values.real > 0.0), ~is_real
-        roots = 1.0 / np.sqrt(values.astype(complex))
-        spectrum = np.append(roots, -roots)
-    pairs = pair_neighbors(spectrum)
-    return Count(int(divergent.sum()), int(oscillating.sum()) // 2, pairs=pairs)
+    return Count(int(divergent.sum()), int(oscillating.sum()) // 2)
 
 
 def _find_all(

@@ -47,16 +47,11 @@ class EigenSolution(NamedTuple):
 
 @single_threaded
 def solve_eigenproblem(
-    lin: LinearizedEquations,
-    count: int | None,
-    damped: bool = True,
-    oscillating: bool = False,
+    lin: LinearizedEquations, count: int | None, damped: bool = True
 ) -> EigenSolution:
     """Return the modes with the smallest |eigenvalue|: at most `count`, or all if it is None.
 
-    If `damped` is False, the symmetric parts of M and K are used, and damping is ignored. If
-    `oscillating` is True, decays do not count: strong damping slows many stiff motions down to
-    nearly the same rate.
+    If `damped` is False, the symmetric parts of M and K are used, and damping is ignored.
     """
     e = lin.equations
     if len(e.states) and not damped:
@@ -68,11 +63,7 @@ def solve_eigenproblem(
     if not damped or (is_undamped and lin.is_symmetric):
         squares, shapes = solve_undamped(lin, count)
         return _normalize(lin, np.sqrt(-squares + 0j), shapes.astype(complex), count)
-    values, shapes = solve_damped(lin, count, oscillating)
-    if oscillating and count is not None:
-        is_oscillation = values[np.argsort(np.abs(values), kind="stable")].imag > 0.0
-        count = int(np.sum(np.cumsum(is_oscillation) <= count))
-    return _normalize(lin, values, shapes, count)
+    return _normalize(lin, *solve_damped(lin, count), count)
 
 
 def _normalize(

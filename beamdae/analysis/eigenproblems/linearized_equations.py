@@ -10,13 +10,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.csgraph import connected_components
 
-from beamdae.equations.equations_of_motion import EquationsOfMotion, PartCoordinates, State
+from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.compliant_equations import introduce_resultants
 from beamdae.equations.formulations.tangents import (
     Convert,
@@ -46,20 +45,15 @@ _EXACT_TOLERANCE, _DIFFERENCE_TOLERANCE = 1e-13, 1e-9
 _REACTION_TOLERANCE = 1e-12
 
 
-@dataclass(frozen=True)
-class CoordinateSubset:
-    """Some of the coordinates and constraints of linearized equations."""
+class _MovingCoordinates(NamedTuple):
+    """Coordinates of linearized equations that are no first-order states."""
 
-    q_names: tuple[str, ...]
+    q_names: Sequence[str]
     position_scales: Array
     states: Array
     nonholonomic_rows: Array
+    n: int
     m: int
-
-    @property
-    def n(self) -> int:
-        """Number of coordinates."""
-        return len(self.q_names)
 
 
 class MixedForm(NamedTuple):
@@ -248,66 +242,33 @@ class LinearizedEquations:
         """Mask of the constraints on velocities, (m,)."""
         return np.isin(np.arange(self.equations.m), self.equations.nonholonomic_rows)
 
-    def split(self, parts: Sequence[PartCoordinates]) -> list[tuple[LinearizedEquations, Array]]:
-        """Return the equations of each group of coupled `parts`, and their coordinates (k,).
+    def without_states(self) -> LinearizedEquations:
+        """Return the equations with first-order states held."""
+        e, mixed = self.equations, self.mixed
+        q = np.setdiff1d(np.arange(e.n), e.states)
 
-        The ground couples no parts.
-        """
-        e, tangent = self.equations, self.tangent
-        blocks = tangent.stiffness, tangent.damping, tangent.mass
-        coupling = sum((abs(x) for x in blocks), sp.csc_array((e.n, e.n)))
-        constraints = abs(tangent.position_jacobian) + abs(tangent.velocity_jacobian)
-        constraints = constraints + abs(tangent.reactions).T
-        # One node for each part and each constraint; coordinates without a part are their own.
-        nodes = np.arange(e.n)
-        for part in parts:
-            nodes[part.rows] = part.rows.start
-        merge = sp.csc_array((np.ones(e.n), (nodes, np.arange(e.n))), shape=(e.n, e.n))
-        graph = sp.block_array(
-            [
-                [merge @ coupling @ merge.T, merge @ constraints.T],
-                [constraints @ merge.T, None if not e.m else sp.csc_array((e.m, e.m))],
-            ]
-        )
-        labels = connected_components(graph, directed=False)[1]
-        columns, rows = labels[nodes], labels[e.n :]
-        groups = []
-        for label in np.unique(columns):
-            (q,), (g,) = np.nonzero(columns == label), np.nonzero(rows == label)
-            groups.append((self.select(q, g), q))
-        return groups
+        def select(form: Any, *names: str) -> dict[str, sp.csc_array]:
+            return {name: getattr(form, name)[q][:, q] for name in names}
 
-    def select(self, q: Array, g: Array) -> LinearizedEquations:
-        """Return the equations of the coordinates `q` and the constraints `g`."""
-        e, tangent = self.equations, self.tangent
-        equations = CoordinateSubset(
-            tuple(e.q_names[k] for k in q),
-            e.position_scales[q],
-            np.flatnonzero(np.isin(q, e.states)),
-            np.flatnonzero(np.isin(g, e.nonholonomic_rows)),
-            len(g),
+        tangent = self.tangent._replace(
+            **select(self.tangent, "mass", "damping", "stiffness"),
+            reactions=self.tangent.reactions[q],
+            position_jacobian=self.tangent.position_jacobian[:, q],
+            velocity_jacobian=self.tangent.velocity_jacobian[:, q],
+            residual=np.delete(self.tangent.residual, e.states),
         )
-        part = Tangent(
-            mass=tangent.mass[q][:, q],
-            damping=tangent.damping[q][:, q],
-            stiffness=tangent.stiffness[q][:, q],
-            reactions=tangent.reactions[q][:, g],
-            position_jacobian=tangent.position_jacobian[g][:, q],
-            velocity_jacobian=tangent.velocity_jacobian[g][:, q],
-            residual=tangent.residual[np.append(q, e.n + g)],
-        )
-        mixed = self.mixed
         if mixed is not None:
-            rows = mixed.rows[:, q]
-            used = np.unique(rows.indices)
-            mixed = MixedForm(
-                mixed.stiffness[q][:, q],
-                mixed.damping[q][:, q],
-                rows[used],
-                mixed.retardation[used],
-                mixed.multipliers,
-            )
-        return replace(self, equations=equations, tangent=part, mixed=mixed)
+            matrices = select(mixed, "stiffness", "damping")
+            mixed = mixed._replace(**matrices, rows=mixed.rows[:, q])
+        moving = _MovingCoordinates(
+            [e.q_names[k] for k in q],
+            e.position_scales[q],
+            e.states[:0],
+            e.nonholonomic_rows,
+            len(q),
+            e.m,
+        )
+        return replace(self, equations=moving, tangent=tangent, mixed=mixed)
 
 
 def linearize_in_mixed_form(

@@ -94,10 +94,9 @@ def solve_undamped(lin: LinearizedEquations, count: int | None) -> tuple[Array, 
     """
     e = lin.equations
     if len(e.states):
-        moving = np.setdiff1d(np.arange(e.n), e.states)
-        squares, motions = solve_undamped(lin.select(moving, np.arange(e.m)), count)
+        squares, motions = solve_undamped(lin.without_states(), count)
         shapes = np.zeros((e.n, len(squares)))
-        shapes[moving] = motions
+        shapes[np.setdiff1d(np.arange(e.n), e.states)] = motions
         return squares, shapes
     if e.n <= e.m:
         return np.zeros(0), np.zeros((e.n, 0))
@@ -205,7 +204,6 @@ def _find_motions(
     count: int | None,
     find_missing: Callable[[Array, float], float],
     free: Array | None = None,
-    oscillating: bool = False,
 ) -> _Motions:
     """Return motions that span the slowest modes, or all admissible ones.
 
@@ -220,8 +218,6 @@ def _find_motions(
         larger than the second argument are known.
     free
         Motions (n, k) without stiffness and damping that are left out, with x^T M x = 1.
-    oscillating
-        True to search for the slowest motions, and once for the slowest oscillations.
     """
     mass, n = lin.tangent.mass, lin.equations.n
     free = np.zeros((n, 0)) if free is None else free
@@ -236,10 +232,7 @@ def _find_motions(
         number = (1 + lin.has_rates) * count + EXTRA_VALUES
         sizes = scales[:, None]
         space = find_slow_space(
-            lambda y: apply(sizes * y) / sizes,
-            len(scales),
-            number,
-            None if oscillating else find_missing,
+            lambda y: apply(sizes * y) / sizes, len(scales), number, find_missing
         )
         if space.is_complete:
             return _Motions(sizes * space.basis, (space.basis / sizes).T, sizes * space.images)
@@ -314,9 +307,7 @@ def _invert(lin: LinearizedEquations, s: float) -> Callable[[Array], Array]:
     return apply
 
 
-def solve_damped(
-    lin: LinearizedEquations, count: int | None, oscillating: bool = False
-) -> tuple[Array, Array]:
+def solve_damped(lin: LinearizedEquations, count: int | None) -> tuple[Array, Array]:
     """Return eigenvalues (k,) [1/s] and mode shapes (n, k) of the quadratic problem, not sorted.
 
     There are usually more than `count`. If `count` is None, only modes that are lost in rounding
@@ -329,8 +320,6 @@ def solve_damped(
         Linearized equations.
     count
         Number of modes of interest, or None for all modes.
-    oscillating
-        True to search for oscillations, too, which may be faster than `count` decays.
 
     Raises
     ------
@@ -357,9 +346,8 @@ def solve_damped(
         weights = np.where(has_rates & (values.imag != 0.0), 0.5, 1.0)
         return needed - float(np.sum(weights[is_known]))
 
-    is_twofold = oscillating and has_rates
     basis, left, images = _find_motions(
-        lin, s, None if count is None else max(needed, 1), find_missing, free, is_twofold
+        lin, s, None if count is None else max(needed, 1), find_missing, free
     )
     inverses, vectors = la.eig(left @ images)
     is_accurate = np.abs(inverses) > _MIN_INVERSE_RATIO * np.max(np.abs(inverses), initial=0.0)

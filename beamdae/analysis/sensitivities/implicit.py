@@ -83,8 +83,6 @@ _REFINEMENTS = 2
 # A parameter preserves a branch point if its forces along the critical mode, in the neighboring
 # models, are below this fraction of those that the load exerts on the mode at its natural size.
 _MAX_IMPERFECTION = 1e-8
-# Number of oscillations among which critical ones are sought.
-_MODE_COUNT = 12
 # Eigenvalues with a smaller imaginary part, relative to their magnitude, do not oscillate.
 _MIN_OSCILLATION = 1e-3
 # Inverse iterations for the next eigenvalue.
@@ -552,14 +550,10 @@ class FlutterPoint(RegularPoint):
     @cached_property
     def _pairs(self) -> list[Eigenpair]:
         """Critical eigenpair with damping, and the two that coalesce without."""
-        found: list[Eigenpair] = []
-        for group, rows in self._motion.split(self.system.system.equations.parts):
-            # All modes of a small structure may be faster than as many modes of a large one.
-            modes = solve_eigenproblem(group, _MODE_COUNT, oscillating=True)
-            shapes = np.zeros((len(modes.values), self._motion.equations.n), complex)
-            shapes[:, rows] = modes.shapes.T
-            pairs = zip(modes.values.tolist(), shapes, strict=True)
-            found += [Eigenpair(self._motion, *pair) for pair in pairs]
+        # All modes, because the critical one may be faster than many decays.
+        modes = solve_eigenproblem(self._motion, None)
+        pairs = zip(modes.values.tolist(), modes.shapes.T, strict=True)
+        found = [Eigenpair(self._motion, *pair) for pair in pairs]
         found = [x for x in found if abs(x.value.imag) > _MIN_OSCILLATION * abs(x.value)]
         if self._is_damped:
             return [min(found, key=lambda x: abs(x.value.real / x.value))]

@@ -432,7 +432,10 @@ class StaticProblem(Problem):
             return Count(0, 0, free=2 * self.n - self.rigid_size)
         m = len(x) - self.n
         free = signs.above - signs.below
-        by_signs = Count(signs.below - m, 0, 0, free, *self._pair_of_determinant(signs))
+        by_signs = Count(signs.below - m, 0, free=free)
+        if free == 0 <= signs.below:
+            size = float(np.sum(np.log(np.abs(signs.factors.pivots))))
+            by_signs = by_signs._replace(sign=(-1) ** signs.below, log_size=size)
         if signs.asymmetry <= ASYMMETRY_TOLERANCE * signs.size or self.rigid_size >= 2 * self.n:
             return by_signs
         try:
@@ -449,14 +452,6 @@ class StaticProblem(Problem):
                 by_signs = by_signs._replace(divergent=by_signs.divergent + shift)
             return by_signs
         return count_growing(flexibility, *self._motion_matrices(point))._replace(free=free)
-
-    def _pair_of_determinant(self, signs: SaddlePoint) -> tuple[Array, float]:
-        """Return the pair of +-l with l^2 = -det K in admissible motions, and log |l|."""
-        if signs.below != signs.above or signs.below < 0:
-            return np.zeros((2, 0)), 0.0
-        is_negative = (signs.below - len(signs.scales) + self.n) % 2 == 1
-        log_unit = 0.5 * float(np.sum(np.log(np.abs(signs.factors.pivots))))
-        return np.array([[0.0], [1.0 if is_negative else -1.0]]), log_unit
 
     def _motion_matrices(self, point: Point) -> tuple[sp.csc_array, sp.csc_array]:
         """Return mass (n, n) and damping (n + m, n) in natural sizes, with that of constraints."""
