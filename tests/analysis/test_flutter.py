@@ -35,23 +35,6 @@ def frame(damping=1e-5, mass=0.2, elements=8, options=EXACT, height=0.004):
     return mech
 
 
-def bent_frame(options, side=1.0):
-    """Return an L frame of 1 m by 1 m under a follower force of EI / L^2 across the tip."""
-    mech = bd.Mechanism()
-    section = bd.Section.rectangle(STEEL, width=0.02, height=0.05)
-    column, arm = (
-        mech.add(bd.Beam(name, bd.Line(start, end), section, 8, **options))
-        for name, start, end in (
-            ("column", (0.0, 0.0), (0.0, 1.0)),
-            ("arm", (0.0, 1.0), (side, 1.0)),
-        )
-    )
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), column.start))
-    mech.add(bd.Weld("corner", column.end, arm.start))
-    mech.add(bd.Force("load", arm.end, (0.0, section.EI), axes="body"))
-    return mech
-
-
 def column(damping, follower=1.0, elements=8, height=0.02, options=EXACT):
     """Return a cantilever of 1 m under EI / L^2, of which the fraction `follower` turns with it."""
     mech = bd.Mechanism()
