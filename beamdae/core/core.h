@@ -334,9 +334,11 @@ int jacobian_callback(double t, double c, void *y, void *yp, void *residual, voi
 /* Analyses */
 
 typedef struct {
-    int64_t count;
-    double last, earlier, share, bound;
+    int64_t count, is_solved;
+    double size, last, earlier, share, bound;
 } Corrections;
+
+int judge_correction(Corrections *run);
 
 typedef struct {
     Sum residual, tangent;

@@ -123,7 +123,7 @@ static int solve_newton(StaticWorkspace *run) {
     return DONE;
 }
 
-/* Return 1 if a point is a solution after a correction; the previous one is `last`. */
+/* Return 1 if a point is a solution after a correction. */
 static int is_negligible(double size, double last) {
     if (last <= QUADRATIC && size * size * size <= NEGLIGIBLE * (last * last)) return 1;
     return size <= TOLERANCE || (size <= ROUNDING && size > 0.5 * last);
@@ -131,12 +131,12 @@ static int is_negligible(double size, double last) {
 
 /* Add a correction, and set its share; return DONE if the point is a solution after it, CORRECTED
    if another one is needed, or the code of a failure. */
-static int judge(Corrections *run, double size) {
-    const double share = run->share, last = run->last;
+int judge_correction(Corrections *run) {
+    const double share = run->share, size = run->size, last = run->last;
     run->count++;
     run->share = 1.0;
     if (!isfinite(size)) return NOT_FINITE;
-    if (is_negligible(size, last)) return DONE;
+    if (run->is_solved < 0 ? is_negligible(size, last) : run->is_solved) return DONE;
     if (run->count > 3 && size > 2.0 * largest_of(last, run->earlier)) return DIVERGED;
     if (share < 1.0) {
         const double error = fabs(size - (1.0 - share) * last);
@@ -165,7 +165,8 @@ static int correct(StaticWorkspace *run) {
         right.at[size] = -run->deviation;
         const int solver_code = solve_newton(run);
         if (solver_code != DONE) return solver_code;
-        code = judge(&run->corrections, max_norm(part(right, 0, size), run->weights));
+        run->corrections.size = max_norm(part(right, 0, size), run->weights);
+        code = judge_correction(&run->corrections);
         const double share = run->corrections.share;
         add_to(q, share, right);
         add_to(lam, share, from(right, n));

@@ -17,19 +17,13 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import SuperLU, splu
 
-from beamdae.analysis.continuation.newton import (
-    CORRECTED,
-    FAILURES,
-    NEGLIGIBLE,
-    ROUNDING,
-    Corrections,
-    is_negligible,
-    judge,
-)
-from beamdae.core.return_codes import DONE
+from beamdae.core.return_codes import CORRECTED, DIVERGED, DONE, NOT_CONVERGED, NOT_FINITE
+from beamdae.core.tables import Loop
 
 Array = np.ndarray
 
+# Corrections up to this size, in natural sizes, may be rounding errors of solutions.
+ROUNDING = 1e-7
 # Number of times a correction is halved if the equations cannot be evaluated after it.
 _MAX_HALVINGS = 5
 # Steps: factor after a failure, and smallest and largest growth.
@@ -56,8 +50,45 @@ _TARGET = 0.5
 REGULAR_DISTANCE = 1e-3
 
 
+FAILURES = {
+    NOT_CONVERGED: "Newton's method did not converge",
+    NOT_FINITE: "the equations are not finite at the next point",
+    DIVERGED: "Newton's method diverges",
+}
+
+
 class CurveError(Exception):
     """Raised if a point or a step cannot be found; the message says why, without a period."""
+
+
+@dataclass(slots=True)
+class Corrections:
+    """Corrections of Newton's method, see `judge_correction` in `statics.c`.
+
+    Attributes
+    ----------
+    count
+        Number of corrections.
+    is_solved
+        1 or 0 if the equations tell whether the point is a solution after the last one; -1 if its
+        size does.
+    size, last, earlier
+        Sizes of the last three, in natural sizes.
+    share, bound
+        Share of the last one by which the point moves, and bound of this motion.
+    """
+
+    count: int = 0
+    is_solved: int = -1
+    size: float = np.inf
+    last: float = np.inf
+    earlier: float = np.inf
+    share: float = 1.0
+    bound: float = 0.5
+
+    def restart(self) -> None:
+        """Forget all corrections."""
+        self.__init__()  # type: ignore[misc]
 
 
 class RefinedFactors(NamedTuple):
@@ -155,12 +186,14 @@ class Problem(ABC):
             If the method fails.
         """
         corrections, linear = Corrections(), self.linearize(x, p)
+        judge = Loop("judge_correction", corrections)
         while True:
             row = control(x, p)
             factors = linear.bordered(linear.by_parameter, row.gradient[:-1], row.gradient[-1])
             step = factors.solve(-np.append(linear.residual, row.value - target))
-            size = self.measure(step[:-1])
-            code = judge(corrections, size, self.is_solved(linear, step, size, corrections.last))
+            corrections.size = size = self.measure(step[:-1])
+            corrections.is_solved = self.is_solved(linear, step, size, corrections.last)
+            code = judge()
             if code == DONE:
                 return self.complete(Point(self, x, p, linear, corrections.count), step)
             if code != CORRECTED:
@@ -182,12 +215,12 @@ class Problem(ABC):
         factors = point.bordered(column, row.gradient[:-1], row.gradient[-1])
         return np.asarray(factors.solve(unit))
 
-    def is_solved(self, linear: Any, step: Array, size: float, last: float) -> bool:
-        """Return True if a point is a solution after its correction `step` of (x, p).
+    def is_solved(self, linear: Any, step: Array, size: float, last: float) -> int:
+        """Return 1 if a point is a solution after its correction `step`, 0 if not, -1 by its size.
 
         `size` and `last` are the sizes of this and of the previous correction in natural sizes.
         """
-        return is_negligible(size, last)
+        return -1
 
     def complete(self, point: Point, step: Array) -> Point:
         """Return a solution, given the point before its last correction `step` of (x, p)."""
@@ -582,7 +615,7 @@ def _correct_step(
         cosine = _cosine(weights, change, segment.direction)
     if not is_near or (cosine < _MIN_COSINE and not is_corner):
         raise CurveError("the curve turns too sharply for the step")
-    growth = np.sqrt((_AIMED_CORRECTION * moved + ROUNDING) / (error + NEGLIGIBLE))
+    growth = np.sqrt((_AIMED_CORRECTION * moved + ROUNDING) / (error + np.finfo(float).eps))
     if is_arc and cosine < 1.0:
         growth = min(growth, _AIMED_ANGLE / np.arccos(cosine))
     return segment, float(np.clip(growth, _MIN_GROWTH, _MAX_GROWTH))
