@@ -353,9 +353,7 @@ typedef struct {
     SaddlePattern pattern;
     FixedOrderFactors factors;
     Indices left, right;
-    Reals weights, values, skew, nonzeros;
-    Indices counting;
-    Reals ones;
+    Reals weights, values, skew, nonzeros, ones;
     double reference, size, asymmetry;
     int64_t below, above;
 } SaddlePoint;

@@ -103,8 +103,8 @@ class SaddlePoint:
         Weights of the terms in natural sizes, and their products with the first factors.
     skew, nonzeros
         Differences of opposite entries, and the saddle-point matrix.
-    counting, ones
-        0, 1, 2, ..., and ones for the norms of entries.
+    ones
+        Ones for the norms of entries.
     rigid
         Number of unknowns before the multipliers of constraints with compliance.
     reference
@@ -126,7 +126,6 @@ class SaddlePoint:
     values: Array
     skew: Array
     nonzeros: Array
-    counting: Array
     ones: Array
     rigid: int
     reference: float = 0.0
@@ -162,7 +161,6 @@ class SaddlePoint:
             values=np.zeros(count),
             skew=np.zeros(pairs),
             nonzeros=np.zeros(len(saddle.plan.sources)),
-            counting=np.arange(count, dtype=np.uint32),
             ones=np.ones(2 * pairs),
             rigid=rigid,
         )
@@ -200,9 +198,8 @@ def scale_by_reference(run: SaddlePoint, tangent: Array, sizes: Array) -> None:
     scales *= factors[pattern.groups]
     scales[run.rigid :] = np.minimum(scales[run.rigid :], math.sqrt(_MAX_COMPLIANCE))
     _set_weights(run, scales)
-    run.reference = 0.0
-    measure_entries(run, tangent)
-    run.reference = run.size
+    entries = (run.weights * tangent[run.left])[: 2 * len(run.skew)]
+    run.reference = 2.0 * float(np.max(np.abs(entries), initial=0.0))
 
 
 def _set_weights(run: SaddlePoint, scales: Array) -> None:
@@ -213,12 +210,6 @@ def _set_weights(run: SaddlePoint, scales: Array) -> None:
     weights[pattern.reduced] /= 1.0 - weights[pattern.reduced]
     run.scales[:] = scales
     run.weights[:] = pattern.shares * weights[pattern.left] * weights[pattern.right]
-
-
-def measure_entries(run: SaddlePoint, tangent: Array) -> None:
-    """Set `size` for a tangent with these non-zeros and a 1, see `statics.c`."""
-    entries = (run.weights * tangent[run.left])[: 2 * len(run.skew)]
-    run.size = max(2.0 * float(np.max(np.abs(entries), initial=0.0)), run.reference)
 
 
 @bounded_cache(_MAX_CACHED_BYTES, array_bytes)
