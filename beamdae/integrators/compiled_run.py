@@ -85,12 +85,6 @@ class FactorizedMatrix:
             self._plan = plan
             linear.set_plan(plan)
 
-    def forget_pivots(self, linear: LinearSolver) -> None:
-        """Let `linear` request pivots as if no matrix had been factorized before."""
-        self._plan, self._plans, self._planned_nonzeros = None, iter(()), np.full(1, np.nan)
-        linear.set_plan(empty_plan())
-        linear.needs_pivots = linear.is_untried = linear.singular = 0
-
     def _source_plans(self) -> Iterator[EliminationPlan]:
         # Pivots that have just failed are not tried again.
         plan = self.pivot_source._plan if self.pivot_source else None
@@ -146,13 +140,6 @@ class StepLoop(Generic[W]):
         self.work, self.is_native = make(native), native
         self._loop = Loop(function, self.work)
         self._matrices = matrices(self.work)
-
-    def forget_pivots(self) -> None:
-        """Remove the pivots, so that later results do not depend on them."""
-        if any(len(linear.plan.rows) for linear, _ in self._matrices):
-            for linear, matrix in self._matrices:
-                matrix.forget_pivots(linear)
-            self._loop.bind(*(linear for linear, _ in self._matrices))
 
     def __call__(self) -> int:
         """Run the loop, renewing pivots whenever it requests new ones; return its code."""

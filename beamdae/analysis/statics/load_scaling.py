@@ -50,11 +50,9 @@ def resolve_load_stages(mechanism: Mechanism, loads: Any, caller: str = "equilib
     if loads is None:
         active = [x for x in mechanism.parts.values() if x.name not in mechanism.inactive]
         # Without the forces of a controller, its states need not have an equilibrium.
-        default = tuple(x.name for x in active if x.is_load and not x.is_controlled)
-        if _has_gravity(mechanism):
-            default = (*default, GRAVITY)
-        return (default,) if default else ()
-    has_gravity = _has_gravity(mechanism)
+        default = [x.name for x in active if x.is_load and not x.is_controlled]
+        default += [GRAVITY] * _has_gravity(mechanism)
+        return (tuple(default),) if default else ()
     items = require_sequence(caller, "loads", loads, _LOADS_DESCRIPTION)
     if all(isinstance(name, str) for name in items):
         items = [items] if items else []
@@ -67,17 +65,14 @@ def resolve_load_stages(mechanism: Mechanism, loads: Any, caller: str = "equilib
             "in each stage."
         )
     names = [name for stage in stages for name in stage]
+    candidates = [*mechanism.parts, *[GRAVITY] * _has_gravity(mechanism)]
     for name in names:
-        if name == GRAVITY and has_gravity:
-            part = None
-        elif isinstance(name, str) and name in mechanism.parts:
-            part = mechanism.parts[name]
-        else:
-            candidates = (*mechanism.parts, *[GRAVITY] * has_gravity)
+        if name not in candidates:
             raise BeamdaeError(
                 f"{caller}: loads contain {short_repr(name)}, but no part has this "
                 f"name{suggest(name, candidates)}; use the name of a load."
             )
+        part = mechanism.parts.get(name)
         if part is not None and (len(part.coordinates) or part.constraints()):
             raise BeamdaeError(
                 f"{caller}: loads must name parts that only apply forces, but {name} is "
@@ -114,6 +109,15 @@ class Interval(NamedTuple):
         """Return a quantity at `mu`, given those of both equations."""
         share = (mu - self.center) * self.scale
         return (1.0 - share) * first + share * last
+
+
+class FixedFactorEquations(NamedTuple):
+    """Static equations at a fixed load factor, as `relax_to_equilibrium` requires them."""
+
+    equations: EquationsOfMotion
+    time: Array
+    residual: Callable[[Array, Array], Array]
+    matrix: Callable[[Array, Array], sp.csc_array]
 
 
 @dataclass(frozen=True)
@@ -204,39 +208,18 @@ class LoadedEquations:
 
     def at_factor(self, mu: float) -> FixedFactorEquations | StaticEquations:
         """Return the static equations at a fixed value of mu."""
-        return self.at(mu) if self.at else FixedFactorEquations(self, mu)
+        return self.at(mu) if self.at else FixedFactorEquations(
+            self.equations,
+            self.loaded.time,
+            lambda q, lam: self.residual(np.append(q, lam), mu)[0],
+            lambda q, lam: self.matrix(np.append(q, lam), mu),
+        )
 
 
 def active_stage(factors: Array) -> int:
     """Return the number of the stage of loads that a row of load factors (stages,) belongs to."""
     (unfinished,) = np.nonzero(np.abs(factors - 1.0) > _FACTOR_TOLERANCE)
     return int(unfinished[0]) if len(unfinished) else max(len(factors) - 1, 0)
-
-
-@dataclass(frozen=True)
-class FixedFactorEquations:
-    """Static equations at a fixed load factor, with the interface that relaxation requires."""
-
-    system: LoadedEquations
-    mu: float
-
-    @property
-    def equations(self) -> EquationsOfMotion:
-        """Equations of motion with all loads of the stage; relaxation uses their inertia."""
-        return self.system.equations
-
-    @property
-    def time(self) -> Array:
-        """(t, branch) at which laws are evaluated."""
-        return self.system.loaded.time
-
-    def residual(self, q: Array, lam: Array) -> Array:
-        """Return (F + G^T lam, g), shape (n + m,)."""
-        return self.system.residual(np.append(q, lam), self.mu)[0]
-
-    def matrix(self, q: Array, lam: Array) -> sp.csc_array:
-        """Return the Jacobian of the residual with respect to (q, lam), (n + m, n + m)."""
-        return self.system.matrix(np.append(q, lam), self.mu)
 
 
 @dataclass(frozen=True)

@@ -11,10 +11,9 @@ solves them: `statics.c`.
 
 from __future__ import annotations
 
-import weakref
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property, reduce
 from itertools import compress
 from typing import Any, NamedTuple
@@ -200,26 +199,9 @@ class StaticWorkspace:
     has_factors: int = 0
 
 
-def forget_point(run: StaticWorkspace) -> None:
-    """Mark all values as those of another point."""
-    run.has_forces = run.has_tangent = run.has_factors = 0
-
-
-@dataclass
-class Usage:
-    """Loops of a plan in this process; that threads may lose some of this does not matter.
-
-    Attributes
-    ----------
-    evaluations
-        Number of interpreted evaluations.
-    idle_loops
-        Compiled loop of a system that no longer exists, which the next system uses: building its
-        workspace takes as long as several load steps.
-    """
-
-    evaluations: int = 0
-    idle_loops: deque[StepLoop[StaticWorkspace]] = field(default_factory=lambda: deque(maxlen=1))
+    def forget_point(self) -> None:
+        """Mark all values as those of another point."""
+        self.has_forces = self.has_tangent = self.has_factors = 0
 
 
 class SystemPlan(NamedTuple):
@@ -235,8 +217,8 @@ class SystemPlan(NamedTuple):
     tangent_targets, added_targets, row_targets
         Indices of the non-zeros of `pattern`, of added constants and of the last row in the
         non-zeros of `bordered`.
-    usage
-        See `Usage`.
+    evaluations
+        Number of interpreted evaluations in this process, (1,).
     """
 
     sums: tuple[tuple[SumPlan, SumPlan], ...]
@@ -245,7 +227,7 @@ class SystemPlan(NamedTuple):
     tangent_targets: Array
     added_targets: Array
     row_targets: Array
-    usage: Usage
+    evaluations: Array
 
 
 @cache_on_owner
@@ -284,7 +266,7 @@ def _plan_system(
         tangent_targets=np.flatnonzero((rows < size) & (columns < size)),
         added_targets=np.searchsorted(keys, np.array(added) * (size + 2)).astype(np.uint32),
         row_targets=np.flatnonzero(rows == size).astype(np.uint32),
-        usage=Usage(),
+        evaluations=np.zeros(1, int),
     )
 
 
@@ -306,21 +288,14 @@ def _split_structures(
 
     Common terms have equal kernels, operators and numbers.
     """
-    keys = [
-        [(key, e.p[x].tobytes()) for key, x in _term_keys(e.structure)] for e in (unloaded, loaded)
-    ]
-    is_common = []
-    for own, other in zip(keys, reversed(keys), strict=True):
-        rest, flags = Counter(other), []
-        for key in own:
-            rest[key] -= 1
-            flags.append(rest[key] >= 0)
-        is_common.append(tuple(flags))
-    only_unloaded, only_loaded = (tuple(not x for x in flags) for flags in is_common)
-    return (
-        _select_terms(unloaded.structure, is_common[0]),
-        _select_terms(unloaded.structure, only_unloaded),
-        _select_terms(loaded.structure, only_loaded),
+    pair = unloaded, loaded
+    keys = [[(key, e.p[x].tobytes()) for key, x in _term_keys(e.structure)] for e in pair]
+    first, last = map(Counter, keys)
+    is_common = [tuple(first[key] == last[key] for key in own) for own in keys]
+    common = _select_terms(unloaded.structure, is_common[0])
+    return common, *(
+        _select_terms(e.structure, tuple(not x for x in flags))
+        for e, flags in zip(pair, is_common, strict=True)
     )
 
 
@@ -335,18 +310,23 @@ def _select_terms(structure: Structure, is_selected: tuple[bool, ...]) -> Struct
     return replace(structure, forces=forces, joints=joints, states=())
 
 
-class StaticLinearization(Linearization):
+@dataclass(frozen=True, eq=False)
+class StaticLinearization:
     """Static equations, linearized about a point (x, p), evaluated when they are needed."""
 
-    _at: tuple[StaticProblem, Array, float]
+    problem: StaticProblem
+    x: Array
+    p: float
+    bordered = Linearization.bordered
 
-    def __init__(self, problem: StaticProblem, x: Array, p: float) -> None:
-        vars(self).update(_at=(problem, x, p), sizes=problem.scales)
+    @property
+    def sizes(self) -> Array:
+        """Units of the unknowns, (n + m,)."""
+        return self.problem.scales
 
     @cached_property
     def _forces(self) -> tuple[Array, Array]:
-        problem, x, p = self._at
-        return problem.residual(x, p)
+        return self.problem.residual(self.x, self.p)
 
     @property
     def residual(self) -> Array:
@@ -361,8 +341,7 @@ class StaticLinearization(Linearization):
     @cached_property
     def jacobian(self) -> sp.csc_array:
         """Tangent F_x in natural sizes, (n + m, n + m)."""
-        problem, x, p = self._at
-        return problem.matrix(x, p)
+        return self.problem.matrix(self.x, self.p)
 
 
 class StaticProblem(Problem):
@@ -398,7 +377,6 @@ class StaticProblem(Problem):
         self._forms = self._convert(pair)
         first, last = (x.equations for x in self._forms)
         self.n, self.rigid_size = last.n, last.n + self._forms[1].joint_count
-        self._reference, self._held = last, len(held)
         if system.is_linear:
             structures = _split_structures(first, last)
         else:
@@ -408,49 +386,23 @@ class StaticProblem(Problem):
         self._plan = _plan_system(*structures, added)
         self.pattern = self._plan.pattern
         self._weights = np.append(1.0 / last.group_scales, np.zeros(last.m))
-        self._set_loop(self._take_idle_loop() or self._make_loop(compiles=False))
+        self._prepare_loop(compiles=False)
 
     def _convert(self, equations: Sequence[StaticEquations]) -> list[CompliantEquations]:
         return [introduce_resultants(x.equations, self._idle) for x in equations]
 
-    def _take_idle_loop(self) -> StepLoop[StaticWorkspace] | None:
-        """Return a loop with a workspace of the same layout, if there is one."""
-        try:
-            loop = self._plan.usage.idle_loops.pop()
-        except IndexError:
-            return None
-        if not is_native_enabled():
-            return None
-        loop.forget_pivots()
-        return loop
-
-    def _set_loop(self, loop: StepLoop[StaticWorkspace]) -> None:
-        """Use a loop, with the numbers of this system.
+    def _prepare_loop(self, compiles: bool) -> None:
+        """Build the loop, for kernels in machine code if it is known, or if the loop compiles them.
 
         Natural sizes are set by the tangent in the reference configuration, without loads.
         """
-        self._loop, run, begin = loop, loop.work, self.system.ends[0]
-        self._point = np.nan, b""
-        run.weights[:] = self._weights
-        run.remainder[:] = self._forms[1].remainder
-        run.added[: self._held], run.added[self._held :] = 0.0, -1.0
-        self._center(begin)
-        self._run(self.start(self._reference.q0), begin, EVALUATE_TANGENT)
-        scale_by_reference(run.saddle, run.nonzeros, self._reference.part_scales)
-        bordered = self._plan.bordered
-        held = bordered.indices[self._plan.added_targets[: self._held]]
-        run.added[: self._held] = run.saddle.scales[held] ** -2.0
-        forget_point(run)
-        run.sizes[:-1] = run.saddle.scales
-        run.products[:] = run.sizes[bordered.indices] * run.sizes[column_indices(bordered)]
-        if loop.is_native:
-            weakref.finalize(self, self._plan.usage.idle_loops.append, loop).atexit = False
-
-    def _make_loop(self, compiles: bool) -> StepLoop[StaticWorkspace]:
         plan, size, nnz = self._plan, self.pattern.shape[0], self._plan.bordered.nnz
+        reference, remainder = self._forms[1].equations, self._forms[1].remainder
+        held, begin = len(self.system.held_coordinates), self.system.ends[0]
         matrix = FactorizedMatrix.from_pattern(plan.bordered)
-        starts = np.array([part.rows.start for part in self._reference.parts], np.intp)
+        starts = np.array([part.rows.start for part in reference.parts], np.intp)
         parts = starts[np.searchsorted(starts, np.arange(self.n), "right") - 1]
+        targets = np.append(plan.tangent_targets, nnz)
 
         def make_part(plans: tuple[SumPlan, SumPlan], k: int, native: bool) -> LoadPart:
             p = self._forms[k].equations.p
@@ -468,13 +420,7 @@ class StaticProblem(Problem):
                 unloaded=unloaded,
                 loaded=loaded,
                 linear=matrix.make_solver(),
-                saddle=SaddlePoint.of(
-                    self.pattern,
-                    np.append(plan.tangent_targets, nnz),
-                    parts,
-                    self.rigid_size,
-                    self._forms[1].remainder,
-                ),
+                saddle=SaddlePoint.of(self.pattern, targets, parts, self.rigid_size, remainder),
                 nonzeros=np.zeros(nnz + 1),
                 scaled=matrix.nonzeros,
                 products=np.ones(nnz),
@@ -486,22 +432,25 @@ class StaticProblem(Problem):
                 row_targets=plan.row_targets,
                 counting=np.arange(size + 1, dtype=np.uint32),
                 right=np.zeros(size + 1),
-                remainder=np.zeros(size - self.n),
+                remainder=remainder,
                 added_targets=plan.added_targets,
-                added=np.zeros(len(plan.added_targets)),
-                weights=np.zeros(size),
+                added=np.append(np.zeros(held), -np.ones(size - self.rigid_size)),
+                weights=self._weights,
                 corrections=Corrections(),
                 column_start=int(plan.bordered.indptr[size]),
                 joint_count=self.rigid_size - self.n,
             )
 
         native = all(x.load_native(compiles) for plans in plan.sums for x in plans)
-        return StepLoop("perform_task", make, lambda run: [(run.linear, matrix)], native)
-
-    @property
-    def is_native(self) -> bool:
-        """True if machine code evaluates the equations."""
-        return self._loop.is_native
+        self._loop = StepLoop("perform_task", make, lambda run: [(run.linear, matrix)], native)
+        self._point, run, bordered = (np.nan, b""), self._loop.work, plan.bordered
+        self._center(begin)
+        self._run(self.start(reference.q0), begin, EVALUATE_TANGENT)
+        scale_by_reference(run.saddle, run.nonzeros, reference.part_scales)
+        run.added[:held] = run.saddle.scales[bordered.indices[plan.added_targets[:held]]] ** -2.0
+        run.forget_point()
+        run.sizes[:-1] = run.saddle.scales
+        run.products[:] = run.sizes[bordered.indices] * run.sizes[column_indices(bordered)]
 
     @property
     def scales(self) -> Array:
@@ -657,7 +606,7 @@ class StaticProblem(Problem):
         if point != self._point:
             run.inputs[:n], run.inputs[2 * n :], run.mu = x[:n], x[n:], mu
             self._point = point
-            forget_point(run)
+            run.forget_point()
         is_off = abs(mu - run.center) * run.scale > _CENTER_TOLERANCE
         if is_off and not self.system.is_linear:
             self._center(mu)
@@ -678,17 +627,17 @@ class StaticProblem(Problem):
                 plan.set_data(total, forms[k].equations.p)
                 set_time(total, *pair[k].time)
         run.center, run.scale = interval.center, interval.scale
-        forget_point(run)
+        run.forget_point()
 
     def _compile_if_used(self, count: int) -> None:
         """Add `count` evaluations; compile the kernels and the loop after many."""
-        if self.is_native or not is_native_enabled():
+        if self._loop.is_native or not is_native_enabled():
             return
-        usage = self._plan.usage
-        usage.evaluations += count
-        if usage.evaluations > _INTERPRETED_EVALUATIONS:
-            usage.evaluations = 0
-            self._set_loop(self._make_loop(compiles=True))
+        evaluations = self._plan.evaluations
+        evaluations += count
+        if evaluations[0] > _INTERPRETED_EVALUATIONS:
+            evaluations[:] = 0
+            self._prepare_loop(compiles=True)
 
 
 def _has_negative_determinant(factors: SuperLU) -> bool:
