@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import scipy.linalg as la
-import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
 from beamdae import deferred
 from beamdae.analysis.continuation.engine import CurveError, Point, prescribe_parameter
 from beamdae.analysis.continuation.spectrum import find_slow_space
 from beamdae.analysis.eigenproblems.eigensolution import locate_largest
+from beamdae.analysis.eigenproblems.linearized_equations import is_symmetric_matrix
 from beamdae.analysis.statics.load_scaling import build_loading
 from beamdae.analysis.statics.paths import (
     dominant_coordinate,
@@ -93,7 +92,7 @@ class Buckling(HasModeShapes):
         Time at which the loads are evaluated [s].
     notes
         Warnings of the model, and warnings that displacements before buckling are not negligible,
-        or that the loads have no potential.
+        that the loads have no potential, or that there are no factors.
     """
 
     factors: Array
@@ -104,7 +103,6 @@ class Buckling(HasModeShapes):
     equations: EquationsOfMotion = field(repr=False)
     t: float
     notes: tuple[str, ...]
-    _remarks: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.factors)
@@ -126,8 +124,8 @@ class Buckling(HasModeShapes):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """The `notes`, that there are fewer factors than requested, and large `errors`."""
-        return (*self.notes, *self._remarks, *self.errors.sentences())
+        """The `notes`, and large `errors`."""
+        return (*self.notes, *self.errors.sentences())
 
     @property
     def about(self) -> str:
@@ -153,8 +151,8 @@ class _Solution(NamedTuple):
 
     Attributes
     ----------
-    factors, vectors
-        Positive factors (k,), ascending, and their modes (n, k).
+    factors, shapes
+        Positive factors (k,), ascending, and their modes (k, n).
     reversed_factor
         Negative factor nearest to zero; -inf if there is none.
     response, motion
@@ -164,7 +162,7 @@ class _Solution(NamedTuple):
     """
 
     factors: Array
-    vectors: Array
+    shapes: Array
     reversed_factor: float
     response: Array
     motion: float
@@ -232,8 +230,7 @@ def buckling(
     Warns
     -----
     BeamdaeWarning
-        For each of `Buckling.warnings`, except that there are fewer factors than requested,
-        which is issued only if there is none.
+        For each of `Buckling.warnings`.
 
     Examples
     --------
@@ -254,9 +251,7 @@ def buckling(
     until = deferred.module("accuracy.until")
     analysis = until.Analysis(_NAME, solve, start=start, states=until.list_shapes)
     result = until.reach_accuracy(analysis, model, accuracy, accuracy_columns)
-    # Without any factor, the direction of the loads may be wrong.
-    notes = result.notes if len(result) else (*result.notes, *result._remarks)
-    warn_of_result(notes, result.equations.build_warnings)
+    warn_of_result(result.notes, result.equations.build_warnings)
     if not (skips_result_checks() or warnings_are_ignored()):
         warn_of_result(list(result.errors.sentences()))
     return result
@@ -279,52 +274,28 @@ def _compute_buckling(model: Any, count: int, loads: Any, t: float, start: Any) 
             f"{_NAME}: {free_coordinate(begin)} can move without stiffness; add "
             "a joint or a spring."
         )
-    with _name_singular_response():
-        solution = _solve(begin, count)
-        warnings = _check_prebuckling(begin, solution)
-    e, factors = begin.problem.system.equations, solution.factors
-    motions = solution.vectors / e.position_scales[:, None]
-    motions /= motions[locate_largest(motions), np.arange(len(factors))]
-    shapes = (motions * e.position_scales[:, None]).T
-    fewer = []
-    if solution.has_potential and len(factors) < count:
-        text = f"{_NAME}: the structure has {len(factors)} of {count} buckling loads"
+    solution = _solve(begin, count)
+    e, factors, shapes = begin.problem.system.equations, solution.factors, solution.shapes
+    notes = [*e.build_warnings, *_check_prebuckling(begin, solution)]
+    if solution.has_potential and not len(factors):
+        # The direction of the loads may be wrong.
+        text = f"{_NAME}: the structure has 0 of {count} buckling loads"
         if np.isfinite(solution.reversed_factor):
             text += (
                 f"; under reversed loads, it buckles at the factor {-solution.reversed_factor:g}"
             )
-        fewer.append(text + ".")
-    return Buckling(
-        factors,
-        shapes,
-        tuple(dominant_coordinate(e, shape) for shape in shapes),
-        loading.stages[0],
-        begin.x[: e.n],
-        equations,
-        t,
-        (*e.build_warnings, *warnings),
-        tuple(fewer),
-    )
+        notes.append(text + ".")
+    moves = tuple(dominant_coordinate(e, shape) for shape in shapes)
+    q, loads = begin.x[: e.n], loading.stages[0]
+    return Buckling(factors, shapes, moves, loads, q, equations, t, tuple(notes))
 
 
 def repeat_buckling(result: Buckling, equations: EquationsOfMotion, q: Array) -> Array:
     """Return the load factors (k,) of a refined mechanism, whose equilibrium is near `q` (n,)."""
     loads = list(result.loads)
     loading = build_loading(equations.mechanism, equations, loads, result.t, _NAME)
-    with _name_singular_response():
-        begin = find_unloaded_equilibrium(StaticProblem(loading.systems[0]), q)
-        return _solve(begin, len(result)).factors
-
-
-@contextmanager
-def _name_singular_response() -> Iterator[None]:
-    try:
-        yield
-    except (CurveError, RuntimeError, la.LinAlgError) as error:
-        raise BeamdaeError(
-            f"{_NAME}: the unloaded equilibrium has no unique linear response ({error}); check "
-            "joints and supports."
-        ) from None
+    begin = find_unloaded_equilibrium(StaticProblem(loading.systems[0]), q)
+    return _solve(begin, len(result)).factors
 
 
 def _check_prebuckling(begin: Point, solution: _Solution) -> list[str]:
@@ -375,12 +346,12 @@ def _check_prebuckling(begin: Point, solution: _Solution) -> list[str]:
 
 
 def _imbalance(point: Point) -> float:
-    e, linear = point.problem.system.equations, point.linearization
+    sizes, linear = point.problem.system.equations.position_scales, point.linearization
     residual, load = (
-        float(np.max(np.abs(forces[: e.n]) * e.position_scales))
+        np.max(np.abs(forces[: len(sizes)]) * sizes)
         for forces in (linear.residual, linear.by_parameter)
     )
-    return residual / abs(point.p * load)
+    return float(residual / abs(point.p * load))
 
 
 def _solve(begin: Point, count: int) -> _Solution:
@@ -388,36 +359,40 @@ def _solve(begin: Point, count: int) -> _Solution:
 
     Raises
     ------
-    CurveError
+    BeamdaeError
         If the response is not unique.
-    RuntimeError
-        If K_0 is singular.
     """
-    problem, response = begin.problem, begin.tangent(prescribe_parameter)
-    e = problem.system.equations
-    motion = float(np.max(np.abs(response[: e.n]) / e.position_scales))
+    problem, p = begin.problem, begin.p
+    sizes, n = problem.system.equations.position_scales, problem.n
+    try:
+        response = begin.tangent(prescribe_parameter)
+        solve = splu(problem.matrix(begin.x, p)).solve
+    except (CurveError, RuntimeError) as error:
+        raise BeamdaeError(
+            f"{_NAME}: the unloaded equilibrium has no unique linear response ({error}); check "
+            "joints and supports."
+        ) from None
+    motion = float(np.max(np.abs(response[:n]) / sizes))
     step = _DIFFERENCE_MOTION / motion if motion > 0.0 else 1.0
     before, after = (
-        problem.matrix(begin.x + side * step * response[:-1], begin.p + side * step)
-        for side in (-1.0, 1.0)
+        problem.matrix(begin.x + h * response[:-1], p + h) for h in (-step, step)
     )
     rate = (after - before) / (2.0 * step)
-    factors = splu(sp.csc_matrix(problem.matrix(begin.x, begin.p)))
-    space = find_slow_space(lambda x: -factors.solve(rate @ x), len(begin.x), 2 * count + 4)
+    space = find_slow_space(lambda x: -solve(rate @ x), len(begin.x), 2 * count + 4)
     inverses, vectors = la.eig(space.reduced)
-    sizes = np.abs(inverses)
-    is_real = np.abs(inverses.imag) <= _IMAGINARY_TOLERANCE * sizes
-    is_real &= sizes > max(_MIN_INVERSE_RATIO * np.max(sizes, initial=0.0), motion / _MAX_MOTION)
+    is_real = np.abs(inverses.imag) <= _IMAGINARY_TOLERANCE * np.abs(inverses)
+    least = max(_MIN_INVERSE_RATIO * np.max(np.abs(inverses), initial=0.0), motion / _MAX_MOTION)
+    is_real &= np.abs(inverses) > least
     values, vectors = 1.0 / inverses[is_real].real, space.basis @ vectors[:, is_real].real
-    order = np.flatnonzero(values > 0.0)
-    order = order[np.argsort(values[order])][:count]
-    stiffness = rate[: e.n, : e.n]
-    asymmetry = abs(stiffness - stiffness.T).max()
+    order = [k for k in np.argsort(values) if values[k] > 0.0][:count]
+    motions = problem.scales[:n, None] * vectors[:n, order] / sizes[:, None]
+    motions /= motions[locate_largest(motions), np.arange(len(order))]
+    stiffness = rate[:n, :n]
     return _Solution(
         values[order],
-        problem.scales[: e.n, None] * vectors[: e.n, order],
+        (motions * sizes[:, None]).T,
         float(np.max(values[values < 0.0], initial=-np.inf)),
         response,
         motion,
-        bool(asymmetry <= _IMAGINARY_TOLERANCE * abs(stiffness).max()),
+        is_symmetric_matrix(stiffness, _IMAGINARY_TOLERANCE),
     )
