@@ -147,19 +147,16 @@ def _prepare_changes(
     scaled. All beams of a mode share its amplitude, that of its largest displacement.
     """
     beams = {beam.name: beam for beam in beams_of(mechanism)}
-    is_measured = isinstance(shape, Mapping)
-    if is_measured:
+    if isinstance(shape, Mapping):
         curves = require_mapping(call, "shape", shape, "measured curves by name of a beam")
         motions = {name: _measure_motion(call, beams, name, x) for name, x in curves.items()}
+        least = -1.0
     else:
         motions = _modal_motions(call, mechanism, beams, shape)
-    size = max((np.max(np.hypot(*motion[:2])) for _, motion in motions.values()), default=0.0)
-    bending = {name: float(np.ptp(motion[2])) for name, (_, motion) in motions.items()}
-    least = _MIN_BENDING * max(bending.values(), default=0.0)
+        least = _MIN_BENDING * max((np.ptp(x[2]) for _, x in motions.values()), default=0.0)
+    size = max((np.max(np.hypot(*x[:2])) for _, x in motions.values()), default=0.0)
     slopes = {
-        name: _differentiate_motion(*motion)
-        for name, motion in motions.items()
-        if is_measured or bending[name] > least
+        name: _differentiate_motion(s, x) for name, (s, x) in motions.items() if np.ptp(x[2]) > least
     }
     if not (slopes and size > 0.0):
         raise BeamdaeError(
@@ -267,23 +264,23 @@ def knock_down(model: Any, shape: Any, amplitudes: Any, **settings: Any) -> Knoc
     change = _prepare_changes("knock_down", model, shape)
     values = require_sequence("knock_down", "amplitudes", amplitudes, "numbers")
     sizes = [require_finite("knock_down", "amplitudes", value) for value in values]
-    kinds, factors = [], []
-    messages: dict[str, str] = {}
-    argument = "knock_down: an entry of amplitudes,"
-    for mechanism in [*(change(argument, size) for size in sizes), model]:
-        path, sentences = trace_critical_points(mechanism, settings)
+    paths, messages = [], dict[str, str]()
+    for size in [*sizes, None]:
+        bent = model if size is None else change("knock_down: an entry of amplitudes,", size)
+        path, sentences = trace_critical_points(bent, settings)
+        paths.append(path)
         for sentence in sentences:
             messages.setdefault(kind_of_message(sentence), sentence)
-        kinds.append(path.critical[0].kind if path.critical else "")
-        factors.append(float(path.critical[0].factor) if path.critical else np.nan)
-        if not path.critical and mechanism is not model:
-            size = sizes[len(kinds) - 1]
+        if not (path.critical or size is None):
             what = f"knock_down: the path of the amplitude {size:g} m has no critical point"
             is_short = path.status.success
             end = "; choose a farther target to=" if is_short else f": {path.status.sentence}"
             warn_of_incomplete_result(f"{what}{end}.")
     warn_of_result(messages.values())
-    return KnockDown(np.array(sizes), np.array(factors[:-1]), tuple(kinds[:-1]), factors[-1])
+    first = [path.critical[0] if path.critical else None for path in paths]
+    factors = [np.nan if one is None else float(one.factor) for one in first]
+    kinds = tuple("" if one is None else one.kind for one in first[:-1])
+    return KnockDown(np.array(sizes), np.array(factors[:-1]), kinds, factors[-1])
 
 
 def _measure_motion(
