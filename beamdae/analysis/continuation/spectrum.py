@@ -32,8 +32,6 @@ _NEGLIGIBLE = 1e-7
 # Largest number of coordinates for dense matrices; beyond, number of the slowest motions that are
 # sought.
 MAX_DENSE, _SLOW_COUNT = 300, 20
-# Eigenvalues of the mass, with ones on its diagonal, up to this size are rounding errors.
-_NEGLIGIBLE_MASS = 1e-12
 # Relative accuracy of ARPACK, and in clusters; numbers of eigenvalues beyond the wanted ones, and
 # of searches and their restarts.
 _ARPACK_TOLERANCE, _CLUSTER_TOLERANCE, _CLUSTER_VECTORS = 1e-12, 1e-3, 80
@@ -134,32 +132,29 @@ class Flexibility(NamedTuple):
 
     Attributes
     ----------
-    size
-        Number of coordinates n.
+    size, m
+        Numbers of coordinates n and constraints.
     respond
         Function from forces and changes of constraints (n + m, k) to displacements (n, k).
     """
 
     size: int
+    m: int
     respond: Callable[[Array], Array]
 
-    def respond_to_forces(self, forces: Array, m: int) -> Array:
+    def respond_to_forces(self, forces: Array) -> Array:
         """Return the displacements due to forces (n, k) alone."""
-        return self.respond(np.vstack([forces, np.zeros((m, forces.shape[1]))]))
+        return self.respond(np.vstack([forces, np.zeros((self.m, forces.shape[1]))]))
 
-
-def reduce_to_soft_motions(flexibility: Flexibility, m: int) -> Array:
-    """Return the flexibility in the motions with the least stiffness; m is the number of rows."""
-    size = flexibility.size
-    vectors = np.cos(np.outer(np.arange(size) ** 2.0, np.arange(1.0, min(_SOFT_COUNT, size) + 1.0)))
-    for _ in range(2):
-        vectors = np.linalg.qr(flexibility.respond_to_forces(vectors, m))[0]
-    return np.asarray(vectors.T @ flexibility.respond_to_forces(vectors, m))
-
-
-def has_potential(reduced: Array) -> bool:
-    """Return True if soft motions feel no asymmetry of the stiffness."""
-    return bool(np.abs(reduced - reduced.T).max() <= _MIN_ASYMMETRY * np.abs(reduced).max())
+    @property
+    def has_potential(self) -> bool:
+        """True if the motions with the least stiffness feel no asymmetry of the stiffness."""
+        numbers = np.arange(1.0, min(_SOFT_COUNT, self.size) + 1.0)
+        vectors = np.cos(np.outer(np.arange(self.size) ** 2.0, numbers))
+        for _ in range(2):
+            vectors = np.linalg.qr(self.respond_to_forces(vectors))[0]
+        reduced = vectors.T @ self.respond_to_forces(vectors)
+        return bool(np.abs(reduced - reduced.T).max() <= _MIN_ASYMMETRY * np.abs(reduced).max())
 
 
 def count_growing(flexibility: Flexibility, mass: sp.csc_array, damping: sp.csc_array) -> Count:
@@ -168,9 +163,24 @@ def count_growing(flexibility: Flexibility, mass: sp.csc_array, damping: sp.csc_
     `damping`, (n + m, n), are forces and changes of constraints in proportion to velocities. In
     large systems, growing motions are those among the slowest ones.
     """
-    is_damped = damping.nnz > 0 and abs(damping).max() > 0.0
-    find = _find_slowest if flexibility.size > MAX_DENSE else _find_all
-    values = _select_slow(find(flexibility, mass, damping, is_damped))
+    is_damped, n = damping.nnz > 0 and abs(damping).max() > 0.0, flexibility.size
+
+    def respond(state: Array) -> Array:
+        q, v = np.split(state, 2)
+        forces = damping @ q
+        forces[:n] += mass @ v
+        return np.vstack([-flexibility.respond(forces), q])
+
+    def respond_to_squares(q: Array) -> Array:
+        return -flexibility.respond_to_forces(mass @ q)
+
+    apply, size = (respond, 2 * n) if is_damped else (respond_to_squares, n)
+    if n <= MAX_DENSE:
+        values = la.eigvals(apply(np.eye(size)))
+    else:
+        values = la.eigvals(find_slow_space(apply, size, _SLOW_COUNT, *[None] * is_damped).reduced)
+    # Others are rounding errors of the slowest one.
+    values = values[np.abs(values) > _NEGLIGIBLE * np.abs(values).max(initial=0.0)]
     is_real = np.abs(values.imag) <= _ROUNDING * np.abs(values)
     values = np.where(is_real, values.real, values)
     if is_damped:
@@ -180,55 +190,3 @@ def count_growing(flexibility: Flexibility, mass: sp.csc_array, damping: sp.csc_
         # Reciprocals of squared eigenvalues: real ones do not oscillate if they are positive.
         divergent, oscillating = is_real & (values.real > 0.0), ~is_real
     return Count(int(divergent.sum()), int(oscillating.sum()) // 2)
-
-
-def _find_all(
-    flexibility: Flexibility, mass: sp.csc_array, damping: sp.csc_array, is_damped: bool
-) -> Array:
-    """Return the reciprocal eigenvalues, or their squares without damping."""
-    root = _take_root(mass.toarray())
-    by_mass = -flexibility.respond_to_forces(root, damping.shape[0] - flexibility.size)
-    if not is_damped:
-        return la.eigvals(root.T @ by_mass)
-    # Matrix of the motion q and the momenta L^T q', M = L L^T: with velocities in place of momenta,
-    # zeros would be defective where mass vanishes.
-    by_velocity, none = -flexibility.respond(damping.toarray()), np.zeros((root.shape[1],) * 2)
-    return la.eigvals(np.block([[by_velocity, by_mass], [root.T, none]]))
-
-
-def _find_slowest(
-    flexibility: Flexibility, mass: sp.csc_array, damping: sp.csc_array, is_damped: bool
-) -> Array:
-    """Return the largest of `_find_all`."""
-    n, m = flexibility.size, damping.shape[0] - flexibility.size
-
-    def respond_to_squares(q: Array) -> Array:
-        return -flexibility.respond_to_forces(mass @ q, m)
-
-    def respond(state: Array) -> Array:
-        q, v = np.split(state, 2)
-        forces = damping @ q
-        forces[:n] += mass @ v
-        return np.vstack([-flexibility.respond(forces), q])
-
-    if not is_damped:
-        return la.eigvals(find_slow_space(respond_to_squares, n, _SLOW_COUNT).reduced)
-
-    return la.eigvals(find_slow_space(respond, 2 * n, _SLOW_COUNT, None).reduced)
-
-
-def _select_slow(values: Array) -> Array:
-    """Return the reciprocal eigenvalues that are not rounding errors of the slowest one."""
-    return values[np.abs(values) > _NEGLIGIBLE * np.abs(values).max(initial=0.0)]
-
-
-def _take_root(mass: Array) -> Array:
-    """Return L (n, rank) with L L^T = `mass`."""
-    sizes = np.sqrt(np.abs(mass.diagonal()))
-    has_mass = sizes > 0.0
-    scaled = mass[np.ix_(has_mass, has_mass)] / sizes[has_mass] / sizes[has_mass, None]
-    values, vectors = la.eigh(scaled)
-    is_kept = values > _NEGLIGIBLE_MASS
-    root = np.zeros((len(mass), int(is_kept.sum())))
-    root[has_mass] = sizes[has_mass, None] * vectors[:, is_kept] * np.sqrt(values[is_kept])
-    return root

@@ -257,9 +257,7 @@ def _constraint_rows(lin: LinearizedEquations) -> Array:
         return position
     fixed = position[~rolling]
     of_rates = np.vstack([fixed, np.eye(e.n)[e.states]])
-    return np.vstack(
-        [la.block_diag(fixed, of_rates), np.hstack([position, velocity])[rolling]]
-    )
+    return np.vstack([la.block_diag(fixed, of_rates), np.hstack([position, velocity])[rolling]])
 
 
 def _null_space(rows: Array) -> Array:
@@ -332,9 +330,7 @@ def solve_damped(lin: LinearizedEquations, count: int | None) -> tuple[Array, Ar
         weights = np.where(has_rates & (values.imag != 0.0), 0.5, 1.0)
         return needed - float(np.sum(weights[is_known]))
 
-    basis, left, images = _find_motions(
-        lin, s, None if count is None else needed, find_missing
-    )
+    basis, left, images = _find_motions(lin, s, None if count is None else needed, find_missing)
     inverses, vectors = la.eig(left @ images)
     is_accurate = np.abs(inverses) > _MIN_INVERSE_RATIO * np.max(np.abs(inverses), initial=0.0)
     inverses, vectors = inverses[is_accurate], vectors[:, is_accurate]

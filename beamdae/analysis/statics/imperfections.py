@@ -156,7 +156,9 @@ def _prepare_changes(
         least = _MIN_BENDING * max((np.ptp(x[2]) for _, x in motions.values()), default=0.0)
     size = max((np.max(np.hypot(*x[:2])) for _, x in motions.values()), default=0.0)
     slopes = {
-        name: _differentiate_motion(s, x) for name, (s, x) in motions.items() if np.ptp(x[2]) > least
+        name: _differentiate_motion(s, x)
+        for name, (s, x) in motions.items()
+        if np.ptp(x[2]) > least
     }
     if not (slopes and size > 0.0):
         raise BeamdaeError(

@@ -374,9 +374,7 @@ def _solve(begin: Point, count: int) -> _Solution:
         ) from None
     motion = float(np.max(np.abs(response[:n]) / sizes))
     step = _DIFFERENCE_MOTION / motion if motion > 0.0 else 1.0
-    before, after = (
-        problem.matrix(begin.x + h * response[:-1], p + h) for h in (-step, step)
-    )
+    before, after = (problem.matrix(begin.x + h * response[:-1], p + h) for h in (-step, step))
     rate = (after - before) / (2.0 * step)
     space = find_slow_space(lambda x: -solve(rate @ x), len(begin.x), 2 * count + 4)
     inverses, vectors = la.eig(space.reduced)

@@ -208,11 +208,15 @@ class LoadedEquations:
 
     def at_factor(self, mu: float) -> FixedFactorEquations | StaticEquations:
         """Return the static equations at a fixed value of mu."""
-        return self.at(mu) if self.at else FixedFactorEquations(
-            self.equations,
-            self.loaded.time,
-            lambda q, lam: self.residual(np.append(q, lam), mu)[0],
-            lambda q, lam: self.matrix(np.append(q, lam), mu),
+        return (
+            self.at(mu)
+            if self.at
+            else FixedFactorEquations(
+                self.equations,
+                self.loaded.time,
+                lambda q, lam: self.residual(np.append(q, lam), mu)[0],
+                lambda q, lam: self.matrix(np.append(q, lam), mu),
+            )
         )
 
 

@@ -37,8 +37,6 @@ from beamdae.analysis.continuation.engine import (
 from beamdae.analysis.continuation.spectrum import (
     Flexibility,
     count_growing,
-    has_potential,
-    reduce_to_soft_motions,
 )
 from beamdae.analysis.statics.load_scaling import LoadedEquations
 from beamdae.analysis.statics.pivot_signs import (
@@ -197,7 +195,6 @@ class StaticWorkspace:
     has_forces: int = 0
     has_tangent: int = 0
     has_factors: int = 0
-
 
     def forget_point(self) -> None:
         """Mark all values as those of another point."""
@@ -512,14 +509,10 @@ class StaticProblem(Problem):
             factors = splu(sp.csc_matrix(self.matrix(x, p)))
         except RuntimeError:
             return by_signs
-        flexibility = Flexibility(self.n, lambda right: factors.solve(right)[: self.n])
-        reduced = reduce_to_soft_motions(flexibility, m)
-        if has_potential(reduced):
-            # Close to a critical point, the symmetric part has another sign in the softest motion.
-            if free == 0 and _has_negative_determinant(factors) != (signs.below % 2 == 1):
-                softest = max(np.linalg.eigvals(reduced).real, key=abs)
-                shift = 1 if softest < 0.0 else -1
-                by_signs = by_signs._replace(divergent=by_signs.divergent + shift)
+        flexibility = Flexibility(self.n, m, lambda right: factors.solve(right)[: self.n])
+        # Close to a critical point, the symmetric part has another sign in the softest motion.
+        is_sign_right = free > 0 or _has_negative_determinant(factors) == (signs.below % 2 == 1)
+        if flexibility.has_potential and is_sign_right:
             return by_signs
         return count_growing(flexibility, *self._motion_matrices(point))._replace(free=free)
 
