@@ -178,7 +178,8 @@ def count_growing(flexibility: Flexibility, mass: sp.csc_array, damping: sp.csc_
     if n <= MAX_DENSE:
         values = la.eigvals(apply(np.eye(size)))
     else:
-        values = la.eigvals(find_slow_space(apply, size, _SLOW_COUNT, *[None] * is_damped).reduced)
+        further = {"find_missing": None} if is_damped else {}
+        values = la.eigvals(find_slow_space(apply, size, _SLOW_COUNT, **further).reduced)
     # Others are rounding errors of the slowest one.
     values = values[np.abs(values) > _NEGLIGIBLE * np.abs(values).max(initial=0.0)]
     is_real = np.abs(values.imag) <= _ROUNDING * np.abs(values)
