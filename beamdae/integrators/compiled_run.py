@@ -15,7 +15,7 @@ from beamdae.core.linear_solver import LaneSolver, LinearSolver
 from beamdae.core.return_codes import NEW_PIVOTS
 from beamdae.core.tables import Loop
 from beamdae.errors import BeamdaeError
-from beamdae.linear.elimination import EliminationPlan, empty_plan
+from beamdae.linear.elimination import EliminationPlan
 from beamdae.linear.factorizations import SingularMatrixError
 from beamdae.linear.pivots import propose_plans
 
