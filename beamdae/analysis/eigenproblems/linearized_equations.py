@@ -7,7 +7,7 @@ enter rounding.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -48,7 +48,7 @@ _REACTION_TOLERANCE = 1e-12
 class _MovingCoordinates(NamedTuple):
     """Coordinates of linearized equations that are no first-order states."""
 
-    q_names: Sequence[str]
+    q_names: tuple[str, ...]
     position_scales: Array
     states: Array
     nonholonomic_rows: Array
@@ -261,7 +261,7 @@ class LinearizedEquations:
             matrices = select(mixed, "stiffness", "damping")
             mixed = mixed._replace(**matrices, rows=mixed.rows[:, q])
         moving = _MovingCoordinates(
-            [e.q_names[k] for k in q],
+            tuple(e.q_names[k] for k in q),
             e.position_scales[q],
             e.states[:0],
             e.nonholonomic_rows,

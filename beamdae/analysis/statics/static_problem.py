@@ -289,11 +289,11 @@ def _split_structures(
     keys = [[(key, e.p[x].tobytes()) for key, x in _term_keys(e.structure)] for e in pair]
     first, last = map(Counter, keys)
     is_common = [tuple(first[key] == last[key] for key in own) for own in keys]
-    common = _select_terms(unloaded.structure, is_common[0])
-    return common, *(
+    only_unloaded, only_loaded = (
         _select_terms(e.structure, tuple(not x for x in flags))
         for e, flags in zip(pair, is_common, strict=True)
     )
+    return _select_terms(unloaded.structure, is_common[0]), only_unloaded, only_loaded
 
 
 @cache_on_owner
