@@ -48,21 +48,17 @@ def _find_motions_without_stiffness(system: LoadedEquations, x: Array, mu: float
     Columns are orthonormal after division by `position_scales`; reactions may change.
     """
     e, n = system.equations, system.equations.n
-    scale = e.position_scales
-    tangent = system.matrix(x, mu)
-    gradients = (tangent[n:, :n] * scale).toarray()
-    motions = compute_rigid_motions(e, x[:n])
-    motions = motions @ _null_space(gradients @ motions, _size(gradients))
-    if motions.shape[1]:
-        stiffness = (tangent[:n, :n] * scale * scale[:, None]).tocsc()
-        changes = _without_reactions(gradients, stiffness @ motions)
-        motions = motions @ _null_space(changes, _size(stiffness.data))
-    return la.qr(motions, mode="economic")[0]
-
-
-def _null_space(matrix: Array, size: float) -> Array:
-    _, values, right = la.svd(matrix, full_matrices=True)
-    return right[int(np.sum(values > _ROUNDING * size)) :].T
+    sizes = np.append(e.position_scales, np.ones(len(x) - n))
+    tangent = (system.matrix(x, mu) * sizes * sizes[:, None]).toarray()
+    stiffness, gradients = (y / (_size(y) or 1.0) for y in (tangent[:n, :n], tangent[n:, :n]))
+    rigid = compute_rigid_motions(e, x[:n])
+    # Motions and reactions that leave joints closed and forces unchanged.
+    changes = np.block(
+        [[stiffness @ rigid, gradients.T], [gradients @ rigid, np.zeros((len(x) - n,) * 2)]]
+    )
+    _, values, right = la.svd(changes)
+    free = right[int(np.sum(values > _ROUNDING)) :, : rigid.shape[1]]
+    return la.qr(rigid @ free.T, mode="economic")[0]
 
 
 def _size(entries: Array) -> float:
