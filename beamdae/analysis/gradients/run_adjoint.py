@@ -16,7 +16,6 @@ from beamdae.analysis.gradients.objectives import Objective
 from beamdae.analysis.sensitivities.linear_steps import Matrices, transpose_steps
 from beamdae.analysis.sensitivities.run_chain import node_state
 from beamdae.analysis.sensitivities.start_derivatives import StartDerivatives
-from beamdae.equations.equations_of_motion import State
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.integrators import GeneralizedAlpha, Radau
 from beamdae.integrators.reaction_balance import bound_reactions
@@ -64,15 +63,14 @@ def transpose_run(
     numbers, matrices = np.zeros(len(equations.p)), Matrices()
     for k in reversed(range(len(intervals))):
         interval, by_nodes = intervals[k], seeds.states[k]
-        steps = transpose_steps(method, start, interval, by_nodes[1:], matrices)
+        by_start, by_p = transpose_steps(method, start, interval, by_nodes[1:], matrices)
         time, at = node_state(interval, 0)
         before = intervals[k - 1] if k else interval
-        record = start.start_map(time, at, before.rows.v[-1 if k else 0])
-        q, v, lam = np.split(by_nodes[0], [n, 2 * n])
-        by_first = State(q, v, np.zeros(n), lam)
-        first = record.transposed(*(x + y for x, y in zip(steps.inputs, by_first, strict=True)))
-        by_q, by_v = first.inputs
-        numbers += steps.numbers + first.numbers
+        by_start[: 2 * n] += by_nodes[0, : 2 * n]
+        by_start[3 * n :] += by_nodes[0, 2 * n :]
+        start_map = start.start_map(time, at, before.rows.v[-1 if k else 0])
+        by_request, by_numbers = start.gradient(start_map, by_start)
+        numbers += by_p + by_numbers
         if k:
-            seeds.states[k - 1][-1, : 2 * n] += np.concatenate([by_q, by_v])
-    return RunAdjoint(seeds, by_q, by_v, numbers)
+            seeds.states[k - 1][-1, : 2 * n] += by_request[: 2 * n]
+    return RunAdjoint(seeds, by_request[:n], by_request[n : 2 * n], numbers)

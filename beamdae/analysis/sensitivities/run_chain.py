@@ -188,18 +188,19 @@ class _Chain:
         shifts, dq, dv = (x[members] for x in (crossing.shifts, crossing.dq, crossing.dv))
         time, at = node_state(interval, 0)
         h = float(interval.t[1] - interval.t[0]) if shifts.any() else 0.0
-        moved = maps.start_map(time, at, crossing.v, h).along((dq, dv), numbers, shifts)
-        fixed = moved
+        start_map = maps.start_map(time, at, crossing.v, h)
+        fixed = moved = maps.along(start_map, np.hstack([dq, dv]), numbers, shifts)
         if shifts.any():
-            changes = [x - y * shifts[:, None] for x, y in zip(moved, at[1:3], strict=False)]
-            fixed = maps.completion_map(time, at).along(changes, numbers)
+            rates = np.concatenate([at.v, at.a])
+            changes = moved[:, : len(rates)] - np.multiply.outer(shifts, rates)
+            fixed = maps.along(maps.completion_map(time, at), changes, numbers)
         if isinstance(self._method, Radau):
             moved, shifts = fixed, np.zeros_like(shifts)
         equations = interval.active_equations(self._equations)
         nodes = differentiate_steps(
             self._method, directions, equations, interval, moved, shifts, self._matrices
         )
-        nodes[0] = np.hstack(fixed)
+        nodes[0] = fixed
         if shifts.any():
             nodes[1:] -= _rates_at_steps(interval)[1:, None] * shifts[:, None]
         return nodes
