@@ -522,7 +522,8 @@ def _join_blocks(pattern: sp.csc_array, s: int, transposed: bool) -> tuple[sp.cs
     whole.sort_indices()
     targets = np.empty(count, np.uint32)
     targets[whole.data] = numbers
-    return sp.csc_array((np.ones(count), whole.indices, whole.indptr), shape=shape), targets
+    joined = sp.csc_array((np.ones(count), whole.indices, whole.indptr), shape=shape)
+    return joined, targets.reshape(s * s, -1)
 
 
 def _group_equal_steps(times: Array) -> Array:

@@ -11,7 +11,7 @@ Operators act on z = (q, v, a, lam, p, t), where p are the numbers of the model.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, reduce
 from operator import add, matmul
@@ -401,7 +401,8 @@ class StartDerivatives:
         e = self.equations
         ends = np.cumsum([0, e.n, e.n, e.n, e.m, len(e.p), 1]).tolist()
         return {
-            x: slice(*y) for x, *y in zip("q v a lam p t".split(), ends, ends[1:], strict=False)
+            x: slice(*y)
+            for x, *y in zip(["q", "v", "a", "lam", "p", "t"], ends, ends[1:], strict=False)
         }
 
     @cached_property
@@ -462,7 +463,7 @@ class StartDerivatives:
     def _rows(
         self, operator: LinearOperator, level: int, *, with_force: bool = False
     ) -> LinearOperator:
-        """Return F + G^T lam, or zeros, and a level of the constraints from (F, g, ..., G^T lam)."""
+        """Return F + G^T lam, or zeros, and a level of the constraints."""
         n, m, size = self.equations.n, self.equations.m, operator.shape[0]
         force = with_force * (sp.eye_array(n, size) + sp.eye_array(n, size, k=n + 3 * m))
         rows = sp.vstack([force, sp.eye_array(m, size, k=n + level * m)], format="csr")
