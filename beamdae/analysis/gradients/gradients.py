@@ -10,6 +10,7 @@ from typing import Any, cast
 import numpy as np
 
 from beamdae import deferred
+from beamdae.analysis.gradients.column_seeds import ColumnSeeds, differentiate_objective
 from beamdae.analysis.gradients.forward_gradients import differentiate_along
 from beamdae.analysis.gradients.number_derivatives import (
     FlatModel,
@@ -17,13 +18,13 @@ from beamdae.analysis.gradients.number_derivatives import (
     differentiate_numbers,
 )
 from beamdae.analysis.gradients.objectives import Objective
-from beamdae.analysis.gradients.run_adjoint import transpose_run
 from beamdae.analysis.sensitivities.differentiable_methods import (
     INTERRUPTED_ESTIMATE,
     require_differentiable_method,
     require_end,
     warn_of_errors,
 )
+from beamdae.analysis.sensitivities.linear_steps import Matrices, transpose_steps
 from beamdae.analysis.sensitivities.neighbors import (
     Difference,
     derivative_call,
@@ -53,6 +54,7 @@ from beamdae.errors import (
     short_repr,
 )
 from beamdae.integrators import GeneralizedAlpha, Integrator, Radau
+from beamdae.integrators.reaction_balance import bound_reactions
 from beamdae.interrupts import interruptible, keep_result
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.memory import require_memory
@@ -253,121 +255,6 @@ def _evaluate(
     )
 
 
-@dataclass(frozen=True, eq=False)
-class DifferentiableRun:
-    """Run of a model, from which the gradients of several objectives can be computed.
-
-    Attributes
-    ----------
-    flat
-        The model as a function of single numbers.
-    solution
-        The run.
-    method
-        Integrator of the run.
-    equations
-        Equations of the run.
-    start
-        Start of the run, see `simulate`.
-    """
-
-    flat: FlatModel
-    solution: Solution
-    method: GeneralizedAlpha | Radau
-    equations: EquationsOfMotion
-    start: Any
-    # Derivatives of the numbers, and models and derivatives of the run by name of a number, once
-    # they are known.
-    _numbers: list[NumberDerivatives] = field(default_factory=list, repr=False)
-    _differences: dict[str, Difference] = field(default_factory=dict, repr=False)
-    _along: dict[str, RunDerivative] = field(default_factory=dict, repr=False)
-
-    @classmethod
-    def of(
-        cls, flat: FlatModel, integrator: Any, t_end: float | None, start: Any
-    ) -> DifferentiableRun:
-        """Integrate a model; the arguments are those of `gradient`.
-
-        Raises
-        ------
-        BeamdaeError
-            If the run cannot be differentiated or does not reach its end.
-        """
-        method = require_differentiable_method(integrator, DEFAULT_METHOD)
-        mechanism = flat()
-        start = None if start is None else require_start("start", start)
-        # Rejects sampled controllers; the run computes the start, such as an equilibrium.
-        as_equations(derivative_call(), mechanism, AS_DRAWN)
-        solution = simulate(mechanism, method, t_end, start=start, keep_steps=True)
-        _require_complete_run(flat.name, solution)
-        return cls(flat, solution, method, solution.equations, start)
-
-    def differentiate(self, objective: Objective) -> tuple[float, Array]:
-        """Return the value and the gradient (k,) of an objective."""
-        with single_threaded:
-            return _differentiate(self, objective)
-
-    def number_derivatives(self, start: Any) -> NumberDerivatives:
-        """Return the derivatives of the numbers in the equations, see `differentiate_numbers`.
-
-        `start` is the start of the models. The result serves all objectives.
-        """
-        if not self._numbers:
-
-            def assemble(mechanism: Any) -> EquationsOfMotion:
-                return as_equations(derivative_call(), mechanism, start)
-
-            first = self.solution.trajectory.intervals[0]
-            time = np.array([first.t[0], first.branch])
-            base = self.equations if start == self.start else assemble(self.flat())
-            self._numbers.append(differentiate_numbers(self.flat, base, assemble, time))
-        return self._numbers[0]
-
-    def differentiate_along(
-        self, objective: Objective, names: Sequence[str]
-    ) -> tuple[float, Array]:
-        """Return the value and derivatives of an objective along those of the run.
-
-        The derivatives of the run serve all objectives.
-        """
-        missing = {x: self._difference(x) for x in names if x not in self._along}
-        if missing:
-            self._differences.update(missing)
-            self._along.update(differentiate_states(self.solution, self.method, missing))
-        differences = {x: self._differences[x] for x in names}
-        along = {x: self._along[x] for x in names}
-        value, changes = differentiate_along(objective, self.solution, differences, along)
-        return value, np.array([changes[x] for x in names])
-
-    def _difference(self, name: str) -> Difference:
-        # Name and call of a flat model are those of a model.
-        return difference_model(
-            cast(Model, self.flat),
-            name,
-            self.flat.values,
-            self.equations,
-            assemble_neighbors(self.equations, self.start),
-        )
-
-
-def _require_complete_run(name: str, solution: Solution) -> None:
-    """Reject a run that did not reach its end, or whose states need too much memory."""
-    require_end(name, solution)
-    trajectory, equations = solution.trajectory, solution.equations
-    if trajectory.end < solution.model["t_end"] and find_stop(solution) is None:
-        raise BeamdaeError(
-            f"{derivative_call()}: the run of {name} was {solution.status.sentence}, not "
-            "by an event of the model; choose an earlier t_end."
-        )
-    rows = trajectory.steps * (3 * equations.n + equations.m)
-    require_memory(
-        derivative_call(),
-        f"derivatives with respect to the states of {trajectory.steps} steps",
-        _COPIES_OF_ROWS * 8.0 * rows,
-        "use longer steps",
-    )
-
-
 def flatten_model(caller: str, model: Any, by: Any, parameters: Any) -> FlatModel:
     """Return the model as a function of the numbers in the parameters named in `by`.
 
@@ -384,35 +271,171 @@ def flatten_model(caller: str, model: Any, by: Any, parameters: Any) -> FlatMode
     return FlatModel(model, values, entries)
 
 
-def _differentiate(run: DifferentiableRun, objective: Objective) -> tuple[float, Array]:
-    """Return the value and the gradient (k,) of an objective."""
-    equations, names = run.equations, list(run.flat.entries)
-    first = run.solution.trajectory.intervals[0]
-    time, at = node_state(first, 0)
-    request = equations.start
-    is_equilibrium = request is not None and request.description == EQUILIBRIUM
-    starts_as_drawn = np.array_equal(at.q, equations.q0) and not start_adds_velocities(
-        equations, time
-    )
-    has_events = equations.configurations is not None or find_stop(run.solution) is not None
-    if has_events or equations.redundant or not (is_equilibrium or starts_as_drawn):
-        return run.differentiate_along(objective, names)
-    adjoint = transpose_run(objective, run.solution, run.method)
-    numbers = adjoint.seeds.numbers + adjoint.numbers
-    by_equilibrium = None
-    if is_equilibrium:
-        start = StartDerivatives(ConsistencySolver(equations))
-        by_equilibrium = start.equilibrium_gradient(time, at, adjoint.q, 0.0 * at.lam)
-        if by_equilibrium is None and not starts_as_drawn:
-            return run.differentiate_along(objective, names)
-    # The equilibrium of neighboring models is not needed if its adjoint is known.
-    derivatives = run.number_derivatives(run.start if by_equilibrium is None else AS_DRAWN)
-    by_operators = np.concatenate([np.zeros(0), *adjoint.seeds.operators])
-    if by_equilibrium is not None:
-        numbers = numbers + by_equilibrium
-    result = derivatives.p @ numbers + derivatives.operators @ by_operators
-    if by_equilibrium is None:
-        result += derivatives.q0 @ adjoint.q + derivatives.v0 @ adjoint.v
-    if irregular := list(derivatives.irregular):
-        result[irregular] = run.differentiate_along(objective, [names[k] for k in irregular])[1]
-    return adjoint.seeds.value, result
+@dataclass(eq=False)
+class DifferentiableRun:
+    """Run of a model, from which the gradients of several objectives can be computed.
+
+    Attributes
+    ----------
+    flat
+        The model as a function of single numbers.
+    solution
+        The run.
+    method
+        Integrator of the run.
+    start
+        Start of the run, see `simulate`.
+    """
+
+    flat: FlatModel
+    solution: Solution
+    method: GeneralizedAlpha | Radau
+    start: Any
+    # Derivatives of the numbers, and models and derivatives of the run by name of a number, once
+    # they are known: they serve all objectives.
+    _numbers: NumberDerivatives | None = field(default=None, init=False)
+    _differences: dict[str, Difference] = field(default_factory=dict, init=False)
+    _along: dict[str, RunDerivative] = field(default_factory=dict, init=False)
+
+    @classmethod
+    def of(
+        cls, flat: FlatModel, integrator: Any, t_end: float | None, start: Any
+    ) -> DifferentiableRun:
+        """Integrate a model; the arguments are those of `gradient`.
+
+        Raises
+        ------
+        BeamdaeError
+            If the run cannot be differentiated, does not reach its end, or its states need too much
+            memory.
+        """
+        method = require_differentiable_method(integrator, DEFAULT_METHOD)
+        mechanism, caller = flat(), derivative_call()
+        start = None if start is None else require_start("start", start)
+        # Rejects sampled controllers; the run computes the start, such as an equilibrium.
+        as_equations(caller, mechanism, AS_DRAWN)
+        solution = simulate(mechanism, method, t_end, start=start, keep_steps=True)
+        require_end(flat.name, solution)
+        trajectory, equations = solution.trajectory, solution.equations
+        if trajectory.end < solution.model["t_end"] and find_stop(solution) is None:
+            raise BeamdaeError(
+                f"{caller}: the run of {flat.name} was {solution.status.sentence}, not by an event "
+                "of the model; choose an earlier t_end."
+            )
+        require_memory(
+            caller,
+            f"derivatives with respect to the states of {trajectory.steps} steps",
+            _COPIES_OF_ROWS * 8.0 * trajectory.steps * (3 * equations.n + equations.m),
+            "use longer steps",
+        )
+        return cls(flat, solution, method, start)
+
+    def differentiate(self, objective: Objective) -> tuple[float, Array]:
+        """Return the value and the gradient (k,) of an objective."""
+        with single_threaded:
+            names = list(self.flat.entries)
+            result = self._transpose(objective, names)
+            return result or self._differentiate_along(objective, names)
+
+    def _transpose(self, objective: Objective, names: list[str]) -> tuple[float, Array] | None:
+        """Return the value and the gradient by one backward sweep; None if it does not apply.
+
+        The sweep serves the numbers on which the equations depend through p and the requested start
+        alone.
+        """
+        e, request = self.solution.equations, self.solution.equations.start
+        time, at = node_state(self.solution.trajectory.intervals[0], 0)
+        starts_as_drawn = np.array_equal(at.q, e.q0) and not start_adds_velocities(e, time)
+        has_events = e.configurations is not None or find_stop(self.solution) is not None
+        by_equilibrium, start = None, StartDerivatives(ConsistencySolver(e))
+        is_equilibrium = request is not None and request.description == EQUILIBRIUM
+        if has_events or e.redundant or not (is_equilibrium or starts_as_drawn):
+            return None
+        seeds, by_q, by_v, numbers = transpose_run(objective, self.solution, self.method)
+        if is_equilibrium:
+            by_equilibrium = start.equilibrium_gradient(time, at, by_q, 0.0 * at.lam)
+            if by_equilibrium is None and not starts_as_drawn:
+                return None
+        # The equilibrium of neighboring models is not needed if its adjoint is known.
+        if self._numbers is None:
+            model_start = None if by_equilibrium is None else AS_DRAWN
+            self._numbers = self._differentiate_numbers(model_start)
+        derivatives = self._numbers
+        result = derivatives.operators @ np.concatenate([np.zeros(0), *seeds.operators])
+        if by_equilibrium is None:
+            result += derivatives.p @ numbers + derivatives.q0 @ by_q + derivatives.v0 @ by_v
+        else:
+            result += derivatives.p @ (numbers + by_equilibrium)
+        if irregular := list(derivatives.irregular):
+            others = [names[k] for k in irregular]
+            result[irregular] = self._differentiate_along(objective, others)[1]
+        return seeds.value, result
+
+    def _differentiate_numbers(self, start: Any) -> NumberDerivatives:
+        """Return the derivatives of the numbers for a start, None for that of the run."""
+        first = self.solution.trajectory.intervals[0]
+
+        def assemble(mechanism: Any) -> EquationsOfMotion:
+            return as_equations(derivative_call(), mechanism, start or self.start)
+
+        base = self.solution.equations if start is None else assemble(self.flat())
+        time = np.array([first.t[0], first.branch])
+        return differentiate_numbers(self.flat, base, assemble, time)
+
+    def _differentiate_along(
+        self, objective: Objective, names: Sequence[str]
+    ) -> tuple[float, Array]:
+        """Return the value and derivatives of an objective along those of the run."""
+        equations = self.solution.equations
+        assemble = assemble_neighbors(equations, self.start)
+        missing = {
+            # Name and call of a flat model are those of a model.
+            x: difference_model(cast(Model, self.flat), x, self.flat.values, equations, assemble)
+            for x in names
+            if x not in self._along
+        }
+        if missing:
+            self._differences.update(missing)
+            self._along.update(differentiate_states(self.solution, self.method, missing))
+        differences = {x: self._differences[x] for x in names}
+        along = {x: self._along[x] for x in names}
+        value, changes = differentiate_along(objective, self.solution, differences, along)
+        return value, np.array([changes[x] for x in names])
+
+
+def transpose_run(
+    objective: Objective, solution: Solution, method: GeneralizedAlpha | Radau
+) -> tuple[ColumnSeeds, Array, Array, Array]:
+    """Sweep backwards over all intervals of a run.
+
+    Between two intervals, a law has a breakpoint: positions and velocities are continuous.
+
+    Returns
+    -------
+    tuple
+        Value with the derivatives through the columns, and derivatives by the requested initial
+        coordinates and velocities, (n,) each, and by the numbers p, (n_p,).
+
+    Raises
+    ------
+    BeamdaeError
+        If steps cannot be transposed.
+    """
+    solution = bound_reactions(solution)
+    equations, intervals = solution.equations, solution.trajectory.intervals
+    start, n = StartDerivatives(ConsistencySolver(equations)), equations.n
+    seeds = differentiate_objective(objective, solution)
+    numbers, matrices = seeds.numbers.copy(), Matrices()
+    for k in reversed(range(len(intervals))):
+        interval, by_nodes = intervals[k], seeds.states[k]
+        by_start, by_p = transpose_steps(method, start, interval, by_nodes[1:], matrices)
+        by_start[: 2 * n] += by_nodes[0, : 2 * n]
+        by_start[3 * n :] += by_nodes[0, 2 * n :]
+        v = intervals[k - 1].rows.v[-1] if k else interval.rows.v[0]
+        by_state, by_numbers = start.gradient(
+            start.start_map(*node_state(interval, 0), v), by_start
+        )
+        numbers += by_p + by_numbers
+        if k:
+            seeds.states[k - 1][-1, : 2 * n] += by_state[: 2 * n]
+    return seeds, by_state[:n], by_state[n : 2 * n], numbers
