@@ -30,10 +30,6 @@ from beamdae.analysis.sensitivities.neighbors import (
     derivative_call,
     difference_model,
 )
-from beamdae.analysis.sensitivities.requested_starts import (
-    assemble_neighbors,
-    start_adds_velocities,
-)
 from beamdae.analysis.sensitivities.restart_times import find_stop
 from beamdae.analysis.sensitivities.run_chain import (
     RunDerivative,
@@ -44,7 +40,11 @@ from beamdae.analysis.sensitivities.sensitivity_result import (
     complete_parameters,
     require_parameters,
 )
-from beamdae.analysis.sensitivities.start_derivatives import StartDerivatives
+from beamdae.analysis.sensitivities.start_derivatives import (
+    StartDerivatives,
+    assemble_neighbors,
+    start_adds_velocities,
+)
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.errors import (

@@ -11,8 +11,8 @@ Operators act on z = (q, v, a, lam, p, t), where p are the numbers of the model.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property, reduce
 from operator import add, matmul
 from typing import Any, NamedTuple
@@ -24,12 +24,14 @@ from scipy.sparse.linalg import LinearOperator, aslinearoperator, splu
 from beamdae.analysis.continuation.engine import RefinedFactors
 from beamdae.analysis.sensitivities.neighbors import (
     Difference,
+    derivative_call,
     directional_plan_along,
     equations_key,
     moves_operators,
 )
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.static_equations import StaticEquations
+from beamdae.equations.smooth_intervals import time_on_branch
 from beamdae.equations.starts.closing import CLOSING_COEFFICIENTS
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.starts.state_evaluator import (
@@ -49,6 +51,8 @@ from beamdae.equations.structure import (
     comparison_key,
 )
 from beamdae.integrators.alpha.family import JERK_INTERVAL, STIFF_TIME, AlphaParameters
+from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM
+from beamdae.simulation import as_equations
 from beamdae.symbolic.sums.directional_sums import StackedSum, directional_plan
 from beamdae.symbolic.sums.kernel_sums import SumPlan, set_time
 from beamdae.symbolic.sums.sum_evaluator import SumEvaluator
@@ -632,3 +636,73 @@ def _locate_numbers(maps: StartDerivatives, other: StartDerivatives) -> list[Arr
     if not here.keys() <= there.keys():
         return None
     return [np.concatenate([np.zeros(0, int), *(x[key] for key in here)]) for x in (there, here)]
+
+
+def differentiate_start(difference: Difference, time: Array, at: State) -> tuple[Array, Array]:
+    """Return the derivatives of the requested initial positions and velocities.
+
+    `time` and `at` are (t, branch) and the state at the start of the run.
+    """
+    base = difference.base
+    models = (base, *difference.equations)
+    if np.array_equal(at.q, base.q0) and not any(start_adds_velocities(e, time) for e in models):
+        dq, dv = difference.derivative(lambda e: e.q0), difference.derivative(lambda e: e.v0)
+    else:
+
+        def start(e: EquationsOfMotion) -> Array:
+            return np.concatenate(ConsistencySolver(e).start_state(time, e.q0, e.v0)[:2])
+
+        dq, dv = np.split(difference.derivative(start), 2)
+    if base.start is not None and base.start.description == EQUILIBRIUM:
+        dp = difference.derivative(lambda e: e.p)
+        dq = StartDerivatives.of(difference).correct_equilibrium(time, at, dq, dp)
+    return dq, dv
+
+
+def assemble_neighbors(base: EquationsOfMotion, start: Any) -> Callable[[Any], EquationsOfMotion]:
+    """Return the function that assembles models at neighboring values of parameters.
+
+    If the run starts in a unique equilibrium, that of its neighbors is not searched: they start at
+    that of the run, whose derivative follows from the static equations, see
+    `StartDerivatives.correct_equilibrium`.
+
+    Parameters
+    ----------
+    base, start
+        Equations of the run, and its start; None for that of the model.
+    """
+
+    def assemble(mechanism: Any) -> EquationsOfMotion:
+        return as_equations(derivative_call(), mechanism, start)
+
+    time = time_on_branch(base.breakpoints, 0.0)
+    if (
+        base.start is None
+        or base.start.description != EQUILIBRIUM
+        or base.configurations is not None
+        or base.redundant
+        or len(base.states)
+        or start_adds_velocities(base, time)
+        or not has_unique_equilibrium(base, time)
+    ):
+        return assemble
+
+    def assemble_as_drawn(mechanism: Any) -> EquationsOfMotion:
+        neighbor = as_equations(derivative_call(), mechanism, AS_DRAWN)
+        if neighbor.n != base.n:  # Rejected by the caller.
+            return neighbor
+        result = replace(neighbor, q0=base.q0, v0=base.v0, start=base.start)
+        return assemble(mechanism) if start_adds_velocities(result, time) else result
+
+    return assemble_as_drawn
+
+
+def start_adds_velocities(equations: EquationsOfMotion, time: Array) -> bool:
+    """Return True if bodies are set in motion at the start, see `ConsistencySolver.start_state`."""
+    kernels = [joint.kernel for joint in equations.structure.joints]
+    if not np.any(equations.v0) and all(x.is_scleronomic for x in kernels):
+        return False
+    solver = ConsistencySolver(equations)
+    return not np.array_equal(
+        solver.rigid_velocities(time, equations.q0, equations.v0), equations.v0
+    )
