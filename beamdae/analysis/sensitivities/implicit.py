@@ -27,9 +27,9 @@ doi:10.2514/3.5008; Nelson, AIAA J. 14 (1976) 1201, doi:10.2514/3.7211, who dele
 place of the border). The part of dz along z follows from the normalization. At a flutter point, an
 eigenvalue has no real part, or coalesces with another one.
 
-F_p, s_p and products with the matrices of F and A are differenced along the neighboring models, or
-along a direction of x and mu. The forces of stiff parts are unknowns, so that no difference
-contains the rounding errors of small deformations times large stiffnesses.
+F_p follows from the numbers of neighboring models and the exact derivatives of F by these numbers.
+s and products with the matrices of F and A are differenced along the neighboring models, or along a
+direction of x and mu.
 """
 
 from __future__ import annotations
@@ -60,6 +60,9 @@ from beamdae.analysis.sensitivities.neighbors import (
     CENTRAL,
     Difference,
     difference_along,
+    directional_plan_along,
+    forms_of,
+    with_structure,
 )
 from beamdae.analysis.statics.load_scaling import LoadedEquations
 from beamdae.analysis.statics.static_problem import StaticProblem
@@ -296,31 +299,45 @@ class Direction(NamedTuple):
 class ParameterDirection:
     """Direction of a parameter.
 
+    Derivatives of F are exact: differences of small deformations would contain rounding errors that
+    observed axial and shear forces enlarge.
+
     Parameters
     ----------
     difference
         Neighboring models.
-    neighbors
-        Equations of these models.
+    here, neighbors
+        Equations of the model and of these models.
     """
 
-    def __init__(self, difference: Difference, neighbors: Sequence[MixedStatics]) -> None:
+    def __init__(
+        self, difference: Difference, here: MixedStatics, neighbors: Sequence[MixedStatics]
+    ) -> None:
         self.reach = max(map(abs, difference.steps))
         self._models = neighbors, difference.steps, difference.weights
+        self._parts = [
+            _derive_statics(
+                difference,
+                getattr(here.mixed, part),
+                [getattr(x.mixed, part).equations for x in neighbors],
+            )
+            for part in ("unloaded", "loaded")
+        ]
 
     def along(self, x: Array, mu: float = 0.0) -> Direction:
         """Return the direction with these derivatives of the unknowns."""
         return Direction(*self._models, Tangent(x, mu))
 
-    def differentiate(
-        self, point: Point, function: Callable[[MixedStatics, Array, float], Array]
-    ) -> Array:
-        """Return the derivative of a function of the system at constant x and mu."""
-        return self.along(np.zeros_like(point.x)).differentiate(point, function)
-
     def forces(self, point: Point) -> Array:
         """Return F_p."""
-        return self.differentiate(point, MixedStatics.residual)
+        with np.errstate(invalid="ignore"):
+            unloaded, loaded = (part(point.x) for part in self._parts)
+            change = unloaded + point.p * (loaded - unloaded)
+        if np.all(np.isfinite(change)):
+            return change
+        # The root of a stiffness has no derivative at zero.
+        differences = self.along(np.zeros_like(point.x)).differentiate(point, MixedStatics.residual)
+        return np.where(np.isfinite(change), change, differences)
 
     def control_rate(self, point: Point) -> float:
         """Return the derivative of the prescribed quantity at constant x and mu."""
@@ -328,7 +345,31 @@ class ParameterDirection:
         def evaluate(system: MixedStatics, x: Array, mu: float) -> Array:
             return np.array(system.control(x, mu).value)
 
-        return float(self.differentiate(point, evaluate))
+        return float(self.along(np.zeros_like(point.x)).differentiate(point, evaluate))
+
+
+def _derive_statics(
+    difference: Difference, here: StaticEquations, neighbors: Sequence[EquationsOfMotion]
+) -> Callable[[Array], Array]:
+    """Return the derivative of static equations along a parameter, as a function of (q, lam)."""
+    base, first = here.equations, neighbors[0]
+    is_moved = any(e.structure != first.structure for e in neighbors)
+    if not is_moved and (base.structure, forms_of(base)) != (first.structure, forms_of(first)):
+        # The base contains all forces of the neighboring models.
+        base = with_structure(base, neighbors, difference.steps)
+    part = replace(difference, base=base, equations=tuple(neighbors))
+    dp, rest, plan = part.derivative(lambda e: e.p), np.zeros(base.n), None
+    if is_moved or base.structure != first.structure:
+        size = tangents.plan_tangent_residual(base.structure)[1]
+        plan = directional_plan_along(
+            part, lambda e: tangents.plan_tangent_residual(e.structure)[0], size
+        )
+
+    def differentiate(x: Array) -> Array:
+        state = State(x[: base.n], rest, rest, x[base.n :])
+        return tangents.differentiate_residual(base, here.time, state, dp, plan)
+
+    return differentiate
 
 
 def find_regular_point(problem: StaticProblem, q: Array, mu: float, control: Control) -> Point:

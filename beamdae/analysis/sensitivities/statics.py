@@ -227,6 +227,7 @@ class _PathPoints:
             directions = {
                 name: ParameterDirection(
                     difference,
+                    here,
                     [
                         MixedStatics(x.systems[stage], self._control(e), here.idle)
                         for e, x in zip(difference.equations, neighbors[name], strict=True)
@@ -331,8 +332,8 @@ def equilibrium_sensitivities(
 
         F_x dx + F_mu dmu + F_p dp = 0
 
-    with the exact tangent; F_p is differenced along the model function, see `sensitivities`, with
-    the forces of stiff parts as unknowns. What `to` prescribes is constant:
+    with the exact tangent; F_p contains exact derivatives of F by the numbers of the model, which
+    are differenced along the model function, see `sensitivities`. What `to` prescribes is constant:
     load factors, or an observed position; then, the load factors have derivatives. In the rows of
     critical points, the derivatives are those of these points, which move with the parameters.
     See Godoy, Theory of Elastic Stability: Analysis and Sensitivity, Taylor & Francis (1999), and
