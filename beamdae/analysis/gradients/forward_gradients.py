@@ -113,14 +113,12 @@ def _end_rate(term: ColumnObjective, value: float, solution: Solution) -> float:
     end = np.array([trajectory.end])
     header, (y,) = read_column(solution.at_times(end), term.column)
     number, index = locate_column(solution.equations, header)
-    lam_rate = interval.derivative_at(end).lam[0]
-    at = State(*(x[0] for x in interval.at(end)))
+    lam_rates, at = interval.derivative_at(end).lam, interval.at(end)
     if number is None:
-        rate = np.concatenate([at.v, at.a, lam_rate])[index]
+        rates = np.hstack([at.v, at.a, lam_rates])
     else:
         equations = solution.equations.with_loads_of(interval.configuration)
-        time = np.array([trajectory.end, interval.branch])
-        observable = equations.observables[number]
-        rate = time_derivative(observable, equations, time, at, lam_rate)[index]
+        times = np.array([[trajectory.end, interval.branch]])
+        rates = time_derivative(equations.observables[number], equations, times, at, lam_rates)
     duration = trajectory.end - trajectory.start
-    return term.end_derivative(value, float(y), float(rate), duration)
+    return term.end_derivative(value, float(y), float(rates[0, index]), duration)
