@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, reduce
+from functools import cached_property, lru_cache, partial, reduce
 from operator import add, matmul
 from typing import Any, NamedTuple
 
@@ -73,6 +73,7 @@ STEP_FRACTION = 1e-3
 MIN_STIFF_PENETRATION = 1e-6
 # Stored factors of states, which several maps need.
 _MAX_STATES = 8
+_MAX_MATRICES = 256  # that select parts of vectors
 
 
 @cache_on_owner
@@ -141,13 +142,60 @@ def has_unique_equilibrium(equations: EquationsOfMotion, time: Array) -> bool:
     return StaticFactors(equations, time, at).is_unique
 
 
+def _operator(size: int, matmat: Callable[..., Array], rmatmat: Callable[..., Array]) -> Any:
+    """Return a square operator, given its products, and those with its transpose."""
+    shape = size, size
+    return LinearOperator(shape, matmat, rmatmat, matmat, float, rmatmat)
+
+
 def _inverse(factors: Any, size: int) -> LinearOperator:
-    return LinearOperator(
-        (size, size),
-        lambda b: factors.solve(b.ravel()),
-        lambda b: factors.solve(b.ravel(), "T"),
-        dtype=float,
-    )
+    def solve(b: Array, transposition: str = "N") -> Array:
+        return np.column_stack([factors.solve(x, transposition) for x in b.reshape(size, -1).T])
+
+    return _operator(size, solve, partial(solve, transposition="T"))
+
+
+def _diagonal(entries: Array) -> LinearOperator:
+    def scale(b: Array) -> Array:
+        return entries[:, None] * b.reshape(len(entries), -1)
+
+    return _operator(len(entries), scale, scale)
+
+
+# Building sparse matrices takes longer than applying them.
+@lru_cache
+def _split(n: int, m: int, n_p: int) -> dict[str, slice]:
+    """Return the parts of z by name."""
+    ends = np.cumsum([0, n, n, n, m, n_p, 1]).tolist()
+    names = ["q", "v", "a", "lam", "p", "t"]
+    return {x: slice(*y) for x, *y in zip(names, ends, ends[1:], strict=False)}
+
+
+@lru_cache(_MAX_MATRICES)
+def _pick(size: int, start: int, stop: int) -> LinearOperator:
+    """Return the matrix that selects consecutive entries."""
+    return aslinearoperator(sp.eye_array(stop - start, size, k=start, format="csr"))
+
+
+@lru_cache(_MAX_MATRICES)
+def _choose_rows(n: int, m: int, size: int, level: int, with_force: bool) -> LinearOperator:
+    force = with_force * (sp.eye_array(n, size) + sp.eye_array(n, size, k=n + 3 * m))
+    rows = sp.vstack([force, sp.eye_array(m, size, k=n + level * m)], format="csr")
+    return aslinearoperator(rows)
+
+
+@lru_cache(_MAX_MATRICES)
+def _place_change(n: int, m: int, n_p: int) -> LinearOperator:
+    """Return the matrix that places (q, v, p, t) in the inputs of `_plan_change`, p and t."""
+    unit = sp.eye_array(3 * n + m + n_p + 1, format="csr")
+    others = sp.csr_array((4 * n + 2 * m + n_p, unit.shape[0]))
+    rows = [unit[: 2 * n], others, unit[3 * n + m :]]
+    return aslinearoperator(sp.vstack(rows, format="csr"))
+
+
+def _take(operator: LinearOperator, size: int) -> LinearOperator:
+    """Return the first rows of an operator."""
+    return _pick(operator.shape[0], 0, size) @ operator
 
 
 @dataclass(eq=False)
@@ -316,7 +364,7 @@ class StartDerivatives:
             change = self._solution(time, here, -self._rows(levels, 1), velocities, h)
             result = result @ (self._identity + self._into("v") @ change)
             inverse = self._saddle(time, at.q, zeros, CLOSING_COEFFICIENTS)
-            moved = self._diagonal(e.without_states(np.ones(e.n))) @ self._head
+            moved = _diagonal(e.without_states(np.ones(e.n))) @ self._head
             change = moved @ inverse @ self._rows(levels, 0)
             result = result @ (self._identity - self._into("q") @ change)
         return result
@@ -334,9 +382,9 @@ class StartDerivatives:
             # The rates of first-order states follow from the forces.
             rest = State(at.q, at.v, 0.0 * at.a, 0.0 * at.lam)
             force = self._derivative(plan_motion, time, rest, h)
-            states = self._diagonal(1.0 - e.without_states(np.ones(e.n)))
-            result = result @ (self._identity - self._into("v") @ states @ self._take(force, e.n))
-        return self._take(result, size)
+            states = _diagonal(1.0 - e.without_states(np.ones(e.n)))
+            result = result @ (self._identity - self._into("v") @ states @ _take(force, e.n))
+        return _take(result, size)
 
     def initial_motion(
         self, member: AlphaParameters, is_cured: bool, time: Array, at: State, h: float
@@ -353,7 +401,7 @@ class StartDerivatives:
             acceleration = self._reduced_acceleration(time, at, h)
             parts[1] = parts[1] + (h * h * member.defect) * position_jerk
             parts[2:] = acceleration, acceleration + (member.shift * h) * jerk
-        columns = (aslinearoperator(sp.eye_array(4 * n, n, k=-k * n)) for k in range(4))
+        columns = (_pick(4 * n, k * n, (k + 1) * n).T for k in range(4))
         return reduce(add, map(matmul, columns, parts))
 
     def jerk_map(self, time: Array, at: State, h: float) -> LinearOperator:
@@ -397,59 +445,55 @@ class StartDerivatives:
             return None
         at_rest = State(at.q, np.zeros(n), np.zeros(n), at.lam)
         balance = self._rows(self._derivative(plan_balance, time, at_rest, 0.0), 0, with_force=True)
-        start = sp.eye_array(n + self.equations.m, n) @ self._unit[self._slices["q"]]
-        return aslinearoperator(start) - factors.inverse @ balance
+        start = _pick(n + self.equations.m, 0, n).T @ self._part("q")
+        return start - factors.inverse @ balance
 
-    @cached_property
+    @property
     def _slices(self) -> dict[str, slice]:
         e = self.equations
-        ends = np.cumsum([0, e.n, e.n, e.n, e.m, len(e.p), 1]).tolist()
-        return {
-            x: slice(*y)
-            for x, *y in zip(["q", "v", "a", "lam", "p", "t"], ends, ends[1:], strict=False)
-        }
+        return _split(e.n, e.m, len(e.p))
 
-    @cached_property
-    def _unit(self) -> sp.csr_array:
-        return sp.eye_array(self._slices["t"].stop, format="csr")
-
-    @cached_property
+    @property
     def _identity(self) -> LinearOperator:
-        return aslinearoperator(self._unit)
+        return _pick(self._slices["t"].stop, 0, self._slices["t"].stop)
 
-    @cached_property
+    @property
     def _without_forces(self) -> LinearOperator:
         """Projection to (q, v, p, t)."""
-        keep = np.ones(self._unit.shape[0])
+        keep = np.ones(self._slices["t"].stop)
         keep[self._slices["a"].start : self._slices["lam"].stop] = 0.0
-        return self._diagonal(keep)
+        return _diagonal(keep)
 
-    @cached_property
+    @property
     def _head(self) -> LinearOperator:
         """The coordinates of a solution (n + m,)."""
-        return aslinearoperator(sp.eye_array(self.equations.n, self.equations.n + self.equations.m))
-
-    @staticmethod
-    def _diagonal(entries: Array) -> LinearOperator:
-        return aslinearoperator(sp.diags_array(entries))
-
-    @staticmethod
-    def _take(operator: LinearOperator, size: int) -> LinearOperator:
-        """Return the first rows of an operator."""
-        return aslinearoperator(sp.eye_array(size, operator.shape[0])) @ operator
+        return _pick(self.equations.n + self.equations.m, 0, self.equations.n)
 
     def _part(self, name: str) -> LinearOperator:
-        return aslinearoperator(self._unit[self._slices[name]])
+        part = self._slices[name]
+        return _pick(self._slices["t"].stop, part.start, part.stop)
 
     def _into(self, first: str, last: str | None = None) -> LinearOperator:
         """Return the matrix that places a part, or consecutive ones, in z."""
-        part = slice(self._slices[first].start, self._slices[last or first].stop)
-        return aslinearoperator(self._unit[part].T)
+        slices = self._slices
+        return _pick(slices["t"].stop, slices[first].start, slices[last or first].stop).T
 
-    def _moved(self, target: str, source: str, factors: Array | float) -> sp.csr_array:
-        """Return the matrix that adds factors * one part of z to another one."""
-        target_rows, source_rows = (self._unit[self._slices[x]] for x in (target, source))
-        return target_rows.T @ (source_rows * np.reshape(factors, (-1, 1)))
+    def _moved(self, *terms: tuple[str, str, Array | float]) -> LinearOperator:
+        """Return the map that adds factors * one part of z to another one, for all terms."""
+        slices = self._slices
+        parts = [(slices[x], slices[y], np.reshape(f, (-1, 1))) for x, y, f in terms]
+
+        def move(z: Array, *, transposed: bool = False) -> Array:
+            z = np.reshape(z, (len(z), -1))
+            result = z.copy()
+            for target, source, factors in parts:
+                if transposed:
+                    result[source] += factors * z[target]
+                else:
+                    result[target] += factors * z[source]
+            return result
+
+        return _operator(slices["t"].stop, move, partial(move, transposed=True))
 
     def _derivative(self, plan: PlanFunction, time: Array, at: State, h: float) -> LinearOperator:
         """Return the derivative of a sum of `StateEvaluator` at a state."""
@@ -468,20 +512,16 @@ class StartDerivatives:
         self, operator: LinearOperator, level: int, *, with_force: bool = False
     ) -> LinearOperator:
         """Return F + G^T lam, or zeros, and a level of the constraints."""
-        n, m, size = self.equations.n, self.equations.m, operator.shape[0]
-        force = with_force * (sp.eye_array(n, size) + sp.eye_array(n, size, k=n + 3 * m))
-        rows = sp.vstack([force, sp.eye_array(m, size, k=n + level * m)], format="csr")
-        return aslinearoperator(rows) @ operator
+        e = self.equations
+        return _choose_rows(e.n, e.m, operator.shape[0], level, with_force) @ operator
 
     def _change(self, time: Array, at: State, change: Sequence[Array], h: float) -> LinearOperator:
         """Return the derivative by (q, v, p, t) of that of (F, ...) along a constant change."""
-        e, unit = self.equations, self._unit
+        e = self.equations
         x = np.concatenate([at.q, at.v, 0.0 * at.a, at.lam, *change, np.zeros(len(e.p))])
-        others = sp.csr_array((len(x) - 2 * e.n, unit.shape[0]))
-        place = sp.vstack([unit[: 2 * e.n], others, unit[self._slices["p"].start :]], "csr")
         size = 2 * e.n + 3 * e.m
         operator = self._differentiate(_plan_change, time, x, size, h, MIN_STIFF_PENETRATION)
-        return operator @ aslinearoperator(place)
+        return operator @ _place_change(e.n, e.m, len(e.p))
 
     def _solution(
         self,
@@ -508,21 +548,17 @@ class StartDerivatives:
         factor = np.full(e.m, 0.5 / delta)
         if holonomic_only:
             factor[e.nonholonomic_rows] = 0.0
-        value, right = (
-            np.zeros(e.m),
-            aslinearoperator(sp.csr_array((e.n + e.m, self._unit.shape[0]))),
-        )
+        value, rights = np.zeros(e.m), []
         for d, sign in ((-delta, 1.0), (delta, -1.0)):
             there = State(q + d * v + 0.5 * d**2 * a, v + d * a, a, 0.0 * lam)
             now = time + np.array([d, 0.0])
             value += sign * factor * self.solver.constraint_levels(now, *there[:3])[2]
-            moved = self._moved("q", "v", d) + self._moved("v", "a", d)
-            moved = aslinearoperator(self._unit + moved + self._moved("q", "a", 0.5 * d**2))
+            moved = self._moved(("q", "v", d), ("q", "a", 0.5 * d**2), ("v", "a", d))
             levels = self._derivative(plan_constraint_levels, now, there, h)
-            right = right + sign * self._rows(levels @ moved, 2)
-        weights = self._diagonal(np.append(np.zeros(e.n), factor))
+            rights.append(sign * self._rows(levels @ moved, 2))
+        weights = _diagonal(np.append(np.zeros(e.n), factor))
         solution = self.solver.solve_saddle(time, q, v, 0.0, value)
-        return self._solution(time, at, weights @ right, solution, h)
+        return self._solution(time, at, weights @ (rights[0] + rights[1]), solution, h)
 
     def _reduced_acceleration(self, time: Array, at: State, h: float) -> LinearOperator:
         """Return the derivative of `ConsistencySolver.acceleration` with a stiff time."""
@@ -533,13 +569,13 @@ class StartDerivatives:
         residual = self._rows(self._derivative(plan_balance, time, there, h), 2, with_force=True)
         zeros, moving = np.zeros(e.n), e.without_states(np.ones(e.n))
         stiff = (stiff_time**2 * a, zeros, zeros, 0.0 * lam)
-        force = self._take(self._change(time, there, stiff, h), e.n)
+        force = _take(self._change(time, there, stiff, h), e.n)
         for factor, shift in ((1.0, stiff_time), (-2.0, 0.0), (1.0, -stiff_time)):
             near = State(q + shift * moving * v, v, zeros, 0.0 * lam)
             total = self._derivative(plan_smooth_motion, time, near, h)
-            moved = aslinearoperator(self._unit + self._moved("q", "v", shift * moving))
-            force = force + factor * self._diagonal(moving) @ self._take(total, e.n) @ moved
-        residual = residual + aslinearoperator(sp.eye_array(e.n + e.m, e.n)) @ force
+            moved = self._moved(("q", "v", shift * moving))
+            force = force + factor * _diagonal(moving) @ _take(total, e.n) @ moved
+        residual = residual + _pick(e.n + e.m, 0, e.n).T @ force
         inverse = self._saddle(time, q, v, (stiff_time**2, 0.0, 1.0), lam)
         return -self._head @ inverse @ residual @ self._without_forces
 
