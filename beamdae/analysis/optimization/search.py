@@ -151,8 +151,10 @@ class Search:
         self._trials: list[Trial] = []
         # Designs with the present stress sections, by the variables of the search.
         self._known: dict[bytes, Trial] = {}
-        # Best violation and objective of the present solver, and designs without progress since.
-        self._lowest, self._idle = (np.inf, np.inf), 0
+        # Violations and objectives of designs that were progress of the present solver, and the
+        # number of designs since the last one.
+        self._progress: list[tuple[float, float]] = []
+        self._idle = 0
         self._minimizes_violation = False
         self._end: Trial | None = None  # design at which the present solver converged
 
@@ -210,8 +212,8 @@ class Search:
     def _solve(self, minimizes_violation: bool = False) -> Status:
         """Minimize the objective or the violation from the best design; return why it ended."""
         problem, settings, best = self._problem, self._settings, self._best()
-        self._minimizes_violation, self._end = minimizes_violation, None
-        self._lowest, self._idle = (np.inf, np.inf), 0
+        self._minimizes_violation, self._progress, self._idle = minimizes_violation, [], 0
+        self._end = None
         points = [problem.variables.variables(best.numbers), *problem.variables.limits]
         if minimizes_violation:
             # The violation is the last variable.
@@ -275,9 +277,18 @@ class Search:
             return self._keep(Trial(numbers, nothing, describe_failure(failure)), x)
         objective, violation = problem.scaled_objective(trial.values), self._violation(trial)
         noise = max(self._settings.tolerance, float(problem.noise[0]))
-        lowest, least = self._lowest
-        if violation < (1.0 - _MIN_PROGRESS) * least or objective < lowest - noise:
-            self._lowest, self._idle = (min(lowest, objective), min(least, violation)), 0
+        # Progress is a design that is not dominated: the filter of Fletcher & Leyffer, Math.
+        # Program. 91 (2002) 239, doi:10.1007/s101070100244.
+        if all(
+            violation < (1.0 - _MIN_PROGRESS) * other
+            or (
+                not self._minimizes_violation
+                and objective < lowest - max(noise, _MIN_PROGRESS * other)
+            )
+            for other, lowest in self._progress
+        ):
+            self._progress.append((violation, objective))
+            self._idle = 0
         self._report(self._keep(trial, x))
         return trial
 
