@@ -88,23 +88,20 @@ class StepTables(NamedTuple):
 
 def _tabulate_alpha(member: AlphaParameters, h: Array) -> StepTables:
     """Return the coefficients of generalized-alpha for steps `h` [s]."""
-    c_v, c_a, c_f = member.coefficients(h)
-    one, zero, f = np.ones_like(h), np.zeros_like(h), 1.0 / (1.0 - member.alpha_m)
-    # a after the step, as far as z predicts it.
-    after = [zero, zero, f * member.alpha_f * one, -f * member.alpha_m * one]
-    q, v = ([x * after[b] for b in range(4)] for x in (h * h * member.beta, h * member.gamma))
-    q = [q[0] + 1.0, q[1] + h, q[2], q[3] + h * h * (0.5 - member.beta)]
-    v = [v[0], v[1] + 1.0, v[2], v[3] + h * (1.0 - member.gamma)]
-    factors = [c_f, c_f * c_v, c_f * c_a, one, 1.0 / c_v, 1.0 / c_f, c_f]
-    return StepTables(
-        np.stack([np.stack(q, -1), np.stack(v, -1)], 1)[:, None],
-        c_v[:, None, None],
-        (c_a / c_v)[:, None, None],
-        (1.0 / c_f)[:, None, None],
-        one[:, None, None, None],
-        np.stack(factors, -1),
-        np.stack([*after, -1.0 / c_f], -1),
-    )
+    (c_v, c_a, c_f), count, f = member.coefficients(h), len(h), 1.0 / (1.0 - member.alpha_m)
+    after, predict = np.zeros((count, 5)), np.zeros((count, 1, 2, 4))
+    after[:, 2:4] = f * member.alpha_f, -f * member.alpha_m
+    # The positions and velocities of the second and third formula of `AlphaParameters`.
+    gains = h * h * member.beta, h * member.gamma
+    others = (1.0, h, 0.0, 0.5 * h * h - gains[0]), (0.0, 1.0, 0.0, h - gains[1])
+    for k in range(2):
+        for b in range(4):
+            predict[:, 0, k, b] = others[k][b] + gains[k] * after[:, b]
+    after[:, 4] = -1.0 / c_f
+    factors = c_f, c_f * c_v, c_f * c_a, np.ones(count), 1.0 / c_v, 1.0 / c_f, c_f
+    blocks = np.ones((count, 1, 1, 1))
+    tables = (x[:, None, None] for x in (c_v, c_a / c_v, 1.0 / c_f))
+    return StepTables(predict, *tables, blocks, np.stack(factors, -1), after)
 
 
 def _tabulate_radau(h: Array) -> StepTables:
