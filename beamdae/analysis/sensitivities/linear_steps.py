@@ -98,10 +98,10 @@ def _tabulate_alpha(member: AlphaParameters, h: Array) -> StepTables:
         for b in range(4):
             predict[:, 0, k, b] = others[k][b] + gains[k] * after[:, b]
     after[:, 4] = -1.0 / c_f
-    factors = c_f, c_f * c_v, c_f * c_a, np.ones(count), 1.0 / c_v, 1.0 / c_f, c_f
+    factors = np.stack([c_f, c_f * c_v, c_f * c_a, np.ones(count), 1.0 / c_v, 1.0 / c_f, c_f], -1)
     blocks = np.ones((count, 1, 1, 1))
-    tables = (x[:, None, None] for x in (c_v, c_a / c_v, 1.0 / c_f))
-    return StepTables(predict, *tables, blocks, np.stack(factors, -1), after)
+    velocity, acceleration, reaction = (x[:, None, None] for x in (c_v, c_a / c_v, 1.0 / c_f))
+    return StepTables(predict, velocity, acceleration, reaction, blocks, factors, after)
 
 
 def _tabulate_radau(h: Array) -> StepTables:
