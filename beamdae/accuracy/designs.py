@@ -7,7 +7,7 @@ import numpy as np
 from beamdae.accuracy.errors import Errors, Refined, measure_errors
 from beamdae.accuracy.refinement import refine
 from beamdae.accuracy.runs import describe_refinement, refine_method
-from beamdae.analysis.optimization.search_result import SearchResult
+from beamdae.analysis.optimization.search import SearchResult
 from beamdae.results.solution import Solution
 
 Array = np.ndarray

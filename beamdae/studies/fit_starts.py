@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from beamdae.analysis.fit.problem import FitProblem
+from beamdae.analysis.fit.problem import FitProblem, Scaling
 from beamdae.analysis.fit.search import search
-from beamdae.analysis.fit.variables import Scaling
 from beamdae.errors import BeamdaeError, as_real, require_progress
 from beamdae.integrators import Integrator
 from beamdae.interrupts import Interrupted, attach_partial

@@ -210,7 +210,10 @@ def test_regression_estimates_of_noisy_data_at_a_bound_are_reported(exact):
             "around its first value 30.*pass another first value, parameters=",
         ),
         ({"bounds": {"mass": (0.5, 2.0)}}, "bounds contains 'mass', which is not in by"),
-        ({"bounds": {"stiffness": (-1.0, 50.0)}, "log": ["stiffness"]}, "must not be negative"),
+        (
+            {"bounds": {"stiffness": (-1.0, 50.0)}, "log": ["stiffness"]},
+            "its lower bound not negative",
+        ),
         (
             {"data": {"t [s]": [0.0, 11.0], "mass.x": [1.0] * 2}},
             "the data end at 11 s, but must end .* before 10 s",

@@ -111,7 +111,7 @@ def test_both_sides_of_breakpoints_are_among_the_times_of_steps():
         ),
         (
             lambda: bd.quantities.SquaredErrors("a", [0.5], [0.0], 0.0),
-            "sigma must be positive, got 0",
+            "sigma must be positive, one number or one for each time .1., got 0.0",
         ),
         (lambda: bd.quantities.EndValue("a") + 1.0, "[+] 1.0 is not supported"),
         (lambda: bd.quantities.EndValue("a") * "b", "[*] 'b' is not supported"),

@@ -10,8 +10,7 @@ import pytest
 from scipy.optimize import OptimizeResult, linprog
 
 import beamdae as bd
-from beamdae.analysis.fit.problem import FitProblem
-from beamdae.analysis.fit.variables import Scaling
+from beamdae.analysis.fit.problem import FitProblem, Scaling
 from beamdae.analysis.gradients.number_derivatives import FlatModel
 from beamdae.analysis.optimization import analyses, solvers
 from beamdae.analysis.optimization.analyses import DesignModel, RunSettings, create_analysis

@@ -11,10 +11,9 @@ from typing import Any
 import numpy as np
 
 from beamdae import deferred
-from beamdae.analysis.fit.problem import FitProblem
+from beamdae.analysis.fit.problem import FitProblem, Scaling
 from beamdae.analysis.fit.result import Fit, create_fit
 from beamdae.analysis.fit.search import SearchResult, search
-from beamdae.analysis.fit.variables import Scaling
 from beamdae.analysis.parameter_bounds import MAX_SEED, MAX_STARTS
 from beamdae.errors import (
     require_choice,

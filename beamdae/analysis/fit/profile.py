@@ -13,9 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from beamdae.analysis.fit.problem import FitProblem
+from beamdae.analysis.fit.problem import FitProblem, Scaling
 from beamdae.analysis.fit.search import SearchResult, local_search
-from beamdae.analysis.fit.variables import Scaling
 from beamdae.errors import format_message, require_count
 from beamdae.read_only import read_only_data
 from beamdae.results.displays import HasTable, Plot, load_views

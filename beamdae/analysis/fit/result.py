@@ -16,13 +16,16 @@ from scipy.special import chdtrc, stdtrit
 from beamdae import deferred
 from beamdae.analysis.fit.data import COLUMN, EXPERIMENT, SIGMA, VALUE
 from beamdae.analysis.fit.information import MAX_RELATIVE_DEVIATION, Information
-from beamdae.analysis.fit.problem import FitProblem
+from beamdae.analysis.fit.problem import FitProblem, Scaling
 from beamdae.analysis.fit.profile import ProfileLikelihood, trace_profile
-from beamdae.analysis.fit.residual_causes import suggest_causes
-from beamdae.analysis.fit.residual_checks import check_bounds, check_errors, check_residuals
+from beamdae.analysis.fit.residual_checks import (
+    check_bounds,
+    check_errors,
+    check_residuals,
+    suggest_causes,
+)
 from beamdae.analysis.fit.search import SearchResult
 from beamdae.analysis.fit.sensors import OFFSET, SCALE, SHIFT
-from beamdae.analysis.fit.variables import Scaling
 from beamdae.analysis.parameter_bounds import describe_ends
 from beamdae.analysis.sensitivities.sensitivities import Sensitivities
 from beamdae.equations.measures import TIME

@@ -13,10 +13,10 @@ from beamdae.analysis.fit.problem import (
     MIN_SINGULAR_RATIO,
     Evaluation,
     FitProblem,
+    Scaling,
     is_noise,
     unexplained_share,
 )
-from beamdae.analysis.fit.variables import Scaling
 from beamdae.errors import BeamdaeError, format_count, format_exception
 from beamdae.interrupts import Interrupted
 from beamdae.results.outcome import Status

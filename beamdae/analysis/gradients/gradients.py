@@ -10,30 +10,38 @@ from typing import Any, cast
 import numpy as np
 
 from beamdae import deferred
-from beamdae.analysis.gradients.forward_gradients import differentiate_along
+from beamdae.analysis.gradients.column_seeds import (
+    ColumnSeeds,
+    differentiate_objective,
+    locate_column,
+)
 from beamdae.analysis.gradients.number_derivatives import (
     FlatModel,
     NumberDerivatives,
     differentiate_numbers,
 )
-from beamdae.analysis.gradients.objectives import Objective
-from beamdae.analysis.gradients.run_adjoint import transpose_run
+from beamdae.analysis.gradients.objectives import (
+    ColumnObjective,
+    Objective,
+    read_column,
+)
 from beamdae.analysis.sensitivities.differentiable_methods import (
     INTERRUPTED_ESTIMATE,
     require_differentiable_method,
     require_end,
     warn_of_errors,
 )
+from beamdae.analysis.sensitivities.linear_steps import Matrices, transpose_steps
 from beamdae.analysis.sensitivities.neighbors import (
     Difference,
     derivative_call,
     difference_model,
 )
-from beamdae.analysis.sensitivities.requested_starts import (
-    assemble_neighbors,
-    start_adds_velocities,
+from beamdae.analysis.sensitivities.observable_derivatives import (
+    differentiate_run_columns,
+    time_derivative,
 )
-from beamdae.analysis.sensitivities.restart_times import find_stop
+from beamdae.analysis.sensitivities.restart_times import differentiate_event_time, find_stop
 from beamdae.analysis.sensitivities.run_chain import (
     RunDerivative,
     differentiate_states,
@@ -43,8 +51,12 @@ from beamdae.analysis.sensitivities.sensitivity_result import (
     complete_parameters,
     require_parameters,
 )
-from beamdae.analysis.sensitivities.start_derivatives import StartDerivatives
-from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.analysis.sensitivities.start_derivatives import (
+    StartDerivatives,
+    assemble_neighbors,
+    start_adds_velocities,
+)
+from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.errors import (
     BeamdaeError,
@@ -53,6 +65,7 @@ from beamdae.errors import (
     short_repr,
 )
 from beamdae.integrators import GeneralizedAlpha, Integrator, Radau
+from beamdae.integrators.reaction_balance import bound_reactions
 from beamdae.interrupts import interruptible, keep_result
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.memory import require_memory
@@ -253,121 +266,6 @@ def _evaluate(
     )
 
 
-@dataclass(frozen=True, eq=False)
-class DifferentiableRun:
-    """Run of a model, from which the gradients of several objectives can be computed.
-
-    Attributes
-    ----------
-    flat
-        The model as a function of single numbers.
-    solution
-        The run.
-    method
-        Integrator of the run.
-    equations
-        Equations of the run.
-    start
-        Start of the run, see `simulate`.
-    """
-
-    flat: FlatModel
-    solution: Solution
-    method: GeneralizedAlpha | Radau
-    equations: EquationsOfMotion
-    start: Any
-    # Derivatives of the numbers, and models and derivatives of the run by name of a number, once
-    # they are known.
-    _numbers: list[NumberDerivatives] = field(default_factory=list, repr=False)
-    _differences: dict[str, Difference] = field(default_factory=dict, repr=False)
-    _along: dict[str, RunDerivative] = field(default_factory=dict, repr=False)
-
-    @classmethod
-    def of(
-        cls, flat: FlatModel, integrator: Any, t_end: float | None, start: Any
-    ) -> DifferentiableRun:
-        """Integrate a model; the arguments are those of `gradient`.
-
-        Raises
-        ------
-        BeamdaeError
-            If the run cannot be differentiated or does not reach its end.
-        """
-        method = require_differentiable_method(integrator, DEFAULT_METHOD)
-        mechanism = flat()
-        start = None if start is None else require_start("start", start)
-        # Rejects sampled controllers; the run computes the start, such as an equilibrium.
-        as_equations(derivative_call(), mechanism, AS_DRAWN)
-        solution = simulate(mechanism, method, t_end, start=start, keep_steps=True)
-        _require_complete_run(flat.name, solution)
-        return cls(flat, solution, method, solution.equations, start)
-
-    def differentiate(self, objective: Objective) -> tuple[float, Array]:
-        """Return the value and the gradient (k,) of an objective."""
-        with single_threaded:
-            return _differentiate(self, objective)
-
-    def number_derivatives(self, start: Any) -> NumberDerivatives:
-        """Return the derivatives of the numbers in the equations, see `differentiate_numbers`.
-
-        `start` is the start of the models. The result serves all objectives.
-        """
-        if not self._numbers:
-
-            def assemble(mechanism: Any) -> EquationsOfMotion:
-                return as_equations(derivative_call(), mechanism, start)
-
-            first = self.solution.trajectory.intervals[0]
-            time = np.array([first.t[0], first.branch])
-            base = self.equations if start == self.start else assemble(self.flat())
-            self._numbers.append(differentiate_numbers(self.flat, base, assemble, time))
-        return self._numbers[0]
-
-    def differentiate_along(
-        self, objective: Objective, names: Sequence[str]
-    ) -> tuple[float, Array]:
-        """Return the value and derivatives of an objective along those of the run.
-
-        The derivatives of the run serve all objectives.
-        """
-        missing = {x: self._difference(x) for x in names if x not in self._along}
-        if missing:
-            self._differences.update(missing)
-            self._along.update(differentiate_states(self.solution, self.method, missing))
-        differences = {x: self._differences[x] for x in names}
-        along = {x: self._along[x] for x in names}
-        value, changes = differentiate_along(objective, self.solution, differences, along)
-        return value, np.array([changes[x] for x in names])
-
-    def _difference(self, name: str) -> Difference:
-        # Name and call of a flat model are those of a model.
-        return difference_model(
-            cast(Model, self.flat),
-            name,
-            self.flat.values,
-            self.equations,
-            assemble_neighbors(self.equations, self.start),
-        )
-
-
-def _require_complete_run(name: str, solution: Solution) -> None:
-    """Reject a run that did not reach its end, or whose states need too much memory."""
-    require_end(name, solution)
-    trajectory, equations = solution.trajectory, solution.equations
-    if trajectory.end < solution.model["t_end"] and find_stop(solution) is None:
-        raise BeamdaeError(
-            f"{derivative_call()}: the run of {name} was {solution.status.sentence}, not "
-            "by an event of the model; choose an earlier t_end."
-        )
-    rows = trajectory.steps * (3 * equations.n + equations.m)
-    require_memory(
-        derivative_call(),
-        f"derivatives with respect to the states of {trajectory.steps} steps",
-        _COPIES_OF_ROWS * 8.0 * rows,
-        "use longer steps",
-    )
-
-
 def flatten_model(caller: str, model: Any, by: Any, parameters: Any) -> FlatModel:
     """Return the model as a function of the numbers in the parameters named in `by`.
 
@@ -384,35 +282,266 @@ def flatten_model(caller: str, model: Any, by: Any, parameters: Any) -> FlatMode
     return FlatModel(model, values, entries)
 
 
-def _differentiate(run: DifferentiableRun, objective: Objective) -> tuple[float, Array]:
-    """Return the value and the gradient (k,) of an objective."""
-    equations, names = run.equations, list(run.flat.entries)
-    first = run.solution.trajectory.intervals[0]
-    time, at = node_state(first, 0)
-    request = equations.start
-    is_equilibrium = request is not None and request.description == EQUILIBRIUM
-    starts_as_drawn = np.array_equal(at.q, equations.q0) and not start_adds_velocities(
-        equations, time
-    )
-    has_events = equations.configurations is not None or find_stop(run.solution) is not None
-    if has_events or equations.redundant or not (is_equilibrium or starts_as_drawn):
-        return run.differentiate_along(objective, names)
-    adjoint = transpose_run(objective, run.solution, run.method)
-    numbers = adjoint.seeds.numbers + adjoint.numbers
-    by_equilibrium = None
-    if is_equilibrium:
-        start = StartDerivatives(ConsistencySolver(equations))
-        by_equilibrium = start.equilibrium_gradient(time, at, adjoint.q, 0.0 * at.lam)
-        if by_equilibrium is None and not starts_as_drawn:
-            return run.differentiate_along(objective, names)
-    # The equilibrium of neighboring models is not needed if its adjoint is known.
-    derivatives = run.number_derivatives(run.start if by_equilibrium is None else AS_DRAWN)
-    by_operators = np.concatenate([np.zeros(0), *adjoint.seeds.operators])
-    if by_equilibrium is not None:
-        numbers = numbers + by_equilibrium
-    result = derivatives.p @ numbers + derivatives.operators @ by_operators
-    if by_equilibrium is None:
-        result += derivatives.q0 @ adjoint.q + derivatives.v0 @ adjoint.v
-    if irregular := list(derivatives.irregular):
-        result[irregular] = run.differentiate_along(objective, [names[k] for k in irregular])[1]
-    return adjoint.seeds.value, result
+@dataclass(eq=False)
+class DifferentiableRun:
+    """Run of a model, from which the gradients of several objectives can be computed.
+
+    Attributes
+    ----------
+    flat
+        The model as a function of single numbers.
+    solution
+        The run.
+    method
+        Integrator of the run.
+    start
+        Start of the run, see `simulate`.
+    """
+
+    flat: FlatModel
+    solution: Solution
+    method: GeneralizedAlpha | Radau
+    start: Any
+    # Derivatives of the numbers, and models and derivatives of the run by name of a number, once
+    # they are known: they serve all objectives.
+    _numbers: NumberDerivatives | None = field(default=None, init=False)
+    _differences: dict[str, Difference] = field(default_factory=dict, init=False)
+    _along: dict[str, RunDerivative] = field(default_factory=dict, init=False)
+
+    @classmethod
+    def of(
+        cls, flat: FlatModel, integrator: Any, t_end: float | None, start: Any
+    ) -> DifferentiableRun:
+        """Integrate a model; the arguments are those of `gradient`.
+
+        Raises
+        ------
+        BeamdaeError
+            If the run cannot be differentiated, does not reach its end, or its states need too much
+            memory.
+        """
+        method = require_differentiable_method(integrator, DEFAULT_METHOD)
+        mechanism, caller = flat(), derivative_call()
+        start = None if start is None else require_start("start", start)
+        # Rejects sampled controllers; the run computes the start, such as an equilibrium.
+        as_equations(caller, mechanism, AS_DRAWN)
+        solution = simulate(mechanism, method, t_end, start=start, keep_steps=True)
+        require_end(flat.name, solution)
+        trajectory, equations = solution.trajectory, solution.equations
+        if trajectory.end < solution.model["t_end"] and find_stop(solution) is None:
+            raise BeamdaeError(
+                f"{caller}: the run of {flat.name} was {solution.status.sentence}, not by an event "
+                "of the model; choose an earlier t_end."
+            )
+        require_memory(
+            caller,
+            f"derivatives with respect to the states of {trajectory.steps} steps",
+            _COPIES_OF_ROWS * 8.0 * trajectory.steps * (3 * equations.n + equations.m),
+            "use longer steps",
+        )
+        return cls(flat, solution, method, start)
+
+    def differentiate(self, objective: Objective) -> tuple[float, Array]:
+        """Return the value and the gradient (k,) of an objective."""
+        with single_threaded:
+            names = list(self.flat.entries)
+            result = self._transpose(objective, names)
+            return result or self._differentiate_along(objective, names)
+
+    def _transpose(self, objective: Objective, names: list[str]) -> tuple[float, Array] | None:
+        """Return the value and the gradient by one backward sweep; None if it does not apply.
+
+        The sweep serves the numbers on which the equations depend through p and the requested start
+        alone.
+        """
+        e, request = self.solution.equations, self.solution.equations.start
+        time, at = node_state(self.solution.trajectory.intervals[0], 0)
+        starts_as_drawn = np.array_equal(at.q, e.q0) and not start_adds_velocities(e, time)
+        has_events = e.configurations is not None or find_stop(self.solution) is not None
+        by_equilibrium, start = None, StartDerivatives(ConsistencySolver(e))
+        is_equilibrium = request is not None and request.description == EQUILIBRIUM
+        if has_events or e.redundant or not (is_equilibrium or starts_as_drawn):
+            return None
+        seeds, by_q, by_v, numbers = transpose_run(objective, self.solution, self.method)
+        if is_equilibrium:
+            by_equilibrium = start.equilibrium_gradient(time, at, by_q, 0.0 * at.lam)
+            if by_equilibrium is None and not starts_as_drawn:
+                return None
+        # The equilibrium of neighboring models is not needed if its adjoint is known.
+        if self._numbers is None:
+            model_start = None if by_equilibrium is None else AS_DRAWN
+            self._numbers = self._differentiate_numbers(model_start)
+        derivatives = self._numbers
+        result = derivatives.operators @ np.concatenate([np.zeros(0), *seeds.operators])
+        if by_equilibrium is None:
+            result += derivatives.p @ numbers + derivatives.q0 @ by_q + derivatives.v0 @ by_v
+        else:
+            result += derivatives.p @ (numbers + by_equilibrium)
+        if irregular := list(derivatives.irregular):
+            others = [names[k] for k in irregular]
+            result[irregular] = self._differentiate_along(objective, others)[1]
+        return seeds.value, result
+
+    def _differentiate_numbers(self, start: Any) -> NumberDerivatives:
+        """Return the derivatives of the numbers for a start, None for that of the run."""
+        first = self.solution.trajectory.intervals[0]
+
+        def assemble(mechanism: Any) -> EquationsOfMotion:
+            return as_equations(derivative_call(), mechanism, start or self.start)
+
+        base = self.solution.equations if start is None else assemble(self.flat())
+        time = np.array([first.t[0], first.branch])
+        return differentiate_numbers(self.flat, base, assemble, time)
+
+    def _differentiate_along(
+        self, objective: Objective, names: Sequence[str]
+    ) -> tuple[float, Array]:
+        """Return the value and derivatives of an objective along those of the run."""
+        equations = self.solution.equations
+        assemble = assemble_neighbors(equations, self.start)
+        missing = {
+            # Name and call of a flat model are those of a model.
+            x: difference_model(cast(Model, self.flat), x, self.flat.values, equations, assemble)
+            for x in names
+            if x not in self._along
+        }
+        if missing:
+            self._differences.update(missing)
+            self._along.update(differentiate_states(self.solution, self.method, missing))
+        differences = {x: self._differences[x] for x in names}
+        along = {x: self._along[x] for x in names}
+        value, changes = differentiate_along(objective, self.solution, differences, along)
+        return value, np.array([changes[x] for x in names])
+
+
+def transpose_run(
+    objective: Objective, solution: Solution, method: GeneralizedAlpha | Radau
+) -> tuple[ColumnSeeds, Array, Array, Array]:
+    """Sweep backwards over all intervals of a run.
+
+    Between two intervals, a law has a breakpoint: positions and velocities are continuous.
+
+    Returns
+    -------
+    tuple
+        Value with the derivatives through the columns, and derivatives by the requested initial
+        coordinates and velocities, (n,) each, and by the numbers p, (n_p,).
+
+    Raises
+    ------
+    BeamdaeError
+        If steps cannot be transposed.
+    """
+    solution = bound_reactions(solution)
+    equations, intervals = solution.equations, solution.trajectory.intervals
+    start, n = StartDerivatives(ConsistencySolver(equations)), equations.n
+    seeds = differentiate_objective(objective, solution)
+    numbers, matrices = seeds.numbers.copy(), Matrices()
+    for k in reversed(range(len(intervals))):
+        interval, by_nodes = intervals[k], seeds.states[k]
+        by_start, by_p = transpose_steps(method, start, interval, by_nodes[1:], matrices)
+        by_start[: 2 * n] += by_nodes[0, : 2 * n]
+        by_start[3 * n :] += by_nodes[0, 2 * n :]
+        v = intervals[k - 1].rows.v[-1] if k else interval.rows.v[0]
+        by_state, by_numbers = start.gradient(
+            start.start_map(*node_state(interval, 0), v), by_start
+        )
+        numbers += by_p + by_numbers
+        if k:
+            seeds.states[k - 1][-1, : 2 * n] += by_state[: 2 * n]
+    return seeds, by_state[:n], by_state[n : 2 * n], numbers
+
+
+def differentiate_along(
+    objective: Objective,
+    solution: Solution,
+    differences: Mapping[str, Difference],
+    derivatives: Mapping[str, RunDerivative],
+) -> tuple[float, dict[str, float]]:
+    """Return the value of an objective and its derivatives by parameter.
+
+    Parameters
+    ----------
+    objective, solution
+        Objective, and run.
+    differences, derivatives
+        Models at neighboring values, and derivatives of the run, by parameter.
+    """
+    solution = bound_reactions(solution)
+    equations, trajectory = solution.equations, solution.trajectory
+    changes_at: dict[tuple[bytes, int], dict[str, Array]] = {}
+    along = {name: x.trajectory for name, x in derivatives.items()}
+    shifts = np.array([x.shifts for x in derivatives.values()])
+    moved = np.flatnonzero(shifts.any(axis=0)).tolist()
+    ends = _differentiate_end_time(solution, differences, derivatives)
+    value, result = 0.0, np.zeros(len(derivatives))
+    for factor, term, run, weights in objective.sample(solution):
+        times = run.t
+        header, column = read_column(run, term.column)
+        number, index = locate_column(equations, header)
+        term_value, by_samples = term.evaluate(column, weights)
+        value += factor * term_value
+        if number is None:
+            states = (x.at(times)[1] for x in along.values())
+            changes = [np.hstack([x.q, x.v, x.lam])[:, index] for x in states]
+        else:
+            key = times.tobytes(), number
+            if key not in changes_at:
+                changes_at[key] = differentiate_run_columns(
+                    equations, trajectory, times, along, differences, [number]
+                )
+            changes = [x[:, index] for x in changes_at[key].values()]
+        result += factor * (np.array(changes) @ by_samples)
+        for k in moved:
+            t = float(trajectory.intervals[k].t[0])
+            result += factor * shifts[:, k] * _restart_rate(term, term_value, solution, t)
+        if ends.any():
+            result += factor * ends * _end_rate(term, term_value, solution)
+    return value, dict(zip(derivatives, result.tolist(), strict=True))
+
+
+def _differentiate_end_time(
+    solution: Solution,
+    differences: Mapping[str, Difference],
+    derivatives: Mapping[str, RunDerivative],
+) -> Array:
+    """Return the derivatives of the end of the run by parameter, (k,); zero without a stop."""
+    stop, trajectory = find_stop(solution), solution.trajectory
+    if stop is None:
+        return np.zeros(len(derivatives))
+    along = {
+        name: State(*(y[-1:] for y in x.trajectory.intervals[-1].rows))
+        for name, x in derivatives.items()
+    }
+    last, end = trajectory.intervals[-1], trajectory.end
+    ends = differentiate_event_time(solution.equations, stop, last, end, along, differences)
+    return np.array(list(ends.values()))
+
+
+def _restart_rate(term: ColumnObjective, value: float, solution: Solution, t: float) -> float:
+    """Return the derivative of a term with respect to the time `t` [s] of a restart.
+
+    The states are those at fixed times, so that only integrals of columns that jump have a
+    derivative.
+    """
+    run, trajectory = solution.at_times(np.array([t, np.nextafter(t, np.inf)])), solution.trajectory
+    duration, (_, sides) = trajectory.end - trajectory.start, read_column(run, term.column)
+    before, after = (term.end_derivative(value, float(y), 0.0, duration) for y in sides)
+    return before - after
+
+
+def _end_rate(term: ColumnObjective, value: float, solution: Solution) -> float:
+    """Return the derivative of a term with respect to the end time of the run."""
+    interval, trajectory = solution.trajectory.intervals[-1], solution.trajectory
+    end = np.array([trajectory.end])
+    header, (y,) = read_column(solution.at_times(end), term.column)
+    number, index = locate_column(solution.equations, header)
+    lam_rates, at = interval.derivative_at(end).lam, interval.at(end)
+    if number is None:
+        rates = np.hstack([at.v, at.a, lam_rates])
+    else:
+        equations = solution.equations.with_loads_of(interval.configuration)
+        times = np.array([[trajectory.end, interval.branch]])
+        rates = time_derivative(equations.observables[number], equations, times, at, lam_rates)
+    duration = trajectory.end - trajectory.start
+    return term.end_derivative(value, float(y), float(rates[0, index]), duration)

@@ -29,7 +29,7 @@ from beamdae.analysis.sensitivities.neighbors import (
     try_step,
     warn_without_effect,
 )
-from beamdae.analysis.sensitivities.requested_starts import start_adds_velocities
+from beamdae.analysis.sensitivities.start_derivatives import start_adds_velocities
 from beamdae.beams.beam import beams_of
 from beamdae.beams.section_samples import keep_numbers_of_sections
 from beamdae.equations.equations_of_motion import EquationsOfMotion, Observable

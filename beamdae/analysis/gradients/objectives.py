@@ -16,7 +16,6 @@ from beamdae.errors import (
     format_distinct,
     require_choice,
     require_finite,
-    require_positive,
     require_sequence,
     set_fields,
     short_repr,
@@ -350,27 +349,21 @@ class SquaredErrors(ColumnObjective):
     _weights: Array = field(default_factory=lambda: np.zeros(0), init=False, repr=False)
 
     def __post_init__(self) -> None:
-        times = np.array(
-            [require_finite("SquaredErrors", "a time", x) for x in _entries("times", self.times)]
-        )
+        name = "SquaredErrors"
+        times = read_numbers(name, "times", self.times, "a time")
+        values = read_numbers(name, "values", self.values, "a value", allows_missing=True)
+        sigma = read_numbers(name, "sigma", self.sigma, "sigma")
         if not len(times) or np.any(np.diff(times) <= 0.0):
             raise BeamdaeError(
-                "SquaredErrors: times must be a nonempty list of ascending times [s], got "
+                f"{name}: times must be a nonempty list of ascending times [s], got "
                 f"{short_repr(self.times)}."
             )
-        values = np.array([_require_value(x) for x in _entries("values", self.values)])
         if len(values) != len(times):
             raise BeamdaeError(
-                "SquaredErrors: values must contain one number or NaN per time, got "
-                f"{len(values)} values for {len(times)} times."
+                f"{name}: values must contain one number or NaN per time, got {len(values)} values "
+                f"for {len(times)} times."
             )
-        entries = [self.sigma] if as_real(self.sigma) is not None else _entries("sigma", self.sigma)
-        sigma = np.array([require_positive("SquaredErrors", "sigma", x) for x in entries])
-        if len(sigma) not in (1, len(times)):
-            raise BeamdaeError(
-                "SquaredErrors: sigma must be a positive number or one per time, got "
-                f"{len(sigma)} numbers for {len(times)} times."
-            )
+        require_deviations(name, sigma, len(times), "time")
         super().__post_init__()
         weights = np.where(np.isnan(values), 0.0, 1.0 / sigma**2)
         set_fields(self, times=times, values=values, _weights=weights)
@@ -471,16 +464,24 @@ def select_column(name: str, coordinates: list[str], observed: list[str]) -> str
     return require_one_column("Objective", name, selected)
 
 
-def _entries(name: str, values: Any) -> list[Any]:
-    return require_sequence("SquaredErrors", name, values, "a list of numbers")
+def read_numbers(
+    part: str, name: str, value: Any, entry: str = "an entry", *, allows_missing: bool = False
+) -> Array:
+    """Return a number, or the entries of a list of finite numbers or NaN, as an array."""
+    entries = [value] if as_real(value) is not None else value
+    numbers = require_sequence(part, name, entries, "a list of numbers")
+    missing = [allows_missing and (y := as_real(x)) is not None and np.isnan(y) for x in numbers]
+    pairs = zip(numbers, missing, strict=True)
+    return np.array([np.nan if y else require_finite(part, entry, x) for x, y in pairs])
 
 
-def _require_value(value: Any) -> float:
-    """Return a finite number, or NaN for a missing value."""
-    number = as_real(value)
-    if number is not None and np.isnan(number):
-        return number
-    return require_finite("SquaredErrors", "a value", value)
+def require_deviations(part: str, sigma: Array, count: int, noun: str) -> None:
+    """Reject standard deviations that are not positive, or neither one nor one per `noun`."""
+    if len(sigma) not in (1, count) or not np.all(sigma > 0.0):
+        raise BeamdaeError(
+            f"{part}: sigma must be positive, one number or one for each {noun} ({count}), got "
+            f"{short_repr(sigma.tolist() if len(sigma) != 1 else float(sigma[0]))}."
+        )
 
 
 def _trapezoidal_weights(t: Array) -> Array:

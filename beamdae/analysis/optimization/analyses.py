@@ -39,6 +39,11 @@ from beamdae.analysis.optimization.quantities import (
     RunQuantity,
 )
 from beamdae.analysis.sensitivities.modes import mode_sensitivities
+from beamdae.analysis.sensitivities.neighbors import (
+    STENCILS,
+    difference_values,
+    first_difference,
+)
 from beamdae.analysis.sensitivities.start_derivatives import StartDerivatives
 from beamdae.analysis.sensitivities.statics import equilibrium_sensitivities
 from beamdae.analysis.statics.static_equilibrium import equilibrium
@@ -57,19 +62,6 @@ from beamdae.simulation import as_equations
 Array = np.ndarray
 
 _NAME = "optimize"
-# Weights of differences of fourth order by step. One-sided ones are used where a function is not
-# defined on the other side, such as the square root of a parameter at its lower bound of zero.
-_FORWARD = {0: -25.0 / 12.0, 1: 4.0, 2: -3.0, 3: 4.0 / 3.0, 4: -0.25}
-_STENCILS = (
-    # In this order, differences of constants are exactly zero.
-    {-1: -2.0 / 3.0, 1: 2.0 / 3.0, -2: 1.0 / 12.0, 2: -1.0 / 12.0},
-    _FORWARD,
-    {-k: -weight for k, weight in _FORWARD.items()},
-)
-# Relative and smallest differences of parameters in functions of parameters and in the mass. The
-# functions are smooth: errors of differences of fourth order are near 1e-12.
-_RELATIVE_DIFFERENCE = 1e-3
-_DIFFERENCE_FROM_ZERO = 1e-4
 # Free motions that are computed before the first vibration, at most.
 _MAX_FREE_MOTIONS = 64
 
@@ -342,18 +334,14 @@ class MassAnalysis(Analysis):
         """See `Analysis`."""
         e, flat = self._model.equations, self._model.flat
         derivatives = self._model.number_derivatives(0.0)
-        if derivatives is None:
-            rates = _differentiate_each(
-                flat, lambda **changed: compute_mass(assemble_design(flat(**changed)))
-            )
-        else:
 
-            def change(p: Array, q0: Array) -> Callable[[float], float]:
-                return lambda x: compute_mass(replace(e, p=e.p + x * p, q0=e.q0 + x * q0))
+        def evaluate(k: int, change: float) -> float:
+            if derivatives is None:
+                return compute_mass(assemble_design(flat(**_move(flat, k, change))))
+            p, q0 = derivatives.p[k], derivatives.q0[k]
+            return compute_mass(replace(e, p=e.p + change * p, q0=e.q0 + change * q0))
 
-            rows = zip(flat.values.values(), derivatives.p, derivatives.q0, strict=True)
-            rates = np.array([_differentiate(change(p, q0), value) for value, p, q0 in rows])
-        return sum(weights.values()) * rates
+        return sum(weights.values()) * _differentiate(flat, evaluate)
 
 
 class ParameterAnalysis(Analysis):
@@ -366,18 +354,20 @@ class ParameterAnalysis(Analysis):
 
     def value(self, quantity: ParameterFunction) -> float:
         """See `Analysis`."""
-        return self._evaluate(quantity)
+        return self._evaluate(quantity, self._flat.parameters)
 
     def gradient(self, weights: Mapping[ParameterFunction, float]) -> Array:
         """See `Analysis`."""
-        rates = (
-            weight * _differentiate_each(self._flat, functools.partial(self._evaluate, quantity))
-            for quantity, weight in weights.items()
-        )
-        return np.asarray(sum(rates))
 
-    def _evaluate(self, quantity: ParameterFunction, /, **changed: float) -> float:
-        value = quantity.call(self._flat.change(changed))
+        def evaluate(k: int, change: float) -> float:
+            parameters = self._flat.change(_move(self._flat, k, change))
+            return sum(w * self._evaluate(x, parameters) for x, w in weights.items())
+
+        return _differentiate(self._flat, evaluate)
+
+    @staticmethod
+    def _evaluate(quantity: ParameterFunction, parameters: Mapping[str, Any]) -> float:
+        value = quantity.call(parameters)
         number = as_real(value)
         if number is None:
             raise BeamdaeError(
@@ -402,29 +392,21 @@ def create_analysis(
     return ANALYSES[quantities[0].analysis[0]](model, quantities, settings)
 
 
-def _differentiate_each(flat: FlatModel, function: Callable[..., float]) -> Array:
-    """Return the derivatives (k,) of a function of changed numbers by their names."""
-    return np.array(
-        [
-            # Names such as "height[3]" are keys, too.
-            _differentiate(lambda x, name=name, first=first: function(**{name: first + x}), first)  # type: ignore[misc]
-            for name, first in flat.values.items()
-        ]
-    )
+def _differentiate(flat: FlatModel, function: Callable[[int, float], float]) -> Array:
+    """Return the derivatives (k,) of a function of the index and the change of a number.
 
-
-def _differentiate(function: Callable[[float], float], value: float) -> float:
-    """Return the derivative of a function of the change of a number that has this value.
-
-    It is NaN if the function is not defined on either side.
+    They are NaN if the function is not defined on either side.
     """
-    size = _RELATIVE_DIFFERENCE * abs(value) or _DIFFERENCE_FROM_ZERO
-    for stencil in _STENCILS:
-        with suppress(ValueError, ArithmeticError), np.errstate(all="ignore"):
-            difference = sum(weight * function(k * size) for k, weight in stencil.items())
-            if np.isfinite(difference):
-                return difference / size
-    return float("nan")
+    result = np.full(len(flat.entries), np.nan)
+    for k, value in enumerate(flat.values.values()):
+        size = first_difference(value)
+        for stencil in STENCILS:
+            with suppress(ValueError, ArithmeticError), np.errstate(all="ignore"):
+                values = [function(k, step * size) for step in stencil.steps]
+                if np.all(np.isfinite(values)):
+                    result[k] = difference_values((stencil.weights / size).tolist(), values)
+                    break
+    return result
 
 
 def _compute_vibrations(mechanism: Any, about: str, number: int) -> Modes:
@@ -441,6 +423,12 @@ def _compute_vibrations(mechanism: Any, about: str, number: int) -> Modes:
 def list_vibrations(modes: Modes) -> list[int]:
     """Return the indices of the modes that are not free motions."""
     return [k for k, kind in enumerate(modes.kinds) if kind != RIGID]
+
+
+def _move(flat: FlatModel, k: int, change: float) -> dict[str, float]:
+    """Return the changed value of a number by its name, such as "height[3]"."""
+    name, value = list(flat.values.items())[k]
+    return {name: value + change}
 
 
 def as_model(flat: FlatModel) -> Model:

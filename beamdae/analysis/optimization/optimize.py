@@ -10,9 +10,8 @@ from beamdae.analysis.optimization.analyses import RunSettings
 from beamdae.analysis.optimization.problem import create_problem
 from beamdae.analysis.optimization.quantities import Limit, Quantity
 from beamdae.analysis.optimization.result import Optimization, create_optimization
-from beamdae.analysis.optimization.search import SearchSettings
+from beamdae.analysis.optimization.search import SearchSettings, search_from_starts
 from beamdae.analysis.optimization.solvers import METHODS, Method
-from beamdae.analysis.optimization.starts import search_from_starts
 from beamdae.analysis.parameter_bounds import MAX_SEED, MAX_STARTS
 from beamdae.errors import (
     list_first,

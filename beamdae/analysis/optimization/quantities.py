@@ -16,10 +16,11 @@ from beamdae.analysis.gradients.objectives import (
     SmoothMaximum,
     Summand,
     format_sum,
+    read_numbers,
+    require_deviations,
 )
 from beamdae.errors import (
     BeamdaeError,
-    as_real,
     as_text,
     format_distinct,
     require_choice,
@@ -362,19 +363,15 @@ class EquilibriumErrors(EquilibriumQuantity):
             if len(to) != 1:
                 raise BeamdaeError(f"{name}: to must be {what}, got {short_repr(to)}.")
         (targets,) = to.values() if isinstance(to, dict) else (to,)
-        targets = _read_numbers(name, "to", targets)
-        values = _read_numbers(name, "values", self.values)
-        sigma = _read_numbers(name, "sigma", self.sigma)
+        targets = read_numbers(name, "to", targets)
+        values = read_numbers(name, "values", self.values)
+        sigma = read_numbers(name, "sigma", self.sigma)
         if len(targets) != len(values) or not len(targets):
             raise BeamdaeError(
                 f"{name}: values must contain one number per target, got {len(values)} values "
                 f"for {len(targets)} targets."
             )
-        if len(sigma) not in (1, len(targets)) or not np.all(sigma > 0.0):
-            raise BeamdaeError(
-                f"{name}: sigma must be a positive number, or one for each of the {len(targets)} "
-                f"targets, got {short_repr(self.sigma)}."
-            )
+        require_deviations(name, sigma, len(targets), "target")
         label = f"squared errors of {column} at {len(values)} equilibria"
         set_fields(self, column=column, to=to, targets=targets, values=values, sigma=sigma)
         set_fields(self, label=label)
@@ -550,10 +547,3 @@ def _require_text(part: str, name: str, value: Any) -> str:
     if not text:
         raise BeamdaeError(f"{part}: {name} must be a nonempty string, got {short_repr(value)}.")
     return text
-
-
-def _read_numbers(part: str, name: str, value: Any) -> Array:
-    """Return a number, or the entries of a list of numbers, as an array."""
-    entries = [value] if as_real(value) is not None else value
-    numbers = require_sequence(part, name, entries, "a list of numbers")
-    return np.array([require_finite(part, f"an entry of {name}", x) for x in numbers])

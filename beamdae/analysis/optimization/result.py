@@ -14,7 +14,7 @@ import numpy as np
 from beamdae import deferred
 from beamdae.analysis.optimization.problem import DesignProblem
 from beamdae.analysis.optimization.quantities import EquilibriumErrors, EquilibriumValue
-from beamdae.analysis.optimization.search_result import SearchResult, find_active
+from beamdae.analysis.optimization.search import SearchResult
 from beamdae.analysis.parameter_bounds import describe_ends
 from beamdae.errors import format_count, format_percent, list_first
 from beamdae.interrupts import acknowledge
@@ -30,9 +30,14 @@ if TYPE_CHECKING:
 
     from beamdae.parts.mechanism import Mechanism
 
+Array = np.ndarray
+
 # Relative difference of objectives up to which several searches end at the same one.
 _EQUAL_OBJECTIVES = 1e-3
 _MAX_NOTES = 3  # on bounds in the short form of a result
+# Distances from a bound, in sizes of the number and relative to the bound, up to which a number is
+# at it.
+_BOUND_DISTANCE, _RELATIVE_DISTANCE = 1e-4, 1e-3
 
 
 class Constraint(NamedTuple):
@@ -143,7 +148,7 @@ class Optimization:
     def bound_notes(self) -> tuple[str, ...]:
         """Notes such as "height is at its lower limit 0.005 m" for the numbers in `at_bounds`."""
         problem, notes = self._problem, []
-        for name, side in find_active(problem, self._search.best.numbers).items():
+        for name, side in _find_active(problem, self._search.best.numbers).items():
             bounds = problem.lower if side == "lower" else problem.upper
             bound = float(bounds[problem.names.index(name)])
             limit = format_with_unit(bound, problem.units[name])
@@ -340,7 +345,7 @@ def create_optimization(
         float(best.values[0]),
         _list_constraints(search),
         search.status,
-        tuple(find_active(problem, best.numbers)),
+        tuple(_find_active(problem, best.numbers)),
         len(search.trials),
         search.residual,
         design.results,
@@ -383,3 +388,13 @@ def _list_constraints(search: SearchResult) -> tuple[Constraint, ...]:
         numbers = value, limit.bound, margin, float(search.multipliers[k]), relative
         constraints.append(Constraint(limit.label, *numbers, search.units[1 + k]))
     return tuple(constraints)
+
+
+def _find_active(problem: DesignProblem, numbers: Array) -> dict[str, str]:
+    """Return "lower" or "upper" by name of the numbers at a bound."""
+    sides: dict[str, str] = {}
+    for side, bounds in (("lower", problem.lower), ("upper", problem.upper)):
+        limits = np.maximum(_BOUND_DISTANCE * problem.sizes, _RELATIVE_DISTANCE * np.abs(bounds))
+        is_near = np.isfinite(bounds) & (np.abs(numbers - bounds) <= limits)
+        sides |= dict.fromkeys(np.array(problem.names)[is_near].tolist(), side)
+    return sides

@@ -1,9 +1,8 @@
-"""Search of an optimum: the policy that both solvers share."""
+"""Search of an optimum: the policy that both solvers share, and searches from several designs."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -15,27 +14,27 @@ from beamdae.analysis.optimization.problem import (
     DesignProblem,
     require_units,
 )
-from beamdae.analysis.optimization.search_result import SearchResult, Trial
-from beamdae.analysis.optimization.solvers import (
-    Method,
-    SmoothProblem,
-    solve,
-)
+from beamdae.analysis.optimization.solvers import Method, SmoothProblem, solve
+from beamdae.analysis.parameter_bounds import draw_starts
 from beamdae.errors import (
     BeamdaeError,
     ProgressError,
     call_progress,
     format_count,
+    format_distinct,
     format_exception,
+    list_first,
 )
 from beamdae.interrupts import acknowledge
+from beamdae.model_parameters import format_with_unit
 from beamdae.results.outcome import Status
 
 Array = np.ndarray
 
-# Smallest decrease without constraints and bounds to which the possible decrease is relative, of
-# the scaled objective: gradients of minima in the interior vanish.
-_MIN_DECREASE = 0.1
+# Decrease of the linearized objective within a step of one size, relative to that without
+# constraints and bounds, up to which a design is an optimum, and smallest decrease of the scaled
+# objective to which it is relative: gradients of minima in the interior vanish.
+_OPTIMALITY_TOLERANCE, _MIN_DECREASE = 0.05, 0.1
 # A search ends if this number of designs in a row failed or brought no progress.
 _MAX_IDLE_DESIGNS = 20
 # Relative decrease of the violation that is progress.
@@ -43,6 +42,8 @@ _MIN_PROGRESS = 1e-3
 # Relative difference of the maximum over a run from its assumed ratio to the smooth maximum.
 _RATIO_TOLERANCE = 1e-3
 _MAX_ROUNDS = 6  # of searches with other stress sections or ratios of maxima
+_MAX_NAMES = 3  # in a sentence
+_INTERRUPTED = Status("interrupted", "interrupted before the end of all searches")
 
 
 @dataclass(frozen=True)
@@ -54,6 +55,78 @@ class SearchSettings:
     tolerance: float
     progress: Callable[[int, float, float], object] | None
     earlier_designs: int = 0  # of earlier searches, for `progress`
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """Evaluated design.
+
+    Attributes
+    ----------
+    numbers
+        Values (k,) of the numbers in the parameters.
+    values
+        Values (1 + C,) of the objective and of the constrained quantities; NaN if an analysis
+        failed.
+    failure
+        Reason for the failure, or "".
+    """
+
+    numbers: Array
+    values: Array
+    failure: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class SearchResult:
+    """End of a search.
+
+    Attributes
+    ----------
+    problem
+        The problem with the stress sections and the ratios of maxima of the best design.
+    best
+        The best evaluated design.
+    trials
+        All evaluated designs, in their order.
+    status
+        Reason of the end.
+    first_analyses
+        Results of the analyses of the first design.
+    units
+        Units (1 + C,) of the objective and the limited quantities; "" if unknown.
+    max_evaluations
+        Maximum number of designs.
+    multipliers, residual
+        Multipliers (C,), the decrease of the objective per unit by which a limit is relaxed; the
+        possible decrease, relative to that without constraints. NaN if the search was interrupted.
+    idle
+        Names of the numbers on which no quantity depends at the best design.
+    progress_error
+        Exception of the user's function `progress` that ended the search, or None.
+    """
+
+    problem: DesignProblem
+    best: Trial
+    trials: tuple[Trial, ...]
+    status: Status
+    first_analyses: tuple[Any, ...]
+    units: tuple[str, ...]
+    max_evaluations: int
+    multipliers: Array
+    residual: float = float("nan")
+    idle: tuple[str, ...] = ()
+    progress_error: Exception | None = None
+
+    @property
+    def was_ended(self) -> bool:
+        """True if an interrupt or an exception of `progress` ended the search."""
+        return self.status.kind == "interrupted" or self.progress_error is not None
+
+    @property
+    def violation(self) -> float:
+        """Largest violation of a limit by the best design, 0 within the tolerances."""
+        return self.problem.violation(self.best.values)
 
 
 class _SearchEndError(Exception):
@@ -98,35 +171,31 @@ class Search:
         units = tuple(problem.units_of(first.results))
         require_units(problem, units[1:])
         self._problem = problem.with_sections_of(first)
-        trial = Trial(problem.first, first.values)
-        self._trials, self._known = [trial], {self._key(trial): trial}
-        facts, error = {}, None
+        trial = self._keep(Trial(problem.first, first.values))
+        facts: dict[str, Any] = {"multipliers": np.full(len(problem.limits), np.nan)}
         try:
             self._problem = self._problem.scaled_by(first)
             self._report(trial)
             # Errors of the first gradient concern the model rather than a design.
             self._problem.linearize(trial.numbers, trial.values, False)
             status = self._search()
-            facts = self._judge()
+            point = self._linearize(self._best(), False)
+            status = self._conclude(status, point, units)
+            facts = self._judge(point)
         except KeyboardInterrupt:
             acknowledge()
             sentence = f"interrupted after {format_count(len(self._trials), 'evaluation')}"
             status = Status("interrupted", sentence)
-        except ProgressError as problem_of_progress:
-            status, error = Status("failed", str(problem_of_progress)), problem_of_progress.problem
+        except ProgressError as failure:
+            status = Status("failed", str(failure))
+            facts["progress_error"] = failure.problem
         except _SearchEndError as end:
-            status = end.status
+            status = self._conclude(end.status, None, units)
+        trials, most = tuple(self._trials), self._settings.max_evaluations
+        best = self._best()
         return SearchResult(
-            self._problem,
-            self._best(),
-            tuple(self._trials),
-            status,
-            first.results,
-            units,
-            self._settings.max_evaluations,
-            **{"multipliers": np.full(len(problem.limits), np.nan), **facts},
-            progress_error=error,
-        ).conclude()
+            self._problem, best, trials, status, first.results, units, most, **facts
+        )
 
     def _search(self) -> Status:
         """Search until the stress sections and maxima of the best design are those assumed."""
@@ -199,31 +268,28 @@ class Search:
         if self._idle >= _MAX_IDLE_DESIGNS:
             raise _SearchEndError("ok", f"{self._idle} designs brought no progress")
         numbers = problem.variables.values(x)
+        self._idle += 1
         try:
             trial = Trial(numbers, problem.design(numbers).values)
         except (ValueError, ArithmeticError) as failure:
             # BeamdaeError, or an error of the model function at extreme values.
             nothing = np.full(1 + len(problem.ratios), np.nan)
-            trial = Trial(numbers, nothing, describe_failure(failure))
-        self._trials.append(trial)
-        self._known[x.tobytes()] = trial
-        self._idle += 1
-        if not trial.failure:
-            # Progress is a design that is not dominated: the filter of Fletcher & Leyffer, Math.
-            # Program. 91 (2002) 239, doi:10.1007/s101070100244.
-            violation, objective = self._violation(trial), problem.scaled_objective(trial.values)
-            noise = max(self._settings.tolerance, float(problem.noise[0]))
-            if all(
-                violation < (1.0 - _MIN_PROGRESS) * other
-                or (
-                    not self._minimizes_violation
-                    and objective < lowest - max(noise, _MIN_PROGRESS * other)
-                )
-                for other, lowest in self._progress
-            ):
-                self._progress.append((violation, objective))
-                self._idle = 0
-            self._report(trial)
+            return self._keep(Trial(numbers, nothing, describe_failure(failure)), x)
+        objective, violation = problem.scaled_objective(trial.values), self._violation(trial)
+        noise = max(self._settings.tolerance, float(problem.noise[0]))
+        # Progress is a design that is not dominated: the filter of Fletcher & Leyffer, Math.
+        # Program. 91 (2002) 239, doi:10.1007/s101070100244.
+        if all(
+            violation < (1.0 - _MIN_PROGRESS) * other
+            or (
+                not self._minimizes_violation
+                and objective < lowest - max(noise, _MIN_PROGRESS * other)
+            )
+            for other, lowest in self._progress
+        ):
+            self._progress.append((violation, objective))
+            self._idle = 0
+        self._report(self._keep(trial, x))
         return trial
 
     def _adopt_best(self) -> bool:
@@ -232,11 +298,13 @@ class Search:
         Return False if these are the present ones.
         """
         problem, best, limits = self._problem, self._best(), self._problem.limits
-        with _failures_end():
-            own = replace(problem, sections={}) if problem.sections else problem
+        own = replace(problem, sections={}) if problem.sections else problem
+        try:
             design = own.design(best.numbers)
             rows = zip(limits, design.values[1:].tolist(), strict=True)
             ratios = np.array([design.maximum_ratio(limit, value) for limit, value in rows])
+        except (BeamdaeError, ArithmeticError) as failure:
+            raise _SearchEndError("failed", describe_failure(failure)) from failure
         is_off = np.abs(ratios - problem.ratios) > _RATIO_TOLERANCE * problem.ratios
         # Maxima that do not reach their limit need no further search.
         largest = np.maximum(ratios, problem.ratios) * np.abs(design.values[1:])
@@ -246,41 +314,88 @@ class Search:
         if has_changed:
             problem, self._end = problem.with_sections_of(design), None
             trial = replace(best, values=design.values)
-            self._trials = [trial if x is best else x for x in self._trials]
-            self._known = {self._key(trial): trial}
+            trials = [trial if x is best else x for x in self._trials]
+            self._known = {}
+            self._keep(trial)
+            self._trials = trials
         self._problem = replace(problem, ratios=np.where(is_off, ratios, problem.ratios))
         return has_changed or bool(np.any(is_off & reaches))
 
-    def _judge(self) -> dict[str, Any]:
+    def _judge(self, point: Linearization) -> dict[str, Any]:
         """Return the conditions of first order at the best design; see `SearchResult`."""
-        problem, best = self._problem, self._best()
-        point = self._linearize(best, False)
-        decrease, multipliers = point.measure_decrease()
-        is_blocking = (
-            point.find_blocking() if self._violation(best) else np.zeros(len(point.margins))
-        )
+        scales, (decrease, multipliers) = self._problem.scales, point.measure_decrease()
         has_effect = np.any(np.vstack([point.gradient, point.jacobian]), axis=0)
         return {
-            "multipliers": multipliers * problem.scales[0] / problem.scales[1:],
+            "multipliers": multipliers * scales[0] / scales[1:],
             "residual": decrease / max(float(np.linalg.norm(point.gradient)), _MIN_DECREASE),
-            "blocking": tuple(
-                x.label for x, y in zip(problem.limits, is_blocking, strict=True) if y
-            ),
-            "idle": tuple(x for x, y in zip(problem.names, has_effect, strict=True) if not y),
+            "idle": tuple(x for x, y in zip(self._problem.names, has_effect, strict=True) if not y),
         }
 
+    def _conclude(
+        self, status: Status, point: Linearization | None, units: tuple[str, ...]
+    ) -> Status:
+        """Return the status of the best design, which is linearized at `point`."""
+        problem, best, sentence = self._problem, self._best(), status.sentence
+        failures = [x.failure for x in self._trials if x.failure]
+        if self._violation(best):
+            worst = int(np.argmin(problem.margins(best.values)))
+            limit, value = (
+                problem.limits[worst],
+                float(problem.ratios[worst] * best.values[1 + worst]),
+            )
+            numbers = format_distinct(limit.bound, value, digits=4)
+            allowed, actual = (format_with_unit(x, units[1 + worst]) for x in numbers)
+            is_blocking = np.zeros(0) if point is None else point.find_blocking()
+            blocking = [x.label for x, y in zip(problem.limits, is_blocking, strict=False) if y]
+            side, names = "most" if limit.sign > 0 else "least", list_first(blocking, _MAX_NAMES)
+            sentence = (
+                "no evaluated design satisfies the constraints; in the best one "
+                f"{limit.quantity.label} is {actual}, but the limit is at {side} {allowed}; "
+                + ("" if status.success else f"{sentence}; ")
+                + (f"{names} cannot be satisfied by small changes; " if blocking else "")
+                + "the search is local, start it from other values (parameters={name: value}) or "
+                "increase starts="
+            )
+        elif (
+            status.success
+            and point is not None
+            and self._judge(point)["residual"] <= _OPTIMALITY_TOLERANCE
+        ):
+            return Status("ok", "converged")
+        else:
+            if status.success:
+                cause = "analyses fail" if failures else "a quantity jumps or has a kink"
+                sentence = f"the search ended next to designs at which {cause}, before an optimum"
+            if problem.noise.any():
+                sentence += (
+                    "; values of runs with adaptive steps change abruptly between designs, use a "
+                    "fixed step, GeneralizedAlpha(step=...)"
+                )
+        if failures:
+            sentence += (
+                f"; {len(failures)} analyses failed, the last one: {failures[-1]}; pass bounds= "
+                "that exclude such designs"
+            )
+        return Status("limited" if status.success else status.kind, sentence)
+
     def _linearize(self, trial: Trial, is_logarithmic: bool) -> Linearization:
-        with _failures_end():
+        try:
             return self._problem.linearize(trial.numbers, trial.values, is_logarithmic)
+        except (BeamdaeError, ArithmeticError) as failure:
+            raise _SearchEndError("failed", describe_failure(failure)) from failure
+
+    def _keep(self, trial: Trial, x: Array | None = None) -> Trial:
+        """Store a design with the variables x."""
+        key = self._problem.variables.variables(trial.numbers) if x is None else x
+        self._known[key.tobytes()] = trial
+        self._trials.append(trial)
+        return trial
 
     def _report(self, trial: Trial) -> None:
         if self._settings.progress is not None:
             count = self._settings.earlier_designs + len(self._trials)
             facts = float(trial.values[0]), self._violation(trial)
             call_progress(self._settings.progress, count, *facts)
-
-    def _key(self, trial: Trial) -> bytes:
-        return self._problem.variables.variables(trial.numbers).tobytes()
 
     def _violation(self, trial: Trial) -> float:
         return self._problem.violation(trial.values)
@@ -293,13 +408,68 @@ class Search:
         return min(designs, key=lambda x: (self._violation(x), float(x.values[0])))
 
 
-@contextmanager
-def _failures_end() -> Iterator[None]:
-    """End a search at a failure of an analysis or a gradient."""
-    try:
-        yield
-    except (BeamdaeError, ArithmeticError) as failure:
-        raise _SearchEndError("failed", describe_failure(failure)) from failure
+def search_from_starts(
+    problem: DesignProblem, settings: SearchSettings, starts: int, seed: int
+) -> tuple[SearchResult, list[dict[str, Any]] | None]:
+    """Return the best of several searches, and the rows of the table of all; None for one search.
+
+    See `optimize` for the arguments.
+
+    Raises
+    ------
+    BeamdaeError
+        If a number has no finite bounds, or the first designs of all searches fail.
+    """
+    if starts == 1:
+        return Search(problem, settings).run(), None
+    names, bounds = problem.names, (problem.lower, problem.upper)
+    points = [problem.first, *draw_starts("optimize", names, *bounds, starts - 1, seed)]
+    searches: list[SearchResult] = []
+    rows: list[dict[str, Any]] = []
+    status = None
+    for point in points:
+        row: dict[str, Any] = {f"first {x}": y for x, y in zip(names, point, strict=True)}
+        rows.append(row | {"status": "failed", "evaluations": 1})
+        count = sum(len(x.trials) for x in searches)
+        try:
+            search = Search(problem.starting_at(point), replace(settings, earlier_designs=count))
+            end = search.run()
+        except KeyboardInterrupt:
+            if not searches:
+                raise
+            acknowledge()
+            rows.pop()
+            status = _INTERRUPTED
+            break
+        except (ValueError, ArithmeticError) as failure:
+            # BeamdaeError, or an error of the model function at extreme values.
+            rows[-1]["reason"] = describe_failure(failure)
+            continue
+        searches.append(end)
+        rows[-1] |= {
+            "status": end.status.kind,
+            "reason": end.status.sentence,
+            "objective": float(end.best.values[0]),
+            "violation": end.violation,
+            "evaluations": len(end.trials),
+            **dict(zip(names, end.best.numbers.tolist(), strict=True)),
+        }
+        if end.was_ended:
+            status = _INTERRUPTED if end.progress_error is None else end.status
+            break
+    if not searches:
+        raise BeamdaeError(
+            f"optimize: the first designs of all {starts} searches failed; the first one: "
+            f"{rows[0]['reason']}."
+        )
+    best, error = min(searches, key=_rank), searches[-1].progress_error
+    return replace(best, status=status or best.status, progress_error=error), rows
+
+
+def _rank(search: SearchResult) -> tuple[float, float, bool, float]:
+    """Return a key that is smallest for the best design; of equal ones, for one that converged."""
+    objective = float(search.best.values[0])
+    return search.violation, float(f"{objective:.6g}"), not search.status.success, objective
 
 
 def describe_failure(failure: Exception) -> str:

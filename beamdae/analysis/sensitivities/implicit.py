@@ -60,19 +60,27 @@ from beamdae.analysis.sensitivities.neighbors import (
     CENTRAL,
     Difference,
     difference_along,
-    directional_plan_along,
     forms_of,
+    moves_operators,
     with_structure,
 )
+from beamdae.analysis.sensitivities.start_derivatives import plan_along
 from beamdae.analysis.statics.load_scaling import LoadedEquations
 from beamdae.analysis.statics.static_problem import StaticProblem
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations import tangents
 from beamdae.equations.formulations.compliant_equations import introduce_resultants
-from beamdae.equations.formulations.static_equations import StaticEquations, find_idle_forces
+from beamdae.equations.formulations.static_equations import (
+    StaticEquations,
+    find_idle_forces,
+    plan_static_sums,
+)
 from beamdae.equations.starts.steady_rotation import rotating_state
+from beamdae.equations.structure import Structure
 from beamdae.linear.orderings import invert_to_power_of_two
 from beamdae.parts.rotation import Rotation
+from beamdae.symbolic.sums.directional_sums import StackedSum
+from beamdae.symbolic.sums.kernel_sums import SumPlan
 
 Array = np.ndarray
 
@@ -356,18 +364,19 @@ def _derive_statics(
         # The base contains all forces of the neighboring models.
         base = with_structure(base, neighbors, difference.steps)
     part = replace(difference, base=base, equations=tuple(neighbors))
-    dp, rest, plan = part.derivative(lambda e: e.p), np.zeros(base.n), None
-    if is_moved or base.structure != first.structure:
-        size = tangents.plan_tangent_residual(base.structure)[1]
-        plan = directional_plan_along(
-            part, lambda e: tangents.plan_tangent_residual(e.structure)[0], size
-        )
+    n, size, dp = base.n, 2 * base.n + base.m, part.derivative(lambda e: e.p)
+    moving = part if moves_operators(part) else None
+    total = StackedSum(plan_along(base, moving, _plan_residual, size), base.p)
 
     def differentiate(x: Array) -> Array:
-        state = State(x[: base.n], rest, rest, x[base.n :])
-        return tangents.differentiate_residual(base, here.time, state, dp, plan)
+        inputs = np.concatenate([x[:n], np.zeros(n), x[n:], np.zeros(size), dp])
+        return total(here.time, inputs, n + base.m)
 
     return differentiate
+
+
+def _plan_residual(structure: Structure) -> SumPlan:
+    return plan_static_sums(structure).residual
 
 
 def find_regular_point(problem: StaticProblem, q: Array, mu: float, control: Control) -> Point:

@@ -18,20 +18,21 @@ The loops are in `linear_steps.c`.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
+from scipy.sparse.linalg import LinearOperator
 
 from beamdae.analysis.sensitivities.neighbors import derivative_call
-from beamdae.analysis.sensitivities.recorded_maps import Gradient, plan_along, plan_transpose
 from beamdae.analysis.sensitivities.start_derivatives import (
     STEP_FRACTION,
     Directions,
     StartDerivatives,
+    plan_along,
+    plan_transpose,
 )
 from beamdae.core.return_codes import DONE
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
@@ -41,12 +42,11 @@ from beamdae.equations.formulations.step_equations import formulate_step, plan_s
 from beamdae.equations.structure import Structure
 from beamdae.errors import BeamdaeError
 from beamdae.integrators import GeneralizedAlpha, Radau
-from beamdae.integrators.alpha.family import AlphaParameters, AlphaStart, family_parameters
+from beamdae.integrators.alpha.family import AlphaParameters, family_parameters
 from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
 from beamdae.integrators.radau.coefficients import A, C
 from beamdae.integrators.radau.stepper import STABILIZED_FORM
 from beamdae.results.trajectory import Interval
-from beamdae.symbolic.sparse_operators import transpose_pattern
 from beamdae.symbolic.sums.directional_sums import direction_inputs, motion_plan
 from beamdae.symbolic.sums.kernel_sums import Sum, SumPlan, set_time
 from beamdae.symbolic.sums.sum_evaluator import SumEvaluator
@@ -88,23 +88,20 @@ class StepTables(NamedTuple):
 
 def _tabulate_alpha(member: AlphaParameters, h: Array) -> StepTables:
     """Return the coefficients of generalized-alpha for steps `h` [s]."""
-    c_v, c_a, c_f = member.coefficients(h)
-    one, zero, f = np.ones_like(h), np.zeros_like(h), 1.0 / (1.0 - member.alpha_m)
-    # a after the step, as far as z predicts it.
-    after = [zero, zero, f * member.alpha_f * one, -f * member.alpha_m * one]
-    q, v = ([x * after[b] for b in range(4)] for x in (h * h * member.beta, h * member.gamma))
-    q = [q[0] + 1.0, q[1] + h, q[2], q[3] + h * h * (0.5 - member.beta)]
-    v = [v[0], v[1] + 1.0, v[2], v[3] + h * (1.0 - member.gamma)]
-    factors = [c_f, c_f * c_v, c_f * c_a, one, 1.0 / c_v, 1.0 / c_f, c_f]
-    return StepTables(
-        np.stack([np.stack(q, -1), np.stack(v, -1)], 1)[:, None],
-        c_v[:, None, None],
-        (c_a / c_v)[:, None, None],
-        (1.0 / c_f)[:, None, None],
-        one[:, None, None, None],
-        np.stack(factors, -1),
-        np.stack([*after, -1.0 / c_f], -1),
-    )
+    (c_v, c_a, c_f), count, f = member.coefficients(h), len(h), 1.0 / (1.0 - member.alpha_m)
+    after, predict = np.zeros((count, 5)), np.zeros((count, 1, 2, 4))
+    after[:, 2:4] = f * member.alpha_f, -f * member.alpha_m
+    # The positions and velocities of the second and third formula of `AlphaParameters`.
+    gains = h * h * member.beta, h * member.gamma
+    others = (1.0, h, 0.0, 0.5 * h * h - gains[0]), (0.0, 1.0, 0.0, h - gains[1])
+    for k in range(2):
+        for b in range(4):
+            predict[:, 0, k, b] = others[k][b] + gains[k] * after[:, b]
+    after[:, 4] = -1.0 / c_f
+    factors = np.stack([c_f, c_f * c_v, c_f * c_a, np.ones(count), 1.0 / c_v, 1.0 / c_f, c_f], -1)
+    blocks = np.ones((count, 1, 1, 1))
+    velocity, acceleration, reaction = (x[:, None, None] for x in (c_v, c_a / c_v, 1.0 / c_f))
+    return StepTables(predict, velocity, acceleration, reaction, blocks, factors, after)
 
 
 def _tabulate_radau(h: Array) -> StepTables:
@@ -276,9 +273,9 @@ class _Steps:
         x = self.interval
         return np.array([x.t[k], x.branch]), State(*(y[k] for y in x.state))
 
-    def start(self, solver: Any) -> AlphaStart:
-        """Return the starting values of generalized-alpha."""
-        return AlphaStart(self.member, solver, True, self._is_cured)
+    def initial_motion(self, maps: StartDerivatives) -> LinearOperator:
+        """Return the map to the starting values of generalized-alpha."""
+        return maps.initial_motion(self.member, self._is_cured, *self.node(0), float(self.steps[0]))
 
     def _scales(self, step: int) -> Array:
         """Return the scales of the rows of the residual."""
@@ -365,7 +362,7 @@ def differentiate_steps(
     directions: Directions,
     equations: EquationsOfMotion,
     interval: Interval,
-    starts: Sequence[Array],
+    starts: Array,
     shifts: Array,
     matrices: Matrices,
 ) -> Array:
@@ -385,8 +382,7 @@ def differentiate_steps(
     equations, interval
         Equations and states of the run.
     starts
-        Derivatives of the consistent state (q, v, a, lam) along the moved start, one direction a
-        row.
+        Derivatives (k, 3n + m) of the consistent state (q, v, a, lam) along the moved start.
     shifts
         Derivatives of the time of the start, (k,) [s].
     matrices
@@ -406,15 +402,14 @@ def differentiate_steps(
     maps, n, count = directions.maps, equations.n, len(shifts)
     motion = np.zeros((count, 4, n))
     if steps.is_alpha:
-        start, (time, at) = steps.start(maps.solver), steps.node(0)
-        initial = maps.initial_motion(start, time, at, float(steps.steps[0]))
-        motion[:] = np.stack(initial.along(starts, directions.numbers, shifts), 1)
+        along = maps.along(steps.initial_motion(maps), starts, directions.numbers, shifts)
+        motion[:] = along.reshape(motion.shape)
     else:
-        motion[:, :2] = np.stack(starts[:2], 1)
+        motion[:, :2] = starts[:, : 2 * n].reshape(count, 2, n)
     plan = plan_along(maps.equations, maps.moving, steps.residual, steps.n_inputs)
     stages = steps.count * len(steps.nodes)
     results = np.zeros(((stages + 1) * count, 3 * n + equations.m))
-    results[:count] = np.hstack(starts)
+    results[:count] = starts
 
     loop = steps.make_loop(
         "forward",
@@ -432,7 +427,8 @@ def differentiate_steps(
             (time, at), h, before = steps.node(first), steps.steps[first], steps.steps[first - 1]
             ratio, square = h / before, (h * h - before * before) * steps.member.defect
             jerk_map = maps.jerk_map(time, at, float(h))
-            (jerks,) = jerk_map.along([z[:, b] for b in range(3)], directions.numbers, shifts)
+            state = z[:, :3].reshape(count, -1)
+            jerks = maps.along(jerk_map, state, directions.numbers, shifts)
             z[:, 1] += square * jerks
             z[:, 3] = (1.0 - ratio) * z[:, 2] + ratio * z[:, 3]
         steps.run(loop, first, last)
@@ -459,8 +455,8 @@ def transpose_steps(
     interval: Interval,
     seeds: Array,
     matrices: Matrices,
-) -> Gradient:
-    """Return the gradient of an objective with respect to the state at the start of an interval.
+) -> tuple[Array, Array]:
+    """Return the gradient of an objective by the state at the start of an interval, and by p.
 
     Parameters
     ----------
@@ -497,37 +493,34 @@ def transpose_steps(
         if last < steps.count:
             (time, at), h, after = steps.node(last), steps.steps[last - 1], steps.steps[last]
             ratio, square = after / h, (after * after - h * h) * steps.member.defect
-            jerk = start.jerk_map(time, at, float(after)).transposed(square * run.motion[1])
-            numbers += jerk.numbers
-            run.motion[:3] += jerk.inputs
+            jerk_map, weights = start.jerk_map(time, at, float(after)), square * run.motion[1]
+            by_state, by_numbers = start.gradient(jerk_map, weights)
+            numbers += by_numbers
+            run.motion[:3] += by_state[: 3 * e.n].reshape(3, e.n)
             run.motion[2] += (1.0 - ratio) * run.motion[3]
             run.motion[3] *= ratio
         steps.run(loop, last, first)
-    by_start: tuple[Array, ...] = (*run.motion[:2], np.zeros(e.n), np.zeros(e.m))
-    if steps.is_alpha:
-        time, at = steps.node(0)
-        alpha_start, h = steps.start(start.solver), float(steps.steps[0])
-        initial = start.initial_motion(alpha_start, time, at, h).transposed(*run.motion)
-        by_start, numbers = initial.inputs, numbers + initial.numbers
-    return Gradient(by_start, numbers + run.numbers)
+    numbers += run.numbers
+    if not steps.is_alpha:
+        return np.concatenate([*run.motion[:2], np.zeros(e.n + e.m)]), numbers
+    by_start, by_numbers = start.gradient(steps.initial_motion(start), run.motion.ravel())
+    return by_start, numbers + by_numbers
 
 
 def _join_blocks(pattern: sp.csc_array, s: int, transposed: bool) -> tuple[sp.csc_array, Array]:
     """Return the pattern of s x s blocks, or its transpose, and the positions of their entries."""
-    counts, starts, size = np.diff(pattern.indptr), pattern.indptr[:-1], pattern.shape[0]
-    column = np.repeat(np.arange(size), counts)
-    first = s * starts[column] + np.arange(pattern.nnz) - starts[column]
+    size, count = pattern.shape[0], s * s * pattern.nnz
     i, j = np.divmod(np.arange(s * s)[:, None], s)
-    targets = j * s * pattern.nnz + first + i * counts[column]
-    indices = np.empty(targets.size, int)
-    indices[targets] = i * size + pattern.indices
-    ends = (np.arange(s)[:, None] * pattern.nnz + pattern.indptr[1:]) * s
-    indptr = np.append(0, ends.ravel())
-    whole = sp.csc_array((np.ones(len(indices)), indices, indptr), shape=(s * size, s * size))
-    if transposed:
-        whole, positions = transpose_pattern(whole)
-        targets = positions[targets]
-    return whole, targets.astype(np.uint32)
+    columns = np.repeat(np.arange(size), np.diff(pattern.indptr))
+    places = (i * size + pattern.indices).ravel(), (j * size + columns).ravel()
+    # Data are the numbers of the entries.
+    numbers, shape = np.arange(count), (s * size, s * size)
+    whole = sp.csc_array((numbers, places[::-1] if transposed else places), shape=shape)
+    whole.sort_indices()
+    targets = np.empty(count, np.uint32)
+    targets[whole.data] = numbers
+    joined = sp.csc_array((np.ones(count), whole.indices, whole.indptr), shape=shape)
+    return joined, targets.reshape(s * s, -1)
 
 
 def _group_equal_steps(times: Array) -> Array:

@@ -132,7 +132,7 @@ class Stencil(NamedTuple):
 CENTRAL = Stencil((-2.0, -1.0, 1.0, 2.0))
 # Of second order, with a difference that is a hundred times smaller.
 TWO_NEIGHBORS = Stencil((-0.01, 0.01))
-_STENCILS = CENTRAL, Stencil((1.0, 2.0, 3.0, 4.0)), Stencil((-1.0, -2.0, -3.0, -4.0))
+STENCILS = CENTRAL, Stencil((1.0, 2.0, 3.0, 4.0)), Stencil((-1.0, -2.0, -3.0, -4.0))
 
 
 @dataclass(frozen=True)
@@ -217,12 +217,12 @@ def difference_model(
         If no step leads to relative errors near 1e-5, or the parameter has no effect.
     """
     value = float(parameters[name])
-    delta = RELATIVE_DIFFERENCE * abs(value) or _DIFFERENCE_FROM_ZERO
+    delta = first_difference(value)
     build = partial(try_step, model, name, parameters, base, assemble)
     best: Trial | None = None
     for _ in range(_MAX_TRIALS):
         try:
-            trial = build(delta, _STENCILS)
+            trial = build(delta, STENCILS)
         except _RejectedError as rejection:
             problem = rejection
             if best is not None:
@@ -259,6 +259,11 @@ def difference_model(
     if not any(has_effect(base, e) for e in best.difference.equations):
         warn_without_effect(model.name, name)
     return best.difference
+
+
+def first_difference(value: float) -> float:
+    """Return the first difference of a parameter or of another number."""
+    return RELATIVE_DIFFERENCE * abs(value) or _DIFFERENCE_FROM_ZERO
 
 
 def has_effect(base: EquationsOfMotion, other: EquationsOfMotion) -> bool:

@@ -56,14 +56,9 @@ def differentiate_columns(
     for names in groups.values():
         e = differences[names[0]].base.without_loads_of(inactive)
         o = select(e)
-        p, lam = e.p[o.data], at.lam[:, o.rows]
-        q, v = (np.asarray(o.operator @ x.T).T for x in (at.q, at.v))
-        arguments: tuple[Array, ...] = (times, q, v, p, lam)
-        if o.has_accelerations:
-            arguments = (*arguments, np.asarray(o.operator @ at.a.T).T)
+        arguments = _arguments(o, e, times, at)
         by_q, by_v, by_p, by_lam, *by_a = (
-            o.function.derivative(k)(*arguments).reshape(len(times), x.shape[-1], len(o.columns))
-            for k, x in enumerate(arguments[1:], 1)
+            _jacobian(o, k, arguments) for k in range(1, len(arguments))
         )
         for name in names:
             x, difference = along[name], differences[name]
@@ -77,6 +72,19 @@ def differentiate_columns(
             motion = sum(np.einsum("rij,ri->rj", by, dx) for by, dx in parts)
             result[name] = motion + np.einsum("rij,i->rj", by_p, dp)
     return result
+
+
+def _arguments(o: Observable, e: EquationsOfMotion, times: Array, at: State) -> tuple[Array, ...]:
+    """Return the arguments (t, q, v, p, lam) of the formula, and the accelerations if needed."""
+    motion = at.q, at.v, *([at.a] if o.has_accelerations else [])
+    q, v, *a = (np.asarray(o.operator @ x.T).T for x in motion)
+    return times, q, v, e.p[o.data], at.lam[:, o.rows], *a
+
+
+def _jacobian(o: Observable, k: int, arguments: tuple[Array, ...]) -> Array:
+    """Return the derivatives (rows, size, columns) by an argument of the formula."""
+    jacobian = o.function.derivative(k)(*arguments)
+    return jacobian.reshape(len(arguments[0]), arguments[k].shape[-1], len(o.columns))
 
 
 def differentiate_run_columns(
@@ -183,18 +191,18 @@ def _select_rows(state: State, rows: Array) -> State:
 
 
 def time_derivative(
-    o: Observable, equations: EquationsOfMotion, time: Array, at: State, lam_rate: Array
+    o: Observable, equations: EquationsOfMotion, times: Array, at: State, lam_rates: Array
 ) -> Array:
-    """Return the total time derivatives of the columns of an observable, (columns,).
+    """Return the total time derivatives of the columns of an observable, (rows, columns).
 
     Parameters
     ----------
     o, equations
         Observable of these equations.
-    time, at
-        (t, branch) and the state, whose accelerations are those of the motion.
-    lam_rate
-        Time derivatives of the multipliers, (m,).
+    times, at
+        Rows of (t, branch), and the states, whose accelerations are those of the motion.
+    lam_rates
+        Time derivatives of the multipliers, (rows, m).
 
     Raises
     ------
@@ -206,18 +214,8 @@ def time_derivative(
             f"{o.name}: the time derivative of accelerations is unknown; do not observe them in "
             "this analysis."
         )
-    local = [np.asarray(o.operator @ x)[None] for x in (at.q, at.v)]
-    arguments = (time[None], *local, equations.p[o.data], at.lam[None, o.rows])
-    rates = (
-        np.array([1.0, 0.0]),
-        np.asarray(o.operator @ at.v),
-        np.asarray(o.operator @ at.a),
-        None,
-        lam_rate[o.rows],
-    )
-    result = np.zeros(len(o.columns))
-    for k, rate in enumerate(rates):
-        if rate is not None and len(rate):
-            jacobian = o.function.derivative(k)(*arguments).reshape(len(rate), len(o.columns))
-            result += rate @ jacobian
-    return result
+    arguments = _arguments(o, equations, times, at)
+    a = np.asarray(o.operator @ at.a.T).T
+    clock = np.tile([1.0, 0.0], (len(times), 1))
+    rates = (0, clock), (1, arguments[2]), (2, a), (4, lam_rates[:, o.rows])
+    return sum(np.einsum("rij,ri->rj", _jacobian(o, k, arguments), x) for k, x in rates)

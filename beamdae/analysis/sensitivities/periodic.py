@@ -26,7 +26,7 @@ from beamdae.analysis.sensitivities.sensitivity_result import (
     require_parameters,
 )
 from beamdae.equations import measures
-from beamdae.equations.equations_of_motion import EquationsOfMotion, State
+from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import (
     BeamdaeError,
     format_exception,
@@ -99,10 +99,7 @@ class PeriodicSensitivities(SensitivityResult):
         )
         if e.observables and any(self.periods.values()):
             lam_rates = run.trajectory.derivative_at(run.t).lam
-            rates = [
-                np.concatenate([time_derivative(o, e, t, State(*x), lam) for o in e.observables])
-                for t, lam, *x in zip(times, lam_rates, *at, strict=True)
-            ]
+            rates = np.hstack([time_derivative(o, e, times, at, lam_rates) for o in e.observables])
             shifts = (run.t - run.t[0])[:, None] / self.motion.period * rates
             changes = {name: rows + self.periods[name] * shifts for name, rows in changes.items()}
         return {

@@ -150,9 +150,9 @@ def differentiate_event_time(
     """
     term, at = equations.events[number], interval.at(np.array([t]))
     times = np.array([[t, interval.branch]])
-    state, lam_rate = State(*(x[0] for x in at)), interval.derivative_at(np.array([t])).lam[0]
     active = equations.without_loads_of(interval.inactive)
-    rates = time_derivative(term.observable, active, times[0], state, lam_rate)
+    lam_rates = interval.derivative_at(np.array([t])).lam
+    (rates,) = time_derivative(term.observable, active, times, at, lam_rates)
     values = term.evaluate_difference(
         active.p, interval.times, interval.rows.q, interval.rows.v, interval.rows.lam
     )

@@ -13,8 +13,8 @@ doi:10.1016/S0168-9274(98)00125-1.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -24,10 +24,9 @@ from beamdae.analysis.sensitivities.neighbors import (
     Difference,
     derivative_call,
     difference_along,
+    forms_of,
+    with_structure,
 )
-from beamdae.analysis.sensitivities.phases import Phase, impact_equations
-from beamdae.analysis.sensitivities.redundant_derivatives import RedundantConstraints
-from beamdae.analysis.sensitivities.requested_starts import differentiate_start
 from beamdae.analysis.sensitivities.restart_times import (
     differentiate_breakpoint,
     differentiate_event_time,
@@ -38,13 +37,25 @@ from beamdae.analysis.sensitivities.restart_times import (
 )
 from beamdae.analysis.sensitivities.start_derivatives import (
     Directions,
+    differentiate_start,
     group_directions,
 )
-from beamdae.equations.equations_of_motion import ImpactEquations, State
+from beamdae.equations.equations_of_motion import (
+    Configuration,
+    Configurations,
+    EquationsOfMotion,
+    ImpactEquations,
+    State,
+)
 from beamdae.equations.starts.consistent_start import ConsistencySolver
+from beamdae.equations.starts.reduced_equations import ReducedEquations, keep_constraints
+from beamdae.equations.starts.state_evaluator import StateEvaluator
+from beamdae.equations.structure import has_same_patterns
+from beamdae.errors import BeamdaeError
 from beamdae.integrators import GeneralizedAlpha, Radau
 from beamdae.integrators.events.impacts import apply_impact
 from beamdae.integrators.reaction_balance import bound_reactions
+from beamdae.integrators.redundant_constraints import remove_redundant
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.memory import require_memory
 from beamdae.parts.events import select_impacts
@@ -188,18 +199,19 @@ class _Chain:
         shifts, dq, dv = (x[members] for x in (crossing.shifts, crossing.dq, crossing.dv))
         time, at = node_state(interval, 0)
         h = float(interval.t[1] - interval.t[0]) if shifts.any() else 0.0
-        moved = maps.start_map(time, at, crossing.v, h).along((dq, dv), numbers, shifts)
-        fixed = moved
+        start_map = maps.start_map(time, at, crossing.v, h)
+        fixed = moved = maps.along(start_map, np.hstack([dq, dv]), numbers, shifts)
         if shifts.any():
-            changes = [x - y * shifts[:, None] for x, y in zip(moved, at[1:3], strict=False)]
-            fixed = maps.completion_map(time, at).along(changes, numbers)
+            rates = np.concatenate([at.v, at.a])
+            changes = moved[:, : len(rates)] - np.multiply.outer(shifts, rates)
+            fixed = maps.along(maps.completion_map(time, at), changes, numbers)
         if isinstance(self._method, Radau):
             moved, shifts = fixed, np.zeros_like(shifts)
         equations = interval.active_equations(self._equations)
         nodes = differentiate_steps(
             self._method, directions, equations, interval, moved, shifts, self._matrices
         )
-        nodes[0] = np.hstack(fixed)
+        nodes[0] = fixed
         if shifts.any():
             nodes[1:] -= _rates_at_steps(interval)[1:, None] * shifts[:, None]
         return nodes
@@ -291,3 +303,183 @@ def with_active_multipliers(interval: Interval) -> Interval:
 def node_state(interval: Interval, k: int) -> tuple[Array, State]:
     """Return (t, branch) and the state of a node."""
     return interval.times[k], State(*(x[k] for x in interval.rows))
+
+
+@dataclass(frozen=True)
+class Phase:
+    """Equations of the active parts at neighboring values of one parameter.
+
+    Attributes
+    ----------
+    whole
+        Equations of all parts.
+    active
+        Equations of the active parts.
+    configurations
+        Active parts of the neighboring models; None if the active parts never change.
+    """
+
+    whole: Difference
+    active: Difference
+    configurations: tuple[Configuration | None, ...]
+
+    @classmethod
+    def first(cls, whole: Difference, configuration: Configuration | None) -> Phase:
+        """Return the phase at the start of a run with this configuration."""
+        if configuration is None:
+            return cls(whole, whole, (None,) * len(whole.equations))
+        configurations = tuple(_configurations(e).initial_configuration(e) for e in whole.equations)
+        return cls(whole, _activate(whole, configuration, configurations), configurations)
+
+    def after_event(
+        self,
+        number: int,
+        configuration: Configuration,
+        time: Array,
+        dt: float,
+        q: Array,
+        dq: Array,
+    ) -> Phase:
+        """Return the phase after an event.
+
+        Joints may keep the gaps that they have at the event, and laws may begin there. Therefore,
+        the event of each neighboring model is at its own time and positions.
+
+        Parameters
+        ----------
+        number
+            Index of the event.
+        configuration
+            Configuration of the run after the event.
+        time, q
+            (t, branch) and positions at the event.
+        dt, dq
+            Total derivatives of the time of the event [s] and of the positions.
+        """
+        configurations = tuple(
+            _configurations(e).configuration_after(
+                e, now, e.events[number], time + np.array([step * dt, 0.0]), q + step * dq
+            )
+            for e, now, step in zip(
+                self.whole.equations, self._active_configurations, self.whole.steps, strict=True
+            )
+        )
+        active = _activate(self.whole, configuration, configurations)
+        return Phase(self.whole, active, configurations)
+
+    @property
+    def _active_configurations(self) -> list[Configuration]:
+        return [x for x in self.configurations if x is not None]
+
+    def impacts(self, number: int) -> list[ImpactEquations]:
+        """Return the equations of the impacts of an event of the neighboring models."""
+        pairs = zip(self.whole.equations, self._active_configurations, strict=True)
+        return [impact_equations(e, now, number) for e, now in pairs]
+
+
+def impact_equations(
+    equations: EquationsOfMotion, configuration: Configuration, number: int
+) -> ImpactEquations:
+    """Return the equations of the impacts of an event; `configuration` is that before it."""
+    event = equations.events[number]
+    impacts = select_impacts(event.do)
+    return _configurations(equations).impact_equations(
+        equations, configuration, event.name, impacts
+    )
+
+
+def _configurations(equations: EquationsOfMotion) -> Configurations:
+    assert equations.configurations is not None
+    return equations.configurations
+
+
+def _activate(
+    whole: Difference, configuration: Configuration, neighbors: Sequence[Configuration]
+) -> Difference:
+    return _difference(whole, configuration.equations, [x.equations for x in neighbors])
+
+
+def _difference(
+    whole: Difference, base: EquationsOfMotion, neighbors: Sequence[EquationsOfMotion]
+) -> Difference:
+    """Return the difference of equations of which some parts are active.
+
+    If forces vanish at the value of the parameter, the numbers at this value are interpolated; see
+    `difference_model`.
+    """
+    first = neighbors[0]
+    if not all(has_same_patterns(e.structure, first.structure) for e in neighbors):
+        raise BeamdaeError(
+            f"{derivative_call()}: {whole.name} changes the structure of the equations after an "
+            "event; "
+            "use differences of runs for this parameter."
+        )
+    if not has_same_patterns(base.structure, first.structure) or forms_of(base) != forms_of(first):
+        base = with_structure(base, neighbors, whole.steps)
+    return replace(whole, base=base, equations=tuple(neighbors))
+
+
+@dataclass(frozen=True)
+class RedundantConstraints:
+    """Run of equations without their redundant constraints.
+
+    Attributes
+    ----------
+    reduced
+        Equations with and without the redundant constraints.
+    solution
+        The run, with the multipliers of the independent constraints.
+    """
+
+    reduced: ReducedEquations
+    solution: Solution
+
+    @classmethod
+    def of(cls, solution: Solution) -> RedundantConstraints | None:
+        """Return the run without redundant constraints; None if the model has none."""
+        reduced = remove_redundant(solution.equations, solution.trajectory.start)
+        if reduced is None:
+            return None
+        full = StateEvaluator(solution.equations)
+
+        def reduce(interval: Interval) -> Interval:
+            rows = interval.rows
+            lam = np.zeros((len(rows.lam), len(reduced.independent)))
+            for k, (time, q) in enumerate(zip(interval.times, rows.q, strict=True)):
+                gradient = full.constraint_matrix(time, q).toarray()
+                force = gradient.T @ rows.lam[k]
+                lam[k] = np.linalg.lstsq(gradient[reduced.independent].T, force, rcond=None)[0]
+            return replace(interval, rows=rows._replace(lam=lam))
+
+        trajectory = Trajectory(tuple(map(reduce, solution.trajectory.intervals)))
+        solution = replace(solution, equations=reduced.equations, trajectory=trajectory)
+        return cls(reduced, solution)
+
+    def reduce(self, difference: Difference) -> Difference:
+        """Return neighboring models without the redundant constraints."""
+        return replace(
+            difference,
+            base=self._keep(difference.base),
+            equations=tuple(map(self._keep, difference.equations)),
+        )
+
+    def restore(self, along: Trajectory, difference: Difference) -> Trajectory:
+        """Return the derivatives of a run with those of the multipliers of all constraints.
+
+        The reactions of minimum norm are differenced along the derivatives.
+        """
+
+        def restore(interval: Interval, change: Interval) -> Interval:
+            def evaluate(e: EquationsOfMotion, q: Array, lam: Array) -> Array:
+                neighbor = replace(self.reduced, full=e, equations=self._keep(e))
+                return neighbor.restore_reactions(interval.times, q, lam)
+
+            (q, _, _, lam), rows = interval.rows, change.rows
+            lam = difference.along(evaluate, (q, rows.q), (lam, rows.lam))
+            return replace(change, rows=rows._replace(lam=lam))
+
+        pairs = zip(self.solution.trajectory.intervals, along.intervals, strict=True)
+        return Trajectory(tuple(restore(*x) for x in pairs))
+
+    def _keep(self, equations: EquationsOfMotion) -> EquationsOfMotion:
+        return keep_constraints(equations, self.reduced.independent)

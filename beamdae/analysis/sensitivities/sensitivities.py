@@ -22,7 +22,6 @@ from beamdae.analysis.sensitivities.neighbors import (
     difference_model,
 )
 from beamdae.analysis.sensitivities.observable_derivatives import differentiate_run_columns
-from beamdae.analysis.sensitivities.requested_starts import assemble_neighbors
 from beamdae.analysis.sensitivities.restart_times import differentiate_event_time
 from beamdae.analysis.sensitivities.run_chain import differentiate_states
 from beamdae.analysis.sensitivities.sensitivity_result import (
@@ -30,6 +29,7 @@ from beamdae.analysis.sensitivities.sensitivity_result import (
     complete_parameters,
     require_parameters,
 )
+from beamdae.analysis.sensitivities.start_derivatives import assemble_neighbors
 from beamdae.equations import measures
 from beamdae.equations.model_hash import hash_model
 from beamdae.errors import BeamdaeError, record_warnings, require_choice, short_repr

@@ -1,7 +1,11 @@
-"""Derivatives of consistent states, impacts and the start of generalized-alpha runs.
+"""Derivatives of consistent states and of the start of generalized-alpha runs.
 
-The solver for consistent states is called with recorded arrays, see `recorded_maps`; the
-derivatives of its functions are applied forward or transposed.
+At a state, the derivative of a map is a product of derivatives of sums of kernels, of inverse
+saddle-point matrices and of sparse matrices. `scipy.sparse.linalg.LinearOperator` applies it
+forward along directions, or transposed to the gradient of an objective. A solution x of R(x) = 0
+has the derivative -A^-1 dR with A = dR/dx.
+
+Operators act on z = (q, v, a, lam, p, t), where p are the numbers of the model.
 """
 
 from __future__ import annotations
@@ -9,26 +13,25 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache, partial, reduce
+from operator import add, matmul
 from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.linalg import splu
+from scipy.sparse.linalg import LinearOperator, aslinearoperator, splu
 
 from beamdae.analysis.continuation.engine import RefinedFactors
 from beamdae.analysis.sensitivities.neighbors import (
     Difference,
+    derivative_call,
+    directional_plan_along,
     equations_key,
     moves_operators,
 )
-from beamdae.analysis.sensitivities.recorded_maps import (
-    DifferentiableSum,
-    Record,
-    value_of,
-)
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.static_equations import StaticEquations
+from beamdae.equations.smooth_intervals import time_on_branch
 from beamdae.equations.starts.closing import CLOSING_COEFFICIENTS
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.starts.state_evaluator import (
@@ -36,6 +39,9 @@ from beamdae.equations.starts.state_evaluator import (
     Coefficients,
     PlanFunction,
     plan_balance,
+    plan_constraint_levels,
+    plan_motion,
+    plan_smooth_motion,
 )
 from beamdae.equations.structure import (
     ConstraintTerm,
@@ -44,9 +50,13 @@ from beamdae.equations.structure import (
     cache_on_owner,
     comparison_key,
 )
-from beamdae.integrators.alpha.family import JERK_INTERVAL, AlphaStart
-from beamdae.symbolic.sums.directional_sums import directional_plan
-from beamdae.symbolic.sums.kernel_sums import SumPlan
+from beamdae.integrators.alpha.family import JERK_INTERVAL, STIFF_TIME, AlphaParameters
+from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM
+from beamdae.simulation import as_equations
+from beamdae.symbolic.sums.directional_sums import StackedSum, directional_plan
+from beamdae.symbolic.sums.kernel_sums import SumPlan, set_time
+from beamdae.symbolic.sums.sum_evaluator import SumEvaluator
+from beamdae.symbolic.sums.transposed_sums import transposed_plan
 
 Array = np.ndarray
 
@@ -63,12 +73,28 @@ STEP_FRACTION = 1e-3
 MIN_STIFF_PENETRATION = 1e-6
 # Stored factors of states, which several maps need.
 _MAX_STATES = 8
+_MAX_MATRICES = 256  # that select parts of vectors
 
 
 @cache_on_owner
 def _plan_change(structure: Structure) -> SumPlan:
     """Return the plan of the derivative of `plan_balance` along a change of the state."""
     return directional_plan(plan_balance(structure), 3 * structure.n + structure.m)
+
+
+@cache_on_owner
+def _plan_direction(
+    structure: Structure, plan: PlanFunction, n_inputs: int, min_base: float
+) -> SumPlan:
+    return directional_plan(plan(structure), n_inputs, min_base=min_base)
+
+
+@cache_on_owner
+def plan_transpose(
+    structure: Structure, plan: PlanFunction, n_inputs: int, min_base: float = 0.0
+) -> SumPlan:
+    """Return `transposed_plan` of a sum; `plan` is a function of a module."""
+    return transposed_plan(plan(structure), n_inputs, min_base)
 
 
 class StaticFactors:
@@ -88,13 +114,10 @@ class StaticFactors:
 
     def __init__(self, equations: EquationsOfMotion, time: Array, at: State) -> None:
         matrix = StaticEquations(equations, time).matrix(at.q, at.lam)
-        magnitudes, scales = abs(matrix).tocoo(), np.ones(matrix.shape[0])
-        rows, columns = magnitudes.coords
+        magnitudes, scales = abs(matrix), np.ones(matrix.shape[0])
         for _ in range(_EQUILIBRATION_STEPS):
-            values = magnitudes.data * scales[rows] * scales[columns]
-            largest = np.zeros(len(scales))
-            np.maximum.at(largest, rows, values)
-            np.maximum.at(largest, columns, values)
+            scaled = sp.diags_array(scales) @ magnitudes @ sp.diags_array(scales)
+            largest = np.maximum(*(scaled.max(axis=k).toarray().ravel() for k in (0, 1)))
             scales /= np.sqrt(np.where(largest > 0.0, largest, 1.0))
         scaled = sp.csc_array(sp.diags_array(scales) @ matrix @ sp.diags_array(scales))
         self.is_unique = False
@@ -107,9 +130,10 @@ class StaticFactors:
         error = factors.solve(scaled @ expected) - expected
         self.is_unique = bool(np.max(np.abs(error)) <= _MAX_EQUILIBRIUM_ERROR)
 
-    def solve(self, right: Array, transposed: bool) -> Array:
-        """Return the solution of the equations or of the transposed ones, with one refinement."""
-        return self._factors.solve(right, "T" if transposed else "N")
+    @property
+    def inverse(self) -> LinearOperator:
+        """Solutions of the equations and of the transposed ones, with one refinement."""
+        return _inverse(self._factors, self._factors.matrix.shape[0])
 
 
 def has_unique_equilibrium(equations: EquationsOfMotion, time: Array) -> bool:
@@ -118,104 +142,145 @@ def has_unique_equilibrium(equations: EquationsOfMotion, time: Array) -> bool:
     return StaticFactors(equations, time, at).is_unique
 
 
-@dataclass(frozen=True)
-class RecordingSolver(ConsistencySolver):
-    """Solver for consistent states whose functions record their operations.
+def _operator(size: int, matmat: Callable[..., Array], rmatmat: Callable[..., Array]) -> Any:
+    """Return a square operator, given its products, and those with its transpose."""
+    shape = size, size
+    return LinearOperator(shape, matmat, rmatmat, matmat, float, rmatmat)
 
-    Its functions are those of `ConsistencySolver`, called with recorded arrays. The solution x of
-    an equation R(x) = 0 is recorded as x - A^-1 R(x) with a constant x and A = dR/dx, which has the
-    same derivative.
 
-    Attributes
-    ----------
-    derivatives, record
-        Sums and factors, and the record.
-    at
-        Consistent state near which states are recorded; None if it is not known.
+def _inverse(factors: Any, size: int) -> LinearOperator:
+    def solve(b: Array, transposition: str = "N") -> Array:
+        return np.column_stack([factors.solve(x, transposition) for x in b.reshape(size, -1).T])
+
+    return _operator(size, solve, partial(solve, transposition="T"))
+
+
+def _diagonal(entries: Array) -> LinearOperator:
+    def scale(b: Array) -> Array:
+        return entries[:, None] * b.reshape(len(entries), -1)
+
+    return _operator(len(entries), scale, scale)
+
+
+# Building sparse matrices takes longer than applying them.
+@lru_cache
+def _split(n: int, m: int, n_p: int) -> dict[str, slice]:
+    """Return the parts of z by name."""
+    ends = np.cumsum([0, n, n, n, m, n_p, 1]).tolist()
+    names = ["q", "v", "a", "lam", "p", "t"]
+    return {x: slice(*y) for x, *y in zip(names, ends, ends[1:], strict=False)}
+
+
+@lru_cache(_MAX_MATRICES)
+def _pick(size: int, start: int, stop: int) -> LinearOperator:
+    """Return the matrix that selects consecutive entries."""
+    return aslinearoperator(sp.eye_array(stop - start, size, k=start, format="csr"))
+
+
+@lru_cache(_MAX_MATRICES)
+def _choose_rows(n: int, m: int, size: int, level: int, with_force: bool) -> LinearOperator:
+    force = with_force * (sp.eye_array(n, size) + sp.eye_array(n, size, k=n + 3 * m))
+    rows = sp.vstack([force, sp.eye_array(m, size, k=n + level * m)], format="csr")
+    return aslinearoperator(rows)
+
+
+@lru_cache(_MAX_MATRICES)
+def _place_change(n: int, m: int, n_p: int) -> LinearOperator:
+    """Return the matrix that places (q, v, p, t) in the inputs of `_plan_change`, p and t."""
+    unit = sp.eye_array(3 * n + m + n_p + 1, format="csr")
+    others = sp.csr_array((4 * n + 2 * m + n_p, unit.shape[0]))
+    rows = [unit[: 2 * n], others, unit[3 * n + m :]]
+    return aslinearoperator(sp.vstack(rows, format="csr"))
+
+
+def _take(operator: LinearOperator, size: int) -> LinearOperator:
+    """Return the first rows of an operator."""
+    return _pick(operator.shape[0], 0, size) @ operator
+
+
+@dataclass(eq=False)
+class _Sum:
+    """Sum of kernels with inputs of size `n_inputs`, its directional derivative and gradient.
+
+    `min_base` is the limit of `expand_powers`; see `StartDerivatives` for `moving`.
     """
 
-    derivatives: StartDerivatives
-    record: Record
-    at: State | None
+    equations: EquationsOfMotion
+    plan: PlanFunction
+    n_inputs: int
+    size: int
+    moving: Difference | None
+    min_base: float
 
-    def evaluate(self, plan: PlanFunction, time: Array, state: Sequence[Any], size: int) -> Any:
-        """See `StateEvaluator`."""
+    @cached_property
+    def along(self) -> StackedSum:
+        """Directional derivatives, with the inputs (x, dx, dp)."""
+        plan = plan_along(self.equations, self.moving, self.plan, self.n_inputs, self.min_base)
+        return StackedSum(plan, self.equations.p)
+
+    @cached_property
+    def transposed(self) -> SumEvaluator:
+        """Derivatives of weights . sum by x and p, with the inputs (x, weights)."""
         e = self.equations
-        zeros = (np.zeros(k) for k in (e.n, e.n, e.n, e.m))
-        state = [z if x is None else x for x, z in zip(state, zeros, strict=True)]
-        return self.record.evaluate(self.derivatives.sum(plan, size), time, state)
+        plan = plan_transpose(e.structure, self.plan, self.n_inputs, self.min_base)
+        return SumEvaluator.borrow(plan, e.p, self)
 
-    def _split_levels(self, motion: Any) -> Any:
-        n, m = self.equations.n, self.equations.m
-        return [motion[n + k * m : n + (k + 1) * m] for k in range(3)]
-
-    def stiffness_force(self, time: Array, q: Any, v: Any, lam: Any, x: Array) -> Any:
-        """See `StateEvaluator`."""
-        change = np.concatenate([x, np.zeros(2 * self.equations.n + self.equations.m)])
-        return self._change(time, q, v, lam, change)[: self.equations.n]
-
-    def _change(self, time: Array, q: Any, v: Any, lam: Array, change: Array) -> Any:
-        """Return the derivative of (F, g, g_dot, g_ddot, G^T lam) along a change of the state."""
-        e = self.equations
-        state = (q, v, np.zeros(e.n), lam, change, np.zeros(len(e.p)))
-        return self.record.evaluate(self.derivatives.change, time, state)
-
-    def close_positions(self, time: Array, q: Any, requested: Any = None) -> Any:
-        """Return the positions that close the joints, near those of a consistent state."""
-        e = self.equations
-        if e.m == 0:
-            return q
-        at_rest = np.zeros(e.n)
-        solve = self.derivatives.factorize(time, q.value, at_rest, CLOSING_COEFFICIENTS)
-        right = np.zeros(e.n), self.position_gaps(time, q)
-        change = self.record.solve(solve, right, np.zeros(e.n + e.m))[: e.n]
-        return q - e.without_states(np.ones(e.n)) * change
-
-    def solve_saddle(
-        self,
-        time: Array,
-        q: Any,
-        v: Any,
-        force: Any,
-        rates: Any,
-        coefficients: Coefficients = MASS_COEFFICIENTS,
-        lam: Array | None = None,
-    ) -> tuple[Any, Any]:
-        """See `StateEvaluator`."""
-        e = self.equations
-        at = q.value, value_of(v)
-        solve = self.derivatives.factorize(time, *at, coefficients, lam)
-        right = [
-            np.zeros(k) if isinstance(x, float) else x for k, x in ((e.n, force), (e.m, rates))
-        ]
-        if lam is not None:  # The correction of a solution.
-            solution = self.record.solve(solve, right, np.zeros(e.n + e.m))
-            return solution[: e.n], solution[e.n :]
-        x = solve(np.concatenate([value_of(y) for y in right]), False)
-        if x.any():
-            assert coefficients == MASS_COEFFICIENTS
-            at_rest = np.zeros(2 * e.n)
-            change = self._change(time, q, v, np.zeros(e.m), np.concatenate([at_rest, x]))
-            levels = self._split_levels(change)
-            right = [right[0] - change[: e.n] - change[e.n + 3 * e.m :], right[1] - levels[2]]
-        solution = self.record.solve(solve, right, x)
-        return solution[: e.n], solution[e.n :]
-
-    def acceleration(self, time: Array, q: Any, v: Any, stiff_time: float = 0.0) -> tuple[Any, Any]:
-        """See `ConsistencySolver`."""
-        if stiff_time == 0.0 and self.at is not None:
-            _, _, a, lam = self.at
-        else:
-            a, lam = self.derivatives.solver.acceleration(time, q.value, v.value, stiff_time)
-        force, rates = self.unbalance(time, q, v, a, lam, stiff_time)
-        coefficients = (stiff_time**2, 0.0, 1.0)
-        da, dlam = self.solve_saddle(time, q, v, -force, -rates, coefficients, lam)
-        return a + da, lam + dlam
+    @cached_property
+    def value(self) -> SumEvaluator:
+        """The sum, with the inputs x."""
+        plan = self.plan(self.equations.structure)
+        return SumEvaluator.borrow(plan, self.equations.p, self)
 
 
-@dataclass(frozen=True)
+def plan_along(
+    equations: EquationsOfMotion,
+    moving: Difference | None,
+    plan: PlanFunction,
+    n_inputs: int,
+    min_base: float = 0.0,
+) -> SumPlan:
+    """Return `directional_plan` of a sum; `plan` is a function of a module.
+
+    `moving` are the models at neighboring values of the parameter of all directions, if operators
+    of joints depend on it.
+    """
+    if moving is not None:
+        return directional_plan_along(moving, lambda e: plan(e.structure), n_inputs, min_base)
+    return _plan_direction(equations.structure, plan, n_inputs, min_base)
+
+
+class _SumDerivative(LinearOperator):
+    """Derivative of a sum with respect to (x, p, t) at a time and at inputs x.
+
+    Derivatives with respect to time are differences over +-`delta` [s], and not transposed.
+    """
+
+    def __init__(self, total: _Sum, time: Array, x: Array, delta: float) -> None:
+        super().__init__(float, (total.size, len(x) + len(total.equations.p) + 1))
+        self._sum, self._time, self._x, self._delta = total, time, x, delta
+
+    def _matmat(self, changes: Array) -> Array:
+        directions, shifts = changes[:-1].T, changes[-1]
+        rows = np.hstack([np.broadcast_to(self._x, (len(shifts), len(self._x))), directions])
+        result = self._sum.along(self._time, rows, self._sum.size)
+        if shifts.any():
+            rate = self._evaluate(self._delta) - self._evaluate(-self._delta)
+            result += np.multiply.outer(shifts, rate / (2.0 * self._delta))
+        return result.T
+
+    def _evaluate(self, shift: float) -> Array:
+        set_time(self._sum.value, self._time[0] + shift, self._time[1])
+        return self._sum.value(self._x, self._sum.size)
+
+    def _rmatvec(self, weights: Array) -> Array:
+        set_time(self._sum.transposed, *self._time)
+        size = self.shape[1] - 1
+        return np.append(self._sum.transposed(np.concatenate([self._x, weights]), size), 0.0)
+
+
+@dataclass(frozen=True, eq=False)
 class StartDerivatives:
-    """Records of the maps to consistent states, and sums along directions.
+    """Derivatives of the maps to consistent states.
 
     Attributes
     ----------
@@ -225,17 +290,14 @@ class StartDerivatives:
         Models at neighboring values of the parameter of all directions, if operators of joints
         depend on it; otherwise None.
 
-    Times are arrays (t, branch).
+    Times are arrays (t, branch). `h` is the step [s] after a time that moves; then, all derivatives
+    are those along the moving time.
     """
 
     solver: ConsistencySolver
     moving: Difference | None = None
-    _sums: dict[PlanFunction, DifferentiableSum] = field(
-        default_factory=dict, init=False, repr=False
-    )
-    _factors: dict[Any, Callable[[Array, bool], Array]] = field(
-        default_factory=dict, init=False, repr=False
-    )
+    _sums: dict[PlanFunction, _Sum] = field(default_factory=dict, init=False, repr=False)
+    _factors: dict[Any, Any] = field(default_factory=dict, init=False, repr=False)
 
     @classmethod
     def of(cls, difference: Difference) -> StartDerivatives:
@@ -248,23 +310,38 @@ class StartDerivatives:
         """Equations of motion of the solver."""
         return self.solver.equations
 
-    def sum(self, plan: PlanFunction, size: int) -> DifferentiableSum:
-        """Return a sum of `StateEvaluator`."""
-        if plan not in self._sums:
-            e = self.equations
-            self._sums[plan] = DifferentiableSum(e, plan, 3 * e.n + e.m, size, self.moving)
-        return self._sums[plan]
+    def along(
+        self,
+        operator: LinearOperator,
+        changes: Array,
+        numbers: Array,
+        shifts: Array | None = None,
+    ) -> Array:
+        """Return the derivatives (k, j) of a map along directions.
 
-    @cached_property
-    def change(self) -> DifferentiableSum:
-        """Derivative of (F, g, g_dot, g_ddot, G^T lam) along a change of the state."""
-        e = self.equations
-        n_inputs, size = 2 * (3 * e.n + e.m) + len(e.p), 2 * e.n + 3 * e.m
-        return DifferentiableSum(
-            e, _plan_change, n_inputs, size, self.moving, MIN_STIFF_PENETRATION
-        )
+        Parameters
+        ----------
+        operator
+            Derivative of the map.
+        changes, numbers
+            Derivatives of the first parts of the state (q, v, a, lam), and of the numbers p, one
+            direction a row.
+        shifts
+            Derivatives of the time, (k,) [s].
+        """
+        z = np.zeros((len(numbers), operator.shape[1]))
+        z[:, : changes.shape[1]] = changes
+        z[:, self._slices["p"]] = numbers
+        if shifts is not None:
+            z[:, -1] = shifts
+        return np.asarray(operator.matmat(z.T).T)
 
-    def start_map(self, time: Array, at: State, v: Array, h: float = 0.0) -> Record:
+    def gradient(self, operator: LinearOperator, weights: Array) -> tuple[Array, Array]:
+        """Return the gradient of weights . map by (q, v, a, lam), and by the numbers p."""
+        z = operator.rmatvec(weights)
+        return z[: self._slices["p"].start], z[self._slices["p"]]
+
+    def start_map(self, time: Array, at: State, v: Array, h: float = 0.0) -> LinearOperator:
         """Return the map from requested (q, v) to the consistent state (q, v, a, lam).
 
         Parameters
@@ -275,41 +352,61 @@ class StartDerivatives:
         v
             Requested velocities.
         h
-            Step after it [s] if the time moves, and all derivatives are those along the moving
-            time.
+            See the class.
         """
-        record, solver = self._record(h, at)
-        record.inputs = q, v = record.variables(at.q, v)
-        q = solver.close_positions(time, q)
-        record.outputs = solver.complete(time, q, solver.project_velocities(time, q, v))
-        return record
+        e, result, zeros = self.equations, self.completion_map(time, at, h), np.zeros_like(v)
+        if e.m:
+            here = State(at.q, v, zeros, 0.0 * at.lam)
+            velocities = self.solver.solve_saddle(
+                time, at.q, v, 0.0, -self.solver.constraint_levels(time, at.q, v)[1]
+            )
+            levels = self._derivative(plan_constraint_levels, time, here, h)
+            change = self._solution(time, here, -self._rows(levels, 1), velocities, h)
+            result = result @ (self._identity + self._into("v") @ change)
+            inverse = self._saddle(time, at.q, zeros, CLOSING_COEFFICIENTS)
+            moved = _diagonal(e.without_states(np.ones(e.n))) @ self._head
+            change = moved @ inverse @ self._rows(levels, 0)
+            result = result @ (self._identity - self._into("q") @ change)
+        return result
 
-    def completion_map(self, time: Array, at: State) -> Record:
+    def completion_map(self, time: Array, at: State, h: float = 0.0) -> LinearOperator:
         """Return the map from consistent (q, v) at a fixed time to the state (q, v, a, lam)."""
-        record, solver = self._record(0.0, at)
-        record.inputs = q, v = record.variables(at.q, at.v)
-        record.outputs = solver.complete(time, q, v)
-        return record
+        e, size = self.equations, self._slices["p"].start
+        residual = self._rows(self._derivative(plan_balance, time, at, h), 2, with_force=True)
+        inverse = self._saddle(time, at.q, at.v, MASS_COEFFICIENTS, at.lam)
+        result = (
+            self._without_forces
+            - self._into("a", "lam") @ inverse @ residual @ self._without_forces
+        )
+        if len(e.states):
+            # The rates of first-order states follow from the forces.
+            rest = State(at.q, at.v, 0.0 * at.a, 0.0 * at.lam)
+            force = self._derivative(plan_motion, time, rest, h)
+            states = _diagonal(1.0 - e.without_states(np.ones(e.n)))
+            result = result @ (self._identity - self._into("v") @ states @ _take(force, e.n))
+        return _take(result, size)
 
-    def initial_motion(self, start: AlphaStart, time: Array, at: State, h: float) -> Record:
+    def initial_motion(
+        self, member: AlphaParameters, is_cured: bool, time: Array, at: State, h: float
+    ) -> LinearOperator:
         """Return the map of `AlphaStart.initial_motion` for steps `h` [s].
 
         It maps the state (q, v, a, lam) to (q, v, q'', algorithmic acceleration).
         """
-        record, solver = self._record(h)
-        record.inputs = state = record.variables(*at)
-        motion = replace(start, solver=solver).initial_motion(time, State(*state), h)
-        record.outputs = motion.q, motion.v, motion.ddq, motion.a
-        return record
+        n, parts = self.equations.n, [self._part(x) for x in ("q", "v", "a", "a")]
+        if is_cured:
+            jerk = position_jerk = self._jerk(time, at, h, False)
+            if self.equations.nonholonomic_rows.size:
+                position_jerk = self._jerk(time, at, h, True)
+            acceleration = self._reduced_acceleration(time, at, h)
+            parts[1] = parts[1] + (h * h * member.defect) * position_jerk
+            parts[2:] = acceleration, acceleration + (member.shift * h) * jerk
+        columns = (_pick(4 * n, k * n, (k + 1) * n).T for k in range(4))
+        return reduce(add, map(matmul, columns, parts))
 
-    def jerk_map(self, time: Array, at: State, h: float) -> Record:
+    def jerk_map(self, time: Array, at: State, h: float) -> LinearOperator:
         """Return the map from (q, v, a) to the normal jerk that corrects steps `h` [s]."""
-        record, solver = self._record(h)
-        record.inputs = q, v, a = record.variables(*at[:3])
-        interval = JERK_INTERVAL * h
-        jerk = solver.evaluate_normal_jerk(time, State(q, v, a, at.lam), interval, True)
-        record.outputs = (jerk,)
-        return record
+        return self._jerk(time, at, h, True)
 
     def correct_equilibrium(self, time: Array, at: State, dq: Array, dp: Array) -> Array:
         """Return the derivative of equilibrium positions, given an approximation dq.
@@ -317,12 +414,11 @@ class StartDerivatives:
         It solves [[K, G^T + dF/dlam], [G, 0]] (dq, dlam) = -(dF/dp dp + d(G^T lam)/dp dp, dg/dp dp)
         with K = d(F + G^T lam)/dq. If the equilibrium is not unique, dq is returned.
         """
-        factors = StaticFactors(self.equations, time, at)
-        if not factors.is_unique:
-            return dq
         # The residual along (dq, dp) corrects dq.
-        record = self._equilibrium_map(time, at, factors)
-        return record.along([dq[None]], dp[None])[0][0]
+        operator = self._equilibrium_map(time, at)
+        if operator is None:
+            return dq
+        return self.along(operator, dq[None], dp[None])[0, : len(dq)]
 
     def equilibrium_gradient(
         self, time: Array, at: State, by_q: Array, by_lam: Array
@@ -338,48 +434,172 @@ class StartDerivatives:
         by_q, by_lam
             Derivatives of the objective with respect to the positions and the multipliers.
         """
-        factors = StaticFactors(self.equations, time, at)
+        operator = self._equilibrium_map(time, at)
+        weights = np.append(by_q, by_lam)
+        return None if operator is None else self.gradient(operator, weights)[1]
+
+    def _equilibrium_map(self, time: Array, at: State) -> LinearOperator | None:
+        """Return the map from approximate positions to those of the equilibrium, (q, lam)."""
+        factors, n = StaticFactors(self.equations, time, at), self.equations.n
         if not factors.is_unique:
             return None
-        return self._equilibrium_map(time, at, factors).transposed(by_q, by_lam).numbers
+        at_rest = State(at.q, np.zeros(n), np.zeros(n), at.lam)
+        balance = self._rows(self._derivative(plan_balance, time, at_rest, 0.0), 0, with_force=True)
+        start = _pick(n + self.equations.m, 0, n).T @ self._part("q")
+        return start - factors.inverse @ balance
 
-    def _equilibrium_map(self, time: Array, at: State, factors: StaticFactors) -> Record:
-        """Return the map from approximate positions to those of the equilibrium, (q, lam)."""
-        n, (record, solver) = self.equations.n, self._record(0.0)
-        record.inputs = (q,) = record.variables(at.q)
-        force, levels = solver.balance(time, q, None, None, at.lam)
-        right = -force, -levels[0]
-        change = record.solve(factors.solve, right, np.zeros(n + self.equations.m))
-        record.outputs = q + change[:n], at.lam + change[n:]
-        return record
+    @property
+    def _slices(self) -> dict[str, slice]:
+        e = self.equations
+        return _split(e.n, e.m, len(e.p))
 
-    def _record(self, h: float, at: State | None = None) -> tuple[Record, RecordingSolver]:
-        """Return a record and its solver; `h` is the step of a moving time [s]."""
-        record = Record(len(self.equations.p), STEP_FRACTION * h)
-        return record, RecordingSolver(self.equations, self, record, at)
+    @property
+    def _identity(self) -> LinearOperator:
+        return _pick(self._slices["t"].stop, 0, self._slices["t"].stop)
 
-    def factorize(
+    @property
+    def _without_forces(self) -> LinearOperator:
+        """Projection to (q, v, p, t)."""
+        keep = np.ones(self._slices["t"].stop)
+        keep[self._slices["a"].start : self._slices["lam"].stop] = 0.0
+        return _diagonal(keep)
+
+    @property
+    def _head(self) -> LinearOperator:
+        """The coordinates of a solution (n + m,)."""
+        return _pick(self.equations.n + self.equations.m, 0, self.equations.n)
+
+    def _part(self, name: str) -> LinearOperator:
+        part = self._slices[name]
+        return _pick(self._slices["t"].stop, part.start, part.stop)
+
+    def _into(self, first: str, last: str | None = None) -> LinearOperator:
+        """Return the matrix that places a part, or consecutive ones, in z."""
+        slices = self._slices
+        return _pick(slices["t"].stop, slices[first].start, slices[last or first].stop).T
+
+    def _moved(self, *terms: tuple[str, str, Array | float]) -> LinearOperator:
+        """Return the map that adds factors * one part of z to another one, for all terms."""
+        slices = self._slices
+        parts = [(slices[x], slices[y], np.reshape(f, (-1, 1))) for x, y, f in terms]
+
+        def move(z: Array, *, transposed: bool = False) -> Array:
+            z = np.reshape(z, (len(z), -1))
+            result = z.copy()
+            for target, source, factors in parts:
+                if transposed:
+                    result[source] += factors * z[target]
+                else:
+                    result[target] += factors * z[source]
+            return result
+
+        return _operator(slices["t"].stop, move, partial(move, transposed=True))
+
+    def _derivative(self, plan: PlanFunction, time: Array, at: State, h: float) -> LinearOperator:
+        """Return the derivative of a sum of `StateEvaluator` at a state."""
+        e, x = self.equations, np.concatenate(at)
+        size = (2 if plan is plan_balance else 1) * e.n + 3 * e.m
+        return self._differentiate(plan, time, x, size, h)
+
+    def _differentiate(
+        self, plan: PlanFunction, time: Array, x: Array, size: int, h: float, min_base: float = 0.0
+    ) -> LinearOperator:
+        if plan not in self._sums:
+            self._sums[plan] = _Sum(self.equations, plan, len(x), size, self.moving, min_base)
+        return _SumDerivative(self._sums[plan], time, x, STEP_FRACTION * h)
+
+    def _rows(
+        self, operator: LinearOperator, level: int, *, with_force: bool = False
+    ) -> LinearOperator:
+        """Return F + G^T lam, or zeros, and a level of the constraints."""
+        e = self.equations
+        return _choose_rows(e.n, e.m, operator.shape[0], level, with_force) @ operator
+
+    def _change(self, time: Array, at: State, change: Sequence[Array], h: float) -> LinearOperator:
+        """Return the derivative by (q, v, p, t) of that of (F, ...) along a constant change."""
+        e = self.equations
+        x = np.concatenate([at.q, at.v, 0.0 * at.a, at.lam, *change, np.zeros(len(e.p))])
+        size = 2 * e.n + 3 * e.m
+        operator = self._differentiate(_plan_change, time, x, size, h, MIN_STIFF_PENETRATION)
+        return operator @ _place_change(e.n, e.m, len(e.p))
+
+    def _solution(
+        self,
+        time: Array,
+        at: State,
+        right: LinearOperator,
+        solution: tuple[Array, Array],
+        h: float,
+    ) -> LinearOperator:
+        """Return the derivative of the x of [[M, G^T], [G, 0]] (x, mu) = right, given (x, mu)."""
+        if any(x.any() for x in solution):
+            rest = State(at.q, at.v, 0.0 * at.a, 0.0 * at.lam)
+            none = np.zeros_like(at.q)
+            change = self._change(time, rest, (none, none, *solution), h)
+            right = right - self._rows(change, 2, with_force=True)
+        return self._head @ self._saddle(time, at.q, at.v, MASS_COEFFICIENTS) @ right
+
+    def _jerk(self, time: Array, at: State, h: float, holonomic_only: bool) -> LinearOperator:
+        """Return the derivative of `ConsistencySolver.evaluate_normal_jerk`."""
+        e, (q, v, a, lam) = self.equations, at
+        if e.m == 0:
+            return 0.0 * self._part("q")
+        delta = JERK_INTERVAL * h
+        factor = np.full(e.m, 0.5 / delta)
+        if holonomic_only:
+            factor[e.nonholonomic_rows] = 0.0
+        value, rights = np.zeros(e.m), []
+        for d, sign in ((-delta, 1.0), (delta, -1.0)):
+            there = State(q + d * v + 0.5 * d**2 * a, v + d * a, a, 0.0 * lam)
+            now = time + np.array([d, 0.0])
+            value += sign * factor * self.solver.constraint_levels(now, *there[:3])[2]
+            moved = self._moved(("q", "v", d), ("q", "a", 0.5 * d**2), ("v", "a", d))
+            levels = self._derivative(plan_constraint_levels, now, there, h)
+            rights.append(sign * self._rows(levels @ moved, 2))
+        weights = _diagonal(np.append(np.zeros(e.n), factor))
+        solution = self.solver.solve_saddle(time, q, v, 0.0, value)
+        return self._solution(time, at, weights @ (rights[0] + rights[1]), solution, h)
+
+    def _reduced_acceleration(self, time: Array, at: State, h: float) -> LinearOperator:
+        """Return the derivative of `ConsistencySolver.acceleration` with a stiff time."""
+        e, stiff_time = self.equations, STIFF_TIME * h
+        q, v = at.q, at.v
+        a, lam = self.solver.acceleration(time, q, v, stiff_time)
+        there = State(q, v, a, lam)
+        residual = self._rows(self._derivative(plan_balance, time, there, h), 2, with_force=True)
+        zeros, moving = np.zeros(e.n), e.without_states(np.ones(e.n))
+        stiff = (stiff_time**2 * a, zeros, zeros, 0.0 * lam)
+        force = _take(self._change(time, there, stiff, h), e.n)
+        for factor, shift in ((1.0, stiff_time), (-2.0, 0.0), (1.0, -stiff_time)):
+            near = State(q + shift * moving * v, v, zeros, 0.0 * lam)
+            total = self._derivative(plan_smooth_motion, time, near, h)
+            moved = self._moved(("q", "v", shift * moving))
+            force = force + factor * _diagonal(moving) @ _take(total, e.n) @ moved
+        residual = residual + _pick(e.n + e.m, 0, e.n).T @ force
+        inverse = self._saddle(time, q, v, (stiff_time**2, 0.0, 1.0), lam)
+        return -self._head @ inverse @ residual @ self._without_forces
+
+    def _saddle(
         self,
         time: Array,
         q: Array,
         v: Array,
         coefficients: Coefficients,
         lam: Array | None = None,
-    ) -> Callable[[Array, bool], Array]:
-        """Return the function that solves the equations of the saddle-point matrix."""
+    ) -> LinearOperator:
+        """Return the inverse of the saddle-point matrix."""
         if not self.solver.has_friction:
             lam = None  # The matrix does not depend on the multipliers.
         states = (None if x is None else x.tobytes() for x in (time, q, v, lam))
         key = coefficients, *states
+        pattern = self.solver.sums.saddle_pattern
         if key not in self._factors:
             if len(self._factors) >= _MAX_STATES:
                 self._factors.clear()
-            pattern = self.solver.sums.saddle_pattern
             nonzeros = self.solver.saddle_matrix(time, q, v, None, coefficients, lam)
             matrix = (nonzeros, pattern.indices, pattern.indptr)
-            factors = splu(sp.csc_array(matrix, shape=pattern.shape))
-            self._factors[key] = lambda b, transposed: factors.solve(b, "T" if transposed else "N")
-        return self._factors[key]
+            self._factors[key] = splu(sp.csc_array(matrix, shape=pattern.shape))
+        return _inverse(self._factors[key], pattern.shape[0])
 
 
 class Directions(NamedTuple):
@@ -452,3 +672,73 @@ def _locate_numbers(maps: StartDerivatives, other: StartDerivatives) -> list[Arr
     if not here.keys() <= there.keys():
         return None
     return [np.concatenate([np.zeros(0, int), *(x[key] for key in here)]) for x in (there, here)]
+
+
+def differentiate_start(difference: Difference, time: Array, at: State) -> tuple[Array, Array]:
+    """Return the derivatives of the requested initial positions and velocities.
+
+    `time` and `at` are (t, branch) and the state at the start of the run.
+    """
+    base = difference.base
+    models = (base, *difference.equations)
+    if np.array_equal(at.q, base.q0) and not any(start_adds_velocities(e, time) for e in models):
+        dq, dv = difference.derivative(lambda e: e.q0), difference.derivative(lambda e: e.v0)
+    else:
+
+        def start(e: EquationsOfMotion) -> Array:
+            return np.concatenate(ConsistencySolver(e).start_state(time, e.q0, e.v0)[:2])
+
+        dq, dv = np.split(difference.derivative(start), 2)
+    if base.start is not None and base.start.description == EQUILIBRIUM:
+        dp = difference.derivative(lambda e: e.p)
+        dq = StartDerivatives.of(difference).correct_equilibrium(time, at, dq, dp)
+    return dq, dv
+
+
+def assemble_neighbors(base: EquationsOfMotion, start: Any) -> Callable[[Any], EquationsOfMotion]:
+    """Return the function that assembles models at neighboring values of parameters.
+
+    If the run starts in a unique equilibrium, that of its neighbors is not searched: they start at
+    that of the run, whose derivative follows from the static equations, see
+    `StartDerivatives.correct_equilibrium`.
+
+    Parameters
+    ----------
+    base, start
+        Equations of the run, and its start; None for that of the model.
+    """
+
+    def assemble(mechanism: Any) -> EquationsOfMotion:
+        return as_equations(derivative_call(), mechanism, start)
+
+    time = time_on_branch(base.breakpoints, 0.0)
+    if (
+        base.start is None
+        or base.start.description != EQUILIBRIUM
+        or base.configurations is not None
+        or base.redundant
+        or len(base.states)
+        or start_adds_velocities(base, time)
+        or not has_unique_equilibrium(base, time)
+    ):
+        return assemble
+
+    def assemble_as_drawn(mechanism: Any) -> EquationsOfMotion:
+        neighbor = as_equations(derivative_call(), mechanism, AS_DRAWN)
+        if neighbor.n != base.n:  # Rejected by the caller.
+            return neighbor
+        result = replace(neighbor, q0=base.q0, v0=base.v0, start=base.start)
+        return assemble(mechanism) if start_adds_velocities(result, time) else result
+
+    return assemble_as_drawn
+
+
+def start_adds_velocities(equations: EquationsOfMotion, time: Array) -> bool:
+    """Return True if bodies are set in motion at the start, see `ConsistencySolver.start_state`."""
+    kernels = [joint.kernel for joint in equations.structure.joints]
+    if not np.any(equations.v0) and all(x.is_scleronomic for x in kernels):
+        return False
+    solver = ConsistencySolver(equations)
+    return not np.array_equal(
+        solver.rigid_velocities(time, equations.q0, equations.v0), equations.v0
+    )

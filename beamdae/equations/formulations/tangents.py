@@ -115,17 +115,14 @@ def tangent_of(
     return compute_tangent(convert(e) if convert else e, time, state)
 
 
-def differentiate_residual(
-    e: EquationsOfMotion, time: Array, state: State, dp: Array, plan: SumPlan | None = None
-) -> Array:
+def differentiate_residual(e: EquationsOfMotion, time: Array, state: State, dp: Array) -> Array:
     """Return the derivative of the residual of the `Tangent` along a direction of p.
 
-    It is exact up to rounding. `plan` is the directional derivative of `plan_tangent_residual`, if
-    operators depend on the direction.
+    It is exact up to rounding.
     """
     form, zeros = _formulate(e), State(*map(np.zeros_like, state))
     inputs, result = np.concatenate([*form.pack(state), *form.pack(zeros), dp]), np.zeros(form.size)
-    total = (plan or _plan_directional_residual(e.structure)).sum(False, e.p)
+    total = _plan_directional_residual(e.structure).sum(False, e.p)
     set_time(total, *time)
     evaluate_sum(total, inputs, result)
     return result[e.n :]
@@ -137,12 +134,8 @@ def _formulate(e: EquationsOfMotion) -> FirstOrderForm:
 
 @cache_on_owner
 def _plan_directional_residual(structure: Structure) -> SumPlan:
-    return directional_plan(*plan_tangent_residual(structure))
-
-
-def plan_tangent_residual(structure: Structure) -> tuple[SumPlan, int]:
-    """Return the plan of the residual of the `Tangent`, and the size of its inputs."""
-    return plan_residual(structure, "index3"), 2 * (2 * structure.n + structure.m)
+    plan, size = plan_residual(structure, "index3"), 2 * (2 * structure.n + structure.m)
+    return directional_plan(plan, size)
 
 
 def _create_tangent(form: FirstOrderForm, nonzeros: Array, residual: Array) -> Tangent:
