@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
-from weakref import finalize
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.bounded_cache import array_bytes, bounded_cache
 from beamdae.core.library import load_core
 from beamdae.core.tables import Loop
 from beamdae.equations.formulations.sums import N_BALANCE_SCALARS, InputLayout, assemble_balance
-from beamdae.equations.structure import Structure, share_plans
-from beamdae.symbolic.sparse_operators import ConstantOperator
+from beamdae.equations.structure import Structure, cache_on_owner
 from beamdae.symbolic.sums.kernel_sums import Sum, SumPlan, evaluate_sum
 
 if TYPE_CHECKING:
@@ -25,7 +23,6 @@ Array = np.ndarray
 # Limits of the rows evaluated together, so that their data stay in the processor caches.
 _MAX_NUMBERS_AT_ONCE = 100_000
 _MAX_ROWS_AT_ONCE = 1024
-_MAX_CACHED_BYTES = 1e7  # of operators of observed columns
 
 ENERGIES = ("kinetic", "strain", "gravity")
 WORKS = ("work of loads", "work of drivers", "dissipated")
@@ -50,8 +47,7 @@ class ObservedRows:
     def __call__(self, times: Array, q: Array, v: Array, a: Array, lam: Array) -> Array:
         """Return rows of the columns, given rows of (t, branch) and of states (q, v, a, lam)."""
         e, blocks = self.equations, [np.zeros((len(times), 0))]
-        operators = tuple(ConstantOperator(o.operator) for o in e.observables)
-        used, operator = _stack_operators(operators)
+        used, operator = _stack_operators([o.operator for o in e.observables])
         # Copied once: SciPy would copy all columns of all coordinates in each product.
         local = [np.asarray(operator @ np.ascontiguousarray(x.T[used])) for x in (q, v)]
         first = 0
@@ -64,13 +60,10 @@ class ObservedRows:
         return np.hstack(blocks)
 
 
-# Cached, because the runs of a sweep share operators, and each run evaluates columns several times.
-@bounded_cache(_MAX_CACHED_BYTES, lambda stacked: 4 * array_bytes(stacked[1].data))
-def _stack_operators(operators: tuple[ConstantOperator, ...]) -> tuple[Array, sp.csr_array]:
+def _stack_operators(matrices: Sequence[sp.csr_array]) -> tuple[Array, sp.csr_array]:
     """Return the indices of the coordinates in use, and all operators as one on these."""
-    if not operators:
+    if not matrices:
         return np.zeros(0, np.intp), sp.csr_array((0, 0))
-    matrices = [x.matrix for x in operators]
     used, indices = np.unique(np.concatenate([x.indices for x in matrices]), return_inverse=True)
     lengths = np.concatenate([np.diff(x.indptr) for x in matrices])
     ends = np.concatenate([[0], np.cumsum(lengths)])
@@ -96,11 +89,6 @@ class BalancePlan:
     m: int
     total: SumPlan
     states: tuple[int, ...]
-    _idle: list[Any] = field(default_factory=list, init=False, compare=False, repr=False)
-
-    def rows(self, p: Array) -> BalanceRows:
-        """Return an evaluator of rows (energies, powers, norms) for one run with the numbers p."""
-        return BalanceRows(self, p)
 
     def buffers(self, native: bool, p: Array) -> BalanceBuffers:
         """Return the buffers of `evaluate_balance` for a model with the numbers p."""
@@ -157,21 +145,11 @@ class BalanceBuffers:
 
 
 class BalanceRows:
-    """Evaluates the energy balance of one run, in machine code if available.
-
-    Its buffers are reused by later runs of the same plan.
-    """
+    """Evaluates the energy balance of one run, in machine code if available."""
 
     def __init__(self, balance: BalancePlan, p: Array) -> None:
-        try:
-            # Not a test of the length, because a concurrent thread may take the last one.
-            self._run, self._loop = balance._idle.pop()
-        except IndexError:
-            self._run = balance.buffers(balance.total.is_native, p)
-            self._loop = None if load_core() is None else Loop("evaluate_balance", self._run)
-        else:
-            balance.total.set_data(self._run.total, p)
-        finalize(self, balance._idle.append, (self._run, self._loop)).atexit = False
+        self._run = balance.buffers(balance.total.is_native, p)
+        self._loop = None if load_core() is None else Loop("evaluate_balance", self._run)
 
     def __call__(self, times: Array, *state: Array) -> Array:
         """Return rows (energies, powers, norms) of states (q, v, a, lam) at (t, branch)."""
@@ -211,7 +189,7 @@ def _evaluate_balance(run: BalanceBuffers) -> None:
         result[:] = np.concatenate([scalars, *(np.max(x, axis=1, initial=0.0) for x in norms)])
 
 
-@share_plans
+@cache_on_owner
 def plan_balance(e: Structure) -> BalancePlan:
     """Return the plan that evaluates three energies [J], three powers [W] and five norms.
 
@@ -225,4 +203,4 @@ def plan_balance(e: Structure) -> BalancePlan:
 
 def balance_rows(equations: EquationsOfMotion) -> BalanceRows:
     """Return an evaluator of rows (energies, powers, norms) for one run, see `plan_balance`."""
-    return plan_balance(equations.structure).rows(equations.p)
+    return BalanceRows(plan_balance(equations.structure), equations.p)

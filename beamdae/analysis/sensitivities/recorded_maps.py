@@ -92,12 +92,12 @@ class DifferentiableSum:
     def _transposed(self) -> SumEvaluator:
         e = self.equations
         plan = plan_transpose(e.structure, self.plan, self.n_inputs, self.min_base)
-        return SumEvaluator.borrow(plan, e.p, self)
+        return SumEvaluator(plan, e.p)
 
     @cached_property
     def _value(self) -> SumEvaluator:
         plan = self.plan(self.equations.structure)
-        return SumEvaluator.borrow(plan, self.equations.p, self)
+        return SumEvaluator(plan, self.equations.p)
 
     def value(self, time: Array, x: Array) -> Array:
         """Return the sum at (t, branch)."""

@@ -41,7 +41,7 @@ from beamdae.equations.formulations.sums import (
     assemble_residual,
     create_matrix_sum,
 )
-from beamdae.equations.structure import Structure, cache_on_owner, share_plans
+from beamdae.equations.structure import Structure, cache_on_owner
 from beamdae.errors import require_choice
 from beamdae.symbolic.constraint_kernel import NO_LEVEL
 from beamdae.symbolic.force_kernel import DAMPING, MASS, STIFFNESS, Tangents
@@ -238,7 +238,7 @@ def _input_layout(structure: Structure, form: Formulation) -> InputLayout:
     return InputLayout(q=0, v=n, a=size + n, lam=lam, mu=lam + m)
 
 
-@share_plans
+@cache_on_owner
 def plan_residual(structure: Structure, name: str) -> SumPlan:
     """Return the plan of the residual of a form, without q' - v; inputs are (y, y')."""
     form, n = FORMULATIONS[name], structure.n
@@ -246,7 +246,7 @@ def plan_residual(structure: Structure, name: str) -> SumPlan:
     return assemble_residual(structure, layout, form.levels, form.stabilized, dynamic=n).vector()
 
 
-@share_plans
+@cache_on_owner
 def plan_jacobian(structure: Structure, name: str, apart: bool) -> tuple[sp.csc_array, SumPlan]:
     """Return pattern and plan of dR/dy + c dR/dy' or, if `apart`, of both derivatives."""
     form = FORMULATIONS[name]

@@ -21,7 +21,7 @@ from beamdae.equations.formulations.sums import (
     create_matrix_sum,
     select_holonomic,
 )
-from beamdae.equations.structure import Structure, cache_on_owner, share_plans
+from beamdae.equations.structure import Structure, cache_on_owner
 from beamdae.symbolic.force_kernel import DAMPING, MASS, STIFFNESS, Tangents
 from beamdae.symbolic.sums.kernel_sums import Sum, SumPlan, set_matrix_factors, set_time
 from beamdae.symbolic.sums.sum_evaluator import SumEvaluator
@@ -185,7 +185,7 @@ def formulate_step(equations: EquationsOfMotion, stabilized: bool) -> StepEquati
     return StepEquations(equations, stabilized, *plan_step_sums(equations.structure, stabilized))
 
 
-@share_plans
+@cache_on_owner
 def plan_step_sums(
     structure: Structure, stabilized: bool
 ) -> tuple[sp.csc_array, tuple[SumPlan, SumPlan, SumPlan]]:

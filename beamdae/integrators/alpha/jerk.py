@@ -13,7 +13,7 @@ import numpy as np
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.formulations.sums import InputLayout, assemble_accelerations
 from beamdae.equations.starts.state_evaluator import plan_state_sums
-from beamdae.equations.structure import Structure, share_plans
+from beamdae.equations.structure import Structure, cache_on_owner
 from beamdae.integrators.alpha.workspace import AlphaWorkspace
 from beamdae.integrators.compiled_run import FactorizedMatrix
 from beamdae.symbolic.sums.kernel_sums import Sum, SumPlan
@@ -21,7 +21,7 @@ from beamdae.symbolic.sums.kernel_sums import Sum, SumPlan
 Array = np.ndarray
 
 
-@share_plans
+@cache_on_owner
 def _plan_accelerations(structure: Structure) -> SumPlan:
     n = structure.n
     return assemble_accelerations(structure, InputLayout(q=0, v=n, a=2 * n, lam=3 * n)).vector()

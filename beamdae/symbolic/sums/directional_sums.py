@@ -148,7 +148,6 @@ def directional_plan(
         weighted_targets=weighted_targets[weighted_order].astype(np.uint32),
         weighted_sources=weighted_sources[weighted_order].astype(np.uint32),
         weights=weights[weighted_order],
-        weight_factors=None,
     )
 
 
