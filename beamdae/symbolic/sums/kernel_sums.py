@@ -277,6 +277,8 @@ class SumPlan:
     weighted_targets: Array
     weighted_sources: Array
     weights: Array
+    # Of `SumEvaluator`, for the next model.
+    idle_buffers: list[Any] = field(default_factory=list, init=False, compare=False, repr=False)
 
     @property
     def is_native(self) -> bool:

@@ -1,41 +1,75 @@
 """Evaluation of sums at single states.
 
-CasADi's virtual machine evaluates the kernels of these sums sooner than their machine code is
-loaded. Results have the same bits as those of machine code.
+For one model, CasADi's virtual machine evaluates the kernels of these sums sooner than their
+machine code is loaded. Models that share a plan, as in studies, reuse buffers and use machine code
+if it is in the cache. Results have the same bits in any case.
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
+from weakref import finalize
 
 import numpy as np
 
 from beamdae.core.library import load_core
 from beamdae.core.tables import Loop
-from beamdae.symbolic.sums.kernel_sums import Evaluation, SumPlan, evaluate_plainly
+from beamdae.symbolic.sums.kernel_sums import Evaluation, Sum, SumPlan, evaluate_plainly
 
 Array = np.ndarray
+
+# Largest inputs of sums that are kept for later models.
+_MAX_IDLE_NUMBERS = 100_000
+
+
+@dataclass
+class _Buffers:
+    """Sum of an evaluator, and its evaluation by the core; kept by plans for later models."""
+
+    total: Sum
+    is_native: bool = False
+    evaluation: Evaluation | None = None
+    loop: Loop | None = None
 
 
 class SumEvaluator:
     """Evaluates a sum at single states for one model; only one thread may use it at a time."""
 
     def __init__(self, plan: SumPlan, p: Array) -> None:
-        self._total = plan.sum(False, p)
-        self._evaluation: Evaluation | None = None
+        try:
+            # Not a test of the length, because a concurrent thread may take the last one.
+            buffers = plan.idle_buffers.pop()
+        except IndexError:
+            buffers = _Buffers(plan.sum(False, p))
+        else:
+            if not buffers.is_native and plan.load_native(compiles=False):
+                buffers = _Buffers(plan.sum(True, p), True)
+            plan.set_data(buffers.total, p)
+        self._buffers = buffers
+        if plan.n_local <= _MAX_IDLE_NUMBERS:
+            finalize(self, plan.idle_buffers.append, buffers).atexit = False
 
     @property
     def shared(self) -> Array:
         """Inputs common to all copies, see `Sum.shared`; set before an evaluation."""
-        return self._total.shared
+        return self._buffers.total.shared
 
     def __call__(self, x: Array, size: int) -> Array:
-        """Return the sum at x, (size,); all calls have equal sizes of x and of the result."""
+        """Return the sum at x, (size,)."""
+        buffers = self._buffers
         if load_core() is None:
             result = np.zeros(size)
-            evaluate_plainly(self._total, x, result)
+            evaluate_plainly(buffers.total, x, result)
             return result
-        if self._evaluation is None:
-            self._evaluation = Evaluation(self._total, np.zeros(len(x)), np.zeros(size))
-            self._loop = Loop("run_evaluation", self._evaluation)
-        self._evaluation.x[:] = x
-        self._loop.call_loaded()
-        return self._evaluation.result.copy()
+        last = buffers.evaluation
+        # Models that share a plan may differ in the number of their observed quantities.
+        if (
+            buffers.loop is None
+            or last is None
+            or (len(last.x), len(last.result)) != (len(x), size)
+        ):
+            last = buffers.evaluation = Evaluation(buffers.total, np.zeros(len(x)), np.zeros(size))
+            buffers.loop = Loop("run_evaluation", last)
+        last.x[:] = x
+        buffers.loop.call_loaded()
+        return last.result.copy()
