@@ -10,10 +10,10 @@ import numpy as np
 import scipy.sparse as sp
 
 from beamdae.core.library import load_core
-from beamdae.core.tables import Loop
+from beamdae.core.tables import Loop, Workspace
 from beamdae.equations.formulations.sums import N_BALANCE_SCALARS, InputLayout, assemble_balance
 from beamdae.equations.structure import Structure, cache_on_owner
-from beamdae.symbolic.sums.kernel_sums import Sum, SumPlan, evaluate_sum
+from beamdae.symbolic.sums.kernel_sums import SumPlan, evaluate_sum
 
 if TYPE_CHECKING:
     from beamdae.equations.equations_of_motion import EquationsOfMotion
@@ -71,84 +71,25 @@ def _stack_operators(matrices: Sequence[sp.csr_array]) -> tuple[Array, sp.csr_ar
     return used, sp.csr_array((data, indices, ends), shape=(len(lengths), len(used)))
 
 
-@dataclass(frozen=True)
-class BalancePlan:
-    """Plan for the evaluation of energies, powers and norms, see `plan_balance`.
-
-    Attributes
-    ----------
-    n, m
-        Numbers of coordinates and constraints.
-    total
-        Plan of the sum built by `assemble_balance`; the input is (q, v, a, lam).
-    states
-        Indices of the coordinates of first-order states, whose rows of F are no forces.
-    """
-
-    n: int
-    m: int
-    total: SumPlan
-    states: tuple[int, ...]
-
-    def buffers(self, native: bool, p: Array) -> BalanceBuffers:
-        """Return the buffers of `evaluate_balance` for a model with the numbers p."""
-        size = 3 * self.n + self.m
-        rows = int(np.clip(_MAX_NUMBERS_AT_ONCE // max(size, 1), 1, _MAX_ROWS_AT_ONCE))
-        is_force = np.ones(self.n)
-        is_force[list(self.states)] = 0.0
-        return BalanceBuffers(
-            self.total.sum(native, p),
-            self.n,
-            self.m,
-            times=np.zeros((rows, 2)),
-            states=np.zeros((rows, size)),
-            results=np.zeros((rows, N_BALANCE_VALUES)),
-            value=np.zeros(N_BALANCE_SCALARS + size + self.m),
-            is_force=is_force,
-            ones=np.ones(self.m),
-        )
-
-
-@dataclass(slots=True)
-class BalanceBuffers:
-    """Rows of states and their energies, powers and norms, see `plan_balance`.
-
-    Attributes
-    ----------
-    total
-        Sum of which `BalancePlan.total` is the plan.
-    n, m
-        Numbers of coordinates and constraints.
-    times, states
-        (t, branch) and (q, v, a, lam) of the rows.
-    results
-        Energies, powers and norms of the rows.
-    value
-        Values of the sum at one row.
-    is_force, ones
-        Weights of the norms: 1 for rows of F that are forces, 0 for those of first-order states;
-        and 1 for constraints.
-    n_rows
-        Number of rows in use.
-    """
-
-    total: Sum
-    n: int
-    m: int
-    times: Array
-    states: Array
-    results: Array
-    value: Array
-    is_force: Array
-    ones: Array
-    n_rows: int = 0
-
-
 class BalanceRows:
     """Evaluates the energy balance of one run, in machine code if available."""
 
-    def __init__(self, balance: BalancePlan, p: Array) -> None:
-        self._run = balance.buffers(balance.total.is_native, p)
+    def __init__(self, equations: EquationsOfMotion) -> None:
+        plan, n, m = plan_balance(equations.structure), equations.n, equations.m
+        size = 3 * n + m
+        rows = int(np.clip(_MAX_NUMBERS_AT_ONCE // max(size, 1), 1, _MAX_ROWS_AT_ONCE))
+        self._run = Workspace(
+            "BalanceBuffers",
+            total=plan.sum(plan.is_native, equations.p),
+            n=n,
+            m=m,
+            times=np.zeros((rows, 2)),
+            states=np.zeros((rows, size)),
+            results=np.zeros((rows, N_BALANCE_VALUES)),
+            value=np.zeros(N_BALANCE_SCALARS + size + m),
+            is_force=equations.without_states(np.ones(n)),
+            ones=np.ones(m),
+        )
         self._loop = None if load_core() is None else Loop("evaluate_balance", self._run)
 
     def __call__(self, times: Array, *state: Array) -> Array:
@@ -173,7 +114,7 @@ class BalanceRows:
 
 # Overflowing forces show in the norms.
 @np.errstate(over="ignore", invalid="ignore")
-def _evaluate_balance(run: BalanceBuffers) -> None:
+def _evaluate_balance(run: Workspace) -> None:
     """Evaluate the rows in use without the core."""
     n, m = run.n, run.m
     for time, state, result in zip(run.times, run.states, run.results[: run.n_rows], strict=False):
@@ -190,7 +131,7 @@ def _evaluate_balance(run: BalanceBuffers) -> None:
 
 
 @cache_on_owner
-def plan_balance(e: Structure) -> BalancePlan:
+def plan_balance(e: Structure) -> SumPlan:
     """Return the plan that evaluates three energies [J], three powers [W] and five norms.
 
     `ENERGIES` names the energies; `WORKS` names the time integrals of the powers. The norms are the
@@ -198,9 +139,4 @@ def plan_balance(e: Structure) -> BalancePlan:
     first-order states.
     """
     layout = InputLayout(q=0, v=e.n, a=2 * e.n, lam=3 * e.n)
-    return BalancePlan(e.n, e.m, assemble_balance(e, layout).vector(), e.states)
-
-
-def balance_rows(equations: EquationsOfMotion) -> BalanceRows:
-    """Return an evaluator of rows (energies, powers, norms) for one run, see `plan_balance`."""
-    return BalanceRows(plan_balance(equations.structure), equations.p)
+    return assemble_balance(e, layout).vector()

@@ -15,6 +15,8 @@ import math
 
 import numpy as np
 
+from beamdae.core.tables import Workspace
+
 Array = np.ndarray
 
 _ROOT = math.sqrt(6.0)
@@ -84,4 +86,18 @@ RATE_BLOCKS = np.array(
         [0.0, COMPLEX_EIGENVALUE.real, -COMPLEX_EIGENVALUE.imag],
         [0.0, COMPLEX_EIGENVALUE.imag, COMPLEX_EIGENVALUE.real],
     ]
+)
+
+TABLEAU = Workspace(
+    "Tableau",
+    nodes=C,
+    to_stages=np.ascontiguousarray(T),
+    from_stages=np.ascontiguousarray(T_INVERSE),
+    rates=np.ascontiguousarray(RATES),
+    rate_blocks=RATE_BLOCKS,
+    polynomial=np.ascontiguousarray(POLYNOMIAL),
+    embedded=EMBEDDED,
+    start=START,
+    uniform=UNIFORM,
+    eigenvalues=np.array([REAL_EIGENVALUE, COMPLEX_EIGENVALUE.real, COMPLEX_EIGENVALUE.imag]),
 )
