@@ -59,7 +59,6 @@ from beamdae.integrators.step_history import (
 )
 from beamdae.interrupts import Interrupted, acknowledge, attach_partial, raise_pending
 from beamdae.linear.blas_threads import single_threaded
-from beamdae.memory import release_freed_memory, retain_freed_memory
 from beamdae.model_checks.followed_vibrations import describe_followed_vibration
 from beamdae.model_checks.strain_limits import (
     MEANINGLESS_DEFORMATION,
@@ -83,8 +82,6 @@ PARTS_SWITCHED = Status("ok", "an event switched parts")
 _STEPS_PER_SEARCH = 256
 _MAX_LISTED_PEAKS = 3
 _STRAIN_SAMPLES = 256  # times since the last check of the motion at which strains are evaluated
-# Size of the rows from which on freed memory is returned to the system after a run.
-_MAX_RETAINED_BYTES = 1e8
 
 _NO_MEMORY = "out of memory; use longer steps, fewer elements or an earlier end time"
 _NOT_FINITE = "the state is not finite; check laws, masses and start values"
@@ -132,7 +129,6 @@ def drive(
     Exception
         Any exception of `progress`, with the solution as the attribute `partial`.
     """
-    retain_freed_memory()
     solution = None
     try:
         # NumPy's warnings would be redundant: a state that is not finite ends the run.
@@ -143,9 +139,6 @@ def drive(
             solution = balance_reactions(solution)
             if reduced is not None:
                 solution = restore_reactions(solution, reduced)
-        if solution.trajectory.stored_bytes > _MAX_RETAINED_BYTES:
-            # The matrices of the method, and the rows of steps that have not been kept.
-            release_freed_memory()
     except KeyboardInterrupt:
         if solution is None:
             raise
