@@ -39,33 +39,44 @@ class ReadOnlyDict(dict[Any, Any]):
         return type(self), (dict(self),)
 
 
-def read_only(value: Any, depth: int = 0) -> Any:
+def read_only(value: Any, depth: int = 0, known: dict[int, tuple[Any, Any]] | None = None) -> Any:
     """Return a value whose arrays, dictionaries and lists, also nested ones, cannot be changed.
 
     Arrays are returned as read-only views of the same memory, sparse matrices as copies,
     dictionaries as `ReadOnlyDict` and lists as tuples. Values that are read-only already,
     containers inside more than 50 others, and all other objects are returned unchanged. `depth` is
-    the number of enclosing containers.
+    the number of enclosing containers. `known` contains earlier values and results by the id of the
+    value, so that an object that occurs several times remains one object.
     """
     kind: Any = type(value)
     if not _may_change(kind) or depth > _MAX_DEPTH:
         return value
+    known = {} if known is None else known
+    if id(value) not in known:
+        known[id(value)] = value, _protect(value, depth, known)
+    return known[id(value)][1]
+
+
+def _protect(value: Any, depth: int, known: dict[int, tuple[Any, Any]]) -> Any:
+    kind: Any = type(value)
     if isinstance(value, np.ndarray):
         return _view(value)
     if kind is dict:
-        return ReadOnlyDict({key: read_only(entry, depth + 1) for key, entry in value.items()})
-    if isinstance(value, (list, tuple)):
-        # Most long sequences contain numbers only.
-        is_plain = not any(map(_may_change, set(map(type, value))))
-        entries = tuple(value if is_plain else [read_only(x, depth + 1) for x in value])
-        if isinstance(value, tuple) and all(map(is_, entries, value)):
+        return ReadOnlyDict(
+            {key: read_only(entry, depth + 1, known) for key, entry in value.items()}
+        )
+    if not isinstance(value, (list, tuple)):
+        if not any(read_only(x) is not x for x in vars(value).values()):
             return value
-        return getattr(kind, "_make", tuple)(entries)
-    if not any(read_only(x) is not x for x in vars(value).values()):
+        matrix = value.copy()
+        vars(matrix).update({name: read_only(x) for name, x in vars(matrix).items()})
+        return matrix
+    # Most long sequences contain numbers only.
+    is_plain = not any(map(_may_change, set(map(type, value))))
+    entries = tuple(value if is_plain else [read_only(x, depth + 1, known) for x in value])
+    if isinstance(value, tuple) and all(map(is_, entries, value)):
         return value
-    matrix = value.copy()
-    vars(matrix).update({name: read_only(x) for name, x in vars(matrix).items()})
-    return matrix
+    return getattr(kind, "_make", tuple)(entries)
 
 
 @cache
@@ -142,10 +153,10 @@ def read_only_data(cls: _T) -> _T:
 
 def _protect_fields(instance: Any) -> None:
     cls: Any = type(instance)
-    caches, values = _names_of_caches(cls), vars(instance)
+    caches, values, known = _names_of_caches(cls), vars(instance), dict[int, tuple[Any, Any]]()
     for name, value in values.items():
         if name not in caches:
-            values[name] = read_only(value)
+            values[name] = read_only(value, 0, known)
 
 
 @cache
