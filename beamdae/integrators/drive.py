@@ -26,9 +26,8 @@ from beamdae.equations.table_arguments import (
 )
 from beamdae.errors import BeamdaeError, ProgressError, list_first
 from beamdae.integrators.events.force_peaks import watch_force_peaks
-from beamdae.integrators.events.stop import Watch
 from beamdae.integrators.events.switching import MethodCache, apply_event, initial_configuration
-from beamdae.integrators.events.watches import watch_tables_and_contacts
+from beamdae.integrators.events.watches import Watch, watch_tables_and_contacts
 from beamdae.integrators.integrator import DEFAULT_RTOL, Integrator, require_limits
 from beamdae.integrators.limits import (
     PaceCheck,

@@ -23,6 +23,7 @@ from beamdae.errors import BeamdaeError
 from beamdae.integrators.alpha.family import AlphaStart, Motion
 from beamdae.integrators.alpha.jerk import JerkEquations
 from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
+from beamdae.integrators.error_control import UNTESTED_MULTIPLIERS, MultiplierTolerances
 from beamdae.integrators.method import (
     FIXED_STEPS_PER_CHECK,
     STEPS_PER_CHECK,
@@ -30,7 +31,6 @@ from beamdae.integrators.method import (
     allocate_rows,
     count_equal_steps,
 )
-from beamdae.integrators.multiplier_tolerances import UNTESTED_MULTIPLIERS, MultiplierTolerances
 from beamdae.results.outcome import Statistics
 
 Array = np.ndarray

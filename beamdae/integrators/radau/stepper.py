@@ -30,8 +30,11 @@ from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
 from beamdae.integrators.error_control import (
     POSITION_ROUNDING,
     STIFF_RATIO_RADAU,
+    UNTESTED_MULTIPLIERS,
     MotionScales,
+    MultiplierTolerances,
     motion_scales,
+    plan_multiplier_tolerances,
     reduce_tolerance,
     resolve_error_control,
 )
@@ -39,11 +42,6 @@ from beamdae.integrators.method import (
     MATRIX_SINGULAR,
     RESIDUAL_NOT_FINITE,
     StepError,
-)
-from beamdae.integrators.multiplier_tolerances import (
-    UNTESTED_MULTIPLIERS,
-    MultiplierTolerances,
-    plan_multiplier_tolerances,
 )
 from beamdae.integrators.radau.coefficients import TABLEAU
 from beamdae.integrators.run_plan import RunPlan
