@@ -67,12 +67,16 @@ def _stack(operators: Sequence[sp.csr_array], columns: Sequence[int], n: int) ->
     indices = [x.indices + first for x, first in zip(operators, columns, strict=True)]
     starts = [x.indptr[:-1] + first for x, first in zip(operators, ends, strict=False)]
     indptr = np.concatenate([*starts, ends[-1:]])
-    return assemble_csr(
+    stacked = assemble_csr(
         np.concatenate([np.zeros(0), *data]),
         np.concatenate([np.zeros(0, np.int32), *indices]),
         indptr,
         (len(indptr) - 1, n),
     )
+    # Observables hold read-only operators without a copy.
+    for array in (stacked.data, stacked.indices, stacked.indptr):
+        array.setflags(write=False)
+    return stacked
 
 
 def _as_csr(operator: Any) -> sp.csr_array:
@@ -91,15 +95,21 @@ def locate_attachments(
 ) -> Array:
     """Return the positions (count, 2) [m] of attachments at the global coordinates `q`, (n,)."""
     positions = np.empty((len(attachments), 2))
-    for position, attachment in zip(positions, attachments, strict=True):
+    # Points with the same formula are evaluated together by one compiled function.
+    kinds: dict[Any, list[tuple[int, Array, Any]]] = {}
+    for k, attachment in enumerate(attachments):
         operator, formula = attachment.operator, attachment.checked_kinematics
         first, (size, width) = coordinates.offsets[id(attachment.body)], operator.shape
+        local = operator @ q[first : first + width]
         if isinstance(formula, Formula):
-            function = _compile_position_kind(formula.kind, len(formula.numbers), size)
-            numbers = np.array(formula.numbers, float)
+            kind = (formula.kind, len(formula.numbers), size)
+            kinds.setdefault(kind, []).append((k, local, formula.numbers))
         else:
-            function, numbers = _compile_position(formula, size, SX(0, 1)), np.zeros(0)
-        position[:] = function((operator @ q[first : first + width])[None], numbers)
+            positions[k] = _compile_position(formula, size, SX(0, 1))(local[None], np.zeros(0))
+    for kind, members in kinds.items():
+        rows, local_rows, numbers = zip(*members, strict=True)
+        function = _compile_position_kind(*kind)
+        positions[list(rows)] = function(np.array(local_rows), np.array(numbers, float))
     return positions
 
 

@@ -1,8 +1,9 @@
 """Evaluation of sums at single states.
 
 For one model, CasADi's virtual machine evaluates the kernels of these sums sooner than their
-machine code is loaded. Models that share a plan, as in studies, reuse buffers and use machine code
-if it is in the cache. Results have the same bits in any case.
+machine code is loaded. Models that share a plan, as in studies, reuse buffers and use machine code:
+from the second model on if it is in the cache, and compiled after many models. Results have the
+same bits in any case.
 """
 
 from __future__ import annotations
@@ -18,6 +19,8 @@ from beamdae.symbolic.sums.kernel_sums import Evaluation, Sum, SumPlan, evaluate
 
 Array = np.ndarray
 
+# Number of models with the same plan that takes about as long as compiling its kernels.
+_MODELS_BEFORE_COMPILING = 50
 # Largest inputs of sums that are kept for later models.
 _MAX_IDLE_NUMBERS = 100_000
 
@@ -36,13 +39,15 @@ class SumEvaluator:
     """Evaluates a sum at single states for one model; only one thread may use it at a time."""
 
     def __init__(self, plan: SumPlan, p: Array) -> None:
+        plan.uses[0] += 1
         try:
             # Not a test of the length, because a concurrent thread may take the last one.
             buffers = plan.idle_buffers.pop()
         except IndexError:
             buffers = _Buffers(plan.sum(False, p))
         else:
-            if not buffers.is_native and plan.load_native(compiles=False):
+            compiles = plan.uses[0] > _MODELS_BEFORE_COMPILING
+            if not buffers.is_native and plan.load_native(compiles):
                 buffers = _Buffers(plan.sum(True, p), True)
             plan.set_data(buffers.total, p)
         self._buffers = buffers
