@@ -6,14 +6,11 @@ where the error test sees what the step has passed over.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.surface_gaps import compile_surface_gaps
-from beamdae.equations.table_arguments import TableArgumentTerm, find_distinct, group_grids
 from beamdae.results.trajectory import Interval
 
 Array = np.ndarray
@@ -62,27 +59,3 @@ def locate_root(
     from scipy.optimize import brentq
 
     return float(brentq(lambda t: float(evaluate(np.array([t]))[0]), start, end, rtol=rtol))
-
-
-def watch_tables_and_contacts(
-    equations: EquationsOfMotion, arguments: Sequence[TableArgumentTerm], is_adaptive: bool
-) -> tuple[Watch, ...]:
-    """Return the watches of the contacts of all parts and of the `arguments` of tables.
-
-    Peaks of tables are searched if `is_adaptive` is True.
-    """
-    # Imported where they are created: most models have no surfaces and tables.
-    watches: list[Watch] = []
-    if gaps := compile_surface_gaps(equations):
-        from beamdae.integrators.events.contact_onsets import ContactWatch
-
-        watches.append(ContactWatch(gaps, equations.length))
-    distinct = find_distinct(arguments)
-    limited = [term for term in distinct if term.is_limited]
-    calls = [(term,) for term in distinct if len(term.constants) == 1] if is_adaptive else []
-    if limited or calls or (is_adaptive and arguments):
-        from beamdae.integrators.events.table_limits import TableWatch
-
-        grids = group_grids(arguments) if is_adaptive else ()
-        watches.append(TableWatch(limited, [*calls, *grids]))
-    return tuple(watches)
