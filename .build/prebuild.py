@@ -45,11 +45,9 @@ from beamdae.cli.model_files.model_file import ModelFile  # noqa: E402
 from beamdae.core import library  # noqa: E402
 from beamdae.core.compilers import PLATFORMS  # noqa: E402
 from beamdae.equations.formulations.first_order import FIRST_ORDER  # noqa: E402
-from beamdae.equations.starts.state_evaluator import plan_motion  # noqa: E402
 from beamdae.integrators.alpha import generalized_alpha  # noqa: E402
 from beamdae.native import lane_kernels, llvm, object_code, prebuilt_objects  # noqa: E402
 from beamdae.parts.part import Part  # noqa: E402
-from beamdae.symbolic.sums.sum_evaluator import SumEvaluator  # noqa: E402
 
 # Without x86-64-v2 (before AVX2, of 2013), for which LLVM takes four to six times as long.
 _LEVELS = llvm.X86_LEVELS[1:]
@@ -102,7 +100,7 @@ def compile_objects(folder: Path) -> None:
         os.environ["CC"] = f"{sys.executable} -m ziglang cc -target {zig_target}"
     recorder = Recorder()
     lane_kernels.load_object = recorder
-    exercises = (model_runs, sample_runs, derivative_runs, single_state_runs)
+    exercises = (model_runs, sample_runs, derivative_runs)
     identity = library.core_identity()
     for exercise in chain.from_iterable(make() for make in exercises):
         with suppress(bd.BeamdaeError):
@@ -195,13 +193,6 @@ def derivative_runs() -> Iterator[Callable[[], Any]]:
     for integrator in (bd.GeneralizedAlpha(), bd.Radau()):
         yield partial(bd.sensitivities, model, [by], integrator, t_end)
         yield partial(bd.gradient, model, bd.quantities.EndValue("tip.x"), by, integrator, t_end)
-
-
-def single_state_runs() -> Iterator[Callable[[], Any]]:
-    """Yield the machine code in which studies evaluate sums at single states."""
-    equations = bd.equations_of_motion(driven_disk())
-    evaluator = SumEvaluator(plan_motion(equations.structure), equations.p)
-    yield partial(evaluator.load_native, compiles=True)
 
 
 def sample_mechanism(beam: dict[str, Any]) -> tuple[Any, SampleMechanism]:

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import ctypes
 import errno
 import os
 from contextlib import suppress
-from functools import cache
 from pathlib import Path
 
 from beamdae.errors import BeamdaeError
@@ -17,10 +15,6 @@ _BYTES_PER_KILOBYTE = 1024.0
 # elements. A smaller value would admit runs that exceed the limit, at which SuperLU crashes the
 # process.
 _ADDRESS_SPACE_RATIO = 2.8
-# Options of glibc's mallopt, and the sizes [bytes] up to which `retain_freed_memory` sets them.
-_TRIM_THRESHOLD_OPTION, _MMAP_THRESHOLD_OPTION = -1, -3
-_MAX_RETAINED_BYTES = 2**26
-_MAX_HEAP_ARRAY_BYTES = 2**24
 _MEMORY_FILE = Path("/proc/meminfo")
 _PAGES_FILE = Path("/proc/self/statm")
 _GROUP_FILE = Path("/proc/self/cgroup")
@@ -98,30 +92,6 @@ def _free_address_space() -> float:
         return max(limit - pages * os.sysconf("SC_PAGE_SIZE"), 0.0) / _ADDRESS_SPACE_RATIO
     except (ImportError, OSError, ValueError):
         return float("inf")
-
-
-def release_freed_memory() -> None:
-    """Return freed memory to the system; glibc would keep arrays of up to 32 MB for later use."""
-    try:
-        trim = ctypes.CDLL(None).malloc_trim
-    except (AttributeError, OSError, TypeError):  # another C library
-        return
-    trim(0)
-
-
-@cache
-def retain_freed_memory() -> None:
-    """Keep up to 64 MB of freed memory in this process, for arrays of up to 16 MB.
-
-    By default, glibc returns the arrays of each short run to the system, and the next run spends a
-    tenth of its time on getting new pages. Further calls have no effect.
-    """
-    try:
-        set_option = ctypes.CDLL(None).mallopt
-    except (AttributeError, OSError, TypeError):  # another C library
-        return
-    set_option(_TRIM_THRESHOLD_OPTION, _MAX_RETAINED_BYTES)
-    set_option(_MMAP_THRESHOLD_OPTION, _MAX_HEAP_ARRAY_BYTES)
 
 
 def require_memory(part: str, purpose: str, required: float, remedy: str) -> None:

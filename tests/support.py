@@ -170,7 +170,7 @@ class NumericEquations:
     def _balance(self, q=None, v=None, a=None, lam=None, time=None):
         """Return energies, powers and norms at a state, see `measures.plan_balance`."""
         inputs = self._complete(q, v, a, lam, time)
-        return measures.balance_rows(self.equations)(*(x[None] for x in inputs))[0]
+        return measures.BalanceRows(self.equations)(*(x[None] for x in inputs))[0]
 
     def energies(self, *state, **more):
         """Return (kinetic, strain, gravity) energy, power of the loads and dissipated power."""

@@ -2,8 +2,8 @@
 
    A table holds one object, in words of 64 bits: integers, numbers, and for an array its address
    and its shape. `tables.py` reads the structures in this file and fills tables from Python objects
-   with attributes of the same names, which describe the fields. Attributes that an object lacks are
-   zero; a field `base` holds attributes of the same object. */
+   with attributes of the same names, such as `Workspace`. Attributes that an object lacks are zero; a
+   field `base` holds attributes of the same object. */
 
 #ifndef BEAMDAE_CORE_H
 #define BEAMDAE_CORE_H
@@ -132,6 +132,8 @@ typedef struct {
 
 int run_evaluation(Evaluation *evaluation);
 
+/* Energies, powers and norms `results` of `n_rows` rows (t, branch) and (q, v, a, lam). `value` is
+   the sum at one row; norms have the weights `is_force` (0 for first-order states) and `ones`. */
 typedef struct {
     Sum total;
     int64_t n, m;
@@ -144,6 +146,8 @@ int evaluate_balance(BalanceBuffers *run);
 
 /* Forms of the equations */
 
+/* Equations of a step of generalized-alpha. `motion` contains their inputs (q, v, a, lam), followed
+   by (q_n, eta) if `stabilized`; `velocity_rows` are those in which g_dot / c_v replaces g. */
 typedef struct {
     int64_t n, m, stabilized;
     Reals motion;
@@ -155,6 +159,7 @@ typedef struct {
     Reals q, v, a, before, coefficients;
 } StepPrediction;
 
+/* First-order form with `n` coordinates and `size` unknowns; x is (y, y'). */
 typedef struct {
     int64_t n, size;
     Reals x;
@@ -185,21 +190,24 @@ void lower_weights(Reals weights, double tolerance, Reals values);
 
 typedef struct {
     FirstOrderBuffers form;
-    Sum saddle;
+    Sum saddle; /* [[M, G^T + dF/dlam], [G, 0]] at `motion` = (q, v, a, lam) */
     LinearSolver linear;
-    Reals nonzeros, y, yp, residual, motion, change, weights;
-    Integers states;
-    int64_t has_impulses, max_iterations;
+    Reals nonzeros, y, yp, residual, motion, change, weights; /* changes of (a, lam), and ones */
+    Integers states;                                          /* first-order states */
+    int64_t has_impulses, max_iterations;                     /* 1 if y' contains the multipliers */
     double t, branch;
 } InputJumpWorkspace;
 
 int solve_jump(InputJumpWorkspace *run);
 
+/* State after a step of length h; a is the algorithmic acceleration. */
 typedef struct {
     Reals q, v, ddq, a, lam;
     double h;
 } Motion;
 
+/* Jerk that corrects velocities when the step changes: g_ddot shortly `ahead` and `behind` of the
+   current time, and `unknowns`, the jerk followed by its multipliers. */
 typedef struct {
     Sum accelerations, saddle;
     LinearSolver linear;
@@ -209,43 +217,59 @@ typedef struct {
 typedef struct {
     StepBuffers form;
     LinearSolver linear;
-    double alpha_m, alpha_f, gamma, beta, defect;
-    Motion current, accepted_motion;
+    double alpha_m, alpha_f, gamma, beta, defect; /* see `family.AlphaParameters` */
+    Motion current, accepted_motion; /* with the length of the next step; after the last step */
     StepPrediction prediction;
+    /* Predicted a, values at the start of the step, unknowns, first iterate of those besides the
+       increments, and correction of the unknowns. */
     Reals a_predicted, ddq_n, a_n, lam_n, x, first_multipliers, change, nonzeros;
+    /* Reciprocal scales of coordinates; 1 for multipliers that are tested, otherwise 0. */
     Reals weights, reaction_weights;
-    Reals2 rows;
+    Reals2 rows; /* (t, q, v, ddq, lam) of the steps taken, `filled` of them */
+    /* Newton tolerance relative to beta h^2 times the largest scaled acceleration, lower bound of
+       `correction_limit`, local error tolerance, and bounds of adaptive steps. */
     double newton_tolerance, min_correction_limit, tolerance, max_step, min_step;
-    Integers states;
+    Integers states; /* first-order states */
+    /* 0 if the starting values of an interval have just been set; 1 after a jump of inputs. */
     int64_t has_started, has_jumped, filled;
-    double step_ratio;
-    int64_t most;
+    double step_ratio; /* to the previous step, 0 in the first one */
+    int64_t most;      /* rows to fill */
+    /* Newton tolerance of scaled positions in this step, factor that compares corrections of
+       reactions with it, and last rate of convergence. */
     double correction_limit, reaction_factor, rate, t, branch, start_time, end;
-    int64_t step_count, total_steps;
+    int64_t step_count, total_steps; /* of equal steps */
+    /* Next step to try, and the largest one that only the end of the interval has shortened. */
     double next_step, unclipped_step;
-    int64_t steps_checked;
-    double max_error, error;
+    int64_t steps_checked;   /* since growth was last considered */
+    double max_error, error; /* of these steps and of the last one, relative to the tolerance */
     int64_t residuals, jacobians, failures, rejections;
     /* Adaptive steps */
     JerkBuffers jerk;
     int64_t corrects_velocities;
-    Reals multiplier_weights;
+    Reals multiplier_weights; /* see `MultiplierTolerances` */
     double multiplier_tolerance, shortest_tested_step;
-    Reals lam_before;
+    Reals lam_before; /* at the start of the step before */
 } AlphaWorkspace;
 
 int take_fixed_steps(AlphaWorkspace *run);
 int take_adaptive_steps(AlphaWorkspace *run);
 
+/* See `radau/coefficients.py`. */
 typedef struct {
     Reals nodes;
     Reals2 to_stages, from_stages, rates, rate_blocks, polynomial;
     Reals embedded, start, uniform, eigenvalues;
 } Tableau;
 
+/* Step size control with the errors e_n of the last two steps, relative to the tolerance:
+   h_{n+1} = 0.9 h_n e_n^(-1/4) min(1, (h_n / h_{n-1}) (e_{n-1} / e_n)^(1/4)), within bounds and
+   reduced after many Newton iterations; Gustafsson, ACM Trans. Math. Softw. 20 (1994) 496. Slender
+   beams are easy to bend and hard to stretch: Newton's iteration may fail for steps that rotate an
+   element too far, long before the error test fails. Half of such a step becomes `newton_limit`,
+   the limit of the following steps, which then grows again by small factors. */
 typedef struct {
     double longest, smallest, next_step, newton_limit, last_step, last_error;
-    int64_t is_retry;
+    int64_t is_retry; /* 1 if the previous attempt at this step was rejected */
 } StepSizeState;
 
 /* Stages, of the motion or of a block of disturbances. */
@@ -267,17 +291,24 @@ typedef struct {
     Stages base;
     FirstOrderBuffers form;
     Reals2 stage_residuals;
-    Reals jacobian;
-    Integers entry_rows, entry_columns;
+    Reals jacobian; /* parts of the reduced matrices at the last factorization */
+    Integers entry_rows, entry_columns; /* of the non-zeros of these matrices */
+    /* Error estimate, difference between the embedded solution and the step, work arrays. */
     Reals error, difference, vector, product, constraint_errors;
+    /* Weights of (q, v) in the error test of this step, of v in that of long steps, of multipliers,
+       which fall as these grow, and of (q, v) in Newton's iteration. */
     Reals test_weights, tested_velocity_weights, multiplier_weights, iteration_weights;
+    /* Weights of v in long steps, and of (step * v) in short steps, from rounding errors of q. */
     Reals velocity_weights, velocity_rounding_weights;
-    Reals2 rows;
+    Reals2 rows; /* (t, q, v, a, lam) of the stages */
+    /* Rounding errors of q relative to those near the origin, largest weighted correction of an
+       iteration that stagnates, and the error test of multipliers. */
     double rounding_ratio, stagnation_limit, multiplier_tolerance, shortest_tested_step;
-    int64_t filled, most;
-    double t, branch, end, factors_step;
-    int64_t iterations;
+    int64_t filled, most;               /* rows, and steps to take */
+    double t, branch, end, factors_step; /* step of the factors, 0 without factors */
+    int64_t iterations;                 /* in the last step, with their last rate of convergence */
     double rate;
+    /* The code is that of the last rejected attempt at this or the previous step. */
     int64_t residuals, jacobians, failures, rejections, failure_code;
 } RadauWorkspace;
 
@@ -297,11 +328,12 @@ typedef struct {
 typedef struct {
     FirstOrderBuffers form;
     LinearSolver linear;
-    Reals raw_residual, nonzeros;
+    Reals raw_residual, nonzeros; /* residual before premultiplication */
     KinematicRowScaling kinematic;
-    double correction_fraction, branch;
+    double correction_fraction, branch; /* of each correction that is applied, see `ida/stepper` */
     int64_t has_factors;
-    double c;
+    double c; /* of dR/dy + c dR/dy' in the factors, which are `age` steps old */
+    /* The address is that of a function that sets new pivots and returns 1 on success. */
     int64_t age, renew_address, residuals, jacobians;
 } NewtonState;
 
@@ -314,9 +346,10 @@ typedef struct {
     NewtonState newton;
     SundialsFunctions sundials;
     int64_t has_impulses;
-    Reals2 rows;
+    Reals2 rows; /* (t, q, v, a, lam) */
+    /* Number of steps of each order, and of steps in which each unknown had the largest error. */
     Integers orders, limiting_counts;
-    Reals weights, t, y, yp;
+    Reals weights, t, y, yp; /* error weights; arrays in which IDA returns its results */
     Shorts order;
     Reals errors;
     int64_t t_address, order_address, y_vector, yp_vector, errors_vector, memory;

@@ -10,7 +10,7 @@ from __future__ import annotations
 import ctypes
 import re
 from functools import cache
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -55,6 +55,30 @@ def _structure_of(function: str) -> str:
     """Return the structure on which a function works."""
     (name,) = re.findall(rf"int {function}\((\w+) \*\w+\);", (FOLDER / "core.h").read_text("utf-8"))
     return str(name)
+
+
+def _list_fields(structure: str) -> dict[str, str]:
+    """Return the types of the fields of a structure, those of its base first, by name."""
+    fields = dict(_structures()[structure])
+    base = fields.pop(_BASE, None)
+    return fields if base is None else _list_fields(base) | fields
+
+
+class Workspace:
+    """Object with the fields of a structure in `core.h`; numbers are zero by default."""
+
+    def __init__(self, structure: str, /, **fields: Any) -> None:
+        known = _list_fields(structure)
+        if unknown := fields.keys() - known.keys():
+            raise TypeError(f"{structure} has no fields {', '.join(sorted(unknown))}")
+        numbers = {name: _NUMBERS[kind](0) for name, kind in known.items() if kind in _NUMBERS}
+        vars(self).update(numbers | fields)
+
+    if TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any: ...
+
+        def __setattr__(self, name: str, value: Any) -> None: ...
 
 
 class _Number(NamedTuple):

@@ -5,6 +5,6 @@ builds them, formulations/ derives residuals and Jacobians, and starts/ computes
 conditions.
 May import: parts, symbolic, model_functions, native, linear, memory, read_only, bounded_cache,
 errors.
-To extend: add a form of the equations to formulations/, and cache the plans of its sums with
-`@share_plans`, and other data derived from a structure with `@cache_on_owner`.
+To extend: add a form of the equations to formulations/, and cache the plans of its sums, and other
+data derived from a structure, with `@cache_on_owner`.
 """

@@ -10,7 +10,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from beamdae.equations.assembly.observables import CompiledQuantity, compile_quantity
+from beamdae.equations.assembly.observables import CompiledQuantity, compile_quantities
 from beamdae.equations.equations_of_motion import EquationsOfMotion, PartStatements, State
 from beamdae.equations.structure import cache_on_owner
 from beamdae.errors import BeamdaeError
@@ -80,9 +80,12 @@ def compile_commands(equations: EquationsOfMotion) -> tuple[Command, ...]:
         if not any(x.rows for x in find_signals(formula)):
             continue
         quantity = Quantity((Variable("command", "-"),), (), partial(_return_formula, formula))
-        value = compile_quantity(mechanism, name, quantity)
-        commands.append(Command(f"{name}: the command", low, high, value))
-    return tuple(commands)
+        commands.append((name, low, high, quantity))
+    values = compile_quantities(mechanism, [(name, x) for name, _, _, x in commands])
+    return tuple(
+        Command(f"{name}: the command", low, high, value)
+        for (name, low, high, _), value in zip(commands, values, strict=True)
+    )
 
 
 def differentiate_laws(
@@ -124,7 +127,7 @@ def differentiate_laws(
         slopes = ca.substitute(slopes, symbol, output)
         columns = tuple(Variable(f"slope {k}", "-") for k in range(len(formulas)))
         quantity = Quantity(columns, (), partial(_return_formula, slopes))
-        compiled = compile_quantity(mechanism, part.name, quantity)
+        (compiled,) = compile_quantities(mechanism, [(part.name, quantity)])
         yield part, compiled.rows(time[None], state.q[None], state.v[None])[0]
 
 

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
-from weakref import finalize
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.bounded_cache import array_bytes, bounded_cache
 from beamdae.core.library import load_core
-from beamdae.core.tables import Loop
+from beamdae.core.tables import Loop, Workspace
 from beamdae.equations.formulations.sums import N_BALANCE_SCALARS, InputLayout, assemble_balance
-from beamdae.equations.structure import Structure, share_plans
-from beamdae.symbolic.sparse_operators import ConstantOperator
-from beamdae.symbolic.sums.kernel_sums import Sum, SumPlan, evaluate_sum
+from beamdae.equations.structure import Structure, cache_on_owner
+from beamdae.symbolic.sums.kernel_sums import SumPlan, evaluate_sum
 
 if TYPE_CHECKING:
     from beamdae.equations.equations_of_motion import EquationsOfMotion
@@ -25,7 +23,6 @@ Array = np.ndarray
 # Limits of the rows evaluated together, so that their data stay in the processor caches.
 _MAX_NUMBERS_AT_ONCE = 100_000
 _MAX_ROWS_AT_ONCE = 1024
-_MAX_CACHED_BYTES = 1e7  # of operators of observed columns
 
 ENERGIES = ("kinetic", "strain", "gravity")
 WORKS = ("work of loads", "work of drivers", "dissipated")
@@ -50,8 +47,7 @@ class ObservedRows:
     def __call__(self, times: Array, q: Array, v: Array, a: Array, lam: Array) -> Array:
         """Return rows of the columns, given rows of (t, branch) and of states (q, v, a, lam)."""
         e, blocks = self.equations, [np.zeros((len(times), 0))]
-        operators = tuple(ConstantOperator(o.operator) for o in e.observables)
-        used, operator = _stack_operators(operators)
+        used, operator = _stack_operators([o.operator for o in e.observables])
         # Copied once: SciPy would copy all columns of all coordinates in each product.
         local = [np.asarray(operator @ np.ascontiguousarray(x.T[used])) for x in (q, v)]
         first = 0
@@ -64,13 +60,10 @@ class ObservedRows:
         return np.hstack(blocks)
 
 
-# Cached, because the runs of a sweep share operators, and each run evaluates columns several times.
-@bounded_cache(_MAX_CACHED_BYTES, lambda stacked: 4 * array_bytes(stacked[1].data))
-def _stack_operators(operators: tuple[ConstantOperator, ...]) -> tuple[Array, sp.csr_array]:
+def _stack_operators(matrices: Sequence[sp.csr_array]) -> tuple[Array, sp.csr_array]:
     """Return the indices of the coordinates in use, and all operators as one on these."""
-    if not operators:
+    if not matrices:
         return np.zeros(0, np.intp), sp.csr_array((0, 0))
-    matrices = [x.matrix for x in operators]
     used, indices = np.unique(np.concatenate([x.indices for x in matrices]), return_inverse=True)
     lengths = np.concatenate([np.diff(x.indptr) for x in matrices])
     ends = np.concatenate([[0], np.cumsum(lengths)])
@@ -78,100 +71,26 @@ def _stack_operators(operators: tuple[ConstantOperator, ...]) -> tuple[Array, sp
     return used, sp.csr_array((data, indices, ends), shape=(len(lengths), len(used)))
 
 
-@dataclass(frozen=True)
-class BalancePlan:
-    """Plan for the evaluation of energies, powers and norms, see `plan_balance`.
+class BalanceRows:
+    """Evaluates the energy balance of one run, in machine code if available."""
 
-    Attributes
-    ----------
-    n, m
-        Numbers of coordinates and constraints.
-    total
-        Plan of the sum built by `assemble_balance`; the input is (q, v, a, lam).
-    states
-        Indices of the coordinates of first-order states, whose rows of F are no forces.
-    """
-
-    n: int
-    m: int
-    total: SumPlan
-    states: tuple[int, ...]
-    _idle: list[Any] = field(default_factory=list, init=False, compare=False, repr=False)
-
-    def rows(self, p: Array) -> BalanceRows:
-        """Return an evaluator of rows (energies, powers, norms) for one run with the numbers p."""
-        return BalanceRows(self, p)
-
-    def buffers(self, native: bool, p: Array) -> BalanceBuffers:
-        """Return the buffers of `evaluate_balance` for a model with the numbers p."""
-        size = 3 * self.n + self.m
+    def __init__(self, equations: EquationsOfMotion) -> None:
+        plan, n, m = plan_balance(equations.structure), equations.n, equations.m
+        size = 3 * n + m
         rows = int(np.clip(_MAX_NUMBERS_AT_ONCE // max(size, 1), 1, _MAX_ROWS_AT_ONCE))
-        is_force = np.ones(self.n)
-        is_force[list(self.states)] = 0.0
-        return BalanceBuffers(
-            self.total.sum(native, p),
-            self.n,
-            self.m,
+        self._run = Workspace(
+            "BalanceBuffers",
+            total=plan.sum(plan.is_native, equations.p),
+            n=n,
+            m=m,
             times=np.zeros((rows, 2)),
             states=np.zeros((rows, size)),
             results=np.zeros((rows, N_BALANCE_VALUES)),
-            value=np.zeros(N_BALANCE_SCALARS + size + self.m),
-            is_force=is_force,
-            ones=np.ones(self.m),
+            value=np.zeros(N_BALANCE_SCALARS + size + m),
+            is_force=equations.without_states(np.ones(n)),
+            ones=np.ones(m),
         )
-
-
-@dataclass(slots=True)
-class BalanceBuffers:
-    """Rows of states and their energies, powers and norms, see `plan_balance`.
-
-    Attributes
-    ----------
-    total
-        Sum of which `BalancePlan.total` is the plan.
-    n, m
-        Numbers of coordinates and constraints.
-    times, states
-        (t, branch) and (q, v, a, lam) of the rows.
-    results
-        Energies, powers and norms of the rows.
-    value
-        Values of the sum at one row.
-    is_force, ones
-        Weights of the norms: 1 for rows of F that are forces, 0 for those of first-order states;
-        and 1 for constraints.
-    n_rows
-        Number of rows in use.
-    """
-
-    total: Sum
-    n: int
-    m: int
-    times: Array
-    states: Array
-    results: Array
-    value: Array
-    is_force: Array
-    ones: Array
-    n_rows: int = 0
-
-
-class BalanceRows:
-    """Evaluates the energy balance of one run, in machine code if available.
-
-    Its buffers are reused by later runs of the same plan.
-    """
-
-    def __init__(self, balance: BalancePlan, p: Array) -> None:
-        try:
-            # Not a test of the length, because a concurrent thread may take the last one.
-            self._run, self._loop = balance._idle.pop()
-        except IndexError:
-            self._run = balance.buffers(balance.total.is_native, p)
-            self._loop = None if load_core() is None else Loop("evaluate_balance", self._run)
-        else:
-            balance.total.set_data(self._run.total, p)
-        finalize(self, balance._idle.append, (self._run, self._loop)).atexit = False
+        self._loop = None if load_core() is None else Loop("evaluate_balance", self._run)
 
     def __call__(self, times: Array, *state: Array) -> Array:
         """Return rows (energies, powers, norms) of states (q, v, a, lam) at (t, branch)."""
@@ -195,7 +114,7 @@ class BalanceRows:
 
 # Overflowing forces show in the norms.
 @np.errstate(over="ignore", invalid="ignore")
-def _evaluate_balance(run: BalanceBuffers) -> None:
+def _evaluate_balance(run: Workspace) -> None:
     """Evaluate the rows in use without the core."""
     n, m = run.n, run.m
     for time, state, result in zip(run.times, run.states, run.results[: run.n_rows], strict=False):
@@ -211,8 +130,8 @@ def _evaluate_balance(run: BalanceBuffers) -> None:
         result[:] = np.concatenate([scalars, *(np.max(x, axis=1, initial=0.0) for x in norms)])
 
 
-@share_plans
-def plan_balance(e: Structure) -> BalancePlan:
+@cache_on_owner
+def plan_balance(e: Structure) -> SumPlan:
     """Return the plan that evaluates three energies [J], three powers [W] and five norms.
 
     `ENERGIES` names the energies; `WORKS` names the time integrals of the powers. The norms are the
@@ -220,9 +139,4 @@ def plan_balance(e: Structure) -> BalancePlan:
     first-order states.
     """
     layout = InputLayout(q=0, v=e.n, a=2 * e.n, lam=3 * e.n)
-    return BalancePlan(e.n, e.m, assemble_balance(e, layout).vector(), e.states)
-
-
-def balance_rows(equations: EquationsOfMotion) -> BalanceRows:
-    """Return an evaluator of rows (energies, powers, norms) for one run, see `plan_balance`."""
-    return plan_balance(equations.structure).rows(equations.p)
+    return assemble_balance(e, layout).vector()

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, fields, is_dataclass, replace
+from dataclasses import dataclass, field
 from functools import wraps
-from typing import Any, Concatenate, ParamSpec, Protocol, TypeVar, cast
+from typing import Any, Concatenate, ParamSpec, Protocol, TypeVar
 
 import numpy as np
 import scipy.sparse as sp
@@ -13,7 +13,6 @@ import scipy.sparse as sp
 from beamdae.bounded_cache import bounded_cache
 from beamdae.symbolic.constraint_kernel import ConstraintKernel
 from beamdae.symbolic.force_kernel import ForceKernel
-from beamdae.symbolic.sums.kernel_sums import SumPlan
 from beamdae.symbolic.sums.rotations import LocalRotation
 
 
@@ -188,95 +187,3 @@ def cache_on_owner(build: Callable[Concatenate[K, P], T]) -> Callable[Concatenat
         return derived[key]
 
     return cached
-
-
-# Weights that keep their values in templates: entries of weight 1 are evaluated differently from
-# others, and products of two of these weights are such weights again.
-_LITERAL_WEIGHTS = (-1.0, 0.0, 1.0)
-# Code of the first of the other weights; the following codes ascend by 1.
-_FIRST_CODE = 2.0
-
-
-def share_plans(
-    build: Callable[Concatenate[Structure, P], T],
-) -> Callable[Concatenate[Structure, P], T]:
-    """Cache plans of sums on structures; structures that differ in weights only share patterns.
-
-    `build` returns a plan, or a tuple or dataclass that contains plans. It is called for a template
-    of the structure, whose operators contain codes in place of their weights; the plans then get
-    the weights of the structure. `build` must not depend on weights otherwise. It may call other
-    functions with this decorator.
-    """
-    shared = cache_on_owner(build)
-
-    def bind(structure: Structure, *args: P.args, **kwargs: P.kwargs) -> T:
-        match = _find_template(structure)
-        assert match is not None
-        template, weights = match
-        return cast("T", _bind_weights(shared(template, *args, **kwargs), weights))
-
-    bound = cache_on_owner(bind)
-
-    @wraps(build)
-    def planned(structure: Structure, *args: P.args, **kwargs: P.kwargs) -> T:
-        plan = shared if _find_template(structure) is None else bound
-        return plan(structure, *args, **kwargs)
-
-    return planned
-
-
-@cache_on_owner
-def _find_template(structure: Structure) -> tuple[Structure, Array] | None:
-    """Return the template of a structure and the weights that replace its codes, in order.
-
-    Return None if the operators have no such weights, the structure is too large to be cached, or
-    it is a template itself.
-    """
-    terms: list[ForceTerm | ConstraintTerm] = [*structure.forces, *structure.joints]
-    weights = [term.operator.data[_is_coded(term.operator)] for term in terms]
-    ends = np.cumsum([len(x) for x in weights])
-    if structure.n > _MAX_COORDINATES or not len(ends) or ends[-1] == 0:
-        return None
-    coded: list[Any] = [
-        replace(term, operator=_with_codes(term.operator, end - len(x)))
-        for term, x, end in zip(terms, weights, ends, strict=True)
-    ]
-    count = len(structure.forces)
-    template = replace(structure, forces=tuple(coded[:count]), joints=tuple(coded[count:]))
-    # Plans derived from the plans of a template keep its codes.
-    return None if template == structure else (intern_structure(template), np.concatenate(weights))
-
-
-def _is_coded(operator: sp.csr_array) -> Array:
-    return ~np.isin(operator.data, _LITERAL_WEIGHTS)
-
-
-def _with_codes(operator: sp.csr_array, first: int) -> sp.csr_array:
-    """Return an operator with codes, counted from `first`, in place of its weights.
-
-    `_LITERAL_WEIGHTS` are kept.
-    """
-    data, is_coded = operator.data.copy(), _is_coded(operator)
-    data[is_coded] = _FIRST_CODE + first + np.arange(np.count_nonzero(is_coded))
-    return sp.csr_array((data, operator.indices, operator.indptr), shape=operator.shape)
-
-
-def _bind_weights(value: Any, weights: Array) -> Any:
-    """Return a plan, or an object that contains plans, with weights in place of their codes."""
-
-    def decode(codes: Array) -> Array:
-        is_coded = codes >= _FIRST_CODE
-        values = codes.copy()
-        values[is_coded] = weights[(codes[is_coded] - _FIRST_CODE).astype(int)]
-        return values
-
-    if isinstance(value, SumPlan):
-        return value.with_weights(decode)
-    if isinstance(value, tuple):
-        return getattr(type(value), "_make", tuple)(_bind_weights(x, weights) for x in value)
-    if is_dataclass(value) and not isinstance(value, type):
-        changes = {
-            x.name: _bind_weights(getattr(value, x.name), weights) for x in fields(value) if x.init
-        }
-        return replace(value, **changes)
-    return value

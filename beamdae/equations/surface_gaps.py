@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from beamdae.equations.assembly.observables import CompiledQuantity, compile_quantity
+from beamdae.equations.assembly.observables import CompiledQuantity, compile_quantities
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 
 Array = np.ndarray
@@ -55,11 +55,7 @@ def compile_surface_gaps(equations: EquationsOfMotion) -> Sequence[SurfaceGapTer
     mechanism = equations.mechanism
     if mechanism is None:
         return ()
-    gaps = [
-        (part.name, compile_quantity(mechanism, part.name, gap.quantity))
-        for part in mechanism.parts.values()
-        for gap in part.gaps
-    ]
+    gaps = [(part.name, gap.quantity) for part in mechanism.parts.values() for gap in part.gaps]
     lengths = equations.length / equations.position_scales
     return tuple(
         SurfaceGapTerm(
@@ -68,5 +64,5 @@ def compile_surface_gaps(equations: EquationsOfMotion) -> Sequence[SurfaceGapTer
             np.asarray(abs(gap.observable.operator).sum(axis=0)).ravel() * lengths,
             equations.length,
         )
-        for part, gap in gaps
+        for (part, _), gap in zip(gaps, compile_quantities(mechanism, gaps), strict=True)
     )

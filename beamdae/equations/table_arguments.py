@@ -9,7 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from beamdae.equations.assembly.observables import CompiledQuantity, compile_quantity
+from beamdae.equations.assembly.observables import CompiledQuantity, compile_quantities
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.symbolic.signals import find_signals
 from beamdae.symbolic.statements import Local, Quantity, TableArgument, Variable
@@ -109,18 +109,23 @@ def compile_table_arguments(equations: EquationsOfMotion) -> tuple[TableArgument
     ]
     if mechanism is None or not arguments:
         return ()
+    places = [
+        (call, argument, axis, quantity)
+        for call, argument in enumerate(arguments)
+        for axis, quantity in _list_quantities(argument)
+    ]
+    compiled = compile_quantities(mechanism, [(x.part, quantity) for _, x, _, quantity in places])
     return tuple(
         TableArgumentTerm(
             argument.part,
             argument.call.table,
             axis,
-            compile_quantity(mechanism, argument.part, quantity),
+            value,
             call,
             _list_constants(argument),
             _depends_on_motion(argument, axis),
         )
-        for call, argument in enumerate(arguments)
-        for axis, quantity in _list_quantities(argument)
+        for (call, argument, axis, _), value in zip(places, compiled, strict=True)
     )
 
 

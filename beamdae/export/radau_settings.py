@@ -8,9 +8,9 @@ import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.integrators.drive import drive
-from beamdae.integrators.error_control import motion_scales
-from beamdae.integrators.multiplier_tolerances import (
+from beamdae.integrators.error_control import (
     MultiplierTolerances,
+    motion_scales,
     plan_multiplier_tolerances,
 )
 from beamdae.integrators.pilot_run import PILOT_RTOL

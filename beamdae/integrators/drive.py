@@ -19,16 +19,17 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion, EventTerm
 from beamdae.equations.failure_diagnosis import describe_singular_position, diagnose_failure
 from beamdae.equations.formulations.first_order import State
 from beamdae.equations.smooth_intervals import SAME_TIME, branch_time
+from beamdae.equations.surface_gaps import compile_surface_gaps
 from beamdae.equations.table_arguments import (
     TableArgumentTerm,
     compile_table_arguments,
     find_distinct,
+    group_grids,
 )
 from beamdae.errors import BeamdaeError, ProgressError, list_first
 from beamdae.integrators.events.force_peaks import watch_force_peaks
-from beamdae.integrators.events.stop import Watch
 from beamdae.integrators.events.switching import MethodCache, apply_event, initial_configuration
-from beamdae.integrators.events.watches import watch_tables_and_contacts
+from beamdae.integrators.events.watches import Watch
 from beamdae.integrators.integrator import DEFAULT_RTOL, Integrator, require_limits
 from beamdae.integrators.limits import (
     PaceCheck,
@@ -59,7 +60,6 @@ from beamdae.integrators.step_history import (
 )
 from beamdae.interrupts import Interrupted, acknowledge, attach_partial, raise_pending
 from beamdae.linear.blas_threads import single_threaded
-from beamdae.memory import release_freed_memory, retain_freed_memory
 from beamdae.model_checks.followed_vibrations import describe_followed_vibration
 from beamdae.model_checks.strain_limits import (
     MEANINGLESS_DEFORMATION,
@@ -83,8 +83,6 @@ PARTS_SWITCHED = Status("ok", "an event switched parts")
 _STEPS_PER_SEARCH = 256
 _MAX_LISTED_PEAKS = 3
 _STRAIN_SAMPLES = 256  # times since the last check of the motion at which strains are evaluated
-# Size of the rows from which on freed memory is returned to the system after a run.
-_MAX_RETAINED_BYTES = 1e8
 
 _NO_MEMORY = "out of memory; use longer steps, fewer elements or an earlier end time"
 _NOT_FINITE = "the state is not finite; check laws, masses and start values"
@@ -132,7 +130,6 @@ def drive(
     Exception
         Any exception of `progress`, with the solution as the attribute `partial`.
     """
-    retain_freed_memory()
     solution = None
     try:
         # NumPy's warnings would be redundant: a state that is not finite ends the run.
@@ -143,9 +140,6 @@ def drive(
             solution = balance_reactions(solution)
             if reduced is not None:
                 solution = restore_reactions(solution, reduced)
-        if solution.trajectory.stored_bytes > _MAX_RETAINED_BYTES:
-            # The matrices of the method, and the rows of steps that have not been kept.
-            release_freed_memory()
     except KeyboardInterrupt:
         if solution is None:
             raise
@@ -306,8 +300,32 @@ class _RunContext:
     def of(cls, equations: EquationsOfMotion, times: Array, rtol: float | None) -> _RunContext:
         """Create the watches."""
         arguments = compile_table_arguments(equations)
-        watches = watch_tables_and_contacts(equations, arguments, is_adaptive=rtol is not None)
+        watches = _watch_tables_and_contacts(equations, arguments, is_adaptive=rtol is not None)
         return cls(equations, times, rtol, watches, find_distinct(arguments))
+
+
+def _watch_tables_and_contacts(
+    equations: EquationsOfMotion, arguments: Sequence[TableArgumentTerm], is_adaptive: bool
+) -> tuple[Watch, ...]:
+    """Return the watches of the contacts of all parts and of the `arguments` of tables.
+
+    Peaks of tables are searched if `is_adaptive` is True.
+    """
+    # Imported where they are created: most models have no surfaces and tables.
+    watches: list[Watch] = []
+    if gaps := compile_surface_gaps(equations):
+        from beamdae.integrators.events.contact_onsets import ContactWatch
+
+        watches.append(ContactWatch(gaps, equations.length))
+    distinct = find_distinct(arguments)
+    limited = [term for term in distinct if term.is_limited]
+    calls = [(term,) for term in distinct if len(term.constants) == 1] if is_adaptive else []
+    if limited or calls or (is_adaptive and arguments):
+        from beamdae.integrators.events.table_limits import TableWatch
+
+        grids = group_grids(arguments) if is_adaptive else ()
+        watches.append(TableWatch(limited, [*calls, *grids]))
+    return tuple(watches)
 
 
 class _RunInProgress:

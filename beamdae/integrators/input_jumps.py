@@ -6,63 +6,21 @@ the multipliers change.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from beamdae.core.return_codes import DONE
+from beamdae.core.tables import Workspace
 from beamdae.equations.equations_of_motion import State
-from beamdae.equations.formulations.first_order import FirstOrderBuffers, FirstOrderForm
+from beamdae.equations.formulations.first_order import FirstOrderForm
 from beamdae.equations.starts.state_evaluator import plan_state_sums
 from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
-from beamdae.symbolic.sums.kernel_sums import Sum
 
 Array = np.ndarray
 
 # Friction in joints depends on the reactions, so that the equations are not linear.
 _MAX_FRICTION_ITERATIONS = 50
-
-
-@dataclass(slots=True)
-class InputJumpWorkspace:
-    """Work arrays of an input jump.
-
-    Attributes
-    ----------
-    form
-        Residual of the first-order form.
-    saddle, linear, nonzeros
-        Evaluation of [[M, G^T + dF/dlam], [G, 0]], its linear solver, and its non-zeros.
-    y, yp
-        State y and its derivative y'.
-    residual, motion, change, weights
-        Residual, inputs (q, v, a, lam) of `saddle`, changes of (a, lam), and ones.
-    states
-        Indices of the first-order states.
-    has_impulses
-        1 if y' contains the multipliers, 0 if y does.
-    max_iterations
-        1 if the equations are linear in a and lam.
-    t, branch
-        Time of the jump, and a time inside the interval [s].
-    """
-
-    form: FirstOrderBuffers
-    saddle: Sum
-    linear: Any
-    nonzeros: Array
-    y: Array
-    yp: Array
-    residual: Array
-    motion: Array
-    change: Array
-    weights: Array
-    states: Array
-    has_impulses: int
-    max_iterations: int
-    t: float = 0.0
-    branch: float = 0.0
 
 
 class InputJump:
@@ -74,8 +32,9 @@ class InputJump:
         has_friction = any(term.rows is not None for term in equations.forces)
         n, m = equations.n, equations.m
 
-        def make_workspace(native: bool) -> InputJumpWorkspace:
-            return InputJumpWorkspace(
+        def make_workspace(native: bool) -> Workspace:
+            return Workspace(
+                "InputJumpWorkspace",
                 form=form.buffers(native),
                 saddle=sums.saddle.sum(native, equations.p),
                 linear=matrix.make_solver(),
@@ -91,7 +50,7 @@ class InputJump:
                 max_iterations=_MAX_FRICTION_ITERATIONS if has_friction else 1,
             )
 
-        def matrices(run: InputJumpWorkspace) -> list[tuple[Any, FactorizedMatrix]]:
+        def matrices(run: Workspace) -> list[tuple[Any, FactorizedMatrix]]:
             return [(run.linear, matrix)]
 
         is_native = form.is_native and sums.saddle.is_native

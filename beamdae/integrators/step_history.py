@@ -13,9 +13,9 @@ from itertools import pairwise
 import numpy as np
 
 from beamdae.equations.equations_of_motion import Configuration, EquationsOfMotion, State
-from beamdae.equations.measures import BalanceRows, balance_rows
+from beamdae.equations.measures import BalanceRows
 from beamdae.integrators.step_thinning import ThinnedRows, divide_intervals, limit_stored_bytes
-from beamdae.memory import available_memory, format_gigabytes, release_freed_memory
+from beamdae.memory import available_memory, format_gigabytes
 from beamdae.parts.laws import TableRange
 from beamdae.results.trajectory import Interval, StepRecord
 
@@ -341,7 +341,7 @@ class RunSegment:
 
     @cached_property
     def _balance(self) -> BalanceRows:
-        return balance_rows(self.equations)
+        return BalanceRows(self.equations)
 
     def _measure(self, interval: Interval) -> Array:
         return self._balance(interval.times, *interval.rows)
@@ -400,7 +400,6 @@ class StepThinning:
             segment.thin(self._times, segment is not segments[-1])
         self._finished = len(segments) - 1
         # Rows that are kept lie between freed ones, which the C library would retain.
-        release_freed_memory()
 
     @property
     def report(self) -> dict[str, str]:

@@ -114,7 +114,7 @@ class EnergyLedger:
                 values = interval.record.values
             else:
                 if id(active) not in functions:
-                    functions[id(active)] = measures.balance_rows(active)
+                    functions[id(active)] = measures.BalanceRows(active)
                 values = functions[id(active)](interval.times, *state)
             energies, powers, norms = map(np.ascontiguousarray, np.split(values, [3, 6], axis=1))
             if rows:

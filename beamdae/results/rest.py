@@ -52,7 +52,7 @@ def has_rounding_forces(
     zero = np.zeros_like(start)
     times, lam = np.array([[first.t[0], first.branch]]), np.zeros((1, equations.m))
     states = ((start + sign * rounding, zero, zero, lam) for sign in (-1.0, 1.0))
-    evaluate = measures.balance_rows(equations)
+    evaluate = measures.BalanceRows(equations)
     # Without accelerations and multipliers, the residual consists of forces.
     residuals = (evaluate(times, *state)[0, _RESIDUAL] for state in states)
     return bool(largest_force <= max(residuals))

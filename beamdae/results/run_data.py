@@ -248,7 +248,7 @@ class RunData:
             if configuration is not None:
                 active = configuration.equations
                 states = states._replace(lam=configuration.select_multipliers(states.lam))
-            rows[here] = measures.balance_rows(active)(times[here], *states)[:, -2:]
+            rows[here] = measures.BalanceRows(active)(times[here], *states)[:, -2:]
         return dict(zip(measures.DRIFT_COLUMNS, rows.T, strict=True))
 
     @cached_property

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
-from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
@@ -27,29 +26,6 @@ def assemble_csr(
     matrix.indices = indices.astype(kind, copy=False)
     matrix.indptr = indptr.astype(kind, copy=False)
     return matrix
-
-
-@dataclass(frozen=True)
-class ConstantOperator:
-    """Sparse matrix that is equal to itself only, so that it can be part of the key of a cache.
-
-    Beams with equal meshes and all rigid bodies share the operators of their points.
-    """
-
-    matrix: sp.csr_array
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, ConstantOperator) and self.matrix is other.matrix
-
-    def __hash__(self) -> int:
-        return id(self.matrix)
-
-    @property
-    def is_read_only(self) -> bool:
-        """True if the arrays of the matrix cannot be changed."""
-        x = self.matrix
-        arrays = (x.data, x.indices, x.indptr)
-        return not any(array.flags.writeable for array in arrays)
 
 
 def _count(starts: np.ndarray) -> np.ndarray:

@@ -84,7 +84,7 @@ def test_sums_of_the_core_are_those_of_plain_python(copies):
         total = plan.sum(native, p[:copies])
         total.shared[:] = 0.5, 0.7
         evaluate_sum(total, x[:size], result)
-    plain = replace(total, **plan._untiled_entries(), code_owners=plan.sum(False, p).code_owners)
+    plain = replace(total, **plan._untiled_entries, code_owners=plan.sum(False, p).code_owners)
     evaluate_plainly(plain, x[:size], results[2])
     expected = sum(
         b.T @ np.concatenate([(y := b @ x[:size])[:3] * p[k], 0.5 * y[3:]])

@@ -19,6 +19,7 @@ import scipy.sparse as sp
 
 from beamdae.analysis.continuation.engine import CurveError
 from beamdae.analysis.periodic.variational_loop import VariationalWorkspace
+from beamdae.core.tables import Workspace
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.first_order import FirstOrderForm, formulate_first_order
 from beamdae.equations.formulations.kinematic_reduction import (
@@ -29,7 +30,6 @@ from beamdae.equations.formulations.tangents import compute_tangent
 from beamdae.errors import BeamdaeError
 from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
 from beamdae.integrators.radau.coefficients import C
-from beamdae.integrators.radau.workspace import StepSizeState
 from beamdae.linear.lanes import LANES, aligned_zeros, index_lanes
 from beamdae.results.trajectory import Interval, Trajectory
 from beamdae.symbolic.sparse_operators import column_indices
@@ -95,7 +95,7 @@ class VariationalEquations:
                 real_solver=real.make_solver(),
                 complex_solver=complex_.make_solver(),
                 reduction=KinematicReduction(*map(index_lanes, reduction)),
-                step_size=StepSizeState(math.inf),
+                step_size=Workspace("StepSizeState", longest=math.inf),
                 times=np.zeros(rows),
                 states=np.zeros((rows, size)),
                 state_rates=np.zeros((rows, size)),

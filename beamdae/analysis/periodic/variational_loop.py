@@ -7,14 +7,14 @@ second one; indices and `KinematicReduction` refer to such vectors.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from beamdae.equations.formulations.first_order import FirstOrderBuffers
+from beamdae.core.tables import Workspace
 from beamdae.equations.formulations.kinematic_reduction import KinematicReduction
-from beamdae.integrators.radau.workspace import TABLEAU, StepSizeState, Tableau
+from beamdae.integrators.radau.coefficients import TABLEAU
 
 Array = np.ndarray
 
@@ -60,11 +60,11 @@ class VariationalWorkspace:
         Coefficients of Radau IIA.
     """
 
-    form: FirstOrderBuffers
+    form: Workspace
     real_solver: Any
     complex_solver: Any
     reduction: KinematicReduction
-    step_size: StepSizeState
+    step_size: Workspace
     times: Array
     states: Array
     state_rates: Array
@@ -103,4 +103,4 @@ class VariationalWorkspace:
     steps: int = 0
     next: int = 0
     count: int = 0
-    tableau: Tableau = TABLEAU
+    tableau: Workspace = field(default_factory=lambda: TABLEAU)

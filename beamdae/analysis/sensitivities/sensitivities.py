@@ -172,7 +172,7 @@ class Sensitivities(SensitivityResult):
         columns = {measures.TIME: self.t}
         for name, along in self.trajectories.items():
             rows = self._differences[name].along(
-                lambda e, *state: measures.balance_rows(e)(times, *state),
+                lambda e, *state: measures.BalanceRows(e)(times, *state),
                 *zip(at, along.at(self.t)[1], strict=True),
             )[:, : len(measures.ENERGIES)]
             headers = (derivative_header(x, name) for x in measures.LEDGER_COLUMNS)

@@ -12,21 +12,15 @@ import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.bounded_cache import bounded_cache
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.mechanism import Mechanism
 from beamdae.parts.part import Part
 from beamdae.symbolic.formula import MAX_SHARED_KERNELS, Formula
 from beamdae.symbolic.functions.compiled import RowFunction
-from beamdae.symbolic.sparse_operators import ConstantOperator, assemble_csr
+from beamdae.symbolic.sparse_operators import assemble_csr
 from beamdae.symbolic.statements import SX, Piece
 
 Array = np.ndarray
-
-_MAX_CACHED_ENTRIES = 200_000  # of stacked operators, about 12 bytes each
-_ENTRIES_OF_OBJECTS = 200  # that take as much memory as the objects of one operator and its key
-# Sizes of a mechanism up to which the positions of its attachments are cached.
-_MAX_CACHED_POINTS, _MAX_CACHED_COORDINATES = 1000, 5000
 
 
 @dataclass(frozen=True)
@@ -61,20 +55,17 @@ class CoordinateMap:
 
     def global_operator(self, pieces: Sequence[Piece]) -> sp.csr_array:
         """Return the stacked operators of the pieces, extended to all coordinates, (rows, n)."""
-        operators = tuple(
-            (ConstantOperator(_as_csr(x.operator)), self.offsets[id(x.owner)]) for x in pieces
-        )
-        is_constant = all(x.is_read_only for x, _ in operators)
-        return (_cached_stack if is_constant else _stack)(operators, self.n)
+        operators = [_as_csr(x.operator) for x in pieces]
+        return _stack(operators, [self.offsets[id(x.owner)] for x in pieces], self.n)
 
 
-def _stack(operators: tuple[tuple[ConstantOperator, int], ...], n: int) -> sp.csr_array:
+def _stack(operators: Sequence[sp.csr_array], columns: Sequence[int], n: int) -> sp.csr_array:
     """Return the stacked operators, whose columns begin at the given column of `n`."""
     # Not NumPy's sum, which takes longer for a few numbers.
-    ends = list(accumulate((x.matrix.nnz for x, _ in operators), initial=0))
-    data = [x.matrix.data for x, _ in operators]
-    indices = [x.matrix.indices + offset for x, offset in operators]
-    starts = [x.matrix.indptr[:-1] + first for (x, _), first in zip(operators, ends, strict=False)]
+    ends = list(accumulate((x.nnz for x in operators), initial=0))
+    data = [x.data for x in operators]
+    indices = [x.indices + first for x, first in zip(operators, columns, strict=True)]
+    starts = [x.indptr[:-1] + first for x, first in zip(operators, ends, strict=False)]
     indptr = np.concatenate([*starts, ends[-1:]])
     stacked = assemble_csr(
         np.concatenate([np.zeros(0), *data]),
@@ -82,16 +73,10 @@ def _stack(operators: tuple[tuple[ConstantOperator, int], ...], n: int) -> sp.cs
         indptr,
         (len(indptr) - 1, n),
     )
-    # The arrays are new.
+    # Observables hold read-only operators without a copy.
     for array in (stacked.data, stacked.indices, stacked.indptr):
         array.setflags(write=False)
     return stacked
-
-
-# Models are often built again with other numbers but the same operators.
-_cached_stack = bounded_cache(
-    _MAX_CACHED_ENTRIES, lambda operator: operator.nnz + _ENTRIES_OF_OBJECTS
-)(_stack)
 
 
 def _as_csr(operator: Any) -> sp.csr_array:
@@ -109,45 +94,22 @@ def locate_attachments(
     attachments: Sequence[Attachment], q: Array, coordinates: CoordinateMap
 ) -> Array:
     """Return the positions (count, 2) [m] of attachments at the global coordinates `q`, (n,)."""
-    points = tuple(
-        (ConstantOperator(x.operator), coordinates.offsets[id(x.body)], x.checked_kinematics)
-        for x in attachments
-    )
-    is_small = len(points) <= _MAX_CACHED_POINTS and len(q) <= _MAX_CACHED_COORDINATES
-    is_constant = is_small and all(
-        isinstance(formula, Formula) and type(formula.numbers) is tuple and operator.is_read_only
-        for operator, _, formula in points
-    )
-    locate = _locate_points if is_constant else _locate_points.__wrapped__
-    return locate(points, np.asarray(q, float).tobytes())
-
-
-# Models are often built again with the same points.
-@lru_cache(maxsize=64)
-def _locate_points(
-    points: tuple[tuple[ConstantOperator, int, Callable[[SX], tuple[SX, SX]]], ...], q_bytes: bytes
-) -> Array:
-    """Return the positions (count, 2) [m] of points at the coordinates in `q_bytes`.
-
-    Each point has an operator on coordinates that begin at the given index, and a kinematics.
-    """
-    positions, q = np.empty((len(points), 2)), np.frombuffer(q_bytes)
+    positions = np.empty((len(attachments), 2))
     # Points with the same formula are evaluated together by one compiled function.
-    kinds: dict[tuple[Callable[..., Any], int, int], list[tuple[int, Array, Any]]] = {}
-    for k, (operator, first, formula) in enumerate(points):
-        size, width = operator.matrix.shape
-        local = operator.matrix @ q[first : first + width]
+    kinds: dict[Any, list[tuple[int, Array, Any]]] = {}
+    for k, attachment in enumerate(attachments):
+        operator, formula = attachment.operator, attachment.checked_kinematics
+        first, (size, width) = coordinates.offsets[id(attachment.body)], operator.shape
+        local = operator @ q[first : first + width]
         if isinstance(formula, Formula):
             kind = (formula.kind, len(formula.numbers), size)
             kinds.setdefault(kind, []).append((k, local, formula.numbers))
         else:
-            function = _compile_position(formula, size, SX(0, 1))
-            positions[k] = function(local[None], np.zeros(0))
+            positions[k] = _compile_position(formula, size, SX(0, 1))(local[None], np.zeros(0))
     for kind, members in kinds.items():
         rows, local_rows, numbers = zip(*members, strict=True)
         function = _compile_position_kind(*kind)
-        positions[list(rows)] = function(np.array(local_rows), np.array(numbers, dtype=float))
-    positions.setflags(write=False)
+        positions[list(rows)] = function(np.array(local_rows), np.array(numbers, float))
     return positions
 
 

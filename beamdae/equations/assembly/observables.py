@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
@@ -157,11 +157,17 @@ class CompiledQuantity:
         return self.observable.evaluate(self.numbers, times, q, v, no_multipliers)
 
 
-def compile_quantity(mechanism: Mechanism, name: str, quantity: Quantity) -> CompiledQuantity:
-    """Return a quantity that does not depend on multipliers; `name` is that of its part."""
-    numbers, laws = NumberStore(), select_input_laws(mechanism.inputs)
-    observable = ObservableBuilder(map_coordinates(mechanism), numbers, laws).build(name, quantity)
-    return CompiledQuantity(observable, numbers.all(mechanism.inputs))
+def compile_quantities(
+    mechanism: Mechanism, quantities: Iterable[tuple[str, Quantity]]
+) -> list[CompiledQuantity]:
+    """Return quantities that do not depend on multipliers, given with the names of their parts."""
+    coordinates, laws = map_coordinates(mechanism), select_input_laws(mechanism.inputs)
+    compiled = []
+    for name, quantity in quantities:
+        numbers = NumberStore()
+        observable = ObservableBuilder(coordinates, numbers, laws).build(name, quantity)
+        compiled.append(CompiledQuantity(observable, numbers.all(mechanism.inputs)))
+    return compiled
 
 
 def add_observable(

@@ -28,6 +28,7 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 
+from beamdae.core.tables import Workspace
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.sums import (
     CORRECTION_STIFFNESS,
@@ -41,12 +42,12 @@ from beamdae.equations.formulations.sums import (
     assemble_residual,
     create_matrix_sum,
 )
-from beamdae.equations.structure import Structure, cache_on_owner, share_plans
+from beamdae.equations.structure import Structure, cache_on_owner
 from beamdae.errors import require_choice
 from beamdae.symbolic.constraint_kernel import NO_LEVEL
 from beamdae.symbolic.force_kernel import DAMPING, MASS, STIFFNESS, Tangents
 from beamdae.symbolic.local_symbols import C_A
-from beamdae.symbolic.sums.kernel_sums import Sum, SumPlan, set_matrix_factors, set_time
+from beamdae.symbolic.sums.kernel_sums import SumPlan, set_matrix_factors, set_time
 from beamdae.symbolic.sums.sum_evaluator import SumEvaluator
 
 Array = np.ndarray
@@ -181,11 +182,16 @@ class FirstOrderForm:
         """True if machine code is available for the residual and the Jacobian."""
         return all(total.is_native for total in self.sums)
 
-    def buffers(self, native: bool = False) -> FirstOrderBuffers:
+    def buffers(self, native: bool = False) -> Workspace:
         """Return new buffers for evaluating R and its Jacobian in one run."""
         residual, jacobian = (total.sum(native, self.equations.p) for total in self.sums)
-        return FirstOrderBuffers(
-            self.equations.n, self.size, np.zeros(2 * self.size), residual, jacobian
+        return Workspace(
+            "FirstOrderBuffers",
+            n=self.equations.n,
+            size=self.size,
+            x=np.zeros(2 * self.size),
+            residual=residual,
+            jacobian=jacobian,
         )
 
 
@@ -216,17 +222,6 @@ def formulate_first_order(
     )
 
 
-@dataclass(slots=True)
-class FirstOrderBuffers:
-    """Buffers of a first-order form with `n` coordinates and `size` unknowns; x is (y, y')."""
-
-    n: int
-    size: int
-    x: Array
-    residual: Sum
-    jacobian: Sum
-
-
 def _size(structure: Structure, form: Formulation) -> int:
     return 2 * structure.n + structure.m * (2 if form.stabilized else 1)
 
@@ -238,7 +233,7 @@ def _input_layout(structure: Structure, form: Formulation) -> InputLayout:
     return InputLayout(q=0, v=n, a=size + n, lam=lam, mu=lam + m)
 
 
-@share_plans
+@cache_on_owner
 def plan_residual(structure: Structure, name: str) -> SumPlan:
     """Return the plan of the residual of a form, without q' - v; inputs are (y, y')."""
     form, n = FORMULATIONS[name], structure.n
@@ -246,7 +241,7 @@ def plan_residual(structure: Structure, name: str) -> SumPlan:
     return assemble_residual(structure, layout, form.levels, form.stabilized, dynamic=n).vector()
 
 
-@share_plans
+@cache_on_owner
 def plan_jacobian(structure: Structure, name: str, apart: bool) -> tuple[sp.csc_array, SumPlan]:
     """Return pattern and plan of dR/dy + c dR/dy' or, if `apart`, of both derivatives."""
     form = FORMULATIONS[name]

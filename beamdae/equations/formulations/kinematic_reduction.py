@@ -14,7 +14,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from beamdae.equations.formulations.first_order import FirstOrderForm, plan_jacobian
-from beamdae.equations.structure import Structure, share_plans
+from beamdae.equations.structure import Structure, cache_on_owner
 from beamdae.symbolic.sums.kernel_sums import SumPlan
 
 Array = np.ndarray
@@ -62,7 +62,7 @@ def reduce_kinematics(
 
 
 # Shared by the pilot run, the main run and the other cases of a sweep.
-@share_plans
+@cache_on_owner
 def _plan_reduction(
     structure: Structure, name: str
 ) -> tuple[sp.csc_array, SumPlan, KinematicReduction]:

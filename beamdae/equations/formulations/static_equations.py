@@ -16,7 +16,7 @@ from beamdae.equations.formulations.sums import (
     assemble_residual,
     create_matrix_sum,
 )
-from beamdae.equations.structure import Structure, share_plans
+from beamdae.equations.structure import Structure, cache_on_owner
 from beamdae.errors import BeamdaeError
 from beamdae.symbolic.force_kernel import STIFFNESS
 from beamdae.symbolic.sums.kernel_sums import SumPlan, set_matrix_factors, set_time
@@ -34,7 +34,7 @@ class StaticSums:
     pattern: sp.csc_array
 
 
-@share_plans
+@cache_on_owner
 def plan_static_sums(structure: Structure) -> StaticSums:
     """Return the plans that evaluate the static residual and its tangent."""
     n, m, total = structure.n, structure.m, create_matrix_sum()
@@ -88,12 +88,12 @@ class StaticEquations:
     @cached_property
     def _residual(self) -> SumEvaluator:
         sums = plan_static_sums(self.equations.structure)
-        return SumEvaluator.borrow(sums.residual, self.equations.p, self)
+        return SumEvaluator(sums.residual, self.equations.p)
 
     @cached_property
     def _tangent(self) -> SumEvaluator:
         sums = plan_static_sums(self.equations.structure)
-        return SumEvaluator.borrow(sums.tangent, self.equations.p, self)
+        return SumEvaluator(sums.tangent, self.equations.p)
 
     def residual(self, q: Array, lam: Array) -> Array:
         """Return F + G^T lam and g at positions q and multipliers lam, (n + m,)."""

@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 
+from beamdae.core.tables import Workspace
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.formulations.sums import (
     FIRST_LEVEL,
@@ -21,9 +22,9 @@ from beamdae.equations.formulations.sums import (
     create_matrix_sum,
     select_holonomic,
 )
-from beamdae.equations.structure import Structure, cache_on_owner, share_plans
+from beamdae.equations.structure import Structure, cache_on_owner
 from beamdae.symbolic.force_kernel import DAMPING, MASS, STIFFNESS, Tangents
-from beamdae.symbolic.sums.kernel_sums import Sum, SumPlan, set_matrix_factors, set_time
+from beamdae.symbolic.sums.kernel_sums import SumPlan, set_matrix_factors, set_time
 from beamdae.symbolic.sums.sum_evaluator import SumEvaluator
 
 Array = np.ndarray
@@ -118,44 +119,28 @@ class StepEquations:
         """True if machine code is available for all sums."""
         return all(total.is_native for total in self.sums)
 
-    def buffers(self, native: bool = False) -> StepBuffers:
+    def buffers(self, native: bool = False) -> Workspace:
         """Return new buffers for evaluating the equations in one run."""
         n, m = self.equations.n, self.equations.m
         motion = np.zeros(4 * n + 2 * m)
-        sums = (total.sum(native, self.equations.p) for total in self.sums)
-        return StepBuffers(n, m, int(self.stabilized), motion, self._velocity_rows, *sums)
+        residual, anchor, matrix = (total.sum(native, self.equations.p) for total in self.sums)
+        return Workspace(
+            "StepBuffers",
+            n=n,
+            m=m,
+            stabilized=int(self.stabilized),
+            motion=motion,
+            velocity_rows=self._velocity_rows,
+            residual=residual,
+            anchor=anchor,
+            matrix=matrix,
+        )
 
     @property
     def _velocity_rows(self) -> Array:
         """Rows in which g_dot / c_v replaces g."""
         rows = self.equations.n + self.equations.nonholonomic_rows
         return rows[:0] if self.stabilized else rows
-
-
-@dataclass(slots=True)
-class StepBuffers:
-    """Buffers of step equations.
-
-    Attributes
-    ----------
-    n, m, stabilized
-        See `StepEquations`.
-    motion
-        Inputs (q, v, a, lam, q_n, eta_bar) of the sums.
-    velocity_rows
-        Rows in which g_dot / c_v replaces g.
-    residual, anchor, matrix
-        See `StepEquations.sums`.
-    """
-
-    n: int
-    m: int
-    stabilized: int
-    motion: Array
-    velocity_rows: Array
-    residual: Sum
-    anchor: Sum
-    matrix: Sum
 
 
 @dataclass(slots=True)
@@ -185,7 +170,7 @@ def formulate_step(equations: EquationsOfMotion, stabilized: bool) -> StepEquati
     return StepEquations(equations, stabilized, *plan_step_sums(equations.structure, stabilized))
 
 
-@share_plans
+@cache_on_owner
 def plan_step_sums(
     structure: Structure, stabilized: bool
 ) -> tuple[sp.csc_array, tuple[SumPlan, SumPlan, SumPlan]]:

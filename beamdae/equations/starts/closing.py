@@ -21,7 +21,7 @@ import scipy.sparse as sp
 from scipy.linalg.lapack import dpstrf
 from scipy.sparse.linalg import splu
 
-from beamdae.equations.measures import balance_rows
+from beamdae.equations.measures import BalanceRows
 from beamdae.equations.starts.dependent_constraints import require_independent_constraints
 from beamdae.equations.starts.rigid_motions import DisplacementMeasure
 from beamdae.equations.starts.state_evaluator import (
@@ -336,5 +336,5 @@ class _Path:
     def _strain_energy(self, q: Array) -> float:
         e = self.evaluator.equations
         zeros, no_reactions = np.zeros((1, e.n)), np.zeros((1, e.m))
-        rows = balance_rows(e)(self.time[None], q[None], zeros, zeros, no_reactions)
+        rows = BalanceRows(e)(self.time[None], q[None], zeros, zeros, no_reactions)
         return float(rows[0, _STRAIN_COLUMN])

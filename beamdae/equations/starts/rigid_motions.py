@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from beamdae.bounded_cache import bounded_cache
 from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.structure import cache_on_owner
 from beamdae.errors import join_names, list_first
 
 Array = np.ndarray
@@ -20,7 +20,6 @@ _ROUNDING = 1e-9  # rounding error in a motion of size one
 _EQUAL_SIZE_TOLERANCE = 1e-6  # of bodies that move equally far, the first is named
 _MAX_NAMES = 9  # names or phrases in a sentence
 _POINT_NAME, _ANGLE_NAME = re.compile(r"x\d*"), re.compile(r"(?:angle|theta|psi)\d*")
-_MAX_CACHED_COORDINATES = 20_000
 
 
 def join_some_names(names: Sequence[str]) -> str:
@@ -58,25 +57,19 @@ class Body(NamedTuple):
     nodes: Array | None = None
 
 
+@cache_on_owner
 def collect_bodies(e: EquationsOfMotion) -> tuple[Body, ...]:
     """Return a `Body` for each part of the equations."""
-    parts = tuple((part.name, part.rows.start, part.rows.stop) for part in e.parts)
-    return _collect_bodies(e.q_names, tuple(e.is_angle.tolist()), parts)
-
-
-@bounded_cache(_MAX_CACHED_COORDINATES, lambda bodies: sum(len(x.others) for x in bodies))
-def _collect_bodies(
-    q_names: tuple[str, ...], is_angle: tuple[bool, ...], parts: tuple[tuple[str, int, int], ...]
-) -> tuple[Body, ...]:
     bodies = []
-    for part, start, stop in parts:
-        index = {q_names[k].rpartition(".")[2]: k for k in range(start, stop)}
+    for part in e.parts:
+        coordinates = range(part.rows.start, part.rows.stop)
+        index = {e.q_names[k].rpartition(".")[2]: k for k in coordinates}
         pairs = [
             (k, index[f"y{name[1:]}"])
             for name, k in index.items()
             if _POINT_NAME.fullmatch(name) and f"y{name[1:]}" in index
         ]
-        turning = [k for name, k in index.items() if _ANGLE_NAME.fullmatch(name) and is_angle[k]]
+        turning = [k for name, k in index.items() if _ANGLE_NAME.fullmatch(name) and e.is_angle[k]]
         points, angles = np.array(pairs, int).reshape(-1, 2), np.array(turning, int)
         nodes, is_beam = None, 3 * len(pairs) == 3 * len(turning) == len(index)
         if is_beam and pairs and set(index) != {"x", "y", "angle"}:
@@ -85,7 +78,7 @@ def _collect_bodies(
         angle = turning[0] if position is not None and turning else None
         rigid = {*(position or ()), angle}
         others = tuple(k for k in index.values() if k not in rigid)
-        bodies.append(Body(part, points, angles, position, angle, others, nodes))
+        bodies.append(Body(part.name, points, angles, position, angle, others, nodes))
     return tuple(bodies)
 
 

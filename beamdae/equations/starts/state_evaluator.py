@@ -25,7 +25,7 @@ from beamdae.equations.formulations.sums import (
     assemble_motion,
     create_matrix_sum,
 )
-from beamdae.equations.structure import Structure, cache_on_owner, share_plans
+from beamdae.equations.structure import Structure, cache_on_owner
 from beamdae.errors import BeamdaeError
 from beamdae.linear.factorizations import (
     Factorization,
@@ -85,7 +85,7 @@ def _layout(structure: Structure) -> InputLayout:
     return InputLayout(q=0, v=n, a=2 * n, lam=3 * n)
 
 
-@share_plans
+@cache_on_owner
 def plan_state_sums(structure: Structure) -> StateSums:
     """Return the plans of the matrices that `StateEvaluator` needs, and their patterns."""
     n, m, layout = structure.n, structure.m, _layout(structure)
@@ -106,13 +106,13 @@ def plan_state_sums(structure: Structure) -> StateSums:
     return StateSums(gradients, gradient_pattern, saddle, pattern, block)
 
 
-@share_plans
+@cache_on_owner
 def plan_motion(structure: Structure) -> SumPlan:
     """Return the plan of (F, g, g_dot, g_ddot)."""
     return assemble_motion(structure, _layout(structure)).vector()
 
 
-@share_plans
+@cache_on_owner
 def plan_smooth_motion(structure: Structure) -> SumPlan:
     """Return `plan_motion` without forces with kinks over the motion, such as contacts."""
     smooth = [term for term in structure.forces if not term.kernel.has_kinks_over_motion]
@@ -121,13 +121,13 @@ def plan_smooth_motion(structure: Structure) -> SumPlan:
     return assemble_motion(structure, _layout(structure), smooth).vector()
 
 
-@share_plans
+@cache_on_owner
 def plan_constraint_levels(structure: Structure) -> SumPlan:
     """Return `plan_motion` without forces, which take longer than joints do."""
     return assemble_motion(structure, _layout(structure), forces=()).vector()
 
 
-@share_plans
+@cache_on_owner
 def plan_balance(structure: Structure) -> SumPlan:
     """Return the plan of (F, g, g_dot, g_ddot, G^T lam)."""
     return assemble_motion(structure, _layout(structure), with_reactions=True).vector()
@@ -148,23 +148,6 @@ def _locate_force_block(pattern: sp.csc_array, n: int) -> ForceBlock:
     return ForceBlock(block, entries)
 
 
-class Recent:
-    """Result of a function at its last argument: a restart asks for the same state repeatedly."""
-
-    def __init__(self) -> None:
-        self._argument: Array | None = None
-        self._result = np.zeros(0)
-
-    def get(self, argument: Array, compute: Callable[[], Array]) -> Array:
-        """Return a copy of the result of `compute`, called only if `argument` has changed."""
-        if self._argument is None or not np.array_equal(argument, self._argument):
-            # An exception leaves no result.
-            self._argument = None
-            self._result = compute()
-            self._argument = argument
-        return self._result.copy()
-
-
 @dataclass(frozen=True)
 class StateEvaluator:
     """Evaluates constraints, forces and matrices at single states.
@@ -174,7 +157,11 @@ class StateEvaluator:
     """
 
     equations: EquationsOfMotion
-    _sums: dict[PlanFunction, tuple[SumEvaluator, Recent]] = field(
+    _sums: dict[PlanFunction, SumEvaluator] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
+    # Arguments of `solve_saddle` for which the solver has factors.
+    _factorized: dict[str, Array] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )
 
@@ -194,15 +181,11 @@ class StateEvaluator:
 
     @cached_property
     def _saddle(self) -> SumEvaluator:
-        return SumEvaluator.borrow(self.sums.saddle, self.equations.p, self)
+        return SumEvaluator(self.sums.saddle, self.equations.p)
 
     @cached_property
     def _solver(self) -> Factorization:
         return create_factorization(self.sums.saddle_pattern)
-
-    @cached_property
-    def _recent_factors(self) -> Recent:
-        return Recent()
 
     def evaluate(
         self, plan: PlanFunction, time: Array, state: Sequence[Array | None], size: int
@@ -214,17 +197,11 @@ class StateEvaluator:
         n, m = self.equations.n, self.equations.m
         zeros = (np.zeros(k) for k in (n, n, n, m))
         parts = (y if y is not None else z for y, z in zip(state, zeros, strict=True))
-        inputs = np.concatenate([time, *parts])
         if plan not in self._sums:
-            total = plan(self.equations.structure)
-            self._sums[plan] = SumEvaluator.borrow(total, self.equations.p, self), Recent()
-        evaluator, recent = self._sums[plan]
-
-        def compute() -> Array:
-            set_time(evaluator, *time)
-            return evaluator(inputs[len(time) :], size)
-
-        return recent.get(inputs, compute)
+            self._sums[plan] = SumEvaluator(plan(self.equations.structure), self.equations.p)
+        evaluator = self._sums[plan]
+        set_time(evaluator, *time)
+        return evaluator(np.concatenate(list(parts)), size)
 
     def rest_state(self, q: Array) -> State:
         """Return the state at rest at positions `q`, with zero accelerations and multipliers."""
@@ -367,18 +344,18 @@ class StateEvaluator:
         right = np.concatenate([np.zeros(n) + force, np.zeros(m) + rates])
         v = np.zeros(n) if v is None else v
         lam = np.zeros(m) if lam is None or not self.has_friction else lam
-        # The solver keeps the factors of the last call if all arguments are the same.
-        self._recent_factors.get(
-            np.concatenate([time, q, v, coefficients, lam]),
-            lambda: self._factorize(time, q, v, coefficients, lam),
-        )
+        arguments = np.concatenate([time, q, v, coefficients, lam])
+        # The solver keeps the factors of the last call.
+        if not np.array_equal(arguments, self._factorized.pop("arguments", np.zeros(0))):
+            self._factorize(time, q, v, coefficients, lam)
+        self._factorized["arguments"] = arguments
         solution = self._solver.solve(right)
         return solution[:n], solution[n:]
 
     def _factorize(
         self, time: Array, q: Array, v: Array, coefficients: Coefficients, lam: Array
-    ) -> Array:
-        """Factorize the saddle-point matrix; return an empty array."""
+    ) -> None:
+        """Factorize the saddle-point matrix."""
         e, pattern = self.equations, self.sums.saddle_pattern
         force = self.force(time, q, v, lam=lam)
         nonzeros = self.saddle_matrix(time, q, v, None, coefficients, lam)
@@ -405,4 +382,3 @@ class StateEvaluator:
                 f"{e.q_names[int(np.argmax(np.abs(unresisted)))]}: this coordinate has no inertia "
                 f"at t = {time[0]:g} s; add mass or a joint."
             ) from None
-        return np.zeros(0)

@@ -9,7 +9,6 @@ import numpy as np
 
 from beamdae.equations.equations_of_motion import State
 from beamdae.equations.starts.consistent_start import ConsistencySolver
-from beamdae.integrators.alpha.workspace import Motion
 
 Array = np.ndarray
 
@@ -94,6 +93,21 @@ def family_parameters(family: str, rho_inf: float) -> AlphaParameters:
     elif family == "newmark":
         alpha_m = alpha_f = 0.0
     return AlphaParameters(alpha_m, alpha_f, gamma, beta, shift)
+
+
+@dataclass(slots=True)
+class Motion:
+    """State after a step of length `h` [s].
+
+    `ddq` is the true acceleration q'', `a` the algorithmic acceleration.
+    """
+
+    q: Array
+    v: Array
+    ddq: Array
+    a: Array
+    lam: Array
+    h: float = 0.0
 
 
 @dataclass(frozen=True)

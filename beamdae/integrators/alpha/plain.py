@@ -12,8 +12,7 @@ import numpy as np
 from beamdae.equations.equations_of_motion import State
 from beamdae.equations.formulations.step_equations import StepEquations, StepPrediction
 from beamdae.errors import BeamdaeError
-from beamdae.integrators.alpha.family import AlphaStart
-from beamdae.integrators.alpha.workspace import Motion
+from beamdae.integrators.alpha.family import AlphaStart, Motion
 from beamdae.integrators.method import (
     MATRIX_SINGULAR,
     RESIDUAL_NOT_FINITE,

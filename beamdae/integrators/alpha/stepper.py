@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, ClassVar
 
 import numpy as np
@@ -15,13 +16,14 @@ from beamdae.core.return_codes import (
     SINGULAR,
     STEP_NOT_CHANGED,
 )
+from beamdae.core.tables import Workspace
 from beamdae.equations.equations_of_motion import State
 from beamdae.equations.formulations.step_equations import StepEquations, StepPrediction
 from beamdae.errors import BeamdaeError
-from beamdae.integrators.alpha.family import AlphaStart
-from beamdae.integrators.alpha.jerk import AdaptiveAlphaWorkspace, JerkEquations
-from beamdae.integrators.alpha.workspace import AlphaWorkspace, Motion
+from beamdae.integrators.alpha.family import AlphaStart, Motion
+from beamdae.integrators.alpha.jerk import JerkEquations
 from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
+from beamdae.integrators.error_control import UNTESTED_MULTIPLIERS, MultiplierTolerances
 from beamdae.integrators.method import (
     FIXED_STEPS_PER_CHECK,
     STEPS_PER_CHECK,
@@ -29,7 +31,6 @@ from beamdae.integrators.method import (
     allocate_rows,
     count_equal_steps,
 )
-from beamdae.integrators.multiplier_tolerances import UNTESTED_MULTIPLIERS, MultiplierTolerances
 from beamdae.results.outcome import Statistics
 
 Array = np.ndarray
@@ -89,9 +90,9 @@ class AlphaStepper:
             q, v, ddq, a = np.zeros((4, n))
             return Motion(q, v, ddq, a, np.zeros(m))
 
-        def make_workspace(native: bool) -> AlphaWorkspace:
-            return self._make_workspace(
-                native,
+        def make_workspace(native: bool) -> Workspace:
+            return Workspace(
+                "AlphaWorkspace",
                 form=form.buffers(native),
                 linear=matrix.make_solver(),
                 alpha_m=member.alpha_m,
@@ -121,9 +122,11 @@ class AlphaStepper:
                 max_step=max_step,
                 min_step=min_step,
                 states=np.asarray(form.equations.states, np.intp),
+                rate=math.inf,
+                **self._further_fields(native),
             )
 
-        def matrices(run: AlphaWorkspace) -> list[tuple[Any, FactorizedMatrix]]:
+        def matrices(run: Workspace) -> list[tuple[Any, FactorizedMatrix]]:
             return [(run.linear, matrix), *self._further_matrices(run)]
 
         is_native = form.is_native and self._is_native
@@ -136,8 +139,8 @@ class AlphaStepper:
         """True if all equations of the loop other than `form` can be evaluated in machine code."""
         return True
 
-    def _make_workspace(self, native: bool, **fields: Any) -> AlphaWorkspace:
-        return AlphaWorkspace(**fields)
+    def _further_fields(self, native: bool) -> dict[str, Any]:
+        return {}
 
     def _further_matrices(self, run: Any) -> list[tuple[Any, FactorizedMatrix]]:
         return []
@@ -292,18 +295,16 @@ class AdaptiveAlphaStepper(AlphaStepper):
     def _is_native(self) -> bool:
         return self._jerk.is_native
 
-    def _make_workspace(self, native: bool, **fields: Any) -> AlphaWorkspace:
-        corrects = int(self._corrects_velocities)
+    def _further_fields(self, native: bool) -> dict[str, Any]:
         weights, tolerance, shortest_step = self._multipliers
-        return AdaptiveAlphaWorkspace(
-            **fields,
-            jerk=self._jerk.buffers(native),
-            corrects_velocities=corrects,
-            multiplier_weights=weights.copy(),
-            multiplier_tolerance=tolerance,
-            shortest_tested_step=shortest_step,
-            lam_before=np.zeros(len(fields["lam_n"])),
-        )
+        return {
+            "jerk": self._jerk.buffers(native),
+            "corrects_velocities": int(self._corrects_velocities),
+            "multiplier_weights": weights.copy(),
+            "multiplier_tolerance": tolerance,
+            "shortest_tested_step": shortest_step,
+            "lam_before": np.zeros(self._jerk.equations.m),
+        }
 
     @property
     def resolved_options(self) -> dict[str, Any]:

@@ -6,7 +6,7 @@ accepts the step. The run then restarts where the contact begins.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -14,7 +14,7 @@ import numpy as np
 
 from beamdae.equations.equations_of_motion import State
 from beamdae.equations.surface_gaps import SurfaceGapTerm
-from beamdae.integrators.events.stop import Stop
+from beamdae.integrators.events.watches import Stop, locate_root
 from beamdae.results.trajectory import Interval
 
 Array = np.ndarray
@@ -109,12 +109,5 @@ class ContactWatch:
         inside = float(times[lowest])
         if not values[lowest] < -_MIN_DEPTH * self.length:
             return None
-        onset, leaving = _locate_root(evaluate, start, inside), _locate_root(evaluate, inside, end)
+        onset, leaving = locate_root(evaluate, start, inside), locate_root(evaluate, inside, end)
         return Stop(onset, onset + _PROBE_SHARE * (leaving - onset))
-
-
-def _locate_root(evaluate: Callable[[Array], Array], start: float, end: float) -> float:
-    # Imported here because the import takes as long as a short run.
-    from scipy.optimize import brentq
-
-    return float(brentq(lambda t: float(evaluate(np.array([t]))[0]), start, end))

@@ -21,7 +21,7 @@ from beamdae.equations.formula_forces import (
     compile_formula_forces,
 )
 from beamdae.integrators.error_control import motion_rate
-from beamdae.integrators.events.stop import Stop
+from beamdae.integrators.events.watches import Stop
 from beamdae.integrators.run_plan import RunPlan
 from beamdae.results.trajectory import Interval
 

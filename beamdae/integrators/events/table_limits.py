@@ -15,7 +15,7 @@ import numpy as np
 
 from beamdae.equations.equations_of_motion import State
 from beamdae.equations.table_arguments import TableArgumentTerm
-from beamdae.integrators.events.stop import Stop
+from beamdae.integrators.events.watches import Stop, locate_root
 from beamdae.results.trajectory import Interval
 
 Array = np.ndarray
@@ -132,13 +132,11 @@ def _locate(
     term: TableArgumentTerm, interval: Interval, start: float, end: float, level: float
 ) -> float:
     """Return the time between two times [s] at which an argument passes a level."""
-    # Imported here because the import takes as long as a short run.
-    from scipy.optimize import brentq
 
-    def difference(t: float) -> float:
-        times = np.array([t])
-        return float(term.evaluate(times, interval.branch, interval.at(times))[0]) - level
+    def difference(times: Array) -> Array:
+        return term.evaluate(times, interval.branch, interval.at(times)) - level
 
-    if difference(start) * difference(end) >= 0.0:
-        return end if abs(difference(end)) < abs(difference(start)) else start
-    return float(brentq(difference, start, end, rtol=_TIME_TOLERANCE))
+    before, after = difference(np.array([start]))[0], difference(np.array([end]))[0]
+    if before * after >= 0.0:
+        return end if abs(after) < abs(before) else start
+    return locate_root(difference, start, end, _TIME_TOLERANCE)

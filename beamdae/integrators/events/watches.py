@@ -1,34 +1,61 @@
-"""Watches of the contacts and tables of a mechanism."""
+"""What may end a step early although the error test accepts it.
+
+A watch examines the rows of new steps. The run ends at its first stop, or restarts there and again
+where the error test sees what the step has passed over.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable
+from typing import NamedTuple, Protocol
 
-from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.surface_gaps import compile_surface_gaps
-from beamdae.equations.table_arguments import TableArgumentTerm, find_distinct, group_grids
-from beamdae.integrators.events.stop import Watch
+import numpy as np
+
+from beamdae.results.trajectory import Interval
+
+Array = np.ndarray
+
+_ROUNDING = 4.0 * float(np.finfo(float).eps)
 
 
-def watch_tables_and_contacts(
-    equations: EquationsOfMotion, arguments: Sequence[TableArgumentTerm], is_adaptive: bool
-) -> tuple[Watch, ...]:
-    """Return the watches of the contacts of all parts and of the `arguments` of tables.
+class Stop(NamedTuple):
+    """Time at which a step must end.
 
-    Peaks of tables are searched if `is_adaptive` is True.
+    Attributes
+    ----------
+    t
+        The time [s].
+    probe
+        Time [s] inside the contact or peak that begins at `t`, at which the first step after the
+        restart ends at the latest.
+    reason
+        Reason why the run ends at `t`; empty if it restarts there.
+    force
+        Name of the force that has a peak; empty for other stops.
     """
-    # Imported where they are created: most models have no surfaces and tables.
-    watches: list[Watch] = []
-    if gaps := compile_surface_gaps(equations):
-        from beamdae.integrators.events.contact_onsets import ContactWatch
 
-        watches.append(ContactWatch(gaps, equations.length))
-    distinct = find_distinct(arguments)
-    limited = [term for term in distinct if term.is_limited]
-    calls = [(term,) for term in distinct if len(term.constants) == 1] if is_adaptive else []
-    if limited or calls or (is_adaptive and arguments):
-        from beamdae.integrators.events.table_limits import TableWatch
+    t: float
+    probe: float
+    reason: str = ""
+    force: str = ""
 
-        grids = group_grids(arguments) if is_adaptive else ()
-        watches.append(TableWatch(limited, [*calls, *grids]))
-    return tuple(watches)
+
+class Watch(Protocol):
+    """Search of the steps for times at which they must end."""
+
+    @property
+    def spacing(self) -> float:
+        """Length [s] of a step from which on steps are searched."""
+
+    def find_first(self, interval: Interval, begin: float) -> Stop | None:
+        """Return the first stop in the steps after `begin` [s], or None."""
+
+
+def locate_root(
+    evaluate: Callable[[Array], Array], start: float, end: float, rtol: float = _ROUNDING
+) -> float:
+    """Return the time [s] between two times at which a function of times changes its sign."""
+    # Imported here because the import takes as long as a short run.
+    from scipy.optimize import brentq
+
+    return float(brentq(lambda t: float(evaluate(np.array([t]))[0]), start, end, rtol=rtol))

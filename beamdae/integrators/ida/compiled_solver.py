@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Generator
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -11,10 +12,9 @@ import numpy as np
 from beamdae.core.library import function_address
 from beamdae.core.linear_solver import LinearSolver
 from beamdae.core.return_codes import DONE, FULL
-from beamdae.core.tables import Loop
+from beamdae.core.tables import Loop, Workspace
 from beamdae.equations.formulations.first_order import FirstOrderForm
 from beamdae.integrators.compiled_run import FactorizedMatrix
-from beamdae.integrators.ida.workspace import IdaWorkspace, NewtonState, SundialsFunctions
 from beamdae.integrators.method import allocate_rows
 from beamdae.results.outcome import Statistics
 from beamdae.sundials.library import load_library
@@ -60,7 +60,7 @@ class CompiledIda:
         options
             Keyword arguments of `IdaSolver`.
         iteration
-            Keyword arguments of `NewtonState`: the scaling of the kinematic rows and the applied
+            Fields of `NewtonState` in `core.h`: the scaling of the kinematic rows and the applied
             fraction of each Newton correction.
 
         Raises
@@ -70,11 +70,12 @@ class CompiledIda:
         """
         functions = load_library().addresses
         self._form = form
-        self._newton = newton = NewtonState(
-            form.buffers(form.is_native),
-            matrix.make_solver(),
-            np.zeros(form.size),
-            matrix.nonzeros,
+        self._newton = newton = Workspace(
+            "NewtonState",
+            form=form.buffers(form.is_native),
+            linear=matrix.make_solver(),
+            raw_residual=np.zeros(form.size),
+            nonzeros=matrix.nonzeros,
             **iteration,
         )
         weights = 1.0 / options["atol"]
@@ -82,9 +83,10 @@ class CompiledIda:
             weights[options["untested"]] = 0.0
         n, m, empty = form.equations.n, form.equations.m, np.zeros(0)
         t, order = np.zeros(1), np.zeros(1, np.int32)
-        self._run = run = IdaWorkspace(
-            newton,
-            SundialsFunctions(*(getattr(functions, name) for name in SundialsFunctions.__slots__)),
+        self._run = run = Workspace(
+            "IdaWorkspace",
+            newton=newton,
+            sundials=SimpleNamespace(**functions._asdict()),
             has_impulses=int(form.formulation.impulses),
             rows=allocate_rows(1 + 3 * n + m),
             orders=np.zeros(_MAX_ORDER + 1, np.intp),

@@ -15,6 +15,8 @@ import math
 
 import numpy as np
 
+from beamdae.core.tables import Workspace
+
 Array = np.ndarray
 
 _ROOT = math.sqrt(6.0)
@@ -60,8 +62,6 @@ _VECTOR, _POLYNOMIAL = _eigenpolynomial(COMPLEX_EIGENVALUE)
 T = _real_columns(_REAL_VECTOR, _VECTOR)
 _COFACTORS = np.stack([np.cross(T[:, k - 2], T[:, k - 1]) for k in range(3)])
 T_INVERSE = _COFACTORS / np.sum(T[:, 0] * _COFACTORS[0])
-# Maps stages to the complex unknown w_1 + i w_2.
-TO_COMPLEX = T_INVERSE[1] + 1j * T_INVERSE[2]
 # h Y' = RATES W.
 RATES = _real_columns(REAL_EIGENVALUE * _REAL_VECTOR, COMPLEX_EIGENVALUE * _VECTOR)
 # W of the unit stages, which add y_n to all stages.
@@ -84,4 +84,18 @@ RATE_BLOCKS = np.array(
         [0.0, COMPLEX_EIGENVALUE.real, -COMPLEX_EIGENVALUE.imag],
         [0.0, COMPLEX_EIGENVALUE.imag, COMPLEX_EIGENVALUE.real],
     ]
+)
+
+TABLEAU = Workspace(
+    "Tableau",
+    nodes=C,
+    to_stages=np.ascontiguousarray(T),
+    from_stages=np.ascontiguousarray(T_INVERSE),
+    rates=np.ascontiguousarray(RATES),
+    rate_blocks=RATE_BLOCKS,
+    polynomial=np.ascontiguousarray(POLYNOMIAL),
+    embedded=EMBEDDED,
+    start=START,
+    uniform=UNIFORM,
+    eigenvalues=np.array([REAL_EIGENVALUE, COMPLEX_EIGENVALUE.real, COMPLEX_EIGENVALUE.imag]),
 )

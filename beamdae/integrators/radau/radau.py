@@ -35,7 +35,7 @@ class Radau(AdaptiveIntegrator):
     1996, section IV.8.
 
     Departures from RADAU5: the error estimate includes constraints, a
-    failure of Newton's iteration limits the steps that follow (`workspace.StepSizeState`), an
+    failure of Newton's iteration limits the steps that follow (`StepSizeState` in `core.h`), an
     iteration that stagnates at rounding errors has converged, and error weights come from the
     scales of the mechanism.
 

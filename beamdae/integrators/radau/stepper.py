@@ -16,9 +16,9 @@ from beamdae.core.return_codes import (
     SINGULAR,
     TOO_SMALL,
 )
+from beamdae.core.tables import Workspace
 from beamdae.equations.equations_of_motion import State
 from beamdae.equations.formulations.first_order import (
-    FirstOrderBuffers,
     FirstOrderForm,
     formulate_first_order,
 )
@@ -30,8 +30,11 @@ from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
 from beamdae.integrators.error_control import (
     POSITION_ROUNDING,
     STIFF_RATIO_RADAU,
+    UNTESTED_MULTIPLIERS,
     MotionScales,
+    MultiplierTolerances,
     motion_scales,
+    plan_multiplier_tolerances,
     reduce_tolerance,
     resolve_error_control,
 )
@@ -40,12 +43,7 @@ from beamdae.integrators.method import (
     RESIDUAL_NOT_FINITE,
     StepError,
 )
-from beamdae.integrators.multiplier_tolerances import (
-    UNTESTED_MULTIPLIERS,
-    MultiplierTolerances,
-    plan_multiplier_tolerances,
-)
-from beamdae.integrators.radau.workspace import RadauWorkspace, StepSizeState
+from beamdae.integrators.radau.coefficients import TABLEAU
 from beamdae.integrators.run_plan import RunPlan
 from beamdae.results.outcome import Statistics
 
@@ -193,7 +191,7 @@ class RadauStepper:
         real = plan.matrix("Radau", pattern)
         complex_ = FactorizedMatrix.from_pattern(pattern, complex, pivot_source=real)
 
-        def make_run(native: bool) -> RadauWorkspace:
+        def make_run(native: bool) -> Workspace:
             buffers = form.buffers(native)
             buffers.jacobian = jacobian.sum(native, plan.equations.p)
             return make_workspace(
@@ -208,14 +206,14 @@ class RadauStepper:
                 plan_multiplier_tolerances(plan, self._scales, rtol),
             )
 
-        def matrices(run: RadauWorkspace) -> list[tuple[Any, FactorizedMatrix]]:
+        def matrices(run: Workspace) -> list[tuple[Any, FactorizedMatrix]]:
             return [(run.real_solver, real), (run.complex_solver, complex_)]
 
         self._step_loop = StepLoop("take_radau_steps", make_run, matrices, form.is_native)
         self._run = self._step_loop.work
 
     @property
-    def workspace(self) -> RadauWorkspace:
+    def workspace(self) -> Workspace:
         """Work arrays of the run, with its weights."""
         return self._run
 
@@ -326,7 +324,7 @@ def _local_tolerance(rtol: float, policy: str, periods: float, form: FirstOrderF
 
 def make_workspace(
     form: FirstOrderForm,
-    buffers: FirstOrderBuffers,
+    buffers: Workspace,
     pattern: sp.csc_array,
     reduction: KinematicReduction,
     real: tuple[Any, Array],
@@ -334,17 +332,19 @@ def make_workspace(
     tolerance: StepTolerance,
     longest: float,
     multipliers: MultiplierTolerances = UNTESTED_MULTIPLIERS,
-) -> RadauWorkspace:
+) -> Workspace:
     """Return the work arrays; `real` and `complex_` are pairs (solver, non-zeros)."""
     n, m, size = form.equations.n, form.equations.m, form.size
     reduced_size = pattern.shape[0]
     positions, velocities = tolerance.iteration_weights
-    return RadauWorkspace(
+    return Workspace(
+        "RadauWorkspace",
+        tableau=TABLEAU,
         form=buffers,
         real_solver=real[0],
         complex_solver=complex_[0],
         reduction=reduction,
-        step_size=StepSizeState(longest),
+        step_size=Workspace("StepSizeState", longest=longest),
         y=np.zeros(size),
         yp=np.zeros(size),
         last_w=np.zeros((3, size)),
@@ -381,4 +381,6 @@ def make_workspace(
         rows=np.zeros((_STAGES * _STEPS_PER_CHECK, 1 + 3 * n + m)),
         rounding_ratio=tolerance.scales.rounding_ratio,
         stagnation_limit=_MAX_STAGNATION_FRACTION / tolerance.iteration_fraction,
+        rate=1.0,
+        failure_code=TOO_SMALL,
     )

@@ -39,7 +39,6 @@ from beamdae.studies.store.file_reads import (
 )
 from beamdae.studies.store.store import format_trajectory
 from beamdae.studies.tasks import MEASURED, Outcome, Task, describe_exception
-from beamdae.symbolic.sums.sum_evaluator import compile_sums
 
 
 def run_task(serialized: bytes) -> Outcome:
@@ -51,7 +50,7 @@ def run_task(serialized: bytes) -> Outcome:
     folder = working_folder()
     is_deleted = is_in_deleted_folder(Path())
     try:
-        with record_file_reads() as reads, compile_sums():
+        with record_file_reads() as reads:
             home = folder
             try:
                 task = pickle.loads(serialized)

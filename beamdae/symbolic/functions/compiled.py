@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Any, TypeVar
 
 import casadi as ca
 import numpy as np
 
-from beamdae.symbolic.functions.powers import expand_powers
+from beamdae.symbolic.functions.instructions import expand_powers
 from beamdae.symbolic.functions.row_kernels import RowKernels, evaluate_copies, evaluate_rows
 from beamdae.symbolic.functions.table_lookups import has_lookups, jacobian, weighted_derivative
 
@@ -84,49 +83,12 @@ class Compiled:
         return self.outputs
 
 
-class _MappedEvaluator:
-    """Evaluator of `count` rows by CasADi's virtual machine."""
-
-    def __init__(self, mapped: ca.Function, count: int) -> None:
-        self._compiled, self._count = Compiled(mapped), count
-
-    def evaluate(self, arguments: Sequence[Array]) -> Array:
-        """Return the results (count, size); the next call overwrites them."""
-        return self._compiled(*map(np.ravel, arguments))[0].reshape(self._count, -1)
-
-
-class _EvaluatorPool:
-    """Evaluators of one mapped function, reused because creating one takes as long as a call.
-
-    Each evaluator is used by one thread at a time.
-    """
-
-    def __init__(self, mapped: ca.Function, count: int) -> None:
-        self._recipe = mapped, count
-        self._idle: list[_MappedEvaluator] = []
-
-    def __reduce__(self) -> Any:
-        return _EvaluatorPool, self._recipe
-
-    def acquire(self) -> _MappedEvaluator:
-        """Return an evaluator, which belongs to the caller until `release`."""
-        try:
-            # Not a test of the length, because a concurrent thread may take the last one.
-            return self._idle.pop()
-        except IndexError:
-            return _MappedEvaluator(*self._recipe)
-
-    def release(self, evaluator: _MappedEvaluator) -> None:
-        """Let other callers use the evaluator."""
-        self._idle.append(evaluator)
-
-
 class RowFunction:
     """A CasADi function with one dense output, evaluated for each row of its arguments."""
 
     def __init__(self, function: ca.Function) -> None:
         self._function = function
-        self._mapped_functions: dict[tuple[int, ...], _EvaluatorPool] = {}
+        self._mapped_functions: dict[tuple[int, ...], ca.Function] = {}
         self._derivatives: dict[int, RowFunction] = {}
         self._outputs: dict[int, RowFunction] = {}
         self._weighted_gradient: RowFunction | None = None
@@ -148,14 +110,12 @@ class RowFunction:
             evaluate_rows(kernel, arguments, result)
             return result
         count = _balance_blocks(rows)
-        pool = self._map(count, shared)
-        evaluator = pool.acquire()
+        evaluate = Compiled(self._map(count, shared))
         # The last chunk overlaps the previous chunk, because mapping to another size costs more.
         for first in [*range(0, rows - count, count), rows - count]:
             chunk = slice(first, first + count)
-            values = [a if a.ndim == 1 else a[chunk] for a in arguments]
-            result[chunk] = evaluator.evaluate(values)
-        pool.release(evaluator)
+            values = ((a if a.ndim == 1 else a[chunk]).ravel() for a in arguments)
+            result[chunk] = evaluate(*values)[0].reshape(count, -1)
         return result
 
     def on_copies(self, columns: Array, data: Array) -> Array:
@@ -239,15 +199,14 @@ class RowFunction:
             self._weighted_gradient = RowFunction(gradient)
         return self._weighted_gradient
 
-    def _map(self, count: int, shared: list[int]) -> _EvaluatorPool:
-        """Return evaluators over `count` rows; cached, as mapping costs as much as a call."""
+    def _map(self, count: int, shared: list[int]) -> ca.Function:
+        """Return the function over `count` rows; cached, as mapping costs as much as a call."""
         function, key = self._function, (count, *shared)
         # A concurrent thread may remove the entry between a test and an access.
         mapped = self._mapped_functions.get(key)
         if mapped is None:
             name = function.name()
-            function = function.map(name, "serial", count, shared, []) if count > 1 else function
-            mapped = _EvaluatorPool(function, count)
+            mapped = function.map(name, "serial", count, shared, []) if count > 1 else function
             keep_latest(self._mapped_functions, key, mapped)
         return mapped
 

@@ -2,15 +2,14 @@
 
 Loading or compiling machine code takes longer than the rows of a single run take in CasADi's
 virtual machine. A function is therefore compiled once its rows, in all runs of a process,
-have taken about as long as the compiler takes. Results have the same bits in any case. The same
-holds for sums that are evaluated at single states, see `sum_evaluator`.
+have taken about as long as the compiler takes. Results have the same bits in any case.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections import defaultdict
+from collections.abc import Sequence
 from functools import cached_property
-from typing import Generic, TypeVar
 
 import casadi as ca
 import numpy as np
@@ -19,7 +18,6 @@ from beamdae.native.lane_kernels import LaneKernel, build_lane_kernel, pad_copie
 from beamdae.symbolic.functions.table_lookups import has_lookups
 
 Array = np.ndarray
-Code = TypeVar("Code")
 
 # Fewer rows take as long in the virtual machine.
 _MIN_ROWS = 32
@@ -35,39 +33,13 @@ _OPERATIONS_BEFORE_COMPILING = 5e7
 _MANY_INSTRUCTIONS, _TOO_MANY_INSTRUCTIONS = 5000, 20_000
 
 
-class CodeOnDemand(Generic[Code]):
-    """Machine code that is loaded, and later compiled, after many operations without it."""
-
-    def __init__(self) -> None:
-        self._code: Code | None = None
-        self._operations = 0.0
-        self._is_searched = self._is_final = False
-
-    def find(
-        self, operations: float, build: Callable[[bool], Code | None], compiles: bool = True
-    ) -> Code | None:
-        """Return machine code for as many operations; None to use none.
-
-        `build` returns the machine code if it is available; its argument is False to look only into
-        the cache, as always if `compiles` is False.
-        """
-        if self._is_final:
-            return self._code
-        self._operations += operations
-        if compiles and self._operations > _OPERATIONS_BEFORE_COMPILING:
-            self._code, self._is_final = build(True), True
-        elif self._operations > _OPERATIONS_BEFORE_LOADING and not self._is_searched:
-            self._code, self._is_searched = build(False), True
-            self._is_final = bool(self._code)
-        return self._code
-
-
 class RowKernels:
     """Machine code of a function, for each choice of arguments that all rows share."""
 
     def __init__(self, function: ca.Function) -> None:
         self._function = function
-        self._codes: dict[tuple[int, ...], CodeOnDemand[LaneKernel]] = {}
+        self._operations: dict[tuple[int, ...], float] = defaultdict(float)
+        self._kernels: dict[tuple[tuple[int, ...], bool], LaneKernel | None] = {}
 
     def __reduce__(self) -> tuple[type, tuple[ca.Function]]:
         return RowKernels, (self._function,)
@@ -76,15 +48,21 @@ class RowKernels:
         """Return machine code for `rows` rows that share these arguments; None to use none."""
         if rows < _MIN_ROWS:
             return None
-        code = self._codes.setdefault(shared, CodeOnDemand())
-        return code.find(rows * self._worth_of_row, lambda compiles: self._build(shared, compiles))
+        self._operations[shared] += rows * self._worth_of_row
+        if self._operations[shared] <= _OPERATIONS_BEFORE_LOADING:
+            return None
+        compiles = self._operations[shared] > _OPERATIONS_BEFORE_COMPILING
+        if (shared, compiles) not in self._kernels:
+            loaded = self._kernels.get((shared, False))
+            self._kernels[shared, compiles] = loaded or self._build(shared, compiles)
+        return self._kernels[shared, compiles]
 
     @cached_property
     def _worth_of_row(self) -> float:
         """Operations of a row, relative to the time that a compiler takes for the function."""
-        instructions = int(self._function.n_instructions())
+        instructions = self._function.n_instructions()
         growth = 1.0 + instructions / _TOO_MANY_INSTRUCTIONS
-        return min(float(instructions), _MANY_INSTRUCTIONS / growth)
+        return float(min(instructions, _MANY_INSTRUCTIONS / growth))
 
     def _build(self, shared: tuple[int, ...], compiles: bool) -> LaneKernel | None:
         function = self._function

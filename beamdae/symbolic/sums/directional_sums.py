@@ -17,7 +17,7 @@ import casadi as ca
 import numpy as np
 
 from beamdae.linear.lanes import aligned_zeros
-from beamdae.symbolic.functions.powers import expand_powers
+from beamdae.symbolic.functions.instructions import expand_powers
 from beamdae.symbolic.functions.table_lookups import directional_derivative, has_lookups
 from beamdae.symbolic.sums.kernel_sums import (
     ADD_END,
@@ -148,7 +148,6 @@ def directional_plan(
         weighted_targets=weighted_targets[weighted_order].astype(np.uint32),
         weighted_sources=weighted_sources[weighted_order].astype(np.uint32),
         weights=weights[weighted_order],
-        weight_factors=None,
     )
 
 

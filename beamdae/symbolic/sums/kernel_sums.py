@@ -34,7 +34,6 @@ from beamdae.native.lane_kernels import (
 from beamdae.native.object_code import is_native_enabled
 from beamdae.symbolic.functions.compiled import Compiled, RowFunction, keep_latest
 from beamdae.symbolic.functions.instructions import remove_repetitions
-from beamdae.symbolic.functions.row_kernels import CodeOnDemand
 from beamdae.symbolic.functions.table_lookups import has_lookups, remove_zero_lookups
 from beamdae.symbolic.local_symbols import C_A, C_H, C_L, C_Q, C_R, C_V, SHARED_BRANCH, SHARED_T
 from beamdae.symbolic.sums.lane_tiles import BatchRows, Tiles, find_tiles
@@ -54,8 +53,6 @@ GATHER_END = 3
 ADD_END = 4
 WEIGHTED_END = 5
 
-# Gathering and adding the numbers of a batch take as long as this number of operations.
-_OPERATIONS_PER_BATCH = 10_000
 # Straight-line code of larger kernels takes seconds to compile; that of elements with up to four
 # nodes is faster than loops.
 _MAX_STRAIGHT_INSTRUCTIONS = 6500
@@ -260,9 +257,7 @@ class Batch(NamedTuple):
 class SumPlan:
     """A sum without buffers and model data; all its `Sum`s share the constant arrays.
 
-    The data p of a model are copied by local[data_targets] = p[data_sources]. `weights` are the
-    products of the arrays in `weight_factors`, of which operators contain the first two and which
-    only `with_weights` needs.
+    The data p of a model are copied by local[data_targets] = p[data_sources].
     """
 
     n_shared: int
@@ -282,34 +277,9 @@ class SumPlan:
     weighted_targets: Array
     weighted_sources: Array
     weights: Array
-    weight_factors: tuple[Array, Array, Array] | None = None
-    # Plans that differ in weights only share the arrays and the machine code that do not depend on
-    # weights.
-    _layouts: dict[str, dict[str, Array]] = field(
-        default_factory=dict, init=False, compare=False, repr=False
-    )
-    # For `SumEvaluator`.
-    code: CodeOnDemand[bool] = field(
-        default_factory=CodeOnDemand, init=False, compare=False, repr=False
-    )
+    # Of `SumEvaluator`: buffers for the next model, and the number of models so far.
     idle_buffers: list[Any] = field(default_factory=list, init=False, compare=False, repr=False)
-
-    def with_weights(self, decode: Callable[[Array], Array]) -> SumPlan:
-        """Return the plan for other weights of operators.
-
-        `decode` returns the weights of operators in place of those of this plan.
-        """
-        assert self.weight_factors is not None
-        left, right, scale = self.weight_factors
-        plan = replace(
-            self,
-            gather_weights=decode(self.gather_weights),
-            weights=decode(left) * decode(right) * scale,
-            weight_factors=None,
-        )
-        object.__setattr__(plan, "_layouts", self._layouts)
-        object.__setattr__(plan, "code", self.code)
-        return plan
+    uses: list[int] = field(default_factory=lambda: [0], init=False, compare=False, repr=False)
 
     @property
     def is_native(self) -> bool:
@@ -319,18 +289,6 @@ class SumPlan:
     def load_native(self, compiles: bool = True) -> bool:
         """Return `is_native`, using only machine code in the cache if `compiles` is False."""
         return all(batch.kernel.load_native(compiles) is not None for batch in self.batches)
-
-    @cached_property
-    def operations_per_kernel(self) -> float:
-        """Operations of CasADi's virtual machine that take as long as an evaluation, per kernel.
-
-        Machine code of each kernel has to be compiled.
-        """
-        operations = sum(
-            batch.copies * batch.kernel.source.n_instructions() + _OPERATIONS_PER_BATCH
-            for batch in self.batches
-        )
-        return operations / max(len({id(batch.kernel) for batch in self.batches}), 1)
 
     def sum(self, native: bool, p: Array) -> Sum:
         """Return the sum with new buffers and the data of a model.
@@ -347,7 +305,6 @@ class SumPlan:
             code_owners = tuple(batch.kernel.native for batch in self.batches)
         else:
             code_owners = tuple(_find_code(x) or InterpretedKernel(x) for x in self.batches)
-        build = SumPlan._untiled_entries if load_core() is None else SumPlan._tiled_entries
         total = Sum(
             shared=np.zeros(self.n_shared),
             local=aligned_zeros(self.n_local),
@@ -360,7 +317,7 @@ class SumPlan:
             weighted_sources=self.weighted_sources,
             weights=self.weights,
             code_owners=code_owners,
-            **self.cache_layout(build),
+            **(self._untiled_entries if load_core() is None else self._tiled_entries),
         )
         self.set_data(total, p)
         return total
@@ -371,13 +328,7 @@ class SumPlan:
         if len(self.data_sources):
             total.local[self.data_targets] = p[self.data_sources]
 
-    def cache_layout(self, build: Callable[[SumPlan], dict[str, Array]]) -> dict[str, Array]:
-        """Return the arrays that `build` returns for this plan; they must not depend on weights."""
-        key = build.__name__
-        if key not in self._layouts:
-            self._layouts[key] = build(self)
-        return self._layouts[key]
-
+    @cached_property
     def _tiled_entries(self) -> dict[str, Array]:
         """Fields of `Sum` that depend on tiles."""
         picks, adds = self._tiles
@@ -401,6 +352,7 @@ class SumPlan:
             "add_tiles": np.ascontiguousarray(adds.table, np.uint32),
         }
 
+    @cached_property
     def _untiled_entries(self) -> dict[str, Array]:
         """Fields of `Sum` without tiles, for evaluation without the core."""
         none = np.zeros((0, 2 + LANE_WIDTH), np.uint32)

@@ -15,17 +15,10 @@ import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.bounded_cache import bounded_cache
-from beamdae.read_only import read_only
-from beamdae.symbolic.sparse_operators import ConstantOperator
 from beamdae.symbolic.sums.kernel_sums import Kernel
 
 Array = np.ndarray
 SX = ca.SX
-
-# Entries of the cached results of `factor_operator`, about 50 bytes each.
-_MAX_CACHED_ENTRIES = 100_000
-_ENTRIES_OF_OBJECTS = 50  # that take as much memory as the objects of one result and its key
 
 
 @dataclass(frozen=True)
@@ -86,35 +79,16 @@ def factor_operator(operator: sp.csr_array, count: int) -> RotatedOperator:
     """Factor the operator of `count` copies into a selection and a rotation.
 
     The columns of a copy are arranged by the rows of their largest entries, so that copies which
-    lack some columns still share the pattern. Results are cached, because models are often built
-    again with other numbers but the same operators.
+    lack some columns still share the pattern.
     """
-    constant = ConstantOperator(operator)
-    return (_cached_factor if constant.is_read_only else _factor)(constant, count)
-
-
-def _factor(constant: ConstantOperator, count: int) -> RotatedOperator:
-    operator = constant.matrix
     if np.all(operator.data == 1.0) and np.all(np.diff(operator.indptr) <= 1):
         return RotatedOperator(operator, None, np.zeros((0, count)))
-    arrays = (operator.indptr, operator.indices, operator.data)
-    contents = tuple((x.dtype.char, x.tobytes()) for x in arrays)
-    return _factor_arrays(operator.shape, contents, count)
-
-
-def _count_entries(result: RotatedOperator) -> float:
-    return result.selection.nnz + result.data.size + _ENTRIES_OF_OBJECTS
-
-
-_cached_factor = bounded_cache(_MAX_CACHED_ENTRIES, _count_entries)(_factor)
-
-
-@bounded_cache(_MAX_CACHED_ENTRIES, _count_entries)
-def _factor_arrays(
-    shape: tuple[int, int], contents: tuple[tuple[str, bytes], ...], count: int
-) -> RotatedOperator:
-    """Return `factor_operator` of a CSR matrix with these index pointers, indices and data."""
-    indptr, indices, data = (np.frombuffer(text, kind) for kind, text in contents)
+    shape, indptr, indices, data = (
+        operator.shape,
+        operator.indptr,
+        operator.indices,
+        operator.data,
+    )
     rows, lengths = shape[0] // count, np.diff(indptr).astype(np.intp)
     copy, row = np.divmod(np.repeat(np.arange(shape[0]), lengths), rows)
     keys, column = np.unique(copy * shape[1] + indices, return_inverse=True)
@@ -147,7 +121,7 @@ def _factor_arrays(
     parts = (np.ones(len(keys)), global_column[by_row], starts)
     selection = sp.csr_array(parts, shape=(count * len(kinds), shape[1]))
     rotation = LocalRotation((rows, len(kinds)), tuple(ones), tuple(others))
-    return RotatedOperator(read_only(selection), rotation, read_only(values[~is_one]))
+    return RotatedOperator(selection, rotation, values[~is_one])
 
 
 def rotate_kernel(

@@ -260,7 +260,6 @@ class SumBuilder:
             weighted_targets=_to_unsigned(rows[weighted]),
             weighted_sources=_to_unsigned(column[weighted]),
             weights=weight[weighted],
-            weight_factors=(left[weighted], right[weighted], scale[weighted]),
         )
 
 
