@@ -22,8 +22,8 @@ from beamdae.beams.kinematics import (
     create_custom_kinematics,
 )
 from beamdae.beams.mesh import Mesh, intern_mesh
+from beamdae.beams.prolongation import prolongation_matrix
 from beamdae.beams.resolution import choose_mesh
-from beamdae.beams.section_samples import find_breaks, stress_sections
 from beamdae.beams.sections import Section, SectionLaw, Taper, VaryingSection, require_section
 from beamdae.beams.strains import (
     LargestStress,
@@ -111,6 +111,7 @@ _GYRATION_SAMPLES = 3  # sections at which a varying section is checked
 
 # Largest exponent of `Beam.largest_stress`.
 _MIN_STRESS_INTERVALS = 16  # between the sections of a largest stress, along the beam
+STRESS_SECTIONS_OF_TAPERS = 6  # per section of a largest stress in a beam of constant section
 _MAX_EXPONENT = 1000.0
 
 # Lower bound of the memory of a run per element and node interval, for all integrators [bytes].
@@ -330,17 +331,26 @@ class Beam(Part):
     def divide_mesh(self, arc_lengths: Iterable[float]) -> Mesh:
         """Return the mesh after the first assembly with attachments at `arc_lengths` [m].
 
-        Elements also end at kinks of the section and, if the program chooses the mesh, at jumps of
-        the section and at kinks of the curve.
+        Elements also end at kinks of a taper and, if the program chooses the mesh, at kinks and
+        jumps of any section and of the curve.
         """
         if self._has_final_mesh:
             return self.mesh
         if self.has_chosen_mesh:
-            breaks = find_breaks(self.section, self.length) + curve_breaks(self.curve)
-            stops = sorted({*arc_lengths, *breaks})
+            stops = sorted({*arc_lengths, *self.section_breaks, *curve_breaks(self.curve)})
             return intern_mesh(choose_mesh(self.curve, stops, self.has_moving_load))
-        known = self.section.breaks if isinstance(self.section, VaryingSection) else ()
+        known = self.section.kinks if isinstance(self.section, VaryingSection) else ()
         return intern_mesh(self.mesh.with_ends_at(sorted({*arc_lengths, *(known or ())})))
+
+    @property
+    def section_breaks(self) -> tuple[float, ...]:
+        """Arc lengths [m] of kinks and jumps of the section."""
+        return self.section.breaks if isinstance(self.section, VaryingSection) else ()
+
+    @property
+    def section_jumps(self) -> tuple[float, ...]:
+        """Arc lengths [m] just beyond jumps of the section, if it is a function."""
+        return self.section.jumps if isinstance(self.section, VaryingSection) else ()
 
     def prepare(self, attached: Sequence[AttachedPart], has_fixed_coordinates: bool) -> bool:
         """Place element ends at attachments and kinks of the section, and make the mesh final.
@@ -390,6 +400,13 @@ class Beam(Part):
         if other.has_chosen_mesh:
             other._has_final_mesh = True
         return other
+
+    def prolongation_to(self, fine: Part) -> sp.csc_array:
+        """Return the matrix that maps changes of coordinates to those on another mesh."""
+        assert isinstance(fine, Beam)
+        if fine.mesh is self.mesh:
+            return super().prolongation_to(fine)
+        return prolongation_matrix(self.kinematics, fine.kinematics)
 
     def with_exact_strains(self) -> Beam:
         """Return a copy with strain="exact" and the same coordinates.
@@ -764,17 +781,17 @@ class Beam(Part):
     def _stress_sections(self, arc_lengths: tuple[float, ...] | None) -> tuple[float, ...]:
         """Return the arc lengths [m] of `largest_stress` on both sides of element ends.
 
-        Default sections include those that the variation of the cross-section requires.
+        Default sections are denser where the cross-section varies, and on both sides of its breaks.
         """
         mesh = self._stress_mesh or self.mesh
-        if arc_lengths is None:
-            intervals = max(2, math.ceil(_MIN_STRESS_INTERVALS / mesh.elements))
-            fractions = np.arange(intervals * mesh.elements + 1) / intervals
-            elements = np.arange(mesh.elements + 1)
-            arc_lengths = tuple(np.interp(fractions, elements, mesh.element_bounds).tolist())
-            at_sides = tuple(x for s in arc_lengths for x in mesh.sides_of(s))
-            return stress_sections(self.section, at_sides, self.name)
-        return tuple(x for s in arc_lengths for x in mesh.sides_of(s))
+        if arc_lengths is not None:
+            return tuple(x for s in arc_lengths for x in mesh.sides_of(s))
+        is_varying = isinstance(self.section, VaryingSection)
+        least = _MIN_STRESS_INTERVALS * (STRESS_SECTIONS_OF_TAPERS if is_varying else 1)
+        places = mesh.with_divided_elements(max(2, math.ceil(least / mesh.elements)))
+        before = mesh.just_before(np.array(self.section_jumps)).tolist()
+        at_sides = (x for s in places.element_bounds.tolist() for x in mesh.sides_of(s))
+        return tuple(sorted({*at_sides, *self.section_breaks, *before}))
 
     def section_forces(self, s: float) -> Quantity:
         """Return axial force, shear force and bending moment at `s`, computed from the strains.

@@ -8,6 +8,7 @@ from functools import cache
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
+import scipy.sparse as sp
 
 from beamdae.deferred import module
 from beamdae.errors import BeamdaeError
@@ -250,6 +251,13 @@ class Part:
         A part between two points of one rigid body then does nothing.
         """
         return False
+
+    def prolongation_to(self, fine: Part) -> sp.csc_array:
+        """Return the matrix that maps changes of coordinates to those of a copy, (n', n).
+
+        Copies may refer to beams with finer meshes. By default, coordinates stay the same.
+        """
+        return sp.eye_array(len(self.coordinates), format="csc")
 
     def prepare(self, attached: Sequence[AttachedPart], has_fixed_coordinates: bool) -> bool | None:
         """Adapt the coordinates to the parts attached to this part, before an assembly.

@@ -252,7 +252,7 @@ def buckling(
         return _compute_buckling(model, count, loads, t, start)
 
     until = deferred.module("accuracy.until")
-    analysis = until.Analysis(_NAME, solve, start=start, states=until.list_shapes)
+    analysis = until.Analysis(_NAME, solve, start=start)
     result = until.reach_accuracy(analysis, model, accuracy, accuracy_columns)
     # Without any factor, the direction of the loads may be wrong.
     notes = result.notes if len(result) else (*result.notes, *result._remarks)
