@@ -767,16 +767,22 @@ class Beam(Part):
     ) -> Quantity:
         """Do the work of `largest_stress` on the present mesh."""
         functions: list[Callable[..., Any]] = []
-        pieces = []
+        # Sections of an element share its coordinates.
+        operators: dict[int, sp.csr_array] = {}
+        places, last = [], 0
         for s in self._stress_sections(arc_lengths):
             x, forces = self._section_at(s), self.kinematics.section_forces(s)
+            if id(forces.operator) not in operators:
+                operators[id(forces.operator)] = forces.operator
+                last += forces.operator.shape[0]
+            places.append((last - forces.operator.shape[0], last))
             levers = (self.stress_lever(s, "top"), self.stress_lever(s, "bottom"))
             functions += [forces.values, constant_formula(*levers, x.EA, x.EI, x.material.E)]
-            pieces.append(Piece(self, forces.operator))
-        kind = LargestStress(tuple(x.operator.shape[0] for x in pieces), exponent)
+        kind = LargestStress(tuple(places), exponent)
+        pieces = tuple(Piece(self, x) for x in operators.values())
         values, data = FormulaExpression.of(kind, functions)
         columns = (Variable("largest", "Pa"), Variable("bound", "Pa"))
-        return Quantity(columns, tuple(pieces), values, data, is_magnitude=True)
+        return Quantity(columns, pieces, values, data, is_magnitude=True)
 
     def _stress_sections(self, arc_lengths: tuple[float, ...] | None) -> tuple[float, ...]:
         """Return the arc lengths [m] of `largest_stress` on both sides of element ends.

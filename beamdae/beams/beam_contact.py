@@ -68,7 +68,8 @@ class BeamContact(ObservablePower):
     The force per length at the penetration d of the axis is that of a `Contact`,
     stiffness d^exponent with hysteresis and friction, integrated by Gauss points in each element:
     as many as nodes, so that finer meshes refine the contact, too, and at distances of at most half
-    the radius of a circle, so that it does not pass between them. The axis of the beam touches the surface; add half the thickness to the radius of a circle, or shift a line.
+    the radius of a circle, so that it does not pass between them. The axis of the beam touches the
+    surface; add half the thickness to the radius of a circle, or shift a line.
 
     Parameters
     ----------

@@ -419,6 +419,11 @@ class FormulationKinematics(Kinematics):
         of_gravity = np.repeat(np.array(gravity)[:, None], self.mesh.elements, axis=1)
         return np.concatenate([self._point_data, of_gravity])
 
+    def rows_of_element(self, element: int) -> sp.csr_array:
+        """Return the rows of `operator` for one element."""
+        create = super().rows_of_element
+        return self._geometry.derive(("element", element), lambda: create(element))
+
     def material_point(self, s: float) -> MaterialPoint:
         """Return the section at arc length s [m], on the reference curve."""
         # Cached because joints, observables and drawings request the same sections.

@@ -356,7 +356,7 @@ class Contact(ObservableLoad):
         return hysteresis_factor(self.restitution_or_elastic, self.impact_speed)
 
     @property
-    def _law_arguments(self) -> tuple[Any, ...]:
+    def _law_arguments(self) -> tuple[int, Any, bool, bool]:
         kind, has_friction = type(self.surface).kind, self.friction > 0.0
         return (self.point.size, kind, has_friction, self.static is not None)
 
@@ -415,7 +415,7 @@ class Contact(ObservableLoad):
         return self._observe_values(Variable("v", "m/s"), with_slip=True)
 
     def _observe_values(self, second: Variable, with_slip: bool) -> Quantity:
-        kind = _ContactValues(*self._law_arguments, with_slip)
+        kind = _ContactValues(*self._law_arguments, with_slip=with_slip)
         values, data = FormulaExpression.of(kind, self._functions)
         columns = (Variable("N", "N"), second)
         return Quantity(columns, self._pieces, values, data, load_of=self.name)
