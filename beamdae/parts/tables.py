@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -76,15 +75,6 @@ _MAX_GAP = 1e-9
 _GRAM_OR_GRAVITY = "kg or m/s^2 (gn, the standard gravity)"
 _AMBIGUOUS_UNITS = {"g": _GRAM_OR_GRAVITY, "mg": _GRAM_OR_GRAVITY, "nm": "m or N m"}
 _MAX_ROWS = 1_000_000
-# Separators of the words of a name that may end in a unit, such as "travel_mm" or "travel / mm".
-_WORD_SEPARATORS = re.compile(r"[\s_/,]+")
-# Names such as F_min, x_cg and flow_in end in other words.
-_UNIT_AFTER_UNDERSCORE = re.compile(
-    r"[mcuµμ]m|deg|°|[mu]s|rpm|[mkM]N|lbf|Nmm|kNm|kW|[kMG]Pa|bar|psi|ft|[uµμ][eε]|microstrain|ppm"
-)
-_IN_BRACKETS = re.compile(r"[\[(]([^\[\]()]*)[\])]")
-
-
 # Argument t of a time law and the time, a number or symbol, at which tables select one smooth
 # piece, or None.
 _LOCK: ContextVar[tuple[SX, SX] | None] = ContextVar("_LOCK", default=None)
@@ -886,31 +876,12 @@ def _split_header(header: str) -> tuple[str, str]:
     return split_unit(standardize_header(header))
 
 
-def _find_unit_in_name(name: str) -> str:
-    """Return a unit other than an SI unit in brackets or at the end of a name, '' if none.
-
-    Words after an underscore, as in "F_min" or "x_cg", are units only if they are common ones.
-    """
-    name = name.removesuffix("(h)").rstrip()
-    inside = [x.strip() for x in _IN_BRACKETS.findall(name)]
-    *first, last = _WORD_SEPARATORS.split(name)
-    if first and (_UNIT_AFTER_UNDERSCORE.fullmatch(last) or not name.endswith(f"_{last}")):
-        inside.append(last)
-    return next((x for x in inside if (unit := parse_unit(x)) and unit[0] != 1), "")
-
-
 def _convert_column(label: str, header: str, cells: Mapping[int, str]) -> Array:
     """Return the numbers of a column, which is given by rows, in SI units."""
     stamps = read_time_stamps(label, repr(header), cells.values())
     if stamps is not None:
         return stamps
-    name, unit = _split_header(header)
-    hidden = "" if unit else _find_unit_in_name(name)
-    if hidden:
-        raise BeamdaeError(
-            f"{label}: the header {header!r} seems to contain the unit {hidden}; write it in "
-            "brackets at the end, such as 'travel [mm]', or rename the column."
-        )
+    _, unit = _split_header(header)
     if unit in _AMBIGUOUS_UNITS:
         raise BeamdaeError(
             f"{label}: the unit {unit} of {header!r} is ambiguous; write the values in "
