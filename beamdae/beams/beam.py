@@ -491,11 +491,6 @@ class Beam(Part):
         velocity, angular_velocity = self.velocity or (0.0, 0.0), self.angular_velocity or 0.0
         return self.kinematics.initial_velocity(velocity, angular_velocity)
 
-    @property
-    def given_velocities(self) -> tuple[bool, bool]:
-        """True for the velocity and the angular velocity if they are given."""
-        return self.velocity is not None, self.angular_velocity is not None
-
     @cached_property
     def outline(self) -> Array:
         """Points along the reference curve (k, 2) [m]."""

@@ -143,11 +143,12 @@ class Part:
 
     @property
     def given_velocities(self) -> tuple[bool, bool]:
-        """True for a velocity and an angular velocity that are given, also if they are zero.
+        """True if the fields `velocity` and `angular_velocity` exist and are not None.
 
         Given velocities are kept if the joints allow it; so are those that are not zero.
         """
-        return False, False
+        linear, angular = (getattr(self, x, None) for x in ("velocity", "angular_velocity"))
+        return linear is not None, angular is not None
 
     @property
     def is_state(self) -> bool:

@@ -227,11 +227,6 @@ class ReducedBody(Part):
         return np.array([*frame, *np.zeros(self._count)])
 
     @property
-    def given_velocities(self) -> tuple[bool, bool]:
-        """True for the velocity and the angular velocity if they are given."""
-        return self.velocity is not None, self.angular_velocity is not None
-
-    @property
     def outline(self) -> Array:
         """Positions of the nodes (k, 2) [m]."""
         return np.asarray(self.nodes)

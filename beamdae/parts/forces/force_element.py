@@ -6,7 +6,7 @@ oppose an increase of the deformation.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, ClassVar, NamedTuple
@@ -321,6 +321,20 @@ class ForceElement(ObservableLoad):
                 f"{self.name}: neither {self.a} nor {self.b} can move; attach one of them to a "
                 "body."
             )
+
+    def _require_law(self, rows: int, size: float, coefficients: Sequence[str]) -> None:
+        """Require a valid law of this size of deformations without coefficients, or none."""
+        owner: Any = self
+        if owner.law is None:
+            if owner.energy is not None:
+                raise BeamdaeError(f"{self.name}: energy requires law=; pass both or neither.")
+        elif any(getattr(self, name) for name in coefficients):
+            *first, last = coefficients
+            raise BeamdaeError(
+                f"{self.name}: give either a law or {', '.join(first)} and {last}, not both."
+            )
+        else:
+            UserLaw(self.name, rows, owner.law, owner.energy).require_valid(size)
 
     @property
     def _deformation(self) -> Callable[..., SX]:

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 import casadi as ca
 
 from beamdae.errors import BeamdaeError, set_fields
-from beamdae.parts.attachments import require_angle, rotate
+from beamdae.parts.attachments import rotate
 from beamdae.parts.joints.guides import project_along, require_direction
 from beamdae.parts.joints.joint import Joint
 from beamdae.parts.joints.kinematic_constraint import PlacedPoint, PointFunction
@@ -136,6 +136,7 @@ class Driver(DrivenJoint):
     """
 
     law: Any = None
+    _with_angle = ("a", "b")
     symbol = "driver"
     _driven = (Variable("angle", "rad"),)
     multipliers = (Variable("angle", "N m"),)
@@ -143,8 +144,6 @@ class Driver(DrivenJoint):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        require_angle(self.name, self.a)
-        require_angle(self.name, self.b)
         self._require_law()
 
     @staticmethod
@@ -189,6 +188,7 @@ class TranslationalDriver(DrivenJoint):
 
     law: Any = None
     direction: tuple[float, float] = (1.0, 0.0)
+    _with_angle = ("a",)
     symbol = "translational driver"
     _driven = (Variable("travel", "m"),)
     multipliers = (Variable("travel", "N"),)
@@ -196,7 +196,6 @@ class TranslationalDriver(DrivenJoint):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        require_angle(self.name, self.a)
         set_fields(self, direction=require_direction(self.name, self.direction))
         self._require_law()
 
