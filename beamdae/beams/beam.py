@@ -330,16 +330,17 @@ class Beam(Part):
     def divide_mesh(self, arc_lengths: Iterable[float]) -> Mesh:
         """Return the mesh after the first assembly with attachments at `arc_lengths` [m].
 
-        Elements also end at kinks of a taper and, if the program chooses the mesh, at kinks and
-        jumps of any section and of the curve.
+        Elements also end at kinks of a taper and, if the program chooses the mesh, at jumps of the
+        section and at kinks of the curve.
         """
         if self._has_final_mesh:
             return self.mesh
+        kinks = self.section.kinks if isinstance(self.section, VaryingSection) else ()
+        stops = {*arc_lengths, *(kinks or ())}
         if self.has_chosen_mesh:
-            stops = sorted({*arc_lengths, *self.section_breaks, *curve_breaks(self.curve)})
-            return intern_mesh(choose_mesh(self.curve, stops, self.has_moving_load))
-        known = self.section.kinks if isinstance(self.section, VaryingSection) else ()
-        return intern_mesh(self.mesh.with_ends_at(sorted({*arc_lengths, *(known or ())})))
+            stops |= {*self.section_jumps, *curve_breaks(self.curve)}
+            return intern_mesh(choose_mesh(self.curve, sorted(stops), self.has_moving_load))
+        return intern_mesh(self.mesh.with_ends_at(sorted(stops)))
 
     @property
     def section_breaks(self) -> tuple[float, ...]:
@@ -787,17 +788,24 @@ class Beam(Part):
     def _stress_sections(self, arc_lengths: tuple[float, ...] | None) -> tuple[float, ...]:
         """Return the arc lengths [m] of `largest_stress` on both sides of element ends.
 
-        Default sections are denser where the cross-section varies, and on both sides of its breaks.
+        Default sections are denser if the cross-section varies; those nearest to its breaks are
+        moved there, so that their number does not depend on kinks.
         """
         mesh = self._stress_mesh or self.mesh
         if arc_lengths is not None:
             return tuple(x for s in arc_lengths for x in mesh.sides_of(s))
         is_varying = isinstance(self.section, VaryingSection)
         least = _MIN_STRESS_INTERVALS * (STRESS_SECTIONS_OF_TAPERS if is_varying else 1)
-        places = mesh.with_divided_elements(max(2, math.ceil(least / mesh.elements)))
+        intervals = max(2, math.ceil(least / mesh.elements))
+        places = mesh.with_divided_elements(intervals).element_bounds.copy()
+        inner = np.arange(len(places)) % intervals > 0
+        breaks = [s for s in self.section_breaks if not mesh.has_end_at(s)]
+        for s in breaks[: np.count_nonzero(inner)]:
+            nearest = int(np.argmin(np.where(inner, np.abs(places - s), np.inf)))
+            places[nearest], inner[nearest] = s, False
         before = mesh.just_before(np.array(self.section_jumps)).tolist()
-        at_sides = (x for s in places.element_bounds.tolist() for x in mesh.sides_of(s))
-        return tuple(sorted({*at_sides, *self.section_breaks, *before}))
+        at_sides = (x for s in places.tolist() for x in mesh.sides_of(s))
+        return tuple(sorted({*at_sides, *before}))
 
     def section_forces(self, s: float) -> Quantity:
         """Return axial force, shear force and bending moment at `s`, computed from the strains.

@@ -471,7 +471,7 @@ SectionLaw = Callable[[float], Section]
 _MAX_CACHED_SECTIONS = 10_000  # of a beam
 # A prime number: kinks in the middle of a beam, or at a quarter, are no ends of parts.
 _SEARCHED_PARTS = 97
-_MIN_BEND = 1e-3  # of parts, in which stresses change by a thousandth
+_MIN_BEND = 1e-4  # of parts, in which stresses change by a ten thousandth
 _MAX_SMOOTH_RATIO = 3.0  # of bends of halved parts: 4 at smooth places, 2 at kinks, 1 at jumps
 # Derivatives need precise places; bends of much shorter parts are rounding errors.
 _HALVINGS, _CHECKED_HALVINGS = 36, 10
