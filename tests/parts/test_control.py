@@ -297,7 +297,6 @@ def test_regression_laws_whose_memory_acts_late_end_the_run(method, start):
         assert run.status.kind == "failed"
 
 
-
 def test_analyses_other_than_runs_reject_sampled_controllers():
     for analysis in (bd.linearize, bd.modes, bd.equilibrium):
         with pytest.raises(bd.BeamdaeError, match="controller 'servo' is called only in runs") as e:
