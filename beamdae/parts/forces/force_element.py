@@ -370,7 +370,10 @@ class ForceElement(ObservableLoad):
         """Return the forces on both bodies."""
         arguments, functions = self._expression
         size = self.a.size + self.b.size
-        kernel, data = build_formula_kernel(_ElementKernel(*arguments), functions, size)
+        shared = not self.has_user_law
+        kernel, data = build_formula_kernel(
+            _ElementKernel(*arguments), functions, size, shared=shared
+        )
         return [ForceStatement(self.name, kernel, (self.a.piece, self.b.piece), data)]
 
     @rebuilt_for_mesh
