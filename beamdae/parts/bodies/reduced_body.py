@@ -63,6 +63,8 @@ class ReducedBody(Part):
     deformation, and is exact for elements that interpolate displacements between nodes. The
     stiffness is constant: no centrifugal or geometric stiffness. `from_matrices` computes shapes.
 
+    Matrices and nodes are in kg, m and N; convert those of programs with mm and t.
+
     Parameters
     ----------
     name
