@@ -545,7 +545,9 @@ class VaryingSection:
                 return None
             bend = max(bends)
             start, end = parts[bends.index(bend)]
-        return end, bend
+        # Places given by users have few digits.
+        rounded = float(f"{end:.12g}")
+        return (rounded if start <= rounded <= end else end), bend
 
     def _measure_bend(self, start: float, end: float) -> float:
         places = (self.at(s) for s in (start, 0.5 * (start + end), end))
