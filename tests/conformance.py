@@ -275,12 +275,12 @@ KINEMATICS = {
     "chord frame": partial(FloatingFrame, frame="chord", strain="nonlinear"),
     "chord frame, Green's strain": FloatingFrame,
     "section by a law": lambda name, mesh, section: FloatingFrame(
-        name, mesh, VaryingSection(name, lambda s: section)
+        name, mesh, VaryingSection(name, lambda s: section, mesh.curve.length)
     ),
     "chord frame, Reissner's strain": partial(FloatingFrame, strain="exact"),
     "nodes": GeometricallyExact,
     "nodes, section by a law": lambda name, mesh, section: GeometricallyExact(
-        name, mesh, VaryingSection(name, lambda s: section)
+        name, mesh, VaryingSection(name, lambda s: section, mesh.curve.length)
     ),
     "nodes, free shape": lambda name, mesh, section: GeometricallyExact(
         name, mesh, section, free_curve=mesh.curve

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -117,30 +116,26 @@ def _measure(
     method = refine_method(run, time_limit, RTOL_BESIDE_ACCURATE_STEPS)
     start = run.equations.start
     searched = AS_DRAWN if start is None or start.searched is None else start.searched
-    refined = Refined()
 
-    def repeat_values(strains: bool | None) -> _Values:
+    def repeat_values(strains: bool | None) -> tuple[_Values, Refined]:
+        refined = Refined()
+
         def change(mechanism: Any) -> Any:
             nonlocal refined
             if strains is None or not isinstance(mechanism, Mechanism):
                 return mechanism
             finer = refine_mechanism(mechanism, searched, strains=strains)
-            if strains:
-                refined = describe_refinement(run.equations, finer, run)
+            refined = describe_refinement(run.equations, finer, run)
             return mechanism if finer is None else finer.mechanism
 
         with hold_messages(), unchecked(), skip_result_checks():
-            return evaluate(repeat(change, method))
+            return evaluate(repeat(change, method)), refined
 
-    def fail(problem: Exception) -> Errors:
-        reason = f"a refined repetition fails: {problem}".rstrip(".")
-        errors = Errors.unchecked(headers, peaks, reason)
-        return replace(errors, refined=refined, has_failed=True)
-
-    def compare(first: _Values, second: _Values) -> Errors:
+    def compare(first: _Values, second: _Values, refined: Refined) -> Errors:
         return _compare(headers, first, second, refined, relative_to)
 
-    return measure_errors(values, repeat_values, compare, fail)
+    failed = Errors.unchecked(headers, peaks, "a refined repetition fails", has_failed=True)
+    return measure_errors(failed, values, repeat_values, compare)
 
 
 def _compare(

@@ -32,23 +32,18 @@ def measure_design(search: SearchResult) -> Errors:
     run = next((x for x in results if isinstance(x, Solution)), None)
     method = None if run is None else refine_method(run, None)
 
-    start, refined = problem.start_of(equations), Refined()
+    start = problem.start_of(equations)
     bounds = np.array([0.0, *(abs(x.bound) for x in problem.limits)])
     sizes = np.maximum(np.abs(values), np.where(bounds > 0.0, bounds, np.abs(first.values)))
 
-    def repeat(strains: bool | None) -> Array:
-        nonlocal refined
+    def repeat(strains: bool | None) -> tuple[Array, Refined]:
         refinement = None if strains is None else refine(equations, start, strains=strains)
-        if strains:
-            refined = describe_refinement(equations, refinement, run)
         used = equations if refinement is None else refinement.equations
-        return ratios * problem.repeat(best.numbers, used.mechanism, method)
+        found = ratios * problem.repeat(best.numbers, used.mechanism, method)
+        return found, describe_refinement(equations, refinement, run)
 
-    def compare(one: Array, other: Array) -> Errors:
+    def compare(one: Array, other: Array, refined: Refined) -> Errors:
         return Errors.of_values(headers, one, other, refined, sizes)
 
-    def fail(failure: Exception) -> Errors:
-        reason = f"the refined design cannot be analyzed: {failure}".rstrip(".")
-        return Errors.unchecked(headers, values, reason)
-
-    return measure_errors(values, repeat, compare, fail)
+    unchecked = Errors.unchecked(headers, values, "the refined design cannot be analyzed")
+    return measure_errors(unchecked, values, repeat, compare)

@@ -137,10 +137,13 @@ class Errors(HasTable):
     status: Status = UNREQUIRED
 
     @classmethod
-    def unchecked(cls, headers: tuple[str, ...], values: Array, reason: str) -> Errors:
+    def unchecked(
+        cls, headers: Sequence[str], values: Array, reason: str, has_failed: bool = False
+    ) -> Errors:
         """Return the errors of a result that cannot be checked."""
         missing = np.full(len(headers), np.nan)
-        return cls(headers, values, missing, missing, missing, Refined(), reason)
+        rows = (missing, missing, missing)
+        return cls(tuple(headers), values, *rows, Refined(), reason, has_failed)
 
     @classmethod
     def of_values(
@@ -325,7 +328,7 @@ class Split:
 
     result: Any
     companion: Any
-    repeat: Callable[[bool | None], Any]
+    repeat: Callable[[bool | None], tuple[Any, Refined]]
     compare: Callable[[Any, Any], Errors]
     failures: tuple[type[Exception], ...]
 
@@ -336,7 +339,7 @@ class Split:
 
     def _repeat_or_none(self, strains: bool | None) -> Any:
         try:
-            return self.repeat(strains)
+            return self.repeat(strains)[0]
         except self.failures:
             return None
 
@@ -359,36 +362,47 @@ class Split:
         return dict(zip(CAUSES, (by_time, by_mesh, by_theory), strict=True))
 
 
+class MissingStateError(BeamdaeError):
+    """Raised if a refined mechanism has no such state."""
+
+
 def measure_errors(
+    unchecked: Errors,
     result: Any,
-    repeat: Callable[[bool | None], Any],
-    compare: Callable[[Any, Any], Errors],
-    fail: Callable[[Exception], Errors],
+    repeat: Callable[[bool | None], tuple[Any, Refined]],
+    compare: Callable[[Any, Any, Refined], Errors],
     failures: tuple[type[Exception], ...] = (BeamdaeError,),
 ) -> Errors:
     """Return the errors of a result, measured by one repetition with everything refined together.
 
     Parameters
     ----------
+    unchecked
+        Errors if the companion fails; the failure is added to their reason.
     result
         The result, or what is compared of it.
     repeat
-        Function that repeats the result with refined steps: with finer meshes and exact strains if
-        its argument is True, with finer meshes if False, and with neither if None. True comes
-        first.
+        Function that repeats the result with refined steps, and returns it with the description of
+        what was refined: with finer meshes and exact strains if its argument is True, with finer
+        meshes if False, and with neither if None. True comes first.
     compare
-        Function that returns the errors of its first argument relative to its second.
-    fail
-        Function that returns the errors if the companion fails.
+        Function that returns the errors of its first argument relative to its second, with the
+        description of the companion.
     failures
         Exceptions of repetitions that fail.
     """
     try:
-        companion = repeat(True)
+        companion, refined = repeat(True)
     except failures as problem:
-        return fail(problem)
-    errors = compare(result, companion)
-    return replace(errors, _split=Split(result, companion, repeat, compare, failures))
+        has_failed = unchecked.has_failed or isinstance(problem, MissingStateError)
+        reason = f"{unchecked.reason}: {problem}".rstrip(".")
+        return replace(unchecked, reason=reason, has_failed=has_failed)
+
+    def compare_refined(first: Any, second: Any) -> Errors:
+        return compare(first, second, refined)
+
+    split = Split(result, companion, repeat, compare_refined, failures)
+    return replace(compare_refined(result, companion), _split=split)
 
 
 def _describe(error: float) -> str:

@@ -33,24 +33,24 @@ def measure_fit(problem: FitProblem, evaluation: Evaluation) -> Errors:
     half_ranges = np.array([0.5 * np.ptp(measured[x]) for x in rows])
     run = next(iter(evaluation.runs.values())).solution
     method = refine_method(run, None, RTOL_BESIDE_ACCURATE_STEPS)
-    refined = Refined()
 
-    def repeat(strains: bool | None) -> Array:
+    def repeat(strains: bool | None) -> tuple[Array, Refined]:
         """Return the change of the residuals."""
+        refined = Refined()
 
         def change(equations: EquationsOfMotion) -> Any:
             nonlocal refined
             refinement = None
             if strains is not None:
                 refinement = refine(equations, problem.start_of(equations), strains=strains)
-            if strains:
-                refined = describe_refinement(run.equations, refinement, run)
+            refined = describe_refinement(run.equations, refinement, run)
             used = equations if refinement is None else refinement.equations
             return used.mechanism
 
-        return problem.change_of_residuals(evaluation, change, method)
+        return problem.change_of_residuals(evaluation, change, method), refined
 
-    def state(changes: Array) -> Errors:
+    def compare(first: Array, second: Array, refined: Refined) -> Errors:
+        changes = second - first
         shifts = -np.linalg.lstsq(jacobian, changes, rcond=MIN_SINGULAR_RATIO)[0] * sizes
         names = headers[: len(values)]
         of_estimates = Errors.of_values(names, values, values + shifts, refined, sizes)
@@ -69,9 +69,6 @@ def measure_fit(problem: FitProblem, evaluation: Evaluation) -> Errors:
         )
         return Errors.join([of_estimates, of_columns])
 
-    def fail(failure: Exception) -> Errors:
-        reason = f"a refined run fails: {failure}".rstrip(".")
-        return Errors.unchecked(tuple(headers), np.append(values, peaks), reason)
-
     none = np.zeros(len(problem.weights))
-    return measure_errors(none, repeat, lambda first, second: state(second - first), fail)
+    unchecked = Errors.unchecked(headers, np.append(values, peaks), "a refined run fails")
+    return measure_errors(unchecked, none, repeat, compare)

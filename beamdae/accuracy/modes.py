@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from beamdae.accuracy.errors import FACTOR, Errors, Refined, measure_errors
+from beamdae.accuracy.errors import FACTOR, Errors, MissingStateError, Refined, measure_errors
 from beamdae.accuracy.refinement import Refinement, refine
 from beamdae.accuracy.runs import describe_refinement
 from beamdae.analysis.continuation.engine import CurveError, prescribe_parameter
@@ -76,7 +76,7 @@ def measure_modes(modes: Modes) -> Errors:
     samples = values[:, None]
     if request is None:
         reason = "the model is not a mechanism"
-        return Errors.unchecked(tuple(headers), summarize(samples), reason)
+        return Errors.unchecked(headers, summarize(samples), reason)
     return measure_about_state(
         lin, request.about, request.t, headers, samples, summarize, modes.eigenvalues, solve
     )
@@ -113,37 +113,27 @@ def measure_about_state(
     solve
         Function that returns the samples of the companion.
     """
-    names, values = tuple(headers), summarize(samples)
-    beams, refined = beams_of(lin.full_equations.mechanism), Refined()
+    values = summarize(samples)
+    beams = beams_of(lin.full_equations.mechanism)
 
-    def repeat(strains: bool | None) -> Array:
-        nonlocal refined
+    def repeat(strains: bool | None) -> tuple[Array, Refined]:
         companion = None
         if strains is not None:
             companion = _find_companion(lin, about, t, strains, eigenvalues)
-        if strains and companion is None and beams:
-            raise BeamdaeError("no beam can be refined")
-        if strains and companion is not None:
-            refined = describe_refinement(lin.full_equations, companion[0], None)
-            orders = (2 * x.mesh.nodes - 2 for x in beams if x.name in refined.elements)
-            refined = refined._replace(mesh_order=min(orders, default=2))
-        return samples if companion is None else solve(*companion)
+        if companion is None:
+            if strains and beams:
+                raise BeamdaeError("no beam can be refined")
+            return samples, Refined()
+        refined = describe_refinement(lin.full_equations, companion[0], None)
+        orders = (2 * x.mesh.nodes - 2 for x in beams if x.name in refined.elements)
+        return solve(*companion), refined._replace(mesh_order=min(orders, default=2))
 
-    def compare(first: Array, second: Array) -> Errors:
-        errors = Errors.of_values(names, summarize(first), summarize(second), refined)
+    def compare(first: Array, second: Array, refined: Refined) -> Errors:
+        errors = Errors.of_values(headers, summarize(first), summarize(second), refined)
         return replace(errors, total=_measure_changes(first, second))
 
-    def fail(problem: Exception) -> Errors:
-        if isinstance(problem, _StateError):
-            reason = f"the state is not found with halved elements ({str(problem).rstrip('.')})"
-            return replace(Errors.unchecked(names, values, reason), has_failed=True)
-        return Errors.unchecked(names, values, f"no refined model: {problem}")
-
-    return measure_errors(samples, repeat, compare, fail)
-
-
-class _StateError(BeamdaeError):
-    """Raised if the refined mechanism has no such state."""
+    unchecked = Errors.unchecked(headers, values, "no refined model")
+    return measure_errors(unchecked, samples, repeat, compare)
 
 
 def _measure_changes(samples: Array, others: Array) -> Array:
@@ -192,7 +182,9 @@ def _find_companion(
             try:
                 finer = _linearize_refined(lin, refinement, about, t, eigenvalues)
             except (BeamdaeError, CurveError, SingularMatrixError) as problem:
-                raise _StateError(f"{problem}") from problem
+                raise MissingStateError(
+                    f"the state is not found with halved elements ({str(problem).rstrip('.')})"
+                ) from problem
         lin.companions[strains] = refinement, finer
     companion: tuple[Refinement, Linearization] | None = lin.companions[strains]
     return companion

@@ -52,25 +52,15 @@ def measure_motion(motion: PeriodicMotion, time_limit: float | None = None) -> E
     if not isinstance(run.made_by, Integrator):
         return Errors.unchecked(headers, sizes, "the motion was loaded from a file")
     method = refine_method(run, time_limit, RTOL_BESIDE_ACCURATE_STEPS)
-    refined = Refined()
 
-    def repeat(strains: bool | None) -> PeriodicMotion:
-        nonlocal refined
+    def repeat(strains: bool | None) -> tuple[PeriodicMotion, Refined]:
         refinement = None if strains is None else refine(run.equations, strains=strains)
-        if strains:
-            refined = describe_refinement(run.equations, refinement, run)
-        return _find_motion(motion, method, refinement)
+        companion = _find_motion(motion, method, refinement)
+        return companion, describe_refinement(run.equations, refinement, run)
 
-    def fail(problem: Exception) -> Errors:
-        sentence = str(problem).removeprefix("periodic: ").rstrip(".")
-        reason = f"{refined} finds no such motion ({sentence})"
-        errors = Errors.unchecked(headers, sizes, reason)
-        return replace(errors, refined=refined, has_failed=True)
-
-    def compare(first: PeriodicMotion, second: PeriodicMotion) -> Errors:
-        return _compare(first, second, refined)
-
-    return measure_errors(motion, repeat, compare, fail, _FAILURES)
+    reason = "no such motion is found with everything refined"
+    unchecked = Errors.unchecked(headers, sizes, reason, has_failed=True)
+    return measure_errors(unchecked, motion, repeat, _compare, _FAILURES)
 
 
 def measure_response(response: FrequencyResponse, time_limit: float | None = None) -> Errors:

@@ -8,11 +8,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.beams.beam import Beam, beams_of
+from beamdae.beams.beam import Beam
 from beamdae.beams.mesh import Mesh
 from beamdae.beams.prolongation import prolong_coordinates
 from beamdae.beams.remeshing import divide_meshes, list_fixed_beams, replace_beams
-from beamdae.beams.viscoelasticity import StandardLinearSolid
 from beamdae.equations.assembly.assemble import equations_of_motion
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import hold_messages
@@ -24,6 +23,7 @@ Array = np.ndarray
 # Degrees that are added to chosen meshes: with three more, stated errors bound 94 to 100 % of the
 # true ones, with two more 85 to 92 %.
 _MORE_DEGREES = 3
+_MAX_DEGREE, _SPLIT_DEGREE = 12, 8  # beyond the first, halves of elements have the second
 # Errors by the speed of regularized friction decrease in proportion to it: a tenth of it shows nine
 # tenths of the error.
 SPEED_RATIO = 0.1
@@ -97,9 +97,12 @@ class RefinedMechanism(NamedTuple):
 
 def refine_mesh(beam: Beam, mesh: Mesh) -> Mesh:
     """Return a mesh with halved elements, or of a higher degree if the program chose the mesh."""
-    if beam.has_chosen_mesh:
-        return mesh.with_degree(mesh.nodes - 1 + _MORE_DEGREES)
-    return mesh.with_divided_elements(2)
+    if not beam.has_chosen_mesh:
+        return mesh.with_divided_elements(2)
+    degree = mesh.nodes - 1 + _MORE_DEGREES
+    if degree <= _MAX_DEGREE:
+        return mesh.with_degree(degree)
+    return mesh.with_divided_elements(2).with_degree(_SPLIT_DEGREE)
 
 
 def refine_mechanism(
@@ -186,12 +189,8 @@ def refine(
         return None
     with hold_messages():
         refined_equations = equations_of_motion(refined.mechanism, start)
-    final = {beam.name: beam for beam in beams_of(refined.mechanism)}
-    beams = refined.remeshed
-    pairs: dict[str, tuple[Any, Any]] = {name: (beam, final[name]) for name, beam in beams.items()}
-    solids = (x for x in mechanism.parts.values() if isinstance(x, StandardLinearSolid))
-    pairs |= {x.name: (x, refined.mechanism.parts[x.name]) for x in solids}
     names = equations.q_names, refined_equations.q_names
-    prolongation, offset = prolong_coordinates(*names, pairs)
+    parts = mechanism.parts, refined.mechanism.parts
+    prolongation, offset = prolong_coordinates(*names, *parts)
     of_beams = refined.halved, refined.raised, *refined[2:]
     return Refinement(refined_equations, *of_beams, prolongation, offset)

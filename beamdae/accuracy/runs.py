@@ -13,14 +13,11 @@ import numpy as np
 from beamdae.accuracy.errors import FACTOR, Errors, Refined, measure_errors
 from beamdae.accuracy.refinement import RefinedMechanism, Refinement, refine
 from beamdae.accuracy.values import compare_columns
-from beamdae.beams.beam import Beam, beams_of
+from beamdae.beams.beam import beams_of
 from beamdae.beams.remeshing import list_fixed_beams
-from beamdae.beams.resolution import measure_tail
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.errors import (
     BeamdaeError,
-    format_percent,
-    list_first,
     require_progress,
     short_repr,
 )
@@ -31,8 +28,6 @@ from beamdae.integrators.pilot_run import reuse_motion
 from beamdae.interrupts import Interrupted, interruptible
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.parts.mechanism import AS_DRAWN
-from beamdae.results.columns import AIM
-from beamdae.results.elastic_columns import measured_quantity
 from beamdae.results.solution import Solution
 from beamdae.results.trajectory import Trajectory
 
@@ -88,22 +83,17 @@ def measure_run(
     twin = replace(run)
     vars(twin).update(vars(run))
     run = twin
-    method, refined = refine_method(run, time_limit), Refined()
+    method = refine_method(run, time_limit)
 
-    def repeat(strains: bool | None) -> Solution:
-        nonlocal refined
+    def repeat(strains: bool | None) -> tuple[Solution, Refined]:
         refinement, motion = None, run.trajectory
         if strains is not None:
             refinement, motion = refine_equations(run, strains=strains)
-        if strains:
-            refined = describe_refinement(run.equations, refinement, run)
         equations = run.equations if refinement is None else refinement.equations
-        return _repeat(run, method, equations, motion, progress if strains else None)
+        companion = _repeat(run, method, equations, motion, progress if strains else None)
+        return companion, describe_refinement(run.equations, refinement, run)
 
-    def fail(problem: Exception) -> Errors:
-        return _state_obstacle(run, f"a refined run cannot begin: {problem}")
-
-    return measure_errors(run, repeat, lambda one, other: _compare(one, other, refined), fail)
+    return measure_errors(_state_obstacle(run, "a refined run cannot begin"), run, repeat, _compare)
 
 
 @interruptible
@@ -168,31 +158,8 @@ def verify(
 
 
 def check_run(run: Solution, progress: Progress | None = None) -> Iterator[str]:
-    """Yield the sentences of the errors of a run; those of meshes are estimated if not measured."""
+    """Yield the sentences of the errors of a run."""
     yield from check_result(run, run, lambda limit: measure_run(run, limit, progress))
-    if _are_checked.get() and ("errors" not in vars(run) or run.errors.reason):
-        yield from _estimate_mesh_errors(run)
-
-
-def _estimate_mesh_errors(run: Solution) -> Iterator[str]:
-    """Yield a sentence if meshes that the program chose do not resolve the strains of beams."""
-    mechanism, estimates = run.equations.mechanism, {}
-    quantities = () if mechanism is None else mechanism.observables.values()
-    of_strains = (Beam.sections_of_strains(measured_quantity(x)[0]) for x in quantities)
-    stressed = {beam.name for beam, _ in filter(None, of_strains)}
-    rows = {part.name: part.rows for part in run.equations.parts}
-    for beam in beams_of(mechanism):
-        tail = measure_tail(beam.kinematics, run.q[:, rows[beam.name]])
-        if tail is not None and beam.has_chosen_mesh:
-            needs_forces = beam.name in stressed
-            estimates[beam.name] = max(tail.motion_error, tail.force_error * needs_forces)
-    wrong = {name: x for name, x in estimates.items() if x > 2.0 * AIM}
-    if wrong:
-        largest = min(max(wrong.values()), 1.0)
-        yield (
-            f"{list_first(list(wrong), _MAX_NAMES)}: the estimated error by the mesh is "
-            f"{format_percent(largest)}; use accuracy={AIM:g}."
-        )
 
 
 def check_result(result: Any, run: Solution, measure: Callable[[float], Errors]) -> Iterator[str]:
@@ -215,8 +182,8 @@ def check_result(result: Any, run: Solution, measure: Callable[[float], Errors])
         errors = measure(limit)
         if errors.has_failed and "time limit" in errors.reason:
             yield (
-                f"errors: not checked, because {errors.refined} takes more than "
-                f"{limit:.2g} s; use the errors of the result."
+                f"errors: not checked, because a refined repetition takes more than {limit:.2g} s; "
+                "use the errors of the result."
             )
             return
         vars(result)["errors"] = errors

@@ -105,12 +105,12 @@ def _measure(
     find_scales: Callable[[], Values],
 ) -> Errors:
     """Return the errors of values that `repeat` computes for refined equations."""
-    refined, scales = Refined(), values
+    scales = values
 
-    def repeat_values(strains: bool | None) -> Array:
-        nonlocal refined, scales
+    def repeat_values(strains: bool | None) -> tuple[Array, Refined]:
+        nonlocal scales
         if strains is None:
-            return values
+            return values, Refined()
         with hold_messages(), single_threaded:
             refinement = refine(equations, strains=strains)
             if refinement is None or not (refinement.halved or refinement.raised):
@@ -118,20 +118,16 @@ def _measure(
             found = repeat(refinement)
         others = np.array([found.get(x, np.nan) for x in headers])
         if strains:
-            refined, of_columns = describe_refinement(equations, refinement, None), find_scales()
-            pairs = zip(headers, others.tolist(), strict=True)
+            of_columns, pairs = find_scales(), zip(headers, others.tolist(), strict=True)
             scales = np.array([of_columns.get(x, abs(y)) for x, y in pairs])
-        return others
+        return others, describe_refinement(equations, refinement, None)
 
-    def compare(first: Array, second: Array) -> Errors:
+    def compare(first: Array, second: Array, refined: Refined) -> Errors:
         errors = Errors.of_values(headers, first, second, refined, scales)
         return replace(errors, relative_to="its largest value")
 
-    def fail(problem: Exception) -> Errors:
-        reason = f"the refined result is not found: {problem}".removesuffix(".")
-        return Errors.unchecked(headers, values, reason)
-
-    return measure_errors(values, repeat_values, compare, fail, (BeamdaeError, CurveError))
+    unchecked = Errors.unchecked(headers, values, "the refined result is not found")
+    return measure_errors(unchecked, values, repeat_values, compare, (BeamdaeError, CurveError))
 
 
 def _find_obstacle(path: Equilibrium) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import replace
 from functools import wraps
 from typing import Any, NamedTuple
@@ -16,8 +16,6 @@ from beamdae.accuracy.runs import measure_run
 from beamdae.beams.beam import Beam, beams_of
 from beamdae.beams.mesh import Mesh
 from beamdae.beams.remeshing import list_fixed_beams
-from beamdae.beams.resolution import Tail, measure_tail, next_mesh
-from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import (
     BeamdaeError,
     format_count,
@@ -61,7 +59,6 @@ _TIME_RATIO, _MODEL_RATIO = 1.0 / 3.0, 1.0 / 8.0
 _POSITION_ORDER, _MAX_HALVINGS = 4, 3
 # A refinement that does not reduce the largest error by this factor is a stagnation.
 _MIN_REDUCTION, _MAX_STAGNATIONS = 1.5, 2
-_SMALL_DEFORMATION = 1e-4  # of coordinates in a mode, relative to their natural sizes
 _MAX_NAMES = 6
 _OK = Status("ok", "")
 
@@ -85,10 +82,6 @@ class Analysis(NamedTuple):
     measure
         Function of a result and of a limit of time [s] that returns its errors. Defaults to the
         errors of the result.
-    states
-        Function of a result that returns equations of motion with states q (k, n) of theirs, and
-        the state (n,) that deformations refer to, or None; meshes that the program chose follow
-        from their strains.
     is_run
         True for runs, whose companions are runs as well. The limit of time of the integrator
         applies to all of them together.
@@ -100,9 +93,6 @@ class Analysis(NamedTuple):
     start: Any = None
     observed: Callable[[Any], Collection[str]] = lambda result: ()
     measure: Callable[[Any, float | None], Errors] = lambda result, limit: result.errors
-    states: Callable[[Any], Iterable[tuple[EquationsOfMotion, Array, Array | None]]] = (
-        lambda result: ()
-    )
     is_run: bool = False
 
     @classmethod
@@ -119,24 +109,10 @@ class Analysis(NamedTuple):
         def measure(run: Solution, limit: float | None) -> Errors:
             return measure_run(run, limit, progress)
 
-        def list_states(run: Solution) -> list[tuple[EquationsOfMotion, Array, None]]:
-            return [(run.equations, run.q, None)]
-
         def list_columns(run: Solution) -> Collection[str]:
             return run.columns
 
-        return cls(name, integrate, method, start, list_columns, measure, list_states, True)
-
-
-def list_shapes(result: Any) -> list[tuple[EquationsOfMotion, Array, Array]]:
-    """Return the states of small deformations in the shapes of modes or buckling modes."""
-    e, about = result.equations, result.q
-    states = []
-    for shape in result.shapes:
-        parts = np.stack([shape.real, shape.imag])
-        size = np.max(np.abs(parts) / e.position_scales, initial=0.0) or 1.0
-        states.append((e, about + _SMALL_DEFORMATION / size * parts, about))
-    return states
+        return cls(name, integrate, method, start, list_columns, measure, True)
 
 
 def _require_accuracy(name: str, accuracy: Any) -> float:
@@ -360,7 +336,7 @@ def _refine_beams(
 ) -> Any:
     """Return a model whose beams reduce the error of a column by a ratio.
 
-    Elements are halved; meshes that the program chose have higher degrees, see `next_mesh`.
+    Elements are halved; meshes that the program chose have higher degrees, see `refine_mesh`.
 
     Raises
     ------
@@ -376,18 +352,16 @@ def _refine_beams(
     halvings = int(np.ceil(np.log2(max(ratio, 1.0)) / order))
     # Errors of friction are among those of the elements.
     halvings = min(halvings, 1 if refined.friction_speeds else _MAX_HALVINGS)
-    tails = {} if ratio <= 1.0 else _measure_tails(analysis, step.result)
-    errors = [x.motion_error if is_position else x.force_error for x in tails.values()]
-    largest = max(errors, default=0.0)
+    refinements = int(np.ceil(np.log(max(ratio, 1.0)) / np.log(1.0 / _MODEL_RATIO)))
     start = AS_DRAWN if analysis.start is None else analysis.start
 
     def refine(coarse: Mechanism, halvings: int) -> Mechanism:
         def change(beam: Beam, mesh: Mesh) -> Mesh:
             if not beam.has_chosen_mesh:
                 return mesh.with_divided_elements(2**halvings) if halvings else mesh
-            if ratio <= 1.0 or beam.name not in tails:
-                return mesh if ratio <= 1.0 else refine_mesh(beam, mesh)
-            return next_mesh(mesh, tails[beam.name], largest / ratio, forces=not is_position)
+            for _ in range(min(refinements, _MAX_HALVINGS)):
+                mesh = refine_mesh(beam, mesh)
+            return mesh
 
         finer = refine_mechanism(coarse, start, change, friction=analysis.method is not None)
         if finer is None:
@@ -407,21 +381,6 @@ def _refine_beams(
 
 def _count_unknowns(mechanism: Mechanism) -> int:
     return sum(len(x.coordinates) for x in beams_of(mechanism))
-
-
-def _measure_tails(analysis: Analysis, result: Any) -> dict[str, Tail]:
-    """Return the largest tails of the beams whose meshes the program chose, by name."""
-    tails: dict[str, Tail] = {}
-    for equations, q, about in analysis.states(result):
-        rows = {part.name: part.rows for part in equations.parts}
-        for beam in beams_of(equations.mechanism):
-            own = rows[beam.name]
-            at = None if about is None else about[own]
-            tail = measure_tail(beam.kinematics, q[:, own], at) if beam.has_chosen_mesh else None
-            if tail is not None:
-                others = (tail, tails.get(beam.name, tail))
-                tails[beam.name] = max(others, key=lambda x: x.force_error)
-    return tails
 
 
 def _mark_required(

@@ -22,14 +22,13 @@ from beamdae.beams.kinematics import (
     create_custom_kinematics,
 )
 from beamdae.beams.mesh import Mesh, intern_mesh
+from beamdae.beams.prolongation import prolongation_matrix
 from beamdae.beams.resolution import choose_mesh
-from beamdae.beams.section_samples import find_breaks, stress_sections
 from beamdae.beams.sections import Section, SectionLaw, Taper, VaryingSection, require_section
 from beamdae.beams.strains import (
     LargestStress,
     fiber_strain,
     fiber_stress,
-    identity,
     section_forces,
     strain_by_forces,
 )
@@ -59,7 +58,7 @@ from beamdae.errors import (
 from beamdae.memory import UNCHECKED_BYTES, available_memory, require_memory
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.mechanism import Mechanism
-from beamdae.parts.observables import relative_displacement
+from beamdae.parts.observables import displacement_from, relative_displacement
 from beamdae.parts.part import AttachedPart, Drawing, Part
 from beamdae.symbolic.formula import FormulaExpression, constant_formula
 from beamdae.symbolic.statements import (
@@ -111,6 +110,7 @@ _GYRATION_SAMPLES = 3  # sections at which a varying section is checked
 
 # Largest exponent of `Beam.largest_stress`.
 _MIN_STRESS_INTERVALS = 16  # between the sections of a largest stress, along the beam
+STRESS_SECTIONS_OF_TAPERS = 6  # per section of a largest stress in a beam of constant section
 _MAX_EXPONENT = 1000.0
 
 # Lower bound of the memory of a run per element and node interval, for all integrators [bytes].
@@ -330,17 +330,27 @@ class Beam(Part):
     def divide_mesh(self, arc_lengths: Iterable[float]) -> Mesh:
         """Return the mesh after the first assembly with attachments at `arc_lengths` [m].
 
-        Elements also end at kinks of the section and, if the program chooses the mesh, at jumps of
-        the section and at kinks of the curve.
+        Elements also end at kinks of a taper and, if the program chooses the mesh, at jumps of the
+        section and at kinks of the curve.
         """
         if self._has_final_mesh:
             return self.mesh
+        kinks = self.section.kinks if isinstance(self.section, VaryingSection) else ()
+        stops = {*arc_lengths, *(kinks or ())}
         if self.has_chosen_mesh:
-            breaks = find_breaks(self.section, self.length) + curve_breaks(self.curve)
-            stops = sorted({*arc_lengths, *breaks})
-            return intern_mesh(choose_mesh(self.curve, stops, self.has_moving_load))
-        known = self.section.breaks if isinstance(self.section, VaryingSection) else ()
-        return intern_mesh(self.mesh.with_ends_at(sorted({*arc_lengths, *(known or ())})))
+            stops |= {*self.section_jumps, *curve_breaks(self.curve)}
+            return intern_mesh(choose_mesh(self.curve, sorted(stops), self.has_moving_load))
+        return intern_mesh(self.mesh.with_ends_at(sorted(stops)))
+
+    @property
+    def section_breaks(self) -> tuple[float, ...]:
+        """Arc lengths [m] of kinks and jumps of the section."""
+        return self.section.breaks if isinstance(self.section, VaryingSection) else ()
+
+    @property
+    def section_jumps(self) -> tuple[float, ...]:
+        """Arc lengths [m] just beyond jumps of the section, if it is a function."""
+        return self.section.jumps if isinstance(self.section, VaryingSection) else ()
 
     def prepare(self, attached: Sequence[AttachedPart], has_fixed_coordinates: bool) -> bool:
         """Place element ends at attachments and kinks of the section, and make the mesh final.
@@ -390,6 +400,13 @@ class Beam(Part):
         if other.has_chosen_mesh:
             other._has_final_mesh = True
         return other
+
+    def prolongation_to(self, fine: Part) -> sp.csc_array:
+        """Return the matrix that maps changes of coordinates to those on another mesh."""
+        assert isinstance(fine, Beam)
+        if fine.mesh is self.mesh:
+            return super().prolongation_to(fine)
+        return prolongation_matrix(self.kinematics, fine.kinematics)
 
     def with_exact_strains(self) -> Beam:
         """Return a copy with strain="exact" and the same coordinates.
@@ -474,11 +491,6 @@ class Beam(Part):
         """Initial rates of the coordinates [m/s, rad/s], shape (n,)."""
         velocity, angular_velocity = self.velocity or (0.0, 0.0), self.angular_velocity or 0.0
         return self.kinematics.initial_velocity(velocity, angular_velocity)
-
-    @property
-    def given_velocities(self) -> tuple[bool, bool]:
-        """True for the velocity and the angular velocity if they are given."""
-        return self.velocity is not None, self.angular_velocity is not None
 
     @cached_property
     def outline(self) -> Array:
@@ -580,10 +592,16 @@ class Beam(Part):
             kinematics have no frame.
         """
         require_choice(self.name, "axes", axes, ("inertial", "frame", "local"))
-        deformation = self.kinematics.deformation(self._require_arc_length(s), axes)
-        columns = (Variable("u", "m"), Variable("v", "m"), Variable("phi", "rad"))
-        values, data = FormulaExpression.of(identity, (deformation.values,))
-        return Quantity(columns, (Piece(self, deformation.operator),), values, data)
+        section, frame = self.at(s), self.floating_frame
+        place, is_chord = float(section.s or 0.0), getattr(self.kinematics, "frame", "") == "chord"
+        if is_chord and min(place, self.length - place) <= ARC_LENGTH_TOLERANCE * self.length:
+            raise BeamdaeError(
+                f"{self.name}: deformation at s = {place:.6g} m has no transverse component, "
+                "because the chord follows the ends of the beam; use deflection(s), which is "
+                "relative to the section at s = 0."
+            )
+        angles = {"inertial": None, "frame": frame.inclination, "local": section.inclination}
+        return displacement_from(section, frame, angles[axes])
 
     @rebuilt_for_mesh
     def deflection(self, s: float, reference: float = 0.0) -> Quantity:
@@ -680,7 +698,7 @@ class Beam(Part):
         numbers = (self.stress_lever(s, offset), x.EA, x.EI, x.material.E)
         return self._evaluate_strains(s, (Variable("", "Pa"),), fiber_stress, *numbers)
 
-    def largest_stress(self, s: Sequence[float] | None = None, exponent: float = 100.0) -> Quantity:
+    def largest_stress(self, s: Sequence[float] | None = None, exponent: float = 150.0) -> Quantity:
         """Return the largest longitudinal stress over the length of the beam, in magnitude.
 
         The stresses are those of `stress` in the outer fibers, top and bottom. Between the sections
@@ -690,8 +708,8 @@ class Beam(Part):
 
             bound = (sum of sigma_k^p)^(1/p),    largest <= bound <= N^(1/p) largest,
 
-        and the exponent p. Use `bound` for limits and objectives of optimizations: 24 sections with
-        equal stresses and p = 100 are 3 % below their limit.
+        and the exponent p. Use `bound` for limits and objectives of optimizations: 100 sections
+        with equal stresses and p = 150 are 3 % below their limit.
 
         Parameters
         ----------
@@ -700,10 +718,9 @@ class Beam(Part):
             of the mesh that the first assembly divides at attachments, see `elements`; elements of
             fewer than eight are divided further, into 16 intervals along the beam. At an element
             end, each of its two elements has a section, because stresses may jump there. If the
-            cross-section varies, kinks and jumps at which it is thin are added, and sections where
-            it varies smoothly, so that the stress between sections is at most 0.2 % larger if
-            section forces are linear there; grooves shorter than 1/512 of the beam may be
-            overlooked. Refined runs evaluate the same sections on all meshes.
+            cross-section varies, they are six times as many, and those nearest to kinks are moved
+            there; grooves shorter than 1/100 of the beam may be overlooked. Refined runs evaluate
+            the same sections on all meshes.
         exponent
             The exponent p, between 1 and 1000. Larger exponents are closer to the largest stress,
             but the derivative then changes abruptly if another section becomes the largest.
@@ -750,31 +767,44 @@ class Beam(Part):
     ) -> Quantity:
         """Do the work of `largest_stress` on the present mesh."""
         functions: list[Callable[..., Any]] = []
-        pieces = []
+        # Sections of an element share its coordinates.
+        operators: dict[int, sp.csr_array] = {}
+        places, last = [], 0
         for s in self._stress_sections(arc_lengths):
             x, forces = self._section_at(s), self.kinematics.section_forces(s)
+            if id(forces.operator) not in operators:
+                operators[id(forces.operator)] = forces.operator
+                last += forces.operator.shape[0]
+            places.append((last - forces.operator.shape[0], last))
             levers = (self.stress_lever(s, "top"), self.stress_lever(s, "bottom"))
             functions += [forces.values, constant_formula(*levers, x.EA, x.EI, x.material.E)]
-            pieces.append(Piece(self, forces.operator))
-        kind = LargestStress(tuple(x.operator.shape[0] for x in pieces), exponent)
+        kind = LargestStress(tuple(places), exponent)
+        pieces = tuple(Piece(self, x) for x in operators.values())
         values, data = FormulaExpression.of(kind, functions)
         columns = (Variable("largest", "Pa"), Variable("bound", "Pa"))
-        return Quantity(columns, tuple(pieces), values, data, is_magnitude=True)
+        return Quantity(columns, pieces, values, data, is_magnitude=True)
 
     def _stress_sections(self, arc_lengths: tuple[float, ...] | None) -> tuple[float, ...]:
         """Return the arc lengths [m] of `largest_stress` on both sides of element ends.
 
-        Default sections include those that the variation of the cross-section requires.
+        Default sections are denser if the cross-section varies; those nearest to its breaks are
+        moved there, so that their number does not depend on kinks.
         """
         mesh = self._stress_mesh or self.mesh
-        if arc_lengths is None:
-            intervals = max(2, math.ceil(_MIN_STRESS_INTERVALS / mesh.elements))
-            fractions = np.arange(intervals * mesh.elements + 1) / intervals
-            elements = np.arange(mesh.elements + 1)
-            arc_lengths = tuple(np.interp(fractions, elements, mesh.element_bounds).tolist())
-            at_sides = tuple(x for s in arc_lengths for x in mesh.sides_of(s))
-            return stress_sections(self.section, at_sides, self.name)
-        return tuple(x for s in arc_lengths for x in mesh.sides_of(s))
+        if arc_lengths is not None:
+            return tuple(x for s in arc_lengths for x in mesh.sides_of(s))
+        is_varying = isinstance(self.section, VaryingSection)
+        least = _MIN_STRESS_INTERVALS * (STRESS_SECTIONS_OF_TAPERS if is_varying else 1)
+        intervals = max(2, math.ceil(least / mesh.elements))
+        places = mesh.with_divided_elements(intervals).element_bounds.copy()
+        inner = np.arange(len(places)) % intervals > 0
+        breaks = [s for s in self.section_breaks if not mesh.has_end_at(s)]
+        for s in breaks[: np.count_nonzero(inner)]:
+            nearest = int(np.argmin(np.where(inner, np.abs(places - s), np.inf)))
+            places[nearest], inner[nearest] = s, False
+        before = mesh.just_before(np.array(self.section_jumps)).tolist()
+        at_sides = (x for s in places.tolist() for x in mesh.sides_of(s))
+        return tuple(sorted({*at_sides, *before}))
 
     def section_forces(self, s: float) -> Quantity:
         """Return axial force, shear force and bending moment at `s`, computed from the strains.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -36,6 +37,7 @@ from beamdae.symbolic.statements import (
 )
 
 Array = np.ndarray
+_MAX_POINTS = 1000  # of contact along a beam
 # Settings of the law of a `Contact`.
 _LAW = (
     *("exponent", "restitution", "impact_speed", "friction", "friction_speed"),
@@ -65,9 +67,9 @@ class BeamContact(ObservablePower):
 
     The force per length at the penetration d of the axis is that of a `Contact`,
     stiffness d^exponent with hysteresis and friction, integrated by Gauss points in each element:
-    as many as nodes, so that finer meshes refine the contact, too. A circle smaller than the
-    distance between these points can pass between them; choose shorter elements. The axis of the
-    beam touches the surface; add half the thickness to the radius of a circle, or shift a line.
+    as many as nodes, so that finer meshes refine the contact, too, and at distances of at most half
+    the radius of a circle, so that it does not pass between them. The axis of the beam touches the
+    surface; add half the thickness to the radius of a circle, or shift a line.
 
     Parameters
     ----------
@@ -88,7 +90,7 @@ class BeamContact(ObservablePower):
     ------
     BeamdaeError
         If `beam` is not a Beam, `surface` is on this beam, the arc lengths are outside the beam or
-        do not ascend, or as for `Contact`.
+        do not ascend, a circle is smaller than 1/320 of the range, or as for `Contact`.
 
     Examples
     --------
@@ -130,6 +132,12 @@ class BeamContact(ObservablePower):
             raise BeamdaeError(f"{name}: surface must not be on the beam itself.")
         if not start < end:
             raise BeamdaeError(f"{name}: start must be less than end, got {start:g} and {end:g} m.")
+        least = math.pi * (end - start) / _MAX_POINTS
+        if self.surface.size < least:
+            raise BeamdaeError(
+                f"{name}: the radius of the surface must be at least {least:.3g} m for a range of "
+                f"{end - start:.3g} m, got {self.surface.size:g} m."
+            )
         # Defaults of the law are resolved, and numbers are converted.
         set_fields(self, **{x: getattr(law, x) for x in _LAW})
         beam.has_moving_load = True
@@ -143,11 +151,13 @@ class BeamContact(ObservablePower):
     def _contacts(self) -> list[Contact]:
         """Contacts at the Gauss points between `start` and `end`."""
         mesh, contacts = self.beam.mesh, []
-        xi, weights = gauss_points(mesh.nodes)
         bounds = np.clip(mesh.element_bounds, self.start, self.end)
         for low, high in pairwise(bounds.tolist()):
             if high > low:
                 half = 0.5 * (high - low)
+                # The distance of Gauss points is at most half the radius of a circle.
+                needed = math.ceil(math.pi * (high - low) / self.surface.size)
+                xi, weights = gauss_points(max(mesh.nodes, needed))
                 points = zip(low + half * (1.0 + xi), half * weights, strict=True)
                 contacts += [self._contact_at(float(s), float(x)) for s, x in points]
         return contacts

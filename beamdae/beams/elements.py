@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from typing import Any, NamedTuple
@@ -286,11 +286,22 @@ class InterpolatedForces:
 
         The rest of N is N minus the force conjugate to the axial strain.
         """
-        element, count = self.element, self.element.quadrature
-        function, total = _section_force_function(element.of_point), SX(0)
+        kernel = stiffness_kernel(self.element.of_point)
+        points = partial(self.element.stiffness_points, kernel)
+        return self.interpolate(local, numbers, points, _section_force_function)
+
+    def interpolate(
+        self,
+        local: Local,
+        numbers: Any,
+        points_of: Callable[[list[SX]], list[PointForce]],
+        function_of: Callable[[PointElement], ca.Function],
+    ) -> SX:
+        """Return the interpolated values of a function of (q, v, data) of the points."""
+        count, total = self.element.quadrature, SX(0)
+        function = function_of(self.element.of_point)
         values = ca.reshape(slice_column(numbers, count, function.numel_in(2) * count), -1, count)
-        points = element.stiffness_points(stiffness_kernel(element.of_point), ca.horzsplit(values))
-        for k, point in enumerate(points):
+        for k, point in enumerate(points_of(ca.horzsplit(values))):
             _, q, v, _, data = point.inputs(local)
             total += numbers[k] * function(q, v, data)
         return total

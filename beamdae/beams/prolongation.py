@@ -3,27 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
-from beamdae.beams.beam import Beam
 from beamdae.beams.elements import NODE_SIZE
+from beamdae.beams.kinematics import Kinematics
 from beamdae.beams.shape_functions import (
-    gauss_points,
-    lagrange_weights,
     node_positions,
     shape_functions,
 )
-from beamdae.beams.strains import STRAIN_SIZE
-from beamdae.beams.viscoelasticity import StandardLinearSolid
+from beamdae.parts.part import Part
 
 Array = np.ndarray
 
 
-def prolongation_matrix(coarse: Beam, fine: Beam) -> sp.csc_array:
+def prolongation_matrix(coarse: Kinematics, fine: Kinematics) -> sp.csc_array:
     """Return the matrix that maps changes of coordinates to a beam with a finer mesh.
 
     Nodal displacements and rotations are interpolated by the shape functions of the coarse
@@ -33,9 +29,9 @@ def prolongation_matrix(coarse: Beam, fine: Beam) -> sp.csc_array:
     Parameters
     ----------
     coarse
-        Beam with a built-in formulation.
+        Kinematics of a built-in formulation.
     fine
-        The same beam on a mesh whose elements are parts of those of the coarse mesh.
+        Those of the same beam on a mesh whose elements are parts of those of the coarse mesh.
     """
     mesh, nodes = coarse.mesh, coarse.mesh.nodes
     bounds, fine_bounds = mesh.element_bounds, fine.mesh.element_bounds
@@ -49,65 +45,44 @@ def prolongation_matrix(coarse: Beam, fine: Beam) -> sp.csc_array:
         nodal = np.kron(shape_functions(nodes, xi), np.eye(NODE_SIZE))
         block = sp.block_diag([frame, nodal])
         blocks.append(sp.kron(np.eye(1, mesh.elements, k), block))
-    target = sp.csr_array(sp.vstack(blocks)) @ coarse.kinematics.operator
+    target = sp.csr_array(sp.vstack(blocks)) @ coarse.operator
     # Elements share nodes, and all share the frame: the equations are consistent up to the
     # neglected angles, and are solved in the least-squares sense.
-    operator = sp.csc_array(fine.kinematics.operator)
+    operator = sp.csc_array(fine.operator)
     normal = splu(sp.csc_matrix(operator.T @ operator))
     return sp.csc_array(normal.solve((operator.T @ target).toarray()))
-
-
-def prolong_states(coarse: StandardLinearSolid, fine: StandardLinearSolid) -> sp.csc_array:
-    """Return the matrix that maps states to those on a finer mesh, see `prolongation_matrix`.
-
-    The strains of the dampers are interpolated between the stiffness points of coarse elements.
-    """
-    mesh, points = coarse.beam.mesh, coarse.beam.kinematics.element.quadrature
-    s = fine.beam.mesh.gauss_arc_lengths(fine.beam.kinematics.element.quadrature)
-    at = np.zeros((len(s), mesh.elements, points))
-    for k, (element, xi) in enumerate(map(mesh.locate, s.tolist())):
-        at[k, element] = lagrange_weights(gauss_points(points)[0], xi)
-    strains = sp.kron(at.reshape(len(s), -1), np.eye(STRAIN_SIZE))
-    old, new = (np.moveaxis(x.state_sizes, 0, -1).ravel() for x in (coarse, fine))
-    return sp.csc_array(sp.diags_array(new) @ strains @ sp.diags_array(1.0 / old))
 
 
 def prolong_coordinates(
     names: Sequence[str],
     fine_names: Sequence[str],
-    pairs: Mapping[str, tuple[Any, Any]],
+    parts: Mapping[str, Part],
+    fine_parts: Mapping[str, Part],
 ) -> tuple[sp.csc_array, Array]:
-    """Return the map from coordinates q of a mechanism to those with other meshes of beams.
+    """Return the map from coordinates q of a mechanism to those of a copy with other meshes.
 
     Parameters
     ----------
     names, fine_names
-        Names of the coordinates of both mechanisms.
-    pairs
-        The beams of both, and the parts whose states depend on their meshes, by name.
+        Names of the coordinates of the mechanism and of the copy.
+    parts, fine_parts
+        Their parts by name.
 
     Returns
     -------
-    tuple
-        Matrix P and vector s; the coordinates are s + P @ q.
+    prolongation, start
+        Matrix (n', n) and vector (n',): the coordinates are start + prolongation @ q.
     """
     old = {name: k for k, name in enumerate(names)}
     new = {name: k for k, name in enumerate(fine_names)}
     prolongation = sp.lil_array((len(new), len(old)))
     start = np.zeros(len(new))
-    for name, (coarse, fine) in pairs.items():
+    for name, coarse in parts.items():
+        fine = fine_parts[name]
         rows = [new[f"{name}.{c.name}"] for c in fine.coordinates]
         columns = [old[f"{name}.{c.name}"] for c in coarse.coordinates]
-        if isinstance(coarse, StandardLinearSolid):
-            block = prolong_states(coarse, fine)
-        elif fine.mesh is coarse.mesh:
-            block = sp.eye_array(len(rows))
-        else:
-            block = prolongation_matrix(coarse, fine)
-        prolongation[np.ix_(rows, columns)] = block.toarray()
-        start[rows] = fine.initial_position - block @ coarse.initial_position
-    prefixes = tuple(f"{name}." for name in pairs)
-    for name in new:
-        if not name.startswith(prefixes):
-            prolongation[new[name], old[name]] = 1.0
+        if rows:
+            block = coarse.prolongation_to(fine)
+            prolongation[np.ix_(rows, columns)] = block.toarray()
+            start[rows] = fine.initial_position - block @ coarse.initial_position
     return sp.csc_array(prolongation), start

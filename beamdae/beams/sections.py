@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from functools import cached_property
+from itertools import pairwise
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -468,6 +469,12 @@ def _shear_coefficient_of_thin_i(
 SectionLaw = Callable[[float], Section]
 
 _MAX_CACHED_SECTIONS = 10_000  # of a beam
+# A prime number: kinks in the middle of a beam, or at a quarter, are no ends of parts.
+_SEARCHED_PARTS = 97
+_MIN_BEND = 1e-4  # of parts, in which stresses change by a ten thousandth
+_MAX_SMOOTH_RATIO = 3.0  # of bends of halved parts: 4 at smooth places, 2 at kinks, 1 at jumps
+# Derivatives need precise places; bends of much shorter parts are rounding errors.
+_HALVINGS, _CHECKED_HALVINGS = 36, 10
 
 _SECTION_ATTRIBUTES = {field.name for field in fields(Section)} | {"EA", "GA", "EI", "rhoA", "rhoI"}
 _DIMENSION_REQUIREMENT = "a number, a pair (at the start, at the end) or a list of numbers"
@@ -486,13 +493,16 @@ class VaryingSection:
         Name of the beam in error messages.
     law
         Function of arc length s [m] that returns the `Section` at s.
-    breaks
-        Ascending arc lengths [m] at which the section may have kinks; None if unknown.
+    length
+        Length of the beam [m].
+    kinks
+        Ascending arc lengths [m] of the kinks of a taper; None for a function, see `breaks`.
     """
 
     part: str
     law: SectionLaw
-    breaks: tuple[float, ...] | None = None
+    length: float
+    kinks: tuple[float, ...] | None = None
 
     # A cached property because fingerprints of models omit these.
     @cached_property
@@ -500,10 +510,49 @@ class VaryingSection:
         """Sections by arc length [m]; beams evaluate most points several times."""
         return {}
 
+    @property
+    def breaks(self) -> tuple[float, ...]:
+        """Ascending arc lengths [m] of kinks and jumps."""
+        return tuple(self._bends_at_breaks) if self.kinks is None else self.kinks
+
+    @property
+    def jumps(self) -> tuple[float, ...]:
+        """Arc lengths [m] just beyond the jumps of a function."""
+        return tuple(s for s, bend in self._bends_at_breaks.items() if bend > _MIN_BEND)
+
     @cached_property
-    def stress_sections(self) -> dict[tuple[float, ...], Any]:
-        """`StressSections` by given arc lengths [m], see `section_samples.stress_sections`."""
-        return {}
+    def _bends_at_breaks(self) -> dict[float, float]:
+        """Bends at the kinks and jumps of a function, by arc length [m].
+
+        In each of 97 equal parts, the largest bend of the logarithms of stiffnesses and section
+        modulus is followed as the part is halved: at smooth places, bends decrease to a quarter.
+        """
+        if self.kinks is not None:
+            return {}
+        ends = np.linspace(0.0, self.length, _SEARCHED_PARTS + 1).tolist()
+        breaks = (self._find_break(*pair) for pair in pairwise(ends))
+        return dict(x for x in breaks if x is not None)
+
+    def _find_break(self, start: float, end: float) -> tuple[float, float] | None:
+        bend = self._measure_bend(start, end)
+        if bend < _MIN_BEND:
+            return None
+        for k in range(_HALVINGS):
+            quarter = 0.25 * (end - start)
+            parts = [(start + x * quarter, start + (x + 2) * quarter) for x in range(3)]
+            bends = [self._measure_bend(*part) for part in parts]
+            if k < _CHECKED_HALVINGS and max(bends) < bend / _MAX_SMOOTH_RATIO:
+                return None
+            bend = max(bends)
+            start, end = parts[bends.index(bend)]
+        # Places given by users have few digits.
+        rounded = float(f"{end:.12g}")
+        return (rounded if start <= rounded <= end else end), bend
+
+    def _measure_bend(self, start: float, end: float) -> float:
+        places = (self.at(s) for s in (start, 0.5 * (start + end), end))
+        rows = np.log([(x.EA, x.EI, x.second_moment / (x.height or 1.0)) for x in places])
+        return float(np.max(np.abs(rows[0] - 2.0 * rows[1] + rows[2])))
 
     def at(self, s: float) -> Section:
         """Return the section at arc length s [m].
@@ -558,7 +607,7 @@ class Taper:
 
         return section
 
-    def breaks(self, length: float) -> tuple[float, ...]:
+    def kinks(self, length: float) -> tuple[float, ...]:
         """Return the arc lengths [m] at which the slope of a dimension may change."""
         shares = {k / (len(x) - 1) for _, x in self.dimensions for k in range(1, len(x) - 1)}
         return tuple(share * length for share in sorted(shares))
@@ -668,7 +717,7 @@ def require_section(part: str, value: Any, length: float) -> Section | VaryingSe
     if isinstance(value, Section):
         return value
     if isinstance(value, Taper):
-        return VaryingSection(part, value.section_law(length), value.breaks(length))
+        return VaryingSection(part, value.section_law(length), length, value.kinks(length))
     if not callable(value) or isinstance(value, type):
         raise BeamdaeError(f"{part}: {_SECTION_REQUIREMENT}, got {short_repr(value)}.")
-    return VaryingSection(part, value)
+    return VaryingSection(part, value, length)

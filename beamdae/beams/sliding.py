@@ -3,15 +3,13 @@
 The axes of neighboring elements meet at small angles, but the second derivative of the constraint
 requires a track with two continuous derivatives. The track consists of quintics between the nodes
 of the beam. Slope and second derivative at a node are those of the quartic through the five nearest
-nodes, or of the polynomial through all nodes if there are fewer than five. For equidistant nodes,
-they are computed as central differences, with two points extrapolated beyond each end of the beam.
+nodes, or of the polynomial through all nodes if there are fewer than five.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cached_property, lru_cache
 from itertools import pairwise
 from typing import Any
 
@@ -20,18 +18,20 @@ import numpy as np
 import scipy.sparse as sp
 
 from beamdae.beams.beam import Beam, require_beam
-from beamdae.bounded_cache import array_bytes, bounded_cache
 from beamdae.curves.plane_curves import PlaneCurve
 from beamdae.errors import BeamdaeError, require_choice, require_name, set_fields
-from beamdae.parts.attachments import Attachment, require_attachment
+from beamdae.parts.attachments import Attachment, require_attachment, rotate
 from beamdae.parts.events import Event
+from beamdae.parts.forces.load_observables import FORCE
 from beamdae.parts.joints.joint import meeting_tolerance
-from beamdae.parts.joints.kinematic_constraint import load_columns, resolve_load
-from beamdae.parts.part import Part
-from beamdae.symbolic.formula import FormulaExpression, build_formula_kernel, constant_formula
+from beamdae.parts.joints.kinematic_constraint import (
+    KinematicConstraint,
+    PlacedPoint,
+    PointFunction,
+)
+from beamdae.symbolic.formula import Formula, FormulaExpression
 from beamdae.symbolic.statements import (
     SX,
-    ConstraintKernel,
     ConstraintStatement,
     Local,
     Piece,
@@ -42,14 +42,20 @@ from beamdae.symbolic.statements import (
 
 Array = np.ndarray
 
-# Largest memory of the cached weights of points, per function [bytes]. They grow with the square
-# of the number of nodes: 1000 nodes take 8 and 48 MB, 200 nodes 0.3 and 2 MB.
-_MAX_CACHED_BYTES = 8 * 2**20
-_STENCIL_POINTS = 6  # on which a quintic depends
-# Number of extrapolated points beyond each end.
-_EXTRA_POINTS = 2
-# Maximum number of nodes used for the extrapolation.
-_MAX_EXTRAPOLATION_NODES = 5
+_STENCIL_NODES = 5  # of slopes and second derivatives at a node
+_DIGITS_OF_PLACES = 12
+# Coefficients (power, datum) of the quintic from 0 to 1 with given values (2), slopes (2) and
+# second derivatives (2) at its ends.
+_QUINTIC = np.array(
+    [
+        [1.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+        [0.0, 0.0, 1.0, 0.0, 0.0, 0.0],
+        [0.0, 0.0, 0.0, 0.0, 0.5, 0.0],
+        [-10.0, 10.0, -6.0, -4.0, -1.5, 0.5],
+        [15.0, -15.0, 8.0, 7.0, 1.5, -1.0],
+        [-6.0, 6.0, -3.0, -3.0, -0.5, 0.5],
+    ]
+)
 
 # Samples and iterations of the search for the arc length nearest to a point.
 _SEARCH_SAMPLES = 257
@@ -62,119 +68,16 @@ MAX_ELEMENTS_WITH_SLIDER = 32
 _SLIDER_OPERATOR = sp.eye_array(1, format="csr")
 
 
-@cache
-def _quintic_coefficients() -> Array:
-    """Return the polynomial coefficients of the weights of six points, shape (power, point).
+@lru_cache(maxsize=32)
+def _difference_matrices(nodes: tuple[float, ...]) -> tuple[ca.DM, ca.DM]:
+    """Return the matrices of slopes and second derivatives at nodes, (count, count) each.
 
-    The polynomials hold between the middle two points, where the parameter runs from 0 to 1.
+    They are those of the polynomial through the five nearest nodes.
     """
-    first_difference = np.array([1.0, -8.0, 0.0, 8.0, -1.0]) / 12.0
-    second_difference = np.array([-1.0, 16.0, -30.0, 16.0, -1.0]) / 12.0
-    # Values, slopes and curvatures at the middle two points.
-    f0, f1 = np.eye(_STENCIL_POINTS)[2:4]
-    d0, d1, c0, c1 = (
-        np.pad(x, pad) for x in (first_difference, second_difference) for pad in ((0, 1), (1, 0))
-    )
-    return _quintic(f0, f1, d0, d1, c0, c1)
-
-
-def _quintic(f0: Array, f1: Array, d0: Array, d1: Array, c0: Array, c1: Array) -> Array:
-    """Return the coefficients (power, ...) of a quintic from 0 to 1.
-
-    The arguments are the values, slopes and second derivatives at 0 and 1.
-    """
-    rise = f1 - f0
-    return np.array(
-        [
-            f0,
-            d0,
-            0.5 * c0,
-            10.0 * rise - 6.0 * d0 - 4.0 * d1 - 1.5 * c0 + 0.5 * c1,
-            -15.0 * rise + 8.0 * d0 + 7.0 * d1 + 1.5 * c0 - c1,
-            6.0 * rise - 3.0 * (d0 + d1) - 0.5 * (c0 - c1),
-        ]
-    )
-
-
-@bounded_cache(_MAX_CACHED_BYTES, array_bytes)
-def _extension_matrix(count: int) -> Array:
-    """Return the matrix that extends `count` points by two points at each end."""
-    last = min(count, _MAX_EXTRAPOLATION_NODES)
-    nodes = np.arange(last)
-    matrix = np.zeros((count + 2 * _EXTRA_POINTS, count))
-    matrix[_EXTRA_POINTS:-_EXTRA_POINTS] = np.eye(count)
-    for k in range(_EXTRA_POINTS):
-        x = k - _EXTRA_POINTS
-        weights = [
-            np.prod([(x - j) / (i - j) for j in range(last) if j != i], initial=1.0) for i in nodes
-        ]
-        matrix[k, :last] = weights
-        matrix[-1 - k, -last:] = weights[::-1]
-    return matrix
-
-
-def _point_weights(x: SX) -> list[SX]:
-    """Return the weights of six points at x, which runs from 0 to 1 between the middle two.
-
-    Outside this interval, the curve continues along its tangent.
-    """
-    weights = []
-    for c in _quintic_coefficients().T:
-        slopes = c[1:] * np.arange(1.0, _STENCIL_POINTS)
-        inside = sum((float(coefficient) * x**k for k, coefficient in enumerate(c)), SX(0))
-        before = float(c[0]) + float(c[1]) * x
-        after = float(c.sum()) + float(slopes.sum()) * (x - 1.0)
-        weights.append(ca.if_else(x < 0.0, before, ca.if_else(x > 1.0, after, inside)))
-    return weights
-
-
-def interpolate_track(points: SX, along: SX) -> SX:
-    """Return the point of the smooth curve through `points` (2, count) at the parameter `along`.
-
-    `along` is 0 at the first and count - 1 at the last point; beyond them, the curve continues
-    along its tangents.
-    """
-    count = points.shape[1]
-    cell = ca.fmin(ca.fmax(ca.floor(along), 0.0), count - 2.0)
-    is_in_cell = [cell == k for k in range(count - 1)]
-    weights = SX.zeros(count + 2 * _EXTRA_POINTS)
-    for i, weight in enumerate(_point_weights(along - cell)):
-        for k, indicator in enumerate(is_in_cell):
-            weights[k + i] += indicator * weight
-    return points @ (ca.DM(_extension_matrix(count)).T @ weights)
-
-
-def interpolate_uneven_track(points: SX, s: SX, nodes: tuple[float, ...]) -> SX:
-    """Return the point of the smooth curve through `points` (2, count) at the arc length s [m].
-
-    `nodes` are the ascending arc lengths of the points [m]. For equidistant nodes, this curve is
-    the same as in `interpolate_track`.
-    """
-    weights = SX.zeros(len(nodes))
-    cells = _uneven_coefficients(nodes)
-    for k, coefficients in enumerate(cells):
-        x = (s - nodes[k]) / (nodes[k + 1] - nodes[k])
-        is_in_cell = (s >= nodes[k]) * (s < nodes[k + 1])
-        weights += is_in_cell * sum(
-            (ca.DM(c) * x**i for i, c in enumerate(coefficients)), SX.zeros(len(nodes))
-        )
-    # Outside the beam, the curve continues along its tangent.
-    before = (s - nodes[0]) / (nodes[1] - nodes[0])
-    weights += (s < nodes[0]) * (ca.DM(cells[0][0]) + ca.DM(cells[0][1]) * before)
-    after = (s - nodes[-1]) / (nodes[-1] - nodes[-2])
-    end_slope = np.arange(_STENCIL_POINTS) @ cells[-1]
-    weights += (s >= nodes[-1]) * (ca.DM(cells[-1].sum(axis=0)) + ca.DM(end_slope) * after)
-    return points @ weights
-
-
-@bounded_cache(_MAX_CACHED_BYTES, array_bytes)
-def _uneven_coefficients(nodes: tuple[float, ...]) -> Array:
-    """Return the weights of all nodes as polynomials in each cell, (cell, power, node)."""
     s, count = np.array(nodes), len(nodes)
-    width = min(count, _MAX_EXTRAPOLATION_NODES)
+    width = min(count, _STENCIL_NODES)
     first, second = np.zeros((2, count, count))
     for i in range(count):
-        # The slope and curvature at a node are those of the polynomial through the nearest nodes.
         start = int(np.clip(i - width // 2, 0, count - width))
         near = slice(start, start + width)
         scale = s[near][-1] - s[near][0]
@@ -182,13 +85,26 @@ def _uneven_coefficients(nodes: tuple[float, ...]) -> Array:
         first[i, near] = powers[1] / scale
         if width > 2:
             second[i, near] = 2.0 * powers[2] / scale**2
-    cells = []
-    for k, h in enumerate(np.diff(s)):
-        f0, f1 = np.eye(count)[k : k + 2]
-        d0, d1 = first[k : k + 2] * h
-        c0, c1 = second[k : k + 2] * h**2
-        cells.append(_quintic(f0, f1, d0, d1, c0, c1))
-    return np.array(cells)
+    return ca.sparsify(ca.DM(first)), ca.sparsify(ca.DM(second))
+
+
+def interpolate_track(points: SX, s: SX, nodes: tuple[float, ...]) -> SX:
+    """Return the point at `s` of the smooth curve through `points` (2, count) at `nodes`."""
+    passed = [SX(1), *(s >= x for x in nodes[1:-1]), SX(0)]
+    is_in_cell = ca.vertcat(*(here - later for here, later in pairwise(passed)))
+    before, after = ca.vertcat(is_in_cell, 0), ca.vertcat(0, is_in_cell)
+    start = ca.dot(is_in_cell, ca.DM(nodes[:-1]))
+    length = ca.dot(is_in_cell, ca.DM(np.diff(nodes)))
+    x = (s - start) / length
+    inside = ca.fmin(ca.fmax(x, 0.0), 1.0)
+    basis = sum((ca.DM(row) * inside**k for k, row in enumerate(_QUINTIC)), SX.zeros(6))
+    # Outside the beam, the curve continues along its tangent.
+    basis[2] += ca.fmin(x, 0.0)
+    basis[3] += ca.fmax(x - 1.0, 0.0)
+    at_nodes = [basis[k] * before + basis[k + 1] * after for k in (0, 2, 4)]
+    first, second = _difference_matrices(nodes)
+    slopes, curvatures = length * at_nodes[1], length**2 * at_nodes[2]
+    return points @ (at_nodes[0] + first.T @ slopes + second.T @ curvatures)
 
 
 def nearest_arc_length(curve: PlaneCurve, position: tuple[float, float]) -> float:
@@ -206,80 +122,33 @@ def nearest_arc_length(curve: PlaneCurve, position: tuple[float, float]) -> floa
 
 
 @dataclass(frozen=True)
-class _TrackConstraint:
-    """Kernel of the constraint r - r_track(s) = 0 on the position r of a sliding point.
+class _TrackGap:
+    """Distance of a sliding point from the track through nodes, whose places are fractions."""
 
-    Local coordinates: coordinates of the point, coordinates of the nodes, and the arc length s.
+    nodes: tuple[float, ...]
 
-    Attributes
-    ----------
-    sizes
-        Numbers of local coordinates of the point and of each node.
-    nodes
-        Arc lengths of the nodes [m]; None if they are equidistant.
-    """
-
-    sizes: tuple[int, ...]
-    nodes: tuple[float, ...] | None
-
-    def __call__(self, local: Local, *functions: Callable[..., Any]) -> ConstraintKernel:
-        position, *track = (x for x, _ in _evaluate_points(local, self.sizes, functions))
-        spacing = functions[-1]()[0]
-        point = _evaluate_track(track, local.q[-1], spacing, self.nodes)
-        return ConstraintKernel(local, position - point)
+    def __call__(self, t: SX, a: PlacedPoint, *others: Any) -> SX:
+        *track, along, length = others
+        points = ca.horzcat(*(x.position for x in track))
+        return a.position - interpolate_track(points, along.position[0] / length, self.nodes)
 
 
-@dataclass(frozen=True)
-class _Reaction:
-    """Reaction on the body of the sliding point, or on the beam at the contact point.
+class _ReactionOnBeam(PointFunction):
+    """Reaction on the beam at the contact point, in "inertial" axes or those of the track."""
 
-    Attributes
-    ----------
-    sizes, nodes
-        As in `_TrackConstraint`.
-    on_beam
-        True for the reaction on the beam, False for the reaction on the body of the point.
-    axes
-        "inertial", or "body": the axes of the body, or along and across the track of the beam.
-    has_angle
-        True if the body of the point has an orientation, so that the reaction on the body includes
-        a moment (zero).
-    """
-
-    sizes: tuple[int, ...]
-    nodes: tuple[float, ...] | None
-    on_beam: bool
-    axes: str
-    has_angle: bool
-
-    def __call__(self, local: Local, *functions: Callable[..., Any]) -> SX:
-        (_, rotation), *track = _evaluate_points(local, self.sizes, functions)
-        if not self.on_beam:
-            return resolve_load(self.axes, rotation, -local.lam, 0 if self.has_angle else None)
-        spacing = functions[-1]()[0]
-        point = _evaluate_track([x for x, _ in track], local.q[-1], spacing, self.nodes)
-        slope = ca.jacobian(point, local.q[-1])
-        return resolve_load(self.axes, ca.atan2(slope[1], slope[0]), local.lam)
+    def __call__(self, local: Local, *functions: Any) -> SX:
+        return local.lam
 
 
-def _evaluate_points(local: Local, sizes: tuple[int, ...], functions: Sequence[Any]) -> list[Any]:
-    """Return (position, rotation) of the sliding point and of each node of the track."""
-    ends = np.cumsum([0, *sizes]).tolist()
-    return [
-        kinematics(local.q[first:last])
-        for kinematics, (first, last) in zip(functions[:-1], pairwise(ends), strict=True)
-    ]
+class _ReactionAlongTrack(PointFunction):
+    def __call__(self, local: Local, *functions: Any) -> SX:
+        gap = self.evaluate(local, self.place_points(local, functions), functions)
+        slope = -ca.jacobian(gap, local.q[-1])
+        return rotate(-ca.atan2(slope[1], slope[0]), local.lam)
 
 
-def _evaluate_track(points: list[SX], s: SX, spacing: Any, nodes: tuple[float, ...] | None) -> SX:
-    """Return the point of the track at the arc length s [m]; `nodes` as in `_TrackConstraint`."""
-    if nodes is None:
-        return interpolate_track(ca.horzcat(*points), s / spacing)
-    return interpolate_uneven_track(ca.horzcat(*points), s, nodes)
-
-
-def _reaction(local: Local) -> SX:
-    return -local.lam
+def _place_on_line(q: SX, numbers: Any) -> tuple[SX, SX]:
+    return ca.vertcat(q, 0), SX(0)
 
 
 def _slider_arc_length(local: Local) -> SX:
@@ -291,7 +160,7 @@ def _arc_length_and_rate(local: Local) -> SX:
 
 
 @dataclass(frozen=True, eq=False)
-class SlidingOnBeam(Part):
+class SlidingOnBeam(KinematicConstraint):
     """Frictionless joint of a point that slides along a deformed beam: g = r_a - r_beam(s).
 
     The joint adds the coordinate s [m], the arc length of the undeformed beam at the point. This
@@ -331,6 +200,8 @@ class SlidingOnBeam(Part):
 
     symbol = "sleeve"
     moves_along_beam = True
+    multipliers = (Variable("x", "N"), Variable("y", "N"))
+    reactions = ("Fx", "Fy")
     name: str
     a: Attachment
     beam: Beam
@@ -394,13 +265,6 @@ class SlidingOnBeam(Part):
         values, _ = FormulaExpression.of(_arc_length_and_rate, ())
         return Quantity(columns, (Piece(self, _SLIDER_OPERATOR),), values)
 
-    @property
-    def reaction(self) -> Quantity:
-        """Force (Fx, Fy) [N] of the beam on the body of `a`, in inertial axes."""
-        columns = (Variable("Fx", "N"), Variable("Fy", "N"))
-        values, _ = FormulaExpression.of(_reaction, ())
-        return Quantity(columns, (), values, joint=self.name, joint_part=self)
-
     @rebuilt_for_mesh
     def reaction_on(self, place: str = "a", axes: str = "inertial") -> Quantity:
         """Return the reaction on the body of `a` or on the beam.
@@ -425,13 +289,11 @@ class SlidingOnBeam(Part):
             If `place` or `axes` is unknown.
         """
         require_choice(self.name, "place", place, ("a", "beam"))
+        if place == "a":
+            return super().reaction_on("a", axes)
         require_choice(self.name, "axes", axes, ("inertial", "body"))
-        on_beam, sizes = place == "beam", self._sizes
-        values, data = FormulaExpression.of(
-            _Reaction(sizes, self._nodes, on_beam, axes, self.a.has_angle), self._functions
-        )
-        columns = load_columns(self.a)[: 2 if on_beam else None]
-        return Quantity(columns, self._pieces, values, data, joint=self.name, joint_part=self)
+        kind = _ReactionOnBeam if axes == "inertial" else _ReactionAlongTrack
+        return self.observe(kind(self._sizes, len(self.gap_parameters), self.gap), FORCE)
 
     @property
     def events(self) -> tuple[Event, ...]:
@@ -445,29 +307,27 @@ class SlidingOnBeam(Part):
         )
 
     @property
-    def _points(self) -> tuple[Attachment, ...]:
-        """The sliding point, then the nodes of the beam."""
-        return (self.a, *(self.beam.at(s) for s in self.beam.mesh.node_arc_lengths.tolist()))
+    def points(self) -> dict[str, Attachment]:
+        """The sliding point, the nodes of the beam, and the arc length as a place on a line."""
+        nodes = self.beam.mesh.node_arc_lengths.tolist()
+        along = Attachment(self, self.a.point, 0.0, _SLIDER_OPERATOR, Formula(_place_on_line))
+        return {
+            "a": self.a,
+            **{f"node {k}": self.beam.at(s) for k, s in enumerate(nodes)},
+            "s": along,
+        }
 
     @property
-    def _nodes(self) -> tuple[float, ...] | None:
-        """Arc lengths of the nodes [m]; None if they are equidistant."""
-        mesh = self.beam.mesh
-        return None if mesh.has_equidistant_nodes else tuple(mesh.node_arc_lengths.tolist())
+    def gap(self) -> _TrackGap:  # type: ignore[override]
+        """Gap function, on the present mesh of the beam."""
+        # Rounded, so that kernels do not depend on the length of the beam.
+        places = np.round(self.beam.mesh.node_arc_lengths / self.beam.length, _DIGITS_OF_PLACES)
+        return _TrackGap(tuple(places.tolist()))
 
     @property
-    def _sizes(self) -> tuple[int, ...]:
-        return tuple(point.size for point in self._points)
-
-    @property
-    def _functions(self) -> tuple[Callable[..., Any], ...]:
-        """Kinematics of the points, then the formula of the node spacing."""
-        spacing = constant_formula(self.beam.length / (self.beam.mesh.node_count - 1))
-        return (*(point.checked_kinematics for point in self._points), spacing)
-
-    @property
-    def _pieces(self) -> tuple[Piece, ...]:
-        return (*(point.piece for point in self._points), Piece(self, _SLIDER_OPERATOR))
+    def gap_parameters(self) -> tuple[float, ...]:
+        """Length of the beam [m]."""
+        return (self.beam.length,)
 
     @property
     def load_distribution(self) -> str:
@@ -484,9 +344,4 @@ class SlidingOnBeam(Part):
         """
         # Assembly may have added elements since the construction.
         self._require_few_elements()
-        sizes = self._sizes
-        kernel, data = build_formula_kernel(
-            _TrackConstraint(sizes, self._nodes), self._functions, sum(sizes) + 1, 2
-        )
-        multipliers = (Variable("x", "N"), Variable("y", "N"))
-        return [ConstraintStatement(self.name, kernel, self._pieces, multipliers, data)]
+        return super().constraints()

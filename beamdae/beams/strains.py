@@ -61,13 +61,13 @@ class LargestStress:
 
     Attributes
     ----------
-    sizes
-        Number of local coordinates of each section, which follow each other in `Local.q`.
+    places
+        First and last row, exclusive, of the coordinates of each section in `Local.q`.
     exponent
         Exponent p of the bound (sum of |stress|^p)^(1/p) over the sections.
     """
 
-    sizes: tuple[int, ...]
+    places: tuple[tuple[int, int], ...]
     exponent: float
 
     def __call__(self, local: Local, *functions: Any) -> SX:
@@ -78,15 +78,15 @@ class LargestStress:
         EI [N m^2], E [Pa]).
         """
         kernels: dict[Any, ca.Function] = {}
-        first, stresses = 0, []
-        for size, forces, numbers in zip(self.sizes, functions[::2], functions[1::2], strict=True):
-            key = forces.kind, size, forces.numbers.numel()
+        stresses = []
+        sections = zip(self.places, functions[::2], functions[1::2], strict=True)
+        for (first, last), forces, numbers in sections:
+            key = forces.kind, last - first, forces.numbers.numel()
             if key not in kernels:
                 kernels[key] = _fiber_magnitude_function(*key)
-            here = slice(first, first + size)
+            here = slice(first, last)
             values = slice_column(numbers(), 0, _N_FIBER_NUMBERS)
             stresses.append(kernels[key](local.q[here], local.v[here], forces.numbers, values))
-            first += size
         largest = SX(0)
         for stress in stresses:
             largest = ca.fmax(largest, stress)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -18,12 +18,13 @@ import scipy.sparse as sp
 
 from beamdae.beams.beam import Beam, require_beam
 from beamdae.beams.element_data import STIFFNESS_VALUES
-from beamdae.beams.elements import NODE_SIZE, PointElement
+from beamdae.beams.elements import NODE_SIZE, InterpolatedForces, PointElement
 from beamdae.beams.kinematics import PointValues
 from beamdae.beams.shape_functions import gauss_points, lagrange_weights
-from beamdae.beams.strains import AXIAL, SHEAR, STRAIN_SIZE, identity, slice_column
+from beamdae.beams.strains import AXIAL, SHEAR, STRAIN_SIZE, identity
 from beamdae.errors import require_name, require_positive, set_fields
 from beamdae.parts.forces.load_observables import ObservablePower
+from beamdae.parts.part import Part
 from beamdae.symbolic.formula import Formula, FormulaExpression, cache_kernels
 from beamdae.symbolic.sparse_operators import select_rows
 from beamdae.symbolic.statements import (
@@ -195,33 +196,39 @@ class StandardLinearSolid(ObservablePower):
 
     def _forces_at(self, s: float) -> tuple[tuple[Piece, Piece], Formula]:
         element, (number, xi) = self.beam.kinematics.element, self.beam.mesh.locate(s)
-        data = self._element_data[element.layout.stiffness_rows, number]
+        points = element.layout.stiffness_values(self._element_data)[number]
+        own = np.tile((self.ratio, self.relaxation_time), (len(points), 1))
         weights = lagrange_weights(gauss_points(element.quadrature)[0], xi)
-        numbers = (*weights, self.ratio, self.relaxation_time, *data.tolist())
+        numbers = (*weights, *np.hstack([points, own]).ravel().tolist())
         return self._pieces(number), Formula(_MaxwellForces(element), numbers)
 
+    def prolongation_to(self, fine: Part) -> sp.csc_array:
+        """Return the matrix that maps states to those on another mesh, see `Part`.
 
-@dataclass(frozen=True)
-class _MaxwellForces:
-    """Section forces of the Maxwell element, interpolated between the stiffness points.
+        The strains of the dampers are interpolated between the stiffness points of coarse elements.
+        """
+        assert isinstance(fine, StandardLinearSolid)
+        mesh, points = self.beam.mesh, self.beam.kinematics.element.quadrature
+        s = fine.beam.mesh.gauss_arc_lengths(fine.beam.kinematics.element.quadrature)
+        at = np.zeros((len(s), mesh.elements, points))
+        for k, (element, xi) in enumerate(map(mesh.locate, s.tolist())):
+            at[k, element] = lagrange_weights(gauss_points(points)[0], xi)
+        strains = sp.kron(at.reshape(len(s), -1), np.eye(STRAIN_SIZE))
+        old, new = (np.moveaxis(x.state_sizes, 0, -1).ravel() for x in (self, fine))
+        return sp.csc_array(sp.diags_array(new) @ strains @ sp.diags_array(1.0 / old))
 
-    The local coordinates are those of the element, then the states. `numbers` are the weights of
-    the points, ratio and relaxation time, and the data of the points.
+
+class _MaxwellForces(InterpolatedForces):
+    """Section forces of the Maxwell element.
+
+    The local coordinates are those of the element, then the states; the data of each point end with
+    ratio and relaxation time.
     """
-
-    element: PointElement
 
     def __call__(self, local: Local, numbers: Any) -> SX:
         """Return (N, Q, M)."""
-        count, function = self.element.quadrature, _section_force_function(self.element.of_point)
-        values = slice_column(numbers, count + 2, (function.numel_in(1) - 2) * count)
-        own = slice_column(numbers, count, 2)
-        data = [ca.vertcat(x, own) for x in ca.horzsplit(ca.reshape(values, -1, count))]
-        total = SX(0)
-        for k, point in enumerate(_maxwell_points(self.element, data)):
-            _, q, _, _, point_data = point.inputs(local)
-            total += numbers[k] * function(q, point_data)
-        return total
+        points = partial(_maxwell_points, self.element)
+        return self.interpolate(local, numbers, points, _section_force_function)
 
 
 class _MaxwellPoint(NamedTuple):
@@ -250,7 +257,7 @@ def _section_force_function(element: PointElement) -> ca.Function:
     local, _, forces = _MaxwellPoint.of(element)
     angle = element.force_rotation_at(local.q[: 2 * NODE_SIZE])
     values = forces + ca.vertcat(ca.sin(angle) * forces[SHEAR], 0, 0)
-    return ca.Function("maxwell_forces", [local.q, local.data], [ca.densify(values)])
+    return ca.Function("maxwell_forces", [local.q, local.v, local.data], [ca.densify(values)])
 
 
 @cache

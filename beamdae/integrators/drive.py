@@ -161,8 +161,6 @@ def _drive(
 ) -> Solution:
     settings = asdict(integrator)  # type: ignore[call-overload]
     require_limits(integrator)
-    for term in equations.controllers:
-        term.controller.require_no_memory()
     planning_began = clock.perf_counter()
     first = initial_configuration(equations)
     rtol = float(settings["rtol"]) if integrator.accuracy.name == "rtol" else None

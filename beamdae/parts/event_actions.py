@@ -46,7 +46,7 @@ def activate(*parts: Part, as_is: bool = False) -> Switch:
     names = _part_names("activate", parts)
     if require_choice("activate", "as_is", as_is, (True, False)):
         for part in parts:
-            if not isinstance(part, KinematicConstraint) or part.gap is None:
+            if not isinstance(part, KinematicConstraint) or part.gap is None or part.coordinates:
                 raise BeamdaeError(
                     f"{part.name}: as_is=True requires a joint with a gap of positions "
                     f"or angles, got {short_repr(part)}; omit as_is=True for other parts."

@@ -27,7 +27,7 @@ from beamdae.errors import (
 )
 from beamdae.parts.tables import Table, locked_pieces
 from beamdae.symbolic.formula import Formula
-from beamdae.symbolic.signals import Signal, as_expression, find_signals, with_references
+from beamdae.symbolic.signals import Signal, as_expression, find_other_symbols, with_references
 from beamdae.symbolic.statements import SX
 from beamdae.symbolic.table_calls import TableCall, record_calls
 
@@ -629,13 +629,9 @@ def _require_formula_in_time(part: str, piece: Callable[[Any], Any], t: SX, star
         raise BeamdaeError(
             f"{part}: {_law_label(piece)} must return one number, got {short_repr(value)}."
         )
-    symbols = ca.vertcat(t, *(x.value_symbol for x in find_signals(value)))
-    known = {x.element_hash() for x in ca.vertsplit(symbols)}
-    other_symbols = [x.name() for x in ca.symvar(value) if x.element_hash() not in known]
-    if other_symbols:
+    if others := find_other_symbols(value, [t]):
         raise BeamdaeError(
-            f"{part}: {_law_label(piece)} must depend only on t, not on "
-            f"{', '.join(other_symbols[:3])}."
+            f"{part}: {_law_label(piece)} must depend only on t, not on {', '.join(others[:3])}."
         )
 
 

@@ -8,6 +8,7 @@ from functools import cache
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
+import scipy.sparse as sp
 
 from beamdae.deferred import module
 from beamdae.errors import BeamdaeError
@@ -142,11 +143,12 @@ class Part:
 
     @property
     def given_velocities(self) -> tuple[bool, bool]:
-        """True for a velocity and an angular velocity that are given, also if they are zero.
+        """True if the fields `velocity` and `angular_velocity` exist and are not None.
 
         Given velocities are kept if the joints allow it; so are those that are not zero.
         """
-        return False, False
+        linear, angular = (getattr(self, x, None) for x in ("velocity", "angular_velocity"))
+        return linear is not None, angular is not None
 
     @property
     def is_state(self) -> bool:
@@ -250,6 +252,13 @@ class Part:
         A part between two points of one rigid body then does nothing.
         """
         return False
+
+    def prolongation_to(self, fine: Part) -> sp.csc_array:
+        """Return the matrix that maps changes of coordinates to those of a copy, (n', n).
+
+        Copies may refer to beams with finer meshes. By default, coordinates stay the same.
+        """
+        return sp.eye_array(len(self.coordinates), format="csc")
 
     def prepare(self, attached: Sequence[AttachedPart], has_fixed_coordinates: bool) -> bool | None:
         """Adapt the coordinates to the parts attached to this part, before an assembly.

@@ -8,7 +8,6 @@ from functools import cached_property
 from inspect import Parameter, signature
 from typing import Any
 
-import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 
@@ -25,7 +24,7 @@ from beamdae.errors import (
 from beamdae.parts.laws import Law, as_law
 from beamdae.parts.part import Part
 from beamdae.symbolic.local_symbols import SX, Local
-from beamdae.symbolic.signals import Signal, as_expression, find_signals
+from beamdae.symbolic.signals import Signal, as_expression, find_other_symbols
 from beamdae.symbolic.statements import (
     LOAD_UNITS,
     ForceKernel,
@@ -362,15 +361,13 @@ def require_formula(part: str, name: str, value: Any) -> SX:
     if as_real(value) is not None:
         return SX(require_finite(part, name, value))
     expression = as_expression(value)
-    if not isinstance(expression, SX) or expression.shape != (1, 1) or _has_others(expression):
+    if (
+        not isinstance(expression, SX)
+        or expression.shape != (1, 1)
+        or find_other_symbols(expression)
+    ):
         raise BeamdaeError(
             f"{part}: {name} must be a number or a formula of inputs, sensors and states, got "
             f"{short_repr(value)}."
         )
     return expression
-
-
-def _has_others(expression: SX) -> bool:
-    symbols = ca.vertcat(*(signal.value_symbol for signal in find_signals(expression)))
-    known = {symbol.element_hash() for symbol in ca.vertsplit(symbols)}
-    return any(symbol.element_hash() not in known for symbol in ca.symvar(expression))

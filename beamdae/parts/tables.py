@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -37,7 +36,6 @@ from beamdae.model_parameters import (
     standardize_header,
     suggest_unit,
 )
-from beamdae.read_only import read_only
 from beamdae.symbolic.functions.table_lookups import find_row, pick_numbers
 from beamdae.symbolic.scalar_expression import ScalarExpression, as_scalar
 from beamdae.symbolic.signals import Signal, as_expression, find_signals
@@ -66,6 +64,7 @@ _SLOPE_ROUNDING = 1e-14
 # of all values, are hardly intended. A sine with four rows per period, too few for a spline, leaves
 # them by 0.2, one with five by at most 0.1.
 _MAX_OVERSHOOT = 0.15
+_OVERSHOOT_PLACES = np.arange(1, 32) / 32.0  # between two rows
 # Smaller overshoots, relative to the largest value, are rounding errors of constant values.
 _MIN_OVERSHOOT = 1e-12
 # Difference of the first and the last value of a repeated table, relative to the largest value,
@@ -76,15 +75,6 @@ _MAX_GAP = 1e-9
 _GRAM_OR_GRAVITY = "kg or m/s^2 (gn, the standard gravity)"
 _AMBIGUOUS_UNITS = {"g": _GRAM_OR_GRAVITY, "mg": _GRAM_OR_GRAVITY, "nm": "m or N m"}
 _MAX_ROWS = 1_000_000
-# Separators of the words of a name that may end in a unit, such as "travel_mm" or "travel / mm".
-_WORD_SEPARATORS = re.compile(r"[\s_/,]+")
-# Names such as F_min, x_cg and flow_in end in other words.
-_UNIT_AFTER_UNDERSCORE = re.compile(
-    r"[mcuµμ]m|deg|°|[mu]s|rpm|[mkM]N|lbf|Nmm|kNm|kW|[kMG]Pa|bar|psi|ft|[uµμ][eε]|microstrain|ppm"
-)
-_IN_BRACKETS = re.compile(r"[\[(]([^\[\]()]*)[\])]")
-
-
 # Argument t of a time law and the time, a number or symbol, at which tables select one smooth
 # piece, or None.
 _LOCK: ContextVar[tuple[SX, SX] | None] = ContextVar("_LOCK", default=None)
@@ -205,15 +195,6 @@ class Table:
     kind: str
     outside: str
     arguments: tuple[str, ...]
-    # One entry per function of `_evaluate` of each axis: 1 and powers of depths in all intervals.
-    coefficients: Array = field(init=False)
-
-    def __post_init__(self) -> None:
-        coefficients = self.values
-        for axis, knots in enumerate(self.axes):
-            rows = _fit_axis(knots, np.moveaxis(coefficients, axis, 0), self.kind, self.is_repeated)
-            coefficients = np.moveaxis(rows, 0, axis)
-        object.__setattr__(self, "coefficients", read_only(coefficients))
 
     def __repr__(self) -> str:
         size = " x ".join(str(len(axis)) for axis in self.axes)
@@ -297,36 +278,29 @@ class Table:
                         f"{self.name}: {self.describe_argument(axis, first)}; extend the table or "
                         "pass outside='hold'."
                     )
-        if len(arguments) == 1:
-            (x,) = arguments
-            if self.is_repeated:
-                center, period = self._period
-                x = x - period * np.rint((x - center) / period)
-            return self._evaluate_one(x)
-        result = self.coefficients
-        for number, (x, knots) in enumerate(
-            zip(np.broadcast_arrays(*arguments), self.axes, strict=True)
-        ):
-            depth = np.clip(x[..., None] - knots[:-1], 0.0, np.diff(knots))
-            powers = [depth**p for p in range(1, self.degree + 1)]
-            basis = np.concatenate([np.ones((*x.shape, 1)), *powers], axis=-1)
-            if number == 0:
-                result = np.tensordot(basis, result, axes=1)
-            else:
-                result = np.einsum("...k,...k->...", result, basis)
-        return np.asarray(result)
+        if self.is_repeated:
+            center, period = self._period
+            arguments = [x - period * np.rint((x - center) / period) for x in arguments]
+        pairs = zip(arguments, self.axes, strict=True)
+        inside = [np.clip(x, knots[0], knots[-1]) for x, knots in pairs]
+        return np.asarray(self._interpolation(*inside))
 
-    def _evaluate_one(self, x: Array) -> Array:
-        """Return the values of a table of one argument, without the errors of a long sum."""
-        (knots,) = self.axes
-        k = np.clip(np.searchsorted(knots, x, side="right") - 1, 0, len(knots) - 2)
-        depth = np.maximum(x - knots[k], 0.0)
-        rates = self.coefficients[1:].reshape(self.degree, len(knots) - 1)[:, k]
-        # Products: powers of NumPy round differently in arrays and in numbers.
-        change = np.zeros_like(depth)
-        for rate in rates[::-1]:
-            change = depth * (rate + change)
-        return np.where(x >= knots[-1], self.values[-1], self.values[k] + change)
+    @cached_property
+    def _interpolation(self) -> Any:
+        """Function of arguments within the table."""
+        # Imported here because the import takes as long as a short run, and few models have tables.
+        from scipy.interpolate import RectBivariateSpline
+
+        if len(self.axes) == 1:
+            (knots,) = self.axes
+            if self.kind == "previous":
+                return lambda x: self.values[np.searchsorted(knots, x, side="right") - 1]
+            if self.kind == "linear":
+                return lambda x: np.interp(x, knots, self.values)
+            return _interpolate_rows(knots, self.values, self.kind, self.is_repeated)
+        degrees = [min(self.degree, len(knots) - 1) for knots in self.axes]
+        spline = RectBivariateSpline(*self.axes, self.values, kx=degrees[0], ky=degrees[1], s=0)
+        return spline.ev
 
     def _express(self, arguments: tuple[SX, ...]) -> SX:
         lock = _LOCK.get()
@@ -531,17 +505,6 @@ def _bound_slopes(knots: Array, changes: Array, axis: int) -> Array:
     return np.moveaxis(largest / longest.reshape(-1, *[1] * (rows.ndim - 1)), 0, axis)
 
 
-def _fit_axis(knots: Array, values: Array, kind: str, is_repeated: bool = False) -> Array:
-    """Return the coefficients of the functions of `Table._evaluate` along the first axis."""
-    if kind == "previous":
-        return values[:1]
-    if kind == "linear":
-        lengths = np.diff(knots).reshape(-1, *[1] * (values.ndim - 1))
-        return np.concatenate([values[:1], np.diff(values, axis=0) / lengths])
-    polynomials = _interpolate_rows(knots, values, kind, is_repeated).c
-    return np.concatenate([values[:1], polynomials[2], polynomials[1], polynomials[0]])
-
-
 def _interpolate_rows(knots: Array, values: Array, kind: str, is_repeated: bool) -> Any:
     """Return the piecewise cubic interpolation along the first axis."""
     # Imported here because the import takes as long as a short run, and few models have tables.
@@ -572,37 +535,20 @@ def _warn_about_overshoot(result: Table) -> None:
     kinds = "kind='linear'" if len(result.axes) > 1 else "kind='pchip' or kind='linear'"
     for axis, (name, knots) in enumerate(zip(result.arguments, result.axes, strict=True)):
         rows = np.moveaxis(result.values, axis, 0).reshape(len(knots), -1)
-        arguments, extrema = _find_extrema(knots, rows, result.is_repeated)
+        arguments = knots[:-1] + np.outer(_OVERSHOOT_PLACES, np.diff(knots))
+        values = _interpolate_rows(knots, rows, "spline", result.is_repeated)(arguments)
         lower, upper = np.minimum(rows[:-1], rows[1:]), np.maximum(rows[:-1], rows[1:])
-        outside = np.maximum(extrema - upper, lower - extrema)
+        outside = np.maximum(values - upper, lower - values)
         k = np.unravel_index(np.argmax(outside), outside.shape)
         if outside[k] > excess:
             excess = float(outside[k])
             sentence = (
-                f"{result.name}: the spline reaches {extrema[k]:.3g} at {name} = "
-                f"{arguments[k]:.6g}, far outside the values {lower[k[1:]]:.6g} to "
+                f"{result.name}: the spline reaches {values[k]:.3g} at {name} = "
+                f"{arguments[k[:2]]:.6g}, far outside the values {lower[k[1:]]:.6g} to "
                 f"{upper[k[1:]]:.6g} of the rows beside it; use {kinds}, or add rows."
             )
     if sentence:
         warn_user(sentence, InputWarning)
-
-
-def _find_extrema(knots: Array, values: Array, is_repeated: bool) -> tuple[Array, Array]:
-    """Return arguments and values of splines, one per column, at their extrema between rows.
-
-    The shape is (2, intervals, columns). Where an interval has no extremum, a row takes its place.
-    """
-    lengths = np.diff(knots)[:, None]
-    coefficients = _fit_axis(knots, values, "spline", is_repeated)
-    slope, square, cube = coefficients[1:].reshape(3, *values[1:].shape)
-    with np.errstate(all="ignore"):
-        # Zeros of slope + 2 square depth + 3 cube depth^2, without cancellation.
-        root = np.sqrt(square**2 - 3.0 * cube * slope)
-        larger = -(square + np.copysign(root, square))
-        depth = np.stack([larger / (3.0 * cube), slope / larger])
-        depth = np.where((depth > 0.0) & (depth < lengths), depth, 0.0)
-        extrema = values[:-1] + depth * (slope + depth * (square + depth * cube))
-    return knots[:-1, None] + depth, extrema
 
 
 def table(
@@ -930,31 +876,12 @@ def _split_header(header: str) -> tuple[str, str]:
     return split_unit(standardize_header(header))
 
 
-def _find_unit_in_name(name: str) -> str:
-    """Return a unit other than an SI unit in brackets or at the end of a name, '' if none.
-
-    Words after an underscore, as in "F_min" or "x_cg", are units only if they are common ones.
-    """
-    name = name.removesuffix("(h)").rstrip()
-    inside = [x.strip() for x in _IN_BRACKETS.findall(name)]
-    *first, last = _WORD_SEPARATORS.split(name)
-    if first and (_UNIT_AFTER_UNDERSCORE.fullmatch(last) or not name.endswith(f"_{last}")):
-        inside.append(last)
-    return next((x for x in inside if (unit := parse_unit(x)) and unit[0] != 1), "")
-
-
 def _convert_column(label: str, header: str, cells: Mapping[int, str]) -> Array:
     """Return the numbers of a column, which is given by rows, in SI units."""
     stamps = read_time_stamps(label, repr(header), cells.values())
     if stamps is not None:
         return stamps
-    name, unit = _split_header(header)
-    hidden = "" if unit else _find_unit_in_name(name)
-    if hidden:
-        raise BeamdaeError(
-            f"{label}: the header {header!r} seems to contain the unit {hidden}; write it in "
-            "brackets at the end, such as 'travel [mm]', or rename the column."
-        )
+    _, unit = _split_header(header)
     if unit in _AMBIGUOUS_UNITS:
         raise BeamdaeError(
             f"{label}: the unit {unit} of {header!r} is ambiguous; write the values in "

@@ -48,7 +48,7 @@ def is_elastic(equations: EquationsOfMotion, observable: Observable) -> bool:
         return True
     part = mechanism.parts.get(quantity.load_of or "")
     is_force = all(column.unit in LOAD_UNITS for column in observable.columns)
-    return is_force and isinstance(part, ForceElement) and part.user_formula is None
+    return is_force and isinstance(part, ForceElement) and not part.has_user_law
 
 
 def observe_elastic_columns(

@@ -148,6 +148,13 @@ def find_signals(*expressions: Any) -> tuple[Signal, ...]:
     return tuple(dict.fromkeys(signal for signal in signals if signal is not None))
 
 
+def find_other_symbols(value: SX, symbols: Sequence[SX] = ()) -> list[str]:
+    """Return the names of symbols in an expression besides `symbols` and those of signals."""
+    signals = (signal.value_symbol for signal in find_signals(value))
+    known = {x.element_hash() for y in (*symbols, *signals) for x in ca.symvar(SX(y))}
+    return [x.name() for x in ca.symvar(value) if x.element_hash() not in known]
+
+
 def select_table_calls(*expressions: Any) -> list[Any]:
     """Return the calls of tables in expressions of signals that were formed outside formulas."""
     calls = (signal.table_call for signal in find_signals(*expressions))

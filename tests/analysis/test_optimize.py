@@ -120,45 +120,15 @@ def test_regression_lightest_tapered_leaf_under_a_stress_limit(first, method, mo
     assert design.status.success
     assert design.evaluations < most
     # Without shortening of the lever by large deflections, the linear program of full stress has
-    # 0.7327 kg.
-    assert design.objective == pytest.approx(0.7278, rel=2e-4)
+    # 0.7327 kg; the bound exceeds the largest stress of about 100 sections by up to 2 %.
+    assert design.objective == pytest.approx(0.7272, rel=2e-4)
     # The limit is that of the model, with its own stress sections.
     path = bd.equilibrium(tapered_leaf(**design.parameters))
     assert path["stress.bound"].iloc[-1] == pytest.approx(5e8, rel=2e-6)
 
 
-@pytest.mark.slow(reason="a fifth of a second")
-@pytest.mark.parametrize("by", ["height", "length"])
-def test_designs_of_a_search_have_the_stress_sections_of_its_first_design(by):
-    first = {"height": (0.008, 0.008, 0.008, 0.006, 0.003), "length": 0.4}
-    settings = RunSettings(None, None, None)
-    arguments = (
-        tapered_leaf,
-        bd.quantities.Mass(),
-        by,
-        bd.quantities.at_most(STRESS, 5e8),
-        None,
-        first,
-        settings,
-    )
-    problem = create_problem(*arguments)
-    kept = problem.with_sections_of(problem.design(problem.first))
-    other = problem.first * (1.1 if by == "length" else np.array([1.0, 0.6, 1.0, 1.0, 0.5]))
-
-    def places(problem, numbers):
-        (path,) = problem.design(numbers).results
-        return path.equations.mechanism.parts["leaf"]._stress_sections(None)
-
-    own = places(problem, problem.first)
-    if by == "length":
-        assert places(kept, other) == pytest.approx([1.1 * s for s in own], rel=1e-12)
-        return
-    assert places(kept, other) == own
-    assert len(places(problem, other)) > len(own)
-
-
 @pytest.mark.slow(reason="one second")
-def test_regression_gradients_of_runs_from_equilibrium_have_the_kept_stress_sections():
+def test_regression_gradients_of_runs_from_equilibrium_are_those_of_the_stress_bound():
     """A ValueError about sizes of matrices ended the search: the gradient had other sections."""
     first = {"height": (0.008, 0.008, 0.008, 0.006, 0.003)}
     settings = RunSettings(bd.GeneralizedAlpha(1e-3), 2e-3, "equilibrium")
@@ -166,7 +136,6 @@ def test_regression_gradients_of_runs_from_equilibrium_have_the_kept_stress_sect
     problem = create_problem(
         tapered_leaf, bd.quantities.Mass(), "height", limit, None, first, settings
     )
-    problem = problem.with_sections_of(problem.design(problem.first))
     other, step = problem.first * [1.0, 0.6, 1.0, 1.0, 0.5], 1e-5 * problem.first
     gradient = problem.design(other).gradients[1]
     after, before = (problem.design(other + sign * step).values[1] for sign in (1.0, -1.0))

@@ -187,3 +187,16 @@ def test_a_surface_on_the_beam_itself_is_rejected():
     beam = strip(mech, 2)
     with pytest.raises(bd.BeamdaeError, match="surface must not be on the beam itself"):
         bd.BeamContact("wrap", beam, bd.LineSurface(beam.start), 1.0)
+
+
+@pytest.mark.parametrize("place", [0.31, 0.437, 0.5])
+def test_small_circles_do_not_pass_between_contact_points(place):
+    mech, radius = bd.Mechanism(), 0.005 * LENGTH
+    beam = strip(mech, 2)
+    pin = bd.CircleSurface(mech.ground.at(place * LENGTH, -radius), radius)
+    contact = mech.add(bd.BeamContact("pin", beam, pin, 1e5))
+    mech.observe("gap", contact.gap)
+    assert -1e-12 < NumericEquations(mech).observed("gap")[0] < 0.05 * radius
+    tiny = bd.CircleSurface(mech.ground.at(0.0, -1.0), 1e-4 * LENGTH)
+    with pytest.raises(bd.BeamdaeError, match=r"tiny: the radius of the surface must be at least"):
+        bd.BeamContact("tiny", beam, tiny, 1e5)

@@ -186,12 +186,3 @@ def test_companions_have_higher_degrees(settings):
     assert errors.largest < 0.01
     assert "accuracy=1e-12" in errors.recommend(1e-12)
     assert shape_of(beam) == (2, 6)
-
-
-def test_runs_without_observed_columns_state_estimated_errors():
-    soft = bd.Section.rectangle(bd.Material(E=1e6, nu=0.45, rho=1100.0), 0.02, 0.004, damping=1e-3)
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    beam = mech.add(bd.Beam("whip", LINE, soft, **EXACT))
-    mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), beam.start))
-    run = bd.simulate(mech, t_end=0.6)
-    assert any(x.startswith("whip: the estimated error by the mesh is") for x in run.warnings)

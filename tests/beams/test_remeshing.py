@@ -9,7 +9,6 @@ import pytest
 from numpy.testing import assert_allclose
 
 import beamdae as bd
-from beamdae.beams.prolongation import prolongation_matrix
 from beamdae.beams.remeshing import replace_beams
 
 ALLOY = bd.Material(E=6.9e10, nu=0.3, rho=2700.0)
@@ -169,7 +168,7 @@ def test_motions_on_both_meshes_are_equal(options, degree):
     coarse = bd.Beam("arch", curve, section, elements, **options)
     mesh = coarse.mesh.with_degree(degree) if degree else coarse.mesh.with_divided_elements(2)
     fine = coarse.with_mesh(mesh)
-    matrix = prolongation_matrix(coarse, fine)
+    matrix = coarse.prolongation_to(fine)
     # The neglected angles between axes are up to 0.05 for straight elements, times the amplitude.
     amplitude = 1e-3
     rng = np.random.default_rng(1)

@@ -297,25 +297,6 @@ def test_regression_laws_whose_memory_acts_late_end_the_run(method, start):
         assert run.status.kind == "failed"
 
 
-@pytest.mark.slow(reason="a fifth of a second")
-def test_regression_laws_whose_memory_an_earlier_run_has_changed_are_rejected():
-    """The second run was "ok", with a latch that was closed from its start."""
-    is_closed = False
-
-    def latch(sample):
-        nonlocal is_closed
-        is_closed = is_closed or sample.t > 0.25
-        return 2.0 * is_closed - sample.reads[1]
-
-    with pytest.warns(bd.BeamdaeWarning, match="for the same sample"):
-        bd.simulate(build_servo(latch), bd.GeneralizedAlpha(5e-3), 0.5)
-    with pytest.raises(bd.BeamdaeError, match="servo: in an earlier run, the law gave 0, then 2 f"):
-        bd.simulate(build_servo(latch), bd.GeneralizedAlpha(5e-3), 0.5)
-    is_closed = False
-    law = lambda sample: latch(sample)  # noqa: E731
-    assert bd.simulate(build_servo(law), bd.GeneralizedAlpha(5e-3), 0.2).status.success
-
-
 def test_analyses_other_than_runs_reject_sampled_controllers():
     for analysis in (bd.linearize, bd.modes, bd.equilibrium):
         with pytest.raises(bd.BeamdaeError, match="controller 'servo' is called only in runs") as e:

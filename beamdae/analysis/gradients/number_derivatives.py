@@ -30,8 +30,6 @@ from beamdae.analysis.sensitivities.neighbors import (
     warn_without_effect,
 )
 from beamdae.analysis.sensitivities.start_derivatives import start_adds_velocities
-from beamdae.beams.beam import beams_of
-from beamdae.beams.section_samples import keep_numbers_of_sections
 from beamdae.equations.equations_of_motion import EquationsOfMotion, Observable
 from beamdae.errors import BeamdaeError
 from beamdae.model_functions import Model
@@ -215,7 +213,6 @@ class _Numbers:
         self.model, self._base, self._assemble, self._time = model, base, assemble, time
         self._values = np.array(list(model.values.values()))
         self._sizes = np.where(self._values != 0.0, np.abs(self._values), _SIZE_AT_ZERO)
-        self._sections = {x.name: x.section for x in beams_of(base.mechanism)}
         self.here = _numbers_of(base)
         rounding, operators = sizes_and_rounding(base)[1], self.here[len(base.p) + 2 * base.n :]
         operators = _ROUNDING * np.maximum(1.0, np.abs(operators))
@@ -265,9 +262,8 @@ class _Numbers:
         masks = np.zeros(self.shape, bool)
         for k, name in enumerate(self.model.entries):
             value = float(self._values[k] + RELATIVE_DIFFERENCE * self._sizes[k])
-            with keep_numbers_of_sections(self._sections):
-                neighbor = build_neighbor(self.model, {name: value})
-                changed = _numbers_of(self._assemble(neighbor))
+            neighbor = build_neighbor(self.model, {name: value})
+            changed = _numbers_of(self._assemble(neighbor))
             if len(changed) != len(self.here):
                 raise BeamdaeError(f"{self.model.name}: {name} changes the structure.")
             masks[k] = changed != self.here

@@ -389,7 +389,7 @@ def compute_modes(
         return _solve(model, linearize_about("modes", model, about, time), count, request)
 
     start = searched_start("modes", about, accuracy)
-    analysis = until.Analysis("modes", solve, start=start, states=until.list_shapes)
+    analysis = until.Analysis("modes", solve, start=start)
     result: Modes = until.reach_accuracy(
         analysis, model_of_modes(model, about), accuracy, accuracy_columns
     )

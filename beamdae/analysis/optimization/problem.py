@@ -27,12 +27,6 @@ from beamdae.analysis.optimization.quantities import (
     as_quantity,
 )
 from beamdae.analysis.parameter_bounds import LOG_ORIGIN, ParameterScales, read_bounds
-from beamdae.beams.beam import beams_of
-from beamdae.beams.section_samples import (
-    KnownSections,
-    keep_known_sections,
-    list_known_sections,
-)
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import (
     BeamdaeError,
@@ -72,15 +66,12 @@ class Design:
         Values (1 + C,) of the objective and of the quantities of the C constraints.
     weights
         Derivatives of these values with respect to the results of the analyses.
-    sections
-        Known stress sections with which the models were built, see `keep_known_sections`.
     """
 
     flat: FlatModel
     analyses: dict[tuple[str, ...], Analysis]
     values: Array
     weights: list[dict[AnalysisQuantity, float]]
-    sections: Mapping[str, KnownSections]
 
     @property
     def results(self) -> tuple[Any, ...]:
@@ -90,7 +81,7 @@ class Design:
     @cached_property
     def gradients(self) -> Array:
         """Gradients (1 + C, k) of the values with respect to the numbers of the model."""
-        with _muted_warnings(), skip_result_checks(), keep_known_sections(self.sections):
+        with _muted_warnings(), skip_result_checks():
             return np.array([self._gradient(weights) for weights in self.weights])
 
     def _gradient(self, weights: Mapping[AnalysisQuantity, float]) -> Array:
@@ -149,8 +140,6 @@ class DesignProblem:
     ratios
         Ratios (C,) of maxima to their limited smooth maxima by which these are multiplied; 1 for
         other quantities.
-    sections
-        Known stress sections with which designs are built; their own ones if it is empty.
     """
 
     flat: FlatModel
@@ -161,7 +150,6 @@ class DesignProblem:
     settings: RunSettings
     scales: Array
     ratios: Array
-    sections: Mapping[str, KnownSections] = field(default_factory=dict)
     _designs: dict[bytes, Design] = field(default_factory=dict, init=False)
 
     @property
@@ -299,17 +287,6 @@ class DesignProblem:
         """Return the problem with other first values (k,) of the numbers."""
         return replace(self, flat=replace(self.flat, parameters=self.parameters(values)))
 
-    def with_sections_of(self, design: Design) -> DesignProblem:
-        """Return the problem with the stress sections of a design.
-
-        Bounds of stresses jump where the number of sections changes.
-        """
-        results = [x for x in design.results if hasattr(x, "equations")]
-        beams = [x for result in results for x in beams_of(result.equations.mechanism)]
-        other = replace(self, sections=list_known_sections({x.name: x.section for x in beams}))
-        other._designs[np.array(list(design.flat.values.values())).tobytes()] = design
-        return other
-
     def units_of(self, analyses: Sequence[Any]) -> list[str]:
         """Return the units of the quantities, given the results of analyses; "" if unknown."""
         equations = next((x.equations for x in analyses if hasattr(x, "equations")), None)
@@ -363,7 +340,7 @@ class DesignProblem:
     def _analyze(self, flat: FlatModel) -> Design:
         model, analyses = DesignModel(flat), dict[tuple[str, ...], Analysis]()
         results: dict[AnalysisQuantity, float] = {}
-        with _muted_warnings(), skip_result_checks(), keep_known_sections(self.sections):
+        with _muted_warnings(), skip_result_checks():
             for key, group in group_by_analysis(self.leaves).items():
                 analyses[key] = create_analysis(model, group, self.settings)
                 results |= {leaf: analyses[key].value(leaf) for leaf in group}
@@ -375,7 +352,7 @@ class DesignProblem:
                     "of the parameters; start from others (parameters={name: value}), or exclude "
                     "them by bounds=."
                 )
-        return Design(flat, analyses, np.array(numbers), list(weights), self.sections)
+        return Design(flat, analyses, np.array(numbers), list(weights))
 
 
 def create_problem(

@@ -41,7 +41,7 @@ _MAX_IDLE_DESIGNS = 20
 _MIN_PROGRESS = 1e-3
 # Relative difference of the maximum over a run from its assumed ratio to the smooth maximum.
 _RATIO_TOLERANCE = 1e-3
-_MAX_ROUNDS = 6  # of searches with other stress sections or ratios of maxima
+_MAX_ROUNDS = 6  # of searches with other ratios of maxima
 _MAX_NAMES = 3  # in a sentence
 _INTERRUPTED = Status("interrupted", "interrupted before the end of all searches")
 
@@ -140,16 +140,15 @@ class _SearchEndError(Exception):
 class Search:
     """Minimization from the first design of a problem.
 
-    All designs of a solver have the same stress sections and ratios of maxima to smooth maxima,
-    with which the values are smooth functions: bounds of stresses jump where the number of sections
-    changes, and maxima have kinks (Le et al., Struct. Multidisc. Optim. 41 (2010) 605,
+    All designs of a solver have the same ratios of maxima to smooth maxima, with which the values
+    are smooth functions: maxima have kinks (Le et al., Struct. Multidisc. Optim. 41 (2010) 605,
     doi:10.1007/s00158-009-0440-y).
     """
 
     def __init__(self, problem: DesignProblem, settings: SearchSettings) -> None:
         self._problem, self._settings = problem, settings
         self._trials: list[Trial] = []
-        # Designs with the present stress sections, by the variables of the search.
+        # Designs by the variables of the search.
         self._known: dict[bytes, Trial] = {}
         # Violations and objectives of designs that were progress of the present solver, and the
         # number of designs since the last one.
@@ -170,7 +169,6 @@ class Search:
         first = problem.design(problem.first)
         units = tuple(problem.units_of(first.results))
         require_units(problem, units[1:])
-        self._problem = problem.with_sections_of(first)
         trial = self._keep(Trial(problem.first, first.values))
         facts: dict[str, Any] = {"multipliers": np.full(len(problem.limits), np.nan)}
         try:
@@ -198,7 +196,7 @@ class Search:
         )
 
     def _search(self) -> Status:
-        """Search until the stress sections and maxima of the best design are those assumed."""
+        """Search until the maxima of the best design are those assumed."""
         for _ in range(_MAX_ROUNDS):
             status = self._solve()
             if status.success and self._violation(self._best()):
@@ -293,14 +291,13 @@ class Search:
         return trial
 
     def _adopt_best(self) -> bool:
-        """Let further designs have the stress sections and maxima of the best one.
+        """Let further designs have the maxima of the best one.
 
         Return False if these are the present ones.
         """
         problem, best, limits = self._problem, self._best(), self._problem.limits
-        own = replace(problem, sections={}) if problem.sections else problem
         try:
-            design = own.design(best.numbers)
+            design = problem.design(best.numbers)
             rows = zip(limits, design.values[1:].tolist(), strict=True)
             ratios = np.array([design.maximum_ratio(limit, value) for limit, value in rows])
         except (BeamdaeError, ArithmeticError) as failure:
@@ -309,17 +306,8 @@ class Search:
         # Maxima that do not reach their limit need no further search.
         largest = np.maximum(ratios, problem.ratios) * np.abs(design.values[1:])
         reaches = largest * (1.0 + _RATIO_TOLERANCE) > np.abs([limit.bound for limit in limits])
-        change = np.abs(problem.costs(design.values) - problem.costs(best.values))
-        has_changed = bool(np.max(change) > FEASIBILITY_TOLERANCE)
-        if has_changed:
-            problem, self._end = problem.with_sections_of(design), None
-            trial = replace(best, values=design.values)
-            trials = [trial if x is best else x for x in self._trials]
-            self._known = {}
-            self._keep(trial)
-            self._trials = trials
         self._problem = replace(problem, ratios=np.where(is_off, ratios, problem.ratios))
-        return has_changed or bool(np.any(is_off & reaches))
+        return bool(np.any(is_off & reaches))
 
     def _judge(self, point: Linearization) -> dict[str, Any]:
         """Return the conditions of first order at the best design; see `SearchResult`."""

@@ -240,9 +240,6 @@ def frequency_response(
         method,
         start,
         lambda response: response.errors.headers,
-        states=lambda response: [
-            (x.solution.equations, x.solution.q, None) for x in response.points
-        ],
     )
     response = until.reach_accuracy(analysis, span.model, accuracy, accuracy_columns)
     status = response.status

@@ -210,7 +210,6 @@ def periodic(
         method,
         start,
         lambda motion: motion.solution.columns,
-        states=lambda motion: [(motion.solution.equations, motion.solution.q, None)],
     )
     motion = until.reach_accuracy(analysis, model, accuracy, accuracy_columns)
     if motion.status.kind == "interrupted":

@@ -16,8 +16,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from beamdae.beams.beam import beams_of
-from beamdae.beams.section_samples import keep_numbers_of_sections
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.structure import ConstraintTerm, ForceTerm, has_same_patterns
 from beamdae.errors import BeamdaeError, format_exception, warn_user
@@ -336,14 +334,12 @@ def try_step(
 ) -> Trial:
     """Return the difference with a step `delta` of the parameter, and its accuracy."""
     value = float(parameters[name])
-    sections = {x.name: x.section for x in beams_of(base.mechanism)}
     for stencil in stencils:
         steps = tuple(x * delta for x in stencil.steps)
         try:
-            with keep_numbers_of_sections(sections):
-                neighbors = tuple(
-                    assemble(build_neighbor(model, {**parameters, name: value + x})) for x in steps
-                )
+            neighbors = tuple(
+                assemble(build_neighbor(model, {**parameters, name: value + x})) for x in steps
+            )
         except BeamdaeError as problem:
             rejection = problem
             continue

@@ -223,13 +223,13 @@ class _Sum:
         """Derivatives of weights . sum by x and p, with the inputs (x, weights)."""
         e = self.equations
         plan = plan_transpose(e.structure, self.plan, self.n_inputs, self.min_base)
-        return SumEvaluator.borrow(plan, e.p, self)
+        return SumEvaluator(plan, e.p)
 
     @cached_property
     def value(self) -> SumEvaluator:
         """The sum, with the inputs x."""
         plan = self.plan(self.equations.structure)
-        return SumEvaluator.borrow(plan, self.equations.p, self)
+        return SumEvaluator(plan, self.equations.p)
 
 
 def plan_along(

@@ -249,7 +249,7 @@ def buckling(
         return _compute_buckling(model, count, loads, t, start)
 
     until = deferred.module("accuracy.until")
-    analysis = until.Analysis(_NAME, solve, start=start, states=until.list_shapes)
+    analysis = until.Analysis(_NAME, solve, start=start)
     result = until.reach_accuracy(analysis, model, accuracy, accuracy_columns)
     warn_of_result(result.notes, result.equations.build_warnings)
     if not (skips_result_checks() or warnings_are_ignored()):

@@ -204,7 +204,6 @@ def equilibrium(
         trace,
         start=start,
         observed=lambda path: {*path.columns, UNSTABLE},
-        states=lambda path: [(path.equations, path.q, None)],
     )
     result = until.reach_accuracy(analysis, model, accuracy, accuracy_columns)
     if result.status.kind == "interrupted" and partial == "raise":

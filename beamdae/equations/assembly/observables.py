@@ -27,7 +27,7 @@ from beamdae.equations.equations_of_motion import (
 from beamdae.equations.measures import LEDGER_COLUMNS, TIME
 from beamdae.errors import BeamdaeError, require_name
 from beamdae.parts.attachments import Attachment
-from beamdae.parts.forces.load_observables import FormulaLoad
+from beamdae.parts.forces.load_observables import LoadValues
 from beamdae.parts.laws import Law
 from beamdae.parts.mechanism import Mechanism
 from beamdae.parts.observables import as_quantity
@@ -65,8 +65,7 @@ class ObservableBuilder:
     rows
         Slice of the multipliers of each part with constraints, by its name.
     statements
-        Loads of formulas with functions of the user follow from these statements, if there are
-        any, so that these functions are called once.
+        Loads follow from these statements, if there are any.
     """
 
     coordinate_map: CoordinateMap
@@ -88,10 +87,10 @@ class ObservableBuilder:
                 f"{name}: {quantity.joint!r} has no constraints and therefore no reaction; observe "
                 "the reaction of a joint."
             )
-        if isinstance(formula := quantity.expression, FormulaLoad):
+        if isinstance(load_values := quantity.expression, LoadValues):
             for statement in self.statements:
-                if statement.part is formula.part:
-                    quantity = formula.use_statements(quantity, statement.forces)
+                if statement.part.name == quantity.load_of:
+                    quantity = load_values.use_statements(quantity, statement.forces)
         lam_rows = slice(0, 0) if quantity.joint is None else self.rows[quantity.joint]
         operator = self.coordinate_map.global_operator(quantity.pieces)
         data = np.asarray(quantity.data, float)

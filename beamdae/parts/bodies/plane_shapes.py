@@ -166,56 +166,31 @@ def polygon(part: str, points: Any, mass: float | None, density: Any, thickness:
 
 def _require_simple(part: str, corners: Array) -> None:
     """Raise BeamdaeError if corners repeat, or edges meet at points other than common corners."""
-    n = len(corners)
-    repeated = np.flatnonzero(np.all(corners == np.roll(corners, -1, axis=0), axis=1))
-    if repeated.size:
+    edges = np.roll(corners, -1, axis=0) - corners
+    if (repeated := np.flatnonzero(~edges.any(axis=1))).size:
         x, y = corners[repeated[0]]
         raise BeamdaeError(
             f"{part}: the point ({x:g}, {y:g}) m is repeated; give each corner once."
         )
-    for i in range(n):
-        a, b = corners[i], corners[(i + 1) % n]
-        for j in range(i + 1, n):
-            c, d = corners[j], corners[(j + 1) % n]
-            are_neighbors = not 1 < j - i < n - 1
-            meet = (
-                _edges_overlap(a, b, c, d, j == i + 1)
-                if are_neighbors
-                else _edges_cross(a, b, c, d)
-            )
-            if meet:
-                raise BeamdaeError(
-                    f"{part}: the edges that begin at ({a[0]:g}, {a[1]:g}) m and ({c[0]:g}, "
-                    f"{c[1]:g}) m meet; list the points in order around the polygon."
-                )
+    # Rows: edges; columns: edges whose start and end are left (1), right (-1) or on the line (0).
+    starts = np.sign(_cross(edges[:, None], corners - corners[:, None]))
+    ends = np.roll(starts, -1, axis=1)
+    low, high = (f(corners, corners + edges) for f in (np.minimum, np.maximum))
+    overlap = np.all((low[:, None] <= high) & (low <= high[:, None]), axis=-1)
+    meet = (starts * ends <= 0.0) & (starts * ends <= 0.0).T & overlap
+    n = len(corners)
+    distance = np.abs(np.subtract.outer(np.arange(n), np.arange(n)))
+    # Neighbors share a corner; they overlap if the second one goes back.
+    folds = (starts == 0.0) & (ends == 0.0) & (edges @ edges.T < 0.0)
+    meet = np.where((distance > 1) & (distance < n - 1), meet, folds)
+    pairs = np.argwhere(np.triu(meet, 1))
+    if len(pairs):
+        a, c = corners[pairs[0]]
+        raise BeamdaeError(
+            f"{part}: the edges that begin at ({a[0]:g}, {a[1]:g}) m and ({c[0]:g}, "
+            f"{c[1]:g}) m meet; list the points in order around the polygon."
+        )
 
 
-def _side_of_line(a: Array, b: Array, p: Array) -> float:
-    """Return 1 if `p` is to the left of the line from `a` to `b`, -1 if to the right, else 0."""
-    return float(np.sign((b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0])))
-
-
-def _is_between(a: Array, b: Array, p: Array) -> bool:
-    """Return True if `p`, a point of the line through `a` and `b`, lies on the edge a-b."""
-    return bool(np.all(np.minimum(a, b) <= p) and np.all(p <= np.maximum(a, b)))
-
-
-def _edges_cross(a: Array, b: Array, c: Array, d: Array) -> bool:
-    sides = (
-        _side_of_line(a, b, c),
-        _side_of_line(a, b, d),
-        _side_of_line(c, d, a),
-        _side_of_line(c, d, b),
-    )
-    if sides[0] * sides[1] < 0.0 and sides[2] * sides[3] < 0.0:
-        return True
-    ends = ((a, b, c), (a, b, d), (c, d, a), (c, d, b))
-    return any(side == 0.0 and _is_between(*end) for side, end in zip(sides, ends, strict=True))
-
-
-def _edges_overlap(a: Array, b: Array, c: Array, d: Array, follows: bool) -> bool:
-    """Return True if edges a-b and c-d with a common corner overlap; `follows` means b = c."""
-    shared, one, other = (b, a, d) if follows else (a, b, c)
-    return (
-        _side_of_line(shared, one, other) == 0.0 and float((one - shared) @ (other - shared)) > 0.0
-    )
+def _cross(a: Array, b: Array) -> Array:
+    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]

@@ -124,11 +124,6 @@ class PointMass(Part):
         return np.zeros(0) if self.at is None else np.array(self.velocity or (0.0, 0.0))
 
     @property
-    def given_velocities(self) -> tuple[bool, bool]:
-        """True if a velocity is given; particles have no angular velocity."""
-        return self.velocity is not None, False
-
-    @property
     def outline(self) -> Array:
         """Position of a free particle, shape (1, 2) [m]; shape (0, 2) if the particle is fixed."""
         return np.zeros((0, 2)) if self.at is None else np.array([self.at], float)

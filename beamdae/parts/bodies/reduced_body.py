@@ -63,6 +63,8 @@ class ReducedBody(Part):
     deformation, and is exact for elements that interpolate displacements between nodes. The
     stiffness is constant: no centrifugal or geometric stiffness. `from_matrices` computes shapes.
 
+    Matrices and nodes are in kg, m and N; convert those of programs with mm and t.
+
     Parameters
     ----------
     name
@@ -225,11 +227,6 @@ class ReducedBody(Part):
         """Initial velocity of the frame; zero rates of the modal coordinates."""
         frame = (*(self.velocity or (0.0, 0.0)), self.angular_velocity or 0.0)
         return np.array([*frame, *np.zeros(self._count)])
-
-    @property
-    def given_velocities(self) -> tuple[bool, bool]:
-        """True for the velocity and the angular velocity if they are given."""
-        return self.velocity is not None, self.angular_velocity is not None
 
     @property
     def outline(self) -> Array:

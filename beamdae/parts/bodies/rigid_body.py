@@ -350,11 +350,6 @@ class RigidBody(Part):
         return np.array([*(self.velocity or (0.0, 0.0)), self.angular_velocity or 0.0])
 
     @property
-    def given_velocities(self) -> tuple[bool, bool]:
-        """True for the velocity and the angular velocity if they are given."""
-        return self.velocity is not None, self.angular_velocity is not None
-
-    @property
     def outline(self) -> Array:
         """Points of the shape, or the center of mass if there is no shape, (k, 2) [m]."""
         return np.array(self.shape or [self.center])

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
-from weakref import WeakKeyDictionary
 
 import numpy as np
 import scipy.sparse as sp
@@ -42,8 +40,6 @@ from beamdae.symbolic.statements import (
 Array = np.ndarray
 _FLOATS = (float, np.float64)
 _MAX_DELAY = 1000  # samples; each adds one coordinate per driven input
-# Laws that have not repeated a sample, with the sentence of the run that failed.
-_laws_with_memory: WeakKeyDictionary[Callable[[Sample], Any], str] = WeakKeyDictionary()
 
 
 @dataclass
@@ -277,24 +273,11 @@ class Controller(Part):
         repeated = self.next_values(t, index, reads, values, stream)
         if not np.array_equal(repeated, result):
             differs = repeated != result
-            sentence = (
-                f"the law gave {_format_numbers(result[differs])}, then "
+            raise BeamdaeError(
+                f"{self.name}: the law gave {_format_numbers(result[differs])}, then "
                 f"{_format_numbers(repeated[differs])} for the same sample at t = {t:g} s; keep "
                 "memory in sample.state, and take noise from sample.random."
             )
-            # Some callable objects have no weak references.
-            with contextlib.suppress(TypeError):
-                _laws_with_memory[self.law] = sentence
-            raise BeamdaeError(f"{self.name}: {sentence}")
-
-    def require_no_memory(self) -> None:
-        """Raise BeamdaeError if an earlier run has shown that the law has memory outside the state.
-
-        The memory would act from the start of a further run, whose samples show no difference.
-        """
-        with contextlib.suppress(TypeError):
-            if sentence := _laws_with_memory.get(self.law):
-                raise BeamdaeError(f"{self.name}: in an earlier run, {sentence}")
 
     def _call_law(
         self, t: float, index: int, reads: Array, state: Array, stream: int

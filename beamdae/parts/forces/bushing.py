@@ -9,7 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from beamdae.errors import BeamdaeError, require_finite, require_non_negative, set_fields
+from beamdae.errors import require_finite, require_non_negative, set_fields
 from beamdae.parts.attachments import require_angle, rotate
 from beamdae.parts.forces.force_element import (
     DeformationValues,
@@ -110,15 +110,7 @@ class Bushing(ForceElement):
             set_fields(self, **{name: require_non_negative(self.name, name, getattr(self, name))})
         angle = self.a.inclination if self.angle is None else self.angle
         set_fields(self, angle=require_finite(self.name, "angle", angle))
-        if self.law is None:
-            if self.energy is not None:
-                raise BeamdaeError(f"{self.name}: energy requires law=; pass both or neither.")
-        elif any(getattr(self, name) for name in _COEFFICIENTS):
-            raise BeamdaeError(
-                f"{self.name}: give either a law or {', '.join(_COEFFICIENTS)}, not both."
-            )
-        else:
-            UserLaw(self.name, 3, self.law, self.energy).require_valid(_TYPICAL_DEFORMATION)
+        self._require_law(3, _TYPICAL_DEFORMATION, _COEFFICIENTS)
 
     @property
     def _deformation(self) -> Callable[..., SX]:

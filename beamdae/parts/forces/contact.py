@@ -112,19 +112,15 @@ class _ContactKernel(_ContactLaw):
 
 
 @dataclass(frozen=True)
-class _ContactForces(_ContactLaw):
+class _ContactValues(_ContactLaw):
+    """Normal force on the point, and the friction force on it or the slip velocity."""
+
+    with_slip: bool
+
     def __call__(self, local: Local, a: Any, b: Any, surface_numbers: Any, numbers: Any) -> SX:
         gap, slip = self.gap_and_slip(local, a, b, surface_numbers)
         _, normal_force, friction = self.forces(local, gap, slip, numbers)
-        return ca.vertcat(normal_force, -friction)
-
-
-@dataclass(frozen=True)
-class _ContactSliding(_ContactLaw):
-    def __call__(self, local: Local, a: Any, b: Any, surface_numbers: Any, numbers: Any) -> SX:
-        gap, slip = self.gap_and_slip(local, a, b, surface_numbers)
-        _, normal_force, _ = self.forces(local, gap, slip, numbers)
-        return ca.vertcat(normal_force, slip)
+        return ca.vertcat(normal_force, slip if self.with_slip else -friction)
 
 
 def require_unit_of_stiffness(
@@ -155,14 +151,15 @@ def hysteresis_factor(restitution: float, speed: float) -> float:
     """
     if 1.0 - restitution < _MAX_SERIES_LOSS:
         return 1.5 * (1.0 - restitution) / speed
-    low, high = _least_hysteresis(restitution), 1.0 / restitution
+    bounds = _least_hysteresis(restitution), 1.0 / restitution
+    return _bisect(lambda x: _exceeds_hysteresis(x, restitution), *bounds) / speed
+
+
+def _bisect(is_above: Callable[[float], bool], low: float, high: float) -> float:
     for _ in range(_MAX_BISECTIONS):
         middle = 0.5 * (low + high)
-        if _exceeds_hysteresis(middle, restitution):
-            high = middle
-        else:
-            low = middle
-    return 0.5 * (low + high) / speed
+        low, high = (low, middle) if is_above(middle) else (middle, high)
+    return 0.5 * (low + high)
 
 
 def _exceeds_hysteresis(product: float, restitution: float) -> bool:
@@ -188,14 +185,7 @@ def restitution_at(speed: float, restitution: float, impact_speed: float) -> flo
     Speeds are in m/s; see `hysteresis_factor`.
     """
     product = hysteresis_factor(restitution, impact_speed) * speed
-    low, high = 0.0, 1.0
-    for _ in range(_MAX_BISECTIONS):
-        middle = 0.5 * (low + high)
-        if _exceeds_hysteresis(product, middle):
-            high = middle
-        else:
-            low = middle
-    return 0.5 * (low + high)
+    return _bisect(lambda x: _exceeds_hysteresis(product, x), 0.0, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -366,7 +356,7 @@ class Contact(ObservableLoad):
         return hysteresis_factor(self.restitution_or_elastic, self.impact_speed)
 
     @property
-    def _law_arguments(self) -> tuple[Any, ...]:
+    def _law_arguments(self) -> tuple[int, Any, bool, bool]:
         kind, has_friction = type(self.surface).kind, self.friction > 0.0
         return (self.point.size, kind, has_friction, self.static is not None)
 
@@ -412,10 +402,7 @@ class Contact(ObservableLoad):
         Positive T points along the direction of a line, or counter-clockwise around the center of a
         circle.
         """
-        kind = _ContactForces(*self._law_arguments)
-        values, data = FormulaExpression.of(kind, self._functions)
-        columns = (Variable("N", "N"), Variable("T", "N"))
-        return Quantity(columns, self._pieces, values, data, load_of=self.name)
+        return self._observe_values(Variable("T", "N"), with_slip=False)
 
     @property
     @rebuilt_for_mesh
@@ -425,9 +412,12 @@ class Contact(ObservableLoad):
         v is positive in the direction in which `force` counts T as positive, so that T v is the
         power of the friction.
         """
-        kind = _ContactSliding(*self._law_arguments)
+        return self._observe_values(Variable("v", "m/s"), with_slip=True)
+
+    def _observe_values(self, second: Variable, with_slip: bool) -> Quantity:
+        kind = _ContactValues(*self._law_arguments, with_slip=with_slip)
         values, data = FormulaExpression.of(kind, self._functions)
-        columns = (Variable("N", "N"), Variable("v", "m/s"))
+        columns = (Variable("N", "N"), second)
         return Quantity(columns, self._pieces, values, data, load_of=self.name)
 
     @property

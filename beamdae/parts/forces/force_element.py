@@ -6,7 +6,7 @@ oppose an increase of the deformation.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, ClassVar, NamedTuple
@@ -23,7 +23,7 @@ from beamdae.parts.forces.formula_checks import (
     require_continuous_formula,
     require_function,
 )
-from beamdae.parts.forces.load_observables import LoadedPoint, ObservableLoad, UserFormula
+from beamdae.parts.forces.load_observables import LoadedPoint, ObservableLoad
 from beamdae.parts.tables import Table
 from beamdae.symbolic.force_kernel import CompliantForm
 from beamdae.symbolic.formula import (
@@ -322,6 +322,20 @@ class ForceElement(ObservableLoad):
                 "body."
             )
 
+    def _require_law(self, rows: int, size: float, coefficients: Sequence[str]) -> None:
+        """Require a valid law of this size of deformations without coefficients, or none."""
+        owner: Any = self
+        if owner.law is None:
+            if owner.energy is not None:
+                raise BeamdaeError(f"{self.name}: energy requires law=; pass both or neither.")
+        elif any(getattr(self, name) for name in coefficients):
+            *first, last = coefficients
+            raise BeamdaeError(
+                f"{self.name}: give either a law or {', '.join(first)} and {last}, not both."
+            )
+        else:
+            UserLaw(self.name, rows, owner.law, owner.energy).require_valid(size)
+
     @property
     def _deformation(self) -> Callable[..., SX]:
         """Module-level function (placement of a, placement of b, numbers) -> deformation."""
@@ -352,22 +366,14 @@ class ForceElement(ObservableLoad):
         """Both points, by the names "a" and "b"."""
         return {"a": LoadedPoint(self.a, 0), "b": LoadedPoint(self.b, 1)}
 
-    @property
-    def user_formula(self) -> UserFormula | None:
-        """The force formula if it contains functions of the user; otherwise None."""
-        if not self._has_user_law:
-            return None
-        arguments, functions = self._expression
-        expression, data = FormulaExpression.of(_ElementKernel(*arguments), functions)
-        return UserFormula(expression, (self.a.piece, self.b.piece), data)
-
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
         """Return the forces on both bodies."""
-        if (formula := self.user_formula) is not None:
-            return [formula.statement(self.name)]
         arguments, functions = self._expression
         size = self.a.size + self.b.size
-        kernel, data = build_formula_kernel(_ElementKernel(*arguments), functions, size)
+        shared = not self.has_user_law
+        kernel, data = build_formula_kernel(
+            _ElementKernel(*arguments), functions, size, shared=shared
+        )
         return [ForceStatement(self.name, kernel, (self.a.piece, self.b.piece), data)]
 
     @rebuilt_for_mesh
@@ -378,13 +384,14 @@ class ForceElement(ObservableLoad):
         arguments, functions = self._expression
         values, data = FormulaExpression.of(kind(*arguments), functions)
         pieces = (self.a.piece, self.b.piece)
-        if self._has_user_law:
+        if self.has_user_law:
             # User functions are not cached for other models.
             return Quantity(columns, pieces, lambda local: values(local), data, load_of=self.name)
         return Quantity(columns, pieces, values, data, load_of=self.name)
 
     @property
-    def _has_user_law(self) -> bool:
+    def has_user_law(self) -> bool:
+        """True if the force is a function of the user."""
         return isinstance(self._law[0], UserLaw)
 
     @property

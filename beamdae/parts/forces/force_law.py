@@ -20,8 +20,8 @@ from beamdae.parts.forces.formula_checks import (
     require_continuous_formula,
     require_function,
 )
-from beamdae.parts.forces.load_observables import LoadedPoint, ObservableLoad, UserFormula
-from beamdae.symbolic.formula import FormulaExpression
+from beamdae.parts.forces.load_observables import LoadedPoint, ObservableLoad
+from beamdae.symbolic.formula import FormulaExpression, build_formula_kernel
 from beamdae.symbolic.scalar_expression import as_scalar
 from beamdae.symbolic.statements import (
     SX,
@@ -270,17 +270,13 @@ class ForceLaw(ObservableLoad):
         """Names of all points."""
         return tuple(self.loaded_points)
 
-    @property
-    def user_formula(self) -> UserFormula:
-        """The law."""
-        expression, data = FormulaExpression.of(
-            _LoadKernel(*self._arguments), [one.checked_kinematics for one in self.on]
-        )
-        return UserFormula(expression, tuple(one.piece for one in self.on), data)
-
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
         """Return the loads of the law as one statement."""
-        return [self.user_formula.statement(self.name)]
+        functions, size = [one.checked_kinematics for one in self.on], sum(x.size for x in self.on)
+        kernel, data = build_formula_kernel(
+            _LoadKernel(*self._arguments), functions, size, shared=False
+        )
+        return [ForceStatement(self.name, kernel, tuple(one.piece for one in self.on), data)]
 
     @property
     @rebuilt_for_mesh

@@ -17,7 +17,7 @@ from beamdae.errors import (
     short_repr,
 )
 from beamdae.symbolic.scalar_expression import as_scalar
-from beamdae.symbolic.signals import as_expression, find_signals
+from beamdae.symbolic.signals import as_expression, find_other_symbols
 from beamdae.symbolic.statements import SX
 from beamdae.symbolic.table_calls import inside_formula
 
@@ -110,13 +110,9 @@ def require_continuous_formula(
     arguments
         Description of these symbols in messages.
     """
-    signals = (signal.value_symbol for signal in find_signals(value))
-    symbol_hashes = {x.element_hash() for y in (*symbols, *signals) for x in ca.symvar(SX(y))}
-    other_symbols = [x.name() for x in ca.symvar(value) if x.element_hash() not in symbol_hashes]
-    if other_symbols:
+    if others := find_other_symbols(value, symbols):
         raise BeamdaeError(
-            f"{part}: {what} must depend only on {arguments}, not on "
-            f"{', '.join(other_symbols[:3])}."
+            f"{part}: {what} must depend only on {arguments}, not on {', '.join(others[:3])}."
         )
     formula = ca.Function("formula", [ca.vertcat(*ca.symvar(value))], [value])
     steps = range(formula.n_instructions())

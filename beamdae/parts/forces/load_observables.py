@@ -20,7 +20,6 @@ import scipy.sparse as sp
 from beamdae.errors import BeamdaeError, require_choice
 from beamdae.parts.attachments import Attachment, rotate
 from beamdae.parts.part import Part
-from beamdae.symbolic.formula import FormulaExpression
 from beamdae.symbolic.signals import SignalNumbers
 from beamdae.symbolic.statements import (
     SX,
@@ -64,7 +63,7 @@ class _Copy(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class _StatementValues:
+class LoadValues:
     """Values computed from all copies of the kernels of a part.
 
     Attributes
@@ -93,6 +92,7 @@ class _StatementValues:
     signals: tuple[tuple[SignalNumbers, ...], ...]
 
     def __call__(self, local: Local) -> SX:
+        """Return the column of values."""
         copies, first, first_data = [], 0, 0
         all_q, all_v = (
             x if self.operator is None else ca.mtimes(self.operator, x) for x in (local.q, local.v)
@@ -119,66 +119,11 @@ class _StatementValues:
             first = int(starts[-1])
         return self.combine(copies, local)
 
-
-class UserFormula(NamedTuple):
-    """Force formula of a part that contains functions of the user.
-
-    Attributes
-    ----------
-    expression
-        Function of local coordinates that returns the `ForceKernel`.
-    pieces
-        Operators that select the local coordinates.
-    data
-        Numbers in the formula, (n_data,).
-    """
-
-    expression: FormulaExpression
-    pieces: tuple[Piece, ...]
-    data: np.ndarray
-
-    def statement(self, part: str) -> ForceStatement:
-        """Return the forces of the part of this name, by calls of the functions of the user."""
-        kernel = self.expression(Local(sum(self._sizes), len(self.data)))
-        return ForceStatement(part, kernel, self.pieces, self.data[:, None])
-
-    def copy(self, local: Local) -> _Copy:
-        """Return the forces on the coordinates of `local`, with symbols of signals in them."""
-        force = -self.expression(local).force
-        return _Copy(force, local.q, local.v, list(range(local.size)), self._sizes)
-
-    @property
-    def _sizes(self) -> tuple[int, ...]:
-        return tuple(piece.operator.shape[0] for piece in self.pieces)
-
-
-@dataclass(frozen=True, eq=False)
-class FormulaLoad:
-    """Values computed from the forces of a part with a `UserFormula`.
-
-    The functions of the user are called when equations are assembled, like those of the forces, and
-    not when the quantity is created: their variables may change in between.
-
-    Attributes
-    ----------
-    part
-        The part.
-    combine
-        Function from the list of the one copy of the forces to the column of values.
-    """
-
-    part: ObservablePower
-    combine: Callable[[list[_Copy], Local], SX]
-
-    def __call__(self, local: Local) -> SX:
-        """Return the values by calls of the functions of the user."""
-        formula = self.part.user_formula
-        assert formula is not None
-        return self.combine([formula.copy(local)], local)
-
     def use_statements(self, quantity: Quantity, statements: Sequence[ForceStatement]) -> Quantity:
-        """Return the quantity computed from the assembled forces of the part."""
-        built = _observe(self.part.name, statements, quantity.columns, self.combine)
+        """Return the quantity computed from the assembled forces of its part."""
+        body = None if self.operator is None else quantity.pieces[0].owner
+        part = str(quantity.load_of)
+        built = _observe(part, statements, quantity.columns, self.combine, body=body)
         return replace(quantity, pieces=built.pieces, expression=built.expression, data=built.data)
 
 
@@ -200,7 +145,7 @@ def _observe(
     if body is not None:
         operator = _stack_operators(statements)
         pieces = (Piece(body, sp.csr_array(sp.eye_array(operator.shape[1]))),)
-    values = _StatementValues(
+    values = LoadValues(
         tuple(_force_function(s.kernel) for s in statements),
         tuple(tuple(p.operator.shape[0] // s.count for p in s.pieces) for s in statements),
         tuple(s.count for s in statements),
@@ -268,11 +213,6 @@ class ObservablePower(Part):
     """Part with observable power, from its force statements by the principle of virtual work."""
 
     @property
-    def user_formula(self) -> UserFormula | None:
-        """The force formula if it contains functions of the user; otherwise None."""
-        return None
-
-    @property
     def _joint(self) -> Part | None:
         """Joint on whose reactions the forces depend."""
         return None
@@ -281,9 +221,6 @@ class ObservablePower(Part):
         self, columns: tuple[Variable, ...], combine: Callable[[list[_Copy], Local], SX]
     ) -> Quantity:
         """Return a quantity computed by `combine` from the copies of all statements."""
-        if (formula := self.user_formula) is not None:
-            load = FormulaLoad(self, combine)
-            return Quantity(columns, formula.pieces, load, formula.data, load_of=self.name)
         return _observe(self.name, self.forces(np.zeros(2)), columns, combine, self._joint)
 
     @property

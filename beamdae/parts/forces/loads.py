@@ -18,9 +18,9 @@ from beamdae.parts.attachments import (
     require_movable,
     rotate,
 )
-from beamdae.parts.forces.load_observables import LoadedPoint, ObservableLoad, UserFormula
+from beamdae.parts.forces.load_observables import LoadedPoint, ObservableLoad
 from beamdae.parts.laws import Law, as_law
-from beamdae.symbolic.formula import FormulaExpression, build_formula_kernel
+from beamdae.symbolic.formula import build_formula_kernel
 from beamdae.symbolic.statements import SX, ForceKernel, ForceStatement, Local, Variable
 
 
@@ -68,17 +68,6 @@ def load_statement(
     functions = (*(x.checked_kinematics for x in on), *(law.formula for law in laws))
     kernel, data = build_formula_kernel(kind, functions, sum(x.size for x in on))
     return ForceStatement(part, kernel, tuple(x.piece for x in on), data)
-
-
-def _user_formula(
-    on: Sequence[Attachment], kind: Callable[..., ForceKernel], laws: Sequence[Law]
-) -> UserFormula | None:
-    """Return the formula of a load if a law is a function of the user; otherwise None."""
-    functions = (*(x.checked_kinematics for x in on), *(law.formula for law in laws))
-    expression, data = FormulaExpression.of(kind, functions)
-    if expression.is_shareable:
-        return None
-    return UserFormula(expression, tuple(x.piece for x in on), data)
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,11 +139,6 @@ class Force(ObservableLoad):
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
         """Return the force as one statement."""
         return [load_statement(self.name, (self.on,), self._kind, self.laws)]
-
-    @property
-    def user_formula(self) -> UserFormula | None:
-        """The formula if a component is a function of the user; otherwise None."""
-        return _user_formula((self.on,), self._kind, self.laws)
 
     @property
     def _kind(self) -> Callable[..., ForceKernel]:
@@ -249,11 +233,6 @@ class Moment(ObservableLoad):
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
         """Return the moment, and the opposite one, as one statement."""
         return [load_statement(self.name, self._points, self._kind, self.laws)]
-
-    @property
-    def user_formula(self) -> UserFormula | None:
-        """The formula if the law is a function of the user; otherwise None."""
-        return _user_formula(self._points, self._kind, self.laws)
 
     @property
     def _kind(self) -> Callable[..., ForceKernel]:

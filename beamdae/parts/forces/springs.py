@@ -59,15 +59,7 @@ class _SpringLaw(ForceElement):
             damping=require_non_negative(self.name, "damping", self.damping),
             preload=require_finite(self.name, "preload", self.preload),
         )
-        if self.law is None:
-            if self.energy is not None:
-                raise BeamdaeError(f"{self.name}: energy requires law=; pass both or neither.")
-        elif self.stiffness or self.damping or self.preload:
-            raise BeamdaeError(
-                f"{self.name}: give either a law or stiffness, damping and preload, not both."
-            )
-        else:
-            UserLaw(self.name, 1, self.law, self.energy).require_valid(size)
+        self._require_law(1, size, ("stiffness", "damping", "preload"))
 
     @property
     def _law(self) -> tuple[Callable[..., ElementResponse], tuple[float, ...]]:

@@ -67,6 +67,11 @@ class _Surface:
         """Parameters of the surface, passed to the kernel as data."""
         raise NotImplementedError
 
+    @property
+    def size(self) -> float:
+        """Radius [m]; infinite for a line."""
+        return math.inf
+
     @rebuilt_for_mesh
     def gap(self, point: Attachment) -> Quantity:
         """Return the distance of a point from the surface [m], negative during penetration.
@@ -176,6 +181,11 @@ class CircleSurface(_Surface):
             radius=require_positive("CircleSurface", "radius", self.radius),
             side=require_choice("CircleSurface", "side", self.side, ("outside", "inside")),
         )
+
+    @property
+    def size(self) -> float:
+        """Radius [m]."""
+        return self.radius
 
     @property
     def remedy(self) -> str:

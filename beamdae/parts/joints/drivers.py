@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 import casadi as ca
 
 from beamdae.errors import BeamdaeError, set_fields
-from beamdae.parts.attachments import require_angle, rotate
+from beamdae.parts.attachments import rotate
 from beamdae.parts.joints.guides import project_along, require_direction
 from beamdae.parts.joints.joint import Joint
 from beamdae.parts.joints.kinematic_constraint import PlacedPoint, PointFunction
@@ -45,6 +45,7 @@ class DrivenJoint(Joint):
 
     # Events may replace a relative law, because such a law may begin with any value.
     is_relative: ClassVar[bool] = True
+    _driven: ClassVar[tuple[Variable, ...]] = ()
 
     @property
     def law_argument(self) -> Any:
@@ -66,6 +67,33 @@ class DrivenJoint(Joint):
         law_may_change = self.is_relative or bool(find_signals(self.laws[0](SX.zeros(2))))
         build = _ReactionAndPower(gap.sizes, gap.n_parameters, gap.function, law_may_change)
         return self.observe(build, (*self.reaction.columns, Variable("power", "W")))
+
+    @property
+    def inputs(self) -> tuple[Variable, ...]:
+        """Name and unit of the driven value; empty if the law is not relative."""
+        return self._driven
+
+    def with_constant_laws(self, values: Sequence[float]) -> DrivenJoint:
+        """Return a copy of the driver with a constant value."""
+        changed: Any = self
+        return replace(changed, law=values[0])
+
+    @property
+    def facts(self) -> Mapping[str, float]:
+        """Initial values from the reference configuration, by name."""
+        names = (
+            f"initial {x.name} from the reference configuration [{x.unit}]" for x in self._driven
+        )
+        return dict.fromkeys(names, self._initial_value)
+
+    def _require_law(self) -> None:
+        (driven,) = self._driven
+        if self.law_argument is None:
+            raise BeamdaeError(
+                f"{self.name}: law= is missing; pass the {driven.name} [{driven.unit}] as a "
+                "function of time."
+            )
+        _ = self.laws
 
     @property
     def _initial_value(self) -> float:
@@ -108,19 +136,15 @@ class Driver(DrivenJoint):
     """
 
     law: Any = None
+    _with_angle = ("a", "b")
     symbol = "driver"
+    _driven = (Variable("angle", "rad"),)
     multipliers = (Variable("angle", "N m"),)
     reactions = ("M",)
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        require_angle(self.name, self.a)
-        require_angle(self.name, self.b)
-        if self.law is None:
-            raise BeamdaeError(
-                f"{self.name}: law= is missing; pass the angle [rad] as a function of time."
-            )
-        _ = self.laws
+        self._require_law()
 
     @staticmethod
     def gap(t: SX, a: PlacedPoint, b: PlacedPoint, angle: SX) -> SX:
@@ -131,20 +155,6 @@ class Driver(DrivenJoint):
     def law_argument(self) -> Any:
         """Law of the angle [rad], as passed by the user."""
         return self.law
-
-    @property
-    def inputs(self) -> tuple[Variable, ...]:
-        """Name and unit of the driven angle."""
-        return (Variable("angle", "rad"),)
-
-    def with_constant_laws(self, values: Sequence[float]) -> Driver:
-        """Return a copy of the driver with a constant angle [rad]."""
-        return replace(self, law=values[0])
-
-    @property
-    def facts(self) -> Mapping[str, float]:
-        """Initial angle from the reference configuration [rad], by name."""
-        return {"initial angle from the reference configuration [rad]": self._initial_value}
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,19 +188,16 @@ class TranslationalDriver(DrivenJoint):
 
     law: Any = None
     direction: tuple[float, float] = (1.0, 0.0)
+    _with_angle = ("a",)
     symbol = "translational driver"
+    _driven = (Variable("travel", "m"),)
     multipliers = (Variable("travel", "N"),)
     reactions = ("F",)
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        require_angle(self.name, self.a)
         set_fields(self, direction=require_direction(self.name, self.direction))
-        if self.law is None:
-            raise BeamdaeError(
-                f"{self.name}: law= is missing; pass the travel [m] as a function of time."
-            )
-        _ = self.laws
+        self._require_law()
 
     @property
     def gap_parameters(self) -> tuple[float, ...]:
@@ -209,17 +216,3 @@ class TranslationalDriver(DrivenJoint):
     def law_argument(self) -> Any:
         """Law of the travel [m], as passed by the user."""
         return self.law
-
-    @property
-    def inputs(self) -> tuple[Variable, ...]:
-        """Name and unit of the driven travel."""
-        return (Variable("travel", "m"),)
-
-    def with_constant_laws(self, values: Sequence[float]) -> TranslationalDriver:
-        """Return a copy of the driver with a constant travel [m]."""
-        return replace(self, law=values[0])
-
-    @property
-    def facts(self) -> Mapping[str, float]:
-        """Initial travel from the reference configuration [m], by name."""
-        return {"initial travel from the reference configuration [m]": self._initial_value}

@@ -129,13 +129,13 @@ class RackAndPinion(Joint):
 
     radius: float = 1.0
     direction: tuple[float, float] = (1.0, 0.0)
+    _with_angle = ("a",)
     symbol = "rack and pinion"
     multipliers = (Variable("travel", "N"),)
     reactions = ("F",)
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        require_angle(self.name, self.a)
         set_fields(
             self,
             radius=_require_nonzero(self.name, "radius", self.radius),

@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from beamdae.errors import BeamdaeError, require_point, set_fields
-from beamdae.parts.attachments import Attachment, require_angle, rotate
+from beamdae.parts.attachments import Attachment, rotate
 from beamdae.parts.joints.joint import Joint, meeting_tolerance
 from beamdae.parts.joints.kinematic_constraint import PlacedPoint
 from beamdae.symbolic.statements import SX, Variable
@@ -77,13 +77,13 @@ class PointOnLine(Joint):
     """
 
     direction: tuple[float, float] = (1.0, 0.0)
+    _with_angle = ("a",)
     symbol = "slot"
     multipliers = (Variable("normal", "N"),)
     reactions = ("F",)
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        require_angle(self.name, self.a)
         set_fields(self, direction=require_direction(self.name, self.direction))
         *_, offset = project_across(self.direction, self.a, self.b)
         gap = abs(offset)
@@ -144,14 +144,13 @@ class Prismatic(Joint):
     """
 
     direction: tuple[float, float] = (1.0, 0.0)
+    _with_angle = ("a", "b")
     symbol = "slider"
     multipliers = (Variable("normal", "N"), Variable("angle", "N m"))
     reactions = ("F", "M")
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        require_angle(self.name, self.a)
-        require_angle(self.name, self.b)
         set_fields(self, direction=require_direction(self.name, self.direction))
 
     @property

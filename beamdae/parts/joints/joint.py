@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import casadi as ca
 import numpy as np
@@ -105,6 +106,8 @@ class Joint(KinematicConstraint):
     """
 
     symbol = "joint"
+    # Points that must not belong to particles.
+    _with_angle: ClassVar[tuple[str, ...]] = ()
     name: str
     a: Attachment
     b: Attachment
@@ -119,6 +122,8 @@ class Joint(KinematicConstraint):
                 f"{self.name}: a joint must connect two different bodies, but both "
                 f"attachments belong to {self.a.body.name!r}."
             )
+        for point in self._with_angle:
+            require_angle(self.name, getattr(self, point))
 
     @property
     def points(self) -> dict[str, Attachment]:
@@ -207,14 +212,13 @@ class Weld(Joint):
         same body, or the points do not coincide in the reference configuration.
     """
 
+    _with_angle = ("a", "b")
     symbol = "weld"
     multipliers = (Variable("x", "N"), Variable("y", "N"), Variable("angle", "N m"))
     reactions = ("Fx", "Fy", "M")
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        require_angle(self.name, self.a)
-        require_angle(self.name, self.b)
         require_meeting(self.name, self.a, self.b)
 
     @staticmethod

@@ -35,13 +35,9 @@ _CONTACT_TOLERANCE = 1e-6
 class _RollingJoint(Joint):
     """Joint of a rolling disk with center `b`: normal and tangential reaction at the contact."""
 
+    _with_angle = ("a", "b")
     multipliers = (Variable("normal", "N"), Variable("rolling", "N"))
     reactions = ("Fn", "Ft")
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        require_angle(self.name, self.a)
-        require_angle(self.name, self.b)
 
     @property
     def _reference_arm(self) -> np.ndarray:

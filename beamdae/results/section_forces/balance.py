@@ -18,13 +18,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
 from beamdae.beams.beam import Beam
 from beamdae.beams.shape_functions import gauss_points
 from beamdae.beams.strains import identity, section_forces
-from beamdae.beams.viscoelasticity import StandardLinearSolid
 from beamdae.equations.assembly.coordinate_map import map_coordinates
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.results.section_forces.applied_loads import (
@@ -97,8 +97,9 @@ def balanced_and_elastic_forces(
     moment = wrenches[..., 2] + arm[..., 0] * n[..., 1] - arm[..., 1] * n[..., 0]
     sides = np.where(before, beam.mesh.just_before(s), s).tolist()
     forces = evaluate_sections(section_forces, [*map(kinematics.section_forces, sides)], *of_beam)
-    for part in equations.mechanism.parts.values():
-        if isinstance(part, StandardLinearSolid) and part.beam is beam:
+    parts: Any = equations.mechanism.parts.values()
+    for part in parts:
+        if part.load_distribution == "none" and beam in part.bodies:
             pairs = zip(of_beam, state[:3], strict=True)
             both = [np.hstack([x, y[:, coordinates.slice_of(part)]]) for x, y in pairs]
             forces += evaluate_sections(identity, [*map(part.point_values, sides)], *both)

@@ -7,8 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from beamdae.beams.beam import Beam
-from beamdae.beams.section_samples import stress_sections
+from beamdae.beams.beam import STRESS_SECTIONS_OF_TAPERS, Beam
 from beamdae.beams.sections import Section
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.results.section_forces.applied_loads import collect_applied_loads
@@ -19,7 +18,7 @@ Array = np.ndarray
 # Relative change of stiffnesses, or change of the curvature times the radius of gyration, between
 # both sides of an element end, above which it is a jump.
 _MIN_JUMP = 1e-6
-_SECTIONS_PER_STRETCH = 5  # between two element boundaries or loads, including both ends
+_INTERVALS_PER_STRETCH = 4  # between two element boundaries or loads
 
 
 def default_sections(
@@ -41,29 +40,19 @@ def default_sections(
         states = State(*(x[ends] for x in state))
         s = collect_applied_loads(beam, e, times[ends], states, factors).arc_lengths
         jumps += s[0, np.abs(s[-1] - s[0]) <= near].tolist()
-    loaded = np.clip([*jumps, *_jumps_of_section(beam)], 0.0, length)
-    stops = np.sort(np.concatenate([beam.mesh.element_bounds, loaded]))
+    loaded = np.clip([*jumps, *_jumps_of_section(beam), *beam.section_jumps], 0.0, length)
+    count = 1 if isinstance(beam.section, Section) else STRESS_SECTIONS_OF_TAPERS
+    intervals = count * _INTERVALS_PER_STRETCH
+    stops = np.sort(np.concatenate([beam.mesh.element_bounds, loaded, beam.section_breaks]))
     stops = stops[np.append(True, np.diff(stops) > 2.0 * near)]
     arc_lengths, before = [], []
     for start, end in pairwise(stops.tolist()):
         has_jump = bool(np.any(np.abs(loaded - end) <= 2.0 * near))
-        stretch = np.linspace(start, end, _SECTIONS_PER_STRETCH)
+        stretch = np.linspace(start, end, intervals + 1)
         # The end of a stretch is the start of the next one, except on the other side of a jump.
-        arc_lengths.append(stretch[: _SECTIONS_PER_STRETCH - 1 + has_jump])
-        before.append(np.arange(len(arc_lengths[-1])) == _SECTIONS_PER_STRETCH - 1)
-    return _add_stress_sections(beam, np.concatenate(arc_lengths), np.concatenate(before))
-
-
-def _add_stress_sections(beam: Beam, s: Array, before: Array) -> tuple[Array, Array]:
-    """Return arc lengths and sides, with further ones where the section varies."""
-    if isinstance(beam.section, Section):
-        return s, before
-    at_sides = np.where(before, beam.mesh.just_before(s), s)
-    refined = np.array(stress_sections(beam.section, at_sides.tolist()))
-    places = np.searchsorted(refined, at_sides)
-    all_before = np.zeros(len(refined), bool)
-    refined[places], all_before[places] = s, before
-    return refined, all_before
+        arc_lengths.append(stretch[: intervals + has_jump])
+        before.append(np.arange(len(arc_lengths[-1])) == intervals)
+    return np.concatenate(arc_lengths), np.concatenate(before)
 
 
 def _jumps_of_section(beam: Beam) -> list[float]:
