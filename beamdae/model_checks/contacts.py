@@ -75,7 +75,9 @@ def start_inside_warnings(
                 inside.append((part, gap, depth))
                 force: Any = part
                 for body in {x.name for x in part.bodies}:
-                    pressures[body] += np.linalg.norm(evaluate(part.name, force.force, state.q))
+                    pressures[body] += float(
+                        np.linalg.norm(evaluate(part.name, force.force, state.q))
+                    )
     total = StateEvaluator(active).force(time, state.q, state.v) if inside else np.zeros(0)
     points = {x.name: x.points for x in collect_bodies(active) if len(x.points)}
     for part, gap, depth in inside:

@@ -212,7 +212,7 @@ def periodic_sensitivities(
         equations, method, float(motion.solution.t[0]), motion.period
     )
     run = PeriodRun(period_map, motion.solution)
-    matrix = ShootingMatrix.of_free(run, tolerance=EXACT_RANK)
+    matrix = ShootingMatrix.of(run, is_free=True, tolerance=EXACT_RANK)
     jacobian = run.projection @ matrix.jacobian @ run.basis
     if period is None:
         column = run.projection @ matrix.by_parameter
