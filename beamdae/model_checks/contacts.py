@@ -1,4 +1,4 @@
-"""Warnings about contacts: starts inside a surface, deep contacts, speeds of impacts."""
+"""Warnings about contacts that start inside a surface or let bodies pass."""
 
 from __future__ import annotations
 
@@ -13,12 +13,11 @@ from beamdae.equations.assembly.observables import compile_quantity
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.starts.rigid_motions import collect_bodies
 from beamdae.equations.starts.state_evaluator import StateEvaluator
-from beamdae.equations.surface_gaps import SurfaceGapTerm, compile_surface_gaps
+from beamdae.equations.surface_gaps import compile_surface_gaps
 from beamdae.errors import name_with_others
 from beamdae.parts.bodies.rigid_body import RigidBody
 from beamdae.parts.events import select_impacts
 from beamdae.parts.mechanism import EQUILIBRIUM
-from beamdae.results.trajectory import Interval
 from beamdae.symbolic.statements import Quantity
 
 if TYPE_CHECKING:
@@ -31,9 +30,6 @@ _ROUNDING = 1e-9  # of gaps, relative to the length of the mechanism
 _MAX_START_RATIO = 20.0
 _TRAVEL = 1e-6  # along the velocities at the start, relative to the natural sizes
 _MAX_DEPTH_IN_CIRCLE = 0.5  # relative to the radius: points also pass beside the center
-_MAX_RESTITUTION_CHANGE = 0.2
-_RATE_STEP = 1e-3  # of central differences, relative to a step
-_MIN_TRAVEL = 1e-5  # of impacts at their speed in the run, relative to the length
 
 
 def starts_in_equilibrium(equations: EquationsOfMotion) -> bool:
@@ -168,51 +164,3 @@ def _list_sizes(equations: EquationsOfMotion, contact: Any) -> Iterator[tuple[fl
             yield sizes[x.body.name], f"{x.body.name} is large"
     if isinstance(surface, CircleSurface) and surface.side == "outside":
         yield _MAX_DEPTH_IN_CIRCLE * surface.radius, "half the radius of the circle"
-
-
-def impact_speed_warnings(run: RunData) -> Iterator[str]:
-    """Yield a warning about contacts whose fastest impact has another restitution than is given."""
-    from beamdae.parts.forces.contact import restitution_at
-
-    e, trajectory, contacts = run.equations, run.trajectory, contacts_of(run.equations)
-    wrong = []
-    for gap in compile_surface_gaps(e):
-        contact = contacts[gap.part]
-        if contact.impact_speed is None:
-            continue
-        speed = max(_fastest_impact(gap, x) for x in trajectory.intervals)
-        # Faster impacts may lie between the stored steps of long runs.
-        is_known = trajectory.stores_all_steps or speed > contact.impact_speed
-        is_impact = speed * (trajectory.end - trajectory.start) > _MIN_TRAVEL * e.length
-        nominal = contact.restitution_or_elastic
-        actual = restitution_at(speed, nominal, contact.impact_speed)
-        if is_known and is_impact and abs(actual - nominal) > _MAX_RESTITUTION_CHANGE:
-            wrong.append((abs(actual - nominal), gap.part, speed, actual))
-    if wrong:
-        (_, name, speed, actual), *others = sorted(wrong, reverse=True)
-        contact = contacts[name]
-        yield (
-            f"{name_with_others(name, [x[1] for x in others])}: the fastest impact is at "
-            f"{speed:.3g} m/s, where the restitution is {actual:.2g}, because restitution="
-            f"{contact.restitution_or_elastic:g} holds at impact_speed={contact.impact_speed:g}; "
-            "pass the expected speed of the impact."
-        )
-
-
-def _fastest_impact(gap: SurfaceGapTerm, interval: Interval) -> float:
-    """Return the largest speed [m/s] at which a gap closes, or 0."""
-    t, state = interval.t, interval.state
-    if gap.part in interval.inactive or len(t) < 2:
-        return 0.0
-    is_open = gap.evaluate(t, interval.branch, state.q) > 0.1 * _ROUNDING * gap.length
-    # Bodies that touch at the start may have an impact there.
-    closing = np.append(is_open[:-1] & ~is_open[1:], False)
-    closing[0] |= not is_open[0]
-    (k,) = np.nonzero(closing)
-    ahead = _RATE_STEP * np.diff(t)[np.minimum(k, len(t) - 2)]
-    change = ahead[:, None] * state.v[k]
-    before, after = (
-        gap.evaluate(t[k], interval.branch, q) for q in (state.q[k] - change, state.q[k] + change)
-    )
-    speeds = (before - after) / np.where(ahead > 0.0, 2.0 * ahead, np.inf)
-    return float(np.max(speeds, initial=0.0))

@@ -17,7 +17,6 @@ from beamdae.errors import format_percent
 from beamdae.model_checks.coarse_rows import coarse_row_warnings
 from beamdae.model_checks.contacts import (
     deep_contact_warnings,
-    impact_speed_warnings,
     start_inside_warnings,
 )
 from beamdae.model_checks.strain_limits import sample_positions, strain_warnings
@@ -145,7 +144,6 @@ RUN_CHECKS: tuple[Check, ...] = (
     *ROW_CHECKS,
     # ... single forces, and parts without effect.
     _velocity_jumps,
-    impact_speed_warnings,
     deep_contact_warnings,
     lambda run: switch_warnings(run.equations.mechanism),
 )

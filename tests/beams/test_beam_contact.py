@@ -132,8 +132,7 @@ def test_warnings_are_those_of_contacts_of_points(distance, stiffness, friction,
     beam = strip(mech, 2)
     floor = bd.LineSurface(mech.ground.at(0.0, -distance))
     law = {"exponent": 1.0, "friction": friction}
-    slide = mech.add(bd.BeamContact("slide", beam, floor, stiffness, **law))
-    assert slide.restitution_or_elastic == 1.0
+    mech.add(bd.BeamContact("slide", beam, floor, stiffness, **law))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", bd.BeamdaeWarning)
         run = bd.simulate(mech, bd.Radau(1e-4), t_end=0.2)

@@ -1,20 +1,18 @@
-"""Warnings about contacts that start inside a surface, are deep or have another restitution."""
+"""Warnings about contacts that are deeper than a touching part."""
 
 import warnings
 
 import pytest
-from numpy.testing import assert_allclose
 
 import beamdae as bd
 
 G = 9.81
 STEEL = bd.Material.of("steel")
-DEEP, SPEED = "the contact sinks", "the fastest impact is at"
 
 
 def list_warnings(result):
     """Return the warnings about contacts of a result."""
-    return [x for x in result.warnings if any(y in x for y in (DEEP, SPEED))]
+    return [x for x in result.warnings if "the contact sinks" in x]
 
 
 def run(mech, t_end, **settings):
@@ -93,7 +91,7 @@ DEEP_CASES = {
 @pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize(("mech", "t_end", "limit"), DEEP_CASES.values(), ids=DEEP_CASES.keys())
 def test_contacts_deeper_than_a_touching_part_have_a_warning(mech, t_end, limit):
-    found = [x for x in list_warnings(run(mech, t_end)) if DEEP in x]
+    found = list_warnings(run(mech, t_end))
     assert len(found) == bool(limit)
     assert all(f"deep, more than {limit}" in x for x in found)
 
@@ -114,66 +112,3 @@ def test_checks_and_equilibria_name_deep_contacts():
             warnings.simplefilter("ignore", bd.BeamdaeWarning)
             found = list_warnings(bd.equilibrium(mech))
         assert [x[:40] for x in found] == count * ["floor: the contact sinks 0.294 m deep, mo"[:40]]
-
-
-# Speeds of impacts --------------------------------------------------------------------------------
-
-
-def thrown_ball(impact_speed, restitution=0.6, height=0.01, surface=None, velocity=(0.0, -3.7)):
-    mech = bd.Mechanism(gravity=(0.0, -G if surface else 0.0))
-    ball = mech.add(bd.PointMass("ball", 0.3, at=(0.0, height), velocity=velocity))
-    surface = surface(mech.ground) if surface else bd.LineSurface(mech.ground.at(0.0, 0.0))
-    law = {"restitution": restitution, "impact_speed": impact_speed}
-    mech.add(bd.Contact("bounce", ball.point, surface, 8e6, **law))
-    mech.observe("ball", ball.point)
-    return mech
-
-
-def hill(ground):
-    return bd.CircleSurface(ground.at(0.0, 0.0), 1.0)
-
-
-def bowl(ground):
-    return bd.CircleSurface(ground.at(0.0, 0.0), 1.0, side="inside")
-
-
-ALONG = {"velocity": (0.5, 0.0)}
-SPEED_CASES = {
-    "elastic": (thrown_ball(3.7e3), 1.0),
-    "plastic": (thrown_ball(1e-3), 0.00028),
-    "slow": (thrown_ball(1.0), 0.26),
-    "at the start": (thrown_ball(1.0, height=0.0), 0.26),
-    "as given": (thrown_ball(3.7), None),
-    "faster": (thrown_ball(2.0), None),
-    "slower": (thrown_ball(7.0), None),
-    "hardly any losses": (thrown_ball(1.0, 0.99), None),
-    "as given at the start": (thrown_ball(3.7, height=1e-17), None),
-    "along a line": (thrown_ball(3.7, height=0.0, velocity=(1.0, 0.0)), None),
-    "along a hill": (thrown_ball(1.0, height=1.0, surface=hill, **ALONG), None),
-    "along a bowl": (thrown_ball(1.0, height=-1.0 + 2.3e-16, surface=bowl, **ALONG), None),
-}
-
-
-@pytest.mark.slow(reason="a fifth of a second")
-@pytest.mark.parametrize(("mech", "restitution"), SPEED_CASES.values(), ids=SPEED_CASES.keys())
-def test_restitutions_at_another_speed_have_a_warning(mech, restitution):
-    solution = run(mech, 0.02)
-    found = [x for x in list_warnings(solution) if SPEED in x]
-    assert len(found) == (restitution is not None)
-
-
-@pytest.mark.parametrize("name", ["plastic", "slow", "at the start"])
-def test_the_stated_restitution_at_another_speed_is_that_of_the_rebound(name):
-    mech, restitution = SPEED_CASES[name]
-    solution = run(mech, 0.02)
-    (text,) = (x for x in list_warnings(solution) if SPEED in x)
-    assert text.startswith("bounce: the fastest impact is at 3.7 m/s")
-    assert f"the restitution is {restitution:g}, because" in text
-    rebound = float(solution["ball.y_dot"].iloc[-1]) / 3.7
-    assert_allclose(rebound, restitution, rtol=0.02, atol=2e-3)  # restitution has two digits
-
-
-def test_contacts_pressed_together_have_no_impact():
-    mech = thrown_ball(0.05, 0.3, height=1.0, velocity=None, surface=hill)
-    mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 1.0), mech.part("ball").point, (0.0, 1.0)))
-    assert not list_warnings(run(mech, 0.1, start="equilibrium"))

@@ -59,10 +59,9 @@ _STAGNATION_RATIO = 0.5
 # A matrix is kept if it reduces the deviation to at most this fraction.
 _MAX_CONTRACTION = 0.1
 _MAX_PERIOD_CHANGE = 0.5  # of the logarithm of a free period in a correction
-# Largest step of finite differences with respect to the parameter, relative to its range, and
-# largest relative change of the period. Tangents have errors of the step, and of the errors of
-# runs, about 1e-9, over the step. The distance d of a multiplier from 1 amplifies both by 1 / d; it
-# is as small as 2 pi times the damping ratio.
+# Step of finite differences with respect to the parameter, relative to its range. Tangents have
+# errors of the step, and of the errors of runs, about 1e-9, over the step. The distance d of a
+# multiplier from 1 amplifies both by 1 / d; it is as small as 2 pi times the damping ratio.
 _DIFFERENCE_STEP = 2e-5
 # Smaller singular values, relative to the largest, belong to directions in which all states are
 # periodic.
@@ -289,7 +288,7 @@ class PeriodProblem(Problem):
 
         The number of elements thus hardly matters. Deformations of a beam have the largest size of
         its deformations with the same unit: beside the far smaller amplitudes of axial
-        deformations, errors of the runs would count.
+        deformations, steps of curves would be short.
         """
         assert self.base is not None
         run = self.base.run
@@ -365,10 +364,6 @@ class PeriodProblem(Problem):
             return ShootingMatrix.of(run, *expected, is_free=self.is_free)
         step = _DIFFERENCE_STEP if p < 0.5 else -_DIFFERENCE_STEP
         period_map = self.map_at(p + step)
-        stretch = abs(period_map.period / run.period_map.period - 1.0)
-        if stretch > _DIFFERENCE_STEP:
-            step *= _DIFFERENCE_STEP / stretch
-            period_map = self.map_at(p + step)
         q, v = period_map.make_consistent(*np.split(run.state, 2))
         # With the same amplitudes, the errors of both runs are similar.
         other = PeriodRun(period_map, period_map.run(q, v, run.solution.equations.scales))
