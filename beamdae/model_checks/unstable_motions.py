@@ -73,18 +73,10 @@ def _find_growth(run: RunData, t: float, min_rate: float) -> float:
         total = tangent.stiffness + min_rate * tangent.damping + min_rate**2 * tangent.mass
         asymmetry = np.max(np.abs(stiffness - stiffness.T), initial=0.0)
         has_potential = asymmetry <= _ASYMMETRY * np.max(np.abs(stiffness), initial=0.0)
-        if has_potential and _is_positive(basis.T @ (total @ basis)):
+        projected = basis.T @ (total @ basis)
+        if has_potential and np.all(np.linalg.eigvalsh(projected + projected.T) > 0.0):
             return 0.0
         analysis = deferred.module("analysis.linear_dynamics.linear_model")
         values = analysis.find_growing(e, Instant(time, state, interval.configuration), min_rate)
         return float(np.max(values.real, initial=0.0))
     return 0.0
-
-
-def _is_positive(matrix: Array) -> bool:
-    """Return True if the symmetric part of a matrix is positive definite."""
-    try:
-        np.linalg.cholesky(matrix + matrix.T)
-    except np.linalg.LinAlgError:
-        return False
-    return True

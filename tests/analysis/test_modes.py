@@ -348,7 +348,7 @@ def test_regression_states_that_are_no_equilibria_issue_a_warning(analysis):
         analysis(hanging_load(), about="equilibrium")
         analysis(hanging_load(weight=0.0))
     # The loop differs only in numbers.
-    (warning,) = issued
+    (warning,) = (x for x in issued if "accelerates" in str(x.message))
     assert warning.category is bd.BeamdaeWarning
     assert str(warning.message).startswith("load.y: ")
     assert result.warnings[0].startswith("load.y: ")

@@ -133,10 +133,7 @@ class Campbell(HasTable, HasPage):
     @property
     def warnings(self) -> tuple[str, ...]:
         """Warnings of the model and the modes at the fastest rotation; modes not followed."""
-        return self._list_warnings(self.modes[self._fastest].warnings)
-
-    def _list_warnings(self, sentences: Sequence[str]) -> tuple[str, ...]:
-        """Return sentences about the fastest rotation, and those about modes not followed."""
+        sentences = self.modes[self._fastest].warnings
         built = self.modes[0]._linearization.equations.build_warnings
         place = f"at {self.speeds[self._fastest]:g} rad/s, "
         lost = [
@@ -341,9 +338,8 @@ def campbell(
         np.array(values), np.array(rows), tuple(all_modes), place, damping, numbers, tuple(stops)
     )
     if not warnings_are_ignored():
-        fastest_modes = diagram.modes[diagram._fastest]
-        built = fastest_modes._linearization.equations.build_warnings
-        warn_of_result(diagram._list_warnings(fastest_modes._issued), built)
+        built = diagram.modes[0]._linearization.equations.build_warnings
+        warn_of_result(diagram.warnings, built)
     return diagram
 
 

@@ -109,7 +109,6 @@ class Modes(HasModeShapes):
     q: Array = field(repr=False)
     mechanism: Mechanism | None = field(repr=False)
     _linearization: Linearization = field(repr=False)
-    _remarks: tuple[str, ...] = ()
     _request: _Request | None = None
 
     def __len__(self) -> int:
@@ -119,7 +118,7 @@ class Modes(HasModeShapes):
         shown = zip(self.kinds, self.frequencies[:_REPR_FREQUENCIES].tolist(), strict=False)
         frequencies = ", ".join(f"{x:.4g} Hz" if x else kind for kind, x in shown)
         more = ", ..." if len(self) > _REPR_FREQUENCIES else ""
-        count = len(vars(self).get("warnings", self._state_warnings))
+        count = len(vars(self).get("warnings", self._linearization.warnings))
         note = f"; {format_count(count, 'warning')}, see .warnings" if count else ""
         return f"<Modes about {self.about}: {len(self)}, {frequencies}{more}{note}>"
 
@@ -146,20 +145,12 @@ class Modes(HasModeShapes):
         of eigenvalues exceed 4 %.
         """
         is_checked = self._request is not None and self._request.is_checked
-        return (*self._state_warnings, *(self.errors.sentences() if is_checked else ()))
-
-    @property
-    def _state_warnings(self) -> tuple[str, ...]:
-        return self._linearization.warnings + self._remarks
-
-    @property
-    def _issued(self) -> tuple[str, ...]:
-        """All warnings except unstable states and missing modes."""
-        return tuple(x for x in self.warnings if x not in self._remarks)
+        sentences = self._linearization.warnings
+        return (*sentences, *(self.errors.sentences() if is_checked else ()))
 
     def _issue_warnings(self) -> None:
         if not warnings_are_ignored():
-            warn_of_result(self._issued, self._linearization.equations.build_warnings)
+            warn_of_result(self.warnings, self._linearization.equations.build_warnings)
 
     def describe(self, k: int) -> str:
         """Return a label of mode `k`, counted from 0: number k + 1, frequency, damping ratio.
@@ -337,8 +328,7 @@ def modes(
     Warns
     -----
     BeamdaeWarning
-        For each of `Modes.warnings`, except unstable states and missing modes. The `errors` are
-        measured unless warnings are filtered out.
+        For each of `Modes.warnings`. The `errors` are measured unless warnings are filtered out.
 
     Examples
     --------
@@ -397,13 +387,14 @@ def _solve(model: Any, lin: Linearization, count: int | None, request: _Request)
     solution = solve_eigenproblem(lin.linearized_equations, count, request.damping)
     kinds = classify_modes(solution.values)
     free = [k for k, kind in enumerate(kinds) if kind == RIGID]
-    doubts = _describe_hidden_modes(lin, solution.shapes[:, free]) if free else []
-    remarks = []
+    warnings = [*lin.warnings]
+    if free:
+        warnings += _describe_hidden_modes(lin, solution.shapes[:, free])
     if lin.equations.n <= lin.equations.m:
-        remarks.append("there are no modes because joints and drivers fix every coordinate.")
+        warnings.append("there are no modes because joints and drivers fix every coordinate.")
     if growing := kinds.count(UNSTABLE):
         number = "one mode grows" if growing == 1 else f"{growing} modes grow"
-        remarks.append(
+        warnings.append(
             f"the state is unstable: {number}, and the fastest growth is by a factor of e in "
             f"{1.0 / np.max(solution.values.real):.3g} s."
         )
@@ -415,8 +406,7 @@ def _solve(model: Any, lin: Linearization, count: int | None, request: _Request)
         kinds,
         lin.state.q,
         mechanism,
-        replace(lin, warnings=(*lin.warnings, *doubts)),
-        tuple(remarks),
+        replace(lin, warnings=tuple(warnings)),
         None if mechanism is None else request,
     )
 

@@ -100,14 +100,13 @@ class Tolerance(NamedTuple):
     def for_integrator(cls, name: str, value: Any, integrator: Integrator) -> Tolerance:
         """Return the tolerance `value`, or the default for the integrator if it is None."""
         if value is not None:
-            target = require_positive(name, "tolerance", value)
-            allowance = 1.0
+            target, allowance = require_positive(name, "tolerance", value), 1.0
         elif integrator.accuracy.name == "rtol":
-            target = np.clip(_TOLERANCE_FACTOR * integrator.accuracy.value, *_TOLERANCE_BOUNDS)
-            allowance = _STAGNATION_ALLOWANCE
+            rtol = _TOLERANCE_FACTOR * integrator.accuracy.value
+            target, allowance = float(np.clip(rtol, *_TOLERANCE_BOUNDS)), _STAGNATION_ALLOWANCE
         else:
             target, allowance = _FIXED_STEP_TOLERANCE, 1.0
-        return cls(float(target), allowance * float(target), _CORRECTION_RATIO * float(target))
+        return cls(target, allowance * target, _CORRECTION_RATIO * target)
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,7 +146,7 @@ class ShootingMatrix:
         if is_free:
             last = run.solution.trajectory.intervals[-1].state
             change = run.period_map.period * np.concatenate([last.v[-1], last.a[-1]])
-            directions += (run.rates[0],)
+            directions += (run.rate,)
         state, end = (np.broadcast_to(x, len(run.scales)) for x in (shift, change))
         columns = run.projection @ end, run.projection @ state, *directions
         monodromy = run.monodromy(*columns, **options)
@@ -440,7 +439,7 @@ def solve_shooting(
     run = problem.shoot(x, p, amplitudes)
     if free_period:
         # Corrections are orthogonal to the time derivative at the start.
-        rate = run.rates[0] / max(float(np.linalg.norm(run.rates[0])), _TINY)
+        rate = run.rate / max(float(np.linalg.norm(run.rate)), _TINY)
         row = rate @ run.projection
         control = lambda y, _: Row(float(row @ (y - x)), np.append(row, 0.0))  # noqa: E731
 

@@ -216,7 +216,7 @@ def periodic_sensitivities(
     jacobian = run.projection @ matrix.jacobian @ run.basis
     if period is None:
         column = run.projection @ matrix.by_parameter
-        jacobian = np.vstack([np.column_stack([jacobian, column]), np.append(run.rates[0], 0.0)])
+        jacobian = np.vstack([np.column_stack([jacobian, column]), np.append(run.rate, 0.0)])
     singular_values = np.linalg.svd(jacobian, compute_uv=False)
     if not singular_values[-1] > _MIN_SINGULAR_VALUE * singular_values[0]:
         raise BeamdaeError(
