@@ -99,12 +99,6 @@ def start_inside_warnings(
                     )
 
 
-def contacts_of(equations: EquationsOfMotion) -> dict[str, Any]:
-    """Return the contacts of the mechanism by name."""
-    parts = {} if equations.mechanism is None else equations.mechanism.parts
-    return {name: part for name, part in parts.items() if part.gaps}
-
-
 def deep_contact_warnings(run: RunData) -> Iterator[str]:
     """Yield a warning about contacts that sink deeper in a run than a touching part is thick."""
     e, depths = run.equations, {}
@@ -137,9 +131,9 @@ def deep_rest_warnings(equations: EquationsOfMotion, times: Array, q: Array) -> 
 
 def _describe_depths(equations: EquationsOfMotion, depths: Mapping[str, float]) -> Iterator[str]:
     """Yield a warning about the contact that is deepest relative to the smallest part."""
-    contacts, deep = contacts_of(equations), []
+    deep = []
     for name, depth in depths.items():
-        limit, part = min(_list_sizes(equations, contacts[name]), default=(np.inf, ""))
+        limit, part = min(_list_sizes(equations, name), default=(np.inf, ""))
         if depth > limit:
             deep.append((depth / limit, name, depth, limit, part))
     if deep:
@@ -151,10 +145,12 @@ def _describe_depths(equations: EquationsOfMotion, depths: Mapping[str, float]) 
         )
 
 
-def _list_sizes(equations: EquationsOfMotion, contact: Any) -> Iterator[tuple[float, str]]:
+def _list_sizes(equations: EquationsOfMotion, name: str) -> Iterator[tuple[float, str]]:
     """Yield the known sizes at a contact [m], and their descriptions."""
     from beamdae.parts.forces.surfaces import CircleSurface
 
+    assert equations.mechanism is not None
+    contact: Any = equations.mechanism.parts[name]
     surface, sizes = contact.surface, {x.name: x.size for x in equations.parts}
     for x in (contact.point, surface.on):
         if isinstance(x, BeamAttachment) and x.s is not None:
