@@ -43,6 +43,8 @@ class MissedPeak:
         "smallest" or "largest".
     value, row_value
         The value, and the nearest one of the rows, in the unit of the column.
+    half_range
+        Half the range of the column, including the steps.
     error
         Larger one of the difference of the extremes, relative to half the range, and of the root
         mean square of the distance from the neighboring rows, relative to the deviation [-].
@@ -57,6 +59,7 @@ class MissedPeak:
     side: str
     value: float
     row_value: float
+    half_range: float
     error: float
     importance: float
     is_extreme: bool
@@ -101,6 +104,7 @@ def find_missed_peaks(run: RunData) -> ColumnDict:
             "largest" if value > row_value else "smallest",
             value,
             row_value,
+            half_range=float(half_range[k]),
             error=float(errors[k]),
             importance=abs(value - row_value) / float(largest[k]),
             is_extreme=is_extreme,
