@@ -20,14 +20,7 @@ from beamdae.analysis.eigenproblems.frequency_range import (
 from beamdae.beams.damping import EXAMPLE_DAMPING, find_undamped_beams
 from beamdae.equations.assembly.assemble import equations_of_motion
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.part_warnings import (
-    idle_part_warnings,
-    sample_velocities,
-    start_inside_warnings,
-    starts_in_equilibrium,
-    supplied_energy_warnings,
-    unguided_driver_warnings,
-)
+from beamdae.equations.part_warnings import switch_warnings
 from beamdae.equations.smooth_intervals import time_on_branch
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.starts.dependent_constraints import (
@@ -54,7 +47,11 @@ from beamdae.errors import (
 from beamdae.integrators.auto import Auto
 from beamdae.integrators.run_plan import plan_run
 from beamdae.interrupts import interruptible
-from beamdae.model_checks.contacts import deep_rest_warnings
+from beamdae.model_checks.contacts import (
+    deep_rest_warnings,
+    start_inside_warnings,
+    starts_in_equilibrium,
+)
 from beamdae.model_functions import HasOrigin, Model
 from beamdae.parts.joints.joint import Joint
 from beamdae.parts.mechanism import AS_DRAWN, Mechanism, require_start
@@ -158,10 +155,9 @@ class Check:
         Reason why the mechanism cannot be run, or "".
     warnings
         Sentences about the start (see `StartSummary.warning`), sections that are higher than
-        their beams are long, parts and event actions without effect, drivers whose bodies no joint
-        connects, contacts that start inside a surface, damping laws that supply energy, columns
-        with errors above 4 %, and beams without damping in runs
-        with more than 50 000 predicted steps.
+        their beams are long, event actions without effect, contacts that start inside a surface,
+        columns with errors above 4 %, and beams without damping in runs with more than 50 000
+        predicted steps.
     errors
         Errors of the observed columns, see `Solution.errors`, if the predicted run is complete;
         otherwise None.
@@ -317,7 +313,7 @@ def check(
         spectrum=None,
         prediction=None,
         problem=problem,
-        warnings=_collect_warnings(equations, starter, time, end, state, q),
+        warnings=_collect_warnings(equations, starter, time, state),
         free_groups=select_free_groups(equations, time, q, end or 1.0, loose),
     )
     if equations.m <= _MAX_CONSTRAINTS:
@@ -377,26 +373,16 @@ def _plan_start(equations: EquationsOfMotion, end: float) -> tuple[ConsistencySo
 
 
 def _collect_warnings(
-    equations: EquationsOfMotion,
-    starter: ConsistencySolver,
-    time: Array,
-    end: float | None,
-    state: Any,
-    q: Array,
+    equations: EquationsOfMotion, starter: ConsistencySolver, time: Array, state: Any
 ) -> tuple[str, ...]:
     """Return the warnings about single parts; `state` is the consistent start or None."""
     sentences = list(equations.build_warnings)
-    sentences += idle_part_warnings(equations, 0.0, end)
-    sentences += unguided_driver_warnings(equations, time, q, end or 1.0)
     if state is not None:
         sentences += filter(None, (compare_start(equations, state).warning,))
         sentences += start_inside_warnings(equations, starter.equations, time, state)
         if starts_in_equilibrium(equations):
             sentences += deep_rest_warnings(equations, time[None], state.q[None])
-        sentences += supplied_energy_warnings(
-            equations, lambda: sample_velocities(equations, time, state)
-        )
-    return tuple(sentences)
+    return (*sentences, *switch_warnings(equations.mechanism))
 
 
 def _unheld_motions(

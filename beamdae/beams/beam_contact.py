@@ -184,11 +184,6 @@ class BeamContact(ObservablePower):
         return self._contact_at(self.start, 1.0).regularized_friction
 
     @property
-    def restitution_or_elastic(self) -> float:
-        """`restitution`, or 1 if it is None."""
-        return self._contact_at(self.start, 1.0).restitution_or_elastic
-
-    @property
     @rebuilt_for_mesh
     def gap(self) -> Quantity:
         """Smallest distance of the contact points from the surface [m], negative in contact."""

@@ -21,9 +21,9 @@ import casadi as ca
 import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
-from beamdae.equations.part_warnings import starts_in_equilibrium
 from beamdae.errors import BeamdaeError, format_exception
 from beamdae.export.model_source import NumberMap, Value
+from beamdae.model_checks.contacts import starts_in_equilibrium
 
 Array = np.ndarray
 SX = ca.SX

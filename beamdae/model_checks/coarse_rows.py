@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,11 +10,9 @@ import numpy as np
 from beamdae.errors import list_first
 from beamdae.results.columns import (
     LIMIT,
-    UNITS_OF_TRANSLATIONS,
     ColumnDict,
     Header,
     format_apart,
-    largest_by,
     largest_of_kind,
     remove_unit,
 )
@@ -25,8 +23,7 @@ from beamdae.results.step_extremes import may_have_short_peaks
 Array = np.ndarray
 
 _MIN_ROWS = 3  # runs with fewer rows are not curves
-# Smaller columns, relative to the largest one of the same observable, do not matter.
-_MIN_SHARE_OF_OBSERVABLE = 1e-3
+_MIN_SHARE = 1e-3  # of the largest half range of columns of this kind; smaller ones do not matter
 # Units of positions, velocities and works, which abrupt forces change gradually.
 _GRADUAL_UNITS = ("m", "rad", "m/s", "rad/s", "J")
 _MAX_NAMES = 3  # of further columns
@@ -74,8 +71,8 @@ def find_missed_peaks(run: RunData) -> ColumnDict:
     The rows of a column show neither an extreme nor a vibration between them if the extreme of the
     steps exceeds that of the rows by 4 % of half the range, or the steps are outside the range of
     the two neighboring rows by a root mean square of 4 % of the deviation of the column. Columns
-    that vary by errors only, or are small beside others of the same observable, are omitted, and so
-    are lower extremes of magnitudes.
+    that vary by errors only, or are small beside others of the same kind, are omitted, and so are
+    lower extremes of magnitudes.
     """
     e, steps = run.equations, run._step_measures
     if run._is_at_rest or not run.columns:
@@ -89,11 +86,11 @@ def find_missed_peaks(run: RunData) -> ColumnDict:
         of_extremes = np.max(misses, axis=0) / half_range
         errors = np.fmax(of_extremes, steps.excess / steps.deviation)
     is_missed = (errors > LIMIT) & np.isin(headers, list(run.step_extremes))
-    is_missed &= ~_mark_minor(headers, half_range, e.length)
+    largest = largest_of_kind(headers, half_range, e.length)
+    is_missed &= half_range > _MIN_SHARE * largest
     if is_missed.any():
         in_doubt = np.where(is_missed, half_range, 0.0)
         is_missed &= ~mark_noise(run, steps.values, half_range, in_doubt)
-    largest = largest_of_kind(headers, half_range, e.length)
     peaks = {}
     for k in np.flatnonzero(is_missed).tolist():
         is_extreme, side = bool(of_extremes[k] > LIMIT), int(misses[1, k] > misses[0, k])
@@ -113,22 +110,6 @@ def find_missed_peaks(run: RunData) -> ColumnDict:
             is_extreme=is_extreme,
         )
     return ColumnDict(peaks)
-
-
-def _mark_minor(headers: Sequence[str], half_range: Array, length: float) -> Array:
-    """Return the mask of columns that are small beside translations or forces of their observable.
-
-    Rotations and moments are compared with these by the `length` [m]. The reverse is not done:
-    shafts turn far more often than they vibrate.
-    """
-    parts = [Header.of(header) for header in headers]
-    units, powers = zip(
-        *(UNITS_OF_TRANSLATIONS.get(x.unit, (x.unit, 0)) for x in parts), strict=True
-    )
-    keys = [f"{x.name} [{unit}]" for x, unit in zip(parts, units, strict=True)]
-    sizes = np.nan_to_num(half_range) * np.power(length, powers)
-    largest = largest_by(keys, np.where(np.array(powers) == 0, sizes, 0.0).tolist())
-    return np.asarray(sizes < _MIN_SHARE_OF_OBSERVABLE * np.array([largest[x] for x in keys]))
 
 
 def coarse_row_warnings(run: RunData) -> Iterator[str]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -66,11 +65,6 @@ def select_switches(do: Any) -> tuple[Switch, ...]:
 def select_impacts(do: Any) -> tuple[Impact, ...]:
     """Return the impacts among the actions of an event."""
     return tuple(x for x in do if isinstance(x, Impact)) if isinstance(do, tuple) else ()
-
-
-def have_actions(events: Iterable[Event]) -> bool:
-    """Return True if an event ends a run or changes it; others are only recorded."""
-    return any(event.do != "record" for event in events)
 
 
 def _require_consistent_switches(event: str, switches: tuple[Switch, ...]) -> None:

@@ -261,15 +261,6 @@ class ForceKernel:
         return bool(ca.depends_on(self.force, self.local.a))
 
     @cached_property
-    def motion_derivatives(self) -> RowFunction:
-        """dF/dq and dF/dv in (time, q, v, lam, data), column by column, without accelerations."""
-        x = self.local
-        derivatives = ca.horzcat(ca.jacobian(self.force, x.q), ca.jacobian(self.force, x.v))
-        derivatives = ca.substitute(derivatives, x.a, SX.zeros(x.a.shape))
-        inputs = [x.time, x.q, x.v, x.lam, x.data]
-        return RowFunction(ca.Function("derivatives", inputs, [ca.densify(ca.vec(derivatives))]))
-
-    @cached_property
     def _stacked(self) -> SX:
         x = self.local
         return ca.vertcat(x.q, x.v, x.a, x.lam, x.data)

@@ -311,23 +311,12 @@ def test_regression_the_mismatch_of_a_period_is_stated():
     mech.add(motor)
     mech.observe("crank", crank.at(0.1, 0.0))
     message = (
-        r"^motor\S*: loads or drivers at t = .* s differ by 1.57e-05 rad and do not repeat "
-        r"after the period of 1.33333 s; set period to .* drivers, such as 1.33333333 s\.$"
+        r"^motor\S*: loads or drivers at t = .* s change by 1.6e-05 of their range and do not "
+        r"repeat after the period of 1.33333 s; set period to the period of the loads and drivers"
     )
     with pytest.raises(bd.BeamdaeError, match=message):
         bd.periodic(mech, 1.33333)
     assert bd.periodic(mech, 1.33333333).status.success
-    with pytest.raises(bd.BeamdaeError, match=r"of the range of the loads .* such as 4 s\.$"):
-        bd.periodic(oscillator(bd.sine(1.0, 0.5)), 3.0)
-
-
-@pytest.mark.parametrize(("frequency", "period"), [(0.5, 2.2), (60.0, 1.004 / 60.0), (7.3, 1.0)])
-def test_failed_checks_propose_the_nearest_period(frequency, period):
-    law = bd.sine(1.0, frequency)
-    with pytest.raises(bd.BeamdaeError, match="such as") as info:
-        bd.periodic(oscillator(law), period)
-    proposal = float(str(info.value).partition("such as ")[2].removesuffix(" s."))
-    assert proposal == pytest.approx(round(period * frequency) / frequency, rel=1e-8)
 
 
 def driven(law, period, monkeypatch):
@@ -415,8 +404,8 @@ def test_regression_half_turns_name_the_driver_and_the_angle():
         return mech
 
     message = (
-        r"^motor: .* differ by 3\.14 rad and do not repeat after the period of 0\.0628319 s; set "
-        r"period to the period of the loads and drivers, such as 0\.125663706 s\.$"
+        r"^motor: .* change by \S+ of their range and do not repeat after the period of "
+        r"0\.0628319 s; set period to the period of the loads and drivers\.$"
     )
     with pytest.raises(bd.BeamdaeError, match=message):
         bd.periodic(rotor(), np.pi / 50.0)

@@ -274,8 +274,11 @@ def test_crossovers_of_delayed_loops_are_those_of_a_densely_sampled_phase(seed):
             {"controller": signal.StateSpace(-1.0, [[1.0, 1.0]], 1.0, [[0.0, 0.0]])},
             "one command, and one gain or input per output",
         ),
-        ({"controller": signal.dlti([1.0], [1.0, 0.5])}, "interval dt in s, got True"),
-        ({"controller": signal.lti([1.0], [1.0, 0.5]), "every": 0.1}, "differs from the interval"),
+        (
+            {"controller": signal.dlti([1.0], [1.0, 0.5])},
+            "dt of a discrete controller must be positive",
+        ),
+        ({"controller": signal.lti([1.0], [1.0, 0.5]), "every": 0.1}, "equal to every"),
         ({"every": 0.0}, "every must be positive"),
         ({"every": 0.1, "delay": 0.5}, "delay must be a whole number"),
         ({"delay": -1.0}, "delay must not be negative"),

@@ -1,151 +1,24 @@
-"""Warnings about contacts that never touch, let bodies pass, or hold at another impact speed."""
+"""Warnings about contacts that are deeper than a touching part."""
 
 import warnings
 
 import pytest
-from numpy.testing import assert_allclose
 
 import beamdae as bd
 
 G = 9.81
 STEEL = bd.Material.of("steel")
-UNTOUCHED, DEEP, SPEED = "the bodies do not touch", "the contact sinks", "the fastest impact is at"
 
 
 def list_warnings(result):
     """Return the warnings about contacts of a result."""
-    return [x for x in result.warnings if any(y in x for y in (UNTOUCHED, DEEP, SPEED))]
+    return [x for x in result.warnings if "the contact sinks" in x]
 
 
 def run(mech, t_end, **settings):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", bd.BeamdaeWarning)
         return bd.simulate(mech, bd.Radau(1e-4), t_end=t_end, **settings)
-
-
-# Contacts without a touch -------------------------------------------------------------------------
-
-
-def dropped_ball(height=1.0, floor=0.0, side=1.0, count=1, event=None):
-    mech = bd.Mechanism(gravity=(0.0, -G))
-    ball = mech.add(bd.PointMass("ball", 0.1, at=(0.0, height)))
-    surface = bd.LineSurface(mech.ground.at(0.0, floor), direction=(side, 0.0))
-    for number in range(count):
-        name = "floor" if number == 0 else f"guard {number}"
-        mech.add(bd.Contact(name, ball.point, surface, 1e4, restitution=0.5, impact_speed=4.0))
-    mech.observe("ball", ball.point)
-    if event:
-        mech.when("ball.y", crosses=0.1, direction="down", do=event)
-    return mech
-
-
-def ball_between(ceiling=1.2, lift=0.0, lower=-1.0):
-    """Return a ball that falls between two stops."""
-    mech = dropped_ball(floor=lower)
-    ball = mech.part("ball").point
-    surface = bd.LineSurface(mech.ground.at(0.0, ceiling), direction=(-1.0, 0.0))
-    mech.add(bd.Contact("ceiling", ball, surface, 1e4))
-    if lift:
-        mech.add(bd.Force("lift", ball, (0.0, lift)))
-    return mech
-
-
-def vibrating_ball():
-    mech = dropped_ball(height=0.2, floor=-0.5)
-    ball = mech.part("ball").point
-    mech.add(bd.Spring("spring", mech.ground.at(0.0, 1.2), ball, 40.0, free_length=1.0))
-    return mech
-
-
-def lifted_ball(side):
-    """Return a ball that a force lifts from a floor, or to a ceiling."""
-    mech = dropped_ball(floor=1.0, side=side)
-    mech.add(bd.Force("lift", mech.part("ball").point, (0.0, 2.0)))
-    return mech
-
-
-def guided_pad(gap, friction):
-    mech = bd.Mechanism(gravity=(0.0, -G))
-    pad = mech.add(bd.PointMass("pad", 1.0, at=(0.0, 0.0))).point
-    mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), pad))
-    mech.add(bd.Spring("spring", mech.ground.at(-1.0, 0.0), pad, 100.0, free_length=0.9))
-    mech.add(
-        bd.Contact("glass", pad, bd.LineSurface(mech.ground.at(0.0, -gap)), 1e5, friction=friction)
-    )
-    return mech
-
-
-def pad_on_belt(force, gravity=0.0):
-    """Return a pad of 0.1 kg with a spring along a belt, onto which a force [N] presses it."""
-    mech = bd.Mechanism(gravity=(0.0, -gravity))
-    belt = mech.add(bd.RigidBody.plate("belt", (0.0, -0.01), 1.0, 0.02, mass=1.0))
-    rail = mech.ground.at(0.0, -0.01), belt.at(0.0, -0.01)
-    mech.add(bd.Prismatic("rail", *rail, direction=(1.0, 0.0)))
-    mech.add(bd.TranslationalDriver("drive", *rail, lambda t: 0.2 * t, direction=(1.0, 0.0)))
-    pad = mech.add(bd.PointMass("box", 0.1, at=(0.0, 0.0))).point
-    mech.add(bd.Spring("spring", mech.ground.at(-0.2, 0.0), pad, 1e3, free_length=0.2))
-    mech.add(bd.Force("press", pad, (0.0, -force)))
-    surface = bd.LineSurface(belt.at(0.0, 0.0))
-    mech.add(bd.Contact("pad", pad, surface, 1e6, 1.5, 0.3, 0.1, friction=0.3))
-    mech.when("t", crosses=1.0)
-    return mech
-
-
-def leaf_on_cam(offset, far_stop=0.0):
-    """Return a cam of 40 mm below which a leaf spring of 0.15 m is clamped."""
-    mech = bd.Mechanism()
-    cam = mech.add(bd.RigidBody.disk("cam", (0.0, 0.0), 0.02, mass=0.5))
-    shaft = mech.ground.at(0.0, 0.0), cam.at(0.0, 0.0)
-    mech.add(bd.Revolute("shaft", *shaft))
-    mech.add(bd.Driver("motor", *shaft, lambda t: t))
-    y = 0.02 + offset
-    section = bd.Section.rectangle(STEEL, width=0.01, height=0.002)
-    leaf = mech.add(bd.Beam("leaf", bd.Line((-0.15, y), (0.0, y)), section, elements=1))
-    mech.add(bd.Weld("clamp", mech.ground.at(-0.15, y), leaf.start))
-    mech.add(bd.Contact("touch", leaf.end, bd.CircleSurface(cam.at(0.0, 0.0), 0.02), 1e5))
-    if far_stop:
-        stop = bd.LineSurface(mech.ground.at(0.0, y - far_stop))
-        mech.add(bd.Contact("stop", leaf.end, stop, 1e5))
-    return mech
-
-
-# Name of the contact with a warning, or ""
-UNTOUCHED_CASES = {
-    "pad beside the glass": (guided_pad(1e-3, 0.3), 1.0, "glass"),
-    "pad without a force": (pad_on_belt(0.0), 0.05, "pad"),
-    "lifted pad": (pad_on_belt(-20.0), 0.05, "pad"),
-    "cam in m instead of mm": (leaf_on_cam(2.0), 0.1, "touch"),
-    "stop in m instead of mm": (leaf_on_cam(0.002, far_stop=2.0), 0.1, "stop"),
-    "touches": (dropped_ball(), 0.5, ""),
-    "ends before the floor": (dropped_ball(), 0.3, ""),
-    "one of two touches": (ball_between(lower=0.6), 0.4, ""),
-    "end stops": (ball_between(), 0.3, ""),
-    "starts at an end stop": (ball_between(ceiling=1.0), 0.3, ""),
-    "bumper of a vibration": (vibrating_ball(), 1.0, ""),
-    "event that may stop the run": (dropped_ball(event="stop"), 0.3, ""),
-    "held at a ceiling": (lifted_ball(-1.0), 0.3, ""),
-    "lifted from a floor": (lifted_ball(1.0), 0.3, ""),
-    "guard beside a rail": (guided_pad(1e-3, 0.0), 1.0, ""),
-    "preloaded pad": (guided_pad(-1e-4, 0.3), 1.0, ""),
-    "pressed pad": (pad_on_belt(20.0), 0.05, ""),
-    "hardly pressed pad": (pad_on_belt(1e-3), 0.05, ""),
-    "pad with a weight": (pad_on_belt(0.0, gravity=G), 0.05, ""),
-    "stop at some lengths": (leaf_on_cam(0.002, far_stop=0.5), 0.1, ""),
-}
-
-
-@pytest.mark.slow(reason="a fifth of a second")
-@pytest.mark.parametrize(
-    ("mech", "t_end", "name"), UNTOUCHED_CASES.values(), ids=UNTOUCHED_CASES.keys()
-)
-def test_contacts_that_are_meant_to_touch_have_a_warning_if_they_do_not(mech, t_end, name):
-    found = [x for x in list_warnings(run(mech, t_end)) if UNTOUCHED in x]
-    assert [x.partition(":")[0] for x in found] == ([name] if name else [])
-
-
-def test_the_smallest_distance_is_stated():
-    (sentence,) = list_warnings(run(guided_pad(1e-3, 0.3), 1.0))
-    assert "with a smallest distance of 0.001 m at t = 0 s; check" in sentence
 
 
 # Deep contacts ------------------------------------------------------------------------------------
@@ -166,7 +39,7 @@ def pressed_lip(stiffness, height=2e-3, start="as drawn"):
     return mech
 
 
-def dropped_bar(stiffness, is_guided=False):
+def dropped_bar(stiffness):
     """Return a bar of 0.3 m and 4 mm that falls flat on a layer of foam at 2 m/s."""
     section = bd.Section.rectangle(STEEL, width=0.02, height=0.004, damping=2e-5)
     line, start = bd.Line((-0.15, 0.0), (0.15, 0.0)), {"velocity": (0.0, -2.0)}
@@ -174,8 +47,6 @@ def dropped_bar(stiffness, is_guided=False):
     bar = mech.add(bd.Beam("bar", line, section, elements=2, formulation="exact", **start))
     for name, point in (("left", bar.start), ("right", bar.end)):
         mech.add(bd.PointMass(name, 0.2, on=point))
-    if is_guided:
-        mech.add(bd.PointOnLine("guide", mech.ground.at(-0.15, 0.0), bar.start, (0.0, 1.0)))
     floor = bd.LineSurface(mech.ground.at(0.0, 0.0))
     mech.add(bd.Contact("foam", bar.at(0.15), floor, stiffness, exponent=1.0))
     return mech
@@ -204,13 +75,11 @@ def colliding_balls(stiffness, side="outside"):
 DEEP_CASES = {
     "lip": (pressed_lip(1e3), 0.2, "lip is thick (0.002 m)"),
     "lip at rest": (pressed_lip(1e3, start="equilibrium"), 0.05, "lip is thick (0.002 m)"),
-    "bar in air": (dropped_bar(1.0), 0.4, "bar is long (0.3 m)"),
-    "guided bar": (dropped_bar(2e4, is_guided=True), 0.03, "bar is thick (0.004 m)"),
-    "crate": (falling_crate(100.0), 0.8, "distance between points of crate (0.224 m)"),
+    "bar in air": (dropped_bar(1.0), 0.4, "bar is thick (0.004 m)"),
+    "crate": (falling_crate(100.0), 0.8, "crate is large (0.224 m)"),
     "balls": (colliding_balls(100.0), 0.3, "half the radius of the circle (0.05 m)"),
     "stiff lip": (pressed_lip(1e5), 0.05, ""),
     "thick lip": (pressed_lip(1e3, 0.05), 0.05, ""),
-    "bar on foam": (dropped_bar(2e4), 0.03, ""),
     "stiff crate": (falling_crate(1e4), 0.5, ""),
     "large crate": (falling_crate(300.0, height=0.4), 0.5, ""),
     "stiff balls": (colliding_balls(1e4), 0.3, ""),
@@ -222,9 +91,9 @@ DEEP_CASES = {
 @pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize(("mech", "t_end", "limit"), DEEP_CASES.values(), ids=DEEP_CASES.keys())
 def test_contacts_deeper_than_a_touching_part_have_a_warning(mech, t_end, limit):
-    found = [x for x in list_warnings(run(mech, t_end)) if DEEP in x]
+    found = list_warnings(run(mech, t_end))
     assert len(found) == bool(limit)
-    assert all(f"deep, more than {limit}" in x or f"the largest {limit}" in x for x in found)
+    assert all(f"deep, more than {limit}" in x for x in found)
 
 
 def test_checks_and_equilibria_name_deep_contacts():
@@ -243,66 +112,3 @@ def test_checks_and_equilibria_name_deep_contacts():
             warnings.simplefilter("ignore", bd.BeamdaeWarning)
             found = list_warnings(bd.equilibrium(mech))
         assert [x[:40] for x in found] == count * ["floor: the contact sinks 0.294 m deep, mo"[:40]]
-
-
-# Speeds of impacts --------------------------------------------------------------------------------
-
-
-def thrown_ball(impact_speed, restitution=0.6, height=0.01, surface=None, velocity=(0.0, -3.7)):
-    mech = bd.Mechanism(gravity=(0.0, -G if surface else 0.0))
-    ball = mech.add(bd.PointMass("ball", 0.3, at=(0.0, height), velocity=velocity))
-    surface = surface(mech.ground) if surface else bd.LineSurface(mech.ground.at(0.0, 0.0))
-    law = {"restitution": restitution, "impact_speed": impact_speed}
-    mech.add(bd.Contact("bounce", ball.point, surface, 8e6, **law))
-    mech.observe("ball", ball.point)
-    return mech
-
-
-def hill(ground):
-    return bd.CircleSurface(ground.at(0.0, 0.0), 1.0)
-
-
-def bowl(ground):
-    return bd.CircleSurface(ground.at(0.0, 0.0), 1.0, side="inside")
-
-
-ALONG = {"velocity": (0.5, 0.0)}
-SPEED_CASES = {
-    "elastic": (thrown_ball(3.7e3), 1.0),
-    "plastic": (thrown_ball(1e-3), 0.00028),
-    "slow": (thrown_ball(1.0), 0.26),
-    "at the start": (thrown_ball(1.0, height=0.0), 0.26),
-    "as given": (thrown_ball(3.7), None),
-    "faster": (thrown_ball(2.0), None),
-    "slower": (thrown_ball(7.0), None),
-    "hardly any losses": (thrown_ball(1.0, 0.99), None),
-    "as given at the start": (thrown_ball(3.7, height=1e-17), None),
-    "along a line": (thrown_ball(3.7, height=0.0, velocity=(1.0, 0.0)), None),
-    "along a hill": (thrown_ball(1.0, height=1.0, surface=hill, **ALONG), None),
-    "along a bowl": (thrown_ball(1.0, height=-1.0 + 2.3e-16, surface=bowl, **ALONG), None),
-}
-
-
-@pytest.mark.slow(reason="a fifth of a second")
-@pytest.mark.parametrize(("mech", "restitution"), SPEED_CASES.values(), ids=SPEED_CASES.keys())
-def test_restitutions_at_another_speed_have_a_warning(mech, restitution):
-    solution = run(mech, 0.02)
-    found = [x for x in list_warnings(solution) if SPEED in x]
-    assert len(found) == (restitution is not None)
-
-
-@pytest.mark.parametrize("name", ["plastic", "slow", "at the start"])
-def test_the_stated_restitution_at_another_speed_is_that_of_the_rebound(name):
-    mech, restitution = SPEED_CASES[name]
-    solution = run(mech, 0.02)
-    (text,) = (x for x in list_warnings(solution) if SPEED in x)
-    assert text.startswith("bounce: the fastest impact is at 3.7 m/s")
-    assert f"the restitution is {restitution:g}, because" in text
-    rebound = float(solution["ball.y_dot"].iloc[-1]) / 3.7
-    assert_allclose(rebound, restitution, rtol=0.02, atol=2e-3)  # restitution has two digits
-
-
-def test_contacts_pressed_together_have_no_impact():
-    mech = thrown_ball(0.05, 0.3, height=1.0, velocity=None, surface=hill)
-    mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 1.0), mech.part("ball").point, (0.0, 1.0)))
-    assert not list_warnings(run(mech, 0.1, start="equilibrium"))

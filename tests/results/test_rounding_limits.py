@@ -62,7 +62,6 @@ def test_regression_free_fall_has_no_warnings_about_rounding_errors(
     arguments = {} if integrator is None else {"integrator": integrator}
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        warnings.filterwarnings("ignore", "bumper: the bodies do not touch")
         run = bd.simulate(mech, t_end=0.7, output_step=output_step, **arguments)
     stiffness_ratio = options.get("modulus", 22e9) / 22e9
     assert np.max(np.abs(run.columns["clamp [Pa]"])) < 0.1 * stiffness_ratio

@@ -41,9 +41,6 @@ _LARGE_ERROR = 0.04  # of columns that runs name
 # Parts of warnings that do not concern the errors of the integration.
 _OTHER_WARNINGS = (
     "output rows miss",
-    "is below friction_speed",
-    "it creeps over",
-    "friction reaches a coefficient",
     "where its value is held",
 )
 # Largest disagreement of two references relative to half the range.

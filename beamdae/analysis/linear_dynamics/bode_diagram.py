@@ -110,10 +110,9 @@ class Bode(HasTable, HasPage):
     def __repr__(self) -> str:
         first, last = self.frequencies[[0, -1]].tolist()
         count = len(self.model.outputs) * len(self.model.inputs)
-        warnings = vars(self).get("warnings", self.model.warnings + self._remarks)
         return (
             f"<Bode: {format_count(count, 'transfer function')} at {len(self.frequencies)} "
-            f"frequencies, {first:g} to {last:g} Hz>" + "".join(f" {x}" for x in warnings)
+            f"frequencies, {first:g} to {last:g} Hz>"
         )
 
     @cached_property

@@ -15,7 +15,6 @@ from beamdae.analysis.eigenproblems.eigensolution import DECAY
 from beamdae.analysis.linear_dynamics.natural_modes import Modes, compute_modes
 from beamdae.errors import (
     BeamdaeError,
-    kind_of_message,
     require_count,
     require_finite,
     require_sequence,
@@ -123,34 +122,27 @@ class Campbell(HasTable, HasPage):
         return float(conversion_factor(self.speed_unit, "rad/s") or 1.0)
 
     @property
+    def _fastest(self) -> int:
+        return int(np.argmax(np.abs(self.speeds)))
+
+    @property
     def errors(self) -> Any:
         """Errors of the eigenvalues at the fastest rotation, see `Modes.errors`."""
-        return self.modes[int(np.argmax(np.abs(self.speeds)))].errors
+        return self.modes[self._fastest].errors
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Warnings about the model, the modes at the speeds, and modes that were not followed."""
-        return self._merge_warnings([x.warnings for x in self.modes])
-
-    def _merge_warnings(self, by_speed: Sequence[tuple[str, ...]]) -> tuple[str, ...]:
-        """Return the warnings at each speed, and those of lost modes.
-
-        Of warnings that differ only in numbers, the one at the fastest speed is returned.
-        """
-        merged: dict[str, str] = {}
-        common = set.intersection(*map(set, by_speed))
-        for k in np.argsort(-np.abs(self.speeds), kind="stable").tolist():
-            for text in by_speed[k]:
-                # Warnings of the model do not depend on the speed.
-                place = "" if text in common else f"at {self.speeds[k]:g} rad/s, "
-                merged.setdefault(kind_of_message(text), place + text)
+        """Warnings of the model and the modes at the fastest rotation; modes not followed."""
+        sentences = self.modes[self._fastest].warnings
+        built = self.modes[0]._linearization.equations.build_warnings
+        place = f"at {self.speeds[self._fastest]:g} rad/s, "
         lost = [
             f"mode {k + 1} was not followed from {before.speed:g} to {after.speed:g} rad/s, "
             "where its shape changes, and its resonances there are not listed; add speeds"
             for before, after in pairwise(self._stops)
             for k in np.flatnonzero(after.lost).tolist()
         ]
-        return (*merged.values(), *lost)
+        return (*(x if x in built else place + x for x in sentences), *lost)
 
     def plot(self) -> Plot:
         """Plot natural frequencies and multiples of the rotation speed over the rotation speed.
@@ -231,34 +223,25 @@ def _find_resonances(
 ) -> Iterator[float]:
     """Yield the speeds between two stops at which a frequency is a multiple of the speed.
 
-    The mode is followed by its shape. Speeds are roots of the difference between the squares of
-    frequency and excitation over the square of the speed, between which centrifugal stiffening
-    gives a linear relation (R. Southwell).
+    The mode is followed by its shape.
     """
 
-    def difference(square: float) -> float:
-        modes = solve(_signed_root(square))
+    def difference(speed: float) -> float:
+        modes = solve(speed)
         mac = np.sum([x.modes.mac(modes)[x.order[mode]] for x in stops], axis=0)
-        rate = float(modes.eigenvalues[int(np.argmax(mac))].imag)
-        return rate**2 - multiple**2 * abs(square)
+        return float(modes.eigenvalues[int(np.argmax(mac))].imag) - multiple * abs(speed)
 
     # At rest, whirls in both directions have the same frequency, and any shape.
     first, last = (x.speed for x in stops)
     speeds = np.unique(np.clip([first, 0.0, last], first, last))
-    for pair in pairwise((np.sign(speeds) * speeds**2).tolist()):
-        values = np.array([difference(x) for x in pair])
-        excitations = multiple**2 * np.abs(pair)
-        if np.prod(values) >= 0.0 or np.all(np.abs(values) <= 2.0 * _EQUAL * excitations):
+    for pair in pairwise(speeds.tolist()):
+        values, excitations = np.array([difference(x) for x in pair]), multiple * np.abs(pair)
+        if np.prod(values) >= 0.0 or np.all(np.abs(values) <= _EQUAL * excitations):
             continue
-        tolerances = {"xtol": 1e-16 * max(excitations), "rtol": 2.0 * _SPEED_TOLERANCE}
-        square = scipy.optimize.brentq(difference, *pair, **tolerances)
+        speed = scipy.optimize.brentq(difference, *pair, rtol=_SPEED_TOLERANCE)
         # At rest, motions without stiffness have the frequency of an excitation: zero.
-        if abs(difference(square)) < 2.0 * _MAX_DEVIATION * multiple**2 * abs(square):
-            yield _signed_root(square)
-
-
-def _signed_root(square: float) -> float:
-    return float(np.copysign(np.sqrt(abs(square)), square))
+        if abs(difference(speed)) < _MAX_DEVIATION * multiple * abs(speed):
+            yield float(speed)
 
 
 @interruptible
@@ -307,8 +290,8 @@ def campbell(
     Warns
     -----
     BeamdaeWarning
-        For each warning that `modes` issues, of `errors` at the slowest and the fastest rotation,
-        and for modes that were not followed.
+        For each warning that `modes` issues about the fastest rotation, and for modes that were not
+        followed.
 
     Examples
     --------
@@ -337,11 +320,11 @@ def campbell(
         model = model()
 
     # Errors change little with the speed.
-    ends = {min(values, key=abs), max(values, key=abs)}
+    fastest = max(values, key=abs)
 
     def solve(speed: float) -> Modes:
         about, total = rotation(speed, center), count + _EXTRA_MODES
-        return compute_modes(model, about, total, damping, assessed=count * (speed in ends))
+        return compute_modes(model, about, total, damping, assessed=count * (speed == fastest))
 
     all_modes = [solve(speed) for speed in values]
     order = np.arange(min(count, *map(len, all_modes)))
@@ -356,7 +339,7 @@ def campbell(
     )
     if not warnings_are_ignored():
         built = diagram.modes[0]._linearization.equations.build_warnings
-        warn_of_result(diagram._merge_warnings([x._issued for x in diagram.modes]), built)
+        warn_of_result(diagram.warnings, built)
     return diagram
 
 

@@ -15,6 +15,7 @@ from beamdae.analysis.linear_dynamics.linearization import (
     REFERENCE,
     Linearization,
     linearize_about,
+    linearize_motion,
     model_of_modes,
     searched_start,
     solve_for_accelerations,
@@ -47,6 +48,7 @@ from beamdae.parts.part import Part
 from beamdae.read_only import read_only_data
 from beamdae.results.columns import select_observed_columns
 from beamdae.results.displays import HasPage
+from beamdae.results.trajectory import Instant
 from beamdae.symbolic.statements import Variable
 
 Array = np.ndarray
@@ -694,6 +696,15 @@ def reduce_to_states(
         lin if e.mechanism is not None else None,
         _motions=dq[:, :n_states],
     )
+
+
+def find_growing(equations: EquationsOfMotion, instant: Instant, min_rate: float) -> Array:
+    """Return the eigenvalues above a growth rate [1/s] of the equations about a state of a run."""
+    matrix = reduce_to_states(linearize_motion(equations, instant)).A
+    # Shift and invert: of stiff structures, rounding errors of A reach the slow modes.
+    inverse = np.linalg.inv(matrix - min_rate * np.eye(len(matrix)))
+    values = min_rate + 1.0 / np.linalg.eigvals(inverse)
+    return values[values.real > min_rate]
 
 
 def _differentiate_outputs(

@@ -11,7 +11,6 @@ import numpy as np
 
 from beamdae import deferred
 from beamdae.analysis.eigenproblems.eigensolution import (
-    DECAY,
     RIGID,
     UNSTABLE,
     VIBRATION,
@@ -27,13 +26,11 @@ from beamdae.analysis.linear_dynamics.linearization import (
     searched_start,
 )
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.starts.mobility import find_free_groups
 from beamdae.equations.starts.rigid_motions import compute_rigid_motions
 from beamdae.equations.starts.steady_rotation import RotatingCoordinates
 from beamdae.errors import (
     BeamdaeError,
     format_count,
-    list_first,
     require_choice,
     require_count,
     require_finite,
@@ -60,7 +57,6 @@ _MASS_ROUNDING = 1e-20
 # Smallest share of the kinetic energy, without rigid motions of the bodies, of a motion that
 # deforms beams. Clamped beams have 3 %, rounding errors of free strips with L/h = 1e6 0.003 %.
 _MIN_DEFORMATION_SHARE = 1e-3
-_MAX_NAMES = 4  # of parts of a group without a joint
 _ASSESSED = 10  # modes whose errors are measured if all modes are requested
 # Number of frequencies shown in the repr.
 _REPR_FREQUENCIES = 5
@@ -113,7 +109,6 @@ class Modes(HasModeShapes):
     q: Array = field(repr=False)
     mechanism: Mechanism | None = field(repr=False)
     _linearization: Linearization = field(repr=False)
-    _remarks: tuple[str, ...] = ()
     _request: _Request | None = None
 
     def __len__(self) -> int:
@@ -123,7 +118,7 @@ class Modes(HasModeShapes):
         shown = zip(self.kinds, self.frequencies[:_REPR_FREQUENCIES].tolist(), strict=False)
         frequencies = ", ".join(f"{x:.4g} Hz" if x else kind for kind, x in shown)
         more = ", ..." if len(self) > _REPR_FREQUENCIES else ""
-        count = len(vars(self).get("warnings", self._state_warnings))
+        count = len(vars(self).get("warnings", self._linearization.warnings))
         note = f"; {format_count(count, 'warning')}, see .warnings" if count else ""
         return f"<Modes about {self.about}: {len(self)}, {frequencies}{more}{note}>"
 
@@ -146,24 +141,16 @@ class Modes(HasModeShapes):
 
         They say that the state is unstable, not an equilibrium, or the end of an equilibrium path
         or a run that ended early, that the command of a controller has reached its limit, that
-        there are no modes, that rounding errors of the stiffness hide slow modes, that nothing
-        holds a body, or that `errors` of eigenvalues exceed 4 %.
+        there are no modes, that rounding errors of the stiffness hide slow modes, or that `errors`
+        of eigenvalues exceed 4 %.
         """
         is_checked = self._request is not None and self._request.is_checked
-        return (*self._state_warnings, *(self.errors.sentences() if is_checked else ()))
-
-    @property
-    def _state_warnings(self) -> tuple[str, ...]:
-        return self._linearization.warnings + self._remarks
-
-    @property
-    def _issued(self) -> tuple[str, ...]:
-        """All warnings except unstable states and missing modes."""
-        return tuple(x for x in self.warnings if x not in self._remarks)
+        sentences = self._linearization.warnings
+        return (*sentences, *(self.errors.sentences() if is_checked else ()))
 
     def _issue_warnings(self) -> None:
         if not warnings_are_ignored():
-            warn_of_result(self._issued, self._linearization.equations.build_warnings)
+            warn_of_result(self.warnings, self._linearization.equations.build_warnings)
 
     def describe(self, k: int) -> str:
         """Return a label of mode `k`, counted from 0: number k + 1, frequency, damping ratio.
@@ -311,8 +298,8 @@ def modes(
     n
         Number of modes to return, those with the smallest |eigenvalue|. None returns all modes,
         computed with dense matrices. Material damping gives each fast mode a decay at the rate
-        1 / damping, and there is a warning if such decays take the place of all vibrations. Large
-        models may then lack one of several equal modes near this rate.
+        1 / damping; if such decays take the place of vibrations, set `damping=False`. Large models
+        may then lack one of several equal modes near this rate.
     damping
         Set False for undamped modes, from the symmetric parts of M and K alone.
     t
@@ -341,8 +328,7 @@ def modes(
     Warns
     -----
     BeamdaeWarning
-        For each of `Modes.warnings`, except unstable states and missing modes. The `errors` are
-        measured unless warnings are filtered out.
+        For each of `Modes.warnings`. The `errors` are measured unless warnings are filtered out.
 
     Examples
     --------
@@ -400,22 +386,15 @@ def _solve(model: Any, lin: Linearization, count: int | None, request: _Request)
     """Return the modes of a linearized model."""
     solution = solve_eigenproblem(lin.linearized_equations, count, request.damping)
     kinds = classify_modes(solution.values)
-    doubts = []
-    if free := [k for k, kind in enumerate(kinds) if kind == RIGID]:
-        doubts += _describe_hidden_modes(lin, solution.shapes[:, free])
-        doubts += _describe_free_bodies(lin, len(free) == len(kinds))
-    if len(kinds) == count and set(kinds) == {DECAY}:
-        doubts.append(
-            "all modes decay without oscillation, as fast modes with material damping do at the "
-            "rate 1 / damping; vibrations with a larger |eigenvalue| are not among the modes. Set "
-            "damping=False, or use a larger n."
-        )
-    remarks = []
+    free = [k for k, kind in enumerate(kinds) if kind == RIGID]
+    warnings = [*lin.warnings]
+    if free:
+        warnings += _describe_hidden_modes(lin, solution.shapes[:, free])
     if lin.equations.n <= lin.equations.m:
-        remarks.append("there are no modes because joints and drivers fix every coordinate.")
+        warnings.append("there are no modes because joints and drivers fix every coordinate.")
     if growing := kinds.count(UNSTABLE):
         number = "one mode grows" if growing == 1 else f"{growing} modes grow"
-        remarks.append(
+        warnings.append(
             f"the state is unstable: {number}, and the fastest growth is by a factor of e in "
             f"{1.0 / np.max(solution.values.real):.3g} s."
         )
@@ -427,8 +406,7 @@ def _solve(model: Any, lin: Linearization, count: int | None, request: _Request)
         kinds,
         lin.state.q,
         mechanism,
-        replace(lin, warnings=(*lin.warnings, *doubts)),
-        tuple(remarks),
+        replace(lin, warnings=tuple(warnings)),
         None if mechanism is None else request,
     )
 
@@ -449,24 +427,4 @@ def _describe_hidden_modes(lin: Linearization, free: Array) -> list[str]:
         "free motions deform beams and can be slow vibrations, because rounding errors of the "
         "stiffest parts reach the stiffness of the softest ones; replace very stiff beams by rigid "
         "bodies, or very thin ones by thicker ones."
-    ]
-
-
-def _describe_free_bodies(lin: Linearization, are_all: bool) -> list[str]:
-    """Return a warning about bodies that nothing holds, if they are a part of the mechanism.
-
-    A mechanism that is free as a whole has one if `are_all`: all modes are free motions.
-    """
-    e = lin.full_equations
-    if e.mechanism is None:
-        return []
-    groups = find_free_groups(e, lin.time, lin.state.q)
-    bodies = {part.name for part in e.parts if not part.is_state}
-    if not groups or (not are_all and any(bodies <= set(group) for group in groups)):
-        return []
-    names = "; ".join(list_first(group, _MAX_NAMES) for group in groups)
-    which = "all modes" if are_all else "modes of frequency 0"
-    return [
-        f"{names}: no joint or spring connects {'it' if sum(map(len, groups)) == 1 else 'them'} to "
-        f"the ground, so {which} are free motions; add a joint, such as a Weld, or use a larger n."
     ]

@@ -453,17 +453,13 @@ def _as_system(controller: Any, count: int, every: Any) -> tuple[Matrices, float
     if isinstance(controller, (lti, dlti)):
         system = controller.to_ss()
         matrices, own = (system.A, system.B, system.C, system.D), getattr(system, "dt", None)
-        if own is not None and (isinstance(own, bool) or not own > 0.0):
+        is_invalid = own is True or (own is not None and not own > 0.0)
+        if is_invalid or own != (interval or own):
             raise BeamdaeError(
-                f"margins: the discrete controller must have an interval dt in s, got {own!r}."
+                "margins: the interval dt of a discrete controller must be positive [s] and equal "
+                f"to every, got dt = {own!r} and every = {every!r}; omit every."
             )
-        if interval is not None and own != interval:
-            raise BeamdaeError(
-                f"margins: every = {interval:g} s differs from the interval dt of the controller, "
-                f"{own if own is None else format(own, 'g')}; pass a discrete controller with this "
-                "dt and omit every."
-            )
-        interval = None if own is None else float(own)
+        interval = own
     else:
         gains = [controller]
         if not np.isscalar(controller):

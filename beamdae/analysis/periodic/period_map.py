@@ -316,13 +316,8 @@ class PeriodRun:
         )
 
     @property
-    def rates(self) -> tuple[Array, Array]:
-        """Time derivatives of the state at the start and at the end of the period, (k,) each.
-
-        They are multiplied by the period and expressed in terms of `basis`.
-        """
-        intervals = self.solution.trajectory.intervals
-        first, last = intervals[0].state, intervals[-1].state
-        rates = [np.concatenate([x.v[k], x.a[k]]) for x, k in ((first, 0), (last, -1))]
-        start, end = (self.period_map.period * (self.projection @ x) for x in rates)
-        return start, end
+    def rate(self) -> Array:
+        """Rate of the state at the start, times the period, in terms of `basis`, (k,)."""
+        first = self.solution.trajectory.intervals[0].state
+        rate = np.concatenate([first.v[0], first.a[0]])
+        return np.asarray(self.period_map.period * (self.projection @ rate))

@@ -276,7 +276,7 @@ def _settle_freely(
 
 def _describe_outcome(run: PeriodRun, iterations: int, limits: Tolerance, is_free: bool) -> Status:
     deviation = run.relative_deviation
-    if is_free and not np.any(np.abs(np.concatenate(run.rates)) > _REST_TOLERANCE):
+    if is_free and not np.any(np.abs(run.rate) > _REST_TOLERANCE):
         return Status(
             "failed", "the motion found is a state of rest; change start= or increase settle="
         )
@@ -303,7 +303,7 @@ def _find_multipliers(run: PeriodRun, is_free: bool) -> tuple[Array, float]:
     Disturbances along a free motion have the multiplier 1. The others are those of disturbances
     modulo these: rounding would split a double multiplier of a conservative motion by its root.
     """
-    along = run.rates[0][None] if is_free else np.zeros((0, len(run.rates[0])))
+    along = run.rate[None] if is_free else np.zeros((0, len(run.rate)))
     across = la.null_space(along)
     previous, expected = np.array([np.inf]), across[:, :0]
     for refinement in range(-1, _MAX_REFINEMENTS + 1):

@@ -1,8 +1,7 @@
 """Single shooting: states that repeat after one period, as a problem of the curve engine.
 
 Its linearizations are monodromy matrices minus the identity. One of them costs two to six runs over
-a period; Newton's method keeps it as long as it predicts the next run, and improves it by the
-deviations of the runs (Broyden, Math. Comp. 19 (1965) 577).
+a period; Newton's method keeps it as long as it reduces the deviation.
 """
 
 from __future__ import annotations
@@ -57,14 +56,12 @@ _STAGNATION_ALLOWANCE = 10.0
 _CORRECTION_RATIO = 0.1
 _STAGNATION_RATIO = 0.5
 
-# A matrix is kept if the change of the deviation differs from the predicted one by less than this
-# fraction.
-_MAX_PREDICTION_ERROR = 0.3
+# A matrix is kept if it reduces the deviation to at most this fraction.
+_MAX_CONTRACTION = 0.1
 _MAX_PERIOD_CHANGE = 0.5  # of the logarithm of a free period in a correction
-# Largest step of finite differences with respect to the parameter, relative to its range, and
-# largest relative change of the period. Tangents have errors of the step, and of the errors of
-# runs, about 1e-9, over the step. The distance d of a multiplier from 1 amplifies both by 1 / d; it
-# is as small as 2 pi times the damping ratio.
+# Step of finite differences with respect to the parameter, relative to its range. Tangents have
+# errors of the step, and of the errors of runs, about 1e-9, over the step. The distance d of a
+# multiplier from 1 amplifies both by 1 / d; it is as small as 2 pi times the damping ratio.
 _DIFFERENCE_STEP = 2e-5
 # Smaller singular values, relative to the largest, belong to directions in which all states are
 # periodic.
@@ -103,14 +100,13 @@ class Tolerance(NamedTuple):
     def for_integrator(cls, name: str, value: Any, integrator: Integrator) -> Tolerance:
         """Return the tolerance `value`, or the default for the integrator if it is None."""
         if value is not None:
-            target = require_positive(name, "tolerance", value)
-            allowance = 1.0
+            target, allowance = require_positive(name, "tolerance", value), 1.0
         elif integrator.accuracy.name == "rtol":
-            target = np.clip(_TOLERANCE_FACTOR * integrator.accuracy.value, *_TOLERANCE_BOUNDS)
-            allowance = _STAGNATION_ALLOWANCE
+            rtol = _TOLERANCE_FACTOR * integrator.accuracy.value
+            target, allowance = float(np.clip(rtol, *_TOLERANCE_BOUNDS)), _STAGNATION_ALLOWANCE
         else:
             target, allowance = _FIXED_STEP_TOLERANCE, 1.0
-        return cls(float(target), allowance * float(target), _CORRECTION_RATIO * float(target))
+        return cls(target, allowance * target, _CORRECTION_RATIO * target)
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,24 +129,29 @@ class ShootingMatrix:
 
     @classmethod
     def of(
-        cls, run: PeriodRun, shift: Any = 0.0, change: Any = 0.0, *directions: Array, **options: Any
+        cls,
+        run: PeriodRun,
+        *directions: Array,
+        is_free: bool = False,
+        shift: Array | float = 0.0,
+        change: Array | float = 0.0,
+        **options: Any,
     ) -> ShootingMatrix:
-        """Return the derivatives, with those of state and deviation by a parameter, (2 n,) each.
+        """Return the derivatives; those by a parameter follow from its `shift` of the start.
 
-        They are exact on these derivatives and `directions`, see `PeriodRun.monodromy`.
+        `change` is that of the deviation. If `is_free`, the parameter is the logarithm of the
+        period. The derivatives are exact on these changes and `directions`, see
+        `PeriodRun.monodromy`.
         """
-        shift, change = (np.broadcast_to(x, len(run.scales)) for x in (shift, change))
-        inner, change = run.projection @ shift, run.projection @ change
-        monodromy = run.monodromy(change, inner, *directions, **options)
-        jacobian = run.basis @ monodromy @ run.projection - np.eye(len(shift))
-        return cls(run, jacobian, run.basis @ change - jacobian @ shift)
-
-    @classmethod
-    def of_free(cls, run: PeriodRun, *directions: Array, **options: Any) -> ShootingMatrix:
-        """Return the derivatives whose parameter is the logarithm of the period."""
-        last = run.solution.trajectory.intervals[-1].state
-        rate = run.period_map.period * np.concatenate([last.v[-1], last.a[-1]])
-        return cls.of(run, 0.0, rate, run.rates[0], *directions, **options)
+        if is_free:
+            last = run.solution.trajectory.intervals[-1].state
+            change = run.period_map.period * np.concatenate([last.v[-1], last.a[-1]])
+            directions += (run.rate,)
+        state, end = (np.broadcast_to(x, len(run.scales)) for x in (shift, change))
+        columns = run.projection @ end, run.projection @ state, *directions
+        monodromy = run.monodromy(*columns, **options)
+        jacobian = run.basis @ monodromy @ run.projection - np.eye(len(state))
+        return cls(run, jacobian, run.basis @ columns[0] - jacobian @ state)
 
     @cached_property
     def monodromy(self) -> Array:
@@ -286,7 +287,7 @@ class PeriodProblem(Problem):
 
         The number of elements thus hardly matters. Deformations of a beam have the largest size of
         its deformations with the same unit: beside the far smaller amplitudes of axial
-        deformations, errors of the runs would count.
+        deformations, steps of curves would be short.
         """
         assert self.base is not None
         run = self.base.run
@@ -315,37 +316,21 @@ class PeriodProblem(Problem):
         self, x: Array, p: float, last: PeriodLinearization | None = None
     ) -> PeriodLinearization:
         """Return the equations, linearized about a run; the last matrix is kept if it suffices."""
-        linear = self._linearize(x, p, last)
-        self.iterates[:] = [linear] if last is None else [*self.iterates, linear]
-        return linear
-
-    def _linearize(
-        self, x: Array, p: float, last: PeriodLinearization | None
-    ) -> PeriodLinearization:
-        base = self.base
-        assert base is not None
-        if last is None and p == base.p and np.array_equal(x, base.x):
-            return base
+        assert self.base is not None
+        before = last or self.base
+        if last is None and p == before.p and np.array_equal(x, before.x):
+            self.iterates[:] = [before]
+            return before
         if self.is_free and last is not None and abs(p - last.p) > _MAX_PERIOD_CHANGE:
             raise CurveError("the period changes too much in a step")
-        before = last or base
-        matrix, run = before.matrix, self.shoot(x, p, before.run.amplitudes)
-        if last is None:
-            return PeriodLinearization(self, x, p, run, matrix, True)
-        linear = PeriodLinearization(self, x, p, run, matrix, False, last.iterations + 1)
-        at, move, change = matrix.run, run.state - last.run.state, p - last.p
-        predicted = at.projection @ (matrix.jacobian @ move + change * matrix.by_parameter)
-        error = at.projection @ (run.difference - last.run.difference) - predicted
-        if run.relative_deviation <= self.tolerance.target:
-            # Errors of the runs would spoil directions in which all states are periodic.
-            return replace(linear, is_kept=True)
-        if np.linalg.norm(error) <= _MAX_PREDICTION_ERROR * np.linalg.norm(predicted):
-            inner = at.projection @ move
-            error = at.basis @ error / max(float(inner @ inner) + change**2, _TINY)
-            jacobian = matrix.jacobian + np.outer(error, inner @ at.projection)
-            by_parameter = matrix.by_parameter + change * error
-            matrix = ShootingMatrix(at, jacobian, by_parameter)
-            return replace(linear, similar=matrix, is_kept=True)
+        run, least = self.shoot(x, p, before.run.amplitudes), self.tolerance.target
+        if last is not None:
+            # Within the target, errors of the runs would spoil a new matrix.
+            least = max(least, _MAX_CONTRACTION * last.run.relative_deviation)
+        is_kept = last is None or run.relative_deviation <= least
+        count = 0 if last is None else last.iterations + 1
+        linear = PeriodLinearization(self, x, p, run, before.matrix, is_kept, count)
+        self.iterates[:] = [linear] if last is None else [*self.iterates, linear]
         return linear
 
     def shoot(self, x: Array, p: float, amplitudes: Array | None) -> PeriodRun:
@@ -374,21 +359,15 @@ class PeriodProblem(Problem):
         the model may not exist beyond its ends.
         """
         expected = () if similar is None else (run.projection @ similar.persistent,)
-        if self.is_free:
-            return ShootingMatrix.of_free(run, *expected)
         if not self.varies:
-            return ShootingMatrix.of(run, 0.0, 0.0, *expected)
+            return ShootingMatrix.of(run, *expected, is_free=self.is_free)
         step = _DIFFERENCE_STEP if p < 0.5 else -_DIFFERENCE_STEP
         period_map = self.map_at(p + step)
-        stretch = abs(period_map.period / run.period_map.period - 1.0)
-        if stretch > _DIFFERENCE_STEP:
-            step *= _DIFFERENCE_STEP / stretch
-            period_map = self.map_at(p + step)
         q, v = period_map.make_consistent(*np.split(run.state, 2))
         # With the same amplitudes, the errors of both runs are similar.
         other = PeriodRun(period_map, period_map.run(q, v, run.solution.equations.scales))
         shift, change = other.state - run.state, other.difference - run.difference
-        return ShootingMatrix.of(run, shift / step, change / step, *expected)
+        return ShootingMatrix.of(run, *expected, shift=shift / step, change=change / step)
 
     def is_solved(self, linear: PeriodLinearization, step: Array, size: float, last: float) -> bool:
         """Return True if the deviation is within the tolerance, and so is the next correction.
@@ -460,7 +439,7 @@ def solve_shooting(
     run = problem.shoot(x, p, amplitudes)
     if free_period:
         # Corrections are orthogonal to the time derivative at the start.
-        rate = run.rates[0] / max(float(np.linalg.norm(run.rates[0])), _TINY)
+        rate = run.rate / max(float(np.linalg.norm(run.rate)), _TINY)
         row = rate @ run.projection
         control = lambda y, _: Row(float(row @ (y - x)), np.append(row, 0.0))  # noqa: E731
 
@@ -522,10 +501,10 @@ def estimate_period(solution: Solution) -> float | None:
     largest = np.repeat([np.max(x) for x in np.split(ranges, 2)], len(is_angle))
     ranges[ranges <= _REST_RATIO * largest] = np.inf
     distance = np.max(np.abs(changes / ranges), axis=1)
-    departure = int(np.argmax(distance > 2.0 * _RETURN_DISTANCE))
-    is_near = distance[departure:] < _RETURN_DISTANCE
-    if not departure or not is_near.any():
+    has_left = np.maximum.accumulate(distance > 2.0 * _RETURN_DISTANCE)
+    is_near = has_left & (distance < _RETURN_DISTANCE)
+    if not is_near.any():
         return None
-    first = departure + int(np.argmax(is_near))
-    last = first + int(np.argmax(np.append(distance[first:] >= _RETURN_DISTANCE, True)))
+    first = int(np.argmax(is_near))
+    last = first + int(np.argmin(np.append(is_near[first:], False)))
     return float(trajectory.end - times[first + np.argmin(distance[first:last])])

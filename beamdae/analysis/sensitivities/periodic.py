@@ -209,11 +209,11 @@ def periodic_sensitivities(
         equations, method, float(motion.solution.t[0]), motion.period
     )
     run = PeriodRun(period_map, motion.solution)
-    matrix = ShootingMatrix.of_free(run, tolerance=EXACT_RANK)
+    matrix = ShootingMatrix.of(run, is_free=True, tolerance=EXACT_RANK)
     jacobian = run.projection @ matrix.jacobian @ run.basis
     if period is None:
         column = run.projection @ matrix.by_parameter
-        jacobian = np.vstack([np.column_stack([jacobian, column]), np.append(run.rates[0], 0.0)])
+        jacobian = np.vstack([np.column_stack([jacobian, column]), np.append(run.rate, 0.0)])
     singular_values = np.linalg.svd(jacobian, compute_uv=False)
     if not singular_values[-1] > _MIN_SINGULAR_VALUE * singular_values[0]:
         raise BeamdaeError(

@@ -151,41 +151,15 @@ def hysteresis_factor(restitution: float, speed: float) -> float:
     """
     if 1.0 - restitution < _MAX_SERIES_LOSS:
         return 1.5 * (1.0 - restitution) / speed
-    bounds = _least_hysteresis(restitution), 1.0 / restitution
-    return _bisect(lambda x: _exceeds_hysteresis(x, restitution), *bounds) / speed
-
-
-def _bisect(is_above: Callable[[float], bool], low: float, high: float) -> float:
+    low, high = 0.5 * (1.0 - restitution), 1.0 / restitution
     for _ in range(_MAX_BISECTIONS):
         middle = 0.5 * (low + high)
-        low, high = (low, middle) if is_above(middle) else (middle, high)
-    return 0.5 * (low + high)
-
-
-def _exceeds_hysteresis(product: float, restitution: float) -> bool:
-    """Return True if `product` is larger than X v [-] of a restitution; see `hysteresis_factor`."""
-    if 1.0 - restitution < _MAX_SERIES_LOSS:
-        return product > 1.5 * (1.0 - restitution)
-    if product <= _least_hysteresis(restitution):
-        return False  # the logarithms would differ by rounding errors only
-    remainder = 1.0 - restitution * product
-    if remainder <= 0.0:
-        return True
-    return math.log1p(product) - math.log(remainder) > product * (1.0 + restitution)
-
-
-def _least_hysteresis(restitution: float) -> float:
-    """Return a lower bound of X v [-]."""
-    return 0.5 * (1.0 - restitution)
-
-
-def restitution_at(speed: float, restitution: float, impact_speed: float) -> float:
-    """Return the restitution of an impact at `speed` if it is `restitution` at `impact_speed`.
-
-    Speeds are in m/s; see `hysteresis_factor`.
-    """
-    product = hysteresis_factor(restitution, impact_speed) * speed
-    return _bisect(lambda x: _exceeds_hysteresis(product, x), 0.0, 1.0)
+        logarithms = math.log1p(middle) - math.log(1.0 - restitution * middle)
+        if logarithms > middle * (1.0 + restitution):
+            high = middle
+        else:
+            low = middle
+    return 0.5 * (low + high) / speed
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,8 +191,8 @@ class Contact(ObservableLoad):
         With 1, the force is linear and has a kink at the onset of contact.
     restitution
         Coefficient of restitution of an impact at `impact_speed`, 0.05 to 1; slower impacts lose a
-        smaller fraction of their speed. If omitted, the contact is elastic as with 1, and runs
-        warn if it opens repeatedly: without dissipation, bodies do not come to rest.
+        smaller fraction of their speed. If omitted, the contact is elastic as with 1: without
+        dissipation, bodies do not come to rest.
     impact_speed
         Relative speed before the impact [m/s]; required if the restitution is less than 1.
     friction
