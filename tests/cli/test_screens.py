@@ -188,10 +188,7 @@ def test_list_executes_no_files(here):
             rows = tables[line.split()[0]] = []
         elif line.strip() and "──" not in line and "t_end" not in line:
             rows.append(line.split())
-    assert [row[:3] for row in tables["model"]] == [
-        ["lone", "T", "bad.py"],
-        ["arm", "1", "model.py"],
-    ]
+    assert [row[:2] for row in tables["model"]] == [["lone", "bad.py"], ["arm", "model.py"]]
     assert "length=2 * 3, kind=thin" in result.stdout
     assert tables["study"] == [["both", "model.py"]]
     assert [row[0] for row in tables["file"]] == ["syntax.py"]
