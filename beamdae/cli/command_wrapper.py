@@ -63,7 +63,7 @@ def wrap_command(name: str, command: Callable[..., None]) -> Callable[..., None]
     arguments, of_job = job_parameters(kind) if has_job else ([], [])
     own = own[has_job:]
 
-    def run(options: dict[str, Any]) -> None:
+    def call_command(options: dict[str, Any]) -> None:
         if has_job:
             of_command = {x.name: options.pop(x.name) for x in own}
             command(kind.create(name, options), **of_command)
@@ -84,7 +84,7 @@ def wrap_command(name: str, command: Callable[..., None]) -> Callable[..., None]
                 stack.enter_context(warnings.catch_warnings(action="ignore"))
             elif name not in _ENDLESS_COMMANDS:
                 stack.enter_context(hold_warnings(output))
-            code = _run_to_exit_code(lambda: interruptible(run)(options))
+            code = _run_to_exit_code(lambda: interruptible(call_command)(options))
         if as_json:
             typer.echo(output.to_json(name, code))
         raise typer.Exit(code)

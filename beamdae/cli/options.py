@@ -321,7 +321,7 @@ HorizontalColumn = Annotated[
     ),
 ]
 Pictures = Annotated[
-    bool, output_option("--picture/--no-picture", metavar="", help="Write pictures (PNG, SVG).")
+    bool, output_option("--picture/--no-picture", metavar="", help="Write pictures (PNG).")
 ]
 Out = Annotated[Path, output_option(help="Output folder.")]
 

@@ -26,8 +26,6 @@ from beamdae.studies.case_table import ACCURACY_COLUMNS, BOUND_COLUMN, ERROR_COL
 from beamdae.studies.deviations import compute_deviations
 from beamdae.studies.execution.study_run import StudyResults
 from beamdae.studies.run_values import (
-    MAX_WALL_TIME_COLUMN,
-    MIN_WALL_TIME_COLUMN,
     WALL_TIME_COLUMN,
 )
 
@@ -48,12 +46,10 @@ def list_plots(results: StudyResults) -> dict[str, Plot]:
     """
     if ERROR_COLUMN not in results.table:
         return {}
-    plots: dict[str, Plot] = {"comparison": partial(_draw_comparison, results)}
-    if results.study.over is not None:
-        plots["mesh_convergence"] = partial(_draw_mesh_convergence, results)
-    else:
-        plots["work_precision"] = partial(_draw_work_precision, results)
-    return plots
+    return {
+        "comparison": partial(_draw_comparison, results),
+        "work_precision": partial(_draw_work_precision, results),
+    }
 
 
 def _draw_comparison(results: StudyResults) -> list[Path]:
@@ -118,8 +114,7 @@ def _observed_table(table: pd.DataFrame) -> pd.DataFrame:
 def _draw_work_precision(results: StudyResults) -> list[Path]:
     """Plot the error over the wall time, with one panel per group.
 
-    Markers of errors that the reference does not resolve are hollow, as the bounds of its dotted
-    line; thin lines are the ranges of repeated runs.
+    Markers of errors that the reference does not resolve are hollow, at its dotted line.
     """
     rows = _select_drawable(results.table, WALL_TIME_COLUMN, BOUND_COLUMN)
     styles, panels = _assign_styles(rows["series"]), []
@@ -133,28 +128,15 @@ def _draw_work_precision(results: StudyResults) -> list[Path]:
             hollow = style | {"mfc": "none", "ls": "none"}
             lines.append((resolved[WALL_TIME_COLUMN], resolved[ERROR_COLUMN], style))
             lines.append((bounds[WALL_TIME_COLUMN], bounds[BOUND_COLUMN], hollow))
-            thin = {"color": style["color"], "lw": 0.7}
-            if MAX_WALL_TIME_COLUMN in runs:
-                ends = runs[[MIN_WALL_TIME_COLUMN, MAX_WALL_TIME_COLUMN]].to_numpy()
-                errors = runs[BOUND_COLUMN].to_numpy()
-                lines += [(x, np.full(2, y), thin) for x, y in zip(ends, errors, strict=True)]
         resolution = results.references[str(group)].resolution
         times = members[WALL_TIME_COLUMN].agg(["min", "max"]).to_numpy()
         lines.append((times, np.full(2, resolution), {"color": "0.4", "lw": 1.0, "ls": ":"}))
-        panels.append(_create_panel(str(group), lines, WALL_TIME_COLUMN))
-    return _save(panels, styles, results.folder / "work_precision")
-
-
-def _draw_mesh_convergence(results: StudyResults) -> list[Path]:
-    over = str(results.study.over)
-    rows = _select_drawable(results.table, ERROR_COLUMN).sort_values(over)
-    styles = _assign_styles(rows["group"])
-    lines: list[Line] = [
-        (runs[over], runs[ERROR_COLUMN], styles[str(group)])
-        for group, runs in rows.groupby("group", sort=False)
-    ]
-    panels = [_create_panel("", lines, over)] if lines else []
-    return _save(panels, styles, results.folder / "mesh_convergence")
+        axes = WALL_TIME_COLUMN, _ERROR_LABEL
+        panels.append(Panel(str(group), _ERROR_LABEL, lines, axes, ("log", "log")))
+    if not panels:
+        return []
+    figure = draw_panels(panels, "", styles, "groups", x_label=None)
+    return [save_figure(figure, results.folder / "work_precision.png")]
 
 
 def _select_drawable(table: pd.DataFrame, *columns: str) -> pd.DataFrame:
@@ -162,10 +144,6 @@ def _select_drawable(table: pd.DataFrame, *columns: str) -> pd.DataFrame:
     rows = table[table["status"] == "ok"]
     values = rows[list(columns)].astype(float)
     return rows[((values > 0.0) & (values < MAX_DRAWABLE)).all(axis=1)]
-
-
-def _create_panel(title: str, lines: list[Line], x: str) -> Panel:
-    return Panel(title, _ERROR_LABEL, lines, (x, _ERROR_LABEL), ("log", "log"))
 
 
 def _assign_styles(series: Iterable[str], with_markers: bool = True) -> dict[str, Style]:
@@ -181,11 +159,3 @@ def _assign_styles(series: Iterable[str], with_markers: bool = True) -> dict[str
             "lw": 1.0,
         }
     return styles
-
-
-def _save(panels: list[Panel], styles: dict[str, Style], path: Path) -> list[Path]:
-    """Write a figure as PNG and SVG and return the paths; skip a figure without panels."""
-    if not panels:
-        return []
-    figure = draw_panels(panels, "", styles, "groups", x_label=None)
-    return [save_figure(figure, path.with_suffix(suffix)) for suffix in (".png", ".svg")]

@@ -236,13 +236,7 @@ NOTHING = {
 
 @pytest.mark.parametrize("rows", NOTHING.values(), ids=NOTHING)
 def test_a_study_without_data_has_no_plots(tmp_path, rows):
-    rows = [{"elements": 4} | row for row in rows] + [{"elements": 8} | row for row in rows]
-    plots = study_pictures.list_plots(study(tmp_path, rows)) | study_pictures.list_plots(
-        study(tmp_path, rows, "elements")
-    )
-    assert plots["work_precision"]() == []
-    if rows[0].get("status") == "failed":
-        assert plots["mesh_convergence"]() == []
+    assert study_pictures.list_plots(study(tmp_path, rows))["work_precision"]() == []
 
 
 def test_a_group_without_a_success_has_no_panel(tmp_path, figure_of):
@@ -261,28 +255,22 @@ def test_work_precision_shows_errors_below_the_resolution(tmp_path, figure_of):
     assert colored_share(study_pictures.list_plots(results)["work_precision"]()[0]) > 1e-4
 
 
-def test_lines_connect_runs_by_setting_and_show_the_range_of_times(tmp_path, figure_of):
+def test_lines_connect_runs_by_setting(tmp_path, figure_of):
     settings = {0.01: (0.3, 2e-3), 0.1: (0.1, 1e-3), 0.001: (0.2, 3e-3)}
     rows = [
-        {"rtol": x, "label": f"{x}", "error [-]": error, "wall time [s]": cost,
-         "wall time min [s]": 0.5 * cost, "wall time max [s]": 10.0 * cost}
+        {"rtol": x, "label": f"{x}", "error [-]": error, "wall time [s]": cost}
         for x, (cost, error) in settings.items()
     ]  # fmt: skip
     axis = figure_of(study(tmp_path, rows), "work_precision").axes[0]
     assert list(axis.lines[0].get_xdata()) == [0.1, 0.3, 0.2]
-    ends = [(*x.get_xdata(), x.get_ydata()[0]) for x in axis.lines[2:5]]
-    expected = [
-        (0.5 * c, 10.0 * c, error) for c, error in (settings[x] for x in (0.1, 0.01, 0.001))
-    ]
-    np.testing.assert_allclose(ends, expected)
-    assert axis.get_xlim()[1] > 3.0
 
 
 @pytest.mark.slow(reason="half a second and more")
-def test_names_with_markup_give_valid_svg(tmp_path):
+def test_names_with_markup_give_valid_svg(tmp_path, figure_of):
     name = f"{ODD}\x07\x1b[0m <!-- --> &"
     rows = [{"group": name, "series": f"_{name}", "label": name, "elements": n} for n in (2, 4)]
-    _, svg = study_pictures.list_plots(study(tmp_path, rows))["work_precision"]()
+    figure = figure_of(study(tmp_path, rows), "work_precision")
+    svg = figures.save_figure(figure, tmp_path / "figure.svg")
     assert ElementTree.fromstring(svg.read_bytes()).tag.endswith("svg")
 
 

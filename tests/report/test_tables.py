@@ -41,7 +41,7 @@ def create_range_table():
     return terminal.table_of(
         [
             {"observed": f"tip {k}.angle_dot [rad/s]", "end": 1.23456e-05, "error": "1.2e-06"}
-            | {name: -1.23456e-05 for name in ("min", "max", "by elements", "by strains")}
+            | dict.fromkeys(("min", "max", "by elements", "by strains"), -1.23456e-05)
             for k in range(3)
         ]
     )

@@ -90,10 +90,7 @@ def make_study(number: int, t_end: float, loop_folder: str) -> bd.results.Study:
         bd.Case(recorded_hub, x | {"loop_folder": loop_folder}, bd.GeneralizedAlpha(STEP))
         for x in values
     )
-    try:
-        return bd.results.Study("sweep", cases, references=(), t_end=t_end)
-    except bd.BeamdaeError:
-        return bd.results.Study("sweep", cases, over="density", t_end=t_end)
+    return bd.results.Study("sweep", cases, references=(), t_end=t_end)
 
 
 def run_sweep(number: int, t_end: float) -> dict[str, float]:

@@ -39,7 +39,6 @@ _COMPARISON_COLUMNS = {
     "wall time [s]": "wall [s]",
     "status": "status",
     "steps": "steps",
-    "wall time max [s]": "min to max [s]",
     "energy imbalance [-]": "energy imbalance",
     "max position drift": "position drift",
     "measured error [-]": "measured error [-]",
@@ -197,25 +196,13 @@ def comparison_table(table: pd.DataFrame) -> ResponsiveTable:
     if "below resolution" in table:
         for k in table.index[table["below resolution"].fillna(False)]:
             shown.loc[k, "error [-]"] = f"< {format_number(table.loc[k, 'error bound [-]'])}"
-    if "wall time max [s]" in table:
-        spans = table[["wall time min [s]", "wall time max [s]"]].to_numpy().tolist()
-        shown["wall time max [s]"] = [_format_range(*x) for x in spans]
     return table_of(shown.rename(columns=_COMPARISON_COLUMNS), "cases.csv", digits=3)
 
 
-def _format_range(least: Any, most: Any) -> str:
-    low, high = format_number(least), format_number(most)
-    return "-" if low == "-" else f"{low} to {high}"
-
-
 def summary_table(summary: pd.DataFrame) -> ResponsiveTable:
-    """Return the summary table of a study; values are followed by their units and any ranges."""
-    ranges = (
-        f" ({_format_range(*x)})".replace(" (-)", "") for x in summary[["min", "max"]].to_numpy()
-    )
-    values = summary["value"].map(format_number) + " " + summary["unit"] + list(ranges)
-    texts = summary.assign(value=values.str.strip())[["answer", "value", "what", "at"]].astype(str)
-    return table_of(texts, "summary.csv")
+    """Return the summary table of a study; values are followed by their units."""
+    values = (summary["value"].map(format_number) + " " + summary["unit"]).str.strip()
+    return table_of(summary.assign(value=values)[["answer", "value", "what", "at"]], "summary.csv")
 
 
 def format_headers(units: Mapping[str, str]) -> dict[str, str]:
