@@ -231,7 +231,8 @@ def _describe_optimization(result: Any) -> Description:
         for x in result.constraints
     ]
     headers = format_headers({str(name): units.get(str(name), "") for name in design.index})
-    parameters = design.drop(columns="unit").rename(index=headers).rename_axis("parameter")
+    names = ["value", "first value", "lower bound", "upper bound", "at bound"]
+    parameters = design[names].rename(index=headers).rename_axis("parameter")
     of_design = {str(name): units[str(name)] for name in design.index}
     searches = _tabulate_searches(result.starts, of_design, "objective", "designs")
     return Description(

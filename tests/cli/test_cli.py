@@ -180,8 +180,8 @@ def test_run_reports_errors_of_beams_and_warns_once(command):
 
 @pytest.mark.slow(reason="runs a model")
 def test_run_with_generalized_alpha(command):
-    result = command("run", ARM, "--integrator", "generalized-alpha", "--step", "2e-3",
-                     "--rho-inf", "0.5", "--t-end", "0.01", "--output-step", "5e-3")  # fmt: skip
+    method = "--integrator", "generalized-alpha", "--step", "2e-3", "--option", "rho_inf=0.5"
+    result = command("run", ARM, *method, "--t-end", "0.01", "--output-step", "5e-3")
     assert result.exit_code == 0
     sidecar = json.loads(Path("results/arm.json").read_text())
     assert sidecar["integrator"]["step"] == 2e-3
@@ -251,7 +251,8 @@ def widths():
 def test_check_reports_size_and_start(command):
     result = command("check", ARM)
     assert result.exit_code == 0
-    rows = {line[:22].strip(): line[22:].strip() for line in result.stdout.splitlines()}
+    lines = [line.split("  ", 1) for line in result.stdout.splitlines() if "  " in line]
+    rows = {topic.strip(): text.strip() for topic, text in lines}
     assert rows["size"].startswith("12 coordinates, 2 constraints")
     assert rows["mobility"].startswith("10 =")
     assert "as drawn" in rows["start"]

@@ -383,8 +383,6 @@ def test_a_study_is_a_decorated_function():
 
 
 def test_unknown_columns_are_refused_after_the_first_run(tmp_path):
-    with pytest.raises(
-        bd.BeamdaeError, match=r"made: there is no observed column 'end.z \[m\]'.*did you"
-    ):
+    with pytest.raises(bd.BeamdaeError, match=r"made: there is no column 'end.z \[m\]'.*did you"):
         run(create_study(SWINGS[:1], columns=("end.z [m]",)), tmp_path)
     assert not (tmp_path / "outcomes").exists()

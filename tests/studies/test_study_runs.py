@@ -167,10 +167,10 @@ def test_regression_warnings_that_several_cases_share_are_described_once(swept):
     missed = "tip.x_dot: the output rows miss {} m/s at t = 1 s, also in tip.y (2 m){}."
     other = "arm.x: the output rows miss its {} value, {} N at t = 1 s."
     texts = [
-        f"Further: no. {other.format('largest', 3)}",
-        f"{bent.format(0.1)} {missed.format(2, '')}",
+        f"Further: no.\n{other.format('largest', 3)}",
+        f"{bent.format(0.1)}\n{missed.format(2, '')}",
         missed.format(3.5, ", tip.z (1 m)"),
-        f"{bent.format(0.2)} {missed.format(1e-5, '')} Further: no. "
+        f"{bent.format(0.2)}\n{missed.format(1e-5, '')}\nFurther: no.\n"
         f"{other.replace('arm', 'tip').format('smallest', 1)}",
         *("", ""),
     ]

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from beamdae.errors import format_count
 from beamdae.model_parameters import split_unit
 from beamdae.report.terminal.responsive_table import ResponsiveTable
 from beamdae.report.text import make_printable
@@ -248,8 +249,10 @@ def sweep_table(
 
 
 def failure_sentences(table: pd.DataFrame) -> list[str]:
-    """Return one sentence per unsuccessful run of a study."""
-    failed_runs = table[table["status"] != "ok"]
-    labels = failed_runs["group"] + ", " + failed_runs["label"]
-    reasons = zip(labels, failed_runs["reason"], strict=True)
-    return [make_printable(f"{label}: {reason}") for label, reason in reasons]
+    """Return one sentence per reason of the unsuccessful runs of a study, with its first run."""
+    sentences = []
+    for reason, rows in table[table["status"] != "ok"].groupby("reason", sort=False):
+        others = f" and {format_count(len(rows) - 1, 'other')}" if len(rows) > 1 else ""
+        label = f"{rows['group'].iloc[0]}, {rows['label'].iloc[0]}{others}"
+        sentences.append(make_printable(f"{label}: {reason}"))
+    return sentences

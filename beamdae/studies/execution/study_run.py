@@ -196,7 +196,7 @@ class StudyResults:
         # By kind, the first warning of each case.
         kinds: dict[str, dict[int, str]] = {}
         for k, text in enumerate(self.table.get("warnings", ())):
-            for warning in str(text or "").splitlines():
+            for warning in text.splitlines() if isinstance(text, str) else ():
                 kinds.setdefault(kind_of_message(f": {warning}"), {}).setdefault(k, warning)
         sentences = []
         for cases in list(kinds.values())[:_MAX_WARNING_KINDS]:
