@@ -28,7 +28,7 @@ from beamdae.studies.case_summaries import summarize_cases
 from beamdae.studies.case_table import assemble_case_table, tabulate_case
 from beamdae.studies.definition import Study
 from beamdae.studies.execution.executors import TaskExecutor
-from beamdae.studies.execution.study_progress import ProgressCounter, StudyProgress
+from beamdae.studies.execution.study_progress import StudyProgress, count_runs
 from beamdae.studies.references import (
     REFERENCE_NOT_RUN,
     Reference,
@@ -301,8 +301,8 @@ def _run_missing_tasks(
 ) -> bool:
     """Run the tasks without an outcome, add their outcomes, and return True if interrupted."""
     missing = [task for task in plan.tasks if task.key not in outcomes]
-    counter = ProgressCounter(plan.tasks, outcomes, executor.workers, progress)
-    counter.report("")
+    report = count_runs(plan.tasks, outcomes, executor.workers, progress)
+    report("")
     issued_messages: set[str] = set()
     if interrupts.received:
         return True
@@ -320,8 +320,7 @@ def _run_missing_tasks(
                 if outcome.is_final and outcome.status.kind != "interrupted":
                     outcome = store.save(task, outcome)
                 outcomes[task.key] = outcome
-                counter.add(outcome)
-                counter.report(f"{task.case.group}, {task.case.label}")
+                report(f"{task.case.group}, {task.case.label}", outcome)
         interrupts.immediate = False
     except KeyboardInterrupt:
         acknowledge()
