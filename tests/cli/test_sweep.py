@@ -89,8 +89,8 @@ def test_regression_sweeps_name_the_columns_that_the_terminal_omits(tmp_path):
         result = invoke(*arguments, "--no-page", *of, env={"COLUMNS": "400"})
         outputs[of] = " ".join(result.stdout.split())
     every, one = outputs.values()
-    assert "not shown: 3 columns of zeros; sweep.csv shows them" in every
-    assert "not shown: 1 column of zeros; sweep.csv" in one
+    for name in ("bob.y", "hub.angle", "end.y"):
+        assert name in every
     assert "max [m]" in one
 
 

@@ -139,7 +139,7 @@ ERRORS = {
                 "run --integrator idaa",
                 "--integrator must be one of 'auto', 'ida', 'radau', 'generalized-alpha'",
             ),
-            ("run --step 0.1", "--step is not supported by auto (only generalized-alpha"),
+            ("run --step 0.1", "--step is not a setting of auto (only of generalized-alpha"),
             ("run --rtol 0", "rtol must be positive"),
             (
                 "run --integrator ida --option formulation=index9",
@@ -460,7 +460,7 @@ ERRORS = {
             ),
             (
                 "fit data.csv --by stiffness --integrator ida --step 0.002",
-                "--step is not supported by ida",
+                "--step is not a setting of ida",
             ),
             ("fit none.csv --by stiffness", "'none.csv' cannot be read: No such file or directory"),
             (
