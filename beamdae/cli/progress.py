@@ -106,15 +106,17 @@ def show_curve_progress(
     """Show the progress of a response curve; yield a function of each of its points."""
     from beamdae.model_parameters import format_with_unit
 
-    count, (first, last) = 0, ends
+    count, (first, last), start = 0, ends, monotonic()
     with show_progress("0 points", "first periodic motion") as show:
 
         def update(point: ResponsePoint) -> None:
             nonlocal count
             count += 1
             fraction = (point.parameter - first) / (last - first)
+            elapsed = monotonic() - start
+            remaining = elapsed * (1.0 / fraction - 1.0) if fraction > 0.0 else None
             value = format_with_unit(float(f"{point.parameter:.4g}"), unit)
-            show(fraction, format_count(count, "point"), None, f"{parameter} = {value}")
+            show(fraction, format_count(count, "point"), remaining, f"{parameter} = {value}")
 
         yield update
 

@@ -257,7 +257,7 @@ def test_check_reports_size_and_start(command):
     assert rows["mobility"].startswith("10 =")
     assert "as drawn" in rows["start"]
     assert "Revolute" in result.stdout
-    assert "free motions" not in rows, "rows without a finding are omitted"
+    assert "dependent constraints" not in rows, "rows without a finding are omitted"
 
 
 FALL = """import beamdae as bd

@@ -211,10 +211,6 @@ ERRORS = {
     "vanderpol": (
         VAN_DER_POL,
         [
-            (
-                "periodic --start equilibrium --speed 3",
-                "--start and --speed are mutually exclusive",
-            ),
             ("periodic --period 4 --period-guess 4", "mutually exclusive"),
             ("periodic --set force=1.0", "depend on time; pass their period with --period."),
             ("periodic --period -1", "period must be positive"),
