@@ -37,7 +37,7 @@ class Reference:
     Attributes
     ----------
     methods
-        Labels of the two methods or meshes; "" for each one that is missing.
+        Labels of the two methods; "" for each one that is missing.
     table
         Observed columns, energies and drift by time; None if there is no reference.
     columns
@@ -78,9 +78,8 @@ def group_cases(
 ) -> dict[str, list[Case]]:
     """Group the cases that share a reference, and return them by group label.
 
-    The cases of a group have the same mechanism and end time. In a mesh study, they have the same
-    integrator, and their mechanisms differ only in the refined parameter. `task_by_case` maps the
-    `id` of a case to its task.
+    The cases of a group have the same mechanism and end time. `task_by_case` maps the `id` of a
+    case to its task.
     """
     groups: dict[tuple[Any, ...], list[Case]] = {}
     for case in study.cases:
@@ -95,8 +94,7 @@ def create_reference_tasks(
 ) -> list[list[Task]]:
     """Return the tasks of the two reference methods of a group.
 
-    A method has one task, or two tasks for Richardson extrapolation. In a mesh study, the methods
-    are the two finest meshes, or the only mesh.
+    A method has one task, or two tasks for Richardson extrapolation.
     """
     methods = []
     for integrator in study.references or DEFAULT_REFERENCES:

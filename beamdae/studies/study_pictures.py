@@ -1,4 +1,4 @@
-"""Figures of a study: comparison over time, work-precision, mesh convergence."""
+"""Figures of a study: comparison over time, and work-precision."""
 
 from __future__ import annotations
 
