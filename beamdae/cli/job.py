@@ -129,9 +129,8 @@ class Job:
         if not names and x is None:
             return [], None
         if not self.picture:
-            raise BeamdaeError(
-                f"{self.command}: --plot and --x require the picture; omit --no-picture."
-            )
+            option = "--plot" if names else "--x"
+            raise BeamdaeError(f"{self.command}: {option} requires the picture; omit --no-picture.")
         from beamdae.results.columns import require_one_column, select_columns
         from beamdae.simulation import as_equations
 

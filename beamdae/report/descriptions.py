@@ -124,7 +124,11 @@ def _describe_response(response: Any) -> Description:
             "unstable": f"{n_unstable} of {len(values)} points",
             "folds": ", ".join(f"{fold:.6g}" for fold in response.folds) or "none",
         },
-        {"Peaks": peaks.rename(columns={response.parameter: response.label})},
+        {
+            "Peaks": peaks.rename(
+                columns={"observed": "peak of", response.parameter: response.label}
+            )
+        },
         lambda: {"points": response.table(), "folds": response.folds, "peaks": peaks},
     )
 

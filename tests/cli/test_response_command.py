@@ -39,7 +39,7 @@ def test_a_table_and_a_picture_are_written(response, monkeypatch):
     first, *_, last = (x for x in result.stderr.splitlines() if "left" in x)
     assert first == "frequency = 0.26 Hz: 1 point, -:-- left"
     assert last == f"frequency = 0.36 Hz: {len(table)} points, 0:00 left"
-    assert "half range" in result.stdout
+    assert "peak of" in result.stdout
     assert "[Hz]" in result.stdout
     assert Path("results/oscillator_response.png").stat().st_size > 1000
     assert Path("results/oscillator_response.html").stat().st_size > 10_000

@@ -316,7 +316,7 @@ ERRORS = {
             ("static --x tip.z", "there is no column 'tip.z'"),
             ("static --plot tip.x_dot", "there is no column 'tip.x_dot'"),
             ("static --x tip", "static: 'tip' selects several columns"),
-            ("static --plot tip.y --no-picture", "static: --plot and --x require the picture"),
+            ("static --plot tip.y --no-picture", "static: --plot requires the picture"),
         ],
     ),
     "swept": (
