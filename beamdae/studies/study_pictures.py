@@ -99,7 +99,7 @@ def _compare_runs(
     errors = {label: x.where((x > 0.0) & (x < MAX_DRAWABLE)) for label, x in errors.items()}
     if any(x.notna().any() for x in errors.values()):
         lines = [(x.index, x, styles[label]) for label, x in errors.items()]
-        if 0.0 < uncertainty < MAX_DRAWABLE:
+        if 0.0 < uncertainty < MAX_DRAWABLE and len(reference):
             entries["reference uncertainty"] = {"color": "0.4", "lw": 1.0, "ls": ":"}
             ends = reference[TIME].to_numpy()[[0, -1]]
             lines.append((ends, np.full(2, uncertainty), entries["reference uncertainty"]))
@@ -131,6 +131,9 @@ def _draw_work_precision(results: StudyResults) -> list[Path]:
         resolution = results.references[str(group)].resolution
         times = members[WALL_TIME_COLUMN].agg(["min", "max"]).to_numpy()
         lines.append((times, np.full(2, resolution), {"color": "0.4", "lw": 1.0, "ls": ":"}))
+        # Equal errors have no range.
+        low, high = members[BOUND_COLUMN].agg(["min", "max"])
+        lines.append((times, np.array([0.3 * low, 3.0 * high]), {"ls": ""}))
         axes = WALL_TIME_COLUMN, _ERROR_LABEL
         panels.append(Panel(str(group), _ERROR_LABEL, lines, axes, ("log", "log")))
     if not panels:
