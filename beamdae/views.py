@@ -34,7 +34,7 @@ _FUNCTIONS = {
     "plot_section_forces": ("pictures.section_diagrams", "plot_section_diagram"),
     "plot_time_series": ("pictures.time_plots", "plot"),
     "summarize_as_html": ("run_summary", "summarize_as_html"),
-    "write_analysis_page": ("analysis_pages", "write_analysis_page"),
+    "write_analysis_page": ("result_pages", "write_analysis_page"),
 }
 
 __all__ = ["save_plot", "write_run_page", *_FUNCTIONS]

@@ -15,6 +15,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from beamdae.cli import signals, streams
+from beamdae.cli.job import Job, job_parameters
 from beamdae.cli.options import output_option
 from beamdae.cli.output import CommandOutput, hold_warnings, print_error, use_output
 from beamdae.errors import BeamdaeError, short_repr
@@ -56,6 +57,18 @@ _UsageError: Any = typer.BadParameter.__base__
 
 def wrap_command(name: str, command: Callable[..., None]) -> Callable[..., None]:
     """Add --quiet and --json to a command, and turn its errors into messages and exit codes."""
+    own = list(inspect.signature(command, eval_str=True).parameters.values())
+    kind: Any = own[0].annotation if own else None
+    has_job = isinstance(kind, type) and issubclass(kind, Job)
+    arguments, of_job = job_parameters(kind) if has_job else ([], [])
+    own = own[has_job:]
+
+    def call_command(options: dict[str, Any]) -> None:
+        if has_job:
+            of_command = {x.name: options.pop(x.name) for x in own}
+            command(kind.create(name, options), **of_command)
+        else:
+            command(**options)
 
     @wraps(command)
     def run_and_exit(*, quiet: bool, as_json: bool, verbose: bool = False, **options: Any) -> None:
@@ -71,7 +84,7 @@ def wrap_command(name: str, command: Callable[..., None]) -> Callable[..., None]
                 stack.enter_context(warnings.catch_warnings(action="ignore"))
             elif name not in _ENDLESS_COMMANDS:
                 stack.enter_context(hold_warnings(output))
-            code = _run_to_exit_code(lambda: interruptible(command)(**options))
+            code = _run_to_exit_code(lambda: interruptible(call_command)(options))
         if as_json:
             typer.echo(output.to_json(name, code))
         raise typer.Exit(code)
@@ -79,15 +92,16 @@ def wrap_command(name: str, command: Callable[..., None]) -> Callable[..., None]
     # Help texts are wrapped to the width of the terminal, so remove line breaks of docstrings.
     paragraphs = (inspect.getdoc(command) or "").split("\n\n")
     run_and_exit.__doc__ = "\n\n".join(" ".join(paragraph.split()) for paragraph in paragraphs)
+    outputs = [
+        inspect.Parameter(
+            option, inspect.Parameter.KEYWORD_ONLY, default=False, annotation=annotation
+        )
+        for option, annotation in _OUTPUT_OPTIONS.items()
+        if option != "verbose" or name in _COMMANDS_WITH_DETAILS
+    ]
     parameters = [
-        *inspect.signature(command, eval_str=True).parameters.values(),
-        *(
-            inspect.Parameter(
-                option, inspect.Parameter.KEYWORD_ONLY, default=False, annotation=annotation
-            )
-            for option, annotation in _OUTPUT_OPTIONS.items()
-            if option != "verbose" or name in _COMMANDS_WITH_DETAILS
-        ),
+        x.replace(kind=inspect.Parameter.KEYWORD_ONLY)
+        for x in (*arguments, *own, *of_job, *outputs)
     ]
     run_and_exit.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     run_and_exit.__annotations__ = {x.name: x.annotation for x in parameters}

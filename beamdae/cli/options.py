@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dis
+import inspect
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, is_dataclass, replace
 from functools import cache, partial
@@ -14,7 +16,7 @@ from beamdae.catalog import INTEGRATORS
 from beamdae.cli import startup
 from beamdae.cli.output import record_results
 from beamdae.cli.ranges import parse_ends
-from beamdae.errors import BeamdaeError, require_choice, short_repr, suggest
+from beamdae.errors import BeamdaeError, require_choice, short_repr, suggest, warn_user
 
 if TYPE_CHECKING:
     from beamdae.cli.model_files.model_file import ModelFile
@@ -185,8 +187,8 @@ About = Annotated[
     typer.Option(
         "--about",
         metavar="STATE",
-        help="State to linearize about: reference (the drawing) or equilibrium. Defaults to the "
-        "start of the model.",
+        help="State to linearize about: reference (the drawing), equilibrium, or rotation=SPEED in "
+        "rad/s or with a unit (rotation=3000rpm). Defaults to the start of the model.",
         autocompletion=lambda: _LINEARIZED_STATES,
     ),
 ]
@@ -321,7 +323,7 @@ HorizontalColumn = Annotated[
     ),
 ]
 Pictures = Annotated[
-    bool, output_option("--picture/--no-picture", metavar="", help="Write pictures (PNG, SVG).")
+    bool, output_option("--picture/--no-picture", metavar="", help="Write pictures (PNG).")
 ]
 Out = Annotated[Path, output_option(help="Output folder.")]
 
@@ -336,52 +338,38 @@ def load_model(
     model = file.model(name)
     values = parse_assignments(settings)
     model = replace(model, parameters=model.complete(values))
+    for unread in sorted(values.keys() - _read_names(model.build)):
+        warn_user(f"--set {unread}: {model.name} does not read this parameter; correct the model.")
     record_results(lambda: {"model": {"name": model.name, "parameters": model.parameters}})
     return model, file
 
 
-def find_state(command: str, mechanism: Any, about: str | None, speed: float | None) -> Any:
-    """Return the state of --about or --speed, by default the start of a mechanism.
+def _read_names(function: Callable[..., Any]) -> set[str]:
+    """Return the names of the arguments that the code of a model function reads; all if unknown."""
+    code = getattr(inspect.unwrap(function), "__code__", None)
+    if code is None or "locals" in code.co_names:
+        return set(inspect.signature(function).parameters)
+    loads = [x.argval for x in dis.get_instructions(code) if x.opname.startswith("LOAD_")]
+    # Instructions of Python 3.13 read two variables.
+    pairs = [x if isinstance(x, tuple) else (x,) for x in loads]
+    return {name for pair in pairs for name in pair if isinstance(name, str)} | {*code.co_cellvars}
 
-    Raises
-    ------
-    BeamdaeError
-        If both options are given, or the state is unknown.
-    """
+
+def find_state(command: str, mechanism: Any, about: str | None, speed: float | None = None) -> Any:
+    """Return the state of --about or --speed, by default the start of a mechanism."""
+    from beamdae.parts.rotation import rotation
+
     if about is not None and speed is not None:
         raise BeamdaeError(
             f"{command}: --about {about} and --speed are mutually exclusive; omit one."
         )
+    if about is not None and about.startswith(_ROTATION):
+        speed = parse_number(about.removeprefix(_ROTATION), "rad/s")
     if speed is not None:
-        from beamdae.parts.rotation import rotation
-
         return rotation(speed)
     if about is not None:
         return require_choice(command, "--about", about, _LINEARIZED_STATES)
     return getattr(mechanism, "start", "reference")
-
-
-def select_plotted_columns(
-    command: str, model: Model, names: list[str] | None, is_drawn: bool
-) -> list[str]:
-    """Return the headers of the observed columns of --plot, before an analysis that takes long.
-
-    Raises
-    ------
-    BeamdaeError
-        If the model does not observe a column, or no picture is drawn.
-    """
-    if not names:
-        return []
-    if not is_drawn:
-        raise BeamdaeError(f"{command}: --plot requires the picture; omit --no-picture.")
-    from beamdae.results.columns import select_observed_columns
-    from beamdae.simulation import as_equations
-
-    observables = as_equations(command, model).observables
-    headers = [header for observable in observables for header in observable.headers]
-    names = split_names(names, model)
-    return list(dict.fromkeys(select_observed_columns(command, names, headers)))
 
 
 def create_periodic_integrator(command: str, name: str, rtol: float | None, file: ModelFile) -> Any:
@@ -436,13 +424,24 @@ def create_integrator(command: str, name: str, options: Mapping[str, Any], file:
         if option not in _field_names(integrator):
             supporting = [x for x in names if option in _field_names(find_integrator(x))]
             raise BeamdaeError(
-                f"{command}: --{option.replace('_', '-')} is not supported by {name} (only "
-                f"{', '.join(supporting)})."
+                f"{command}: {option}= is not a setting of {name}"
+                + (f" (only of {', '.join(supporting)})." if supporting else ".")
             )
+    values = {x: _parse_setting(y) if isinstance(y, str) else y for x, y in values.items()}
     with translate_errors(f"{command}: --integrator {name}: the constructor", file.path):
         if isinstance(integrator, type):
             return integrator(**values)
         return replace(integrator, **values) if values else integrator
+
+
+def _parse_setting(text: str) -> Any:
+    """Return the number of a setting of an integrator, or its text."""
+    for kind in (int, float):
+        try:
+            return kind(text)
+        except ValueError:
+            pass
+    return text
 
 
 def _field_names(integrator: Any) -> list[str]:
@@ -562,20 +561,3 @@ def parse_start(
         name: parse_named_number("--start", name, value, find_units)
         for name, value in parse_assignments(options, "--start").items()
     }
-
-
-def required_accuracy(
-    command: str, accuracy: float | None, columns: list[str] | None, model: Model
-) -> dict[str, Any]:
-    """Return the arguments of an analysis for --accuracy and --columns.
-
-    Raises
-    ------
-    BeamdaeError
-        If columns are given without an accuracy.
-    """
-    if columns and accuracy is None:
-        raise BeamdaeError(
-            f"{command}: --columns requires --accuracy; use both options or neither."
-        )
-    return {"accuracy": accuracy, "accuracy_columns": split_names(columns, model) or None}

@@ -219,9 +219,11 @@ def record_warning(sentence: str) -> str:
 def _to_json_value(value: Any) -> Any:
     """Convert a value for JSON.
 
-    NaN and infinity become null, arrays and sets become lists, and paths and all other objects
-    become strings.
+    NaN and infinity become null, arrays and sets become lists, tables become lists of rows, and
+    paths and all other objects become strings.
     """
+    if hasattr(value, "to_dict"):
+        return _to_json_value(value.to_dict("records"))
     if isinstance(value, Mapping):
         return {str(key): _to_json_value(item) for key, item in value.items()}
     if isinstance(value, (list, tuple, set, frozenset)):

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import partial
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -32,6 +31,7 @@ from beamdae.report.option_names import name_options
 from beamdae.report.text import make_printable
 
 if TYPE_CHECKING:
+    from beamdae.report.descriptions import Description
     from beamdae.results.outcome import Status
 
 
@@ -43,62 +43,69 @@ class Report:
     ----------
     name
         Name of the model, or "" for commands without a result.
-    create_data
-        Function that returns the entries of the JSON document.
+    description
+        Facts and tables. Tables that are texts are printed as lines.
     status
         Termination status, whose reason follows the name; None for results without a status.
-    facts
-        Texts by topic, shown above the tables.
-    tables
-        Tables, and lines as strings.
-    details
-        Texts by topic that the option --verbose shows below the tables.
     warnings
         Warnings about the result.
     cost
         Text that follows the reason of the status.
+    source
+        What shows columns of tables that do not fit into the terminal.
     """
 
     name: str
-    create_data: Callable[[], Mapping[str, Any]]
+    description: Description
     status: Status | None = None
-    facts: Mapping[str, str] = field(default_factory=dict)
-    tables: Sequence[Any] = ()
-    details: Mapping[str, str] = field(default_factory=dict)
     warnings: Sequence[str] = ()
     cost: str = ""
+    source: str = "the CSV file"
 
     def print(self, accuracy: Status | None = None) -> None:
         """Print the report, with what was reached of a required accuracy, or record its data."""
-        from beamdae.report.terminal import text_tables
-
-        record_results(self.create_data)
-        if accuracy is not None:
-            reached = {"status": accuracy.kind, "reason": accuracy.sentence}
-            record_results(lambda: {"accuracy": reached})
-        console = create_console()
+        record_results(lambda: self._status_data(accuracy) | dict(self.description.data()))
+        console, status = create_console(), self.status
         if self.name:
             # Reasons of failures are the last line of a command.
-            status = self.status
             verdict = "" if status is None else status.sentence if status.success else status.kind
             line = ", ".join(filter(None, [verdict, self.cost]))
             line = f"{self.name}: {line}" if line else self.name
             console.print(make_printable(name_options(line)), style="bold")
-
-        def show_facts(facts: Mapping[str, str]) -> None:
-            texts = {topic: name_options(text) for topic, text in facts.items()}
-            show(console, text_tables.fact_list("", texts))
-
-        show_facts(self.facts)
-        for table in self.tables:
-            show(console, table, "dim" if isinstance(table, str) else None)
+        self._show_facts(console, self.description.facts)
+        for table in self.description.tables.values():
+            self._show_table(console, table)
         if current_output().verbose:
-            show_facts(self.details)
+            self._show_facts(console, self.description.details)
         if accuracy is not None and accuracy.success:
             console.print(f"accuracy: {name_options(accuracy.sentence)}", style="dim")
         # The reason of a failure is the last line of a command.
-        reason = "" if self.status is None or self.status.success else self.status.sentence
+        reason = "" if status is None or status.success else status.sentence
         print_warnings(console, (x for x in self.warnings if not reason or reason not in x))
+
+    def _status_data(self, accuracy: Status | None) -> dict[str, Any]:
+        statuses = (self.status, accuracy)
+        data, reached = (
+            {} if x is None else {"status": x.kind, "reason": x.sentence} for x in statuses
+        )
+        return data | ({"accuracy": reached} if reached else {})
+
+    def _show_facts(self, console: Any, facts: Mapping[str, str]) -> None:
+        from beamdae.report.terminal.responsive_table import FactList
+
+        show(console, FactList({topic: name_options(text) for topic, text in facts.items()}))
+
+    def _show_table(self, console: Any, content: Any) -> None:
+        from beamdae.report.terminal.text_tables import table_of
+
+        if isinstance(content, str):
+            show(console, content, "dim")
+        elif hasattr(content, "texts"):
+            show(console, content)
+        elif len(content):
+            table = table_of(content, self.source)
+            rows = [list(map(name_options, row)) for row in table.rows]
+            show(console, replace(table, rows=rows))
 
 
 @dataclass
@@ -210,13 +217,14 @@ class ResultFiles:
 
 def run_analysis(
     files: ResultFiles,
+    name: str,
     title: str,
     analyze: Callable[[], Any],
-    describe: Callable[[Any], Report],
-    draw: Callable[[Any, Path, str], Path | None],
     write_tables: Callable[[Any], Sequence[Path]] | None = None,
-    write_page: Callable[[Any, Path], Path] | None = None,
+    names: Sequence[str] = (),
+    x: str | None = None,
     further: Callable[[Any], None] | None = None,
+    complete: Callable[[Any, Report], Report] = lambda result, report: report,
 ) -> None:
     """Analyze a model, write tables, print the result, write page and picture, and end the command.
 
@@ -227,57 +235,44 @@ def run_analysis(
     ----------
     files
         Paths of the files.
-    title
-        Title of page and picture.
+    name, title
+        Name of the model, and title of page and picture.
     analyze
         Function that returns the result.
-    describe
-        Function that returns the report on a result.
-    draw
-        Function that writes the picture of a result with a title; None if there is nothing to draw.
     write_tables
         Function that writes the tables of a result; by default, its method `to_csv`.
-    write_page
-        Function that writes the page of a result; by default, `write_analysis_page`.
+    names, x
+        Columns and horizontal axis of the picture.
     further
         Function that writes further files, after page and picture.
+    complete
+        Function that returns the report on a result with additions.
     """
     with signals.defer_interrupts(immediate=1):
         result = analyze()
         files.add(*(write_tables(result) if write_tables else [result.to_csv(files.table)]))
-    from beamdae.report.analysis_pages import write_analysis_page
+    from beamdae.report.descriptions import describe
+    from beamdae.report.result_pages import write_analysis_page
     from beamdae.results.outcome import accuracy_of
 
-    report, accuracy = describe(result), accuracy_of(result)
-    report.print(accuracy)
+    status, accuracy = getattr(result, "status", None), accuracy_of(result)
+    report = Report(name, describe(result), status, result.warnings)
+    complete(result, report).print(accuracy)
+
+    def draw(path: Path) -> list[Path]:
+        from beamdae.report.pictures.figures import save_figure
+        from beamdae.report.pictures.result_figures import create_result_figure
+
+        suffix = "" if status is None or status.success else f", ended early ({status.kind})"
+        figure = create_result_figure(result, f"{title}{suffix}", names, x)
+        return [] if figure is None else [save_figure(figure, path)]
 
     page, picture = files.page, files.picture
-    if report.status is None or report.status.kind != "interrupted":
+    if status is None or status.kind != "interrupted":
         if page is not None:
-            write = write_page or partial(write_analysis_page, title=title)
-            files.write(page.name, lambda: [write(result, page)])
+            files.write(page.name, lambda: [write_analysis_page(result, page, title)])
         if picture is not None:
-            files.write(picture.name, lambda: filter(None, [draw(result, picture, title)]))
+            files.write(picture.name, lambda: draw(picture))
         if further is not None:
             further(result)
-    files.finish(("failed", report.status), ("the accuracy is not reached", accuracy))
-
-
-def without_status(facts: Mapping[str, str]) -> dict[str, str]:
-    """Return facts but the status, which follows the name of the model."""
-    return {topic: text for topic, text in facts.items() if topic != "status"}
-
-
-def draw_modes(modes: Any, path: Path, title: str) -> Path | None:
-    """Write the picture of natural or buckling modes; None without modes or parts to draw."""
-    if modes.mechanism is None or not len(modes):
-        return None
-    from beamdae.report.pictures.figures import save_figure
-    from beamdae.report.pictures.mode_shapes import create_modes_figure
-
-    return save_figure(create_modes_figure(modes, title), path)
-
-
-def named_reasons(searches: Any) -> Any:
-    """Return a table of searches whose reasons name options of the command."""
-    return searches.assign(reason=searches["reason"].map(name_options))
+    files.finish(("failed", status), ("the accuracy is not reached", accuracy))

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from beamdae.cli import signals
 from beamdae.cli.progress import show_run_progress
@@ -17,24 +17,12 @@ from beamdae.errors import BeamdaeError, format_count, warn_user
 from beamdae.interrupts import Interrupted, acknowledge
 
 if TYPE_CHECKING:
+    from beamdae.accuracy.errors import Errors
+    from beamdae.cli.job import Job
     from beamdae.model_functions import Model
     from beamdae.report.pictures.time_plots import PlotSelection
     from beamdae.results.outcome import Status
     from beamdae.results.solution import Solution
-
-
-class RunPlot(NamedTuple):
-    """Columns, horizontal axis and measured data of the picture; see `beamdae.plot`."""
-
-    columns: Sequence[str] = ()
-    x: str | None = None
-    data: Path | None = None
-    data_columns: Mapping[str, str] | None = None
-
-    @property
-    def is_default(self) -> bool:
-        """True if the picture shows the columns that vary."""
-        return not self.columns and self.x is None and self.data is None
 
 
 @dataclass
@@ -43,38 +31,35 @@ class Run:
 
     Attributes
     ----------
-    model, integrator
-        Model with the parameters of the run, and integrator.
+    job, integrator
+        Job with the model and the parameters of the run, and integrator.
     files
         Files of the run.
+    charts, data
+        Contents of the picture and of the page, None for the columns that vary, and name of the
+        file with measured data.
     checkpoint
         File with the run, from which it can be resumed, or None.
     errors
-        Error estimates of the observed columns, by name of the estimate; None without estimates.
+        Errors of the observed columns; None if they are not known.
     error_warnings
         Sentences about columns with large errors.
-    accuracy, reached
-        Required accuracy [-], and what was reached of it; None if the run is not refined.
+    reached
+        What was reached of a required accuracy; None if none is required.
     interrupted
         True if an interrupt ended the integration or a later step.
-    plot
-        Contents of the picture.
-    charts
-        Columns of `plot` over time with the measured values, which the page shows first; None if
-        the picture shows the columns that vary.
     """
 
-    model: Model
+    job: Job
     integrator: Any
     files: ResultFiles
+    charts: PlotSelection | None = None
+    data: str = ""
     checkpoint: Path | None = None
-    errors: Any = None
+    errors: Errors | None = None
     error_warnings: list[str] = field(default_factory=list)
-    accuracy: float | None = None
     reached: Status | None = None
     interrupted: bool = False
-    plot: RunPlot = field(default_factory=RunPlot)
-    charts: PlotSelection | None = None
 
     @contextmanager
     def continue_after_interrupt(self) -> Iterator[None]:
@@ -88,21 +73,19 @@ class Run:
             self.interrupted = True
 
 
-def select_charts(run: Run) -> None:
-    """Select the contents of the picture and of the page before the run, which may take hours.
+def select_charts(
+    job: Job, names: Sequence[str], x: str | None, data: Path | None, columns: Mapping[str, str]
+) -> PlotSelection | None:
+    """Return the contents of the picture and of the page before the run, which may take hours.
 
-    Raises
-    ------
-    BeamdaeError
-        If neither a picture nor a page shows them, the model does not have a column, or the data
-        cannot be read.
+    None stands for the columns that vary. Data whose columns the model does not have are omitted
+    with a warning.
     """
-    if run.plot.is_default:
-        return
-    is_drawn = run.files.picture is not None
-    if not is_drawn and run.plot.x is not None:
+    if not names and x is None and data is None:
+        return None
+    if not job.picture and x is not None:
         raise BeamdaeError("run: --x requires the picture; omit --no-picture.")
-    if not (is_drawn or run.files.page):
+    if not (job.picture or job.page):
         raise BeamdaeError(
             "run: --plot and --data require the picture or the page; omit --no-picture or "
             "--no-page."
@@ -113,18 +96,14 @@ def select_charts(run: Run) -> None:
     from beamdae.results.run_data import coordinate_headers
     from beamdae.simulation import as_equations
 
-    equations = as_equations("run", run.model, sampled=True)
+    equations = as_equations("run", job.model, sampled=True)
     in_table = [TIME, *equations.observed_headers, *LEDGER_COLUMNS]
     headers = list(dict.fromkeys([*in_table, *coordinate_headers(equations)]))
-    columns, x, data, data_columns = run.plot
     try:
-        run.charts = select_plot(headers, in_table, columns, x, data, data_columns)
+        return select_plot(headers, in_table, names, x, data, columns)
     except UnmatchedDataError as problem:
         warn_user(str(problem))
-        run.plot = run.plot._replace(data=None)
-        return select_charts(run)
-    if x:
-        run.charts = select_plot(headers, in_table, columns, None, data, data_columns)
+        return select_charts(job, names, x, None, {})
 
 
 def load_earlier_run(path: Path, model: Model) -> Solution | None:
@@ -169,8 +148,9 @@ def integrate_run(
     from beamdae.results.outcome import accuracy_of
     from beamdae.simulation import simulate
 
-    task = "" if run.accuracy is None else f"accuracy {run.accuracy:g}"
-    with show_run_progress(t_end or run.model.t_end, task) as show_progress:
+    accuracy = run.job.accuracy["accuracy"]
+    task = "" if accuracy is None else f"accuracy {accuracy:g}"
+    with show_run_progress(t_end or run.job.model.t_end, task) as show_progress:
 
         def update(label: str, t: float) -> None:
             show_progress(label, t)
@@ -182,7 +162,7 @@ def integrate_run(
             # `estimate_errors` follows, with a progress bar of its own.
             with unchecked():
                 solution = simulate(
-                    run.model,
+                    run.job.model,
                     run.integrator,
                     t_end,
                     output_step,
@@ -194,7 +174,7 @@ def integrate_run(
         except KeyboardInterrupt:
             reason = "interrupted before the run started; nothing was written"
             raise Interrupted(reason) from None
-    if run.accuracy is not None:
+    if accuracy is not None:
         run.integrator, run.reached = solution.made_by, accuracy_of(solution)
     return solution
 
@@ -204,7 +184,7 @@ def write_tables(run: Run, solution: Solution, checkpoint: Path | None) -> None:
     files, table = run.files, run.files.table
     with signals.defer_interrupts():
         files.add(solution.to_csv(table), table.with_suffix(".json"))
-        if checkpoint is not None or (run.accuracy is None and can_resume(solution)):
+        if checkpoint is not None or (run.reached is None and can_resume(solution)):
             path = checkpoint or table.with_suffix(".run")
             files.write(path.name, lambda: [solution.save(path)])
             if path in files.paths:
@@ -235,9 +215,7 @@ def estimate_errors(run: Run, solution: Solution, verify: bool) -> None:
     # The exception may have been swallowed, for example by a callback of other code.
     if signals.is_interrupted():
         return
-    if errors is not None:
-        run.errors = errors.columns()
-    run.error_warnings = sentences
+    run.errors, run.error_warnings = errors, sentences
     with signals.defer_interrupts():
         results = {
             "errors": _errors_by_column(run, solution),
@@ -250,55 +228,46 @@ def _required_accuracy(run: Run) -> dict[str, Any]:
     if run.reached is None:
         return {}
     reached = {"status": run.reached.kind, "reason": run.reached.sentence}
-    return {"accuracy": {"required": run.accuracy} | reached}
+    return {"accuracy": {"required": run.job.accuracy["accuracy"]} | reached}
 
 
 def _errors_by_column(run: Run, solution: Solution) -> dict[str, Any]:
-    """Return the error estimates of each observed column; missing estimates are None."""
-    import numpy as np
-
+    """Return the errors of each observed column; missing errors are None."""
     if run.errors is None:
         return {}
-    rows = zip(*(np.asarray(values).tolist() for values in run.errors.values()), strict=True)
+    columns = {name: x.tolist() for name, x in run.errors.columns().items()}
     return {
-        column: {name: _replace_non_finite(x) for name, x in zip(run.errors, row, strict=True)}
-        for column, row in zip(solution.columns, rows, strict=True)
+        column: {name: x[k] if math.isfinite(x[k]) else None for name, x in columns.items()}
+        for k, column in enumerate(solution.columns)
     }
-
-
-def _replace_non_finite(value: Any) -> Any:
-    """Return None for nan and infinity, which JSON lacks."""
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def write_views(run: Run, solution: Solution) -> None:
     """Write the page and the picture; the title states if the run ended early."""
     from beamdae.report.page import page_file
-    from beamdae.report.pictures.time_plots import save_run_figure, save_selected_columns
+    from beamdae.report.pictures.figures import save_figure
+    from beamdae.report.pictures.time_plots import create_figure, create_run_figure
     from beamdae.report.run_page import build_run_page
     from beamdae.results.columns import merge_columns
 
-    status, columns, plot = solution.status, solution.all_columns(), run.plot
-    page, picture = run.files.page, run.files.picture
-    title = f"{run.model.name}, {run.integrator.label}"
+    status, columns, charts = solution.status, solution.all_columns(), run.charts
+    page, picture, name = run.files.page, run.files.picture, run.job.model.name
+    title = f"{name}, {run.integrator.label}"
     if not status.success:
         title += f", ended early ({status.kind})"
     if run.reached is not None and not run.reached.success:
-        title += f", accuracy {run.accuracy:g} not reached"
+        title += f", accuracy {run.job.accuracy['accuracy']:g} not reached"
 
     def write_page(path: Path) -> Path:
         warnings = _warnings(run, solution)
-        content = build_run_page(
-            solution, run.model.name, columns, run.errors, warnings, run.charts
-        )
+        content = build_run_page(solution, name, columns, run.errors, warnings, charts)
         return page_file.write_page(path, content)
 
     def draw(path: Path) -> Path:
-        if plot.is_default:
-            return save_run_figure(path, columns, title)
+        if charts is None:
+            return save_figure(create_run_figure(columns, title), path)
         merged = merge_columns(columns, solution.coordinate_columns())
-        names, x, data, data_columns = plot
-        return save_selected_columns(path, merged, names, x, data, title, data_columns)
+        return save_figure(create_figure({"run": merged}, charts, list(columns), title), path)
 
     if page is not None:
         run.files.write(page.name, lambda: [write_page(page)])
@@ -309,13 +278,12 @@ def write_views(run: Run, solution: Solution) -> None:
 def describe_run(run: Run, solution: Solution) -> Report:
     """Return the report on a run: its end and cost, events, data and the ranges of its columns."""
     from beamdae.model_parameters import format_with_unit, split_unit
-    from beamdae.report.terminal import text_tables
+    from beamdae.report.descriptions import Description
+    from beamdae.report.terminal.text_tables import column_extremes, range_rows, run_facts
     from beamdae.results.columns import remove_unit
     from beamdae.results.event_records import describe_events
-    from beamdae.results.outcome import accuracy_of
 
-    reached = accuracy_of(solution)
-    facts = {} if reached is None else {"accuracy": reached.sentence}
+    facts = {}
     if solution.equations.events:
         facts["events"] = describe_events(
             solution.equations, solution.trajectory, solution.event_records
@@ -328,32 +296,31 @@ def describe_run(run: Run, solution: Solution) -> Report:
             f"RMS difference {rms}, largest {largest} at t = {x['t']:.5g} s "
             f"({format_count(int(x['count']), 'value')})"
         )
-    extremes, tables = solution.step_extremes, []
-    if solution.columns:
-        tables.append(text_tables.range_table(solution.columns, run.errors, extremes))
-    if solution.derivatives is not None:
-        tables.append(text_tables.range_table(solution.derivatives.columns()))
+    extremes = solution.step_extremes
+    derivatives = {} if solution.derivatives is None else solution.derivatives.columns()
+    tables = {
+        "Observed": range_rows(solution.columns, run.errors, extremes),
+        "Derivatives": range_rows(derivatives),
+    }
 
     def create_data() -> dict[str, Any]:
         data = solution.metadata()
         del data["equations"], data["warnings"]
         errors = _errors_by_column(run, solution)
-        observed = text_tables.column_extremes(solution.columns, extremes).items()
+        observed = column_extremes(solution.columns, extremes).items()
         data["observed"] = {name: x | errors.get(name, {}) for name, x in observed}
         return data | _required_accuracy(run) | ({"data": comparisons} if comparisons else {})
 
     statistics = solution.statistics
     return Report(
-        run.model.name,
-        create_data,
+        run.job.model.name,
+        Description(facts, tables, create_data, run_facts(solution.summary(), solution.integrator)),
         solution.status,
-        facts,
-        tables,
-        text_tables.run_facts(solution.summary(), solution.integrator),
         _warnings(run, solution),
         f"t = {solution.trajectory.end:.6g} s, {format_count(statistics.steps, 'step')} of "
         f"{solution.integrator.get('method', run.integrator.label)} in "
         f"{statistics.setup_time + statistics.wall_time:.2g} s",
+        "--json",
     )
 
 
@@ -365,7 +332,10 @@ def _compare_with_data(run: Run, solution: Solution) -> dict[str, dict[str, floa
     """
     import numpy as np
 
-    points = {} if run.charts is None else run.charts.points
+    from beamdae.equations.measures import TIME
+
+    charts = run.charts
+    points = charts.points if charts is not None and charts.abscissa == TIME else {}
     comparisons = {}
     for name, experiments in points.items():
         if name not in solution.columns or not experiments:
@@ -376,7 +346,7 @@ def _compare_with_data(run: Run, solution: Solution) -> dict[str, dict[str, floa
         if not is_inside.all():
             warn_user(
                 f"run: {np.sum(~is_inside)} of {format_count(len(t), 'value')} of {name} in "
-                f"{run.plot.data}, up to t = {t.max():.5g} s, lie outside the run from "
+                f"{run.data}, up to t = {t.max():.5g} s, lie outside the run from "
                 f"{begin:.5g} to {end:.5g} s and are not compared; choose --t-end, or shift the "
                 "times."
             )

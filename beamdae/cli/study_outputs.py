@@ -35,7 +35,7 @@ PAGE_FILE = "report.html"
 # Longer tables are only written to files and the page.
 MAX_SCREEN_ROWS = 16
 _MAX_FOLDER_NAME = 100  # characters
-_FILE_SUFFIXES = {".csv", ".html", ".png", ".svg"}
+_FILE_SUFFIXES = {".csv", ".html", ".png"}
 _RESUME_HINT = "run the same command again to resume"
 
 
@@ -156,8 +156,7 @@ def run_and_write(
                 results = run_study(study, folder, runner, update)
             written.paths += [results.folder / name for name in results.tables]
             report = create_report(results)
-            pictures = (f"{x}{suffix}" for x in report.pictures for suffix in (".png", ".svg"))
-            for name in (*report.page, *pictures):
+            for name in (*report.page, *(f"{x}.png" for x in report.pictures)):
                 written.remove(results.folder / name)
             _write(written, report.tables)
     except KeyboardInterrupt:

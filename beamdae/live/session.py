@@ -17,7 +17,7 @@ from beamdae.parts.mechanism import Mechanism
 from beamdae.report.scene.frame_export import export_frames, export_run_frames
 from beamdae.report.scene.mechanism_scene import build_scene
 from beamdae.report.scene.poses import reference_poses
-from beamdae.report.terminal.text_tables import range_table
+from beamdae.report.terminal.text_tables import range_rows, table_of
 from beamdae.results.columns import observed_columns
 from beamdae.results.solution import Solution
 from beamdae.simulation import simulate
@@ -145,10 +145,11 @@ def summarize(solution: Solution) -> dict[str, Any]:
     cost = solution.statistics
     columns = solution.all_columns()
     observed = {name: columns[name] for name in observed_columns(columns)}
-    head, *rows = range_table(observed, steps=solution.step_extremes).texts
+    rows = range_rows(observed, steps=solution.step_extremes)
+    head, *texts = table_of(rows).texts if rows else [[]]
     return {
         "status": f"{solution.status.sentence}; {cost.steps} steps, {cost.wall_time:.2g} s",
         "ok": solution.status.success,
         "warnings": list(solution.warnings),
-        "table": {"head": head, "rows": rows},
+        "table": {"head": head, "rows": texts},
     }

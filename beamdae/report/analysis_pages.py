@@ -2,31 +2,26 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from beamdae.analysis.linear_dynamics.bode_diagram import Bode
-from beamdae.analysis.linear_dynamics.campbell_diagram import Campbell
-from beamdae.analysis.linear_dynamics.linear_model import LinearModel
 from beamdae.analysis.linear_dynamics.natural_modes import Modes
 from beamdae.analysis.statics.boundary import Boundary
 from beamdae.analysis.statics.imperfections import KnockDown
 from beamdae.analysis.statics.linear_buckling import Buckling
 from beamdae.equations.measures import TIME
 from beamdae.errors import BeamdaeError, format_count
-from beamdae.report.campbell_page import build_campbell_page
-from beamdae.report.linear_page import build_linear_page
+from beamdae.report.descriptions import describe
 from beamdae.report.page.page_content import Content
 from beamdae.report.page.page_data import compute_row_limit, sample_evenly, select_curves
-from beamdae.report.page.page_file import write_page
 from beamdae.report.page_parts import (
     GROUP,
     create_cases,
     describe_columns,
     describe_page,
     export_table,
+    export_tables,
     fact_table,
     slider,
 )
@@ -36,7 +31,7 @@ from beamdae.report.scene.frame_export import FRAMES_PER_PERIOD, export_frames, 
 from beamdae.report.scene.mechanism_scene import build_scene
 from beamdae.report.scene.poses import CoordinatePoses, EnlargedPoses, Poses
 from beamdae.report.scene.run_scene import choose_scale
-from beamdae.report.terminal import text_tables as terminal
+from beamdae.report.terminal.text_tables import range_rows
 from beamdae.results.columns import Header
 from beamdae.results.equilibrium import Equilibrium
 from beamdae.results.frequency_response import FrequencyResponse
@@ -46,29 +41,7 @@ Array = np.ndarray
 
 _LOAD_FACTOR = "load factor [-]"
 _MAX_FRAMES = 120
-_PRINTED_MULTIPLIERS = 4
 _MAX_RESPONSE_MOTIONS = 25  # motions on the page of a response
-
-
-def write_analysis_page(result: Any, path: Path, title: str | None = None) -> Path:
-    """Write the page of the result of an analysis, such as modes or a response curve."""
-    if isinstance(result, Equilibrium):
-        page = build_path_page(result, str(result.model.get("name", "equilibria")))
-    elif isinstance(result, PeriodicMotion):
-        page = build_periodic_page(result, "periodic motion")
-    elif isinstance(result, FrequencyResponse):
-        page = build_response_page(result, f"response over {result.parameter}")
-    elif isinstance(result, Campbell):
-        page = build_campbell_page(result, "Campbell diagram")
-    elif isinstance(result, Boundary | KnockDown):
-        page = build_critical_loads_page(result, "critical loads")
-    elif isinstance(result, LinearModel | Bode):
-        model = result.model if isinstance(result, Bode) else result
-        page = build_linear_page(result, f"linear model about {model.about}")
-    else:
-        noun = "buckling modes" if isinstance(result, Buckling) else "modes"
-        page = build_modes_page(result, f"{noun} about {result.about}")
-    return write_page(path, page if title is None else page | {"title": title})
 
 
 def build_path_page(equilibrium: Equilibrium, title: str) -> Content:
@@ -85,21 +58,26 @@ def build_path_page(equilibrium: Equilibrium, title: str) -> Content:
     # The observed point that moves most.
     largest = max(lengths or observed or [header], key=lambda x: np.ptp(columns[x]))
     abscissa, ordinate = (header, largest) if equilibrium.over else (largest, header)
-    rows = [[x.kind, f"{x.factor:.7g}", str(x.row), x.moves or "-"] for x in critical]
-    status = equilibrium.status
+    points_of_path = [
+        {
+            "kind": x.kind,
+            equilibrium.quantity: f"{x.factor:.7g}",
+            "point": x.row,
+            "moves most": x.moves,
+        }
+        for x in critical
+    ]
+    status, known = equilibrium.status, equilibrium.errors
+    description = describe(equilibrium)
     page = describe_page(
         title,
         f"equilibria: {status.sentence}",
         equilibrium.warnings,
         [
-            fact_table("Equilibria", path_facts(equilibrium)),
-            {
-                "title": "Critical points",
-                "head": ["kind", equilibrium.quantity, "point", "moves most"],
-                "rows": rows,
-            },
-            export_table("Observed", terminal.equilibrium_table(observed, equilibrium.errors)),
-            fact_table("Settings", equilibrium.settings, "solver"),
+            fact_table("Equilibria", {"status": status.sentence, **description.facts}),
+            export_table("Critical points", points_of_path),
+            export_table("Observed", range_rows(observed, known)),
+            fact_table("Settings", {**description.details, **equilibrium.settings}, "solver"),
         ],
         groups=[{"id": GROUP, "frames": _export_path_frames(equilibrium)}],
         time={"name": "point", "unit": ""},
@@ -173,7 +151,9 @@ def build_critical_loads_page(result: Boundary | KnockDown, title: str) -> Conte
     table = result.table()
     name = str(table.columns[0])
     special = result.special if isinstance(result, Boundary) else ()
-    points = [[point.kind, f"{point.value:.7g}", f"{point.factor:.7g}"] for point in special]
+    points = [
+        {"kind": x.kind, name: f"{x.value:.7g}", "load factor": f"{x.factor:.7g}"} for x in special
+    ]
     if isinstance(result, Boundary):
         subtitle = f"{result.kind}: {result.status.sentence}"
         facts = {"status": result.status.sentence, "loads": ", ".join(result.loads)}
@@ -188,7 +168,7 @@ def build_critical_loads_page(result: Boundary | KnockDown, title: str) -> Conte
         result.warnings,
         [
             fact_table("Critical loads", facts),
-            {"title": "Special points", "head": ["kind", name, "load factor"], "rows": points},
+            export_table("Special points", points),
         ],
         noun="points",
         columns=describe_columns("point", table),
@@ -201,10 +181,9 @@ def build_critical_loads_page(result: Boundary | KnockDown, title: str) -> Conte
 def build_periodic_page(motion: PeriodicMotion, title: str) -> Content:
     """Return the page content of a periodic motion: one period as a run, and its stability."""
     page = build_run_page(motion.solution, title, warnings=motion.warnings)
-    amplitudes = motion.amplitudes()
-    added = [fact_table("Periodic motion", periodic_facts(motion))]
-    if len(amplitudes):
-        added.append(export_table("Amplitudes", terminal.amplitudes_table(amplitudes)))
+    description = describe(motion)
+    facts = {"status": motion.status.sentence, **description.facts}
+    added = [fact_table("Periodic motion", facts), *export_tables(description)]
     tables = [table for table in page["tables"] if table["title"] != "Observed"]
     subtitle = f"{motion.status.sentence}; {motion.stability}"
     return page | {"subtitle": subtitle, "tables": [*added, *tables]}
@@ -221,7 +200,7 @@ def build_response_page(response: FrequencyResponse, title: str) -> Content:
     amplitudes = {name: response.curve(name)[1] for name in observed}
     lengths = [name for name in observed if Header.of(name).unit == "m"]
     largest = max(lengths or observed, key=lambda name: amplitudes[name].max(), default=None)
-    peaks = response.peak_table()
+    peaks, description = response.peak_table(), describe(response)
     moving = sample_evenly(len(points), _MAX_RESPONSE_MOTIONS)
     max_rows = compute_row_limit(len(points) * len(observed))
     motions = [
@@ -240,8 +219,8 @@ def build_response_page(response: FrequencyResponse, title: str) -> Content:
         f"periodic motions over {parameter}: {response.status.sentence}",
         response.warnings,
         [
-            fact_table("Response", response_facts(response)),
-            export_table("Peaks", terminal.peaks_table(parameter, response.label, peaks)),
+            fact_table("Response", {"status": response.status.sentence, **description.facts}),
+            *export_tables(description),
         ],
         noun="motions",
         families=["stable", "unstable"],
@@ -269,59 +248,3 @@ def _half_range_column(header: str) -> str:
     """Return the name of the column of `FrequencyResponse.table` with the half ranges."""
     name, _, unit = header.partition(" [")
     return f"{name} half range [{unit}"
-
-
-def response_facts(response: FrequencyResponse) -> dict[str, str]:
-    """Return descriptions of a response curve, keyed by topic."""
-    values = [point.parameter for point in response.points]
-    n_unstable = sum(not point.stable for point in response.points)
-    span = f", {response.parameter} {min(values):.6g} to {max(values):.6g}" if values else ""
-    span += f" {response.unit}" if values and response.unit else ""
-    return {
-        "status": response.status.sentence,
-        "curve": f"{format_count(len(values), 'point')}{span}",
-        "unstable": f"{n_unstable} of {len(values)} points",
-        "folds": ", ".join(f"{fold:.6g}" for fold in response.folds) or "none",
-    }
-
-
-def path_facts(result: Equilibrium) -> dict[str, str]:
-    """Return descriptions of an equilibrium path, keyed by topic."""
-    n_unstable = int(result.unstable[-1])
-    if n_unstable == -1:
-        stability = "not known"
-    elif n_unstable > 0:
-        stability = f"unstable in {format_count(n_unstable, 'direction')}"
-    elif result.free:
-        stability = f"neither stable nor unstable, {result.free} is free to move"
-    else:
-        stability = "stable"
-    critical_points = "; ".join(
-        f"{point.kind} at {point.factor:.7g}{f', {point.moves} moves most' if point.moves else ''}"
-        for point in result.critical
-    )
-    n_points = len(result.q)
-    unscaled = "all in full" if result.over else "none is scaled"
-    control = result.settings["control"]
-    if result.over and control == "load":
-        control = result.settings["over"]
-    return {
-        "status": result.status.sentence,
-        "loads": "; then ".join(", ".join(stage) for stage in result.loads) or unscaled,
-        result.quantity: f"{result.factor:.7g}",
-        "equilibrium": stability,
-        "critical points": critical_points or "none",
-        "path": f"{format_count(n_points, 'point')}, {result.settings['iterations']} Newton "
-        f"iterations, {control} control",
-    }
-
-
-def periodic_facts(motion: PeriodicMotion) -> dict[str, str]:
-    """Return descriptions of a periodic motion, keyed by topic."""
-    moduli = [f"{abs(x):.6g}" for x in motion.multipliers[:_PRINTED_MULTIPLIERS].tolist()]
-    return {
-        "status": motion.status.sentence,
-        "period": f"{motion.period:.8g} s",
-        "stability": motion.stability,
-        "multipliers": f"largest moduli {', '.join(moduli)}" if moduli else "none",
-    }

@@ -9,9 +9,16 @@ import numpy as np
 from beamdae.analysis.linear_dynamics.campbell_diagram import Campbell
 from beamdae.analysis.linear_dynamics.natural_modes import Modes
 from beamdae.errors import format_count
+from beamdae.report.descriptions import describe
 from beamdae.report.page.page_content import Content
 from beamdae.report.page.page_data import sample_evenly
-from beamdae.report.page_parts import create_cases, describe_columns, describe_page, slider
+from beamdae.report.page_parts import (
+    create_cases,
+    describe_columns,
+    describe_page,
+    export_table,
+    slider,
+)
 from beamdae.report.pictures.mode_shapes import (
     choose_frequency_limit,
     describe_hidden_modes,
@@ -63,14 +70,7 @@ def build_campbell_page(diagram: Campbell, title: str) -> Content:
         for i, k in places
         for x in [frames.get((i, k))]
     ]
-    resonances = diagram.resonances()
-    resonances.insert(0, key, resonances.pop("speed [rad/s]") / diagram.speed_factor)
-    rows = [
-        [f"{speed:.6g}", f"{frequency:.6g}", *(f"{x:.0f}" for x in counts)]
-        for speed, frequency, *counts in resonances[[key, _FREQUENCY, "mode", "multiple"]].to_numpy(
-            float
-        )
-    ]
+    resonances = describe(diagram).tables["Resonances"]
     marks = resonances[[key, _FREQUENCY]].to_numpy(float).tolist()
     guide = np.linspace(speeds[0], speeds[-1], _GUIDE_POINTS)
     revolutions = np.abs(guide) * diagram.speed_factor / (2.0 * np.pi)  # per second
@@ -85,13 +85,7 @@ def build_campbell_page(diagram: Campbell, title: str) -> Content:
         f"{format_count(n_modes, 'mode')} at {format_count(n_speeds, 'speed')}"
         + (f"; {hidden} above the range shown first, Reset shows all" if hidden else ""),
         diagram.warnings,
-        [
-            {
-                "title": "Resonances",
-                "head": [key, _FREQUENCY, "mode", "excitations per revolution"],
-                "rows": rows,
-            }
-        ],
+        [export_table("Resonances", resonances)],
         time={"name": "phase", "unit": "periods"},
         noun="modes",
         leads=True,

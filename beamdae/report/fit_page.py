@@ -2,30 +2,22 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from beamdae.equations.measures import TIME
-from beamdae.errors import format_count
+from beamdae.report.descriptions import describe
 from beamdae.report.page.page_content import Content
 from beamdae.report.page.page_data import compute_row_limit, select_curves
-from beamdae.report.page.page_file import write_page
-from beamdae.report.page_parts import describe_page, export_table, fact_table
+from beamdae.report.page_parts import describe_page, export_tables, fact_table
 from beamdae.report.scene.frame_export import export_run_frames
-from beamdae.report.terminal import text_tables as terminal
 from beamdae.results.columns import remove_unit
 
 if TYPE_CHECKING:
     from beamdae.analysis.fit.result import Fit
 
 _GROUP = "data"  # id of the group of experiments without a name
-
-
-def write_fit_page(fit: Fit, path: Path) -> Path:
-    """Write the page of a fit and return its path; see `Fit.page`."""
-    return write_page(path, build_fit_page(fit, f"Fit of {fit.model_name}"))
 
 
 def build_fit_page(fit: Fit, title: str) -> Content:
@@ -69,14 +61,14 @@ def build_fit_page(fit: Fit, title: str) -> Content:
         )
     corrections = "data, corrected by the estimated shifts, offsets and scales"
     source = corrections if fit.sensors else "data as measured"
-    facts = describe_fit(fit)
+    description = describe(fit)
     return describe_page(
         title,
-        facts["status"],
+        fit.status.sentence,
         [*fit.warnings, *fit.undetermined],
         [
-            fact_table("Fit", facts | {"points in the charts": source}),
-            export_table("Estimates", terminal.estimates_table(fit.table(), fit.units)),
+            fact_table("Fit", {**description.facts, "points in the charts": source}),
+            *export_tables(description),
         ],
         made=next(iter(runs.values())).versions,
         groups=[
@@ -100,28 +92,3 @@ def build_fit_page(fit: Fit, title: str) -> Content:
 
 def _residual_header(header: str) -> str:
     return f"residual of {remove_unit(header)} [sigma]"
-
-
-def describe_fit(fit: Fit) -> dict[str, str]:
-    """Return texts about the end of the search and the quality of a fit, by topic."""
-    interval = (
-        "normal distribution, sigma is known"
-        if fit.is_sigma_known
-        else f"t distribution with {fit.degrees_of_freedom} degrees of freedom, sigma is estimated"
-    )
-    if not fit.status.success:
-        interval = "none, because the search did not reach a minimum"
-    facts = {"status": fit.status.sentence}
-    if chi_square := fit.describe_chi_square():
-        facts["chi-square"] = chi_square
-    facts |= {
-        "sigma": ", ".join(f"{name} {value:.4g}" for name, value in fit.sigma.items()),
-        "intervals": interval,
-        "data": f"{fit.residuals.size} in {format_count(len(fit.solutions), 'experiment')}",
-        "runs": f"{fit.evaluations} with derivatives of each experiment",
-    }
-    if searches := fit.describe_starts():
-        facts["searches"] = searches
-    if fit.at_bounds:
-        facts["at a bound"] = ", ".join(fit.at_bounds)
-    return facts

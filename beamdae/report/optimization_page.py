@@ -3,47 +3,38 @@
 from __future__ import annotations
 
 import warnings
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from beamdae.equations.measures import TIME
 from beamdae.errors import BeamdaeError, BeamdaeWarning
-from beamdae.model_parameters import format_with_unit, split_unit
+from beamdae.model_parameters import split_unit
 from beamdae.report.analysis_pages import build_modes_page, build_path_page
+from beamdae.report.descriptions import describe
 from beamdae.report.page.page_content import Content
 from beamdae.report.page.page_data import compute_row_limit, select_curves
-from beamdae.report.page.page_file import write_page
 from beamdae.report.page_parts import (
     GROUP,
     create_cases,
     describe_columns,
     describe_page,
-    export_table,
+    export_tables,
     fact_table,
 )
 from beamdae.report.scene.frame_export import export_frames, export_run_frames
 from beamdae.report.scene.mechanism_scene import build_scene
 from beamdae.report.scene.poses import reference_poses
-from beamdae.report.terminal import text_tables as terminal
-from beamdae.report.terminal.text_tables import format_number
 from beamdae.results.equilibrium import Equilibrium
 from beamdae.results.solution import Solution
 
 if TYPE_CHECKING:
     from beamdae.analysis.optimization.result import Optimization
 
-_DIGITS = 6  # of values and bounds
 _BEST, _FIRST, _FEASIBLE, _INFEASIBLE = "best", "first", "within limits", "beyond a limit"
 _OBJECTIVE, _VIOLATION = "objective", "violation"
 # Numbers of more parameters, such as the heights of a beam, are in the table of parameters only.
 _MAX_NUMBER_COLUMNS = 12
-
-
-def write_optimization_page(result: Optimization, path: Path) -> Path:
-    """Write the page of an optimization and return its path; see `Optimization.page`."""
-    return write_page(path, build_optimization_page(result, f"Design of {result.model['name']}"))
 
 
 def build_optimization_page(result: Optimization, title: str) -> Content:
@@ -73,12 +64,7 @@ def build_optimization_page(result: Optimization, title: str) -> Content:
     table.insert(0, "design", range(1, len(table) + 1))
     numbers = list(result.table().index)
     shown = table.drop(columns=numbers if len(numbers) > _MAX_NUMBER_COLUMNS else [])
-    searches = []
-    if result.starts is not None:
-        of_parameters = {x: units[x] for x in map(str, result.table().index)}
-        starts = terminal.searches_table(result.starts, of_parameters, _OBJECTIVE, "designs")
-        searches = [export_table("Searches", starts)]
-    cases = create_cases(table, labels, *entries)
+    cases, description = create_cases(table, labels, *entries), describe(result)
     # The page opens on the first cases with curves.
     cases.sort(key=lambda x: (_BEST, _FIRST).index(x["family"]) if x.get("frames") else 2)
     return describe_page(
@@ -86,10 +72,8 @@ def build_optimization_page(result: Optimization, title: str) -> Content:
         result.status.sentence,
         list(dict.fromkeys([*result.warnings, *of_model])),
         [
-            fact_table("Optimization", describe_optimization(result)),
-            _constraints_table(result),
-            _parameters_table(result),
-            *searches,
+            fact_table("Optimization", {"status": result.status.sentence, **description.facts}),
+            *export_tables(description),
         ],
         groups=[{"id": GROUP, "label": result.model["name"]}],
         noun="designs",
@@ -101,53 +85,6 @@ def build_optimization_page(result: Optimization, title: str) -> Content:
         featured=_list_headers(result),
         cases=cases,
     )
-
-
-def describe_optimization(result: Optimization) -> dict[str, str]:
-    """Return texts about the end of the search and its cost, by topic."""
-    history = result.history()
-    unit = result.units[_OBJECTIVE]
-    first = float(history["objective"].iloc[0])
-    values = (format_number(x, _DIGITS) for x in (first, result.objective))
-    failures = int((history["failure"] != "").sum())
-    count = f"{result.evaluations} of at most {result.max_evaluations}"
-    searches = result.describe_starts()
-    return {
-        "status": result.status.sentence,
-        "objective": f"{result.objective_label}{f' [{unit}]' if unit else ''}",
-        "first and last value": " and ".join(values),
-        "designs": count + (f", {failures} failed" if failures else ""),
-        **({"searches": searches} if searches else {}),
-        "at a bound": "; ".join(result.bound_notes) or "none",
-    }
-
-
-def _constraints_table(result: Optimization) -> Content:
-    rows = [
-        [
-            format_with_unit(x.name, x.unit),
-            *(format_number(y, _DIGITS) for y in (x.value, x.limit)),
-            format_number(100.0 * x.relative_margin),
-            format_number(x.multiplier, _DIGITS),
-        ]
-        for x in result.constraints
-    ]
-    head = ["constraint", "value", "limit", "margin [%]", "multiplier"]
-    return {"title": "Constraints", "head": head, "rows": rows}
-
-
-def _parameters_table(result: Optimization) -> Content:
-    table = result.table()
-    rows = [
-        [
-            f"{name} [{unit}]" if (unit := result.units.get(str(name), "")) else str(name),
-            *(format_number(x, _DIGITS) for x in row[:4]),
-            "yes" if row[4] else "no",
-        ]
-        for name, row in zip(table.index, table.to_numpy().tolist(), strict=True)
-    ]
-    # The unit is part of the name.
-    return {"title": "Parameters", "head": ["parameter", *map(str, list(table)[:-1])], "rows": rows}
 
 
 def _list_headers(result: Optimization) -> list[str]:

@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from beamdae.report.page.page_content import Content
+from beamdae.report.terminal.text_tables import table_of
 from beamdae.results.columns import Header
 from beamdae.results.storage.files import versions
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from beamdae.report.terminal.responsive_table import ResponsiveTable
+    from beamdae.report.descriptions import Description
 
 GROUP = "all"  # id of the only group of cases
 _NUMBERS = "iuf"  # kinds of NumPy's types of numbers
@@ -74,10 +75,17 @@ def fact_table(title: str, facts: Mapping[str, Any], section: str = "results") -
     return {"title": title, "rows": rows, "section": section}
 
 
-def export_table(title: str, table: ResponsiveTable, section: str = "results") -> Content:
-    """Return a table of the terminal as a table of facts of the page."""
-    head, *rows = (list(row) for row in table.texts)
-    return {"title": title, "head": head, "rows": rows, "section": section}
+def export_table(title: str, rows: Any, section: str = "results") -> Content:
+    """Return a data frame, or rows by header, as a table of the page."""
+    if not len(rows):
+        return {"title": title, "head": [], "rows": [], "section": section}
+    head, *texts = table_of(rows).texts
+    return {"title": title, "head": head, "rows": texts, "section": section}
+
+
+def export_tables(description: Description) -> list[Content]:
+    """Return the tables of a description as tables of the page."""
+    return [export_table(title, table) for title, table in description.tables.items()]
 
 
 def slider(label: str, values: Sequence[Any], unit: str = "") -> dict[str, Any]:

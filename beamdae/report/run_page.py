@@ -4,22 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from datetime import datetime
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from beamdae.equations.measures import TIME
 from beamdae.report.page.page_content import Content
 from beamdae.report.page.page_data import compute_row_limit, select_curves
 from beamdae.report.page_parts import export_table, fact_table
-from beamdae.report.pictures.time_plots import PlotSelection, find_time_window
+from beamdae.report.pictures.time_plots import PlotSelection
 from beamdae.report.scene.frame_export import export_run_frames
-from beamdae.report.terminal import text_tables as terminal
-from beamdae.results.columns import is_derivative, observed_columns
+from beamdae.report.terminal.text_tables import format_number, range_rows, run_facts
+from beamdae.results.columns import observed_columns
 from beamdae.results.event_records import describe_events
 from beamdae.results.outcome import accuracy_of
 from beamdae.results.solution import Solution
 
+if TYPE_CHECKING:
+    from beamdae.accuracy.errors import Errors
+
 _ID = "run"  # id of the case of the run and of its group
-_TIME_CHARTS = ("observed", "energy", "error", "drift")  # charts that share their time axis
 _HASH_DIGITS = 12  # displayed digits of the equation hash, enough to distinguish runs
 _PARAMETER_DIGITS = 6
 
@@ -28,7 +30,7 @@ def build_run_page(
     solution: Solution,
     title: str,
     columns: Mapping[str, Any] | None = None,
-    errors: Mapping[str, Any] | None = None,
+    errors: Errors | None = None,
     warnings: Sequence[str] | None = None,
     charts: PlotSelection | None = None,
 ) -> Content:
@@ -59,9 +61,9 @@ def build_run_page(
     method = str(solution.integrator.get("integrator", ""))
     tables = [x for x in _build_tables(solution, table, errors) if x["rows"]]
     limit = compute_row_limit(len(table))
-    measured = [] if charts is None else _list_measured(charts, limit)
-    points = {} if charts is None else charts.points
-    window = find_time_window(points, float(table[TIME][0]), float(table[TIME][-1]))
+    measured = []
+    if charts is not None and charts.abscissa == TIME:
+        measured = _list_measured(charts, limit)
     return {
         "title": title,
         "subtitle": f"{method}: {status.sentence}",
@@ -83,7 +85,6 @@ def build_run_page(
         **({} if charts is None else {"featured": charts.columns}),
         "noun": "curves" if measured else "cases",
         "axes": None if measured else {},
-        "views": {} if window is None else {key: {"x": list(window)} for key in _TIME_CHARTS},
     }
 
 
@@ -104,9 +105,9 @@ def _list_measured(charts: PlotSelection, limit: int) -> list[Content]:
 
 
 def _build_tables(
-    solution: Solution, columns: Mapping[str, Any], errors: Mapping[str, Any] | None
+    solution: Solution, columns: Mapping[str, Any], errors: Errors | None
 ) -> list[Content]:
-    facts = terminal.run_facts(solution.summary(), solution.integrator)
+    facts = run_facts(solution.summary(), solution.integrator)
     if (reached := accuracy_of(solution)) is not None:
         facts["accuracy"] = reached.sentence
     if solution.equations.events:
@@ -125,32 +126,18 @@ def _build_tables(
         "equations": metadata["equations"]["identity"][:_HASH_DIGITS],
         "written": datetime.now().astimezone().isoformat(" ", "seconds"),
     }
+    # Errors that take long are not measured.
+    known = vars(solution).get("errors") if errors is None else errors
+    observed = {name: columns[name] for name in observed_columns(columns)}
     return [
-        _build_observed_table(solution, columns, errors),
+        export_table("Observed", range_rows(observed, known, solution.step_extremes)),
         fact_table("Parameters", parameters, "motion"),
         fact_table("Run", facts, "solver"),
         fact_table("Provenance", provenance, "solver"),
     ]
 
 
-def _build_observed_table(
-    solution: Solution, columns: Mapping[str, Any], errors: Mapping[str, Any] | None
-) -> Content:
-    """Return extremes and errors of the observed columns; derivatives have no errors."""
-    observed = {name: columns[name] for name in observed_columns(columns)}
-    table = export_table("Observed", terminal.range_table(observed, steps=solution.step_extremes))
-    if errors is None:
-        return table
-    estimated = {name: x for name, x in observed.items() if not is_derivative(name)}
-    # After the name and the extremes.
-    head, *rows = (row[:1] + row[4:] for row in terminal.range_table(estimated, errors).texts)
-    cells = {name: row for name, *row in rows}
-    missing = ["-"] * (len(head) - 1)
-    extended = [[*row, *cells.get(row[0], missing)] for row in table["rows"]]
-    return table | {"head": [*table["head"], *head[1:]], "rows": extended}
-
-
 def _format_parameter(value: Any) -> str:
     if isinstance(value, (list, tuple)):
         return f"({', '.join(map(_format_parameter, value))})"
-    return terminal.format_number(value, _PARAMETER_DIGITS)
+    return format_number(value, _PARAMETER_DIGITS)

@@ -17,7 +17,6 @@ from beamdae.errors import (
     as_text,
     list_first,
     plain_text,
-    require_choice,
     require_iterable,
     require_sequence,
     short_repr,
@@ -167,20 +166,8 @@ def _select_by_name(
 
 
 def select_column(part: str, headers: Iterable[str], name: Any) -> str:
-    """Return the header selected by `name`: a header, or a header without its unit.
-
-    Raises
-    ------
-    BeamdaeError
-        If no column or several columns have this name; `part` is the calling function.
-    """
-    headers, name = list(headers), plain_text(name)
-    without_unit = list(map(remove_unit, headers))
-    for candidates in (headers, without_unit) if isinstance(name, str) else ():
-        matches = [x for x, y in zip(headers, candidates, strict=True) if y == name]
-        if len(matches) == 1:
-            return matches[0]
-    return require_choice(part, "column", name, headers)
+    """Return the only header that `name` selects, see `select_columns`."""
+    return require_one_column(part, name, select_columns(headers, name, part=part))
 
 
 def can_select(select: Callable[[Any], Any], name: object) -> bool:
@@ -231,27 +218,10 @@ def require_column_names(part: str, value: Any, argument: str = "columns") -> tu
 
 
 def select_observed_columns(part: str, names: Sequence[str], present: Sequence[str]) -> list[str]:
-    """Return the headers in `present` that `names` select, in the order of `names`.
-
-    Each name selects columns as in `select_columns`.
-
-    Raises
-    ------
-    BeamdaeError
-        If a name matches no column.
-    """
-    selected: dict[str, None] = {}
-    for name in names:
-        try:
-            selected |= dict.fromkeys(select_columns(present, name))
-        except BeamdaeError:
-            allowed = [*present, *map(remove_unit, present)]
-            raise BeamdaeError(
-                f"{part}: there is no observed column "
-                f"{short_repr(name)}{suggest(name, allowed)}; available "
-                f"columns: {', '.join(present) or 'none'}."
-            ) from None
-    return list(selected)
+    """Return the headers in `present` that `names` select, in the order of `names`."""
+    return list(
+        dict.fromkeys(x for name in names for x in select_columns(present, name, part=part))
+    )
 
 
 def require_one_column(part: str, name: Any, selected: Sequence[str]) -> str:

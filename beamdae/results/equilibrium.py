@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -18,16 +18,17 @@ from beamdae.equations.table_arguments import list_arguments_outside
 from beamdae.errors import format_count, require_count
 from beamdae.interrupts import interruptible
 from beamdae.read_only import read_only_data
-from beamdae.results.columns import Header, can_select, merge_columns, select_columns
+from beamdae.results.columns import Header
 from beamdae.results.displays import HasPage, Plot, load_views
 from beamdae.results.outcome import Status
 from beamdae.results.section_forces.recovery import recover_section_forces_at_state
 from beamdae.results.section_forces.section_forces import SectionForces
+from beamdae.results.selection import HasColumns
 from beamdae.results.storage.checkpoint import Checkpoint
 from beamdae.results.storage.files import write_result
 
 if TYPE_CHECKING:
-    import pandas as pd
+    pass
 
 Array = np.ndarray
 
@@ -79,7 +80,7 @@ class CriticalPoint(NamedTuple):
 
 @read_only_data
 @dataclass(frozen=True)
-class Equilibrium(HasPage):
+class Equilibrium(HasColumns, HasPage):
     """Path of equilibria of a mechanism under varying load factors.
 
     Attributes
@@ -122,6 +123,8 @@ class Equilibrium(HasPage):
     numbers
         Numbers of the equations for each row, if `over` changes them; otherwise None.
     """
+
+    _result_name = "Equilibrium"
 
     equations: EquationsOfMotion
     t: float
@@ -320,39 +323,9 @@ class Equilibrium(HasPage):
             KIND: kinds,
         }
 
-    def __getitem__(self, name: str | Sequence[str]) -> pd.Series | pd.DataFrame:
-        """Return columns over the load factor by name; see `Solution.__getitem__`.
-
-        The index is the sum of the load factors of all stages, or 0 if no load is scaled.
-
-        Parameters
-        ----------
-        name
-            Header of a column of `table` or `coordinates`, with or without its unit, or the name of
-            an observable or a part, which selects all its columns; or a list of such names.
-
-        Raises
-        ------
-        BeamdaeError
-            If no column has this name.
-        """
-        import pandas as pd
-
-        columns, headers = self._select(name)
-        index = pd.Index(self.factors.sum(axis=1), name=self.header)
-        table = pd.DataFrame({h: np.asarray(columns[h]) for h in headers}).set_index(index)
-        is_single = len(headers) == 1 and not isinstance(name, (list, tuple))
-        return table[headers[0]] if is_single else table
-
-    def __contains__(self, name: object) -> bool:
-        """Return True if `equilibrium[name]` selects columns."""
-        return can_select(self._select, name)
-
-    def _select(self, name: Any) -> tuple[dict[str, Any], list[str]]:
-        """Return all columns, and the headers of those selected by a name."""
-        observed = self.all_columns()
-        columns = merge_columns(observed, self.coordinate_columns())
-        return columns, select_columns(columns, name, "Equilibrium", observed)
+    @property
+    def _index(self) -> tuple[str, Array]:
+        return self.header, self.factors.sum(axis=1)
 
     def plot(self, *names: str, x: str | None = None) -> Plot:
         """Plot the load factor over columns, or columns over a column; one panel per column.
@@ -376,24 +349,6 @@ class Equilibrium(HasPage):
             If a name selects no column, or `x` selects several columns.
         """
         return load_views().plot_equilibrium_path(self, names, x)
-
-    def table(self) -> pd.DataFrame:
-        """Return load factors, observed columns, unstable directions and kinds of critical points.
-
-        The table has one row per point of the path.
-        """
-        import pandas as pd
-
-        return pd.DataFrame(self.all_columns())
-
-    def coordinates(self) -> pd.DataFrame:
-        """Return coordinates and Lagrange multipliers, one row per point of the path.
-
-        Headers contain names and units.
-        """
-        import pandas as pd
-
-        return pd.DataFrame(self.coordinate_columns(), index=range(len(self.q)))
 
     def coordinate_columns(self) -> dict[str, Array]:
         """Return the columns of `coordinates`, one value per point of the path, by header."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -16,8 +16,9 @@ from beamdae.errors import (
     require_positive,
     short_repr,
 )
-from beamdae.results.columns import can_select, merge_columns, observed_columns, select_columns
+from beamdae.results.columns import observed_columns
 from beamdae.results.displays import Plot, load_views
+from beamdae.results.selection import HasColumns
 from beamdae.results.step_response import StepResponse, measure_step_response
 
 # Imported by the methods that return tables: importing pandas takes as long as a short run.
@@ -28,7 +29,7 @@ Array = np.ndarray
 
 
 @dataclass(frozen=True, repr=False)
-class TimeSeries:
+class TimeSeries(HasColumns):
     """Base class of results over time.
 
     Subclasses define `label`, `all_columns`, `coordinate_columns` and `at_times`.
@@ -44,63 +45,13 @@ class TimeSeries:
         """Short name shown in legends."""
         raise NotImplementedError
 
-    def all_columns(self) -> dict[str, Array]:
-        """Return the columns (k,) of `table` by header."""
-        raise NotImplementedError
-
-    def coordinate_columns(self) -> dict[str, Array]:
-        """Return the columns (k,) of `coordinates` by header; empty if they are not stored."""
-        raise NotImplementedError
-
-    def coordinates(self) -> pd.DataFrame:
-        """Return time, coordinates, velocities and multipliers; headers contain names and units.
-
-        The table has no columns if the coordinates are not stored.
-        """
-        import pandas as pd
-
-        return pd.DataFrame(self.coordinate_columns(), index=range(len(self.times)))
+    @property
+    def _index(self) -> tuple[str, Array]:
+        return measures.TIME, self.times
 
     def at_times(self, times: Array) -> TimeSeries:
         """Return the result at other times [s], which must ascend and lie within the run."""
         raise NotImplementedError
-
-    def __getitem__(self, name: str | Sequence[str]) -> pd.Series | pd.DataFrame:
-        """Return columns over time by name.
-
-        Parameters
-        ----------
-        name
-            Header of an observed column, energy, coordinate, velocity or multiplier, with or
-            without its unit ("tip.y [m]" or "tip.y"). The name of an observable or a part ("tip")
-            selects all its columns, and a list of names the columns of all of them. If an
-            observable and a part have the same name, the observable is selected.
-
-        Returns
-        -------
-        pandas.Series or pandas.DataFrame
-            One column, or a table if there are several or `name` is a list, indexed by time [s].
-            With `mech.observe("stress", beam.largest_stress())`, for example, "stress" selects a
-            table, and "stress.largest" a column.
-
-        Raises
-        ------
-        BeamdaeError
-            If no column has this name.
-
-        Examples
-        --------
-        >>> import beamdae as bd
-        >>> mech = bd.Mechanism(gravity=(0.0, -9.81))
-        >>> ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 2.0)))
-        >>> mech.observe("ball", ball.point)
-        >>> solution = bd.simulate(mech, t_end=1.0)
-        >>> print(f"{solution['ball.y'].min():.3f} m")
-        -2.905 m
-        """
-        columns = self._over_time(self._select(name))
-        is_single = columns.shape[1] == 1 and not isinstance(name, (list, tuple))
-        return columns.iloc[:, 0] if is_single else columns
 
     def step_response(
         self,
@@ -190,16 +141,6 @@ class TimeSeries:
         final = last if target is None else require_finite("step_response", "target", target)
         return measure_step_response(headers[0], times, values, final, width)
 
-    def __contains__(self, name: object) -> bool:
-        """Return True if `solution[name]` selects columns."""
-        return can_select(self._select, name)
-
-    def table(self) -> pd.DataFrame:
-        """Return time, observed columns and energies as a table; headers contain units."""
-        import pandas as pd
-
-        return pd.DataFrame(self.all_columns())
-
     def difference(self, other: TimeSeries, *names: str) -> pd.DataFrame:
         """Return the differences between columns of this run and of another run.
 
@@ -268,7 +209,7 @@ class TimeSeries:
                 f"difference: only one of the runs has the column {missing!r}; observe the "
                 "same columns in both runs."
             )
-        return one._over_time(headers) - two._over_time(headers)
+        return one._over_index(headers) - two._over_index(headers)
 
     def plot(
         self,
@@ -308,18 +249,3 @@ class TimeSeries:
         if not np.array_equal(self.times[rows], times):
             raise BeamdaeError(f"at_times: {owner} has no rows at some of the times; {advice}.")
         return rows
-
-    def _all_columns_by_header(self) -> dict[str, Any]:
-        return merge_columns(self.all_columns(), self.coordinate_columns())
-
-    def _select(self, name: Any) -> list[str]:
-        return select_columns(self._all_columns_by_header(), name, observed=self.all_columns())
-
-    def _over_time(self, headers: list[str]) -> pd.DataFrame:
-        import pandas as pd
-
-        columns, index = self._all_columns_by_header(), pd.Index(self.times, name=measures.TIME)
-        selected_columns = {
-            header: np.asarray(columns[header]) for header in dict.fromkeys(headers)
-        }
-        return pd.DataFrame(selected_columns).set_index(index)

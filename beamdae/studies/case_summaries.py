@@ -8,14 +8,10 @@ import numpy as np
 import pandas as pd
 
 from beamdae.studies.case_table import ACCURACY_COLUMNS, BOUND_COLUMN, ERROR_COLUMN
-from beamdae.studies.run_values import (
-    MAX_WALL_TIME_COLUMN,
-    MIN_WALL_TIME_COLUMN,
-    WALL_TIME_COLUMN,
-)
+from beamdae.studies.run_values import WALL_TIME_COLUMN
 
 _ERROR_LEVELS = (1e-2, 1e-3, 1e-4, 1e-5)
-_COLUMNS = ["group", "what", "at", "answer", "value", "unit", "min", "max"]
+_COLUMNS = ["group", "what", "at", "answer", "value", "unit"]
 
 
 def summarize_cases(cases: pd.DataFrame) -> pd.DataFrame:
@@ -34,26 +30,6 @@ def summarize_cases(cases: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(lines, columns=_COLUMNS)
 
 
-def summarize_mesh_study(cases: pd.DataFrame, over: str) -> pd.DataFrame:
-    """Return the observed orders of convergence between successive meshes, by group.
-
-    Only successful cases are included. Errors that are zero or that the reference cannot resolve
-    are omitted. `over` is the name of the refined parameter.
-    """
-    lines: list[dict[str, Any]] = []
-    if ERROR_COLUMN not in cases:
-        return pd.DataFrame(lines, columns=_COLUMNS)
-    for group, rows in cases[cases["status"] == "ok"].groupby("group", sort=False):
-        resolved = rows.dropna(subset=[ERROR_COLUMN]).sort_values(over)
-        resolved = resolved[resolved[ERROR_COLUMN] > 0.0]
-        size, error = resolved[over].to_numpy(float), resolved[ERROR_COLUMN].to_numpy()
-        for k in range(1, len(resolved)):
-            order = float(np.log(error[k - 1] / error[k]) / np.log(size[k] / size[k - 1]))
-            at = f"{over} {size[k - 1]:g} to {size[k]:g}"
-            lines.append(_summary_line(str(group), "order in space", at, f"{error[k]:.2e}", order))
-    return pd.DataFrame(lines, columns=_COLUMNS)
-
-
 def _summary_line(
     group: str, what: str, at: str, answer: str, value: float, unit: str = ""
 ) -> dict[str, Any]:
@@ -64,8 +40,6 @@ def _summary_line(
         "answer": answer,
         "value": value,
         "unit": unit,
-        "min": np.nan,
-        "max": np.nan,
     }
 
 
@@ -80,8 +54,6 @@ def _find_fastest(group: str, rows: pd.DataFrame) -> list[dict[str, Any]]:
         line = _summary_line(
             group, "fastest", f"error <= {level:.0e}", fastest["label"], wall_time, "s"
         )
-        line["min"] = fastest.get(MIN_WALL_TIME_COLUMN, np.nan)
-        line["max"] = fastest.get(MAX_WALL_TIME_COLUMN, np.nan)
         lines.append(line)
     return lines
 

@@ -17,9 +17,6 @@ from beamdae.studies.references import Reference
 from beamdae.studies.run_values import (
     COUNT_COLUMNS,
     MEASURE_COLUMNS,
-    compute_event_errors,
-    describe_event_mismatch,
-    is_event_count,
 )
 from beamdae.studies.tasks import Outcome
 
@@ -96,9 +93,6 @@ def _error_columns(outcome: Outcome, reference: Reference) -> dict[str, Any]:
         for measure, value in measures.items():
             column = f"error of {remove_unit(name)}, {measure} [{Header.of(name).unit}]"
             columns[column] = np.nan if is_below[name] else float(value)
-    columns |= compute_event_errors(outcome.values, reference.events)
-    if is_complete and (mismatch := describe_event_mismatch(outcome.values, reference.events)):
-        columns["warnings"] = " ".join(filter(None, [outcome.values.get("warnings"), mismatch]))
     return columns
 
 
@@ -125,6 +119,4 @@ def assemble_case_table(rows: list[dict[str, Any]]) -> pd.DataFrame:
     if "below resolution" in table:
         # Groups without errors lack this column.
         table["below resolution"] = table["below resolution"].eq(True)
-    return table.astype(
-        {c: "Int64" for c in map(str, table) if c in COUNT_COLUMNS or is_event_count(c)}
-    )
+    return table.astype({c: "Int64" for c in map(str, table) if c in COUNT_COLUMNS})

@@ -31,7 +31,7 @@ from beamdae.studies.case import Case
 from beamdae.studies.case_table import assemble_case_table, tabulate_case
 from beamdae.studies.deviations import RELATIVE_TIME_TOLERANCE, select_error_columns
 from beamdae.studies.references import Reference
-from beamdae.studies.run_values import collect_event_values, collect_rows, collect_run_values
+from beamdae.studies.run_values import collect_rows, collect_run_values
 from beamdae.studies.tasks import NOT_RUN, Outcome, describe_exception
 
 CaseProgress = Callable[[str, float], None]
@@ -171,11 +171,9 @@ def _sample_reference(
         later = solution.t[solution.t > times[-1] * (1.0 + RELATIVE_TIME_TOLERANCE)]
         common = times[times <= solution.trajectory.end * (1.0 + RELATIVE_TIME_TOLERANCE)]
         solution = replace(solution, t=np.concatenate([common, later]))
-    # A reference that ends earlier lacks later events.
-    events = collect_event_values(solution, end) if solution.model["t_end"] >= end else {}
     method = str(solution.integrator.get("integrator", ""))
     return Reference(
-        (method, ""), collect_rows(solution).table(), error_columns, np.nan, "as given", events
+        (method, ""), collect_rows(solution).table(), error_columns, np.nan, "as given"
     )
 
 

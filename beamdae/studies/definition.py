@@ -9,9 +9,6 @@ from typing import Any
 
 from beamdae.errors import (
     BeamdaeError,
-    plain_text,
-    require_choice,
-    require_count,
     require_iterable,
     require_positive,
     set_fields,
@@ -29,7 +26,6 @@ _DEFAULT_OUTPUT_ROWS = 400
 _DEFAULT_TIME_LIMIT = 120.0  # seconds
 _REFERENCE_TIME_LIMIT_FACTOR = 10.0  # relative to the time limit of a case
 _REFERENCE_FRAMES = 120  # of the animation recorded with a reference
-_MAX_REPETITIONS = 1000
 
 
 @read_only_data
@@ -49,8 +45,8 @@ class Study:
         reference of each group of cases that differ only in their integrator; the difference
         between the two results is the uncertainty of the reference. An integrator with a fixed step
         is also run with half the step, and the results are extrapolated (Richardson). With an empty
-        tuple, errors are computed only if `over` is given. Mesh studies do not use these
-        integrators.
+        tuple, no errors are computed. Otherwise, all groups have errors if `references` or
+        `columns` are given, and by default those with several different cases.
     columns
         Observed columns used for the errors. Defaults to all columns in m or rad that vary or, if
         no column has these units, to all columns that vary.
@@ -58,18 +54,7 @@ class Study:
         End time and time between rows of all cases [s]. The defaults are the end time of the model,
         and the end time / 400.
     time_limit
-        Maximum wall time of each repetition of a case [s]. Defaults to 120 s; None means no limit.
-    repetitions
-        Number of runs of each case; the wall time of the case is the median of all runs.
-    over
-        Parameter that is refined in a mesh study, such as "elements". The reference of each group
-        of cases that differ only in this parameter is the case with the largest value. Each group
-        has a single integrator, so that errors in space and time are not mixed.
-    errors
-        If True, compute errors of all cases. If False, compute no errors and run no references. If
-        None, compute errors in all groups if `over`, `columns` or two `references` are given, and
-        otherwise in groups with several different cases (same model and parameters, different
-        integrators); with empty `references` and without `over`, compute no errors.
+        Maximum wall time of a case [s]. Defaults to 120 s; None means no limit.
 
     Raises
     ------
@@ -85,48 +70,25 @@ class Study:
     t_end: float | None = None
     output_step: float | None = None
     time_limit: float | None = _DEFAULT_TIME_LIMIT
-    repetitions: int = 1
-    over: str | None = None
-    errors: bool | None = None
 
     def __post_init__(self) -> None:
-        set_fields(self, name=require_file_name("study", self.name), over=plain_text(self.over))
+        set_fields(self, name=require_file_name("study", self.name))
         set_fields(
             self,
             cases=_require_cases(self.name, self.cases),
             references=_require_references(self.name, self.references),
             columns=require_column_names(self.name, self.columns),
-            repetitions=require_count(
-                self.name, "repetitions", self.repetitions, most=_MAX_REPETITIONS
-            ),
-            errors=require_choice(self.name, "errors", self.errors, (True, False, None)),
         )
         for setting in ("t_end", "output_step", "time_limit"):
             value = getattr(self, setting)
             if value is not None:
                 set_fields(self, **{setting: require_positive(self.name, setting, value)})
-        if self.over is not None and not isinstance(self.over, str):
-            raise BeamdaeError(
-                f"{self.name}: over must be the name of a parameter, got {short_repr(self.over)}."
-            )
-        if self.errors and self.references == () and self.over is None:
-            raise BeamdaeError(
-                f"{self.name}: errors=True requires two reference integrators, got "
-                "references=(); omit references= or set errors=False."
-            )
         self._check_cases()
 
     def _check_cases(self) -> None:
         models: dict[str, Model] = {}
         digests: DigestCache = {}
         for case in self.cases:
-            if self.over is not None:
-                if self.over not in case.parameters:
-                    raise BeamdaeError(
-                        f"{self.name}: every case must set the parameter {short_repr(self.over)} "
-                        "named by over=."
-                    )
-                require_positive(self.name, self.over, case.parameters[self.over])
             case.mechanism_fingerprint(digests)
             model = models.setdefault(case.model.name, case.model)
             if model is case.model:
@@ -140,15 +102,11 @@ class Study:
 
     def computes_errors(self, runs: int) -> bool:
         """Return True if errors are computed for a group with `runs` different runs."""
-        if self.errors is not None:
-            return self.errors
-        if self.over is None and self.references == ():
-            return False
-        return bool(self.over or self.references or self.columns) or runs > 1
+        return self.references != () and bool(self.references or self.columns or runs > 1)
 
     def tag(self, case: Case) -> str:
         """Return the label that distinguishes a case from others with the same reference."""
-        return case.label if self.over is None else f"{self.over}={case.parameters[self.over]}"
+        return case.label
 
     def task(self, case: Case, reference: bool = False, digests: DigestCache | None = None) -> Task:
         """Return the task of a case.
@@ -168,7 +126,6 @@ class Study:
             t_end,
             output_step,
             limit,
-            1 if reference else self.repetitions,
             frames=_REFERENCE_FRAMES if reference else 0,
             mechanism_fingerprint=case.mechanism_fingerprint(digests),
         )
@@ -220,15 +177,12 @@ def study(
     t_end: float | None = None,
     output_step: float | None = None,
     time_limit: float | None = _DEFAULT_TIME_LIMIT,
-    repetitions: int = 1,
-    over: str | None = None,
-    errors: bool | None = None,
 ) -> Callable[[Callable[[], Iterable[Case]]], Study]:
     """Return a decorator that turns a function returning cases into a study.
 
     Parameters
     ----------
-    references, columns, t_end, output_step, time_limit, repetitions, over, errors
+    references, columns, t_end, output_step, time_limit
         See `Study`.
 
     Returns
@@ -259,9 +213,6 @@ def study(
             t_end,
             output_step,
             time_limit,
-            repetitions,
-            over,
-            errors,
         )
 
     return decorate

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -21,7 +21,6 @@ from beamdae.studies.deviations import (
     count_common_rows,
     select_error_columns,
 )
-from beamdae.studies.run_values import select_event_columns
 from beamdae.studies.tasks import Outcome, Task
 
 # Two different methods are unlikely to have the same error.
@@ -38,7 +37,7 @@ class Reference:
     Attributes
     ----------
     methods
-        Labels of the two methods or meshes; "" for each one that is missing.
+        Labels of the two methods; "" for each one that is missing.
     table
         Observed columns, energies and drift by time; None if there is no reference.
     columns
@@ -48,8 +47,6 @@ class Reference:
         column [-]; NaN if it is unknown.
     sentence
         Description of the reference, or the reason why it is missing.
-    events
-        Counts and first times of events, see `collect_event_values`; empty if there are none.
     """
 
     methods: tuple[str, str]
@@ -57,7 +54,6 @@ class Reference:
     columns: tuple[str, ...]
     uncertainty: float
     sentence: str
-    events: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def resolution(self) -> float:
@@ -82,32 +78,15 @@ def group_cases(
 ) -> dict[str, list[Case]]:
     """Group the cases that share a reference, and return them by group label.
 
-    The cases of a group have the same mechanism and end time. In a mesh study, they have the same
-    integrator, and their mechanisms differ only in the refined parameter. `task_by_case` maps the
-    `id` of a case to its task.
+    The cases of a group have the same mechanism and end time. `task_by_case` maps the `id` of a
+    case to its task.
     """
     groups: dict[tuple[Any, ...], list[Case]] = {}
     for case in study.cases:
-        method = "" if study.over is None else case.label
-        key = (
-            _drop_refined_parameter(study, case).mechanism_fingerprint(digests),
-            task_by_case[id(case)].t_end,
-            method,
-        )
+        key = (case.mechanism_fingerprint(digests), task_by_case[id(case)].t_end)
         groups.setdefault(key, []).append(case)
-    labels = number_duplicates(_group_label(study, cases[0]) for cases in groups.values())
+    labels = number_duplicates(cases[0].group for cases in groups.values())
     return dict(zip(labels, groups.values(), strict=True))
-
-
-def _drop_refined_parameter(study: Study, case: Case) -> Case:
-    if study.over is None:
-        return case
-    return replace(case, parameters={k: v for k, v in case.parameters.items() if k != study.over})
-
-
-def _group_label(study: Study, case: Case) -> str:
-    label = _drop_refined_parameter(study, case).group
-    return label if study.over is None else f"{label}, {case.label}"
 
 
 def create_reference_tasks(
@@ -115,13 +94,8 @@ def create_reference_tasks(
 ) -> list[list[Task]]:
     """Return the tasks of the two reference methods of a group.
 
-    A method has one task, or two tasks for Richardson extrapolation. In a mesh study, the methods
-    are the two finest meshes, or the only mesh.
+    A method has one task, or two tasks for Richardson extrapolation.
     """
-    over = study.over
-    if over is not None:
-        meshes = {case.parameters[over]: case for case in cases}
-        return [[study.task(meshes[n], digests=digests)] for n in sorted(meshes, reverse=True)[:2]]
     methods = []
     for integrator in study.references or DEFAULT_REFERENCES:
         integrators = [integrator]
@@ -142,12 +116,7 @@ def build_reference(
     the `sentence`. If the reference is missing, for example because a run failed or no column is
     left, its `table` is None and its `sentence` gives the reason.
     """
-    if len(methods) == 1:
-        return _missing_reference(
-            (_label_method(methods[0], study), ""),
-            "no reference, there is only one mesh; add a finer mesh",
-        )
-    labels = (_label_method(methods[0], study), _label_method(methods[1], study))
+    labels = (_label_method(methods[0]), _label_method(methods[1]))
     for tasks in methods:
         for task in tasks:
             outcome = outcomes[task.key]
@@ -173,10 +142,6 @@ def build_reference(
         )
     columns = list(itertools.compress(columns, agrees))
     uncertainty = float(differences[agrees].max())
-    if study.over is not None and uncertainty == 0.0:
-        return _missing_reference(
-            labels, f"no reference, {study.over} has no effect on the two finest meshes"
-        )
     worst = remove_unit(columns[int(np.argmax(differences[agrees]))])
     sentence = (
         f"Reference: {labels[0]}; {labels[1]} differs by {uncertainty:.2g} of the amplitude of "
@@ -184,8 +149,7 @@ def build_reference(
     )
     if disputed:
         sentence += f"; no errors of columns that differ by more ({disputed})"
-    events = select_event_columns(outcomes[methods[0][-1].key].values)
-    return Reference(labels, table, tuple(columns), uncertainty, sentence, events)
+    return Reference(labels, table, tuple(columns), uncertainty, sentence)
 
 
 def _missing_reference(methods: tuple[str, str], sentence: str) -> Reference:
@@ -195,9 +159,7 @@ def _missing_reference(methods: tuple[str, str], sentence: str) -> Reference:
 REFERENCE_NOT_RUN = _missing_reference(("", ""), "no reference, the reference was not run")
 
 
-def _label_method(tasks: list[Task], study: Study) -> str:
-    if study.over is not None:
-        return f"{study.over}={tasks[0].case.parameters[study.over]}"
+def _label_method(tasks: list[Task]) -> str:
     label = tasks[-1].case.label
     return label if len(tasks) == 1 else f"{label}, extrapolated"
 

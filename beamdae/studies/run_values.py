@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -14,9 +14,6 @@ from beamdae.studies.tasks import Rows
 
 EVENTS_COLUMN = "events"
 WALL_TIME_COLUMN = "wall time [s]"
-# Extremes of repeated runs; `WALL_TIME_COLUMN` contains the median.
-MIN_WALL_TIME_COLUMN = "wall time min [s]"
-MAX_WALL_TIME_COLUMN = "wall time max [s]"
 MEASURING_TIME_COLUMN = "measuring time [s]"
 REACHED_COLUMN = "reached [s]"
 MEASURED_ERROR_COLUMN = "measured error [-]"  # largest one of the observed columns
@@ -50,7 +47,8 @@ def collect_run_values(solution: Solution) -> dict[str, Any]:
         settings.get("error_control", ""),
         settings.get("max_order"),
     )
-    warnings = " ".join(solution.warnings)  # measures the errors
+    names = [record.name for record in solution.event_records]
+    warnings = "\n".join(solution.warnings)  # measures the errors
     errors: Any = vars(solution).get("errors")
     has_errors = errors is not None and not np.isnan(errors.total).all()
     return {
@@ -59,16 +57,8 @@ def collect_run_values(solution: Solution) -> dict[str, Any]:
         **{column: summary[name] for column, name in (COUNT_COLUMNS | MEASURE_COLUMNS).items()},
         **({MEASURED_ERROR_COLUMN: errors.largest} if has_errors else {}),
         "warnings": warnings,
-        **collect_event_values(solution),
+        **({EVENTS_COLUMN: format_event_counts(names)} if solution.equations.events else {}),
     }
-
-
-def summarize_wall_times(times: Sequence[float]) -> dict[str, float]:
-    """Return the median wall time [s] and, for several runs, the shortest and the longest."""
-    summary = {WALL_TIME_COLUMN: float(np.median(times))}
-    if len(times) > 1:
-        summary |= {MIN_WALL_TIME_COLUMN: min(times), MAX_WALL_TIME_COLUMN: max(times)}
-    return summary
 
 
 def evaluate_outputs(outputs: Mapping[str, Callable[[Any], Any]], solution: Any) -> dict[str, Any]:
@@ -102,73 +92,6 @@ def evaluate_outputs(outputs: Mapping[str, Callable[[Any], Any]], solution: Any)
 def format_output_column(name: str) -> str:
     """Return the name of the column in the case table for an output of a sweep."""
     return f"output {name}"
-
-
-def collect_event_values(solution: Solution, until: float = np.inf) -> dict[str, Any]:
-    """Return the counts and first times [s] of events up to the time `until` [s].
-
-    The keys are columns of the case table; an event that did not occur has no first time. If the
-    mechanism has no events, the dict is empty.
-    """
-    values: dict[str, Any] = {}
-    for event in solution.equations.events:
-        times = [
-            record.t
-            for record in solution.event_records
-            if record.name == event.name and record.t <= until
-        ]
-        values[f"event {event.name}, times"] = len(times)
-        if times:
-            values[f"event {event.name}, first [s]"] = times[0]
-    return {EVENTS_COLUMN: _format_counts(values), **values} if values else {}
-
-
-def compute_event_errors(
-    values: Mapping[str, Any], reference: Mapping[str, Any]
-) -> dict[str, float]:
-    """Return the errors of the first event times [s], keyed by column of the case table.
-
-    The error is NaN if the event did not occur.
-    """
-    times = {name: value for name, value in reference.items() if isinstance(value, float)}
-    return {
-        f"error of {column}": abs(values.get(column, np.nan) - value)
-        for column, value in times.items()
-    }
-
-
-def describe_event_mismatch(values: Mapping[str, Any], reference: Mapping[str, Any]) -> str:
-    """Return a sentence if the counts of events differ from the reference.
-
-    Otherwise, or if the reference has no events, return an empty string.
-    """
-    events, expected = select_event_columns(values), select_event_columns(reference)
-    counts = [name for name, value in expected.items() if isinstance(value, int)]
-    if not expected or all(events.get(name) == expected[name] for name in counts):
-        return ""
-    return (
-        f"events differ from the reference: {_format_counts(events)} instead of "
-        f"{_format_counts(expected)}."
-    )
-
-
-def is_event_count(column: str) -> bool:
-    """Return True if a column of the case table contains event counts."""
-    return column.startswith("event ") and column.endswith(", times")
-
-
-def select_event_columns(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the counts and first times of events among the values of a run."""
-    return {name: value for name, value in values.items() if name.startswith("event ")}
-
-
-def _format_counts(values: Mapping[str, Any]) -> str:
-    return format_event_counts(
-        column.removeprefix("event ").removesuffix(", times")
-        for column, value in values.items()
-        if isinstance(value, int)
-        for _ in range(value)
-    )
 
 
 def collect_rows(solution: Solution) -> Rows:

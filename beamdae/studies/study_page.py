@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
@@ -11,7 +10,7 @@ import pandas as pd
 from beamdae.equations.measures import TIME
 from beamdae.report.page.page_content import Content
 from beamdae.report.page.page_data import compute_row_limit, select_curves
-from beamdae.results.columns import Header
+from beamdae.report.page_parts import describe_columns
 from beamdae.results.storage.files import versions
 from beamdae.studies.case_table import BOUND_COLUMN, ERROR_COLUMN
 from beamdae.studies.definition import Study
@@ -20,44 +19,32 @@ from beamdae.studies.execution.study_run import StudyResults
 from beamdae.studies.references import RESOLUTION_FACTOR, Reference, number_duplicates
 from beamdae.studies.run_values import (
     EVENTS_COLUMN,
-    MAX_WALL_TIME_COLUMN,
-    MIN_WALL_TIME_COLUMN,
     WALL_TIME_COLUMN,
 )
 
 MAX_CURVES = 200  # cases with curves in the page; pages with more take long to open
 _NO_ERRORS = "These cases have no errors: no other case has the same parameters."
-# Columns about the solver, which the page shows on request.
-_SOLVER_COLUMNS = {
-    "steps",
-    "rejected steps",
-    "residual calls",
-    "Jacobian calls",
-    "max position drift",
-    "max velocity drift",
-    "energy imbalance [-]",
-    "reached [s]",
-}
 # Prefix of the keys of extra columns, whose names may also occur in the case table.
 _EXTRA_COLUMN_PREFIX = "extra: "
-# Columns of the case table on the page: key, label, unit, kind.
-_TABLE_COLUMNS = (
-    ("label", "integrator", "", "text"),
-    ("status", "status", "", "status"),
-    (EVENTS_COLUMN, "events", "", "text"),
-    (ERROR_COLUMN, "error", "-", "error"),
-    (WALL_TIME_COLUMN, "wall time", "s", "cost"),
-    (MIN_WALL_TIME_COLUMN, "wall min", "s", "number"),
-    (MAX_WALL_TIME_COLUMN, "wall max", "s", "number"),
-    ("steps", "steps", "", "number"),
-    ("rejected steps", "rejected", "", "number"),
-    ("residual calls", "residuals", "", "number"),
-    ("Jacobian calls", "Jacobians", "", "number"),
-    ("max position drift", "position drift", "", "number"),
-    ("max velocity drift", "velocity drift", "", "number"),
-    ("energy imbalance [-]", "energy imbalance", "-", "number"),
-    ("reached [s]", "reached", "s", "number"),
-)
+# Columns of the case table on the page: label, unit and kind by name, of results and of the solver,
+# which are shown on request.
+_RESULT_COLUMNS = {
+    "label": ("integrator", "", "text"),
+    "status": ("status", "", "status"),
+    EVENTS_COLUMN: ("events", "", "text"),
+    ERROR_COLUMN: ("error", "-", "error"),
+    WALL_TIME_COLUMN: ("wall time", "s", "cost"),
+}
+_SOLVER_COLUMNS = {
+    "steps": ("steps", "", "number"),
+    "rejected steps": ("rejected", "", "number"),
+    "residual calls": ("residuals", "", "number"),
+    "Jacobian calls": ("Jacobians", "", "number"),
+    "max position drift": ("position drift", "", "number"),
+    "max velocity drift": ("velocity drift", "", "number"),
+    "energy imbalance [-]": ("energy imbalance", "-", "number"),
+    "reached [s]": ("reached", "s", "number"),
+}
 
 
 def create_study_page(
@@ -73,32 +60,30 @@ def create_study_page(
     results
         Results of the study.
     extra_columns
-        Columns shown instead of the parameters, with one row per case (in sweeps, the parameters
-        and the default responses).
+        Columns in place of the parameters, one row per case.
     with_curves
-        Rows of the cases whose curves the page contains. Defaults to the first 200.
+        Row numbers of the cases whose curves are stored. Defaults to the first 200 cases.
     is_stored
-        False if the rows of the cases are in no folder beside the page.
+        False if the trajectory files of the cases are not kept.
     """
-    table = results.table
+    table, is_labeled_by_tag = results.table, extra_columns is not None
     if with_curves is None:
         with_curves = set(range(MAX_CURVES))
-    present = [
-        column
-        for column in _TABLE_COLUMNS
-        if column[0] in table
-        and not (column[0] in _SOLVER_COLUMNS and table[column[0]].isna().all())
-    ]
     if extra_columns is None:
-        parameters = list(table)[1 : list(table).index("group")]
-        units = _find_units(results.study)
-        inserted = [
-            (str(p), str(p), units.get(str(p), ""), _column_kind(table[p])) for p in parameters
-        ]
+        parameters = list(map(str, table))[1 : list(table).index("group")]
+        inserted = describe_columns("", table[parameters], _find_units(results.study))[1:]
     else:
-        inserted = [_describe_extra_column(extra_columns, str(name)) for name in extra_columns]
+        inserted = describe_columns("", extra_columns)[1:]
+        for column in inserted:
+            column["key"] = extra_column_key(column["key"])
         table = pd.concat([table, extra_columns.add_prefix(_EXTRA_COLUMN_PREFIX)], axis=1)
-    columns = [present[0], *inserted, *present[1:]]
+    first, *others = (
+        {"key": key, "label": label, "unit": unit, "kind": kind, "section": section}
+        for section, group in (("results", _RESULT_COLUMNS), ("solver", _SOLVER_COLUMNS))
+        for key, (label, unit, kind) in group.items()
+        if key in table and not (section == "solver" and table[key].isna().all())
+    )
+    columns = [first, *inserted, *others]
     failures = int((table["status"] != "ok").sum())
     # All cases without a reference are in one group with the name of the study.
     group_without_reference = number_duplicates([*results.references, results.study.name])[-1]
@@ -108,24 +93,14 @@ def create_study_page(
         "made": versions(),
         "notes": _create_notes(results),
         "groups": _create_groups(results, group_without_reference),
-        "columns": [
-            {
-                "key": key,
-                "label": label,
-                "unit": unit,
-                "kind": kind,
-                "section": "solver" if key in _SOLVER_COLUMNS else "results",
-            }
-            for key, label, unit, kind in columns
-        ],
+        "columns": columns,
         "cases": _create_cases(
             results,
-            table,
-            [key for key, *_ in columns],
+            table[[column["key"] for column in columns]],
             group_without_reference,
-            is_labeled_by_tag=extra_columns is not None,
-            with_curves=with_curves,
-            is_stored=is_stored,
+            is_labeled_by_tag,
+            with_curves,
+            is_stored,
         ),
     }
 
@@ -143,12 +118,6 @@ def _find_units(study: Study) -> dict[str, str]:
 def extra_column_key(name: str) -> str:
     """Return the key of an extra column in the data of the page."""
     return _EXTRA_COLUMN_PREFIX + name
-
-
-def _describe_extra_column(table: pd.DataFrame, name: str) -> tuple[str, str, str, str]:
-    """Return the key, label, unit and kind of an extra column."""
-    unit = Header.of(name).unit
-    return extra_column_key(name), name.removesuffix(f" [{unit}]"), unit, _column_kind(table[name])
 
 
 def _create_notes(results: StudyResults) -> list[str]:
@@ -203,8 +172,7 @@ def _create_group(group: str, reference: Reference, frames: dict[str, Any] | Non
 
 def _create_cases(
     results: StudyResults,
-    table: pd.DataFrame,
-    keys: list[str],
+    shown: pd.DataFrame,
     group_without_reference: str,
     is_labeled_by_tag: bool,
     with_curves: set[int],
@@ -212,30 +180,32 @@ def _create_cases(
 ) -> list[Content]:
     study, ranks = results.study, _rank_cases(results.study)
     max_rows = _max_rows_per_case(results, with_curves)
+    rows = results.table.replace({np.nan: None}).astype(object).to_dict("records")
+    values = shown.astype(object).where(shown.notna(), None).to_dict("records")
     cases: list[Content] = []
-    for k, (case, row) in enumerate(zip(study.cases, table.to_dict("records"), strict=True)):
+    for k, (case, row, cells) in enumerate(zip(study.cases, rows, values, strict=True)):
         group = str(row["group"])
         has_reference = group in results.references
-        status = str(row["reason"]) or "ok"
-        values = {key: _as_json_value(row[key]) for key in keys}
-        tagged = has_reference or is_labeled_by_tag
+        status = str(row["reason"] or "ok")
+        label = study.tag(case)
+        if not (has_reference or is_labeled_by_tag):
+            label = f"{group}, {case.label}"
+        table = results.outcome(case).table if k in with_curves else None
         cases.append(
             {
                 "id": str(k),
                 "rank": ranks[k],
                 "group": group if has_reference else group_without_reference,
-                "label": study.tag(case) if tagged else f"{group}, {case.label}",
+                "label": label,
                 "series": case.series,
                 "family": case.integrator.method,
                 "status": status,
-                "values": values | {"status": status},
-                "error": _as_json_value(row.get(BOUND_COLUMN)),
-                "cost": _as_json_value(row.get(WALL_TIME_COLUMN)),
+                "values": cells | {"status": status},
+                "error": row.get(BOUND_COLUMN),
+                "cost": row.get(WALL_TIME_COLUMN),
                 "below": bool(row.get("below resolution", False)),
                 "limited": row["status"] == "limited",
-                "curves": _create_curves(results, results.outcome(case).table, group, max_rows)
-                if k in with_curves
-                else None,
+                "curves": _create_curves(results, table, group, max_rows),
                 "file": row["trajectory"] if is_stored else "",
             }
         )
@@ -247,23 +217,10 @@ def _rank_cases(study: Study) -> list[int]:
 
     def sort_key(k: int) -> tuple[str, float]:
         case = study.cases[k]
-        if study.over is not None:
-            return case.series, case.parameters[study.over]
         return case.series, -case.integrator.accuracy.value
 
     order = sorted(range(len(study.cases)), key=sort_key)
     return np.argsort(order).tolist()
-
-
-def _column_kind(values: pd.Series) -> str:
-    is_number = pd.api.types.is_numeric_dtype(values) and not pd.api.types.is_bool_dtype(values)
-    return "number" if is_number else "text"
-
-
-def _as_json_value(value: Any) -> Any:
-    if value is None or value is pd.NA or (isinstance(value, float) and math.isnan(value)):
-        return None
-    return value.item() if isinstance(value, np.generic) else value
 
 
 def _create_curves(

@@ -179,7 +179,7 @@ def test_states_of_other_meshes_and_wrong_columns_are_rejected():
     path, run = bd.equilibrium(mech), bd.simulate(oscillator(), t_end=0.1)
     with pytest.raises(bd.BeamdaeError, match="modes: accuracy requires a state"):
         bd.modes(mech, about=path, accuracy=0.01)
-    with pytest.raises(bd.BeamdaeError, match="modes: there is no observed column 'frequency 9'"):
+    with pytest.raises(bd.BeamdaeError, match="modes: there is no column 'frequency 9'"):
         bd.modes(mech, n=2, accuracy=0.01, accuracy_columns="frequency 9")
     with pytest.raises(bd.BeamdaeError, match="simulate: accuracy requires a run that does not"):
         bd.simulate(oscillator(), t_end=0.2, start=run, accuracy=0.01)

@@ -93,7 +93,7 @@ def test_the_largest_of_many_peaks_are_shown(tmp_path, monkeypatch):
     peaks = json.loads(invoke(*arguments, "--json").stdout)["peaks"]
     largest = sorted(peaks, key=lambda peak: -peak["magnitude"])
     shown = invoke(*arguments).stdout
-    are_shown = [f"{peak['frequency [Hz]']:.6g} " in shown for peak in largest]
+    are_shown = [f"{peak['frequency [Hz]']:.5g} " in shown for peak in largest]
     assert are_shown == [True] * 10 + [False] * 2
 
 
@@ -101,7 +101,7 @@ def test_the_largest_of_many_peaks_are_shown(tmp_path, monkeypatch):
 def test_bode_writes_a_picture_and_a_page(bode, tmp_path):
     result = bode("--output", "mass.x,mass.x_dot", "--frequencies", "1Hz:0.01kHz")
     assert result.exit_code == 0, result.output
-    assert "peak of" in result.stdout
+    assert "output / input" in result.stdout
     with Image.open(tmp_path / "results/shaker_bode.png") as picture:
         assert picture.size[0] > 500
     assert (tmp_path / "results/shaker_bode.html").stat().st_size > 10_000

@@ -180,8 +180,8 @@ def test_run_reports_errors_of_beams_and_warns_once(command):
 
 @pytest.mark.slow(reason="runs a model")
 def test_run_with_generalized_alpha(command):
-    result = command("run", ARM, "--integrator", "generalized-alpha", "--step", "2e-3",
-                     "--rho-inf", "0.5", "--t-end", "0.01", "--output-step", "5e-3")  # fmt: skip
+    method = "--integrator", "generalized-alpha", "--step", "2e-3", "--option", "rho_inf=0.5"
+    result = command("run", ARM, *method, "--t-end", "0.01", "--output-step", "5e-3")
     assert result.exit_code == 0
     sidecar = json.loads(Path("results/arm.json").read_text())
     assert sidecar["integrator"]["step"] == 2e-3
@@ -219,7 +219,7 @@ def test_compare_writes_tables_pictures_and_a_page(command):
     written = [line.split(": ")[1] for line in result.stdout.splitlines() if "written" in line]
     names = {Path(path).name for path in written}
     assert {"cases.csv", "summary.csv", "comparison.png", "report.html"} <= names
-    assert {"work_precision.png", "work_precision.svg"} <= names
+    assert "work_precision.png" in names
     assert all(Path(path).stat().st_size > 0 for path in written)
     assert "differs by" in " ".join(result.stdout.split())
     assert re.search(r"\b(\d+)/\1, 0:00 left$", result.stderr.splitlines()[-1])
@@ -251,12 +251,13 @@ def widths():
 def test_check_reports_size_and_start(command):
     result = command("check", ARM)
     assert result.exit_code == 0
-    rows = {line[:22].strip(): line[22:].strip() for line in result.stdout.splitlines()}
+    lines = [line.split("  ", 1) for line in result.stdout.splitlines() if "  " in line]
+    rows = {topic.strip(): text.strip() for topic, text in lines}
     assert rows["size"].startswith("12 coordinates, 2 constraints")
     assert rows["mobility"].startswith("10 =")
     assert "as drawn" in rows["start"]
     assert "Revolute" in result.stdout
-    assert "largest relative error of arc length of beam" in rows["zero up to rounding"]
+    assert "dependent constraints" not in rows, "rows without a finding are omitted"
 
 
 FALL = """import beamdae as bd
@@ -332,13 +333,11 @@ def crank():
 """
 
 
-def test_regression_check_begins_with_the_verdict_and_names_levels_of_residuals(command):
-    """Forty lines of zeros followed it, and velocities before the start seemed to be a defect."""
+def test_regression_check_begins_with_the_verdict(command):
+    """Forty lines of zeros followed it."""
     lines = [x.strip() for x in command("check", CRANK).stdout.splitlines() if x.strip()]
     assert lines[0] == "crank: ready to run"
-    (residuals,) = (x for x in lines if x.startswith("largest residuals"))
-    assert "g_dot 0.25 (motor) as given, which the start removes; then g_ddot 0" in residuals
-    assert sum("initial angle" in x for x in lines) == 1
+    assert not any("initial angle" in x for x in lines)
 
 
 @pytest.mark.slow(reason="half a second and more")
@@ -482,3 +481,14 @@ def test_a_new_model_runs_and_is_not_overwritten(tmp_path, monkeypatch):
         )
     assert_usage_error(invoke("new", "b.py", "--like", "nothing"), "there is no example 'nothing'")
     assert not Path("b.py").exists()
+
+
+@pytest.mark.parametrize(
+    ("statement", "warns"), [("unread", False), ("pass", True), ("locals()", False)]
+)
+def test_set_warns_of_parameters_that_the_model_does_not_read(command, statement, warns):
+    source = ARM.replace("def arm(", "def arm(unread=1.0, ", 1)
+    source = source.replace("    mech = ", f"    {statement}\n    mech = ", 1)
+    result = command("draw", source, "--set", "unread=3")
+    assert result.exit_code == 0, result.output
+    assert ("--set unread: arm does not read this parameter" in result.stderr) == warns

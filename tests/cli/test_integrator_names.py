@@ -160,12 +160,12 @@ def test_built_in_names_come_before_variables_of_the_file(run):
         ),
         (
             ["--integrator", "ImplicitEuler", "--rtol", "1e-3"],
-            "run: --rtol is not supported by ImplicitEuler (only auto, ida, radau, "
+            "run: --rtol is not a setting of ImplicitEuler (only of auto, ida, radau, "
             "generalized-alpha, Alpha).",
         ),
         (
-            ["--integrator", "generalized-alpha", "--max-order", "2"],
-            "run: --max-order is not supported by generalized-alpha (only ida).",
+            ["--integrator", "generalized-alpha", "--option", "max_order=2"],
+            "run: max_order= is not a setting of generalized-alpha (only of ida).",
         ),
         (
             ["--integrator", "ShortSteps", "--step", "1"],
@@ -204,4 +204,4 @@ def test_error_is_estimated_with_an_integrator_of_the_model_file(run):
     result = invoke("run", "model.py", "--integrator", "euler", "--verify", "-v")
     assert result.exit_code == 0, result.output
     assert "ImplicitEuler step=0.005" in result.output
-    assert "end error of rows" in " ".join(result.output.split())
+    assert "observed end error" in " ".join(result.output.split())

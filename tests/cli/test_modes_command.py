@@ -63,9 +63,8 @@ def test_regression_campbell_diagrams_print_and_write_their_resonances(modes, tm
     # The mass of 2 kg on springs of 50 N/m in the rotating frame: (w - W) (w + W) ... = 0.
     assert_allclose(2.0 * np.pi * table["frequency [Hz]"], table["multiple"] * table.iloc[:, 0])
     assert len(table) > 0
-    assert (
-        f"{table.iloc[0, 0] * 30.0 / np.pi:.6g}" in modes(*speeds, "--no-picture", "-n", "2").stdout
-    )
+    shown = modes(*speeds, "--no-picture", "-n", "2").stdout
+    assert f"{table.iloc[0, 0] * 30.0 / np.pi:.5g}" in shown
 
 
 def test_an_immobile_model_has_an_empty_table(modes, tmp_path):

@@ -55,7 +55,7 @@ def test_no_picture_skips_the_pictures_and_keeps_the_tables(tmp_path, command):
         pytest.param(
             "sweep",
             ["--no-picture", "--no-page"],
-            ["column_sweep_force/report.html", "column_sweep_force/response.svg"],
+            ["column_sweep_force/report.html", "column_sweep_force/response.png"],
             marks=pytest.mark.slow(reason="starts a process"),
         ),
     ],

@@ -51,10 +51,10 @@ def test_regression_results_have_units_and_relative_margins(here):
     result = run("--by", "mass", "--minimize", "frequency:1:equilibrium", *limits)
     assert result.exit_code == 0, result.output
     lines = [" ".join(line.split()) for line in result.stdout.splitlines()]
-    assert "objective frequency 1 = 0.711763 Hz" in lines
-    assert "mass <= 2 kg 2 kg, at its limit" in lines
-    assert "mass >= 1 kg 2 kg, margin 100 % of the limit" in lines
-    assert "mass 2 kg" in lines
+    assert "objective frequency 1 = 0.711763 Hz, first 1.00658 Hz" in lines
+    starts = ("mass <= 2 kg 2 2 ", "mass >= 1 kg 2 1 100 ", "mass [kg] 2 1 ")
+    for start in starts:
+        assert any(line.startswith(start) for line in lines), lines
 
 
 LEAF = """

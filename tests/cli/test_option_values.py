@@ -11,7 +11,7 @@ from command_line import invoke
     [
         ["--rtol", "fast"],
         ["--rtol", ""],
-        ["--max-order"],
+        ["--option"],
         ["--t-end", "3kg"],
         ["--t-end", "3 foos"],
     ],

@@ -69,8 +69,7 @@ def test_sweep_writes_a_table_plots_and_a_page(tmp_path):
     assert "too fast" in result.output
     folder = tmp_path / "swing_sweep_speed_turns"
     files = {file.name for file in folder.iterdir() if file.is_file()}
-    pictures = {f"{name}.{kind}" for name in ("response", "map") for kind in ("png", "svg")}
-    assert files == {"cases.csv", "sweep.csv", "report.html", *pictures}
+    assert files == {"cases.csv", "sweep.csv", "report.html", "response.png", "map.png"}
     table = pd.read_csv(folder / "sweep.csv")
     assert list(table["speed"]) == [1.0, 1.0, 5.0, 5.0, 9.0, 9.0]
     assert_allclose(table["bob.x min [m]"][:4], np.cos([0.1, 0.1, 0.5, 0.5]), atol=1e-6)
@@ -89,8 +88,8 @@ def test_regression_sweeps_name_the_columns_that_the_terminal_omits(tmp_path):
         result = invoke(*arguments, "--no-page", *of, env={"COLUMNS": "400"})
         outputs[of] = " ".join(result.stdout.split())
     every, one = outputs.values()
-    assert "not shown: 3 columns of zeros; sweep.csv shows them" in every
-    assert "not shown: 1 column of zeros; sweep.csv" in one
+    for name in ("bob.y", "hub.angle"):
+        assert name in every
     assert "max [m]" in one
 
 

@@ -1,5 +1,7 @@
 """Colors along beams equal the observed values."""
 
+import re
+
 import numpy as np
 import pytest
 from hub_beam import hub_beam
@@ -34,7 +36,9 @@ def test_colors_equal_the_observed_values_along_the_beam(what):
         expected = table[next(c for c in table if c.startswith(f"forces.{what} "))]
     scale = np.max(np.abs(expected))
     # Rounding of the times, amplified by the rates of vibrating strains.
-    assert_allclose(values * colors.factor, expected, rtol=0, atol=1e-9 * scale)
+    prefix = re.search(r"\[(10[⁻⁰-⁹]+|[nµmkMG])?", colors.title)[1]
+    factor = {None: 1.0, "m": 1e-3, "k": 1e3, "M": 1e6, "10⁻³": 1e-3, "10⁻⁶": 1e-6}[prefix]
+    assert_allclose(values * factor, expected, rtol=0, atol=1e-9 * scale)
     sizes = np.abs(colors.values["beam"])
     assert sizes.max() <= colors.limits[1] * (1.0 + 1e-12)
     assert colors.limits[0] == (-colors.limits[1] if len(what) == 1 else 0.0)

@@ -8,7 +8,6 @@ import re
 from copy import deepcopy
 
 import numpy as np
-import pytest
 from numpy.testing import assert_allclose
 from pages import (
     ODD_NAMES,
@@ -20,7 +19,6 @@ from pages import (
     study_page,
 )
 
-import beamdae as bd
 from beamdae.report.page.page_file import write_page
 
 
@@ -78,29 +76,6 @@ def test_names_cannot_end_the_data_and_nothing_is_loaded(tmp_path):
     assert all(address.startswith("http://www.w3.org/") for address in addresses)
     own = text.replace(re.findall(r"<script>\s*(var echarts=.*?)</script>", text, re.DOTALL)[0], "")
     assert not re.search(r"\b(src|href)\s*=|@import|url\((?!#)", own)
-
-
-@pytest.mark.parametrize(
-    ("page", "message"),
-    [
-        (
-            {"cases": [{"id": "0", "group": "a"}]},
-            r"^page: case '0' refers to the unknown group 'a'; add the group or correct",
-        ),
-        (
-            {"groups": [{"id": "a"}, {"id": "a"}]},
-            r"^page: the id 'a' of a group is used twice; use different ids\.$",
-        ),
-        (
-            {"groups": [{"id": "a"}], "cases": [{"id": "0", "group": "a"}] * 2},
-            r"^page: the id '0' of a case is used twice; use different ids\.$",
-        ),
-    ],
-)
-def test_inconsistent_ids_are_rejected(tmp_path, page, message):
-    with pytest.raises(bd.BeamdaeError, match=message):
-        write_page(tmp_path / "page.html", page)
-    assert not list(tmp_path.iterdir())
 
 
 def test_odd_names_are_stored_unchanged(tmp_path):

@@ -152,9 +152,9 @@ def test_clicks_select_cases_and_draw_their_curves(show):
     find_row(tab, 1).locator("input").press("Space")
     assert count_curves(tab) == [3, 3, 3, 3]
     assert tab.locator("tr.selected .badge").all_text_contents() == ["1", "3", "2"]
-    # The first case of a family has its color; others get colors that belong to no family.
+    # Selected cases are colored by their number.
     colors = [color for _, color, _ in list_lines(tab)]
-    assert colors == ["#0072b2", "#e69f00", "#d55e00"]
+    assert colors == ["#0072b2", "#e69f00", "#009e73"]
     click_point(tab, 2)
     assert count_curves(tab) == [2, 2, 2, 2]
     assert not find_row(tab, 2).locator("input").is_checked()

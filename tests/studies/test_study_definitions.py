@@ -106,17 +106,8 @@ WRONG_STUDIES = [
     {"output_step": 0.0},
     {"time_limit": "x"},
     {"time_limit": {"time": 5.0}},
-    {"repetitions": 1.5},
-    {"repetitions": "two"},
-    {"repetitions": None},
-    {"repetitions": float("inf")},
-    {"over": 5},
-    {"over": ["mass"]},
-    {"over": "elements"},
-    {"over": "mass"},
     {"references": (bd.Ida(1e-6), bd.Ida(1e-7))},
     {"cases": (bd.Case(swing, {"mas": 1.0}),)},
-    {"repetitions": 0},
 ]
 
 

@@ -136,7 +136,7 @@ def test_function_with_defaults_is_a_model():
         ({"over": {"turns": [1.5]}}, "turning: turns must be of type int, got 1.5."),
         ({"over": {}}, "turning_sweep: over must be a dict of values by parameter, or a list of"),
         ({"over": [1.0]}, "turning_sweep: over must be a dict of values by parameter, or a list"),
-        ({"of": "tipp"}, "turning_sweep: there is no observed column 'tipp' .did you mean 'tip"),
+        ({"of": "tipp"}, "turning_sweep: there is no column 'tipp' .did you mean 'tip"),
         ({"of": 3}, "turning_sweep: columns must be a list of names of observed columns, got"),
         ({"outputs": {"speed": len}}, "turning_sweep: the table already has a column 'speed'; ren"),
         ({"outputs": {"a": 1}}, "turning_sweep: outputs must be a dict of functions of a sol"),

@@ -25,7 +25,7 @@ import numpy as np
 import pandas as pd
 
 import beamdae as bd
-from beamdae.equations.measures import balance_rows
+from beamdae.equations.measures import BalanceRows
 from formulations.shooting import CantileverSolution, solve_cantilever
 
 Array = np.ndarray
@@ -103,7 +103,7 @@ def solve_equilibrium(curve: Any, elements: int, settings: Mapping[str, Any]) ->
     columns = equilibrium.columns
     tip = [columns[f"tip.{name}"][-1] for name in ("x [m]", "y [m]", "angle [rad]")]
     q, zero = equilibrium.q[-1:], np.zeros((1, equilibrium.q.shape[1]))
-    energies = balance_rows(equilibrium.equations)(
+    energies = BalanceRows(equilibrium.equations)(
         np.zeros((1, 2)), q, zero, zero, equilibrium.lam[-1:]
     )
     moments = [columns[f"at {k}.M [N m]"][-1] for k in range(len(ALL_POSITIONS))]

@@ -33,10 +33,10 @@ from beamdae.errors import BeamdaeError, kind_of_message, require_choice, warn_u
 from beamdae.interrupts import acknowledge
 from beamdae.read_only import read_only_data
 from beamdae.results.columns import require_one_column, select_observed_columns
-from beamdae.results.displays import Plot, load_views
+from beamdae.results.displays import HasPage, Plot, load_views
 from beamdae.results.outcome import Status
 from beamdae.results.solution import Solution
-from beamdae.results.storage.files import require_file_path, write_escaped_table
+from beamdae.results.storage.files import write_escaped_table
 
 Array = np.ndarray
 
@@ -49,7 +49,7 @@ _MAX_SUM_DIFFERENCE = 0.1
 
 @read_only_data
 @dataclass(frozen=True, eq=False, repr=False)
-class Fit:
+class Fit(HasPage):
     """Result of `fit`: estimates with covariance, and what the data do not determine.
 
     Attributes
@@ -453,24 +453,6 @@ class Fit:
             columns of experiments are drawn.
         """
         return load_views().plot_fit(self)
-
-    def page(self, path: str | Path) -> Path:
-        """Write an HTML page with estimates, curves of data and model, and the animated motion.
-
-        The data on the page are corrected by the estimated shifts, offsets and scales.
-
-        Parameters
-        ----------
-        path
-            Path of the file.
-
-        Raises
-        ------
-        BeamdaeError
-            If the file cannot be written.
-        """
-        write: Any = deferred.module("report.fit_page").write_fit_page
-        return Path(write(self, require_file_path("page", path)))
 
     def sensor_of(self, number: int) -> tuple[float, float, float]:
         """Return the estimated shift [s], scale and offset of a row of `residual_table`.

@@ -20,9 +20,10 @@ from beamdae.errors import format_count, format_percent, list_first
 from beamdae.interrupts import acknowledge
 from beamdae.model_parameters import format_with_unit
 from beamdae.read_only import read_only_data
+from beamdae.results.displays import HasPage
 from beamdae.results.outcome import Status
 from beamdae.results.solution import Solution
-from beamdae.results.storage.files import require_file_path, write_escaped_table
+from beamdae.results.storage.files import write_escaped_table
 
 # Imported by the methods that return tables: importing pandas takes as long as a short run.
 if TYPE_CHECKING:
@@ -85,7 +86,7 @@ class Constraint(NamedTuple):
 
 @read_only_data
 @dataclass(frozen=True, eq=False, repr=False)
-class Optimization:
+class Optimization(HasPage):
     """Best design of a search, with all evaluated designs; see `optimize`.
 
     Attributes
@@ -276,26 +277,6 @@ class Optimization:
         """Return the mechanism of the best or of the first design."""
         trial = self._search.best if is_best else self._search.trials[0]
         return self._problem.flat.model(**self._problem.parameters(trial.numbers))
-
-    def page(self, path: str | Path) -> Path:
-        """Write an HTML page with the designs, the constraints and the parameters.
-
-        The page shows the motions of the first and of the best design (of their runs, equilibrium
-        paths or first modes, otherwise their drawings), and the objective and the constrained
-        quantities of all evaluated designs.
-
-        Parameters
-        ----------
-        path
-            Path of the file.
-
-        Raises
-        ------
-        BeamdaeError
-            If the file cannot be written.
-        """
-        write: Any = deferred.module("report.optimization_page").write_optimization_page
-        return Path(write(self, require_file_path("page", path)))
 
     def to_csv(self, path: str | Path, *, sep: str = ",", decimal: str = ".") -> Path:
         """Write `history` as CSV and return the path.

@@ -4,32 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from beamdae.cli.options import (
-    About,
-    AccurateColumns,
-    LoadTime,
-    ModelName,
-    ModelPath,
-    Out,
-    Page,
-    Picture,
-    RequiredAccuracy,
-    Settings,
-    as_bad_parameter,
-    find_state,
-    load_model,
-    parse_number,
-    required_accuracy,
-    split_names,
-)
+from beamdae.cli.job import AccurateJob
+from beamdae.cli.options import About, LoadTime, as_bad_parameter, find_state
 from beamdae.cli.ranges import SPACED_FORMS, parse_ends, parse_spaced_values
-from beamdae.cli.results import Report, ResultFiles, run_analysis
+from beamdae.cli.results import Report
 from beamdae.errors import BeamdaeError, format_count, short_repr
 
 if TYPE_CHECKING:
@@ -69,7 +53,7 @@ def parse_frequencies(text: str) -> tuple[list[float] | None, tuple[float, float
 
 
 def bode_command(
-    path: ModelPath,
+    job: AccurateJob,
     inputs: Annotated[
         list[str] | None,
         typer.Option(
@@ -98,24 +82,8 @@ def bode_command(
             "Defaults to the range of the resonances, for which elements are short enough.",
         ),
     ] = None,
-    settings: Settings = None,
-    model_name: ModelName = None,
     about: About = None,
-    speed: Annotated[
-        float | None,
-        typer.Option(
-            parser=lambda text: parse_number(text, "rad/s"),
-            metavar="SPEED",
-            help="Linearize about a steady rotation at this speed in rad/s, or with a unit "
-            "(3000rpm).",
-        ),
-    ] = None,
     t: LoadTime = 0.0,
-    accuracy: RequiredAccuracy = None,
-    accuracy_columns: AccurateColumns = None,
-    page: Page = True,
-    picture: Picture = True,
-    out: Out = Path("results"),
 ) -> None:
     """Compute the linear frequency response (transfer functions); write CSV, PNG and page.
 
@@ -125,13 +93,10 @@ def bode_command(
     Exits with 0 on success, 1 if --accuracy was not reached or the page or the picture failed, and
     2 for a usage or model error.
     """
-    model, _ = load_model(path, model_name, settings)
     grid, ends = frequencies or (None, None)
-    files = ResultFiles.plan(out, f"{model.name}_bode", page, picture)
-    accurate = required_accuracy("bode", accuracy, accuracy_columns, model)
-    mechanism = model()
-    state = find_state("bode", mechanism, about, speed)
-    selected = [split_names(x, model) or None for x in (inputs, outputs)]
+    files, mechanism = job.plan("_bode"), job.mechanism
+    state = find_state("bode", mechanism, about)
+    selected = [job.split(x) for x in (inputs, outputs)]
 
     def analyze() -> Bode:
         from beamdae.analysis.linear_dynamics.bode_diagram import bode
@@ -143,17 +108,9 @@ def bode_command(
                 "inputs, such as a force" if not linear.inputs else "outputs, such as an observable"
             )
             raise BeamdaeError(f"bode: the model has no {kind}; add one.")
-        return bode(linear, grid, ends, **accurate)
+        return bode(linear, grid, ends, **job.accuracy)
 
-    def draw(diagram: Bode, path: Path, title: str) -> Path:
-        from beamdae.report.pictures.bode_plots import create_bode_figure
-        from beamdae.report.pictures.figures import save_figure
-
-        return save_figure(create_bode_figure(diagram, title), path)
-
-    title = f"{model.name}, linear response"
-    describe = partial(_describe, model.name, mechanism.outputs)
-    run_analysis(files, title, analyze, describe, draw)
+    job.run(files, "linear response", analyze, complete=partial(_add_margins, mechanism.outputs))
 
 
 def _compute_margins(
@@ -174,33 +131,23 @@ def _compute_margins(
     return loops, notes
 
 
-def _describe(name: str, controllers: Iterable[str], diagram: Bode) -> Report:
-    from beamdae.report.terminal import text_tables
-
-    peaks, linear = diagram.peak_table(), diagram.model
-    loops, notes = _compute_margins(linear, controllers)
-    first, last = diagram.frequencies[[0, -1]].tolist()
+def _add_margins(controllers: Iterable[str], diagram: Bode, report: Report) -> Report:
+    """Add the margins of control loops, and omit peaks beyond the largest ones."""
+    loops, notes = _compute_margins(diagram.model, controllers)
+    x, peaks = report.description, report.description.tables["Peaks"]
     ranks = peaks.groupby("output / input")["magnitude"].rank("first", ascending=False)
     shown = peaks[ranks <= _MAX_SHOWN_PEAKS]
-    omitted = format_count(len(peaks) - len(shown), "peak")
-    note = (
-        f"not shown: {omitted} beyond the {_MAX_SHOWN_PEAKS} largest of a transfer function; "
-        "--json shows them"
+    tables: dict[str, Any] = {"Peaks": shown}
+    if len(shown) < len(peaks):
+        tables["Omitted"] = (
+            f"not shown: {format_count(len(peaks) - len(shown), 'peak')} beyond the "
+            f"{_MAX_SHOWN_PEAKS} largest of a transfer function; --json shows them"
+        )
+    margins = {loop: margin.table() for loop, margin in loops.items()}
+    description = replace(
+        x,
+        facts={**x.facts, **{f"loop of {loop}": str(margin) for loop, margin in loops.items()}},
+        tables=tables,
+        data=lambda: {**x.data(), "margins": margins},
     )
-    return Report(
-        name,
-        lambda: {
-            "about": linear.about,
-            "response": diagram.table().to_dict("records"),
-            "peaks": peaks.to_dict("records"),
-            "margins": {loop: x.table().to_dict("records") for loop, x in loops.items()},
-        },
-        facts={
-            "about": linear.about,
-            "states": str(len(linear.states)),
-            "frequencies": f"{len(diagram.frequencies)}, {first:.4g} to {last:.4g} Hz",
-            **{f"loop of {loop}": str(x) for loop, x in loops.items()},
-        },
-        tables=[text_tables.bode_table(shown), *([note] if len(shown) < len(peaks) else [])],
-        warnings=[*diagram.warnings, *notes],
-    )
+    return replace(report, description=description, warnings=[*report.warnings, *notes])

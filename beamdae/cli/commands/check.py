@@ -39,7 +39,7 @@ def check_command(
     model, _ = load_model(path, model_name, settings)
     from beamdae.checks import check
     from beamdae.parts.mechanism import Mechanism
-    from beamdae.report.terminal import text_tables
+    from beamdae.report.descriptions import Description, list_parts
     from beamdae.report.terminal.check_report import describe_check
 
     mechanism = model()
@@ -49,12 +49,9 @@ def check_command(
     for sentence in result.warnings:
         record_warning(sentence)
     facts = describe_check(result, parts)
-    Report(
-        f"{model.name}: {facts.pop('verdict')}",
-        lambda: {**_json_results(result), "parts": types},
-        facts=facts,
-        tables=[text_tables.parts_table(types)] if parts else [],
-    ).print()
+    name = f"{model.name}: {facts.pop('verdict')}"
+    data = {**_json_results(result), "parts": types}
+    Report(name, Description(facts, list_parts(types), lambda: data)).print()
     if not result.ok:
         raise BeamdaeError(result.problem)
 

@@ -65,6 +65,7 @@ def compare_command(
 
 
 def _create_report(results: StudyResults) -> StudyReport:
+    from beamdae.report.descriptions import Description
     from beamdae.report.terminal import text_tables
     from beamdae.report.text import make_printable
     from beamdae.studies.study_pictures import list_plots
@@ -78,32 +79,34 @@ def _create_report(results: StudyResults) -> StudyReport:
 
     table, groups = results.table, list(results.references)
     ungrouped = [results.study.cases[row] for row in table.index[~table["group"].isin(groups)]]
-    shown: list[Any] = [results.describe_completion(ungrouped)] if ungrouped else []
+    shown: dict[str, Any] = {}
+    if ungrouped:
+        shown["completion"] = results.describe_completion(ungrouped)
     summaries = dict(iter(results.summary.groupby("group", sort=False)))
     for group in groups[:MAX_SCREEN_ROWS]:
-        shown.append(make_printable(f"{group}: {results.references[group].sentence}"))
+        reference = results.references[group].sentence
+        shown[f"reference {group}"] = make_printable(f"{group}: {reference}")
         if len(table) <= MAX_SCREEN_ROWS:
-            shown.append(text_tables.comparison_table(table[table["group"] == group]))
+            shown[f"cases {group}"] = text_tables.comparison_table(table[table["group"] == group])
         if group in summaries:
-            shown.append(text_tables.summary_table(summaries[group]))
+            shown[f"summary {group}"] = text_tables.summary_table(summaries[group])
     if len(groups) > MAX_SCREEN_ROWS:
         n_more = len(groups) - MAX_SCREEN_ROWS
-        shown.append(f"{n_more} more groups, see summary.csv and report.html")
+        shown["more"] = f"{n_more} more groups, see summary.csv and report.html"
     failures = [f"{k}: {x.sentence}" for k, x in results.references.items() if x.table is None]
-    warnings = results.describe_warnings()
+    data = {
+        "study": results.study.name,
+        "folder": results.folder,
+        "interrupted": results.interrupted,
+        "references": {group: x.sentence for group, x in results.references.items()},
+        "cases": table,
+        "summary": results.summary,
+    }
     return StudyReport(
         Report(
             results.study.name,
-            lambda: {
-                "study": results.study.name,
-                "folder": results.folder,
-                "interrupted": results.interrupted,
-                "references": {group: x.sentence for group, x in results.references.items()},
-                "cases": table.to_dict("records"),
-                "summary": results.summary.to_dict("records"),
-            },
-            tables=shown,
-            warnings=warnings,
+            Description({}, shown, lambda: data),
+            warnings=results.describe_warnings(),
         ),
         [] if results.interrupted else failures,
         tables={},

@@ -51,13 +51,16 @@ def NAME(length=1.0, push=0.5, elements=4):
 
 def examples_command() -> None:
     """List the models installed with beamdae; `beamdae run example:NAME` runs one."""
+    from beamdae.report.descriptions import Description
+
     descriptions = {}
     for name in example_names():
         # The file is parsed, not executed.
         tree = ast.parse((examples_folder() / f"{name}.py").read_bytes())
         descriptions[name] = (ast.get_docstring(tree) or "").partition("\n")[0]
     hint = "Run one: beamdae run example:NAME. Copy it: beamdae new FILE.py --like NAME."
-    Report("", lambda: {"examples": descriptions}, facts=descriptions, tables=[hint]).print()
+    content = Description(descriptions, {"": hint}, lambda: {"examples": descriptions})
+    Report("", content).print()
 
 
 def new_command(

@@ -91,6 +91,7 @@ def export_command(
     model, _ = load_model(path, model_name, settings)
     require_writable(("--fmu", [fmu]))
     from beamdae.export.fmu import export_fmu
+    from beamdae.report.descriptions import Description
 
     result = export_fmu(
         model,
@@ -108,8 +109,8 @@ def export_command(
         real_time=real_time,
         timed_steps=timed_steps,
     )
-    facts = _describe(result)
-    Report(model.name, lambda: _json_results(result), facts=facts).print()
+    content = Description(_describe(result), data=lambda: _json_results(result))
+    Report(model.name, content).print()
     ResultFiles([result.path]).finish()
 
 

@@ -3,43 +3,30 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
-from functools import partial
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from beamdae.cli.job import Job
 from beamdae.cli.options import (
     Bounds,
     DataColumns,
     FixedStep,
     Jobs,
-    ModelName,
-    ModelPath,
-    Out,
-    Page,
-    Picture,
     RelativeTolerance,
-    Settings,
     StartCount,
     Starts,
     StartSeed,
     create_integrator,
-    load_model,
     parse_assignments,
     parse_bounds,
-    parse_start,
     split_names,
 )
 from beamdae.cli.progress import show_study_progress
 from beamdae.cli.ranges import parse_ends
-from beamdae.cli.results import (
-    Report,
-    ResultFiles,
-    named_reasons,
-    run_analysis,
-    without_status,
-)
+from beamdae.cli.results import Report
 from beamdae.errors import BeamdaeError
 
 # NumPy and CasADi are imported inside functions, so that --help responds quickly.
@@ -48,7 +35,7 @@ if TYPE_CHECKING:
 
 
 def fit_command(
-    path: ModelPath,
+    job: Job,
     data: Annotated[
         Path,
         typer.Argument(
@@ -60,8 +47,6 @@ def fit_command(
     by: Annotated[
         str, typer.Option(metavar="NAME,...", help="Parameters to estimate, separated by commas.")
     ],
-    settings: Settings = None,
-    model_name: ModelName = None,
     data_columns: DataColumns = None,
     bounds: Bounds = None,
     log: Annotated[
@@ -121,9 +106,6 @@ def fit_command(
     max_evaluations: Annotated[
         int, typer.Option(help="Maximum number of runs with derivatives of a search.")
     ] = 100,
-    page: Page = True,
-    picture: Picture = True,
-    out: Out = Path("results"),
 ) -> None:
     """Estimate parameters of a model from measured data; write estimates, residuals and a page.
 
@@ -134,36 +116,34 @@ def fit_command(
     1 if not (the last values are written) or if the page or picture failed, 2 for a usage or model
     error, and 130 after Ctrl-C (the best values so far are written).
     """
-    model, file = load_model(path, model_name, settings)
+    model = job.model
     # A step belongs to generalized-alpha.
     integrator = integrator or ("radau" if step is None else "generalized-alpha")
     options: dict[str, Any] = {
-        "integrator": create_integrator("fit", integrator, {"rtol": rtol, "step": step}, file),
+        "integrator": create_integrator("fit", integrator, {"rtol": rtol, "step": step}, job.file),
         "by": split_names(by),
         "data_columns": parse_assignments(data_columns, "--data-column"),
         "sigma": _parse_sigma(sigma),
         "experiments": _parse_experiments(experiment),
         "bounds": parse_bounds(model, bounds),
         "log": split_names(log),
-        "scale": split_names(scale, model),
-        "offset": split_names(offset, model),
+        "scale": job.split(scale) or [],
+        "offset": job.split(offset) or [],
         "shift": _parse_shifts(shift),
-        "start": parse_start(start, model),
+        "start": job.start(start),
         "max_evaluations": max_evaluations,
         "starts": starts,
         "seed": seed,
     }
-    stem = f"{model.name}_fit"
-    residuals, searches = (out / f"{stem}_{name}.csv" for name in ("residuals", "starts"))
-    further = [residuals, *[searches] * (starts > 1)]
-    files = ResultFiles.plan(out, stem, page, picture, *further)
+    residuals, searches = job.path("_fit_residuals.csv"), job.path("_fit_starts.csv")
+    files = job.plan("_fit", residuals, *[searches] * (starts > 1))
 
     def analyze() -> Fit:
         from beamdae.analysis.fit.fit import fit
 
         with ExitStack() as stack:
             if starts > 1:
-                options.update(folder=out / f"{stem}_starts", jobs=jobs)
+                options.update(folder=job.path("_fit_starts"), jobs=jobs)
                 options["progress"] = stack.enter_context(show_study_progress())
             return fit(model, data, partial="return", **options)
 
@@ -176,15 +156,10 @@ def fit_command(
             written.append(write_escaped_table(searches, result.starts))
         return written
 
-    run_analysis(
-        files,
-        f"{model.name}, fit",
-        analyze,
-        partial(_describe, model.name),
-        lambda result, path, _: result.plot().save(path),
-        write_tables,
-        lambda result, path: result.page(path),
-    )
+    def add_undetermined(result: Fit, report: Report) -> Report:
+        return replace(report, warnings=[*report.warnings, *result.undetermined])
+
+    job.run(files, "fit", analyze, write_tables, complete=add_undetermined)
 
 
 def _parse_sigma(texts: list[str] | None) -> str | dict[str, str] | None:
@@ -221,31 +196,3 @@ def _parse_shifts(texts: list[str] | None) -> dict[str, tuple[float, float] | No
             raise BeamdaeError(f"--shift {text}: {column} is given twice; omit one of them.")
         shifts[column] = ends
     return shifts
-
-
-def _describe(name: str, result: Fit) -> Report:
-    from beamdae.report.fit_page import describe_fit
-    from beamdae.report.terminal import text_tables
-
-    tables = [text_tables.estimates_table(result.table(), result.units)]
-    if result.starts is not None:
-        tables.append(text_tables.searches_table(named_reasons(result.starts), result.units))
-    facts, warnings = without_status(describe_fit(result)), [*result.warnings, *result.undetermined]
-    data = partial(_json_results, result)
-    return Report(name, data, result.status, facts, tables, warnings=warnings)
-
-
-def _json_results(result: Fit) -> dict[str, Any]:
-    return {
-        "status": result.status.kind,
-        "reason": result.status.sentence,
-        "estimates": result.table().assign(unit=list(result.units.values())).to_dict("index"),
-        "chi-square": result.chi_square,
-        "degrees of freedom": result.degrees_of_freedom,
-        "probability of a larger chi-square": result.probability,
-        "sigma": dict(result.sigma),
-        "evaluations": result.evaluations,
-        "searches": None if result.starts is None else result.starts.to_dict("records"),
-        "undetermined": list(result.undetermined),
-        "at bounds": list(result.at_bounds),
-    }

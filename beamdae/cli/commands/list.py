@@ -31,7 +31,7 @@ def list_command(
     path = resolve_path(path)
     if not path.is_dir() and not path.is_file():
         raise BeamdaeError(f"{path}: there is no such file or folder.")
-    from beamdae.report.terminal import text_tables
+    from beamdae.report.descriptions import Description
 
     models: list[dict[str, Any]] = []
     studies: list[dict[str, Any]] = []
@@ -63,11 +63,46 @@ def list_command(
             f"{path}: there is no model or study at this path; decorate a function with "
             "@bd.model(t_end=...)."
         )
-    tables = [text_tables.models_table(models)] if models else []
-    tables += [text_tables.studies_table(studies)] if studies else []
-    tables += [text_tables.problems_table(problems)] if problems else []
-    tables += [] if path.is_dir() else map(text_tables.parameters_table, models)
+    tables = {
+        "models": _tabulate_models(models),
+        "studies": [{"study": x["name"], "file": Path(x["file"]).name} for x in studies],
+        "problems": [
+            {"file": Path(x["file"]).name, "cannot be listed": x["problem"]} for x in problems
+        ],
+    }
+    for each in () if path.is_dir() else models:
+        tables[f"parameters of {each['name']}"] = _tabulate_parameters(each)
     data = {"models": models, "studies": studies, "problems": problems}
-    Report("", lambda: data, tables=tables).print()
+    Report("", Description({}, tables, lambda: data), source="--json").print()
     if problems:
         raise typer.Exit(1)
+
+
+def _tabulate_models(models: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    from beamdae.model_parameters import format_with_unit
+
+    return [
+        {
+            "model": x["name"],
+            "file": Path(x["file"]).name,
+            "parameters": ", ".join(
+                f"{name}={format_with_unit(value, x['units'].get(name, ''))}"
+                for name, value in x["parameters"].items()
+            ),
+            "t_end [s]": x["t_end"],
+            "about": x["about"],
+        }
+        for x in models
+    ]
+
+
+def _tabulate_parameters(model: dict[str, Any]) -> list[dict[str, Any]]:
+    return [
+        {
+            str(model["name"]): name,
+            "default": str(value),
+            "unit": model["units"].get(name, ""),
+            "description": model["descriptions"].get(name, ""),
+        }
+        for name, value in model["parameters"].items()
+    ]

@@ -9,26 +9,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from beamdae.cli.job import Job
 from beamdae.cli.options import (
     Bounds,
     FixedStep,
     LoadTime,
-    ModelName,
-    ModelPath,
-    Out,
-    Page,
-    Picture,
-    Settings,
     StartCount,
     Starts,
     StartSeed,
-    load_model,
     parse_bounds,
-    parse_start,
     split_names,
 )
 from beamdae.cli.progress import show_design_progress
-from beamdae.cli.results import Report, ResultFiles, named_reasons, run_analysis
 from beamdae.errors import BeamdaeError
 
 # NumPy and CasADi are imported inside functions, so that --help responds quickly.
@@ -45,7 +37,7 @@ _STATES = ("equilibrium", "reference")
 
 
 def optimize_command(
-    path: ModelPath,
+    job: Job,
     by: Annotated[
         str, typer.Option(metavar="NAME,...", help="Parameters to vary, separated by commas.")
     ],
@@ -70,8 +62,6 @@ def optimize_command(
         ),
     ] = None,
     bounds: Bounds = None,
-    settings: Settings = None,
-    model_name: ModelName = None,
     step: FixedStep = None,
     t: LoadTime = 0.0,
     start: Starts = None,
@@ -81,9 +71,6 @@ def optimize_command(
     ] = 200,
     starts: StartCount = 1,
     seed: StartSeed = 0,
-    page: Page = True,
-    picture: Picture = True,
-    out: Out = Path("results"),
 ) -> None:
     """Minimize a quantity of a model under constraints; write the designs and a page.
 
@@ -92,10 +79,9 @@ def optimize_command(
     """
     if (minimize is None) == (maximize is None):
         raise BeamdaeError("optimize: pass either --minimize or --maximize.")
-    model, _ = load_model(path, model_name, settings)
-    history, searches = (out / f"{model.name}_{name}.csv" for name in ("designs", "design_starts"))
-    further = [history, *[searches] * (starts > 1)]
-    files = ResultFiles.plan(out, f"{model.name}_design", page, picture, *further)
+    model = job.model
+    history, searches = job.path("_designs.csv"), job.path("_design_starts.csv")
+    files = job.plan("_design", history, *[searches] * (starts > 1))
     texts = [minimize or maximize, *(at_most or []), *(at_least or [])]
     if t and not any(str(x).startswith("equilibrium:") for x in texts):
         raise BeamdaeError(f"--t {t:g}: no quantity is of the kind equilibrium:COLUMN; add one.")
@@ -105,7 +91,7 @@ def optimize_command(
     )
     limits = [_parse_limit(parse, "--at-most", x) for x in at_most or []]
     limits += [_parse_limit(parse, "--at-least", x) for x in at_least or []]
-    ranges, initial_state = parse_bounds(model, bounds), parse_start(start, model)
+    ranges, initial_state = parse_bounds(model, bounds), job.start(start)
 
     def analyze() -> Optimization:
         from beamdae.analysis.optimization.optimize import optimize
@@ -137,15 +123,7 @@ def optimize_command(
             written.append(write_escaped_table(searches, result.starts))
         return written
 
-    run_analysis(
-        files,
-        f"{model.name}, optimization",
-        analyze,
-        partial(_describe, model.name),
-        _draw,
-        write_tables,
-        lambda result, path: result.page(path),
-    )
+    job.run(files, "optimization", analyze, write_tables)
 
 
 def _parse_quantity(model: Model, t: float, option: str, text: Any) -> Quantity:
@@ -192,55 +170,3 @@ def _parse_limit(parse: Callable[[str, str], Quantity], option: str, text: str) 
         )
     create = at_most if option == "--at-most" else at_least
     return create(parse(option, quantity), limit)
-
-
-def _describe(name: str, result: Optimization) -> Report:
-    from beamdae.model_parameters import format_with_unit
-    from beamdae.report.terminal import text_tables
-
-    design = result.table()
-    facts = {
-        "objective": f"{result.objective_label} = {result.objective_text}",
-        "designs": str(result.evaluations),
-        "at a bound": "; ".join(result.bound_notes) or "none",
-    }
-    if searches := result.describe_starts():
-        facts["searches"] = searches
-    facts |= {
-        format_with_unit(x.name, x.unit): f"{format_with_unit(x.value, x.unit)}, {x.comparison}"
-        for x in result.constraints
-    }
-    facts |= {
-        str(parameter): format_with_unit(float(row["value"]), row["unit"])
-        for parameter, row in design.iterrows()
-    }
-    tables = []
-    if result.starts is not None:
-        units = {x: result.units[x] for x in map(str, design.index)}
-        starts = named_reasons(result.starts)
-        tables = [text_tables.searches_table(starts, units, "objective", "designs")]
-    return Report(
-        name,
-        lambda: {
-            "status": result.status.kind,
-            "reason": result.status.sentence,
-            "objective": result.objective,
-            "parameters": dict(design["value"]),
-            "constraints": result.constraint_table().to_dict("records"),
-            "evaluations": result.evaluations,
-            "at bounds": list(result.at_bounds),
-            "searches": None if result.starts is None else result.starts.to_dict("records"),
-        },
-        result.status,
-        facts,
-        tables,
-        warnings=result.warnings,
-    )
-
-
-def _draw(result: Optimization, path: Path, _: str) -> Path | None:
-    """Write a drawing of the best design; None for equations without a shape."""
-    from beamdae.parts.mechanism import Mechanism
-
-    best = result.mechanism()
-    return best.draw().save(path) if isinstance(best, Mechanism) else None

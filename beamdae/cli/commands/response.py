@@ -4,37 +4,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from beamdae.cli.job import AccurateJob, observed_headers
 from beamdae.cli.options import (
-    AccurateColumns,
     IntegratorName,
-    ModelName,
-    ModelPath,
-    Out,
-    Page,
     PeriodStart,
-    Picture,
     PlottedColumns,
     RelativeTolerance,
-    RequiredAccuracy,
-    Settings,
     Starts,
     create_periodic_integrator,
-    load_model,
     parse_assignments,
     parse_seconds,
-    parse_start,
-    required_accuracy,
-    select_plotted_columns,
 )
 from beamdae.cli.progress import show_curve_progress
 from beamdae.cli.ranges import parse_ends
-from beamdae.cli.results import Report, ResultFiles, run_analysis, without_status
 from beamdae.errors import BeamdaeError, require_positive
 
 if TYPE_CHECKING:
@@ -43,7 +29,7 @@ if TYPE_CHECKING:
 
 
 def response_command(
-    path: ModelPath,
+    job: AccurateJob,
     over: Annotated[
         str,
         typer.Option(
@@ -51,8 +37,6 @@ def response_command(
             help="Parameter and the values between which it varies, ascending or descending.",
         ),
     ],
-    settings: Settings = None,
-    model_name: ModelName = None,
     angular: Annotated[
         bool, typer.Option("--angular", help="The parameter is an angular frequency in rad/s.")
     ] = False,
@@ -78,12 +62,7 @@ def response_command(
     start: Starts = None,
     t_start: PeriodStart = 0.0,
     max_points: Annotated[int, typer.Option(help="Maximum number of points of the curve.")] = 400,
-    accuracy: RequiredAccuracy = None,
-    accuracy_columns: AccurateColumns = None,
-    page: Page = True,
-    picture: Picture = True,
     plot: PlottedColumns = None,
-    out: Out = Path("results"),
 ) -> None:
     """Follow a periodic motion over a parameter, past folds; write CSV, PNG and page.
 
@@ -91,16 +70,13 @@ def response_command(
     (partial results are written) or the page or picture failed, 2 for a usage or model error, and
     130 after Ctrl-C.
     """
-    model, file = load_model(path, model_name, settings)
-    parameter, ends = _parse_range(over, model)
-    method = create_periodic_integrator("response", integrator, rtol, file)
-    plotted = select_plotted_columns("response", model, plot, picture)
-    files = ResultFiles.plan(out, f"{model.name}_response", page, picture)
-    accurate = required_accuracy("response", accuracy, accuracy_columns, model)
-    initial_state = parse_start(start, model)
+    parameter, ends = _parse_range(over, job.model)
+    method = create_periodic_integrator("response", integrator, rtol, job.file)
+    plotted, _ = job.select_columns(plot, None, observed_headers)
+    files, initial_state = job.plan("_response"), job.start(start)
     unit = "rad/s" if angular else "Hz" if period is None else ""
-    if parameter in model.parameter_info:
-        unit = model.parameter_info[parameter].unit or unit
+    if parameter in job.model.parameter_info:
+        unit = job.model.parameter_info[parameter].unit or unit
 
     def analyze() -> FrequencyResponse:
         from beamdae.analysis.periodic.periodic_continuation import frequency_response
@@ -108,7 +84,7 @@ def response_command(
 
         with show_curve_progress(parameter, unit, ends) as progress:
             result = frequency_response(
-                model,
+                job.model,
                 parameter,
                 ends,
                 _period_function(angular, period),
@@ -121,22 +97,12 @@ def response_command(
                 start=initial_state,
                 progress=progress,
                 partial="return",
-                **accurate,
+                **job.accuracy,
             )
         has_unit = result.unit or not angular
         return result if has_unit else replace_with_errors(result, unit="rad/s")
 
-    def draw(result: FrequencyResponse, path: Path, title: str) -> Path | None:
-        from beamdae.report.pictures.figures import save_figure
-        from beamdae.report.pictures.path_plots import create_response_figure
-
-        is_empty = not result.points
-        return (
-            None if is_empty else save_figure(create_response_figure(result, title, plotted), path)
-        )
-
-    title = f"{model.name}, periodic motions"
-    run_analysis(files, title, analyze, partial(_describe, model.name), draw)
+    job.run(files, "periodic motions", analyze, names=plotted)
 
 
 def _parse_range(over: str, model: Model) -> tuple[str, tuple[float, float]]:
@@ -161,24 +127,3 @@ def _period_function(angular: bool, period: float | None) -> Callable[[float], f
         return None
     constant = require_positive("response", "--period", period)
     return lambda parameter: constant
-
-
-def _describe(name: str, result: FrequencyResponse) -> Report:
-    from beamdae.report.analysis_pages import response_facts
-    from beamdae.report.terminal import text_tables
-
-    peaks = result.peak_table()
-    return Report(
-        name,
-        lambda: {
-            "status": result.status.kind,
-            "reason": result.status.sentence,
-            "points": result.table().to_dict("records"),
-            "folds": result.folds,
-            "peaks": peaks.to_dict("records"),
-        },
-        result.status,
-        without_status(response_facts(result)),
-        [] if peaks.empty else [text_tables.peaks_table(result.parameter, result.label, peaks)],
-        warnings=result.warnings,
-    )

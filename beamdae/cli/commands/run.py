@@ -9,37 +9,27 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from beamdae.cli import run_outputs, signals
+from beamdae.cli.job import AccurateJob
 from beamdae.cli.options import (
-    AccurateColumns,
     DataColumns,
     EndTime,
     FixedStep,
     HorizontalColumn,
     IntegratorName,
-    ModelName,
-    ModelPath,
-    Out,
     OutputStep,
-    Picture,
     PlottedColumns,
     RelativeTolerance,
-    RequiredAccuracy,
-    Settings,
     Starts,
     TimeLimit,
     accuracy_option,
     create_integrator,
     expert_option,
-    load_model,
     output_option,
     parse_assignments,
-    parse_start,
-    required_accuracy,
     split_names,
 )
 from beamdae.cli.output import create_console, record_results
-from beamdae.cli.results import ResultFiles
-from beamdae.cli.run_outputs import Run, RunPlot
+from beamdae.cli.run_outputs import Run
 from beamdae.errors import BeamdaeError
 
 # NumPy and CasADi are imported inside functions, so that --help responds quickly.
@@ -48,32 +38,18 @@ if TYPE_CHECKING:
 
 
 def run_command(
-    path: ModelPath,
-    settings: Settings = None,
-    model_name: ModelName = None,
+    job: AccurateJob,
     integrator: IntegratorName = "auto",
     rtol: RelativeTolerance = None,
     step: FixedStep = None,
-    out: Out = Path("results"),
-    rho_inf: Annotated[
-        float | None,
+    option: Annotated[
+        list[str] | None,
         expert_option(
-            help="Spectral radius at infinite frequency, 0 to 1; smaller values damp more "
-            "(generalized-alpha)."
+            "--option",
+            metavar="NAME=VALUE",
+            help="Further setting of the integrator, such as max_order=2, rho_inf=0.5 or "
+            "formulation=ggl; repeatable.",
         ),
-    ] = None,
-    formulation: Annotated[
-        str | None,
-        expert_option(help="Formulation of the equations, for example ggl or index3."),
-    ] = None,
-    error_control: Annotated[
-        str | None,
-        expert_option(
-            help="Variables in the error test: positions, velocities, all or auto (ida, radau)."
-        ),
-    ] = None,
-    max_order: Annotated[
-        str | None, expert_option(help="Maximum order, 1 to 5 or auto (ida).")
     ] = None,
     time_limit: TimeLimit = None,
     t_end: EndTime = None,
@@ -88,15 +64,6 @@ def run_command(
             "--verify", help="Compare with another integrator at a tighter tolerance instead."
         ),
     ] = False,
-    accuracy: RequiredAccuracy = None,
-    accuracy_columns: AccurateColumns = None,
-    page: Annotated[
-        bool,
-        output_option(
-            metavar="", help="Write a page (HTML) with charts and an animation of the motion."
-        ),
-    ] = True,
-    picture: Picture = True,
     plot: PlottedColumns = None,
     x: HorizontalColumn = None,
     data: Annotated[
@@ -145,40 +112,30 @@ def run_command(
     results are written) or a file could not be written, 2 for a usage or model error, 130 after
     Ctrl-C, and 143 after SIGTERM, which skips the PNG and the page.
     """
-    model, file = load_model(path, model_name, settings)
-    options = {
-        "rtol": rtol,
-        "step": step,
-        "rho_inf": rho_inf,
-        "formulation": formulation,
-        "error_control": error_control,
-        "max_order": int(max_order) if max_order and max_order.isdecimal() else max_order,
-        "time_limit": time_limit,
-    }
-    method = create_integrator("run", integrator, options, file)
+    options: dict[str, Any] = {**parse_assignments(option, "--option")}
+    options |= {"rtol": rtol, "step": step, "time_limit": time_limit}
+    method = create_integrator("run", integrator, options, job.file)
     names = None if sensitivities is None else split_names(sensitivities)
+    accuracy = job.accuracy["accuracy"]
     is_verified = verify or None
     _reject_combinations(
         "--accuracy", accuracy, {"--verify": is_verified, "--checkpoint": checkpoint}
     )
-    for option, value in (("--accuracy", accuracy), ("--sensitivities", names), ("--start", start)):
-        _reject_combinations(option, value, {"--continue": resume_from})
+    for name, value in (("--accuracy", accuracy), ("--sensitivities", names), ("--start", start)):
+        _reject_combinations(name, value, {"--continue": resume_from})
     _reject_combinations("--sensitivities", names, {"--accuracy": accuracy})
     if data_columns and data is None:
         raise BeamdaeError("run: --data-column requires --data; use both options or neither.")
-    table = out / f"{model.name}.csv"
     checkpoints = ("--checkpoint", () if checkpoint is None else (checkpoint,))
-    files = ResultFiles.plan(
-        out, model.name, page, picture, table.with_suffix(".json"), others=checkpoints
-    )
-    chart = RunPlot(
-        split_names(plot, model), x, data, parse_assignments(data_columns, "--data-column")
-    )
-    run = Run(model, method, files, accuracy=accuracy, plot=chart)
-    run_outputs.select_charts(run)
-    accurate = required_accuracy("run", accuracy, accuracy_columns, model)
-    earlier = None if resume_from is None else run_outputs.load_earlier_run(resume_from, model)
-    initial_state = parse_start(start, model) if resume_from is None else resume_from
+    files = job.plan("", job.path(".json"), others=checkpoints)
+    columns = parse_assignments(data_columns, "--data-column")
+    charts = run_outputs.select_charts(job, job.split(plot) or [], x, data, columns)
+    run = Run(job, method, files, charts, str(data))
+    earlier = None
+    if resume_from is not None:
+        earlier = run_outputs.load_earlier_run(resume_from, job.model)
+    initial_state = job.start(start) if resume_from is None else resume_from
+
     # The tables are written before anything is printed; the page and the picture are last, because
     # they take longer than most runs.
     with run.continue_after_interrupt(), signals.defer_interrupts(immediate=1):
@@ -189,15 +146,16 @@ def run_command(
             initial_state,
             accept_changes,
             sensitivities=names,
-            **accurate,
+            **job.accuracy,
         )
         solution = solution if earlier is None else earlier.followed_by(solution)
         run_outputs.write_tables(run, solution, checkpoint)
+
     has_estimate = estimate or verify or accuracy is not None
     if not run.interrupted and solution.status.kind != "interrupted" and has_estimate:
         with run.continue_after_interrupt():
             run_outputs.estimate_errors(run, solution, verify)
-    run_outputs.describe_run(run, solution).print()
+    run_outputs.describe_run(run, solution).print(run.reached)
     with run.continue_after_interrupt():
         if not signals.is_terminated():
             run_outputs.write_views(run, solution)
@@ -222,5 +180,5 @@ def _finish(run: Run, solution: Solution) -> None:
         )
     if status.kind != "interrupted" and (run.interrupted or signals.is_interrupted()):
         status = Status("interrupted", "interrupted after the run")
-    reached = run.reached
-    run.files.finish(("failed", status), (f"accuracy {run.accuracy} is not reached", reached))
+    accuracy = run.job.accuracy["accuracy"]
+    run.files.finish(("failed", status), (f"accuracy {accuracy} is not reached", run.reached))

@@ -3,33 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from beamdae.cli.job import AccurateJob
 from beamdae.cli.options import (
-    AccurateColumns,
     HorizontalColumn,
     Loads,
     LoadTime,
-    ModelName,
-    ModelPath,
-    Out,
-    Page,
-    Picture,
     PlottedColumns,
-    RequiredAccuracy,
-    Settings,
     Starts,
-    load_model,
     parse_named_number,
-    parse_start,
-    required_accuracy,
-    split_names,
 )
-from beamdae.cli.results import Report, ResultFiles, run_analysis, without_status
 from beamdae.errors import BeamdaeError
 
 if TYPE_CHECKING:
@@ -38,9 +26,7 @@ if TYPE_CHECKING:
 
 
 def static_command(
-    path: ModelPath,
-    settings: Settings = None,
-    model_name: ModelName = None,
+    job: AccurateJob,
     load: Loads = None,
     to: Annotated[
         list[str] | None,
@@ -89,13 +75,8 @@ def static_command(
     max_points: Annotated[int, typer.Option(help="Maximum number of points of the path.")] = 500,
     t: LoadTime = 0.0,
     start: Starts = None,
-    accuracy: RequiredAccuracy = None,
-    accuracy_columns: AccurateColumns = None,
-    page: Page = True,
-    picture: Picture = True,
     plot: PlottedColumns = None,
     x: HorizontalColumn = None,
-    out: Out = Path("results"),
 ) -> None:
     """Compute equilibria of a model under increasing loads; write CSV, JSON, PNG and a page.
 
@@ -104,11 +85,9 @@ def static_command(
     143 after SIGTERM; an interrupt ends the path, writes the points so far and skips page and
     picture.
     """
-    model, _ = load_model(path, model_name, settings)
-    plotted = split_names(plot, model)
-    _require_plot(model, plotted, x, picture)
-    stem = f"{model.name}_static"
-    files = ResultFiles.plan(out, stem, page, picture, out / f"{stem}.json")
+    model = job.model
+    plotted, abscissa = job.select_columns(plot, x, _list_headers)
+    files = job.plan("_static", job.path("_static.json"))
     parse_value = _value_parser(model, over)
     if over is None:
         targets, size = _parse_targets(model, to, step, control == "arc length" or bool(switch))
@@ -116,17 +95,17 @@ def static_command(
         targets = [parse_value("--to", x) for x in to or []] or None
         size = None if step is None else parse_value("--step", step)
     options: dict[str, Any] = {
-        "loads": split_names(load, model) or None,
+        "loads": job.split(load),
         "to": targets,
         "control": control,
         "step": size,
         "switch": switch or 0,
         "max_points": max_points,
         "t": t,
-        "start": parse_start(start, model),
+        "start": job.start(start),
         "over": over,
         "from_": None if begin is None else parse_value("--from", begin),
-        **required_accuracy("static", accuracy, accuracy_columns, model),
+        **job.accuracy,
     }
 
     def analyze() -> Equilibrium:
@@ -139,20 +118,10 @@ def static_command(
         traced = equilibrium(model, **options | {"control": "arc length"}, partial="return")
         return traced if traced.status.success else path
 
-    def draw(result: Equilibrium, path: Path, title: str) -> Path:
-        from beamdae.report.pictures.path_plots import save_path_figure
+    def write_tables(path: Equilibrium) -> list[Path]:
+        return [path.to_csv(files.table), files.table.with_suffix(".json")]
 
-        suffix = "" if result.status.success else f", ended early ({result.status.kind})"
-        return save_path_figure(path, result, f"{title}{suffix}", plotted, x)
-
-    run_analysis(
-        files,
-        f"{model.name}, equilibria",
-        analyze,
-        partial(_describe, model.name),
-        draw,
-        lambda result: [result.to_csv(files.table), files.table.with_suffix(".json")],
-    )
+    job.run(files, "equilibria", analyze, write_tables, names=plotted, x=abscissa)
 
 
 def _value_parser(model: Model, over: str | None) -> Callable[[str, str], float]:
@@ -168,27 +137,12 @@ def _value_parser(model: Model, over: str | None) -> Callable[[str, str], float]
     return lambda option, text: parse_named_number(option, over or "", text.strip(), find_units)
 
 
-def _require_plot(model: Model, names: list[str], x: str | None, is_drawn: bool) -> None:
-    """Reject options of the picture before the analysis, as `run` does."""
-    if not names and x is None:
-        return
-    if not is_drawn:
-        raise BeamdaeError("static: --plot and --x require the picture; omit --no-picture.")
-    from beamdae.results.columns import require_one_column, select_columns
+def _list_headers(equations: Any) -> tuple[list[str], list[str]]:
+    """Return the headers of the columns of a path, and the observed ones."""
     from beamdae.results.equilibrium import static_coordinate_headers, static_headers
-    from beamdae.simulation import as_equations
 
-    equations = as_equations("static", model)
     observed = static_headers(equations)
-    headers = dict.fromkeys([*observed, *static_coordinate_headers(equations)])
-
-    def select(name: str) -> list[str]:
-        return select_columns(headers, name, "Equilibrium", observed)
-
-    for name in names:
-        select(name)
-    if x is not None:
-        require_one_column("static", x, select(x))
+    return [*observed, *static_coordinate_headers(equations)], observed
 
 
 def _parse_targets(
@@ -223,29 +177,3 @@ def _parse_targets(
         return {"": units[name]} if name in units else {}
 
     return targets, parse_named_number("--step", "", step, find_unit)
-
-
-def _describe(name: str, result: Equilibrium) -> Report:
-    from beamdae.report.analysis_pages import path_facts
-    from beamdae.report.terminal import text_tables
-
-    facts, warnings = without_status(path_facts(result)), result.warnings
-
-    def create_data() -> dict[str, Any]:
-        errors = zip(result.errors.headers, result.errors.total.tolist(), strict=True)
-        data = result.metadata(**{"relative errors": dict(errors)})
-        del data["warnings"]
-        observed = text_tables.column_extremes(result.columns)
-        return data | {"points": len(result.q), "observed": observed}
-
-    # Errors that take long are not measured.
-    errors = vars(result).get("errors")
-    return Report(
-        name,
-        create_data,
-        result.status,
-        facts,
-        [text_tables.equilibrium_table(result.columns, errors)],
-        {"path": facts.pop("path")},
-        warnings,
-    )

@@ -234,28 +234,25 @@ def _sweep_of_file(file: ModelFile, name: str | None) -> Sweep:
 
 
 def _create_report(results: StudyResults) -> StudyReport:
+    from beamdae.report.descriptions import Description
     from beamdae.report.terminal import text_tables
     from beamdae.studies.sweeps.response_plots import list_response_plots
     from beamdae.studies.sweeps.sweep_results import TABLE_FILE, create_sweep_results
 
     swept, folder = create_sweep_results(results), results.folder
     sweep, table = swept.sweep, swept.table
-    shown: list[Any] = [results.describe_completion(sweep.cases)]
+    shown: dict[str, Any] = {"completion": results.describe_completion(sweep.cases)}
     if len(table) <= MAX_SCREEN_ROWS:
         columns = swept.parameters, swept.response_columns, sweep.units
-        shown.append(text_tables.sweep_table(table, *columns))
+        shown["cases"] = text_tables.sweep_table(table, *columns)
+    data = {
+        "sweep": sweep.name,
+        "folder": folder,
+        "interrupted": swept.interrupted,
+        "cases": table,
+    }
     return StudyReport(
-        Report(
-            sweep.name,
-            lambda: {
-                "sweep": sweep.name,
-                "folder": folder,
-                "interrupted": swept.interrupted,
-                "cases": table.to_dict("records"),
-            },
-            tables=shown,
-            warnings=swept.warnings,
-        ),
+        Report(sweep.name, Description({}, shown, lambda: data), warnings=swept.warnings),
         [],
         tables={TABLE_FILE: lambda: [swept.to_csv(folder / TABLE_FILE)]},
         page={PAGE_FILE: lambda: [swept.page(folder / PAGE_FILE)]},

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import html
 import re
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from beamdae.errors import BeamdaeError
 from beamdae.report.option_names import name_options
 from beamdae.report.page.page_content import Content
 from beamdae.report.page.page_data import encode
@@ -109,7 +107,7 @@ def fill_template(
 
 
 def _complete_page(content: Content) -> dict[str, Any]:
-    """Return the content with default entries, after a check of the ids."""
+    """Return the content with default entries."""
     page = {**_PAGE_DEFAULTS, **content}
     for kind, defaults in (
         ("groups", _GROUP_DEFAULTS),
@@ -117,18 +115,6 @@ def _complete_page(content: Content) -> dict[str, Any]:
         ("tables", _TABLE_DEFAULTS),
     ):
         page[kind] = [defaults | entry for entry in page[kind]]
-    groups, cases = ([entry["id"] for entry in page[kind]] for kind in ("groups", "cases"))
-    for kind, ids in (("group", groups), ("case", cases)):
-        if repeated := [x for x, count in Counter(ids).items() if count > 1]:
-            raise BeamdaeError(
-                f"page: the id {repeated[0]!r} of a {kind} is used twice; use different ids."
-            )
-    for case in page["cases"]:
-        if case.get("group") not in groups:
-            raise BeamdaeError(
-                f"page: case {case['id']!r} refers to the unknown group "
-                f"{case.get('group')!r}; add the group or correct the name."
-            )
     if "featured" not in page:
         runs = [x["curves"] for x in page["cases"] if x["curves"] and not x.get("points")]
         observed = runs[0].get("observed", {}) if runs else {}

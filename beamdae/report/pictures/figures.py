@@ -198,7 +198,8 @@ def format_horizontal_axis(axis: Axes, header: str, vertical: str) -> None:
 
     axis.margins(x=0.05)
     format_ticks(axis.xaxis)
-    axis.locator_params(axis="x", nbins=_MAX_HORIZONTAL_TICKS)
+    if axis.get_xscale() == "linear":
+        axis.locator_params(axis="x", nbins=_MAX_HORIZONTAL_TICKS)
     axis.set_xlabel(shorten_text(header, MAX_LABEL_LETTERS))
     axis.xaxis.get_offset_text().set_fontsize(9)
     columns = [Header.of(x) for x in (header, vertical)]

@@ -19,8 +19,9 @@ from beamdae.report.pictures.animation_files import save_animation
 from beamdae.report.pictures.figures import (
     COLORS,
     MAX_PANELS,
+    Panel,
     disable_math_text,
-    format_axis,
+    draw_panels,
     wrap_title,
 )
 from beamdae.report.pictures.run_animation import MAX_FRAMES
@@ -57,6 +58,7 @@ _PANEL_TITLE_HEIGHT = 0.35
 # Campbell diagrams show all modes unless the highest one exceeds this multiple of the first mode
 # above the excitations.
 _MAX_FREQUENCY_SHARE = 2.0
+_CAMPBELL_SIZE = (6.4, 4.8)  # [inch]
 _FREE_MOTION_RATE = 1e-9  # growth rate of free motions by rounding, relative to the fastest mode
 _DISPLAYED_PERIOD = 2.0  # duration of one period in an animation [s]
 
@@ -219,40 +221,43 @@ def describe_hidden_modes(diagram: Campbell) -> str:
 
 def create_campbell_figure(diagram: Campbell, title: str = "Campbell diagram") -> Figure:
     """Create the figure of a Campbell diagram."""
-    figure = _create_figure(
-        (6.4, 4.8), f"{title}; dashed: multiples of the speed, circles: resonances"
-    )
-    axis = figure.add_subplot()
-    if hidden := describe_hidden_modes(diagram):
-        axis.set_title(f"higher frequencies: {hidden}", loc="right", fontsize=9)
     order = np.argsort(diagram.speeds)
     speeds = diagram.speeds[order] / diagram.speed_factor
     frequencies = diagram.frequencies[order]
     highest = 1.05 * choose_frequency_limit(diagram) or 1.0
     revolutions = np.abs(diagram.speeds[order]) / (2.0 * np.pi)
-    for multiple in diagram.multiples:
-        line = multiple * revolutions
-        axis.plot(speeds, line, color="0.6", lw=0.8, ls=(0, (4, 3)))
-        # Where the line leaves the picture, if it is in it.
-        for k in np.flatnonzero(line <= highest)[-1:].tolist():
-            axis.annotate(f"{multiple}\u00d7", (speeds[k], line[k]), color="0.4", **_LABEL)
+    guides = {n: n * revolutions for n in diagram.multiples}
+    guide = {"color": "0.6", "lw": 0.8, "ls": (0, (4, 3))}
+    lines: list[tuple[Any, Any, dict[str, Any]]] = [(speeds, x, guide) for x in guides.values()]
     is_hidden = find_overdamped(diagram) | (np.min(frequencies, axis=0) > highest)
+    entries = {}
     for k in np.flatnonzero(~is_hidden).tolist():
-        style: dict[str, Any] = {
+        entries[f"mode {k + 1}"] = {
             "color": COLORS[k % len(COLORS)],
             "lw": 1.4,
             "marker": ".",
             "ms": 4,
         }
-        axis.plot(speeds, frequencies[:, k], label=f"mode {k + 1}", **style)
+        lines.append((speeds, frequencies[:, k], entries[f"mode {k + 1}"]))
     resonances = diagram.resonances()[["speed [rad/s]", "frequency [Hz]"]].to_numpy(float)
-    axis.plot(*(resonances / [diagram.speed_factor, 1.0]).T, "o", color="0.2", mfc="none", ms=7)
-    format_axis(axis, "", "frequency [Hz]")
+    circles = {"color": "0.2", "mfc": "none", "ls": "", "marker": "o", "ms": 7}
+    lines.append((*(resonances / [diagram.speed_factor, 1.0]).T, circles))
+    hidden = describe_hidden_modes(diagram)
+    panel = Panel(
+        f"higher frequencies: {hidden}" if hidden else "",
+        "frequency [Hz]",
+        lines,
+        (f"speed [{diagram.speed_unit}]", ""),
+    )
+    heading = f"{title}; dashed: multiples of the speed, circles: resonances"
+    figure = draw_panels([panel], heading, entries, x_label=None)
+    figure.set_size_inches(_CAMPBELL_SIZE)
+    (axis,) = figure.axes
     axis.set_ylim(0.0, highest)
-    axis.set_xlabel(f"speed [{diagram.speed_unit}]")
-    if not is_hidden.all():
-        figure.legend(loc="outside right upper", frameon=False, fontsize=8)
-    disable_math_text(figure)
+    for multiple, line in guides.items():
+        # Where the line leaves the picture, if it is in it.
+        for k in np.flatnonzero(line <= highest)[-1:].tolist():
+            axis.annotate(f"{multiple}\u00d7", (speeds[k], line[k]), color="0.4", **_LABEL)
     return figure
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import groupby
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,12 +13,8 @@ from beamdae.analysis.statics.imperfections import KnockDown
 from beamdae.report.pictures.figures import (
     COLORS,
     Panel,
-    create_panels,
-    disable_math_text,
-    draw_grid,
     draw_panels,
     mask_huge_values,
-    save_figure,
     varying_columns,
 )
 from beamdae.results.columns import (
@@ -34,51 +29,30 @@ from beamdae.results.equilibrium import Equilibrium
 from beamdae.results.frequency_response import FrequencyResponse
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 Array = np.ndarray
 
 # Columns with smaller ranges are not plotted; relative to the length of the mechanism, or in rad.
 _MIN_RANGE = 1e-9
-# Largest magnitudes are drawn if they are within these multiples of the half ranges: about equal
-# ones look the same, and those of columns with a large mean hide the response.
-_MIN_MAGNITUDE_RATIO, _MAX_MAGNITUDE_RATIO = 1.02, 3.0
+_PEAK = {"color": COLORS[1], "ls": "", "marker": "o", "ms": 4}
 _UNSTABLE_DASHES = (0, (3, 2))
 _CRITICAL_MARKERS = {"limit point": "o", "branch point": "s", "flutter point": "^"}
 
 
-def save_path_figure(
-    path: Path,
-    equilibrium: Equilibrium,
-    title: str,
-    names: Sequence[str] = (),
-    x: str | None = None,
-) -> Path:
-    """Plot the load factor over columns, or columns over the column `x`, and write the figure.
-
-    Without names, the columns are the observed ones that vary, except rates; if only `x` varies,
-    the load factor is plotted over it. The suffix of `path` selects the image format. Lines are
-    dashed where the equilibrium under constant loads is unstable or its stability is unknown, and
-    limit, branch and flutter points are marked. If the path has several stages, their load factors
-    are added.
-
-    Returns
-    -------
-    Path
-        Path of the image file.
-    """
-    return save_figure(_create_path_figure(equilibrium, title, names, x), path)
-
-
 def plot_path(equilibrium: Equilibrium, names: Sequence[str], x: str | None = None) -> Plot:
     """Plot the load factor over the named columns, or these over `x`; see `Equilibrium.plot`."""
-    return Plot(_create_path_figure(equilibrium, "", names, x))
+    return Plot(create_path_figure(equilibrium, "", names, x))
 
 
-def _create_path_figure(
+def create_path_figure(
     equilibrium: Equilibrium, title: str, names: Sequence[str], x: str | None
 ) -> Figure:
+    """Plot the load factor over columns, or columns over the column `x`.
+
+    Without names, the columns are the observed ones that vary, except rates; if only `x` varies,
+    the load factor is plotted over it. The path is dashed where it is unstable.
+    """
     columns = merge_columns(equilibrium.columns, equilibrium.coordinate_columns())
     factors, over, header = equilibrium.factors.sum(axis=1), equilibrium.over, equilibrium.header
 
@@ -147,98 +121,57 @@ def _is_varying(equilibrium: Equilibrium, column: str) -> bool:
 
 def plot_critical_loads(result: Boundary | KnockDown) -> Plot:
     """Plot critical load factors over the parameter or over the amplitude of the imperfection."""
-    # Imported here because importing Matplotlib takes longer than some commands.
-    from matplotlib.figure import Figure
-
     table = result.table()
     name, factor = map(str, table.columns[:2])
-    figure = Figure(figsize=(5.6, 3.6), layout="constrained")
-    axis = figure.add_subplot()
-    style: dict[str, Any] = {"marker": "o", "ms": 3} if isinstance(result, KnockDown) else {}
-    axis.plot(table[name], table[factor], color=COLORS[0], lw=1.6, **style)
-    for point in result.special if isinstance(result, Boundary) else ():
-        axis.plot(point.value, point.factor, "o", color=COLORS[1], ms=5)
-    axis.set_xlabel(name)
-    axis.set_ylabel(factor)
-    draw_grid(axis)
-    disable_math_text(figure)
-    return Plot(figure)
+    looks = {"marker": "o", "ms": 3} if isinstance(result, KnockDown) else {}
+    style = {"color": COLORS[0], "lw": 1.6, **looks}
+    lines: list[tuple[Any, Any, dict[str, Any]]] = [(table[name], table[factor], style)]
+    special = result.special if isinstance(result, Boundary) else ()
+    lines += [([x.value], [x.factor], _PEAK) for x in special]
+    return Plot(draw_panels([Panel("", factor, lines, (name, factor))], x_label=None))
 
 
 def plot_response(response: FrequencyResponse, column: str, x: str | None = None) -> Plot:
     """Plot the half range of a column over the parameter or over that of another column.
 
-    Unstable parts are dashed.
+    See `FrequencyResponse.plot`.
     """
-    # Imported here because importing Matplotlib takes longer than some commands.
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(5.6, 3.6), layout="constrained")
-    _draw_response(figure.add_subplot(), response, column, x)
-    disable_math_text(figure)
-    return Plot(figure)
+    return Plot(create_response_figure(response, "", [column], x))
 
 
 def create_response_figure(
-    response: FrequencyResponse, title: str, names: Sequence[str] = ()
+    response: FrequencyResponse, title: str, names: Sequence[str] = (), x: str | None = None
 ) -> Figure:
     """Plot half ranges of observed columns over the parameter.
 
-    Without names, these are the columns that vary, except rates and columns at rest. Unstable
-    parts are dashed, and peaks are marked.
+    Without names, the columns are those that vary, except rates.
     """
     if not names:
         curves = {c: response.curve(c)[1] for c in response.points[0].solution.columns}
         names = varying_columns(mask_huge_values(curves))
         names = [x for x in names if x not in response.resting_columns] or names
-    figure, axes = create_panels(len(names), title, x_label=None)
-    for axis, name in zip(axes, names, strict=False):
-        _draw_response(axis, response, name)
-    return figure
+    panels = [_create_response_panel(response, name, x) for name in names]
+    return draw_panels(panels, title, x_label=None)
 
 
-def _draw_response(
-    axis: Axes, response: FrequencyResponse, column: str, x: str | None = None
-) -> None:
+def _create_response_panel(response: FrequencyResponse, column: str, x: str | None) -> Panel:
     values, amplitudes = response.curve(column)
-    horizontal = response.label
+    horizontal, vertical = response.label, _label_half_range(response, column)
     if x is not None:
         _, values = response.curve(x)
         horizontal = _label_half_range(response, x)
-    vertical = _label_half_range(response, column)
     is_stable = np.array([point.stable for point in response.points], bool)
+    lines: list[tuple[Any, Any, dict[str, Any]]] = []
     # Each line has the stability of its first point and extends to the start of the next line.
-    changes = np.flatnonzero(np.diff(is_stable)) + 1
-    for rows in np.split(np.arange(len(values)), changes):
+    for rows in np.split(np.arange(len(values)), np.flatnonzero(np.diff(is_stable)) + 1):
         if len(rows):
             points = slice(rows[0], rows[-1] + 2)
             dashes = "-" if is_stable[rows[0]] else "--"
-            axis.plot(values[points], amplitudes[points], dashes, color=COLORS[0], lw=1.6)
-    _draw_magnitudes(axis, response, column, values, amplitudes)
-    for value, amplitude in response.peaks(column) if x is None else ():
-        axis.plot(value, amplitude, "o", color=COLORS[1], ms=4)
-    axis.set_xlabel(horizontal)
-    axis.set_ylabel(vertical)
-    draw_grid(axis)
-
-
-def _draw_magnitudes(
-    axis: Axes, response: FrequencyResponse, column: str, values: Array, amplitudes: Array
-) -> None:
-    """Draw largest magnitudes where they differ from half ranges but have their size.
-
-    Those of positions and angles depend on the origin.
-    """
-    if not response.points:
-        return
-    header = select_column("frequency_response", response.points[0].solution.columns, column)
-    if Header.of(header).unit in ("m", "rad"):
-        return
-    magnitudes = response._largest_magnitudes(header)
-    ratio = magnitudes.max() / (amplitudes.max() or np.inf)
-    if _MIN_MAGNITUDE_RATIO < ratio < _MAX_MAGNITUDE_RATIO:
-        axis.plot(values, magnitudes, ":", color=COLORS[2], lw=1.6, label="largest magnitude")
-        axis.legend(frameon=False)
+            style = {"color": COLORS[0], "lw": 1.6, "ls": dashes}
+            lines.append((values[points], amplitudes[points], style))
+    peaks = response.peaks(column) if x is None else ()
+    lines += [([value], [amplitude], _PEAK) for value, amplitude in peaks]
+    return Panel("", vertical, lines, (horizontal, vertical))
 
 
 def _label_half_range(response: FrequencyResponse, name: str) -> str:

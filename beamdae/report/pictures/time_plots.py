@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from itertools import cycle
 from numbers import Real
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -20,12 +19,10 @@ from beamdae.errors import (
 from beamdae.report.pictures.figures import (
     COLORS,
     DASHES,
-    MAX_DRAWABLE,
     Panel,
     characteristic_columns,
     draw_panels,
     mask_huge_values,
-    save_figure,
     varying_columns,
 )
 from beamdae.report.text import shorten_text
@@ -52,7 +49,6 @@ Array = np.ndarray
 _TITLE_LETTERS_BESIDE_LEGEND = 22
 _MAX_FALLBACK_COLUMNS = 3  # if no column characterizes a run
 _DATA_COLOR = "#333333"
-_MARGIN_OF_DATA = 0.25  # of their duration, before and after them
 _DATA_MARKERS = "osD^v"  # of experiments
 _MAX_DATA_MARKERS = 150  # of a panel; more would overlap and hide the curves
 
@@ -118,26 +114,10 @@ def plot(
     tables = [merge_columns(run.all_columns(), run.coordinate_columns()) for run in runs]
     observed = list(runs[0].all_columns())
     selection = select_plot(list(tables[0]), observed, names, x, data, data_columns)
-    figure = _create_figure(dict(zip(run_labels, tables, strict=True)), selection, observed)
-    return Plot(figure)
+    return Plot(create_figure(dict(zip(run_labels, tables, strict=True)), selection, observed))
 
 
-def save_selected_columns(
-    path: Path,
-    table: Mapping[str, Any],
-    names: Sequence[str],
-    x: str | None,
-    data: Any,
-    title: str,
-    data_columns: Mapping[str, str] | None = None,
-) -> Path:
-    """Plot the selected columns of a table as in `plot`, and write an image file."""
-    headers = [str(header) for header in table]
-    selection = select_plot(headers, headers, names, x, data, data_columns)
-    return save_figure(_create_figure({"run": table}, selection, headers, title), path)
-
-
-def _create_figure(
+def create_figure(
     tables: Mapping[str, Mapping[str, Any]],
     selection: PlotSelection,
     observed: Sequence[str],
@@ -150,12 +130,6 @@ def _create_figure(
         candidates = _candidates(observed, abscissa)
         columns = characteristic_columns({c: first[c] for c in candidates})
         columns = columns or candidates[:_MAX_FALLBACK_COLUMNS]
-    window = None
-    if abscissa == TIME:
-        ends = [np.asarray(table[TIME])[[0, -1]] for table in tables.values()]
-        window = find_time_window(points, float(np.min(ends)), float(np.max(ends)))
-    if window is not None:
-        tables = {label: _select_rows(table, window) for label, table in tables.items()}
     experiments = dict.fromkeys(name for measured in points.values() for name in measured)
     markers = {name: _marker_style(k) for k, name in enumerate(experiments)}
     styles = dict(zip(tables, _line_styles(len(tables)), strict=True))
@@ -181,37 +155,7 @@ def _create_figure(
         while label in entries:
             label = f"measured {label}"  # A run has this label.
         entries[label] = marker
-    figure = draw_panels(panels, title, entries, x_label=TIME if abscissa == TIME else None)
-    if window is not None:
-        for axis in figure.axes:
-            axis.set_xlim(*window)
-    return figure
-
-
-def find_time_window(
-    points: Mapping[str, Mapping[str, tuple[Array, Array]]], begin: float, end: float
-) -> tuple[float, float] | None:
-    """Return the limits [s] of plots of a run from `begin` to `end` [s] with measured values.
-
-    None if there are no values, values of a single time, or none during the run. `points` are those
-    of a `PlotSelection` over time.
-    """
-    times = [t for measured in points.values() for t, _ in measured.values() if len(t)]
-    if not times:
-        return None
-    first, last = float(min(map(np.min, times))), float(max(map(np.max, times)))
-    margin = _MARGIN_OF_DATA * (last - first)
-    if margin == 0.0 or first > end or last < begin:
-        return None
-    return max(first - margin, min(first, begin)), min(last + margin, max(last, end))
-
-
-def _select_rows(table: Mapping[str, Any], window: tuple[float, float]) -> Mapping[str, Any]:
-    """Return the rows of a table within a time window, and the next ones outside."""
-    t = np.asarray(table[TIME])
-    first = max(int(np.searchsorted(t, window[0], side="right")) - 1, 0)
-    last = int(np.searchsorted(t, window[1], side="left"))
-    return {header: np.asarray(values)[first : last + 1] for header, values in table.items()}
+    return draw_panels(panels, title, entries, x_label=TIME if abscissa == TIME else None)
 
 
 def _candidates(observed: Sequence[str], abscissa: str) -> list[str]:
@@ -378,25 +322,11 @@ def _require_labels(runs: Sequence[TimeSeries], labels: Any) -> list[str]:
     return texts
 
 
-def save_run_figure(path: Path, table: Columns, title: str) -> Path:
-    """Plot observed positions, deformations and forces over time, and write an image file.
+def create_run_figure(table: Columns, title: str) -> Figure:
+    """Plot observed positions, deformations and forces over time.
 
     Rates are omitted, and constant columns too unless all columns are constant. If no columns
     remain, energies are plotted. Columns of the same observable and unit share a panel.
-
-    Parameters
-    ----------
-    path
-        Path of the image file; its suffix selects the format.
-    table
-        Time, observed columns and energies, see `Solution.table`.
-    title
-        Title of the figure.
-
-    Returns
-    -------
-    Path
-        Path of the image file.
     """
     groups: dict[tuple[str, str], list[str]] = {}
     names = varying_columns(mask_huge_values(table))
@@ -414,53 +344,4 @@ def save_run_figure(path: Path, table: Columns, title: str) -> Path:
         else:
             label = f"{labels[0]} [{unit}]" if labels[0] != name else f"[{unit}]"
             panels.append(Panel(name, label, lines))
-    return save_figure(draw_panels(panels, title, what="observables"), path)
-
-
-def save_comparison_figure(
-    path: Path,
-    reference: pd.DataFrame,
-    runs: Mapping[str, tuple[pd.DataFrame, pd.DataFrame | None]],
-    uncertainty: float,
-    title: str,
-) -> Path:
-    """Plot characteristic columns and errors of several runs over time; write an image file.
-
-    Parameters
-    ----------
-    path
-        Path of the image file; its suffix selects the format.
-    reference
-        Time and observed columns of the reference.
-    runs
-        Pairs of a table and its errors, by label. The table contains time and observed columns; the
-        errors are relative to the amplitude and indexed by time, or None if they are unknown.
-    uncertainty
-        Uncertainty of the reference, relative to the amplitude.
-    title
-        Title of the figure.
-
-    Returns
-    -------
-    Path
-        Path of the image file.
-    """
-    styles = dict(zip(runs, _line_styles(len(runs)), strict=True))
-    entries = {"reference": {"color": "0.8", "lw": 5}} | styles
-    panels = []
-    for column in characteristic_columns(mask_huge_values(reference)):
-        lines: list[tuple[Any, Any, dict[str, Any]]] = [
-            (reference[TIME], reference[column], entries["reference"])
-        ]
-        lines += [(x[TIME], x[column], styles[k]) for k, (x, _) in runs.items() if column in x]
-        panels.append(Panel("", column, lines))
-    errors = {label: error.max(axis=1) for label, (_, error) in runs.items() if error is not None}
-    errors = {label: x.where((x > 0.0) & (x < MAX_DRAWABLE)) for label, x in errors.items()}
-    if any(x.notna().any() for x in errors.values()):
-        lines = [(x.index, x, styles[label] | {"lw": 1.0}) for label, x in errors.items()]
-        if 0.0 < uncertainty < MAX_DRAWABLE:
-            entries["reference uncertainty"] = {"color": "0.4", "lw": 1.0, "ls": ":"}
-            ends = reference[TIME].to_numpy()[[0, -1]]
-            lines.append((ends, np.full(2, uncertainty), entries["reference uncertainty"]))
-        panels.append(Panel("", "error / amplitude [-]", lines, scales=("linear", "log")))
-    return save_figure(draw_panels(panels, title, entries), path)
+    return draw_panels(panels, title, what="observables")

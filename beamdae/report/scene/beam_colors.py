@@ -52,14 +52,11 @@ class BeamColors:
         Values (frames, sections) by beam name, in the unit of the title.
     limits
         Lower and upper limit of the color scale, which covers all frames.
-    factor
-        Conversion factor from the unit of the title to SI units.
     """
 
     title: str
     values: Mapping[str, Array]
     limits: tuple[float, float]
-    factor: float
 
     def segment_values(self, part: str, frame: int) -> Array:
         """Return the values (sections - 1,) between neighboring sections in a frame."""
@@ -111,7 +108,7 @@ def available_colors(solution: Solution, times: Array, first: Any = None) -> lis
         limit = largest / factor or 1.0
         scaled = {part: x / factor for part, x in values.items()}
         limits = (-limit if is_signed else 0.0, limit)
-        colors.append(BeamColors(f"{title} [{scale_unit(unit, order)}]", scaled, limits, factor))
+        colors.append(BeamColors(f"{title} [{scale_unit(unit, order)}]", scaled, limits))
     return colors
 
 

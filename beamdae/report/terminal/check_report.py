@@ -13,7 +13,6 @@ from beamdae.report.terminal.text_tables import format_number
 
 _MAX_FREE_MOTIONS = 8
 _MAX_ERRORS = 8
-_MAX_ZEROS = 4
 _ROUNDING = 1e-12  # of facts of parts, in SI units
 _RESOLVING_STEP = 0.05  # step that resolves a vibration, as a fraction of its period
 
@@ -33,31 +32,15 @@ def describe_check(check: Any, parts: Mapping[str, Any] | None = None) -> dict[s
             f"{check.mobility} = {check.coordinates} coordinates{states} - {check.rank} "
             f"independent constraints; {check.rigid_mobility} with rigid beams and fixed drivers"
         )
-        facts["dependent constraints"] = describe_dependent_sets(check.dependent) or "none"
-        motions = [*check.free_motions[:_MAX_FREE_MOTIONS]]
-        omitted = len(check.free_motions) - len(motions)
-        if omitted:
-            motions.append(f"and {omitted} more")
-        facts["free motions"] = "; ".join(motions) or "none"
+        if dependent := describe_dependent_sets(check.dependent):
+            facts["dependent constraints"] = dependent
+        if check.free_motions:
+            facts["free motions"] = list_first(list(check.free_motions), _MAX_FREE_MOTIONS)
     else:
         facts["mobility"] = "not computed: too many constraints"
-    loose = "; ".join(", ".join(group) for group in check.loose)
-    facts["unconnected parts"] = f"no joint connects to the ground: {loose}" if loose else "none"
+    if loose := "; ".join(", ".join(group) for group in check.loose):
+        facts["unconnected parts"] = f"no joint connects to the ground: {loose}"
     facts["start"] = _describe_start(check)
-    if check.residuals:
-        worst = {
-            level: max(check.residuals, key=lambda r: getattr(r, level) or 0.0)
-            for level in ("position", "velocity", "acceleration")
-        }
-        g, g_dot, g_ddot = (
-            f"{symbol} {getattr(residual, level) or 0.0:.2g} ({residual.part})"
-            for symbol, (level, residual) in zip(
-                ("g", "g_dot", "g_ddot"), worst.items(), strict=True
-            )
-        )
-        facts["largest residuals"] = f"{g} and {g_dot} as given" + (
-            f", which the start removes; then {g_ddot}" if check.start is not None else ""
-        )
     if check.spectrum is not None:
         facts |= _describe_frequencies(check.spectrum)
     elif check.start is not None:
@@ -77,15 +60,10 @@ def describe_check(check: Any, parts: Mapping[str, Any] | None = None) -> dict[s
             f"about {_round(p.steps)} steps, {_round(p.seconds)} s ({p.method}), measured by "
             f"{source}"
         )
-    zeros = []
     for name, part in (parts or {}).items():
         for fact, value in part.facts.items():
-            if abs(value) <= _ROUNDING:
-                zeros.append(f"{fact} of {name}")
-            else:
+            if abs(value) > _ROUNDING:
                 facts[f"{name}, {fact}"] = format_number(value)
-    if zeros:
-        facts["zero up to rounding"] = list_first(zeros, _MAX_ZEROS)
     for k, warning in enumerate(check.warnings, start=1):
         facts["warning" if len(check.warnings) == 1 else f"warning {k}"] = warning
     return facts

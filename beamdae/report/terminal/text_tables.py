@@ -1,17 +1,16 @@
-"""Terminal tables and fact lists of solutions, studies, sweeps and models."""
+"""Contents of tables of results, for the terminal and for pages."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from pathlib import Path
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from beamdae.errors import format_count
-from beamdae.model_parameters import format_with_unit, split_unit
-from beamdae.report.terminal.responsive_table import Column, FactList, ResponsiveTable
+from beamdae.model_parameters import split_unit
+from beamdae.report.terminal.responsive_table import ResponsiveTable
 from beamdae.report.text import make_printable
 
 if TYPE_CHECKING:
@@ -25,32 +24,37 @@ if TYPE_CHECKING:
 
 # Values below this fraction of the largest comparable value are shown as zero (rounding noise).
 _ROUNDING = 1e-12
-_MIN_RATE = 1e-3  # of decay or growth [1/s]; those of free motions are rounding errors
-_SHOWN_HEADERS = {"total": "error", "rows": "error of rows"}
+_ERROR_DIGITS = 2
+_ERROR_HEADERS = {
+    "total": "error",
+    "time": "by steps",
+    "mesh": "by elements",
+    "theory": "by strains",
+}
 # Settings of runs that are shown in separate rows, or only in files.
 _OTHER_SETTINGS = {"integrator", "amplitudes", "limited_by", "orders", "error_test_failures"}
-# Ranks of the columns of a comparison, and their headers in the terminal.
+# Headers of the columns of a comparison in the terminal, the most important ones first.
 _COMPARISON_COLUMNS = {
-    "status": ("status", 2),
-    "wall time [s]": ("wall [s]", 1),
-    "wall time max [s]": ("min to max [s]", 4),
-    "events": ("events", 10),
-    "steps": ("steps", 3),
-    "rejected steps": ("rejected", 7),
-    "residual calls": ("residual calls", 8),
-    "Jacobian calls": ("Jacobian calls", 6),
-    "error [-]": ("error [-]", 0),
-    "measured error [-]": ("measured error [-]", 6),
-    "max position drift": ("position drift", 5),
-    "max velocity drift": ("velocity drift", 9),
-    "energy imbalance [-]": ("energy imbalance", 4),
+    "label": "integrator",
+    "error [-]": "error [-]",
+    "wall time [s]": "wall [s]",
+    "status": "status",
+    "steps": "steps",
+    "energy imbalance [-]": "energy imbalance",
+    "max position drift": "position drift",
+    "measured error [-]": "measured error [-]",
+    "Jacobian calls": "Jacobian calls",
+    "rejected steps": "rejected",
+    "residual calls": "residual calls",
+    "max velocity drift": "velocity drift",
+    "events": "events",
 }
 
 
 def format_number(value: Any, digits: int = 3) -> str:
     """Format a number with the given significant digits, and a missing value as "-".
 
-    Integers, booleans and strings are not rounded.
+    Strings, booleans and integers are not rounded.
     """
     if value is None or (isinstance(value, float) and math.isnan(value)):
         return "-"
@@ -65,42 +69,20 @@ def format_number(value: Any, digits: int = 3) -> str:
         return "-"
 
 
-def fact_list(title: str, rows: Mapping[str, Any]) -> FactList:
-    """Create a `FactList`, formatting values that are not strings."""
-    return FactList(title, {name: format_number(x) for name, x in rows.items()})
-
-
 def table_of(
-    frame: pd.DataFrame,
-    title: str = "",
-    ranks: Mapping[str, int] | None = None,
-    digits: Mapping[str, int] | None = None,
+    rows: pd.DataFrame | Sequence[Mapping[str, Any]],
     source: str = "the CSV file",
+    digits: int = 5,
 ) -> ResponsiveTable:
-    """Return a table whose first column is the first one of a frame.
+    """Return a table of a data frame, or of one or more rows by header.
 
-    Parameters
-    ----------
-    frame
-        Numbers and texts; texts with spaces may be folded.
-    title
-        Header of the first column. Defaults to its name.
-    ranks
-        Columns of the largest rank are omitted first in narrow terminals. Defaults to 0 for never.
-    digits
-        Significant digits of numbers. Defaults to 5.
-    source
-        Source that contains the omitted columns.
+    Columns that do not fit into the terminal are omitted from the right; `source` names what shows
+    them.
     """
-    first, *names = map(str, frame)
-    digits = digits or {}
-    rows = [
-        tuple(format_number(x, digits.get(str(name), 5)) for name, x in row.items())
-        for row in frame.to_dict("records")
-    ]
-    folded = [any(" " in row[k] for row in rows) for k in range(1, len(names) + 1)]
-    columns = [Column(x, (ranks or {}).get(x, 0), y) for x, y in zip(names, folded, strict=True)]
-    return ResponsiveTable(title or first, columns, rows, source)
+    records: Any = rows if isinstance(rows, Sequence) else rows.to_dict("records")
+    headers = list(records[0]) if isinstance(rows, Sequence) else list(map(str, rows))
+    texts = [[format_number(x, digits) for x in row.values()] for row in records]
+    return ResponsiveTable(headers, texts, source)
 
 
 def run_facts(summary: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[str, str]:
@@ -108,10 +90,8 @@ def run_facts(summary: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[s
 
     Parameters
     ----------
-    summary
-        Return value of `Solution.summary`.
-    settings
-        Settings of the integrator, `Solution.integrator`.
+    summary, settings
+        `Solution.summary()` and `Solution.integrator`.
     """
     s = {name: format_number(value) for name, value in summary.items()}
     options = ", ".join(
@@ -140,59 +120,47 @@ def run_facts(summary: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[s
     return {topic: text for topic, text in facts.items() if text}
 
 
-def range_table(
+def range_rows(
     observed: Columns,
-    errors: Columns | None = None,
+    errors: Errors | None = None,
     steps: Mapping[str, StepExtremes] | None = None,
-) -> ResponsiveTable:
-    """Return a table of the minimum, maximum and last value of each observed column.
+) -> list[dict[str, Any]]:
+    """Return a row per observed column: its last value, errors, minimum and maximum.
 
     Parameters
     ----------
     observed
-        Observed columns.
+        Columns by header, without the time.
     errors
-        Additional columns with one row per observed column, in this order: amplitude (not shown),
-        error, any further columns, verdict.
+        Errors of the columns and of further values, which have a row as well.
     steps
-        Extremes at the steps of the run, which minimum and maximum include.
+        Extremes over all steps by header, for the minima and maxima.
     """
-    names = [] if errors is None else list(map(str, errors))[1:]
-    columns = [Column("min", 2), Column("max", 3), Column("end", 1)]
-    always_shown = (names[0], names[-1]) if names else ()
-    columns += [Column(_SHOWN_HEADERS.get(x, x), 0 if x in always_shown else 4) for x in names]
-    error_values = [] if errors is None else [np.asarray(errors[x]).tolist() for x in names]
-    rows = [
-        (
-            name,
-            *(format_number(x, 5) for x in extremes.values()),
-            *(format_number(values[k], 2) for values in error_values),
-        )
-        for k, (name, extremes) in enumerate(column_extremes(observed, steps).items())
+    extremes = column_extremes(observed, steps)
+    values = () if errors is None else zip(errors.headers, errors.values.tolist(), strict=True)
+    rows = extremes | {name: {"end": x} for name, x in values if name not in extremes}
+    return [
+        {
+            "observed": name,
+            "end": x["end"],
+            **_errors_of(errors, name),
+            "min": x.get("min"),
+            "max": x.get("max"),
+        }
+        for name, x in rows.items()
     ]
-    return ResponsiveTable("observed", columns, rows, "--json")
 
 
-def equilibrium_table(columns: Columns, errors: Errors | None) -> ResponsiveTable:
-    """Return a table of the ranges of observed columns over a path, and of measured errors.
-
-    Errors of the end belong to the columns; those of load factors and critical points follow.
-    """
-    table = {name: tuple(x.values()) for name, x in column_extremes(columns).items()}
-    headers, texts = [Column("min", 2), Column("max", 3), Column("end", 1)], {}
-    if errors is not None:
-        headers += [Column("error"), Column("by elements", 4), Column("by strains", 5)]
-        causes = np.stack([errors.total, errors.causes["mesh"], errors.causes["theory"]], axis=1)
-        texts = dict(zip(errors.headers, causes.tolist(), strict=True))
-        for name, value in zip(errors.headers, errors.values.tolist(), strict=True):
-            table.setdefault(name, (math.nan, math.nan, value))
-        table.pop("unstable directions [-]", None)
-    rows = []
-    for name, values in table.items():
-        numbers = texts.get(name, [math.nan] * 3) if errors is not None else []
-        cells = (format_number(x, 5) for x in values), (format_number(x, 2) for x in numbers)
-        rows.append((name, *(cell for group in cells for cell in group)))
-    return ResponsiveTable("observed", headers, rows, "--json")
+def _errors_of(errors: Errors | None, name: str) -> dict[str, str]:
+    """Return the errors of a column by their headers in tables, "-" for one that has none."""
+    if errors is None:
+        return {}
+    row = errors.headers.index(name) if name in errors.headers else None
+    return {
+        header: "-" if row is None else format_number(float(columns[row]), _ERROR_DIGITS)
+        for cause, header in _ERROR_HEADERS.items()
+        if (columns := errors.columns().get(cause)) is not None and not np.isnan(columns).all()
+    }
 
 
 def column_extremes(
@@ -200,7 +168,7 @@ def column_extremes(
 ) -> dict[str, dict[str, float]]:
     """Return minimum, maximum and last value of each column, with rounding noise set to zero.
 
-    Minimum and maximum include the extremes at the steps, `steps`.
+    Values are compared with the largest one of the same unit, or of the same column without a unit.
     """
     # Imports CasADi, which tables of models and examples do not need.
     from beamdae.results.columns import Header, largest_by
@@ -224,46 +192,22 @@ def column_extremes(
 
 
 def comparison_table(table: pd.DataFrame) -> ResponsiveTable:
-    """Return the comparison table of a study.
-
-    Errors below the resolution of the reference are shown as upper bounds.
-    """
-    names = [name for name in _COMPARISON_COLUMNS if name in table]
-    shown = table[["label", *names]].astype(object)
+    """Return the comparison table of a study; errors below the resolution are bounds."""
+    shown = table[[name for name in _COMPARISON_COLUMNS if name in table]].astype(object)
     if "below resolution" in table:
         for k in table.index[table["below resolution"].fillna(False)]:
             shown.loc[k, "error [-]"] = f"< {format_number(table.loc[k, 'error bound [-]'])}"
-    if "wall time max [s]" in table:
-        spans = table[["wall time min [s]", "wall time max [s]"]].to_numpy().tolist()
-        shown["wall time max [s]"] = [_format_range(*x) for x in spans]
-    ranks = dict(_COMPARISON_COLUMNS.values())
-    headers = {name: _COMPARISON_COLUMNS[name][0] for name in names}
-    digits = dict.fromkeys(headers.values(), 3)
-    return table_of(shown.rename(columns=headers), "integrator", ranks, digits, "cases.csv")
-
-
-def _format_range(least: Any, most: Any) -> str:
-    low, high = format_number(least), format_number(most)
-    return "-" if low == "-" else f"{low} to {high}"
+    return table_of(shown.rename(columns=_COMPARISON_COLUMNS), "cases.csv", digits=3)
 
 
 def summary_table(summary: pd.DataFrame) -> ResponsiveTable:
-    """Return the summary table of a study; values are followed by their units and any ranges."""
-    ranges = (
-        f" ({_format_range(*x)})".replace(" (-)", "") for x in summary[["min", "max"]].to_numpy()
-    )
-    values = summary["value"].map(format_number) + " " + summary["unit"] + list(ranges)
-    texts = summary.assign(value=values.str.strip()).astype(str)
-    ranks = {"what": 1, "at": 3, "value": 0}
-    names = [name for name in ranks if name in texts and (texts[name] != "").any()]
-    return table_of(texts[["answer", *names]], ranks=ranks, source="summary.csv")
+    """Return the summary table of a study; values are followed by their units."""
+    values = (summary["value"].map(format_number) + " " + summary["unit"]).str.strip()
+    return table_of(summary.assign(value=values)[["answer", "value", "what", "at"]], "summary.csv")
 
 
 def format_headers(units: Mapping[str, str]) -> dict[str, str]:
-    """Return the names that have a unit with it, such as "speed [rad/s]", by name.
-
-    Names that end with their unit, such as "offset of tip.y [m]", are unchanged.
-    """
+    """Return the names that have a unit with it, such as "speed [rad/s]", by name."""
     return {
         name: f"{name.removesuffix(f' [{unit}]')} [{unit}]"
         for name, unit in units.items()
@@ -279,9 +223,7 @@ def sweep_table(
 ) -> ResponsiveTable:
     """Return a table of the parameters, status and outputs of each run of a sweep.
 
-    `units` contains the units of the parameters, by name. Outputs below 1e-12 of the largest one of
-    the same unit are zero. Of several outputs, those that are zero in all runs are omitted and
-    counted.
+    Rounding noise is shown as zero; columns of zeros and constant parameters are the last ones.
     """
     import pandas as pd
 
@@ -293,176 +235,24 @@ def sweep_table(
         kinds[name] = unit if unit not in ("", "-") else column.rpartition(" ")[0] or column
     largest = sizes.max().groupby(kinds.__getitem__).max().to_dict()
     largest["rad"] = max(largest.get("rad", 0.0), 1.0)
-    limits = {name: _ROUNDING * largest[kind] for name, kind in kinds.items()}
-    never_shown: list[str] = []
-    if shown := [x for x in outputs if (sizes[x] > limits[x]).any()]:
-        if n_zeros := len(outputs) - len(shown):
-            never_shown = [f"{format_count(n_zeros, 'column')} of zeros"]
-        outputs = shown
-    varied = [name for name in parameters if table[name].astype(str).nunique() > 1]
-    names = [*varied, *(x for x in parameters if x not in varied), "status", *outputs]
-    rounded = table[names].copy()
+    rounded = table.copy()
     for name in outputs:
-        if len(limits) and pd.api.types.is_float_dtype(table[name]):
-            rounded[name] = table[name].where(~(table[name].abs() <= limits[name]), 0.0)
-    last = len(outputs) + 2
-    ranks = {name: 2 + k for k, name in enumerate(outputs)}
-    ranks |= {name: last for name in parameters if name not in varied}
-    ranks["status"] = last if (table["status"] == "ok").all() else 1
-    headers = format_headers(units or {})
-    return table_of(
-        rounded.rename(columns=headers),
-        ranks={headers.get(name, name): rank for name, rank in ranks.items()},
-        source="sweep.csv",
-    ).omitting(never_shown)
+        if pd.api.types.is_float_dtype(table[name]):
+            is_noise = sizes[name] <= _ROUNDING * largest[kinds[name]]
+            rounded[name] = table[name].where(~is_noise, 0.0)
+    varied = [name for name in parameters if table[name].astype(str).nunique() > 1]
+    first = ["status"] if (table["status"] != "ok").any() else []
+    constant = [x for x in outputs if not rounded[x].astype(bool).any()]
+    names = [*(varied or parameters), *first, *(x for x in outputs if x not in constant)]
+    names += [x for x in [*constant, "status", *parameters] if x not in names]
+    return table_of(rounded[names].rename(columns=format_headers(units or {})), "sweep.csv")
 
 
 def failure_sentences(table: pd.DataFrame) -> list[str]:
-    """Return one sentence per unsuccessful run of a study."""
-    failed_runs = table[table["status"] != "ok"]
-    labels = failed_runs["group"] + ", " + failed_runs["label"]
-    reasons = zip(labels, failed_runs["reason"], strict=True)
-    return [make_printable(f"{label}: {reason}") for label, reason in reasons]
-
-
-def buckling_table(table: pd.DataFrame) -> ResponsiveTable:
-    """Return a table of load factors and moving coordinates, given `Buckling.table()`."""
-    shown = table[["mode", "load factor [-]", "moves most"]]
-    return table_of(shown, ranks={"moves most": 1}, digits={"load factor [-]": 6})
-
-
-def amplitudes_table(table: pd.DataFrame) -> ResponsiveTable:
-    """Return a table of observed columns, given `PeriodicMotion.amplitudes()`."""
-    shown = table.drop(columns="unit").rename_axis("observed").reset_index()
-    return table_of(shown, ranks={"least": 1, "largest": 1}, source="--json")
-
-
-def peaks_table(parameter: str, label: str, peaks: pd.DataFrame) -> ResponsiveTable:
-    """Return a table of the peaks of response curves, given `FrequencyResponse.peak_table()`."""
-    shown = peaks.rename(columns={parameter: label})
-    return table_of(shown, "peak of", digits={label: 6}, source="--json")
-
-
-def bode_table(peaks: pd.DataFrame) -> ResponsiveTable:
-    """Return a table of the peaks of transfer functions, given `Bode.peak_table()`."""
-    _, frequency, _, _, phase = map(str, peaks)
-    return table_of(peaks, "peak of", ranks={phase: 1}, digits={frequency: 6, phase: 4})
-
-
-def estimates_table(table: pd.DataFrame, units: Mapping[str, str] | None = None) -> ResponsiveTable:
-    """Return a table of estimates and their 95 % intervals, given `Fit.table()` and units."""
-    named = table.rename(index=format_headers(units or {})).rename_axis("name").reset_index()
-    _, _, deviation, lower, upper = map(str, named)
-    return table_of(named, "estimate of", ranks={lower: 1, upper: 1}, digits={deviation: 2})
-
-
-def searches_table(
-    table: pd.DataFrame, units: Mapping[str, str], goal: str = "chi-square", cost: str = "runs"
-) -> ResponsiveTable:
-    """Return a table of the searches of a fit or an optimization.
-
-    Parameters
-    ----------
-    table
-        `Fit.starts` or `Optimization.starts`.
-    units
-        Units of the parameters by name.
-    goal, cost
-        Column with the minimized value, and header of the number of evaluations.
-    """
-    headers = format_headers(units) | {"evaluations": cost, "reason": "end"}
-    first = [f"first {name}" for name in units if f"first {name}" in table]
-    last = [name for name in units if name in table]
-    shown = table[[goal, *last, *first, "evaluations", "reason"]].rename(columns=headers)
-    shown.insert(0, "search", [str(k) for k in range(1, len(table) + 1)])
-    ranks = {headers.get(name, name): k for k, name in enumerate(last)}
-    ranks |= dict.fromkeys(first, len(last)) | {cost: 2 * len(units), "end": 1}
-    return table_of(shown, ranks=ranks, source="the file of the searches")
-
-
-def modes_table(table: pd.DataFrame) -> ResponsiveTable:
-    """Return a table of frequencies, damping and moving parts, given `Modes.table()`."""
-    masses = [name for name in map(str, table) if name.startswith("effective mass")]
-    ranks = {"damping ratio [-]": 2, "growth rate [1/s]": 3, "kind": 1, "moves": 1}
-    ranks |= {name: 4 + k for k, name in enumerate(masses)}
-    digits = dict.fromkeys(map(str, table), 3) | {"frequency [Hz]": 6}
-    names = ["mode", "frequency [Hz]", "damping ratio [-]", "growth rate [1/s]", *masses]
-    return table_of(table[[*names, "kind", "moves"]], ranks=ranks, digits=digits)
-
-
-def campbell_table(table: pd.DataFrame) -> ResponsiveTable:
-    """Return a table of frequencies over the rotational speed, given `Campbell.table()`.
-
-    Modes that decay or grow without oscillation have a word in place of the frequency.
-    """
-    frequencies = [name for name in map(str, table) if name.endswith("[Hz]")]
-    shown = table[["speed [rad/s]", *frequencies]].astype(object)
-    for name in frequencies:
-        rate = table[name.replace("mode", "growth rate").replace("[Hz]", "[1/s]")]
-        still = (table[name] == 0.0) & (rate.abs() > _MIN_RATE)
-        shown.loc[still, name] = np.where(rate[still] < 0.0, "decay", "growth")
-    ranks = {name: k for k, name in enumerate(frequencies)}
-    return table_of(_insert_rpm(shown), ranks=ranks, digits=_SPEED_DIGITS)
-
-
-_SPEED_DIGITS = {"speed [rad/s]": 6, "speed [rpm]": 6}
-
-
-def _insert_rpm(table: pd.DataFrame) -> pd.DataFrame:
-    table = table.copy()
-    table.insert(1, "speed [rpm]", table["speed [rad/s]"] * 30.0 / math.pi)
-    return table
-
-
-def resonances_table(table: pd.DataFrame) -> ResponsiveTable:
-    """Return a table of resonance speeds, given `Campbell.resonances()`."""
-    names = ["speed [rad/s]", "frequency [Hz]", "mode", "multiple"]
-    shown = table[names].astype({"mode": int, "multiple": int})
-    return table_of(_insert_rpm(shown), "resonance [rad/s]", digits=_SPEED_DIGITS)
-
-
-def parts_table(kinds: Mapping[str, str]) -> ResponsiveTable:
-    """Return a table of the parts of a mechanism and their classes."""
-    return ResponsiveTable("part", [Column("kind", sentences=True)], kinds.items())
-
-
-def models_table(models: Iterable[Mapping[str, Any]]) -> ResponsiveTable:
-    """Return a table of the models found in files, with their parameters."""
-    columns = [
-        Column("t_end [s]", 3),
-        Column("file", 1, sentences=True),
-        Column("parameters", 2, sentences=True),
-        Column("about", 4, sentences=True),
-    ]
-    rows = []
-    for model in models:
-        parameters = ", ".join(
-            f"{name}={format_with_unit(value, model['units'].get(name, ''))}"
-            for name, value in model["parameters"].items()
-        )
-        file, t_end = Path(model["file"]).name, model["t_end"]
-        rows.append((model["name"], format_number(t_end), file, parameters, model["about"]))
-    return ResponsiveTable("model", columns, rows, "--json")
-
-
-def parameters_table(model: Mapping[str, Any]) -> ResponsiveTable:
-    """Return a table of the parameters of a model, with their units and descriptions."""
-    columns = [Column("default"), Column("unit", 1), Column("description", 2, sentences=True)]
-    texts = (model["units"], model["descriptions"])
-    rows = [
-        (name, format_with_unit(value, ""), *(by_name.get(name, "") for by_name in texts))
-        for name, value in model["parameters"].items()
-    ]
-    return ResponsiveTable(str(model["name"]), columns, rows, "--json")
-
-
-def studies_table(studies: Iterable[Mapping[str, Any]]) -> ResponsiveTable:
-    """Return a table of the studies found in files."""
-    rows = [(x["name"], Path(x["file"]).name) for x in studies]
-    return ResponsiveTable("study", [Column("file", sentences=True)], rows, "--json")
-
-
-def problems_table(problems: Iterable[Mapping[str, Any]]) -> ResponsiveTable:
-    """Return a table of the files that cannot be listed, with their errors."""
-    rows = [(Path(x["file"]).name, x["problem"]) for x in problems]
-    return ResponsiveTable("file", [Column("cannot be listed", sentences=True)], rows)
+    """Return one sentence per reason of the unsuccessful runs of a study, with its first run."""
+    sentences = []
+    for reason, rows in table[table["status"] != "ok"].groupby("reason", sort=False):
+        others = f" and {format_count(len(rows) - 1, 'other')}" if len(rows) > 1 else ""
+        label = f"{rows['group'].iloc[0]}, {rows['label'].iloc[0]}{others}"
+        sentences.append(make_printable(f"{label}: {reason}"))
+    return sentences

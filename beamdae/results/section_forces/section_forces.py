@@ -326,9 +326,7 @@ class SectionForces(HasTable):
                 )
             yield_stresses = np.array(of_materials, float)
         points = ("top", "bottom", "axis")
-        stresses, mesh_bounds, bounds = np.stack(
-            [self._equivalent_stresses(point) for point in points], axis=1
-        )
+        stresses, bounds = np.stack([self._equivalent_stresses(x) for x in points], axis=1)
         utilization = stresses / yield_stresses
         largest = np.unravel_index(np.argmax(utilization), utilization.shape)
         point, row, section = map(int, largest)
@@ -338,8 +336,12 @@ class SectionForces(HasTable):
         if bounds[largest] > max(
             (1.0 + _MAX_UNREPORTED_STRESS_ERROR) * stress, _NEGLIGIBLE_UTILIZATION * yielding
         ):
-            errors = float(mesh_bounds[largest]) - stress, float(bounds[largest]) - stress
-            warning = self._describe_stress_error(stress, *errors, float(self.t[row]))
+            share = 100.0 * (float(bounds[largest]) / stress - 1.0) if stress else np.inf
+            warning = (
+                f"{name}: the stress {stress:.4g} Pa of the smallest safety factor, at t = "
+                f"{self.t[row]:.4g} s, has an estimated error of {share:.0f} %; use more elements, "
+                "more times t, or a smaller tolerance."
+            )
             warn_user(warning)
         return Safety(
             factor=yielding / stress if stress > 0.0 else np.inf,
@@ -353,36 +355,20 @@ class SectionForces(HasTable):
             warning=warning,
         )
 
-    def _equivalent_stresses(self, point: str) -> tuple[Array, Array, Array]:
-        """Return equivalent stresses at a point of the sections, and two upper bounds of them.
+    def _equivalent_stresses(self, point: str) -> tuple[Array, Array]:
+        """Return equivalent stresses at a point of the sections, and upper bounds of them.
 
-        The bounds include the errors without and with those of peaks. All are (k, l) [Pa].
+        The bounds include the estimated errors and the peaks between the times, (k, l) [Pa] each.
         """
         offset: float | str = 0.0 if point == "axis" else point
         sigma, error = self._sigma(offset)
         # Shear stresses vanish at the surfaces; on the axis, they count sqrt(3) times.
         shear = np.sqrt(3.0) if point == "axis" else 0.0
-        tau, tau_error = shear * np.abs(self._tau(self.Q)), shear * self._tau(self.error[1])
-        peak_error = self._sigma_peak_error(offset, self.sampling_error)
-        tau_peak_error = shear * self._tau(self.sampling_error[1])
-        size, tau_size = np.abs(sigma) + error, tau + tau_error
-        return (
-            np.hypot(sigma, tau),
-            np.hypot(size, tau_size),
-            np.hypot(size + peak_error, tau_size + tau_peak_error),
-        )
-
-    def _describe_stress_error(
-        self, stress: float, mesh_error: float, error: float, t: float
-    ) -> str:
-        cause, remedy = "due to the mesh", "use more elements or a smaller tolerance"
-        if error > 2.0 * mesh_error:
-            cause, remedy = "between the times", "use more times t, or a smaller output_step"
-        share = 100.0 * error / stress if stress else np.inf
-        return (
-            f"{self.beam.name}: the stress {stress:.4g} Pa of the smallest safety factor, at t = "
-            f"{t:.4g} s, has an estimated error of {share:.0f} % {cause}; {remedy}."
-        )
+        peaks = self.sampling_error
+        tau = shear * np.abs(self._tau(self.Q))
+        size = np.abs(sigma) + error + self._sigma_peak_error(offset, peaks)
+        tau_size = tau + shear * (self._tau(self.error[1]) + self._tau(peaks[1]))
+        return np.hypot(sigma, tau), np.hypot(size, tau_size)
 
     def diagram(self, what: str = "M", t: float | None = None) -> Plot:
         """Plot N, Q or M over the arc length, at one time or as an envelope.

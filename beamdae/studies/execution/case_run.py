@@ -26,10 +26,10 @@ from beamdae.studies.case import Case
 from beamdae.studies.column_measures import measure_rows
 from beamdae.studies.run_values import (
     MEASURING_TIME_COLUMN,
+    WALL_TIME_COLUMN,
     collect_rows,
     collect_run_values,
     evaluate_outputs,
-    summarize_wall_times,
 )
 from beamdae.studies.store.file_reads import (
     FileReads,
@@ -79,14 +79,14 @@ def _measure_case(task: Task) -> Outcome:
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", BeamdaeWarning)
         values = evaluate_outputs(task.outputs, task.case.configured())
-    values |= summarize_wall_times([clock.perf_counter() - begin])
+    values[WALL_TIME_COLUMN] = clock.perf_counter() - begin
     by_kind: dict[type[Warning], dict[str, None]] = {BeamdaeWarning: {}, KernelWarning: {}}
     for warning in caught:
         for kind, sentences in by_kind.items():
             if issubclass(warning.category, kind):
                 sentences[str(warning.message)] = None
     if by_kind[BeamdaeWarning]:
-        values["warnings"] = " ".join(by_kind[BeamdaeWarning])
+        values["warnings"] = "\n".join(by_kind[BeamdaeWarning])
     return Outcome(MEASURED, values, kernel_warnings=tuple(by_kind[KernelWarning]))
 
 
@@ -97,23 +97,17 @@ def _run_case(task: Task, reads: FileReads) -> Outcome:
         warnings.simplefilter("ignore", BeamdaeWarning)
         built = _build_equations(task)
         reads |= built.reads
-        solutions = []
-        for _ in range(task.repetitions):
-            stop = partial(_find_exceeded_limit, task.time_limit, clock.perf_counter())
-            solution = simulate(
-                built.equations,
-                task.case.integrator,
-                task.t_end,
-                task.output_step,
-                stop,
-                partial="return",
-            )
-            solutions.append(solution)
-            if not solution.status.success:
-                break
-        wall_times = [s.statistics.wall_time for s in solutions]
+        stop = partial(_find_exceeded_limit, task.time_limit, clock.perf_counter())
+        solution = simulate(
+            built.equations,
+            task.case.integrator,
+            task.t_end,
+            task.output_step,
+            stop,
+            partial="return",
+        )
         with nullcontext() if task.is_checked else unchecked():
-            values = collect_run_values(solution) | summarize_wall_times(wall_times)
+            values = collect_run_values(solution)
         status = solution.status
         if status.success:
             try:
@@ -124,8 +118,9 @@ def _run_case(task: Task, reads: FileReads) -> Outcome:
         text = format_trajectory(rows.headers, rows.numbers)
         measures = measure_rows(rows.headers, rows.numbers, solution.step_extremes)
         frames = _export_frames(solution, task.frames) if task.frames else None
-    simulation_time = sum(wall_times) + sum(s.statistics.setup_time for s in solutions)
-    values[MEASURING_TIME_COLUMN] = clock.perf_counter() - begin - simulation_time
+    cost = solution.statistics
+    measuring_time = clock.perf_counter() - begin - cost.wall_time - cost.setup_time
+    values[MEASURING_TIME_COLUMN] = measuring_time
     messages = tuple(str(x.message) for x in caught if issubclass(x.category, KernelWarning))
     return Outcome(
         status,

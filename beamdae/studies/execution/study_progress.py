@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from beamdae.errors import call_progress
@@ -41,45 +41,35 @@ class StudyProgress:
     remaining_time: float | None = None
 
 
-class ProgressCounter:
-    """Counts the runs of a study and reports its progress.
+def count_runs(
+    tasks: Sequence[Task],
+    outcomes: Mapping[str, Outcome],
+    workers: int,
+    progress: Callable[[StudyProgress], None] | None,
+) -> Callable[..., None]:
+    """Return a function that reports the progress after a run.
 
-    The remaining runs are assumed to take as long as those that have ended since the start.
+    Its arguments are the label and the outcome of the run, or "" at the start.
+
+    `outcomes` are those by key of the task, to which the caller adds.
     """
+    start, stored = clock.monotonic(), len(outcomes)
+    failed = sum(not outcome.status.success for outcome in outcomes.values())
 
-    def __init__(
-        self,
-        tasks: list[Task],
-        outcomes: Mapping[str, Outcome],
-        workers: int,
-        progress: Callable[[StudyProgress], None] | None,
-    ) -> None:
-        self._report_progress = progress
-        self._workers = workers
-        self._total = len(tasks)
-        self._done = self._stored = len(outcomes)
-        self._failed = sum(not outcome.status.success for outcome in outcomes.values())
-        self._start = clock.monotonic()
-
-    def add(self, outcome: Outcome) -> None:
-        """Count a run that has ended."""
-        self._done += 1
-        self._failed += not outcome.status.success
-
-    def report(self, last_label: str) -> None:
-        """Report the progress, with the label of the run that ended last or "" at the start."""
-        if self._report_progress is None:
+    def report(last_label: str, outcome: Outcome | None = None) -> None:
+        nonlocal failed
+        failed += outcome is not None and not outcome.status.success
+        if progress is None:
             return
-        missing, ended = self._total - self._done, self._done - self._stored
-        elapsed = clock.monotonic() - self._start
+        missing, ended = len(tasks) - len(outcomes), len(outcomes) - stored
+        elapsed = clock.monotonic() - start
         remaining = 0.0 if not missing else elapsed * missing / ended if ended else None
-        progress = StudyProgress(
-            total=self._total,
-            done=self._done,
-            failed=self._failed,
-            stored=self._stored,
-            running=min(self._workers, missing),
-            last_label=last_label,
-            remaining_time=remaining,
+        running = min(workers, missing)
+        call_progress(
+            progress,
+            StudyProgress(
+                len(tasks), len(outcomes), failed, stored, running, last_label, remaining
+            ),
         )
-        call_progress(self._report_progress, progress)
+
+    return report

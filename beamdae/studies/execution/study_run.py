@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
@@ -25,11 +24,11 @@ from beamdae.results.columns import observed_columns, select_observed_columns
 from beamdae.results.outcome import REACHED_END, Status
 from beamdae.results.storage.files import write_escaped_table
 from beamdae.studies.case import Case, DigestCache
-from beamdae.studies.case_summaries import summarize_cases, summarize_mesh_study
+from beamdae.studies.case_summaries import summarize_cases
 from beamdae.studies.case_table import assemble_case_table, tabulate_case
 from beamdae.studies.definition import Study
 from beamdae.studies.execution.executors import TaskExecutor
-from beamdae.studies.execution.study_progress import ProgressCounter, StudyProgress
+from beamdae.studies.execution.study_progress import StudyProgress, count_runs
 from beamdae.studies.references import (
     REFERENCE_NOT_RUN,
     Reference,
@@ -42,8 +41,6 @@ from beamdae.studies.store.folder_lock import lock_folder
 from beamdae.studies.store.store import Store
 from beamdae.studies.tasks import MEASURED, NOT_RUN, Outcome, Task
 
-# The warnings of a case are one text; each begins with the name of a part or column and a colon.
-_BETWEEN_WARNINGS = re.compile(r"(?<=\.) (?=(?:(?!\. )[^:;,]){1,60}: )")
 _CHECKED_EVERY = 20  # cases whose errors are measured, and the last one
 _MAX_WARNING_KINDS = 5  # kinds of warnings that are described
 
@@ -96,13 +93,12 @@ class StudyPlan:
 
 
 def _merge_tasks(tasks: list[Task]) -> list[Task]:
-    """Merge tasks with the same key, with the largest number of repetitions and of frames."""
+    """Merge tasks with the same key, with the largest number of frames."""
     merged: dict[str, Task] = {}
     for task in tasks:
         earlier = merged.setdefault(task.key, task)
         merged[task.key] = replace(
             earlier,
-            repetitions=max(earlier.repetitions, task.repetitions),
             frames=max(earlier.frames, task.frames),
             is_checked=earlier.is_checked or task.is_checked,
         )
@@ -200,7 +196,7 @@ class StudyResults:
         # By kind, the first warning of each case.
         kinds: dict[str, dict[int, str]] = {}
         for k, text in enumerate(self.table.get("warnings", ())):
-            for warning in _BETWEEN_WARNINGS.split(text) if isinstance(text, str) and text else ():
+            for warning in text.splitlines() if isinstance(text, str) else ():
                 kinds.setdefault(kind_of_message(f": {warning}"), {}).setdefault(k, warning)
         sentences = []
         for cases in list(kinds.values())[:_MAX_WARNING_KINDS]:
@@ -305,8 +301,8 @@ def _run_missing_tasks(
 ) -> bool:
     """Run the tasks without an outcome, add their outcomes, and return True if interrupted."""
     missing = [task for task in plan.tasks if task.key not in outcomes]
-    counter = ProgressCounter(plan.tasks, outcomes, executor.workers, progress)
-    counter.report("")
+    report = count_runs(plan.tasks, outcomes, executor.workers, progress)
+    report("")
     issued_messages: set[str] = set()
     if interrupts.received:
         return True
@@ -324,8 +320,7 @@ def _run_missing_tasks(
                 if outcome.is_final and outcome.status.kind != "interrupted":
                     outcome = store.save(task, outcome)
                 outcomes[task.key] = outcome
-                counter.add(outcome)
-                counter.report(f"{task.case.group}, {task.case.label}")
+                report(f"{task.case.group}, {task.case.label}", outcome)
         interrupts.immediate = False
     except KeyboardInterrupt:
         acknowledge()
@@ -361,10 +356,6 @@ def _evaluate_outcomes(
     table = assemble_case_table(
         [_create_row(plan, case, outcomes, references) for case in study.cases]
     )
-    if study.over is None:
-        summary = summarize_cases(table)
-    else:
-        summary = summarize_mesh_study(table, study.over)
     frames = {
         task.mechanism_fingerprint: outcomes[task.key].frames
         for task in plan.tasks
@@ -374,7 +365,7 @@ def _evaluate_outcomes(
         study,
         folder,
         table,
-        summary,
+        summarize_cases(table),
         references,
         outcomes,
         frames,

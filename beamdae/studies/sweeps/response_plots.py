@@ -1,12 +1,11 @@
-"""Plots of sweeps: responses over one parameter as curves, or over two as color maps."""
+"""Plots of the responses of a sweep: curves over one parameter, and maps over two."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -15,11 +14,7 @@ from beamdae.errors import BeamdaeError
 from beamdae.report.pictures import figures
 from beamdae.report.text import shorten_text
 from beamdae.results.displays import Plot
-from beamdae.studies.sweeps.parameter_study import (
-    STATUS,
-    ParameterStudy,
-    parameter_column,
-)
+from beamdae.studies.sweeps.parameter_study import STATUS, ParameterStudy, parameter_column
 from beamdae.studies.sweeps.responses import (
     Panel,
     choose_axis,
@@ -54,55 +49,47 @@ _LABEL_ROTATION = 30  # of texts below a panel [degrees]
 _RATIO_TOLERANCE = 1e-6  # relative tolerance of the ratios of a geometric sequence
 
 
-@dataclass(frozen=True)
-class ParameterScale:
+class ParameterScale(NamedTuple):
     """Axis of a parameter: numbers at their values, other values in order of appearance.
 
     Attributes
     ----------
-    name
-        Name of the parameter.
+    label
+        Name of the parameter with its unit.
     positions
-        Position on the axis for each row of the table.
-    ticks
-        Distinct positions in ascending order.
-    labels
-        Tick labels of a parameter that is not numeric; empty for numbers.
-    log
-        True for a logarithmic axis: at least three positive values form a geometric sequence.
-    unit
-        Unit of the parameter; "" if unknown, "-" without dimension.
+        Position of each row of the table.
+    ticks, labels
+        Distinct positions in ascending order, and their labels; no labels for numbers.
+    scale
+        "log" if the values are a geometric sequence, otherwise "linear".
     """
 
-    name: str
+    label: str
     positions: Array
     ticks: Array
-    labels: tuple[str, ...]
-    log: bool
-    unit: str = ""
+    labels: tuple[str, ...] = ()
+    scale: str = "linear"
 
     @classmethod
-    def of(cls, table: pd.DataFrame, name: str, unit: str = "") -> ParameterScale:
+    def of(cls, study: ParameterStudy, table: pd.DataFrame, name: str) -> ParameterScale:
         """Return the scale of a parameter in a table of responses."""
-        values = list(table[parameter_column(name)])
+        values, unit = table[parameter_column(name)], study.units.get(name, "")
+        label = shorten_text(name, figures.MAX_LABEL_LETTERS)
         if is_numeric_parameter(table, name):
-            positions = np.array(values, float)
+            positions = values.to_numpy(float)
             ticks = np.unique(positions)
-            return cls(name, positions, ticks, (), _is_geometric(ticks), unit)
-        texts = [str(value) for value in values]
-        labels = list(dict.fromkeys(texts))
-        positions = np.array([labels.index(text) for text in texts], float)
-        return cls(name, positions, np.arange(len(labels), dtype=float), tuple(labels), False)
+            label = label if unit in ("", "-") else f"{label} [{unit}]"
+            return cls(label, positions, ticks, (), "log" if _is_geometric(ticks) else "linear")
+        codes, texts = pd.factorize(values.astype(str))
+        return cls(label, codes.astype(float), np.arange(len(texts), dtype=float), tuple(texts))
 
     def format_axis(self, axes: Axes, which: str) -> None:
         """Set the label, scale and ticks of the axis `which` ("x" or "y")."""
         from beamdae.report.pictures.tick_labels import format_ticks
 
         axis = getattr(axes, f"{which}axis")
-        label = shorten_text(self.name, figures.MAX_LABEL_LETTERS)
-        axis.set_label_text(label if self.unit in ("", "-") else f"{label} [{self.unit}]")
-        if self.log:
-            getattr(axes, f"set_{which}scale")("log")
+        axis.set_label_text(self.label)
+        axes.set(**{f"{which}scale": self.scale})
         # Scales the label, too.
         format_ticks(axis)
         if self.labels:
@@ -124,9 +111,9 @@ def _is_geometric(values: Array) -> bool:
 def list_response_plots(
     study: ParameterStudy, table: pd.DataFrame, panels: Sequence[Panel], folder: Path
 ) -> dict[str, Callable[[], list[Path]]]:
-    """Return functions that write the response plots of a sweep as PNG and SVG, by name.
+    """Return functions that write the response plots of a sweep by name.
 
-    The dict is empty if no parameter varies or there are no panels.
+    There are none if no parameter varies or there are no responses.
     """
     if not study.varied or not panels:
         return {}
@@ -141,8 +128,7 @@ def list_response_plots(
 
 
 def _save_files(draw: Callable[[], Plot], path: Path) -> list[Path]:
-    figure = draw().figure
-    return [figures.save_figure(figure, path.with_suffix(x)) for x in (".png", ".svg")]
+    return [figures.save_figure(draw().figure, path.with_suffix(".png"))]
 
 
 def plot_curves(
@@ -150,48 +136,45 @@ def plot_curves(
 ) -> Plot:
     """Plot each panel over one parameter, with a curve per combination of other parameters.
 
-    If there are several combinations, each measure has a panel; otherwise, the measures of a panel
-    are its curves. See `SweepResults.plot` for `x` and errors.
+    Crosses mark failed runs. See `SweepResults.plot`.
     """
     x = choose_axis(study, table, x)
-    scale = ParameterScale.of(table, x, study.units.get(x, ""))
-    groups = group_rows(study, scale.name)
+    scale, groups = ParameterScale.of(study, table, x), group_rows(study, x)
     several = len(groups) > 1
-    if several:
-        panels = [line for panel in panels for line in panel.split()]
-    panels = _remove_empty(table, panels)
+    panels = _remove_empty(table, _split(panels) if several else panels)
     labels = list(groups)
     if not several:
         labels = list(dict.fromkeys(x for panel in panels for x in panel.lines if x))
-    others = [name for name in study.varied if name != scale.name]
-    graded = (
+    others = [name for name in study.varied if name != x]
+    is_graded = (
         len(groups) > len(figures.COLORS)
         and len(others) == 1
         and is_numeric_parameter(table, others[0])
     )
-    styles = _create_styles(labels, graded)
-    failed = (table[STATUS] != "ok").to_numpy()
-    figure, axes = figures.create_panels(len(panels), "")
-    for axis, panel in zip(axes, panels, strict=False):
-        for group, rows in groups.items():
-            for measure, column in panel.lines.items():
-                style = styles.get(group if several else measure, {"color": figures.COLORS[0]})
-                _draw_curve(axis, table, scale, rows, column, style)
-        failures = np.unique(scale.positions[failed])
-        heights = np.full(len(failures), _FAILURE_HEIGHT)
+    styles = _create_styles(labels, is_graded)
+    drawn = []
+    for panel in panels:
+        lines = [
+            _create_line(table[column], scale, rows, styles.get(group if several else measure))
+            for group, rows in groups.items()
+            for measure, column in panel.lines.items()
+        ]
+        axes = (scale.label, "")
+        drawn.append(figures.Panel(panel.title, panel.label, lines, axes, (scale.scale, "linear")))
+    is_failed = (table[STATUS] != "ok").to_numpy()
+    entries = _list_entries(styles if len(labels) > 1 else {}, bool(is_failed.any()))
+    figure = figures.draw_panels(drawn, "", entries, x_label=None)
+    failures = np.unique(scale.positions[is_failed])
+    heights = np.full(len(failures), _FAILURE_HEIGHT)
+    for axis in figure.axes:
         axis.plot(failures, heights, transform=axis.get_xaxis_transform(), **_FAILURE_STYLE)
-        title = shorten_text(panel.title, figures.MAX_LABEL_LETTERS)
-        figures.format_axis(axis, title, _format_unit(panel))
-        axis.margins(x=0.04)
         scale.format_axis(axis, "x")
-    _add_legend(figure, styles if len(labels) > 1 else {}, bool(failed.any()))
-    figures.disable_math_text(figure)
     return Plot(figure)
 
 
-def _create_styles(labels: Sequence[str], graded: bool) -> dict[str, dict[str, Any]]:
-    """Return the style of each curve; if `graded`, the colors follow a color map in order."""
-    if graded:
+def _create_styles(labels: Sequence[str], is_graded: bool) -> dict[str, dict[str, Any]]:
+    """Return the style of each curve; if graded, the colors follow a color map in order."""
+    if is_graded:
         from matplotlib import colormaps
 
         colors = colormaps["viridis"](np.linspace(0.0, _MAX_COLOR, len(labels)))
@@ -203,31 +186,27 @@ def _create_styles(labels: Sequence[str], graded: bool) -> dict[str, dict[str, A
     }
 
 
-def _draw_curve(
-    axis: Axes,
-    table: pd.DataFrame,
-    scale: ParameterScale,
-    rows: Array,
-    column: str,
-    style: dict[str, Any],
-) -> None:
-    """Plot a curve in the order of the parameter; non-numeric parameters have markers only."""
+def _create_line(
+    column: pd.Series, scale: ParameterScale, rows: Array, style: dict[str, Any] | None
+) -> tuple[Array, Array, dict[str, Any]]:
+    """Return a curve in the order of the parameter; other values have markers only."""
     rows = rows[np.argsort(scale.positions[rows], kind="stable")]
-    heights = _extract_numbers(table[column])[rows]
-    options: dict[str, Any] = {"marker": "o", "ms": 3.5, "lw": 1.4} | style
+    looks: dict[str, Any] = {"color": figures.COLORS[0], "lw": 1.4} | (style or {})
     if scale.labels:
-        options |= {"ls": "none", "ms": 6}
-    elif len(rows) > _MAX_MARKERS:
-        # Points without neighbors would be invisible.
-        gaps = np.isnan(np.concatenate([[np.nan], heights, [np.nan]]))
-        options["markevery"] = np.flatnonzero(~gaps[1:-1] & gaps[:-2] & gaps[2:]).tolist()
-    axis.plot(scale.positions[rows], heights, **options)
+        looks |= {"ls": "none", "marker": "o", "ms": 6}
+    elif len(rows) <= _MAX_MARKERS:
+        looks |= {"marker": "o", "ms": 3.5}
+    return scale.positions[rows], _extract_numbers(column)[rows], looks
 
 
 def _extract_numbers(column: pd.Series) -> Array:
     """Return a column as floats; values that are not numbers or too large to draw become NaN."""
     values = pd.to_numeric(column, "coerce").to_numpy(float)
     return figures.mask_huge_values({"": values})[""]
+
+
+def _split(panels: Sequence[Panel]) -> list[Panel]:
+    return [line for panel in panels for line in panel.split()]
 
 
 def _remove_empty(table: pd.DataFrame, panels: Sequence[Panel]) -> list[Panel]:
@@ -241,11 +220,10 @@ def drop_constant(
 ) -> list[Panel]:
     """Return the panels with a response that differs between runs; all panels if none does.
 
-    With several varied parameters, each measure is a panel, as in `plot_curves`.
+    Responses whose range is below 1e-6 of their largest magnitude, or of 1e-6 of the largest one of
+    the same unit, are constant up to rounding.
     """
-    if len(study.varied) > 1:
-        panels = [line for panel in panels for line in panel.split()]
-
+    panels = _split(panels) if len(study.varied) > 1 else list(panels)
     numbers = {x: _extract_numbers(table[x]) for y in panels for x in y.lines.values()}
     largest = {"rad": 1.0}
     for panel in panels:
@@ -258,21 +236,15 @@ def drop_constant(
         return bool(len(values) and np.ptp(values) > _CONSTANT_RANGE * size)
 
     varying = [x for x in panels if any(varies(column, x.unit) for column in x.lines.values())]
-    return varying or list(panels)
+    return varying or panels
 
 
-def _format_unit(panel: Panel) -> str:
-    return f"[{panel.unit}]" if panel.unit else ""
-
-
-def _add_legend(figure: Figure, styles: dict[str, dict[str, Any]], any_failed: bool) -> None:
+def _list_entries(styles: dict[str, dict[str, Any]], any_failed: bool) -> dict[str, dict[str, Any]]:
+    """Return the first entries of the legend, and that of failed runs."""
     entries = dict(list(styles.items())[:_MAX_LEGEND_CURVES])
     if len(styles) > _MAX_LEGEND_CURVES:
         entries[f"and {len(styles) - _MAX_LEGEND_CURVES} more"] = {"ls": "none"}
-    if any_failed:
-        entries["did not reach the end time"] = _FAILURE_STYLE
-    if entries:
-        figures.add_legend(figure, entries)
+    return entries | ({"did not reach the end time": _FAILURE_STYLE} if any_failed else {})
 
 
 def plot_maps(
@@ -284,7 +256,7 @@ def plot_maps(
 ) -> Plot:
     """Plot each response as a color map over the two varied parameters.
 
-    See `SweepResults.map` for `x`, `y` and errors.
+    See `SweepResults.map`.
     """
     varied = study.varied
     if len(varied) != 2:
@@ -294,20 +266,18 @@ def plot_maps(
             "vary exactly two parameters."
         )
     x = choose_axis(study, table, x)
-    horizontal = ParameterScale.of(table, x, study.units.get(x, ""))
-    (other,) = [name for name in varied if name != horizontal.name]
+    (other,) = [name for name in varied if name != x]
     if y is not None and choose_axis(study, table, y) != other:
         raise BeamdaeError(
             f"{study.name}: y must be {other!r}, got {y!r}, which is on the horizontal axis."
         )
-    vertical = ParameterScale.of(table, other, study.units.get(other, ""))
-    panels = _remove_empty(table, [line for panel in panels for line in panel.split()])
+    horizontal, vertical = (ParameterScale.of(study, table, name) for name in (x, other))
+    panels = _remove_empty(table, _split(panels))
     figure, axes = figures.create_panels(len(panels), "")
     for axis, panel in zip(axes, panels, strict=False):
         (column,) = panel.lines.values()
         figures.format_axis(axis, shorten_text(panel.title, figures.MAX_LABEL_LETTERS), "")
-        heights = _extract_numbers(table[column])
-        _draw_map(axis, horizontal, vertical, heights, _format_unit(panel))
+        _draw_map(axis, horizontal, vertical, _extract_numbers(table[column]), panel.label)
         horizontal.format_axis(axis, "x")
         vertical.format_axis(axis, "y")
     figures.disable_math_text(figure)
@@ -315,18 +285,13 @@ def plot_maps(
 
 
 def _draw_map(axis: Axes, x: ParameterScale, y: ParameterScale, heights: Array, unit: str) -> None:
-    """Draw cells, or dots if fewer than half of all pairs were run; crosses mark missing values.
-
-    Relative differences below 1e-6 are not drawn.
-    """
+    """Draw cells, or dots if fewer than half of all pairs were run; crosses mark missing values."""
     from beamdae.report.pictures.tick_labels import format_ticks
 
     if np.nanmax(heights) - np.nanmin(heights) <= _CONSTANT_RANGE * np.nanmax(np.abs(heights)):
         heights = np.where(np.isnan(heights), np.nan, np.nanmean(heights))
     cells = np.full((len(y.ticks), len(x.ticks)), np.nan)
-    rows = np.searchsorted(y.ticks, y.positions)
-    columns = np.searchsorted(x.ticks, x.positions)
-    cells[rows, columns] = heights
+    cells[np.searchsorted(y.ticks, y.positions), np.searchsorted(x.ticks, x.positions)] = heights
     failed = np.isnan(heights)
     if len(heights) < _MIN_MAP_COVERAGE * cells.size:
         x_run, y_run = x.positions[~failed], y.positions[~failed]
@@ -335,6 +300,7 @@ def _draw_map(axis: Axes, x: ParameterScale, y: ParameterScale, heights: Array, 
         colored = axis.pcolormesh(x.ticks, y.ticks, cells, cmap="viridis", shading="nearest")
     axis.plot(x.positions[failed], y.positions[failed], **_FAILURE_STYLE)
     axis.grid(False)
-    bar = axis.figure.colorbar(colored, ax=axis)
+    figure: Figure = axis.figure  # type: ignore[assignment]
+    bar = figure.colorbar(colored, ax=axis)
     bar.set_label(unit)
     format_ticks(bar.ax.yaxis)

@@ -138,6 +138,11 @@ class Panel:
     unit: str
     lines: Mapping[str, str]
 
+    @property
+    def label(self) -> str:
+        """Label of the vertical axis."""
+        return f"[{self.unit}]" if self.unit else ""
+
     def split(self) -> list[Panel]:
         """Return one panel per line."""
         return [

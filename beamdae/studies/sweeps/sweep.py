@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, overload
+from typing import Any
 
 from beamdae.errors import (
     BeamdaeError,
@@ -215,43 +215,6 @@ def _require_measure(measure: Any, run_options: Mapping[str, Any]) -> dict[str, 
 
 # Values by parameter, or a list of combinations.
 Over = Mapping[str, Iterable[Any]] | Iterable[Mapping[str, Any]]
-
-
-@overload
-def sweep(
-    model: Model | Callable[..., Any],
-    over: None = None,
-    *,
-    of: str | Iterable[str] = (),
-    outputs: Mapping[str, Output] | None = None,
-    integrator: Integrator | None = None,
-    t_end: float | None = None,
-    output_step: float | None = None,
-    time_limit: float | None = None,
-    start: str | Rotation | Mapping[str, float] | None = None,
-    measure: Mapping[str, Measure] | None = None,
-) -> Callable[[Callable[[], Over]], Sweep]: ...
-
-
-@overload
-def sweep(
-    model: Model | Callable[..., Any],
-    over: Over,
-    *,
-    of: str | Iterable[str] = (),
-    outputs: Mapping[str, Output] | None = None,
-    integrator: Integrator | None = None,
-    t_end: float | None = None,
-    output_step: float | None = None,
-    time_limit: float | None = None,
-    start: str | Rotation | Mapping[str, float] | None = None,
-    measure: Mapping[str, Measure] | None = None,
-    folder: str | Path | None = None,
-    jobs: int | None = 1,
-    scheduler: str | Executor | None = None,
-    progress: Callable[[StudyProgress], None] | None = None,
-    partial: PartialResult = "raise",
-) -> SweepResults: ...
 
 
 def sweep(

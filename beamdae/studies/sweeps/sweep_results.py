@@ -145,13 +145,13 @@ class SweepResults:
             outcome = self.results.outcome(case)
             table = outcome.table
             if table is not None:
-                warning = outcome.values.get(WARNINGS, "")
+                warnings = str(outcome.values.get(WARNINGS, "")).splitlines()
                 runs[row] = SweepRun(
                     self.sweep.tag(case),
                     setting,
                     outcome.status,
                     table,
-                    (warning,) if warning else (),
+                    tuple(warnings),
                 )
         return runs
 

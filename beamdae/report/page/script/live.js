@@ -1,7 +1,6 @@
 // Live view: controls of the parameters, the drawing that follows them, and runs.
 
 const SLIDER_STEPS = 400;
-const SLIDER_DIGITS = 4;
 const FIELD_DIGITS = 6;
 const MIN_STAGE_SHARE = 0.3; // of the picture; a smaller mechanism gets a new scale
 const live = { controls: [], values: {}, number: 0, isBusy: false, isRunning: false, next: null, extent: null };
@@ -60,7 +59,7 @@ function createField(control, id) {
   control.show = (shown) => {
     const isNumber = typeof shown === "number";
     field.value = isNumber ? formatPlain(shown) : shown;
-    if (slider && isNumber) slider.value = toPosition(control, shown);
+    if (slider && isNumber) slider.value = shown;
   };
   const shownUnit = kind === "text" ? [] : [html("span", { class: "unit" }, unit)];
   return [field, ...shownUnit, ...(slider ? [slider] : [])];
@@ -68,31 +67,17 @@ function createField(control, id) {
 
 function createSlider(control, field, unit) {
   const { name, low, high, kind } = control;
-  control.steps = kind === "integer" ? high - low : SLIDER_STEPS;
   const title = `${formatPlain(low)} to ${formatPlain(high)} ${unit}`.trim();
   const move = (isReleased) => {
-    const value = toValue(control, Number(slider.value));
+    const value = Number(formatPlain(Number(slider.value)));
     field.value = formatPlain(value);
-    slider.setAttribute("aria-valuetext", `${formatPlain(value)} ${unit}`.trim());
+    slider.setAttribute("aria-valuetext", `${field.value} ${unit}`.trim());
     changeValue(control, value, isReleased, true);
   };
-  const attributes = { type: "range", min: 0, max: control.steps, step: 1, "aria-label": name, title };
+  const step = kind === "integer" ? 1 : (high - low) / SLIDER_STEPS;
+  const attributes = { type: "range", min: low, max: high, step, "aria-label": name, title };
   const slider = html("input", { ...attributes, input: () => move(false), change: () => move(true) });
   return slider;
-}
-
-function toValue({ low, high, log, kind, steps }, position) {
-  if (kind === "integer") return low + position;
-  const share = position / steps;
-  const value = log ? low * (high / low) ** share : low + (high - low) * share;
-  // Rounded relative to the range, so that a slider through zero reaches zero.
-  const digit = 10 ** (Math.floor(Math.log10(Math.abs(log ? value : high - low))) - SLIDER_DIGITS + 1);
-  return Number((Math.round(value / digit) * digit).toPrecision(12));
-}
-
-function toPosition({ low, high, log, steps }, value) {
-  const share = log ? Math.log(value / low) / Math.log(high / low) : (value - low) / (high - low);
-  return Math.round(clamp(share, 0, 1) * steps);
 }
 
 function formatPlain(value) {

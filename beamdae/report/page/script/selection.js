@@ -22,16 +22,7 @@ function toggleCase(id) {
 function selectCase(run) {
   const freeSlot = state.slots.indexOf(null);
   const slot = freeSlot >= 0 ? freeSlot : state.slots.length;
-  state.slots[slot] = { run, number: slot + 1, color: leastUsedColor(run) };
-}
-
-// Candidates are the color of the family, followed by the colors not used by any family.
-function leastUsedColor(run) {
-  const isOwn = !page.sequential;
-  const colors = [isOwn ? families.indexOf(run.family) % COLOR_COUNT : 0];
-  for (let k = isOwn ? families.length : 1; k < COLOR_COUNT; k += 1) colors.push(k);
-  const countUses = (k) => selectedCases().filter((entry) => entry.color === `color-${k}`).length;
-  return `color-${colors.sort((a, b) => countUses(a) - countUses(b))[0]}`;
+  state.slots[slot] = { run, number: slot + 1, color: `color-${slot % COLOR_COUNT}` };
 }
 
 function selectedCases() {
@@ -66,17 +57,14 @@ function showSelection() {
   drawPanels();
 }
 
-// Below the selection: why curves of a selected case are missing, and the most similar case with curves.
+// Below the selection: why curves of a selected case are missing.
 function explainMissingCurves() {
-  const others = groupCases().filter((run) => run.curves);
-  const missing = others.length ? selectedCases().filter(({ run }) => !run.curves) : [];
+  const count = groupCases().filter((run) => run.curves).length;
+  const missing = count ? selectedCases().filter(({ run }) => !run.curves) : [];
   const notes = missing.map(({ run }) => {
-    if (hasFailed(run)) return html("p", {}, `${run.label} has no curves: ${run.status}.`);
-    const nearest = nearestCase(run, others);
-    const button = html("button", { type: "button", click: () => toggleCase(nearest.id) }, nearest.label);
-    const file = run.file ? ` The rows of this case are in ${run.file}.` : "";
-    const count = `${others.length} of ${groupCases().length} cases`;
-    return html("p", {}, `${run.label} has no curves on this page, which stores those of ${count}.${file} Nearest: `, button);
+    const file = run.file ? ` Its rows are in ${run.file}.` : "";
+    const why = hasFailed(run) ? `: ${run.status}.` : ` on this page, which stores those of ${count} of ${groupCases().length} cases.${file}`;
+    return html("p", {}, `${run.label} has no curves${why}`);
   });
   byId("selection-notes").replaceChildren(...notes);
 }

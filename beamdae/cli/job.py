@@ -1,0 +1,183 @@
+"""Jobs of the commands that analyze a model: their common options, files and outputs."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from beamdae.cli.options import (
+    AccurateColumns,
+    ModelName,
+    ModelPath,
+    Out,
+    Page,
+    Picture,
+    RequiredAccuracy,
+    Settings,
+    load_model,
+    parse_start,
+    split_names,
+)
+from beamdae.cli.results import Report, ResultFiles, run_analysis
+from beamdae.errors import BeamdaeError
+
+if TYPE_CHECKING:
+    from beamdae.cli.model_files.model_file import ModelFile
+    from beamdae.model_functions import Model
+
+# Arguments and options of a command with a job, by name: annotation and default value.
+_ARGUMENTS: dict[str, tuple[Any, Any]] = {"path": (ModelPath, inspect.Parameter.empty)}
+_OPTIONS: dict[str, tuple[Any, Any]] = {
+    "settings": (Settings, None),
+    "model_name": (ModelName, None),
+    "page": (Page, True),
+    "picture": (Picture, True),
+    "out": (Out, Path("results")),
+}
+_ACCURACY_OPTIONS: dict[str, tuple[Any, Any]] = {
+    "accuracy": (RequiredAccuracy, None),
+    "accuracy_columns": (AccurateColumns, None),
+}
+
+
+@dataclass
+class Job:
+    """Model of a command, and the files that it writes.
+
+    Attributes
+    ----------
+    command
+        Name of the command.
+    model, file
+        The model with the values of --set as defaults, and its file.
+    out, page, picture
+        Output folder, and True for files that are written.
+    accuracy
+        Arguments of an analysis for --accuracy and --columns.
+    """
+
+    command: str
+    model: Model
+    file: ModelFile
+    out: Path
+    page: bool
+    picture: bool
+    accuracy: dict[str, Any] = field(default_factory=dict)
+
+    @classmethod
+    def create(cls, command: str, options: Mapping[str, Any]) -> Job:
+        """Load the model of a command with the options of `job_parameters`."""
+        x = dict(options)
+        model, file = load_model(x["path"], x["model_name"], x["settings"])
+        job = cls(command, model, file, x["out"], x["page"], x["picture"])
+        if "accuracy" in x:
+            accuracy, columns = x["accuracy"], x["accuracy_columns"]
+            if columns and accuracy is None:
+                raise BeamdaeError(
+                    f"{command}: --columns requires --accuracy; use both options or neither."
+                )
+            names = job.split(columns)
+            job.accuracy = {"accuracy": accuracy, "accuracy_columns": names}
+        return job
+
+    @cached_property
+    def mechanism(self) -> Any:
+        """What the model function returns."""
+        return self.model()
+
+    def split(self, texts: str | Sequence[str] | None) -> list[str] | None:
+        """Return the names in the values of an option; None without names, see `split_names`."""
+        return split_names(texts, self.model) or None
+
+    def start(self, texts: list[str] | None) -> Any:
+        """Return the start described by --start, or None without this option."""
+        return parse_start(texts, self.model)
+
+    def path(self, suffix: str) -> Path:
+        """Return the path of an output file, whose name is that of the model with a suffix."""
+        return self.out / f"{self.model.name}{suffix}"
+
+    def plan(
+        self,
+        suffix: str,
+        *further: Path,
+        others: tuple[str, Iterable[Path]] = ("", ()),
+    ) -> ResultFiles:
+        """Return the files of table, page and picture; see `ResultFiles.plan`."""
+        stem = f"{self.model.name}{suffix}"
+        return ResultFiles.plan(self.out, stem, self.page, self.picture, *further, others=others)
+
+    def select_columns(
+        self,
+        names: list[str] | None,
+        x: str | None,
+        list_headers: Callable[[Any], tuple[Iterable[str], Iterable[str]]],
+    ) -> tuple[list[str], str | None]:
+        """Return the headers of --plot and --x, before an analysis that takes long.
+
+        Parameters
+        ----------
+        names, x
+            Values of the options.
+        list_headers
+            Function of the equations of motion that returns all headers and the observed ones.
+        """
+        if not names and x is None:
+            return [], None
+        if not self.picture:
+            option = "--plot" if names else "--x"
+            raise BeamdaeError(f"{self.command}: {option} requires the picture; omit --no-picture.")
+        from beamdae.results.columns import require_one_column, select_columns
+        from beamdae.simulation import as_equations
+
+        headers, observed = map(list, list_headers(as_equations(self.command, self.model)))
+
+        def select(name: str) -> list[str]:
+            return select_columns(headers, name, observed=observed, part=self.command)
+
+        selected = dict.fromkeys(y for name in self.split(names) or () for y in select(name))
+        return list(selected), x and require_one_column(self.command, x, select(x))
+
+    def run(
+        self,
+        files: ResultFiles,
+        title: str,
+        analyze: Callable[[], Any],
+        write_tables: Callable[[Any], Sequence[Path]] | None = None,
+        **more: Any,
+    ) -> None:
+        """Analyze the model and write and print its results; see `run_analysis`."""
+        name = self.model.name
+        run_analysis(files, name, f"{name}, {title}", analyze, write_tables, **more)
+
+
+class AccurateJob(Job):
+    """Job of an analysis that can refine its result to a required accuracy."""
+
+
+def job_parameters(kind: type[Job]) -> tuple[list[inspect.Parameter], list[inspect.Parameter]]:
+    """Return the parameters of a command for its job: the arguments, and the options."""
+    options = _OPTIONS | (_ACCURACY_OPTIONS if kind is AccurateJob else {})
+    arguments, keywords = (
+        [
+            inspect.Parameter(
+                name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation
+            )
+            for name, (annotation, default) in group.items()
+        ]
+        for group in (_ARGUMENTS, options)
+    )
+    return arguments, keywords
+
+
+def observed_headers(equations: Any) -> tuple[list[str], list[str]]:
+    """Return the headers of all observed columns twice, for `Job.select_columns`."""
+    headers = [header for observable in equations.observables for header in observable.headers]
+    return headers, headers
+
+
+__all__ = ["AccurateJob", "Job", "Report", "ResultFiles", "job_parameters", "observed_headers"]

@@ -1,0 +1,295 @@
+"""Facts and tables of results of analyses, which commands print and pages show."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from beamdae.errors import format_count
+from beamdae.model_parameters import format_with_unit
+from beamdae.report.terminal.text_tables import column_extremes, format_headers, range_rows
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+_PRINTED_MULTIPLIERS = 4
+
+
+@dataclass(frozen=True)
+class Description:
+    """Words and numbers about a result.
+
+    Attributes
+    ----------
+    facts
+        Texts by topic.
+    tables
+        Tables by title: data frames, lists of rows by header, or lines of text for the terminal.
+    data
+        Function that returns the entries of the JSON document beside status and reason.
+    details
+        Facts that are shown on request.
+    """
+
+    facts: Mapping[str, str] = field(default_factory=dict)
+    tables: Mapping[str, Any] = field(default_factory=dict)
+    data: Callable[[], Mapping[str, Any]] = dict
+    details: Mapping[str, str] = field(default_factory=dict)
+
+
+def list_parts(types: Mapping[str, str]) -> dict[str, list[dict[str, str]]]:
+    """Return the table of the parts of a mechanism, given their classes by name."""
+    return {"Parts": [{"part": name, "kind": kind} for name, kind in types.items()]}
+
+
+def describe(result: Any) -> Description:
+    """Return the description of the result of an analysis."""
+    description: Description = _DESCRIPTIONS[type(result).__name__](result)
+    return description
+
+
+def _describe_modes(modes: Any) -> Description:
+    table = modes.table()
+    masses = [name for name in table if name.startswith("effective mass")]
+    shown = table[[*(name for name in table if name not in masses), *masses]]
+    data = {"about": modes.about, "modes": table}
+    return Description({"about": modes.about}, {"Modes": shown}, lambda: data)
+
+
+def _describe_buckling(buckling: Any) -> Description:
+    table = buckling.table()
+    data = {"loads": list(buckling.loads), "modes": table}
+    return Description({}, {"Buckling": table}, lambda: data)
+
+
+def _describe_campbell(diagram: Any) -> Description:
+    table, resonances = diagram.table(), diagram.resonances()
+    speed, speeds = f"speed [{diagram.speed_unit}]", diagram.speeds / diagram.speed_factor
+    frequencies = table.filter(regex=r"\[Hz\]$")
+    frequencies.insert(0, speed, speeds)
+    shown = resonances.rename(columns={"multiple": "excitations per revolution"})
+    shown.insert(0, speed, shown.pop("speed [rad/s]") / diagram.speed_factor)
+    return Description(
+        {},
+        {"Frequencies": frequencies, "Resonances": shown},
+        lambda: {"about": "rotations", "speeds": table, "resonances": resonances},
+    )
+
+
+def _describe_bode(diagram: Any) -> Description:
+    peaks, linear = diagram.peak_table(), diagram.model
+    first, last = diagram.frequencies[[0, -1]].tolist()
+    facts = {
+        "about": linear.about,
+        "states": str(len(linear.states)),
+        "frequencies": f"{len(diagram.frequencies)}, {first:.4g} to {last:.4g} Hz",
+    }
+    return Description(
+        facts,
+        {"Peaks": peaks},
+        lambda: {"about": linear.about, "response": diagram.table(), "peaks": peaks},
+    )
+
+
+def _describe_motion(motion: Any) -> Description:
+    amplitudes = motion.amplitudes()
+    moduli = [f"{abs(x):.6g}" for x in motion.multipliers[:_PRINTED_MULTIPLIERS].tolist()]
+    facts = {
+        "period": f"{motion.period:.8g} s",
+        "stability": motion.stability,
+        "multipliers": f"largest moduli {', '.join(moduli)}" if moduli else "none",
+    }
+    return Description(
+        facts,
+        {"Amplitudes": amplitudes.drop(columns="unit").rename_axis("observed").reset_index()},
+        lambda: {
+            "period": motion.period,
+            "stable": motion.stable,
+            "stability": motion.stability,
+            "multipliers": [[x.real, x.imag] for x in motion.multipliers.tolist()],
+            "observed": amplitudes.to_dict("index"),
+        },
+    )
+
+
+def _describe_response(response: Any) -> Description:
+    values, peaks = [point.parameter for point in response.points], response.peak_table()
+    n_unstable = sum(not point.stable for point in response.points)
+    span = f", {response.parameter} {min(values):.6g} to {max(values):.6g}" if values else ""
+    span += f" {response.unit}" if values and response.unit else ""
+    return Description(
+        {
+            "curve": f"{format_count(len(values), 'point')}{span}",
+            "unstable": f"{n_unstable} of {len(values)} points",
+            "folds": ", ".join(f"{fold:.6g}" for fold in response.folds) or "none",
+        },
+        {
+            "Peaks": peaks.rename(
+                columns={"observed": "peak of", response.parameter: response.label}
+            )
+        },
+        lambda: {"points": response.table(), "folds": response.folds, "peaks": peaks},
+    )
+
+
+def _describe_path(path: Any) -> Description:
+    n_unstable = int(path.unstable[-1])
+    if n_unstable == -1:
+        stability = "not known"
+    elif n_unstable > 0:
+        stability = f"unstable in {format_count(n_unstable, 'direction')}"
+    elif path.free:
+        stability = f"neither stable nor unstable, {path.free} is free to move"
+    else:
+        stability = "stable"
+    unscaled = "all in full" if path.over else "none is scaled"
+    control = path.settings["control"]
+    if path.over and control == "load":
+        control = path.settings["over"]
+    facts = {
+        "loads": "; then ".join(", ".join(stage) for stage in path.loads) or unscaled,
+        path.quantity: f"{path.factor:.7g}",
+        "equilibrium": stability,
+        "critical points": "; ".join(
+            f"{x.kind} at {x.factor:.7g}{f', {x.moves} moves most' if x.moves else ''}"
+            for x in path.critical
+        )
+        or "none",
+    }
+    details = {
+        "path": f"{format_count(len(path.q), 'point')}, {path.settings['iterations']} Newton "
+        f"iterations, {control} control"
+    }
+
+    def create_data() -> dict[str, Any]:
+        errors = dict(zip(path.errors.headers, path.errors.total.tolist(), strict=True))
+        data = path.metadata(**{"relative errors": errors})
+        del data["warnings"]
+        return data | {"points": len(path.q), "observed": column_extremes(path.columns)}
+
+    from beamdae.results.equilibrium import UNSTABLE
+
+    # Errors that take long are not measured.
+    rows = range_rows(path.columns, vars(path).get("errors"))
+    rows = [x for x in rows if x["observed"] != UNSTABLE]
+    return Description(facts, {"Observed": rows}, create_data, details)
+
+
+def _describe_fit(fit: Any) -> Description:
+    interval = (
+        "normal distribution, sigma is known"
+        if fit.is_sigma_known
+        else f"t distribution with {fit.degrees_of_freedom} degrees of freedom, sigma is estimated"
+    )
+    if not fit.status.success:
+        interval = "none, because the search did not reach a minimum"
+    facts = {
+        "chi-square": fit.describe_chi_square(),
+        "sigma": ", ".join(f"{name} {value:.4g}" for name, value in fit.sigma.items()),
+        "intervals": interval,
+        "data": f"{fit.residuals.size} in {format_count(len(fit.solutions), 'experiment')}",
+        "runs": f"{fit.evaluations} with derivatives of each experiment",
+        "searches": fit.describe_starts(),
+        "at a bound": ", ".join(fit.at_bounds),
+    }
+    table = fit.table()
+    estimates = table.rename(index=format_headers(fit.units)).rename_axis("estimate")
+    searches = _tabulate_searches(fit.starts, fit.units, "chi-square", "runs")
+    return Description(
+        {topic: text for topic, text in facts.items() if text},
+        {"Estimates": estimates.reset_index(), **searches},
+        lambda: {
+            "estimates": table.assign(unit=list(fit.units.values())).to_dict("index"),
+            "chi-square": fit.chi_square,
+            "degrees of freedom": fit.degrees_of_freedom,
+            "probability of a larger chi-square": fit.probability,
+            "sigma": dict(fit.sigma),
+            "evaluations": fit.evaluations,
+            "searches": fit.starts,
+            "undetermined": list(fit.undetermined),
+            "at bounds": list(fit.at_bounds),
+        },
+    )
+
+
+def _describe_optimization(result: Any) -> Description:
+    history, design, units = result.history(), result.table(), result.units
+    failures = int((history["failure"] != "").sum())
+    first = format_with_unit(float(f"{history['objective'].iloc[0]:.6g}"), units["objective"])
+    facts = {
+        "objective": f"{result.objective_label} = {result.objective_text}, first {first}",
+        "designs": f"{result.evaluations} of at most {result.max_evaluations}"
+        + (f", {failures} failed" if failures else ""),
+        "searches": result.describe_starts(),
+        "at a bound": "; ".join(result.bound_notes) or "none",
+    }
+    constraints = [
+        {
+            "constraint": format_with_unit(x.name, x.unit),
+            "value": x.value,
+            "limit": x.limit,
+            "margin [%]": 100.0 * x.relative_margin,
+            "multiplier": x.multiplier,
+        }
+        for x in result.constraints
+    ]
+    headers = format_headers({str(name): units.get(str(name), "") for name in design.index})
+    names = ["value", "first value", "lower bound", "upper bound", "at bound"]
+    parameters = design[names].rename(index=headers).rename_axis("parameter")
+    of_design = {str(name): units[str(name)] for name in design.index}
+    searches = _tabulate_searches(result.starts, of_design, "objective", "designs")
+    return Description(
+        {topic: text for topic, text in facts.items() if text},
+        {
+            **({"Constraints": constraints} if constraints else {}),
+            "Parameters": parameters.reset_index(),
+            **searches,
+        },
+        lambda: {
+            "objective": result.objective,
+            "parameters": dict(design["value"]),
+            "constraints": result.constraint_table(),
+            "evaluations": result.evaluations,
+            "at bounds": list(result.at_bounds),
+            "searches": result.starts,
+        },
+    )
+
+
+def _tabulate_searches(
+    table: pd.DataFrame | None, units: Mapping[str, str], goal: str, cost: str
+) -> dict[str, pd.DataFrame]:
+    """Return the table of the searches of a fit or an optimization by its title, if there is one.
+
+    Parameters
+    ----------
+    table
+        Searches, with columns "first NAME", `goal`, "evaluations" and NAME.
+    units
+        Units of the varied numbers.
+    goal, cost
+        What a search minimizes, and the header of its evaluations.
+    """
+    if table is None:
+        return {}
+    last = [name for name in units if name in table]
+    first = [f"first {name}" for name in units if f"first {name}" in table]
+    shown = table[[goal, "reason", *last, *first, "evaluations"]]
+    shown = shown.rename(columns=format_headers(units) | {"evaluations": cost, "reason": "end"})
+    shown.insert(0, "search", range(1, len(table) + 1))
+    return {"Searches": shown}
+
+
+# By the name of the class, so that no analysis is imported that is not described.
+_DESCRIPTIONS: Mapping[str, Callable[[Any], Description]] = {
+    "Bode": _describe_bode,
+    "Buckling": _describe_buckling,
+    "Campbell": _describe_campbell,
+    "Equilibrium": _describe_path,
+    "Fit": _describe_fit,
+    "FrequencyResponse": _describe_response,
+    "Modes": _describe_modes,
+    "Optimization": _describe_optimization,
+    "PeriodicMotion": _describe_motion,
+}
