@@ -11,7 +11,7 @@ import beamdae as bd
 from beamdae.analysis.fit.data import read_fit_data, read_measurements
 from beamdae.analysis.fit.problem import FitProblem, differentiate_column
 from beamdae.analysis.fit.sensors import read_sensors
-from beamdae.cli.commands.fit import _json_results
+from beamdae.report.descriptions import describe
 from beamdae.report.terminal.text_tables import estimates_table
 
 SLOW = pytest.mark.slow(reason="half a second and more")
@@ -422,7 +422,7 @@ def test_regression_offsets_of_converted_columns_are_named_with_the_unit_of_the_
     assert fit.sensors == pytest.approx({"offset of mass.x [m]": OFFSET}, rel=1e-4)
     table = estimates_table(fit.table(), fit.units)
     assert [row[0] for row in table.texts][2:] == ["offset of mass.x [m]"]
-    assert _json_results(fit)["estimates"]["offset of mass.x [m]"]["unit"] == "m"
+    assert describe(fit).data()["estimates"]["offset of mass.x [m]"]["unit"] == "m"
 
 
 def test_regression_offsets_in_two_units_of_one_column_are_rejected():
