@@ -217,7 +217,7 @@ typedef struct {
     Reals2 rows;
     double newton_tolerance, min_correction_limit, tolerance, max_step, min_step;
     Integers states;
-    int64_t has_started, has_jumped, filled;
+    int64_t fixed_iterations, has_started, has_jumped, filled;
     double step_ratio;
     int64_t most;
     double correction_limit, reaction_factor, rate, t, branch, start_time, end;
@@ -287,6 +287,9 @@ void set_stages(Stages *run, double h);
 /* Set the non-zeros of both matrices to parts of a reduced matrix, and factorize them. */
 int factorize_stages(Stages *run, double h, Reals jacobian);
 void subtract_corrections(Stages *run, double h);
+/* Subtract the corrections from W that belong to the residuals of the stages; rows q' = v must hold
+   already. */
+void correct_stages(RadauWorkspace *run, double h);
 
 typedef struct {
     int64_t n;

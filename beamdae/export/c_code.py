@@ -74,13 +74,14 @@ def write_kernel(name: str, function: ca.Function) -> str:
         code, sources = function.instruction_id(k), function.instruction_input(k)
         targets = function.instruction_output(k)
         if code == ca.OP_OUTPUT:
-            lines.append(f"out[{targets[1]}] = {work[sources[0]]};")
+            lines.append(f"out[{targets[1]} * lanes] = {work[sources[0]]};")
             continue
         if code == ca.OP_CONST:
             work[targets[0]] = format_number(function.instruction_constant(k))
             continue
         if code == ca.OP_INPUT:
-            expression = f"{('shared', 'local')[sources[0]]}[{sources[1]}]"
+            is_local, row = sources
+            expression = f"local[{row} * lanes]" if is_local else f"shared[{row}]"
             if calls is not None:
                 # Rows of tables are not read before their lookup.
                 work[targets[0]] = expression
@@ -102,8 +103,14 @@ def write_kernel(name: str, function: ca.Function) -> str:
         lines.append(f"const double v{k} = {expression};")
         work[targets[0]] = f"v{k}"
     body = "\n".join(f"    {line}" for line in lines)
-    head = f"static void {name}(const double *shared, const double *local, double *out) {{"
-    return f"{head}\n    (void)shared, (void)local, (void)out;\n{body}\n}}\n"
+    unused = "    (void)shared, (void)local, (void)out, (void)lanes;"
+    return f"{write_head(name)} {{\n{unused}\n{body}\n}}\n"
+
+
+def write_head(name: str) -> str:
+    """Return the head of a C function of the type `Kernel`."""
+    arguments = "const double *shared, const double *local, double *out, int64_t lanes"
+    return f"static void {name}({arguments})"
 
 
 def write_point_kernel(
@@ -123,10 +130,10 @@ def write_point_kernel(
     def write(step: Step) -> list[str]:
         if isinstance(step, Loop):
             body = [line for x in step.steps for line in write(x)]
-            return [f"for (Index point = 0; point < {step.points}; point++) {{", *body, "}"]
+            return [f"for (uint32_t point = 0; point < {step.points}; point++) {{", *body, "}"]
         places = ", ".join(locate(x) for x in step if isinstance(x, Place))
         if isinstance(step, Call):
-            return [f"{names[step.symbol]}(shared, {places});"]
+            return [f"{names[step.symbol]}(shared, {places}, 1);"]
         if isinstance(step, Mix):
             sizes = (step.tiles, step.tile, step.entries, step.length, *step.strides)
             settings = f"(Mix){{{', '.join(map(str, sizes))}, {int(step.adds)}}}"
@@ -139,26 +146,25 @@ def write_point_kernel(
         if isinstance(step, Set):
             return [f"set({places}, {step.size}, {format_number(step.value)});"]
         if isinstance(step, Load):
-            return [f"load({places}, {step.size}, local);"]
-        return [f"store({places}, {step.size}, out);"]
+            return [f"load({places}, {step.size}, local, lanes);"]
+        return [f"store({places}, {step.size}, out, lanes);"]
 
     lines = [f"double {x}[{count}];" for x, count in program.buffers.items()]
     lines += [line for step in program.steps for line in write(step)]
     body = "\n".join(f"    {line}" for line in lines)
-    head = f"static void {name}(const double *shared, const double *local, double *out) {{"
-    return f"{head}\n{body}\n}}\n"
+    return f"{write_head(name)} {{\n{body}\n}}\n"
 
 
 def _write_call(name: str, operands: Sequence[str], count: int) -> list[str]:
     """Return the results of a call of a function of `beamdae.native.table_functions`."""
     argument, rows = operands[0], operands[1:]
-    match = re.fullmatch(r"local\[(\d+)\]", rows[0])
+    match = re.fullmatch(r"local\[(\d+) \* lanes\]", rows[0])
     first = int(match[1]) if match else 0
-    if name not in (FIND, PICK) or list(rows) != [f"local[{first + i}]" for i in range(len(rows))]:
+    if name not in (FIND, PICK) or list(rows) != [f"local[{first + i} * lanes]" for i in range(len(rows))]:
         raise UnsupportedOperationError(f"call of {name}")
     if name == FIND:
-        return [f"find_row(local + {first}, {len(rows)}, {argument})"]
-    return [f"local[{first + i} + (int)({argument})]" for i in range(count)]
+        return [f"find_row(local + {first} * lanes, lanes, {len(rows)}, {argument})"]
+    return [f"local[({first + i} + (int)({argument})) * lanes]" for i in range(count)]
 
 
 def format_number(value: float) -> str:
@@ -195,7 +201,12 @@ class Tables:
     def indices(self, values: Sequence[int] | Array) -> str:
         """Return the name of an array of indices; "NULL" for no values."""
         array = np.asarray(values, np.int64)
-        return self._add("Index", array, [str(x) for x in array.tolist()])
+        return self._add("uint32_t", array, [str(x) for x in array.tolist()])
+
+    def integers(self, values: Sequence[int] | Array) -> str:
+        """Return the name of an array of words with these bits; "NULL" for no values."""
+        array = np.asarray(values, np.int64)
+        return self._add("uint64_t", array, [f"{x:#x}u" for x in array.view(np.uint64).tolist()])
 
     def rows(self, kind: str, rows: Sequence[str]) -> str:
         """Return the name of an array of structs; "NULL" for no rows."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import scipy.sparse as sp
 
+from beamdae.linear.elimination import N_EXTRA_ENTRIES, EliminationPlan, empty_plan
 from beamdae.linear.fixed_order import FixedOrder
 from beamdae.linear.orderings import has_many_couplings, order_along_band
 from beamdae.symbolic.sparse_operators import column_indices
@@ -12,7 +13,7 @@ from beamdae.symbolic.sparse_operators import column_indices
 Array = np.ndarray
 
 
-def plan_elimination(pattern: sp.csc_array, n: int, first: int = 0, last: int = 0) -> FixedOrder:
+def plan_elimination(pattern: sp.csc_array, n: int, first: int = 0, last: int = 0) -> EliminationPlan:
     """Return the elimination of a matrix of n coordinates, followed by multipliers.
 
     The next `first` unknowns after the coordinates are eliminated before them, and the last `last`
@@ -50,10 +51,20 @@ def plan_elimination(pattern: sp.csc_array, n: int, first: int = 0, last: int = 
     source = np.where(known[at] == key, at, -1)[plan.sources]
     exists = source >= 0
     ends = np.concatenate([[0], np.cumsum(exists)])
-    return plan._replace(
-        starts=ends[plan.starts].astype(np.uint32),
-        positions=plan.positions[exists],
-        sources=source[exists].astype(np.uint32),
+    pivots = order.astype(np.uint32)
+    return empty_plan()._replace(
+        **plan._asdict()
+        | {
+            "scale": np.ones(size),
+            "matrix_starts": pattern.indptr.astype(np.uint32),
+            "matrix_rows": pattern.indices.astype(np.uint32),
+            "n_entries": np.array([pattern.nnz + N_EXTRA_ENTRIES]),
+            "rows": pivots,
+            "columns": pivots,
+            "starts": ends[plan.starts].astype(np.uint32),
+            "positions": plan.positions[exists],
+            "sources": source[exists].astype(np.uint32),
+        }
     )
 
 

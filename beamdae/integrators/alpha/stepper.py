@@ -132,6 +132,11 @@ class AlphaStepper:
         self._code = 0
 
     @property
+    def workspace(self) -> AlphaWorkspace:
+        """Work arrays of the run."""
+        return self._run
+
+    @property
     def _is_native(self) -> bool:
         """True if all equations of the loop other than `form` can be evaluated in machine code."""
         return True

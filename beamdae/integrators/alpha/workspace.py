@@ -67,6 +67,8 @@ class AlphaWorkspace:
         not tested.
     t, branch, start_time, end
         Current time, a time inside the interval, and start and end of the interval [s].
+    fixed_iterations
+        Fixed steps: number of Newton iterations of every step; 0 for as many as the tolerance requires.
     has_started
         0 if the starting values of an interval, with the length of the next steps, have just been
         set.
@@ -118,6 +120,7 @@ class AlphaWorkspace:
     max_step: float
     min_step: float
     states: Array
+    fixed_iterations: int = 0
     has_started: int = 0
     has_jumped: int = 0
     filled: int = 0

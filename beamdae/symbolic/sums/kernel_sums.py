@@ -347,12 +347,16 @@ class SumPlan:
             code_owners = tuple(batch.kernel.native for batch in self.batches)
         else:
             code_owners = tuple(_find_code(x) or InterpretedKernel(x) for x in self.batches)
+        return self.allocate([kernel.address for kernel in code_owners], code_owners, p)
+
+    def allocate(self, kernels: Sequence[int], code_owners: tuple[Any, ...], p: Array) -> Sum:
+        """Return the sum as `sum`, with the addresses of the functions of its batches."""
         build = SumPlan._untiled_entries if load_core() is None else SumPlan._tiled_entries
         total = Sum(
             shared=np.zeros(self.n_shared),
             local=aligned_zeros(self.n_local),
             out=aligned_zeros(self.n_out),
-            kernels=np.array([kernel.address for kernel in code_owners], np.int64),
+            kernels=np.array(kernels, np.int64),
             gather_targets=self.gather_targets,
             gather_sources=self.gather_sources,
             gather_weights=self.gather_weights,
