@@ -160,7 +160,9 @@ def _write_call(name: str, operands: Sequence[str], count: int) -> list[str]:
     argument, rows = operands[0], operands[1:]
     match = re.fullmatch(r"local\[(\d+) \* lanes\]", rows[0])
     first = int(match[1]) if match else 0
-    if name not in (FIND, PICK) or list(rows) != [f"local[{first + i} * lanes]" for i in range(len(rows))]:
+    if name not in (FIND, PICK) or list(rows) != [
+        f"local[{first + i} * lanes]" for i in range(len(rows))
+    ]:
         raise UnsupportedOperationError(f"call of {name}")
     if name == FIND:
         return [f"find_row(local + {first} * lanes, lanes, {len(rows)}, {argument})"]

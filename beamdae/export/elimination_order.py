@@ -13,7 +13,9 @@ from beamdae.symbolic.sparse_operators import column_indices
 Array = np.ndarray
 
 
-def plan_elimination(pattern: sp.csc_array, n: int, first: int = 0, last: int = 0) -> EliminationPlan:
+def plan_elimination(
+    pattern: sp.csc_array, n: int, first: int = 0, last: int = 0
+) -> EliminationPlan:
     """Return the elimination of a matrix of n coordinates, followed by multipliers.
 
     The next `first` unknowns after the coordinates are eliminated before them, and the last `last`

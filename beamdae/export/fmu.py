@@ -13,7 +13,7 @@ import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
@@ -57,6 +57,8 @@ from beamdae.export.radau_settings import plan_radau
 from beamdae.export.trial_run import warn_of_fixed_steps, warn_of_trial_run
 from beamdae.integrators.alpha.family import family_parameters
 from beamdae.integrators.alpha.generalized_alpha import GeneralizedAlpha
+from beamdae.integrators.alpha.stepper import AlphaStepper
+from beamdae.integrators.compiled_run import require_core
 from beamdae.integrators.radau.radau import Radau
 from beamdae.integrators.redundant_constraints import remove_redundant
 from beamdae.integrators.run_plan import plan_run
@@ -305,6 +307,7 @@ def export_fmu(
         raise BeamdaeError(
             f'{PART}: real_time requires fixed steps, but integrator is "radau"; omit one of them.'
         )
+    require_core()
     targets = _require_platforms(platforms, fmi)
     iterations = 0 if real_time is None else require_count(PART, "real_time", real_time)
     steps = require_count(PART, "timed_steps", timed_steps, least=0)
@@ -350,7 +353,7 @@ def export_fmu(
         state=plan.state,
         step=step,
         method=(
-            alpha.method_on(plan).workspace
+            cast("AlphaStepper", alpha.method_on(plan)).workspace
             if integrator == "alpha"
             else plan_radau(equations, times, rtol)
         ),

@@ -88,7 +88,9 @@ class Image:
         constants = [f"{{{k}, {tables.indices(x.ravel())}}}" for k, x in self._constants]
         links = [f"{{{k}, {self.locate(x)}}}" for k, x in self._arrays]
         return {"n_words": self.n_words} | _count_rows(
-            tables, segments=("Segment", segments), constants=("Constant", constants),
+            tables,
+            segments=("Segment", segments),
+            constants=("Constant", constants),
             links=("Link", links),
         )
 

@@ -50,6 +50,7 @@ from beamdae.symbolic.sums.sum_builder import LocalInput, SumBuilder
 
 Array = np.ndarray
 SX = ca.SX
+_INCLUDES = '#include "model.h"\n#include "points.h"\n\n#include <math.h>\n#include <stddef.h>\n'
 TABLES = Path(__file__).parent / "c" / "tables.h"
 
 
@@ -166,19 +167,16 @@ class _SourceWriter:
     def write(self) -> str:
         x, tables = self._exported, self._tables
         values, targets = x.numbers.values, x.numbers.targets
-        is_radau = isinstance(x.method, RadauSettings)
         table = SimpleNamespace(**self._describe_common())
         first: tuple[Array, ...] = ()
-        if is_radau:
-            first = self._add_radau(table, x.method)
-        else:
-            self._add_alpha(table, x.method)
-        structure = "RadauTable" if is_radau else "AlphaTable"
-        n_motion = 0
-        if is_radau:
+        if isinstance(x.method, RadauSettings):
+            structure, first = "RadauTable", self._add_radau(table, x.method)
             n_motion = len(Layout(structure, table, TABLES).words) + sum(y.size for y in first)
             table.before, table.begin = np.zeros(n_motion), np.zeros(2 * n_motion)
             first = (*first, table.before)
+        else:
+            structure = "AlphaTable"
+            self._add_alpha(table, x.method)
         image = Image(Layout(structure, table, TABLES), first)
         number_of = np.full(len(x.equations.p), -1)
         number_of[targets] = np.arange(len(targets))
@@ -199,7 +197,7 @@ class _SourceWriter:
         return "\n".join(
             [
                 "/* Kernels, tables and numbers of a model exported by beamdae. */\n",
-                '#include "model.h"\n#include "points.h"\n\n#include <math.h>\n#include <stddef.h>\n',
+                _INCLUDES,
                 *self._functions,
                 *self._batches,
                 tables.source,
@@ -296,12 +294,16 @@ class _SourceWriter:
 
     def _direction(self, plan: SumPlan, n_inputs: int) -> Any:
         """Return the sum of derivatives along a direction, if there are values."""
-        return self._sum(directional_plan(plan, n_inputs) if self._exported.numbers.values else None)
+        return self._sum(
+            directional_plan(plan, n_inputs) if self._exported.numbers.values else None
+        )
 
     def _sum(self, plan: SumPlan | None) -> Any:
         """Return a sum without addresses of kernels."""
         if plan is None:
-            return SimpleNamespace(shared=np.zeros(len(MATRIX_SHARED)), out=np.zeros(len(MATRIX_SHARED) + 1))
+            return SimpleNamespace(
+                shared=np.zeros(len(MATRIX_SHARED)), out=np.zeros(len(MATRIX_SHARED) + 1)
+            )
         total = plan.allocate([0] * len(plan.batches), (), self._exported.equations.p)
         self._plans[id(total)] = plan
         return total

@@ -39,7 +39,7 @@ int64_t find_row(const double *axis, int64_t lanes, int64_t count, double x) {
 
 /* Memory */
 
-static void write_addresses(Table *table) {
+void write_addresses(Table *table) {
     int64_t *words = (int64_t *)table;
     for (int64_t k = 0; k < model.n_constants; k++)
         words[model.constants[k].at] = (int64_t)model.constants[k].array;
@@ -49,10 +49,10 @@ static void write_addresses(Table *table) {
         words[model.codes[k].at] = (int64_t)model.codes[k].kernel;
 }
 
-static void clear_addresses(int64_t *words) {
+void clear_addresses(void *table) {
+    int64_t *words = table;
     for (int64_t k = 0; k < model.n_constants; k++) words[model.constants[k].at] = 0;
     for (int64_t k = 0; k < model.n_links; k++) words[model.links[k].at] = 0;
-    for (int64_t k = 0; k < model.n_codes; k++) words[model.codes[k].at] = 0;
 }
 
 static void set_branch(Table *x) {
@@ -106,8 +106,10 @@ size_t instance_state_size(const Instance *s) {
 }
 
 void instance_get_state(const Instance *s, void *state) {
+    int64_t *words = state;
     memcpy(state, s->table, instance_state_size(s));
     clear_addresses(state);
+    for (int64_t k = 0; k < model.n_codes; k++) words[model.codes[k].at] = 0;
 }
 
 int instance_set_state(Instance *s, const void *state) {

@@ -38,6 +38,10 @@ int fail(Instance *s, const char *text, double t);
 /* Write the message of a failed step; return 0 if the code is not negative. */
 int report_step(Instance *s, int code);
 
+/* Write all addresses of the instance, or zeros in place of the addresses in a copy of its table. */
+void write_addresses(Table *table);
+void clear_addresses(void *table);
+
 /* Exchange rows of the matrix if its solver has requested pivots. */
 void renew_pivots(Instance *s, int solver, LinearSolver *linear, Reals nonzeros);
 /* Factorize a matrix, with row exchanges if necessary; return DONE or SINGULAR. */

@@ -32,10 +32,17 @@ void method_reset(Instance *s) {
     table_of(s)->run.most = 1;
 }
 
-/* Return to a copy of the first words of the block. Factors do not belong to them. */
-static void roll_back(RadauTable *x, Reals copy_of_words) {
+/* Copies of the first words of the block, without addresses: states contain them. */
+static void save_words(const RadauTable *x, Reals to) {
+    memcpy(to.at, x, to.size * sizeof(double));
+    clear_addresses(to.at);
+}
+
+/* Return to saved words. Factors do not belong to them. */
+static void roll_back(RadauTable *x, Reals saved) {
     const double step = x->run.factors_step, rate = x->run.rate;
-    memcpy(x, copy_of_words.at, copy_of_words.size * sizeof(double));
+    memcpy(x, saved.at, saved.size * sizeof(double));
+    write_addresses(&x->base);
     x->run.factors_step = step;
     x->run.rate = rate;
 }
@@ -209,7 +216,7 @@ static int take_step(Instance *s, double limit) {
         run->end = limit;
         run->filled = 0;
         size->smallest = MIN_RELATIVE_STEP * fabs(isfinite(limit) ? limit : t);
-        memcpy(x->before.at, x, x->before.size * sizeof(double));
+        save_words(x, x->before);
         int code;
         while ((code = take_radau_steps(run)) == NEW_PIVOTS) renew_step_pivots(s);
         release_matrices(s);
@@ -343,7 +350,7 @@ void method_evaluate(Instance *s) {
 
 void method_begin_step(Instance *s) {
     const RadauTable *x = table_of(s);
-    memcpy(x->begin.at, x, x->begin.size * sizeof(double));
+    save_words(x, x->begin);
 }
 
 /* Repeat the steps since the last communication point but one. */

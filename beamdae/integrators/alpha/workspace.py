@@ -68,7 +68,8 @@ class AlphaWorkspace:
     t, branch, start_time, end
         Current time, a time inside the interval, and start and end of the interval [s].
     fixed_iterations
-        Fixed steps: number of Newton iterations of every step; 0 for as many as the tolerance requires.
+        Fixed steps: number of Newton iterations of every step; 0 for as many as the tolerance
+        requires.
     has_started
         0 if the starting values of an interval, with the length of the next steps, have just been
         set.
