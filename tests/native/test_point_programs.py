@@ -130,5 +130,5 @@ def test_c_functions_equal_straight_line_kernels(rotation, tmp_path):
         shared, local = draw_inputs(kernel)
         column, values = np.ascontiguousarray(local[:, 0]), np.zeros(kernel.n_out)
         arrays = [x.ctypes.data_as(ctypes.c_void_p) for x in (shared, column, values)]
-        ctypes.CDLL(str(library)).whole(*arrays)
+        ctypes.CDLL(str(library)).whole(*arrays, ctypes.c_int64(1))
         assert_equal_to(evaluate(kernel, shared, local)[:, 0], values)
