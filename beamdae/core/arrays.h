@@ -44,6 +44,15 @@ typedef struct {
     FIELDS(DECLARE)
 } Vector;
 
+/* Initializer of a register with the values x(lane). */
+#if WIDTH == 8
+#define NUMBERS(x) {x(0), x(1), x(2), x(3), x(4), x(5), x(6), x(7)}
+#elif WIDTH == 4
+#define NUMBERS(x) {x(0), x(1), x(2), x(3)}
+#else
+#define NUMBERS(x) {x(0), x(1)}
+#endif
+
 #define DEFINE(name, arguments, value)                                                             \
     static inline Vector name arguments {                                                          \
         Vector z;                                                                                  \

@@ -21,6 +21,8 @@ CORE_FLAGS = (
     "-ffp-contract=off",
     "-fno-tree-vectorize",
     "-fno-semantic-interposition",
+    "-fno-math-errno",
+    "-fno-trapping-math",
 )
 _FMU_FLAGS = (*CORE_FLAGS, "-O2", "-fvisibility=hidden")
 _MAX_MESSAGE_LENGTH = 500

@@ -31,6 +31,7 @@ from beamdae.export.c_code import (
     format_string,
     write_head,
     write_kernel,
+    write_operations,
     write_point_kernel,
 )
 from beamdae.export.elimination_order import plan_elimination
@@ -40,6 +41,7 @@ from beamdae.integrators.alpha.workspace import AlphaWorkspace
 from beamdae.integrators.input_jumps import InputJump
 from beamdae.integrators.radau.stepper import STABILIZED_FORM
 from beamdae.linear.elimination import EliminationPlan
+from beamdae.native.lane_code import LANE_WIDTH
 from beamdae.native.lane_kernels import rewrite
 from beamdae.symbolic.local_symbols import MATRIX_SHARED
 from beamdae.symbolic.sparse_operators import build_selection
@@ -50,7 +52,7 @@ from beamdae.symbolic.sums.sum_builder import LocalInput, SumBuilder
 
 Array = np.ndarray
 SX = ca.SX
-_INCLUDES = '#include "model.h"\n#include "points.h"\n\n#include <math.h>\n#include <stddef.h>\n'
+_INCLUDES = '#include "model.h"\n#include "points.h"\n\n#include <stddef.h>\n'
 TABLES = Path(__file__).parent / "c" / "tables.h"
 
 
@@ -198,6 +200,7 @@ class _SourceWriter:
             [
                 "/* Kernels, tables and numbers of a model exported by beamdae. */\n",
                 _INCLUDES,
+                write_operations(),
                 *self._functions,
                 *self._batches,
                 tables.source,
@@ -233,7 +236,8 @@ class _SourceWriter:
             "rate": np.zeros(m),
             "solution": np.zeros(n + m),
             "outputs": np.zeros(len(x.outputs)),
-            "numbers": np.zeros(len(x.numbers.targets)),
+            "direction": np.zeros(2 * len(values)),
+            "numbers": np.zeros(LANE_WIDTH * len(x.numbers.targets)),
             "zeros": np.zeros(2 * (n + m)),
             "motion": self._sum(plan_motion(e.structure)),
             "saddle": self._sum(sums.saddle),
@@ -289,7 +293,7 @@ class _SourceWriter:
         table.gap_sum = self._sum(plan_gaps(gaps) if gaps else None)
         table.gaps = np.zeros(len(gaps))
         table.tangent, table.tangent_w = np.zeros(form.size), np.zeros((3, form.size))
-        table.direction = np.zeros(4 * form.size + len(e.p))
+        table.stage = np.zeros(4 * form.size + len(e.p))
         return table.values, run.y, run.yp, run.last_w, run.multiplier_weights
 
     def _direction(self, plan: SumPlan, n_inputs: int) -> Any:
@@ -314,10 +318,10 @@ class _SourceWriter:
             return {"write_numbers": "NULL", "write_direction": "NULL"}
         direction = SX.sym("direction", numbers.symbols.shape)
         change = ca.densify(ca.jtimes(numbers.numbers, numbers.symbols, direction))
-        symbols = [numbers.symbols, direction]
+        inputs = [ca.vertcat(numbers.symbols, direction), SX(0, 1)]
         functions = {
-            "write_numbers": ca.Function("numbers", symbols, [ca.densify(numbers.numbers)]),
-            "write_direction": ca.Function("direction", symbols, [change]),
+            "write_numbers": ca.Function("numbers", inputs, [ca.densify(numbers.numbers)]),
+            "write_direction": ca.Function("direction", inputs, [change]),
         }
         self._functions += [write_kernel(name, f) for name, f in functions.items()]
         return {name: name for name in functions}

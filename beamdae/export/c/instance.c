@@ -280,9 +280,9 @@ int restart(Instance *s) {
 void refresh_numbers(Instance *s) {
     Table *x = s->table;
     double *words = (double *)x;
-    if (x->numbers.size) model.write_numbers(x->values.at, NULL, x->numbers.at, 1);
+    if (x->numbers.size) model.write_numbers(x->values.at, NULL, x->numbers.at, LANES);
     for (int64_t k = 0; k < model.n_numbers; k++)
-        words[model.numbers[k].at] = x->numbers.at[model.numbers[k].number];
+        words[model.numbers[k].at] = x->numbers.at[LANES * model.numbers[k].number];
     s->has_outputs = 0;
 }
 
@@ -408,9 +408,11 @@ const double *instance_outputs(Instance *s) {
 
 void write_direction(Instance *s, const double *direction, double *dp) {
     Table *x = s->table;
-    if (x->numbers.size) model.write_direction(x->values.at, direction, x->numbers.at, 1);
+    copy(x->direction, x->values);
+    copy(from(x->direction, x->values.size), (Reals){(double *)direction, x->values.size});
+    if (x->numbers.size) model.write_direction(x->direction.at, NULL, x->numbers.at, LANES);
     for (int64_t k = 0; k < x->number_targets.size; k++)
-        dp[x->number_targets.at[k]] = x->numbers.at[k];
+        dp[x->number_targets.at[k]] = x->numbers.at[LANES * k];
 }
 
 int instance_derivative(Instance *s, const double *direction, double *result) {

@@ -5,19 +5,34 @@
 #ifndef BEAMDAE_MODEL_H
 #define BEAMDAE_MODEL_H
 
-#include <stdint.h>
+#include "arrays.h"
 
-/* Writes the outputs of one copy; numbers of a copy are `lanes` apart. */
+/* Writes the outputs of `WIDTH` copies; numbers of a copy are `lanes` apart. */
 typedef void (*Kernel)(const double *shared, const double *local, double *out, int64_t lanes);
-
-/* Last row k < count - 1 of a table with axis[k * lanes] <= x, or 0; called by kernels. */
-int64_t find_row(const double *axis, int64_t lanes, int64_t count, double x);
 
 /* Function of the type `Kernel` of all copies in a batch. */
 #define BATCH(name, kernel, copies)                                                                \
     static void name(const double *shared, const double *local, double *out, int64_t lanes) {      \
-        for (int k = 0; k < copies; k++) kernel(shared, local + k, out + k, lanes);                \
+        for (int k = 0; k < copies; k += WIDTH) kernel(shared, local + k, out + k, lanes);         \
     }
+
+/* Parts of kernels. */
+#define LOAD(row) (*(const Register *)(local + (row) * lanes))
+#define STORE(row, value) *(Register *)(out + (row) * lanes) = (value)
+#define ALL(number) ((number) - (Register){0.0})
+
+/* Last row k < count - 1 of a table with axis[k * lanes] <= x, or 0. */
+int64_t find_row(const double *axis, int64_t lanes, int64_t count, double x);
+
+static inline Register find_rows(const double *axis, int64_t lanes, int64_t count, Register x) {
+#define FIND_ROW(i) find_row(axis + i, lanes, count, x[i])
+    return (Register)NUMBERS(FIND_ROW);
+}
+
+static inline Register pick_rows(const double *rows, int64_t lanes, Register k) {
+#define PICK_ROW(i) rows[(int64_t)k[i] * lanes + i]
+    return (Register)NUMBERS(PICK_ROW);
+}
 
 /* Initial values of words; words that contain addresses of constants, of other words and of kernels;
    and words that contain numbers which depend on the values. */
@@ -39,7 +54,8 @@ typedef struct {
     const Link *links;
     const Code *codes;
     const Number *numbers;
-    Kernel write_numbers, write_direction; /* From (values, direction). */
+    /* From the values, followed by a direction; results are `LANES` apart. */
+    Kernel write_numbers, write_direction;
     const char *const *value_names;
 } Model;
 

@@ -159,8 +159,8 @@ static int differentiate_step(Instance *s, double t) {
     RadauWorkspace *run = &x->run;
     Stages *stages = &run->base;
     const int64_t n = x->base.n, size = run->form.size;
-    const Reals y = stages->y, dy = part(x->direction, 2 * size, 3 * size);
-    const Reals dyp = part(x->direction, 3 * size, 4 * size);
+    const Reals y = stages->y, dy = part(x->stage, 2 * size, 3 * size);
+    const Reals dyp = part(x->stage, 3 * size, 4 * size);
     const double h = x->h, last_step = stages->step_size.last_step;
     const Reals weights = run->iteration_weights;
     double total = 0.0;
@@ -176,13 +176,13 @@ static int differentiate_step(Instance *s, double t) {
             const double *rates = row(stages->tableau.rates, i).at;
             const Reals residual = row(run->stage_residuals, i);
             const Reals w0 = row(stages->w, 0), w1 = row(stages->w, 1), w2 = row(stages->w, 2);
-            copy(part(x->direction, 0, size), row(stages->stages, i));
-            copy(part(x->direction, size, 2 * size), row(stages->rates, i));
+            copy(part(x->stage, 0, size), row(stages->stages, i));
+            copy(part(x->stage, size, 2 * size), row(stages->rates, i));
             combine4(dy, 1.0, x->tangent, to[0], w0, to[1], w1, to[2], w2);
             combine3(dyp, rates[0] / h, w0, rates[1] / h, w1, rates[2] / h, w2);
             set_time(&x->base.residual_direction, t + stages->tableau.nodes.at[i] * h,
                      x->base.branch);
-            evaluate_sum(&x->base.residual_direction, x->direction, residual);
+            evaluate_sum(&x->base.residual_direction, x->stage, residual);
             combine3(part(residual, 0, n), 1.0, residual, 1.0, dyp, -1.0, from(dy, n));
         }
         correct_stages(run, h);
@@ -366,7 +366,7 @@ int method_derivative(Instance *s, const double *direction, Reals result) {
     if (method_prepare_change(s)) return -1;
     fill(x->tangent, 0.0);
     for (int i = 0; i < STAGES; i++) fill(row(x->tangent_w, i), 0.0);
-    write_direction(s, direction, from(x->direction, 4 * x->run.form.size).at);
+    write_direction(s, direction, from(x->stage, 4 * x->run.form.size).at);
     x->has_tangent = 1;
     if (advance(s, end)) return -1;
     method_evaluate(s);

@@ -18,8 +18,9 @@ typedef struct {
     Indices number_targets;
     /* Motion at a start; with generalized-alpha, the current motion. */
     Reals q, v, ddq, lam;
-    /* Work arrays. `inputs` are (q, v, a, lam), their derivatives, and those of the numbers p. */
-    Reals inputs, levels, rate, solution, outputs, numbers, zeros;
+    /* Work arrays. `inputs` are (q, v, a, lam), their derivatives, and those of the numbers p;
+       `direction` are the values and their derivatives. */
+    Reals inputs, direction, levels, rate, solution, outputs, numbers, zeros;
     Sum motion, saddle, output, residual_direction, output_direction;
     LinearSolver linear;
     Reals nonzeros;
@@ -52,7 +53,7 @@ typedef struct {
        of the numbers p. */
     Reals tangent;
     Reals2 tangent_w;
-    Reals direction;
+    Reals stage;
 } RadauTable;
 
 #endif
