@@ -308,7 +308,8 @@ class _SourceWriter:
             return SimpleNamespace(
                 shared=np.zeros(len(MATRIX_SHARED)), out=np.zeros(len(MATRIX_SHARED) + 1)
             )
-        total = plan.allocate([0] * len(plan.batches), (), self._exported.equations.p)
+        # Without vectors of four numbers, tiles are slower than single entries.
+        total = plan.allocate([0] * len(plan.batches), self._exported.equations.p, tiled=False)
         self._plans[id(total)] = plan
         return total
 

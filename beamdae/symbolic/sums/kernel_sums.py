@@ -347,11 +347,14 @@ class SumPlan:
             code_owners = tuple(batch.kernel.native for batch in self.batches)
         else:
             code_owners = tuple(_find_code(x) or InterpretedKernel(x) for x in self.batches)
-        return self.allocate([kernel.address for kernel in code_owners], code_owners, p)
+        addresses = [kernel.address for kernel in code_owners]
+        return self.allocate(addresses, p, load_core() is not None, code_owners)
 
-    def allocate(self, kernels: Sequence[int], code_owners: tuple[Any, ...], p: Array) -> Sum:
+    def allocate(
+        self, kernels: Sequence[int], p: Array, tiled: bool, code_owners: tuple[Any, ...] = ()
+    ) -> Sum:
         """Return the sum as `sum`, with the addresses of the functions of its batches."""
-        build = SumPlan._untiled_entries if load_core() is None else SumPlan._tiled_entries
+        build = SumPlan._tiled_entries if tiled else SumPlan._untiled_entries
         total = Sum(
             shared=np.zeros(self.n_shared),
             local=aligned_zeros(self.n_local),
@@ -406,7 +409,7 @@ class SumPlan:
         }
 
     def _untiled_entries(self) -> dict[str, Array]:
-        """Fields of `Sum` without tiles, for evaluation without the core."""
+        """Fields of `Sum` without tiles."""
         none = np.zeros((0, 2 + LANE_WIDTH), np.uint32)
         return {
             "batches": np.column_stack([self.batch_table, np.zeros((len(self.batches), 2), int)]),
