@@ -28,7 +28,8 @@ def test_page_opens_and_fits_its_window(show):
     assert tab.inner_text("#reference") == "They agree."
     for width in (1280, 600):
         tab.set_viewport_size({"width": width, "height": 800})
-        assert tab.evaluate("document.documentElement.scrollWidth") <= width
+        # Charts follow the size of the window after it has changed.
+        tab.wait_for_function(f"document.documentElement.scrollWidth <= {width}", timeout=20_000)
 
 
 def test_points_have_tooltips_and_failures_are_listed(show):
