@@ -69,7 +69,7 @@ typedef struct {
 } ComplexSolver;
 
 typedef struct {
-    Indices order, starts, positions, sources, upper_starts, upper_rows, lower_starts, lower_rows;
+    Indices starts, positions, sources, upper_starts, upper_rows, lower_starts, lower_rows;
 } FixedOrder;
 
 typedef struct {
