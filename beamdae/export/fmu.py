@@ -58,8 +58,10 @@ from beamdae.export.trial_run import warn_of_fixed_steps, warn_of_trial_run
 from beamdae.integrators.alpha.family import family_parameters
 from beamdae.integrators.alpha.generalized_alpha import GeneralizedAlpha
 from beamdae.integrators.alpha.stepper import AlphaStepper
+from beamdae.integrators.alpha.workspace import AlphaWorkspace
 from beamdae.integrators.compiled_run import require_core
 from beamdae.integrators.radau.radau import Radau
+from beamdae.integrators.radau.workspace import RadauWorkspace
 from beamdae.integrators.redundant_constraints import remove_redundant
 from beamdae.integrators.run_plan import plan_run
 from beamdae.interrupts import interruptible
@@ -348,16 +350,18 @@ def export_fmu(
                 )
         return others, plan_run(others, times).state
 
+    method: AlphaWorkspace | RadauWorkspace
+    if integrator == "alpha":
+        method, start_rate = cast("AlphaStepper", alpha.method_on(plan)).workspace, 0.0
+    else:
+        method, start_rate = plan_radau(equations, times, rtol)
     exported = ExportedModel(
         equations=equations,
         state=plan.state,
         step=step,
-        method=(
-            cast("AlphaStepper", alpha.method_on(plan)).workspace
-            if integrator == "alpha"
-            else plan_radau(equations, times, rtol)
-        ),
+        method=method,
         shift=family_parameters(alpha.family, rho_inf).shift,
+        start_rate=start_rate,
         duration=stop,
         outputs=selected_outputs,
         numbers=map_numbers(

@@ -36,10 +36,10 @@ from beamdae.export.c_code import (
 )
 from beamdae.export.elimination_order import plan_elimination
 from beamdae.export.image import Image
-from beamdae.export.radau_settings import RadauSettings
 from beamdae.integrators.alpha.workspace import AlphaWorkspace
 from beamdae.integrators.input_jumps import InputJump
 from beamdae.integrators.radau.stepper import STABILIZED_FORM
+from beamdae.integrators.radau.workspace import RadauWorkspace
 from beamdae.linear.elimination import EliminationPlan
 from beamdae.native.lane_code import LANE_WIDTH
 from beamdae.native.lane_kernels import rewrite
@@ -123,9 +123,10 @@ class ExportedModel:
     step
         Internal step of generalized-alpha, and default communication step [s].
     method
-        Work arrays of generalized-alpha, or the steps of Radau.
-    shift
-        Parameter of generalized-alpha, see `family.AlphaParameters`.
+        Work arrays of the steps.
+    shift, start_rate
+        Parameter of generalized-alpha, see `family.AlphaParameters`, and for Radau, the lower bound
+        on 2 / h^2 of the first step h [1/s^2].
     duration
         Default end time [s].
     outputs, numbers
@@ -137,8 +138,9 @@ class ExportedModel:
     equations: EquationsOfMotion
     state: State
     step: float
-    method: AlphaWorkspace | RadauSettings
+    method: AlphaWorkspace | RadauWorkspace
     shift: float
+    start_rate: float
     duration: float
     outputs: tuple[Output, ...]
     numbers: NumberMap
@@ -171,7 +173,7 @@ class _SourceWriter:
         values, targets = x.numbers.values, x.numbers.targets
         table = SimpleNamespace(**self._describe_common())
         first: tuple[Array, ...] = ()
-        if isinstance(x.method, RadauSettings):
+        if isinstance(x.method, RadauWorkspace):
             structure, first = "RadauTable", self._add_radau(table, x.method)
             n_motion = len(Layout(structure, table, TABLES).words) + sum(y.size for y in first)
             table.before, table.begin = np.zeros(n_motion), np.zeros(2 * n_motion)
@@ -269,9 +271,9 @@ class _SourceWriter:
         table.start, table.jump = np.zeros((2, 3 * e.n + e.m))
         table.jerk, table.velocity_error = np.zeros((2, e.n))
 
-    def _add_radau(self, table: SimpleNamespace, settings: RadauSettings) -> tuple[Array, ...]:
+    def _add_radau(self, table: SimpleNamespace, run: RadauWorkspace) -> tuple[Array, ...]:
         """Add the fields of `RadauTable`; return the arrays that determine the motion."""
-        e, run = self._exported.equations, settings.workspace
+        e = self._exported.equations
         form = formulate_first_order(e, STABILIZED_FORM, apart=True)
         pattern, matrix, reduction = reduce_kinematics(form)
         order = plan_elimination(pattern, e.n, first=len(reduction.corrected), last=e.m)
@@ -288,7 +290,7 @@ class _SourceWriter:
             y=run.y,
             yp=run.yp,
         )
-        table.start_rate = settings.start_rate
+        table.start_rate = self._exported.start_rate
         table.residual_direction = self._direction(form.sums[0], 2 * form.size)
         table.gap_sum = self._sum(plan_gaps(gaps) if gaps else None)
         table.gaps = np.zeros(len(gaps))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -19,23 +18,13 @@ from beamdae.integrators.run_plan import RunPlan
 Array = np.ndarray
 
 
-class RadauSettings(NamedTuple):
-    """Steps of Radau.
+def plan_radau(
+    equations: EquationsOfMotion, times: Array, rtol: float
+) -> tuple[RadauWorkspace, float]:
+    """Return the steps that `Radau(rtol)` takes in a run over `times` [s], with its pilot run.
 
-    Attributes
-    ----------
-    workspace
-        Work arrays of the steps.
-    start_rate
-        Lower bound on 2 / h^2 of the first step h [1/s^2].
+    The lower bound on 2 / h^2 of the first step h [1/s^2] follows the work arrays.
     """
-
-    workspace: RadauWorkspace
-    start_rate: float
-
-
-def plan_radau(equations: EquationsOfMotion, times: Array, rtol: float) -> RadauSettings:
-    """Return the steps that `Radau(rtol)` takes in a run over `times` [s], with its pilot run."""
     method = Radau(rtol=rtol, max_steps=1)
     pilot = replace(method, rtol=PILOT_RTOL)
     plans: list[RunPlan] = []
@@ -48,4 +37,4 @@ def plan_radau(equations: EquationsOfMotion, times: Array, rtol: float) -> Radau
     drive(method, equations, times, method_on, None, pilot.method_on)
     stepper = method.method_on(plans[-1])
     local = stepper.resolved_options["local_tolerance"]
-    return RadauSettings(stepper.workspace, motion_scales(plans[-1]).rate ** 2 / local)
+    return stepper.workspace, motion_scales(plans[-1]).rate ** 2 / local
