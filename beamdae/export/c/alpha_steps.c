@@ -90,14 +90,14 @@ static void evaluate_force_change(AlphaTable *x, double delta, Reals change) {
     Table *base = &x->base;
     const Reals none = {0}, step = x->run.prediction.q, shifted = x->run.prediction.a;
     scale(step, delta, base->v);
-    for (int64_t k = 0; k < base->states.size; k++) step.at[base->states.at[k]] = 0.0;
+    clear_states(base, step);
     fill(change, 0.0);
     for (int shift = -1; shift <= 1; shift++) {
         combine2(shifted, 1.0, base->q, shift, step);
         evaluate_motion(base, &x->smooth_motion, base->t, shifted, base->v, none, none);
         add_to(change, shift == 0 ? -2.0 : 1.0, base->levels);
     }
-    for (int64_t k = 0; k < base->states.size; k++) change.at[base->states.at[k]] = 0.0;
+    clear_states(base, change);
 }
 
 /* Set accelerations, multipliers and starting values; see AlphaStart. */
@@ -240,7 +240,7 @@ int method_derivative(Instance *s, const double *direction, Reals result) {
             dv.at[base->states.at[k]] = -dx.at[base->states.at[k]] / c[2];
     }
     if (solve_direction(s, base->t - h)) return -1;
-    for (int64_t k = 0; k < base->states.size; k++) dx.at[base->states.at[k]] = 0.0;
+    clear_states(base, dx);
     combine2(dq, h, dv, -0.5 * h * h * c[1], q);
     add_to(dv, -h * c[1], q);
     scale(da, -c[1], q);

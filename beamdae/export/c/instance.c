@@ -175,7 +175,7 @@ void solve_constraints(Table *x, Reals right, double sign) {
     solve(&x->linear, x->solution);
 }
 
-static void clear_states(const Table *x, Reals vector) {
+void clear_states(const Table *x, Reals vector) {
     for (int64_t k = 0; k < x->states.size; k++) vector.at[x->states.at[k]] = 0.0;
 }
 

@@ -38,7 +38,7 @@ int fail(Instance *s, const char *text, double t);
 /* Write the message of a failed step; return 0 if the code is not negative. */
 int report_step(Instance *s, int code);
 
-/* Write all addresses of the instance, or zeros in place of the addresses in a copy of its table. */
+/* Write all addresses of an instance, or zeros in place of those in a copy of its table. */
 void write_addresses(Table *table);
 void clear_addresses(void *table);
 
@@ -58,6 +58,8 @@ void write_direction(Instance *s, const double *direction, double *dp);
 /* Advance to `end`, with restarts at breakpoints. */
 int advance(Instance *s, double end);
 
+/* Set the entries of first-order states to zero. */
+void clear_states(const Table *x, Reals vector);
 /* Evaluate (F, g, g', g'') of `total` at (q, v, a, lam), zeros if they are empty, in `levels`. */
 void evaluate_motion(Table *x, Sum *total, double t, Reals q, Reals v, Reals a, Reals lam);
 /* Also factorize the saddle-point matrix with mass M + coefficient K. */

@@ -34,8 +34,8 @@ static inline Register pick_rows(const double *rows, int64_t lanes, Register k) 
     return (Register)NUMBERS(PICK_ROW);
 }
 
-/* Initial values of words; words that contain addresses of constants, of other words and of kernels;
-   and words that contain numbers which depend on the values. */
+/* Initial values of words; words that contain addresses of constants, of other words and of
+   kernels; and words that contain numbers which depend on the values. */
 typedef struct { int64_t at, count; const void *words; } Segment;
 typedef struct { int64_t at; const uint32_t *array; } Constant;
 typedef struct { int64_t at, to; } Link;

@@ -13,8 +13,8 @@ static void eliminate(Complex *target, const Complex *pivot_row, int64_t k, int6
     for (int64_t j = k; j < n; j++) target[j] -= multiply_complex(factor, pivot_row[j]);
 }
 
-/* Write the rows of the pivots, found with partial pivoting and scaled rows; the entries of the full
-   matrix are lost. Return 0 if it is singular. */
+/* Write the rows of the pivots, found with partial pivoting and scaled rows; the entries of the
+   full matrix are lost. Return 0 if it is singular. */
 static int find_pivots(Complex *entries, double *scale, int64_t n, uint32_t *rows) {
     for (int64_t i = 0; i < n; i++) {
         double largest = 0.0;
@@ -32,7 +32,8 @@ static int find_pivots(Complex *entries, double *scale, int64_t n, uint32_t *row
         if (!(largest > 0.0) || !isfinite(largest)) return 0;
         const uint32_t row = rows[best];
         rows[best] = rows[k], rows[k] = row;
-        for (int64_t i = k + 1; i < n; i++) eliminate(entries + rows[i] * n, entries + row * n, k, n);
+        for (int64_t i = k + 1; i < n; i++)
+            eliminate(entries + rows[i] * n, entries + row * n, k, n);
     }
     return 1;
 }

@@ -9,20 +9,21 @@ static void mix_row(Register *target, const Register *row, Register weight, int 
         for (uint32_t k = 0; k < x.length; k++) target[k * x.stride] = weight * row[k];
 }
 
+/* `WEIGHT` is that of entry k. */
+#define MIX(WEIGHT)                                                                                \
+    for (uint32_t i = 0, k = 0; i < x.tiles * x.tile; i++)                                         \
+        for (uint32_t e = 0; e < x.entries; e++, k++)                                              \
+            mix_row(target + i * x.row_stride, source + columns[i / x.tile * x.entries + e],       \
+                    WEIGHT, x.adds || e > 0, x)
+
 void mix(Register *target, const Register *source, const uint32_t *columns, const double *weights,
          Mix x) {
-    for (uint32_t i = 0; i < x.tiles * x.tile; i++)
-        for (uint32_t e = 0; e < x.entries; e++)
-            mix_row(target + i * x.row_stride, source + columns[i / x.tile * x.entries + e],
-                    ALL(weights[i * x.entries + e]), x.adds || e > 0, x);
+    MIX(ALL(weights[k]));
 }
 
 void mix_numbers(Register *target, const Register *source, const uint32_t *columns,
                  const uint32_t *indices, Mix x, const Register *numbers) {
-    for (uint32_t i = 0; i < x.tiles * x.tile; i++)
-        for (uint32_t e = 0; e < x.entries; e++)
-            mix_row(target + i * x.row_stride, source + columns[i / x.tile * x.entries + e],
-                    numbers[indices[i * x.entries + e]], x.adds || e > 0, x);
+    MIX(numbers[indices[k]]);
 }
 
 void spread(Register *target, const Register *source, const uint32_t *places,

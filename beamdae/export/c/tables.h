@@ -49,8 +49,8 @@ typedef struct {
     int64_t is_quiet, has_tangent;
     Sum gap_sum;
     Reals gaps, before, begin;
-    /* Derivatives of y and, for the last step, of w, and inputs (y, y'), their derivatives and those
-       of the numbers p. */
+    /* Derivatives of y and, for the last step, of w, and inputs (y, y'), their derivatives and
+       those of the numbers p. */
     Reals tangent;
     Reals2 tangent_w;
     Reals stage;
