@@ -42,11 +42,10 @@ typedef struct { int64_t at, to; } Link;
 typedef struct { int64_t at; Kernel kernel; } Code;
 typedef struct { int64_t at, number; } Number;
 
-/* Values are the inputs, followed by the parameters. `n_motion` is the number of words that
-   determine the motion. */
+/* Values are the inputs, followed by the parameters. */
 typedef struct {
     uint32_t n_inputs, n_values, n_outputs;
-    int64_t n_words, n_motion;
+    int64_t n_words;
     double step, duration;
     int64_t n_segments, n_constants, n_links, n_codes, n_numbers;
     const Segment *segments;
