@@ -26,20 +26,19 @@ class Image:
     layout
         Layout of the table.
     first
-        Arrays that follow the table, in this order; the others follow in the order of the layout.
-
-    Attributes
-    ----------
-    n_words
-        Number of words.
+        Arrays that follow the table, in this order; the others follow in the order of the layout,
+        those of sums last.
     """
 
     def __init__(self, layout: Layout, first: Sequence[Array] = ()) -> None:
         self._layout, self._first = layout, first
         self._constants = [(k, x) for k, x in layout.arrays if x.size and x.dtype == np.uint32]
         self._arrays = [(k, x) for k, x in layout.arrays if x.size and x.dtype != np.uint32]
+        self._sums = {id(x): x for x, _, _ in layout.objects if isinstance(x, Sum)}
+        owned = {id(getattr(x, name)) for x in self._sums.values() for name in Sum.__slots__}
+        self._arrays.sort(key=lambda pair: id(pair[1]) in owned)
+        self._n_state = sum(id(x) not in owned for _, x in self._arrays)
         self._blocks = self._place_blocks()
-        self.n_words = max([len(layout.words), *(at + size for _, size, at in self._blocks)])
 
     def _place_blocks(self) -> list[tuple[int, int, int]]:
         """Return (address, size, index of the first word) of blocks of memory, by address."""
@@ -87,7 +86,13 @@ class Image:
             segments.append(f"{{{at}, {array.nbytes // _WORD}, {name}}}")
         constants = [f"{{{k}, {tables.indices(x.ravel())}}}" for k, x in self._constants]
         links = [f"{{{k}, {self.locate(x)}}}" for k, x in self._arrays]
-        return {"n_words": self.n_words} | _count_rows(
+        _, size, at = max(self._blocks, key=lambda x: x[2])
+        further = [x for _, x in self._arrays[self._n_state :]]
+        sizes = {
+            "n_words": at + size,
+            "n_state": self.locate(further[0]) if further else at + size,
+        }
+        return sizes | _count_rows(
             tables,
             segments=("Segment", segments),
             constants=("Constant", constants),
@@ -106,9 +111,8 @@ class Image:
         `plans` are those of the sums by identity, `name_of` returns the C function of a batch, and
         `number_of` contains the index of each number p, or -1 for constant numbers.
         """
-        sums = {id(x): x for x, _, _ in self._layout.objects if isinstance(x, Sum)}
         codes, numbers = [], []
-        for key, total in sums.items():
+        for key, total in self._sums.items():
             plan = plans[key]
             if plan.batches:
                 first = self.locate(total.kernels)

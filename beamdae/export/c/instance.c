@@ -62,7 +62,7 @@ static void set_branch(Table *x) {
 }
 
 static void load_model(Instance *s) {
-    memset(s->table, 0, instance_state_size(s));
+    memset(s->table, 0, model.n_words * sizeof(int64_t));
     for (int64_t k = 0; k < model.n_segments; k++) {
         const Segment *from = &model.segments[k];
         memcpy((int64_t *)s->table + from->at, from->words, from->count * sizeof(int64_t));
@@ -76,7 +76,7 @@ static void load_model(Instance *s) {
 Instance *instance_create(void) {
     Instance *s = calloc(1, sizeof(Instance));
     if (!s) return NULL;
-    s->table = malloc(instance_state_size(s));
+    s->table = malloc(model.n_words * sizeof(int64_t));
     if (!s->table) {
         free(s);
         return NULL;
@@ -102,20 +102,18 @@ int instance_reset(Instance *s) {
 
 size_t instance_state_size(const Instance *s) {
     (void)s;
-    return model.n_words * sizeof(int64_t);
+    return model.n_state * sizeof(int64_t);
 }
 
 void instance_get_state(const Instance *s, void *state) {
-    int64_t *words = state;
     memcpy(state, s->table, instance_state_size(s));
     clear_addresses(state);
-    for (int64_t k = 0; k < model.n_codes; k++) words[model.codes[k].at] = 0;
 }
 
 int instance_set_state(Instance *s, const void *state) {
     memcpy(s->table, state, instance_state_size(s));
     write_addresses(s->table);
-    s->has_outputs = 0;
+    refresh_numbers(s);
     return 0;
 }
 
@@ -426,7 +424,7 @@ int instance_derivative(Instance *s, const double *direction, double *result) {
     memcpy(state, x, instance_state_size(s));
     const int code = method_derivative(s, direction, (Reals){result, x->outputs.size});
     memcpy(x, state, instance_state_size(s));
-    s->has_outputs = 0;
+    refresh_numbers(s);
     free(state);
     return code;
 }

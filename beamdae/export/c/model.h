@@ -42,10 +42,11 @@ typedef struct { int64_t at, to; } Link;
 typedef struct { int64_t at; Kernel kernel; } Code;
 typedef struct { int64_t at, number; } Number;
 
-/* Values are the inputs, followed by the parameters. */
+/* Values are the inputs, followed by the parameters. `n_state` is the number of words before those
+   of the sums. */
 typedef struct {
     uint32_t n_inputs, n_values, n_outputs;
-    int64_t n_words;
+    int64_t n_words, n_state;
     double step, duration;
     int64_t n_segments, n_constants, n_links, n_codes, n_numbers;
     const Segment *segments;
