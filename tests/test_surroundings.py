@@ -81,7 +81,8 @@ def test_sweeps_over_every_kind_of_parameter_have_a_page(over, folder):
 @pytest.mark.parametrize("quiet", [[], ["-q"]], ids=str)
 def test_a_closed_terminal_keeps_the_results(quiet, folder):
     pty = pytest.importorskip("pty")
-    load()
+    load(inside="open('built', 'w').close()")
+    Path("built").unlink(missing_ok=True)
     master, terminal = pty.openpty()
     options = ["--integrator", "generalized-alpha", "--step", "1e-5", "--t-end", "1000", *quiet]
     command = process(
@@ -95,7 +96,10 @@ def test_a_closed_terminal_keeps_the_results(quiet, folder):
     os.close(terminal)
     reader = threading.Thread(target=_drain, args=(master, end := threading.Event()))
     reader.start()
-    time.sleep(3.0)
+    deadline = time.monotonic() + 60.0
+    while not Path("built").exists() and time.monotonic() < deadline:
+        time.sleep(0.05)
+    time.sleep(1.0)  # The run takes minutes.
     end.set()
     reader.join()
     os.close(master)
