@@ -109,9 +109,7 @@ def start_inside_warnings(
                     )
 
 
-def _forces_without(
-    names: set[str], active: EquationsOfMotion, time: Array, state: State
-) -> Array:
+def _forces_without(names: set[str], active: EquationsOfMotion, time: Array, state: State) -> Array:
     """Return the generalized forces F of all active parts but those of these names, (n,)."""
     assert active.mechanism is not None
     mechanism = copy(active.mechanism)
