@@ -180,3 +180,18 @@ def _list_sizes(equations: EquationsOfMotion, name: str) -> Iterator[tuple[float
             yield sizes[x.body.name], f"{x.body.name} is large"
     if isinstance(surface, CircleSurface) and surface.side == "outside":
         yield _MAX_DEPTH_IN_CIRCLE * surface.radius, "half the radius of the circle"
+
+
+def impact_order_warnings(run: RunData) -> Iterator[str]:
+    """Yield a warning about the first impacts that close the gaps of each other at the same time."""
+    names = {term.name for term in run.equations.events if select_impacts(term.do)}
+    for t in dict.fromkeys(x.t for x in run.event_records):
+        simultaneous = [x.name for x in run.event_records if x.t == t and x.name in names]
+        different = list(dict.fromkeys(simultaneous))
+        if 1 < len(different) < len(simultaneous):
+            yield (
+                f"{', '.join(different)}: these impacts at t = {t:.6g} s close the gaps of each "
+                "other, so the motion after them depends on their order; make them one event, "
+                "do=[bd.impact(...), bd.impact(...)]."
+            )
+            return

@@ -17,6 +17,7 @@ from beamdae.errors import format_percent
 from beamdae.model_checks.coarse_rows import coarse_row_warnings
 from beamdae.model_checks.contacts import (
     deep_contact_warnings,
+    impact_order_warnings,
     start_inside_warnings,
 )
 from beamdae.model_checks.strain_limits import sample_positions, strain_warnings
@@ -145,5 +146,6 @@ RUN_CHECKS: tuple[Check, ...] = (
     # ... single forces, and parts without effect.
     _velocity_jumps,
     deep_contact_warnings,
+    impact_order_warnings,
     lambda run: switch_warnings(run.equations.mechanism),
 )
