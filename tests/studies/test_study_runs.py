@@ -57,7 +57,9 @@ def test_groups_that_compare_integrators_have_references_unless_settings_say_oth
     assert referenced_groups(MIXED[:2] * 2) == [], "the same case twice compares nothing"
     assert referenced_groups(MIXED, references=FINE) == [one, two]
     assert referenced_groups(MIXED, columns=("end.x [m]",)) == [one, two]
-    assert referenced_groups(MIXED, references=()) == []
+    assert referenced_groups(MIXED[:2], over="mass") == [f"swing, {ALPHA.label}"]
+    for settings in ({}, {"over": "mass"}, {"columns": ("end.x [m]",)}):
+        assert referenced_groups(MIXED, references=(), **settings) == []
 
 
 def test_cases_with_equal_parameters_share_a_reference(run):
