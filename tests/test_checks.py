@@ -225,7 +225,7 @@ def test_regression_verdicts_name_motions_that_grow_from_the_start():
     rate = np.sqrt(9.81 * (0.5 + 2.0) / (0.1 + 0.25 + 2.0))
     growth = f"a motion grows from the start at a rate of {rate:.3g} 1/s"
     assert findings.verdict == f"ready to run, but {growth}"
-    assert f"unstable               {growth}" in str(findings)
+    assert f"unstable      {growth}" in str(findings)
     mech.add(bd.PointOnLine("guide", ground.at(0.0, 1.0), head.point, direction=(0.0, 1.0)))
     assert mech.check(predict=False).verdict == "ready to run"
 

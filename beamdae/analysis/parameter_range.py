@@ -9,6 +9,7 @@ from beamdae.analysis.sensitivities.sensitivity_result import complete_parameter
 from beamdae.errors import (
     BeamdaeError,
     as_real,
+    as_text,
     require_finite,
     require_pair,
     short_repr,
@@ -55,7 +56,7 @@ class ParameterRange:
         require_model_function(caller, model)
         argument, name = by
         numbers = [key for key, value in model.parameters.items() if as_real(value) is not None]
-        if name not in numbers:
+        if as_text(name) not in numbers:
             raise BeamdaeError(
                 f"{caller}: {argument} names {short_repr(name)}, which is not a numeric parameter "
                 f"of {model.name}{suggest(name, numbers)}; use one of its parameters "

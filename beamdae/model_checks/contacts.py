@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from beamdae.beams.beam import BeamAttachment
-from beamdae.equations.assembly.observables import compile_quantity
+from beamdae.equations.assembly.observables import compile_quantities
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.starts.rigid_motions import collect_bodies
 from beamdae.equations.starts.state_evaluator import StateEvaluator
@@ -58,7 +58,8 @@ def start_inside_warnings(
         return
 
     def evaluate(name: str, quantity: Quantity, q: Array) -> Array:
-        return compile_quantity(mechanism, name, quantity).rows(time[None], q[None], v)[0]
+        (compiled,) = compile_quantities(mechanism, [(name, quantity)])
+        return compiled.rows(time[None], q[None], v)[0]
 
     v, rounding = state.v[None], _ROUNDING * equations.length
     configurations = equations.configurations

@@ -11,8 +11,7 @@ import beamdae as bd
 from beamdae.analysis.fit.data import read_fit_data, read_measurements
 from beamdae.analysis.fit.problem import FitProblem, differentiate_column
 from beamdae.analysis.fit.sensors import read_sensors
-from beamdae.cli.commands.fit import _json_results
-from beamdae.report.terminal.text_tables import estimates_table
+from beamdae.report.descriptions import describe
 
 SLOW = pytest.mark.slow(reason="half a second and more")
 TIMES = np.linspace(0.2, 2.0, 37)
@@ -420,9 +419,9 @@ def test_regression_offsets_of_converted_columns_are_named_with_the_unit_of_the_
     options = {"parameters": TRUE, "sigma": 1.0, "offset": ["mass.x [mm]"]}
     fit = bd.fit(oscillator, data, "stiffness", METHOD, max_evaluations=2, **options)
     assert fit.sensors == pytest.approx({"offset of mass.x [m]": OFFSET}, rel=1e-4)
-    table = estimates_table(fit.table(), fit.units)
-    assert [row[0] for row in table.texts][2:] == ["offset of mass.x [m]"]
-    assert _json_results(fit)["estimates"]["offset of mass.x [m]"]["unit"] == "m"
+    description = describe(fit)
+    assert description.tables["Estimates"]["estimate"].to_list()[-1] == "offset of mass.x [m]"
+    assert description.data()["estimates"]["offset of mass.x [m]"]["unit"] == "m"
 
 
 def test_regression_offsets_in_two_units_of_one_column_are_rejected():

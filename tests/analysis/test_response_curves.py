@@ -558,12 +558,6 @@ def test_regression_responses_state_the_largest_magnitude(mean):
         assert largest == pytest.approx(expected, rel=2e-3)
 
 
-@pytest.mark.parametrize(("column", "is_drawn"), [("stress", False), ("largest", True)])
-def test_regression_pictures_of_magnitudes_show_their_largest_values(column, is_drawn):
-    (axis,) = sine_response(0.0, 1.0).plot(column).figure.axes
-    assert (axis.get_legend() is not None) == is_drawn
-
-
 @pytest.mark.slow(reason="a quarter of a second")
 def test_regression_fixed_steps_find_periodic_motions_of_driven_beams():
     """Velocities violate the constraints at the end of a run: the deviation stayed at 2e-5."""
