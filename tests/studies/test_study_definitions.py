@@ -85,8 +85,6 @@ WRONG_STUDIES = [
     {"cases": "abc"},
     {"cases": {1}},
     {"cases": ()},
-    {"references": (), "errors": True},
-    {"errors": "yes"},
     {"references": bd.Ida(1e-6)},
     {"references": (bd.Ida(1e-6),)},
     {"references": (bd.Ida(1e-6), ALPHA, bd.Radau(1e-6))},

@@ -121,7 +121,7 @@ def test_study_with_errors_of_some_cases(tmp_path):
         ((1.0, 1.0), {}),
         ((1.0, 2.0), {}),
         ((1.0, -1.0), {"references": ()}),
-        ((1.0, 2.0), {"over": "mass", "errors": False}),
+        ((1.0, 2.0), {"over": "mass", "references": ()}),
     ],
 )
 def test_study_without_references_has_no_errors_and_no_summary(masses, settings, tmp_path):
