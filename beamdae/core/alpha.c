@@ -146,6 +146,24 @@ static int iterate_newton(AlphaWorkspace *run, double t, int may_renew) {
     return NOT_CONVERGED;
 }
 
+/* Newton's iteration of a fixed number of corrections with one matrix. */
+static int iterate_fixed_number(AlphaWorkspace *run, double t) {
+    const int64_t n = run->current.q.size;
+    double previous = INFINITY;
+    const int code = factorize_step_matrix(run, t);
+    for (int64_t k = 0; k < run->fixed_iterations && code == DONE; k++) {
+        evaluate_step_residual(&run->form, t, run->branch, &run->prediction, run->x, run->change);
+        solve(&run->linear, run->change);
+        add_to(run->x, -1.0, run->change);
+        const double size = euclidean_norm(part(run->change, 0, n), run->weights);
+        if (!isfinite(size)) return NOT_FINITE;
+        if (size > MAX_CORRECTION_GROWTH * previous && size > run->correction_limit)
+            return NOT_CONVERGED;
+        previous = size;
+    }
+    return code;
+}
+
 /* Solve the step equations for x in up to three attempts: with the existing factors, with new
    factors, and with new factors starting from uniform motion. Uniform motion is the better first
    iterate under a violent load, when the accelerations of light, stiff coordinates are huge for an
@@ -153,6 +171,7 @@ static int iterate_newton(AlphaWorkspace *run, double t, int may_renew) {
 static int solve_step(AlphaWorkspace *run, double t) {
     const int64_t n = run->current.q.size;
     const Reals x = part(run->x, 0, n), multipliers = from(run->x, n);
+    if (run->fixed_iterations > 0) return iterate_fixed_number(run, t);
     copy(run->first_multipliers, multipliers);
     if (run->rate <= KEEP_RATE) {
         const int code = iterate_newton(run, t, 0);

@@ -44,6 +44,15 @@ typedef struct {
     FIELDS(DECLARE)
 } Vector;
 
+/* Initializer of a register with the values x(lane). */
+#if WIDTH == 8
+#define NUMBERS(x) {x(0), x(1), x(2), x(3), x(4), x(5), x(6), x(7)}
+#elif WIDTH == 4
+#define NUMBERS(x) {x(0), x(1), x(2), x(3)}
+#else
+#define NUMBERS(x) {x(0), x(1)}
+#endif
+
 #define DEFINE(name, arguments, value)                                                             \
     static inline Vector name arguments {                                                          \
         Vector z;                                                                                  \
@@ -166,7 +175,7 @@ static inline double euclidean_norm(Reals x, Reals weights) {
 }
 
 /* Entries of x where the mask is set, else of y. */
-static inline Register select(Mask mask, Register x, Register y) {
+static inline Register choose(Mask mask, Register x, Register y) {
     return (Register)((mask & (Mask)x) | (~mask & (Mask)y));
 }
 
@@ -193,8 +202,8 @@ static inline double max_norm(Reals x, Reals weights) {
     for (; i + LANES <= x.size; i += LANES) {
         const Vector value = times(load(x, i), load(weights, i));
 #define JOIN(f, first)                                                                             \
-    const Register f = select(value.f < -value.f, -value.f, value.f);                              \
-    lanes.f = select((f > lanes.f) | (f != f), f, lanes.f);
+    const Register f = choose(value.f < -value.f, -value.f, value.f);                              \
+    lanes.f = choose((f > lanes.f) | (f != f), f, lanes.f);
         FIELDS(JOIN)
     }
     for (; i < x.size; i++) total = join_largest(total, fabs(x.at[i] * weights.at[i]));

@@ -15,14 +15,16 @@ from typing import NamedTuple
 
 from beamdae.errors import BeamdaeError
 
-# The sources are standard C. Fused multiplications would differ between processors.
-_FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fvisibility=hidden")
+# Fused multiplications would differ between processors.
 CORE_FLAGS = (
     "-std=gnu11",
     "-ffp-contract=off",
     "-fno-tree-vectorize",
     "-fno-semantic-interposition",
+    "-fno-math-errno",
+    "-fno-trapping-math",
 )
+_FMU_FLAGS = (*CORE_FLAGS, "-O2", "-fvisibility=hidden")
 _MAX_MESSAGE_LENGTH = 500
 
 
@@ -112,7 +114,7 @@ def compile_objects(
     for source in sources:
         objects[source.name] = folder / f"{source.stem}.o"
         output = ["-o", str(objects[source.name])]
-        flags = [*_FLAGS, *position, *further]
+        flags = [*_FMU_FLAGS, *position, *further]
         run_compiler(part, [*compiler, *flags, "-c", str(source), *output])
     return objects
 

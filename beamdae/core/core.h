@@ -69,7 +69,7 @@ typedef struct {
 } ComplexSolver;
 
 typedef struct {
-    Indices order, starts, positions, sources, upper_starts, upper_rows, lower_starts, lower_rows;
+    Indices starts, positions, sources, upper_starts, upper_rows, lower_starts, lower_rows;
 } FixedOrder;
 
 typedef struct {
@@ -230,6 +230,7 @@ typedef struct {
        `correction_limit`, local error tolerance, and bounds of adaptive steps. */
     double newton_tolerance, min_correction_limit, tolerance, max_step, min_step;
     Integers states; /* first-order states */
+    int64_t fixed_iterations; /* of Newton in every fixed step; 0 for as many as necessary */
     /* 0 if the starting values of an interval have just been set; 1 after a jump of inputs. */
     int64_t has_started, has_jumped, filled;
     double step_ratio; /* to the previous step, 0 in the first one */
@@ -318,6 +319,9 @@ void set_stages(Stages *run, double h);
 /* Set the non-zeros of both matrices to parts of a reduced matrix, and factorize them. */
 int factorize_stages(Stages *run, double h, Reals jacobian);
 void subtract_corrections(Stages *run, double h);
+/* Subtract the corrections from W that belong to the residuals of the stages; rows q' = v must hold
+   already. */
+void correct_stages(RadauWorkspace *run, double h);
 
 typedef struct {
     int64_t n;

@@ -20,7 +20,7 @@ from beamdae.native.prebuilt_objects import has_prebuilt_objects, read_prebuilt_
 FOLDER = Path(__file__).parent
 NAME = "core"
 # Results have the same bits on all processors: multiplications and additions are not fused.
-_FLAGS = ("-O3", "-funroll-loops", "-fno-math-errno", "-fno-trapping-math")
+_FLAGS = ("-O3", "-funroll-loops")
 
 
 def core_sources() -> list[Path]:

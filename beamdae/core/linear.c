@@ -21,13 +21,6 @@ typedef struct { Vector re, im; } ComplexVector;
 typedef double _Complex Complex;
 
 /* One number per lane at the indices `at`, of arrays whose numbers have `parts` parts. */
-#if WIDTH == 8
-#define NUMBERS(x) {x(0), x(1), x(2), x(3), x(4), x(5), x(6), x(7)}
-#elif WIDTH == 4
-#define NUMBERS(x) {x(0), x(1), x(2), x(3)}
-#else
-#define NUMBERS(x) {x(0), x(1)}
-#endif
 static inline Register pick_register(const double *x, const uint32_t *at, int parts) {
 #define NUMBER_OF(k) x[parts * at[k]]
     return (Register)NUMBERS(NUMBER_OF);

@@ -184,9 +184,7 @@ static int factorize_matrices(RadauWorkspace *run, double h) {
     return code;
 }
 
-/* Subtract the corrections from W that belong to the residuals of the stages; rows q' = v must hold
-   already. */
-static void correct_stages(RadauWorkspace *run, double h) {
+void correct_stages(RadauWorkspace *run, double h) {
     Stages *base = &run->base;
     const double *a = base->tableau.from_stages.at;
     const Reals r0 = row(run->stage_residuals, 0), r1 = row(run->stage_residuals, 1);

@@ -10,6 +10,7 @@ from __future__ import annotations
 import ctypes
 import re
 from functools import cache
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -38,9 +39,11 @@ _CALL = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p)
 
 
 @cache
-def _structures() -> dict[str, tuple[tuple[str, str], ...]]:
-    """Return (name, type) of the fields of each structure."""
-    text = re.sub(r"/\*.*?\*/", "", (FOLDER / "core.h").read_text("utf-8"), flags=re.DOTALL)
+def _read_structures(*headers: Path) -> dict[str, tuple[tuple[str, str], ...]]:
+    """Return (name, type) of the fields of each structure in `core.h` and further headers."""
+    files = (FOLDER / "core.h", *headers)
+    text = "".join(file.read_text("utf-8") for file in files)
+    text = re.sub(r"/\*.*?\*/", "", text, flags=re.DOTALL)
     structures = {}
     for body, name in re.findall(r"typedef struct \{(.*?)\} (\w+);", text, re.DOTALL):
         lines = (line.split(maxsplit=1) for line in body.split(";") if line.strip())
@@ -59,20 +62,28 @@ def _structure_of(function: str) -> str:
 
 def _list_fields(structure: str) -> dict[str, str]:
     """Return the types of the fields of a structure, those of its base first, by name."""
-    fields = dict(_structures()[structure])
+    fields = dict(_read_structures()[structure])
     base = fields.pop(_BASE, None)
     return fields if base is None else _list_fields(base) | fields
 
 
 class Workspace:
-    """Object with the fields of a structure in `core.h`; numbers are zero by default."""
+    """Object with the fields of a structure in `core.h`; numbers are zero by default.
+
+    Attributes
+    ----------
+    structure
+        Name of the structure.
+    """
+
+    structure: str
 
     def __init__(self, structure: str, /, **fields: Any) -> None:
         known = _list_fields(structure)
         if unknown := fields.keys() - known.keys():
             raise TypeError(f"{structure} has no fields {', '.join(sorted(unknown))}")
         numbers = {name: _NUMBERS[kind](0) for name, kind in known.items() if kind in _NUMBERS}
-        vars(self).update(numbers | fields)
+        vars(self).update(numbers | fields, structure=structure)
 
     if TYPE_CHECKING:
 
@@ -81,25 +92,42 @@ class Workspace:
         def __setattr__(self, name: str, value: Any) -> None: ...
 
 
-class _Number(NamedTuple):
+class Number(NamedTuple):
+    """Number in a table: attribute of an object, and index of its word."""
+
     owner: Any
     name: str
     word: int
 
 
-class _Layout:
-    """Words of an object, with zeros in place of numbers; the numbers by type; nested objects."""
+class Layout:
+    """Words of an object in a table.
 
-    def __init__(self, structure: str, owner: Any) -> None:
+    Attributes
+    ----------
+    words
+        Words of 64 bits, with zeros in place of numbers.
+    numbers
+        Numbers by type.
+    arrays
+        Arrays, each with the index of the word that contains its address.
+    objects
+        The object and those in its fields, each with its first word and its structure.
+    """
+
+    def __init__(self, structure: str, owner: Any, *headers: Path) -> None:
+        """Lay out an object of a structure in `core.h` or in one of `headers`."""
         self.words: list[int] = []
-        self.numbers: dict[type, list[_Number]] = {float: [], int: []}
+        self.numbers: dict[type, list[Number]] = {float: [], int: []}
+        self.arrays: list[tuple[int, Array]] = []
         self.objects: list[tuple[Any, int, str]] = []
+        self._structures = _read_structures(*headers)
         self._add(structure, owner)
 
     def _add(self, structure: str, owner: Any) -> None:
         words = self.words
         self.objects.append((owner, len(words), structure))
-        for name, kind in _structures()[structure]:
+        for name, kind in self._structures[structure]:
             if name == _BASE:
                 self._add(kind, owner)
                 continue
@@ -111,17 +139,18 @@ class _Layout:
                     continue
                 if value.dtype != dtype or value.ndim != n_axes or not value.flags.c_contiguous:
                     raise TypeError(f"{structure}.{name}: {value.dtype} {value.shape} is no {kind}")
-                words.append(_address_of(value))
+                self.arrays.append((len(words), value))
+                words.append(address_of(value))
                 words += value.shape
             elif kind in _NUMBERS:
                 if value is not None:
-                    self.numbers[_NUMBERS[kind]].append(_Number(owner, name, len(words)))
+                    self.numbers[_NUMBERS[kind]].append(Number(owner, name, len(words)))
                 words.append(0)
             else:
                 self._add(kind, value)
 
 
-def _address_of(array: Array) -> int:
+def address_of(array: Array) -> int:
     """Return the address of an array; 0 if it is empty."""
     if not array.size:
         return 0
@@ -151,7 +180,7 @@ class Loop:
     def __init__(self, function: str, work: Any) -> None:
         core = load_core()
         assert core is not None
-        layout = _Layout(_structure_of(function), work)
+        layout = Layout(_structure_of(function), work)
         self._objects = layout.objects
         self.table = np.array(layout.words, np.int64)
         self._views = {float: self.table.view(np.float64), int: self.table}
@@ -183,7 +212,7 @@ class Loop:
         """
         for owner in owners or (self._work,):
             start, structure = next((word, name) for x, word, name in self._objects if x is owner)
-            words = _Layout(structure, owner).words
+            words = Layout(structure, owner).words
             self.table[start : start + len(words)] = words
         self.load()
 

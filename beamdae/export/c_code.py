@@ -18,8 +18,9 @@ Array = np.ndarray
 
 _NUMBERS_PER_LINE = 12
 
-# C expressions of operations of CasADi with the operands {x} and {y}.
-_EXPRESSIONS = {
+# C expressions of operations of CasADi with the operands {x} and {y}: those of numbers and vectors,
+# and those of numbers.
+_ARITHMETIC = {
     ca.OP_ASSIGN: "{x}",
     ca.OP_ADD: "{x} + {y}",
     ca.OP_SUB: "{x} - {y}",
@@ -29,6 +30,8 @@ _EXPRESSIONS = {
     ca.OP_SQ: "{x} * {x}",
     ca.OP_TWICE: "{x} + {x}",
     ca.OP_INV: "1.0 / {x}",
+}
+_EXPRESSIONS = {
     ca.OP_LT: "{x} < {y}",
     ca.OP_LE: "{x} <= {y}",
     ca.OP_EQ: "{x} == {y}",
@@ -67,43 +70,71 @@ def write_kernel(name: str, function: ca.Function) -> str:
     """
     if function.class_name() != "SXFunction":
         function = function.expand()
-    work: dict[int, str] = {}
+    # C expressions, and whether they are vectors.
+    work: dict[int, tuple[str, bool]] = {}
     lines = []
     calls = function.instructions_sx() if has_lookups(function) else None
+
+    def define(target: int, name: str, expression: str, is_vector: bool) -> None:
+        lines.append(f"const {'Register' if is_vector else 'double'} {name} = {expression};")
+        work[target] = name, is_vector
+
     for k in range(function.n_instructions()):
         code, sources = function.instruction_id(k), function.instruction_input(k)
         targets = function.instruction_output(k)
-        if code == ca.OP_OUTPUT:
-            lines.append(f"out[{targets[1]}] = {work[sources[0]]};")
-            continue
         if code == ca.OP_CONST:
-            work[targets[0]] = format_number(function.instruction_constant(k))
-            continue
-        if code == ca.OP_INPUT:
-            expression = f"{('shared', 'local')[sources[0]]}[{sources[1]}]"
+            work[targets[0]] = format_number(function.instruction_constant(k)), False
+        elif code == ca.OP_INPUT:
+            is_local, row = sources
+            expression = f"LOAD({row})" if is_local else f"shared[{row}]"
             if calls is not None:
                 # Rows of tables are not read before their lookup.
-                work[targets[0]] = expression
-                continue
+                work[targets[0]] = expression, bool(is_local)
+            else:
+                define(targets[0], f"v{k}", expression, bool(is_local))
+        elif code == ca.OP_OUTPUT:
+            lines.append(f"STORE({targets[1]}, {_as_vector(*work[sources[0]])});")
         elif calls is not None and code == ca.OP_CALL:
             operation = calls.nz[k].which_function().name()
-            operands = [work[i] for i in sources]
-            for i, (target, value) in enumerate(
-                zip(targets, _write_call(operation, operands, len(targets)), strict=True)
-            ):
-                lines.append(f"const double v{k}_{i} = {value};")
-                work[target] = f"v{k}_{i}"
-            continue
-        elif code in _EXPRESSIONS:
-            operands = [work[i] for i in sources]
-            expression = _EXPRESSIONS[code].format(x=operands[0], y=operands[-1])
+            operands = [_as_vector(*work[i]) for i in sources]
+            values = _write_call(operation, operands, len(targets))
+            for i, (target, value) in enumerate(zip(targets, values, strict=True)):
+                define(target, f"v{k}_{i}", value, True)
         else:
-            raise UnsupportedOperationError(f"operation {code} of CasADi")
-        lines.append(f"const double v{k} = {expression};")
-        work[targets[0]] = f"v{k}"
+            x, y = work[sources[0]], work[sources[-1]]
+            is_vector = x[1] or y[1]
+            if code in _ARITHMETIC:
+                expression = _ARITHMETIC[code].format(x=x[0], y=y[0])
+            elif code not in _EXPRESSIONS:
+                raise UnsupportedOperationError(f"operation {code} of CasADi")
+            elif is_vector:
+                expression = f"operation{code}({_as_vector(*x)}, {_as_vector(*y)})"
+            else:
+                expression = _EXPRESSIONS[code].format(x=x[0], y=y[0])
+            define(targets[0], f"v{k}", expression, is_vector)
     body = "\n".join(f"    {line}" for line in lines)
-    head = f"static void {name}(const double *shared, const double *local, double *out) {{"
-    return f"{head}\n    (void)shared, (void)local, (void)out;\n{body}\n}}\n"
+    unused = "    (void)shared, (void)local, (void)out, (void)lanes;"
+    return f"{write_head(name)} {{\n{unused}\n{body}\n}}\n"
+
+
+def _as_vector(expression: str, is_vector: bool) -> str:
+    return expression if is_vector else f"ALL({expression})"
+
+
+def write_operations() -> str:
+    """Return C functions of the operations of kernels that C does not define for vectors."""
+    return "\n".join(
+        f"#define NUMBER{code}(i) ({expression.format(x='x[i]', y='y[i]')})\n"
+        f"static inline Register operation{code}(Register x, Register y) {{\n"
+        f"    (void)y;\n    return (Register)NUMBERS(NUMBER{code});\n}}\n"
+        for code, expression in _EXPRESSIONS.items()
+    )
+
+
+def write_head(name: str) -> str:
+    """Return the head of a C function of the type `Kernel`."""
+    arguments = "const double *shared, const double *local, double *out, int64_t lanes"
+    return f"static void {name}({arguments})"
 
 
 def write_point_kernel(
@@ -123,10 +154,12 @@ def write_point_kernel(
     def write(step: Step) -> list[str]:
         if isinstance(step, Loop):
             body = [line for x in step.steps for line in write(x)]
-            return [f"for (Index point = 0; point < {step.points}; point++) {{", *body, "}"]
+            return [f"for (uint32_t point = 0; point < {step.points}; point++) {{", *body, "}"]
         places = ", ".join(locate(x) for x in step if isinstance(x, Place))
         if isinstance(step, Call):
-            return [f"{names[step.symbol]}(shared, {places});"]
+            local, values = locate(step.local), locate(step.values)
+            numbers = f"(const double *)({local}), (double *)({values})"
+            return [f"{names[step.symbol]}(shared, {numbers}, WIDTH);"]
         if isinstance(step, Mix):
             sizes = (step.tiles, step.tile, step.entries, step.length, *step.strides)
             settings = f"(Mix){{{', '.join(map(str, sizes))}, {int(step.adds)}}}"
@@ -137,28 +170,27 @@ def write_point_kernel(
         if isinstance(step, Spread):
             return [f"spread({places}, {step.runs}, {step.entries}, {step.size});"]
         if isinstance(step, Set):
-            return [f"set({places}, {step.size}, {format_number(step.value)});"]
+            return [f"set_rows({places}, {step.size}, {format_number(step.value)});"]
         if isinstance(step, Load):
-            return [f"load({places}, {step.size}, local);"]
-        return [f"store({places}, {step.size}, out);"]
+            return [f"load_rows({places}, {step.size}, local, lanes);"]
+        return [f"store_rows({places}, {step.size}, out, lanes);"]
 
-    lines = [f"double {x}[{count}];" for x, count in program.buffers.items()]
+    lines = [f"Register {x}[{count}];" for x, count in program.buffers.items()]
     lines += [line for step in program.steps for line in write(step)]
     body = "\n".join(f"    {line}" for line in lines)
-    head = f"static void {name}(const double *shared, const double *local, double *out) {{"
-    return f"{head}\n{body}\n}}\n"
+    return f"{write_head(name)} {{\n{body}\n}}\n"
 
 
 def _write_call(name: str, operands: Sequence[str], count: int) -> list[str]:
     """Return the results of a call of a function of `beamdae.native.table_functions`."""
     argument, rows = operands[0], operands[1:]
-    match = re.fullmatch(r"local\[(\d+)\]", rows[0])
+    match = re.fullmatch(r"LOAD\((\d+)\)", rows[0])
     first = int(match[1]) if match else 0
-    if name not in (FIND, PICK) or list(rows) != [f"local[{first + i}]" for i in range(len(rows))]:
+    if name not in (FIND, PICK) or list(rows) != [f"LOAD({first + i})" for i in range(len(rows))]:
         raise UnsupportedOperationError(f"call of {name}")
     if name == FIND:
-        return [f"find_row(local + {first}, {len(rows)}, {argument})"]
-    return [f"local[{first + i} + (int)({argument})]" for i in range(count)]
+        return [f"find_rows(local + {first} * lanes, lanes, {len(rows)}, {argument})"]
+    return [f"pick_rows(local + {first + i} * lanes, lanes, {argument})" for i in range(count)]
 
 
 def format_number(value: float) -> str:
@@ -195,7 +227,12 @@ class Tables:
     def indices(self, values: Sequence[int] | Array) -> str:
         """Return the name of an array of indices; "NULL" for no values."""
         array = np.asarray(values, np.int64)
-        return self._add("Index", array, [str(x) for x in array.tolist()])
+        return self._add("uint32_t", array, [str(x) for x in array.tolist()])
+
+    def integers(self, values: Sequence[int] | Array) -> str:
+        """Return the name of an array of words with these bits; "NULL" for no values."""
+        array = np.asarray(values, np.int64)
+        return self._add("uint64_t", array, [f"{x:#x}u" for x in array.view(np.uint64).tolist()])
 
     def rows(self, kind: str, rows: Sequence[str]) -> str:
         """Return the name of an array of structs; "NULL" for no rows."""

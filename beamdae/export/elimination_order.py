@@ -5,14 +5,16 @@ from __future__ import annotations
 import numpy as np
 import scipy.sparse as sp
 
+from beamdae.linear.elimination import N_EXTRA_ENTRIES, EliminationPlan, empty_plan
 from beamdae.linear.fixed_order import FixedOrder
 from beamdae.linear.orderings import has_many_couplings, order_along_band
-from beamdae.symbolic.sparse_operators import column_indices
 
 Array = np.ndarray
 
 
-def plan_elimination(pattern: sp.csc_array, n: int, first: int = 0, last: int = 0) -> FixedOrder:
+def plan_elimination(
+    pattern: sp.csc_array, n: int, first: int = 0, last: int = 0
+) -> EliminationPlan:
     """Return the elimination of a matrix of n coordinates, followed by multipliers.
 
     The next `first` unknowns after the coordinates are eliminated before them, and the last `last`
@@ -40,22 +42,19 @@ def plan_elimination(pattern: sp.csc_array, n: int, first: int = 0, last: int = 
             path[is_last],
         ]
     ).astype(int)
-    # Only the diagonal of the multipliers may be missing; these entries have no source.
-    entries = sp.csc_array((np.arange(1, pattern.nnz + 1), pattern.indices, pattern.indptr))
-    whole = sp.csc_array(ones + sp.eye_array(size, format="csc"))
+    # Only entries on the diagonal of the multipliers may be missing; a zero is their source.
+    count = pattern.nnz + 1
+    numbers = sp.csc_array((np.arange(1, count), pattern.indices, pattern.indptr), pattern.shape)
+    whole = sp.csc_array(numbers + count * sp.eye_array(size, dtype=int, format="csc"))
     whole.sort_indices()
-    plan = FixedOrder.of(whole, order)
-    key, known = _keys(whole), _keys(entries)
-    at = np.minimum(np.searchsorted(known, key), max(len(known) - 1, 0))
-    source = np.where(known[at] == key, at, -1)[plan.sources]
-    exists = source >= 0
-    ends = np.concatenate([[0], np.cumsum(exists)])
-    return plan._replace(
-        starts=ends[plan.starts].astype(np.uint32),
-        positions=plan.positions[exists],
-        sources=source[exists].astype(np.uint32),
-    )
-
-
-def _keys(matrix: sp.csc_array) -> Array:
-    return column_indices(matrix) * matrix.shape[1] + matrix.indices
+    plan, pivots = FixedOrder.of(whole, order), order.astype(np.uint32)
+    fields = plan._asdict() | {
+        "scale": np.ones(size),
+        "matrix_starts": pattern.indptr.astype(np.uint32),
+        "matrix_rows": pattern.indices.astype(np.uint32),
+        "n_entries": np.array([pattern.nnz + N_EXTRA_ENTRIES]),
+        "rows": pivots,
+        "columns": pivots,
+        "sources": ((whole.data - 1) % count)[plan.sources].astype(np.uint32),
+    }
+    return empty_plan()._replace(**fields)

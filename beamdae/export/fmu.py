@@ -13,7 +13,7 @@ import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
@@ -27,6 +27,7 @@ from beamdae.core.compilers import (
     link_library,
     link_program,
 )
+from beamdae.core.library import FOLDER
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.surface_gaps import compile_surface_gaps
 from beamdae.equations.table_arguments import compile_table_arguments
@@ -54,8 +55,10 @@ from beamdae.export.model_source import ExportedModel, Output, Value, write_mode
 from beamdae.export.parameter_maps import map_numbers
 from beamdae.export.radau_settings import plan_radau
 from beamdae.export.trial_run import warn_of_fixed_steps, warn_of_trial_run
+from beamdae.integrators.alpha.family import family_parameters
 from beamdae.integrators.alpha.generalized_alpha import GeneralizedAlpha
-from beamdae.integrators.alpha.stepper import INCREMENT_ROUNDING
+from beamdae.integrators.alpha.stepper import AlphaStepper
+from beamdae.integrators.compiled_run import require_core
 from beamdae.integrators.radau.radau import Radau
 from beamdae.integrators.redundant_constraints import remove_redundant
 from beamdae.integrators.run_plan import plan_run
@@ -70,16 +73,19 @@ from beamdae.simulation import as_equations, unpack_model
 
 PART = "export_fmu"
 C_FOLDER = Path(__file__).parent / "c"
-_SHARED_SOURCES = ("stepper.c", "linear.c", "points.c", "variables.c")
+_SHARED_SOURCES = ("instance.c", "pivots.c", "points.c", "variables.c")
 _SHARED_HEADERS = (
     "stepper.h",
     "instance.h",
-    "linear.h",
-    "elimination.h",
+    "tables.h",
+    "pivots.h",
     "points.h",
     "variables.h",
     "model.h",
 )
+# Parts of the core besides the loop of the method.
+_CORE_SOURCES = ("linear.c", "sums.c", "steps.c")
+_CORE_HEADERS = ("core.h", "arrays.h", "elimination.h")
 _INTERFACE_HEADERS = {
     2: ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h"),
     3: ("fmi3Functions.h", "fmi3FunctionTypes.h", "fmi3PlatformTypes.h"),
@@ -301,6 +307,7 @@ def export_fmu(
         raise BeamdaeError(
             f'{PART}: real_time requires fixed steps, but integrator is "radau"; omit one of them.'
         )
+    require_core()
     targets = _require_platforms(platforms, fmi)
     iterations = 0 if real_time is None else require_count(PART, "real_time", real_time)
     steps = require_count(PART, "timed_steps", timed_steps, least=0)
@@ -341,15 +348,17 @@ def export_fmu(
                 )
         return others, plan_run(others, times).state
 
-    weights = 1.0 / plan.scales
-    size = float(np.max(equations.position_scales * weights, initial=0.0))
+    if integrator == "alpha":
+        method, start_rate = cast("AlphaStepper", alpha.method_on(plan)).workspace, 0.0
+    else:
+        method, start_rate = plan_radau(equations, times, rtol)
     exported = ExportedModel(
         equations=equations,
         state=plan.state,
-        weights=weights,
-        min_correction_limit=INCREMENT_ROUNDING * max(1.0, size),
         step=step,
-        method=alpha if integrator == "alpha" else plan_radau(equations, times, rtol),
+        method=method,
+        shift=family_parameters(alpha.family, rho_inf).shift,
+        start_rate=start_rate,
         duration=stop,
         outputs=selected_outputs,
         numbers=map_numbers(
@@ -370,7 +379,14 @@ def export_fmu(
         stop=stop,
         values=exported.numbers.values,
         outputs=exported.outputs,
-        sources=("model.c", f"{integrator}.c", *_SHARED_SOURCES, f"fmi{fmi}.c"),
+        sources=(
+            "model.c",
+            f"{integrator}_steps.c",
+            *_SHARED_SOURCES,
+            f"{integrator}.c",
+            *_CORE_SOURCES,
+            f"fmi{fmi}.c",
+        ),
         is_adaptive=integrator == "radau",
     )
     _require_unique_names(description)
@@ -584,8 +600,10 @@ def _compile(
     token = f"{{{uuid.uuid5(uuid.NAMESPACE_URL, contents)}}}"
     description = replace(description, token=token)
     sources = {"model.c": f"{model_source}\nconst char model_token[] = {format_string(token)};\n"}
-    for name in (*description.sources[1:], *_SHARED_HEADERS, *_INTERFACE_HEADERS[fmi]):
-        sources[name] = (C_FOLDER / name).read_text("utf-8")
+    headers = *_SHARED_HEADERS, *_CORE_HEADERS, *_INTERFACE_HEADERS[fmi]
+    for name in (*description.sources[1:], *headers):
+        file = C_FOLDER / name
+        sources[name] = (file if file.exists() else FOLDER / name).read_text("utf-8")
     texts = {"modelDescription.xml": write_description(description, fmi)}
     texts |= {f"sources/{name}": text for name, text in sources.items()}
     texts["documentation/licenses/license.txt"] = _LICENSE

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from importlib.metadata import version
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
+from beamdae.core.compilers import CORE_FLAGS
 from beamdae.export.model_source import Output, Value
 from beamdae.model_parameters import parse_unit
 
@@ -57,7 +58,11 @@ def write_build_description(description: Description) -> str:
     """Return sources/buildDescription.xml of FMI 3.0."""
     root = Element("fmiBuildDescription", fmiVersion="3.0")
     build = SubElement(root, "BuildConfiguration", modelIdentifier=description.identifier)
-    files = SubElement(build, "SourceFileSet", language="C99")
+    files = SubElement(
+        build,
+        "SourceFileSet",
+        {"language": "C11", "compiler": "gcc", "compilerOptions": " ".join(CORE_FLAGS)},
+    )
     for name in description.sources:
         SubElement(files, "SourceFile", name=name)
     SubElement(build, "Library", name="m")

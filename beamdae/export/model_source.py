@@ -5,12 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import casadi as ca
 import numpy as np
-import scipy.sparse as sp
 
+from beamdae.core.linear_solver import LinearSolver
+from beamdae.core.tables import Layout, Workspace
 from beamdae.equations.equations_of_motion import EquationsOfMotion, Observable, State
 from beamdae.equations.formulations.first_order import formulate_first_order
 from beamdae.equations.formulations.kinematic_reduction import reduce_kinematics
@@ -26,25 +29,29 @@ from beamdae.export.c_code import (
     Tables,
     format_number,
     format_string,
+    write_head,
     write_kernel,
+    write_operations,
     write_point_kernel,
 )
 from beamdae.export.elimination_order import plan_elimination
-from beamdae.export.radau_settings import RadauSettings
-from beamdae.integrators.alpha.family import family_parameters
-from beamdae.integrators.alpha.generalized_alpha import GeneralizedAlpha
-from beamdae.integrators.radau import coefficients
+from beamdae.export.image import Image
+from beamdae.integrators.input_jumps import InputJump
 from beamdae.integrators.radau.stepper import STABILIZED_FORM
-from beamdae.linear.fixed_order import FixedOrder
+from beamdae.linear.elimination import EliminationPlan
+from beamdae.native.lane_code import LANE_WIDTH
 from beamdae.native.lane_kernels import rewrite
+from beamdae.symbolic.local_symbols import MATRIX_SHARED
 from beamdae.symbolic.sparse_operators import build_selection
 from beamdae.symbolic.sums.directional_sums import directional_plan
-from beamdae.symbolic.sums.kernel_sums import Kernel, SumPlan
+from beamdae.symbolic.sums.kernel_sums import Batch, Kernel, SumPlan
 from beamdae.symbolic.sums.point_sums import PointSum
 from beamdae.symbolic.sums.sum_builder import LocalInput, SumBuilder
 
 Array = np.ndarray
 SX = ca.SX
+_INCLUDES = '#include "model.h"\n#include "points.h"\n\n#include <stddef.h>\n'
+TABLES = Path(__file__).parent / "c" / "tables.h"
 
 
 @dataclass(frozen=True)
@@ -111,12 +118,13 @@ class ExportedModel:
         Equations of motion.
     state
         Consistent state at t = 0.
-    weights, min_correction_limit
-        Reciprocal scales of the coordinates, and lower bound on the Newton tolerance.
     step
         Internal step of generalized-alpha, and default communication step [s].
     method
-        Method of the steps.
+        Work arrays of the steps.
+    shift, start_rate
+        Parameter of generalized-alpha, see `family.AlphaParameters`, and for Radau, the lower bound
+        on 2 / h^2 of the first step h [1/s^2].
     duration
         Default end time [s].
     outputs, numbers
@@ -127,10 +135,10 @@ class ExportedModel:
 
     equations: EquationsOfMotion
     state: State
-    weights: Array
-    min_correction_limit: float
     step: float
-    method: GeneralizedAlpha | RadauSettings
+    method: Workspace
+    shift: float
+    start_rate: float
     duration: float
     outputs: tuple[Output, ...]
     numbers: NumberMap
@@ -155,177 +163,167 @@ class _SourceWriter:
         self._kernels: dict[int, tuple[str, Kernel | ca.Function]] = {}
         self._functions: list[str] = []
         self._programs: list[str] = []
-        variable = np.zeros(len(exported.equations.p), bool)
-        variable[exported.numbers.targets] = True
-        self._is_variable = variable
+        self._batches: dict[str, str] = {}
+        self._plans: dict[int, SumPlan] = {}
 
     def write(self) -> str:
         x, tables = self._exported, self._tables
-        e, numbers = x.equations, x.numbers
-        n, m, values = e.n, e.m, numbers.values
-        sums = plan_state_sums(e.structure)
-        if isinstance(x.method, RadauSettings):
-            residual, size, inputs_size, method = self._radau(x.method)
+        values, targets = x.numbers.values, x.numbers.targets
+        table = SimpleNamespace(**self._describe_common())
+        first: tuple[Array, ...] = ()
+        if x.method.structure == "RadauWorkspace":
+            structure, first = "RadauTable", self._add_radau(table, x.method)
+            n_motion = len(Layout(structure, table, TABLES).words) + sum(y.size for y in first)
+            table.before, table.begin = np.zeros(n_motion), np.zeros(2 * n_motion)
+            first = (*first, table.before)
         else:
-            residual, size, inputs_size, method = self._generalized_alpha(x.method)
-        outputs = plan_outputs(e, x.outputs)
-        directions: list[SumPlan | None] = [None, None]
-        if values:
-            directions = [
-                directional_plan(residual, inputs_size),
-                directional_plan(outputs, 3 * n + m),
-            ]
-        velocity_rows = n + e.nonholonomic_rows
-        has_friction = any(term.rows is not None for term in e.forces)
-        breakpoints = [b for b in e.breakpoints if b > 0.0]
+            structure = "AlphaTable"
+            self._add_alpha(table, x.method)
+        image = Image(Layout(structure, table, TABLES), first)
+        number_of = np.full(len(x.equations.p), -1)
+        number_of[targets] = np.arange(len(targets))
         fields: dict[str, Any] = {
-            "n": n,
-            "m": m,
-            "n_p": len(e.p),
             "n_inputs": sum(value.is_input for value in values),
             "n_values": len(values),
             "n_outputs": len(x.outputs),
-            "n_numbers": len(numbers.targets),
-            "n_breakpoints": len(breakpoints),
-            "n_velocity_rows": len(velocity_rows),
-            "n_states": len(e.states),
-            "forces_depend_on_reactions": int(has_friction),
-            "tests_reactions": int(has_friction or e.is_driven),
-            "fixed_iterations": x.fixed_iterations,
             "step": format_number(x.step),
             "duration": format_number(x.duration),
-            "length": format_number(e.length),
-            "p": tables.numbers(e.p),
-            "q": tables.numbers(x.state.q),
-            "v": tables.numbers(x.state.v),
-            "values": tables.numbers([value.start for value in values]),
-            "min_values": tables.numbers([value.low for value in values]),
-            "max_values": tables.numbers([value.high for value in values]),
-            "breakpoints": tables.numbers(breakpoints),
-            "velocity_rows": tables.indices(velocity_rows),
-            "states": tables.indices(e.states),
-            "number_targets": tables.indices(numbers.targets),
-            **self._number_functions(),
             "value_names": tables.rows(
                 "char *const", [format_string(value.name) for value in values]
             ),
-            "residual": self._plan(residual, size),
-            "motion": self._plan(plan_motion(e.structure), n + 3 * m),
-            "saddle": self._plan(sums.saddle, sums.saddle_pattern.nnz),
-            "outputs": self._plan(outputs, len(x.outputs)),
-            "residual_direction": self._plan(directions[0], size),
-            "outputs_direction": self._plan(directions[1], len(x.outputs)),
-            "saddle_pattern": self._pattern(
-                sums.saddle_pattern, plan_elimination(sums.saddle_pattern, n)
-            ),
-            **method,
+            **image.describe(tables),
+            **image.describe_sums(tables, self._plans, self._batch, number_of),
+            **self._number_functions(),
         }
         body = ",\n".join(f"    .{name} = {value}" for name, value in fields.items())
         return "\n".join(
             [
                 "/* Kernels, tables and numbers of a model exported by beamdae. */\n",
-                '#include "model.h"\n#include "points.h"\n\n#include <math.h>\n',
+                _INCLUDES,
+                write_operations(),
                 *self._functions,
+                *self._batches,
                 tables.source,
                 *self._programs,
                 f"const Model model = {{\n{body}}};\n",
             ]
         )
 
-    def _generalized_alpha(
-        self, method: GeneralizedAlpha
-    ) -> tuple[SumPlan, int, int, dict[str, str]]:
-        """Return the residual, its size, the size of its inputs, and fields of the model."""
-        x, tables, e = self._exported, self._tables, self._exported.equations
-        member = family_parameters(method.family, method.rho_inf)
+    def _describe_common(self) -> dict[str, Any]:
+        """Return fields of `Table` by name."""
+        x, e = self._exported, self._exported.equations
+        n, m, values = e.n, e.m, x.numbers.values
+        sums, outputs = plan_state_sums(e.structure), plan_outputs(e, x.outputs)
+        solver = _make_solver(plan_elimination(sums.saddle_pattern, n), float)
+        direction = directional_plan(outputs, 3 * n + m) if values else None
+        return {
+            "n": n,
+            "m": m,
+            "has_friction": int(any(term.rows is not None for term in e.forces)),
+            "length": e.length,
+            "values": np.array([value.start for value in values]),
+            "breakpoints": np.array([b for b in e.breakpoints if b > 0.0]),
+            "min_values": np.array([value.low for value in values]),
+            "max_values": np.array([value.high for value in values]),
+            "states": np.array(e.states, np.int64),
+            "number_targets": x.numbers.targets.astype(np.uint32),
+            "q": x.state.q.copy(),
+            "v": x.state.v.copy(),
+            "ddq": np.zeros(n),
+            "lam": np.zeros(m),
+            "inputs": np.zeros(2 * (3 * n + m) + len(e.p)),
+            "levels": np.zeros(n + 3 * m),
+            "rate": np.zeros(m),
+            "solution": np.zeros(n + m),
+            "outputs": np.zeros(len(x.outputs)),
+            "direction": np.zeros(2 * len(values)),
+            "numbers": np.zeros(LANE_WIDTH * len(x.numbers.targets)),
+            "zeros": np.zeros(2 * (n + m)),
+            "motion": self._sum(plan_motion(e.structure)),
+            "saddle": self._sum(sums.saddle),
+            "output": self._sum(outputs),
+            "output_direction": self._sum(direction),
+            "linear": solver,
+            "nonzeros": np.zeros(sums.saddle_pattern.nnz),
+        }
+
+    def _add_alpha(self, table: SimpleNamespace, run: Workspace) -> None:
+        """Add the fields of `AlphaTable`."""
+        e, current = self._exported.equations, run.current
         form = formulate_step(e, False)
         residual, _, matrix = form.sums
-        numbers = {
-            "alpha_m": method.alpha_m,
-            "alpha_f": method.alpha_f,
-            "gamma": method.gamma,
-            "beta": method.beta,
-            "shift": member.shift,
-            "defect": member.defect,
-            "newton_tolerance": method.newton_tolerance,
-            "min_correction_limit": x.min_correction_limit,
-        }
-        fields = {name: format_number(value) for name, value in numbers.items()}
-        fields["weights"] = tables.numbers(x.weights)
-        fields["matrix"] = self._plan(matrix, form.pattern.nnz)
-        smooth_motion = plan_smooth_motion(e.structure)
-        fields["smooth_motion"] = self._plan(smooth_motion, e.n + 3 * e.m)
-        fields["step_pattern"] = self._pattern(form.pattern, plan_elimination(form.pattern, e.n))
-        return residual, e.n + e.m, 3 * e.n + e.m, fields
+        run.form.residual, run.form.anchor = self._sum(residual), self._sum(None)
+        run.form.matrix = self._sum(matrix)
+        run.linear = _make_solver(plan_elimination(form.pattern, e.n), float)
+        run.fixed_iterations = self._exported.fixed_iterations
+        current.q[:], current.v[:] = table.q, table.v
+        table.q, table.v, table.ddq, table.lam = current.q, current.v, current.ddq, current.lam
+        table.run = run
+        table.residual_direction = self._direction(residual, 3 * e.n + e.m)
+        table.smooth_motion = self._sum(plan_smooth_motion(e.structure))
+        table.shift = self._exported.shift
+        table.start, table.jump = np.zeros((2, 3 * e.n + e.m))
+        table.jerk, table.velocity_error = np.zeros((2, e.n))
 
-    def _radau(self, settings: RadauSettings) -> tuple[SumPlan, int, int, dict[str, str]]:
-        """Return the residual, its size, the size of its inputs, and fields of the model."""
-        tables, e = self._tables, self._exported.equations
+    def _add_radau(self, table: SimpleNamespace, run: Workspace) -> tuple[Array, ...]:
+        """Add the fields of `RadauTable`; return the arrays that determine the motion."""
+        e = self._exported.equations
         form = formulate_first_order(e, STABILIZED_FORM, apart=True)
         pattern, matrix, reduction = reduce_kinematics(form)
         order = plan_elimination(pattern, e.n, first=len(reduction.corrected), last=e.m)
         gaps = compile_surface_gaps(e)
-        numbers = {
-            "longest_step": settings.longest_step,
-            "start_rate": settings.start_rate,
-            "stagnation_limit": settings.stagnation_limit,
-            "rounding_ratio": settings.rounding_ratio,
-            "multiplier_tolerance": settings.multipliers.tolerance,
-            "shortest_tested_step": settings.multipliers.shortest_step,
-        }
-        arrays = {
-            "test_weights": settings.test_weights,
-            "iteration_weights": settings.iteration_weights,
-            "rounding_weights": settings.rounding_weights,
-            "multiplier_tolerances": 1.0 / settings.multipliers.weights,
-        }
-        tableau = {
-            "nodes": coefficients.C,
-            "to_stages": coefficients.T,
-            "from_stages": coefficients.T_INVERSE,
-            "rates": coefficients.RATES,
-            "polynomial": coefficients.POLYNOMIAL,
-            "embedded": coefficients.EMBEDDED,
-            "start": coefficients.START,
-            "uniform": coefficients.UNIFORM,
-        }
-        eigenvalues = {
-            "real_eigenvalue": coefficients.REAL_EIGENVALUE,
-            "eigenvalue_re": coefficients.COMPLEX_EIGENVALUE.real,
-            "eigenvalue_im": coefficients.COMPLEX_EIGENVALUE.imag,
-        }
-        fields = {name: format_number(value) for name, value in numbers.items()}
-        fields |= {name: tables.numbers(values) for name, values in arrays.items()}
-        fields |= {
-            "n_tested": str(len(settings.multipliers.weights)),
-            "n_corrected": str(len(reduction.corrected)),
-            "n_defined": str(len(reduction.defined)),
-            "corrected": tables.indices(reduction.corrected),
-            "defined": tables.indices(reduction.defined),
-            "tableau": _initializer(
-                {name: format_number(value) for name, value in eigenvalues.items()}
-                | {name: tables.numbers(np.ravel(values)) for name, values in tableau.items()}
-            ),
-            "matrix": self._plan(matrix, 3 * pattern.nnz + 1),
-            "step_pattern": self._pattern(pattern, order),
-            "n_gaps": str(len(gaps)),
-            "gaps": self._plan(plan_gaps(gaps) if gaps else None, len(gaps)),
-        }
-        return form.sums[0], form.size, 2 * form.size, fields
+        run.form.residual, run.form.jacobian = self._sum(form.sums[0]), self._sum(matrix)
+        run.real_solver, run.complex_solver = (_make_solver(order, x) for x in (float, complex))
+        table.run = run
+        table.jump = InputJump(form).workspace
+        table.jump.form, table.jump.saddle = run.form, table.saddle
+        table.jump.linear = _make_solver(table.linear.plan, float)
+        table.jump.y, table.jump.yp = run.y, run.yp
+        table.start_rate = self._exported.start_rate
+        table.residual_direction = self._direction(form.sums[0], 2 * form.size)
+        table.gap_sum = self._sum(plan_gaps(gaps) if gaps else None)
+        table.gaps = np.zeros(len(gaps))
+        table.tangent, table.tangent_w = np.zeros(form.size), np.zeros((3, form.size))
+        table.stage = np.zeros(4 * form.size + len(e.p))
+        return table.values, run.y, run.yp, run.last_w, run.multiplier_weights
+
+    def _direction(self, plan: SumPlan, n_inputs: int) -> Any:
+        """Return the sum of derivatives along a direction, if there are values."""
+        return self._sum(
+            directional_plan(plan, n_inputs) if self._exported.numbers.values else None
+        )
+
+    def _sum(self, plan: SumPlan | None) -> Any:
+        """Return a sum without addresses of kernels."""
+        if plan is None:
+            return SimpleNamespace(
+                shared=np.zeros(len(MATRIX_SHARED)), out=np.zeros(len(MATRIX_SHARED) + 1)
+            )
+        # Without vectors of four numbers, tiles are slower than single entries.
+        total = plan.allocate([0] * len(plan.batches), self._exported.equations.p, tiled=False)
+        self._plans[id(total)] = plan
+        return total
 
     def _number_functions(self) -> dict[str, str]:
         numbers = self._exported.numbers
         if not len(numbers.targets):
-            return {"numbers": "NULL", "numbers_direction": "NULL"}
+            return {"write_numbers": "NULL", "write_direction": "NULL"}
         direction = SX.sym("direction", numbers.symbols.shape)
         change = ca.densify(ca.jtimes(numbers.numbers, numbers.symbols, direction))
-        symbols = [numbers.symbols, direction]
+        inputs = [ca.vertcat(numbers.symbols, direction), SX(0, 1)]
         functions = {
-            "numbers": ca.Function("numbers", symbols, [ca.densify(numbers.numbers)]),
-            "numbers_direction": ca.Function("numbers_direction", symbols, [change]),
+            "write_numbers": ca.Function("numbers", inputs, [ca.densify(numbers.numbers)]),
+            "write_direction": ca.Function("direction", inputs, [change]),
         }
         self._functions += [write_kernel(name, f) for name, f in functions.items()]
         return {name: name for name in functions}
+
+    def _batch(self, batch: Batch) -> str:
+        """Return the name of the function of a batch."""
+        kernel = self._kernel(batch.kernel)
+        name = f"{kernel}_{batch.copies}"
+        self._batches[f"BATCH({name}, {kernel}, {batch.copies})\n"] = name
+        return name
 
     def _kernel(self, kernel: Kernel) -> str:
         if id(kernel) not in self._kernels:
@@ -344,111 +342,18 @@ class _SourceWriter:
             function = rewrite(term.source, term.rewrites)
             self._functions.append(write_kernel(names[symbol], function))
         # Its constants are among the tables, which refer to the function.
-        self._functions.append(f"static void {name}(const double *, const double *, double *);\n")
+        self._functions.append(f"{write_head(name)};\n")
         program, tables = points.program(kernel.outputs), self._tables
         constants = tables.indices(program.integers), tables.numbers(program.weights)
         self._programs.append(write_point_kernel(name, program, names, *constants))
 
-    def _plan(self, plan: SumPlan | None, size: int) -> str:
-        """Return the initializer of a `Plan`, with the numbers of each copy side by side."""
-        if plan is None:
-            return "{0}"
-        tables = self._tables
-        local, table = _LaneRemoval(plan), plan.batch_table
-        starts, rows = local.starts, []
-        picked, pick_ends = local.locate_copies(plan.pick_targets, table[:, 2])
-        gathered, gather_ends = local.locate_copies(plan.gather_targets, table[:, 3])
-        is_picked, is_gathered = picked >= 0, gathered >= 0
-        add_sources = plan.add_sources.astype(np.intp)
-        weighted_sources = plan.weighted_sources.astype(np.intp)
-        add_begin = weighted_begin = 0
-        for k, batch in enumerate(plan.batches):
-            add_end, weighted_end = table[k, 4:].tolist()
-            for sources, begin, end in (
-                (add_sources, add_begin, add_end),
-                (weighted_sources, weighted_begin, weighted_end),
-            ):
-                component, copy = np.divmod(sources[begin:end], batch.lanes)
-                sources[begin:end] = copy * batch.kernel.n_out + component
-            add_begin, weighted_begin = add_end, weighted_end
-            ends = (pick_ends[k], gather_ends[k], add_end, weighted_end)
-            shape = (batch.copies, batch.kernel.n_local, batch.kernel.n_out, starts[k])
-            rows.append(f"{{{self._kernel(batch.kernel)}, {', '.join(map(str, shape + ends))}}}")
-        data_targets, sources = local.locate(plan.data_targets), plan.data_sources.astype(int)
-        is_copy = data_targets >= 0
-        data_targets, sources = data_targets[is_copy], sources[is_copy]
-        order = np.argsort(self._is_variable[sources], kind="stable")
-        n_out = [batch.copies * batch.kernel.n_out for batch in plan.batches]
-        fields = {
-            "size": size,
-            "n_shared": plan.n_shared,
-            "n_local": starts[-1],
-            "n_out": max([plan.n_shared + 1, *n_out]),
-            "n_batches": len(plan.batches),
-            "n_data": len(sources),
-            "n_fixed_data": int(np.sum(~self._is_variable[sources])),
-            "n_add": len(add_sources),
-            "n_weighted": len(weighted_sources),
-            "batches": tables.rows("Batch", rows),
-            "data_targets": tables.indices(data_targets[order]),
-            "data_sources": tables.indices(sources[order]),
-            "pick_targets": tables.indices(picked[is_picked]),
-            "pick_sources": tables.indices(plan.pick_sources[is_picked]),
-            "gather_targets": tables.indices(gathered[is_gathered]),
-            "gather_sources": tables.indices(plan.gather_sources[is_gathered]),
-            "gather_weights": tables.numbers(plan.gather_weights[is_gathered]),
-            "add_targets": tables.indices(plan.add_targets),
-            "add_sources": tables.indices(add_sources),
-            "weighted_targets": tables.indices(plan.weighted_targets),
-            "weighted_sources": tables.indices(weighted_sources),
-            "weights": tables.numbers(plan.weights),
-        }
-        return _initializer(fields)
 
-    def _pattern(self, pattern: sp.csc_array, plan: FixedOrder) -> str:
-        tables = self._tables
-        fields: dict[str, Any] = {
-            "size": pattern.shape[0],
-            "nnz": pattern.nnz,
-            "n_upper": len(plan.upper_rows),
-            "n_lower": len(plan.lower_rows),
-            "matrix_starts": tables.indices(pattern.indptr),
-            "matrix_rows": tables.indices(pattern.indices),
-        }
-        for name, array in plan._asdict().items():
-            fields[name] = tables.indices(array)
-        return _initializer(fields)
-
-
-class _LaneRemoval:
-    """New positions of local numbers, copy by copy without padding.
-
-    Plans store components of all lanes of a batch side by side, for vectors of the processor.
-    """
-
-    def __init__(self, plan: SumPlan) -> None:
-        self._new = np.full(plan.n_local, -1)
-        self.starts = [0]
-        for batch in plan.batches:
-            height = batch.kernel.n_local
-            lanes, component = np.arange(batch.copies), np.arange(height)[:, None]
-            old = batch.start + component * batch.lanes + lanes
-            self._new[old] = self.starts[-1] + lanes * height + component
-            self.starts.append(self.starts[-1] + height * batch.copies)
-
-    def locate(self, positions: Array) -> Array:
-        """Return the new positions; -1 for padding."""
-        return self._new[positions.astype(int)]
-
-    def locate_copies(self, positions: Array, ends: Array) -> tuple[Array, Array]:
-        """Return the new positions, and the ends of the batches without padding."""
-        located = self.locate(positions)
-        return located, np.concatenate([[0], np.cumsum(located >= 0)])[ends]
-
-
-def _initializer(fields: dict[str, Any]) -> str:
-    body = ", ".join(f".{name} = {value}" for name, value in fields.items())
-    return f"{{{body}}}"
+def _make_solver(plan: EliminationPlan, dtype: type) -> LinearSolver:
+    """Return a solver with these pivots."""
+    solver = LinearSolver.empty(dtype)
+    solver.set_plan(plan)
+    solver.is_untried = 0
+    return solver
 
 
 def plan_outputs(e: EquationsOfMotion, outputs: Sequence[Output]) -> SumPlan:

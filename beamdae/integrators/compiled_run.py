@@ -92,6 +92,16 @@ class FactorizedMatrix:
             yield plan
 
 
+def require_core() -> None:
+    """Raise a BeamdaeError if there is no core."""
+    if load_core() is None:
+        raise BeamdaeError(
+            "core: this method or analysis requires the compiled core; install a C compiler, "
+            'for example by `pip install "beamdae[fmu]"`, or use GeneralizedAlpha with fixed '
+            "steps."
+        )
+
+
 class StepLoop(Generic[W]):
     """Loop of the core that factorizes matrices.
 
@@ -131,12 +141,7 @@ class StepLoop(Generic[W]):
         BeamdaeError
             If there is no core.
         """
-        if load_core() is None:
-            raise BeamdaeError(
-                "core: this method or analysis requires the compiled core; install a C compiler, "
-                'for example by `pip install "beamdae[fmu]"`, or use GeneralizedAlpha with fixed '
-                "steps."
-            )
+        require_core()
         self.work, self.is_native = make(native), native
         self._loop = Loop(function, self.work)
         self._matrices = matrices(self.work)

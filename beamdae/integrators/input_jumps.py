@@ -57,6 +57,11 @@ class InputJump:
         self._form = form
         self._loop = StepLoop("solve_jump", make_workspace, matrices, is_native)
 
+    @property
+    def workspace(self) -> Workspace:
+        """Work arrays of a jump."""
+        return self._loop.work
+
     def apply(self, t: float, branch: float, q: Array, y: Array, yp: Array) -> State | None:
         """Return the state after a jump, given (y, y') before it; None if there is none.
 

@@ -19,12 +19,10 @@ Array = np.ndarray
 
 
 class FixedOrder(NamedTuple):
-    """Order of elimination and pattern of the factors; a position is an index in the order.
+    """Pattern of the matrix and of its factors; a position is an index in the order of elimination.
 
     Attributes
     ----------
-    order
-        Indices of the unknowns, and of their equations, by position.
     starts, positions, sources
         Columns of the matrix, by position: their starts, the positions of their rows, and the
         indices of their CSC non-zeros.
@@ -33,7 +31,6 @@ class FixedOrder(NamedTuple):
         their rows, ascending.
     """
 
-    order: Array
     starts: Array
     positions: Array
     sources: Array
@@ -50,7 +47,7 @@ class FixedOrder(NamedTuple):
         numbers = (np.arange(pattern.nnz), position[pattern.indices], pattern.indptr)
         permuted = sp.csc_array(numbers, shape=pattern.shape)[:, order]
         upper, lower = compute_fill(permuted.indptr.tolist(), permuted.indices.tolist())
-        arrays = (order, permuted.indptr, permuted.indices, permuted.data)
+        arrays = (permuted.indptr, permuted.indices, permuted.data)
         flat = (*flatten_columns(upper), *flatten_columns(lower))
         return cls(*(np.asarray(x).astype(np.uint32) for x in (*arrays, *flat)))
 
@@ -83,5 +80,5 @@ class FixedOrderFactors:
     @classmethod
     def of(cls, plan: FixedOrder) -> FixedOrderFactors:
         """Return the arrays of the factors, filled with zeros."""
-        pivots, x = np.zeros((2, len(plan.order)))
+        pivots, x = np.zeros((2, len(plan.starts) - 1))
         return cls(plan, np.zeros(len(plan.lower_rows)), pivots, plan.lower_starts.copy(), x)

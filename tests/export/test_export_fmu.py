@@ -940,6 +940,49 @@ def test_regression_times_of_the_experiment_are_enforced(any_fmu):
 
 
 @pytest.mark.slow(reason="compiles an FMU")
+@pytest.mark.parametrize("integrator", ["alpha", "radau"])
+def test_matrices_that_require_row_exchanges(tmp_path, compiled, integrator):
+    """A slider without mass has no pivot on the diagonal, before or after a restored state."""
+    t, q, v = ca.SX.sym("t"), ca.SX.sym("q", 2), ca.SX.sym("v", 2)
+    lam = ca.SX.sym("lam", 1)
+    system = bd.ConstrainedSystem(
+        t=t,
+        q=q,
+        v=v,
+        mass=[1.0, 0.0],
+        force=ca.vertcat(-q[0], -5.0 * q[0]),
+        constraints={"rod [N]": q[1] - ca.sin(q[0])},
+        q0=[1.0, np.sin(1.0)],
+        v0=[0.0, 0.0],
+        lam=lam,
+        observe={"crank [rad]": q[0], "rod [N]": lam[0]},
+    )
+    settings = {"integrator": integrator, "rtol": RADAU_RTOL, "fmi": 3}
+    fmu = export(tmp_path, system, t_end=0.1, platforms=None, timed_steps=100, **settings)
+    assert fmu.step_times.row_exchanges > 0
+    script = """
+    a, b, rows = Instance("a"), Instance("b"), []
+    for k in range(100):
+        if k == 50:
+            b.restore(a.state())
+        (b if k >= 50 else a).step()
+        rows.append((b if k >= 50 else a).get(*outputs))
+    print(json.dumps([outputs, rows]))
+    """
+    names, rows = json.loads(run_fmu(script, fmu)[0])
+    method = (
+        bd.GeneralizedAlpha(STEP, newton_tolerance=NEWTON_TOLERANCE)
+        if integrator == "alpha"
+        else bd.Radau(RADAU_RTOL)
+    )
+    table = bd.simulate(system, method, t_end=0.1, output_step=STEP).table()
+    table.columns = [x.rpartition(" [")[0] for x in table.columns]
+    for name, column in zip(names, np.transpose(rows), strict=True):
+        expected = table[name].to_numpy()[1:]
+        assert np.max(np.abs(column - expected)) <= 1e-5 * np.ptp(expected), name
+
+
+@pytest.mark.slow(reason="compiles an FMU")
 def test_coupling_error_of_two_fmus_is_of_first_order(tmp_path):
     pytest.importorskip("fmpy")
     from fmus import coupling

@@ -11,8 +11,9 @@ from numpy.testing import assert_allclose
 import beamdae as bd
 from beamdae.beams.exact.element import ExactElement
 from beamdae.beams.floating_frame.element import FloatingFrameElement
+from beamdae.core.library import FOLDER
 from beamdae.equations.assembly.assemble import equations_of_motion
-from beamdae.export.c_code import Tables, write_kernel, write_point_kernel
+from beamdae.export.c_code import Tables, write_kernel, write_operations, write_point_kernel
 from beamdae.export.fmu import C_FOLDER
 from beamdae.native.lane_kernels import LANE_WIDTH, rewrite
 from beamdae.native.object_code import is_native_enabled
@@ -123,12 +124,13 @@ def test_c_functions_equal_straight_line_kernels(rotation, tmp_path):
         function = write_point_kernel("whole", program, names, *constants)
         text = "\n".join([*functions, tables.source, function]).replace("static void", "void")
         source, library = tmp_path / f"model{k}.c", tmp_path / f"model{k}.so"
-        source.write_text(f'#include "points.h"\n#include <math.h>\n{text}')
+        source.write_text(f'#include "points.h"\n{write_operations()}\n{text}')
         sources = [str(source), str(C_FOLDER / "points.c")]
-        flags = ["-std=c99", "-O2", "-shared", "-fPIC", f"-I{C_FOLDER}"]
+        flags = ["-std=gnu11", "-O2", "-shared", "-fPIC", f"-I{C_FOLDER}", f"-I{FOLDER}"]
         subprocess.run(["cc", *flags, *sources, "-o", str(library), "-lm"], check=True)
-        shared, local = draw_inputs(kernel)
-        column, values = np.ascontiguousarray(local[:, 0]), np.zeros(kernel.n_out)
-        arrays = [x.ctypes.data_as(ctypes.c_void_p) for x in (shared, column, values)]
-        ctypes.CDLL(str(library)).whole(*arrays)
-        assert_equal_to(evaluate(kernel, shared, local)[:, 0], values)
+        shared, local = draw_inputs(kernel, LANE_WIDTH)
+        values = np.zeros((kernel.n_out, local.shape[1]))
+        arrays = [x.ctypes.data_as(ctypes.c_void_p) for x in (shared, local, values)]
+        ctypes.CDLL(str(library)).whole(*arrays, ctypes.c_int64(local.shape[1]))
+        # The function evaluates one vector, which has two lanes on most processors.
+        assert_equal_to(evaluate(kernel, shared, local)[:, :2], values[:, :2])

@@ -52,15 +52,17 @@ static int fail(const char *message) {
 
 int main(int count, char **arguments) {
     const long steps = count > 1 ? strtol(arguments[1], NULL, 10) : 100000;
-    Instance *timed = instance_create(&model), *exact = instance_create(&model);
+    Instance *timed = instance_create(), *exact = instance_create();
     double *times = malloc(sizeof(double) * (size_t)(steps > 0 ? steps : 1));
-    double *low = malloc(sizeof(double) * (3 * (size_t)model.n_outputs + 1));
+    double *low = malloc(sizeof(double) * (3 * (size_t)model.n_outputs + model.n_inputs + 1));
     double *high = low ? low + model.n_outputs : NULL, *errors = high ? high + model.n_outputs : NULL;
     if (!timed || !exact || !times || !low || steps < 1) return fail("out of memory");
     instance_fix_iterations(exact, REFERENCE_ITERATIONS);
     for (Index k = 0; k < model.n_outputs; k++) low[k] = INFINITY, high[k] = -INFINITY, errors[k] = 0;
     if (instance_initialize(timed) || instance_initialize(exact))
         return fail(instance_message(timed));
+    double *values = errors + model.n_outputs;
+    for (Index i = 0; i < model.n_inputs; i++) values[i] = instance_value(timed, i);
     long done = 0, k = 0;
     int is_compared = 1;
     double work = 0.0; /* largest processor time of a step */
@@ -77,7 +79,7 @@ int main(int count, char **arguments) {
         }
         /* Importing tools change inputs at communication points. */
         for (Index i = 0; i < model.n_inputs; i++) {
-            const double value = model.values[i];
+            const double value = values[i];
             const double change = INPUT_CHANGE * (double)(k % 2) * fmax(fabs(value), 1.0);
             instance_set_value(timed, i, value + change);
             instance_set_value(exact, i, value + change);

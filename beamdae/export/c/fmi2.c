@@ -52,7 +52,7 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid,
         report(c, "The FMU supports co-simulation only.");
     } else if (!guid || strcmp(guid, model_token)) {
         report(c, "The GUID is not that of the model description of this FMU.");
-    } else if (!c->name || !(c->instance = instance_create(&model))) {
+    } else if (!c->name || !(c->instance = instance_create())) {
         report(c, "Out of memory.");
     } else {
         return c;

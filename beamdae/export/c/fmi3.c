@@ -49,7 +49,7 @@ fmi3Instance fmi3InstantiateCoSimulation(
     c->log = log;
     if (!token || strcmp(token, model_token)) {
         report(c, "The instantiation token is not that of the model description of this FMU.");
-    } else if (!(c->instance = instance_create(&model))) {
+    } else if (!(c->instance = instance_create())) {
         report(c, "Out of memory.");
     } else {
         return c;

@@ -1,108 +1,85 @@
-/* Parts of an instance that stepper.c shares with the method of the exported model, and the
-   functions of this method, which alpha.c or radau.c defines. */
+/* Instances of exported models, and the functions of the method, which alpha_steps.c or
+   radau_steps.c defines. */
 
 #ifndef BEAMDAE_INSTANCE_H
 #define BEAMDAE_INSTANCE_H
 
+#include "model.h"
+#include "pivots.h"
 #include "stepper.h"
+#include "tables.h"
 
 #include <float.h>
-#include <stddef.h>
 
 /* Difference of equal times relative to the step of the model. */
 #define SAME_TIME 1e-6
 /* Rounding errors of the length of a step, relative to the time at its end. */
 #define TIME_ROUNDING (4.0 * DBL_EPSILON)
+/* Shortest step that ends at a communication point, relative to the step of the model. Rounding
+   errors of positions, divided by the square of the step, are errors of accelerations. */
+#define MIN_STEP_SHARE 1e-2
 
-/* Largest number of arrays of an instance. */
-#define MAX_ARRAYS 96
+/* Solvers of the starts, of real and complex matrices of steps, and of jumps. */
+enum { START_SOLVER, STEP_SOLVER, COMPLEX_SOLVER, JUMP_SOLVER, N_SOLVERS };
 
-enum { DONE = 0, NOT_CONVERGED = 1, NOT_FINITE = 2, SINGULAR = 3, TOO_SMALL = 4 };
-
-typedef struct {
-    const Plan *plan;
-    double *shared, *local, *out;
-} Sum;
-
-/* Numbers of the state that are not in arrays. `t` is the end of the last internal step, and the
-   communication point is at t + offset. */
-typedef struct {
-    double t, offset, branch;
-    Index interval;
-    int is_initialized, has_stepped, has_jumped, mode;
-} Scalars;
-
-/* Work arrays of the method. */
-typedef struct Method Method;
-
+/* The table begins the block of all words of the instance. */
 struct Instance {
-    const Model *model;
-    Scalars now;
-    /* State: arrays in one block, from q to the numbers of the method. */
-    double *block;
-    size_t n_state;
-    double *q, *v, *ddq, *lam, *values, *method_state;
-    /* Work arrays. */
-    double *p, *motion, *levels, *rate, *solution, *outputs, *numbers;
-    int fixed_iterations, has_outputs;
+    Table *table;
+    int has_outputs, fixed_iterations;
+    unsigned long pivot_searches;
     /* End of the experiment [s]; not part of the state. */
     double stop;
-    Factors saddle_factors;
-    Sum residual, matrix, motion_sum, smooth_motion, saddle, output_sum;
-    Sum residual_direction, output_direction;
-    Method *method;
-    double *allocated[MAX_ARRAYS];
-    int n_allocated;
+    Exchange exchanges[N_SOLVERS];
     char message[MESSAGE_SIZE];
 };
 
-double *new_array(Instance *s, size_t size, int *failed);
-void create_sum(Instance *s, Sum *sum, const Plan *plan, int *failed);
-void create_factors(Instance *s, Factors *f, const Pattern *pattern, int is_complex, int *failed);
 /* Write the message of an error at the time t; return -1. */
 int fail(Instance *s, const char *text, double t);
-void free_factors(Factors *f);
-/* Write the message of a failed step; return 0 if the code is DONE. */
+/* Write the message of a failed step; return 0 if the code is not negative. */
 int report_step(Instance *s, int code);
 
-/* Sums of kernels */
-void evaluate(const Sum *sum, const double *x, double *result);
-void set_time(const Sum *sum, double t, double branch);
-/* Factors of stiffness, damping, mass, constraints and reactions in matrices. */
-void set_factors(const Sum *sum, double c_q, double c_v, double c_a, double c_h, double c_r);
+/* Write all addresses of an instance, or zeros in place of those in a copy of its table. */
+void write_addresses(Table *table);
+void clear_addresses(void *table);
+
+/* Exchange rows of the matrix if its solver has requested pivots. */
+void renew_pivots(Instance *s, int solver, LinearSolver *linear, Reals nonzeros);
+/* Factorize a matrix, with row exchanges if necessary; return DONE or SINGULAR. */
+int factorize_matrix(Instance *s, int solver, LinearSolver *linear, Reals nonzeros);
+/* Release factors of full matrices, which states do not contain. */
+void release_matrices(Instance *s);
 
 /* Restart the method at (t, q, v); return 0, or -1 after an error. */
 int restart(Instance *s);
 /* Update the numbers of the kernels after a change of values. */
-void refresh_numbers(Instance *s, int all);
+void refresh_numbers(Instance *s);
 /* Write the derivatives of the numbers p along a direction of the values. */
 void write_direction(Instance *s, const double *direction, double *dp);
 /* Advance to `end`, with restarts at breakpoints. */
 int advance(Instance *s, double end);
 
-/* Evaluate (F, g, g', g'') in `levels`, and factorize the saddle-point matrix if `coefficient` is
-   not negative, with mass M + coefficient K. */
-int evaluate_motion(Instance *s, double t, const double *q, const double *v, const double *a,
-                    const double *lam, double coefficient);
+/* Set the entries of first-order states to zero. */
+void clear_states(const Table *x, Reals vector);
+/* Evaluate (F, g, g', g'') of `total` at (q, v, a, lam), zeros if they are empty, in `levels`. */
+void evaluate_motion(Table *x, Sum *total, double t, Reals q, Reals v, Reals a, Reals lam);
+/* Also factorize the saddle-point matrix with mass M + coefficient K. */
+int factorize_saddle(Instance *s, Reals q, Reals v, Reals lam, double coefficient);
 /* Solve [[M, G^T], [G, 0]] (x, mu) = (0, sign right) with the last factors, in `solution`. */
-void solve_constraints(Instance *s, const double *right, double sign);
+void solve_constraints(Table *x, Reals right, double sign);
 /* Close joints whose gaps exceed `tolerance` times that of the start, correct velocities, and set
    `ddq` and `lam`. */
 int make_consistent(Instance *s, double tolerance);
 /* Accelerations and multipliers in `solution`, with mass M + coefficient K and the forces `change`
-   (NULL for none) in addition. */
-int solve_accelerations(Instance *s, double coefficient, const double *change);
+   (empty for none) in addition. */
+int solve_accelerations(Instance *s, double coefficient, Reals change);
 
 /* Method of the exported model. Functions that return int return 0, or -1 after an error. */
 
-/* Number of numbers of its state. */
-size_t method_state_size(const Model *model);
-/* Allocate work arrays; `method_state` is allocated already. */
-void method_create(Instance *s, int *failed);
-void method_free(Instance *s);
 void method_reset(Instance *s);
 /* Begin at (t, q, v), which need not be consistent; return a code. */
 int method_restart(Instance *s);
+/* Let the next step compute new factors. */
+void method_forget_factors(Instance *s);
 /* Prepare for a change of values at the communication point. */
 int method_prepare_change(Instance *s);
 /* Make accelerations and multipliers consistent with changed values. */
@@ -111,11 +88,9 @@ int method_follow_values(Instance *s);
 void method_begin_step(Instance *s);
 /* Advance to `end` in one smooth interval. */
 int method_advance(Instance *s, double end);
-/* Write (q, v, a, lam) at the communication point. */
-void method_evaluate(const Instance *s, double *y);
-/* Compute what follows from a restored state. */
-int method_restore(Instance *s);
-int method_derivative(Instance *s, const double *direction, double *result);
-unsigned long method_pivot_searches(const Instance *s);
+/* Write (q, v, a, lam) at the communication point to `inputs`. */
+void method_evaluate(Instance *s);
+/* Write derivatives of the outputs; the caller restores the state. */
+int method_derivative(Instance *s, const double *direction, Reals result);
 
 #endif

@@ -4,30 +4,33 @@
 #ifndef BEAMDAE_POINTS_H
 #define BEAMDAE_POINTS_H
 
-#include "linear.h"
+#include "model.h"
 
 typedef struct {
-    Index tiles, tile, entries, length, row_stride, stride;
+    uint32_t tiles, tile, entries, length, row_stride, stride;
     int adds;
 } Mix;
 
 /* target[i] (+)= sum over e of weight[i, e] source[column[e]] for rows i of `length` numbers. Each
    `tile` rows have the same columns. */
-void mix(double *target, const double *source, const Index *columns, const double *weights, Mix x);
+void mix(Register *target, const Register *source, const uint32_t *columns, const double *weights,
+         Mix x);
 
 /* The same, with the weights numbers[indices[i, e]]. */
-void mix_numbers(double *target, const double *source, const Index *columns, const Index *indices,
-                 Mix x, const double *numbers);
+void mix_numbers(Register *target, const Register *source, const uint32_t *columns,
+                 const uint32_t *indices, Mix x, const Register *numbers);
 
 /* target[k] = sum over e of weight[k, e] source[e]; each run has places of target and sources. */
-void spread(double *target, const double *source, const Index *places, const double *weights,
-            Index runs, Index entries, Index count);
+void spread(Register *target, const Register *source, const uint32_t *places,
+            const double *weights, uint32_t runs, uint32_t entries, uint32_t count);
 
-void load(double *target, const Index *rows, Index count, const double *local);
+void load_rows(Register *target, const uint32_t *rows, uint32_t count, const double *local,
+               int64_t lanes);
 
 /* Store numbers to rows of the outputs; the indices of the numbers follow the rows. */
-void store(const double *source, const Index *rows, Index count, double *out);
+void store_rows(const Register *source, const uint32_t *rows, uint32_t count, double *out,
+                int64_t lanes);
 
-void set(double *target, Index count, double value);
+void set_rows(Register *target, uint32_t count, double value);
 
 #endif

@@ -128,7 +128,7 @@ const char *set_experiment(Instance *instance, double start, int has_stop, doubl
 }
 
 const char *enter_initialization(Instance *instance) {
-    int *mode = instance_mode(instance);
+    int64_t *mode = instance_mode(instance);
     if (*mode != INSTANTIATED)
         return "Initialization has begun before; reset the FMU to begin again.";
     *mode = INITIALIZING;
@@ -136,7 +136,7 @@ const char *enter_initialization(Instance *instance) {
 }
 
 const char *exit_initialization(Instance *instance) {
-    int *mode = instance_mode(instance);
+    int64_t *mode = instance_mode(instance);
     if (*mode != INITIALIZING) return "The FMU is not in initialization mode.";
     if (instance_initialize(instance)) return instance_message(instance);
     *mode = STEPPING;
@@ -149,7 +149,7 @@ const char *terminate(Instance *instance) {
 }
 
 const char *do_step(Instance *instance, double t, double step) {
-    const int mode = *instance_mode(instance);
+    const int64_t mode = *instance_mode(instance);
     if (mode == TERMINATED) return IS_TERMINATED;
     if (mode != STEPPING) return "The FMU is not initialized; exit initialization mode first.";
     if (!(fabs(t - instance_time(instance)) <= SAME_POINT * model.step))

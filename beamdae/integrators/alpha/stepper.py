@@ -135,6 +135,11 @@ class AlphaStepper:
         self._code = 0
 
     @property
+    def workspace(self) -> Workspace:
+        """Work arrays of the run."""
+        return self._run
+
+    @property
     def _is_native(self) -> bool:
         """True if all equations of the loop other than `form` can be evaluated in machine code."""
         return True

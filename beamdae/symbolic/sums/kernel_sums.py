@@ -305,11 +305,18 @@ class SumPlan:
             code_owners = tuple(batch.kernel.native for batch in self.batches)
         else:
             code_owners = tuple(_find_code(x) or InterpretedKernel(x) for x in self.batches)
+        addresses = [kernel.address for kernel in code_owners]
+        return self.allocate(addresses, p, load_core() is not None, code_owners)
+
+    def allocate(
+        self, kernels: Sequence[int], p: Array, tiled: bool, code_owners: tuple[Any, ...] = ()
+    ) -> Sum:
+        """Return the sum as `sum`, with the addresses of the functions of its batches."""
         total = Sum(
             shared=np.zeros(self.n_shared),
             local=aligned_zeros(self.n_local),
             out=aligned_zeros(self.n_out),
-            kernels=np.array([kernel.address for kernel in code_owners], np.int64),
+            kernels=np.array(kernels, np.int64),
             gather_targets=self.gather_targets,
             gather_sources=self.gather_sources,
             gather_weights=self.gather_weights,
@@ -317,7 +324,7 @@ class SumPlan:
             weighted_sources=self.weighted_sources,
             weights=self.weights,
             code_owners=code_owners,
-            **(self._untiled_entries if load_core() is None else self._tiled_entries),
+            **(self._tiled_entries if tiled else self._untiled_entries),
         )
         self.set_data(total, p)
         return total
@@ -354,7 +361,7 @@ class SumPlan:
 
     @cached_property
     def _untiled_entries(self) -> dict[str, Array]:
-        """Fields of `Sum` without tiles, for evaluation without the core."""
+        """Fields of `Sum` without tiles."""
         none = np.zeros((0, 2 + LANE_WIDTH), np.uint32)
         return {
             "batches": np.column_stack([self.batch_table, np.zeros((len(self.batches), 2), int)]),

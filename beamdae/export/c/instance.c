@@ -1,0 +1,434 @@
+/* Instances of an exported model: memory, consistent starting values, inputs, states and
+   breakpoints. The method of the steps is in alpha_steps.c or radau_steps.c. */
+
+#include "instance.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* Positions and friction; see beamdae.equations.starts.consistent_start. */
+#define POSITION_TOLERANCE 1e-12
+#define RIGID_TIME 1.0
+#define MAX_POSITION_ITERATIONS 50
+#define MAX_FRICTION_ITERATIONS 50
+#define FRICTION_TOLERANCE 1e-10
+/* Largest communication step, relative to the step of the model. */
+#define MAX_STEPS 1e9
+/* Rounding errors of the stop time, relative to the step of the model. */
+#define SAME_END 1e-3
+
+_Static_assert(sizeof(void *) == sizeof(int64_t), "Words of tables contain addresses.");
+
+int fail(Instance *s, const char *text, double t) {
+    snprintf(s->message, MESSAGE_SIZE, text, t);
+    return -1;
+}
+
+int64_t find_row(const double *axis, int64_t lanes, int64_t count, double x) {
+    int64_t start = 0, stop = count - 1;
+    while (stop - start > 1) {
+        const int64_t pivot = (start + stop) / 2;
+        if (x < axis[pivot * lanes])
+            stop = pivot;
+        else
+            start = pivot;
+    }
+    return start;
+}
+
+/* Memory */
+
+void write_addresses(Table *table) {
+    int64_t *words = (int64_t *)table;
+    for (int64_t k = 0; k < model.n_constants; k++)
+        words[model.constants[k].at] = (int64_t)model.constants[k].array;
+    for (int64_t k = 0; k < model.n_links; k++)
+        words[model.links[k].at] = (int64_t)(words + model.links[k].to);
+    for (int64_t k = 0; k < model.n_codes; k++)
+        words[model.codes[k].at] = (int64_t)model.codes[k].kernel;
+}
+
+void clear_addresses(void *table) {
+    int64_t *words = table;
+    for (int64_t k = 0; k < model.n_constants; k++) words[model.constants[k].at] = 0;
+    for (int64_t k = 0; k < model.n_links; k++) words[model.links[k].at] = 0;
+}
+
+static void set_branch(Table *x) {
+    const int64_t k = x->interval;
+    const double *times = x->breakpoints.at, start = k > 0 ? times[k - 1] : 0.0;
+    x->branch = k < x->breakpoints.size ? 0.5 * (start + times[k]) : start + 1.0;
+}
+
+static void load_model(Instance *s) {
+    memset(s->table, 0, model.n_words * sizeof(int64_t));
+    for (int64_t k = 0; k < model.n_segments; k++) {
+        const Segment *from = &model.segments[k];
+        memcpy((int64_t *)s->table + from->at, from->words, from->count * sizeof(int64_t));
+    }
+    write_addresses(s->table);
+    set_branch(s->table);
+    method_reset(s);
+    s->has_outputs = 0;
+}
+
+Instance *instance_create(void) {
+    Instance *s = calloc(1, sizeof(Instance));
+    if (!s) return NULL;
+    s->table = malloc(model.n_words * sizeof(int64_t));
+    if (!s->table) {
+        free(s);
+        return NULL;
+    }
+    instance_reset(s);
+    return s;
+}
+
+void instance_free(Instance *s) {
+    if (!s) return;
+    free(s->table);
+    free(s);
+}
+
+const char *instance_message(const Instance *s) { return s->message; }
+
+int instance_reset(Instance *s) {
+    s->message[0] = 0;
+    s->stop = INFINITY;
+    load_model(s);
+    return 0;
+}
+
+size_t instance_state_size(const Instance *s) {
+    (void)s;
+    return model.n_state * sizeof(int64_t);
+}
+
+void instance_get_state(const Instance *s, void *state) {
+    memcpy(state, s->table, instance_state_size(s));
+    clear_addresses(state);
+}
+
+int instance_set_state(Instance *s, const void *state) {
+    memcpy(s->table, state, instance_state_size(s));
+    write_addresses(s->table);
+    refresh_numbers(s);
+    return 0;
+}
+
+/* Pivots */
+
+void renew_pivots(Instance *s, int solver, LinearSolver *linear, Reals nonzeros) {
+    if (!linear->needs_pivots) return;
+    s->pivot_searches++;
+    exchange_rows(&s->exchanges[solver], linear, nonzeros.at, solver == COMPLEX_SOLVER);
+}
+
+int factorize_matrix(Instance *s, int solver, LinearSolver *linear, Reals nonzeros) {
+    int code;
+    while ((code = factorize(linear, nonzeros)) == NEW_PIVOTS)
+        renew_pivots(s, solver, linear, nonzeros);
+    linear->singular = 0;
+    return code;
+}
+
+void release_matrices(Instance *s) {
+    int released = 0;
+    for (int k = 0; k < N_SOLVERS; k++) released |= release_pivots(&s->exchanges[k]);
+    if (released) method_forget_factors(s);
+}
+
+/* Consistent starting values, at the start and at breakpoints */
+
+static void copy_or_clear(Reals out, Reals x) {
+    if (x.size)
+        copy(out, x);
+    else
+        fill(out, 0.0);
+}
+
+void evaluate_motion(Table *x, Sum *total, double t, Reals q, Reals v, Reals a, Reals lam) {
+    const int64_t n = x->n, m = x->m;
+    copy_or_clear(part(x->inputs, 0, n), q);
+    copy_or_clear(part(x->inputs, n, 2 * n), v);
+    copy_or_clear(part(x->inputs, 2 * n, 3 * n), a);
+    copy_or_clear(part(x->inputs, 3 * n, 3 * n + m), lam);
+    set_time(total, t, x->branch);
+    evaluate_sum(total, x->inputs, x->levels);
+}
+
+int factorize_saddle(Instance *s, Reals q, Reals v, Reals lam, double coefficient) {
+    Table *x = s->table;
+    evaluate_motion(x, &x->motion, x->t, q, v, (Reals){0}, lam);
+    set_time(&x->saddle, x->t, x->branch);
+    set_matrix_factors(&x->saddle, coefficient, 0.0, 1.0, 1.0, 1.0, 1.0);
+    evaluate_sum(&x->saddle, x->inputs, x->nonzeros);
+    return factorize_matrix(s, START_SOLVER, &x->linear, x->nonzeros);
+}
+
+void solve_constraints(Table *x, Reals right, double sign) {
+    fill(part(x->solution, 0, x->n), 0.0);
+    scale(from(x->solution, x->n), sign, right);
+    solve(&x->linear, x->solution);
+}
+
+void clear_states(const Table *x, Reals vector) {
+    for (int64_t k = 0; k < x->states.size; k++) vector.at[x->states.at[k]] = 0.0;
+}
+
+/* Close the gaps that the steps have left; see ConsistencySolver. */
+static int close_joints(Instance *s, double ratio) {
+    Table *x = s->table;
+    const Reals none = {0}, gaps = part(x->levels, x->n, x->n + x->m);
+    const double tolerance = POSITION_TOLERANCE * fmax(1.0, x->length);
+    double previous = INFINITY;
+    for (int k = 0; k < MAX_POSITION_ITERATIONS && x->m > 0; k++) {
+        double gap = 0.0;
+        evaluate_motion(x, &x->motion, x->t, x->q, none, none, none);
+        for (int64_t i = 0; i < x->m; i++) gap = fmax(gap, fabs(gaps.at[i]));
+        if (gap <= tolerance * ratio || (gap <= tolerance && gap > 0.5 * previous)) break;
+        previous = gap;
+        if (factorize_saddle(s, x->q, none, none, RIGID_TIME * RIGID_TIME) != DONE) return SINGULAR;
+        solve_constraints(x, gaps, -1.0);
+        clear_states(x, x->solution);
+        add_to(x->q, 1.0, x->solution);
+    }
+    return DONE;
+}
+
+/* See ConsistencySolver.acceleration. */
+int solve_accelerations(Instance *s, double coefficient, Reals change) {
+    Table *x = s->table;
+    const int64_t n = x->n, m = x->m;
+    const Reals lam = x->rate, forces = part(x->solution, 0, n), found = from(x->solution, n);
+    const uint32_t *starts = x->linear.plan.matrix_starts.at, *rows = x->linear.plan.matrix_rows.at;
+    fill(lam, 0.0);
+    for (int k = 0; k < MAX_FRICTION_ITERATIONS; k++) {
+        if (factorize_saddle(s, x->q, x->v, lam, coefficient) != DONE) return SINGULAR;
+        scale(forces, -1.0, x->levels);
+        if (change.size) add_to(forces, -1.0, change);
+        scale(found, -1.0, from(x->levels, n + 2 * m));
+        if (!x->has_friction) {
+            solve(&x->linear, x->solution);
+            return DONE;
+        }
+        /* dF/dlam is the difference between the upper right block and G^T. */
+        for (int64_t j = 0; j < n + m; j++)
+            for (uint32_t e = starts[j]; e < starts[j + 1]; e++) {
+                const int64_t row = rows[e];
+                const double value = x->nonzeros.at[e];
+                if (j >= n && row < n) forces.at[row] += value * lam.at[j - n];
+                if (j < n && row >= n) forces.at[j] -= value * lam.at[row - n];
+            }
+        solve(&x->linear, x->solution);
+        double correction = 0.0, size = 0.0;
+        for (int64_t i = 0; i < m; i++) {
+            correction = fmax(correction, fabs(found.at[i] - lam.at[i]));
+            size = fmax(size, fabs(found.at[i]));
+        }
+        copy(lam, found);
+        if (correction <= FRICTION_TOLERANCE * size) return DONE;
+    }
+    return NOT_CONVERGED;
+}
+
+int make_consistent(Instance *s, double tolerance) {
+    Table *x = s->table;
+    const int64_t n = x->n, m = x->m;
+    const Reals none = {0};
+    int code = close_joints(s, tolerance);
+    if (code != DONE) return code;
+    /* Velocities projected in the metric of the mass matrix. */
+    if (factorize_saddle(s, x->q, x->v, none, 0.0) != DONE) return SINGULAR;
+    if (m > 0) {
+        solve_constraints(x, part(x->levels, n + m, n + 2 * m), -1.0);
+        add_to(x->v, 1.0, x->solution);
+    }
+    if (x->states.size) { /* The rows of first-order states x are x' - f. */
+        evaluate_motion(x, &x->motion, x->t, x->q, x->v, none, none);
+        for (int64_t i = 0; i < x->states.size; i++)
+            x->v.at[x->states.at[i]] -= x->levels.at[x->states.at[i]];
+    }
+    code = solve_accelerations(s, 0.0, none);
+    if (code != DONE) return code;
+    copy(x->ddq, x->solution);
+    copy(x->lam, from(x->solution, n));
+    return DONE;
+}
+
+int restart(Instance *s) {
+    const int code = method_restart(s);
+    release_matrices(s);
+    s->has_outputs = s->table->has_jumped = 0;
+    if (code == SINGULAR)
+        return fail(s, "No accelerations at t = %.9g s: the matrix is singular; check inputs, "
+                       "parameters and the positions of the mechanism.", s->table->t);
+    if (code == NOT_CONVERGED)
+        return fail(s, "With friction, no accelerations and reactions satisfy the equations at "
+                       "t = %.9g s; reduce the coefficient of friction.", s->table->t);
+    if (code != DONE)
+        return fail(s, "Accelerations are not finite at t = %.9g s; check inputs and parameters.",
+                    s->table->t);
+    return 0;
+}
+
+/* Interface */
+
+void refresh_numbers(Instance *s) {
+    Table *x = s->table;
+    double *words = (double *)x;
+    if (x->numbers.size) model.write_numbers(x->values.at, NULL, x->numbers.at, LANES);
+    for (int64_t k = 0; k < model.n_numbers; k++)
+        words[model.numbers[k].at] = x->numbers.at[LANES * model.numbers[k].number];
+    s->has_outputs = 0;
+}
+
+int instance_initialize(Instance *s) {
+    Table *x = s->table;
+    const int64_t mode = x->mode;
+    double *values = malloc((x->values.size + 1) * sizeof(double));
+    if (!values) return fail(s, "Out of memory at t = %.9g s.", x->t);
+    copy((Reals){values, x->values.size}, x->values);
+    load_model(s);
+    copy(x->values, (Reals){values, x->values.size});
+    free(values);
+    x->mode = mode;
+    x->is_initialized = 1;
+    refresh_numbers(s);
+    return restart(s);
+}
+
+int report_step(Instance *s, int code) {
+    const double t = s->table->t;
+    if (code == NOT_CONVERGED)
+        return fail(s, "Newton's iteration did not converge at t = %.9g s; check inputs and "
+                       "parameters, or export the model with a smaller step or rtol.", t);
+    if (code == NOT_FINITE)
+        return fail(s, "The residual is not finite at t = %.9g s; check inputs and "
+                       "parameters.", t);
+    if (code == SINGULAR)
+        return fail(s, "The matrix is singular or not finite at t = %.9g s; check inputs and "
+                       "parameters, or export the model with a smaller step or rtol.", t);
+    if (code < 0)
+        return fail(s, "The error test failed at the smallest step at t = %.9g s; check inputs "
+                       "and parameters, or export the model with a larger rtol.", t);
+    return 0;
+}
+
+/* Make accelerations and multipliers consistent with the present values. */
+static int follow_values(Instance *s) {
+    Table *x = s->table;
+    if (!x->is_initialized) return instance_initialize(s);
+    if (!x->has_jumped) return 0;
+    x->has_jumped = s->has_outputs = 0;
+    return method_follow_values(s);
+}
+
+int advance(Instance *s, double end) {
+    Table *x = s->table;
+    const double tolerance = SAME_TIME * model.step;
+    s->has_outputs = 0;
+    /* A breakpoint at the end is left to the next call, whose inputs may differ. */
+    while (x->interval < x->breakpoints.size &&
+           x->breakpoints.at[x->interval] < end - tolerance) {
+        if (method_advance(s, x->breakpoints.at[x->interval])) return -1;
+        method_evaluate(s);
+        copy(x->q, x->inputs);
+        copy(x->v, from(x->inputs, x->n));
+        x->t += x->offset;
+        x->offset = 0.0;
+        x->interval++;
+        set_branch(x);
+        if (restart(s)) return -1;
+    }
+    return method_advance(s, end);
+}
+
+int instance_advance(Instance *s, double end) {
+    if (follow_values(s)) return -1;
+    if (!(end - instance_time(s) <= MAX_STEPS * model.step))
+        return fail(s, "The communication step at t = %.9g s is longer than 1e9 steps of the "
+                       "model; use shorter communication steps.", instance_time(s));
+    if (end > s->stop + SAME_END * model.step)
+        return fail(s, "The communication step ends at t = %.9g s, after the stop time of the "
+                       "experiment; begin with a later stop time, or without one.", end);
+    method_begin_step(s);
+    return advance(s, end);
+}
+
+void instance_set_stop(Instance *s, double stop) { s->stop = stop; }
+
+double instance_time(const Instance *s) { return s->table->t + s->table->offset; }
+
+int64_t *instance_mode(Instance *s) { return &s->table->mode; }
+
+double instance_value(const Instance *s, Index value) { return s->table->values.at[value]; }
+
+int instance_set_value(Instance *s, Index value, double number) {
+    Table *x = s->table;
+    if (!isfinite(number)) {
+        snprintf(s->message, MESSAGE_SIZE, "%s: the value must be finite.",
+                 model.value_names[value]);
+        return -1;
+    }
+    const double low = x->min_values.at[value], high = x->max_values.at[value];
+    if (number < low || number > high) {
+        snprintf(s->message, MESSAGE_SIZE,
+                 "%s: the value %.9g is outside the range for which the equations were verified, "
+                 "%.9g to %.9g.", model.value_names[value], number, low, high);
+        return -1;
+    }
+    if (x->values.at[value] == number) return 0;
+    if (x->has_stepped && method_prepare_change(s)) return -1;
+    x->values.at[value] = number;
+    /* Accelerations and reactions depend on the values; before the first step, positions and
+       velocities do, too. */
+    if (x->has_stepped)
+        x->has_jumped = 1;
+    else
+        x->is_initialized = 0;
+    refresh_numbers(s);
+    return 0;
+}
+
+const double *instance_outputs(Instance *s) {
+    Table *x = s->table;
+    if (!s->has_outputs) {
+        if (follow_values(s)) return NULL;
+        method_evaluate(s);
+        set_time(&x->output, instance_time(s), x->branch);
+        evaluate_sum(&x->output, x->inputs, x->outputs);
+        s->has_outputs = 1;
+    }
+    return x->outputs.at;
+}
+
+void write_direction(Instance *s, const double *direction, double *dp) {
+    Table *x = s->table;
+    copy(x->direction, x->values);
+    copy(from(x->direction, x->values.size), (Reals){(double *)direction, x->values.size});
+    if (x->numbers.size) model.write_direction(x->direction.at, NULL, x->numbers.at, LANES);
+    for (int64_t k = 0; k < x->number_targets.size; k++)
+        dp[x->number_targets.at[k]] = x->numbers.at[LANES * k];
+}
+
+int instance_derivative(Instance *s, const double *direction, double *result) {
+    Table *x = s->table;
+    if (!x->has_stepped)
+        return fail(s, "Directional derivatives exist after the first step, not at t = %.9g s.",
+                    x->t);
+    if (follow_values(s)) return -1;
+    void *state = malloc(instance_state_size(s));
+    if (!state) return fail(s, "Out of memory at t = %.9g s.", x->t);
+    memcpy(state, x, instance_state_size(s));
+    const int code = method_derivative(s, direction, (Reals){result, x->outputs.size});
+    memcpy(x, state, instance_state_size(s));
+    refresh_numbers(s);
+    free(state);
+    return code;
+}
+
+void instance_fix_iterations(Instance *s, int count) { s->fixed_iterations = count; }
+
+unsigned long instance_pivot_searches(const Instance *s) { return s->pivot_searches; }

@@ -1,0 +1,59 @@
+/* Tables of the numbers and arrays of an exported model; `model_source.py` fills them as
+   `core/tables.py` fills those of runs. */
+
+#ifndef BEAMDAE_TABLES_H
+#define BEAMDAE_TABLES_H
+
+#include "core.h"
+
+/* Parts that do not depend on the method. `t` is the end of the last internal step, and the
+   communication point is at t + offset. */
+typedef struct {
+    double t, offset, branch;
+    int64_t interval, mode, is_initialized, has_stepped, has_jumped;
+    int64_t n, m, has_friction;
+    double length;
+    Reals values, breakpoints, min_values, max_values;
+    Integers states;
+    Indices number_targets;
+    /* Motion at a start; with generalized-alpha, the current motion. */
+    Reals q, v, ddq, lam;
+    /* Work arrays. `inputs` are (q, v, a, lam), their derivatives, and those of the numbers p;
+       `direction` are the values and their derivatives. */
+    Reals inputs, direction, levels, rate, solution, outputs, numbers, zeros;
+    Sum motion, saddle, output, residual_direction, output_direction;
+    LinearSolver linear;
+    Reals nonzeros;
+} Table;
+
+/* Generalized-alpha. `start` is the motion for which the accelerations at the beginning of the last
+   step were determined, and `jump` that after the last jump of inputs. */
+typedef struct {
+    Table base;
+    AlphaWorkspace run;
+    Sum smooth_motion; /* Of `motion`, without forces with kinks over the motion. */
+    double shift;
+    int64_t follows_jump;
+    Reals start, jump, jerk, velocity_error;
+} AlphaTable;
+
+/* Radau. The first words of the tables, which determine the motion, are those at the start of the
+   last step in `before`; `begin` contains them and `before` at the last communication point but
+   one. `is_quiet` is 1 if no value has changed since the last communication point. Steps update the
+   derivatives if `has_tangent` is 1. */
+typedef struct {
+    Table base;
+    RadauWorkspace run;
+    InputJumpWorkspace jump;
+    double h, start_rate;
+    int64_t is_quiet, has_tangent;
+    Sum gap_sum;
+    Reals gaps, before, begin;
+    /* Derivatives of y and, for the last step, of w, and inputs (y, y'), their derivatives and
+       those of the numbers p. */
+    Reals tangent;
+    Reals2 tangent_w;
+    Reals stage;
+} RadauTable;
+
+#endif
