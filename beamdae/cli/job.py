@@ -22,7 +22,7 @@ from beamdae.cli.options import (
     parse_start,
     split_names,
 )
-from beamdae.cli.results import Report, ResultFiles, run_analysis
+from beamdae.cli.results import ResultFiles, run_analysis
 from beamdae.errors import BeamdaeError
 
 if TYPE_CHECKING:
@@ -114,8 +114,8 @@ class Job:
     def select_columns(
         self,
         names: list[str] | None,
-        x: str | None,
-        list_headers: Callable[[Any], tuple[Iterable[str], Iterable[str]]],
+        x: str | None = None,
+        list_headers: Callable[[Any], tuple[Iterable[str], Iterable[str]]] | None = None,
     ) -> tuple[list[str], str | None]:
         """Return the headers of --plot and --x, before an analysis that takes long.
 
@@ -124,7 +124,8 @@ class Job:
         names, x
             Values of the options.
         list_headers
-            Function of the equations of motion that returns all headers and the observed ones.
+            Function of the equations of motion that returns all headers and the observed ones;
+            None if both are the observed ones.
         """
         if not names and x is None:
             return [], None
@@ -134,7 +135,11 @@ class Job:
         from beamdae.results.columns import require_one_column, select_columns
         from beamdae.simulation import as_equations
 
-        headers, observed = map(list, list_headers(as_equations(self.command, self.model)))
+        equations = as_equations(self.command, self.model)
+        observed: Iterable[str] = equations.observed_headers
+        headers, observed = map(
+            list, (observed, observed) if list_headers is None else list_headers(equations)
+        )
 
         def select(name: str) -> list[str]:
             return select_columns(headers, name, observed=observed, part=self.command)
@@ -172,12 +177,3 @@ def job_parameters(kind: type[Job]) -> tuple[list[inspect.Parameter], list[inspe
         for group in (_ARGUMENTS, options)
     )
     return arguments, keywords
-
-
-def observed_headers(equations: Any) -> tuple[list[str], list[str]]:
-    """Return the headers of all observed columns twice, for `Job.select_columns`."""
-    headers = [header for observable in equations.observables for header in observable.headers]
-    return headers, headers
-
-
-__all__ = ["AccurateJob", "Job", "Report", "ResultFiles", "job_parameters", "observed_headers"]

@@ -35,8 +35,8 @@ class Run:
         Job with the model and the parameters of the run, and integrator.
     files
         Files of the run.
-    charts, data
-        Contents of the picture and of the page, None for the columns that vary, and name of the
+    charts, picture_charts, data
+        Contents of the page and of the picture, None for the columns that vary, and name of the
         file with measured data.
     checkpoint
         File with the run, from which it can be resumed, or None.
@@ -54,6 +54,7 @@ class Run:
     integrator: Any
     files: ResultFiles
     charts: PlotSelection | None = None
+    picture_charts: PlotSelection | None = None
     data: str = ""
     checkpoint: Path | None = None
     errors: Errors | None = None
@@ -75,14 +76,14 @@ class Run:
 
 def select_charts(
     job: Job, names: Sequence[str], x: str | None, data: Path | None, columns: Mapping[str, str]
-) -> PlotSelection | None:
-    """Return the contents of the picture and of the page before the run, which may take hours.
+) -> tuple[PlotSelection | None, PlotSelection | None]:
+    """Return the contents of page and picture before the run, which may take hours.
 
-    None stands for the columns that vary. Data whose columns the model does not have are omitted
-    with a warning.
+    Those of the page are over time, those of the picture over `x`. None stands for the columns that
+    vary. Data whose columns the model does not have are omitted with a warning.
     """
     if not names and x is None and data is None:
-        return None
+        return None, None
     if not job.picture and x is not None:
         raise BeamdaeError("run: --x requires the picture; omit --no-picture.")
     if not (job.picture or job.page):
@@ -100,10 +101,12 @@ def select_charts(
     in_table = [TIME, *equations.observed_headers, *LEDGER_COLUMNS]
     headers = list(dict.fromkeys([*in_table, *coordinate_headers(equations)]))
     try:
-        return select_plot(headers, in_table, names, x, data, columns)
+        drawn = select_plot(headers, in_table, names, x, data, columns)
+        over_time = select_plot(headers, in_table, names, None, data, columns) if x else drawn
     except UnmatchedDataError as problem:
         warn_user(str(problem))
         return select_charts(job, names, x, None, {})
+    return over_time, drawn
 
 
 def load_earlier_run(path: Path, model: Model) -> Solution | None:
@@ -250,7 +253,7 @@ def write_views(run: Run, solution: Solution) -> None:
     from beamdae.report.run_page import build_run_page
     from beamdae.results.columns import merge_columns
 
-    status, columns, charts = solution.status, solution.all_columns(), run.charts
+    status, columns = solution.status, solution.all_columns()
     page, picture, name = run.files.page, run.files.picture, run.job.model.name
     title = f"{name}, {run.integrator.label}"
     if not status.success:
@@ -260,10 +263,11 @@ def write_views(run: Run, solution: Solution) -> None:
 
     def write_page(path: Path) -> Path:
         warnings = _warnings(run, solution)
-        content = build_run_page(solution, name, columns, run.errors, warnings, charts)
+        content = build_run_page(solution, name, columns, run.errors, warnings, run.charts)
         return page_file.write_page(path, content)
 
     def draw(path: Path) -> Path:
+        charts = run.picture_charts
         if charts is None:
             return save_figure(create_run_figure(columns, title), path)
         merged = merge_columns(columns, solution.coordinate_columns())
@@ -332,10 +336,7 @@ def _compare_with_data(run: Run, solution: Solution) -> dict[str, dict[str, floa
     """
     import numpy as np
 
-    from beamdae.equations.measures import TIME
-
-    charts = run.charts
-    points = charts.points if charts is not None and charts.abscissa == TIME else {}
+    points = {} if run.charts is None else run.charts.points
     comparisons = {}
     for name, experiments in points.items():
         if name not in solution.columns or not experiments:

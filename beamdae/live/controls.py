@@ -30,8 +30,8 @@ def create_controls(model: Model, ranges: Mapping[str, Any] | None = None) -> li
     -------
     list of dict
         "name", "value", "unit", "description", "kind" ("number", "integer", "flag", "choice" or
-        "text"); for numbers with a slider, its ends "low" and "high" and whether it is logarithmic
-        ("log"); for choices, annotated as `Literal` texts, these values ("choices").
+        "text"); for numbers with a slider, its ends
+        "low" and "high"; for choices, annotated as `Literal` texts, these values ("choices").
 
     Raises
     ------

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
+from copy import copy
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from beamdae.beams.beam import BeamAttachment
+from beamdae.equations.assembly.assemble import equations_of_motion
 from beamdae.equations.assembly.observables import compile_quantities
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.starts.rigid_motions import collect_bodies
@@ -28,7 +30,7 @@ Array = np.ndarray
 _ROUNDING = 1e-9  # of gaps, relative to the length of the mechanism
 # Forces of contacts relative to the other forces on a body, which balance them at rest
 _MAX_START_RATIO = 20.0
-_TRAVEL = 1e-6  # along the velocities at the start, relative to the natural sizes
+_TRAVEL = 1e-3  # along the motion at the start, relative to the natural sizes
 _MAX_DEPTH_IN_CIRCLE = 0.5  # relative to the radius: points also pass beside the center
 
 
@@ -75,29 +77,46 @@ def start_inside_warnings(
                     pressures[body] += float(
                         np.linalg.norm(evaluate(part.name, force.force, state.q))
                     )
-    total = StateEvaluator(active).force(time, state.q, state.v) if inside else np.zeros(0)
+    others = _forces_without({x.name for x, _, _ in inside}, active, time, state)
     points = {x.name: x.points for x in collect_bodies(active) if len(x.points)}
     for part, gap, depth in inside:
         for body in {x.name for x in part.bodies} & set(points):
-            others = np.linalg.norm(np.sum(total[points[body]], axis=0)) - pressures[body]
-            if pressures[body] > _MAX_START_RATIO * abs(others):
+            resultant = np.linalg.norm(np.sum(others[points[body]], axis=0))
+            if pressures[body] > _MAX_START_RATIO * resultant:
                 yield (
                     f"{part.name}: {gap.point} starts {depth:.3g} m inside the surface, far deeper "
                     f"than at rest; {gap.remedy}, or build the model with "
                     "bd.Mechanism(start='equilibrium') if it is a preload."
                 )
                 break
-    speed = float(np.max(np.abs(state.v) / equations.position_scales, initial=0.0)) or 1.0
-    ahead = state.q + _TRAVEL / speed * state.v
+    sizes = equations.position_scales
+    speed, rate = (float(np.max(np.abs(x) / sizes, initial=0.0)) for x in (state.v, state.a))
+    h = _TRAVEL / (max(speed, np.sqrt(_TRAVEL * rate)) or 1.0)
+    ahead = state.q + h * state.v + 0.5 * h**2 * state.a
     for event in mechanism.events:
         for impact in select_impacts(event.do):
             if isinstance(impact.on, Quantity):
-                distance = float(evaluate(str(event.name), impact.on.current, ahead)[0])
-                if distance <= rounding:
+                distance, later = (
+                    float(evaluate(str(event.name), impact.on.current, q)[0])
+                    for q in (state.q, ahead)
+                )
+                if min(distance, later) < -rounding:
+                    how = "inside the surface" if distance < -rounding else "and closes"
                     yield (
-                        f"{event.name}: the gap of the impact starts at {distance:.3g} m, where no "
-                        "impact occurs; reverse the surface, or move the body away from it."
+                        f"{event.name}: the gap of the impact starts at {distance:.3g} m, {how}, "
+                        "where no impact occurs; reverse the surface, or move the body away from "
+                        "it."
                     )
+
+
+def _forces_without(names: set[str], active: EquationsOfMotion, time: Array, state: State) -> Array:
+    """Return the generalized forces F of all active parts but those of these names, (n,)."""
+    assert active.mechanism is not None
+    mechanism = copy(active.mechanism)
+    mechanism.parts = {name: x for name, x in mechanism.parts.items() if name not in names}
+    mechanism.observables, mechanism.events = {}, []
+    others = active if not names else equations_of_motion(mechanism)
+    return StateEvaluator(others).force(time, state.q, state.v)
 
 
 def deep_contact_warnings(run: RunData) -> Iterator[str]:

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -294,13 +294,16 @@ class Table:
         if len(self.axes) == 1:
             (knots,) = self.axes
             if self.kind == "previous":
-                return lambda x: self.values[np.searchsorted(knots, x, side="right") - 1]
+                return self._row_before
             if self.kind == "linear":
-                return lambda x: np.interp(x, knots, self.values)
+                return partial(np.interp, xp=knots, fp=self.values)
             return _interpolate_rows(knots, self.values, self.kind, self.is_repeated)
         degrees = [min(self.degree, len(knots) - 1) for knots in self.axes]
         spline = RectBivariateSpline(*self.axes, self.values, kx=degrees[0], ky=degrees[1], s=0)
         return spline.ev
+
+    def _row_before(self, x: Array) -> Array:
+        return self.values[np.searchsorted(self.axes[0], x, side="right") - 1]
 
     def _express(self, arguments: tuple[SX, ...]) -> SX:
         lock = _LOCK.get()

@@ -61,9 +61,7 @@ def build_run_page(
     method = str(solution.integrator.get("integrator", ""))
     tables = [x for x in _build_tables(solution, table, errors) if x["rows"]]
     limit = compute_row_limit(len(table))
-    measured = []
-    if charts is not None and charts.abscissa == TIME:
-        measured = _list_measured(charts, limit)
+    measured = [] if charts is None else _list_measured(charts, limit)
     return {
         "title": title,
         "subtitle": f"{method}: {status.sentence}",

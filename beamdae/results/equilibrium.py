@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -26,9 +26,6 @@ from beamdae.results.section_forces.section_forces import SectionForces
 from beamdae.results.selection import HasColumns
 from beamdae.results.storage.checkpoint import Checkpoint
 from beamdae.results.storage.files import write_result
-
-if TYPE_CHECKING:
-    pass
 
 Array = np.ndarray
 

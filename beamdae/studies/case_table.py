@@ -61,7 +61,7 @@ def tabulate_case(
 
 
 def _error_columns(outcome: Outcome, reference: Reference) -> dict[str, Any]:
-    """Return the errors of a case and of its event times [s].
+    """Return the errors of a case.
 
     "error [-]" is the largest error of all columns, relative to half their ranges; the errors by
     column are in its unit. Errors below the resolution of the reference are NaN. The bound is the

@@ -105,7 +105,7 @@ class Rows:
     headers: tuple[str, ...]
     source: Array | Path
 
-    @cached_property
+    @property
     def numbers(self) -> Array:
         """Times and columns (k, 1 + columns); FileContentError if the file cannot be read."""
         if isinstance(self.source, np.ndarray):

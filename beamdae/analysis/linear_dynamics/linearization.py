@@ -264,7 +264,7 @@ def _linearize_rest(
         warnings.append(
             f"{cause} at {speed:.6g} rad/s, but the linearized state is at rest, without "
             f"centrifugal forces; use about=bd.rotation({speed:.10g}) for a steady rotation "
-            "(--speed), or solution.at(t) for another motion."
+            f"(--about rotation={speed:.10g}), or solution.at(t) for another motion."
         )
     return replace(lin, warnings=tuple(warnings))
 

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
-from beamdae.cli.job import AccurateJob, observed_headers
+from beamdae.cli.job import AccurateJob
 from beamdae.cli.options import (
     IntegratorName,
     PeriodStart,
@@ -52,7 +52,7 @@ def periodic_command(
     --accuracy was not reached or if the page or picture failed, and 2 for a usage or model error.
     """
     method = create_periodic_integrator("periodic", integrator, rtol, job.file)
-    plotted, _ = job.select_columns(plot, None, observed_headers)
+    plotted, _ = job.select_columns(plot)
     files, state = job.plan("_periodic"), job.start(start)
 
     def analyze() -> Any:

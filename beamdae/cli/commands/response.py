@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from beamdae.cli.job import AccurateJob, observed_headers
+from beamdae.cli.job import AccurateJob
 from beamdae.cli.options import (
     IntegratorName,
     PeriodStart,
@@ -72,7 +72,7 @@ def response_command(
     """
     parameter, ends = _parse_range(over, job.model)
     method = create_periodic_integrator("response", integrator, rtol, job.file)
-    plotted, _ = job.select_columns(plot, None, observed_headers)
+    plotted, _ = job.select_columns(plot)
     files, initial_state = job.plan("_response"), job.start(start)
     unit = "rad/s" if angular else "Hz" if period is None else ""
     if parameter in job.model.parameter_info:

@@ -112,8 +112,9 @@ def run_command(
     results are written) or a file could not be written, 2 for a usage or model error, 130 after
     Ctrl-C, and 143 after SIGTERM, which skips the PNG and the page.
     """
+    named = {"rtol": rtol, "step": step, "time_limit": time_limit}
     options: dict[str, Any] = {**parse_assignments(option, "--option")}
-    options |= {"rtol": rtol, "step": step, "time_limit": time_limit}
+    options |= {name: x for name, x in named.items() if x is not None}
     method = create_integrator("run", integrator, options, job.file)
     names = None if sensitivities is None else split_names(sensitivities)
     accuracy = job.accuracy["accuracy"]
@@ -130,7 +131,7 @@ def run_command(
     files = job.plan("", job.path(".json"), others=checkpoints)
     columns = parse_assignments(data_columns, "--data-column")
     charts = run_outputs.select_charts(job, job.split(plot) or [], x, data, columns)
-    run = Run(job, method, files, charts, str(data))
+    run = Run(job, method, files, *charts, str(data))
     earlier = None
     if resume_from is not None:
         earlier = run_outputs.load_earlier_run(resume_from, job.model)

@@ -209,7 +209,7 @@ class Contact(ObservableLoad):
         static to the kinetic coefficient `friction`. If both are omitted, the coefficient does not
         depend on the velocity. With a `friction_speed` of 1/200 of `stribeck`, the largest friction
         is up to 0.1 % below the static friction, with 1/20 up to 3 %. Errors of forces are ten
-        times as large near self-locking. Runs warn if the friction is more than 0.5 % too small.
+        times as large near self-locking.
 
     Raises
     ------

@@ -148,8 +148,7 @@ class Friction(ObservableLoad):
         static to the kinetic coefficient. If both are omitted, the coefficient does not depend on
         the velocity. `friction_speed` should be at most 1/200 of `stribeck`: the largest friction
         is then up to 0.1 % below the static friction, with 1/50 up to 0.7 %, with 1/20 up to 3 %.
-        Errors of forces are ten times as large near self-locking. Runs warn if the friction is more
-        than 0.5 % too small.
+        Errors of forces are ten times as large near self-locking.
     radius
         Radius of the bearing, or half the length of a guide that carries a moment [m]; required for
         these joints, and not accepted for others.

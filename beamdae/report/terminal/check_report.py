@@ -20,7 +20,7 @@ _RESOLVING_STEP = 0.05  # step that resolves a vibration, as a fraction of its p
 def describe_check(check: Any, parts: Mapping[str, Any] | None = None) -> dict[str, str]:
     """Return the results of a `Check` and the facts of the parts as texts by topic.
 
-    Facts that are zero up to rounding share one text. The verdict is the first text.
+    Facts that are zero up to rounding are omitted. The verdict is the first text.
     """
     facts = {
         "verdict": check.verdict,
