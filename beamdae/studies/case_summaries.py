@@ -30,6 +30,25 @@ def summarize_cases(cases: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(lines, columns=_COLUMNS)
 
 
+def summarize_mesh_study(cases: pd.DataFrame, over: str) -> pd.DataFrame:
+    """Return the observed orders of convergence between successive meshes, by group.
+
+    Only successful cases are included. Errors that are zero or that the reference cannot resolve
+    are omitted. `over` is the name of the refined parameter.
+    """
+    lines: list[dict[str, Any]] = []
+    if ERROR_COLUMN in cases:
+        resolved = cases[(cases["status"] == "ok") & (cases[ERROR_COLUMN] > 0.0)]
+        for group, rows in resolved.sort_values(over).groupby("group", sort=False):
+            size, error = rows[over].to_numpy(float), rows[ERROR_COLUMN].to_numpy()
+            orders = -np.diff(np.log(error)) / np.diff(np.log(size))
+            for k, order in enumerate(orders):
+                at = f"{over} {size[k]:g} to {size[k + 1]:g}"
+                answer = f"{error[k + 1]:.2e}"
+                lines.append(_summary_line(str(group), "order in space", at, answer, order))
+    return pd.DataFrame(lines, columns=_COLUMNS)
+
+
 def _summary_line(
     group: str, what: str, at: str, answer: str, value: float, unit: str = ""
 ) -> dict[str, Any]:

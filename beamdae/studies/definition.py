@@ -9,6 +9,8 @@ from typing import Any
 
 from beamdae.errors import (
     BeamdaeError,
+    plain_text,
+    require_count,
     require_iterable,
     require_positive,
     set_fields,
@@ -26,6 +28,7 @@ _DEFAULT_OUTPUT_ROWS = 400
 _DEFAULT_TIME_LIMIT = 120.0  # seconds
 _REFERENCE_TIME_LIMIT_FACTOR = 10.0  # relative to the time limit of a case
 _REFERENCE_FRAMES = 120  # of the animation recorded with a reference
+_MAX_REPETITIONS = 1000
 
 
 @read_only_data
@@ -45,8 +48,8 @@ class Study:
         reference of each group of cases that differ only in their integrator; the difference
         between the two results is the uncertainty of the reference. An integrator with a fixed step
         is also run with half the step, and the results are extrapolated (Richardson). With an empty
-        tuple, no errors are computed. Otherwise, all groups have errors if `references` or
-        `columns` are given, and by default those with several different cases.
+        tuple, no errors are computed. Otherwise, all groups have errors if `references`, `columns`
+        or `over` are given, and by default those with several different cases.
     columns
         Observed columns used for the errors. Defaults to all columns in m or rad that vary or, if
         no column has these units, to all columns that vary.
@@ -54,7 +57,13 @@ class Study:
         End time and time between rows of all cases [s]. The defaults are the end time of the model,
         and the end time / 400.
     time_limit
-        Maximum wall time of a case [s]. Defaults to 120 s; None means no limit.
+        Maximum wall time of each repetition of a case [s]. Defaults to 120 s; None means no limit.
+    repetitions
+        Number of runs of each case; the wall time of the case is the median of all runs.
+    over
+        Parameter that is refined in a mesh study, such as "elements". The reference of each group
+        of cases that differ only in this parameter is the case with its largest value, and its
+        uncertainty the difference from the second largest; `references` are not run.
 
     Raises
     ------
@@ -70,6 +79,8 @@ class Study:
     t_end: float | None = None
     output_step: float | None = None
     time_limit: float | None = _DEFAULT_TIME_LIMIT
+    repetitions: int = 1
+    over: str | None = None
 
     def __post_init__(self) -> None:
         set_fields(self, name=require_file_name("study", self.name))
@@ -78,6 +89,10 @@ class Study:
             cases=_require_cases(self.name, self.cases),
             references=_require_references(self.name, self.references),
             columns=require_column_names(self.name, self.columns),
+            repetitions=require_count(
+                self.name, "repetitions", self.repetitions, most=_MAX_REPETITIONS
+            ),
+            over=plain_text(self.over),
         )
         for setting in ("t_end", "output_step", "time_limit"):
             value = getattr(self, setting)
@@ -89,6 +104,13 @@ class Study:
         models: dict[str, Model] = {}
         digests: DigestCache = {}
         for case in self.cases:
+            if self.over is not None:
+                if not isinstance(self.over, str) or self.over not in case.parameters:
+                    raise BeamdaeError(
+                        f"{self.name}: over must be a parameter that every case sets, got "
+                        f"{short_repr(self.over)}."
+                    )
+                require_positive(self.name, self.over, case.parameters[self.over])
             case.mechanism_fingerprint(digests)
             model = models.setdefault(case.model.name, case.model)
             if model is case.model:
@@ -102,11 +124,12 @@ class Study:
 
     def computes_errors(self, runs: int) -> bool:
         """Return True if errors are computed for a group with `runs` different runs."""
-        return self.references != () and bool(self.references or self.columns or runs > 1)
+        requested = self.over or self.references or self.columns
+        return self.references != () and bool(requested or runs > 1)
 
     def tag(self, case: Case) -> str:
         """Return the label that distinguishes a case from others with the same reference."""
-        return case.label
+        return case.label if self.over is None else f"{self.over}={case.parameters[self.over]}"
 
     def task(self, case: Case, reference: bool = False, digests: DigestCache | None = None) -> Task:
         """Return the task of a case.
@@ -126,6 +149,7 @@ class Study:
             t_end,
             output_step,
             limit,
+            1 if reference else self.repetitions,
             frames=_REFERENCE_FRAMES if reference else 0,
             mechanism_fingerprint=case.mechanism_fingerprint(digests),
         )
@@ -177,12 +201,14 @@ def study(
     t_end: float | None = None,
     output_step: float | None = None,
     time_limit: float | None = _DEFAULT_TIME_LIMIT,
+    repetitions: int = 1,
+    over: str | None = None,
 ) -> Callable[[Callable[[], Iterable[Case]]], Study]:
     """Return a decorator that turns a function returning cases into a study.
 
     Parameters
     ----------
-    references, columns, t_end, output_step, time_limit
+    references, columns, t_end, output_step, time_limit, repetitions, over
         See `Study`.
 
     Returns
@@ -213,6 +239,8 @@ def study(
             t_end,
             output_step,
             time_limit,
+            repetitions,
+            over,
         )
 
     return decorate

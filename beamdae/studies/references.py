@@ -37,7 +37,7 @@ class Reference:
     Attributes
     ----------
     methods
-        Labels of the two methods; "" for each one that is missing.
+        Labels of the two methods or meshes; "" for each one that is missing.
     table
         Observed columns, energies and drift by time; None if there is no reference.
     columns
@@ -78,15 +78,22 @@ def group_cases(
 ) -> dict[str, list[Case]]:
     """Group the cases that share a reference, and return them by group label.
 
-    The cases of a group have the same mechanism and end time. `task_by_case` maps the `id` of a
-    case to its task.
+    The cases of a group have the same mechanism and end time. In a mesh study, they have the same
+    integrator, and their mechanisms differ only in the refined parameter. `task_by_case` maps the
+    `id` of a case to its task.
     """
     groups: dict[tuple[Any, ...], list[Case]] = {}
+    labels: list[str] = []
     for case in study.cases:
-        key = (case.mechanism_fingerprint(digests), task_by_case[id(case)].t_end)
+        common, method = case, ""
+        if study.over is not None:
+            others = {k: v for k, v in case.parameters.items() if k != study.over}
+            common, method = replace(case, parameters=others), f", {case.label}"
+        key = (common.mechanism_fingerprint(digests), task_by_case[id(case)].t_end, method)
+        if key not in groups:
+            labels.append(common.group + method)
         groups.setdefault(key, []).append(case)
-    labels = number_duplicates(cases[0].group for cases in groups.values())
-    return dict(zip(labels, groups.values(), strict=True))
+    return dict(zip(number_duplicates(labels), groups.values(), strict=True))
 
 
 def create_reference_tasks(
@@ -94,8 +101,12 @@ def create_reference_tasks(
 ) -> list[list[Task]]:
     """Return the tasks of the two reference methods of a group.
 
-    A method has one task, or two tasks for Richardson extrapolation.
+    A method has one task, or two tasks for Richardson extrapolation. In a mesh study, the methods
+    are the two finest meshes, or the only mesh.
     """
+    if study.over is not None:
+        meshes = {case.parameters[study.over]: case for case in cases}
+        return [[study.task(meshes[n], digests=digests)] for n in sorted(meshes, reverse=True)[:2]]
     methods = []
     for integrator in study.references or DEFAULT_REFERENCES:
         integrators = [integrator]
@@ -116,7 +127,12 @@ def build_reference(
     the `sentence`. If the reference is missing, for example because a run failed or no column is
     left, its `table` is None and its `sentence` gives the reason.
     """
-    labels = (_label_method(methods[0]), _label_method(methods[1]))
+    if len(methods) == 1:
+        return _missing_reference(
+            (_label_method(study, methods[0]), ""),
+            "no reference, there is only one mesh; add a finer mesh",
+        )
+    labels = (_label_method(study, methods[0]), _label_method(study, methods[1]))
     for tasks in methods:
         for task in tasks:
             outcome = outcomes[task.key]
@@ -142,6 +158,10 @@ def build_reference(
         )
     columns = list(itertools.compress(columns, agrees))
     uncertainty = float(differences[agrees].max())
+    if study.over is not None and uncertainty == 0.0:
+        return _missing_reference(
+            labels, f"no reference, {study.over} has no effect on the two finest meshes"
+        )
     worst = remove_unit(columns[int(np.argmax(differences[agrees]))])
     sentence = (
         f"Reference: {labels[0]}; {labels[1]} differs by {uncertainty:.2g} of the amplitude of "
@@ -159,8 +179,8 @@ def _missing_reference(methods: tuple[str, str], sentence: str) -> Reference:
 REFERENCE_NOT_RUN = _missing_reference(("", ""), "no reference, the reference was not run")
 
 
-def _label_method(tasks: list[Task]) -> str:
-    label = tasks[-1].case.label
+def _label_method(study: Study, tasks: list[Task]) -> str:
+    label = study.tag(tasks[-1].case)
     return label if len(tasks) == 1 else f"{label}, extrapolated"
 
 

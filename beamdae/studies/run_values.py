@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,9 @@ from beamdae.studies.tasks import Rows
 
 EVENTS_COLUMN = "events"
 WALL_TIME_COLUMN = "wall time [s]"
+# Extremes of repeated runs; `WALL_TIME_COLUMN` contains the median.
+MIN_WALL_TIME_COLUMN = "wall time min [s]"
+MAX_WALL_TIME_COLUMN = "wall time max [s]"
 MEASURING_TIME_COLUMN = "measuring time [s]"
 REACHED_COLUMN = "reached [s]"
 MEASURED_ERROR_COLUMN = "measured error [-]"  # largest one of the observed columns
@@ -59,6 +62,14 @@ def collect_run_values(solution: Solution) -> dict[str, Any]:
         "warnings": warnings,
         **({EVENTS_COLUMN: format_event_counts(names)} if solution.equations.events else {}),
     }
+
+
+def summarize_wall_times(times: Sequence[float]) -> dict[str, float]:
+    """Return the median wall time [s] and, for several runs, the shortest and the longest."""
+    summary = {WALL_TIME_COLUMN: float(np.median(times))}
+    if len(times) > 1:
+        summary |= {MIN_WALL_TIME_COLUMN: min(times), MAX_WALL_TIME_COLUMN: max(times)}
+    return summary
 
 
 def evaluate_outputs(outputs: Mapping[str, Callable[[Any], Any]], solution: Any) -> dict[str, Any]:

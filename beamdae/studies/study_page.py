@@ -19,6 +19,8 @@ from beamdae.studies.execution.study_run import StudyResults
 from beamdae.studies.references import RESOLUTION_FACTOR, Reference, number_duplicates
 from beamdae.studies.run_values import (
     EVENTS_COLUMN,
+    MAX_WALL_TIME_COLUMN,
+    MIN_WALL_TIME_COLUMN,
     WALL_TIME_COLUMN,
 )
 
@@ -34,6 +36,8 @@ _RESULT_COLUMNS = {
     EVENTS_COLUMN: ("events", "", "text"),
     ERROR_COLUMN: ("error", "-", "error"),
     WALL_TIME_COLUMN: ("wall time", "s", "cost"),
+    MIN_WALL_TIME_COLUMN: ("wall min", "s", "number"),
+    MAX_WALL_TIME_COLUMN: ("wall max", "s", "number"),
 }
 _SOLVER_COLUMNS = {
     "steps": ("steps", "", "number"),
@@ -217,6 +221,8 @@ def _rank_cases(study: Study) -> list[int]:
 
     def sort_key(k: int) -> tuple[str, float]:
         case = study.cases[k]
+        if study.over is not None:
+            return case.series, case.parameters[study.over]
         return case.series, -case.integrator.accuracy.value
 
     order = sorted(range(len(study.cases)), key=sort_key)

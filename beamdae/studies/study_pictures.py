@@ -1,4 +1,4 @@
-"""Figures of a study: comparison over time, and work-precision."""
+"""Figures of a study: comparison over time, work-precision, and mesh convergence."""
 
 from __future__ import annotations
 
@@ -26,6 +26,8 @@ from beamdae.studies.case_table import ACCURACY_COLUMNS, BOUND_COLUMN, ERROR_COL
 from beamdae.studies.deviations import compute_deviations
 from beamdae.studies.execution.study_run import StudyResults
 from beamdae.studies.run_values import (
+    MAX_WALL_TIME_COLUMN,
+    MIN_WALL_TIME_COLUMN,
     WALL_TIME_COLUMN,
 )
 
@@ -46,10 +48,10 @@ def list_plots(results: StudyResults) -> dict[str, Plot]:
     """
     if ERROR_COLUMN not in results.table:
         return {}
-    return {
-        "comparison": partial(_draw_comparison, results),
-        "work_precision": partial(_draw_work_precision, results),
-    }
+    plots: dict[str, Plot] = {"comparison": partial(_draw_comparison, results)}
+    if results.study.over is None:
+        return plots | {"work_precision": partial(_draw_work_precision, results)}
+    return plots | {"mesh_convergence": partial(_draw_mesh_convergence, results)}
 
 
 def _draw_comparison(results: StudyResults) -> list[Path]:
@@ -114,7 +116,8 @@ def _observed_table(table: pd.DataFrame) -> pd.DataFrame:
 def _draw_work_precision(results: StudyResults) -> list[Path]:
     """Plot the error over the wall time, with one panel per group.
 
-    Markers of errors that the reference does not resolve are hollow, at its dotted line.
+    Markers of errors that the reference does not resolve are hollow, at its dotted line. Thin lines
+    extend from the shortest to the longest wall time of repeated runs.
     """
     rows = _select_drawable(results.table, WALL_TIME_COLUMN, BOUND_COLUMN)
     styles, panels = _assign_styles(rows["series"]), []
@@ -128,6 +131,9 @@ def _draw_work_precision(results: StudyResults) -> list[Path]:
             hollow = style | {"mfc": "none", "ls": "none"}
             lines.append((resolved[WALL_TIME_COLUMN], resolved[ERROR_COLUMN], style))
             lines.append((bounds[WALL_TIME_COLUMN], bounds[BOUND_COLUMN], hollow))
+            span = runs.reindex(columns=[MIN_WALL_TIME_COLUMN, MAX_WALL_TIME_COLUMN, BOUND_COLUMN])
+            thin = {"color": style["color"], "lw": 0.7}
+            lines += [(x[:2], np.full(2, x[2]), thin) for x in span.dropna().to_numpy(float)]
         resolution = results.references[str(group)].resolution
         times = members[WALL_TIME_COLUMN].agg(["min", "max"]).to_numpy()
         lines.append((times, np.full(2, resolution), {"color": "0.4", "lw": 1.0, "ls": ":"}))
@@ -140,6 +146,22 @@ def _draw_work_precision(results: StudyResults) -> list[Path]:
         return []
     figure = draw_panels(panels, "", styles, "groups", x_label=None)
     return [save_figure(figure, results.folder / "work_precision.png")]
+
+
+def _draw_mesh_convergence(results: StudyResults) -> list[Path]:
+    """Plot the error over the refined parameter, with one line per group."""
+    over = str(results.study.over)
+    rows = _select_drawable(results.table, over, ERROR_COLUMN).sort_values(over)
+    if rows.empty:
+        return []
+    styles = _assign_styles(rows["group"])
+    lines = [
+        (runs[over], runs[ERROR_COLUMN], styles[str(group)])
+        for group, runs in rows.groupby("group", sort=False)
+    ]
+    panel = Panel("", _ERROR_LABEL, lines, (over, _ERROR_LABEL), ("log", "log"))
+    figure = draw_panels([panel], "", styles, x_label=None)
+    return [save_figure(figure, results.folder / "mesh_convergence.png")]
 
 
 def _select_drawable(table: pd.DataFrame, *columns: str) -> pd.DataFrame:

@@ -304,7 +304,8 @@ def failing():
     for _ in range(2):
         result = invoke("compare", "model.py")
         assert result.exit_code == 1, result.output
-        assert result.stderr.count("failed: arm") >= 2
+        assert "failed: arm" in result.stderr
+        assert " and 1 other: " in result.stderr
         assert Path("results/failing/report.html").exists()
         assert set(pd.read_csv("results/failing/cases.csv")["status"]) == {"failed"}
         assert not list(Path("results/failing").glob("*.png"))

@@ -236,7 +236,12 @@ NOTHING = {
 
 @pytest.mark.parametrize("rows", NOTHING.values(), ids=NOTHING)
 def test_a_study_without_data_has_no_plots(tmp_path, rows):
+    rows = [{"elements": n} | row for n in (4, 8) for row in rows]
     assert study_pictures.list_plots(study(tmp_path, rows))["work_precision"]() == []
+    if "wall time [s]" not in rows[0]:
+        assert (
+            study_pictures.list_plots(study(tmp_path, rows, "elements"))["mesh_convergence"]() == []
+        )
 
 
 def test_a_group_without_a_success_has_no_panel(tmp_path, figure_of):
@@ -255,14 +260,34 @@ def test_work_precision_shows_errors_below_the_resolution(tmp_path, figure_of):
     assert colored_share(study_pictures.list_plots(results)["work_precision"]()[0]) > 1e-4
 
 
-def test_lines_connect_runs_by_setting(tmp_path, figure_of):
+def test_lines_connect_runs_by_setting_and_show_the_range_of_times(tmp_path, figure_of):
     settings = {0.01: (0.3, 2e-3), 0.1: (0.1, 1e-3), 0.001: (0.2, 3e-3)}
     rows = [
-        {"rtol": x, "label": f"{x}", "error [-]": error, "wall time [s]": cost}
+        {"rtol": x, "label": f"{x}", "error [-]": error, "wall time [s]": cost,
+         "wall time min [s]": 0.5 * cost, "wall time max [s]": 10.0 * cost}
         for x, (cost, error) in settings.items()
     ]  # fmt: skip
     axis = figure_of(study(tmp_path, rows), "work_precision").axes[0]
     assert list(axis.lines[0].get_xdata()) == [0.1, 0.3, 0.2]
+    ends = [(*x.get_xdata(), x.get_ydata()[0]) for x in axis.lines[2:5]]
+    expected = [
+        (0.5 * c, 10.0 * c, error) for c, error in (settings[x] for x in (0.1, 0.01, 0.001))
+    ]
+    np.testing.assert_allclose(ends, expected)
+    assert axis.get_xlim()[1] > 3.0
+
+
+def test_mesh_convergence_has_a_line_per_group(tmp_path, figure_of):
+    errors = {"a": {4: 1e-3, 2: 1e-2, 8: np.nan}, "b": {2: 1e-1, 4: 1e-2, 8: np.nan}}
+    rows = [
+        {"group": group, "elements": n, "error [-]": error}
+        for group, meshes in errors.items()
+        for n, error in meshes.items()
+    ]
+    (axis,) = figure_of(study(tmp_path, rows, "elements"), "mesh_convergence").axes
+    assert [list(x.get_xdata()) for x in axis.lines] == [[2, 4]] * 2
+    assert [list(x.get_ydata()) for x in axis.lines] == [[1e-2, 1e-3], [1e-1, 1e-2]]
+    assert (axis.get_xscale(), axis.get_yscale(), axis.get_xlabel()) == ("log", "log", "elements")
 
 
 @pytest.mark.slow(reason="half a second and more")

@@ -179,6 +179,27 @@ def test_orders_are_slopes_of_errors_over_steps():
     assert_allclose(summary.loc["order in step", "value"].astype(float), [1.0, 3.0], atol=1e-6)
 
 
+@pytest.mark.slow(reason="half a second and more")
+def test_mesh_studies_have_errors_in_space_only(tmp_path):
+    from hub_beam import hub_beam
+
+    cases = [
+        bd.Case(hub_beam, {"elements": n}, bd.GeneralizedAlpha(step=0.01, newton_tolerance=1e-9))
+        for n in (1, 2, 4, 8, 12)
+    ]
+    columns = ("deformation.u [m]", "deformation.v [m]")
+    results = run(
+        bd.results.Study("mesh", tuple(cases), columns=columns, over="elements"), tmp_path
+    )
+    assert len(results.references) == 1
+    (reference,) = results.references.values()
+    assert reference.methods == ("elements=12", "elements=8")
+    orders = results.summary["value"].to_numpy(float)
+    # The observed order is five and more (validation/mesh_convergence).
+    assert orders[-1] > 4.0
+    assert (results.folder / "summary.csv").is_file()
+
+
 # Failures -------------------------------------------------------------------------------------
 
 
@@ -352,6 +373,14 @@ def test_a_case_that_is_also_a_reference_runs_once_and_has_frames(tmp_path):
     results = run(create_study([bd.Case(swing, {}, COARSE[0])]), tmp_path)
     assert len(results.outcomes) == 3
     assert list(results.frames)
+
+
+@pytest.mark.slow(reason="half a second and more")
+def test_repetitions_give_the_median_wall_time_and_its_extremes(tmp_path):
+    results = run(create_study(SWINGS[:1], repetitions=3), tmp_path)
+    (line,) = results.table.to_dict("records")
+    assert 0.0 < line["wall time min [s]"] <= line["wall time [s]"] <= line["wall time max [s]"]
+    assert "wall time min [s]" not in run(create_study(SWINGS[:1]), tmp_path / "once").table
 
 
 def test_parameters_with_names_of_columns_are_renamed():

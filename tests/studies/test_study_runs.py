@@ -57,7 +57,9 @@ def test_groups_that_compare_integrators_have_references_unless_settings_say_oth
     assert referenced_groups(MIXED[:2] * 2) == [], "the same case twice compares nothing"
     assert referenced_groups(MIXED, references=FINE) == [one, two]
     assert referenced_groups(MIXED, columns=("end.x [m]",)) == [one, two]
-    assert referenced_groups(MIXED, references=()) == []
+    assert referenced_groups(MIXED[:2], over="mass") == [f"swing, {ALPHA.label}"]
+    for settings in ({}, {"over": "mass"}, {"columns": ("end.x [m]",)}):
+        assert referenced_groups(MIXED, references=(), **settings) == []
 
 
 def test_cases_with_equal_parameters_share_a_reference(run):
@@ -119,7 +121,7 @@ def test_study_with_errors_of_some_cases(tmp_path):
         ((1.0, 1.0), {}),
         ((1.0, 2.0), {}),
         ((1.0, -1.0), {"references": ()}),
-        ((1.0, 2.0), {"over": "mass", "errors": False}),
+        ((1.0, 2.0), {"over": "mass", "references": ()}),
     ],
 )
 def test_study_without_references_has_no_errors_and_no_summary(masses, settings, tmp_path):

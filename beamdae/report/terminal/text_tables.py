@@ -41,6 +41,8 @@ _COMPARISON_COLUMNS = {
     "status": "status",
     "steps": "steps",
     "energy imbalance [-]": "energy imbalance",
+    "wall time min [s]": "least [s]",
+    "wall time max [s]": "most [s]",
     "max position drift": "position drift",
     "measured error [-]": "measured error [-]",
     "Jacobian calls": "Jacobian calls",

@@ -24,7 +24,7 @@ from beamdae.results.columns import observed_columns, select_observed_columns
 from beamdae.results.outcome import REACHED_END, Status
 from beamdae.results.storage.files import write_escaped_table
 from beamdae.studies.case import Case, DigestCache
-from beamdae.studies.case_summaries import summarize_cases
+from beamdae.studies.case_summaries import summarize_cases, summarize_mesh_study
 from beamdae.studies.case_table import assemble_case_table, tabulate_case
 from beamdae.studies.definition import Study
 from beamdae.studies.execution.executors import TaskExecutor
@@ -93,12 +93,13 @@ class StudyPlan:
 
 
 def _merge_tasks(tasks: list[Task]) -> list[Task]:
-    """Merge tasks with the same key, with the largest number of frames."""
+    """Merge tasks with the same key, with the largest number of repetitions and of frames."""
     merged: dict[str, Task] = {}
     for task in tasks:
         earlier = merged.setdefault(task.key, task)
         merged[task.key] = replace(
             earlier,
+            repetitions=max(earlier.repetitions, task.repetitions),
             frames=max(earlier.frames, task.frames),
             is_checked=earlier.is_checked or task.is_checked,
         )
@@ -365,7 +366,7 @@ def _evaluate_outcomes(
         study,
         folder,
         table,
-        summarize_cases(table),
+        summarize_cases(table) if study.over is None else summarize_mesh_study(table, study.over),
         references,
         outcomes,
         frames,

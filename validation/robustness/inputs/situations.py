@@ -270,6 +270,9 @@ STUDIES: dict[str, Situation] = {
     "references of one kind": lambda box: _run_study_of(
         box, [box.case()], references=(bd.Radau(), bd.Radau(1e-3))
     ),
+    "over a parameter no case gives": lambda box: _run_study_of(box, [box.case()], over="spin"),
+    "over a text": lambda box: _run_study_of(box, [box.case(name="a")], over="name"),
+    "one mesh": lambda box: _run_study_of(box, [box.case(spin=1)], over="spin"),
     "grid of numbers": lambda box: bd.grid(mass=1.0),
     "grid of nothing": lambda box: _run_study_of(
         box, [box.case(**row) for row in bd.grid(mass=[])]

@@ -108,6 +108,10 @@ function describeCurves(key, title, choice, step) {
     height: (width) => clamp(0.36 * width, 225, 330),
     read: (entries) => readLines(entries, y),
     marks: (time) => [[time, null]],
+    rows: () => [
+      ["case", "quantity", timeTitle(), "value"],
+      ...lines.flatMap(({ run, name, t, values }) => t.map((time, k) => [run.label, name, time, values[k]]).filter((row) => row[3] !== null)),
+    ],
   };
 }
 
@@ -180,6 +184,7 @@ function describePortrait() {
     height: (width) => clamp(0.4 * width, 230, 340),
     read: ({ value: [x, y, , time] }) => [html("strong", {}, formatTime(time)), createReadings([[yName, formatValue(y)], [xName, formatValue(x)]])],
     marks: (time) => lines.map((line) => pointAt(line, time)).filter(isKnown),
+    rows: () => [["case", timeTitle(), xName, yName], ...lines.flatMap(({ label, data }) => data.map(([x, y, , time]) => [label, time, x, y]))],
   };
 }
 
