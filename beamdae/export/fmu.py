@@ -307,7 +307,7 @@ def export_fmu(
         raise BeamdaeError(
             f'{PART}: real_time requires fixed steps, but integrator is "radau"; omit one of them.'
         )
-    require_core()
+    require_core(f"{PART}: the FMU", "")
     targets = _require_platforms(platforms, fmi)
     iterations = 0 if real_time is None else require_count(PART, "real_time", real_time)
     steps = require_count(PART, "timed_steps", timed_steps, least=0)

@@ -256,6 +256,7 @@ class _SourceWriter:
         run.form.matrix = self._sum(matrix)
         run.linear = _make_solver(plan_elimination(form.pattern, e.n), float)
         run.fixed_iterations = self._exported.fixed_iterations
+        run.rows = run.rows[:1].copy()  # one step per call
         current.q[:], current.v[:] = table.q, table.v
         table.q, table.v, table.ddq, table.lam = current.q, current.v, current.ddq, current.lam
         table.run = run
@@ -273,6 +274,7 @@ class _SourceWriter:
         order = plan_elimination(pattern, e.n, first=len(reduction.corrected), last=e.m)
         gaps = compile_surface_gaps(e)
         run.form.residual, run.form.jacobian = self._sum(form.sums[0]), self._sum(matrix)
+        run.rows = run.rows[:3].copy()  # one step per call
         run.real_solver, run.complex_solver = (_make_solver(order, x) for x in (float, complex))
         table.run = run
         table.jump = InputJump(form).workspace

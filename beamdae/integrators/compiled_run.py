@@ -92,13 +92,15 @@ class FactorizedMatrix:
             yield plan
 
 
-def require_core() -> None:
+def require_core(
+    part: str = "core: this method or analysis",
+    alternative: str = ", or use GeneralizedAlpha with fixed steps",
+) -> None:
     """Raise a BeamdaeError if there is no core."""
     if load_core() is None:
         raise BeamdaeError(
-            "core: this method or analysis requires the compiled core; install a C compiler, "
-            'for example by `pip install "beamdae[fmu]"`, or use GeneralizedAlpha with fixed '
-            "steps."
+            f"{part} requires the compiled core; install a C compiler, for example by "
+            f'`pip install "beamdae[fmu]"`{alternative}.'
         )
 
 

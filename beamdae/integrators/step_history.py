@@ -399,7 +399,6 @@ class StepThinning:
         for segment in segments[self._finished :]:
             segment.thin(self._times, segment is not segments[-1])
         self._finished = len(segments) - 1
-        # Rows that are kept lie between freed ones, which the C library would retain.
 
     @property
     def report(self) -> dict[str, str]:

@@ -17,6 +17,7 @@ from beamdae.equations.starts.rigid_motions import collect_bodies
 from beamdae.equations.starts.state_evaluator import StateEvaluator
 from beamdae.equations.surface_gaps import compile_surface_gaps
 from beamdae.errors import name_with_others
+from beamdae.parts.attachments import measure_extent
 from beamdae.parts.bodies.rigid_body import RigidBody
 from beamdae.parts.events import select_impacts
 from beamdae.parts.mechanism import EQUILIBRIUM
@@ -171,19 +172,19 @@ def _list_sizes(equations: EquationsOfMotion, name: str) -> Iterator[tuple[float
 
     assert equations.mechanism is not None
     contact: Any = equations.mechanism.parts[name]
-    surface, sizes = contact.surface, {x.name: x.size for x in equations.parts}
+    surface = contact.surface
     for x in (contact.point, surface.on):
         if isinstance(x, BeamAttachment) and x.s is not None:
             if (height := x.body.section.at(x.s).height) is not None:
                 yield height, f"{x.body.name} is thick"
-        elif isinstance(x.body, RigidBody):
-            yield sizes[x.body.name], f"{x.body.name} is large"
+        elif isinstance(x.body, RigidBody) and (extent := measure_extent([x.body])):
+            yield extent, f"{x.body.name} is large"
     if isinstance(surface, CircleSurface) and surface.side == "outside":
         yield _MAX_DEPTH_IN_CIRCLE * surface.radius, "half the radius of the circle"
 
 
 def impact_order_warnings(run: RunData) -> Iterator[str]:
-    """Yield a warning about the first impacts that close the gaps of each other at the same time."""
+    """Yield a warning about the first simultaneous impacts that close the gaps of each other."""
     names = {term.name for term in run.equations.events if select_impacts(term.do)}
     for t in dict.fromkeys(x.t for x in run.event_records):
         simultaneous = [x.name for x in run.event_records if x.t == t and x.name in names]

@@ -297,6 +297,25 @@ def test_regression_laws_whose_memory_acts_late_end_the_run(method, start):
         assert run.status.kind == "failed"
 
 
+@pytest.mark.slow(reason="a fifth of a second")
+def test_regression_laws_whose_memory_an_earlier_run_has_changed_end_later_runs():
+    """The second run was "ok", with a latch that was closed from its start."""
+    is_closed = False
+
+    def latch(sample):
+        nonlocal is_closed
+        is_closed = is_closed or sample.t > 0.25
+        return 2.0 * is_closed - sample.reads[1]
+
+    for _ in range(2):
+        with pytest.warns(bd.BeamdaeWarning, match="for the same sample"):
+            run = bd.simulate(build_servo(latch), bd.GeneralizedAlpha(5e-3), 0.5)
+        assert run.status.kind == "failed"
+    is_closed = False
+    law = lambda sample: latch(sample)  # noqa: E731
+    assert bd.simulate(build_servo(law), bd.GeneralizedAlpha(5e-3), 0.2).status.success
+
+
 def test_analyses_other_than_runs_reject_sampled_controllers():
     for analysis in (bd.linearize, bd.modes, bd.equilibrium):
         with pytest.raises(bd.BeamdaeError, match="controller 'servo' is called only in runs") as e:

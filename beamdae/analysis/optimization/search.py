@@ -84,7 +84,7 @@ class SearchResult:
     Attributes
     ----------
     problem
-        The problem with the stress sections and the ratios of maxima of the best design.
+        The problem with the ratios of maxima of the best design.
     best
         The best evaluated design.
     trials

@@ -46,7 +46,8 @@ void clear_addresses(void *table);
 void renew_pivots(Instance *s, int solver, LinearSolver *linear, Reals nonzeros);
 /* Factorize a matrix, with row exchanges if necessary; return DONE or SINGULAR. */
 int factorize_matrix(Instance *s, int solver, LinearSolver *linear, Reals nonzeros);
-/* Release factors of full matrices, which states do not contain. */
+/* Release factors of full matrices after a step: states do not contain them, and steps must not
+   depend on whether a state was saved. */
 void release_matrices(Instance *s);
 
 /* Restart the method at (t, q, v); return 0, or -1 after an error. */

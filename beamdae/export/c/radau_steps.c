@@ -215,7 +215,7 @@ static int take_step(Instance *s, double limit) {
         run->branch = x->base.branch;
         run->end = limit;
         run->filled = 0;
-        size->smallest = MIN_RELATIVE_STEP * fabs(isfinite(limit) ? limit : t);
+        size->smallest = fmax(MIN_RELATIVE_STEP * fabs(isfinite(limit) ? limit : t), DBL_MIN);
         save_words(x, x->before);
         int code;
         while ((code = take_radau_steps(run)) == NEW_PIVOTS) renew_step_pivots(s);

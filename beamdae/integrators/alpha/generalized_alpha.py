@@ -71,7 +71,7 @@ class GeneralizedAlpha(Integrator):
     ----------
     step
         Step [s], shortened so that steps end at breakpoints and at the end time. `simulate` warns
-        if the error, estimated by a second run, exceeds 20 % of half the range of a column. With
+        if the error, estimated by a second run, exceeds 4 % of half the range of a column. With
         `rtol`, `step` limits the first step after the start, every breakpoint and every event that
         switches parts.
     rho_inf

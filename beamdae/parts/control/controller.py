@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import scipy.sparse as sp
@@ -39,6 +41,8 @@ from beamdae.symbolic.statements import (
 
 Array = np.ndarray
 _FLOATS = (float, np.float64)
+# Laws that have not repeated a sample, with the sentence of the run that failed.
+_laws_with_memory: WeakKeyDictionary[Callable[[Sample], Any], str] = WeakKeyDictionary()
 _MAX_DELAY = 1000  # samples; each adds one coordinate per driven input
 
 
@@ -269,15 +273,25 @@ class Controller(Part):
     def require_repeatable(
         self, t: float, index: int, reads: Array, values: Array, stream: int, result: Array
     ) -> None:
-        """Raise BeamdaeError if the law fails or `next_values` does not return `result` again."""
-        repeated = self.next_values(t, index, reads, values, stream)
+        """Raise BeamdaeError if the law fails or `next_values` does not return `result` again.
+
+        The same is raised in later runs, whose samples would agree if the memory acts from the
+        start.
+        """
+        repeated, sentence = self.next_values(t, index, reads, values, stream), ""
         if not np.array_equal(repeated, result):
             differs = repeated != result
-            raise BeamdaeError(
-                f"{self.name}: the law gave {_format_numbers(result[differs])}, then "
+            sentence = (
+                f"the law gave {_format_numbers(result[differs])}, then "
                 f"{_format_numbers(repeated[differs])} for the same sample at t = {t:g} s; keep "
                 "memory in sample.state, and take noise from sample.random."
             )
+        with contextlib.suppress(TypeError):  # Some callable objects have no weak references.
+            sentence = sentence or _laws_with_memory.get(self.law, "")
+            if sentence:
+                _laws_with_memory[self.law] = sentence
+        if sentence:
+            raise BeamdaeError(f"{self.name}: {sentence}")
 
     def _call_law(
         self, t: float, index: int, reads: Array, state: Array, stream: int
