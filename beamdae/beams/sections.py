@@ -545,9 +545,10 @@ class VaryingSection:
                 return None
             bend = max(bends)
             start, end = parts[bends.index(bend)]
-        # Places given by users have few digits.
+        # Places given by users have few digits, but may lie before a jump.
         rounded = float(f"{end:.12g}")
-        return (rounded if start <= rounded <= end else end), bend
+        is_found = start <= rounded <= end and self._measure_bend(rounded, end) < 0.5 * bend
+        return (rounded if is_found else end), bend
 
     def _measure_bend(self, start: float, end: float) -> float:
         places = (self.at(s) for s in (start, 0.5 * (start + end), end))
