@@ -144,23 +144,6 @@ def test_regression_texts_in_other_columns_of_data_are_ignored(run):
     assert_array_equal(run.plot(data=data).figure.axes[0].lines[1].get_ydata(), [0.0, 1.0])
 
 
-@pytest.mark.slow(reason="a fifth of a second")
-def test_regression_plots_of_data_over_time_show_the_range_of_the_data(run):
-    """Data of a short part of the run were squeezed into a corner."""
-    end = float(run.t[-1])
-    short = {"t [s]": [0.5 * end, 0.54 * end], "tip.y": [0.0, 1.0]}
-    (axis,) = run.plot(data=short).figure.axes
-    assert_allclose(axis.get_xlim(), [0.49 * end, 0.55 * end])
-    # The rows beside the window are part of the curve.
-    times = axis.lines[0].get_xdata()
-    assert times[0] <= 0.49 * end
-    assert 0.55 * end <= times[-1] < end
-    for whole in ([0.0, end], [0.0, 2.0 * end], [0.5 * end], [5.0 * end, 6.0 * end]):
-        (axis,) = run.plot(data={"t [s]": whole, "tip.y": np.zeros(len(whole))}).figure.axes
-        assert_array_equal(axis.lines[0].get_xdata(), run.t)
-        assert axis.get_xlim()[1] >= whole[-1]
-
-
 def legend_of(plot):
     (legend,) = plot.figure.legends
     return [text.get_text() for text in legend.get_texts()]

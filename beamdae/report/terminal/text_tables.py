@@ -83,7 +83,11 @@ def table_of(
     """
     records: Any = rows if isinstance(rows, Sequence) else rows.to_dict("records")
     headers = list(records[0]) if isinstance(rows, Sequence) else list(map(str, rows))
-    texts = [[format_number(x, digits) for x in row.values()] for row in records]
+    answers = {True: "yes", False: "no"}
+    texts = [
+        [answers[x] if isinstance(x, bool) else format_number(x, digits) for x in row.values()]
+        for row in records
+    ]
     return ResponsiveTable(headers, texts, source)
 
 
