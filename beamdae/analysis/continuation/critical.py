@@ -95,10 +95,16 @@ def explain_counts(segment: Segment, resolution: float = _RESOLUTION) -> list[Cr
 def _point_between(
     segment: Segment, low: tuple[float, Point], high: tuple[float, Point], share: float
 ) -> tuple[float, Point]:
-    """Return a position and point between two others."""
+    """Return a position and point between two others, or nearby if Newton's method fails there."""
     (left, first), (right, last) = low, high
     part = segment.part(first, last, left, right)
-    return left + share * (right - left), part.at(share)
+    for shift in (0.0, 0.2, -0.2, 0.35, -0.35):
+        shifted = share + shift * min(share, 1.0 - share)
+        try:
+            return left + shifted * (right - left), part.at(shifted)
+        except CurveError as problem:
+            error = problem
+    raise error
 
 
 def _explain(
