@@ -50,6 +50,8 @@ _IMAGINARY_TOLERANCE, _REAL_TOLERANCE = 1e-9, 1e-12
 _MAX_CORRECTION = 1e-5
 # Free motions are dependent if their singular value is below this fraction of the largest one.
 _RANK_TOLERANCE = 1e-3
+# Forces of dampers on free motions up to this fraction of their terms are rounding errors.
+_FREE_ROUNDING = 1e-13
 # The loss of a mode determines its decay unless its momentum, relative to that of an undamped mode,
 # is below this number, as where modes of rotating bodies coalesce.
 _MIN_MOMENTUM = 1e-3
@@ -201,6 +203,7 @@ def _find_motions(
     s: float,
     count: int | None,
     find_missing: Callable[[Array, float], float],
+    free: Array | None = None,
 ) -> _Motions:
     """Return motions that span the slowest modes, or all admissible ones.
 
@@ -213,8 +216,17 @@ def _find_motions(
     find_missing
         Function from eigenvalues of the flexibility to the number of missing modes, if all that are
         larger than the second argument are known.
+    free
+        Motions (n, k) without stiffness and damping that are left out, with x^T M x = 1.
     """
-    n, apply = lin.equations.n, _invert(lin, s)
+    mass, n = lin.tangent.mass, lin.equations.n
+    free = np.zeros((n, 0)) if free is None else free
+    momenta, invert = (mass @ free).T, _invert(lin, s)
+
+    def apply(y: Array) -> Array:
+        parts = np.split(invert(y), len(y) // n)
+        return np.vstack([x - free @ (momenta @ x) for x in parts])
+
     scales = _find_scales(lin, s)
     if count is not None and n > MAX_DENSE and 2 * count + 6 < n:
         number = (1 + lin.has_rates) * count + EXTRA_VALUES
@@ -230,7 +242,7 @@ def _find_motions(
                 "close to each other; request fewer modes, or use fewer elements: up to "
                 f"{_MAX_FALLBACK_COORDINATES} coordinates, all modes are computed."
             )
-    basis = scales[:, None] * _null_space(_constraint_rows(lin) * scales)
+    basis = scales[:, None] * _null_space(_constraint_rows(lin, momenta) * scales)
     return _Motions(basis, (basis / scales[:, None] ** 2).T, apply(basis))
 
 
@@ -244,20 +256,24 @@ def _find_scales(lin: LinearizedEquations, s: float) -> Array:
     return np.append(sizes, s * sizes) if lin.has_rates else sizes
 
 
-def _constraint_rows(lin: LinearizedEquations) -> Array:
+def _constraint_rows(lin: LinearizedEquations, momenta: Array) -> Array:
     """Return rows whose null space contains the admissible x, or (x, x').
 
     Constraints on speeds, J x + V x' = 0, do not constrain x. States have no inertia.
     """
-    e, rolling = lin.equations, lin.nonholonomic
-    position, velocity = (
-        x.toarray() for x in (lin.tangent.position_jacobian, lin.tangent.velocity_jacobian)
-    )
+    e, tangent, rolling = lin.equations, lin.tangent, lin.nonholonomic
     if not lin.has_rates:
-        return position
-    fixed = position[~rolling]
-    of_rates = np.vstack([fixed, np.eye(e.n)[e.states]])
-    return np.vstack([la.block_diag(fixed, of_rates), np.hstack([position, velocity])[rolling]])
+        return np.vstack([tangent.position_jacobian.toarray(), momenta])
+    position, velocity = (
+        x.toarray() for x in (tangent.position_jacobian, tangent.velocity_jacobian)
+    )
+    fixed, states = np.vstack([position[~rolling], momenta]), np.eye(e.n)[e.states]
+    return np.vstack(
+        [
+            la.block_diag(fixed, np.vstack([fixed, states])),
+            np.hstack([position, velocity])[rolling],
+        ]
+    )
 
 
 def _null_space(rows: Array) -> Array:
@@ -316,9 +332,9 @@ def solve_damped(lin: LinearizedEquations, count: int | None) -> tuple[Array, Ar
     # In the middle of the modes of interest, low and high modes lose equal accuracy. Round numbers
     # may be eigenvalues.
     s = float(_SHIFT_RATIO * np.sqrt(rates[0] * rates[-1])) if len(rates) else np.pi
-    has_rates, mass = lin.has_rates, lin.tangent.mass
+    free, has_rates, mass = _undamped_free_motions(lin, still), lin.has_rates, lin.tangent.mass
     # Double zeros are one free motion.
-    needed = (count or 0) + still.shape[1]
+    needed = (count or 0) + still.shape[1] - 2 * free.shape[1]
 
     def find_values(inverses: Array) -> Array:
         return s + 1.0 / inverses if has_rates else s**2 - 1.0 / inverses
@@ -330,7 +346,9 @@ def solve_damped(lin: LinearizedEquations, count: int | None) -> tuple[Array, Ar
         weights = np.where(has_rates & (values.imag != 0.0), 0.5, 1.0)
         return needed - float(np.sum(weights[is_known]))
 
-    basis, left, images = _find_motions(lin, s, None if count is None else needed, find_missing)
+    basis, left, images = _find_motions(
+        lin, s, None if count is None else max(needed, 1), find_missing, free
+    )
     inverses, vectors = la.eig(left @ images)
     is_accurate = np.abs(inverses) > _MIN_INVERSE_RATIO * np.max(np.abs(inverses), initial=0.0)
     inverses, vectors = inverses[is_accurate], vectors[:, is_accurate]
@@ -341,7 +359,8 @@ def solve_damped(lin: LinearizedEquations, count: int | None) -> tuple[Array, Ar
         values, shapes = _refine_values(lin, values, shapes)
     if not has_rates:
         values, shapes = _roots_of_squares(values, shapes)
-    return _clean(lin, still, s, values, shapes)
+    values = np.append(np.zeros(free.shape[1]), values)
+    return _clean(lin, still, s, values, np.hstack([free, shapes]))
 
 
 def _refine_values(lin: LinearizedEquations, values: Array, shapes: Array) -> tuple[Array, Array]:
@@ -368,6 +387,24 @@ def _refine_values(lin: LinearizedEquations, values: Array, shapes: Array) -> tu
     is_accepted = is_decay & (nearest.imag == 0.0)
     is_accepted |= np.abs(nearest - values) <= _MAX_CORRECTION * np.abs(values)
     return np.where(is_accepted, nearest, values), shapes
+
+
+def _undamped_free_motions(lin: LinearizedEquations, free: Array) -> Array:
+    """Return the free motions (n, k) on which no damper acts, scaled to x^T M x = 1.
+
+    The result is empty if the equations are not symmetric: follower loads couple free motions to
+    other modes. Without these motions, large eigenvalues of the inverse hide no slow modes.
+    """
+    damping = lin.tangent.damping
+    if not lin.is_symmetric:
+        return free[:, :0]
+    free = free @ la.inv(la.cholesky(free.T @ (lin.tangent.mass @ free))) if free.size else free
+    free = free @ la.eigh(free.T @ (damping @ free))[1]
+    scales = lin.equations.position_scales[:, None]
+    # Coordinates without motion contain rounding errors of motions of natural size.
+    sizes = scales * np.max(np.abs(free) / scales, axis=0, initial=0.0)
+    forces, rounding = np.abs(damping @ free), abs(damping) @ sizes
+    return free[:, np.all(forces <= _FREE_ROUNDING * rounding, axis=0)]
 
 
 def _roots_of_squares(squares: Array, shapes: Array) -> tuple[Array, Array]:
