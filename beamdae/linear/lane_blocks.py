@@ -25,7 +25,8 @@ from beamdae.linear.orderings import classify_unknowns
 
 Array = np.ndarray
 
-# Bounds on the unknowns of a block: a single unknown costs more in a block than by itself.
+# Bounds on the unknowns of a block: a single unknown costs more in a block than by itself, and the
+# core has work arrays of this size (linear.c).
 _MIN_INTERIOR = 2
 _MAX_INTERIOR = 16
 # Largest number of neighbors of a block, all of which become coupled with each other.
@@ -183,6 +184,7 @@ def _choose_independent(
             row = range(row_starts[k], row_starts[k + 1])
             if (
                 is_free[k]
+                and len(interior) < _MAX_INTERIOR
                 and len(row) <= len(closure)
                 and closure.issuperset(row_indices[row.start : row.stop])
             ):

@@ -51,6 +51,28 @@ def test_solutions_agree_with_lapack(kind, elements):
         assert_allclose(x, np.linalg.solve(matrix, right), rtol=1e-11, atol=1e-14)
 
 
+def test_blocks_that_others_join_are_not_larger_than_the_work_arrays_of_the_core():
+    """Blocks of 20 unknowns were written beyond work arrays of 16."""
+    alike, joining, count = 14, 6, 8
+    size = alike + joining
+    star = np.eye(size, dtype=bool)
+    star[:alike] = star[:, :alike] = True
+    dense = np.zeros((count * size + BORDER,) * 2, bool)
+    for k in range(count):
+        dense[k * size : (k + 1) * size, k * size : (k + 1) * size] = star
+        dense[k * size : k * size + alike, -BORDER:] = True
+        dense[-BORDER:, k * size : k * size + alike] = True
+    dense[-BORDER:, -BORDER:] = True
+    pattern, nonzeros, matrix = random_matrix(dense, float)
+    plan = next(propose_plans(pattern, nonzeros))
+    assert alike < max(row[0] for row in plan.batches) <= 16
+    factors = allocate_factors(plan, float)
+    assert refactorize(plan, factors, nonzeros)
+    x = np.ones(len(matrix))
+    solve(plan, factors, x)
+    assert_allclose(matrix @ x, 1.0, rtol=1e-12)
+
+
 def test_order_of_unknowns_does_not_matter():
     order = np.random.default_rng(1).permutation(9 * 16 + 3 + BORDER)
     dense = pattern_of_elements(16, BORDER)[np.ix_(order, order)]
