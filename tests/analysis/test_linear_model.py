@@ -190,7 +190,7 @@ def test_states_and_outputs_refer_to_the_rotating_frame():
         ({"inputs": [["push"]]}, "no input"),
         ({"inputs": "push"}, "inputs must be names"),
         ({"inputs": ["rail"]}, "no input 'rail'"),
-        ({"outputs": ["lode"]}, "no observed column 'lode' .did you mean"),
+        ({"outputs": ["lode"]}, "there is no column 'lode' .did you mean"),
         ({"outputs": [3]}, "there is no column 3"),
         ({"about": "down"}, "about"),
     ],
