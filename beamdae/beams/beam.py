@@ -29,6 +29,7 @@ from beamdae.beams.strains import (
     LargestStress,
     fiber_strain,
     fiber_stress,
+    identity,
     section_forces,
     strain_by_forces,
 )
@@ -58,7 +59,7 @@ from beamdae.errors import (
 from beamdae.memory import UNCHECKED_BYTES, available_memory, require_memory
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.mechanism import Mechanism
-from beamdae.parts.observables import displacement_from, relative_displacement
+from beamdae.parts.observables import relative_displacement
 from beamdae.parts.part import AttachedPart, Drawing, Part
 from beamdae.symbolic.formula import FormulaExpression, constant_formula
 from beamdae.symbolic.statements import (
@@ -592,16 +593,10 @@ class Beam(Part):
             kinematics have no frame.
         """
         require_choice(self.name, "axes", axes, ("inertial", "frame", "local"))
-        section, frame = self.at(s), self.floating_frame
-        place, is_chord = float(section.s or 0.0), getattr(self.kinematics, "frame", "") == "chord"
-        if is_chord and min(place, self.length - place) <= ARC_LENGTH_TOLERANCE * self.length:
-            raise BeamdaeError(
-                f"{self.name}: deformation at s = {place:.6g} m has no transverse component, "
-                "because the chord follows the ends of the beam; use deflection(s), which is "
-                "relative to the section at s = 0."
-            )
-        angles = {"inertial": None, "frame": frame.inclination, "local": section.inclination}
-        return displacement_from(section, frame, angles[axes])
+        deformation = self.kinematics.deformation(self._require_arc_length(s), axes)
+        columns = (Variable("u", "m"), Variable("v", "m"), Variable("phi", "rad"))
+        values, data = FormulaExpression.of(identity, (deformation.values,))
+        return Quantity(columns, (Piece(self, deformation.operator),), values, data)
 
     @rebuilt_for_mesh
     def deflection(self, s: float, reference: float = 0.0) -> Quantity:

@@ -24,7 +24,7 @@ from beamdae.beams.reference_frames import compute_frame_angle, resolve_frame
 from beamdae.beams.sections import Section, VaryingSection
 from beamdae.beams.shape_functions import gauss_points, lagrange_weights, shape_functions
 from beamdae.beams.strains import BENDING, slice_column
-from beamdae.curves.plane_curves import PlaneCurve
+from beamdae.curves.plane_curves import ARC_LENGTH_TOLERANCE, PlaneCurve
 from beamdae.errors import (
     BeamdaeError,
     format_exception,
@@ -258,7 +258,24 @@ class Kinematics(ABC):
         BeamdaeError
             If the formulation has no floating frame.
         """
-        raise BeamdaeError(
+        raise self._missing_frame_error()
+
+    def deformation(self, s: float, axes: str) -> PointValues:
+        """Return the function for (u, v, phi) [m, m, rad] at s [m], relative to the frame.
+
+        Displacement (u, v) and rotation phi are relative to the undeformed beam that moves with the
+        frame. `axes` selects the axes of (u, v): "inertial", "frame" or "local" (tangent frame at
+        s).
+
+        Raises
+        ------
+        BeamdaeError
+            If the formulation has no reference frame.
+        """
+        raise self._missing_frame_error()
+
+    def _missing_frame_error(self) -> BeamdaeError:
+        return BeamdaeError(
             f"{self.name}: {type(self).__name__} has no floating frame; observe "
             "bd.relative_displacement between two sections instead."
         )
@@ -370,6 +387,22 @@ class FormulationKinematics(Kinematics):
             axial, _, bending = np.abs(self.fiber_strains(q[first : first + count]))
             largest = max(largest, float(np.max(axial + bending)))
         return largest
+
+    def _require_off_chord_ends(self, s: float) -> None:
+        """Reject deformations at the ends of a chord frame, which follows the ends.
+
+        Raises
+        ------
+        BeamdaeError
+            If the frame is the chord and `s` [m] is at an end of the beam.
+        """
+        length = self.mesh.curve.length
+        if self.frame == "chord" and min(s, length - s) <= ARC_LENGTH_TOLERANCE * length:
+            raise BeamdaeError(
+                f"{self.name}: deformation at s = {s:.6g} m has no transverse component, because "
+                "the chord follows the ends of the beam; use deflection(s), which is relative to "
+                "the section at s = 0."
+            )
 
     @property
     def stiffness_points(self) -> int:

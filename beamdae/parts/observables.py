@@ -184,12 +184,13 @@ class _RelativeDisplacement:
     """
 
     size: int
+    axes: str
 
     def __call__(self, local: Local, of: Any, on: Any, arm: Callable[[], Any], *angle: Any) -> SX:
         position, rotation = of(local.q[: self.size])
         root, root_rotation = on(local.q[self.size :])
         displacement = position - (root + rotate(root_rotation, arm()))
-        if angle:
+        if self.axes == "section":
             (inclination,) = angle
             displacement = rotate(-(inclination()[0] + root_rotation), displacement)
         return ca.vertcat(displacement, rotation - root_rotation)
@@ -228,19 +229,11 @@ def relative_displacement(of: Attachment, on: Attachment, axes: str = "inertial"
     require_angle("relative_displacement", of)
     require_angle("relative_displacement", on)
     require_choice("relative_displacement", "axes", axes, ("inertial", "section"))
-    return displacement_from(of, on, on.inclination if axes == "section" else None)
-
-
-def displacement_from(of: Attachment, on: Attachment, inclination: float | None) -> Quantity:
-    """Return the relative displacement in axes that rotate with `on` from an angle [rad].
-
-    The axes are inertial if this angle in the reference configuration is None.
-    """
     arm = constant_formula(*np.subtract(of.point, on.point).tolist())
-    angle = [] if inclination is None else [constant_formula(inclination)]
+    angle = [constant_formula(on.inclination)] if axes == "section" else []
     columns = (Variable("u", "m"), Variable("v", "m"), Variable("phi", "rad"))
     values, data = FormulaExpression.of(
-        _RelativeDisplacement(of.size),
+        _RelativeDisplacement(of.size, axes),
         (of.checked_kinematics, on.checked_kinematics, arm, *angle),
     )
     return Quantity(columns, (of.piece, on.piece), values, data)

@@ -114,7 +114,9 @@ class Rows:
         with TRAJECTORY.errors_of(self.source):
             cells = text.replace(b"\n", b",").split(b",")[:-1]
             numbers = np.array([cell or b"nan" for cell in cells], bytes).astype(float)
-            return numbers.reshape(-1, 1 + len(self.headers))
+            rows = numbers.reshape(-1, 1 + len(self.headers))
+            rows[0]
+            return rows
 
     def table(self) -> pd.DataFrame:
         """Return the columns as a new table, indexed by time."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, cast
 
 import casadi as ca
 import numpy as np
@@ -12,11 +12,12 @@ import scipy.sparse as sp
 
 from beamdae.beams.element_data import assemble_point_data, is_damped
 from beamdae.beams.exact.element import NODE_SIZE, ExactElement
-from beamdae.beams.exact.formulas import ExactSectionMotion, chord_motion
+from beamdae.beams.exact.formulas import ExactDeformation, ExactSectionMotion, chord_motion
 from beamdae.beams.kinematics import (
     FormulationKinematics,
     MaterialPoint,
     Placement,
+    PointValues,
     geometric_property,
 )
 from beamdae.beams.reference_frames import chord_vector
@@ -159,6 +160,36 @@ class GeometricallyExact(FormulationKinematics):
         numbers = (self._node_angles[0], *chord_vector(self.mesh.curve))
         motion = Formula(chord_motion, tuple(map(float, numbers)))
         return MaterialPoint(start.reference_position, self.frame_angle, ends, motion)
+
+    def deformation(self, s: float, axes: str) -> PointValues:
+        """Return the function for (u, v, phi) [m, m, rad] at s [m], relative to the frame.
+
+        Raises
+        ------
+        BeamdaeError
+            If the frame is the chord and `s` is at an end of the beam.
+        """
+        self._require_off_chord_ends(s)
+        frame, section = self.floating_frame, self.material_point(s)
+        of_frame, of_section = (cast("Formula", x.motion) for x in (frame, section))
+        offset = np.subtract(section.reference_position, frame.reference_position)
+        kind = ExactDeformation(
+            of_frame.kind,
+            frame.operator.shape[0],
+            len(of_frame.numbers),
+            of_section.kind,
+            len(of_section.numbers),
+            axes,
+        )
+        numbers = (
+            *of_frame.numbers,
+            *of_section.numbers,
+            *map(float, offset),
+            frame.inclination,
+            section.inclination,
+        )
+        operator = sp.csr_array(sp.vstack([frame.operator, section.operator]))
+        return PointValues(operator, Formula(kind, numbers))
 
     @property
     def curvature_error(self) -> float:

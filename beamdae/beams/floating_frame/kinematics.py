@@ -16,6 +16,7 @@ from beamdae.beams.floating_frame.element import (
     FloatingFrameElement,
 )
 from beamdae.beams.floating_frame.formulas import (
+    FloatingFrameDeformation,
     frame_motion,
     section_motion,
 )
@@ -23,11 +24,13 @@ from beamdae.beams.kinematics import (
     FormulationKinematics,
     MaterialPoint,
     Placement,
+    PointValues,
     geometric_property,
 )
 from beamdae.beams.mesh import Mesh
 from beamdae.beams.shape_functions import (
     node_positions,
+    shape_functions,
 )
 from beamdae.curves.plane_curves import rotate_points
 from beamdae.errors import BeamdaeError, require_choice
@@ -219,6 +222,13 @@ class FloatingFrame(FormulationKinematics):
         prestrains = compute_prestrains(mesh.curve, self.free_curve, s)
         return mass, [weight, axis.curvature, 1.0 / axis.ds, *prestrains]
 
+    def _locate_section(self, s: float) -> tuple[int, Array, float]:
+        """Return the element at s, the shape functions and the angle of the axis in the frame."""
+        element, xi = self.mesh.locate(s)
+        row = shape_functions(self.mesh.nodes, np.array([xi]))[0]
+        angle = float(self.mesh_in_frame.axis(np.array([element]), np.array([xi])).angle[0])
+        return element, row, angle
+
     def placement(self, s: float, on_axis: bool = False) -> Placement:
         """Return the section at arc length s [m]; see `Kinematics`."""
         located, xi = self.mesh.locate(s)
@@ -226,7 +236,7 @@ class FloatingFrame(FormulationKinematics):
             position = self.mesh.axis(np.array([located]), np.array([xi])).position[0]
         else:
             position = np.asarray(self.mesh.curve.point(s), float)
-        angle = float(self.mesh_in_frame.axis(np.array([located]), np.array([xi])).angle[0])
+        _, _, angle = self._locate_section(s)
         in_frame = rotate_points(position - np.asarray(self.origin), -self.frame_angle)
         numbers = (*in_frame.tolist(), math.cos(angle), math.sin(angle), self.frame_angle)
         # The section as drawn is normal to the curve, not to the axis interpolated by the elements.
@@ -240,6 +250,25 @@ class FloatingFrame(FormulationKinematics):
         rows = sp.eye_array(FRAME_SIZE, len(self.coordinates), format="csr")
         motion = Formula(frame_motion, (self.frame_angle,))
         return MaterialPoint(self.origin, self.frame_angle, rows, motion)
+
+    def deformation(self, s: float, axes: str) -> PointValues:
+        """Return the function for (u, v, phi) [m, m, rad] at s [m], relative to the frame.
+
+        Raises
+        ------
+        BeamdaeError
+            If the frame is the chord and `s` is at an end of the beam.
+        """
+        self._require_off_chord_ends(s)
+
+        def create() -> PointValues:
+            element, row, angle = self._locate_section(s)
+            formula = Formula(
+                FloatingFrameDeformation(self.mesh.nodes, axes), tuple(map(float, (angle, *row)))
+            )
+            return PointValues(self.rows_of_element(element), formula)
+
+        return self._geometry.derive(("deformation", s, axes, self.element), create)
 
     @property
     def curvature_error(self) -> float:
