@@ -33,6 +33,7 @@ sys.path.insert(0, str(MODELS_FOLDER))
 import numpy as np
 import pandas as pd
 import scipy.sparse as sp
+from benchmark_systems import beam
 from hub_beam import hub_beam
 from measurement import (
     RESULTS,
@@ -54,7 +55,6 @@ from operations import (
 )
 from pendulum import pendulum
 from slider_crank import slider_crank
-from systems import beam
 from workers import Worker, has_exudyn, start_checkout, start_exudyn
 
 import beamdae as bd

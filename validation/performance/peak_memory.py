@@ -15,7 +15,7 @@ import warnings
 from pathlib import Path
 from resource import RUSAGE_SELF, getrusage
 
-from systems import beam
+from benchmark_systems import beam
 
 import beamdae as bd
 

@@ -28,9 +28,9 @@ import pandas as pd
 
 mpl.use("Agg")
 import matplotlib.pyplot as plt
+from benchmark_systems import beam, chain, exact, ring
 from measurement import RESULTS, time_action, time_integration, write_table
 from operations import OPERATIONS, time_step_operations
-from systems import beam, chain, exact, ring
 from workers import Worker, start_exudyn
 
 import beamdae as bd

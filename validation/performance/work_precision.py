@@ -30,8 +30,8 @@ import pandas as pd
 
 mpl.use("Agg")
 import matplotlib.pyplot as plt
+from benchmark_systems import exact_hub_beam, exact_pendulum
 from measurement import RESULTS, time_action, time_calls, time_integration, write_table
-from systems import exact_hub_beam, exact_pendulum
 from workers import Worker, start_exudyn
 
 import beamdae as bd
