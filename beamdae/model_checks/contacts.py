@@ -20,7 +20,8 @@ from beamdae.errors import name_with_others
 from beamdae.parts.attachments import measure_extent
 from beamdae.parts.bodies.rigid_body import RigidBody
 from beamdae.parts.events import select_impacts
-from beamdae.parts.mechanism import EQUILIBRIUM
+from beamdae.parts.mechanism import EQUILIBRIUM, Mechanism
+from beamdae.parts.part import SurfaceGap
 from beamdae.symbolic.statements import Quantity
 
 if TYPE_CHECKING:
@@ -56,68 +57,96 @@ def start_inside_warnings(
     time, state
         (t, branch), and the consistent state at the start of the run.
     """
-    mechanism = equations.mechanism
-    if mechanism is None or starts_in_equilibrium(equations):
+    if equations.mechanism is None or starts_in_equilibrium(equations):
         return
+    yield from _deep_starts(equations, active, time, state)
+    yield from _closed_gaps(equations, time, state)
 
-    def evaluate(name: str, quantity: Quantity, q: Array) -> Array:
-        (compiled,) = compile_quantities(mechanism, [(name, quantity)])
-        return compiled.rows(time[None], q[None], v)[0]
 
-    v, rounding = state.v[None], _ROUNDING * equations.length
-    configurations = equations.configurations
+def _deep_starts(
+    equations: EquationsOfMotion, active: EquationsOfMotion, time: Array, state: State
+) -> Iterator[str]:
+    """Yield a warning per contact whose force exceeds all other forces on a body by far."""
+    mechanism, configurations = _mechanism_of(equations), equations.configurations
     inactive = frozenset() if configurations is None else configurations.initially_inactive
-    pressures: dict[str, float] = defaultdict(float)
-    inside = []
+    inside: list[tuple[Any, SurfaceGap, float]] = []
     for part in mechanism.parts.values():
         for gap in () if part.name in inactive else part.gaps:
-            if (depth := -float(evaluate(part.name, gap.quantity, state.q)[0])) > rounding:
+            depth = -_evaluate(equations, part.name, gap.quantity, time, state, state.q)[0]
+            if depth > _ROUNDING * equations.length:
                 inside.append((part, gap, depth))
-                force: Any = part
-                for body in {x.name for x in part.bodies}:
-                    pressures[body] += float(
-                        np.linalg.norm(evaluate(part.name, force.force, state.q))
-                    )
-    others = _forces_without({x.name for x, _, _ in inside}, active, time, state)
+    if not inside:
+        return
+    pressures: dict[str, float] = defaultdict(float)
+    for part, _, _ in inside:
+        force = _evaluate(equations, part.name, part.force, time, state, state.q)
+        for body in {x.name for x in part.bodies}:
+            pressures[body] += float(np.linalg.norm(force))
+    others = _forces_without({part.name for part, _, _ in inside}, active, time, state)
     points = {x.name: x.points for x in collect_bodies(active) if len(x.points)}
     for part, gap, depth in inside:
-        for body in {x.name for x in part.bodies} & set(points):
-            resultant = np.linalg.norm(np.sum(others[points[body]], axis=0))
-            if pressures[body] > _MAX_START_RATIO * resultant:
-                yield (
-                    f"{part.name}: {gap.point} starts {depth:.3g} m inside the surface, far deeper "
-                    f"than at rest; {gap.remedy}, or build the model with "
-                    "bd.Mechanism(start='equilibrium') if it is a preload."
-                )
-                break
-    sizes = equations.position_scales
+        bodies = {x.name for x in part.bodies} & set(points)
+        if any(
+            pressures[x] > _MAX_START_RATIO * np.linalg.norm(np.sum(others[points[x]], axis=0))
+            for x in bodies
+        ):
+            yield (
+                f"{part.name}: {gap.point} starts {depth:.3g} m inside the surface, far deeper "
+                f"than at rest; {gap.remedy}, or build the model with "
+                "bd.Mechanism(start='equilibrium') if it is a preload."
+            )
+
+
+def _closed_gaps(equations: EquationsOfMotion, time: Array, state: State) -> Iterator[str]:
+    """Yield a warning per gap of an impact that starts inside its surface, or closed and closing.
+
+    Neither crosses zero, so that the bodies pass through each other.
+    """
+    sizes, rounding = equations.position_scales, _ROUNDING * equations.length
     speed, rate = (float(np.max(np.abs(x) / sizes, initial=0.0)) for x in (state.v, state.a))
     h = _TRAVEL / (max(speed, np.sqrt(_TRAVEL * rate)) or 1.0)
     ahead = state.q + h * state.v + 0.5 * h**2 * state.a
-    for event in mechanism.events:
+    for event in _mechanism_of(equations).events:
         for impact in select_impacts(event.do):
-            if isinstance(impact.on, Quantity):
-                distance, later = (
-                    float(evaluate(str(event.name), impact.on.current, q)[0])
-                    for q in (state.q, ahead)
+            if not isinstance(impact.on, Quantity):
+                continue
+            distance, later = (
+                _evaluate(equations, str(event.name), impact.on.current, time, state, q)[0]
+                for q in (state.q, ahead)
+            )
+            if distance <= rounding and min(distance, later) < -rounding:
+                is_inside = distance < -rounding
+                how = ", inside the surface" if is_inside else " and closes without crossing zero"
+                yield (
+                    f"{event.name}: the gap of the impact starts at {distance:.3g} m{how}, where no "
+                    "impact occurs; reverse the surface, or move the body away from it."
                 )
-                if min(distance, later) < -rounding:
-                    how = "inside the surface" if distance < -rounding else "and closes"
-                    yield (
-                        f"{event.name}: the gap of the impact starts at {distance:.3g} m, {how}, "
-                        "where no impact occurs; reverse the surface, or move the body away from "
-                        "it."
-                    )
+
+
+def _mechanism_of(equations: EquationsOfMotion) -> Mechanism:
+    assert equations.mechanism is not None
+    return equations.mechanism
+
+
+def _evaluate(
+    equations: EquationsOfMotion,
+    name: str,
+    quantity: Quantity,
+    time: Array,
+    state: State,
+    q: Array,
+) -> Array:
+    """Return the values of a quantity of a part at positions `q`."""
+    (compiled,) = compile_quantities(_mechanism_of(equations), [(name, quantity)])
+    return compiled.rows(time[None], q[None], state.v[None])[0]
 
 
 def _forces_without(names: set[str], active: EquationsOfMotion, time: Array, state: State) -> Array:
     """Return the generalized forces F of all active parts but those of these names, (n,)."""
-    assert active.mechanism is not None
-    mechanism = copy(active.mechanism)
+    mechanism = copy(_mechanism_of(active))
     mechanism.parts = {name: x for name, x in mechanism.parts.items() if name not in names}
     mechanism.observables, mechanism.events = {}, []
-    others = active if not names else equations_of_motion(mechanism)
-    return StateEvaluator(others).force(time, state.q, state.v)
+    return StateEvaluator(equations_of_motion(mechanism)).force(time, state.q, state.v)
 
 
 def deep_contact_warnings(run: RunData) -> Iterator[str]:

@@ -18,7 +18,7 @@ from beamdae.equations.measures import TIME
 from beamdae.errors import format_exception, short_repr
 from beamdae.function_pickler import pickle_with_functions
 from beamdae.results.outcome import REACHED_END, Status
-from beamdae.results.storage.reader import FileKind, read_bytes
+from beamdae.results.storage.reader import ContentError, FileKind, read_bytes
 from beamdae.studies.case import Case
 
 if TYPE_CHECKING:
@@ -114,9 +114,9 @@ class Rows:
         with TRAJECTORY.errors_of(self.source):
             cells = text.replace(b"\n", b",").split(b",")[:-1]
             numbers = np.array([cell or b"nan" for cell in cells], bytes).astype(float)
-            rows = numbers.reshape(-1, 1 + len(self.headers))
-            rows[0]
-            return rows
+            if not len(numbers):
+                raise ContentError("the file has no rows")
+            return numbers.reshape(-1, 1 + len(self.headers))
 
     def table(self) -> pd.DataFrame:
         """Return the columns as a new table, indexed by time."""

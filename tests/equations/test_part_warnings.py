@@ -210,6 +210,29 @@ def test_bodies_that_touch_and_do_not_separate_pass_through_each_other(velocity,
     assert (run["ball.y"].iloc[-1] < -0.1) == is_reported
 
 
+@pytest.mark.parametrize(
+    ("height", "speed", "gravity", "words"),
+    [
+        (4e-4, -1.0, 9.81, None),
+        (1e-12, 1.0, 9.81, None),
+        (0.0, 0.0, 0.0, None),
+        (0.0, -1.0, 0.0, "starts at 0 m and closes without crossing zero"),
+        (0.0, 0.0, 9.81, "starts at 0 m and closes without crossing zero"),
+        (-1e-3, 0.0, 9.81, "starts at -0.001 m, inside the surface, where no impact occurs"),
+    ],
+)
+def test_gaps_of_impacts_that_start_closed_are_reported_if_they_close(
+    height, speed, gravity, words
+):
+    mech = bd.Mechanism(gravity=(0.0, -gravity))
+    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, height), velocity=(0.0, speed)))
+    gap = bd.LineSurface(mech.ground.at(0.0, 0.0)).gap(ball.point)
+    mech.when(gap, 0.0, "down", bd.impact(gap, 0.5), name="bounce")
+    sentences = bd.check(mech, predict=False).warnings
+    assert len(sentences) == (words is not None)
+    assert all(words in x for x in sentences)
+
+
 # Actions without effect ---------------------------------------------------------------------------
 
 
