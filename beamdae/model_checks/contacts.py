@@ -118,8 +118,8 @@ def _closed_gaps(equations: EquationsOfMotion, time: Array, state: State) -> Ite
                 is_inside = distance < -rounding
                 how = ", inside the surface" if is_inside else " and closes without crossing zero"
                 yield (
-                    f"{event.name}: the gap of the impact starts at {distance:.3g} m{how}, where no "
-                    "impact occurs; reverse the surface, or move the body away from it."
+                    f"{event.name}: the gap of the impact starts at {distance:.3g} m{how}, where "
+                    "no impact occurs; reverse the surface, or move the body away from it."
                 )
 
 
