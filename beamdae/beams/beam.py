@@ -345,7 +345,7 @@ class Beam(Part):
 
     @property
     def section_breaks(self) -> tuple[float, ...]:
-        """Arc lengths [m] of kinks and jumps of the section."""
+        """Arc lengths [m] of kinks, jumps and narrow places of the section."""
         return self.section.breaks if isinstance(self.section, VaryingSection) else ()
 
     @property
@@ -713,8 +713,9 @@ class Beam(Part):
             of the mesh that the first assembly divides at attachments, see `elements`; elements of
             fewer than eight are divided further, into 16 intervals along the beam. At an element
             end, each of its two elements has a section, because stresses may jump there. If the
-            cross-section varies, they are six times as many, and those nearest to kinks are moved
-            there; grooves shorter than 1/100 of the beam may be overlooked. Refined runs evaluate
+            cross-section varies, they are six times as many, and those nearest to kinks and
+            narrow places are moved there; grooves shorter than 1/512 of the beam may be
+            overlooked. Refined runs evaluate
             the same sections on all meshes.
         exponent
             The exponent p, between 1 and 1000. Larger exponents are closer to the largest stress,

@@ -475,6 +475,8 @@ _MIN_BEND = 1e-4  # of parts, in which stresses change by a ten thousandth
 _MAX_SMOOTH_RATIO = 3.0  # of bends of halved parts: 4 at smooth places, 2 at kinks, 1 at jumps
 # Derivatives need precise places; bends of much shorter parts are rounding errors.
 _HALVINGS, _CHECKED_HALVINGS = 36, 10
+_SAMPLES = 1025  # in which narrow places are searched
+_MIN_NARROWING = 1e-9  # of the section modulus between two samples, above rounding errors
 
 _SECTION_ATTRIBUTES = {field.name for field in fields(Section)} | {"EA", "GA", "EI", "rhoA", "rhoI"}
 _DIMENSION_REQUIREMENT = "a number, a pair (at the start, at the end) or a list of numbers"
@@ -512,8 +514,10 @@ class VaryingSection:
 
     @property
     def breaks(self) -> tuple[float, ...]:
-        """Ascending arc lengths [m] of kinks and jumps."""
-        return tuple(self._bends_at_breaks) if self.kinks is None else self.kinks
+        """Ascending arc lengths [m] of kinks and jumps, and of the narrow places of a function."""
+        if self.kinks is not None:
+            return self.kinks
+        return tuple(sorted({*self._bends_at_breaks, *self._narrow_places}))
 
     @property
     def jumps(self) -> tuple[float, ...]:
@@ -549,6 +553,29 @@ class VaryingSection:
         rounded = float(f"{end:.12g}")
         is_found = start <= rounded <= end and self._measure_bend(rounded, end) < 0.5 * bend
         return (rounded if is_found else end), bend
+
+    @cached_property
+    def _narrow_places(self) -> tuple[float, ...]:
+        """Arc lengths [m] at which the section modulus of a function is smallest nearby."""
+        places = np.linspace(0.0, self.length, _SAMPLES)
+        modulus = np.array([self._modulus(s) for s in places.tolist()])
+        left, middle, right = modulus[:-2], modulus[1:-1], modulus[2:]
+        limit = 1.0 - _MIN_NARROWING
+        is_narrow = (middle < limit * left) & (limit * middle <= right)
+        return tuple(
+            self._find_narrowest(*places[[k, k + 2]].tolist()) for k in np.flatnonzero(is_narrow)
+        )
+
+    def _find_narrowest(self, start: float, end: float) -> float:
+        for _ in range(_HALVINGS):
+            places = np.linspace(start, end, 5).tolist()
+            k = min(range(1, 4), key=lambda k: self._modulus(places[k]))
+            start, end = places[k - 1], places[k + 1]
+        return 0.5 * (start + end)
+
+    def _modulus(self, s: float) -> float:
+        section = self.at(s)
+        return section.second_moment / (section.height or 1.0)
 
     def _measure_bend(self, start: float, end: float) -> float:
         places = (self.at(s) for s in (start, 0.5 * (start + end), end))

@@ -344,6 +344,17 @@ def largest_in_leaf(height):
     return float(np.max(6.0 * TIP_FORCE * (LEAF_LENGTH - s) / LEAF_WIDTH / height(s) ** 2))
 
 
+def grooved(place):
+    """Return the height [m] of a leaf with a smooth groove of 1/300 of its length."""
+    length, at = LEAF_LENGTH / 300.0, place * LEAF_LENGTH
+
+    def height(s):
+        depth = 1e-3 * (1.0 + np.cos(2.0 * np.pi * (s - at) / length))
+        return 6e-3 - np.where(np.abs(s - at) < 0.5 * length, depth, 0.0)
+
+    return height
+
+
 # Heights, numbers of elements, and largest error.
 VARYING = {
     "kinks": (linear_heights(10, 4, 10, 4, 10, 4), (8, 12), 2e-3),
@@ -355,6 +366,8 @@ VARYING = {
     "groove": (lambda s: np.where(np.abs(s - 0.133) < 0.011, 0.004, 0.008), (5, 11), 0.01),
     "step": (lambda s: np.where(s < 0.0871, 0.009, 0.005), (5, 11), 0.01),
     "taper": (lambda s: 0.01 - 0.0095 * s / LEAF_LENGTH, (5, 11), 0.01),
+    "short grooves": (grooved(0.31), (8,), 0.01),
+    "short groove at a third": (grooved(0.3333), (8,), 0.01),
 }
 
 

@@ -24,8 +24,11 @@ _ROUNDING = 1e-7
 # Displacement and speed of the state for which they are compared, relative to the size of the
 # mechanism and to one period: loads may be proportional to either.
 _DISPLACEMENT = 1e-3
-# Loads are constant if they are periodic with these fractions and multiples of a period.
-_TEST_PERIODS = (0.29, 0.618, 1.0, 10.0)
+# Loads are constant if they are periodic with these fractions of a period, and repeat.
+_TEST_PERIODS = (0.29, 0.618)
+# Numbers of periods after which loads that do not change within a period are compared: later, the
+# rounding of times would change their phase by more than 1e-4 periods.
+_LATER_PERIODS = 2.0 ** np.arange(1.0, 41.0)
 
 
 class Loads:
@@ -70,16 +73,26 @@ class Loads:
         changes[:, angles] -= FULL_TURN * np.round(changes[:, angles] / FULL_TURN)
         return np.abs(changes / self._sizes)
 
+    @cached_property
+    def _changes(self) -> Array:
+        """Changes after the period, or later for loads that do not change within it."""
+        changes, now = self._changes_after(self.period), self._now
+        later = np.abs(self._at(self.times[0] + self.period * _LATER_PERIODS) - now[0])
+        is_constant = np.ptp(now, axis=0) <= _TOLERANCE * self._sizes
+        latest = np.fmax(changes[0], np.max(later, axis=0) / self._sizes)
+        changes[0] = np.where(is_constant, latest, changes[0])
+        return changes
+
     @property
     def repeat(self) -> bool:
         """True if loads and drivers repeat after the period."""
-        return bool(np.max(self._changes_after(self.period)) <= _TOLERANCE)
+        return bool(np.max(self._changes) <= _TOLERANCE)
 
     @property
     def are_constant(self) -> bool:
         """True if loads and drivers do not depend on time."""
         changes = [self._changes_after(x * self.period) for x in _TEST_PERIODS]
-        return bool(np.max(changes) <= _TOLERANCE)
+        return self.repeat and bool(np.max(changes) <= _TOLERANCE)
 
     def require_constant(self) -> None:
         """Reject loads and drivers that depend on time."""
@@ -97,17 +110,20 @@ class Loads:
             If one is not periodic; the message names the driver or the coordinate on which loads
             act.
         """
-        changes = self._changes_after(self.period)
+        e, changes = self.equations, self._changes
         k, row = map(int, np.unravel_index(np.argmax(changes), changes.shape))
         if changes[k, row] <= _TOLERANCE:
             return
         name = self._form.names[row].removeprefix("velocity of ").removeprefix("correction of ")
-        mechanism = self.equations.mechanism
-        if row >= 2 * self.equations.n and mechanism is not None:
+        difference = f"{changes[k, row]:.2g} of the range of the loads"
+        if row >= 2 * e.n:
+            unit = "rad" if np.tile(e.constraint_is_angle, 2)[row - 2 * e.n] else "m"
+            rate = "/s" * (row >= 2 * e.n + e.m)
+            difference = f"{changes[k, row] * self._sizes[row]:.3g} {unit}{rate}"
             part = name.rpartition(".")[0]
-            name = part if part in mechanism.parts else name
+            name = part if e.mechanism is not None and part in e.mechanism.parts else name
         raise BeamdaeError(
-            f"{name}: loads or drivers at t = {self.times[k]:.6g} s change by "
-            f"{changes[k, row]:.2g} of their range and do not repeat after the period of "
-            f"{self.period:g} s; set period to the period of the loads and drivers."
+            f"{name}: loads or drivers at t = {self.times[k]:.6g} s differ by {difference} and do "
+            f"not repeat after the period of {self.period:g} s; set period to the period of the "
+            "loads and drivers."
         )
