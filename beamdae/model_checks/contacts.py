@@ -13,6 +13,7 @@ from beamdae.beams.beam import BeamAttachment
 from beamdae.equations.assembly.assemble import equations_of_motion
 from beamdae.equations.assembly.observables import compile_quantities
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
+from beamdae.equations.starts.mobility import find_loose_groups
 from beamdae.equations.starts.rigid_motions import collect_bodies
 from beamdae.equations.starts.state_evaluator import StateEvaluator
 from beamdae.equations.surface_gaps import compile_surface_gaps
@@ -196,15 +197,21 @@ def _describe_depths(equations: EquationsOfMotion, depths: Mapping[str, float]) 
 
 
 def _list_sizes(equations: EquationsOfMotion, name: str) -> Iterator[tuple[float, str]]:
-    """Yield the known sizes at a contact [m], and their descriptions."""
+    """Yield the known sizes at a contact [m], and their descriptions.
+
+    Beams that no joint connects to the ground may fall on a layer that is thicker than they are.
+    """
     from beamdae.parts.forces.surfaces import CircleSurface
 
     assert equations.mechanism is not None
     contact: Any = equations.mechanism.parts[name]
     surface = contact.surface
+    loose = {body for group in find_loose_groups(equations) for body in group}
     for x in (contact.point, surface.on):
         if isinstance(x, BeamAttachment) and x.s is not None:
-            if (height := x.body.section.at(x.s).height) is not None:
+            if x.body.name in loose:
+                yield x.body.curve.length, f"{x.body.name} is long"
+            elif (height := x.body.section.at(x.s).height) is not None:
                 yield height, f"{x.body.name} is thick"
         elif isinstance(x.body, RigidBody) and (extent := measure_extent([x.body])):
             yield extent, f"{x.body.name} is large"

@@ -122,7 +122,7 @@ def test_friction_stops_a_sliding_strip(integrator):
 @pytest.mark.parametrize(
     ("distance", "stiffness", "friction", "message"),
     [
-        (0.01, 0.5, 0.0, "slide: the contact sinks .* more than strip is thick"),
+        (0.01, 0.5, 0.0, "slide: the contact sinks .* more than strip is long"),
         (-0.01, 1e5, 0.0, "slide: strip starts 0.01 m inside the surface"),
         (0.01, 1e5, 0.0, None),
     ],
@@ -135,9 +135,9 @@ def test_warnings_are_those_of_contacts_of_points(distance, stiffness, friction,
     mech.add(bd.BeamContact("slide", beam, floor, stiffness, **law))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", bd.BeamdaeWarning)
-        run = bd.simulate(mech, bd.Radau(1e-4), t_end=0.2)
+        run = bd.simulate(mech, bd.Radau(1e-4), t_end=0.4)
     found = [x for x in run.warnings if x.startswith("slide: ")]
-    assert bool(found) == (message is not None)
+    assert len(found) == (message is not None)
     assert not found or re.match(message, found[0])
 
 

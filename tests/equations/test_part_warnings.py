@@ -80,12 +80,21 @@ def test_deep_starts_are_reported_at_any_depth_and_stiffness(height, stiffness):
 @pytest.mark.slow(reason="half a second")
 @pytest.mark.parametrize(
     ("at", "side", "depth"),
-    [((0.3, 0.4), "outside", 0.5), ((3.0, 4.0), "inside", 4.0)],
+    [((0.0, 0.0), "outside", 1.0), ((0.3, 0.4), "outside", 0.5), ((3.0, 4.0), "inside", 4.0)],
 )
 def test_points_on_the_wrong_side_of_a_circle_are_reported(at, side, depth):
     (sentence,) = findings(in_circle(at, side))
     assert f"starts {depth:g} m inside the surface" in sentence
     assert f'set side="{"inside" if side == "outside" else "outside"}"' in sentence
+
+
+def test_a_ball_held_between_two_reversed_surfaces_is_reported():
+    mech = world()
+    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0)))
+    for name, y, x in (("floor", -1.0, -1.0), ("ceiling", 1.0, 1.0)):
+        surface = bd.LineSurface(mech.ground.at(0.0, y), (x, 0.0))
+        mech.add(bd.Contact(name, ball.point, surface, STIFFNESS))
+    assert [x.partition(":")[0] for x in findings(mech)] == ["floor", "ceiling"]
 
 
 @pytest.mark.slow(reason="one second")

@@ -39,7 +39,7 @@ def pressed_lip(stiffness, height=2e-3, start="as drawn"):
     return mech
 
 
-def dropped_bar(stiffness):
+def dropped_bar(stiffness, is_guided=False):
     """Return a bar of 0.3 m and 4 mm that falls flat on a layer of foam at 2 m/s."""
     section = bd.Section.rectangle(STEEL, width=0.02, height=0.004, damping=2e-5)
     line, start = bd.Line((-0.15, 0.0), (0.15, 0.0)), {"velocity": (0.0, -2.0)}
@@ -47,6 +47,8 @@ def dropped_bar(stiffness):
     bar = mech.add(bd.Beam("bar", line, section, elements=2, formulation="exact", **start))
     for name, point in (("left", bar.start), ("right", bar.end)):
         mech.add(bd.PointMass(name, 0.2, on=point))
+    if is_guided:
+        mech.add(bd.PointOnLine("guide", mech.ground.at(-0.15, 0.0), bar.start, (0.0, 1.0)))
     floor = bd.LineSurface(mech.ground.at(0.0, 0.0))
     mech.add(bd.Contact("foam", bar.at(0.15), floor, stiffness, exponent=1.0))
     return mech
@@ -75,7 +77,9 @@ def colliding_balls(stiffness, side="outside"):
 DEEP_CASES = {
     "lip": (pressed_lip(1e3), 0.2, "lip is thick (0.002 m)"),
     "lip at rest": (pressed_lip(1e3, start="equilibrium"), 0.05, "lip is thick (0.002 m)"),
-    "bar in air": (dropped_bar(1.0), 0.4, "bar is thick (0.004 m)"),
+    "bar in air": (dropped_bar(1.0), 0.4, "bar is long (0.3 m)"),
+    "guided bar": (dropped_bar(2e4, is_guided=True), 0.03, "bar is thick (0.004 m)"),
+    "bar on foam": (dropped_bar(2e4), 0.03, ""),
     "crate": (falling_crate(100.0), 0.8, "crate is large (0.224 m)"),
     "balls": (colliding_balls(100.0), 0.3, "half the radius of the circle (0.05 m)"),
     "stiff lip": (pressed_lip(1e5), 0.05, ""),
