@@ -279,6 +279,7 @@ def test_parts_with_the_same_motion_are_grouped():
     assert "bar 0 and bar 1 can translate along (0, 1), bar 2 can rotate about (3, 0)" in str(
         linked
     )
+    assert "; and 6 more" in str(linked)
 
 
 @pytest.mark.slow(reason="half a second")

@@ -562,8 +562,12 @@ class VaryingSection:
         left, middle, right = modulus[:-2], modulus[1:-1], modulus[2:]
         limit = 1.0 - _MIN_NARROWING
         is_narrow = (middle < limit * left) & (limit * middle <= right)
+        ends = [tuple(places[[k, k + 2]].tolist()) for k in np.flatnonzero(is_narrow)]
+        kinks = self._bends_at_breaks
         return tuple(
-            self._find_narrowest(*places[[k, k + 2]].tolist()) for k in np.flatnonzero(is_narrow)
+            self._find_narrowest(start, end)
+            for start, end in ends
+            if not any(start <= s <= end for s in kinks)
         )
 
     def _find_narrowest(self, start: float, end: float) -> float:

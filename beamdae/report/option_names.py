@@ -16,12 +16,14 @@ _RENAMED_ARGUMENTS = {
     "n": "number",
     "parameters": "settings",
 }
-# An argument such as "period=", "about='equilibrium'", "bounds={...}", "offset=['tip.y']" or
-# "damping=False".
+# An argument such as "period=", "about='equilibrium'", "bounds={...}", "offset=['tip.y']",
+# "damping=False" or "output_step=1e-3".
 _ARGUMENT = re.compile(
     r"(?<![\w.-])(?P<name>[a-z]\w*)="
-    r"(?P<value>'[^']*'|\{[^}]*\}|\['[^]]*'\]|True\b|False\b|(?=[\s,;.)]|$))"
+    r"(?P<value>'[^']*'|\{[^}]*\}|\['[^]]*'\]|True\b|False\b|[\d.e+-]*\d(?![\w=])"
+    r"|(?=[\s,;.)]|$))"
 )
+_PAIR = re.compile(r"\{'([^']*)': '([^']*)'\}")  # of a name and a text
 # An argument of a function that a command calls, at the start of a message: "simulate: t_end must".
 # Arguments of parts, such as the formulation of a beam, are no options.
 _CHECKED_ARGUMENT = re.compile(
@@ -77,7 +79,8 @@ def name_options(sentence: str) -> str:
         if value == "False":
             return option.secondary_opts[0] if option.secondary_opts else match[0]
         if value.startswith("{"):
-            return f"{name} {option.metavar}"
+            pair = _PAIR.fullmatch(value)
+            return f'{name} "{pair[1]}={pair[2]}"' if pair else f"{name} {option.metavar}"
         text = re.sub(r"[\[\]']", "", value.removeprefix("True"))
         text = text.replace(", ", ",") if value.startswith("[") else text
         return f'{name} "{text}"' if " " in text else f"{name} {text}".rstrip()

@@ -276,7 +276,7 @@ def test_crossovers_of_delayed_loops_are_those_of_a_densely_sampled_phase(seed):
         ),
         (
             {"controller": signal.dlti([1.0], [1.0, 0.5])},
-            "dt of a discrete controller must be positive",
+            "got dt = True and every = None; pass a discrete controller with its interval dt",
         ),
         ({"controller": signal.lti([1.0], [1.0, 0.5]), "every": 0.1}, "equal to every"),
         ({"every": 0.0}, "every must be positive"),

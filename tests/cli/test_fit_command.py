@@ -126,7 +126,7 @@ def test_columns_of_data_may_have_other_names(here):
     assert estimates["stiffness"]["value"] == pytest.approx(40.0, rel=1e-4)
     result = run("laser.csv", *options, "--data-column", "Zeit=t")
     assert result.exit_code == 2
-    assert "got 'Laser [mm]'; name them as in the table of the run" in result.stderr
+    assert '--data-column "Laser [mm]=mass.x"' in result.stderr
     arguments = ["run", "model.py", "--data", "laser.csv", "--no-page"]
     mapped = [*arguments, "--data-column", "Zeit [ms]=t", "--data-column", "Laser [mm]=mass.x"]
     shown = invoke(*mapped, "--set", "stiffness=40", "--set", "damping=0")

@@ -39,6 +39,7 @@ COMMAND = ["periodic", "mass.py", "--settle", "1"]
         ("modes", "use damping=False", "use --no-damping"),
         ("fit", "pass bounds={name: (lower, upper)}.", "pass --bounds NAME=LOW:HIGH."),
         ("run", "pass accept_changes=True.", "pass --accept-changes."),
+        ("run", "show them with output_step=1e-05.", "show them with --output-step 1e-05."),
         ("run", "simulate: t_end must be positive.", "simulate: --t-end must be positive."),
         ("static", "equilibrium: to must name a", "equilibrium: --to must name a"),
         ("sweep", "sweep: jobs must be", "sweep: --jobs must be"),

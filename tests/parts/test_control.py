@@ -307,8 +307,9 @@ def test_regression_laws_whose_memory_an_earlier_run_has_changed_end_later_runs(
         is_closed = is_closed or sample.t > 0.25
         return 2.0 * is_closed - sample.reads[1]
 
-    for _ in range(2):
-        with pytest.warns(bd.BeamdaeWarning, match="for the same sample"):
+    for begin in ("", "in an earlier run, "):
+        message = f"servo: {begin}the law gave 0, then 2 for the same sample"
+        with pytest.warns(bd.BeamdaeWarning, match=message):
             run = bd.simulate(build_servo(latch), bd.GeneralizedAlpha(5e-3), 0.5)
         assert run.status.kind == "failed"
     is_closed = False

@@ -457,7 +457,8 @@ def _as_system(controller: Any, count: int, every: Any) -> tuple[Matrices, float
         if is_invalid or own != (interval or own):
             raise BeamdaeError(
                 "margins: the interval dt of a discrete controller must be positive [s] and equal "
-                f"to every, got dt = {own!r} and every = {every!r}; omit every."
+                f"to every, got dt = {own!r} and every = {every!r}; pass a discrete "
+                "controller with its interval dt and omit every."
             )
         interval = own
     else:

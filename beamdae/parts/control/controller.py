@@ -278,7 +278,7 @@ class Controller(Part):
         The same is raised in later runs, whose samples would agree if the memory acts from the
         start.
         """
-        repeated, sentence = self.next_values(t, index, reads, values, stream), ""
+        repeated = self.next_values(t, index, reads, values, stream)
         if not np.array_equal(repeated, result):
             differs = repeated != result
             sentence = (
@@ -286,12 +286,12 @@ class Controller(Part):
                 f"{_format_numbers(repeated[differs])} for the same sample at t = {t:g} s; keep "
                 "memory in sample.state, and take noise from sample.random."
             )
-        with contextlib.suppress(TypeError):  # Some callable objects have no weak references.
-            sentence = sentence or _laws_with_memory.get(self.law, "")
-            if sentence:
+            with contextlib.suppress(TypeError):  # Some callable objects have no weak references.
                 _laws_with_memory[self.law] = sentence
-        if sentence:
             raise BeamdaeError(f"{self.name}: {sentence}")
+        with contextlib.suppress(TypeError):
+            if sentence := _laws_with_memory.get(self.law, ""):
+                raise BeamdaeError(f"{self.name}: in an earlier run, {sentence}")
 
     def _call_law(
         self, t: float, index: int, reads: Array, state: Array, stream: int

@@ -35,7 +35,10 @@ def describe_check(check: Any, parts: Mapping[str, Any] | None = None) -> dict[s
         if dependent := describe_dependent_sets(check.dependent):
             facts["dependent constraints"] = dependent
         if check.free_motions:
-            facts["free motions"] = list_first(list(check.free_motions), _MAX_FREE_MOTIONS)
+            motions = [*check.free_motions[:_MAX_FREE_MOTIONS]]
+            if omitted := len(check.free_motions) - len(motions):
+                motions.append(f"and {omitted} more")
+            facts["free motions"] = "; ".join(motions)
     else:
         facts["mobility"] = "not computed: too many constraints"
     if loose := "; ".join(", ".join(group) for group in check.loose):
