@@ -13,6 +13,8 @@ from beamdae.model_parameters import ModelParameter
 
 # The slider of a number reaches from the default divided by this factor to the default times it.
 _RANGE_FACTOR = 4.0
+# A slider with positive ends is logarithmic from this ratio of its ends on.
+_MIN_LOGARITHMIC_RATIO = 8.0
 _FULL_TURN = {"rad": math.pi, "deg": 180.0, "°": 180.0}  # half a turn, in both directions
 
 
@@ -30,8 +32,8 @@ def create_controls(model: Model, ranges: Mapping[str, Any] | None = None) -> li
     -------
     list of dict
         "name", "value", "unit", "description", "kind" ("number", "integer", "flag", "choice" or
-        "text"); for numbers with a slider, its ends
-        "low" and "high"; for choices, annotated as `Literal` texts, these values ("choices").
+        "text"); for numbers with a slider, its ends "low" and "high" and whether it is logarithmic
+        ("log"); for choices, annotated as `Literal` texts, these values ("choices").
 
     Raises
     ------
@@ -76,7 +78,8 @@ def _create_control(x: ModelParameter, ends: tuple[Any, Any] | None) -> dict[str
         return control | {"kind": "text", "value": value}
     kind = "integer" if isinstance(x.default, int) else "number"
     low, high = _default_range(x) if ends is None else ends
-    slider = {"low": low, "high": high} if low < high else {}
+    is_log = kind == "number" and low > 0.0 and high >= _MIN_LOGARITHMIC_RATIO * low
+    slider = {"low": low, "high": high, "log": is_log} if low < high else {}
     return control | {"kind": kind, "value": x.default, **slider}
 
 

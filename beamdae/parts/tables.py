@@ -836,7 +836,7 @@ def _warn_about_missing_units(label: str, headers: Sequence[str]) -> None:
         are = "has no unit and is" if len(missing) == 1 else "have no units and are"
         warn_user(
             f"{label}: {', '.join(map(repr, missing))} {are} taken in SI units; write units in the "
-            f"header, such as '{missing[0]} [mm]', or [-] for numbers without dimension."
+            "header, such as 'travel [mm]', or [-] for numbers without dimension."
         )
 
 

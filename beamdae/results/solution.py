@@ -16,7 +16,6 @@ from beamdae.equations import measures
 from beamdae.equations.assembly.assemble import equations_of_motion
 from beamdae.equations.assembly.observables import add_observable
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.model_hash import hash_model
 from beamdae.errors import (
     BeamdaeError,
     format_distinct,
@@ -33,6 +32,7 @@ from beamdae.parts.mechanism import AS_DRAWN
 from beamdae.read_only import read_only_data
 from beamdae.results.displays import Animation, Plot, load_views
 from beamdae.results.event_records import tabulate_events
+from beamdae.results.provenance import describe_provenance
 from beamdae.results.run_data import RunData, coordinate_headers
 from beamdae.results.storage.files import require_file_path, write_result
 from beamdae.results.time_series import TimeSeries
@@ -432,10 +432,7 @@ class Solution(RunData, TimeSeries):
 
     @cached_property
     def _provenance(self) -> dict[str, Any]:
-        mechanism = self.equations.mechanism
-        parts = {} if mechanism is None else mechanism.parts
-        kinds = {name: type(part).__name__ for name, part in parts.items()}
-        return {"identity": hash_model(self.equations), "parts": kinds}
+        return describe_provenance(self.equations)
 
     def to_csv(self, path: str | Path, *, sep: str = ",", decimal: str = ".") -> Path:
         """Write the table as CSV and the metadata to a JSON file of the same name.

@@ -112,8 +112,15 @@ def test_arguments_and_failures():
     forced = bd.ConstrainedSystem(t, x, v, mass=[1.0], force=ca.sin(t) - x - v, q0=[1.0], v0=[0.0])
     with pytest.raises(bd.BeamdaeError, match="loads or drivers depend on time; pass their period"):
         bd.periodic(forced, period_guess=6.0)
-    with pytest.warns(bd.BeamdaeWarning, match="change start=(,| or) increase settle="):
-        bd.periodic(van_der_pol(-0.5), period_guess=6.5, settle=0)
+    for damping in (0.05, 0.5):
+        with pytest.warns(
+            bd.BeamdaeWarning, match="state of rest; change start= or increase settle="
+        ):
+            bd.periodic(van_der_pol(-damping), period_guess=6.5, settle=0)
+    # Motions near the limit cycle, and parts of motions that are far from it, are no rest.
+    for start in (0.5, 30.0):
+        with pytest.warns(bd.BeamdaeWarning, match="iterations the end of the period differs"):
+            bd.periodic(van_der_pol(1.0, start), period_guess=6.5, settle=0)
     # A period given two per cent too long is kept, and the reason names the remedy.
     with pytest.warns(bd.BeamdaeWarning, match="omit period= to find the period"):
         bd.periodic(van_der_pol(1.0), 6.8)

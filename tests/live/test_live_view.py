@@ -67,7 +67,7 @@ def test_the_page_contains_controls_and_drawing(live):
     ]
     assert data["controls"][0] == {
         **{"name": "length", "value": 0.5, "unit": "m", "kind": "number"},
-        **{"low": 0.125, "high": 2.0},
+        **{"low": 0.125, "high": 2.0, "log": True},
         "description": swing.parameter_info["length"].description,
     }
     assert data["first"]["frames"]["glyphs"]
@@ -232,6 +232,7 @@ def test_sliders_of_angles_reach_half_a_turn_and_lists_contain_texts():
 def test_ranges_of_sliders():
     by_name = {x["name"]: x for x in create_controls(swing, {"length": ("50 cm", 3.0)})}
     assert (by_name["length"]["low"], by_name["length"]["high"]) == (0.5, 3.0)
+    assert not by_name["length"]["log"]
     assert (by_name["copies"]["low"], by_name["copies"]["high"]) == (1, 4)
     for ranges in (
         {"length": (2.0, 1.0)},

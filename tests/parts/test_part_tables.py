@@ -501,7 +501,7 @@ STEP_PLACES, STEP = [0.0, 0.0199, 0.0201, 0.1], [0.0, 0.0, 1.0, 1.0]
         (
             STEP_PLACES,
             STEP,
-            r"^table: the spline reaches 328 at x = 0.070\d+, far outside the values 1 to 1 of "
+            r"^table: the spline reaches 328 at x = 0.0700375, far outside the values 1 to 1 of "
             r"the rows beside it; use kind='pchip' or kind='linear', or add rows\.$",
         ),
         (

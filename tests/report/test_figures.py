@@ -44,7 +44,6 @@ def colored_share(path):
     return float(np.mean(np.ptp(image, axis=-1) > 0.2))
 
 
-@pytest.mark.slow(reason="half a second and more")
 def compare(reference, runs, uncertainty, title=""):
     """Return the figure of a comparison; see `study_pictures`."""
     panels, styles = study_pictures._compare_runs(reference, runs, uncertainty)
@@ -55,6 +54,7 @@ def save_run(path, data, title):
     return figures.save_figure(time_plots.create_run_figure(data, title), path)
 
 
+@pytest.mark.slow(reason="half a second and more")
 def test_a_comparison_has_a_curve_in_each_color(tmp_path):
     errors = pd.DataFrame({"bend.u [m]": [0.0, *1e-3 * T[1:]]}, index=T)
     runs = {"A": (FRAME, errors), "B": (FRAME * 1.1, 10.0 * errors), "C": (FRAME * 0.9, errors)}

@@ -23,6 +23,7 @@ from beamdae.analysis.periodic.shooting import (
     DAMPING_REMEDY,
     DEFAULT_RTOL,
     MAX_SETTLING_PERIODS,
+    PeriodLinearization,
     Tolerance,
     estimate_period,
     settle_and_solve,
@@ -57,7 +58,8 @@ _MAX_REFINEMENTS, _MULTIPLIER_TOLERANCE, _MAX_RELATIVE_CHANGE = 4, 1e-5, 0.1
 # Parts of the monodromy matrix below this fraction of its norm are neglected.
 _MULTIPLIER_RANK_TOLERANCE = 1e-6
 # A motion is a state of rest if its rates, relative to amplitudes and period, are below this value.
-_REST_TOLERANCE = 1e-6
+# A search that fails leads to a state of rest if it reduces all velocities below this fraction.
+_REST_TOLERANCE, _REST_RATIO = 1e-6, 1e-2
 
 
 @single_threaded
@@ -189,16 +191,16 @@ def periodic(
                 guess,
                 status=Status("failed", sentence),
             )
-        run, iterations = linear.run, linear.iterations
+        run = linear.run
         multipliers, change = _find_multipliers(run, is_free)
-        status = _describe_outcome(run, iterations, limits, is_free)
+        status = _describe_outcome(linear, limits, is_free)
         return PeriodicMotion(
             run.solution,
             run.period_map.period,
             multipliers,
             change,
             run.relative_deviation,
-            iterations,
+            linear.iterations,
             status,
             is_free=is_free,
         )
@@ -274,18 +276,23 @@ def _settle_freely(
     return period_map, *PeriodRun(period_map, solution).end_state()
 
 
-def _describe_outcome(run: PeriodRun, iterations: int, limits: Tolerance, is_free: bool) -> Status:
-    deviation = run.relative_deviation
-    if is_free and not np.any(np.abs(run.rate) > _REST_TOLERANCE):
+def _describe_outcome(linear: PeriodLinearization, limits: Tolerance, is_free: bool) -> Status:
+    run, iterates = linear.run, linear.problem.iterates
+    deviation, n = run.relative_deviation, len(run.state) // 2
+    is_at_rest = not np.any(np.abs(run.rate) > _REST_TOLERANCE)
+    if deviation > limits.accepted:
+        # Deviations relative to the amplitude hardly change while the motions decay.
+        velocities = iterates[-1].run.scales[n:] / iterates[0].run.scales[n:]
+        is_at_rest |= bool(np.max(velocities) < _REST_RATIO)
+    if is_free and is_at_rest:
         return Status(
-            "failed", "the motion found is a state of rest; change start= or increase settle="
+            "failed", "the search leads to a state of rest; change start= or increase settle="
         )
     if deviation <= limits.accepted:
         return Status("ok", "repeats after one period")
-    n = len(run.state) // 2
     name = run.solution.equations.q_names[int(np.argmax(np.abs(run.difference / run.scales))) % n]
     sentence = (
-        f"after {iterations} iterations the end of the period differs from the start by "
+        f"after {linear.iterations} iterations the end of the period differs from the start by "
         f"{deviation:.3g} times the amplitude, most in {name!r}; change start=, increase settle= "
         "or use a more accurate integrator"
     )

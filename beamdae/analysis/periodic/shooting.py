@@ -452,7 +452,7 @@ def solve_shooting(
         if isinstance(error, BeamdaeError):
             raise
         best = min(problem.iterates, key=lambda x: x.run.relative_deviation)
-        return replace(best, iterations=problem.iterates[-1].iterations)
+        return replace(best, problem=problem, iterations=problem.iterates[-1].iterations)
 
 
 def settle_and_solve(

@@ -59,23 +59,26 @@ function createField(control, id) {
   control.show = (shown) => {
     const isNumber = typeof shown === "number";
     field.value = isNumber ? formatPlain(shown) : shown;
-    if (slider && isNumber) slider.value = shown;
+    if (slider && isNumber) slider.value = control.toPosition(shown);
   };
   const shownUnit = kind === "text" ? [] : [html("span", { class: "unit" }, unit)];
   return [field, ...shownUnit, ...(slider ? [slider] : [])];
 }
 
 function createSlider(control, field, unit) {
-  const { name, low, high, kind } = control;
+  const { name, low, high, kind, log } = control;
+  const [toPosition, toValue] = log ? [Math.log, Math.exp] : [Number, Number];
+  const [min, max] = [toPosition(low), toPosition(high)];
+  control.toPosition = toPosition;
   const title = `${formatPlain(low)} to ${formatPlain(high)} ${unit}`.trim();
   const move = (isReleased) => {
-    const value = Number(formatPlain(Number(slider.value)));
+    const value = Number(formatPlain(toValue(slider.value)));
     field.value = formatPlain(value);
     slider.setAttribute("aria-valuetext", `${field.value} ${unit}`.trim());
     changeValue(control, value, isReleased, true);
   };
-  const step = kind === "integer" ? 1 : (high - low) / SLIDER_STEPS;
-  const attributes = { type: "range", min: low, max: high, step, "aria-label": name, title };
+  const step = kind === "integer" ? 1 : (max - min) / SLIDER_STEPS;
+  const attributes = { type: "range", min, max, step, "aria-label": name, title };
   const slider = html("input", { ...attributes, input: () => move(false), change: () => move(true) });
   return slider;
 }
