@@ -18,7 +18,7 @@ from beamdae.cli.options import (
     Starts,
     parse_named_number,
 )
-from beamdae.errors import BeamdaeError
+from beamdae.errors import BeamdaeError, hold_messages, warn_user
 
 if TYPE_CHECKING:
     from beamdae.model_functions import Model
@@ -97,7 +97,6 @@ def static_command(
     options: dict[str, Any] = {
         "loads": job.split(load),
         "to": targets,
-        "control": control,
         "step": size,
         "switch": switch or 0,
         "max_points": max_points,
@@ -111,12 +110,20 @@ def static_command(
     def analyze() -> Equilibrium:
         from beamdae.analysis.statics.static_equilibrium import equilibrium
 
-        path = equilibrium(model, **options, partial="return")
+        def trace(control: str | None) -> tuple[Equilibrium, list[str]]:
+            with hold_messages() as messages:
+                path = equilibrium(model, **options, control=control, partial="return")
+            return path, messages
+
+        path, messages = trace(control)
         is_by_load = control is None and over is None and path.settings.get("control") == "load"
-        if not is_by_load or path.status.kind in ("ok", "interrupted"):
-            return path
-        traced = equilibrium(model, **options | {"control": "arc length"}, partial="return")
-        return traced if traced.status.success else path
+        if is_by_load and path.status.kind not in ("ok", "interrupted"):
+            by_arc_length = trace("arc length")
+            if by_arc_length[0].status.success:
+                path, messages = by_arc_length
+        for message in messages:
+            warn_user(message)
+        return path
 
     def write_tables(path: Equilibrium) -> list[Path]:
         return [path.to_csv(files.table), files.table.with_suffix(".json")]
