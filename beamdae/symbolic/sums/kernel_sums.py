@@ -21,7 +21,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from beamdae.core.library import load_core
-from beamdae.core.tables import Loop
+from beamdae.core.tables import Loop, Workspace
 from beamdae.linear.lanes import aligned_zeros
 from beamdae.native.lane_code import LANE_WIDTH
 from beamdae.native.lane_kernels import (
@@ -525,19 +525,10 @@ def set_matrix_factors(
     total.shared[C_R] = c_r
 
 
-@dataclass(slots=True)
-class Evaluation:
-    """Sum, its input and its result."""
-
-    total: Sum
-    x: Array
-    result: Array
-
-
 def evaluate_sum(total: Sum, x: Array, result: Array) -> None:
     """Write the sum at x into `result`, with the time and factors in `total.shared`."""
     if load_core() is not None:
-        Loop("run_evaluation", Evaluation(total, x, result))()
+        Loop("run_evaluation", Workspace("Evaluation", total=total, x=x, result=result))()
     else:
         evaluate_plainly(total, x, result)
 

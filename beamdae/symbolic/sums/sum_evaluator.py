@@ -14,8 +14,8 @@ from weakref import finalize
 import numpy as np
 
 from beamdae.core.library import load_core
-from beamdae.core.tables import Loop
-from beamdae.symbolic.sums.kernel_sums import Evaluation, Sum, SumPlan, evaluate_plainly
+from beamdae.core.tables import Loop, Workspace
+from beamdae.symbolic.sums.kernel_sums import Sum, SumPlan, evaluate_plainly
 
 Array = np.ndarray
 
@@ -31,7 +31,7 @@ class _Buffers:
 
     total: Sum
     is_native: bool = False
-    evaluation: Evaluation | None = None
+    evaluation: Workspace | None = None
     loop: Loop | None = None
 
 
@@ -73,7 +73,9 @@ class SumEvaluator:
             or last is None
             or (len(last.x), len(last.result)) != (len(x), size)
         ):
-            last = buffers.evaluation = Evaluation(buffers.total, np.zeros(len(x)), np.zeros(size))
+            last = buffers.evaluation = Workspace(
+                "Evaluation", total=buffers.total, x=np.zeros(len(x)), result=np.zeros(size)
+            )
             buffers.loop = Loop("run_evaluation", last)
         last.x[:] = x
         buffers.loop.call_loaded()
