@@ -277,9 +277,9 @@ class SumPlan:
     weighted_targets: Array
     weighted_sources: Array
     weights: Array
-    # Of `SumEvaluator`: buffers for the next model, and the number of models so far.
+    # Of `SumEvaluator`: buffers for the next evaluator, and hashes of the numbers of models so far.
     idle_buffers: list[Any] = field(default_factory=list, init=False, compare=False, repr=False)
-    uses: list[int] = field(default_factory=lambda: [0], init=False, compare=False, repr=False)
+    models: set[int] = field(default_factory=set, init=False, compare=False, repr=False)
 
     @property
     def is_native(self) -> bool:
