@@ -12,19 +12,19 @@
 
 /* Return codes; negative codes are failures. DIVERGED and TOO_SMALL belong to different loops. */
 enum {
-    DONE = 0,
+    DONE = 0,       /* The interval is complete. */
     FULL = 1,       /* There is no room for more rows of results. */
     NEW_PIVOTS = 2, /* A matrix needs other pivots. */
     CORRECTED = 3,  /* Statics: another correction is needed. */
     FIRST_STEP = 10, /* Alpha requests the starting values of an interval. */
     NO_ADVANCE = 11, /* A step of IDA does not advance time. */
-    NOT_CONVERGED = -1,
-    NOT_FINITE = -2,
-    SINGULAR = -3,
-    ERROR_TOO_LARGE = -4,
-    TOO_SMALL = -5,
+    NOT_CONVERGED = -1,   /* Newton's iteration */
+    NOT_FINITE = -2,      /* the residual */
+    SINGULAR = -3,        /* No pivots suit a matrix. */
+    ERROR_TOO_LARGE = -4, /* The error test failed. */
+    TOO_SMALL = -5,       /* the step */
     STEP_NOT_CHANGED = -6, /* Alpha: singular equations of the jerk. */
-    DIVERGED = -7
+    DIVERGED = -7 /* Newton's method of statics */
 };
 
 /* Linear systems */
@@ -34,7 +34,6 @@ typedef struct {
     Indices matrix_starts, matrix_rows;
     Integers2 batches;
     Indices block_unknowns, block_entries, corner_entries;
-    Integers n_entries;
     Indices rows, columns, starts, positions, sources;
     Indices upper_starts, upper_rows, lower_starts, lower_rows;
 } EliminationPlan;
