@@ -45,7 +45,15 @@ from beamdae.analysis.statics.pivot_signs import (
     allocate_saddle_point,
     scale_by_reference,
 )
-from beamdae.core.return_codes import CORRECTED, DONE, SINGULAR
+from beamdae.core.return_codes import (
+    CORRECT,
+    CORRECTED,
+    COUNT_SIGNS,
+    DONE,
+    EVALUATE_FORCES,
+    EVALUATE_TANGENT,
+    SINGULAR,
+)
 from beamdae.core.tables import Workspace
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.compliant_equations import (
@@ -81,13 +89,6 @@ _SINGULAR = "the tangent stiffness is singular at the next point"
 
 # Distance of a parameter from the value about which equations are linearized, in steps.
 _CENTER_TOLERANCE = 1e-6
-
-
-# Tasks of `perform_task`, as in `core.h`.
-EVALUATE_FORCES = 0
-EVALUATE_TANGENT = 1
-COUNT_SIGNS = 2
-CORRECT = 3
 
 
 class SystemPlan(NamedTuple):
