@@ -12,19 +12,19 @@
 
 /* Return codes; negative codes are failures. DIVERGED and TOO_SMALL belong to different loops. */
 enum {
-    DONE = 0,
+    DONE = 0,       /* The interval is complete. */
     FULL = 1,       /* There is no room for more rows of results. */
     NEW_PIVOTS = 2, /* A matrix needs other pivots. */
     CORRECTED = 3,  /* Statics: another correction is needed. */
     FIRST_STEP = 10, /* Alpha requests the starting values of an interval. */
     NO_ADVANCE = 11, /* A step of IDA does not advance time. */
-    NOT_CONVERGED = -1,
-    NOT_FINITE = -2,
-    SINGULAR = -3,
-    ERROR_TOO_LARGE = -4,
-    TOO_SMALL = -5,
+    NOT_CONVERGED = -1,   /* Newton's iteration */
+    NOT_FINITE = -2,      /* the residual */
+    SINGULAR = -3,        /* No pivots suit a matrix. */
+    ERROR_TOO_LARGE = -4, /* The error test failed. */
+    TOO_SMALL = -5,       /* the step */
     STEP_NOT_CHANGED = -6, /* Alpha: singular equations of the jerk. */
-    DIVERGED = -7
+    DIVERGED = -7 /* Newton's method of statics */
 };
 
 /* Linear systems */
@@ -34,7 +34,6 @@ typedef struct {
     Indices matrix_starts, matrix_rows;
     Integers2 batches;
     Indices block_unknowns, block_entries, corner_entries;
-    Integers n_entries;
     Indices rows, columns, starts, positions, sources;
     Indices upper_starts, upper_rows, lower_starts, lower_rows;
 } EliminationPlan;
@@ -74,10 +73,10 @@ typedef struct {
 
 typedef struct {
     FixedOrder plan;
-    Reals lower, pivots;
-    Indices first;
-    Reals x;
-    double smallest_pivot;
+    Reals lower, pivots; /* entries of the unit factor below the diagonal */
+    Indices first;       /* first entry of each column of `lower` that has not been used yet */
+    Reals x;             /* work array by position */
+    double smallest_pivot; /* smallest magnitude */
 } FixedOrderFactors;
 
 int factorize(LinearSolver *linear, Reals nonzeros);
@@ -323,9 +322,14 @@ void subtract_corrections(Stages *run, double h);
    already. */
 void correct_stages(RadauWorkspace *run, double h);
 
+/* Rows q' - v + P G^T mu, `n` of them, become S^-1 (q' - v) + P G^T mu; none if the form does not
+   correct positions. Weighted entries are added to the assembled rows. */
 typedef struct {
     int64_t n;
+    /* Of the entries of q', then of v: 0 to n - 1, twice; columns in (q', v), 0 to 2 n - 1; and
+       indices in the non-zeros of the Jacobian. */
     Integers rows, columns, entry_indices;
+    /* S^-1 - 1 for q', 1 - S^-1 for v; and factors in dR/dy + c dR/dy': c and 1. */
     Reals weights, factors;
 } KinematicRowScaling;
 
@@ -377,6 +381,8 @@ typedef struct {
 
 int judge_correction(Corrections *run);
 
+/* One of the parts C, U and L of the static equations. `tangent` evaluates non-zeros of the
+   bordered matrix. */
 typedef struct {
     Sum residual, tangent;
     Reals forces, nonzeros;
@@ -389,46 +395,80 @@ typedef struct {
 typedef struct {
     SaddlePattern pattern;
     FixedOrderFactors factors;
-    Indices left, right;
+    Indices left, right; /* those of the pattern, as indices of the argument of `count_signs` */
+    /* Weights of the terms in natural sizes, their products with the first factors, differences of
+       opposite entries, the saddle-point matrix, and ones for norms. */
     Reals weights, values, skew, nonzeros, ones;
+    /* Largest entry of the stiffness at the start, where its terms determine rounding errors: the
+       stiffness may vanish at a critical point; its largest entry, at least `reference`; and the
+       largest difference of opposite entries. */
     double reference, size, asymmetry;
+    /* Negative pivots with a shift slightly below and above zero; -1 if a pivot vanishes. */
     int64_t below, above;
 } SaddlePoint;
 
 typedef struct {
-    LoadPart common, unloaded, loaded;
-    LinearSolver linear;
-    SaddlePoint saddle;
-    Reals nonzeros, scaled, products, sizes, inputs, forces, by_factor, row;
-    Indices row_targets, counting;
-    Reals right, remainder;
+    LoadPart common, unloaded, loaded; /* C, U and L */
+    LinearSolver linear;               /* of the bordered matrix */
+    SaddlePoint saddle;                /* symmetric elimination of the tangent */
+    /* Non-zeros of the bordered matrix and a 1; in natural sizes; products of the sizes of their
+       rows and columns; and sizes of the unknowns, then 1, (n + m + 1,). */
+    Reals nonzeros, scaled, products, sizes;
+    Reals inputs;                   /* (q, 0, lam), with the zeros of velocities and accelerations */
+    Reals forces, by_factor;        /* F and F_mu, (n + m,) */
+    Reals row;                      /* last row, (n + m + 1,) */
+    Indices row_targets, counting;  /* nonzeros[row_targets] = row; and 0, 1, 2, ... */
+    Reals right;                    /* right-hand side, then the solution, (n + m + 1,) */
+    Reals remainder;                /* multiples of g that the forces add to lam, (m,) */
+    /* Constants of the tangent, nonzeros[added_targets] += added: springs that hold coordinates in
+       the tangent alone, and the compliances -1. */
     Indices added_targets;
-    Reals added, weights;
+    Reals added;
+    Reals weights;                  /* inverse natural sizes that measure corrections, (n + m,) */
     Corrections corrections;
-    int64_t column_start, joint_count;
-    double deviation, mu, center, scale;
-    int64_t task, is_linear, has_forces, has_tangent, has_factors;
+    int64_t column_start;           /* of the last column, F_mu, in `nonzeros` */
+    int64_t joint_count;            /* multipliers with g = 0; for the others, g - lam = 0 */
+    double deviation;               /* value of the control minus its target */
+    double mu, center, scale;       /* the load factor of U and L is (mu - center) * scale */
+    int64_t task;
+    int64_t is_linear;              /* 1 if derivatives of the control are the same everywhere */
+    /* 1 if forces and tangent have been evaluated at `inputs` and `mu`; 1 if the last factors are
+       those of the last tangent that was evaluated and `row`, with F_mu as column. */
+    int64_t has_forces, has_tangent, has_factors;
 } StaticWorkspace;
 
-/* Tasks of `perform_task`. */
+/* Tasks of `perform_task`: forces; also the tangent; also its negative pivots; or correct the point
+   by Newton's method until it is a solution or, if the control is not linear, once. */
 enum { EVALUATE_FORCES, EVALUATE_TANGENT, COUNT_SIGNS, CORRECT };
 
 int perform_task(StaticWorkspace *run);
 
+/* Variational equations for some steps of Radau IIA. Stages are those of a block of disturbances,
+   one per vector lane; their `yp` is zero, and `last_step` is 0 before the first step. */
 typedef struct {
     Stages base;
-    FirstOrderBuffers form;
+    FirstOrderBuffers form; /* its Jacobian has the parts of the reduced matrices */
+    /* Times, states and rates of the run at the stages, three rows per step; and steps. */
     Reals times;
     Reals2 states, state_rates;
     Reals h;
+    /* Disturbances of y at the start and at the end of a step, one block per row, and W in the last
+       and in the current step, three rows per block. */
     Reals2 disturbances, ends, disturbances_w, ends_w;
+    /* Reciprocal natural sizes of (q, v), and reciprocal errors of the stages of the block. */
     Reals scales, weights;
-    Reals2 jacobians;
+    Reals2 jacobians; /* parts of the reduced matrices, one row per stage */
+    /* All parts side by side, by rows: starts of the rows, columns, and indices of the entries in a
+       row of `jacobians`. */
     Indices row_starts, entry_columns, entry_sources;
+    /* Reduced residuals of the stages, and factors of the parts: reduced stage, reduced rates, and
+       accelerations. */
     Reals2 residuals;
     Reals unknowns;
+    /* Error of the stages, relative to the disturbance at the start of the step, largest rate of
+       convergence in the current step, and a time inside the interval. */
     double tolerance, rate, branch;
-    int64_t steps, next, count;
+    int64_t steps, next, count; /* of steps, the next step, and of blocks */
 } VariationalWorkspace;
 
 int propagate_disturbances(VariationalWorkspace *run);
@@ -440,32 +480,46 @@ typedef struct {
     Reals2 factors, after;
 } StepTables;
 
+/* Loop over the steps of a run, `forward` or `backward`; see analysis/sensitivities. */
 typedef struct {
     int64_t n, m;
-    double branch;
+    double branch; /* a time inside the interval */
+    /* Times of the steps, nodes of the stages, states (q, v, a, lam) at the start and all stages */
     Reals times, nodes;
     Reals2 states;
     StepTables tables;
+    /* Matrix of a stage, its parts, and a block of M; non-zeros of M or of its transpose, positions
+       of the entries of its blocks, and 0, 1, ... */
     Sum matrix;
     Reals parts, block;
     LinearSolver linear;
     Reals nonzeros;
     Indices2 targets;
     Indices entries;
+    /* Inputs of the sums: `n_inputs` of the residual, with multipliers after accelerations. */
     Reals inputs;
     int64_t n_inputs, acceleration_at;
+    /* Rows of the residual that are solved, their scales, coordinates with unknown velocities */
     Indices rows;
     Reals scales;
     Indices corrected;
-    Reals right;
+    Reals right; /* right-hand side or solution, all stages */
+    /* One stage a row; then z by direction, (4 k, n), or derivatives of the objective with respect
+       to z, (4, n), and a work array, (4, n). */
     Reals2 positions, velocities, accelerations, reactions, motion, before;
+    /* Directional derivative of the residual of a stage with the inputs (x, dx), or gradient of
+       weights . residual with the inputs (x, weights). */
     Sum change;
     Reals result;
+    /* Forward: further inputs by direction, derivatives of the time of all steps, and partial
+       derivatives of the residual with respect to time at the stages. */
     Reals2 data;
     Reals shifts;
+    /* Results, derivatives of (q, v, a, lam) at the stages, one direction a row; backward:
+       derivatives of the objective with respect to (q, v, lam) at the stages. */
     Reals2 time_rates, stages;
-    Reals numbers;
-    int64_t step, last;
+    Reals numbers;      /* backward: derivatives with respect to p, summed over the steps */
+    int64_t step, last; /* index of the step, and of that at which the loop ends */
 } LinearSteps;
 
 int forward(LinearSteps *run);

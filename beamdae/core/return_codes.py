@@ -1,16 +1,26 @@
-"""Return codes of the functions of the core, as in `core.h`; negative codes are failures."""
+"""Return codes and tasks of the functions of the core, by their names in `core.h`."""
 
-DONE = 0  # the interval is complete
-FULL = 1  # there is no room for more rows of results
-NEW_PIVOTS = 2  # a matrix needs other pivots
-CORRECTED = 3  # statics: another correction is needed
-FIRST_STEP = 10  # generalized-alpha requests the starting values of an interval
-NO_ADVANCE = 11  # a step of IDA does not advance time
+from __future__ import annotations
 
-NOT_CONVERGED = -1  # Newton's iteration did not converge
-NOT_FINITE = -2  # the residual is not finite
-SINGULAR = -3  # no pivots suit a matrix
-ERROR_TOO_LARGE = -4  # the error test failed
-TOO_SMALL = -5  # the step became too small
-STEP_NOT_CHANGED = -6  # generalized-alpha: singular equations of the jerk
-DIVERGED = -7  # statics: Newton's method diverges
+import re
+
+from beamdae.core.tables import read_header
+
+
+def _read_enumerations() -> dict[str, int]:
+    values = {}
+    for body in re.findall(r"enum \{(.*?)\}", read_header(), re.DOTALL):
+        value = -1
+        for name, number in re.findall(r"(\w+)(?: = (-?\d+))?", body):
+            value = values[name] = int(number) if number else value + 1
+    return values
+
+
+_VALUES = _read_enumerations()
+
+
+def __getattr__(name: str) -> int:
+    """Return a code, negative for failures, or a task."""
+    if name in _VALUES:
+        return _VALUES[name]
+    raise AttributeError(f"core.h defines no {name}")

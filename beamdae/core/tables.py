@@ -39,13 +39,18 @@ _CALL = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p)
 
 
 @cache
-def _read_structures(*headers: Path) -> dict[str, tuple[tuple[str, str], ...]]:
-    """Return (name, type) of the fields of each structure in `core.h` and further headers."""
+def read_header(*headers: Path) -> str:
+    """Return the text of `core.h` and further headers, without comments."""
     files = (FOLDER / "core.h", *headers)
     text = "".join(file.read_text("utf-8") for file in files)
-    text = re.sub(r"/\*.*?\*/", "", text, flags=re.DOTALL)
-    structures = {}
-    for body, name in re.findall(r"typedef struct \{(.*?)\} (\w+);", text, re.DOTALL):
+    return re.sub(r"/\*.*?\*/", "", text, flags=re.DOTALL)
+
+
+@cache
+def _read_structures(*headers: Path) -> dict[str, tuple[tuple[str, str], ...]]:
+    """Return (name, type) of the fields of each structure in `core.h` and further headers."""
+    pattern, structures = r"typedef struct \{(.*?)\} (\w+);", {}
+    for body, name in re.findall(pattern, read_header(*headers), re.DOTALL):
         lines = (line.split(maxsplit=1) for line in body.split(";") if line.strip())
         structures[name] = tuple(
             (field.strip(), kind) for kind, names in lines for field in names.split(",")
@@ -56,7 +61,7 @@ def _read_structures(*headers: Path) -> dict[str, tuple[tuple[str, str], ...]]:
 @cache
 def _structure_of(function: str) -> str:
     """Return the structure on which a function works."""
-    (name,) = re.findall(rf"int {function}\((\w+) \*\w+\);", (FOLDER / "core.h").read_text("utf-8"))
+    (name,) = re.findall(rf"int {function}\((\w+) \*\w+\);", read_header())
     return str(name)
 
 

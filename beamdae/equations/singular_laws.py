@@ -14,6 +14,7 @@ from beamdae.parts.laws import Law
 from beamdae.parts.part import Part
 from beamdae.symbolic.formula import MAX_SHARED_KERNELS, Formula
 from beamdae.symbolic.functions.compiled import RowFunction
+from beamdae.symbolic.functions.instructions import trace_dependence
 from beamdae.symbolic.signals import with_references
 
 Array = np.ndarray
@@ -91,19 +92,8 @@ def _compile_law(law: Callable[[ca.SX], ca.SX], numbers: ca.SX) -> RowFunction |
 
 def _may_become_infinite(function: ca.Function) -> bool:
     """Return True if operations on time, the first input, may be infinite at a finite time."""
-    depends_on_time = [False] * function.sz_w()
-    for k in range(function.n_instructions()):
-        code = function.instruction_id(k)
-        operands, results = function.instruction_input(k), function.instruction_output(k)
-        if code == ca.OP_OUTPUT:
-            continue
-        if code in (ca.OP_INPUT, ca.OP_CONST):
-            depends = code == ca.OP_INPUT and operands[0] == 0
-        else:
-            depends = any(depends_on_time[i] for i in operands)
-            is_division_by_number = code == ca.OP_DIV and not depends_on_time[operands[1]]
-            if depends and code not in _FINITE_OPERATIONS and not is_division_by_number:
-                return True
-        for result in results:
-            depends_on_time[result] = depends
-    return False
+    return any(
+        # Divisions by numbers are finite.
+        any(flags[1:] if code == ca.OP_DIV else flags) and code not in _FINITE_OPERATIONS
+        for code, flags in trace_dependence(function, {(0, 0), (0, 1)})
+    )

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from beamdae.equations.assembly.observables import CompiledQuantity, compile_quantities
 from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.structure import cache_on_owner
 
 Array = np.ndarray
 
@@ -50,7 +50,8 @@ class SurfaceGapTerm:
         return speeds, accelerations + speeds**2 / self.length
 
 
-def compile_surface_gaps(equations: EquationsOfMotion) -> Sequence[SurfaceGapTerm]:
+@cache_on_owner
+def compile_surface_gaps(equations: EquationsOfMotion) -> tuple[SurfaceGapTerm, ...]:
     """Return the gaps of all parts, active or not; an empty tuple for a constrained system."""
     mechanism = equations.mechanism
     if mechanism is None:

@@ -11,6 +11,7 @@ import numpy as np
 
 from beamdae.equations.assembly.observables import CompiledQuantity, compile_quantities
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
+from beamdae.equations.structure import cache_on_owner
 from beamdae.symbolic.signals import find_signals
 from beamdae.symbolic.statements import Local, Quantity, TableArgument, Variable
 
@@ -98,6 +99,7 @@ class TableArgumentTerm:
         return f"{self.part}: {self.table.describe_argument(self.axis, value)}"
 
 
+@cache_on_owner
 def compile_table_arguments(equations: EquationsOfMotion) -> tuple[TableArgumentTerm, ...]:
     """Return the arguments of the tables of all parts, active or not."""
     mechanism = equations.mechanism

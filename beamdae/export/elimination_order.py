@@ -52,7 +52,7 @@ def plan_elimination(
         "scale": np.ones(size),
         "matrix_starts": pattern.indptr.astype(np.uint32),
         "matrix_rows": pattern.indices.astype(np.uint32),
-        "n_entries": np.array([pattern.nnz + N_EXTRA_ENTRIES]),
+        "n_entries": pattern.nnz + N_EXTRA_ENTRIES,
         "rows": pivots,
         "columns": pivots,
         "sources": ((whole.data - 1) % count)[plan.sources].astype(np.uint32),

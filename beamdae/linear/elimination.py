@@ -37,7 +37,7 @@ class EliminationPlan(NamedTuple):
     corner_entries
         Indices of the entries in rows and columns of neighbors, which the blocks change.
     n_entries
-        Number of `Factors.entries`, shape (1,): non-zeros of the matrix, its fill by blocks, and
+        Number of `Factors.entries`: non-zeros of the matrix, its fill by blocks, and
         `N_EXTRA_ENTRIES` that stand for zeros, ones and unused entries.
     rows, columns
         Rows and columns of the other pivots, by position.
@@ -56,7 +56,7 @@ class EliminationPlan(NamedTuple):
     block_unknowns: Array
     block_entries: Array
     corner_entries: Array
-    n_entries: Array
+    n_entries: int
     rows: Array
     columns: Array
     starts: Array
@@ -121,10 +121,10 @@ class Factors(NamedTuple):
 
 def empty_plan() -> EliminationPlan:
     """Return the plan of a matrix without rows."""
-    none = np.zeros(0, np.uint32)
-    batches, n_entries = np.zeros((0, N_BATCH_COLUMNS), np.intp), np.array([N_EXTRA_ENTRIES])
-    plan = EliminationPlan(*(none for _ in EliminationPlan._fields))
-    return plan._replace(scale=np.zeros(0), batches=batches, n_entries=n_entries)
+    fields: dict[str, Any] = dict.fromkeys(EliminationPlan._fields, np.zeros(0, np.uint32))
+    batches = np.zeros((0, N_BATCH_COLUMNS), np.intp)
+    fields |= {"scale": np.zeros(0), "batches": batches, "n_entries": N_EXTRA_ENTRIES}
+    return EliminationPlan(**fields)
 
 
 def allocate_factors(plan: EliminationPlan, dtype: Any) -> Factors:
@@ -137,7 +137,7 @@ def allocate_factors(plan: EliminationPlan, dtype: Any) -> Factors:
     largest = int(plan.batches[:, NEIGHBORS].max(initial=0))
     return Factors(
         matrix=matrix,
-        entries=np.zeros(int(plan.n_entries[0]), dtype),
+        entries=np.zeros(plan.n_entries, dtype),
         blocks=blocks,
         corner=aligned_zeros(LANES * largest * largest, dtype),
         block_x=block_x,

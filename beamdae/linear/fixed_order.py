@@ -7,7 +7,6 @@ eliminates: `linear.c`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -50,35 +49,3 @@ class FixedOrder(NamedTuple):
         arrays = (permuted.indptr, permuted.indices, permuted.data)
         flat = (*flatten_columns(upper), *flatten_columns(lower))
         return cls(*(np.asarray(x).astype(np.uint32) for x in (*arrays, *flat)))
-
-
-@dataclass(slots=True)
-class FixedOrderFactors:
-    """Factors of the last matrix.
-
-    Attributes
-    ----------
-    plan
-        Order and pattern.
-    lower, pivots
-        Entries of the unit factor below the diagonal, and the pivots.
-    first
-        First entry of each column of `lower` that has not been used yet.
-    x
-        Work array by position.
-    smallest_pivot
-        Smallest magnitude of a pivot.
-    """
-
-    plan: FixedOrder
-    lower: Array
-    pivots: Array
-    first: Array
-    x: Array
-    smallest_pivot: float = 0.0
-
-    @classmethod
-    def of(cls, plan: FixedOrder) -> FixedOrderFactors:
-        """Return the arrays of the factors, filled with zeros."""
-        pivots, x = np.zeros((2, len(plan.starts) - 1))
-        return cls(plan, np.zeros(len(plan.lower_rows)), pivots, plan.lower_starts.copy(), x)

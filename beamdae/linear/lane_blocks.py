@@ -57,7 +57,7 @@ class BlockElimination(NamedTuple):
     block_unknowns: Array
     block_entries: Array
     corner_entries: Array
-    n_entries: Array
+    n_entries: int
     counts: Array
     unknowns: Array
     starts: Array
@@ -73,7 +73,7 @@ class BlockElimination(NamedTuple):
         numpy.linalg.LinAlgError
             If they are not finite.
         """
-        entries = np.zeros(int(self.n_entries[0]), nonzeros.dtype)
+        entries = np.zeros(self.n_entries, nonzeros.dtype)
         entries[: len(nonzeros)] = nonzeros
         entries[len(entries) - N_EXTRA_ENTRIES + ONE_ENTRY] = 1.0
         for batch, count in zip(np.cumsum(self.counts) - self.counts, self.counts, strict=True):
@@ -255,7 +255,7 @@ def _number_entries(pattern: sp.csc_array, groups: list[_Blocks]) -> BlockElimin
         block_unknowns=np.concatenate(block_unknowns).astype(np.uint32),
         block_entries=np.concatenate(block_entries).astype(np.uint32),
         corner_entries=np.concatenate(corner_entries).astype(np.uint32),
-        n_entries=np.array([extra + N_EXTRA_ENTRIES]),
+        n_entries=extra + N_EXTRA_ENTRIES,
         counts=np.array([-(-len(x.interior) // LANES) for x in groups]),
         unknowns=outside,
         starts=np.concatenate([[0], np.cumsum(counts)]),

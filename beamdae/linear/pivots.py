@@ -223,7 +223,7 @@ def _plan_pivots(
         scale=scale,
         matrix_starts=starts,
         matrix_rows=matrix_rows,
-        n_entries=np.array([len(matrix_rows) + N_EXTRA_ENTRIES]),
+        n_entries=len(matrix_rows) + N_EXTRA_ENTRIES,
     )
 
 

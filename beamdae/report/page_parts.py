@@ -75,12 +75,12 @@ def fact_table(title: str, facts: Mapping[str, Any], section: str = "results") -
     return {"title": title, "rows": rows, "section": section}
 
 
-def export_table(title: str, rows: Any, section: str = "results") -> Content:
+def export_table(title: str, rows: Any) -> Content:
     """Return a data frame, or rows by header, as a table of the page."""
     if not len(rows):
-        return {"title": title, "head": [], "rows": [], "section": section}
+        return {"title": title, "head": [], "rows": [], "section": "results"}
     head, *texts = table_of(rows).texts
-    return {"title": title, "head": head, "rows": texts, "section": section}
+    return {"title": title, "head": head, "rows": texts, "section": "results"}
 
 
 def export_tables(description: Description) -> list[Content]:

@@ -71,11 +71,10 @@ def _error_columns(outcome: Outcome, reference: Reference) -> dict[str, Any]:
     columns["below resolution"] = False
     columns["reference uncertainty [-]"] = reference.uncertainty
     # Without a step, the run contains only the initial state, which has no error.
-    table = outcome.table
-    if reference.table is None or table is None or not outcome.values.get("steps"):
+    if reference.table is None or outcome.rows is None or not outcome.values.get("steps"):
         return columns
     is_complete = outcome.status.success
-    errors = compute_deviations(table, reference.table, reference.columns)
+    errors = compute_deviations(outcome.rows.table(), reference.table, reference.columns)
     largest, resolution = errors.max(), reference.resolution
     is_below = is_complete & (largest < resolution)
     columns[BOUND_COLUMN] = float(np.fmax(largest.max(), resolution))

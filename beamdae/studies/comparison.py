@@ -132,8 +132,7 @@ def compare(
             interrupted = outcome.status.kind == "interrupted"
         sampled = None
         if reference is not None:
-            end = case.model.t_end if t_end is None else t_end
-            sampled = _sample_reference(reference, outcome, columns, end)
+            sampled = _sample_reference(reference, outcome, columns)
         rows.append(tabulate_case(case, case.group, outcome, sampled))
     table = assemble_case_table(rows)
     if interrupted and partial == "raise":
@@ -160,14 +159,11 @@ def _run_case(
     return Outcome(solution.status, collect_run_values(solution), collect_rows(solution))
 
 
-def _sample_reference(
-    solution: Solution, outcome: Outcome, columns: Sequence[str], end: float
-) -> Reference:
+def _sample_reference(solution: Solution, outcome: Outcome, columns: Sequence[str]) -> Reference:
     """Sample the reference at the times of an outcome, and at later times of the reference."""
     error_columns = tuple(select_error_columns(solution.observed, columns))
-    table = outcome.table
-    if table is not None:
-        times = table.index.to_numpy()
+    if outcome.rows is not None:
+        times = outcome.rows.numbers[:, 0]
         later = solution.t[solution.t > times[-1] * (1.0 + RELATIVE_TIME_TOLERANCE)]
         common = times[times <= solution.trajectory.end * (1.0 + RELATIVE_TIME_TOLERANCE)]
         solution = replace(solution, t=np.concatenate([common, later]))

@@ -8,12 +8,6 @@ from typing import Any, NamedTuple
 _address, _real, _index = ctypes.c_void_p, ctypes.c_double, ctypes.c_int32
 _code, _int, _long = ctypes.c_int, ctypes.c_int, ctypes.c_long
 
-# Residual(t, y, y', r, user_data) and Jacobian(t, c, y, y', r, J, user_data, three vectors) with
-# J = dr/dy + c dr/dy'. A positive result makes IDA shorten the step, a negative result ends the
-# run.
-RESIDUAL = ctypes.CFUNCTYPE(_code, _real, _address, _address, _address, _address)
-JACOBIAN = ctypes.CFUNCTYPE(_code, _real, _real, *[_address] * 8)
-
 
 class FunctionAddresses(NamedTuple):
     """Addresses of the functions by their names in C, for callables and compiled loops."""

@@ -130,8 +130,10 @@ class IdaSolver:
     Parameters
     ----------
     residual, jacobian
-        Addresses of C functions (`prototypes.RESIDUAL` and `JACOBIAN`), which must outlive the
-        solver. IDA passes a Jacobian of zeros; its `SUNBandMatrix_Data` is the diagonal.
+        Addresses of C functions, which must outlive the solver: residual(t, y, y', r, user_data)
+        and jacobian(t, c, y, y', r, J, user_data, three vectors) with J = dr/dy + c dr/dy'. IDA
+        passes a Jacobian of zeros; its `SUNBandMatrix_Data` is the diagonal. A positive result
+        makes IDA shorten the step, a negative result ends the run.
     user_data
         Address that IDA passes to these functions.
     rtol, atol

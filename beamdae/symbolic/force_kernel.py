@@ -12,6 +12,7 @@ import numpy as np
 
 from beamdae.symbolic.constraint_kernel import ConstraintKernel
 from beamdae.symbolic.functions.compiled import RowFunction
+from beamdae.symbolic.functions.instructions import trace_dependence
 from beamdae.symbolic.local_symbols import SX, Local, describe_column_error
 from beamdae.symbolic.signals import SignalBinding, bind_signals, find_signals
 from beamdae.symbolic.sums.kernel_sums import Kernel
@@ -204,23 +205,11 @@ class ForceKernel:
         `inputs`, entry).
         """
         function = ca.Function("force", self.inputs, [self.force])
-        dependent: set[int] = set()
-        for k in range(function.n_instructions()):
-            code, sources = function.instruction_id(k), function.instruction_input(k)
-            if code == ca.OP_OUTPUT:
-                continue
-            if code == ca.OP_INPUT:
-                depends = (sources[0], sources[1]) in arguments
-            else:
-                # Of a conditional value, the condition decides.
-                deciding = sources[:1] if code == ca.OP_IF_ELSE_ZERO else sources
-                if is_operation(code) and not dependent.isdisjoint(deciding):
-                    return True
-                depends = not dependent.isdisjoint(sources)
-            # Places of the work vector are reused.
-            targets = function.instruction_output(k)
-            (dependent.update if depends else dependent.difference_update)(targets)
-        return False
+        return any(
+            # Of a conditional value, the condition decides.
+            is_operation(code) and any(flags[:1] if code == ca.OP_IF_ELSE_ZERO else flags)
+            for code, flags in trace_dependence(function, arguments)
+        )
 
     @cached_property
     def has_kinks_over_motion(self) -> bool:

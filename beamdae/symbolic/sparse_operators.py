@@ -92,14 +92,3 @@ def pair_entries(
     left_entry = left.indptr[row[k]] + number // right_counts[k]
     right_entry = right.indptr[column[k]] + number % right_counts[k]
     return left_entry, right_entry, k
-
-
-def transpose_pattern(pattern: sp.csc_array) -> tuple[sp.csc_array, np.ndarray]:
-    """Return the CSC pattern of the transpose, and the new positions of the non-zeros."""
-    numbers = (np.arange(pattern.nnz), pattern.indices, pattern.indptr)
-    transposed = sp.csc_array(sp.csc_array(numbers, shape=pattern.shape).T)
-    transposed.sort_indices()
-    positions = np.empty(pattern.nnz, np.uint32)
-    positions[transposed.data] = np.arange(pattern.nnz)
-    entries = (np.ones(pattern.nnz), transposed.indices, transposed.indptr)
-    return sp.csc_array(entries, shape=transposed.shape), positions

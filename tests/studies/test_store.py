@@ -20,7 +20,9 @@ from study_runs import SerialPool, run_study
 import beamdae as bd
 from beamdae.results.outcome import Status
 from beamdae.results.storage.documents import checksum
+from beamdae.studies.case_table import tabulate_case
 from beamdae.studies.column_measures import measure_rows
+from beamdae.studies.references import REFERENCE_NOT_RUN
 from beamdae.studies.store.store import Store, format_trajectory
 from beamdae.studies.tasks import Outcome, Rows, Task
 
@@ -58,6 +60,12 @@ def test_saved_outcomes_are_loaded_bit_for_bit(filled):
     assert outcome.values["steps"] == 3
     assert outcome.file == TASK.file
     assert trajectory(filled).read_text().startswith("t [s],'=end.x [m],")
+
+
+def test_trajectories_are_not_read_if_there_is_no_reference(tmp_path):
+    outcome = replace(OUTCOME, rows=Rows(ROWS.headers, tmp_path / "missing.csv"))
+    row = tabulate_case(CASE, CASE.group, outcome, REFERENCE_NOT_RUN)
+    assert np.isnan(row["error [-]"])
 
 
 def test_measures_of_a_table_without_rows_are_not_defined():

@@ -14,12 +14,12 @@ import numpy as np
 import beamdae as bd
 from beamdae.core.linear_solver import LinearSystem
 from beamdae.core.return_codes import DONE, NEW_PIVOTS
-from beamdae.core.tables import Loop
+from beamdae.core.tables import Loop, Workspace
 from beamdae.equations.formulations.first_order import formulate_first_order
 from beamdae.equations.formulations.step_equations import StepPrediction, formulate_step
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.integrators.compiled_run import FactorizedMatrix
-from beamdae.symbolic.sums.kernel_sums import Evaluation, SumPlan, set_time
+from beamdae.symbolic.sums.kernel_sums import SumPlan, set_time
 
 Array = np.ndarray
 OperationTimers = dict[str, Callable[[], float]]
@@ -80,7 +80,8 @@ def _make_timers(
     for name, plan, size in sums:
         total = plan.sum(True, equations.p)
         set_time(total, *TIME_AND_BRANCH)
-        loops[name] = Loop("run_evaluation", Evaluation(total, inputs, np.zeros(size)))
+        run = Workspace("Evaluation", total=total, x=inputs, result=np.zeros(size))
+        loops[name] = Loop("run_evaluation", run)
     linear = matrix.make_solver()
     system = LinearSystem(linear, matrix.nonzeros, right)
     while system.factorize() == NEW_PIVOTS:

@@ -118,7 +118,6 @@ class LinearModel(HasPage):
     warnings: tuple[str, ...]
     _linearization: Linearization | None = field(default=None, repr=False)
     _request: _Request | None = field(default=None, repr=False)
-    _motions: Array | None = field(default=None, repr=False)
 
     def __repr__(self) -> str:
         inputs, outputs = (", ".join(x.name for x in y) for y in (self.inputs, self.outputs))
@@ -694,7 +693,6 @@ def reduce_to_states(
         lin.about,
         lin.warnings,
         lin if e.mechanism is not None else None,
-        _motions=dq[:, :n_states],
     )
 
 

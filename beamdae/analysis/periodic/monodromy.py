@@ -18,7 +18,6 @@ import scipy.linalg as la
 import scipy.sparse as sp
 
 from beamdae.analysis.continuation.engine import CurveError
-from beamdae.analysis.periodic.variational_loop import VariationalWorkspace
 from beamdae.core.tables import Workspace
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.first_order import FirstOrderForm, formulate_first_order
@@ -29,7 +28,7 @@ from beamdae.equations.formulations.kinematic_reduction import (
 from beamdae.equations.formulations.tangents import compute_tangent
 from beamdae.errors import BeamdaeError
 from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
-from beamdae.integrators.radau.coefficients import C
+from beamdae.integrators.radau.coefficients import TABLEAU, C
 from beamdae.linear.lanes import LANES, aligned_zeros, index_lanes
 from beamdae.results.trajectory import Interval, Trajectory
 from beamdae.symbolic.sparse_operators import column_indices
@@ -73,7 +72,7 @@ class VariationalEquations:
         return formulate_first_order(self.equations, _FORM, apart=True)
 
     @cached_property
-    def _loop(self) -> StepLoop[VariationalWorkspace]:
+    def _loop(self) -> StepLoop[Workspace]:
         form = self.form
         pattern, jacobian, reduction = reduce_kinematics(form)
         real = FactorizedMatrix.from_pattern(pattern, in_lanes=True)
@@ -85,12 +84,14 @@ class VariationalEquations:
         vectors = ("y", "yp", "real_change", "complex_real", "complex_imaginary")
         stages = ("w", "last_w", "stages", "rates")
 
-        def make_workspace(native: bool) -> VariationalWorkspace:
+        def make_workspace(native: bool) -> Workspace:
             buffers = form.buffers(native)
             buffers.jacobian = jacobian.sum(native, form.equations.p)
             lanes: dict[str, Any] = {name: _lane_zeros(size)[0] for name in vectors}
             lanes |= {name: _lane_zeros(size, _STAGES) for name in stages}
-            return VariationalWorkspace(
+            return Workspace(
+                "VariationalWorkspace",
+                tableau=TABLEAU,
                 form=buffers,
                 real_solver=real.make_solver(),
                 complex_solver=complex_.make_solver(),
@@ -122,7 +123,7 @@ class VariationalEquations:
                 **lanes,
             )
 
-        def matrices(run: VariationalWorkspace) -> list[tuple[Any, FactorizedMatrix]]:
+        def matrices(run: Workspace) -> list[tuple[Any, FactorizedMatrix]]:
             return [(run.real_solver, real), (run.complex_solver, complex_)]
 
         return StepLoop("propagate_disturbances", make_workspace, matrices, form.is_native)

@@ -18,7 +18,6 @@ The loops are in `linear_steps.c`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -35,6 +34,7 @@ from beamdae.analysis.sensitivities.start_derivatives import (
     plan_transpose,
 )
 from beamdae.core.return_codes import DONE
+from beamdae.core.tables import Workspace
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.first_order import formulate_first_order, plan_residual
 from beamdae.equations.formulations.kinematic_reduction import reduce_kinematics
@@ -48,7 +48,7 @@ from beamdae.integrators.radau.coefficients import A, C
 from beamdae.integrators.radau.stepper import STABILIZED_FORM
 from beamdae.results.trajectory import Interval
 from beamdae.symbolic.sums.directional_sums import direction_inputs, motion_plan
-from beamdae.symbolic.sums.kernel_sums import Sum, SumPlan, set_time
+from beamdae.symbolic.sums.kernel_sums import SumPlan, set_time
 from beamdae.symbolic.sums.sum_evaluator import SumEvaluator
 
 Array = np.ndarray
@@ -114,87 +114,6 @@ def _tabulate_radau(h: Array) -> StepTables:
     return StepTables(
         predict, rates, rates, rates, blocks, np.ones((steps, 7)), np.zeros((steps, 5))
     )
-
-
-@dataclass(slots=True, kw_only=True)
-class LinearSteps:
-    """Work arrays of a loop over the steps of a run, `forward` or `backward`.
-
-    Attributes
-    ----------
-    n, m, branch
-        Numbers of coordinates and multipliers, and a time inside the interval [s].
-    times, nodes, states
-        Times of the steps (steps + 1,) [s], nodes of the stages, and states (q, v, a, lam) at the
-        start and at all stages.
-    tables
-        Coefficients of the steps.
-    matrix, parts, block, linear, nonzeros, targets
-        Sum of the matrix of a stage and its result, work array for a block of M, solver and
-        non-zeros of M or of its transpose, and positions of the entries of its blocks.
-    entries, inputs, n_inputs, acceleration_at
-        0, 1, ...; inputs of the sums, the number x of inputs of the residual, and the position of
-        accelerations among them, which multipliers follow.
-    rows, scales, corrected
-        Rows of the residual that are solved, their scales, and coordinates with unknown velocities.
-    right
-        Right-hand side or solution, all stages.
-    positions, velocities, accelerations, reactions
-        Work arrays of the stages, one stage a row.
-    motion, before
-        z by direction, (4 k, n), or derivatives of the objective with respect to z, (4, n), and a
-        work array, (4, n).
-    change, result
-        Directional derivative of the residual of a stage with the inputs (x, dx), or gradient of
-        weights . residual with the inputs (x, weights), and its result.
-    data, shifts, time_rates
-        `forward`: further inputs by direction, derivatives of the time of all steps (k,) [s], and
-        partial derivatives of the residual with respect to time at the stages.
-    stages
-        `forward`: results, derivatives of (q, v, a, lam) at the stages, one direction a row.
-        `backward`: derivatives of the objective with respect to (q, v, lam) at the stages.
-    numbers
-        `backward`: derivatives with respect to p, summed over the steps.
-    step, last
-        Index of the step, and of that at which the loop ends.
-    """
-
-    n: int
-    m: int
-    branch: float
-    times: Array
-    nodes: Array
-    states: Array
-    tables: StepTables
-    matrix: Sum
-    parts: Array
-    block: Array
-    linear: Any
-    nonzeros: Array
-    targets: Array
-    entries: Array
-    inputs: Array
-    n_inputs: int
-    acceleration_at: int
-    rows: Array
-    scales: Array
-    corrected: Array
-    right: Array
-    positions: Array
-    velocities: Array
-    accelerations: Array
-    reactions: Array
-    motion: Array
-    before: Array
-    change: Sum
-    result: Array
-    data: Array
-    shifts: Array
-    time_rates: Array
-    stages: Array
-    numbers: Array
-    step: int = 0
-    last: int = 0
 
 
 # Matrices M of a run, and positions of the entries of their blocks, by the pattern of the blocks
@@ -287,7 +206,7 @@ class _Steps:
 
     def make_loop(
         self, loop: str, plan: SumPlan, e: EquationsOfMotion, **fields: Any
-    ) -> StepLoop[LinearSteps]:
+    ) -> StepLoop[Workspace]:
         """Return a loop; `plan` is that of its sum `change`, for the numbers of `e`."""
         s, n, nnz = len(self.nodes), e.n, self._pattern.nnz
         key = id(self._pattern), loop == "backward"
@@ -332,8 +251,9 @@ class _Steps:
             **fields,
         }
 
-        def make(native: bool) -> LinearSteps:
-            return LinearSteps(
+        def make(native: bool) -> Workspace:
+            return Workspace(
+                "LinearSteps",
                 matrix=self._matrix.sum(native, self.equations.p),
                 linear=matrix.make_solver(),
                 change=plan.sum(native, e.p),
@@ -343,7 +263,7 @@ class _Steps:
         is_native = self._is_native and plan.is_native
         return StepLoop(loop, make, lambda run: [(run.linear, matrix)], is_native)
 
-    def run(self, loop: StepLoop[LinearSteps], first: int, last: int) -> None:
+    def run(self, loop: StepLoop[Workspace], first: int, last: int) -> None:
         """Run a loop from step `first` to step `last`, which may be before it."""
         run = loop.work
         run.step, run.last = int(first), int(last)

@@ -21,14 +21,14 @@ stiffness.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
 
 from beamdae.bounded_cache import array_bytes, bounded_cache
-from beamdae.linear.fixed_order import FixedOrder, FixedOrderFactors
+from beamdae.core.tables import Workspace
+from beamdae.linear.fixed_order import FixedOrder
 from beamdae.linear.orderings import compute_bordered_ordering
 
 Array = np.ndarray
@@ -85,98 +85,56 @@ class SaddlePattern(NamedTuple):
     plan: FixedOrder
 
 
-@dataclass(slots=True)
-class SaddlePoint:
-    """Work arrays of `count_signs`.
+def allocate_saddle_point(
+    pattern: sp.csc_array, positions: Array, parts: Array, remainder: Array
+) -> Workspace:
+    """Return a `SaddlePoint` of the core for tangents with this pattern, without natural sizes.
 
-    Attributes
-    ----------
-    pattern
-        Terms of the matrix.
-    factors
-        Factors of the last matrix.
-    left, right
-        Those of the pattern, as indices of the argument of `count_signs`.
-    scales
-        Natural sizes of the unknowns, (n + m,).
-    weights, values
-        Weights of the terms in natural sizes, and their products with the first factors.
-    skew, nonzeros
-        Differences of opposite entries, and the saddle-point matrix.
-    ones
-        Ones for the norms of entries.
-    rigid
-        Number of unknowns before the multipliers of constraints with compliance.
-    reference
-        Largest entry of the stiffness at the start, see `scale_by_reference`. The stiffness may
-        vanish at a critical point, where rounding is that of its terms.
-    size, asymmetry
-        Largest entry of the stiffness or `reference`, and largest difference of opposite entries.
-    below, above
-        Numbers of negative pivots with a shift slightly below and above zero; -1 if a pivot
-        vanishes.
+    The non-zeros of the tangent, and a 1, are at `positions` in the argument of `count_signs`.
+    `parts` contains the first coordinate of the part of each coordinate, (n,). Constraints with a
+    `remainder`, (m,), are beside a stiffness of the same motion.
     """
-
-    pattern: SaddlePattern
-    factors: FixedOrderFactors
-    left: Array
-    right: Array
-    scales: Array
-    weights: Array
-    values: Array
-    skew: Array
-    nonzeros: Array
-    ones: Array
-    rigid: int
-    reference: float = 0.0
-    size: float = 0.0
-    asymmetry: float = 0.0
-    below: int = 0
-    above: int = 0
-
-    @classmethod
-    def of(
-        cls, pattern: sp.csc_array, positions: Array, parts: Array, rigid: int, remainder: Array
-    ) -> SaddlePoint:
-        """Return the work arrays for tangents with this pattern, without natural sizes.
-
-        The non-zeros of the tangent, and a 1, are at `positions` in the argument of `count_signs`.
-        `parts` contains the first coordinate of the part of each coordinate, (n,). The first
-        `rigid` of the n + m unknowns have no compliance; that of the others is 1. Constraints with
-        a `remainder`, (m,), are beside a stiffness of the same motion.
-        """
-        first, starts, indices = (
-            x.astype(np.intp).tobytes() for x in (parts, pattern.indptr, pattern.indices)
-        )
-        saddle = _plan_saddle_point(first, starts, indices, (remainder == 0.0).tobytes())
-        count, positions = len(saddle.left), positions.astype(np.uint32)
-        pairs = np.count_nonzero(saddle.shares < 1.0) // 2
-        return cls(
-            pattern=saddle,
-            factors=FixedOrderFactors.of(saddle.plan),
-            left=positions[saddle.left],
-            right=positions[saddle.right],
-            scales=np.ones(pattern.shape[0]),
-            weights=saddle.shares.copy(),
-            values=np.zeros(count),
-            skew=np.zeros(pairs),
-            nonzeros=np.zeros(len(saddle.plan.sources)),
-            ones=np.ones(2 * pairs),
-            rigid=rigid,
-        )
+    first, starts, indices = (
+        x.astype(np.intp).tobytes() for x in (parts, pattern.indptr, pattern.indices)
+    )
+    saddle = _plan_saddle_point(first, starts, indices, (remainder == 0.0).tobytes())
+    size, plan, positions = pattern.shape[0], saddle.plan, positions.astype(np.uint32)
+    pairs = np.count_nonzero(saddle.shares < 1.0) // 2
+    factors = Workspace(
+        "FixedOrderFactors",
+        plan=plan,
+        lower=np.zeros(len(plan.lower_rows)),
+        pivots=np.zeros(size),
+        first=plan.lower_starts.copy(),
+        x=np.zeros(size),
+    )
+    return Workspace(
+        "SaddlePoint",
+        pattern=saddle,
+        factors=factors,
+        left=positions[saddle.left],
+        right=positions[saddle.right],
+        weights=saddle.shares.copy(),
+        values=np.zeros(len(saddle.left)),
+        skew=np.zeros(pairs),
+        nonzeros=np.zeros(len(plan.sources)),
+        ones=np.ones(2 * pairs),
+    )
 
 
-def scale_by_reference(run: SaddlePoint, tangent: Array, sizes: Array) -> None:
-    """Set natural sizes and `reference` by the tangent in the reference configuration, unloaded.
+def scale_by_reference(run: Workspace, tangent: Array, sizes: Array, rigid: int) -> Array:
+    """Return natural sizes (n + m,) for the tangent in the reference configuration, unloaded.
 
-    `sizes` are first sizes of the coordinates, (n,). The final ones make all parts equally stiff:
-    otherwise, rounding errors of large and stiff parts would exceed the stiffness of small and soft
-    ones (D. Ruiz, A scaling algorithm to equilibrate both rows and columns norms in matrices,
-    RAL-TR-2001-034). Parts without stiffness are as stiff as their softest spring or, without
-    springs, as what their joints attach them to. By Sylvester's law of inertia, sizes do not change
-    the number of negative eigenvalues.
+    Sets the weights and `reference` of a `SaddlePoint`. `sizes` are first sizes of the coordinates,
+    (n,); the first `rigid` unknowns have no compliance, that of the others is 1. The final sizes
+    make all parts equally stiff: otherwise, rounding errors of large and stiff parts would exceed
+    the stiffness of small and soft ones (D. Ruiz, A scaling algorithm to equilibrate both rows and
+    columns norms in matrices, RAL-TR-2001-034). Parts without stiffness are as stiff as
+    their softest spring or, without springs, as what their joints attach them to. By Sylvester's
+    law of inertia, sizes do not change the number of negative eigenvalues.
     """
-    n, count, pattern = len(sizes), len(run.scales), run.pattern
+    n, pattern = len(sizes), run.pattern
+    count = len(pattern.groups)
     scales = np.append(sizes, np.full(count - n, _FIRST_SIZE))
     _set_weights(run, scales)
     edges, of_term = pattern.edges, pattern.edge_of_term
@@ -186,7 +144,7 @@ def scale_by_reference(run: SaddlePoint, tangent: Array, sizes: Array) -> None:
     rows, columns = np.hstack([edges, edges[::-1]])
     entries, softest, factors = np.tile(largest, 2), np.full(count, np.inf), np.ones(count)
     is_stiffness = (rows < n) & (entries > NEGLIGIBLE_STIFFNESS)
-    is_spring = (rows >= run.rigid) & (entries > 0.0)
+    is_spring = (rows >= rigid) & (entries > 0.0)
     np.minimum.at(softest, columns[is_spring], entries[is_spring])
     is_softest = np.isinf(softest[columns]) | (entries == softest[columns])
     is_used = np.where(np.isin(columns, columns[is_stiffness]), is_stiffness, is_softest)
@@ -196,19 +154,19 @@ def scale_by_reference(run: SaddlePoint, tangent: Array, sizes: Array) -> None:
         np.maximum.at(largest, columns, entries * factors[rows] * factors[columns])
         factors /= np.sqrt(np.where(largest > 0.0, largest, 1.0))
     scales *= factors[pattern.groups]
-    scales[run.rigid :] = np.minimum(scales[run.rigid :], math.sqrt(_MAX_COMPLIANCE))
+    scales[rigid:] = np.minimum(scales[rigid:], math.sqrt(_MAX_COMPLIANCE))
     _set_weights(run, scales)
     entries = (run.weights * tangent[run.left])[: 2 * len(run.skew)]
     run.reference = 2.0 * float(np.max(np.abs(entries), initial=0.0))
+    return scales
 
 
-def _set_weights(run: SaddlePoint, scales: Array) -> None:
-    """Set the natural sizes of the unknowns."""
+def _set_weights(run: Workspace, scales: Array) -> None:
+    """Set the weights of the terms for natural sizes of the unknowns."""
     pattern = run.pattern
     weights = np.append(scales[pattern.rows] * scales[pattern.columns], 1.0)
     # -C becomes -C / (1 - C).
     weights[pattern.reduced] /= 1.0 - weights[pattern.reduced]
-    run.scales[:] = scales
     run.weights[:] = pattern.shares * weights[pattern.left] * weights[pattern.right]
 
 

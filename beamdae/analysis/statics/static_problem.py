@@ -42,10 +42,19 @@ from beamdae.analysis.statics.load_scaling import LoadedEquations
 from beamdae.analysis.statics.pivot_signs import (
     ASYMMETRY_TOLERANCE,
     NEGLIGIBLE_STIFFNESS,
-    SaddlePoint,
+    allocate_saddle_point,
     scale_by_reference,
 )
-from beamdae.core.return_codes import CORRECTED, DONE, SINGULAR
+from beamdae.core.return_codes import (
+    CORRECT,
+    CORRECTED,
+    COUNT_SIGNS,
+    DONE,
+    EVALUATE_FORCES,
+    EVALUATE_TANGENT,
+    SINGULAR,
+)
+from beamdae.core.tables import Workspace
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.compliant_equations import (
     CompliantEquations,
@@ -68,7 +77,7 @@ from beamdae.errors import BeamdaeError
 from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
 from beamdae.native.object_code import is_native_enabled
 from beamdae.symbolic.sparse_operators import column_indices
-from beamdae.symbolic.sums.kernel_sums import Sum, SumPlan, set_matrix_factors, set_time
+from beamdae.symbolic.sums.kernel_sums import SumPlan, set_matrix_factors, set_time
 
 Array = np.ndarray
 
@@ -80,125 +89,6 @@ _SINGULAR = "the tangent stiffness is singular at the next point"
 
 # Distance of a parameter from the value about which equations are linearized, in steps.
 _CENTER_TOLERANCE = 1e-6
-
-
-# Tasks of `perform_task`, as in `core.h`.
-EVALUATE_FORCES = 0
-EVALUATE_TANGENT = 1
-COUNT_SIGNS = 2
-CORRECT = 3
-
-
-@dataclass(slots=True)
-class LoadPart:
-    """One of the parts C, U and L of the static equations.
-
-    Attributes
-    ----------
-    residual, tangent
-        Sums of kernels; `tangent` evaluates non-zeros of the bordered matrix.
-    forces, nonzeros
-        Their last values.
-    """
-
-    residual: Sum
-    tangent: Sum
-    forces: Array
-    nonzeros: Array
-
-
-@dataclass(slots=True)
-class StaticWorkspace:
-    """Work arrays of `perform_task`.
-
-    Attributes
-    ----------
-    common, unloaded, loaded
-        Parts C, U and L.
-    linear
-        Linear solver of the bordered matrix.
-    saddle
-        Symmetric elimination of the tangent.
-    nonzeros, scaled, products
-        Non-zeros of the bordered matrix and a 1; in natural sizes; products of the sizes of their
-        rows and columns.
-    sizes
-        Natural sizes of the unknowns, then 1, (n + m + 1,).
-    inputs
-        (q, 0, lam), with the zeros of velocities and accelerations.
-    forces, by_factor
-        F and F_mu, (n + m,).
-    row, row_targets, counting
-        Last row, (n + m + 1,): nonzeros[row_targets] = row; and 0, 1, 2, ...
-    column_start
-        Start of the last column, F_mu, in `nonzeros`.
-    right
-        Right-hand side, (n + m + 1,), and then the solution; after `CORRECT`, derivatives by the
-        control.
-    joint_count
-        Number of multipliers of joints, g = 0; the others are compliant, g - lam = 0.
-    remainder
-        Multiples of g that the forces add to lam, (m,).
-    added_targets, added
-        Constants of the tangent: nonzeros[added_targets] += added. They are springs that hold
-        coordinates in the tangent alone, and the compliances -1.
-    weights
-        Inverse natural sizes by which corrections are measured, (n + m,).
-    corrections
-        Corrections of `CORRECT`.
-    deviation
-        Value of the control minus its target.
-    mu, center, scale
-        Load factor; that of the parts U and L is (mu - center) * scale.
-    task
-        `EVALUATE_FORCES`; `EVALUATE_TANGENT` to evaluate also the tangent; `COUNT_SIGNS` to count
-        also its negative pivots; `CORRECT` to correct the point by Newton's method until it is a
-        solution or, if the control is not linear, once.
-    is_linear
-        1 if derivatives of the control are the same everywhere, else 0.
-    has_forces, has_tangent
-        1 if forces and tangent have been evaluated at `inputs` and `mu`, else 0.
-    has_factors
-        1 if the last factors are those of the tangent at the last point where it was evaluated and
-        `row`, with F_mu as column, else 0.
-    """
-
-    common: LoadPart
-    unloaded: LoadPart
-    loaded: LoadPart
-    linear: Any
-    saddle: SaddlePoint
-    nonzeros: Array
-    scaled: Array
-    products: Array
-    sizes: Array
-    inputs: Array
-    forces: Array
-    by_factor: Array
-    row: Array
-    row_targets: Array
-    counting: Array
-    right: Array
-    remainder: Array
-    added_targets: Array
-    added: Array
-    weights: Array
-    corrections: Corrections
-    column_start: int
-    joint_count: int
-    deviation: float = 0.0
-    mu: float = 0.0
-    center: float = 0.0
-    scale: float = 1.0
-    task: int = EVALUATE_FORCES
-    is_linear: int = 1
-    has_forces: int = 0
-    has_tangent: int = 0
-    has_factors: int = 0
-
-    def forget_point(self) -> None:
-        """Mark all values as those of another point."""
-        self.has_forces = self.has_tangent = self.has_factors = 0
 
 
 class SystemPlan(NamedTuple):
@@ -401,23 +291,30 @@ class StaticProblem(Problem):
         parts = starts[np.searchsorted(starts, np.arange(self.n), "right") - 1]
         targets = np.append(plan.tangent_targets, nnz)
 
-        def make_part(plans: tuple[SumPlan, SumPlan], k: int, native: bool) -> LoadPart:
+        def make_part(plans: tuple[SumPlan, SumPlan], k: int, native: bool) -> Workspace:
             p = self._forms[k].equations.p
             residual, tangent = (plan.sum(native, p) for plan in plans)
             # The factors of damping and mass are not used.
             set_matrix_factors(tangent, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
-            return LoadPart(residual, tangent, np.zeros(size), np.zeros(nnz + 1))
+            return Workspace(
+                "LoadPart",
+                residual=residual,
+                tangent=tangent,
+                forces=np.zeros(size),
+                nonzeros=np.zeros(nnz + 1),
+            )
 
-        def make(native: bool) -> StaticWorkspace:
+        def make(native: bool) -> Workspace:
             common, unloaded, loaded = (
                 make_part(plans, k, native) for plans, k in zip(plan.sums, (0, 0, 1), strict=True)
             )
-            return StaticWorkspace(
+            return Workspace(
+                "StaticWorkspace",
                 common=common,
                 unloaded=unloaded,
                 loaded=loaded,
                 linear=matrix.make_solver(),
-                saddle=SaddlePoint.of(self.pattern, targets, parts, self.rigid_size, remainder),
+                saddle=allocate_saddle_point(self.pattern, targets, parts, remainder),
                 nonzeros=np.zeros(nnz + 1),
                 scaled=matrix.nonzeros,
                 products=np.ones(nnz),
@@ -443,16 +340,16 @@ class StaticProblem(Problem):
         self._point, run, bordered = (np.nan, b""), self._loop.work, plan.bordered
         self._center(begin)
         self._run(self.start(reference.q0), begin, EVALUATE_TANGENT)
-        scale_by_reference(run.saddle, run.nonzeros, reference.part_scales)
-        run.added[:held] = run.saddle.scales[bordered.indices[plan.added_targets[:held]]] ** -2.0
-        run.forget_point()
-        run.sizes[:-1] = run.saddle.scales
+        scales, rigid = reference.part_scales, self.rigid_size
+        run.sizes[:-1] = scale_by_reference(run.saddle, run.nonzeros, scales, rigid)
+        run.added[:held] = run.sizes[bordered.indices[plan.added_targets[:held]]] ** -2.0
+        self._forget_point()
         run.products[:] = run.sizes[bordered.indices] * run.sizes[column_indices(bordered)]
 
     @property
     def scales(self) -> Array:
         """Natural sizes of the unknowns for the stiffness, (n + m,), see `scale_by_reference`."""
-        return self._loop.work.saddle.scales.copy()
+        return self._loop.work.sizes[:-1].copy()
 
     @property
     def weights(self) -> Array:
@@ -540,8 +437,8 @@ class StaticProblem(Problem):
         entries = run.nonzeros[targets] * run.products[targets]
         return sp.csc_array((entries, pattern.indices, pattern.indptr), pattern.shape)
 
-    def count_signs(self, x: Array, mu: float) -> SaddlePoint:
-        """Return the signs of pivots at a point, see `SaddlePoint`; valid until the next call."""
+    def count_signs(self, x: Array, mu: float) -> Workspace:
+        """Return the signs of pivots at a point, a `SaddlePoint`; valid until the next call."""
         return self._run(x, mu, COUNT_SIGNS).saddle
 
     def correct(self, control: Control, target: float, x: Array, p: float) -> Point:
@@ -579,7 +476,7 @@ class StaticProblem(Problem):
         self._correct(row._replace(is_linear=False), row.value, point.x, point.p)
         return self._loop.work.right.copy()
 
-    def _run(self, x: Array, mu: float, task: int) -> StaticWorkspace:
+    def _run(self, x: Array, mu: float, task: int) -> Workspace:
         self._set_point(x, mu)
         self._perform(task)
         return self._loop.work
@@ -599,10 +496,15 @@ class StaticProblem(Problem):
         if point != self._point:
             run.inputs[:n], run.inputs[2 * n :], run.mu = x[:n], x[n:], mu
             self._point = point
-            run.forget_point()
+            self._forget_point()
         is_off = abs(mu - run.center) * run.scale > _CENTER_TOLERANCE
         if is_off and not self.system.is_linear:
             self._center(mu)
+
+    def _forget_point(self) -> None:
+        """Mark all values of the loop as those of another point."""
+        run = self._loop.work
+        run.has_forces = run.has_tangent = run.has_factors = 0
 
     def _center(self, value: float) -> None:
         """Evaluate the equations, and their derivative by the parameter, about a value of it."""
@@ -620,7 +522,7 @@ class StaticProblem(Problem):
                 plan.set_data(total, forms[k].equations.p)
                 set_time(total, *pair[k].time)
         run.center, run.scale = interval.center, interval.scale
-        run.forget_point()
+        self._forget_point()
 
     def _compile_if_used(self, count: int) -> None:
         """Add `count` evaluations; compile the kernels and the loop after many."""

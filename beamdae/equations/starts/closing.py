@@ -62,15 +62,15 @@ _CONVERGED_CHANGE = 1e-10  # in units of `position_scales`
 _STRAIN_COLUMN = 1  # of the rows of the energy balance
 
 
-def solve_least_change(weight: Any, rows: Any, values: Array, force: Array | None = None) -> Array:
-    """Return the x with rows @ x = values that minimizes x . weight x / 2 - x . force.
+def solve_least_change(weight: Any, rows: Any, values: Array) -> Array:
+    """Return the x with rows @ x = values that minimizes x . weight x.
 
     Parameters
     ----------
     weight, rows
         Sparse matrices (n, n) and (k, n); dependent rows are allowed.
-    values, force
-        Right-hand sides (k,) and (n,); the force defaults to zero.
+    values
+        Right-hand side (k,).
 
     Returns
     -------
@@ -81,7 +81,7 @@ def solve_least_change(weight: Any, rows: Any, values: Array, force: Array | Non
     size = float(abs(weight).max()) or 1.0
     regularization = sp.eye_array(count) * (_REGULARIZATION / size)
     matrix = sp.block_array([[weight, rows.T], [rows, -regularization]], format="csc")
-    right = np.concatenate([np.zeros(n) if force is None else force, values])
+    right = np.concatenate([np.zeros(n), values])
     try:
         return splu(matrix).solve(right)[:n]
     except RuntimeError:

@@ -19,11 +19,7 @@ from sksundae.ida import IDA
 
 from beamdae.core.return_codes import DONE, NO_ADVANCE
 from beamdae.equations.formulations.first_order import FirstOrderForm
-from beamdae.integrators.ida.kinematic_scaling import (
-    KinematicRowScaling,
-    scale_jacobian,
-    scale_residual,
-)
+from beamdae.integrators.ida.kinematic_scaling import scale_jacobian, scale_residual
 from beamdae.linear.factorizations import DENSE_LIMIT
 from beamdae.memory import require_memory
 from beamdae.results.outcome import Statistics
@@ -63,7 +59,7 @@ class SksundaeIda:
     ) -> None:
         self._form = form
         self._options = {name: x for name, x in options.items() if name != "untested"}
-        self._kinematic: KinematicRowScaling = iteration["kinematic"]
+        self._kinematic = iteration["kinematic"]
         self._fraction: float = iteration["correction_fraction"]
         self._is_sparse = form.size > DENSE_LIMIT
         self._columns = np.repeat(np.arange(form.size), np.diff(form.pattern.indptr))

@@ -19,7 +19,7 @@ from beamdae.integrators.error_control import (
     resolve_error_control,
 )
 from beamdae.integrators.ida.compiled_solver import CompiledIda
-from beamdae.integrators.ida.kinematic_scaling import KinematicRowScaling
+from beamdae.integrators.ida.kinematic_scaling import scale_kinematic_rows
 from beamdae.integrators.input_jumps import InputJump
 from beamdae.integrators.method import (
     PROBE_SHARE,
@@ -99,7 +99,7 @@ class IdaStepper:
             "max_step": self._longest,
         }
         iteration = {
-            "kinematic": KinematicRowScaling.from_form(self._form, scales.position / scales.size),
+            "kinematic": scale_kinematic_rows(self._form, scales.position / scales.size),
             "correction_fraction": _CORRECTION_SHARE if iterated else 1.0,
         }
         self._ida = _make_solver(self._form, plan, options, iteration)

@@ -47,16 +47,6 @@ class FrozenGap:
     event: str = ""
     since: float = 0.0
 
-    def to_record(self) -> dict[str, Any]:
-        """Return the fields as a JSON-compatible dictionary; `from_record` is the inverse."""
-        return {"found": self.offsets, "event": self.event, "since": self.since}
-
-    @classmethod
-    def from_record(cls, record: Any) -> FrozenGap:
-        """Return the frozen gap of a record written by `to_record`."""
-        offsets = tuple(float(x) for x in record["found"])
-        return cls(offsets, str(record["event"]), float(record["since"]))
-
 
 def _carrier_index(joint: KinematicConstraint) -> int | None:
     """Return the index of the point whose axes carry the first two offsets, or None."""

@@ -164,9 +164,10 @@ def create_panels(
     return figure, axes
 
 
-def wrap_title(title: str, line: int = _TITLE_LINE_LETTERS) -> str:
+def wrap_title(title: str) -> str:
     """Wrap a title to about two lines, shortening long titles in the middle."""
-    return textwrap.fill(shorten_text(title, 2 * line - 10), line)
+    text = shorten_text(title, 2 * _TITLE_LINE_LETTERS - 10)
+    return textwrap.fill(text, _TITLE_LINE_LETTERS)
 
 
 def format_axis(axis: Axes, title: str, ylabel: str) -> None:

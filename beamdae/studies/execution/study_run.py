@@ -337,9 +337,9 @@ def _require_columns(plan: StudyPlan, task: Task, outcome: Outcome) -> None:
     This is checked after each run of the model, because models are built only when tasks run.
     """
     study = plan.study
-    table = outcome.table if study.columns and task.case.model is study.cases[0].model else None
-    if table is not None:
-        select_observed_columns(study.name, study.columns, observed_columns(table))
+    if study.columns and task.case.model is study.cases[0].model and outcome.rows is not None:
+        headers = observed_columns(outcome.rows.headers)
+        select_observed_columns(study.name, study.columns, headers)
 
 
 def _evaluate_outcomes(

@@ -116,8 +116,8 @@ def select_characteristic(results: StudyResults, study: ParameterStudy) -> list[
     if study.columns or not headers:
         return headers
     for outcome in map(results.outcome, study.cases):
-        table = outcome.table
-        if table is not None and outcome.status.success:
+        if outcome.status.success and outcome.rows is not None:
+            table = outcome.rows.table()
             return characteristic_columns(table[observed_columns(table)])
     return []
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 from typing import Any
 
 import casadi as ca
@@ -34,6 +34,26 @@ def read_instructions(function: ca.Function) -> list[Instruction]:
 def read_operations(function: ca.Function) -> list[int]:
     """Return CasADi's code of each instruction of a function."""
     return [function.instruction_id(k) for k in range(function.n_instructions())]
+
+
+def trace_dependence(
+    function: ca.Function, arguments: Container[tuple[int, int]]
+) -> Iterator[tuple[int, list[bool]]]:
+    """Yield CasADi's code of each operation, and which of its operands depend on `arguments`.
+
+    `arguments` are pairs (input, entry).
+    """
+    depends: dict[int, bool] = {}
+    for k, code in enumerate(read_operations(function)):
+        operands, results = function.instruction_input(k), function.instruction_output(k)
+        if code == ca.OP_OUTPUT:
+            continue
+        if code == ca.OP_INPUT:
+            flags = [(operands[0], operands[1]) in arguments]
+        else:
+            flags = [depends[i] for i in operands]
+            yield code, flags
+        depends.update(dict.fromkeys(results, any(flags)))
 
 
 def remove_repetitions(function: ca.Function) -> ca.Function:

@@ -21,7 +21,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from beamdae.core.library import load_core
-from beamdae.core.tables import Loop
+from beamdae.core.tables import Loop, Workspace
 from beamdae.linear.lanes import aligned_zeros
 from beamdae.native.lane_code import LANE_WIDTH
 from beamdae.native.lane_kernels import (
@@ -277,9 +277,9 @@ class SumPlan:
     weighted_targets: Array
     weighted_sources: Array
     weights: Array
-    # Of `SumEvaluator`: buffers for the next model, and the number of models so far.
+    # Of `SumEvaluator`: buffers for the next evaluator, and hashes of the numbers of models so far.
     idle_buffers: list[Any] = field(default_factory=list, init=False, compare=False, repr=False)
-    uses: list[int] = field(default_factory=lambda: [0], init=False, compare=False, repr=False)
+    models: set[int] = field(default_factory=set, init=False, compare=False, repr=False)
 
     @property
     def is_native(self) -> bool:
@@ -525,19 +525,10 @@ def set_matrix_factors(
     total.shared[C_R] = c_r
 
 
-@dataclass(slots=True)
-class Evaluation:
-    """Sum, its input and its result."""
-
-    total: Sum
-    x: Array
-    result: Array
-
-
 def evaluate_sum(total: Sum, x: Array, result: Array) -> None:
     """Write the sum at x into `result`, with the time and factors in `total.shared`."""
     if load_core() is not None:
-        Loop("run_evaluation", Evaluation(total, x, result))()
+        Loop("run_evaluation", Workspace("Evaluation", total=total, x=x, result=result))()
     else:
         evaluate_plainly(total, x, result)
 

@@ -1,9 +1,9 @@
 """Evaluation of sums at single states.
 
-For one model, CasADi's virtual machine evaluates the kernels of these sums sooner than their
-machine code is loaded. Models that share a plan, as in studies, reuse buffers and use machine code:
-from the second model on if it is in the cache, and compiled after many models. Results have the
-same bits in any case.
+For one state, CasADi's virtual machine evaluates the kernels of these sums sooner than their
+machine code is loaded. Later evaluators with the same plan, as after events or in studies, reuse
+the buffers and use machine code if it is in the cache; it is compiled after many models. Results
+have the same bits in any case.
 """
 
 from __future__ import annotations
@@ -14,12 +14,12 @@ from weakref import finalize
 import numpy as np
 
 from beamdae.core.library import load_core
-from beamdae.core.tables import Loop
-from beamdae.symbolic.sums.kernel_sums import Evaluation, Sum, SumPlan, evaluate_plainly
+from beamdae.core.tables import Loop, Workspace
+from beamdae.symbolic.sums.kernel_sums import Sum, SumPlan, evaluate_plainly
 
 Array = np.ndarray
 
-# Number of models with the same plan that takes about as long as compiling its kernels.
+# Number of models, with different numbers, that takes about as long as compiling the kernels.
 _MODELS_BEFORE_COMPILING = 50
 # Largest inputs of sums that are kept for later models.
 _MAX_IDLE_NUMBERS = 100_000
@@ -31,7 +31,7 @@ class _Buffers:
 
     total: Sum
     is_native: bool = False
-    evaluation: Evaluation | None = None
+    evaluation: Workspace | None = None
     loop: Loop | None = None
 
 
@@ -39,14 +39,15 @@ class SumEvaluator:
     """Evaluates a sum at single states for one model; only one thread may use it at a time."""
 
     def __init__(self, plan: SumPlan, p: Array) -> None:
-        plan.uses[0] += 1
+        if len(plan.models) <= _MODELS_BEFORE_COMPILING:
+            plan.models.add(hash(p.tobytes()))
         try:
             # Not a test of the length, because a concurrent thread may take the last one.
             buffers = plan.idle_buffers.pop()
         except IndexError:
             buffers = _Buffers(plan.sum(False, p))
         else:
-            compiles = plan.uses[0] > _MODELS_BEFORE_COMPILING
+            compiles = len(plan.models) > _MODELS_BEFORE_COMPILING
             if not buffers.is_native and plan.load_native(compiles):
                 buffers = _Buffers(plan.sum(True, p), True)
             plan.set_data(buffers.total, p)
@@ -73,7 +74,9 @@ class SumEvaluator:
             or last is None
             or (len(last.x), len(last.result)) != (len(x), size)
         ):
-            last = buffers.evaluation = Evaluation(buffers.total, np.zeros(len(x)), np.zeros(size))
+            last = buffers.evaluation = Workspace(
+                "Evaluation", total=buffers.total, x=np.zeros(len(x)), result=np.zeros(size)
+            )
             buffers.loop = Loop("run_evaluation", last)
         last.x[:] = x
         buffers.loop.call_loaded()
