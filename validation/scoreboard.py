@@ -213,6 +213,14 @@ def _list_mechanisms() -> list[str]:
     return [f"{name}, {setting}" for name in record.all_names() for setting in _RECORD_SETTINGS]
 
 
+@cache
+def _load_record_references() -> dict[str, Any]:
+    import record
+    import scorer
+
+    return scorer.read_references(record.REFERENCES)
+
+
 def _try_mechanism(name: str) -> Outcome:
     import record
     import scorer
@@ -223,7 +231,7 @@ def _try_mechanism(name: str) -> Outcome:
     steps = information.get("steps", len(table))
     if not information["success"]:
         return Outcome(name, MISSED, count=steps, reason=information["reason"])
-    reference = scorer.read_reference(record.REFERENCES / f"{mechanism}.csv")
+    reference = _load_record_references()[mechanism]
     error = scorer.score_columns(*reference, table)["error"].max()
     has_warned = bool(information.get("warnings"))
     verdict = RIGHT if error <= _RECORD_ERROR else WRONG if has_warned else MISSED
