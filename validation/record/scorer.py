@@ -88,8 +88,9 @@ def score_result(reference: Reference, result: Path) -> dict[str, Any]:
     reference
         Reference of the mechanism.
     result
-        CSV file of the tool, with the name of the mechanism. The JSON file of the same name, if present, contains `success`,
-        `reason` and costs: wall and processor time [s], steps, drift [m], energy imbalance.
+        CSV file of the tool, with the name of the mechanism. The JSON file of the same name, if
+        present, contains `success`, `reason` and costs: wall and processor time [s], steps, drift
+        [m], energy imbalance.
     """
     details = result.with_suffix(".json")
     information = json.loads(details.read_text()) if details.exists() else {}

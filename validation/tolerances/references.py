@@ -58,19 +58,24 @@ class MethodResult:
 def store_reference(case: ToleranceCase, effort: Effort) -> pd.DataFrame:
     """Store the reference of a case, update the summary and return its rows there."""
     table, rows = compute_reference(case, effort)
-    _write_references(load_references() | {case.name: table.to_dict("list")})
+    write_reference(case.name, table, rows)
+    return rows
+
+
+def write_reference(name: str, reference: pd.DataFrame, rows: pd.DataFrame) -> None:
+    """Write the reference of a case and its rows of the summary in place of the stored ones."""
+    _write_references(load_references() | {name: reference.to_dict("list")})
     load_references.cache_clear()
     summary = pd.read_csv(SUMMARY) if SUMMARY.exists() else rows.iloc[:0]
-    others = summary[summary["case"] != case.name]
+    others = summary[summary["case"] != name]
     pd.concat([others, rows]).to_csv(SUMMARY, index=False, float_format="%.2g")
-    return rows
 
 
 def _write_references(tables: dict[str, dict[str, list[float]]]) -> None:
     """Write the references of all cases, one column a line."""
 
     def as_text(values: Iterable[float]) -> str:
-        return ", ".join(f"{x:.{STORED_DIGITS}g}" for x in values)
+        return ",".join(f"{x:.{STORED_DIGITS}g}" for x in values)
 
     cases = []
     for name, table in sorted(tables.items()):
