@@ -363,12 +363,10 @@ def _list_studies() -> list[str]:
 
 def _try_study(name: str) -> list[Outcome]:
     """Judge the claims of a study; a claim is right if its verdict is the stored one."""
-    from pan_liu_2012.run import STUDIES, judge_study
+    from pan_liu_2012.run import STUDIES, judge_study, read_tables
 
     study: ModuleType = next(x for x in STUDIES if x.__name__ == name)
-    files = (HERE / "pan_liu_2012" / "results").glob("*.csv")
-    stored = {x.stem: pd.read_csv(x) for x in files}
-    stored = {k: x.set_index("t [s]") if x.columns[0] == "t [s]" else x for k, x in stored.items()}
+    stored = read_tables()
     expected = stored["summary"].set_index("name")["verdict"]
     return [
         Outcome(
