@@ -213,6 +213,14 @@ def _list_mechanisms() -> list[str]:
     return [f"{name}, {setting}" for name in record.all_names() for setting in _RECORD_SETTINGS]
 
 
+@cache
+def _load_record_references() -> dict[str, Any]:
+    import record
+    import scorer
+
+    return scorer.read_references(record.REFERENCES)
+
+
 def _try_mechanism(name: str) -> Outcome:
     import record
     import scorer
@@ -223,7 +231,7 @@ def _try_mechanism(name: str) -> Outcome:
     steps = information.get("steps", len(table))
     if not information["success"]:
         return Outcome(name, MISSED, count=steps, reason=information["reason"])
-    reference = scorer.read_reference(record.REFERENCES / f"{mechanism}.csv")
+    reference = _load_record_references()[mechanism]
     error = scorer.score_columns(*reference, table)["error"].max()
     has_warned = bool(information.get("warnings"))
     verdict = RIGHT if error <= _RECORD_ERROR else WRONG if has_warned else MISSED
@@ -355,12 +363,10 @@ def _list_studies() -> list[str]:
 
 def _try_study(name: str) -> list[Outcome]:
     """Judge the claims of a study; a claim is right if its verdict is the stored one."""
-    from pan_liu_2012.run import STUDIES, judge_study
+    from pan_liu_2012.run import STUDIES, judge_study, read_tables
 
     study: ModuleType = next(x for x in STUDIES if x.__name__ == name)
-    files = (HERE / "pan_liu_2012" / "results").glob("*.csv")
-    stored = {x.stem: pd.read_csv(x) for x in files}
-    stored = {k: x.set_index("t [s]") if x.columns[0] == "t [s]" else x for k, x in stored.items()}
+    stored = read_tables()
     expected = stored["summary"].set_index("name")["verdict"]
     return [
         Outcome(

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from mesh_convergence.run import ELEMENTS, compute_mesh_errors, compute_orders
+from formulations.mesh_convergence import ELEMENTS, compute_mesh_errors, compute_orders
 
 
 @pytest.mark.slow(reason="eight runs of the hub beam a variant")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -19,7 +18,6 @@ from pan_liu_2012.dynamic_stiffening import (
 )
 from pan_liu_2012.figures_9_10 import judge_readings
 
-RESULTS = Path(__file__).parents[2] / "validation" / "pan_liu_2012" / "results"
 # Jobs that take less than ten seconds, with one of Table 2; the appendix has a separate test file.
 JOBS = [job for job in run.list_jobs() if not job.name.startswith(("table", "appendix"))]
 JOBS += [
@@ -30,14 +28,12 @@ UNSTEADY = ("wall time", "against IDA", "late rms", "energy lost")
 
 
 @cache
-def stored(name):
-    table = pd.read_csv(RESULTS / f"{name}.csv")
-    return table.set_index("t [s]") if table.columns[0] == "t [s]" else table
-
-
-@cache
 def tables():
-    return {path.stem: stored(path.stem) for path in RESULTS.glob("*.csv")}
+    return run.read_tables()
+
+
+def stored(name):
+    return tables()[name]
 
 
 def column(table, name):
@@ -138,7 +134,7 @@ def test_derived_tables_follow_from_the_stored_ones():
 
 
 def test_readme_has_the_verdict_counts():
-    readme = (RESULTS.parent / "README.md").read_text()
+    readme = (run.RESULTS.parent / "README.md").read_text()
     for verdict, count in stored("summary")["verdict"].value_counts().items():
         assert f"| {verdict} | {count} |" in readme, verdict
 

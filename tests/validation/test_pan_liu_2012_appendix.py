@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 from functools import cache
-from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pytest
 from numpy.testing import assert_allclose
-from pan_liu_2012 import appendix
-
-RESULTS = Path(__file__).parents[2] / "validation" / "pan_liu_2012" / "results"
+from pan_liu_2012 import appendix, run
 
 
 @cache
@@ -20,7 +16,7 @@ def terms():
 
 
 def test_the_table_is_the_stored_one():
-    stored = pd.read_csv(RESULTS / "appendix.csv").set_index("term")
+    stored = run.read_tables()["appendix"].set_index("term")
     assert list(terms().index) == list(stored.index)
     for header in stored:
         if stored[header].dtype.kind == "f":

@@ -50,7 +50,7 @@ def test_errors_against_the_stored_reference(tmp_path):
         for setting in wp.list_settings(case, None, quick=False)
         if setting.mesh == "1 x 6" and setting.integrator in ("GeneralizedAlpha(step=0.001)",)
     ]
-    table = wp.run_settings(case, settings, wp.load_reference(case))
+    table = wp.run_settings(case, settings, wp.load_reference(case.name))
     table = wp.time_finalists(table, settings, 1)
     # Mesh and floating frame have an error of 0.02 mm; the steps of 1 ms add to it.
     assert table["error [mm]"].between(0.005, 0.1).all()

@@ -1,6 +1,7 @@
 """Benchmark of record: data, scorer and second code; a few mechanisms by beamdae."""
 
 import sys
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -17,23 +18,24 @@ import record  # noqa: E402
 import scorer  # noqa: E402
 
 
-def read_both(name):
-    return scorer.read_reference(record.REFERENCES / f"{name}.csv")
+@cache
+def read_all():
+    return scorer.read_references(record.REFERENCES)
 
 
 def read(name):
-    return read_both(name)[0]
+    return read_all()[name][0]
 
 
 @pytest.mark.slow(reason="a quarter of a second")
 def test_problems_follow_the_schema_and_are_those_that_were_confirmed():
     pytest.importorskip("jsonschema")
-    assert [message for name in record.all_names() for message in record.check(name)] == []
+    assert record.check(record.all_names()) == []
 
 
 def test_reference_of_the_rod_is_the_closed_form():
     # Angle from the lowest position, starting at rest from a right angle: sin(phi/2) = k sn.
-    table, uncertainty = read_both("rod_pendulum")
+    table, uncertainty = read_all()["rod_pendulum"]
     rate, modulus = np.sqrt(1.5 * 9.81), 0.5
     sn, *_ = ellipj(ellipk(modulus) - rate * table["t [s]"].to_numpy(), modulus)
     phi = 2.0 * np.arcsin(np.sqrt(modulus) * sn)
@@ -182,5 +184,5 @@ def test_exact_beams_agree_with_the_reference(name):
     problem = record.load_problem(name)
     table, information = beamdae_adapter.solve(problem, "Radau 1e-8", 12, "exact")
     assert information["success"]
-    scores = scorer.score_columns(*read_both(name), table)
+    scores = scorer.score_columns(*read_all()[name], table)
     assert scores["error"].max() < 5e-5

@@ -13,6 +13,7 @@ from scipy.optimize import minimize_scalar
 
 import beamdae as bd
 from benchmarks.static_cases import section_from_stiffness
+from benchmarks.summary_rows import make_row
 
 Array = np.ndarray
 
@@ -48,19 +49,9 @@ class PathCase:
 
     def rows(self) -> Iterator[dict[str, Any]]:
         """Yield one row per result; "steps" counts the points of the path."""
-        for result in self.results():
-            error = abs(result.computed - result.reference)
-            yield {
-                "case": self.name,
-                "setting": result.setting,
-                "quantity": result.quantity,
-                "published": f"{result.reference:.12g}",
-                "ours": f"{result.computed:.12g}",
-                "error": f"{error:.2e}",
-                "relative": f"{error / abs(result.reference):.2e}",
-                "steps": result.points,
-                "ended": "",
-            }
+        for x in self.results():
+            values = x.reference, x.computed
+            yield make_row(self.name, x.setting, x.quantity, *values, steps=x.points)
 
 
 # The elastica -------------------------------------------------------------------------------------

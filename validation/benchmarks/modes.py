@@ -10,6 +10,7 @@ import numpy as np
 
 import beamdae as bd
 from benchmarks import mode_closed_forms as closed_forms
+from benchmarks.summary_rows import make_row
 
 Array = np.ndarray
 
@@ -47,18 +48,9 @@ class ModeCase:
     def rows_by(self, label: str) -> Iterator[dict[str, Any]]:
         """Yield one row per reference value, computed by the formulation `label`."""
         values = self.compute(self.elements, FORMULATIONS[label])
-        for k, (value, reference) in enumerate(zip(values, self.reference, strict=True)):
-            yield {
-                "case": self.name,
-                "setting": f"modes, {self.elements} {label}",
-                "quantity": "frequency",
-                "entry": k,
-                "published": f"{reference:.12g}",
-                "ours": f"{value:.12g}",
-                "error": f"{abs(value - reference):.2e}",
-                "relative": f"{abs(value - reference) / reference:.2e}",
-                "ended": "",
-            }
+        setting = f"modes, {self.elements} {label}"
+        for k, pair in enumerate(zip(self.reference, values, strict=True)):
+            yield make_row(self.name, setting, "frequency", *pair, entry=k)
 
 
 def ring(

@@ -14,6 +14,7 @@ from scipy.optimize import minimize_scalar
 from scipy.special import ellipk, mathieu_a, mathieu_b
 
 import beamdae as bd
+from benchmarks.summary_rows import make_row
 
 Array = np.ndarray
 
@@ -49,17 +50,7 @@ class PeriodicCase:
         """Yield one row per reference value."""
         values = self.compute()
         for quantity, reference in self.reference.items():
-            error = abs(values[quantity] - reference)
-            yield {
-                "case": self.name,
-                "setting": "periodic",
-                "quantity": quantity,
-                "published": f"{reference:.12g}",
-                "ours": f"{values[quantity]:.12g}",
-                "error": f"{error:.2e}",
-                "relative": f"{error / abs(reference):.2e}",
-                "ended": "",
-            }
+            yield make_row(self.name, "periodic", quantity, reference, values[quantity])
 
 
 # A slender cantilever under a sinusoidal tip force, with strong material damping.

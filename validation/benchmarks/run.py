@@ -28,6 +28,7 @@ from benchmarks.section_forces import SECTION_FORCE_CASES
 from benchmarks.spin_up_cases import SPIN_UP_CASES
 from benchmarks.static_cases import STATIC_CASES
 from benchmarks.step_response import STEP_RESPONSES
+from benchmarks.summary_rows import COLUMNS, describe_run, make_row
 
 SUMMARY = Path(__file__).parent / "summary.csv"
 CASES = (*PUBLISHED_CASES, PARALLELOGRAM, *MECHANISM_CASES)
@@ -63,28 +64,15 @@ def compare_case(case: PublishedCase, setting: str) -> Iterator[dict[str, object
         # Warnings about change points and tight tolerances; the table shows their effect.
         warnings.simplefilter("ignore", bd.BeamdaeWarning)
         solution = case.attempt(INTEGRATORS[setting])
-        quality = solution.quality
+        cost = describe_run(solution)
     if not solution.status.success:
         yield {"case": case.name, "setting": setting, "ended": solution.status.sentence}
         return
     for name, (reference, computed) in case.compare(solution).items():
         worst = np.unravel_index(np.argmax(np.abs(computed - reference)), reference.shape)
-        error = abs(computed[worst] - reference[worst])
-        yield {
-            "case": case.name,
-            "setting": setting,
-            "quantity": name,
-            "entry": worst[1],
-            "t [s]": f"{case.times[worst[0]]:.6g}",
-            "published": f"{reference[worst]:.12g}",
-            "ours": f"{computed[worst]:.12g}",
-            "error": f"{error:.2e}",
-            "relative": f"{error / np.max(np.abs(reference)):.2e}",
-            "steps": solution.statistics.steps,
-            "drift": f"{quality.max_position_drift:.1e}",
-            "energy imbalance": f"{quality.energy_imbalance:.1e}",
-            "ended": "",
-        }
+        place = {"entry": worst[1], "t [s]": f"{case.times[worst[0]]:.6g}"}
+        values, scale = (reference[worst], computed[worst]), np.max(np.abs(reference))
+        yield make_row(case.name, setting, name, *values, scale=scale, **place, **cost)
 
 
 def main() -> None:
@@ -99,7 +87,7 @@ def main() -> None:
     rows = [row for case in cases for x in INTEGRATORS for row in compare_case(case, x)]
     other_cases = [case for case in OTHER_CASES if name in (None, case.name)]
     rows += [row for case in other_cases for row in case.rows()]
-    table = pd.DataFrame(rows, dtype=object)
+    table = pd.DataFrame(rows, columns=COLUMNS, dtype=object)
     if name is None:
         table.to_csv(SUMMARY, index=False)
     for _, row in table[table["ended"] != ""].iterrows():

@@ -25,6 +25,7 @@ from spin_up import spin_up
 
 import beamdae as bd
 from benchmarks.static_cases import FORMULATIONS
+from benchmarks.summary_rows import describe_run, make_row
 
 ELEMENTS = 8
 CASE_NAME = "spin-up"
@@ -97,20 +98,16 @@ class SpinUpCase:
         computed: float,
         references: Any,
     ) -> dict[str, Any]:
-        error = abs(computed - reference)
-        return {
-            "case": CASE_NAME,
-            "setting": f"{self.formulation}, {ELEMENTS} elements, {setting}",
-            "quantity": name,
-            "published": f"{reference:.10g}",
-            "ours": f"{computed:.10g}",
-            "error": f"{error:.2e}",
-            "relative": f"{error / np.max(np.abs(references)):.2e}",
-            "steps": run.statistics.steps,
-            "drift": f"{run.quality.max_position_drift:.1e}",
-            "energy imbalance": f"{run.quality.energy_imbalance:.1e}",
-            "ended": "",
-        }
+        return make_row(
+            CASE_NAME,
+            f"{self.formulation}, {ELEMENTS} elements, {setting}",
+            name,
+            reference,
+            computed,
+            scale=np.max(np.abs(references)),
+            digits=10,
+            **describe_run(run),
+        )
 
 
 SPIN_UP_CASES = [

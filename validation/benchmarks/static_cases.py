@@ -11,6 +11,7 @@ import numpy as np
 
 import beamdae as bd
 from benchmarks.static_closed_forms import elastica, pinched_ring, quarter_circle
+from benchmarks.summary_rows import make_row
 
 # Displacements of the central differences, relative to the radius; their error is the square.
 _SMALL_DISPLACEMENT = 1e-5
@@ -69,18 +70,9 @@ class StaticCase:
     def rows_by(self, label: str) -> Iterator[dict[str, Any]]:
         """Yield one row per reference value, computed by the formulation `label`."""
         values = self.compute(self.elements, FORMULATIONS[label])
+        setting = f"{label}, {self.elements} elements"
         for quantity, reference in self.reference.items():
-            error = abs(values[quantity] - reference)
-            yield {
-                "case": self.name,
-                "setting": f"{label}, {self.elements} elements",
-                "quantity": quantity,
-                "published": f"{reference:.13g}",
-                "ours": f"{values[quantity]:.13g}",
-                "error": f"{error:.2e}",
-                "relative": f"{error / abs(reference):.2e}",
-                "ended": "",
-            }
+            yield make_row(self.name, setting, quantity, reference, values[quantity], digits=13)
 
 
 def section_from_stiffness(EI: float, EA: float, GA: float) -> bd.Section:

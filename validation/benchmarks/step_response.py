@@ -12,6 +12,7 @@ from scipy.signal import lsim
 import beamdae as bd
 from beamdae.analysis.linear_dynamics.linearization import linearize_about
 from benchmarks.modes import FORMULATIONS
+from benchmarks.summary_rows import make_row
 
 _ANGULAR_VELOCITY = 20.0  # of the hub [rad/s]
 _JET = 1e-3  # step of the tip force [N]
@@ -61,18 +62,10 @@ class StepResponse:
         """Yield one row per formulation."""
         for label, formulation in FORMULATIONS.items():
             reference, computed = compute_responses(formulation)
-            largest, error = np.max(np.abs(reference)), np.max(np.abs(reference - computed))
-            yield {
-                "case": self.name,
-                "setting": f"linear model, 4 {label}",
-                "quantity": "largest moment",
-                "entry": 0,
-                "published": f"{largest:.12g}",
-                "ours": f"{np.max(np.abs(computed)):.12g}",
-                "error": f"{error:.2e}",
-                "relative": f"{error / largest:.2e}",
-                "ended": "",
-            }
+            values = (np.max(np.abs(x)) for x in (reference, computed))
+            error = np.max(np.abs(reference - computed))
+            setting = f"linear model, 4 {label}"
+            yield make_row(self.name, setting, "largest moment", *values, error=error, entry=0)
 
 
 STEP_RESPONSES = (StepResponse("rotating arm, step"),)

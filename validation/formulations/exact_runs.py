@@ -2,11 +2,11 @@
 
     python validation/formulations/exact_runs.py
 
-Compares the tip every 10 ms. The stored references are runs of 32 exact elements by Radau(1e-9).
-`known.csv` lists the deviations of other accurate computations: 64 elements, exact strains in a
-floating frame, generalized-alpha and Exudyn. `eight_elements.csv` lists the errors of 8 exact
-elements by integrator. `parting.csv` and its picture show the largest error up to a given time, by
-strain.
+Compares the tip every 10 ms with runs of 32 exact elements by Radau(1e-9), in `references.csv`.
+`exact_runs.csv` lists the largest distances in three groups: "reference", other accurate
+computations (64 elements, exact strains in a floating frame, generalized-alpha and Exudyn);
+"8 elements", exact beams by integrator; "strains", 16 elements by strain, up to shares of the run,
+of which `parting.png` is a picture.
 """
 
 from __future__ import annotations
@@ -21,7 +21,8 @@ sys.path[:0] = [str(Path(__file__).parents[1]), str(Path(__file__).parents[2] / 
 import numpy as np
 import pandas as pd
 from hub_beam import hub_beam
-from pan_liu_2012.plots import BLUE, GRAY, GREEN, ORANGE, RED, create_panels, save_figure
+from matplotlib.figure import Figure
+from pan_liu_2012.plots import BLUE, GRAY, GREEN, ORANGE, RED, add_panels
 from pendulum import pendulum
 
 import beamdae as bd
@@ -29,12 +30,9 @@ import beamdae as bd
 Array = np.ndarray
 
 RESULTS = Path(__file__).parent / "results"
-EXUDYN_FOLDER = Path(__file__).parents[1] / "performance" / "results"
+EXUDYN_REFERENCES = Path(__file__).parents[1] / "performance" / "results" / "references.csv"
 MODELS = {"hub_beam": hub_beam, "pendulum": pendulum}
-EXUDYN_FILES = {
-    "hub_beam": "reference_hub_beam_undamped.csv",
-    "pendulum": "reference_pendulum_damped.csv",
-}
+EXUDYN_CASES = {"hub_beam": "hub beam, undamped", "pendulum": "pendulum, damped"}
 EXACT, EXACT_STRAIN = {"formulation": "exact"}, {"strain": "exact"}
 REFERENCE_INTEGRATOR = bd.Radau(1e-9)
 CHECK_INTEGRATOR = bd.GeneralizedAlpha(5e-5, newton_tolerance=1e-9)
@@ -53,6 +51,7 @@ STRAINS: dict[str, tuple[dict[str, Any], str]] = {
     "exact strain in a frame": (EXACT_STRAIN, GREEN),
 }
 OUTPUT_STEP = 1e-2  # [s]
+SHARES = (0.1, 0.25, 0.5, 1.0)  # of the run
 
 
 def simulate_tip(name: str, integrator: Any, elements: int, **settings: Any) -> Array:
@@ -67,9 +66,10 @@ def simulate_tip(name: str, integrator: Any, elements: int, **settings: Any) -> 
     return solution.observed[["tip.x [m]", "tip.y [m]"]].to_numpy()
 
 
-def load_reference(name: str) -> Array:
+def load_reference(name: str, file: Path = RESULTS / "references.csv") -> Array:
     """Return the stored reference of a model, (rows, 2) [m]."""
-    return pd.read_csv(RESULTS / f"{name}.csv")[["x [m]", "y [m]"]].to_numpy()
+    table = pd.read_csv(file)
+    return table.loc[table.iloc[:, 0] == name, ["x [m]", "y [m]"]].to_numpy()
 
 
 def max_distance(tips: Array, reference: Array) -> float:
@@ -77,13 +77,27 @@ def max_distance(tips: Array, reference: Array) -> float:
     return float(np.max(np.linalg.norm(tips - reference, axis=1)))
 
 
-def store_reference(name: str) -> list[dict[str, Any]]:
-    """Store the reference of a model; return the deviations of other computations from it."""
-    reference = simulate_tip(name, REFERENCE_INTEGRATOR, 32, **EXACT)
-    table = pd.DataFrame(reference, columns=["x [m]", "y [m]"])
-    table.insert(0, "t [s]", OUTPUT_STEP * np.arange(len(table)))
-    table.to_csv(RESULTS / f"{name}.csv", index=False, float_format="%.10g")
-    exudyn = pd.read_csv(EXUDYN_FOLDER / EXUDYN_FILES[name])[["x [m]", "y [m]"]].to_numpy()
+def make_row(
+    group: str, name: str, computation: str, error: float, share: float = 1.0
+) -> dict[str, Any]:
+    """Return a row of the table: the largest error [m] up to a share of the run."""
+    row = {"group": group, "model": name, "computation": computation}
+    return row | {"share of the run": share, "off [mm]": f"{1e3 * error:.2g}"}
+
+
+def store_references() -> None:
+    """Store the references of all models."""
+    tables = []
+    for name in MODELS:
+        x, y = simulate_tip(name, REFERENCE_INTEGRATOR, 32, **EXACT).T
+        columns = {"t [s]": OUTPUT_STEP * np.arange(len(x)), "x [m]": x, "y [m]": y}
+        tables.append(pd.DataFrame({"model": name} | columns))
+    pd.concat(tables).to_csv(RESULTS / "references.csv", index=False, float_format="%.10g")
+
+
+def compare_with_reference(name: str) -> list[dict[str, Any]]:
+    """Return the deviations of other accurate computations from the reference of a model."""
+    reference = load_reference(name)
     others = {
         "exact, 32 elements, GeneralizedAlpha step 5e-05": simulate_tip(
             name, CHECK_INTEGRATOR, 32, **EXACT
@@ -97,14 +111,10 @@ def store_reference(name: str) -> list[dict[str, Any]]:
         "exact strain in a frame, 32 elements, GeneralizedAlpha step 5e-05": simulate_tip(
             name, CHECK_INTEGRATOR, 32, **EXACT_STRAIN
         ),
-        "Exudyn, 64 elements, step 5e-05": exudyn,
+        "Exudyn, 64 elements, step 5e-05": load_reference(EXUDYN_CASES[name], EXUDYN_REFERENCES),
     }
     return [
-        {
-            "model": name,
-            "computation": label,
-            "off [mm]": f"{1e3 * max_distance(tips, reference):.2g}",
-        }
+        make_row("reference", name, label, max_distance(tips, reference))
         for label, tips in others.items()
     ]
 
@@ -112,7 +122,7 @@ def store_reference(name: str) -> list[dict[str, Any]]:
 def measure_eight_elements(name: str, label: str) -> dict[str, Any]:
     """Return the error of eight exact elements with one integrator."""
     error = max_distance(simulate_tip(name, INTEGRATORS[label], 8, **EXACT), load_reference(name))
-    return {"model": name, "integrator": label, "off [mm]": f"{1e3 * error:.2g}"}
+    return make_row("8 elements", name, label, error)
 
 
 def error_histories(name: str) -> dict[str, Array]:
@@ -131,7 +141,8 @@ def error_histories(name: str) -> dict[str, Array]:
 
 def plot_error_histories(histories: dict[str, dict[str, Array]]) -> None:
     """Plot the largest error so far over time, by strain, for both models."""
-    figure, axes = create_panels(columns=2, height=3.6)
+    figure = Figure(figsize=(10.4, 3.6), layout="constrained")
+    axes = add_panels(figure, 2)
     colors = {label: color for label, (_, color) in STRAINS.items()} | {"exact, 8 elements": BLUE}
     for axis, (name, curves) in zip(axes, histories.items(), strict=True):
         for label, error in curves.items():
@@ -143,32 +154,24 @@ def plot_error_histories(histories: dict[str, dict[str, Array]]) -> None:
         axis.set_ylim(1e-6, 1e3)
     axes[0].set_ylabel("tip, largest error so far [mm]", fontsize=9)
     axes[1].legend(fontsize=7, framealpha=0.8, edgecolor="none", loc="lower right")
-    save_figure(figure, RESULTS / "parting.png")
+    figure.savefig(RESULTS / "parting.png", dpi=110)
 
 
 def main() -> None:
-    tables = {"known": [row for name in MODELS for row in store_reference(name)]}
-    tables["eight_elements"] = [
-        measure_eight_elements(name, x) for name in MODELS for x in INTEGRATORS
-    ]
+    store_references()
+    rows = [row for name in MODELS for row in compare_with_reference(name)]
+    rows += [measure_eight_elements(name, x) for name in MODELS for x in INTEGRATORS]
     histories = {name: error_histories(name) for name in MODELS}
     plot_error_histories(histories)
-    tables["parting"] = [
-        {
-            "model": name,
-            "strain": label,
-            **{
-                f"{part:.0%} of the run": f"{1e3 * error[round(part * (len(error) - 1))]:.2g}"
-                for part in (0.1, 0.25, 0.5, 1.0)
-            },
-        }
+    rows += [
+        make_row("strains", name, label, error[round(share * (len(error) - 1))], share)
         for name, curves in histories.items()
         for label, error in curves.items()
+        for share in SHARES
     ]
-    for name, rows in tables.items():
-        table = pd.DataFrame(rows)
-        table.to_csv(RESULTS / f"{name}.csv", index=False)
-        print(table.to_string(index=False), end="\n\n")
+    table = pd.DataFrame(rows)
+    table.to_csv(RESULTS / "exact_runs.csv", index=False)
+    print(table.to_string(index=False))
 
 
 if __name__ == "__main__":

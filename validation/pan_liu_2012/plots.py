@@ -1,15 +1,16 @@
-"""Figures with the axes, units and ranges of the paper, and figures of further tables."""
+"""One picture of all figures, with the axes, units and ranges of the paper, and further tables."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, FigureBase
 
 from pan_liu_2012.claims import (
     FIGURE_5A,
@@ -20,6 +21,7 @@ from pan_liu_2012.claims import (
     FIGURE_9,
     FIGURE_10,
     Axis,
+    Tables,
 )
 from pan_liu_2012.dynamic_stiffening import EXACT
 from pan_liu_2012.table_2 import ELEMENTS, PAPER_RESULTS
@@ -36,8 +38,8 @@ THIN = {"color": GRAY, "lw": 0.7}
 Curves = Mapping[str, tuple[pd.Series, dict[str, Any]]]
 
 
-def draw_convergence(errors: pd.DataFrame, path: Path) -> None:
-    figure, axes = create_panels(4, width=3.4, height=3.8)
+def draw_convergence(tables: Tables, figure: FigureBase) -> None:
+    errors, axes = tables["table_2_errors"], add_panels(figure, 4)
     colors = dict(zip(ELEMENTS, (BLUE, GREEN, ORANGE, RED, GRAY), strict=True))
     paper_scheme = errors[errors["integrator"].str.startswith("generalized")]
     groups = paper_scheme.groupby(["subtended [deg]", "shape"], sort=False)
@@ -67,13 +69,12 @@ def draw_convergence(errors: pd.DataFrame, path: Path) -> None:
     figure.legend(
         handles, list(colors), loc="outside lower center", ncols=5, fontsize=8, frameon=False
     )
-    save_figure(figure, path)
 
 
-def draw_generalized_alpha(tables: Mapping[str, pd.DataFrame], path: Path) -> None:
+def draw_generalized_alpha(tables: Tables, figure: FigureBase) -> None:
     table = tables["generalized_alpha"]
     start = tables["generalized_alpha_start"].join(tables["generalized_alpha_start_others"])
-    figure, (left, right) = create_panels(2, height=3.6)
+    left, right = add_panels(figure, 2)
     styles = {
         "resolved, step 2e-5 s": {"color": "0.8", "lw": 0.8},
         "generalized-alpha, plain start, rho_inf 1": {"color": RED, "lw": 0.7},
@@ -100,12 +101,11 @@ def draw_generalized_alpha(tables: Mapping[str, pd.DataFrame], path: Path) -> No
     right.set_ylabel("[-]", fontsize=9)
     right.set_title("hinge force above 200 Hz over 2 s", fontsize=9)
     right.legend(fontsize=7, frameon=False)
-    save_figure(figure, path)
 
 
-def draw_spin_up(tables: Mapping[str, pd.DataFrame], path: Path) -> None:
+def draw_spin_up(tables: Tables, figure: FigureBase) -> None:
     table = tables["spin_up"]
-    figure, (left, right, errors) = create_panels(3, width=4.4)
+    left, right, errors = add_panels(figure, 3)
     dots = {"color": "black", "ls": "none", "marker": "o", "ms": 3, "clip_on": False}
     for axis, component, ends in (
         (left, "u", (-0.020, 0.005, 0.005)),
@@ -129,12 +129,11 @@ def draw_spin_up(tables: Mapping[str, pd.DataFrame], path: Path) -> None:
     errors.set_ylabel("error of the tip / amplitude [-]", fontsize=9)
     errors.set_title("the paper's curved beam, 60 degrees", fontsize=9)
     errors.legend(fontsize=7, frameon=False)
-    save_figure(figure, path)
 
 
-def draw_reach(tables: Mapping[str, pd.DataFrame], path: Path) -> None:
+def draw_reach(tables: Tables, figure: FigureBase) -> None:
     table, history = tables["reach"], tables["reach_curves"]
-    figure, (left, right) = create_panels(2)
+    left, right = add_panels(figure, 2)
     deflection = table["largest tip deflection over length [-]"]
     for column, color in (
         ("error, linear, 1 frame [-]", RED),
@@ -159,18 +158,15 @@ def draw_reach(tables: Mapping[str, pd.DataFrame], path: Path) -> None:
         )
     }
     plot_curves(right, curves, "v of the tip [m]", "ten times the torque", (0, 2, 0.5))
-    save_figure(figure, path)
 
 
-def create_panels(
-    columns: int = 1, height: float = 3.2, width: float = 5.2
-) -> tuple[Figure, list[Axes]]:
-    figure = Figure(figsize=(width * columns, height), layout="constrained")
+def add_panels(figure: FigureBase, columns: int) -> list[Axes]:
+    """Return axes side by side."""
     axes = [figure.add_subplot(1, columns, k + 1) for k in range(columns)]
     for axis in axes:
         axis.grid(color="0.9", lw=0.6)
         axis.tick_params(labelsize=8)
-    return figure, axes
+    return axes
 
 
 def plot_curves(
@@ -199,10 +195,6 @@ def plot_curves(
     axis.legend(fontsize=7, framealpha=0.8, edgecolor="none", loc="best")
 
 
-def save_figure(figure: Figure, path: Path) -> None:
-    figure.savefig(path, dpi=110)
-
-
 def pick_curves(
     table: pd.DataFrame, styles: Mapping[str, dict], pattern: str, scale: float = 1.0
 ) -> Curves:
@@ -214,66 +206,50 @@ DAMPED = {"nonlinear, damped": NONLINEAR, "linear, damped": LINEAR}
 UNDAMPED = {"nonlinear, undamped": THIN}
 
 
-def draw_all(tables: Mapping[str, pd.DataFrame], folder: Path) -> None:
-    """Draw every figure into a folder."""
-    _draw_figure_5(tables, folder)
-    _draw_figures_6_7(tables, folder)
-    _draw_figures_9_10(tables, folder)
-    draw_convergence(tables["table_2_errors"], folder / "table_2.png")
-    draw_generalized_alpha(tables, folder / "generalized_alpha.png")
-    draw_spin_up(tables, folder / "spin_up.png")
-    draw_reach(tables, folder / "reach.png")
+STRAIN = r"strain [$10^{-4}$]"
+STRAIN_TIMES = (0, 5, 1)
 
 
-def _draw_figure_5(tables: Mapping[str, pd.DataFrame], folder: Path) -> None:
-    strain = r"strain [$10^{-4}$]"
-    styles = UNDAMPED | DAMPED
-    time = (0, 5, 1)
-    table = tables["figure_5a"]
-    figure, (left, right) = create_panels(2)
-    below = pick_curves(table, styles, "gauge 1, lower, {} [-]", 1e4)
-    plot_curves(
-        left,
-        below,
-        strain,
-        "gauge 1, lower surface, the paper's axes",
-        time,
-        _scale_strain_axis(FIGURE_5A),
-    )
-    above = pick_curves(table, styles, "gauge 1, upper, {} [-]", 1e4)
-    plot_curves(right, above, strain, "gauge 1, upper surface", time, (-0.4, 1.6, 0.4))
-    save_figure(figure, folder / "figure_5a.png")
+def draw_figure_5a(tables: Tables, figure: FigureBase) -> None:
+    left, right = add_panels(figure, 2)
+    for axis, surface, note, ends in (
+        (left, "lower", ", the paper's axes", _scale_strain_axis(FIGURE_5A)),
+        (right, "upper", "", (-0.4, 1.6, 0.4)),
+    ):
+        pattern = f"gauge 1, {surface}, {{}} [-]"
+        curves = pick_curves(tables["figure_5a"], UNDAMPED | DAMPED, pattern, 1e4)
+        plot_curves(axis, curves, STRAIN, f"gauge 1, {surface} surface{note}", STRAIN_TIMES, ends)
 
-    table, band = tables["figure_5b"], _scale_strain_axis(FIGURE_5B)
-    figure, axes = create_panels(3, width=4.4)
+
+def draw_figure_5b(tables: Tables, figure: FigureBase) -> None:
+    table, band, axes = tables["figure_5b"], _scale_strain_axis(FIGURE_5B), add_panels(figure, 3)
     for axis, surface, ends in (
         (axes[0], "lower", (-2.0, 0.5, 0.5)),
         (axes[1], "upper", (-0.5, 2, 0.5)),
     ):
         axis.axhspan(band.start, band.end, color="0.92", zorder=0, label="the paper's axis")
-        curves = pick_curves(table, styles, f"gauge 2, {surface}, {{}} [-]", 1e4)
-        plot_curves(
-            axis, curves, strain, f"gauge 2 at 0.25 m as printed, {surface} surface", time, ends
-        )
+        curves = pick_curves(table, UNDAMPED | DAMPED, f"gauge 2, {surface}, {{}} [-]", 1e4)
+        title = f"gauge 2 at 0.25 m as printed, {surface} surface"
+        plot_curves(axis, curves, STRAIN, title, STRAIN_TIMES, ends)
     near_tip = pick_curves(table, DAMPED, "gauge 2 at 0.70 m, lower, {} [-]", 1e4)
     title = "a gauge at 0.70 m (not the paper's), the paper's axes"
-    plot_curves(axes[2], near_tip, strain, title, time, band)
-    save_figure(figure, folder / "figure_5b.png")
+    plot_curves(axes[2], near_tip, STRAIN, title, STRAIN_TIMES, band)
 
-    figure, (axis,) = create_panels()
-    curves = pick_curves(tables["figure_5c"], styles, "{} [rad/s]")
+
+def draw_figure_5c(tables: Tables, figure: FigureBase) -> None:
+    (axis,) = add_panels(figure, 1)
+    curves = pick_curves(tables["figure_5c"], UNDAMPED | DAMPED, "{} [rad/s]")
     plot_curves(axis, curves, "angular velocity [rad/s]", "the paper's axes", (0, 6, 1), FIGURE_5C)
-    save_figure(figure, folder / "figure_5c.png")
-    _draw_damping(tables["damping"], folder / "damping.png")
 
 
 def _scale_strain_axis(axis: Axis) -> Axis:
     return Axis(axis.start * 1e4, axis.end * 1e4, axis.tick * 1e4)
 
 
-def _draw_damping(table: pd.DataFrame, path: Path) -> None:
+def draw_damping(tables: Tables, figure: FigureBase) -> None:
+    table = tables["damping"]
     laws = [c[13:-4] for c in table if c.startswith("energy lost")]
-    figure, (left, right) = create_panels(2, height=3.6)
+    left, right = add_panels(figure, 2)
     styles = dict(
         zip(
             laws,
@@ -299,61 +275,91 @@ def _draw_damping(table: pd.DataFrame, path: Path) -> None:
     for axis in (left, right):
         axis.get_legend().remove()
     figure.legend(handles, labels, loc="outside lower center", ncols=5, fontsize=8, frameon=False)
-    save_figure(figure, path)
 
 
-def _draw_figures_6_7(tables: Mapping[str, pd.DataFrame], folder: Path) -> None:
+def draw_tip(
+    tables: Tables, figure: FigureBase, *, table_name: str, component: str, y: Axis
+) -> None:
     dots = {"color": RED, "ls": "none", "marker": "o", "ms": 2.5, "markevery": 8}
-    for number, component, y in (("6", "u", FIGURE_6), ("7", "v", FIGURE_7)):
-        figure, (left, right) = create_panels(2)
-        for axis, subtended, ends, title in (
-            (left, 60, y, "60 degrees, the paper's axes"),
-            (right, 30, None, "30 degrees"),
-        ):
-            table = tables[f"figure_{number}_{subtended}_degrees"]
-            curves = {
-                "curved, 8 elements": (table[f"{component}, curved, 8 elements [m]"], NONLINEAR),
-                "straight, 20 elements": (
-                    table[f"{component}, straight, 20 elements, 4 nodes [m]"],
-                    dots,
-                ),
-            }
-            plot_curves(axis, curves, f"{component} [m]", title, (0, 2, 0.2), ends)
-        save_figure(figure, folder / f"figure_{number}.png")
+    left, right = add_panels(figure, 2)
+    for axis, subtended, ends, title in (
+        (left, 60, y, "60 degrees, the paper's axes"),
+        (right, 30, None, "30 degrees"),
+    ):
+        table = tables[f"{table_name}_{subtended}_degrees"]
+        straight = table[f"{component}, straight, 20 elements, 4 nodes [m]"]
+        curves = {
+            "curved, 8 elements": (table[f"{component}, curved, 8 elements [m]"], NONLINEAR),
+            "straight, 20 elements": (straight, dots),
+        }
+        plot_curves(axis, curves, f"{component} [m]", title, (0, 2, 0.2), ends)
 
 
-def _draw_figures_9_10(tables: Mapping[str, pd.DataFrame], folder: Path) -> None:
-    nine, ten = tables["figure_9"], tables["figure_10"]
-    styles = {"nonlinear": NONLINEAR, "linear": LINEAR}
-    time, label = (0, 4.5, 0.5), "deformation of the middle [m]"
-    figure, axes = create_panels(3, width=4.4)
+STRAINS = {"nonlinear": NONLINEAR, "linear": LINEAR}
+CRANK_TIMES = (0, 4.5, 0.5)
+RATE = "angular velocity [rad/s]"
+
+
+def draw_figure_9(tables: Tables, figure: FigureBase) -> None:
+    axes = add_panels(figure, 3)
     for axis, pattern, title in (
         (axes[0], "{}, chord, v, local [m]", "across the axis, chord frame (used)"),
         (axes[1], "{}, chord, u, local [m]", "along the axis, chord frame"),
         (axes[2], "{}, tangent, v, local [m]", "across the axis, tangent frame"),
     ):
-        plot_curves(axis, pick_curves(nine, styles, pattern), label, title, time, FIGURE_9)
-    save_figure(figure, folder / "figure_9.png")
-    rate = "angular velocity [rad/s]"
-    figure, axes = create_panels(3, width=4.4)
+        curves = pick_curves(tables["figure_9"], STRAINS, pattern)
+        plot_curves(axis, curves, "deformation of the middle [m]", title, CRANK_TIMES, FIGURE_9)
+
+
+def draw_figure_10(tables: Tables, figure: FigureBase) -> None:
+    axes = add_panels(figure, 3)
     for axis, pattern, title in (
         (axes[0], "{}, chord, start section [rad/s]", "start section, chord frame (used)"),
         (axes[1], "{}, tangent, start section [rad/s]", "start section, tangent frame"),
         (axes[2], "{}, chord, chord [rad/s]", "chord, chord frame"),
     ):
-        plot_curves(axis, pick_curves(ten, styles, pattern), rate, title, time, FIGURE_10)
+        curves = pick_curves(tables["figure_10"], STRAINS, pattern)
+        plot_curves(axis, curves, RATE, title, CRANK_TIMES, FIGURE_10)
         # Linear curves slightly exceed the paper's axis.
         axis.set_ylim(-1.65, 1.65)
-    save_figure(figure, folder / "figure_10.png")
-    figure, (left, right) = create_panels(2)
+
+
+def draw_flexible_crank(tables: Tables, figure: FigureBase) -> None:
+    left, right = add_panels(figure, 2)
     for axis, pattern, name, label in (
         (left, "{}, chord, v, local [m]", "figure_9", "v of the middle [m]"),
-        (right, "{}, chord, start section [rad/s]", "figure_10", rate),
+        (right, "{}, chord, start section [rad/s]", "figure_10", RATE),
     ):
         rigid, flexible = tables[name], tables[f"{name}_flexible_crank"]
         curves = {
             "rigid crank": (rigid[pattern.format("nonlinear")], NONLINEAR),
             "flexible crank": (flexible[pattern.format("nonlinear")], LINEAR),
         }
-        plot_curves(axis, curves, label, "nonlinear, chord frame", time)
-    save_figure(figure, folder / "flexible_crank.png")
+        plot_curves(axis, curves, label, "nonlinear, chord frame", CRANK_TIMES)
+
+
+DRAWINGS = {
+    "Figure 5a": draw_figure_5a,
+    "Figure 5b": draw_figure_5b,
+    "Figure 5c": draw_figure_5c,
+    "Figure 6": partial(draw_tip, table_name="figure_6", component="u", y=FIGURE_6),
+    "Figure 7": partial(draw_tip, table_name="figure_7", component="v", y=FIGURE_7),
+    "Figure 9": draw_figure_9,
+    "Figure 10": draw_figure_10,
+    "Table 2: error over the number of elements": draw_convergence,
+    "Laws of damping of the pendulum": draw_damping,
+    "Flexible crank": draw_flexible_crank,
+    "Numerical damping of generalized-alpha": draw_generalized_alpha,
+    "Dynamic stiffening": draw_spin_up,
+    "Validity of the strains": draw_reach,
+}
+
+
+def draw_all(tables: Tables, path: Path) -> None:
+    """Draw every figure as a row of one picture."""
+    figure = Figure(figsize=(13.2, 3.5 * len(DRAWINGS)), layout="constrained")
+    rows = figure.subfigures(len(DRAWINGS), 1)
+    for row, (title, draw) in zip(rows, DRAWINGS.items(), strict=True):
+        row.suptitle(title, fontsize=11, weight="bold")
+        draw(tables, row)
+    figure.savefig(path, dpi=100)

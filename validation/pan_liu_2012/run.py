@@ -1,14 +1,17 @@
 """Recompute Tables 1 and 2 and Figs. 5, 6, 7, 9 and 10 of Pan & Liu (2012).
 
     python validation/pan_liu_2012/run.py [--out results/pan_liu_2012]
+    python validation/pan_liu_2012/run.py --table table_2     print a stored table as CSV
 
-Writes CSV and PNG files; summary.csv has one row with a verdict for each claim of the paper. Wall
-times are in table_2_times.csv and in the columns "wall time [s]" of other tables.
+Writes summary.csv, with one row and a verdict for each claim of the paper, all other tables to
+tables.json, and figures.png. Wall times are in the table table_2_times and in the columns "wall
+time [s]" of other tables.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import multiprocessing
 import sys
 import time
@@ -22,6 +25,7 @@ sys.path[:0] = [str(Path(__file__).parents[2] / "models"), str(Path(__file__).pa
 
 import pandas as pd
 from rich.console import Console
+from stored_columns import write_columns
 
 from pan_liu_2012 import (
     appendix,
@@ -40,6 +44,8 @@ from pan_liu_2012.claims import summarize_claims
 from pan_liu_2012.plots import draw_all
 
 Tables = dict[str, pd.DataFrame]
+RESULTS = Path(__file__).parent / "results"
+TIME = "t [s]"
 STUDIES = (
     table_2,
     steps,
@@ -137,7 +143,7 @@ def judge_study(study: ModuleType, stored: Tables) -> pd.DataFrame:
 
 def is_history(table: pd.DataFrame) -> bool:
     """Return whether the rows are times."""
-    return table.index.name == "t [s]"
+    return table.index.name == TIME
 
 
 def join_tables(tables: list[pd.DataFrame]) -> pd.DataFrame:
@@ -148,16 +154,32 @@ def join_tables(tables: list[pd.DataFrame]) -> pd.DataFrame:
 
 
 def write_tables(tables: Tables, folder: Path) -> None:
-    """Write each table to a CSV file; the first column of time histories is the time."""
+    """Write the summary to a CSV file, and all other tables to one file."""
     folder.mkdir(parents=True, exist_ok=True)
-    for name, table in tables.items():
-        table.to_csv(folder / f"{name}.csv", index=is_history(table), float_format="%.8g")
+    tables["summary"].to_csv(folder / "summary.csv", index=False)
+    plain = {x: table.reset_index() if is_history(table) else table for x, table in tables.items()}
+    columns = {name: plain[name].to_dict("list") for name in sorted(plain) if name != "summary"}
+    write_columns(folder / "tables.json", columns, digits=8)
+
+
+def read_tables(folder: Path = RESULTS) -> Tables:
+    """Return the stored tables; the index of time histories is the time."""
+    stored = json.loads((folder / "tables.json").read_text("utf-8"))
+    tables = {name: pd.DataFrame(columns) for name, columns in stored.items()}
+    tables = {x: table.set_index(TIME) if TIME in table else table for x, table in tables.items()}
+    return tables | {"summary": pd.read_csv(folder / "summary.csv")}
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("results/pan_liu_2012"))
-    folder = parser.parse_args().out
+    parser.add_argument("--table", choices=read_tables(), metavar="NAME", help="print a table")
+    options = parser.parse_args()
+    if options.table:
+        table = read_tables()[options.table]
+        print(table.to_csv(index=is_history(table)), end="")
+        return
+    folder = options.out
     console = Console(highlight=False)
     begin = time.perf_counter()
     tables = compute_tables(console)
@@ -166,7 +188,7 @@ def main() -> None:
     tables["rod_readings"] = figures_9_10.judge_readings(tables)
     tables["summary"] = summarize_claims(CLAIMS, tables)
     write_tables(tables, folder)
-    draw_all(tables, folder)
+    draw_all(tables, folder / "figures.png")
     for _, claim in tables["summary"].iterrows():
         console.print(f"{claim['verdict']:>18}  {claim['claim']}", soft_wrap=True)
     console.print(f"written: {folder} in {time.perf_counter() - begin:.0f} s", soft_wrap=True)

@@ -8,9 +8,9 @@
 
 PYTHON is an interpreter with Exudyn (`pip install exudyn`); without it only beamdae is measured.
 The error is the largest distance of the tip from that of the exact beam, every 0.01 s of the run.
-The reference is Exudyn's beam of 64 elements with 3 nodes and steps of 5e-5 s; `references.csv` has
-the distance of beamdae's finest run from it. Every setting runs once; the fastest few of each tool
-at each error then take turns. Tables and the picture go to `results`.
+The reference is Exudyn's beam of 64 elements with 3 nodes and steps of 5e-5 s, in `references.csv`;
+`--references` also lists the distance of beamdae's finest run from it. Every setting runs once; the
+fastest few of each tool at each error then take turns. Tables and the picture go to `results`.
 """
 
 from __future__ import annotations
@@ -283,13 +283,12 @@ def select_fastest(table: pd.DataFrame) -> pd.DataFrame:
     return result
 
 
-def reference_path(case: Case) -> Path:
-    return RESULTS / f"reference_{case.name.replace(', ', '_').replace(' ', '_')}.csv"
+REFERENCES = RESULTS / "references.csv"
 
 
 def store_references(peer: Worker) -> pd.DataFrame:
     """Store the references; return distances of other fine runs from them [mm]."""
-    rows = []
+    rows, tables = [], []
     for case in CASES:
         finest = run_exudyn(peer, case, **REFERENCE_SETTINGS).path
         coarser = run_exudyn(
@@ -304,8 +303,9 @@ def store_references(peer: Worker) -> pd.DataFrame:
                 "Exudyn, half the elements, twice the step [mm]": max_distance(coarser, finest),
             }
         )
-        table = pd.DataFrame({"t [s]": case.times, "x [m]": finest[:, 0], "y [m]": finest[:, 1]})
-        table.to_csv(reference_path(case), index=False, float_format="%.9g")
+        columns = {"t [s]": case.times, "x [m]": finest[:, 0], "y [m]": finest[:, 1]}
+        tables.append(pd.DataFrame({"case": case.name} | columns))
+    pd.concat(tables).to_csv(REFERENCES, index=False, float_format="%.9g")
     return pd.DataFrame(rows)
 
 
@@ -313,8 +313,10 @@ def max_distance(path: Array, other: Array) -> float:
     return 1e3 * float(np.linalg.norm(path - other, axis=1).max())
 
 
-def load_reference(case: Case) -> Array:
-    return pd.read_csv(reference_path(case))[["x [m]", "y [m]"]].to_numpy()
+def load_reference(case: str) -> Array:
+    """Return the tip (rows, 2) [m] of the reference of a case, such as "pendulum, damped"."""
+    table = pd.read_csv(REFERENCES, index_col="case")
+    return table.loc[case, ["x [m]", "y [m]"]].to_numpy()
 
 
 # Colors that color-blind readers can distinguish (Okabe & Ito), and markers.
@@ -396,14 +398,14 @@ def main() -> None:
     if options.references:
         if peer is None:
             parser.exit(1)
-        write_table(RESULTS, "references", store_references(peer))
+        write_table(options.out, "reference_distances", store_references(peer))
     tables = []
     with peer or nullcontext():
         for case in CASES[1:3] if options.quick else CASES:
             if options.exact:
                 case = replace(case, formulation="exact")
             settings = list_settings(case, peer, options.quick)
-            table = run_settings(case, settings, load_reference(case))
+            table = run_settings(case, settings, load_reference(case.name))
             tables.append(time_finalists(table, settings, 3 if options.quick else 5))
     table = pd.concat(tables)
     options.out.mkdir(parents=True, exist_ok=True)

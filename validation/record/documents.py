@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-import shutil
 import textwrap
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from geometry import attachments, make_curve
-from scorer import TIME, read_reference
+from scorer import TIME, Reference
 
 VERSION = "1.1.0"
 _LINES_PER_PAGE = 60
@@ -222,15 +221,18 @@ def checksum(problem: dict[str, Any]) -> str:
 
 
 def write(
-    folder: Path, problem: dict[str, Any], confirmation: dict[str, Any], reference: Path
+    folder: Path, problem: dict[str, Any], confirmation: dict[str, Any], reference: Reference
 ) -> None:
     """Write problem, confirmation, reference, description and drawing, with a data package."""
     (folder / "problem.json").write_text(json.dumps(problem, indent=2) + "\n")
     (folder / "confirmation.json").write_text(json.dumps(confirmation, indent=1) + "\n")
     (folder / "description.md").write_text(describe(problem, confirmation))
-    shutil.copy(reference, folder / "reference.csv")
-    draw(problem, pd.read_csv(reference), folder / "drawing.svg")
-    columns = pd.read_csv(reference, nrows=0).columns
+    solution, uncertainty = reference
+    uncertainty = uncertainty.drop(columns=TIME).add_prefix("uncertainty of ")
+    columns = [*solution, *uncertainty]
+    texts = [solution.map("{:.10g}".format), uncertainty.map("{:.1e}".format)]
+    pd.concat(texts, axis=1).to_csv(folder / "reference.csv", index=False)
+    draw(problem, solution, folder / "drawing.svg")
     fields = [
         {
             "name": column,
@@ -351,7 +353,7 @@ def write_iftomm(
     folder: Path,
     problem: dict[str, Any],
     confirmation: dict[str, Any],
-    reference_file: Path,
+    reference: pd.DataFrame,
     result: Path,
     row: dict[str, Any],
 ) -> None:
@@ -366,7 +368,6 @@ def write_iftomm(
     import matplotlib.pyplot as plt
     from matplotlib.backends.backend_pdf import PdfPages
 
-    reference, _ = read_reference(reference_file)
     target = folder / "iftomm"
     target.mkdir(exist_ok=True)
     lines: list[tuple[str, str]] = [(problem["title"], "title")]

@@ -31,7 +31,7 @@ import documents
 import scorer
 from scorer import TIME
 
-PROBLEMS, REFERENCES, RESULTS = HERE / "problems", HERE / "references", HERE / "results"
+PROBLEMS, REFERENCES, RESULTS = HERE / "problems", HERE / "references.csv", HERE / "results"
 CONFIRMATIONS = HERE / "confirmations.json"
 AGREEMENT = 1e-4  # of half the range of each column, required of two codes
 
@@ -223,7 +223,7 @@ def score(
     Rows of scores.csv without a run in the folder are kept: runs are not part of the repository.
     """
     file = results / "scores.csv"
-    scores = scorer.score_all(REFERENCES, results)
+    scores = scorer.score_all(scorer.read_references(REFERENCES), results)
     if scores.empty:
         raise typer.BadParameter(f"{results}: contains no runs; add runs with `solve`.")
     scores = scores[~scores["tool"].isin(UNSCORED)]
@@ -285,7 +285,7 @@ def write_reference(name: str, kept: Sequence[str] = ()) -> None:
             codes += [stored] if stored else []
             largest = stored and stored["largest"]
             if largest is not None and (best is None or largest < best[0]):
-                best = largest, scorer.read_reference(REFERENCES / f"{name}.csv")[1]
+                best = largest, scorer.read_references(REFERENCES)[name][1]
             continue
         information = json.loads(file.with_suffix(".json").read_text())
         if not file.exists() or not information["success"]:
@@ -314,10 +314,12 @@ def write_reference(name: str, kept: Sequence[str] = ()) -> None:
         "uncertainty": relative,
         "codes": codes,
     }
-    table = fine.map("{:.10g}".format)
-    for column in fine.columns.drop(TIME):
-        table[f"{scorer.UNCERTAINTY}{column}"] = uncertainty[column].map("{:.1e}".format)
-    table.to_csv(REFERENCES / f"{name}.csv", index=False)
+    rows = fine.map("{:.10g}".format).melt(TIME, var_name="column")
+    rows["uncertainty"] = uncertainty.map("{:.1e}".format).melt(TIME)["value"]
+    stored = pd.read_csv(REFERENCES, dtype=str)
+    others = stored[stored["mechanism"] != name]
+    table = pd.concat([others, rows.assign(mechanism=name)[stored.columns]])
+    table.sort_values("mechanism", kind="stable").to_csv(REFERENCES, index=False)
     confirmations = dict(sorted((read_confirmations() | {name: confirmation}).items()))
     CONFIRMATIONS.write_text(json.dumps(confirmations, indent=1) + "\n")
 
@@ -326,16 +328,17 @@ def write_reference(name: str, kept: Sequence[str] = ()) -> None:
 def write_documents(names: Names) -> None:
     """Write description, drawing, data package and forms to documents/NAME/."""
     scores = read_scores(RESULTS / "scores.csv").set_index(["tool", "mechanism"])
+    references = scorer.read_references(REFERENCES)
     for name in expand(names):
         problem, confirmation = load_problem(name), read_confirmations()[name]
-        reference = REFERENCES / f"{name}.csv"
         folder = HERE / "documents" / name
         folder.mkdir(parents=True, exist_ok=True)
-        documents.write(folder, problem, confirmation, reference)
+        documents.write(folder, problem, confirmation, references[name])
         if name in documents.IFTOMM:
             result = RESULTS / IFTOMM_RESULT / f"{name}.csv"
             row = scores.loc[(IFTOMM_RESULT, name)].to_dict()
-            documents.write_iftomm(folder, problem, confirmation, reference, result, row)
+            solution = references[name][0]
+            documents.write_iftomm(folder, problem, confirmation, solution, result, row)
 
 
 @app.command()
@@ -429,8 +432,8 @@ def quick() -> None:
         results = Path(folder)
         for tool, setting in (("plain", "coarse"), ("beamdae", "Radau 1e-8 exact")):
             solve(tool, list(QUICK), setting, results=results)
-        scores = scorer.score_all(REFERENCES, results)
-    messages = [message for name in QUICK for message in check(name)]
+        scores = scorer.score_all(scorer.read_references(REFERENCES), results)
+    messages = check(QUICK)
     messages += [
         f"{row.mechanism}, {row.tool}: error {row.error:.1e} {row.reason}"
         for row in scores.itertuples()
@@ -444,29 +447,32 @@ def quick() -> None:
 @app.command()
 def validate(names: Annotated[list[str] | None, typer.Argument()] = None) -> None:
     """Check schema, confirmed problems and tables of all mechanisms."""
-    problems = [message for name in names or all_names() for message in check(name)]
+    problems = check(names or all_names())
     for message in problems:
         typer.echo(message)
     typer.echo(f"{len(names or all_names())} mechanisms, {len(problems)} problems")
     raise typer.Exit(bool(problems))
 
 
-def check(name: str) -> list[str]:
-    """Return one sentence per problem of a mechanism."""
+def check(names: Iterable[str]) -> list[str]:
+    """Return one sentence per problem of the mechanisms."""
     import jsonschema
 
-    problem = load_problem(name)
     schema = json.loads((HERE / "problem.schema.json").read_text())
-    errors = jsonschema.Draft202012Validator(schema).iter_errors(problem)
-    messages = [f"problems/{name}.json: {error.message}" for error in errors]
-    if read_confirmations()[name]["problem"] != documents.checksum(problem):
-        messages.append(f"problems/{name}.json: differs from the confirmed problem.")
-    reference, uncertainty = scorer.read_reference(REFERENCES / f"{name}.csv")
-    if uncertainty.isna().any(axis=None):
-        messages.append(f"references/{name}.csv: an uncertainty is missing.")
-    rows = round(problem["time"]["end"] / problem["time"]["output_step"]) + 1
-    if len(reference) != rows:
-        messages.append(f"references/{name}.csv: has {len(reference)} rows instead of {rows}.")
+    confirmations, references = read_confirmations(), scorer.read_references(REFERENCES)
+    messages = []
+    for name in names:
+        problem = load_problem(name)
+        errors = jsonschema.Draft202012Validator(schema).iter_errors(problem)
+        messages += [f"problems/{name}.json: {error.message}" for error in errors]
+        if confirmations[name]["problem"] != documents.checksum(problem):
+            messages.append(f"problems/{name}.json: differs from the confirmed problem.")
+        reference, uncertainty = references[name]
+        if pd.concat([reference, uncertainty]).isna().any(axis=None):
+            messages.append(f"references.csv, {name}: a value or an uncertainty is missing.")
+        rows = round(problem["time"]["end"] / problem["time"]["output_step"]) + 1
+        if len(reference) != rows:
+            messages.append(f"references.csv, {name}: has {len(reference)} times, not {rows}.")
     return messages
 
 

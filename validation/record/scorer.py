@@ -1,10 +1,10 @@
-"""Scorer: compares the CSV file of any tool with a reference; requires numpy and pandas only."""
+"""Scorer: compares CSV files of any tool with the references; requires numpy and pandas only."""
 
 from __future__ import annotations
 
 import html
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,17 +12,24 @@ import numpy as np
 import pandas as pd
 
 TIME = "t [s]"
-UNCERTAINTY = "uncertainty of "  # prefix of columns of a reference
 TIME_TOLERANCE = 1e-9  # relative to the end time
 COSTS = ("wall_time", "processor_time", "steps", "max_position_drift", "energy_imbalance")
 
 
-def read_reference(file: Path) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Return the reference in a file and its uncertainty, with equal columns."""
-    table = pd.read_csv(file)
-    names = [name for name in table.columns if not name.startswith(UNCERTAINTY)]
-    uncertainty = table[[TIME, *(f"{UNCERTAINTY}{name}" for name in names if name != TIME)]]
-    return table[names], uncertainty.set_axis(names, axis="columns")
+Reference = tuple[pd.DataFrame, pd.DataFrame]  # the solution and its uncertainty, a row a time
+
+
+def read_references(file: Path) -> dict[str, Reference]:
+    """Return the solution and the uncertainty of each mechanism, with equal columns and times."""
+    return {
+        str(name): (_widen(rows, "value"), _widen(rows, "uncertainty"))
+        for name, rows in pd.read_csv(file).groupby("mechanism")
+    }
+
+
+def _widen(rows: pd.DataFrame, values: str) -> pd.DataFrame:
+    table = rows.pivot(index=TIME, columns="column", values=values)
+    return table[rows["column"].unique()].rename_axis(columns=None).reset_index()
 
 
 def half_ranges(reference: pd.DataFrame) -> pd.Series:
@@ -73,21 +80,22 @@ def score_columns(
     return pd.DataFrame(scores).T.infer_objects()
 
 
-def score_result(reference: Path, result: Path) -> dict[str, Any]:
+def score_result(reference: Reference, result: Path) -> dict[str, Any]:
     """Return one row of the table of results; a failure is a row as well.
 
     Parameters
     ----------
     reference
-        CSV file of the reference.
+        Reference of the mechanism.
     result
-        CSV file of the tool. The JSON file of the same name, if present, contains `success`,
-        `reason` and costs: wall and processor time [s], steps, drift [m], energy imbalance.
+        CSV file of the tool, with the name of the mechanism. The JSON file of the same name, if
+        present, contains `success`, `reason` and costs: wall and processor time [s], steps, drift
+        [m], energy imbalance.
     """
     details = result.with_suffix(".json")
     information = json.loads(details.read_text()) if details.exists() else {}
     row: dict[str, Any] = {
-        "mechanism": reference.stem,
+        "mechanism": result.stem,
         "tool": result.parent.name,
         "success": information.get("success", True),
         "error": np.nan,
@@ -100,7 +108,7 @@ def score_result(reference: Path, result: Path) -> dict[str, Any]:
     if not result.exists():
         return row | {"success": False, "reason": row["reason"] or "there is no CSV file"}
     try:
-        columns = score_columns(*read_reference(reference), pd.read_csv(result))
+        columns = score_columns(*reference, pd.read_csv(result))
     except (ValueError, KeyError) as error:
         return row | {"success": False, "reason": f"{row['reason']}; {error}".strip("; ")}
     worst = columns["error"].idxmax()
@@ -111,14 +119,14 @@ def score_result(reference: Path, result: Path) -> dict[str, Any]:
     }
 
 
-def score_all(references: Path, results: Path) -> pd.DataFrame:
+def score_all(references: Mapping[str, Reference], results: Path) -> pd.DataFrame:
     """Return the scores of all result files in results/TOOL/MECHANISM.csv or .json."""
-    stems = {
+    files = {
         file.with_suffix(".csv")
         for file in results.glob("*/*.*")
-        if file.suffix in (".csv", ".json") and (references / f"{file.stem}.csv").exists()
+        if file.suffix in (".csv", ".json") and file.stem in references
     }
-    return pd.DataFrame([score_result(references / x.name, x) for x in sorted(stems)])
+    return pd.DataFrame([score_result(references[x.stem], x) for x in sorted(files)])
 
 
 def plot_work_precision(scores: pd.DataFrame, path: Path) -> None:

@@ -4,9 +4,10 @@
 
 `simulate(accuracy=)` runs each case for 1 % and 0.1 %. The reference has geometrically exact beams
 of at least 16 elements and rtol = 1e-7; the columns of a case count if it differs from a run with
-half as many elements and rtol = 1e-6 by at most a third of the accuracy. Results are in
-results/columns.csv (a row per column) and results/runs.csv (a row per run); --summary prints the
-table of both.
+half as many elements and rtol = 1e-6 by at most a third of the accuracy. Errors are those of
+`Errors`: the larger one of the errors of peaks and of root mean squares; "rows" are the largest
+differences at single times. Long runs are shortened. Results are in results/columns.csv (a row per
+column) and results/runs.csv (a row per run); --summary prints the table of both.
 """
 
 from __future__ import annotations

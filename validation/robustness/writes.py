@@ -38,12 +38,12 @@ def arm(stiffness=50.0):
 
 
 @bd.model(t_end=0.1)
-def shaken(stiffness=100.0):
+def shaken(stiffness=100.0, damping=50.0):
     """Mass on a spring, shaken ten times per second."""
     mech = bd.Mechanism()
     bob = mech.add(bd.PointMass("bob", 1.0, at=(1.0, 0.0)))
     mech.add(bd.PointOnLine("rail", mech.ground.at(1.0, 0.0), bob.point, (1.0, 0.0)))
-    mech.add(bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), bob.point, stiffness, 50.0))
+    mech.add(bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), bob.point, stiffness, damping))
     mech.add(bd.Force("shaker", bob.point, (bd.sine(1.0, frequency=10.0), 0.0)))
     mech.observe("bob", bob.point)
     return mech

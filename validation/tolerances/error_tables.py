@@ -5,7 +5,6 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
-from pathlib import Path
 from time import process_time
 
 import numpy as np
@@ -38,9 +37,9 @@ GUARANTEED = ("", " of deflections")
 MAX_TIME_RATIO = 1.5
 
 
-def reference_uncertainties(summary: Path) -> pd.Series:
+def reference_uncertainties() -> pd.Series:
     """Return the disagreement of the two reference methods by case and column."""
-    table = pd.read_csv(summary)
+    table = pd.read_csv(SUMMARY)
     compared = table[table["method 1"] != "stored reference"]
     return compared.set_index(["case", "column"])["disagreement"]
 
@@ -49,7 +48,6 @@ def error_rows(
     cases: Iterable[ToleranceCase],
     names: Iterable[str],
     rtols: Iterable[float],
-    summary: Path = SUMMARY,
     estimate: bool = True,
 ) -> Iterator[dict[str, object]]:
     """Yield one row per run: the largest error over rtol, r, and the cost of the run.
@@ -58,7 +56,7 @@ def error_rows(
     reference, including the rounding of stored values, over rtol. Estimated errors, which take a
     second run, are compared with true ones if `estimate`.
     """
-    uncertainties = reference_uncertainties(summary)
+    uncertainties = reference_uncertainties()
     for case in cases:
         for name in names:
             _compile_kernels(case, name)

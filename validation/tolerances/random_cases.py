@@ -1,21 +1,19 @@
-"""Random mechanisms as tolerance cases, with short, coarse references in a single table."""
+"""Random mechanisms as tolerance cases, with short, coarse references."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
-from functools import cache
-from pathlib import Path
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 
 from tolerances.random_mechanisms import random_mechanism, sample_mechanism
-from tolerances.references import Effort, compute_reference
-from tolerances.tolerance_case import DAMPED, FOLDER, UNDAMPED, ToleranceCase
+from tolerances.references import Effort, compute_reference, write_reference
+from tolerances.tolerance_case import DAMPED, UNDAMPED, ToleranceCase, load_references
 
 COLUMNS = ("end.x [m]", "end.y [m]", "end.angle [rad]")
-TABLE, SUMMARY = FOLDER / "random.csv", FOLDER / "random_summary.csv"
+PREFIX = "random "  # of the names of cases; the seed follows
 EFFORT = Effort(converged=1e-6, patience=1.5)
 # Largest disagreement of the two methods, relative to the amplitude.
 MAX_DISAGREEMENT = 1e-5
@@ -26,36 +24,32 @@ SHORTENED_FRACTION = 0.4  # of the run
 MIN_MOTION = 1e-7
 
 
-@dataclass(frozen=True)
-class RandomCase(ToleranceCase):
-    """The random mechanism of a seed, with its reference in the table of all seeds."""
-
-    rows: int = 41
-
-    def load_reference(self, columns: tuple[str, ...]) -> np.ndarray:
-        """Return columns of the stored reference, (rows, columns)."""
-        return _load_table().get_group(self.parameters["seed"])[list(columns)].to_numpy()
-
-
-@cache
-def _load_table() -> pd.api.typing.DataFrameGroupBy:
-    return pd.read_csv(TABLE).groupby("seed")
-
-
-def random_case(seed: int) -> RandomCase:
+def random_case(seed: int) -> ToleranceCase:
     """Return the case of a seed over its whole run."""
     parameters = sample_mechanism(seed)
-    bound = DAMPED if parameters.is_damped else UNDAMPED
-    return RandomCase(
-        f"random {seed}", random_mechanism, COLUMNS, {"seed": seed}, bound, parameters.t_end
+    return ToleranceCase(
+        f"{PREFIX}{seed}",
+        random_mechanism,
+        COLUMNS,
+        {"seed": seed},
+        DAMPED if parameters.is_damped else UNDAMPED,
+        parameters.t_end,
+        rows=41,
     )
 
 
-def random_cases() -> Iterator[RandomCase]:
+def stored_seeds() -> list[int]:
+    """Return the seeds with a reference."""
+    names = (name for name in load_references() if name.startswith(PREFIX))
+    return sorted(int(name.removeprefix(PREFIX)) for name in names)
+
+
+def random_cases() -> Iterator[ToleranceCase]:
     """Yield the seeds with a reference, limited to its time span and moving columns."""
-    for seed, rows in _load_table():
-        moving = tuple(name for name in COLUMNS if rows[name].notna().all())
-        yield replace(random_case(seed), t_end=rows["t [s]"].max(), columns=moving)
+    for case in map(random_case, stored_seeds()):
+        reference = load_references()[case.name]
+        moving = tuple(name for name in COLUMNS if name in reference)
+        yield replace(case, t_end=reference["t [s]"][-1], columns=moving)
 
 
 def store_random_references(seeds: Iterable[int]) -> Iterator[pd.DataFrame]:
@@ -65,8 +59,7 @@ def store_random_references(seeds: Iterable[int]) -> Iterator[pd.DataFrame]:
     `SHORTENED_FRACTION`. Seeds that then differ by more than `MAX_DISAGREEMENT_SHORTENED` are
     skipped.
     """
-    stored_seeds = set(pd.read_csv(TABLE)["seed"]) if TABLE.exists() else set()
-    for seed in (seed for seed in seeds if seed not in stored_seeds):
+    for seed in sorted(set(seeds).difference(stored_seeds())):
         case = random_case(seed)
         result = _reference_of_moving_columns(case)
         if result is None or result[1]["disagreement"].max() > MAX_DISAGREEMENT:
@@ -75,13 +68,11 @@ def store_random_references(seeds: Iterable[int]) -> Iterator[pd.DataFrame]:
         if result is None or result[1]["disagreement"].max() > MAX_DISAGREEMENT_SHORTENED:
             continue
         table, summary = result
-        table.insert(0, "seed", seed)
-        _append(TABLE, table, "%.12g")
-        _append(SUMMARY, summary, "%.2g")
+        write_reference(case.name, table, summary)
         yield summary
 
 
-def _reference_of_moving_columns(case: RandomCase) -> tuple[pd.DataFrame, pd.DataFrame] | None:
+def _reference_of_moving_columns(case: ToleranceCase) -> tuple[pd.DataFrame, pd.DataFrame] | None:
     """Return reference and summary of the moving columns, or None if there are none."""
     try:
         table, summary = compute_reference(case, EFFORT)
@@ -90,9 +81,5 @@ def _reference_of_moving_columns(case: RandomCase) -> tuple[pd.DataFrame, pd.Dat
     moving = np.ptp(table[list(COLUMNS)], axis=0) > MIN_MOTION
     if not moving.any():
         return None
-    table.loc[:, [name for name in COLUMNS if not moving[name]]] = np.nan
-    return table, summary[summary["column"].map(moving)]
-
-
-def _append(path: Path, table: pd.DataFrame, digits: str) -> None:
-    table.to_csv(path, mode="a", header=not path.exists(), index=False, float_format=digits)
+    fixed = [name for name in COLUMNS if not moving[name]]
+    return table.drop(columns=fixed), summary[summary["column"].map(moving)]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import chain
@@ -10,6 +9,7 @@ from time import process_time
 
 import numpy as np
 import pandas as pd
+from stored_columns import write_columns
 
 import beamdae as bd
 from tolerances.modal import solve_small_vibrations
@@ -58,25 +58,18 @@ class MethodResult:
 def store_reference(case: ToleranceCase, effort: Effort) -> pd.DataFrame:
     """Store the reference of a case, update the summary and return its rows there."""
     table, rows = compute_reference(case, effort)
-    _write_references(load_references() | {case.name: table.to_dict("list")})
-    load_references.cache_clear()
-    summary = pd.read_csv(SUMMARY) if SUMMARY.exists() else rows.iloc[:0]
-    others = summary[summary["case"] != case.name]
-    pd.concat([others, rows]).to_csv(SUMMARY, index=False, float_format="%.2g")
+    write_reference(case.name, table, rows)
     return rows
 
 
-def _write_references(tables: dict[str, dict[str, list[float]]]) -> None:
-    """Write the references of all cases, one column a line."""
-
-    def as_text(values: Iterable[float]) -> str:
-        return ", ".join(f"{x:.{STORED_DIGITS}g}" for x in values)
-
-    cases = []
-    for name, table in sorted(tables.items()):
-        columns = (f"  {json.dumps(key)}: [{as_text(x)}]" for key, x in table.items())
-        cases.append(f" {json.dumps(name)}: {{\n" + ",\n".join(columns) + "\n }")
-    REFERENCES.write_text("{\n" + ",\n".join(cases) + "\n}\n", "utf-8")
+def write_reference(name: str, reference: pd.DataFrame, rows: pd.DataFrame) -> None:
+    """Write the reference of a case and its rows of the summary in place of the stored ones."""
+    references = load_references() | {name: reference.to_dict("list")}
+    write_columns(REFERENCES, dict(sorted(references.items())), STORED_DIGITS)
+    load_references.cache_clear()
+    summary = pd.read_csv(SUMMARY) if SUMMARY.exists() else rows.iloc[:0]
+    others = summary[summary["case"] != name]
+    pd.concat([others, rows]).to_csv(SUMMARY, index=False, float_format="%.2g")
 
 
 def compute_reference(case: ToleranceCase, effort: Effort) -> tuple[pd.DataFrame, pd.DataFrame]:

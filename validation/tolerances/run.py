@@ -33,9 +33,8 @@ from slider_crank import slider_crank
 import beamdae as bd
 from tolerances import error_tables
 from tolerances.cases import ALL, CASES, NEW, WIDE
-from tolerances.random_cases import SUMMARY as RANDOM_SUMMARY
 from tolerances.random_cases import random_cases, store_random_references
-from tolerances.references import SUMMARY, Effort, store_reference
+from tolerances.references import Effort, store_reference
 from tolerances.tolerance_case import ToleranceCase
 
 RTOLS = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
@@ -103,16 +102,13 @@ def tabulate_damping() -> list[dict[str, object]]:
 
 
 def measure_cases(
-    options: argparse.Namespace,
-    cases: Iterable[ToleranceCase],
-    rtols: tuple[float, ...],
-    summary: Path,
+    options: argparse.Namespace, cases: Iterable[ToleranceCase], rtols: tuple[float, ...]
 ) -> pd.DataFrame:
     """Return the table of the selected runs; rows are printed as they are computed."""
     selected_cases = [case for case in cases if not options.case or case.name in options.case]
     names = options.integrator or list(error_tables.INTEGRATORS)
     rows = []
-    runs = (names, options.rtol or rtols, summary, options.estimate)
+    runs = (names, options.rtol or rtols, options.estimate)
     for row in error_tables.error_rows(selected_cases, *runs):
         rows.append(row)
         print(*(f"{x:.3g}" if isinstance(x, float) else x for x in row.values()), flush=True)
@@ -130,7 +126,7 @@ def store_table(options: argparse.Namespace, table: pd.DataFrame, name: str) -> 
 def tabulate_set(options: argparse.Namespace) -> pd.DataFrame:
     """Return error over rtol of a set of cases by all integrators, after printing summaries."""
     name = next(name for name in SETS if getattr(options, name))
-    table = measure_cases(options, SETS[name], RTOLS, SUMMARY)
+    table = measure_cases(options, SETS[name], RTOLS)
     store_table(options, table, name)
     summaries = [error_tables.summarize_errors(table)]
     if "Auto" in set(table["integrator"]):
@@ -145,7 +141,7 @@ def tabulate_set(options: argparse.Namespace) -> pd.DataFrame:
 
 def tabulate_random_set(options: argparse.Namespace) -> pd.DataFrame:
     """Print the worst random mechanisms; return quantiles of error over rtol over its bound."""
-    table = measure_cases(options, random_cases(), RTOLS[:3], RANDOM_SUMMARY)
+    table = measure_cases(options, random_cases(), RTOLS[:3])
     store_table(options, table, "random")
     print(error_tables.select_violations(table).head(30).to_string(index=False), end="\n\n")
     return error_tables.summarize_quantiles(table)

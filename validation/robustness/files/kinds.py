@@ -30,7 +30,6 @@ from robustness.files import mutations
 _T_END = 0.4  # s
 _LATER = 0.5  # s, end of resumed runs
 _METHOD = bd.Radau(1e-4)
-_MAX_RELATIVE_DIFFERENCE = 2e-3  # of coordinates in both ways of loading a run
 
 
 @bd.model(t_end=_T_END)

@@ -20,6 +20,7 @@ from robustness.inputs.sandbox import (
     return_result,
     write_two_folders_down,
 )
+from robustness.writes import shaken
 
 
 def _spinning_disk(sandbox: Sandbox) -> bd.Mechanism:
@@ -435,20 +436,8 @@ def _mode_sensitivities(sandbox: Sandbox) -> bd.results.ModeSensitivities:
     return bd.mode_sensitivities(sandbox.swing, "mass", "equilibrium")
 
 
-@bd.model(t_end=0.1)
-def _shaken(stiffness=100.0, damping=50.0):
-    """Mass on a spring, shaken ten times per second."""
-    mech = bd.Mechanism()
-    bob = mech.add(bd.PointMass("bob", 1.0, at=(1.0, 0.0)))
-    mech.add(bd.PointOnLine("rail", mech.ground.at(1.0, 0.0), bob.point, (1.0, 0.0)))
-    mech.add(bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), bob.point, stiffness, damping))
-    mech.add(bd.Force("shaker", bob.point, (bd.sine(1.0, frequency=10.0), 0.0)))
-    mech.observe("bob", bob.point)
-    return mech
-
-
 def _periodic_sensitivities() -> bd.results.PeriodicSensitivities:
-    return bd.periodic_sensitivities(_shaken, "stiffness", 0.1, bd.Radau(1e-6), settle=1)
+    return bd.periodic_sensitivities(shaken, "stiffness", 0.1, bd.Radau(1e-6), settle=1)
 
 
 def _optimization(sandbox: Sandbox) -> bd.results.Optimization:
@@ -589,7 +578,7 @@ SENSITIVITY_CALLS: dict[str, WorkingCall] = {
     ),
     "periodic_sensitivities": WorkingCall(
         lambda box: {
-            "model": _shaken,
+            "model": shaken,
             "by": ["stiffness"],
             "period": 0.1,
             "integrator": bd.Radau(1e-6),

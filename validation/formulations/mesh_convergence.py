@@ -1,6 +1,6 @@
 """Mesh convergence of the hub beam's tip deformation for all element variants.
 
-    python validation/mesh_convergence/run.py [--subtended 30] [--shape parabolic]
+    python validation/formulations/mesh_convergence.py [--subtended 30] [--shape parabolic]
 
 All meshes are integrated with the same generalized-alpha settings and compared with 24 curved
 elements, so that time errors cancel. Errors are the largest of u and v over the run, relative to

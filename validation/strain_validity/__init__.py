@@ -1,1 +1,0 @@
-"""Range of validity of moderate strains: cantilevers in floating frames and their references."""
