@@ -93,7 +93,7 @@ class Report:
     def _show_facts(self, console: Any, facts: Mapping[str, str]) -> None:
         from beamdae.report.terminal.responsive_table import FactList
 
-        show(console, FactList({topic: name_options(text) for topic, text in facts.items()}))
+        show(console, FactList(facts))
 
     def _show_table(self, console: Any, content: Any) -> None:
         from beamdae.report.terminal.text_tables import table_of
