@@ -175,12 +175,13 @@ def test_regression_sweep_tables_show_rounding_errors_as_zero():
             "contact.N min [N]": [-2.8002e-20, 1.0],
             "contact.N max [N]": [3.0, 4.0],
             "gap [m]": [1e-20, 2e-20],
+            "contact.Q end [N]": [0.0, -2.8002e-20],
         }
     )
     shown = terminal.sweep_table(table, ["height"], list(table)[2:])
-    assert shown.headers[:4] == ["height", "contact.N min [N]", "contact.N max [N]", "gap [m]"]
-    assert shown.rows[0] == ["1", "0", "3", "1e-20", "0", "ok"]
-    # Columns of zeros are the last ones.
-    assert shown.headers[4:] == ["contact.N end [N]", "status"]
+    forces = ["contact.N end [N]", "contact.N min [N]", "contact.N max [N]"]
+    # Zero outputs are the last ones.
+    assert shown.headers == ["height", "status", *forces, "gap [m]", "contact.Q end [N]"]
+    assert shown.rows[0] == ["1", "ok", "0", "0", "3", "1e-20", "0"]
     zeros = terminal.sweep_table(table, ["height"], ["contact.N end [N]"])
-    assert [row[1] for row in zeros.rows] == ["0", "-2.8002e-20"]
+    assert [row[2] for row in zeros.rows] == ["0", "-2.8002e-20"]

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import re
+import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import accumulate
+from typing import Any
 
 from rich import box
 from rich.cells import cell_len, set_cell_size
@@ -25,6 +27,7 @@ _COLUMN_GAP = 2  # between two columns
 _ROW_MARGIN = 2  # at both ends of a row together
 _MAX_TOPIC_SHARE = 0.5  # maximum width of the topics, relative to the terminal width
 _SPACE = re.compile(r" (?!\d+ \[|[^\[]*\])")  # neither inside a unit nor before a number with one
+_UNIT_SPACE = re.compile(r" (?=\[|[^\[]*\])")  # before a unit or inside one
 
 
 def shorten_to_cells(text: str, most: int) -> str:
@@ -35,6 +38,14 @@ def shorten_to_cells(text: str, most: int) -> str:
     head = set_cell_size(text, most // 2).rstrip()
     tail = set_cell_size(text[::-1], max(most - 1 - cell_len(head), 0)).rstrip()[::-1]
     return f"{head}…{tail}"
+
+
+def _wrap_words(text: str, width: int) -> list[str]:
+    """Return the printable text in lines that end neither in a unit nor before one."""
+    joined = _UNIT_SPACE.sub("\N{NO-BREAK SPACE}", make_printable(text))
+    options: Any = {"break_long_words": False, "break_on_hyphens": False}
+    lines = textwrap.wrap(joined, max(width, 1), **options)
+    return [line.replace("\N{NO-BREAK SPACE}", " ") for line in lines]
 
 
 def _break_header(header: str) -> str:
@@ -116,9 +127,15 @@ class FactList:
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         table = Table(box=None, show_header=False, pad_edge=False)
         topic_width = int(_MAX_TOPIC_SHARE * options.max_width)
+        topics = [
+            "\n".join(shorten_to_cells(x, topic_width) for x in _wrap_words(topic, topic_width))
+            for topic in self.facts
+        ]
+        widths = [cell_len(x) for topic in topics for x in topic.split("\n")]
+        text_width = options.max_width - max(widths, default=0) - _COLUMN_GAP
         table.add_column(style="dim", no_wrap=True)
         table.add_column(overflow="fold")
-        for topic, text in self.facts.items():
-            table.add_row(Text(shorten_to_cells(topic, topic_width)), Text(make_printable(text)))
+        for topic, text in zip(topics, self.facts.values(), strict=True):
+            table.add_row(Text(topic), Text("\n".join(_wrap_words(text, text_width))))
         if self.facts:
             yield table
