@@ -432,11 +432,10 @@ def create_integrator(command: str, name: str, options: Mapping[str, Any], file:
     for option in values:
         if option not in _field_names(integrator):
             supporting = [x for x in names if option in _field_names(find_integrator(x))]
-            remedy = f" (only of {', '.join(supporting)})" if supporting else ""
-            raise BeamdaeError(
-                f"{command}: {option}= is not a setting of {name}{remedy}; its settings are "
-                f"{', '.join(_field_names(integrator))}."
-            )
+            remedy = f"; its settings are {', '.join(_field_names(integrator))}."
+            if supporting:
+                remedy = f" (only of {', '.join(supporting)})."
+            raise BeamdaeError(f"{command}: {option}= is not a setting of {name}{remedy}")
     values = {x: _parse_setting(y) if isinstance(y, str) else y for x, y in values.items()}
     with translate_errors(f"{command}: --integrator {name}: the constructor", file.path):
         if isinstance(integrator, type):
@@ -523,13 +522,8 @@ def parse_bounds(model: Model, settings: list[str] | None) -> dict[str, tuple[fl
             )
         low, _, high = text.partition(":")
         closed = f"{low or '-inf'}:{high or 'inf'}" if ":" in text else text
-        ends = parse_ends("--bounds", name, closed, info.unit)
-        if ends is None:
-            raise BeamdaeError(
-                f"--bounds {name}={text}: the range must have the form LOW:HIGH, LOW: or :HIGH, "
-                "numbers with or without units."
-            )
-        bounds[name] = ends
+        form = "LOW:HIGH, LOW: or :HIGH, numbers with or without units"
+        bounds[name] = parse_ends("--bounds", name, closed, info.unit, form)
     return bounds
 
 

@@ -322,7 +322,10 @@ ERRORS = {
     "swept": (
         SWING,
         [
-            ("sweep --over speed=1:2", "--over speed=1:2: values must have the form VALUE,VALUE,"),
+            (
+                "sweep --over speed=1:2",
+                "--over speed=1:2: the values must have the form VALUE,VALUE,",
+            ),
             ("sweep --over speed=0:2:3:log", "both ends must be positive for :log."),
             ("sweep --over turns=1:2:4", "turns must be of type int, got 1.3333333"),
             ("sweep --over speed", "--over speed: the setting must have the form NAME=VALUES."),
@@ -387,7 +390,7 @@ ERRORS = {
             ("sweep --over 'radius=1 m:1000mm:3'", "values must differ"),
             (
                 "view --no-browser --range radius=3",
-                "--range radius=3: the range must have the form FIRST:LAST.",
+                "--range radius=3: the values must have the form FIRST:LAST.",
             ),
             ("view --no-browser --range 'radius=1 N:2'", "the unit N measures another quantity"),
             (

@@ -149,8 +149,16 @@ def test_a_long_first_column_loses_its_middle(width):
     (row,) = [line for line in text.splitlines() if "3.3" in line]
     assert re.match(r" beginL+…L+end +\d", row)
     assert len(row.rstrip()) >= width - 2
-    text = render(FactList({name: "1.5"}), width)
-    assert re.match(r"beginL+…L+end  ?1.5", text)
+
+
+@pytest.mark.parametrize("width", [width for width in WIDTHS if width < 300])
+def test_lists_break_lines_between_words_and_before_names_with_units(width):
+    topic, text = "largest curvature times element length", "0.0099 (middle.Q [N]), 3 (tip [N m])"
+    lines = render(FactList({topic: text, "x" * 300: "1.5"}), width).splitlines()
+    assert "".join(lines).count("x") == 300
+    assert max(map(len, lines)) <= width
+    if width >= 60:
+        assert all(any(word in line for line in lines) for word in (*topic.split(), "tip [N m]"))
 
 
 @pytest.mark.parametrize("markup", [True, False])

@@ -7,7 +7,6 @@ import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import accumulate
-from typing import Any
 
 from rich import box
 from rich.cells import cell_len, set_cell_size
@@ -40,12 +39,11 @@ def shorten_to_cells(text: str, most: int) -> str:
     return f"{head}…{tail}"
 
 
-def _wrap_words(text: str, width: int) -> list[str]:
-    """Return the printable text in lines that end neither in a unit nor before one."""
+def _wrap_words(text: str, width: int) -> str:
+    """Return the printable text with line breaks neither inside a unit nor before one."""
     joined = _UNIT_SPACE.sub("\N{NO-BREAK SPACE}", make_printable(text))
-    options: Any = {"break_long_words": False, "break_on_hyphens": False}
-    lines = textwrap.wrap(joined, max(width, 1), **options)
-    return [line.replace("\N{NO-BREAK SPACE}", " ") for line in lines]
+    lines = textwrap.wrap(joined, width, break_on_hyphens=False)
+    return "\n".join(lines).replace("\N{NO-BREAK SPACE}", " ")
 
 
 def _break_header(header: str) -> str:
@@ -125,17 +123,13 @@ class FactList:
     facts: Mapping[str, str]
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        most = int(_MAX_TOPIC_SHARE * options.max_width)
+        topics = [_wrap_words(topic, most) for topic in self.facts]
+        used = max(map(cell_len, "\n".join(topics).split("\n"))) + _COLUMN_GAP
         table = Table(box=None, show_header=False, pad_edge=False)
-        topic_width = int(_MAX_TOPIC_SHARE * options.max_width)
-        topics = [
-            "\n".join(shorten_to_cells(x, topic_width) for x in _wrap_words(topic, topic_width))
-            for topic in self.facts
-        ]
-        widths = [cell_len(x) for topic in topics for x in topic.split("\n")]
-        text_width = options.max_width - max(widths, default=0) - _COLUMN_GAP
         table.add_column(style="dim", no_wrap=True)
         table.add_column(overflow="fold")
         for topic, text in zip(topics, self.facts.values(), strict=True):
-            table.add_row(Text(topic), Text("\n".join(_wrap_words(text, text_width))))
+            table.add_row(Text(topic), Text(_wrap_words(text, options.max_width - used)))
         if self.facts:
             yield table
