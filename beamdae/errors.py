@@ -318,7 +318,7 @@ def short_repr(value: Any) -> str:
     Memory addresses are removed. If `repr` fails, the type of the value is described instead.
     """
     try:
-        text = repr(plain_text(value))
+        text = repr(str(value) if isinstance(value, Path) else plain_text(value))
     except Exception:
         # For example, integers with thousands of digits.
         return f"a value of type {type(value).__name__}"

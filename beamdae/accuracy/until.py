@@ -127,7 +127,8 @@ def _require_accuracy(name: str, accuracy: Any) -> float:
     if not _MIN_ACCURACY <= value <= _MAX_ACCURACY:
         least, most, given = format_distinct(_MIN_ACCURACY, _MAX_ACCURACY, value)
         raise BeamdaeError(
-            f"{name}: accuracy must lie between {least} and {most}, got {given}; 0.01 is 1 %."
+            f"{name}: accuracy must lie between {least} and {most}, got {given} "
+            f"({format_percent(value)})."
         )
     return value
 

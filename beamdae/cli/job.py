@@ -56,6 +56,8 @@ class Job:
         The model with the values of --set as defaults, and its file.
     out, page, picture
         Output folder, and True for files that are written.
+    selection
+        Arguments --model and --set of the command line.
     accuracy
         Arguments of an analysis for --accuracy and --columns.
     """
@@ -66,6 +68,7 @@ class Job:
     out: Path
     page: bool
     picture: bool
+    selection: list[str] = field(default_factory=list)
     accuracy: dict[str, Any] = field(default_factory=dict)
 
     @classmethod
@@ -73,7 +76,9 @@ class Job:
         """Load the model of a command with the options of `job_parameters`."""
         x = dict(options)
         model, file = load_model(x["path"], x["model_name"], x["settings"])
-        job = cls(command, model, file, x["out"], x["page"], x["picture"])
+        named = [("--model", x["model_name"]), *(("--set", y) for y in x["settings"] or ())]
+        selection = [text for pair in named if pair[1] for text in pair]
+        job = cls(command, model, file, x["out"], x["page"], x["picture"], selection)
         if "accuracy" in x:
             accuracy, columns = x["accuracy"], x["accuracy_columns"]
             if columns and accuracy is None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dis
 import inspect
+import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, is_dataclass, replace
 from functools import cache, partial
@@ -17,6 +18,7 @@ from beamdae.cli import startup
 from beamdae.cli.output import record_results
 from beamdae.cli.ranges import parse_ends
 from beamdae.errors import BeamdaeError, require_choice, short_repr, suggest, warn_user
+from beamdae.report.option_names import form_of_option
 
 if TYPE_CHECKING:
     from beamdae.cli.model_files.model_file import ModelFile
@@ -364,12 +366,19 @@ def find_state(command: str, mechanism: Any, about: str | None, speed: float | N
             f"{command}: --about {about} and --speed are mutually exclusive; omit one."
         )
     if about is not None and about.startswith(_ROTATION):
-        speed = parse_number(about.removeprefix(_ROTATION), "rad/s")
+        speed = _parse_speed("--about", about)
     if speed is not None:
         return rotation(speed)
     if about is not None:
-        return require_choice(command, "--about", about, _LINEARIZED_STATES)
+        states = *_LINEARIZED_STATES, f"{_ROTATION}SPEED"
+        return require_choice(command, "--about", about, states)
     return getattr(mechanism, "start", "reference")
+
+
+def _parse_speed(option: str, text: str) -> float:
+    """Return the speed [rad/s] of an option rotation=SPEED."""
+    name, _, speed = text.partition("=")
+    return parse_named_number(option, name, speed, lambda: {name: "rad/s"})
 
 
 def create_periodic_integrator(command: str, name: str, rtol: float | None, file: ModelFile) -> Any:
@@ -423,10 +432,10 @@ def create_integrator(command: str, name: str, options: Mapping[str, Any], file:
     for option in values:
         if option not in _field_names(integrator):
             supporting = [x for x in names if option in _field_names(find_integrator(x))]
-            raise BeamdaeError(
-                f"{command}: {option}= is not a setting of {name}"
-                + (f" (only of {', '.join(supporting)})." if supporting else ".")
-            )
+            remedy = f"; its settings are {', '.join(_field_names(integrator))}."
+            if supporting:
+                remedy = f" (only of {', '.join(supporting)})."
+            raise BeamdaeError(f"{command}: {option}= is not a setting of {name}{remedy}")
     values = {x: _parse_setting(y) if isinstance(y, str) else y for x, y in values.items()}
     with translate_errors(f"{command}: --integrator {name}: the constructor", file.path):
         if isinstance(integrator, type):
@@ -482,7 +491,9 @@ def parse_assignments(settings: list[str] | None, option: str = "--set") -> dict
     for setting in settings or []:
         key, equals, value = (part.strip() for part in setting.partition("="))
         if not equals or not key:
-            raise BeamdaeError(f"{option} {setting}: the setting must have the form name=value.")
+            raise BeamdaeError(
+                f"{option} {setting}: the setting must have the form {form_of_option(option)}."
+            )
         if key in values:
             raise BeamdaeError(
                 f"{option} {setting}: {key} already has the value {values[key]}; omit one of them."
@@ -511,13 +522,8 @@ def parse_bounds(model: Model, settings: list[str] | None) -> dict[str, tuple[fl
             )
         low, _, high = text.partition(":")
         closed = f"{low or '-inf'}:{high or 'inf'}" if ":" in text else text
-        ends = parse_ends("--bounds", name, closed, info.unit)
-        if ends is None:
-            raise BeamdaeError(
-                f"--bounds {name}={text}: the range must have the form LOW:HIGH, LOW: or :HIGH, "
-                "numbers with or without units."
-            )
-        bounds[name] = ends
+        form = "LOW:HIGH, LOW: or :HIGH, numbers with or without units"
+        bounds[name] = parse_ends("--bounds", name, closed, info.unit, form)
     return bounds
 
 
@@ -526,14 +532,14 @@ def parse_start(
 ) -> str | Rotation | dict[str, float] | None:
     """Return the start described by --start, or None without --start.
 
-    The start is the name of a state, a steady rotation or a dict of values by coordinate. A single
-    entry without "=" is the name of a state, which is not checked here.
+    The start is the name of a state, the path of a file, a steady rotation or a dict of values by
+    coordinate.
 
     Raises
     ------
     BeamdaeError
-        If a value is not a number in the unit of its coordinate, an entry does not have the form
-        NAME=VALUE, or a state or rotation is combined with further entries.
+        If a value is not a number in the unit of its coordinate, an entry has another form, or a
+        state or rotation is combined with further entries.
     """
     if not options:
         return None
@@ -543,12 +549,19 @@ def parse_start(
             f"--start {states[0]}: this state determines all positions and velocities; omit it or "
             "the other values of --start."
         )
-    if len(options) == 1 and "=" not in options[0]:
-        return options[0]
+    for text in options:
+        if "=" not in text:
+            if len(options) == 1 and (states or Path(text).suffix or os.path.isfile(text)):
+                return text
+            raise BeamdaeError(
+                f"--start {text}: the start must be {', '.join(map(repr, _STATES))}, "
+                "rotation=SPEED, PART.COORDINATE=VALUE or the path of a checkpoint"
+                f"{suggest(text, _STATES)}."
+            )
     if states:
         from beamdae.parts.rotation import rotation
 
-        return rotation(parse_number(states[0].removeprefix(_ROTATION), "rad/s"))
+        return rotation(_parse_speed("--start", states[0]))
 
     @cache
     def find_units() -> Mapping[str, str]:

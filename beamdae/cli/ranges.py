@@ -11,14 +11,17 @@ SPACED_FORMS = "START:STOP:COUNT or START:STOP:COUNT:log"
 _SIGNIFICANT_DIGITS = 12
 
 
-def parse_ends(option: str, name: str, text: str, unit: str) -> tuple[float, float] | None:
-    """Return the ends of a range FIRST:LAST in `unit`; None if it does not have this form.
+def parse_ends(
+    option: str, name: str, text: str, unit: str, form: str = "FIRST:LAST"
+) -> tuple[float, float]:
+    """Return the ends of a range FIRST:LAST in `unit`; messages name the `form`.
 
     Raises
     ------
     BeamdaeError
-        If a unit is unknown or measures another quantity, or one end has a unit and the other,
-        neither zero nor infinite, has none: 10:3000rpm may mean 10 rad/s or 10 rpm.
+        If the text has another form, a unit is unknown or measures another quantity, or one end
+        has a unit and the other, neither zero nor infinite, has none: 10:3000rpm may mean 10 rad/s
+        or 10 rpm.
     """
     from beamdae.model_parameters import parse_number
 
@@ -27,7 +30,7 @@ def parse_ends(option: str, name: str, text: str, unit: str) -> tuple[float, flo
         case [float(first), float(last)]:
             pass
         case _:
-            return None
+            raise BeamdaeError(f"{option} {name}={text}: the values must have the form {form}.")
     depend_on_unit = all(x != 0.0 and math.isfinite(x) for x in (first, last))
     if _is_plain(parts[0]) != _is_plain(parts[1]) and depend_on_unit:
         raise BeamdaeError(
@@ -51,7 +54,7 @@ def parse_spaced_values(
     Raises
     ------
     BeamdaeError
-        As `parse_ends`, or if the text has another form, COUNT is not permitted, or the ends are
+        As `parse_ends`, or if COUNT is missing or not permitted, or the ends are
         equal (with several values) or not positive (with :log).
     """
     import numpy as np
@@ -59,13 +62,13 @@ def parse_spaced_values(
     call = f"{option} {name}={text}"
     parts = text.split(":")
     is_geometric = parts[3:] == ["log"]
-    ends = parse_ends(option, name, ":".join(parts[:2]), unit)
+    ends = parse_ends(option, name, ":".join(parts[:2]), unit, forms)
     try:
         count = float(parts[2]) if len(parts) == 3 + is_geometric else math.nan
     except ValueError:
         count = math.nan
-    if ends is None or not np.isfinite([*ends, count]).all():
-        raise BeamdaeError(f"{call}: values must have the form {forms}.")
+    if not np.isfinite([*ends, count]).all():
+        raise BeamdaeError(f"{call}: the values must have the form {forms}.")
     n_values = require_count(call, "COUNT", count, *counts)
     if is_geometric and min(ends) <= 0.0:
         raise BeamdaeError(f"{call}: both ends must be positive for :log.")

@@ -80,7 +80,7 @@ def select_charts(
     """Return the contents of page and picture before the run, which may take hours.
 
     Those of the page are over time, those of the picture over `x`. None stands for the columns that
-    vary. Data whose columns the model does not have are omitted with a warning.
+    vary.
     """
     if not names and x is None and data is None:
         return None, None
@@ -91,7 +91,6 @@ def select_charts(
             "run: --plot and --data require the picture or the page; omit --no-picture or "
             "--no-page."
         )
-    from beamdae.analysis.fit.data import UnmatchedDataError
     from beamdae.equations.measures import LEDGER_COLUMNS, TIME
     from beamdae.report.pictures.time_plots import select_plot
     from beamdae.results.run_data import coordinate_headers
@@ -100,12 +99,8 @@ def select_charts(
     equations = as_equations("run", job.model, sampled=True)
     in_table = [TIME, *equations.observed_headers, *LEDGER_COLUMNS]
     headers = list(dict.fromkeys([*in_table, *coordinate_headers(equations)]))
-    try:
-        drawn = select_plot(headers, in_table, names, x, data, columns)
-        over_time = select_plot(headers, in_table, names, None, data, columns) if x else drawn
-    except UnmatchedDataError as problem:
-        warn_user(str(problem))
-        return select_charts(job, names, x, None, {})
+    drawn = select_plot(headers, in_table, names, x, data, columns)
+    over_time = select_plot(headers, in_table, names, None, data, columns) if x else drawn
     return over_time, drawn
 
 
@@ -117,7 +112,9 @@ def load_earlier_run(path: Path, model: Model) -> Solution | None:
     from beamdae.simulation import as_equations
 
     equations = as_equations("run", model)
-    if not is_archive(path) or Checkpoint.read(path).describe_changes(equations, {}):
+    checkpoint = Checkpoint.read(path)
+    checkpoint.start_equations(equations, f"--continue {path}")
+    if not is_archive(path) or checkpoint.describe_changes(equations, {}):
         return None
     earlier: Any = load_saved_run(path, equations)
     return earlier

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from beamdae.errors import format_count
+from beamdae.errors import format_count, format_distinct
 from beamdae.model_parameters import format_with_unit
 from beamdae.report.terminal.text_tables import column_extremes, format_headers, range_rows
 
@@ -195,6 +195,11 @@ def _describe_fit(fit: Any) -> Description:
     }
     table = fit.table()
     estimates = table.rename(index=format_headers(fit.units)).rename_axis("estimate")
+    import pandas as pd
+
+    limits = ["value", "lower 95 %", "upper 95 %"]
+    texts = [format_distinct(*row, digits=5) for row in table[limits].to_numpy()]
+    estimates[limits] = pd.DataFrame(texts, estimates.index).replace("nan", "-")
     searches = _tabulate_searches(fit.starts, fit.units, "chi-square", "runs")
     return Description(
         {topic: text for topic, text in facts.items() if text},

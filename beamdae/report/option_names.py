@@ -59,6 +59,12 @@ def use_options(parameters: Iterable[Any]) -> Iterator[None]:
         _current_options.reset(token)
 
 
+def form_of_option(option: str) -> str:
+    """Return the form of the values of an option of the command, such as "NAME=VALUE"."""
+    options = _current_options.get().values()
+    return next((x.metavar for x in options if option in x.opts), "NAME=VALUE")
+
+
 def name_options(sentence: str) -> str:
     """Replace Python arguments, such as "t_end=", by options of the command, such as "--t-end".
 

@@ -99,7 +99,8 @@ def test_invalid_arguments_are_rejected():
         bd.periodic(oscillation, 3.0)
     # It never repeats, except after no time.
     with pytest.raises(
-        bd.BeamdaeError, match=r"set period to the period of the loads and drivers\.$"
+        bd.BeamdaeError,
+        match=r"loads and drivers, or t_start= to a time from which on they repeat\.$",
     ):
         bd.periodic(oscillator(lambda t: t), 1.0)
     # Within these periods, a cosine changes by less than rounding errors.
@@ -405,7 +406,7 @@ def test_regression_half_turns_name_the_driver_and_the_angle():
 
     message = (
         r"^motor: .* differ by 3\.14 rad and do not repeat after the period of "
-        r"0\.0628319 s; set period to the period of the loads and drivers\.$"
+        r"0\.0628319 s; set period to the period of the loads and drivers, "
     )
     with pytest.raises(bd.BeamdaeError, match=message):
         bd.periodic(rotor(), np.pi / 50.0)

@@ -305,18 +305,31 @@ def test_regression_runs_with_data_print_their_differences(command):
             "to 1 s and are not compared",
         ),
         ("t [s],ball.y [mm]\n1.5,0\n", [], "1 of 1 value of ball.y [m]"),
-        ("t [s],room [K]\n0.1,295\n", [], "fall.csv must contain values of a column of the run"),
-        ("t [s],ball.y [mm]\n0.1,0\n", ["--plot", "ball.x"], "one of the plotted columns (ball.x"),
     ],
 )
 def test_regression_runs_state_which_data_they_do_not_compare(command, rows, options, message):
-    """Unknown columns and late rows were dropped in silence; others ended the command at once."""
+    """Unknown columns and late rows were dropped in silence."""
     Path("fall.csv").write_text(rows, "utf-8")
     result = command("run", FALL, "--data", "fall.csv", "--no-page", "--no-estimate", *options)
     assert result.exit_code == 0
     (warning,) = (x for x in result.stderr.splitlines() if x.startswith("warning: "))
     assert message in warning
     assert ".png" in result.stdout
+
+
+@pytest.mark.parametrize(
+    ("rows", "options", "message"),
+    [
+        ("t [s],room [K]\n0.1,295\n", [], "fall.csv must contain values of a column of the run"),
+        ("t [s],ball.y [mm]\n0.1,0\n", ["--plot", "ball.x"], "one of the plotted columns (ball.x"),
+    ],
+)
+def test_data_without_a_plotted_column_is_rejected_before_the_run(command, rows, options, message):
+    Path("fall.csv").write_text(rows, "utf-8")
+    result = command("run", FALL, "--data", "fall.csv", *options)
+    assert result.exit_code == 2
+    assert message in result.stderr
+    assert not Path("results").exists()
 
 
 CRANK = """import beamdae as bd

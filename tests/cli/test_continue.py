@@ -76,7 +76,7 @@ def test_runs_ended_by_a_limit_resume_repeatedly(run):
     settings = ("--integrator", "generalized-alpha", "--step", "0.001")
     result = run(*settings, "--time-limit", "1e-9")
     assert result.exit_code == 1
-    assert "to resume: --continue results/ball.run" in result.stdout
+    assert "to resume: --continue results/ball.run\n" in result.stdout
     _, metadata = read("ball")
     reached = [metadata["result"]["last_time"]]
     for _ in range(2):
@@ -110,6 +110,15 @@ def test_a_checkpoint_of_python_starts_a_run_without_its_earlier_part(run):
     assert_allclose(table["t [s]"].iloc[[0, -1]], [0.3, 0.5])
     end = bd.simulate(model, t_end=0.5, start=Path("end.json"))["ball.y"].iloc[-1]
     assert_allclose(table["ball.y [m]"].iloc[-1], end, atol=1e-9)
+
+
+def test_the_hint_to_resume_selects_the_model(run):
+    limited = "--integrator", "radau", "--time-limit", "1e-9", "--set", "push=0.25"
+    result = run(*limited, "--model", "ball")
+    assert "--continue results/ball.run --model ball --set push=0.25\n" in result.stdout
+    Path("ball.py").write_text(BALL.replace('"ball"', '"spot"'))
+    result = run("--continue", "results/ball.run", "--accept-changes")
+    assert result.stderr.startswith("error: --continue results/ball.run: coordinate 1 is 'ball.x' ")
 
 
 @pytest.mark.slow(reason="a quarter of a second")

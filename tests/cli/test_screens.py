@@ -189,8 +189,8 @@ def test_list_executes_no_files(here):
         elif line.strip() and "──" not in line and "t_end" not in line:
             rows.append(line.split())
     assert [" ".join(row) for row in tables["model"]] == [
-        "lone bad.py length=2 * 3, kind=thin T",
-        "arm model.py mass=2, note=[/b] :smile: 1 A bob [/b] swings.",
+        "lone bad.py T length=2 * 3, kind=thin",
+        "arm model.py 1 A bob [/b] swings. mass=2, note=[/b] :smile:",
     ]
     assert tables["study"] == [["both", "model.py"]]
     assert [row[0] for row in tables["file"]] == ["syntax.py"]

@@ -126,12 +126,12 @@ ERRORS = {
         STRIP,
         [
             ("run --set elemnts=4", "'elemnts' (did you mean 'elements'?"),
-            ("run --set elements", "--set elements: the setting must have the form name=value"),
+            ("run --set elements", "--set elements: the setting must have the form NAME=VALUE."),
             (
                 "run --set elements=1 --set elements=2",
                 "--set elements=2: elements already has the value 1; omit one of them.",
             ),
-            ("run --set =4", "--set =4: the setting must have the form name=value"),
+            ("run --set =4", "--set =4: the setting must have the form NAME=VALUE."),
             ("run --set elements=0", "beam: elements must be a whole number of at least 1, got 0"),
             ("run --set E=-1", "E must be positive, got -1"),
             ("run --model arn", "'arn' (did you mean 'arm'?"),
@@ -322,10 +322,13 @@ ERRORS = {
     "swept": (
         SWING,
         [
-            ("sweep --over speed=1:2", "--over speed=1:2: values must have the form VALUE,VALUE,"),
+            (
+                "sweep --over speed=1:2",
+                "--over speed=1:2: the values must have the form VALUE,VALUE,",
+            ),
             ("sweep --over speed=0:2:3:log", "both ends must be positive for :log."),
             ("sweep --over turns=1:2:4", "turns must be of type int, got 1.3333333"),
-            ("sweep --over speed", "--over speed: the setting must have the form name=value."),
+            ("sweep --over speed", "--over speed: the setting must have the form NAME=VALUES."),
             (
                 "sweep --over speed=1 --over speed=2",
                 "--over speed=2: speed already has the value 1; omit one of them.",
@@ -342,9 +345,10 @@ ERRORS = {
             ),
             (
                 "sweep --over speed=1,2 --start equilibrum",
-                "sweep: --start must be 'as drawn', 'equilibrium', ",
+                "--start equilibrum: the start must be 'as drawn', 'equilibrium', rotation=SPEED, "
+                "PART.COORDINATE=VALUE or the path of a checkpoint (did you mean 'equilibrium'?).",
             ),
-            ("compare --start equilibrum", "compare: --start must be 'as drawn', 'equilibrium', "),
+            ("compare --start equilibrum", "--start equilibrum: the start must be "),
         ],
     ),
     "sweeps": (
@@ -386,7 +390,7 @@ ERRORS = {
             ("sweep --over 'radius=1 m:1000mm:3'", "values must differ"),
             (
                 "view --no-browser --range radius=3",
-                "--range radius=3: the range must have the form FIRST:LAST.",
+                "--range radius=3: the values must have the form FIRST:LAST.",
             ),
             ("view --no-browser --range 'radius=1 N:2'", "the unit N measures another quantity"),
             (

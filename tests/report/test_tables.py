@@ -149,8 +149,16 @@ def test_a_long_first_column_loses_its_middle(width):
     (row,) = [line for line in text.splitlines() if "3.3" in line]
     assert re.match(r" beginL+…L+end +\d", row)
     assert len(row.rstrip()) >= width - 2
-    text = render(FactList({name: "1.5"}), width)
-    assert re.match(r"beginL+…L+end  ?1.5", text)
+
+
+@pytest.mark.parametrize("width", [width for width in WIDTHS if width < 300])
+def test_lists_break_lines_between_words_and_before_names_with_units(width):
+    topic, text = "largest curvature times element length", "0.0099 (middle.Q [N]), 3 (tip [N m])"
+    lines = render(FactList({topic: text, "x" * 300: "1.5"}), width).splitlines()
+    assert "".join(lines).count("x") == 300
+    assert max(map(len, lines)) <= width
+    if width >= 60:
+        assert all(any(word in line for line in lines) for word in (*topic.split(), "tip [N m]"))
 
 
 @pytest.mark.parametrize("markup", [True, False])
@@ -175,12 +183,13 @@ def test_regression_sweep_tables_show_rounding_errors_as_zero():
             "contact.N min [N]": [-2.8002e-20, 1.0],
             "contact.N max [N]": [3.0, 4.0],
             "gap [m]": [1e-20, 2e-20],
+            "contact.Q end [N]": [0.0, -2.8002e-20],
         }
     )
     shown = terminal.sweep_table(table, ["height"], list(table)[2:])
-    assert shown.headers[:4] == ["height", "contact.N min [N]", "contact.N max [N]", "gap [m]"]
-    assert shown.rows[0] == ["1", "0", "3", "1e-20", "0", "ok"]
-    # Columns of zeros are the last ones.
-    assert shown.headers[4:] == ["contact.N end [N]", "status"]
+    forces = ["contact.N end [N]", "contact.N min [N]", "contact.N max [N]"]
+    # Zero outputs are the last ones.
+    assert shown.headers == ["height", "status", *forces, "gap [m]", "contact.Q end [N]"]
+    assert shown.rows[0] == ["1", "ok", "0", "0", "3", "1e-20", "0"]
     zeros = terminal.sweep_table(table, ["height"], ["contact.N end [N]"])
-    assert [row[1] for row in zeros.rows] == ["0", "-2.8002e-20"]
+    assert [row[2] for row in zeros.rows] == ["0", "-2.8002e-20"]

@@ -55,10 +55,6 @@ _ALLOWED = (
 )
 
 
-class UnmatchedDataError(BeamdaeError):
-    """Error of measured data that contain none of the needed columns."""
-
-
 class Measurements(NamedTuple):
     """All measured data, not yet compared with a run.
 
@@ -196,7 +192,7 @@ def read_measurements(part: str, data: Any, data_columns: Any = None) -> Measure
     frames = {x: (place, _as_frame(part, y, place)) for x, (place, y) in tables.items()}
     whole = pd.concat([_read_table(part, x, *y, renamed) for x, y in frames.items()])
     if not len(whole):
-        raise UnmatchedDataError(f"{part}: {name} contains no values; fill in measured values.")
+        raise BeamdaeError(f"{part}: {name} contains no values; fill in measured values.")
     headers = {*whole[_OBSERVABLE], *(x for _, y in frames.values() for x in y)}
     known = headers | {remove_unit(x) for x in headers}
     for unused in renamed.keys() - known:
@@ -357,10 +353,8 @@ def match_columns(
     Raises
     ------
     BeamdaeError
-        If such a column contains text, too many values, invalid times or another unit, or two
-        columns of an experiment are the same one.
-    UnmatchedDataError
-        If the run contains none of the columns, or these have no values.
+        If such a column contains text, too many values, invalid times or another unit, two columns
+        of an experiment are the same one, or the run contains no column with values.
     """
     matched: dict[tuple[str, str], tuple[Source, pd.DataFrame]] = {}
     unknown: dict[str, str] = {}
@@ -391,16 +385,14 @@ def match_columns(
     if not matched:
         listed = list_first(list(unknown.values()), _MAX_LISTED_COLUMNS)
         example = next((x for xs in headers.values() for x in xs if x != TIME), "tip.y [m]")
-        raise UnmatchedDataError(
+        raise BeamdaeError(
             f"{part}: {measured.name} must contain values of a column of the run, got {listed}; "
             f"name them as in the table of the run, such as {example!r}, or map them, as with "
             f"data_columns={{{next(iter(unknown))!r}: {remove_unit(example)!r}}}."
         )
     filled = [(source, rows) for source, rows in matched.values() if len(rows)]
     if not filled:
-        raise UnmatchedDataError(
-            f"{part}: {measured.name} contains no values; fill in measured values."
-        )
+        raise BeamdaeError(f"{part}: {measured.name} contains no values; fill in measured values.")
     whole = pd.concat([rows for _, rows in filled], ignore_index=True)
     data = MeasuredData(whole, tuple(x for x, _ in filled), measured.has_sigma)
     return data, list(unknown.values())

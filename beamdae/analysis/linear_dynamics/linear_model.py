@@ -70,7 +70,7 @@ _NORM_SHARE = 10.0 * float(np.finfo(float).eps)
 # Smaller damping ratios and relative growth rates are rounding errors.
 _MIN_DAMPING_RATIO = 1e-9
 _MIN_IMAGINARY_SHARE = 1e-6  # of poles; smaller ones are rounding errors of double real poles
-_MAX_NAMES = 4  # of inputs or outputs without a finite derivative
+_MAX_NAMES = 4  # of inputs or outputs in a message
 _FINITE_REMEDY = "or add a small positive number under a square root of zero"
 
 
@@ -535,7 +535,8 @@ def _resolve_inputs(
             raise BeamdaeError(
                 "linearize: there is no input "
                 f"{short_repr(name)}{suggest(name, choices)}; use the name of an input, force, "
-                "moment or driver of the mechanism, or of a column."
+                f"moment or driver of the mechanism ({list_first(list(candidates), _MAX_NAMES)}), "
+                "or of a column."
             )
         inputs += found
     return inputs

@@ -393,8 +393,9 @@ def linearize_at_rest(frame: Frame, full_equations: EquationsOfMotion, about: st
     warning = (
         f"{e.q_names[worst]}: the coordinate accelerates at {state.a[worst]:.3g} "
         f"{e.coordinates[worst].unit}/s^2 when released, so this state is not an "
-        "equilibrium; use about='equilibrium' unless the frequencies are meant to "
-        "follow from the second derivatives of the potential at this state."
+        "equilibrium; use about='equilibrium' or bd.Mechanism(start='equilibrium') unless "
+        "the frequencies are meant to follow from the second derivatives of the potential at "
+        "this state."
     )
     return replace(
         lin,

@@ -125,5 +125,5 @@ class Loads:
         raise BeamdaeError(
             f"{name}: loads or drivers at t = {self.times[k]:.6g} s differ by {difference} and do "
             f"not repeat after the period of {self.period:g} s; set period to the period of the "
-            "loads and drivers."
+            "loads and drivers, or t_start= to a time from which on they repeat."
         )

@@ -23,7 +23,7 @@ from beamdae.equations.starts.reduced_equations import (
     ReducedEquations,
     remove_redundant_constraints,
 )
-from beamdae.errors import BeamdaeError, require_sequence, short_repr, suggest
+from beamdae.errors import BeamdaeError, list_first, require_sequence, short_repr, suggest
 from beamdae.parts.mechanism import AS_DRAWN, Mechanism
 from beamdae.results.section_forces.applied_loads import GRAVITY
 
@@ -35,6 +35,7 @@ Stages = tuple[tuple[str, ...], ...]
 _FACTOR_TOLERANCE = 1e-9
 # Step of the derivatives by a parameter, relative to its range.
 _DIFFERENCE = 1e-6
+_MAX_LISTED = 8  # loads in a message
 _LOADS_DESCRIPTION = "names of loads (or 'gravity'), or lists of such names, one per stage"
 
 
@@ -47,11 +48,11 @@ def resolve_load_stages(mechanism: Mechanism, loads: Any, caller: str = "equilib
         If `loads` does not consist of names, a name is unknown, occurs twice or belongs to a part
         that does not only apply forces, or a stage is empty.
     """
+    active = [x for x in mechanism.parts.values() if x.name not in mechanism.inactive]
+    # Without the forces of a controller, its states need not have an equilibrium.
+    default = [x.name for x in active if x.is_load and not x.is_controlled]
+    default += [GRAVITY] * _has_gravity(mechanism)
     if loads is None:
-        active = [x for x in mechanism.parts.values() if x.name not in mechanism.inactive]
-        # Without the forces of a controller, its states need not have an equilibrium.
-        default = [x.name for x in active if x.is_load and not x.is_controlled]
-        default += [GRAVITY] * _has_gravity(mechanism)
         return (tuple(default),) if default else ()
     items = require_sequence(caller, "loads", loads, _LOADS_DESCRIPTION)
     if all(isinstance(name, str) for name in items):
@@ -70,7 +71,8 @@ def resolve_load_stages(mechanism: Mechanism, loads: Any, caller: str = "equilib
         if name not in candidates:
             raise BeamdaeError(
                 f"{caller}: loads contain {short_repr(name)}, but no part has this "
-                f"name{suggest(name, candidates)}; use the name of a load."
+                f"name{suggest(name, candidates)}; the loads are "
+                f"{list_first(default, _MAX_LISTED) or 'none'}."
             )
         part = mechanism.parts.get(name)
         if part is not None and (len(part.coordinates) or part.constraints()):

@@ -36,17 +36,14 @@ def parse_frequencies(text: str) -> tuple[list[float] | None, tuple[float, float
         are not positive and ascending.
     """
     values: list[float] | None = None
-    ends: tuple[float, float] | None
     try:
         if text.count(":") > 1:
             values = parse_spaced_values("--frequencies", "", text, "Hz", _COUNTS, _FORMS)
             ends = values[0], values[-1]
         else:
-            ends = parse_ends("--frequencies", "", text, "Hz")
+            ends = parse_ends("--frequencies", "", text, "Hz", _FORMS)
     except BeamdaeError as problem:
         raise as_bad_parameter(text, problem) from None
-    if ends is None:
-        raise typer.BadParameter(f"{short_repr(text)} must have the form {_FORMS}.")
     if not 0.0 < ends[0] <= ends[1] < math.inf or (values is None and ends[0] == ends[1]):
         raise typer.BadParameter(f"{short_repr(text)}: frequencies must be positive and ascend.")
     return values, None if values else ends

@@ -187,11 +187,8 @@ def _parse_shifts(texts: list[str] | None) -> dict[str, tuple[float, float] | No
     shifts: dict[str, tuple[float, float] | None] = {}
     for text in texts or []:
         name, equals, limits = text.rpartition("=")
-        ends = parse_ends("--shift", name, limits, "s") if equals else None
-        if equals and ends is None:
-            raise BeamdaeError(
-                f"--shift {text}: the range must have the form LOW:HIGH, in s or with units."
-            )
+        form = "LOW:HIGH, in s or with units"
+        ends = parse_ends("--shift", name, limits, "s", form) if equals else None
         if (column := name or text) in shifts:
             raise BeamdaeError(f"--shift {text}: {column} is given twice; omit one of them.")
         shifts[column] = ends

@@ -12,7 +12,7 @@ import typer
 from beamdae.cli.job import AccurateJob
 from beamdae.cli.options import About, as_bad_parameter, find_state, parse_number
 from beamdae.cli.ranges import SPACED_FORMS, parse_spaced_values
-from beamdae.errors import BeamdaeError, require_count
+from beamdae.errors import BeamdaeError, require_count, warn_user
 
 _MIN_SPEEDS = 2  # of a Campbell diagram
 _RANGE_COUNTS = (_MIN_SPEEDS, 1000)
@@ -44,7 +44,9 @@ def parse_speeds(text: str) -> tuple[list[float], str]:
 def modes_command(
     job: AccurateJob,
     about: About = None,
-    number: Annotated[int, typer.Option("-n", "--number", help="Number of modes.")] = 10,
+    number: Annotated[
+        int | None, typer.Option("-n", "--number", help="Number of modes. Defaults to 10.")
+    ] = None,
     damping: Annotated[bool, typer.Option(help="Compute damped or undamped modes.")] = True,
     speed: Annotated[
         list[Any] | None,
@@ -81,6 +83,7 @@ def modes_command(
     Exits with 0 on success, 1 if --accuracy was not reached or the page or a picture failed, and 2
     for a usage or model error.
     """
+    count = 10 if number is None else number
     speeds, animated_modes = [x for group, _ in speed or [] for x in group], animate or []
     is_single = len(speeds) < _MIN_SPEEDS
     if multiple and is_single:
@@ -105,12 +108,14 @@ def modes_command(
 
         if is_single:
             # Its warnings are printed with the result.
-            modes = compute_modes(mechanism, state, number, damping, **job.accuracy)
+            modes = compute_modes(mechanism, state, count, damping, **job.accuracy)
+            if number is not None and len(modes) < number:
+                warn_user(f"modes: --number is {number}, but only {len(modes)} modes exist.")
             for k in animations:
                 require_count("modes", "--animate", k, most=len(modes))
             return modes
         orders = multiple or SPEED_MULTIPLES
-        diagram = campbell(mechanism, speeds, number, damping=damping, multiples=orders)
+        diagram = campbell(mechanism, speeds, count, damping=damping, multiples=orders)
         return replace(diagram, speed_unit=speed[0][1] if speed else "rad/s")
 
     def animate_modes(modes: Any) -> None:

@@ -110,7 +110,7 @@ def _parse_range(over: str, model: Model) -> tuple[str, tuple[float, float]]:
     ((name, text),) = parse_assignments([over], "--over").items()
     info = model.parameter_info.get(name)
     ends = parse_ends("--over", name, text, info.unit if info else "")
-    if ends is None or not all(map(math.isfinite, ends)) or ends[0] == ends[1]:
+    if not all(map(math.isfinite, ends)) or ends[0] == ends[1]:
         raise BeamdaeError(
             f"--over {over}: the range must have the form FIRST:LAST, two different finite numbers."
         )

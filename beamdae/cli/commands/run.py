@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -176,9 +177,8 @@ def _finish(run: Run, solution: Solution) -> None:
     status = solution.status
     if run.checkpoint is not None and run_outputs.can_resume(solution):
         record_results(lambda: {"continue": run.checkpoint})
-        create_console().print(
-            f"to resume: --continue {run.checkpoint}", style="dim", soft_wrap=True
-        )
+        options = shlex.join(["--continue", str(run.checkpoint), *run.job.selection])
+        create_console().print(f"to resume: {options}", style="dim", soft_wrap=True)
     if status.kind != "interrupted" and (run.interrupted or signals.is_interrupted()):
         status = Status("interrupted", "interrupted after the run")
     accuracy = run.job.accuracy["accuracy"]

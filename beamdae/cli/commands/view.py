@@ -78,7 +78,4 @@ def view_command(
 
 def _parse_range(model: Model, name: str, text: str) -> tuple[float, float]:
     info = model.parameter_info.get(name)
-    ends = parse_ends("--range", name, text, info.unit if info else "")
-    if ends is None:
-        raise BeamdaeError(f"--range {name}={text}: the range must have the form FIRST:LAST.")
-    return ends
+    return parse_ends("--range", name, text, info.unit if info else "")

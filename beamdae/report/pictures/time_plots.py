@@ -222,10 +222,8 @@ def select_plot(
     if measured is not None:
         points = {column: _pair_with(abscissa, column, measured) for column in columns}
     if data is not None and not any(points.values()):
-        from beamdae.analysis.fit.data import UnmatchedDataError
-
         plotted = f"one of the plotted columns ({', '.join(columns)})" if columns else "a column"
-        raise UnmatchedDataError(
+        raise BeamdaeError(
             f"plot: data must contain {plotted}"
             f"{'' if abscissa == TIME else f' and {abscissa} at the same times'}; the data contain "
             f"{', '.join(measured_columns)}."

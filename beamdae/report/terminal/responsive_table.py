@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import accumulate
@@ -25,6 +26,7 @@ _COLUMN_GAP = 2  # between two columns
 _ROW_MARGIN = 2  # at both ends of a row together
 _MAX_TOPIC_SHARE = 0.5  # maximum width of the topics, relative to the terminal width
 _SPACE = re.compile(r" (?!\d+ \[|[^\[]*\])")  # neither inside a unit nor before a number with one
+_UNIT_SPACE = re.compile(r" (?=\[|[^\[]*\])")  # before a unit or inside one
 
 
 def shorten_to_cells(text: str, most: int) -> str:
@@ -35,6 +37,13 @@ def shorten_to_cells(text: str, most: int) -> str:
     head = set_cell_size(text, most // 2).rstrip()
     tail = set_cell_size(text[::-1], max(most - 1 - cell_len(head), 0)).rstrip()[::-1]
     return f"{head}…{tail}"
+
+
+def _wrap_words(text: str, width: int) -> str:
+    """Return the printable text with line breaks neither inside a unit nor before one."""
+    joined = _UNIT_SPACE.sub("\N{NO-BREAK SPACE}", make_printable(text))
+    lines = textwrap.wrap(joined, width, break_on_hyphens=False)
+    return "\n".join(lines).replace("\N{NO-BREAK SPACE}", " ")
 
 
 def _break_header(header: str) -> str:
@@ -114,11 +123,13 @@ class FactList:
     facts: Mapping[str, str]
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        most = int(_MAX_TOPIC_SHARE * options.max_width)
+        topics = [_wrap_words(topic, most) for topic in self.facts]
+        used = max(map(cell_len, "\n".join(topics).split("\n"))) + _COLUMN_GAP
         table = Table(box=None, show_header=False, pad_edge=False)
-        topic_width = int(_MAX_TOPIC_SHARE * options.max_width)
         table.add_column(style="dim", no_wrap=True)
         table.add_column(overflow="fold")
-        for topic, text in self.facts.items():
-            table.add_row(Text(shorten_to_cells(topic, topic_width)), Text(make_printable(text)))
+        for topic, text in zip(topics, self.facts.values(), strict=True):
+            table.add_row(Text(topic), Text(_wrap_words(text, options.max_width - used)))
         if self.facts:
             yield table

@@ -229,16 +229,18 @@ def sweep_table(
 ) -> ResponsiveTable:
     """Return a table of the parameters, status and outputs of each run of a sweep.
 
-    Rounding noise is shown as zero; columns of zeros and constant parameters are the last ones.
+    Rounding noise is shown as zero; outputs that are zero and constant parameters are the last
+    ones.
     """
     import pandas as pd
 
     sizes = pd.DataFrame({x: pd.to_numeric(table[x], "coerce").abs() for x in outputs})
     # Values without a unit are compared with those of the same column, which other measures share.
-    kinds = {}
+    kinds, groups = {}, {}
     for name in outputs:
         column, unit = split_unit(name)
-        kinds[name] = unit if unit not in ("", "-") else column.rpartition(" ")[0] or column
+        groups[name] = column.rpartition(" ")[0] or column
+        kinds[name] = unit if unit not in ("", "-") else groups[name]
     largest = sizes.max().groupby(kinds.__getitem__).max().to_dict()
     largest["rad"] = max(largest.get("rad", 0.0), 1.0)
     rounded = table.copy()
@@ -247,11 +249,10 @@ def sweep_table(
             is_noise = sizes[name] <= _ROUNDING * largest[kinds[name]]
             rounded[name] = table[name].where(~is_noise, 0.0)
     varied = [name for name in parameters if table[name].astype(str).nunique() > 1]
-    first = ["status"] if (table["status"] != "ok").any() else []
-    constant = [x for x in outputs if not rounded[x].astype(bool).any()]
-    names = [*(varied or parameters), *first, *(x for x in outputs if x not in constant)]
-    names += [x for x in [*constant, "status", *parameters] if x not in names]
-    return table_of(rounded[names].rename(columns=format_headers(units or {})), "sweep.csv")
+    nonzero = {groups[x] for x in outputs if rounded[x].astype(bool).any()}
+    shown = [x for x in outputs if groups[x] in nonzero]
+    names = dict.fromkeys([*(varied or parameters), "status", *shown, *outputs, *parameters])
+    return table_of(rounded[list(names)].rename(columns=format_headers(units or {})), "sweep.csv")
 
 
 def failure_sentences(table: pd.DataFrame) -> list[str]:

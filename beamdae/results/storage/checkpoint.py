@@ -131,8 +131,12 @@ class Checkpoint:
         register_input(path, CHECKPOINT)
         return checkpoint
 
-    def start_equations(self, equations: EquationsOfMotion) -> EquationsOfMotion:
+    def start_equations(
+        self, equations: EquationsOfMotion, part: str = "start"
+    ) -> EquationsOfMotion:
         """Return the equations that start from this state, with its active parts and events.
+
+        Messages begin with `part`.
 
         Raises
         ------
@@ -145,8 +149,8 @@ class Checkpoint:
             name, other = (x[k] if k < len(x) else None for x in (names, required))
             if name != other:
                 raise BeamdaeError(
-                    f"start: coordinate {k + 1} is {short_repr(name)} in the start and "
-                    f"{short_repr(other)} in the model; start from a run of the same model."
+                    f"{part}: coordinate {k + 1} is {short_repr(name)} in the start and "
+                    f"{short_repr(other)} in the model; use the model and parameters of that run."
                 )
         events = tuple(
             replace(

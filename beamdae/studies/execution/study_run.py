@@ -192,13 +192,14 @@ class StudyResults:
     def describe_warnings(self) -> list[str]:
         """Return a sentence on each of the first five kinds of warnings of cases.
 
-        Warnings of one kind differ only in numbers.
+        Warnings of one kind differ only in the part and in numbers.
         """
         # By kind, the first warning of each case.
         kinds: dict[str, dict[int, str]] = {}
         for k, text in enumerate(self.table.get("warnings", ())):
             for warning in text.splitlines() if isinstance(text, str) else ():
-                kinds.setdefault(kind_of_message(f": {warning}"), {}).setdefault(k, warning)
+                kind = kind_of_message(f": {warning.partition(': ')[2] or warning}")
+                kinds.setdefault(kind, {}).setdefault(k, warning)
         sentences = []
         for cases in list(kinds.values())[:_MAX_WARNING_KINDS]:
             row, text = next(iter(cases.items()))
@@ -321,7 +322,9 @@ def _run_missing_tasks(
                 if outcome.is_final and outcome.status.kind != "interrupted":
                     outcome = store.save(task, outcome)
                 outcomes[task.key] = outcome
-                report(f"{task.case.group}, {task.case.label}", outcome)
+                case = task.case
+                label = case.group if task.is_measured else f"{case.group}, {case.label}"
+                report(label, outcome)
         interrupts.immediate = False
     except KeyboardInterrupt:
         acknowledge()
