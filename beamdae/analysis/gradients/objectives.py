@@ -295,25 +295,11 @@ class SmoothMaximum(ColumnObjective):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        p = require_finite("SmoothMaximum", "exponent", self.exponent)
-        if not 1.0 <= p <= _MAX_EXPONENT:
-            _, most, given = format_distinct(1.0, _MAX_EXPONENT, p)
-            raise BeamdaeError(
-                f"SmoothMaximum: exponent must be between 1 and {most}, got {given}."
-            )
-        set_fields(self, exponent=p)
+        set_fields(self, exponent=require_exponent("SmoothMaximum", self.exponent))
 
     def evaluate(self, y: Array, weights: Array) -> tuple[float, Array]:
         """See `ColumnObjective`."""
-        p, weights = self.exponent, weights / np.sum(weights)
-        largest = float(np.max(np.abs(y)))
-        if largest == 0.0:
-            return 0.0, np.zeros_like(y)
-        ratios = np.abs(y) / largest
-        mean = float(weights @ ratios**p)
-        norm = mean ** (1.0 / p)
-        derivative = norm / mean * weights * ratios ** (p - 1.0) * np.sign(y)
-        return largest * norm, derivative
+        return measure_norm(y, self.exponent, weights / np.sum(weights))
 
     def end_derivative(self, value: float, y: float, rate: float, duration: float) -> float:
         """See `ColumnObjective`."""
@@ -384,6 +370,26 @@ class SquaredErrors(ColumnObjective):
         errors = np.where(self._weights > 0.0, y - self.values, 0.0)
         weighted = self._weights * errors
         return float(weighted @ errors), 2.0 * weighted
+
+
+def require_exponent(part: str, value: Any) -> float:
+    """Return the exponent of a smooth maximum."""
+    p = require_finite(part, "exponent", value)
+    if not 1.0 <= p <= _MAX_EXPONENT:
+        _, most, given = format_distinct(1.0, _MAX_EXPONENT, p)
+        raise BeamdaeError(f"{part}: exponent must be between 1 and {most}, got {given}.")
+    return p
+
+
+def measure_norm(y: Array, p: float, weights: Array | float = 1.0) -> tuple[float, Array]:
+    """Return (sum of weights |y|^p)^(1/p), and its derivatives (k,)."""
+    largest = float(np.max(np.abs(y)))
+    if largest == 0.0 or not np.isfinite(largest):
+        return largest, np.zeros_like(y)
+    ratios = np.abs(y) / largest
+    mean = float(np.sum(weights * ratios**p))
+    norm = mean ** (1.0 / p)
+    return largest * norm, norm / mean * weights * ratios ** (p - 1.0) * np.sign(y)
 
 
 class SampleGrid(NamedTuple):

@@ -297,12 +297,6 @@ class DesignProblem:
         """Return all parameters of the model for values (k,) of the numbers."""
         return self.flat.change(dict(zip(self.names, values.tolist(), strict=True)))
 
-    def varied_parameters(self, values: Array) -> dict[str, Any]:
-        """Return the varied parameters: floats, or tuples for lists of floats."""
-        given = self.parameters(values)
-        names = dict.fromkeys(key for key, _ in self.flat.entries.values())
-        return {x: given[x] if isinstance(given[x], float) else tuple(given[x]) for x in names}
-
     def design(self, values: Array) -> Design:
         """Return the design with values (k,) of the numbers; the latest ones are stored.
 
@@ -382,7 +376,7 @@ def create_problem(
             )
     flat = flatten_model(_NAME, model, by, parameters)
     keys = np.array([key for key, _ in flat.entries.values()])
-    first = {name: flat.parameters[name] for name in dict.fromkeys(keys.tolist())}
+    first = flat.unflatten(flat.values.values())
     units = {name: x.unit for name, x in flat.model.parameter_info.items()}
     lower, upper = np.full((2, len(keys)), [[-np.inf], [np.inf]])
     for name, ends in read_bounds(_NAME, bounds, first, units).items():

@@ -16,13 +16,14 @@ from beamdae.analysis.gradients.objectives import (
     SmoothMaximum,
     Summand,
     format_sum,
+    measure_norm,
     read_numbers,
     require_deviations,
+    require_exponent,
 )
 from beamdae.errors import (
     BeamdaeError,
     as_text,
-    format_distinct,
     require_choice,
     require_count,
     require_finite,
@@ -36,7 +37,6 @@ from beamdae.model_parameters import parse_quantity
 
 Array = np.ndarray
 
-_MAX_EXPONENT = 1000.0
 _MAX_NUMBER = 10_000
 # Kinds of analyses.
 RUN, EQUILIBRIUM_PATH, MODES, MASS, PARAMETERS = "run", "path", "modes", "mass", "parameters"
@@ -146,10 +146,7 @@ class LargestOf(Quantity):
         )
         if not entries:
             raise BeamdaeError("LargestOf: quantities is empty; pass at least one quantity.")
-        p = require_finite("LargestOf", "exponent", self.exponent)
-        if not 1.0 <= p <= _MAX_EXPONENT:
-            _, most, given = format_distinct(1.0, _MAX_EXPONENT, p)
-            raise BeamdaeError(f"LargestOf: exponent must be between 1 and {most}, got {given}.")
+        p = require_exponent("LargestOf", self.exponent)
         quantities = tuple(as_quantity("LargestOf: quantities", x) for x in entries)
         more = ", ..." if len(quantities) > 1 else ""
         label = f"largest of {len(quantities)}: {quantities[0].label}{more}"
@@ -157,12 +154,7 @@ class LargestOf(Quantity):
 
     def combine(self, values: Array) -> tuple[float, Array]:
         """See `Quantity`."""
-        largest = float(np.max(np.abs(values)))
-        if largest == 0.0 or not np.isfinite(largest):
-            return largest, np.zeros(len(values))
-        ratios = np.abs(values) / largest
-        norm = float(np.sum(ratios**self.exponent)) ** (1.0 / self.exponent)
-        return largest * norm, (ratios / norm) ** (self.exponent - 1.0) * np.sign(values)
+        return measure_norm(values, self.exponent)
 
 
 class AnalysisQuantity(Quantity):
