@@ -18,7 +18,15 @@ from beamdae.analysis.gradients.number_derivatives import (
     NumberDerivatives,
     differentiate_numbers,
 )
-from beamdae.analysis.gradients.objectives import EndValue, SampleGrid, SmoothMaximum, read_column
+from beamdae.analysis.gradients.objectives import (
+    RUN,
+    AnalysisQuantity,
+    ColumnObjective,
+    EndValue,
+    SampleGrid,
+    SmoothMaximum,
+    read_column,
+)
 from beamdae.analysis.linear_dynamics.linearization import REFERENCE
 from beamdae.analysis.linear_dynamics.natural_modes import Modes, compute_modes
 from beamdae.analysis.optimization.quantities import (
@@ -26,8 +34,6 @@ from beamdae.analysis.optimization.quantities import (
     MASS,
     MODES,
     PARAMETERS,
-    RUN,
-    AnalysisQuantity,
     CriticalLoad,
     EquilibriumErrors,
     EquilibriumQuantity,
@@ -35,7 +41,6 @@ from beamdae.analysis.optimization.quantities import (
     Frequency,
     Mass,
     ParameterFunction,
-    RunQuantity,
 )
 from beamdae.analysis.sensitivities.modes import mode_sensitivities
 from beamdae.analysis.sensitivities.neighbors import (
@@ -145,20 +150,20 @@ class RunAnalysis(Analysis):
         )
         self.result = self._run.solution
 
-    def value(self, quantity: RunQuantity) -> float:
+    def value(self, quantity: ColumnObjective) -> float:
         """See `Analysis`."""
-        return quantity.objective.value(self.result)
+        return quantity.value(self.result)
 
-    def maximum(self, quantity: RunQuantity) -> float:
+    def maximum(self, quantity: ColumnObjective) -> float:
         """See `Analysis`."""
-        if not isinstance(quantity.objective, SmoothMaximum):
+        if not isinstance(quantity, SmoothMaximum):
             return self.value(quantity)
         samples = self.result.at_times(SampleGrid.of(self.result.trajectory).t)
         return float(np.max(np.abs(read_column(samples, quantity.column)[1])))
 
-    def gradient(self, weights: Mapping[RunQuantity, float]) -> Array:
+    def gradient(self, weights: Mapping[ColumnObjective, float]) -> Array:
         """See `Analysis`."""
-        return self._run.differentiate(sum(x.objective * w for x, w in weights.items()))[1]
+        return self._run.differentiate(sum(x * w for x, w in weights.items()))[1]
 
 
 class PathAnalysis(Analysis):

@@ -12,6 +12,7 @@ import numpy as np
 
 from beamdae.analysis.gradients.gradients import DEFAULT_METHOD, flatten_model
 from beamdae.analysis.gradients.number_derivatives import FlatModel
+from beamdae.analysis.gradients.objectives import AnalysisQuantity, ColumnObjective, Quantity
 from beamdae.analysis.optimization.analyses import (
     Analysis,
     DesignModel,
@@ -20,10 +21,7 @@ from beamdae.analysis.optimization.analyses import (
 )
 from beamdae.analysis.optimization.optimality import Linearization
 from beamdae.analysis.optimization.quantities import (
-    AnalysisQuantity,
     Limit,
-    Quantity,
-    RunQuantity,
     as_quantity,
 )
 from beamdae.analysis.parameter_bounds import LOG_ORIGIN, ParameterScales, read_bounds
@@ -108,7 +106,7 @@ class Design:
             return 1.0
         quantity = limit.quantity
         maxima = {leaf: self.analyses[leaf.analysis].maximum(leaf) for leaf in quantity.leaves}
-        return max(1.0, quantity.evaluate(maxima)[0] / value)
+        return max(1.0, quantity.differentiate(maxima)[0] / value)
 
 
 @dataclass(frozen=True)
@@ -200,7 +198,7 @@ class DesignProblem:
         Values of runs with adaptive steps jump where the steps of two designs differ.
         """
         name, value = (self.settings.integrator or DEFAULT_METHOD).accuracy
-        has_runs = [any(isinstance(y, RunQuantity) for y in x.leaves) for x in self.quantities]
+        has_runs = [any(isinstance(y, ColumnObjective) for y in x.leaves) for x in self.quantities]
         return np.where(has_runs, value if name == "rtol" else 0.0, 0.0)
 
     @cached_property
@@ -338,7 +336,7 @@ class DesignProblem:
             for key, group in group_by_analysis(self.leaves).items():
                 analyses[key] = create_analysis(model, group, self.settings)
                 results |= {leaf: analyses[key].value(leaf) for leaf in group}
-        numbers, weights = zip(*(x.evaluate(results) for x in self.quantities), strict=True)
+        numbers, weights = zip(*(x.differentiate(results) for x in self.quantities), strict=True)
         for quantity, number in zip(self.quantities, numbers, strict=True):
             if not np.isfinite(number):
                 raise BeamdaeError(
