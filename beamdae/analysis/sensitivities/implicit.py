@@ -439,6 +439,8 @@ class SingularPoint:
             response, h = found._unbalance()
             direction = Direction.of_unknowns(found.point, system, Tangent(response, 0.0))
             found = found._move(found._change(direction, h, (found._by_xi, found._by_mu)))
+        if not found._factors.is_regular:
+            raise CurveError("its critical mode is not unique")
         return found
 
     def derivative(self, direction: ParameterDirection) -> Tangent | None:
