@@ -261,8 +261,9 @@ class _Numbers:
     def is_regular(self, difference: Difference) -> bool:
         """Return True if the neighboring models only differ in their numbers and start."""
         base = self._base
-        return difference.keeps_structure(base) and all(
-            e.breakpoints == base.breakpoints
+        return difference.base is base and all(
+            e.structure == base.structure
+            and e.breakpoints == base.breakpoints
             and all(map(_have_same_pattern, e.observables, base.observables))
             and not start_adds_velocities(e, self._time)
             for e in difference.models

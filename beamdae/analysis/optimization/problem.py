@@ -240,10 +240,6 @@ class DesignProblem:
         bounds = np.array([x.bound for x in self.limits])
         return self._signs * (bounds - self.ratios * values[1:]) / self.scales[1:]
 
-    def costs(self, values: Array) -> Array:
-        """Return the scaled objective and excesses over the limits, (1 + C,)."""
-        return np.append(self.scaled_objective(values), -self.margins(values))
-
     def violation(self, values: Array) -> float:
         """Return the largest violation, 0 within the tolerances, NaN for a failed design."""
         excess = -self.margins(values)

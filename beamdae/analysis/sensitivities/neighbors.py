@@ -21,8 +21,6 @@ from beamdae.equations.structure import ConstraintTerm, ForceTerm, has_same_patt
 from beamdae.errors import BeamdaeError, format_exception, warn_user
 from beamdae.interrupts import outermost_call
 from beamdae.model_functions import Model
-from beamdae.symbolic.sums.directional_sums import directional_plan
-from beamdae.symbolic.sums.kernel_sums import SumPlan
 
 Array = np.ndarray
 
@@ -207,10 +205,6 @@ class Difference(Neighbors):
             base = replace(first, p=p, q0=base.q0, v0=base.v0, breakpoints=base.breakpoints)
         return replace(self, base=base, models=tuple(models))
 
-    def keeps_structure(self, run: EquationsOfMotion) -> bool:
-        """Return True if the neighboring models have the structure of the equations of a run."""
-        return self.base is run and all(e.structure == run.structure for e in self.models)
-
 
 def difference_model(
     model: Model,
@@ -228,7 +222,7 @@ def difference_model(
     Forces that vanish at the value of the parameter may be missing in `base`, such as damping
     forces at damping = 0. The numbers at this value are then interpolated or extrapolated in the
     structure of the neighboring models. The operators of joints may depend on the parameter, as the
-    shape functions at joints of curved floating-frame beams do; see `directional_plan_along`.
+    shape functions at joints of curved floating-frame beams do; see `plan_along`.
 
     Parameters
     ----------
@@ -480,21 +474,3 @@ def _largest_of_kind(equations: EquationsOfMotion) -> Array:
             order="F"
         )
     return sizes
-
-
-def directional_plan_along(
-    difference: Difference,
-    plan: Callable[[EquationsOfMotion], SumPlan],
-    n_inputs: int,
-    min_base: float = 0.0,
-) -> SumPlan:
-    """Return the plan of the derivative of a sum along a parameter that moves its operators.
-
-    `plan` returns the plan of the sum of equations, with inputs of size `n_inputs`. For `min_base`,
-    see `expand_powers`.
-    """
-    changes = (
-        difference.along(lambda e: plan(e).gather_weights),
-        difference.along(lambda e: plan(e).weights),
-    )
-    return directional_plan(plan(difference.base), n_inputs, changes, min_base)

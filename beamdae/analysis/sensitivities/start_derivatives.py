@@ -24,7 +24,6 @@ from beamdae.analysis.continuation.engine import RefinedFactors
 from beamdae.analysis.sensitivities.neighbors import (
     Difference,
     derivative_call,
-    directional_plan_along,
     equations_key,
 )
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
@@ -214,7 +213,11 @@ def plan_along(
     of joints depend on it.
     """
     if moving is not None:
-        return directional_plan_along(moving, lambda e: plan(e.structure), n_inputs, min_base)
+        changes = (
+            moving.along(lambda e: plan(e.structure).gather_weights),
+            moving.along(lambda e: plan(e.structure).weights),
+        )
+        return directional_plan(plan(equations.structure), n_inputs, changes, min_base)
     return _plan_direction(equations.structure, plan, n_inputs, min_base)
 
 
