@@ -374,7 +374,7 @@ GROUPS = (
         results.Optimization analysis.optimization.result
         quantities.at_most analysis.optimization.quantities
         quantities.at_least analysis.optimization.quantities
-        results.Quantity analysis.optimization.quantities
+        results.Quantity analysis.gradients.objectives
         quantities.Mass analysis.optimization.quantities
         quantities.Frequency analysis.optimization.quantities
         quantities.EquilibriumValue analysis.optimization.quantities

@@ -3,13 +3,13 @@ from ..analysis.fit.profile import ProfileLikelihood as ProfileLikelihood
 from ..analysis.fit.result import Fit as Fit
 from ..analysis.gradients.gradients import Gradient as Gradient
 from ..analysis.gradients.objectives import Objective as Objective
+from ..analysis.gradients.objectives import Quantity as Quantity
 from ..analysis.linear_dynamics.bode_diagram import Bode as Bode
 from ..analysis.linear_dynamics.campbell_diagram import Campbell as Campbell
 from ..analysis.linear_dynamics.linear_model import LinearModel as LinearModel
 from ..analysis.linear_dynamics.natural_modes import Modes as Modes
 from ..analysis.linear_dynamics.stability_margins import Crossover as Crossover
 from ..analysis.linear_dynamics.stability_margins import StabilityMargins as StabilityMargins
-from ..analysis.optimization.quantities import Quantity as Quantity
 from ..analysis.optimization.result import Optimization as Optimization
 from ..analysis.sensitivities.modes import ModeSensitivities as ModeSensitivities
 from ..analysis.sensitivities.periodic import PeriodicSensitivities as PeriodicSensitivities

@@ -695,7 +695,7 @@ def test_regression_rounding_does_not_change_neighboring_models(model, name, val
     values = {**model.parameters, "formulation": "floating frame", name: value}
     base = bd.equations_of_motion(model(**values))
     difference = difference_model(model, name, values, base, bd.equations_of_motion)
-    assert len(difference.equations) == 4
+    assert len(difference.models) == 4
 
 
 def spring_of(law):

@@ -24,6 +24,8 @@ Array = np.ndarray
 
 # Corrections up to this size, in natural sizes, may be rounding errors of solutions.
 ROUNDING = 1e-7
+# Larger errors of solutions show that a matrix is singular. Those of stiff beams reach 1e-7.
+_MAX_ERROR_OF_SOLUTIONS = 1e-6
 # Number of times a correction is halved if the equations cannot be evaluated after it.
 _MAX_HALVINGS = 5
 # Steps: factor after a failure, and smallest and largest growth.
@@ -109,6 +111,13 @@ class RefinedFactors(NamedTuple):
         solution = self.factors.solve(scaled, transposition)
         solution += self.factors.solve(scaled - matrix @ solution, transposition)
         return np.asarray(self.sizes * solution)
+
+    @property
+    def is_regular(self) -> bool:
+        """True if solutions are accurate, unlike those of matrices that rounding made regular."""
+        expected = np.ones(self.matrix.shape[0])
+        error = self.factors.solve(self.matrix @ expected) - expected
+        return bool(np.max(np.abs(error)) <= _MAX_ERROR_OF_SOLUTIONS)
 
 
 @dataclass(frozen=True, eq=False)

@@ -238,11 +238,6 @@ class FitProblem:
         return float(np.sum((MIN_RELATIVE_RESIDUAL * self._values * self.weights) ** 2))
 
     @property
-    def last_time(self) -> float:
-        """Longest end time of the runs [s]."""
-        return max(self._t_end.values())
-
-    @property
     def variables(self) -> tuple[str, ...]:
         """Names of the parameters that the search varies: of the model, then shifts."""
         return (*self.names, *(x.name for x in self.shifts))

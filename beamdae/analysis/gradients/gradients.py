@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
@@ -48,15 +48,14 @@ from beamdae.analysis.sensitivities.run_chain import (
     node_state,
 )
 from beamdae.analysis.sensitivities.sensitivity_result import (
-    complete_parameters,
-    require_parameters,
+    select_parameters,
 )
 from beamdae.analysis.sensitivities.start_derivatives import (
     StartDerivatives,
     assemble_neighbors,
     start_adds_velocities,
 )
-from beamdae.equations.equations_of_motion import EquationsOfMotion, State
+from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.errors import (
     BeamdaeError,
@@ -245,13 +244,7 @@ def _evaluate(
     """Return the result of `gradient` without a check of its errors."""
     run = DifferentiableRun.of(flat, integrator, t_end, start)
     value, derivatives = run.differentiate(objective)
-    shaped: dict[str, Any] = {}
-    for (name, (key, k)), derivative in zip(flat.entries.items(), derivatives, strict=True):
-        if k is None:
-            shaped[name] = float(derivative)
-        else:
-            shaped.setdefault(key, []).append(float(derivative))
-    given = flat.parameters
+    shaped = flat.unflatten(derivatives.tolist())
 
     def repeat(change: Callable[[Any], Any], method: Any) -> Gradient:
         changed = replace(flat, model=transform_mechanisms(flat.model, change))
@@ -259,7 +252,7 @@ def _evaluate(
 
     return Gradient(
         value,
-        {x: given[x] if isinstance(given[x], float) else tuple(given[x]) for x in shaped},
+        flat.unflatten(flat.values.values()),
         {x: y if isinstance(y, float) else np.array(y) for x, y in shaped.items()},
         run.solution,
         repeat,
@@ -271,8 +264,7 @@ def flatten_model(caller: str, model: Any, by: Any, parameters: Any) -> FlatMode
 
     `caller` is the calling function, for messages.
     """
-    names = require_parameters(caller, model, by, allows_lists=True)
-    values = complete_parameters(caller, model, parameters)
+    names, values = select_parameters(caller, model, by, parameters, allows_lists=True)
     entries: dict[str, tuple[str, int | None]] = {}
     for name in names:
         if isinstance(values[name], float):
@@ -364,8 +356,10 @@ class DifferentiableRun:
             return None
         seeds, by_q, by_v, numbers = transpose_run(objective, self.solution, self.method)
         if is_equilibrium:
-            by_equilibrium = start.equilibrium_gradient(time, at, by_q, 0.0 * at.lam)
-            if by_equilibrium is None and not starts_as_drawn:
+            operator = start.equilibrium_map(time, at)
+            if operator is not None:
+                by_equilibrium = start.gradient(operator, np.append(by_q, 0.0 * at.lam))[1]
+            elif not starts_as_drawn:
                 return None
         # The equilibrium of neighboring models is not needed if its adjoint is known.
         if self._numbers is None:
@@ -400,8 +394,7 @@ class DifferentiableRun:
         equations = self.solution.equations
         assemble = assemble_neighbors(equations, self.start)
         missing = {
-            # Name and call of a flat model are those of a model.
-            x: difference_model(cast(Model, self.flat), x, self.flat.values, equations, assemble)
+            x: difference_model(self.flat.as_model(), x, self.flat.values, equations, assemble)
             for x in names
             if x not in self._along
         }
@@ -509,10 +502,7 @@ def _differentiate_end_time(
     stop, trajectory = find_stop(solution), solution.trajectory
     if stop is None:
         return np.zeros(len(derivatives))
-    along = {
-        name: State(*(y[-1:] for y in x.trajectory.intervals[-1].rows))
-        for name, x in derivatives.items()
-    }
+    along = {name: x.trajectory.intervals[-1] for name, x in derivatives.items()}
     last, end = trajectory.intervals[-1], trajectory.end
     ends = differentiate_event_time(solution.equations, stop, last, end, along, differences)
     return np.array(list(ends.values()))

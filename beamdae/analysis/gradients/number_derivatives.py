@@ -7,10 +7,11 @@ numbers, such as the thicknesses of a beam at different points, are therefore ch
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import functools
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -83,6 +84,23 @@ class FlatModel:
             name: float(self.parameters[key] if k is None else self.parameters[key][k])
             for name, (key, k) in self.entries.items()
         }
+
+    def unflatten(self, numbers: Iterable[Any]) -> dict[str, Any]:
+        """Return numbers by name of the parameter; a tuple for each list."""
+        result: dict[str, Any] = {}
+        for (key, k), number in zip(self.entries.values(), numbers, strict=True):
+            result[key] = number if k is None else (*result.get(key, ()), number)
+        return result
+
+    def as_model(self) -> Model:
+        """Return a model function whose parameters are the numbers."""
+
+        # The name and the folder remain those of the model.
+        @functools.wraps(self.model.build)
+        def build(**values: float) -> Any:
+            return self(**values)
+
+        return Model(build, self.model.t_end, dict(self.values))
 
     def __call__(self, **values: float) -> Any:
         """Return the mechanism for other values of some of the numbers."""
@@ -162,12 +180,11 @@ def differentiate_numbers(
     numbers = _Numbers(model, base, assemble, time)
     derivatives, irregular = _differentiate_together(numbers), list[int]()
     if derivatives is None:
-        derivatives = np.zeros(numbers.shape)
+        derivatives, flat = np.zeros(numbers.shape), model.as_model()
         for k, name in enumerate(model.entries):
-            # Name and call of a flat model are those of a model.
-            difference = difference_model(cast(Model, model), name, model.values, base, assemble)
+            difference = difference_model(flat, name, model.values, base, assemble)
             if numbers.is_regular(difference):
-                derivatives[k] = difference.derivative(_numbers_of)
+                derivatives[k] = difference.along(_numbers_of)
             else:
                 irregular.append(k)
     else:
@@ -244,11 +261,12 @@ class _Numbers:
     def is_regular(self, difference: Difference) -> bool:
         """Return True if the neighboring models only differ in their numbers and start."""
         base = self._base
-        return difference.keeps_structure(base) and all(
-            e.breakpoints == base.breakpoints
+        return difference.base is base and all(
+            e.structure == base.structure
+            and e.breakpoints == base.breakpoints
             and all(map(_have_same_pattern, e.observables, base.observables))
             and not start_adds_velocities(e, self._time)
-            for e in difference.equations
+            for e in difference.models
         )
 
     def find_affected(self) -> Array:
@@ -288,13 +306,13 @@ class _Numbers:
             trial = self._try_change(shares, stencil, RELATIVE_DIFFERENCE)
             if not trial.is_smooth:
                 raise BeamdaeError(f"{self.model.name}: the change does not suit the numbers.")
-            change = trial.difference.derivative(_numbers_of)
+            change = trial.difference.along(_numbers_of)
             result[group] = np.where(masks[group], change, 0.0) / self._sizes[group, None]
         # The derivatives add up along a common change of all numbers.
         shares = np.random.default_rng(0).choice([-1.0, -0.5, 0.5, 1.0], count)
         common = self._try_change(shares, TWO_NEIGHBORS, _COMMON_DIFFERENCE).difference
         parts = result * (shares * self._sizes)[:, None]
-        error = np.abs(common.derivative(_numbers_of) - parts.sum(axis=0))
+        error = np.abs(common.along(_numbers_of) - parts.sum(axis=0))
         if np.any(error > _MAX_COMMON_ERROR * np.abs(parts).sum(axis=0) + self._rounding):
             raise BeamdaeError(f"{self.model.name}: the numbers do not act independently.")
         return result

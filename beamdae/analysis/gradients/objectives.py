@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple, NoReturn
+from typing import Any, NamedTuple, NoReturn, TypeAlias
 
 import numpy as np
 
@@ -33,22 +33,63 @@ Array = np.ndarray
 _POINTS_PER_STEP = 8
 # Powers of larger exponents of a smooth maximum are dominated by rounding errors of single rows.
 _MAX_EXPONENT = 1000.0
+RUN = "run"  # kind of an analysis
+Values: TypeAlias = "Mapping[AnalysisQuantity, float]"
 
 
-class Summand:
-    """Term that can be added, subtracted and multiplied by numbers; base class."""
+class Quantity:
+    """Scalar function of the parameters of a model, for `optimize`; base class.
+
+    Quantities and objectives of runs can be added, subtracted and multiplied by numbers, as in
+    `Mass() + 0.1 * EndValue("tip.y")`.
+
+    Attributes
+    ----------
+    label
+        Short description for tables.
+    parts
+        Quantities of which this one is a function; none if it is the result of an analysis.
+    """
+
+    label: str
+    parts: tuple[Quantity, ...] = ()
+
+    @property
+    def leaves(self) -> tuple[AnalysisQuantity, ...]:
+        """The results of analyses of which the quantity is a function."""
+        return tuple(leaf for part in self.parts for leaf in part.leaves)
+
+    def combine(self, values: Array) -> tuple[float, Array]:
+        """Return the value, and its derivatives, for values (n,) of the parts."""
+        raise NotImplementedError
+
+    def differentiate(self, values: Values) -> tuple[float, dict[AnalysisQuantity, float]]:
+        """Return the value and its derivatives with respect to the leaves, given their values."""
+        parts = [x.differentiate(values) for x in self.parts]
+        value, factors = self.combine(np.array([x for x, _ in parts]))
+        weights = dict.fromkeys(self.leaves, 0.0)
+        for factor, (_, derivatives) in zip(factors.tolist(), parts, strict=True):
+            for leaf, derivative in derivatives.items():
+                weights[leaf] += factor * derivative
+        return value, weights
+
+    def find_unit(self, columns: Mapping[str, str]) -> str:
+        """Return the unit of the value, "" if it is unknown; `columns` are units of columns."""
+        units = {x.find_unit(columns) for x in self.parts}
+        return units.pop() if len(units) == 1 else ""
 
     @property
     def terms(self) -> tuple[tuple[float, Any], ...]:
-        """Factors and terms whose weighted sum is this one."""
+        """Factors and terms whose weighted sum is this quantity."""
         return ((1.0, self),)
 
-    def _sum(self, terms: tuple[tuple[float, Any], ...]) -> Any:
-        """Return the weighted sum of terms, of which one is of this kind."""
-        raise NotImplementedError
+    @staticmethod
+    def _sum(terms: tuple[tuple[float, Quantity], ...]) -> Quantity:
+        are_objectives = all(isinstance(x, ColumnObjective) for _, x in terms)
+        return WeightedSum(terms) if are_objectives else QuantitySum(terms)
 
     def __add__(self, other: Any) -> Any:
-        if not isinstance(other, Summand):
+        if not isinstance(other, Quantity):
             return self._reject("+", other)
         return self._sum((*self.terms, *other.terms))
 
@@ -57,7 +98,7 @@ class Summand:
         return self if other == 0 else self._reject("+", other)
 
     def __sub__(self, other: Any) -> Any:
-        return self + -other if isinstance(other, Summand) else self._reject("-", other)
+        return self + -other if isinstance(other, Quantity) else self._reject("-", other)
 
     def __rsub__(self, other: Any) -> Any:
         return self._reject("-", other)
@@ -89,6 +130,32 @@ class Summand:
         )
 
 
+@dataclass(frozen=True)
+class QuantitySum(Quantity):
+    """Sum of factor * quantity."""
+
+    weighted_terms: tuple[tuple[float, Any], ...]
+
+    def __post_init__(self) -> None:
+        label = format_sum((weight, x.label) for weight, x in self.terms)
+        set_fields(self, parts=tuple(x for _, x in self.terms), label=label)
+
+    @property
+    def terms(self) -> tuple[tuple[float, Any], ...]:
+        """See `Quantity`."""
+        return self.weighted_terms
+
+    def combine(self, values: Array) -> tuple[float, Array]:
+        """See `Quantity`."""
+        factors = np.array([factor for factor, _ in self.terms])
+        return float(factors @ values), factors
+
+    def find_unit(self, columns: Mapping[str, str]) -> str:
+        """See `Quantity`; a factor other than a sign may convert the unit."""
+        is_sign = len(self.terms) == 1 and abs(self.terms[0][0]) == 1.0
+        return super().find_unit(columns) if is_sign else ""
+
+
 def format_sum(terms: Iterable[tuple[float, str]]) -> str:
     """Return a weighted sum of labels, such as 'mass - 0.5 frequency 1'."""
     text = ""
@@ -99,7 +166,35 @@ def format_sum(terms: Iterable[tuple[float, str]]) -> str:
     return text
 
 
-class Objective(Summand):
+class AnalysisQuantity(Quantity):
+    """Result of one analysis of the model.
+
+    Attributes
+    ----------
+    analysis
+        Kind and arguments of the analysis; quantities with equal ones share it.
+    unit
+        Unit of the value; "" if it is unknown, None if it is that of the attribute `column`.
+    """
+
+    analysis: tuple[str, ...]
+    unit: str | None = ""
+
+    @property
+    def leaves(self) -> tuple[AnalysisQuantity, ...]:
+        """See `Quantity`."""
+        return (self,)
+
+    def differentiate(self, values: Values) -> tuple[float, dict[AnalysisQuantity, float]]:
+        """See `Quantity`."""
+        return values[self], {self: 1.0}
+
+    def find_unit(self, columns: Mapping[str, str]) -> str:
+        """See `Quantity`."""
+        return columns.get(getattr(self, "column", ""), "") if self.unit is None else self.unit
+
+
+class Objective(Quantity):
     """Scalar function of the columns of a run; base class.
 
     An objective is a weighted sum of functions of single columns. Objectives can be added,
@@ -135,31 +230,19 @@ class Objective(Summand):
                 runs[key] = solution.at_times(times)
             yield factor, term, runs[key], grid.weights
 
-    def _sum(self, terms: tuple[tuple[float, Any], ...]) -> Any:
-        others = [x for _, x in terms if not isinstance(x, ColumnObjective)]
-        # Those of other analyses sum objectives, too.
-        return others[0]._sum(terms) if others else WeightedSum(terms)
 
-
-@dataclass(frozen=True)
-class WeightedSum(Objective):
+class WeightedSum(QuantitySum, Objective):
     """Sum of factor * function of a column."""
 
-    weighted_terms: tuple[tuple[float, ColumnObjective], ...]
 
-    @property
-    def terms(self) -> tuple[tuple[float, ColumnObjective], ...]:
-        """See `Objective`."""
-        return self.weighted_terms
-
-
-class ColumnObjective(Objective):
+class ColumnObjective(AnalysisQuantity, Objective):
     """Function of the values of one column at times that it selects.
 
     Derived classes define the attribute `column`, `sample_times` and `evaluate`.
     """
 
     column: str
+    analysis = (RUN,)
 
     def __post_init__(self) -> None:
         name = as_text(self.column)
@@ -168,7 +251,7 @@ class ColumnObjective(Objective):
                 f"{type(self).__name__}: column must be the name of a column, got "
                 f"{short_repr(self.column)}."
             )
-        set_fields(self, column=name)
+        set_fields(self, column=name, label=f"{type(self).__name__} of {name}")
 
     def sample_times(self, grid: SampleGrid) -> Array:
         """Return the ascending times at which the column is evaluated [s]."""
@@ -219,6 +302,7 @@ class EndValue(ColumnObjective):
     """
 
     column: str
+    unit = None
 
     def sample_times(self, grid: SampleGrid) -> Array:
         """See `ColumnObjective`."""
@@ -292,28 +376,15 @@ class SmoothMaximum(ColumnObjective):
 
     column: str
     exponent: float = 50.0
+    unit = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        p = require_finite("SmoothMaximum", "exponent", self.exponent)
-        if not 1.0 <= p <= _MAX_EXPONENT:
-            _, most, given = format_distinct(1.0, _MAX_EXPONENT, p)
-            raise BeamdaeError(
-                f"SmoothMaximum: exponent must be between 1 and {most}, got {given}."
-            )
-        set_fields(self, exponent=p)
+        set_fields(self, exponent=require_exponent("SmoothMaximum", self.exponent))
 
     def evaluate(self, y: Array, weights: Array) -> tuple[float, Array]:
         """See `ColumnObjective`."""
-        p, weights = self.exponent, weights / np.sum(weights)
-        largest = float(np.max(np.abs(y)))
-        if largest == 0.0:
-            return 0.0, np.zeros_like(y)
-        ratios = np.abs(y) / largest
-        mean = float(weights @ ratios**p)
-        norm = mean ** (1.0 / p)
-        derivative = norm / mean * weights * ratios ** (p - 1.0) * np.sign(y)
-        return largest * norm, derivative
+        return measure_norm(y, self.exponent, weights / np.sum(weights))
 
     def end_derivative(self, value: float, y: float, rate: float, duration: float) -> float:
         """See `ColumnObjective`."""
@@ -384,6 +455,26 @@ class SquaredErrors(ColumnObjective):
         errors = np.where(self._weights > 0.0, y - self.values, 0.0)
         weighted = self._weights * errors
         return float(weighted @ errors), 2.0 * weighted
+
+
+def require_exponent(part: str, value: Any) -> float:
+    """Return the exponent of a smooth maximum."""
+    p = require_finite(part, "exponent", value)
+    if not 1.0 <= p <= _MAX_EXPONENT:
+        _, most, given = format_distinct(1.0, _MAX_EXPONENT, p)
+        raise BeamdaeError(f"{part}: exponent must be between 1 and {most}, got {given}.")
+    return p
+
+
+def measure_norm(y: Array, p: float, weights: Array | float = 1.0) -> tuple[float, Array]:
+    """Return (sum of weights |y|^p)^(1/p), and its derivatives (k,)."""
+    largest = float(np.max(np.abs(y)))
+    if largest == 0.0 or not np.isfinite(largest):
+        return largest, np.zeros_like(y)
+    ratios = np.abs(y) / largest
+    mean = float(np.sum(weights * ratios**p))
+    norm = mean ** (1.0 / p)
+    return largest * norm, norm / mean * weights * ratios ** (p - 1.0) * np.sign(y)
 
 
 class SampleGrid(NamedTuple):

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -19,7 +18,15 @@ from beamdae.analysis.gradients.number_derivatives import (
     NumberDerivatives,
     differentiate_numbers,
 )
-from beamdae.analysis.gradients.objectives import EndValue, SampleGrid, SmoothMaximum, read_column
+from beamdae.analysis.gradients.objectives import (
+    RUN,
+    AnalysisQuantity,
+    ColumnObjective,
+    EndValue,
+    SampleGrid,
+    SmoothMaximum,
+    read_column,
+)
 from beamdae.analysis.linear_dynamics.linearization import REFERENCE
 from beamdae.analysis.linear_dynamics.natural_modes import Modes, compute_modes
 from beamdae.analysis.optimization.quantities import (
@@ -27,8 +34,6 @@ from beamdae.analysis.optimization.quantities import (
     MASS,
     MODES,
     PARAMETERS,
-    RUN,
-    AnalysisQuantity,
     CriticalLoad,
     EquilibriumErrors,
     EquilibriumQuantity,
@@ -36,12 +41,11 @@ from beamdae.analysis.optimization.quantities import (
     Frequency,
     Mass,
     ParameterFunction,
-    RunQuantity,
 )
 from beamdae.analysis.sensitivities.modes import mode_sensitivities
 from beamdae.analysis.sensitivities.neighbors import (
     STENCILS,
-    difference_values,
+    Neighbors,
     first_difference,
 )
 from beamdae.analysis.sensitivities.start_derivatives import StartDerivatives
@@ -54,7 +58,6 @@ from beamdae.equations.starts.steady_rotation import RotatingCoordinates
 from beamdae.errors import BeamdaeError, as_real, short_repr
 from beamdae.integrators import Integrator
 from beamdae.linear.blas_threads import single_threaded
-from beamdae.model_functions import Model
 from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM
 from beamdae.results.columns import require_one_column
 from beamdae.simulation import as_equations
@@ -64,6 +67,8 @@ Array = np.ndarray
 _NAME = "optimize"
 # Free motions that are computed before the first vibration, at most.
 _MAX_FREE_MOTIONS = 64
+
+as_drawn = partial(as_equations, _NAME, start=AS_DRAWN)
 
 
 @dataclass(frozen=True)
@@ -96,7 +101,7 @@ class DesignModel:
     @cached_property
     def equations(self) -> EquationsOfMotion:
         """Equations of the model as drawn."""
-        return assemble_design(self.mechanism)
+        return as_drawn(self.mechanism)
 
     def number_derivatives(self, t: float) -> NumberDerivatives | None:
         """Return the derivatives of the numbers in `equations`, see `differentiate_numbers`.
@@ -105,9 +110,7 @@ class DesignModel:
         its section: their derivatives are missing.
         """
         if t not in self._derivatives:
-            derivatives = differentiate_numbers(
-                self.flat, self.equations, assemble_design, np.full(2, t)
-            )
+            derivatives = differentiate_numbers(self.flat, self.equations, as_drawn, np.full(2, t))
             self._derivatives[t] = None if derivatives.irregular else derivatives
         return self._derivatives[t]
 
@@ -147,20 +150,20 @@ class RunAnalysis(Analysis):
         )
         self.result = self._run.solution
 
-    def value(self, quantity: RunQuantity) -> float:
+    def value(self, quantity: ColumnObjective) -> float:
         """See `Analysis`."""
-        return quantity.objective.value(self.result)
+        return quantity.value(self.result)
 
-    def maximum(self, quantity: RunQuantity) -> float:
+    def maximum(self, quantity: ColumnObjective) -> float:
         """See `Analysis`."""
-        if not isinstance(quantity.objective, SmoothMaximum):
+        if not isinstance(quantity, SmoothMaximum):
             return self.value(quantity)
         samples = self.result.at_times(SampleGrid.of(self.result.trajectory).t)
         return float(np.max(np.abs(read_column(samples, quantity.column)[1])))
 
-    def gradient(self, weights: Mapping[RunQuantity, float]) -> Array:
+    def gradient(self, weights: Mapping[ColumnObjective, float]) -> Array:
         """See `Analysis`."""
-        return self._run.differentiate(sum(x.objective * w for x, w in weights.items()))[1]
+        return self._run.differentiate(sum(x * w for x, w in weights.items()))[1]
 
 
 class PathAnalysis(Analysis):
@@ -237,7 +240,7 @@ class PathAnalysis(Analysis):
     @cached_property
     def _sensitivities(self) -> Any:
         flat = self._model.flat
-        return equilibrium_sensitivities(as_model(flat), list(flat.entries), **self._arguments)
+        return equilibrium_sensitivities(flat.as_model(), list(flat.entries), **self._arguments)
 
     def _adjoint_gradient(self, weights: Mapping[Any, float]) -> Array | None:
         """Return the gradient by the adjoint, or None if it does not apply."""
@@ -260,11 +263,12 @@ class PathAnalysis(Analysis):
             add_term(seeds, by_state, e, weight, term, times, at, np.ones(1))
         with single_threaded:
             start, end = StartDerivatives(ConsistencySolver(e)), State(*(x[0] for x in at))
-            by_q, by_lam = by_state[0, : e.n], by_state[0, 2 * e.n :]
-            numbers = start.equilibrium_gradient(times[0], end, by_q, by_lam)
+            operator = start.equilibrium_map(times[0], end)
             derivatives = self._model.number_derivatives(path.t)
-        if numbers is None or derivatives is None:
-            return None
+            if operator is None or derivatives is None:
+                return None
+            by_end = np.append(by_state[0, : e.n], by_state[0, 2 * e.n :])
+            numbers = start.gradient(operator, by_end)[1]
         return np.asarray(derivatives.p @ (numbers + seeds.numbers))
 
 
@@ -315,7 +319,7 @@ class ModeAnalysis(Analysis):
                 "Frequency(number, about='equilibrium')."
             )
         names, count = list(self._flat.entries), len(self.result)
-        return mode_sensitivities(as_model(self._flat), names, self._about, count, damping=False)
+        return mode_sensitivities(self._flat.as_model(), names, self._about, count, damping=False)
 
 
 class MassAnalysis(Analysis):
@@ -337,7 +341,7 @@ class MassAnalysis(Analysis):
 
         def evaluate(k: int, change: float) -> float:
             if derivatives is None:
-                return compute_mass(assemble_design(flat(**_move(flat, k, change))))
+                return compute_mass(as_drawn(flat(**_move(flat, k, change))))
             p, q0 = derivatives.p[k], derivatives.q0[k]
             return compute_mass(replace(e, p=e.p + change * p, q0=e.q0 + change * q0))
 
@@ -402,9 +406,10 @@ def _differentiate(flat: FlatModel, function: Callable[[int, float], float]) -> 
         size = first_difference(value)
         for stencil in STENCILS:
             with suppress(ValueError, ArithmeticError), np.errstate(all="ignore"):
-                values = [function(k, step * size) for step in stencil.steps]
+                near = Neighbors((), stencil, size)
+                values = [function(k, step) for step in near.steps]
                 if np.all(np.isfinite(values)):
-                    result[k] = difference_values((stencil.weights / size).tolist(), values)
+                    result[k] = near.combine(values)
                     break
     return result
 
@@ -431,24 +436,8 @@ def _move(flat: FlatModel, k: int, change: float) -> dict[str, float]:
     return {name: value + change}
 
 
-def as_model(flat: FlatModel) -> Model:
-    """Return a model function whose parameters are the numbers of a flat model."""
-
-    # The name and the folder remain those of the model.
-    @functools.wraps(flat.model.build)
-    def build(**values: float) -> Any:
-        return flat(**values)
-
-    return Model(build, flat.model.t_end, dict(flat.values))
-
-
 def compute_mass(equations: EquationsOfMotion) -> float:
     """Return the mass of the moving parts [kg], r^T M r for a unit translation r."""
     translation = RotatingCoordinates.from_equations(equations).translation_vector(0)
     matrix = StateEvaluator(equations).mass_matrix(np.zeros(2), equations.q0)
     return float(translation @ (matrix @ translation))
-
-
-def assemble_design(mechanism: Any) -> EquationsOfMotion:
-    """Return the equations of a mechanism as drawn."""
-    return as_equations(_NAME, mechanism, AS_DRAWN)

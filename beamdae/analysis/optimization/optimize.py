@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from beamdae.analysis.gradients.objectives import Objective
+from beamdae.analysis.gradients.objectives import Quantity
 from beamdae.analysis.optimization.analyses import RunSettings
 from beamdae.analysis.optimization.problem import create_problem
-from beamdae.analysis.optimization.quantities import Limit, Quantity
+from beamdae.analysis.optimization.quantities import Limit
 from beamdae.analysis.optimization.result import Optimization, create_optimization
 from beamdae.analysis.optimization.search import SearchSettings, search_from_starts
 from beamdae.analysis.optimization.solvers import METHODS, Method
@@ -39,7 +39,7 @@ _MAX_NAMES = 5  # of numbers without effect in a warning
 @interruptible
 def optimize(
     model: Model,
-    objective: Quantity | Objective,
+    objective: Quantity,
     by: Sequence[str] | str,
     subject_to: Sequence[Limit] | Limit = (),
     bounds: Mapping[str, Any] | None = None,

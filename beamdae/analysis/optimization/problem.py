@@ -12,6 +12,7 @@ import numpy as np
 
 from beamdae.analysis.gradients.gradients import DEFAULT_METHOD, flatten_model
 from beamdae.analysis.gradients.number_derivatives import FlatModel
+from beamdae.analysis.gradients.objectives import AnalysisQuantity, ColumnObjective, Quantity
 from beamdae.analysis.optimization.analyses import (
     Analysis,
     DesignModel,
@@ -20,10 +21,7 @@ from beamdae.analysis.optimization.analyses import (
 )
 from beamdae.analysis.optimization.optimality import Linearization
 from beamdae.analysis.optimization.quantities import (
-    AnalysisQuantity,
     Limit,
-    Quantity,
-    RunQuantity,
     as_quantity,
 )
 from beamdae.analysis.parameter_bounds import LOG_ORIGIN, ParameterScales, read_bounds
@@ -108,7 +106,7 @@ class Design:
             return 1.0
         quantity = limit.quantity
         maxima = {leaf: self.analyses[leaf.analysis].maximum(leaf) for leaf in quantity.leaves}
-        return max(1.0, quantity.evaluate(maxima)[0] / value)
+        return max(1.0, quantity.differentiate(maxima)[0] / value)
 
 
 @dataclass(frozen=True)
@@ -200,7 +198,7 @@ class DesignProblem:
         Values of runs with adaptive steps jump where the steps of two designs differ.
         """
         name, value = (self.settings.integrator or DEFAULT_METHOD).accuracy
-        has_runs = [any(isinstance(y, RunQuantity) for y in x.leaves) for x in self.quantities]
+        has_runs = [any(isinstance(y, ColumnObjective) for y in x.leaves) for x in self.quantities]
         return np.where(has_runs, value if name == "rtol" else 0.0, 0.0)
 
     @cached_property
@@ -241,10 +239,6 @@ class DesignProblem:
         """Return the scaled margins (C,) of the limits; negative if these are violated."""
         bounds = np.array([x.bound for x in self.limits])
         return self._signs * (bounds - self.ratios * values[1:]) / self.scales[1:]
-
-    def costs(self, values: Array) -> Array:
-        """Return the scaled objective and excesses over the limits, (1 + C,)."""
-        return np.append(self.scaled_objective(values), -self.margins(values))
 
     def violation(self, values: Array) -> float:
         """Return the largest violation, 0 within the tolerances, NaN for a failed design."""
@@ -297,12 +291,6 @@ class DesignProblem:
         """Return all parameters of the model for values (k,) of the numbers."""
         return self.flat.change(dict(zip(self.names, values.tolist(), strict=True)))
 
-    def varied_parameters(self, values: Array) -> dict[str, Any]:
-        """Return the varied parameters: floats, or tuples for lists of floats."""
-        given = self.parameters(values)
-        names = dict.fromkeys(key for key, _ in self.flat.entries.values())
-        return {x: given[x] if isinstance(given[x], float) else tuple(given[x]) for x in names}
-
     def design(self, values: Array) -> Design:
         """Return the design with values (k,) of the numbers; the latest ones are stored.
 
@@ -344,7 +332,7 @@ class DesignProblem:
             for key, group in group_by_analysis(self.leaves).items():
                 analyses[key] = create_analysis(model, group, self.settings)
                 results |= {leaf: analyses[key].value(leaf) for leaf in group}
-        numbers, weights = zip(*(x.evaluate(results) for x in self.quantities), strict=True)
+        numbers, weights = zip(*(x.differentiate(results) for x in self.quantities), strict=True)
         for quantity, number in zip(self.quantities, numbers, strict=True):
             if not np.isfinite(number):
                 raise BeamdaeError(
@@ -382,7 +370,7 @@ def create_problem(
             )
     flat = flatten_model(_NAME, model, by, parameters)
     keys = np.array([key for key, _ in flat.entries.values()])
-    first = {name: flat.parameters[name] for name in dict.fromkeys(keys.tolist())}
+    first = flat.unflatten(flat.values.values())
     units = {name: x.unit for name, x in flat.model.parameter_info.items()}
     lower, upper = np.full((2, len(keys)), [[-np.inf], [np.inf]])
     for name, ends in read_bounds(_NAME, bounds, first, units).items():

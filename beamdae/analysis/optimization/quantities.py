@@ -3,26 +3,23 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 
 from beamdae.analysis.gradients.objectives import (
-    ColumnObjective,
-    EndValue,
-    Objective,
-    SmoothMaximum,
-    Summand,
-    format_sum,
+    AnalysisQuantity,
+    Quantity,
+    measure_norm,
     read_numbers,
     require_deviations,
+    require_exponent,
 )
 from beamdae.errors import (
     BeamdaeError,
     as_text,
-    format_distinct,
     require_choice,
     require_count,
     require_finite,
@@ -36,80 +33,9 @@ from beamdae.model_parameters import parse_quantity
 
 Array = np.ndarray
 
-_MAX_EXPONENT = 1000.0
 _MAX_NUMBER = 10_000
 # Kinds of analyses.
-RUN, EQUILIBRIUM_PATH, MODES, MASS, PARAMETERS = "run", "path", "modes", "mass", "parameters"
-Values: TypeAlias = "Mapping[AnalysisQuantity, float]"
-
-
-class Quantity(Summand):
-    """Scalar function of the parameters of a model, for `optimize`; base class.
-
-    Quantities and objectives of runs can be added, subtracted and multiplied by numbers, as in
-    `Mass() + 0.1 * EndValue("tip.y")`.
-
-    Attributes
-    ----------
-    label
-        Short description for tables.
-    parts
-        Quantities of which this one is a function; none if it is the result of an analysis.
-    """
-
-    label: str
-    parts: tuple[Quantity, ...] = ()
-
-    @property
-    def leaves(self) -> tuple[AnalysisQuantity, ...]:
-        """The results of analyses of which the quantity is a function."""
-        return tuple(leaf for part in self.parts for leaf in part.leaves)
-
-    def combine(self, values: Array) -> tuple[float, Array]:
-        """Return the value, and its derivatives, for values (n,) of the parts."""
-        raise NotImplementedError
-
-    def evaluate(self, values: Values) -> tuple[float, dict[AnalysisQuantity, float]]:
-        """Return the value and its derivatives with respect to the leaves, given their values."""
-        parts = [x.evaluate(values) for x in self.parts]
-        value, factors = self.combine(np.array([x for x, _ in parts]))
-        weights = dict.fromkeys(self.leaves, 0.0)
-        for factor, (_, derivatives) in zip(factors.tolist(), parts, strict=True):
-            for leaf, derivative in derivatives.items():
-                weights[leaf] += factor * derivative
-        return value, weights
-
-    def find_unit(self, columns: Mapping[str, str]) -> str:
-        """Return the unit of the value, "" if it is unknown; `columns` are units of columns."""
-        units = {x.find_unit(columns) for x in self.parts}
-        return units.pop() if len(units) == 1 else ""
-
-    def _sum(self, terms: Iterable[tuple[float, Any]]) -> Quantity:
-        return QuantitySum(terms)
-
-
-class QuantitySum(Quantity):
-    """Sum of factor * quantity, also of objectives of runs."""
-
-    def __init__(self, terms: Iterable[tuple[float, Any]]) -> None:
-        self._terms = tuple((weight, as_quantity("+", x)) for weight, x in terms)
-        self.parts = tuple(x for _, x in self._terms)
-        self.label = format_sum((weight, x.label) for weight, x in self._terms)
-
-    @property
-    def terms(self) -> tuple[tuple[float, Quantity], ...]:
-        """See `Quantity`."""
-        return self._terms
-
-    def combine(self, values: Array) -> tuple[float, Array]:
-        """See `Quantity`."""
-        factors = np.array([factor for factor, _ in self._terms])
-        return float(factors @ values), factors
-
-    def find_unit(self, columns: Mapping[str, str]) -> str:
-        """See `Quantity`; a factor other than a sign may convert the unit."""
-        is_sign = len(self._terms) == 1 and abs(self._terms[0][0]) == 1.0
-        return super().find_unit(columns) if is_sign else ""
+EQUILIBRIUM_PATH, MODES, MASS, PARAMETERS = "path", "modes", "mass", "parameters"
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,10 +72,7 @@ class LargestOf(Quantity):
         )
         if not entries:
             raise BeamdaeError("LargestOf: quantities is empty; pass at least one quantity.")
-        p = require_finite("LargestOf", "exponent", self.exponent)
-        if not 1.0 <= p <= _MAX_EXPONENT:
-            _, most, given = format_distinct(1.0, _MAX_EXPONENT, p)
-            raise BeamdaeError(f"LargestOf: exponent must be between 1 and {most}, got {given}.")
+        p = require_exponent("LargestOf", self.exponent)
         quantities = tuple(as_quantity("LargestOf: quantities", x) for x in entries)
         more = ", ..." if len(quantities) > 1 else ""
         label = f"largest of {len(quantities)}: {quantities[0].label}{more}"
@@ -157,51 +80,7 @@ class LargestOf(Quantity):
 
     def combine(self, values: Array) -> tuple[float, Array]:
         """See `Quantity`."""
-        largest = float(np.max(np.abs(values)))
-        if largest == 0.0 or not np.isfinite(largest):
-            return largest, np.zeros(len(values))
-        ratios = np.abs(values) / largest
-        norm = float(np.sum(ratios**self.exponent)) ** (1.0 / self.exponent)
-        return largest * norm, (ratios / norm) ** (self.exponent - 1.0) * np.sign(values)
-
-
-class AnalysisQuantity(Quantity):
-    """Result of one analysis of the model.
-
-    Attributes
-    ----------
-    analysis
-        Kind and arguments of the analysis; quantities with equal ones share it.
-    unit
-        Unit of the value; "" if it is unknown, None if it is that of the attribute `column`.
-    """
-
-    analysis: tuple[str, ...]
-    unit: str | None = ""
-
-    @property
-    def leaves(self) -> tuple[AnalysisQuantity, ...]:
-        """See `Quantity`."""
-        return (self,)
-
-    def evaluate(self, values: Values) -> tuple[float, dict[AnalysisQuantity, float]]:
-        """See `Quantity`."""
-        return values[self], {self: 1.0}
-
-    def find_unit(self, columns: Mapping[str, str]) -> str:
-        """See `Quantity`."""
-        return columns.get(getattr(self, "column", ""), "") if self.unit is None else self.unit
-
-
-class RunQuantity(AnalysisQuantity):
-    """Objective of a run, a function of one column."""
-
-    analysis = (RUN,)
-
-    def __init__(self, objective: ColumnObjective) -> None:
-        self.objective, self.column = objective, objective.column
-        self.label = f"{type(objective).__name__} of {objective.column}"
-        self.unit = None if isinstance(objective, (EndValue, SmoothMaximum)) else ""
+        return measure_norm(values, self.exponent)
 
 
 @dataclass(frozen=True, eq=False)
@@ -532,10 +411,6 @@ def as_quantity(part: str, value: Any) -> Quantity:
     """Return a quantity or an objective of a run as a quantity, or raise BeamdaeError."""
     if isinstance(value, Quantity):
         return value
-    if isinstance(value, ColumnObjective):
-        return RunQuantity(value)
-    if isinstance(value, Objective):
-        return QuantitySum(value.terms)
     raise BeamdaeError(
         f"{part} must be a Quantity such as Mass() or an Objective such as EndValue('tip.y'), got "
         f"{short_repr(value)}."

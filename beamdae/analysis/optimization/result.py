@@ -322,7 +322,7 @@ def create_optimization(
             sentence = "interrupted while the best design was checked"
             search = replace(search, status=Status("interrupted", sentence))
     optimization = Optimization(
-        problem.varied_parameters(best.numbers),
+        problem.flat.unflatten(best.numbers.tolist()),
         float(best.values[0]),
         _list_constraints(search),
         search.status,

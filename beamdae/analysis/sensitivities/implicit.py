@@ -59,10 +59,7 @@ from beamdae.analysis.eigenproblems.linearized_equations import (
 from beamdae.analysis.sensitivities.neighbors import (
     CENTRAL,
     Difference,
-    difference_along,
-    forms_of,
-    moves_operators,
-    with_structure,
+    Neighbors,
 )
 from beamdae.analysis.sensitivities.start_derivatives import plan_along
 from beamdae.analysis.statics.load_scaling import LoadedEquations
@@ -267,39 +264,31 @@ class MixedStatics:
         return linearize_at(e, tangent_at, x, self.idle)
 
 
-class Direction(NamedTuple):
-    """Direction of a parameter, or of the unknowns, with models next to a point along it.
+@dataclass(frozen=True)
+class Direction(Neighbors):
+    """Direction of a parameter, or of the unknowns.
 
     Attributes
     ----------
-    systems
-        Static equations of these models.
-    steps, weights
-        Distances of these models, and their weights in a derivative.
-    along
+    models
+        Static equations next to a point along it.
+    change
         Derivatives of x and mu along the direction.
     """
 
-    systems: Sequence[MixedStatics]
-    steps: Sequence[float]
-    weights: Sequence[float]
-    along: Tangent
+    change: Tangent
 
     @classmethod
-    def of_unknowns(cls, point: Point, system: MixedStatics, along: Tangent) -> Direction:
+    def of_unknowns(cls, point: Point, system: MixedStatics, change: Tangent) -> Direction:
         """Return a direction of x and mu at a point of a system."""
-        step = _MOTION / (point.problem.measure(along.x) or 1.0)
-        steps = [step * x for x in CENTRAL.steps]
-        weights = [x / step for x in CENTRAL.weights.tolist()]
-        return cls([system] * len(steps), steps, weights, along)
+        step = _MOTION / (point.problem.measure(change.x) or 1.0)
+        return cls([system] * len(CENTRAL.steps), CENTRAL, step, change)
 
     def differentiate(
         self, point: Point, function: Callable[[MixedStatics, Array, float], Array]
     ) -> Array:
         """Return the derivative of a function of the system, x and mu along the direction."""
-        changes = zip((point.x, point.p), self.along, strict=True)
-        rate = difference_along(self.systems, self.steps, self.weights, function, *changes)
-        return np.asarray(rate)
+        return np.asarray(self.along(function, (point.x, self.change.x), (point.p, self.change.p)))
 
 
 class ParameterDirection:
@@ -320,7 +309,7 @@ class ParameterDirection:
         self, difference: Difference, here: MixedStatics, neighbors: Sequence[MixedStatics]
     ) -> None:
         self.reach = max(map(abs, difference.steps))
-        self._models = neighbors, difference.steps, difference.weights
+        self._models = neighbors, difference.stencil, difference.delta
         self._parts = [
             _derive_statics(
                 difference,
@@ -358,14 +347,10 @@ def _derive_statics(
     difference: Difference, here: StaticEquations, neighbors: Sequence[EquationsOfMotion]
 ) -> Callable[[Array], Array]:
     """Return the derivative of static equations along a parameter, as a function of (q, lam)."""
-    base, first = here.equations, neighbors[0]
-    is_moved = any(e.structure != first.structure for e in neighbors)
-    if not is_moved and (base.structure, forms_of(base)) != (first.structure, forms_of(first)):
-        # The base contains all forces of the neighboring models.
-        base = with_structure(base, neighbors, difference.steps)
-    part = replace(difference, base=base, equations=tuple(neighbors))
-    n, size, dp = base.n, 2 * base.n + base.m, part.derivative(lambda e: e.p)
-    moving = part if moves_operators(part) else None
+    part = difference.between(here.equations, neighbors)
+    base = part.base
+    n, size, dp = base.n, 2 * base.n + base.m, part.along(lambda e: e.p)
+    moving = part if part.moves_operators else None
     total = StackedSum(plan_along(base, moving, _plan_residual, size), base.p)
 
     def differentiate(x: Array) -> Array:
@@ -454,6 +439,8 @@ class SingularPoint:
             response, h = found._unbalance()
             direction = Direction.of_unknowns(found.point, system, Tangent(response, 0.0))
             found = found._move(found._change(direction, h, (found._by_xi, found._by_mu)))
+        if not found._factors.is_regular:
+            raise CurveError("its critical mode is not unique")
         return found
 
     def derivative(self, direction: ParameterDirection) -> Tangent | None:
@@ -480,7 +467,7 @@ class SingularPoint:
             shares = np.linalg.solve(matrix, -right).tolist()
         except np.linalg.LinAlgError:
             raise CurveError("its critical mode is not unique") from None
-        change = direction.along
+        change = direction.change
         for share, along in zip(shares, self._basis, strict=True):
             change = Tangent(change.x + share * along.x, change.p + share * along.p)
         return change
@@ -527,7 +514,7 @@ class FlutterPoint(RegularPoint):
         by_parameter = self._growth(response)
         by_load = self._growth(Direction.of_unknowns(self.point, self.system, load))
         change = load.scale(-float(np.mean(np.real(by_parameter / by_load))))
-        return Tangent(response.along.x + change.x, response.along.p + change.p)
+        return Tangent(response.change.x + change.x, response.change.p + change.p)
 
     def _growth(self, direction: Direction) -> Array:
         """Return the changes of the growth rates, or of the works without damping."""

@@ -22,12 +22,10 @@ from beamdae.analysis.sensitivities.implicit import Eigenpair, apply_pencil, lin
 from beamdae.analysis.sensitivities.neighbors import (
     Difference,
     difference_model,
-    difference_values,
 )
 from beamdae.analysis.sensitivities.sensitivity_result import (
     SensitivityResult,
-    complete_parameters,
-    require_parameters,
+    select_parameters,
 )
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.starts.consistent_start import ConsistencySolver
@@ -196,8 +194,7 @@ def mode_sensitivities(
     >>> round(float(result.sensitivity("frequency", "stiffness")[1]), 6)  # 1 / (4 pi sqrt(k m))
     0.019894
     """
-    names = require_parameters(_NAME, model, by)
-    values = complete_parameters(_NAME, model, parameters)
+    names, values = select_parameters(_NAME, model, by, parameters)
     if isinstance(about, Instant):
         raise BeamdaeError(
             f"{_NAME}: about must be a state at rest or in steady rotation, got "
@@ -224,7 +221,7 @@ def mode_sensitivities(
     eigenvalues, shapes = {}, {}
     for name in names:
         difference = difference_model(model, name, values, base, assemble)
-        frames = [frame_of(e, about, t) for e in difference.equations]
+        frames = [frame_of(e, about, t) for e in difference.models]
         if follows_start and linearize_at_rest(frames[-1], base, "").warnings:
             raise BeamdaeError(
                 f"{_NAME}: {name} of {model.name} moves the state out of equilibrium, so its modes "
@@ -233,14 +230,14 @@ def mode_sensitivities(
         along = np.zeros_like(state.x)
         if follows_start:
             starts = [_closed_start(x) for x in frames]
-            along[: base.n] = difference_values(difference.weights, starts)
+            along[: base.n] = difference.combine(starts)
         neighbors = state.follow(difference, frames, along, values[name])
         eigenvalues[name] = np.full(len(result), complex(np.nan, np.nan))
         shapes[name] = np.full(result.shapes.shape, complex(np.nan, np.nan))
         for k, pair in pairs.items():
             products = [apply_pencil(x, pair.value, pair.vector) for x in neighbors]
             inertia = [x.tangent.mass @ pair.shape for x in neighbors]
-            changes = (difference_values(difference.weights, x) for x in (products, inertia))
+            changes = (difference.combine(x) for x in (products, inertia))
             eigenvalues[name][k], shapes[name][k] = pair.derivative(*changes)
     result._issue_warnings()
     return ModeSensitivities(
@@ -346,7 +343,7 @@ class _State:
             ]
 
         residuals = [x.tangent.residual for x in move(along)]
-        change = self._balance(difference_values(difference.weights, residuals), value)
+        change = self._balance(difference.combine(residuals), value)
         if change is None:
             raise BeamdaeError(
                 f"{_NAME}: the equilibrium has no derivative with respect to {difference.name}, "

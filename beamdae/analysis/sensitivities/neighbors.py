@@ -21,8 +21,6 @@ from beamdae.equations.structure import ConstraintTerm, ForceTerm, has_same_patt
 from beamdae.errors import BeamdaeError, format_exception, warn_user
 from beamdae.interrupts import outermost_call
 from beamdae.model_functions import Model
-from beamdae.symbolic.sums.directional_sums import directional_plan
-from beamdae.symbolic.sums.kernel_sums import SumPlan
 
 Array = np.ndarray
 
@@ -88,17 +86,13 @@ class Stencil(NamedTuple):
     steps: tuple[float, ...]
 
     @property
-    def weights(self) -> Array:
-        """Weights of the models in the derivative."""
-        return _weigh(self.steps, 1)
-
-    @property
     def _error_weights(self) -> Array:
         """Weights of the deviation of a derivative on one side, times the smallest step."""
         step = min(map(abs, self.steps))
         side = [x for x in self.steps if x * self.steps[-1] > 0.0 and abs(x) <= 2.0 * step]
         one_sided = dict(zip(side, _weigh((0.0, *side), 1)[1:], strict=True))
-        return step * (np.array([one_sided.get(x, 0.0) for x in self.steps]) - self.weights)
+        weights = np.array([one_sided.get(x, 0.0) for x in self.steps])
+        return step * (weights - _weigh(self.steps, 1))
 
     def assess(self, changes: Array, sizes: Array, rounding: Array) -> float:
         """Return the largest error of one-sided derivatives, relative to the largest change.
@@ -134,8 +128,51 @@ STENCILS = CENTRAL, Stencil((1.0, 2.0, 3.0, 4.0)), Stencil((-1.0, -2.0, -3.0, -4
 
 
 @dataclass(frozen=True)
-class Difference:
-    """Models at neighboring values of one parameter, with the weights of a derivative.
+class Neighbors:
+    """Models next to a point along a direction.
+
+    Attributes
+    ----------
+    models
+        The models.
+    stencil, delta
+        Their distances are the steps of the stencil times the difference `delta`.
+    """
+
+    models: Sequence[Any]
+    stencil: Stencil
+    delta: float
+
+    @property
+    def steps(self) -> list[float]:
+        """Distances of the models."""
+        return [x * self.delta for x in self.stencil.steps]
+
+    def _combine(self, values: Iterable[Any], order: int) -> Any:
+        """Return the value or the derivative at the point, up to multiples of the first value."""
+        weights = _weigh(self.stencil.steps, order) / self.delta**order
+        first, *others = values
+        return sum(w * (x - first) for w, x in zip(weights[1:].tolist(), others, strict=True))
+
+    def along(self, function: Callable[..., Any], *changes: tuple[Any, Any]) -> Any:
+        """Return the derivative of function(model, *x) along the direction.
+
+        `changes` are pairs of x and of its derivative.
+        """
+        return self.combine(
+            function(model, *(x + step * dx for x, dx in changes))
+            for model, step in zip(self.models, self.steps, strict=True)
+        )
+
+    def combine(self, values: Iterable[Any]) -> Any:
+        """Return the derivative of a function, given its values in the models."""
+        # The sum of the weights is zero; differences make derivatives of constants exactly zero.
+        return self._combine(values, 1)
+
+
+@dataclass(frozen=True)
+class Difference(Neighbors):
+    """Equations of models at neighboring values of one parameter.
 
     Attributes
     ----------
@@ -143,34 +180,30 @@ class Difference:
         Name of the parameter.
     base
         Equations at the value of the parameter, with the structure of the neighboring models.
-    equations
-        Equations of the neighboring models.
-    weights
-        Weights of these models: the sum of weight * f is df/dparameter.
-    steps
-        Values of the parameter in these models, relative to `base`.
     """
 
     name: str
     base: EquationsOfMotion
-    equations: tuple[EquationsOfMotion, ...]
-    weights: tuple[float, ...]
-    steps: tuple[float, ...]
 
-    def derivative(self, function: Callable[[EquationsOfMotion], Any]) -> Any:
-        """Return the derivative of a function of the equations with respect to the parameter."""
-        return self.along(function)
+    @property
+    def moves_operators(self) -> bool:
+        """True if operators of joints depend on the parameter."""
+        return any(e.structure != self.base.structure for e in self.models)
 
-    def along(self, function: Callable[..., Any], *changes: tuple[Any, Any]) -> Any:
-        """Return the derivative of function(equations, *x) along the parameter.
+    def between(self, base: EquationsOfMotion, models: Sequence[EquationsOfMotion]) -> Difference:
+        """Return the difference of other equations of the same models.
 
-        `changes` are pairs of x and of its derivative.
+        Forces that vanish at the value of the parameter may be missing in `base`; the numbers are
+        then interpolated or extrapolated in the structure of the neighboring models.
         """
-        return difference_along(self.equations, self.steps, self.weights, function, *changes)
-
-    def keeps_structure(self, run: EquationsOfMotion) -> bool:
-        """Return True if the neighboring models have the structure of the equations of a run."""
-        return self.base is run and all(e.structure == run.structure for e in self.equations)
+        first = models[0]
+        is_unchanged = base.structure == first.structure and forms_of(base) == forms_of(first)
+        if not is_unchanged and all(e.structure == first.structure for e in models):
+            # Entries that are equal in all models are exact: tables contain integers from which
+            # rows are computed, and 4 (1 - 1e-16) would select another row.
+            p = first.p + self._combine([e.p for e in models], 0)
+            base = replace(first, p=p, q0=base.q0, v0=base.v0, breakpoints=base.breakpoints)
+        return replace(self, base=base, models=tuple(models))
 
 
 def difference_model(
@@ -189,7 +222,7 @@ def difference_model(
     Forces that vanish at the value of the parameter may be missing in `base`, such as damping
     forces at damping = 0. The numbers at this value are then interpolated or extrapolated in the
     structure of the neighboring models. The operators of joints may depend on the parameter, as the
-    shape functions at joints of curved floating-frame beams do; see `directional_plan_along`.
+    shape functions at joints of curved floating-frame beams do; see `plan_along`.
 
     Parameters
     ----------
@@ -254,7 +287,7 @@ def difference_model(
             f"{name} depend on their step at {name} = {value:g}, and the derivatives may be "
             f"inaccurate; compare them with differences of runs, or rescale {name}."
         )
-    if not any(has_effect(base, e) for e in best.difference.equations):
+    if not any(has_effect(base, e) for e in best.difference.models):
         warn_without_effect(model.name, name)
     return best.difference
 
@@ -335,20 +368,18 @@ def try_step(
     """Return the difference with a step `delta` of the parameter, and its accuracy."""
     value = float(parameters[name])
     for stencil in stencils:
-        steps = tuple(x * delta for x in stencil.steps)
         try:
             neighbors = tuple(
-                assemble(build_neighbor(model, {**parameters, name: value + x})) for x in steps
+                assemble(build_neighbor(model, {**parameters, name: value + x * delta}))
+                for x in stencil.steps
             )
         except BeamdaeError as problem:
             rejection = problem
             continue
         for equations in neighbors:
             _require_same_structure(model.name, name, base, neighbors[0], equations)
-        first = neighbors[0]
-        is_unchanged = base.structure == first.structure and forms_of(base) == forms_of(first)
-        if not is_unchanged and all(e.structure == first.structure for e in neighbors):
-            base = with_structure(base, neighbors, steps)
+        difference = Difference(neighbors, stencil, delta, name, base).between(base, neighbors)
+        base = difference.base
         here, n_p = numbers_and_start(base), len(base.p)
         sizes, rounding = sizes_and_rounding(base)
         changes = np.array([numbers_and_start(e) for e in neighbors]) - here
@@ -358,8 +389,6 @@ def try_step(
         if np.any(is_lost) and delta < _ROUNDING * np.max(sizes[n_p:]):
             error = math.inf
         kinks = stencil.find_kinks(changes[:, :n_p], rounding[:n_p])
-        weights = tuple((stencil.weights / delta).tolist())
-        difference = Difference(name, base, neighbors, weights, steps)
         relative_change = float(np.max(change / np.maximum(sizes, 1.0)))
         return Trial(difference, error, relative_change, bool(np.any(kinks)))
     raise _RejectedError(str(rejection))
@@ -379,64 +408,12 @@ def sizes_and_rounding(equations: EquationsOfMotion) -> tuple[Array, Array]:
     return size, _ROUNDING * magnitudes + _ROUNDING_OF_KIND * np.maximum(size, 1.0)
 
 
-def with_structure(
-    base: EquationsOfMotion, neighbors: Sequence[EquationsOfMotion], steps: Sequence[float]
-) -> EquationsOfMotion:
-    """Return equations at the value of a parameter, with the structure of its neighbors.
-
-    `steps` are the values of the parameter in these models, relative to `base`.
-    """
-    p = interpolate(steps, [e.p for e in neighbors])
-    return replace(neighbors[0], p=p, q0=base.q0, v0=base.v0, breakpoints=base.breakpoints)
-
-
-def interpolate(steps: Sequence[float], values: Sequence[Array]) -> Array:
-    """Return the value at zero of the polynomial through values at `steps`.
-
-    Entries that are equal in all values are exact: tables contain integers from which rows are
-    computed, and 4 (1 - 1e-16) would select another row.
-    """
-    first = values[0]
-    weights = _weigh(tuple(steps), 0).tolist()
-    return np.asarray(first + _combine(weights, [x - first for x in values]))
-
-
 def build_neighbor(model: Callable[..., Any], parameters: Mapping[str, Any]) -> Any:
     """Return the mechanism; errors of formulas reject parameters as those of parts do."""
     try:
         return model(**parameters)
     except (ArithmeticError, ValueError) as problem:
         raise BeamdaeError(format_exception(problem)) from problem
-
-
-def difference_along(
-    models: Sequence[Any],
-    steps: Sequence[float],
-    weights: Sequence[float],
-    function: Callable[..., Any],
-    *changes: tuple[Any, Any],
-) -> Any:
-    """Return the derivative of function(model, *x) along a direction, given models next to it.
-
-    `steps` and `weights` are the distances of the models and their weights; `changes` are pairs of
-    x and of its derivative.
-    """
-    values = [
-        function(model, *(x + step * dx for x, dx in changes))
-        for model, step in zip(models, steps, strict=True)
-    ]
-    return difference_values(weights, values)
-
-
-def difference_values(weights: Sequence[float], values: Iterable[Any]) -> Any:
-    """Return the derivative of a function, given its values in neighboring models."""
-    # The sum of the weights is zero; differences make derivatives of constants exactly zero.
-    first, *others = values
-    return _combine(weights[1:], [x - first for x in others])
-
-
-def _combine(weights: Sequence[float], values: Sequence[Any]) -> Any:
-    return sum(w * x for w, x in zip(weights, values, strict=True))
 
 
 def _require_same_structure(
@@ -497,26 +474,3 @@ def _largest_of_kind(equations: EquationsOfMotion) -> Array:
             order="F"
         )
     return sizes
-
-
-def moves_operators(difference: Difference) -> bool:
-    """Return True if operators of joints depend on the parameter."""
-    return any(e.structure != difference.base.structure for e in difference.equations)
-
-
-def directional_plan_along(
-    difference: Difference,
-    plan: Callable[[EquationsOfMotion], SumPlan],
-    n_inputs: int,
-    min_base: float = 0.0,
-) -> SumPlan:
-    """Return the plan of the derivative of a sum along a parameter that moves its operators.
-
-    `plan` returns the plan of the sum of equations, with inputs of size `n_inputs`. For `min_base`,
-    see `expand_powers`.
-    """
-    changes = (
-        difference.derivative(lambda e: plan(e).gather_weights),
-        difference.derivative(lambda e: plan(e).weights),
-    )
-    return directional_plan(plan(difference.base), n_inputs, changes, min_base)

@@ -62,12 +62,12 @@ def differentiate_columns(
         )
         for name in names:
             x, difference = along[name], differences[name]
-            change = difference.derivative(lambda e: select(e).operator)
+            change = difference.along(lambda e: select(e).operator)
             dq, dv, da = (
                 np.asarray(o.operator @ dx.T + change @ y.T).T
                 for dx, y in ((x.q, at.q), (x.v, at.v), (x.a, at.a))
             )
-            dp = difference.derivative(lambda e: e.p[select(e).data])
+            dp = difference.along(lambda e: e.p[select(e).data])
             parts = [(by_q, dq), (by_v, dv), (by_lam, x.lam[:, o.rows]), *((by, da) for by in by_a)]
             motion = sum(np.einsum("rij,ri->rj", by, dx) for by, dx in parts)
             result[name] = motion + np.einsum("rij,i->rj", by_p, dp)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -22,11 +22,9 @@ from beamdae.analysis.sensitivities.observable_derivatives import (
 from beamdae.analysis.sensitivities.run_chain import differentiate_states
 from beamdae.analysis.sensitivities.sensitivity_result import (
     SensitivityResult,
-    complete_parameters,
-    require_parameters,
+    select_parameters,
 )
 from beamdae.equations import measures
-from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import (
     BeamdaeError,
     format_exception,
@@ -185,8 +183,7 @@ def periodic_sensitivities(
     >>> round(float(result.sensitivity("mass.x", "stiffness").max()), 4)  # load |H|^2
     0.0327
     """
-    names = require_parameters(_NAME, model, by)
-    values = complete_parameters(_NAME, model, parameters)
+    names, values = select_parameters(_NAME, model, by, parameters)
     method = Radau(DEFAULT_RTOL) if integrator is None else integrator
     if not isinstance(method, Radau):
         raise BeamdaeError(f"{_NAME}: integrator must be Radau, got {short_repr(integrator)}.")
@@ -222,9 +219,7 @@ def periodic_sensitivities(
             "self-excited motion."
         )
 
-    def assemble(mechanism: Any) -> EquationsOfMotion:
-        return as_equations(_NAME, mechanism, AS_DRAWN)
-
+    assemble = partial(as_equations, _NAME, start=AS_DRAWN)
     drawn = assemble(model(**values))
     base = replace(equations, q0=drawn.q0, v0=drawn.v0)
     periods, trajectories, differences = {}, {}, {}
@@ -234,9 +229,9 @@ def periodic_sensitivities(
         if is_function:
             changed = [{**values, name: values[name] + x} for x in difference.steps]
             lengths = [_evaluate_period(period, x) for x in changed]
-            stretch = float(np.dot(difference.weights, lengths))
+            stretch = float(difference.combine(lengths))
         elif period is not None and not all(
-            Loads(e, period_map.begin, duration).repeat for e in difference.equations
+            Loads(e, period_map.begin, duration).repeat for e in difference.models
         ):
             raise BeamdaeError(
                 f"{_NAME}: {name} of {model.name} changes the period of loads or drivers; pass "

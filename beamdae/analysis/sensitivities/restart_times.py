@@ -11,7 +11,7 @@ from beamdae.analysis.sensitivities.observable_derivatives import (
     differentiate_columns,
     time_derivative,
 )
-from beamdae.equations.equations_of_motion import EquationsOfMotion, State
+from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.smooth_intervals import SAME_TIME
 from beamdae.errors import BeamdaeError
 from beamdae.results.event_records import EventRecord
@@ -127,7 +127,7 @@ def differentiate_event_time(
     number: int,
     interval: Interval,
     t: float,
-    along: Mapping[str, State],
+    along: Mapping[str, Interval],
     differences: Mapping[str, Difference],
 ) -> dict[str, float]:
     """Return the derivatives of the time of an event [s] by parameter.
@@ -139,7 +139,7 @@ def differentiate_event_time(
     interval, t
         Interval of the run that contains the event, and the time of the event [s].
     along
-        Derivatives of the state at this time before the event, one row, by parameter.
+        Derivatives of the states of the interval, by parameter.
     differences
         Models at neighboring values, by parameter.
 
@@ -164,11 +164,16 @@ def differentiate_event_time(
             f"{t:g} s, where the derivatives do not exist; choose other values of the parameters."
         )
     changes = differentiate_columns(
-        lambda e: e.events[number].observable, times, at, along, differences, interval.inactive
+        lambda e: e.events[number].observable,
+        times,
+        at,
+        {name: x.at(np.array([t])) for name, x in along.items()},
+        differences,
+        interval.inactive,
     )
     return {
         name: (
-            differences[name].derivative(lambda e: e.events[number].crosses)
+            differences[name].along(lambda e: e.events[number].crosses)
             - float(change[0, term.column])
         )
         / rate
@@ -179,5 +184,5 @@ def differentiate_event_time(
 
 def breakpoint_derivatives(difference: Difference) -> list[tuple[float, float]]:
     """Return pairs of a breakpoint [s] and its derivative."""
-    derivatives = difference.derivative(lambda e: np.array(e.breakpoints))
+    derivatives = difference.along(lambda e: np.array(e.breakpoints))
     return list(zip(difference.base.breakpoints, derivatives.tolist(), strict=True))

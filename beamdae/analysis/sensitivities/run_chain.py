@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -23,9 +23,6 @@ from beamdae.analysis.sensitivities.linear_steps import Matrices, differentiate_
 from beamdae.analysis.sensitivities.neighbors import (
     Difference,
     derivative_call,
-    difference_along,
-    forms_of,
-    with_structure,
 )
 from beamdae.analysis.sensitivities.restart_times import (
     differentiate_breakpoint,
@@ -238,10 +235,9 @@ class _Chain:
             shifts = np.array([differentiate_breakpoint(x.active, t, rounding) for x in phases])
         else:
             number = event_number(self._equations, event.name)
-            ends = zip(self._differences, along, strict=True)
-            states = {name: State(*(y[-1:] for y in x.rows)) for name, x in ends}
+            ends = dict(zip(self._differences, along, strict=True))
             by_name = differentiate_event_time(
-                self._equations, number, before, event.t, states, self._differences
+                self._equations, number, before, event.t, ends, self._differences
             )
             shifts = np.array(list(by_name.values()))
         dq = np.array([x.rows.q[-1] for x in along]) + np.multiply.outer(shifts, at.v)
@@ -256,10 +252,7 @@ class _Chain:
                 return apply_impact(impact, time, at._replace(q=q, v=v))[0]
 
             for k, (phase, dt) in enumerate(zip(phases, shifts.tolist(), strict=True)):
-                dv[k] = difference_along(
-                    phase.impacts(number),
-                    phase.whole.steps,
-                    phase.whole.weights,
+                dv[k] = replace(phase.whole, models=phase.impacts(number)).along(
                     hit,
                     (time, np.array([dt, 0.0])),
                     (at.q, dq[k]),
@@ -321,14 +314,14 @@ class Phase:
 
     whole: Difference
     active: Difference
-    configurations: tuple[Configuration | None, ...]
+    configurations: tuple[Any, ...]
 
     @classmethod
     def first(cls, whole: Difference, configuration: Configuration | None) -> Phase:
         """Return the phase at the start of a run with this configuration."""
         if configuration is None:
-            return cls(whole, whole, (None,) * len(whole.equations))
-        configurations = tuple(_configurations(e).initial_configuration(e) for e in whole.equations)
+            return cls(whole, whole, (None,) * len(whole.models))
+        configurations = tuple(_configurations(e).initial_configuration(e) for e in whole.models)
         return cls(whole, _activate(whole, configuration, configurations), configurations)
 
     def after_event(
@@ -361,19 +354,15 @@ class Phase:
                 e, now, e.events[number], time + np.array([step * dt, 0.0]), q + step * dq
             )
             for e, now, step in zip(
-                self.whole.equations, self._active_configurations, self.whole.steps, strict=True
+                self.whole.models, self.configurations, self.whole.steps, strict=True
             )
         )
         active = _activate(self.whole, configuration, configurations)
         return Phase(self.whole, active, configurations)
 
-    @property
-    def _active_configurations(self) -> list[Configuration]:
-        return [x for x in self.configurations if x is not None]
-
     def impacts(self, number: int) -> list[ImpactEquations]:
         """Return the equations of the impacts of an event of the neighboring models."""
-        pairs = zip(self.whole.equations, self._active_configurations, strict=True)
+        pairs = zip(self.whole.models, self.configurations, strict=True)
         return [impact_equations(e, now, number) for e, now in pairs]
 
 
@@ -396,27 +385,15 @@ def _configurations(equations: EquationsOfMotion) -> Configurations:
 def _activate(
     whole: Difference, configuration: Configuration, neighbors: Sequence[Configuration]
 ) -> Difference:
-    return _difference(whole, configuration.equations, [x.equations for x in neighbors])
-
-
-def _difference(
-    whole: Difference, base: EquationsOfMotion, neighbors: Sequence[EquationsOfMotion]
-) -> Difference:
-    """Return the difference of equations of which some parts are active.
-
-    If forces vanish at the value of the parameter, the numbers at this value are interpolated; see
-    `difference_model`.
-    """
-    first = neighbors[0]
-    if not all(has_same_patterns(e.structure, first.structure) for e in neighbors):
+    """Return the difference of the equations of the active parts."""
+    models = [x.equations for x in neighbors]
+    if not all(has_same_patterns(e.structure, models[0].structure) for e in models):
         raise BeamdaeError(
             f"{derivative_call()}: {whole.name} changes the structure of the equations after an "
             "event; "
             "use differences of runs for this parameter."
         )
-    if not has_same_patterns(base.structure, first.structure) or forms_of(base) != forms_of(first):
-        base = with_structure(base, neighbors, whole.steps)
-    return replace(whole, base=base, equations=tuple(neighbors))
+    return whole.between(configuration.equations, models)
 
 
 @dataclass(frozen=True)
@@ -460,7 +437,7 @@ class RedundantConstraints:
         return replace(
             difference,
             base=self._keep(difference.base),
-            equations=tuple(map(self._keep, difference.equations)),
+            models=tuple(map(self._keep, difference.models)),
         )
 
     def restore(self, along: Trajectory, difference: Difference) -> Trajectory:

@@ -22,12 +22,12 @@ from beamdae.analysis.sensitivities.neighbors import (
     difference_model,
 )
 from beamdae.analysis.sensitivities.observable_derivatives import differentiate_run_columns
-from beamdae.analysis.sensitivities.restart_times import differentiate_event_time
+from beamdae.analysis.sensitivities.restart_times import differentiate_event_time, event_number
 from beamdae.analysis.sensitivities.run_chain import differentiate_states
 from beamdae.analysis.sensitivities.sensitivity_result import (
     SensitivityResult,
-    complete_parameters,
     require_parameters,
+    select_parameters,
 )
 from beamdae.analysis.sensitivities.start_derivatives import assemble_neighbors
 from beamdae.equations import measures
@@ -137,12 +137,14 @@ class Sensitivities(SensitivityResult):
         run, equations = self.solution, self.solution.equations
         rows = []
         for record in run.event_records:
-            t = np.array([record.t])
-            interval = run.trajectory.intervals[int(run.trajectory.interval_index(t)[0])]
-            number = next(k for k, x in enumerate(equations.events) if x.name == record.name)
-            along = {name: x.at(t)[1] for name, x in self.trajectories.items()}
+            k = int(run.trajectory.interval_index(np.array([record.t]))[0])
             derivatives = differentiate_event_time(
-                equations, number, interval, record.t, along, self._differences
+                equations,
+                event_number(equations, record.name),
+                run.trajectory.intervals[k],
+                record.t,
+                {name: x.intervals[k] for name, x in self.trajectories.items()},
+                self._differences,
             )
             rows.append({"event": record.name, measures.TIME: record.t, **derivatives})
         headers = {name: derivative_header(measures.TIME, name) for name in self.parameters}
@@ -327,8 +329,7 @@ def differentiate_run(
     BeamdaeError
         As `sensitivities`.
     """
-    names = require_parameters("sensitivities", model, by)
-    values = complete_parameters("sensitivities", model, parameters)
+    names, values = select_parameters("sensitivities", model, by, parameters)
     method = require_differentiable_method(integrator)
     run = _Run(model, names, values, method, t_end, output_step, start)
     return run.differentiate(*run.simulate())

@@ -148,6 +148,14 @@ def _is_list_of_numbers(value: Any) -> bool:
     return is_list and all(as_real(x) is not None and not isinstance(x, bool) for x in value)
 
 
+def select_parameters(
+    caller: str, model: Any, by: Any, parameters: Any, *, allows_lists: bool = False
+) -> tuple[tuple[str, ...], dict[str, Any]]:
+    """Return the names of `require_parameters`, and the values of `complete_parameters`."""
+    names = require_parameters(caller, model, by, allows_lists=allows_lists)
+    return names, complete_parameters(caller, model, parameters)
+
+
 def complete_parameters(caller: str, model: Model, parameters: Any) -> dict[str, Any]:
     """Return the values of all parameters, of which `parameters` changes some, or is None."""
     given = {} if parameters is None else parameters

@@ -10,7 +10,6 @@ Operators act on z = (q, v, a, lam, p, t), where p are the numbers of the model.
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache, partial, reduce
@@ -25,9 +24,7 @@ from beamdae.analysis.continuation.engine import RefinedFactors
 from beamdae.analysis.sensitivities.neighbors import (
     Difference,
     derivative_call,
-    directional_plan_along,
     equations_key,
-    moves_operators,
 )
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.static_equations import StaticEquations
@@ -44,11 +41,8 @@ from beamdae.equations.starts.state_evaluator import (
     plan_smooth_motion,
 )
 from beamdae.equations.structure import (
-    ConstraintTerm,
-    ForceTerm,
     Structure,
     cache_on_owner,
-    comparison_key,
 )
 from beamdae.integrators.alpha.family import JERK_INTERVAL, STIFF_TIME, AlphaParameters
 from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM
@@ -60,9 +54,6 @@ from beamdae.symbolic.sums.transposed_sums import transposed_plan
 
 Array = np.ndarray
 
-# Larger errors of a solution of the static equations show that the equilibrium is not unique. Those
-# of stiff beams reach 1e-7.
-_MAX_EQUILIBRIUM_ERROR = 1e-6
 _EQUILIBRATION_STEPS = 8  # each takes the square root of the ratios of the largest entries
 # Difference of time for partial derivatives with respect to time, relative to the step.
 STEP_FRACTION = 1e-3
@@ -97,49 +88,35 @@ def plan_transpose(
     return transposed_plan(plan(structure), n_inputs, min_base)
 
 
-class StaticFactors:
-    """Factors of the tangent of static equations.
+def invert_statics(equations: EquationsOfMotion, time: Array, at: State) -> LinearOperator | None:
+    """Return the inverse of the tangent of static equations, with one refinement of solutions.
+
+    Return None if the equilibrium is not unique: a motion without stiffness makes solutions
+    inaccurate or the matrix singular.
 
     Condition numbers of static equations reach 1e12, those of scaled ones 1e8: without scales, a
     steel leaf spring of 8 elements had errors of 5e-6, and 1e-9 with scales. Rows and columns have
     the same scales, with which the largest entry of each is near 1; D. Ruiz, A scaling algorithm to
     equilibrate both rows and columns norms in matrices, RAL-TR-2001-034.
-
-    Attributes
-    ----------
-    is_unique
-        False if the equilibrium is not unique: a motion without stiffness makes solutions
-        inaccurate or the matrix singular.
     """
-
-    def __init__(self, equations: EquationsOfMotion, time: Array, at: State) -> None:
-        matrix = StaticEquations(equations, time).matrix(at.q, at.lam)
-        magnitudes, scales = abs(matrix), np.ones(matrix.shape[0])
-        for _ in range(_EQUILIBRATION_STEPS):
-            scaled = sp.diags_array(scales) @ magnitudes @ sp.diags_array(scales)
-            largest = np.maximum(*(scaled.max(axis=k).toarray().ravel() for k in (0, 1)))
-            scales /= np.sqrt(np.where(largest > 0.0, largest, 1.0))
-        scaled = sp.csc_array(sp.diags_array(scales) @ matrix @ sp.diags_array(scales))
-        self.is_unique = False
-        try:
-            factors = splu(scaled)
-        except RuntimeError:
-            return
-        self._factors = RefinedFactors(scaled, factors, scales)
-        expected = np.ones(len(scales))
-        error = factors.solve(scaled @ expected) - expected
-        self.is_unique = bool(np.max(np.abs(error)) <= _MAX_EQUILIBRIUM_ERROR)
-
-    @property
-    def inverse(self) -> LinearOperator:
-        """Solutions of the equations and of the transposed ones, with one refinement."""
-        return _inverse(self._factors, self._factors.matrix.shape[0])
+    matrix = StaticEquations(equations, time).matrix(at.q, at.lam)
+    magnitudes, scales = abs(matrix), np.ones(matrix.shape[0])
+    for _ in range(_EQUILIBRATION_STEPS):
+        scaled = sp.diags_array(scales) @ magnitudes @ sp.diags_array(scales)
+        largest = np.maximum(*(scaled.max(axis=k).toarray().ravel() for k in (0, 1)))
+        scales /= np.sqrt(np.where(largest > 0.0, largest, 1.0))
+    scaled = sp.csc_array(sp.diags_array(scales) @ matrix @ sp.diags_array(scales))
+    try:
+        factors = RefinedFactors(scaled, splu(scaled), scales)
+    except RuntimeError:
+        return None
+    return _inverse(factors, len(scales)) if factors.is_regular else None
 
 
 def has_unique_equilibrium(equations: EquationsOfMotion, time: Array) -> bool:
     """Return True if derivatives of the equilibrium at the start follow from static equations."""
     at = ConsistencySolver(equations).state(time, equations.q0, np.zeros(equations.n))
-    return StaticFactors(equations, time, at).is_unique
+    return invert_statics(equations, time, at) is not None
 
 
 def _operator(size: int, matmat: Callable[..., Array], rmatmat: Callable[..., Array]) -> Any:
@@ -182,15 +159,6 @@ def _choose_rows(n: int, m: int, size: int, level: int, with_force: bool) -> Lin
     force = with_force * (sp.eye_array(n, size) + sp.eye_array(n, size, k=n + 3 * m))
     rows = sp.vstack([force, sp.eye_array(m, size, k=n + level * m)], format="csr")
     return aslinearoperator(rows)
-
-
-@lru_cache(_MAX_MATRICES)
-def _place_change(n: int, m: int, n_p: int) -> LinearOperator:
-    """Return the matrix that places (q, v, p, t) in the inputs of `_plan_change`, p and t."""
-    unit = sp.eye_array(3 * n + m + n_p + 1, format="csr")
-    others = sp.csr_array((4 * n + 2 * m + n_p, unit.shape[0]))
-    rows = [unit[: 2 * n], others, unit[3 * n + m :]]
-    return aslinearoperator(sp.vstack(rows, format="csr"))
 
 
 def _take(operator: LinearOperator, size: int) -> LinearOperator:
@@ -245,7 +213,11 @@ def plan_along(
     of joints depend on it.
     """
     if moving is not None:
-        return directional_plan_along(moving, lambda e: plan(e.structure), n_inputs, min_base)
+        changes = (
+            moving.along(lambda e: plan(e.structure).gather_weights),
+            moving.along(lambda e: plan(e.structure).weights),
+        )
+        return directional_plan(plan(equations.structure), n_inputs, changes, min_base)
     return _plan_direction(equations.structure, plan, n_inputs, min_base)
 
 
@@ -302,7 +274,7 @@ class StartDerivatives:
     @classmethod
     def of(cls, difference: Difference) -> StartDerivatives:
         """Return the derivatives along directions of a parameter."""
-        moving = difference if moves_operators(difference) else None
+        moving = difference if difference.moves_operators else None
         return cls(ConsistencySolver(difference.base), moving)
 
     @property
@@ -395,58 +367,29 @@ class StartDerivatives:
         """
         n, parts = self.equations.n, [self._part(x) for x in ("q", "v", "a", "a")]
         if is_cured:
-            jerk = position_jerk = self._jerk(time, at, h, False)
+            jerk = position_jerk = self.jerk_map(time, at, h, False)
             if self.equations.nonholonomic_rows.size:
-                position_jerk = self._jerk(time, at, h, True)
+                position_jerk = self.jerk_map(time, at, h)
             acceleration = self._reduced_acceleration(time, at, h)
             parts[1] = parts[1] + (h * h * member.defect) * position_jerk
             parts[2:] = acceleration, acceleration + (member.shift * h) * jerk
         columns = (_pick(4 * n, k * n, (k + 1) * n).T for k in range(4))
         return reduce(add, map(matmul, columns, parts))
 
-    def jerk_map(self, time: Array, at: State, h: float) -> LinearOperator:
-        """Return the map from (q, v, a) to the normal jerk that corrects steps `h` [s]."""
-        return self._jerk(time, at, h, True)
+    def equilibrium_map(self, time: Array, at: State) -> LinearOperator | None:
+        """Return the map from approximate positions to (q, lam) of the equilibrium `at` a time.
 
-    def correct_equilibrium(self, time: Array, at: State, dq: Array, dp: Array) -> Array:
-        """Return the derivative of equilibrium positions, given an approximation dq.
-
-        It solves [[K, G^T + dF/dlam], [G, 0]] (dq, dlam) = -(dF/dp dp + d(G^T lam)/dp dp, dg/dp dp)
-        with K = d(F + G^T lam)/dq. If the equilibrium is not unique, dq is returned.
+        Its residual along (q, p) corrects the positions: the derivatives solve
+        [[K, G^T + dF/dlam], [G, 0]] (dq, dlam) = -(dF/dp dp + d(G^T lam)/dp dp, dg/dp dp) with
+        K = d(F + G^T lam)/dq. Return None if the equilibrium is not unique.
         """
-        # The residual along (dq, dp) corrects dq.
-        operator = self._equilibrium_map(time, at)
-        if operator is None:
-            return dq
-        return self.along(operator, dq[None], dp[None])[0, : len(dq)]
-
-    def equilibrium_gradient(
-        self, time: Array, at: State, by_q: Array, by_lam: Array
-    ) -> Array | None:
-        """Return the gradient (n_p,) of an objective of an equilibrium with respect to p.
-
-        Return None if the equilibrium is not unique.
-
-        Parameters
-        ----------
-        time, at
-            (t, branch), and the equilibrium.
-        by_q, by_lam
-            Derivatives of the objective with respect to the positions and the multipliers.
-        """
-        operator = self._equilibrium_map(time, at)
-        weights = np.append(by_q, by_lam)
-        return None if operator is None else self.gradient(operator, weights)[1]
-
-    def _equilibrium_map(self, time: Array, at: State) -> LinearOperator | None:
-        """Return the map from approximate positions to those of the equilibrium, (q, lam)."""
-        factors, n = StaticFactors(self.equations, time, at), self.equations.n
-        if not factors.is_unique:
+        inverse, n = invert_statics(self.equations, time, at), self.equations.n
+        if inverse is None:
             return None
         at_rest = State(at.q, np.zeros(n), np.zeros(n), at.lam)
         balance = self._rows(self._derivative(plan_balance, time, at_rest, 0.0), 0, with_force=True)
         start = _pick(n + self.equations.m, 0, n).T @ self._part("q")
-        return start - factors.inverse @ balance
+        return start - inverse @ balance
 
     @property
     def _slices(self) -> dict[str, slice]:
@@ -478,23 +421,6 @@ class StartDerivatives:
         slices = self._slices
         return _pick(slices["t"].stop, slices[first].start, slices[last or first].stop).T
 
-    def _moved(self, *terms: tuple[str, str, Array | float]) -> LinearOperator:
-        """Return the map that adds factors * one part of z to another one, for all terms."""
-        slices = self._slices
-        parts = [(slices[x], slices[y], np.reshape(f, (-1, 1))) for x, y, f in terms]
-
-        def move(z: Array, *, transposed: bool = False) -> Array:
-            z = np.reshape(z, (len(z), -1))
-            result = z.copy()
-            for target, source, factors in parts:
-                if transposed:
-                    result[source] += factors * z[target]
-                else:
-                    result[target] += factors * z[source]
-            return result
-
-        return _operator(slices["t"].stop, move, partial(move, transposed=True))
-
     def _derivative(self, plan: PlanFunction, time: Array, at: State, h: float) -> LinearOperator:
         """Return the derivative of a sum of `StateEvaluator` at a state."""
         e, x = self.equations, np.concatenate(at)
@@ -521,7 +447,10 @@ class StartDerivatives:
         x = np.concatenate([at.q, at.v, 0.0 * at.a, at.lam, *change, np.zeros(len(e.p))])
         size = 2 * e.n + 3 * e.m
         operator = self._differentiate(_plan_change, time, x, size, h, MIN_STIFF_PENETRATION)
-        return operator @ _place_change(e.n, e.m, len(e.p))
+        size, inner, n, rest = operator.shape[1], self._slices["t"].stop, 2 * e.n, len(e.p) + 1
+        place = _pick(size, 0, n).T @ _pick(inner, 0, n)
+        place = place + _pick(size, size - rest, size).T @ _pick(inner, inner - rest, inner)
+        return operator @ place
 
     def _solution(
         self,
@@ -539,8 +468,10 @@ class StartDerivatives:
             right = right - self._rows(change, 2, with_force=True)
         return self._head @ self._saddle(time, at.q, at.v, MASS_COEFFICIENTS) @ right
 
-    def _jerk(self, time: Array, at: State, h: float, holonomic_only: bool) -> LinearOperator:
-        """Return the derivative of `ConsistencySolver.evaluate_normal_jerk`."""
+    def jerk_map(
+        self, time: Array, at: State, h: float, holonomic_only: bool = True
+    ) -> LinearOperator:
+        """Return the map from (q, v, a) to `ConsistencySolver.evaluate_normal_jerk`."""
         e, (q, v, a, lam) = self.equations, at
         if e.m == 0:
             return 0.0 * self._part("q")
@@ -553,7 +484,9 @@ class StartDerivatives:
             there = State(q + d * v + 0.5 * d**2 * a, v + d * a, a, 0.0 * lam)
             now = time + np.array([d, 0.0])
             value += sign * factor * self.solver.constraint_levels(now, *there[:3])[2]
-            moved = self._moved(("q", "v", d), ("q", "a", 0.5 * d**2), ("v", "a", d))
+            v_part, a_part = self._part("v"), self._part("a")
+            motion = self._into("q") @ (d * v_part + 0.5 * d**2 * a_part)
+            moved = self._identity + motion + self._into("v") @ (d * a_part)
             levels = self._derivative(plan_constraint_levels, now, there, h)
             rights.append(sign * self._rows(levels @ moved, 2))
         weights = _diagonal(np.append(np.zeros(e.n), factor))
@@ -573,7 +506,8 @@ class StartDerivatives:
         for factor, shift in ((1.0, stiff_time), (-2.0, 0.0), (1.0, -stiff_time)):
             near = State(q + shift * moving * v, v, zeros, 0.0 * lam)
             total = self._derivative(plan_smooth_motion, time, near, h)
-            moved = self._moved(("q", "v", shift * moving))
+            drift = self._into("q") @ _diagonal(shift * moving) @ self._part("v")
+            moved = self._identity + drift
             force = force + factor * _diagonal(moving) @ _take(total, e.n) @ moved
         residual = residual + _pick(e.n + e.m, 0, e.n).T @ force
         inverse = self._saddle(time, q, v, (stiff_time**2, 0.0, 1.0), lam)
@@ -629,49 +563,15 @@ def group_directions(differences: Sequence[Difference]) -> list[Directions]:
     """Group parameters by equations that serve them; one that moves operators is a group."""
     groups: dict[Any, list[int]] = {}
     for k, x in enumerate(differences):
-        groups.setdefault(k if moves_operators(x) else equations_key(x.base), []).append(k)
-    result: list[Directions] = []
-    # Equations with further forces, which vanish, serve the parameters of those without, too.
-    for members in sorted(groups.values(), key=lambda x: -len(differences[x[0]].base.p)):
-        maps = StartDerivatives.of(differences[members[0]])
-        numbers = np.array([differences[k].derivative(lambda e: e.p) for k in members])
-        for i, other in enumerate(result):
-            targets = _locate_numbers(maps, other.maps)
-            if targets is not None:
-                rows = np.zeros((len(members), other.numbers.shape[1]))
-                rows[:, targets[0]] = numbers[:, targets[1]]
-                members = [*other.members, *members]
-                result[i] = Directions(
-                    other.maps, np.array(members), np.vstack([other.numbers, rows])
-                )
-                break
-        else:
-            result.append(Directions(maps, np.array(members), numbers))
-    return result
-
-
-def _locate_numbers(maps: StartDerivatives, other: StartDerivatives) -> list[Array] | None:
-    """Return the positions in p of the terms of `maps`, in other equations and in its own.
-
-    Return None if the other equations do not contain all terms with the same numbers.
-    """
-    if maps.moving is not None or other.moving is not None:
-        return None
-
-    def locate(e: EquationsOfMotion) -> dict[Any, Array]:
-        counts, positions = Counter[Any](), dict[Any, Array]()
-        terms: tuple[ForceTerm | ConstraintTerm, ...] = (*e.forces, *e.joints)
-        for term in terms:
-            values = (x for name, x in vars(term).items() if name != "data")
-            key = *map(comparison_key, values), (e.p[term.data] + 0.0).tobytes()  # not -0.0
-            positions[key, counts[key]] = np.arange(term.data.start, term.data.stop)
-            counts[key] += 1
-        return positions
-
-    here, there = locate(maps.equations), locate(other.equations)
-    if not here.keys() <= there.keys():
-        return None
-    return [np.concatenate([np.zeros(0, int), *(x[key] for key in here)]) for x in (there, here)]
+        groups.setdefault(k if x.moves_operators else equations_key(x.base), []).append(k)
+    return [
+        Directions(
+            StartDerivatives.of(differences[members[0]]),
+            np.array(members),
+            np.array([differences[k].along(lambda e: e.p) for k in members]),
+        )
+        for members in groups.values()
+    ]
 
 
 def differentiate_start(difference: Difference, time: Array, at: State) -> tuple[Array, Array]:
@@ -680,18 +580,21 @@ def differentiate_start(difference: Difference, time: Array, at: State) -> tuple
     `time` and `at` are (t, branch) and the state at the start of the run.
     """
     base = difference.base
-    models = (base, *difference.equations)
+    models = (base, *difference.models)
     if np.array_equal(at.q, base.q0) and not any(start_adds_velocities(e, time) for e in models):
-        dq, dv = difference.derivative(lambda e: e.q0), difference.derivative(lambda e: e.v0)
+        dq, dv = difference.along(lambda e: e.q0), difference.along(lambda e: e.v0)
     else:
 
         def start(e: EquationsOfMotion) -> Array:
             return np.concatenate(ConsistencySolver(e).start_state(time, e.q0, e.v0)[:2])
 
-        dq, dv = np.split(difference.derivative(start), 2)
+        dq, dv = np.split(difference.along(start), 2)
     if base.start is not None and base.start.description == EQUILIBRIUM:
-        dp = difference.derivative(lambda e: e.p)
-        dq = StartDerivatives.of(difference).correct_equilibrium(time, at, dq, dp)
+        maps = StartDerivatives.of(difference)
+        operator = maps.equilibrium_map(time, at)
+        if operator is not None:
+            dp = difference.along(lambda e: e.p)
+            dq = maps.along(operator, dq[None], dp[None])[0, : len(dq)]
     return dq, dv
 
 
@@ -700,7 +603,7 @@ def assemble_neighbors(base: EquationsOfMotion, start: Any) -> Callable[[Any], E
 
     If the run starts in a unique equilibrium, that of its neighbors is not searched: they start at
     that of the run, whose derivative follows from the static equations, see
-    `StartDerivatives.correct_equilibrium`.
+    `StartDerivatives.equilibrium_map`.
 
     Parameters
     ----------

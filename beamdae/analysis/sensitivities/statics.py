@@ -21,7 +21,6 @@ from beamdae.analysis.sensitivities.implicit import (
 )
 from beamdae.analysis.sensitivities.neighbors import (
     Difference,
-    difference_along,
     difference_model,
 )
 from beamdae.analysis.sensitivities.observable_derivatives import (
@@ -30,8 +29,7 @@ from beamdae.analysis.sensitivities.observable_derivatives import (
 )
 from beamdae.analysis.sensitivities.sensitivity_result import (
     SensitivityResult,
-    complete_parameters,
-    require_parameters,
+    select_parameters,
 )
 from beamdae.analysis.statics.load_scaling import Loading, active_stage, build_loading
 from beamdae.analysis.statics.prescribed_column import PrescribedColumn
@@ -230,7 +228,7 @@ class _PathPoints:
                     here,
                     [
                         MixedStatics(x.systems[stage], self._control(e), here.idle)
-                        for e, x in zip(difference.equations, neighbors[name], strict=True)
+                        for e, x in zip(difference.models, neighbors[name], strict=True)
                     ],
                 )
                 for name, difference in differences.items()
@@ -298,10 +296,7 @@ class _PathPoints:
         """
         path, result = self.path, np.full_like(self.path.lam, np.nan)
         (rows,) = np.nonzero(np.isfinite(q).all(axis=1))
-        result[rows] = difference_along(
-            neighbors,
-            difference.steps,
-            difference.weights,
+        result[rows] = replace(difference, models=neighbors).along(
             Loading.full_multipliers,
             (path.q[rows], q[rows]),
             (multipliers[rows], lam[rows]),
@@ -388,8 +383,7 @@ def equilibrium_sensitivities(
     >>> [round(float(x), 2) for x in result.critical_table().iloc[0, 1:]]
     [3.02, 44.7]
     """
-    names = require_parameters(_NAME, model, by)
-    values = complete_parameters(_NAME, model, parameters)
+    names, values = select_parameters(_NAME, model, by, parameters)
     mechanism = model(**values)
     path = equilibrium(mechanism, loads, to, control, step, switch, max_points, t, start)
     if not path.status.success:
@@ -405,8 +399,7 @@ def equilibrium_sensitivities(
     path = replace(path, model={"name": model.name, "parameters": values})
     stages = [list(stage) for stage in path.loads] or None
 
-    def assemble(mechanism: Any) -> EquationsOfMotion:
-        return as_equations(_NAME, mechanism, AS_DRAWN)
+    assemble = partial(as_equations, _NAME, start=AS_DRAWN)
 
     def load(equations: EquationsOfMotion) -> Loading:
         mechanism = equations.mechanism
@@ -418,7 +411,7 @@ def equilibrium_sensitivities(
     }
     with single_threaded:
         points = _PathPoints(path, load(path.equations))
-        neighbors = {name: list(map(load, x.equations)) for name, x in differences.items()}
+        neighbors = {name: list(map(load, x.models)) for name, x in differences.items()}
         for name in names:
             _require_same_multipliers(name, points.loading, neighbors[name])
         try:

@@ -25,7 +25,8 @@ from beamdae.errors import BeamdaeError
 
 # NumPy and CasADi are imported inside functions, so that --help responds quickly.
 if TYPE_CHECKING:
-    from beamdae.analysis.optimization.quantities import Limit, Quantity
+    from beamdae.analysis.gradients.objectives import Quantity
+    from beamdae.analysis.optimization.quantities import Limit
     from beamdae.analysis.optimization.result import Optimization
     from beamdae.model_functions import Model
 
@@ -134,13 +135,12 @@ def _parse_quantity(model: Model, t: float, option: str, text: Any) -> Quantity:
         Frequency,
         Mass,
         ParameterFunction,
-        as_quantity,
     )
 
     kind, _, name = str(text).partition(":")
     number, _, about = name.partition(":")
     is_frequency = number.isdigit() and name in (number, *(f"{number}:{x}" for x in _STATES))
-    kinds: dict[str, Any] = {
+    kinds: dict[str, Callable[[], Quantity]] = {
         "frequency": lambda: Frequency(int(number), about or None),
         "equilibrium": lambda: EquilibriumValue(name, t=t),
         "end": lambda: EndValue(name),
@@ -154,7 +154,7 @@ def _parse_quantity(model: Model, t: float, option: str, text: Any) -> Quantity:
         return ParameterFunction(lambda **parameters: parameters[text], text, unit)
     if kind not in kinds or not (is_frequency if kind == "frequency" else name):
         raise BeamdaeError(f"{option} {text}: the quantity must be one of {_KINDS}.")
-    return as_quantity(option, kinds[kind]())
+    return kinds[kind]()
 
 
 def _parse_limit(parse: Callable[[str, str], Quantity], option: str, text: str) -> Limit:
