@@ -472,9 +472,8 @@ class StaticProblem(Problem):
         """Return the tangent (n + m + 1,) at a solution along which this control increases by 1."""
         if point.known_tangent and point.known_tangent[0] is row.gradient:
             return point.known_tangent[1]
-        self._loop.work.corrections.restart()
-        self._correct(row._replace(is_linear=False), row.value, point.x, point.p)
-        return self._loop.work.right.copy()
+        # With refined factors: pivots of the first points of unloaded structures may vanish.
+        return super().find_tangent(point, row)
 
     def _run(self, x: Array, mu: float, task: int) -> Workspace:
         self._set_point(x, mu)
