@@ -749,17 +749,17 @@ def format_distinct(*values: float, digits: int = 6) -> list[str]:
     Parameters
     ----------
     *values
-        Numbers; those that differ in their sign alone need no more digits.
+        Numbers; those that differ in their sign alone or are not finite need no more digits.
     digits
         Least number of significant digits.
     """
-    count = len({abs(x) for x in values})
-    texts: list[str] = []
-    for more in (digits, 9, 12, 15, 17):
-        texts = [f"{x:.{more}g}" for x in values]
-        if len({x.lstrip("-") for x in texts}) >= count:
+    sizes = {abs(x) for x in values if math.isfinite(x)}
+    for more in (digits, 9, 12, 15):
+        if len({f"{x:.{more}g}" for x in sizes}) == len(sizes):
             break
-    return texts
+    else:
+        more = 17
+    return [f"{x:.{more}g}" for x in values]
 
 
 def format_percent(fraction: float, digits: int = 2) -> str:

@@ -193,6 +193,12 @@ def hold_warnings(output: CommandOutput) -> Iterator[None]:
                 typer.echo(f"warning: {record_warning(sentence)}", err=True)
 
 
+def withdraw_warnings(text: str) -> None:
+    """Forget the warnings that contain this text, because a better result replaces theirs."""
+    held, withdrawn = current_output().held_warnings, name_options(text)
+    held[:] = [x for x in held if withdrawn not in x]
+
+
 def _is_printed(sentence: str, output: CommandOutput) -> bool:
     """Return True if a result or an error contains this warning, perhaps with another prefix.
 

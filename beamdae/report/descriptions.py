@@ -177,6 +177,8 @@ def _describe_path(path: Any) -> Description:
 
 
 def _describe_fit(fit: Any) -> Description:
+    import pandas as pd
+
     interval = (
         "normal distribution, sigma is known"
         if fit.is_sigma_known
@@ -195,8 +197,6 @@ def _describe_fit(fit: Any) -> Description:
     }
     table = fit.table()
     estimates = table.rename(index=format_headers(fit.units)).rename_axis("estimate")
-    import pandas as pd
-
     limits = ["value", "lower 95 %", "upper 95 %"]
     texts = [format_distinct(*row, digits=5) for row in table[limits].to_numpy()]
     estimates[limits] = pd.DataFrame(texts, estimates.index).replace("nan", "-")

@@ -37,7 +37,7 @@ def _describe_fields(instance: Any, described: set[int]) -> dict[str, Any]:
         for name in names
         if name != "name" and not name.startswith("_")
     }
-    kind = {"kind": type(instance).__name__}
+    kind = {"class": type(instance).__name__}
     return kind | {name: value for name, value in values.items() if value is not None}
 
 

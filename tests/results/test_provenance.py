@@ -35,7 +35,7 @@ def test_every_part_is_described_in_json(make):
     part = mech.add(make(mech, disk, beam))
     parts = provenance_of(mech)["parts"]
     assert list(parts) == list(mech.parts)
-    assert parts[part.name]["kind"] == type(part).__name__
+    assert parts[part.name]["class"] == type(part).__name__
     assert len(parts[part.name]) > 1
 
 
@@ -44,7 +44,7 @@ def test_each_object_is_described_once():
     assert provenance["gravity"] == [0.0, -9.81]
     beam = provenance["parts"]["beam"]
     assert beam["curve"] == {
-        "kind": "Arc",
+        "class": "Arc",
         "radius": 1.6,
         "length": 2.0,
         "start": [0.3, -0.2],

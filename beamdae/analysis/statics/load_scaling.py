@@ -71,8 +71,8 @@ def resolve_load_stages(mechanism: Mechanism, loads: Any, caller: str = "equilib
         if name not in candidates:
             raise BeamdaeError(
                 f"{caller}: loads contain {short_repr(name)}, but no part has this "
-                f"name{suggest(name, candidates)}; the loads are "
-                f"{list_first(default, _MAX_LISTED) or 'none'}."
+                f"name{suggest(name, candidates)}; use the name of a load"
+                f"{', such as ' * bool(default)}{list_first(default, _MAX_LISTED)}."
             )
         part = mechanism.parts.get(name)
         if part is not None and (len(part.coordinates) or part.constraints()):

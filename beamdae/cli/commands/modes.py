@@ -110,7 +110,7 @@ def modes_command(
             # Its warnings are printed with the result.
             modes = compute_modes(mechanism, state, count, damping, **job.accuracy)
             if number is not None and len(modes) < number:
-                warn_user(f"modes: --number is {number}, but only {len(modes)} modes exist.")
+                warn_user(f"modes: --number is {number}, but the number of modes is {len(modes)}.")
             for k in animations:
                 require_count("modes", "--animate", k, most=len(modes))
             return modes

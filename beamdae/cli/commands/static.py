@@ -18,7 +18,8 @@ from beamdae.cli.options import (
     Starts,
     parse_named_number,
 )
-from beamdae.errors import BeamdaeError, hold_messages, warn_user
+from beamdae.cli.output import withdraw_warnings
+from beamdae.errors import BeamdaeError
 
 if TYPE_CHECKING:
     from beamdae.model_functions import Model
@@ -97,6 +98,7 @@ def static_command(
     options: dict[str, Any] = {
         "loads": job.split(load),
         "to": targets,
+        "control": control,
         "step": size,
         "switch": switch or 0,
         "max_points": max_points,
@@ -110,20 +112,15 @@ def static_command(
     def analyze() -> Equilibrium:
         from beamdae.analysis.statics.static_equilibrium import equilibrium
 
-        def trace(control: str | None) -> tuple[Equilibrium, list[str]]:
-            with hold_messages() as messages:
-                path = equilibrium(model, **options, control=control, partial="return")
-            return path, messages
-
-        path, messages = trace(control)
+        path = equilibrium(model, **options, partial="return")
         is_by_load = control is None and over is None and path.settings.get("control") == "load"
-        if is_by_load and path.status.kind not in ("ok", "interrupted"):
-            by_arc_length = trace("arc length")
-            if by_arc_length[0].status.success:
-                path, messages = by_arc_length
-        for message in messages:
-            warn_user(message)
-        return path
+        if not is_by_load or path.status.kind in ("ok", "interrupted"):
+            return path
+        traced = equilibrium(model, **options | {"control": "arc length"}, partial="return")
+        if not traced.status.success:
+            return path
+        withdraw_warnings(path.status.sentence)
+        return traced
 
     def write_tables(path: Equilibrium) -> list[Path]:
         return [path.to_csv(files.table), files.table.with_suffix(".json")]

@@ -42,7 +42,7 @@ def shorten_to_cells(text: str, most: int) -> str:
 def _wrap_words(text: str, width: int) -> str:
     """Return the printable text with line breaks neither inside a unit nor before one."""
     joined = _UNIT_SPACE.sub("\N{NO-BREAK SPACE}", make_printable(text))
-    lines = textwrap.wrap(joined, width, break_on_hyphens=False)
+    lines = textwrap.wrap(joined, max(width, 1), break_on_hyphens=False)
     return "\n".join(lines).replace("\N{NO-BREAK SPACE}", " ")
 
 

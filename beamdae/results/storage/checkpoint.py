@@ -170,7 +170,7 @@ class Checkpoint:
             )
         elif switched_parts:
             raise BeamdaeError(
-                "start: events of the earlier run switched "
+                f"{part}: events of the earlier run switched "
                 f"{', '.join(switched_parts)}, but no event of this model switches "
                 "parts; define the same events."
             )
