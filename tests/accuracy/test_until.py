@@ -202,7 +202,7 @@ def test_a_time_limit_leaves_what_it_allows():
         ({"accuracy": 1.0}, "accuracy must lie between"),
         ({"accuracy": "1%"}, "accuracy must be a number"),
         ({"accuracy": 0.0}, "accuracy must lie between 1e-06 and 0.1, got 0"),
-        ({"accuracy_columns": ["uper"]}, r"no observed column 'uper' \(did you mean 'upper"),
+        ({"accuracy_columns": ["uper"]}, r"no column 'uper' \(did you mean 'upper"),
         (
             {"accuracy_columns": [3]},
             r"accuracy_columns must be a list of names of observed columns, got \[3\]",
