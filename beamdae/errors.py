@@ -754,12 +754,9 @@ def format_distinct(*values: float, digits: int = 6) -> list[str]:
         Least number of significant digits.
     """
     sizes = {abs(x) for x in values if math.isfinite(x)}
-    for more in (digits, 9, 12, 15):
-        if len({f"{x:.{more}g}" for x in sizes}) == len(sizes):
-            break
-    else:
-        more = 17
-    return [f"{x:.{more}g}" for x in values]
+    enough = (k for k in (digits, 9, 12, 15) if len({f"{x:.{k}g}" for x in sizes}) == len(sizes))
+    count = next(enough, 17)
+    return [f"{x:.{count}g}" for x in values]
 
 
 def format_percent(fraction: float, digits: int = 2) -> str:

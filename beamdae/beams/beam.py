@@ -715,8 +715,7 @@ class Beam(Part):
             end, each of its two elements has a section, because stresses may jump there. If the
             cross-section varies, they are six times as many, and those nearest to kinks and
             narrow places are moved there; grooves shorter than 1/512 of the beam may be
-            overlooked. Refined runs evaluate
-            the same sections on all meshes.
+            overlooked. Refined runs evaluate the same sections on all meshes.
         exponent
             The exponent p, between 1 and 1000. Larger exponents are closer to the largest stress,
             but the derivative then changes abruptly if another section becomes the largest.

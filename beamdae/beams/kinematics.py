@@ -388,13 +388,13 @@ class FormulationKinematics(Kinematics):
             largest = max(largest, float(np.max(axial + bending)))
         return largest
 
-    def _require_off_chord_ends(self, s: float) -> None:
-        """Reject deformations at the ends of a chord frame, which follows the ends.
+    def deformation(self, s: float, axes: str) -> PointValues:
+        """Return the deformation at s [m]; see `Kinematics`.
 
         Raises
         ------
         BeamdaeError
-            If the frame is the chord and `s` [m] is at an end of the beam.
+            If the frame is the chord, which follows the ends, and `s` is at an end of the beam.
         """
         length = self.mesh.curve.length
         if self.frame == "chord" and min(s, length - s) <= ARC_LENGTH_TOLERANCE * length:
@@ -403,6 +403,11 @@ class FormulationKinematics(Kinematics):
                 "the chord follows the ends of the beam; use deflection(s), which is relative to "
                 "the section at s = 0."
             )
+        return self._deformation(s, axes)
+
+    @abstractmethod
+    def _deformation(self, s: float, axes: str) -> PointValues:
+        """Return the deformation at s [m], which is not at an end of a chord."""
 
     @property
     def stiffness_points(self) -> int:

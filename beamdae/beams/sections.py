@@ -578,12 +578,11 @@ class VaryingSection:
         return 0.5 * (start + end)
 
     def _modulus(self, s: float) -> float:
-        section = self.at(s)
-        return section.second_moment / (section.height or 1.0)
+        return _section_modulus(self.at(s))
 
     def _measure_bend(self, start: float, end: float) -> float:
         places = (self.at(s) for s in (start, 0.5 * (start + end), end))
-        rows = np.log([(x.EA, x.EI, x.second_moment / (x.height or 1.0)) for x in places])
+        rows = np.log([(x.EA, x.EI, _section_modulus(x)) for x in places])
         return float(np.max(np.abs(rows[0] - 2.0 * rows[1] + rows[2])))
 
     def at(self, s: float) -> Section:
@@ -704,6 +703,11 @@ def taper(shape: Callable[..., Section], material: Material, **dimensions: Any) 
     for share in sorted({x for _, values in pairs for x in np.linspace(0.0, 1.0, len(values))}):
         _call_law("taper", law, share, f"at {100.0 * share:.3g} % of the length")
     return section
+
+
+def _section_modulus(section: Section) -> float:
+    """Return half the section modulus [m^3], or the second moment [m^4] without a height."""
+    return section.second_moment / (section.height or 1.0)
 
 
 def _call_law(part: str, law: SectionLaw, s: float, place: str) -> Section:

@@ -177,8 +177,6 @@ def _describe_path(path: Any) -> Description:
 
 
 def _describe_fit(fit: Any) -> Description:
-    import pandas as pd
-
     interval = (
         "normal distribution, sigma is known"
         if fit.is_sigma_known
@@ -199,7 +197,7 @@ def _describe_fit(fit: Any) -> Description:
     estimates = table.rename(index=format_headers(fit.units)).rename_axis("estimate")
     limits = ["value", "lower 95 %", "upper 95 %"]
     texts = [format_distinct(*row, digits=5) for row in table[limits].to_numpy()]
-    estimates[limits] = pd.DataFrame(texts, estimates.index).replace("nan", "-")
+    estimates[limits] = [[x.replace("nan", "-") for x in row] for row in texts]
     searches = _tabulate_searches(fit.starts, fit.units, "chi-square", "runs")
     return Description(
         {topic: text for topic, text in facts.items() if text},

@@ -129,9 +129,9 @@ def scale_by_reference(run: Workspace, tangent: Array, sizes: Array, rigid: int)
     (n,); the first `rigid` unknowns have no compliance, that of the others is 1. The final sizes
     make all parts equally stiff: otherwise, rounding errors of large and stiff parts would exceed
     the stiffness of small and soft ones (D. Ruiz, A scaling algorithm to equilibrate both rows and
-    columns norms in matrices, RAL-TR-2001-034). Parts without stiffness are as stiff as
-    their softest spring or, without springs, as what their joints attach them to. By Sylvester's
-    law of inertia, sizes do not change the number of negative eigenvalues.
+    columns norms in matrices, RAL-TR-2001-034). Parts without stiffness are as stiff as their
+    softest spring or, without springs, as what their joints attach them to. By Sylvester's law of
+    inertia, sizes do not change the number of negative eigenvalues.
     """
     n, pattern = len(sizes), run.pattern
     count = len(pattern.groups)

@@ -161,15 +161,7 @@ class GeometricallyExact(FormulationKinematics):
         motion = Formula(chord_motion, tuple(map(float, numbers)))
         return MaterialPoint(start.reference_position, self.frame_angle, ends, motion)
 
-    def deformation(self, s: float, axes: str) -> PointValues:
-        """Return the function for (u, v, phi) [m, m, rad] at s [m], relative to the frame.
-
-        Raises
-        ------
-        BeamdaeError
-            If the frame is the chord and `s` is at an end of the beam.
-        """
-        self._require_off_chord_ends(s)
+    def _deformation(self, s: float, axes: str) -> PointValues:
         frame, section = self.floating_frame, self.material_point(s)
         of_frame, of_section = (cast("Formula", x.motion) for x in (frame, section))
         offset = np.subtract(section.reference_position, frame.reference_position)

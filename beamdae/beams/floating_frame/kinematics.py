@@ -251,16 +251,7 @@ class FloatingFrame(FormulationKinematics):
         motion = Formula(frame_motion, (self.frame_angle,))
         return MaterialPoint(self.origin, self.frame_angle, rows, motion)
 
-    def deformation(self, s: float, axes: str) -> PointValues:
-        """Return the function for (u, v, phi) [m, m, rad] at s [m], relative to the frame.
-
-        Raises
-        ------
-        BeamdaeError
-            If the frame is the chord and `s` is at an end of the beam.
-        """
-        self._require_off_chord_ends(s)
-
+    def _deformation(self, s: float, axes: str) -> PointValues:
         def create() -> PointValues:
             element, row, angle = self._locate_section(s)
             formula = Formula(
