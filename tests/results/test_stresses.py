@@ -6,6 +6,7 @@ from functools import cache
 import casadi as ca
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from scipy.integrate import quad
 
 import beamdae as bd
@@ -261,6 +262,29 @@ def test_remedies_against_unresolved_waves(settings):
     assert safety.warning is None
     assert safety.stress == pytest.approx(2.0 * ROD_FORCE / 0.1**2, rel=0.03)
     assert safety.error < 0.1 * safety.stress
+
+
+@pytest.mark.parametrize("elements", [None, 1, 4])
+@pytest.mark.parametrize("share", [-0.1, 0.037, 0.1, 0.2])
+def test_default_sections_find_the_largest_moment_of_a_span(share, elements):
+    # A beam on two supports under a line load w, with a moment -w L^2 share at its start. The line
+    # load is small, so that the deflection does not change the moments.
+    length, load = 1.3, 0.01
+    mech = bd.Mechanism()
+    strip = bd.Section.rectangle(STEEL, width=0.02, height=0.01)
+    beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (length, 0.0)), strip, elements=elements))
+    mech.add(bd.Revolute("left", mech.ground.at(0.0, 0.0), beam.start))
+    mech.add(bd.PointOnLine("right", mech.ground.at(length, 0.0), beam.end, (1.0, 0.0)))
+    mech.add(bd.DistributedForce("w", beam, (0.0, -load)))
+    mech.add(bd.Moment("m", beam.start, -load * length**2 * share))
+    s = np.linspace(0.0, length, 20_001)
+    moments = load * (0.5 * s * (length - s) + length * share * (length - s))
+    stress = np.max(np.abs(moments)) / strip.second_moment * 0.005
+    safety = bd.equilibrium(mech).section_forces(beam).safety(1e8)
+    # The top of the parabola is at most half a distance of the 33 sections from one of them, and an
+    # eighth of it from the places where the error is estimated.
+    assert_allclose(safety.stress, stress, rtol=2e-3)
+    assert abs(safety.stress - stress) <= safety.error + 1e-4 * stress
 
 
 @pytest.fixture

@@ -18,7 +18,10 @@ Array = np.ndarray
 # Relative change of stiffnesses, or change of the curvature times the radius of gyration, between
 # both sides of an element end, above which it is a jump.
 _MIN_JUMP = 1e-6
-_INTERVALS_PER_STRETCH = 4  # between two element boundaries or loads
+# Of constant cross-sections between two element boundaries or loads, and along the whole beam: its
+# elements may be few and of a high degree.
+_INTERVALS_PER_STRETCH = 4
+_INTERVALS_PER_BEAM = 32
 
 
 def default_sections(
@@ -42,12 +45,13 @@ def default_sections(
         jumps += s[0, np.abs(s[-1] - s[0]) <= near].tolist()
     loaded = np.clip([*jumps, *_jumps_of_section(beam), *beam.section_jumps], 0.0, length)
     count = 1 if isinstance(beam.section, Section) else STRESS_SECTIONS_OF_TAPERS
-    intervals = count * _INTERVALS_PER_STRETCH
     stops = np.sort(np.concatenate([beam.mesh.element_bounds, loaded, beam.section_breaks]))
     stops = stops[np.append(True, np.diff(stops) > 2.0 * near)]
     arc_lengths, before = [], []
     for start, end in pairwise(stops.tolist()):
         has_jump = bool(np.any(np.abs(loaded - end) <= 2.0 * near))
+        share = math.ceil(_INTERVALS_PER_BEAM * (end - start) / length)
+        intervals = max(count * _INTERVALS_PER_STRETCH, share)
         stretch = np.linspace(start, end, intervals + 1)
         # The end of a stretch is the start of the next one, except on the other side of a jump.
         arc_lengths.append(stretch[: intervals + has_jump])

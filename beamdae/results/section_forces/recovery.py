@@ -55,32 +55,32 @@ def recover_section_forces(
         sections = default_sections(beam, e, branch_times, state, groups)
     else:
         sections = _requested_sections(beam, s)
-    sampler = _SectionSampler(run, beam, *sections)
-    (N, Q, M), strained = sampler.evaluate(times)
-    return SectionForces(beam, times, sections[0], N, Q, M, strained, sections[1], sampler)
+    sampler = _SectionSampler(run, beam)
+    (N, Q, M), strained = sampler.evaluate(times, *sections)
+    return SectionForces(
+        beam, times, sections[0], N, Q, M, strained, sections[1], s is None, sampler
+    )
 
 
 @read_only_data
 @dataclass(frozen=True, eq=False)
 class _SectionSampler:
-    """Section forces at given sections and any times of a run."""
+    """Section forces at any sections and times of a run."""
 
     run: RunData
     beam: Beam
-    s: Array
-    before: Array
 
-    def __call__(self, times: Array) -> Array:
+    def __call__(self, times: Array, s: Array) -> Array:
         """Return N, Q and M (3, rows, sections) at ascending times [s], clipped to the run."""
-        trajectory = self.run.trajectory
-        return self.evaluate(np.clip(times, trajectory.start, trajectory.end))[0]
+        times = np.clip(times, self.run.trajectory.start, self.run.trajectory.end)
+        return self.evaluate(times, s, s >= self.beam.length)[0]
 
-    def evaluate(self, times: Array) -> tuple[Array, Array]:
+    def evaluate(self, times: Array, s: Array, before: Array) -> tuple[Array, Array]:
         """Return section forces from the loads and from the strains, (3, rows, sections) each."""
         equations, trajectory = self.run.equations, self.run.trajectory
         branch_times, state = trajectory.at(times)
         blocks = []
-        columns = max(len(self.s), self.beam.mesh.elements * self.beam.mesh.nodes)
+        columns = max(len(s), self.beam.mesh.elements * self.beam.mesh.nodes)
         block_size = max(MAX_EVALUATIONS // columns, 1)
         for rows, factors in group_rows(trajectory, times):
             for k in range(0, len(rows), block_size):
@@ -89,7 +89,7 @@ class _SectionSampler:
                 at = branch_times[block]
                 blocks.append(
                     balanced_and_elastic_forces(
-                        self.beam, equations, at, states, self.s, self.before, factors
+                        self.beam, equations, at, states, s, before, factors
                     )
                 )
         balanced, strained = (np.concatenate(x, axis=1) for x in zip(*blocks, strict=True))
@@ -137,11 +137,17 @@ def recover_section_forces_at_state(
         sections = default_sections(beam, equations, time, state, groups)
     else:
         sections = _requested_sections(beam, s)
-    s, before = sections
-    (N, Q, M), strained = balanced_and_elastic_forces(
-        beam, equations, time, state, s, before, factors
+
+    def evaluate(s: Array, before: Array) -> tuple[Array, Array]:
+        return balanced_and_elastic_forces(beam, equations, time, state, s, before, factors)
+
+    def sample(_: Array, s: Array) -> Array:
+        return evaluate(s, s >= beam.length)[0]
+
+    (N, Q, M), strained = evaluate(*sections)
+    return SectionForces(
+        beam, time[:, 0], sections[0], N, Q, M, strained, sections[1], s is None, sample
     )
-    return SectionForces(beam, time[:, 0], s, N, Q, M, strained, before)
 
 
 def _find_beam(equations: EquationsOfMotion, beam: Any) -> Beam:

@@ -22,8 +22,8 @@ Array = np.ndarray
 
 SECTION_FORCE_HEADERS = {"N": "N [N]", "Q": "Q [N]", "M": "M [N m]"}
 _ARC_LENGTH = "s [m]"
-# Times between two rows at which section forces are compared with their extremes.
-_SHARES_BETWEEN_ROWS = np.array([0.25, 0.5, 0.75])
+# Places between two rows or two sections at which section forces are compared with their extremes.
+_SHARES_BETWEEN = np.array([0.25, 0.5, 0.75])
 # Estimated error above which `SectionForces.safety` issues a warning, relative to the stress.
 _MAX_UNREPORTED_STRESS_ERROR = 0.1
 # Stress, including its error, below which this warning is omitted, relative to the yield stress;
@@ -50,9 +50,9 @@ class Safety:
     where
         Point of the section: "top", "bottom" or "axis".
     error
-        Estimated error of the stress at this time and point [Pa], including peaks between the
-        times. It is not that of the largest stress of the run, which may occur elsewhere:
-        `lower_bound` covers all times and sections.
+        Estimated error of the stress at this time and point [Pa], including peaks between the times
+        and, if the sections are the default ones, between them. It is not that of the largest
+        stress of the run, which may occur elsewhere: `lower_bound` covers all times and sections.
     lower_bound
         Lower bound of the safety factor [-]: the smallest ratio, over all times and sections, of
         the yield stress to the sum of the stress and its estimated error. It may belong to another
@@ -103,9 +103,11 @@ class SectionForces(HasTable):
         N, Q and M computed from the strains (3, k, l) [N, N, N m], as in `Beam.section_forces`.
     before
         True for sections just before a load or a jump, False for those just beyond it (l,).
+    represents_beam
+        True if the sections are the default ones, False if they were requested.
     sample
-        Function of ascending times [s] that returns N, Q and M (3, rows, l) at the same sections;
-        times outside the run are replaced by its ends. None for equilibria and after unpickling.
+        Function of ascending times [s], replaced by the ends of the run if they are outside, and of
+        arc lengths [m] that returns N, Q and M (3, rows, sections). None after unpickling.
     """
 
     beam: Beam
@@ -116,7 +118,8 @@ class SectionForces(HasTable):
     M: Array
     strained: Array
     before: Array
-    sample: Callable[[Array], Array] | None = None
+    represents_beam: bool
+    sample: Callable[[Array, Array], Array] | None
 
     def __repr__(self) -> str:
         times, sections = self.N.shape
@@ -147,22 +150,33 @@ class SectionForces(HasTable):
         M and the adjacent times; more distant extremes are not found. The result is zero for a
         single time.
         """
+        return self._measure_excess(between_sections=False)
+
+    @cached_property
+    def _peak_error(self) -> Array:
+        """Amounts by which N, Q and M exceed their extremes between times and sections, (3,)."""
+        return self._measure_excess(between_sections=self.represents_beam)
+
+    def _measure_excess(self, between_sections: bool) -> Array:
         errors = np.zeros(3)
-        if self.sample is None or len(self.t) < 2:
+        if self.sample is None:
             return errors
         for k, force in enumerate((self.N, self.Q, self.M)):
             for extreme in (np.argmin(force), np.argmax(force)):
-                row = int(extreme) // force.shape[1]
-                near = self.t[max(row - 1, 0) : row + 2]
-                between = near[:-1, None] + np.diff(near)[:, None] * _SHARES_BETWEEN_ROWS
-                values = self.sample(between.ravel())[k]
+                row, section = divmod(int(extreme), len(self.s))
+                times = _divide(self.t[max(row - 1, 0) : row + 2])
+                s = self.s[section : section + 1]
+                if between_sections:
+                    s = _divide(self.s[max(section - 1, 0) : section + 2])
+                values = self.sample(times, s)[k]
                 excess = max(values.max() - force.max(), force.min() - values.min())
                 errors[k] = max(errors[k], excess)
         return errors
 
     def __getstate__(self) -> dict[str, Any]:
         # `sample` contains the whole run.
-        return {**vars(self), "sampling_error": self.sampling_error, "sample": None}
+        errors = {"sampling_error": self.sampling_error, "_peak_error": self._peak_error}
+        return vars(self) | errors | {"sample": None}
 
     def table(self) -> pd.DataFrame:
         """Return N, Q, M and their estimated errors, one row per time and section."""
@@ -290,10 +304,10 @@ class SectionForces(HasTable):
 
         The von Mises equivalent stress is |sigma| at the top and the bottom, and
         sqrt(sigma^2 + 3 tau^2) on the axis. Its error follows from the errors of N, Q and M:
-        `error`, and `sampling_error` for peaks between the times. After sudden loads, waves that no
-        mesh resolves increase peaks by 20 to 80 % of the jump, so that `Safety.factor` is too
-        small; apply loads over the period of the shortest waves of interest, or set the damping of
-        the section. A `BeamdaeWarning` is issued if the error exceeds 10 % of the stress.
+        `error`, and peaks between the times and between default sections. After sudden loads, waves
+        that no mesh resolves increase peaks by 20 to 80 % of the jump, so that `Safety.factor` is
+        too small; apply loads over the period of the shortest waves of interest, or set the damping
+        of the section. A `BeamdaeWarning` is issued if the error exceeds 10 % of the stress.
 
         Parameters
         ----------
@@ -358,13 +372,14 @@ class SectionForces(HasTable):
     def _equivalent_stresses(self, point: str) -> tuple[Array, Array]:
         """Return equivalent stresses at a point of the sections, and upper bounds of them.
 
-        The bounds include the estimated errors and the peaks between the times, (k, l) [Pa] each.
+        The bounds include the estimated errors and the peaks between times and sections, (k, l)
+        [Pa] each.
         """
         offset: float | str = 0.0 if point == "axis" else point
         sigma, error = self._sigma(offset)
         # Shear stresses vanish at the surfaces; on the axis, they count sqrt(3) times.
         shear = np.sqrt(3.0) if point == "axis" else 0.0
-        peaks = self.sampling_error
+        peaks = self._peak_error
         tau = shear * np.abs(self._tau(self.Q))
         size = np.abs(sigma) + error + self._sigma_peak_error(offset, peaks)
         tau_size = tau + shear * (self._tau(self.error[1]) + self._tau(peaks[1]))
@@ -396,3 +411,10 @@ class SectionForces(HasTable):
             If `what` is invalid, or `t` is too far from the nearest available time.
         """
         return load_views().plot_section_forces(self, what, t)
+
+
+def _divide(x: Array) -> Array:
+    """Return ascending numbers and the places between them."""
+    return np.unique(
+        np.concatenate([x, (x[:-1, None] + np.diff(x)[:, None] * _SHARES_BETWEEN).ravel()])
+    )
