@@ -147,7 +147,8 @@ def _compare(
     mean, largest = np.sqrt(np.mean(differences[:count] ** 2, axis=0)), differences[-1]
     with np.errstate(divide="ignore", invalid="ignore"):
         total, rows = (np.where(x == 0.0, 0.0, x / second.sizes) for x in (mean, largest))
-    return Errors(headers, peaks, others, FACTOR * total, rows, refined, relative_to=relative_to)
+    of_columns = (relative_to,) * len(headers)
+    return Errors(headers, peaks, others, FACTOR * total, rows, refined, of_columns)
 
 
 def _measure_effects(result: Sensitivities) -> Array:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import compress
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -116,7 +117,7 @@ class Errors(HasTable):
     has_failed
         True if the companion does not reach the end.
     relative_to
-        What the errors, or those of each column, are relative to, for sentences.
+        What the errors of each column are relative to, for sentences (columns,).
     _split
         Function that returns `causes`, if there may be several.
     status
@@ -130,9 +131,9 @@ class Errors(HasTable):
     total: Array
     rows: Array
     refined: Refined
+    relative_to: tuple[str, ...]
     reason: str = ""
     has_failed: bool = False
-    relative_to: str | tuple[str, ...] = "half its range"
     _split: Callable[[], Mapping[str, Array]] | None = None
     status: Status = UNREQUIRED
 
@@ -143,7 +144,8 @@ class Errors(HasTable):
         """Return the errors of a result that cannot be checked."""
         missing = np.full(len(headers), np.nan)
         rows = (missing, missing, missing)
-        return cls(tuple(headers), values, *rows, Refined(), reason, has_failed)
+        nothing = ("",) * len(headers)
+        return cls(tuple(headers), values, *rows, Refined(), nothing, reason, has_failed)
 
     @classmethod
     def of_values(
@@ -153,6 +155,7 @@ class Errors(HasTable):
         companions: Array,
         refined: Refined,
         scales: Array | None = None,
+        relative_to: str = "its value",
     ) -> Errors:
         """Return the errors of single values (columns,), such as frequencies or loads.
 
@@ -164,8 +167,8 @@ class Errors(HasTable):
         with np.errstate(divide="ignore", invalid="ignore"):
             total = np.where(changes == 0.0, 0.0, FACTOR * changes / sizes)
         rows = np.full(len(headers), np.nan)
-        names, relative_to = tuple(headers), "its value"
-        return cls(names, values, companions, total, rows, refined, relative_to=relative_to)
+        of_columns = (relative_to,) * len(headers)
+        return cls(tuple(headers), values, companions, total, rows, refined, of_columns)
 
     @classmethod
     def join(cls, parts: Sequence[Errors]) -> Errors:
@@ -178,10 +181,6 @@ class Errors(HasTable):
             return np.concatenate([getattr(part, name) for part in parts])
 
         failed = [x for x in parts if x.reason]
-        relative_to: tuple[str, ...] = ()
-        for x in parts:
-            text = x.relative_to
-            relative_to += (text,) * len(x.headers) if isinstance(text, str) else text
         return cls(
             tuple(header for x in parts for header in x.headers),
             collect("values"),
@@ -189,9 +188,9 @@ class Errors(HasTable):
             collect("total"),
             collect("rows"),
             parts[0].refined,
+            tuple(text for x in parts for text in x.relative_to),
             failed[0].reason if failed else "",
             any(x.has_failed for x in parts),
-            relative_to,
             split,
         )
 
@@ -265,8 +264,9 @@ class Errors(HasTable):
             return {cause: errors[here] for cause, errors in self.causes.items()}
 
         selected = {x: getattr(self, x)[here] for x in ("values", "companions", "total", "rows")}
-        headers = tuple(x for x in self.headers if x in columns)
-        return replace(self, headers=headers, _split=split, **selected)
+        headers = tuple(compress(self.headers, here))
+        relative_to = tuple(compress(self.relative_to, here))
+        return replace(self, headers=headers, relative_to=relative_to, _split=split, **selected)
 
     def sentences(self) -> Iterator[str]:
         """Yield a sentence if a required accuracy is not reached, or an error exceeds 4 %."""
@@ -289,8 +289,7 @@ class Errors(HasTable):
         causes = {x: y[wrong[0]] for x, y in self.causes.items() if y[wrong[0]] > least}
         parts = ", ".join(f"{_NAMES_OF_CAUSES[x]} {_format_error(y)}" for x, y in causes.items())
         by = f", by {parts}" if len(causes) > 1 else ""
-        relative_to = self.relative_to
-        of = relative_to if isinstance(relative_to, str) else relative_to[wrong[0]]
+        of = self.relative_to[wrong[0]]
         text = name_with_others(f"{largest} of {of}{by}", others, _MAX_NAMES)
         advice = self.recommend()
         yield f"{text}, measured by {self.refined}{'; use ' if advice else ''}{advice}."

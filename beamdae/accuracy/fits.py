@@ -65,7 +65,7 @@ def measure_fit(problem: FitProblem, evaluation: Evaluation) -> Errors:
             FACTOR * largest,
             largest,
             refined,
-            relative_to="half the range of the data",
+            ("half the range of the data",) * len(rows),
         )
         return Errors.join([of_estimates, of_columns])
 

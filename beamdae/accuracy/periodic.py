@@ -143,5 +143,6 @@ def _compare(motion: PeriodicMotion, other: PeriodicMotion, refined: Refined) ->
     total, rows = FACTOR * np.maximum(found.peaks, found.means), found.rows
     if motion.is_free:
         total, rows = FACTOR * found.peaks, np.full(len(columns), np.nan)
-    of_columns = Errors(tuple(columns), found.values, found.others, total, rows, refined)
+    headlines = tuple(columns), found.values, found.others
+    of_columns = Errors(*headlines, total, rows, refined, found.relative_to)
     return Errors.join([of_columns, errors])

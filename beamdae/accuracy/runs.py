@@ -213,7 +213,7 @@ def _compare(run: Solution, other: Solution, refined: Refined, factor: float = F
         return replace(_state_obstacle(run, reason), refined=refined, has_failed=True)
     x = compare_columns(run, other)
     total = factor * np.maximum(x.peaks, x.means)
-    return Errors(tuple(run.columns), x.values, x.others, total, x.rows, refined)
+    return Errors(tuple(run.columns), x.values, x.others, total, x.rows, refined, x.relative_to)
 
 
 def refine_method(

@@ -123,8 +123,7 @@ def _measure(
         return others, describe_refinement(equations, refinement, None)
 
     def compare(first: Array, second: Array, refined: Refined) -> Errors:
-        errors = Errors.of_values(headers, first, second, refined, scales)
-        return replace(errors, relative_to="its largest value")
+        return Errors.of_values(headers, first, second, refined, scales, "its largest value")
 
     unchecked = Errors.unchecked(headers, values, "the refined result is not found")
     return measure_errors(unchecked, values, repeat_values, compare, (BeamdaeError, CurveError))

@@ -406,7 +406,7 @@ def _list_kept(analysis: Analysis, model: Any) -> dict[str, str]:
 
 def _describe(errors: Errors, worst: int) -> str:
     """Return the largest error with the settings of a result."""
-    refined, of = errors.refined, errors.relative_to
+    refined = errors.refined
     name, value = refined.accuracy
     texts = [f"{name}={value:.2g}"] if name else []
     if refined.elements:
@@ -421,5 +421,5 @@ def _describe(errors: Errors, worst: int) -> str:
     return (
         f"{remove_unit(errors.headers[worst])} has the largest error, "
         f"{format_percent(float(errors.total[worst]))} of "
-        f"{of if isinstance(of, str) else of[worst]}{settings}"
+        f"{errors.relative_to[worst]}{settings}"
     )

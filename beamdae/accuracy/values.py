@@ -25,6 +25,8 @@ class ColumnDifferences(NamedTuple):
     scale
         Half the range of a column of the second run or, if the column is constant but for errors,
         its largest magnitude [unit of the column].
+    relative_to
+        Names of the scales, for sentences.
     values, others
         Largest magnitude of the extremes at all steps and rows of both runs [unit of the column].
     peaks
@@ -37,6 +39,7 @@ class ColumnDifferences(NamedTuple):
     """
 
     scale: Array
+    relative_to: tuple[str, ...]
     values: Array
     others: Array
     peaks: Array
@@ -69,7 +72,8 @@ def compare_columns(run: RunData, other: RunData) -> ColumnDifferences:
     with np.errstate(divide="ignore", invalid="ignore"):
         errors = [np.where(is_noise | (x == 0.0), 0.0, x / size) for x, size in pairs]
     sizes = (np.abs(x).max(axis=0) for x in (limits, finer_limits))
-    return ColumnDifferences(scale, *sizes, *errors)
+    relative_to = tuple("its value" if x else "half its range" for x in is_constant)
+    return ColumnDifferences(scale, relative_to, *sizes, *errors)
 
 
 def _subtract_rows(rows: Array, finer: Array, scale: Array) -> Array:

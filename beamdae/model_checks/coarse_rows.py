@@ -16,7 +16,7 @@ from beamdae.results.columns import (
     largest_of_kind,
     remove_unit,
 )
-from beamdae.results.noise import mark_noise
+from beamdae.results.noise import constant_limits, mark_noise
 from beamdae.results.run_data import RunData
 from beamdae.results.step_extremes import may_have_short_peaks
 
@@ -88,6 +88,8 @@ def find_missed_peaks(run: RunData) -> ColumnDict:
     is_missed = (errors > LIMIT) & np.isin(headers, list(run.step_extremes))
     largest = largest_of_kind(headers, half_range, e.length)
     is_missed &= half_range > _MIN_SHARE * largest
+    rtol = run.integrator.get("rtol") or 0.0
+    is_missed &= half_range > constant_limits(headers, steps.values, e.length, rtol)
     if is_missed.any():
         in_doubt = np.where(is_missed, half_range, 0.0)
         is_missed &= ~mark_noise(run, steps.values, half_range, in_doubt)

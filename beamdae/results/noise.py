@@ -14,6 +14,7 @@ from beamdae.results.columns import (
     NO_OTHERS,
     UNITS_OF_ACCELERATIONS,
     UNITS_OF_FORCES,
+    UNITS_OF_POSITIONS,
     Header,
     largest_of_kind,
 )
@@ -60,7 +61,8 @@ def mark_noise(
     """Return the mask of the observed columns that vary by errors only.
 
     These are rounding errors and, where two computations differ by more than a quarter of the
-    range, columns whose range does not exceed the errors of the integration and of the constraints.
+    range, columns whose range and differences do not exceed the errors of the integration, relative
+    to the mechanism or to columns of the same kind, and of the constraints.
 
     Parameters
     ----------
@@ -78,11 +80,11 @@ def mark_noise(
     e, rtol = run.equations, run.integrator.get("rtol") or 0.0
     headers, mechanism = e.observed_headers, run._sizes_of_mechanism
     sizes = np.maximum(half_range, 0.5 * differences)
-    is_noise = mark_resting_columns(headers, values, half_range, e.length, others=mechanism)
+    is_noise = mark_resting_columns(headers, values, sizes, e.length, others=mechanism)
     is_noise |= sizes <= rounding_limits(e, headers, run.trajectory.mean_step)
     is_doubtful = ~is_noise & (differences > _MIN_NOISE_SHARE * half_range)
-    limits = constant_limits(headers, values, e.length, rtol)
     units = [Header.of(x).unit for x in headers]
+    limits = _limits_of_positions(headers, e.length, rtol)
     ratios = np.where(
         np.isin(units, UNITS_OF_ACCELERATIONS),
         _ERROR_TO_OTHER_ACCELERATIONS_RATIO,
@@ -159,9 +161,14 @@ def constant_limits(headers: Sequence[str], values: Array, length: float, rtol: 
     """
     by_value = min(_ERROR_TO_VALUE_RATIO * rtol, MAX_ERROR_TO_VALUE_RATIO)
     # Values of positions and angles depend on the origin.
+    is_position = [Header.of(x).unit in UNITS_OF_POSITIONS for x in headers]
+    of_positions = _limits_of_positions(headers, length, rtol)
+    return np.where(is_position, of_positions, by_value * np.max(np.abs(values), axis=0))
+
+
+def _limits_of_positions(headers: Sequence[str], length: float, rtol: float) -> Array:
     sizes = {"m": _ERROR_TO_SIZE_RATIO * rtol * length, "rad": _ERROR_TO_SIZE_RATIO * rtol}
-    of_size = np.array([sizes.get(Header.of(header).unit, np.nan) for header in headers])
-    return np.where(np.isnan(of_size), by_value * np.max(np.abs(values), axis=0), of_size)
+    return np.array([sizes.get(Header.of(x).unit, 0.0) for x in headers])
 
 
 def rounding_limits(

@@ -67,6 +67,28 @@ def test_errors_of_a_turning_beam_are_stated_with_their_cause(settings, method, 
     assert sentence in solution.warnings
 
 
+@pytest.mark.parametrize("moment", [0.1, 0.13])
+def test_errors_of_columns_at_rest_are_those_of_their_values(moment):
+    # A strip bent into an arc of the radius EI / M by an end moment, from its equilibrium on.
+    length, steel = 0.3, bd.Material(E=2e11, nu=0.3, rho=7850.0)
+    strip = bd.Section.rectangle(steel, width=0.01, height=0.0005)
+    mech = bd.Mechanism(start="equilibrium")
+    beam = mech.add(bd.Beam("strip", bd.Line((0.0, 0.0), (length, 0.0)), strip, elements=1))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech.add(bd.Moment("bend", beam.end, moment))
+    mech.observe("tip", beam.end)
+    solution = simulate(mech, bd.Radau(1e-6), 0.1)
+    radius = strip.EI / moment
+    exact = radius * np.array([np.sin(length / radius), 1.0 - np.cos(length / radius)])
+    names = ["tip.x [m]", "tip.y [m]"]
+    displacement = exact - [length, 0.0]
+    true = np.abs([solution.columns[x][-1] for x in names] - exact) / np.abs(displacement)
+    stated = solution.errors.table().loc[names, "total"]
+    ratios = stated / true
+    assert (ratios > 1.0 / FACTOR).all()
+    assert (ratios < FACTOR).all()
+
+
 @pytest.mark.slow(reason="references")
 def test_regularized_friction_is_an_error_like_others():
     solution = simulate(quick_return, bd.Radau(1e-5))
