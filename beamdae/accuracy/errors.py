@@ -160,10 +160,15 @@ class Errors(HasTable):
         """Return the errors of single values (columns,), such as frequencies or loads.
 
         They are relative to `scales` or, by default, to the magnitudes of the companion's values;
-        `companions` that are not a number have no counterpart.
+        `companions` that are not a number have no counterpart. Of several values of a column
+        (columns, places), the first one is its headline, and the largest change counts.
         """
+        places = np.asarray(values).reshape(len(headers), -1)
+        others = np.asarray(companions).reshape(places.shape)
+        values, companions = places[:, 0], others[:, 0]
         sizes = np.abs(companions if scales is None else scales)
-        changes = np.abs(np.asarray(values) - companions)
+        changes = np.abs(places - others)
+        changes = np.where(np.isnan(companions), np.nan, np.fmax.reduce(changes, axis=1))
         with np.errstate(divide="ignore", invalid="ignore"):
             total = np.where(changes == 0.0, 0.0, FACTOR * changes / sizes)
         rows = np.full(len(headers), np.nan)

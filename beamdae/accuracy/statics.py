@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import cache
 from itertools import takewhile
@@ -14,6 +14,7 @@ from beamdae.accuracy.errors import Errors, Refined, measure_errors
 from beamdae.accuracy.refinement import Refinement, refine
 from beamdae.accuracy.runs import describe_refinement
 from beamdae.analysis.continuation.engine import (
+    ArcLength,
     Control,
     CurveError,
     Point,
@@ -49,16 +50,18 @@ Values = dict[str, float]
 _MAX_POINTS_RATIO, _MORE_POINTS = 3, 20
 # Ends of one path by different searches are closer than this share of the changes of coordinates.
 _SAME_END = 1e-3
+# Extremes of columns between both ends of a path exceed the ends by this share of their scale.
+_MIN_EXCESS = 1e-3
 _SECTIONS = 9  # of a beam, for its largest section forces
 
 
 def measure_equilibrium(path: Equilibrium) -> Errors:
     """Return the errors of a path of equilibria.
 
-    They are those of the observed columns at its end, of its number of unstable directions, and of
-    the load factors of its critical points and, if a position is prescribed or the path failed, of
-    its end. Errors of columns are relative to their range along the path or, for section forces, to
-    their largest value along the beam if it is larger.
+    They are those of the observed columns at its end and at their extremes, of its number of
+    unstable directions, and of the load factors of its critical points and, if a position is
+    prescribed or the path failed, of its end. Errors of columns are relative to their range along
+    the path or, for section forces, to their largest value along the beam if it is larger.
     """
     values = _list_values(path)
     headers, sizes = tuple(values), np.array(list(values.values()))
@@ -67,20 +70,39 @@ def measure_equilibrium(path: Equilibrium) -> Errors:
         return Errors.unchecked(headers, sizes, reason)
     if not beams_of(path.equations.mechanism):
         return Errors.of_values(headers, sizes, sizes, Refined())
-    return _measure(
-        path.equations, headers, sizes, lambda x: _repeat(path, x), lambda: _find_scales(path)
-    )
+    scales = _find_scales(path)
+    extremes = list(_find_extremes(path, scales))
+
+    def repeat(refinement: Refinement) -> Array:
+        found = _repeat(path, refinement)
+        return _place(headers, found, _repeat_extremes(path, refinement, extremes))
+
+    at_rows = [(x, place, path.columns[x][row]) for x, place, row in extremes]
+    return _measure(path.equations, headers, _place(headers, values, at_rows), repeat, scales)
+
+
+def _place(
+    headers: tuple[str, ...], ends: Values, extremes: Iterable[tuple[str, int, float]]
+) -> Array:
+    """Return the values at the end of a path and at extremes of columns, (columns, 3)."""
+    places = np.full((len(headers), 3), np.nan)
+    places[:, 0] = [ends.get(x, np.nan) for x in headers]
+    for header, place, value in extremes:
+        places[headers.index(header), place] = value
+    return places
 
 
 def measure_buckling(result: Buckling) -> Errors:
     """Return the errors of the load factors of linear buckling."""
-    headers = [f"load factor of mode {k + 1} [-]" for k in range(len(result))]
+    headers = tuple(f"load factor of mode {k + 1} [-]" for k in range(len(result)))
 
-    def repeat(refinement: Refinement) -> Values:
-        q = refinement.prolong(result.q)
-        return dict(zip(headers, repeat_buckling(result, refinement.equations, q), strict=False))
+    def repeat(refinement: Refinement) -> Array:
+        q, found = refinement.prolong(result.q), np.full(len(headers), np.nan)
+        factors = repeat_buckling(result, refinement.equations, q)[: len(found)]
+        found[: len(factors)] = factors
+        return found
 
-    return _measure(result.equations, tuple(headers), result.factors, repeat, dict)
+    return _measure(result.equations, headers, result.factors, repeat, {})
 
 
 def check_equilibrium(path: Equilibrium) -> Iterator[str]:
@@ -101,31 +123,34 @@ def _measure(
     equations: EquationsOfMotion,
     headers: tuple[str, ...],
     values: Array,
-    repeat: Callable[[Refinement], Values],
-    find_scales: Callable[[], Values],
+    repeat: Callable[[Refinement], Array],
+    scales: Values,
 ) -> Errors:
-    """Return the errors of values that `repeat` computes for refined equations."""
-    scales = values
+    """Return the errors of values that `repeat` computes for refined equations.
+
+    Values without a scale are compared with themselves.
+    """
+    headlines = values.reshape(len(headers), -1)[:, 0]
+    sizes = np.abs(headlines)
 
     def repeat_values(strains: bool | None) -> tuple[Array, Refined]:
-        nonlocal scales
+        nonlocal sizes
         if strains is None:
             return values, Refined()
         with hold_messages(), single_threaded:
             refinement = refine(equations, strains=strains)
             if refinement is None or not (refinement.halved or refinement.raised):
                 raise BeamdaeError("no beam can be refined.")
-            found = repeat(refinement)
-        others = np.array([found.get(x, np.nan) for x in headers])
+            others = repeat(refinement)
         if strains:
-            of_columns, pairs = find_scales(), zip(headers, others.tolist(), strict=True)
-            scales = np.array([of_columns.get(x, abs(y)) for x, y in pairs])
+            sizes = np.abs(others.reshape(len(headers), -1)[:, 0])
+            sizes = np.array([scales.get(x, y) for x, y in zip(headers, sizes, strict=True)])
         return others, describe_refinement(equations, refinement, None)
 
     def compare(first: Array, second: Array, refined: Refined) -> Errors:
-        return Errors.of_values(headers, first, second, refined, scales, "its largest value")
+        return Errors.of_values(headers, first, second, refined, sizes, "its largest value")
 
-    unchecked = Errors.unchecked(headers, values, "the refined result is not found")
+    unchecked = Errors.unchecked(headers, headlines, "the refined result is not found")
     return measure_errors(unchecked, values, repeat_values, compare, (BeamdaeError, CurveError))
 
 
@@ -174,6 +199,16 @@ def _find_scales(path: Equilibrium) -> Values:
     return scales
 
 
+def _find_extremes(path: Equilibrium, scales: Values) -> Iterator[tuple[str, int, int]]:
+    """Yield columns with an extreme between both ends, its place among the values, and its row."""
+    for header, x in path.columns.items():
+        size = scales[header]
+        for place, row in ((1, int(np.argmin(x))), (2, int(np.argmax(x)))):
+            excess = min(abs(x[row] - x[0]), abs(x[row] - x[-1]))
+            if excess > _MIN_EXCESS * size:
+                yield header, place, row
+
+
 def _largest_by_unit(units: list[str], rows: Array) -> Values:
     largest: Values = {}
     for unit, x in zip(units, np.max(np.abs(rows), axis=0, initial=0.0).tolist(), strict=True):
@@ -216,7 +251,7 @@ def _repeat(path: Equilibrium, refinement: Refinement) -> Values:
         If the refined path does not begin, or leads to another end.
     """
     loading, settings = _load(path, refinement.equations), _read_settings(path)
-    end = _correct_end(path, refinement, loading, settings) if path.status.success else None
+    end = _correct_row(path, refinement, loading, settings) if path.status.success else None
     is_critical = any(x.row == len(path.q) - 1 for x in path.critical)
     is_near = end is not None and (is_critical or end.monitor.unstable == path.unstable[-1])
     ends = {} if end is None else _list_values(_as_equilibrium(path, loading, [end]))
@@ -258,6 +293,24 @@ def _read_settings(path: Equilibrium) -> PathSettings:
     return PathSettings.from_arguments(to, control, step, switch or 0, count, over)
 
 
+def _repeat_extremes(
+    path: Equilibrium, refinement: Refinement, extremes: list[tuple[str, int, int]]
+) -> Iterator[tuple[str, int, float]]:
+    """Yield the columns of a refined path, their places, and the values at extremes of the path."""
+    loading, settings = _load(path, refinement.equations), _read_settings(path)
+    if settings.varies and loading.parameter is None:
+        return
+    found: dict[int, Mapping[str, Array]] = {}
+    for header, place, row in extremes:
+        if row not in found:
+            point = _correct_row(path, refinement, loading, settings, row)
+            found[row] = {}
+            if point is not None:
+                found[row] = _as_equilibrium(path, loading, [point], row=row).columns
+        if header in found[row]:
+            yield header, place, float(found[row][header][0])
+
+
 def _is_whole(path: Equilibrium, loading: Loading, settings: PathSettings) -> bool:
     """Return False for paths over a parameter of a model, and rows of longer paths."""
     if settings.varies and loading.parameter is None:
@@ -268,39 +321,51 @@ def _is_whole(path: Equilibrium, loading: Loading, settings: PathSettings) -> bo
     return abs(path.factor - target) <= 1e-9 * abs(target)
 
 
-def _correct_end(
-    path: Equilibrium, refinement: Refinement, loading: Loading, settings: PathSettings
+def _correct_row(
+    path: Equilibrium,
+    refinement: Refinement,
+    loading: Loading,
+    settings: PathSettings,
+    row: int = -1,
 ) -> Point | None:
-    """Return the refined equilibrium near the end of a path, or None if it is not found."""
-    stage, mu = _find_stage(path), path.factor
+    """Return the refined equilibrium near a row of a path, or None if it is not found.
+
+    That near the end has the same load factor or prescribed position, others are beside the path.
+    """
+    stage, mu = _find_stage(path, row), path.factor
     if path.factors.shape[1]:
-        mu = float(path.factors[-1, stage])
+        mu = float(path.factors[row, stage])
     system = loading.systems[stage]
-    lam = dict(zip(path.equations.lam_names, path.lam[-1].tolist(), strict=True))
+    lam = dict(zip(path.equations.lam_names, path.lam[row].tolist(), strict=True))
     x = np.append(
-        refinement.prolong(path.q[-1]),
+        refinement.prolong(path.q[row]),
         [lam.get(name, 0.0) for name in system.equations.lam_names],
     )
     if path.free and system.has_scaled_loads:
         system = hold_neutral_motions(system, x, mu)
+    problem = StaticProblem(system)
+    x = problem.start(x)
     control: Control = prescribe_parameter
     target = mu
-    if settings.column:
+    if row != -1:
+        motion = refinement.prolongation @ (path.q[row + 1] - path.q[row - 1])
+        tangent, weights = np.append(problem.start(motion), 0.0), np.append(problem.weights, 0.0)
+        control, target = ArcLength(problem.point(x, mu), tangent, weights), 0.0
+    elif settings.column:
         control, coarse = (
             PrescribedColumn.from_name(e, settings.column, system.loaded.time)
             for e in (refinement.equations, path.equations)
         )
         target = coarse.value(path.q[-1])
-    problem = StaticProblem(system)
     try:
-        return problem.correct(control, target, problem.start(x), mu)
+        return problem.correct(control, target, x, mu)
     except CurveError:
         return None
 
 
-def _find_stage(path: Equilibrium) -> int:
-    """Return the index of the load stage at the end of a path."""
-    return int(np.max(np.flatnonzero(path.factors[-1]), initial=0))
+def _find_stage(path: Equilibrium, row: int = -1) -> int:
+    """Return the index of the load stage of a row of a path."""
+    return int(np.max(np.flatnonzero(path.factors[row]), initial=0))
 
 
 def _as_equilibrium(
@@ -308,13 +373,14 @@ def _as_equilibrium(
     loading: Loading,
     points: list[Point],
     traced: EquilibriumPath | None = None,
+    row: int = -1,
 ) -> Equilibrium:
-    """Return refined points as a result with the loads of a path.
+    """Return refined points as a result with the loads of a path at a row.
 
     Critical points are those up to the first one of another kind.
     """
-    factors = path.factors[-1:].copy()
-    factors[:, _find_stage(path) :][:, :1] = points[-1].p
+    factors = path.factors[[row]]
+    factors[:, _find_stage(path, row) :][:, :1] = points[-1].p
     refined = () if traced is None else traced.critical
     pairs = zip(path.critical, refined, strict=False)
     return replace(

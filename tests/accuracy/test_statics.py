@@ -186,3 +186,28 @@ def test_columns_near_their_buckling_load():
     failed = column(0.99)
     assert not failed.status.success
     assert failed.errors.companions.tolist() == [1.0]
+
+
+@pytest.mark.filterwarnings("ignore::beamdae.errors.BeamdaeWarning")
+@pytest.mark.parametrize("elements", [4, 6])
+def test_extremes_between_the_ends_of_a_path_have_errors(elements):
+    def press(elements, **options):
+        """Press a clamped shallow arch of 1 cm height through its flat shape."""
+        angle = math.atan(0.1)
+        radius = 0.2 / math.sin(angle)
+        mech = bd.Mechanism()
+        arc = bd.Arc(-radius, 2.0 * radius * angle, angle=angle)
+        arch = mech.add(bd.Beam("arch", arc, STRIP, elements, **options))
+        mech.add(bd.Weld("left", mech.ground.at(0.0, 0.0), arch.start))
+        mech.add(bd.Weld("right", mech.ground.at(0.4, 0.0), arch.end))
+        crown = arch.at(radius * angle)
+        mech.add(bd.Force("press", crown, (0.0, -1.0)))
+        mech.observe("crown", crown)
+        mech.observe("clamp", arch.section_forces(0.0))
+        return bd.equilibrium(mech, to={"crown.y": -0.005})
+
+    header = "clamp.Q [N]"
+    coarse, fine = press(elements), press(16, formulation="exact")
+    largest, at_end = fine[header].abs().max(), abs(fine[header].iloc[-1])
+    assert largest > 2.0 * at_end
+    assert_stated(coarse, header, abs(coarse[header].abs().max() / largest - 1.0))
