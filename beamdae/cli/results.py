@@ -116,6 +116,8 @@ class ResultFiles:
     ----------
     paths
         Paths of the files written so far.
+    removed
+        Paths of pages and pictures of earlier results.
     failed
         True if a file could not be written.
     table, page, picture
@@ -123,6 +125,7 @@ class ResultFiles:
     """
 
     paths: list[Path] = field(default_factory=list)
+    removed: list[Path] = field(default_factory=list)
     failed: bool = False
     table: Path = Path()
     page: Path | None = None
@@ -150,7 +153,7 @@ class ResultFiles:
         html = table.with_suffix(".html") if page else None
         png = table.with_suffix(".png") if picture else None
         require_writable(("--out", [table, *filter(None, (html, png)), *further]), others)
-        return cls([], False, table, html, png)
+        return cls(table=table, page=html, picture=png)
 
     def add(self, *paths: Path) -> None:
         """Add written tables, and remove the page and the picture of earlier ones."""
@@ -163,7 +166,10 @@ class ResultFiles:
         if is_input(path):
             return
         try:
-            path.unlink(missing_ok=True)
+            path.unlink()
+            self.removed.append(path)
+        except FileNotFoundError:
+            return
         except OSError as problem:
             reason = f"shows earlier results and cannot be removed ({problem.strerror})"
             print_error(f"failed: {path}: the file {reason}; remove it.")
@@ -190,6 +196,9 @@ class ResultFiles:
         for path in map(make_printable, map(str, self.paths)):
             current_output().files.append(path)
             console.print(f"written: {path}", style="dim", soft_wrap=True)
+        for old in (x for x in self.removed if x not in self.paths):
+            text = f"removed: {make_printable(str(old))}, which showed earlier results"
+            console.print(text, style="dim", soft_wrap=True)
 
     def finish(self, *outcomes: tuple[str, Status | None]) -> None:
         """End a command: print the paths and the reasons for failures, and set the exit code.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 from command_line import invoke
 from model_texts import COLUMN as MODEL
@@ -73,6 +75,8 @@ def test_regression_skipped_pictures_of_earlier_results_are_removed(
     assert result.exit_code == 0, result.output
     assert mine.exists()
     assert not any(path.exists() for path in old)
+    removed = [x for x in result.output.splitlines() if x.startswith("removed: ")]
+    assert [Path(x[9:].partition(",")[0]).name for x in removed] == [path.name for path in old]
 
 
 @pytest.mark.slow(reason="starts a process")
