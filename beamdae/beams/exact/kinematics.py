@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, cast
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -12,7 +12,7 @@ import scipy.sparse as sp
 
 from beamdae.beams.element_data import assemble_point_data, is_damped
 from beamdae.beams.exact.element import NODE_SIZE, ExactElement
-from beamdae.beams.exact.formulas import ExactDeformation, ExactSectionMotion, chord_motion
+from beamdae.beams.exact.formulas import ExactSectionMotion, chord_motion
 from beamdae.beams.kinematics import (
     FormulationKinematics,
     MaterialPoint,
@@ -22,6 +22,7 @@ from beamdae.beams.kinematics import (
 )
 from beamdae.beams.reference_frames import chord_vector
 from beamdae.beams.shape_functions import gauss_points, shape_functions
+from beamdae.parts.observables import express_displacement
 from beamdae.read_only import read_only_data
 from beamdae.symbolic.formula import Formula
 from beamdae.symbolic.sparse_operators import build_selection
@@ -163,25 +164,13 @@ class GeometricallyExact(FormulationKinematics):
 
     def _deformation(self, s: float, axes: str) -> PointValues:
         frame, section = self.floating_frame, self.material_point(s)
-        of_frame, of_section = (cast("Formula", x.motion) for x in (frame, section))
-        offset = np.subtract(section.reference_position, frame.reference_position)
-        kind = ExactDeformation(
-            of_frame.kind,
-            frame.operator.shape[0],
-            len(of_frame.numbers),
-            of_section.kind,
-            len(of_section.numbers),
-            axes,
+        arm = np.subtract(section.reference_position, frame.reference_position)
+        angle = {"inertial": (), "frame": (frame.inclination,), "local": (section.inclination,)}
+        values, data = express_displacement(
+            section.operator.shape[0], section.motion, frame.motion, arm, *angle[axes]
         )
-        numbers = (
-            *of_frame.numbers,
-            *of_section.numbers,
-            *map(float, offset),
-            frame.inclination,
-            section.inclination,
-        )
-        operator = sp.csr_array(sp.vstack([frame.operator, section.operator]))
-        return PointValues(operator, Formula(kind, numbers))
+        operator = sp.csr_array(sp.vstack([section.operator, frame.operator]))
+        return PointValues(operator, Formula(values, tuple(data.tolist())))
 
     @property
     def curvature_error(self) -> float:
