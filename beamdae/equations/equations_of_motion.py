@@ -505,6 +505,14 @@ class EquationsOfMotion:
         return np.where(self.constraint_is_angle, 1.0, self.length)
 
     @cached_property
+    def part_indices(self) -> Array:
+        """Index in `parts` of the part of each coordinate, (n,)."""
+        indices = np.zeros(self.n, int)
+        for k, part in enumerate(self.parts):
+            indices[part.rows] = k
+        return indices
+
+    @cached_property
     def part_scales(self) -> Array:
         """Size of the part of each coordinate [m], or 1 rad for an angle, (n,).
 

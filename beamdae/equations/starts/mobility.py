@@ -137,12 +137,9 @@ def find_loose_groups(e: EquationsOfMotion) -> tuple[tuple[str, ...], ...]:
 
     Joints and forces connect parts to each other; a force does not connect a part to the ground.
     """
-    owner = np.zeros(e.n, int)
-    for k, part in enumerate(e.parts):
-        owner[part.rows] = k
     block = plan_state_sums(e.structure).block
     tied = list_tied_parts(e)
-    ties = [owner[[block.pattern.indices, column_indices(block.pattern)]]]
+    ties = [e.part_indices[[block.pattern.indices, column_indices(block.pattern)]]]
     ties += [np.stack([x[:1].repeat(len(x)), x]) for x in tied]
     grounded = {int(x[0]) for x in tied if len(x) == 1}
     grounded |= _find_parts_on_ground(e)
