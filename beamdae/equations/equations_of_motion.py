@@ -23,7 +23,7 @@ from beamdae.parts.events import Impact
 from beamdae.parts.joints.event_constraints import FrozenGap
 from beamdae.parts.laws import Law
 from beamdae.parts.mechanism import AS_DRAWN, Mechanism
-from beamdae.parts.part import Part
+from beamdae.parts.part import Part, RegularizedFriction
 from beamdae.read_only import read_only_copy, read_only_data
 from beamdae.symbolic.functions.compiled import RowFunction
 from beamdae.symbolic.signal_pickling import pickle_with_signals
@@ -503,6 +503,13 @@ class EquationsOfMotion:
     def constraint_scales(self) -> Array:
         """Scale of each constraint, (m,): the characteristic length [m], or 1 rad for an angle."""
         return np.where(self.constraint_is_angle, 1.0, self.length)
+
+    @property
+    def frictions(self) -> dict[str, RegularizedFriction]:
+        """Friction of all parts, by name; empty for a constrained system."""
+        parts = {} if self.mechanism is None else self.mechanism.parts
+        of_parts = {name: part.regularized_friction for name, part in parts.items()}
+        return {name: friction for name, friction in of_parts.items() if friction is not None}
 
     @cached_property
     def part_indices(self) -> Array:

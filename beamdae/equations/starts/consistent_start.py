@@ -17,7 +17,6 @@ from beamdae.equations.starts.dependent_constraints import require_independent_c
 from beamdae.equations.starts.rigid_motions import compute_rigid_motions
 from beamdae.equations.starts.state_evaluator import StateEvaluator
 from beamdae.errors import BeamdaeError
-from beamdae.parts.forces.friction import Friction
 from beamdae.symbolic.sparse_operators import build_selection
 
 Array = np.ndarray
@@ -324,9 +323,7 @@ class ConsistencySolver(StateEvaluator):
                 return a, lam
         rows = [k for term in e.forces if term.rows is not None for k in term.rows.indices]
         joints = sorted({e.lam_names[k].rpartition(".")[0] for k in rows})
-        parts = () if e.mechanism is None else e.mechanism.parts.values()
-        frictions = (x for x in parts if isinstance(x, Friction) and x.joint.name in joints)
-        radii = [f"{x.name}: {x.radius:g} m" for x in frictions if x.radius is not None]
+        radii = [f"{k}: {x.radius:g} m" for k, x in e.frictions.items() if x.radius is not None]
         check = f"check the radius ({', '.join(radii)}), " if radii else ""
         raise BeamdaeError(
             f"{', '.join(joints)}: with friction, no accelerations and reactions "
