@@ -7,24 +7,20 @@ amplitudes, restarts at breakpoints and events, enforces limits and collects the
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
-from typing import TYPE_CHECKING, cast
+from typing import cast
 
 import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion, EventTerm
 from beamdae.equations.formulations.first_order import State
 from beamdae.equations.smooth_intervals import SAME_TIME, branch_time
-from beamdae.equations.table_arguments import (
-    TableArgumentTerm,
-    compile_table_arguments,
-    find_distinct,
-)
 from beamdae.errors import BeamdaeError, ProgressError, list_first
+from beamdae.integrators.events.stop_search import StopSearch
 from beamdae.integrators.events.switching import MethodCache, apply_event, initial_configuration
-from beamdae.integrators.events.watches import Stop, Watch, create_watches, watch_forces
+from beamdae.integrators.events.watches import Stop
 from beamdae.integrators.integrator import Integrator, require_limits
 from beamdae.integrators.limits import (
     PaceCheck,
@@ -58,17 +54,10 @@ from beamdae.results.outcome import REACHED_END, Status
 from beamdae.results.solution import Solution
 from beamdae.results.trajectory import Trajectory
 
-# Imported where it is created: most models have no events.
-if TYPE_CHECKING:
-    from beamdae.integrators.events.event_detection import EventDetector
-
 Array = np.ndarray
 
 PARTS_SWITCHED = Status("ok", "an event switched parts")
 
-# Number of steps between two searches of the watches, so large that they take a small part of the
-# time.
-_STEPS_PER_SEARCH = 256
 _MAX_LISTED_PEAKS = 3
 
 _NO_MEMORY = "out of memory; use longer steps, fewer elements or an earlier end time"
@@ -152,9 +141,7 @@ def _drive(
 
     run_began = clock.perf_counter()
     limits = RunLimits(progress, settings.get("time_limit"), settings.get("max_steps"), run_began)
-    arguments = compile_table_arguments(equations)
-    watches = create_watches(equations, arguments, is_adaptive=rtol is not None)
-    context = _RunContext(equations, times, rtol, watches, find_distinct(arguments))
+    context = _RunContext(equations, times, rtol)
     latest: list[_RunInProgress] = []
     compile_time, problem = 0.0, None
 
@@ -242,10 +229,6 @@ class _RunContext:
         Times [s] of rows that are stored even if the run is too long to store all steps.
     rtol
         Tolerance of adaptive steps; None for fixed steps.
-    watches
-        Watches of the contacts and tables.
-    table_arguments
-        Arguments of the tables of the motion.
     repeated
         Samples of controllers in earlier runs, which the next run repeats and extends.
     """
@@ -253,8 +236,6 @@ class _RunContext:
     equations: EquationsOfMotion
     output_times: Array
     rtol: float | None
-    watches: tuple[Watch, ...]
-    table_arguments: Sequence[TableArgumentTerm]
     repeated: list[RepeatedSample] = field(default_factory=list)
 
 
@@ -278,18 +259,8 @@ class _RunInProgress:
         if limits.pace_check is not None:
             limits.pace_check.relative_limit = self.method.steps_per_check / STEPS_PER_CHECK
         self.repeated = context.repeated
-        self._detector: EventDetector | None = None
-        self._steps_per_search = _STEPS_PER_SEARCH
-        if equations.events:
-            from beamdae.integrators.events.event_detection import (
-                STEPS_PER_EVENT_SEARCH,
-                EventDetector,
-            )
-
-            self._detector = EventDetector(equations)
-            if self._detector.may_stop:
-                self._steps_per_search = STEPS_PER_EVENT_SEARCH
-        self._context = context
+        self._search = StopSearch(equations, context.rtol)
+        self._detector = self._search.detector
         sampled = equations.with_loads_of(self._configuration)
         self._sampler = Sampler(sampled, context.repeated)
         self._adapt_to_active_parts()
@@ -307,13 +278,8 @@ class _RunInProgress:
         self._begin_segment(start, branch_time(start, end), plan.state)
 
     def _adapt_to_active_parts(self) -> None:
-        """Watch the active parts, and let controllers read zero for the loads of inactive ones.
-
-        Peaks of forces are searched for adaptive steps only.
-        """
-        rtol, self._watches = self._context.rtol, self._context.watches
-        if rtol is not None:
-            self._watches += watch_forces(self._plan, rtol)
+        """Watch the active parts; controllers read zero for the loads of inactive ones."""
+        self._search.adapt(self._plan)
         equations = self._equations.with_loads_of(self._configuration)
         if equations is not self._sampler.equations:
             self._sampler = Sampler(equations, self.repeated)
@@ -338,8 +304,7 @@ class _RunInProgress:
             self._history.close()
         history = StepHistory(t, state)
         self._segments.append(RunSegment(history, branch, configuration, active, self._equations.m))
-        # Number of rows, and of steps of the run, that have been searched.
-        self._searched = 1, self.steps
+        self._search.begin(self.steps)
 
     def execute(self) -> tuple[Trajectory, Status]:
         """Integrate to the end or an early stop; return the steps taken and the status."""
@@ -409,7 +374,7 @@ class _RunInProgress:
                 resumed = self._resume_after_sample(start, state)
             except BeamdaeError as error:
                 law_error = error
-            if resumed is None and (stop := self._search()):
+            if resumed is None and (stop := self._find_stop()):
                 if stop.reason:
                     return self._limited(stop.reason)
                 if self._history.end < start:
@@ -491,8 +456,8 @@ class _RunInProgress:
         """
         segment, method, limits = self._segments[-1], self.method, self._limits
         history, branch = segment.history, segment.branch
-        if outside := self._reason_outside_table():
-            begin, stop = history.end, self._search()
+        if outside := self._search.reason_outside_table(segment):
+            begin, stop = history.end, self._find_stop()
             if stop is None or stop.reason or history.end == begin:
                 return self._limited(stop.reason if stop and stop.reason else outside)
             # A stop of another kind precedes.
@@ -504,25 +469,23 @@ class _RunInProgress:
             while history.end < end:
                 raise_pending()
                 most = limits.steps_until_check(self.steps, steps_per_check)
-                is_due = self._detector is not None
+                most, has_failed = min(most, self._search.longest_batch), False
                 try:
-                    self.steps += take_steps(
-                        method, history, min(most, self._steps_per_search), end
-                    )
+                    self.steps += take_steps(method, history, most, end)
                 except (StepError, BeamdaeError):
                     # The steps before a failure are searched first; the next call fails again.
-                    if not self._has_unsearched_rows:
+                    has_failed = self._search.has_rows(segment)
+                    if not has_failed:
                         raise
-                    is_due = True
-                is_due |= self.steps >= self._searched[1] + self._steps_per_search
+                is_due = has_failed or self._search.is_due(self.steps)
                 is_due |= history.end >= end and not self._continues(end)
-                if is_due and (stop := self._search()):
+                if is_due and (stop := self._find_stop()):
                     if stop.event:
                         return self._status_at_event(stop.event)
                     if stop.reason:
                         return self._limited(stop.reason)
                     end = history.end
-                history.release(self._searched[0] if self._is_watched else history.count)
+                history.release(history.count if self._search.is_empty else self._search.row)
                 self.thinning.enforce(self._segments)
                 t = history.end
                 # Between samples, an interval may consist of one step: its end is checked, too.
@@ -580,50 +543,19 @@ class _RunInProgress:
         """
         return self._detector is None and len(self._interval_ends) > 1 and self._is_sample(end)
 
-    @property
-    def _is_watched(self) -> bool:
-        return bool(self._watches or self._detector)
-
-    @property
-    def _has_unsearched_rows(self) -> bool:
-        return self._is_watched and self._history.count > self._searched[0]
-
-    def _search(self) -> Stop | None:
+    def _find_stop(self) -> Stop | None:
         """Drop the steps after the first stop in the rows not searched before; return the stop.
 
         Unless the run ends there, it restarts there, and again inside the contact or peak, where
         the error test sees it. Samples of controllers after a stop are taken again.
         """
-        if not self._has_unsearched_rows:
-            return None
-        segment, row = self._segments[-1], self._searched[0]
-        stops = (watch.find_first(segment, row) for watch in self._watches)
-        stop = min((x for x in stops if x is not None), default=None)
-        if stop is not None:
-            if stop.force:
-                self.force_peaks.setdefault(stop.force, stop.probe)
-            segment.history.truncate(stop.t)
-            if not stop.reason:
-                ends = {segment.history.end, stop.probe, *self._interval_ends}
-                self._interval_ends = tuple(sorted(ends))
-        # Events in the steps that remain.
-        if self._detector and (event := self._detector.find_first(segment, row)):
-            segment.history.truncate(event.t)
-            stop = event
-        self._searched = segment.history.count, self.steps
+        stop = self._search.find(self._segments[-1], self.steps)
+        if stop and stop.force:
+            self.force_peaks.setdefault(stop.force, stop.probe)
+        if stop and not (stop.reason or stop.event):
+            ends = {self._history.end, stop.probe, *self._interval_ends}
+            self._interval_ends = tuple(sorted(ends))
         return stop
-
-    def _reason_outside_table(self) -> str:
-        """Return the reason why the present state or time is outside a table, or ""."""
-        segment, configuration = self._segments[-1], self._configuration
-        t, branch, state = segment.history.end, segment.branch, segment.history.last_state
-        inactive = frozenset() if configuration is None else configuration.inactive
-        arguments = (x for x in self._context.table_arguments if x.part not in inactive)
-        reasons = [
-            *(x.reason_to_stop(t, branch) for x in segment.ranges),
-            *(x.reason_to_stop(t, branch, state) for x in arguments),
-        ]
-        return next(filter(None, reasons), "")
 
     def _switch_parts(self) -> Status:
         """Apply the actions of the last event, then integrate the rest of the interval."""

@@ -18,10 +18,6 @@ from beamdae.results.trajectory import Interval
 
 Array = np.ndarray
 
-# Number of steps between two searches for events that may end a segment, small because steps beyond
-# the event are wasted.
-STEPS_PER_EVENT_SEARCH = 16
-
 # Fractions of a step at which quantities are sampled. Between the samples, quantities that pass
 # their threshold and return are found by `_locate_reversal`.
 _SAMPLES = np.array([0.25, 0.5, 0.75, 1.0])

@@ -205,9 +205,7 @@ class _Samples:
         return np.asarray(self._weights.velocities @ values)
 
 
-def create_force_watch(
-    terms: Sequence[FormulaForceTerm], plan: RunPlan, rtol: float
-) -> ForcePeakWatch:
+def watch_forces(terms: Sequence[FormulaForceTerm], plan: RunPlan, rtol: float) -> ForcePeakWatch:
     """Return the watch of forces in a run with the tolerance `rtol`.
 
     An impulse matters if it changes a velocity, or a first-order state, by more than ten

@@ -7,20 +7,12 @@ event, or where the error test sees what the step has passed over.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from beamdae.equations.equations_of_motion import EquationsOfMotion, EventTerm
-from beamdae.equations.formula_forces import compile_formula_forces
-from beamdae.equations.surface_gaps import compile_surface_gaps
-from beamdae.equations.table_arguments import (
-    TableArgumentTerm,
-    find_distinct,
-    group_grids,
-)
-from beamdae.integrators.run_plan import RunPlan
+from beamdae.equations.equations_of_motion import EventTerm
 from beamdae.integrators.step_history import RunSegment
 
 Array = np.ndarray
@@ -58,40 +50,6 @@ class Watch(Protocol):
 
     def find_first(self, segment: RunSegment, row: int) -> Stop | None:
         """Return the first stop in the rows of a segment from `row` on, or None."""
-
-
-def create_watches(
-    equations: EquationsOfMotion, arguments: Sequence[TableArgumentTerm], is_adaptive: bool
-) -> tuple[Watch, ...]:
-    """Return the watches of the contacts of all parts, and of the `arguments` of tables.
-
-    Peaks of tables are searched if `is_adaptive` is True.
-    """
-    # Imported where they are created: most models have no surfaces and tables.
-    watches: list[Watch] = []
-    if gaps := compile_surface_gaps(equations):
-        from beamdae.integrators.events.contact_onsets import ContactWatch
-
-        watches.append(ContactWatch(gaps, equations.length))
-    distinct = find_distinct(arguments)
-    limited = [term for term in distinct if term.is_limited]
-    calls = [(term,) for term in distinct if len(term.constants) == 1] if is_adaptive else []
-    if limited or calls or (is_adaptive and arguments):
-        from beamdae.integrators.events.table_limits import TableWatch
-
-        grids = group_grids(arguments) if is_adaptive else ()
-        watches.append(TableWatch(limited, [*calls, *grids]))
-    return tuple(watches)
-
-
-def watch_forces(plan: RunPlan, rtol: float) -> tuple[Watch, ...]:
-    """Return the watch of the peaks of formulas of the active parts, if there are any."""
-    terms = compile_formula_forces(plan.equations)
-    if not terms:
-        return ()
-    from beamdae.integrators.events.force_peaks import create_force_watch
-
-    return (create_force_watch(terms, plan, rtol),)
 
 
 def locate_root(
