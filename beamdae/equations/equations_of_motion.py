@@ -9,7 +9,7 @@ import pickle
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
-from typing import Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 import scipy.sparse as sp
@@ -18,9 +18,7 @@ from beamdae import deferred
 from beamdae.equations.singular_laws import PartLaw
 from beamdae.equations.structure import ConstraintTerm, ForceTerm, Structure
 from beamdae.errors import BeamdaeError
-from beamdae.parts.control.controller import Controller
 from beamdae.parts.events import Impact
-from beamdae.parts.joints.event_constraints import FrozenGap
 from beamdae.parts.laws import Law
 from beamdae.parts.mechanism import AS_DRAWN, Mechanism
 from beamdae.parts.part import Part, RegularizedFriction
@@ -33,11 +31,15 @@ from beamdae.symbolic.statements import (
     Variable,
 )
 
+# Imported where they are created: most models have no controllers, and no events that switch parts.
+if TYPE_CHECKING:
+    from beamdae.parts.control.controller import Controller
+    from beamdae.parts.joints.event_constraints import FrozenGaps
+
 Array = np.ndarray
 _BYTES_PER_NUMBER = 8
 # Memory of the local coordinates of the times at which beams are checked together.
 _MAX_BLOCK_BYTES = 1e7
-FrozenGaps = Mapping[str, FrozenGap]
 
 
 class State(NamedTuple):
