@@ -110,6 +110,8 @@ class Part:
     # How to write a point of a body, in messages about a body in place of its point.
     point_syntax: ClassVar[str] = ""
 
+    # True for sampled controllers, which drive inputs of the mechanism.
+    is_controller: ClassVar[bool] = False
     # True if the part loads its `beam` at an arc length that changes during a run.
     moves_along_beam: ClassVar[bool] = False
 

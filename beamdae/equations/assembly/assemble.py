@@ -38,7 +38,6 @@ from beamdae.errors import (
 )
 from beamdae.memory import require_memory
 from beamdae.parts.attachments import measure_extent
-from beamdae.parts.control.controller import select_controllers
 from beamdae.parts.events import select_impacts
 from beamdae.parts.mechanism import AS_DRAWN, MINIMUM_NORM, Mechanism, require_start
 from beamdae.parts.part import AttachedPart, Part
@@ -174,7 +173,7 @@ def _collect_statements(
             *mechanism.events,
             *(event for part in mechanism.parts.values() for event in part.events),
         ],
-        controllers=select_controllers(list(mechanism.parts.values())),
+        controllers=[x for x in mechanism.parts.values() if x.is_controller],
         inputs=mechanism.inputs,
         of_parts=tuple(of_parts),
     )
