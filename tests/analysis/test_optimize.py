@@ -3,6 +3,7 @@
 import math
 import signal
 import warnings
+from dataclasses import replace
 
 import mechanisms
 import numpy as np
@@ -72,7 +73,9 @@ def test_regression_the_adjoint_differentiates_equilibria_of_slender_steel_beams
     tip, settings = bd.quantities.EquilibriumValue("tip.y"), RunSettings(None, None, None)
 
     def analyze(**changes):
-        model = DesignModel(FlatModel(leaf, {**leaf.parameters, **changes}, entries))
+        model = DesignModel(
+            FlatModel(replace(leaf, parameters={**leaf.parameters, **changes}), entries)
+        )
         return create_analysis(model, [tip], settings)
 
     gradient = analyze().gradient({tip: 1.0})

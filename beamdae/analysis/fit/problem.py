@@ -26,7 +26,7 @@ from beamdae.analysis.parameter_bounds import (
     draw_starts,
     read_bounds,
 )
-from beamdae.analysis.sensitivities.differentiable_methods import DERIVATIVE_METHOD
+from beamdae.analysis.sensitivities.differentiable_run import DERIVATIVE_METHOD
 from beamdae.analysis.sensitivities.sensitivities import Sensitivities, differentiate_run
 from beamdae.analysis.sensitivities.sensitivity_result import (
     complete_parameters,

@@ -24,7 +24,7 @@ from beamdae.read_only import read_only_data
 from beamdae.results.columns import require_one_column, select_columns
 from beamdae.results.run_data import coordinate_headers
 from beamdae.results.solution import Solution
-from beamdae.results.trajectory import Interval, Trajectory
+from beamdae.results.trajectory import Interval, Trajectory, times_after_restart
 
 Array = np.ndarray
 
@@ -518,14 +518,6 @@ def _interval_grid(interval: Interval, is_restart: bool) -> tuple[Array, Array]:
     points, weights = gauss_points(_POINTS_PER_STEP)
     half = 0.5 * np.diff(t)[:, None]
     return (t[:-1, None] + half * (1.0 + points)).ravel(), (half * weights).ravel()
-
-
-def times_after_restart(t: Array) -> Array:
-    """Return times (k,) of an interval; the first one does not belong to the one before.
-
-    Columns may jump at the start of an interval; results at this time are those before the jump.
-    """
-    return np.maximum(t, np.nextafter(t[0], np.inf))
 
 
 def read_column(run: Solution, name: str) -> tuple[str, Array]:
