@@ -521,14 +521,6 @@ def _with_branch(t: Array, branch: float | Array) -> Array:
 
 
 @read_only_data
-def times_after_restart(t: Array) -> Array:
-    """Return times (k,) of an interval; the first one does not belong to the one before.
-
-    Columns may jump at the start of an interval; results at this time are those before the jump.
-    """
-    return np.maximum(t, np.nextafter(t[0], np.inf))
-
-
 @dataclass(frozen=True)
 class Trajectory:
     """Accepted steps of a run, as consecutive intervals."""

@@ -27,9 +27,12 @@ from beamdae.results.columns import remove_unit
 from beamdae.results.elastic_columns import is_elastic
 from beamdae.results.run_data import coordinate_headers
 from beamdae.results.solution import Solution
-from beamdae.results.trajectory import Interval, Trajectory
+from beamdae.results.trajectory import Trajectory
 
 Array = np.ndarray
+
+# Parts (q, v, lam) of states, named as in `Interval.weights_at`.
+_KINDS = "positions", "velocities", "reactions"
 
 
 @dataclass
@@ -75,20 +78,21 @@ def differentiate_objective(objective: Objective, solution: Solution) -> ColumnS
         times, column = term.sample_times(grid), _Column.of(equations, term.column)
         key = times.tobytes(), column.is_elastic
         if key not in points_at:
-            sampled = list(split_times(trajectory, times, column.is_elastic))
+            sampled = split_times(trajectory, times, column.is_elastic)
             points_at[key] = sampled, *join_points(sampled, trajectory, limited=True)
         points, rows, at = points_at[key]
-        y, arguments = column.evaluate(rows, at)
-        parts = zip(points, split_points(points, y), strict=True)
-        samples = np.concatenate([_values_at_times(x, trajectory, part) for x, part in parts])
-        value, by_samples = term.evaluate(samples, grid.weights)
+        values, arguments = column.evaluate(rows, at)
+        parts = zip(points, split_points(points, values), strict=True)
+        samples = [_values_at_times(x, trajectory, part) for x, part in parts]
+        value, by_samples = term.evaluate(np.concatenate(samples), grid.weights)
         result.value += factor * value
-        by = [factor * by_samples[x.here] for x in points]
-        by = [y if x.weights is None else x.weights.T @ y for x, y in zip(points, by, strict=True)]
-        for block in column.gradient(result, arguments, at, np.concatenate(by)):
+        by_values = [
+            factor * (by_samples[x.here] if x.weights is None else x.weights.T @ by_samples[x.here])
+            for x in points
+        ]
+        for block in column.gradient(result, arguments, at, np.concatenate(by_values)):
             for x, part in zip(points, split_points(points, block.values), strict=True):
-                part = block._replace(values=part)
-                part.add_to_nodes(states[x.index], x, trajectory.intervals[x.index], equations.n)
+                _add_to_nodes(x, trajectory, states[x.index], block._replace(values=part))
     return result
 
 
@@ -103,40 +107,26 @@ def _values_at_times(points: ColumnPoints, trajectory: Trajectory, values: Array
 
 
 class _Block(NamedTuple):
-    """Derivatives of an objective by some positions, velocities or multipliers at states.
+    """Derivatives (states, c) of an objective by columns (c,) of the states (q, v, lam)."""
 
-    Attributes
-    ----------
-    kind
-        0 for positions, 1 for velocities, 2 for multipliers.
-    columns
-        Their indices (c,).
-    values
-        Derivatives (states, c).
-    """
-
-    kind: int
+    kind: str
     columns: Array
     values: Array
 
-    def add(self, by_state: Array, n: int, rows: Any = slice(None)) -> None:
-        """Add the derivatives to some rows of those by (q, v, lam), (states, 2n + m)."""
-        by_state[rows, self.kind * n + self.columns] += self.values
 
-    def add_to_nodes(
-        self, by_nodes: Array, points: ColumnPoints, interval: Interval, n: int
-    ) -> None:
-        """Add the derivatives by the states of points to those by (q, v, lam) at the nodes."""
-        if points.nodes is not None:
-            nodes = np.arange(len(by_nodes))[points.nodes]
-            self.add(by_nodes, n, nodes[:, None])
-            return
-        weights = interval.weights_at(points.times)
-        by_kind = weights.positions, weights.velocities, weights.reactions
-        self._replace(values=by_kind[self.kind].T @ self.values).add(by_nodes, n)
-        if self.kind == 0:
-            by_rates = weights.positions_by_velocities.T @ self.values
-            self._replace(kind=1, values=by_rates).add(by_nodes, n)
+def _add_to_nodes(
+    points: ColumnPoints, trajectory: Trajectory, by_nodes: Array, block: _Block
+) -> None:
+    """Add the derivatives by the states of points to those by (q, v, lam) at the nodes."""
+    kind, columns, values = block
+    if points.nodes is not None:
+        by_nodes[points.nodes[:, None], columns] += values
+        return
+    weights = trajectory.intervals[points.index].weights_at(points.times)
+    by_nodes[:, columns] += getattr(weights, kind).T @ values
+    if kind == "positions":
+        n = trajectory.intervals[0].rows.v.shape[1]
+        by_nodes[:, n + columns] += weights.positions_by_velocities.T @ values
 
 
 class _Column(NamedTuple):
@@ -179,8 +169,8 @@ class _Column(NamedTuple):
         """
         n = self.equations.n
         if self.number is None:
-            kind = min(self.column // n, 2)
-            yield _Block(kind, np.array([self.column - kind * n]), by[:, None])
+            kind = _KINDS[min(self.column // n, 2)]
+            yield _Block(kind, np.array([self.column]), by[:, None])
             return
         o = self.observable
         gradient = o.function.output(self.column).weighted_gradient()(*arguments, by[:, None])
@@ -189,13 +179,13 @@ class _Column(NamedTuple):
         seeds.numbers[o.data] += by_p.sum(axis=0)
         row = np.repeat(np.arange(o.operator.shape[0]), np.diff(o.operator.indptr))
         acting, operator = o.active_columns
-        for kind, (part, x) in enumerate(zip(by_motion, (at.q, at.v), strict=True)):
+        for k, (part, x) in enumerate(zip(by_motion, (at.q, at.v), strict=True)):
             # Most columns depend either on positions or on velocities.
             if part.any():
                 change = np.einsum("ti,ti->i", part[:, row], x[:, o.operator.indices])
                 seeds.operators[self.number] += change
-                yield _Block(kind, acting, part @ operator)
-        yield _Block(2, np.arange(self.equations.m)[o.rows], by_lam)
+                yield _Block(_KINDS[k], k * n + acting, part @ operator)
+        yield _Block(_KINDS[2], 2 * n + np.arange(self.equations.m)[o.rows], by_lam)
 
 
 def add_term(
@@ -217,7 +207,7 @@ def add_term(
     value, derivatives = term.evaluate(values, weights)
     seeds.value += factor * value
     for block in column.gradient(seeds, arguments, at, factor * derivatives):
-        block.add(by_state, equations.n)
+        by_state[:, block.columns] += block.values
 
 
 @cache_on_owner

@@ -24,7 +24,7 @@ from beamdae.read_only import read_only_data
 from beamdae.results.columns import require_one_column, select_columns
 from beamdae.results.run_data import coordinate_headers
 from beamdae.results.solution import Solution
-from beamdae.results.trajectory import Interval, Trajectory, times_after_restart
+from beamdae.results.trajectory import Interval, Trajectory
 
 Array = np.ndarray
 
@@ -514,7 +514,9 @@ class SampleGrid(NamedTuple):
 def _interval_grid(interval: Interval, is_restart: bool) -> tuple[Array, Array]:
     t = interval.t
     if interval.nodes_per_step == 1:
-        return times_after_restart(t) if is_restart else t, _trapezoidal_weights(t)
+        # Columns may jump at a restart; results at this time are those before the jump.
+        after = np.maximum(t, np.nextafter(t[0], np.inf)) if is_restart else t
+        return after, _trapezoidal_weights(t)
     points, weights = gauss_points(_POINTS_PER_STEP)
     half = 0.5 * np.diff(t)[:, None]
     return (t[:-1, None] + half * (1.0 + points)).ravel(), (half * weights).ravel()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -17,7 +17,7 @@ from beamdae.equations.equations_of_motion import (
 )
 from beamdae.errors import BeamdaeError
 from beamdae.results.elastic_columns import is_elastic
-from beamdae.results.trajectory import Trajectory, times_after_restart
+from beamdae.results.trajectory import Trajectory
 
 Array = np.ndarray
 
@@ -148,33 +148,28 @@ class ColumnPoints(NamedTuple):
         Number of the interval.
     here, times
         The times [s] within the interval (j,), and which of all times they are.
-    nodes
-        The nodes at which the states are, a slice or indices; None for states at the times.
-    weights
-        Weights (j, nodes) of the values at the nodes; None if they are the values.
+    nodes, weights
+        The nodes at which the states are, and their weights (j, nodes) in the columns at the times;
+        None for states at the times.
     """
 
     index: int
     here: slice
     times: Array
-    nodes: Any = None
-    weights: sp.csr_array | None = None
+    nodes: Array | None
+    weights: sp.csr_array | None
 
 
-def split_times(trajectory: Trajectory, times: Array, elastic: bool) -> Iterator[ColumnPoints]:
-    """Yield the points of each interval; elastic forces between nodes are interpolated."""
-    index = trajectory.interval_index(times)
+def split_times(trajectory: Trajectory, times: Array, elastic: bool) -> list[ColumnPoints]:
+    """Return the points of each interval; elastic forces are interpolated between nodes."""
+    index, points = trajectory.interval_index(times), []
     for k in np.unique(index).tolist():
-        interval, here = trajectory.intervals[k], slice(*np.searchsorted(index, [k, k + 1]))
-        t, available = times[here], times_after_restart(interval.nodes) if k else interval.nodes
-        first = int(np.searchsorted(available, t[0]))
-        nodes = slice(first, first + len(t))
-        if np.array_equal(available[nodes], t):
-            yield ColumnPoints(k, here, t, nodes)
-        elif elastic:
-            yield ColumnPoints(k, here, t, *interval.force_weights_at(t))
-        else:
-            yield ColumnPoints(k, here, t)
+        here = slice(*np.searchsorted(index, [k, k + 1]))
+        at_nodes = (
+            trajectory.intervals[k].force_weights_at(times[here]) if elastic else (None, None)
+        )
+        points.append(ColumnPoints(k, here, times[here], *at_nodes))
+    return points
 
 
 def join_points(
@@ -183,13 +178,13 @@ def join_points(
     """Return the rows (t, branch) and the states of points; see `Interval.at` for `limited`."""
     rows, states = [], []
     for x in points:
-        interval = trajectory.intervals[x.index]
+        interval, times = trajectory.intervals[x.index], x.times
         if x.nodes is None:
-            rows.append(np.stack([x.times, np.full(len(x.times), interval.branch)], axis=1))
-            states.append(interval.at(x.times, limited))
+            states.append(interval.at(times, limited))
         else:
-            rows.append(interval.times[x.nodes])
+            times = interval.nodes[x.nodes]
             states.append(State(*(y[x.nodes] for y in interval.rows)))
+        rows.append(np.stack([times, np.full(len(times), interval.branch)], axis=1))
     if len(points) == 1:
         return rows[0], states[0]
     return np.concatenate(rows), State(*map(np.concatenate, zip(*states, strict=True)))
