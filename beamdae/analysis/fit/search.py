@@ -209,7 +209,7 @@ def local_search(
     if not free.any():
         status = Status("ok", "all parameters are fixed")
         return SearchResult(record.best, 1, status, nowhere, record.first)
-    sigma, ending = 1.0, ""
+    sigma, ending, explains = 1.0, "", True
     if not problem.data.is_sigma_known:
         sigma = float(_GUESSED_SIGMA * np.sqrt(problem.data.variation / problem.count))
     attraction = _PRIOR_WEIGHT * sigma * np.eye(len(first))
@@ -225,7 +225,7 @@ def local_search(
     except _StalledError:
         end = record.best
         count = format_count(record.count, "evaluation")
-        ending = f"stopped without progress after {count}"
+        ending, explains = f"stopped without progress after {count}", False
     except KeyboardInterrupt:
         sentence = f"interrupted after {format_count(record.count, 'evaluation')}"
         status = Status("interrupted", sentence)
@@ -248,9 +248,14 @@ def local_search(
             f"{count} failed, the last one: {last_one.removesuffix('.')}; pass bounds= that "
             "exclude such values"
         )
-    explains = status.success or "without progress" not in ending
     return SearchResult(
-        end, record.count, status, free & is_bound, record.first, failures, explains
+        end,
+        record.count,
+        status,
+        free & is_bound,
+        record.first,
+        failures,
+        explains or status.success,
     )
 
 

@@ -28,6 +28,7 @@ from beamdae.analysis.gradients.objectives import (
 from beamdae.analysis.sensitivities.differentiable_run import (
     INTERRUPTED_ESTIMATE,
     DifferentiableRun,
+    check_runs,
     require_differentiable_method,
     warn_of_errors,
 )
@@ -174,8 +175,8 @@ def gradient(
     start
         Start of the run, see `simulate`; not a solution or checkpoint.
     estimate_error
-        True to measure `Gradient.errors` and warn of errors above 4 %, unless this takes more than
-        2 s and eight times the run. Pass False in loops such as optimizations.
+        True to measure `Gradient.errors` and those of the run, and warn of errors above 4 %, unless
+        this takes more than 2 s and eight times the run. Pass False in loops such as optimizations.
 
     Returns
     -------
@@ -220,7 +221,8 @@ def gradient(
         )
     require_choice("gradient", "estimate_error", estimate_error, (True, False))
     flat = flatten_model("gradient", model, by, parameters)
-    result = _evaluate(flat, objective, integrator, t_end, start)
+    with check_runs(estimate_error):
+        result = _evaluate(flat, objective, integrator, t_end, start)
     if estimate_error:
         with keep_result(result, "gradient", INTERRUPTED_ESTIMATE):
             warn_of_errors(result)
@@ -403,29 +405,25 @@ def differentiate_along(
     """
     solution = bound_reactions(solution)
     equations, trajectory = solution.equations, solution.trajectory
-    changes_at: dict[tuple[bytes, int], dict[str, Array]] = {}
     along = {name: x.trajectory for name, x in derivatives.items()}
     shifts = np.array([x.shifts for x in derivatives.values()])
     moved = np.flatnonzero(shifts.any(axis=0)).tolist()
     ends = _differentiate_end_time(solution, differences, derivatives)
     value, result = 0.0, np.zeros(len(derivatives))
     for factor, term, run, weights in objective.sample(solution):
-        times = run.t
         header, column = read_column(run, term.column)
         number, index = locate_column(equations, header)
         term_value, by_samples = term.evaluate(column, weights)
         value += factor * term_value
         if number is None:
-            states = (x.at(times)[1] for x in along.values())
-            changes = [np.hstack([x.q, x.v, x.lam])[:, index] for x in states]
+            states = (x.at(run.t)[1] for x in along.values())
+            changes = [np.hstack([x.q, x.v, x.lam]) for x in states]
         else:
-            key = times.tobytes(), number
-            if key not in changes_at:
-                changes_at[key] = differentiate_run_columns(
-                    equations, trajectory, times, along, differences, [number]
-                )
-            changes = [x[:, index] for x in changes_at[key].values()]
-        result += factor * (np.array(changes) @ by_samples)
+            by_name = differentiate_run_columns(
+                equations, trajectory, run.t, along, differences, [number]
+            )
+            changes = list(by_name.values())
+        result += factor * (np.array([x[:, index] for x in changes]) @ by_samples)
         for k in moved:
             t = float(trajectory.intervals[k].t[0])
             result += factor * shifts[:, k] * _restart_rate(term, term_value, solution, t)

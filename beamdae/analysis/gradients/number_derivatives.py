@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -148,15 +148,10 @@ class NumberDerivatives:
     irregular: tuple[int, ...]
 
 
-class _Effects(NamedTuple):
-    """Names of numbers, and entries that they affect, (k, size); None if no groups were found."""
-
-    names: tuple[str, ...]
-    masks: Array | None
-
-
-# By model function: searches of an optimum differentiate the same numbers repeatedly.
-_latest_effects: WeakKeyDictionary[Callable[..., Any], _Effects] = WeakKeyDictionary()
+# The latest numbers of a model function with the entries that they affect, (k, size), or None if no
+# groups were found: searches of an optimum differentiate the same numbers repeatedly.
+_latest_effects: WeakKeyDictionary[Callable[..., Any], dict[tuple[str, ...], Array | None]]
+_latest_effects = WeakKeyDictionary()
 
 
 def differentiate_numbers(
@@ -205,19 +200,18 @@ def _differentiate_together(numbers: _Numbers) -> Array | None:
     names, function = tuple(numbers.model.entries), numbers.model.whole.build
     if len(names) < _MIN_SEARCHED:
         return None
-    known = _latest_effects.get(function)
-    if known is not None and known.names == names:
-        if known.masks is None:
-            return None
-        if known.masks.shape == numbers.shape:
-            with suppress(BeamdaeError):
-                return numbers.differentiate_groups(known.masks)
+    known = _latest_effects.get(function, {}).get(names, np.zeros((0, 0)))
+    if known is None:
+        return None
+    if known.shape == numbers.shape:
+        with suppress(BeamdaeError):
+            return numbers.differentiate_groups(known)
     derivatives = masks = None
     with suppress(BeamdaeError):
         masks = numbers.find_affected()
         derivatives = numbers.differentiate_groups(masks)
     # Unless the search succeeds, it is not repeated.
-    _latest_effects[function] = _Effects(names, None if derivatives is None else masks)
+    _latest_effects[function] = {names: None if derivatives is None else masks}
     return derivatives
 
 

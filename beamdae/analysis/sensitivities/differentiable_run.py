@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, Self
 
@@ -16,7 +17,7 @@ from beamdae.analysis.sensitivities.neighbors import (
 from beamdae.analysis.sensitivities.run_chain import RunDerivative, differentiate_states
 from beamdae.analysis.sensitivities.start_derivatives import assemble_neighbors
 from beamdae.errors import BeamdaeError, short_repr, warn_user, warnings_are_ignored
-from beamdae.integrators import Auto, GeneralizedAlpha, Ida, Radau
+from beamdae.integrators import Auto, GeneralizedAlpha, Integrator, Radau
 from beamdae.parts.mechanism import AS_DRAWN, require_start
 from beamdae.results.solution import Solution
 from beamdae.simulation import as_equations, simulate, skips_result_checks
@@ -45,20 +46,14 @@ def require_differentiable_method(
     method = default if integrator is None else integrator
     if isinstance(method, Auto):
         return Radau(**{x.name: getattr(method, x.name) for x in fields(method)})
-    if isinstance(method, Ida):
-        raise BeamdaeError(
-            f"{derivative_call()}: runs of Ida cannot be differentiated, because a sequence of "
-            "steps of "
-            "variable order cannot be replayed and scikit-sundae does not include IDAS; use Radau "
-            "or GeneralizedAlpha."
-        )
     if isinstance(method, Radau):
         return method
     if not isinstance(method, GeneralizedAlpha):
+        # A sequence of steps of variable order cannot be replayed.
+        name = type(method).__name__ if isinstance(method, Integrator) else short_repr(method)
         raise BeamdaeError(
-            f"{derivative_call()}: only runs of Radau, Auto and GeneralizedAlpha can be "
-            "differentiated, "
-            f"got {short_repr(method)}."
+            f"{derivative_call()}: runs of {name} cannot be differentiated; use Radau or "
+            "GeneralizedAlpha."
         )
     if method.formulation != "index3":
         raise BeamdaeError(
@@ -136,6 +131,14 @@ class DifferentiableRun:
             self._along |= {x: (y, derivatives[x]) for x, y in missing.items()}
         differences, along = zip(*(self._along[x] for x in names), strict=True)
         return dict(zip(names, differences, strict=True)), dict(zip(names, along, strict=True))
+
+
+def check_runs(estimate_error: bool) -> AbstractContextManager[None]:
+    """Return a context in which errors of runs are only measured if this is requested."""
+    unchecked: Callable[[], AbstractContextManager[None]] = deferred.module(
+        "accuracy.runs"
+    ).unchecked
+    return nullcontext() if estimate_error else unchecked()
 
 
 def warn_of_errors(result: Any) -> None:

@@ -13,6 +13,7 @@ from beamdae import deferred
 from beamdae.analysis.sensitivities.differentiable_run import (
     INTERRUPTED_ESTIMATE,
     DifferentiableRun,
+    check_runs,
     require_differentiable_method,
     warn_of_errors,
 )
@@ -256,8 +257,8 @@ def sensitivities(
     start
         Start of the run, see `simulate`; not a solution or checkpoint.
     estimate_error
-        True to measure `Sensitivities.errors` and warn of errors above 4 %, unless this takes more
-        than 2 s and eight times the run.
+        True to measure `Sensitivities.errors` and those of the run, and warn of errors above 4 %,
+        unless this takes more than 2 s and eight times the run.
 
     Returns
     -------
@@ -297,9 +298,10 @@ def sensitivities(
     2.481e-03 m per N/m
     """
     require_choice("sensitivities", "estimate_error", estimate_error, (True, False))
-    result = differentiate_run(
-        model, by, integrator, t_end, output_step, parameters=parameters, start=start
-    )
+    with check_runs(estimate_error):
+        result = differentiate_run(
+            model, by, integrator, t_end, output_step, parameters=parameters, start=start
+        )
     if estimate_error:
         with keep_result(result, "sensitivities", INTERRUPTED_ESTIMATE):
             warn_of_errors(result)
