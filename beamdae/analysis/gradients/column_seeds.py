@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from beamdae.analysis.gradients.objectives import (
-    ColumnObjective,
     Objective,
     SampleGrid,
     select_column,
@@ -188,26 +187,21 @@ class _Column(NamedTuple):
         yield _Block(_KINDS[2], 2 * n + np.arange(self.equations.m)[o.rows], by_lam)
 
 
-def add_term(
-    seeds: ColumnSeeds,
-    by_state: Array,
-    equations: EquationsOfMotion,
-    factor: float,
-    term: ColumnObjective,
-    rows: Array,
-    at: State,
-    weights: Array,
-) -> None:
-    """Add the value of a term, and its derivatives with respect to the states `at` `rows`.
+def differentiate_state(
+    equations: EquationsOfMotion, factors: Iterable[tuple[str, float]], time: Array, at: State
+) -> ColumnSeeds:
+    """Return the derivatives of a sum of factor * column at a state, by this state.
 
-    `weights` are those of integrals, see `ColumnObjective.evaluate`.
+    `time` and `at` are rows of (t, branch) and of the state.
     """
-    column = _Column.of(equations, term.column)
-    values, arguments = column.evaluate(rows, at)
-    value, derivatives = term.evaluate(values, weights)
-    seeds.value += factor * value
-    for block in column.gradient(seeds, arguments, at, factor * derivatives):
-        by_state[:, block.columns] += block.values
+    by_state = np.zeros((len(time), 2 * equations.n + equations.m))
+    result = ColumnSeeds.empty(equations, [by_state])
+    for name, factor in factors:
+        column = _Column.of(equations, name)
+        _, arguments = column.evaluate(time, at)
+        for block in column.gradient(result, arguments, at, np.full(len(time), factor)):
+            by_state[:, block.columns] += block.values
+    return result
 
 
 @cache_on_owner

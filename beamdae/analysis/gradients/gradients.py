@@ -327,8 +327,7 @@ class AdjointRun(DifferentiableRun):
             request = self.settings["start"] if equilibrium is None else AS_DRAWN
             self._numbers = self._differentiate_numbers(request, time)
         numbers = self._numbers
-        result = numbers.operators @ np.concatenate([np.zeros(0), *seeds.operators])
-        result += numbers.p @ by_p + numbers.q0 @ by_q + numbers.v0 @ by_v
+        result = numbers.contract(by_p, seeds.operators, by_q, by_v)
         if irregular := list(numbers.irregular):
             others = [names[k] for k in irregular]
             result[irregular] = self._contract(objective, others)[1]

@@ -7,7 +7,7 @@ numbers, such as the thicknesses of a beam at different points, are therefore ch
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
@@ -146,6 +146,19 @@ class NumberDerivatives:
     v0: Array
     operators: Array
     irregular: tuple[int, ...]
+
+    def contract(
+        self,
+        by_p: Array,
+        by_operators: Sequence[Array],
+        by_q0: Array | float = 0.0,
+        by_v0: Array | float = 0.0,
+    ) -> Array:
+        """Return the gradient (k,) of a function by the numbers, given its derivatives."""
+        result = self.operators @ np.concatenate([np.zeros(0), *by_operators])
+        for rows, by in ((self.p, by_p), (self.q0, by_q0), (self.v0, by_v0)):
+            result += rows @ np.broadcast_to(by, rows.shape[1])
+        return np.asarray(result)
 
 
 # The latest numbers of a model function with the entries that they affect, (k, size), or None if no

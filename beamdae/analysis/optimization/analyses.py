@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from beamdae.analysis.eigenproblems.eigensolution import RIGID
-from beamdae.analysis.gradients.column_seeds import ColumnSeeds, add_term
+from beamdae.analysis.gradients.column_seeds import differentiate_state
 from beamdae.analysis.gradients.gradients import DEFAULT_METHOD, AdjointRun
 from beamdae.analysis.gradients.number_derivatives import (
     FlatModel,
@@ -22,7 +22,6 @@ from beamdae.analysis.gradients.objectives import (
     RUN,
     AnalysisQuantity,
     ColumnObjective,
-    EndValue,
     SampleGrid,
     SmoothMaximum,
     read_column,
@@ -256,11 +255,9 @@ class PathAnalysis(Analysis):
             return None
         rest, times = np.zeros((1, e.n)), np.full((1, 2), path.t)
         at = State(path.q[-1:], rest, rest, path.lam[-1:])
-        seeds, by_state = ColumnSeeds.empty(e, []), np.zeros((1, 2 * e.n + e.m))
-        for quantity, weight in weights.items():
-            term = EndValue(quantity.column)
-            add_term(seeds, by_state, e, weight, term, times, at, np.ones(1))
         with single_threaded:
+            seeds = differentiate_state(e, [(x.column, w) for x, w in weights.items()], times, at)
+            (by_state,) = seeds.states
             start, end = StartDerivatives(ConsistencySolver(e)), State(*(x[0] for x in at))
             operator = start.equilibrium_map(times[0], end)
             derivatives = self._model.number_derivatives(path.t)
@@ -268,7 +265,7 @@ class PathAnalysis(Analysis):
                 return None
             by_end = np.append(by_state[0, : e.n], by_state[0, 2 * e.n :])
             numbers = start.gradient(operator, by_end)[1]
-        return np.asarray(derivatives.p @ (numbers + seeds.numbers))
+        return derivatives.contract(numbers + seeds.numbers, seeds.operators)
 
 
 class ModeAnalysis(Analysis):
