@@ -91,7 +91,7 @@ def differentiate_objective(objective: Objective, solution: Solution) -> ColumnS
         ]
         for block in column.gradient(result, arguments, at, np.concatenate(by_values)):
             for x, part in zip(points, split_points(points, block.values), strict=True):
-                _add_to_nodes(x, trajectory, states[x.index], block._replace(values=part))
+                _add_to_nodes(x, trajectory, states[x.interval], block._replace(values=part))
     return result
 
 
@@ -99,7 +99,7 @@ def _values_at_times(points: ColumnPoints, trajectory: Trajectory, values: Array
     """Return the values of a column at the times, given those at the states of the points."""
     if points.weights is None:
         return values
-    interval = trajectory.intervals[points.index]
+    interval = trajectory.intervals[points.interval]
     at_nodes = np.zeros((len(interval.nodes), 1))
     at_nodes[points.nodes, 0] = values
     return interval.interpolate_forces(at_nodes, points.times)[:, 0]
@@ -121,7 +121,7 @@ def _add_to_nodes(
     if points.nodes is not None:
         by_nodes[points.nodes[:, None], columns] += values
         return
-    weights = trajectory.intervals[points.index].weights_at(points.times)
+    weights = trajectory.intervals[points.interval].weights_at(points.times)
     by_nodes[:, columns] += getattr(weights, kind).T @ values
     if kind == "positions":
         n = trajectory.intervals[0].rows.v.shape[1]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -45,7 +45,6 @@ from beamdae.analysis.sensitivities.start_derivatives import (
     StartDerivatives,
     start_adds_velocities,
 )
-from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.errors import (
     BeamdaeError,
@@ -325,23 +324,15 @@ class AdjointRun(DifferentiableRun):
         if self._numbers is None:
             # The equilibrium of neighboring models is not needed if its adjoint is known.
             request = self.settings["start"] if equilibrium is None else AS_DRAWN
-            self._numbers = self._differentiate_numbers(request, time)
+            assemble = partial(as_equations, derivative_call(), start=request)
+            base = e if equilibrium is None else assemble(self.model())
+            self._numbers = differentiate_numbers(self.model, base, assemble, time)
         numbers = self._numbers
         result = numbers.contract(by_p, seeds.operators, by_q, by_v)
         if irregular := list(numbers.irregular):
             others = [names[k] for k in irregular]
             result[irregular] = self._contract(objective, others)[1]
         return seeds.value, result
-
-    def _differentiate_numbers(self, request: Any, time: Array) -> NumberDerivatives:
-        """Return the derivatives of the numbers for a requested start at (t, branch)."""
-
-        def assemble(mechanism: Any) -> EquationsOfMotion:
-            return as_equations(derivative_call(), mechanism, request)
-
-        is_own = request == self.settings["start"]
-        base = self.solution.equations if is_own else assemble(self.model())
-        return differentiate_numbers(self.model, base, assemble, time)
 
     def _contract(self, objective: Objective, names: Sequence[str]) -> tuple[float, Array]:
         """Return the value and derivatives of an objective along those of the run."""

@@ -150,7 +150,10 @@ class Search:
         self._trials: list[Trial] = []
         # Designs by the variables of the search.
         self._known: dict[bytes, Trial] = {}
-        self._idle = 0  # number of designs since the last progress of the present solver
+        # Violations and objectives of designs that were progress of the present solver, and the
+        # number of designs since the last one.
+        self._progress: list[tuple[float, float]] = []
+        self._idle = 0
         self._minimizes_violation = False
         self._end: Trial | None = None  # design at which the present solver converged
 
@@ -207,7 +210,8 @@ class Search:
     def _solve(self, minimizes_violation: bool = False) -> Status:
         """Minimize the objective or the violation from the best design; return why it ended."""
         problem, settings, best = self._problem, self._settings, self._best()
-        self._minimizes_violation, self._idle, self._end = minimizes_violation, 0, None
+        self._minimizes_violation, self._progress, self._idle = minimizes_violation, [], 0
+        self._end = None
         points = [problem.variables.variables(best.numbers), *problem.variables.limits]
         if minimizes_violation:
             # The violation is the last variable.
@@ -261,7 +265,7 @@ class Search:
             raise _SearchEndError("limited", f"{sentence}; increase max_evaluations=")
         if self._idle >= _MAX_IDLE_DESIGNS:
             raise _SearchEndError("ok", f"{self._idle} designs brought no progress")
-        numbers, best = problem.variables.values(x), self._best()
+        numbers = problem.variables.values(x)
         self._idle += 1
         try:
             trial = Trial(numbers, problem.design(numbers).values)
@@ -269,10 +273,19 @@ class Search:
             # BeamdaeError, or an error of the model function at extreme values.
             nothing = np.full(1 + len(problem.ratios), np.nan)
             return self._keep(Trial(numbers, nothing, describe_failure(failure)), x)
-        violation, least = self._violation(trial), self._violation(best)
-        decrease = problem.scaled_objective(best.values) - problem.scaled_objective(trial.values)
+        objective, violation = problem.scaled_objective(trial.values), self._violation(trial)
         noise = max(self._settings.tolerance, float(problem.noise[0]))
-        if violation < (1.0 - _MIN_PROGRESS) * least or (violation <= least and decrease > noise):
+        # Progress is a design that is not dominated: the filter of Fletcher & Leyffer, Math.
+        # Program. 91 (2002) 239, doi:10.1007/s101070100244.
+        if all(
+            violation < (1.0 - _MIN_PROGRESS) * other
+            or (
+                not self._minimizes_violation
+                and objective < lowest - max(noise, _MIN_PROGRESS * other)
+            )
+            for other, lowest in self._progress
+        ):
+            self._progress.append((violation, objective))
             self._idle = 0
         self._report(self._keep(trial, x))
         return trial

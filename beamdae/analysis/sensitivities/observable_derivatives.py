@@ -120,11 +120,11 @@ def differentiate_run_columns(
     for kind in np.unique(are_elastic):
         groups: dict[frozenset[str], list[ColumnPoints]] = {}
         for x in split_times(trajectory, times, kind):
-            groups.setdefault(trajectory.intervals[x.index].inactive, []).append(x)
+            groups.setdefault(trajectory.intervals[x.interval].inactive, []).append(x)
         for inactive, points in groups.items():
             rows, at = join_points(points, trajectory)
             along = {name: join_points(points, x)[1] for name, x in trajectories.items()}
-            for k in np.flatnonzero(are_elastic == kind):
+            for k in np.flatnonzero(are_elastic == kind).tolist():
                 select = partial(observable_of, numbers[k])
                 changes = differentiate_columns(select, rows, at, along, differences, inactive)
                 for name, change in changes.items():
@@ -144,7 +144,7 @@ class ColumnPoints(NamedTuple):
 
     Attributes
     ----------
-    index
+    interval
         Number of the interval.
     here, times
         The times [s] within the interval (j,), and which of all times they are.
@@ -153,7 +153,7 @@ class ColumnPoints(NamedTuple):
         None for states at the times.
     """
 
-    index: int
+    interval: int
     here: slice
     times: Array
     nodes: Array | None
@@ -178,7 +178,7 @@ def join_points(
     """Return the rows (t, branch) and the states of points; see `Interval.at` for `limited`."""
     rows, states = [], []
     for x in points:
-        interval, times = trajectory.intervals[x.index], x.times
+        interval, times = trajectory.intervals[x.interval], x.times
         if x.nodes is None:
             states.append(interval.at(times, limited))
         else:
