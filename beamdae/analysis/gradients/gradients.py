@@ -151,8 +151,7 @@ def gradient(
     derivatives include those of the end time, in contrast to `sensitivities`. Only the model
     function is differenced, because it is an arbitrary Python function: parameters that affect
     different numbers of the model, such as the thicknesses of a beam at different points, are
-    changed together. Differences of more than 20 groups of them are of second order, with
-    relative errors near 1e-10, others of fourth order, with relative errors near 1e-12.
+    changed together. Differences are of fourth order, with relative errors near 1e-12.
 
     Parameters
     ----------
