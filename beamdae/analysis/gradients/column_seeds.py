@@ -26,12 +26,9 @@ from beamdae.results.columns import remove_unit
 from beamdae.results.elastic_columns import is_elastic
 from beamdae.results.run_data import coordinate_headers
 from beamdae.results.solution import Solution
-from beamdae.results.trajectory import Trajectory
+from beamdae.results.trajectory import Interval, Trajectory
 
 Array = np.ndarray
-
-# Parts (q, v, lam) of states, named as in `Interval.weights_at`.
-_KINDS = "positions", "velocities", "reactions"
 
 
 @dataclass
@@ -89,9 +86,10 @@ def differentiate_objective(objective: Objective, solution: Solution) -> ColumnS
             factor * (by_samples[x.here] if x.weights is None else x.weights.T @ by_samples[x.here])
             for x in points
         ]
-        for block in column.gradient(result, arguments, at, np.concatenate(by_values)):
-            for x, part in zip(points, split_points(points, block.values), strict=True):
-                _add_to_nodes(x, trajectory, states[x.interval], block._replace(values=part))
+        for columns, by in column.gradient(result, arguments, at, np.concatenate(by_values)):
+            for x, part in zip(points, split_points(points, by), strict=True):
+                interval = trajectory.intervals[x.interval]
+                _add_to_nodes(x, interval, states[x.interval], columns, part)
     return result
 
 
@@ -105,27 +103,19 @@ def _values_at_times(points: ColumnPoints, trajectory: Trajectory, values: Array
     return interval.interpolate_forces(at_nodes, points.times)[:, 0]
 
 
-class _Block(NamedTuple):
-    """Derivatives (states, c) of an objective by columns (c,) of the states (q, v, lam)."""
-
-    kind: str
-    columns: Array
-    values: Array
-
-
 def _add_to_nodes(
-    points: ColumnPoints, trajectory: Trajectory, by_nodes: Array, block: _Block
+    points: ColumnPoints, interval: Interval, by_nodes: Array, columns: Array, by_states: Array
 ) -> None:
-    """Add the derivatives by the states of points to those by (q, v, lam) at the nodes."""
-    kind, columns, values = block
+    """Add derivatives by columns of the states (q, v, lam) of points to those at the nodes."""
     if points.nodes is not None:
-        by_nodes[points.nodes[:, None], columns] += values
+        by_nodes[points.nodes[:, None], columns] += by_states
         return
-    weights = trajectory.intervals[points.interval].weights_at(points.times)
-    by_nodes[:, columns] += getattr(weights, kind).T @ values
-    if kind == "positions":
-        n = trajectory.intervals[0].rows.v.shape[1]
-        by_nodes[:, n + columns] += weights.positions_by_velocities.T @ values
+    weights, n = interval.weights_at(points.times), interval.rows.v.shape[1]
+    of_kinds = weights.positions, weights.velocities, weights.reactions
+    kind = min(int(columns[0]) // n, 2)
+    by_nodes[:, columns] += of_kinds[kind].T @ by_states
+    if kind == 0:
+        by_nodes[:, n + columns] += weights.positions_by_velocities.T @ by_states
 
 
 class _Column(NamedTuple):
@@ -161,15 +151,14 @@ class _Column(NamedTuple):
 
     def gradient(
         self, seeds: ColumnSeeds, arguments: tuple[Array, ...], at: State, by: Array
-    ) -> Iterator[_Block]:
-        """Yield the derivatives by the states, and add those by the numbers to `seeds`.
+    ) -> Iterator[tuple[Array, Array]]:
+        """Yield columns of (q, v, lam), (c,), and the derivatives by them, (states, c).
 
-        `by` are derivatives (k,) with respect to the values.
+        Derivatives by the numbers are added to `seeds`; `by` are those by the values, (states,).
         """
         n = self.equations.n
         if self.number is None:
-            kind = _KINDS[min(self.column // n, 2)]
-            yield _Block(kind, np.array([self.column]), by[:, None])
+            yield np.array([self.column]), by[:, None]
             return
         o = self.observable
         gradient = o.function.output(self.column).weighted_gradient()(*arguments, by[:, None])
@@ -178,13 +167,14 @@ class _Column(NamedTuple):
         seeds.numbers[o.data] += by_p.sum(axis=0)
         row = np.repeat(np.arange(o.operator.shape[0]), np.diff(o.operator.indptr))
         acting, operator = o.active_columns
-        for k, (part, x) in enumerate(zip(by_motion, (at.q, at.v), strict=True)):
+        for first, part, x in zip((0, n), by_motion, (at.q, at.v), strict=True):
             # Most columns depend either on positions or on velocities.
             if part.any():
                 change = np.einsum("ti,ti->i", part[:, row], x[:, o.operator.indices])
                 seeds.operators[self.number] += change
-                yield _Block(_KINDS[k], k * n + acting, part @ operator)
-        yield _Block(_KINDS[2], 2 * n + np.arange(self.equations.m)[o.rows], by_lam)
+                yield first + acting, part @ operator
+        if by_lam.size:
+            yield 2 * n + np.arange(self.equations.m)[o.rows], by_lam
 
 
 def differentiate_state(
@@ -199,8 +189,8 @@ def differentiate_state(
     for name, factor in factors:
         column = _Column.of(equations, name)
         _, arguments = column.evaluate(time, at)
-        for block in column.gradient(result, arguments, at, np.full(len(time), factor)):
-            by_state[:, block.columns] += block.values
+        for columns, by in column.gradient(result, arguments, at, np.full(len(time), factor)):
+            by_state[:, columns] += by
     return result
 
 
