@@ -18,7 +18,12 @@ import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
 
-from beamdae.analysis.continuation.spectrum import EXTRA_VALUES, MAX_DENSE, find_slow_space
+from beamdae.analysis.continuation.spectrum import (
+    EXTRA_VALUES,
+    MAX_DENSE,
+    find_slow_space,
+    invert_motion,
+)
 from beamdae.analysis.eigenproblems.linearized_equations import (
     ROUNDING_RATIO,
     LinearizedEquations,
@@ -283,11 +288,7 @@ def _null_space(rows: Array) -> Array:
 
 
 def _invert(lin: LinearizedEquations, s: float) -> Callable[[Array], Array]:
-    """Return the inverse of the linearization about a shift.
-
-    With y = (x, l x), its eigenvalues are 1 / (l - s); without rates, those for y = x are
-    1 / (s^2 - l^2).
-    """
+    """Return the inverse of the linearization about a shift, see `invert_motion`."""
     n, pencil = lin.equations.n, lin.pencil
     _, damping, mass = (x[:, :n] for x in pencil.matrices)
     solve = pencil.factorize(s)
@@ -297,14 +298,8 @@ def _invert(lin: LinearizedEquations, s: float) -> Callable[[Array], Array]:
             "that can move."
         )
 
-    def apply(y: Array) -> Array:
-        x = y[:n]
-        if not lin.has_rates:
-            return solve(mass @ x)[:n]
-        image = -solve(mass @ (y[n:] + s * x) + damping @ x)[:n]
-        return np.vstack([image, x + s * image])
-
-    return apply
+    damping = damping if lin.has_rates else None
+    return invert_motion(lambda forces: solve(forces)[:n], damping, mass, s)
 
 
 def solve_damped(lin: LinearizedEquations, count: int | None) -> tuple[Array, Array]:

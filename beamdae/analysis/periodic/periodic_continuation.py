@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -15,13 +16,11 @@ from beamdae.analysis.continuation.critical import (
     DOUBLING,
     FLUTTER,
     LIMIT,
-    CriticalPoint,
     explain_counts,
 )
 from beamdae.analysis.continuation.engine import (
     CurveError,
     Point,
-    Segment,
     Steps,
     follow,
     prescribe_parameter,
@@ -34,7 +33,6 @@ from beamdae.analysis.periodic.shooting import (
     MAX_SETTLING_PERIODS,
     PeriodProblem,
     Tolerance,
-    linearization_at,
     settle_and_solve,
 )
 from beamdae.equations.equations_of_motion import EquationsOfMotion
@@ -322,8 +320,9 @@ class ResponseCurve:
         """
         first = self.first_motion(settle)
         yield self._describe(first, 1.0), 0.0, []
+        explain = partial(explain_counts, resolution=_RESOLUTION)
         try:
-            for segment, found in follow(first, prescribe_parameter, 1.0, steps, _explain):
+            for segment, found in follow(first, prescribe_parameter, 1.0, steps, explain):
                 point = self._describe(segment.end, float(segment.tangent[-1]))
                 critical = [(_KINDS[x.kind], self.span.value(x.point.p)) for x in found]
                 yield point, segment.end.p, critical
@@ -334,7 +333,7 @@ class ResponseCurve:
 
     def _describe(self, point: Point, rate: float) -> ResponsePoint:
         """Return a motion, at this derivative of the share along the curve, for the result."""
-        linear = linearization_at(point)
+        linear = point.linearization
         return ResponsePoint(
             self.span.value(point.p),
             linear.run.period_map.period,
@@ -342,7 +341,3 @@ class ResponseCurve:
             floquet_multipliers(linear.matrix.monodromy),
             rate * (self.span.last - self.span.first) > 0.0,
         )
-
-
-def _explain(segment: Segment) -> list[CriticalPoint]:
-    return explain_counts(segment, _RESOLUTION)
