@@ -177,6 +177,12 @@ class LinearizedEquations:
         )
 
     @property
+    def is_conservative(self) -> bool:
+        """True if squared eigenvalues are real, those of a symmetric problem without damping."""
+        is_damped = bool(np.any(self.tangent.damping.data)) or len(self.equations.states) > 0
+        return not is_damped and self.is_symmetric
+
+    @property
     def has_rates(self) -> bool:
         """True if an eigenvalue itself occurs in the eigenproblem, not only its square."""
         matrices = (self.tangent.damping, self.tangent.velocity_jacobian)

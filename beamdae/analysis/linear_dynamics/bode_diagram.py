@@ -239,9 +239,7 @@ def bode(
         three times the lowest one, where the first natural frequency has an error of more than
         1 %.
     accuracy
-        Largest error of a required value [-], from 1e-6 to 0.1, see `Errors`. The analysis is
-        repeated, up to four times, with finer meshes and exact strains until its measured errors
-        are small enough; `errors.status` says what was reached.
+        Largest error of the required columns [-], from 1e-6 to 0.1, see `Errors`.
     accuracy_columns
         Columns of `errors` that must be accurate. Defaults to all natural frequencies
         and transfer functions.

@@ -130,11 +130,15 @@ class LinearModel(HasPage):
         """Eigenvalues l of `A` [1/s], (states,), in ascending order of |l|.
 
         They are those of `modes`, not of the matrix, whose rounding errors exceed the slow ones of
-        stiff structures. Free motions, and drivers among the inputs, are pairs of zeros.
+        stiff structures. Free motions, and drivers among the inputs, are pairs of zeros; so are
+        decays that rounding hides, 1e13 times as fast as slow modes.
         """
-        values = solve_eigenproblem(self._linearization.linearized_equations, None).values
-        values = np.concatenate([values[values != 0.0], values[values.imag > 0.0].conj()])
-        poles = np.append(np.zeros(len(self.states) - len(values)), values)
+        lin = self._linearization.linearized_equations
+        upper = solve_eigenproblem(lin, None).values
+        upper = upper[upper != 0.0]
+        lower = -upper if lin.is_conservative else upper[upper.imag > 0.0].conj()
+        zeros = np.zeros(len(self.states) - len(upper) - len(lower))
+        poles = np.concatenate([zeros, upper, lower]) + 0.0
         return poles[np.argsort(np.abs(poles), kind="stable")]
 
     @single_threaded
@@ -326,9 +330,7 @@ def linearize(
         or without the unit. Defaults to all of them except largest magnitudes, such as
         `Beam.largest_stress`, whose derivatives jump, and those whose derivatives are not finite.
     accuracy
-        Largest error of a required value [-], from 1e-6 to 0.1, see `Errors`. The analysis is
-        repeated, up to four times, with finer meshes and exact strains until its measured errors
-        are small enough; `errors.status` says what was reached.
+        Largest error of the required columns [-], from 1e-6 to 0.1, see `Errors`.
     accuracy_columns
         Columns of `errors` that must be accurate. Defaults to the three slowest natural
         frequencies; see `bode` for frequency responses.

@@ -145,9 +145,7 @@ def frequency_response(
         "return" to return the curve so far if the call is interrupted, with the status
         "interrupted", instead of raising `Interrupted`.
     accuracy
-        Largest error of a required value [-], from 1e-6 to 0.1, see `Errors`. The analysis is
-        repeated, up to four times, with smaller steps, finer meshes and exact strains until its
-        measured errors are small enough; `errors.status` says what was reached.
+        Largest error of the required columns [-], from 1e-6 to 0.1, see `Errors`.
     accuracy_columns
         Columns of `errors` that must be accurate. Defaults to positions, angles and
         deflections [m, rad] of the measured motions or, if there are none, all columns.
