@@ -98,12 +98,7 @@ def solve_undamped(lin: LinearizedEquations, count: int | None) -> tuple[Array, 
         If many eigenvalues are too close to each other to be separated.
     """
     e = lin.equations
-    if len(e.states):
-        squares, motions = solve_undamped(lin.without_states(), count)
-        shapes = np.zeros((e.n, len(squares)))
-        shapes[np.setdiff1d(np.arange(e.n), e.states)] = motions
-        return squares, shapes
-    if e.n <= e.m:
+    if e.n - len(e.states) <= e.m:
         return np.zeros(0), np.zeros((e.n, 0))
     lin = lin.symmetrized()
     square = _choose_shift(lin)
@@ -267,12 +262,13 @@ def _constraint_rows(lin: LinearizedEquations, momenta: Array) -> Array:
     Constraints on speeds, J x + V x' = 0, do not constrain x. States have no inertia.
     """
     e, tangent, rolling = lin.equations, lin.tangent, lin.nonholonomic
+    states = np.eye(e.n)[e.states]
     if not lin.has_rates:
-        return np.vstack([tangent.position_jacobian.toarray(), momenta])
+        return np.vstack([tangent.position_jacobian.toarray(), momenta, states])
     position, velocity = (
         x.toarray() for x in (tangent.position_jacobian, tangent.velocity_jacobian)
     )
-    fixed, states = np.vstack([position[~rolling], momenta]), np.eye(e.n)[e.states]
+    fixed = np.vstack([position[~rolling], momenta])
     return np.vstack(
         [
             la.block_diag(fixed, np.vstack([fixed, states])),
