@@ -151,46 +151,31 @@ def invert_motion(
     return apply
 
 
-class Flexibility(NamedTuple):
-    """Response of a structure to forces, with the motions that its joints allow.
+def has_potential(respond: Callable[[Array], Array], n: int, m: int) -> bool:
+    """Return True if the motions with the least stiffness feel no asymmetry of the stiffness.
 
-    Attributes
-    ----------
-    size, m
-        Numbers of coordinates n and constraints.
-    respond
-        Function from forces and changes of constraints (n + m, k) to displacements (n, k).
+    `respond` leads from forces and changes of constraints (n + m, k) to displacements (n, k).
     """
 
-    size: int
-    m: int
-    respond: Callable[[Array], Array]
+    def move(forces: Array) -> Array:
+        return respond(np.vstack([forces, np.zeros((m, forces.shape[1]))]))
 
-    @property
-    def has_potential(self) -> bool:
-        """True if the motions with the least stiffness feel no asymmetry of the stiffness."""
-
-        def respond(forces: Array) -> Array:
-            return self.respond(np.vstack([forces, np.zeros((self.m, forces.shape[1]))]))
-
-        numbers = np.arange(1.0, min(_SOFT_COUNT, self.size) + 1.0)
-        vectors = np.cos(np.outer(np.arange(self.size) ** 2.0, numbers))
-        for _ in range(2):
-            vectors = np.linalg.qr(respond(vectors))[0]
-        reduced = vectors.T @ respond(vectors)
-        return bool(np.abs(reduced - reduced.T).max() <= _MIN_ASYMMETRY * np.abs(reduced).max())
+    vectors = np.cos(np.outer(np.arange(n) ** 2.0, np.arange(1.0, min(_SOFT_COUNT, n) + 1.0)))
+    for _ in range(2):
+        vectors = np.linalg.qr(move(vectors))[0]
+    reduced = vectors.T @ move(vectors)
+    return bool(np.abs(reduced - reduced.T).max() <= _MIN_ASYMMETRY * np.abs(reduced).max())
 
 
-def count_growing(flexibility: Flexibility, mass: sp.csc_array, damping: sp.csc_array) -> Count:
-    """Return the number of growing motions.
+def count_growing(
+    respond: Callable[[Array], Array], damping: sp.csc_array, mass: sp.csc_array
+) -> Count:
+    """Return the number of growing motions, see `invert_motion`.
 
-    `mass` and `damping`, (n + m, n), are forces and changes of constraints in proportion to
-    accelerations and velocities. In large systems, growing motions are those among the slowest.
+    In large systems, they are those among the slowest ones.
     """
-    is_damped, n = damping.nnz > 0 and abs(damping).max() > 0.0, flexibility.size
-
-    apply = invert_motion(flexibility.respond, damping if is_damped else None, mass)
-    size = n + n * is_damped
+    is_damped, n = damping.nnz > 0 and abs(damping).max() > 0.0, mass.shape[1]
+    apply, size = invert_motion(respond, damping if is_damped else None, mass), n + n * is_damped
     if n <= MAX_DENSE:
         values = la.eigvals(apply(np.eye(size)))
     else:

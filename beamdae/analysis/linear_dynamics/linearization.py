@@ -258,16 +258,18 @@ def _linearize_rest(
             # Given velocities have no effect on a state at rest.
             requested = replace(requested, v0=np.zeros(requested.n))
         note = compare_start(requested, lin.state).warning
-    warnings = [*filter(None, (note,)), *lin.warnings]
-    turning = find_turning(lin.equations, lin.time, lin.state.q, lambda: lin.linearized_equations)
-    if turning is not None:
-        cause, speed = turning
-        warnings.append(
-            f"{cause} at {speed:.6g} rad/s, but the linearized state is at rest, without "
-            f"centrifugal forces; use about=bd.rotation({speed:.10g}) for a steady rotation "
-            f"(--about rotation={speed:.10g}), or solution.at(t) for another motion."
-        )
-    return replace(lin, warnings=tuple(warnings))
+    turning = find_turning(
+        lin.equations,
+        lin.time,
+        lin.state.q,
+        lambda: lin.linearized_equations,
+        "the linearized state",
+        lambda speed: (
+            f"use about=bd.rotation({speed:.10g}) for a steady rotation "
+            f"(--about rotation={speed:.10g}), or solution.at(t) for another motion"
+        ),
+    )
+    return replace(lin, warnings=(*filter(None, (note,)), *lin.warnings, *turning))
 
 
 def active_equations(

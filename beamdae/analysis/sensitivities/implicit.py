@@ -62,7 +62,7 @@ from beamdae.analysis.sensitivities.neighbors import (
     Neighbors,
 )
 from beamdae.analysis.sensitivities.start_derivatives import plan_along
-from beamdae.analysis.statics.load_scaling import FactorEquations, LoadedEquations
+from beamdae.analysis.statics.load_scaling import LoadedEquations
 from beamdae.analysis.statics.static_problem import StaticProblem
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations import tangents
@@ -244,19 +244,14 @@ class MixedStatics:
         self.system, self.control = system, control
         self.mixed = system.in_mixed_form(self.idle)
 
-    def _at(self, x: Array, mu: float) -> tuple[FactorEquations, Array, Array]:
-        return self.mixed.at_factor(mu), *np.split(x, [self.system.equations.n])
-
     def residual(self, x: Array, mu: float) -> Array:
         """Return F, (n + m,)."""
-        here, *unknowns = self._at(x, mu)
-        return here.residual(*unknowns)
+        return self.mixed.at_factor(mu).residual(*np.split(x, [self.mixed.equations.n]))
 
     def product(self, x: Array, mu: float, along: Tangent) -> Array:
         """Return F_x along.x + F_mu along.p."""
-        here, *unknowns = self._at(x, mu)
-        change = here.matrix(*unknowns) @ along.x + along.p * here.by_factor(*unknowns)
-        return np.asarray(change)
+        here, (q, lam) = self.mixed.at_factor(mu), np.split(x, [self.mixed.equations.n])
+        return np.asarray(here.matrix(q, lam) @ along.x + along.p * here.by_factor(q, lam))
 
     def motion(self, x: Array, mu: float) -> LinearizedEquations:
         """Return the equations of motion about an equilibrium."""

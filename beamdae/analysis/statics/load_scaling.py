@@ -92,6 +92,16 @@ def resolve_load_stages(mechanism: Mechanism, loads: Any, caller: str = "equilib
     return stages
 
 
+def require_one_stage(caller: str, stages: Stages) -> tuple[str, ...]:
+    """Return the names of the loads in the only stage, or reject another number of stages."""
+    if len(stages) != 1:
+        raise BeamdaeError(
+            f"{caller}: loads must be one list of names, got {len(stages)} stages; name the loads "
+            "to scale, and add a load if there is none."
+        )
+    return stages[0]
+
+
 def _has_gravity(mechanism: Mechanism) -> bool:
     return mechanism.gravity_laws is not None or bool(np.any(mechanism.gravity))
 

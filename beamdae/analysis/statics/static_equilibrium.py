@@ -333,14 +333,8 @@ def _turning_notes(system: LoadedEquations, x: Array, factor: float) -> tuple[st
     def linearize() -> LinearizedEquations:
         return LinearizedEquations(e, system.motion_tangent(factor, state))
 
-    turning = find_turning(e, system.time_at(factor), state.q, linearize)
-    if turning is None:
-        return ()
-    cause, speed = turning
-    return (
-        f"{cause} at {speed:.6g} rad/s, but an equilibrium is at rest, without centrifugal forces; "
-        f"{_rotation_remedy(speed)}.",
-    )
+    time = system.time_at(factor)
+    return find_turning(e, time, state.q, linearize, "an equilibrium", _rotation_remedy)
 
 
 def _rotation_remedy(speed: float) -> str:

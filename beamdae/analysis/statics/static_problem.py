@@ -33,10 +33,7 @@ from beamdae.analysis.continuation.engine import (
     Problem,
     Row,
 )
-from beamdae.analysis.continuation.spectrum import (
-    Flexibility,
-    count_growing,
-)
+from beamdae.analysis.continuation.spectrum import count_growing, has_potential
 from beamdae.analysis.statics.load_scaling import LoadedEquations
 from beamdae.analysis.statics.pivot_signs import (
     ASYMMETRY_TOLERANCE,
@@ -399,21 +396,20 @@ class StaticProblem(Problem):
             factors = splu(sp.csc_matrix(self.matrix(x, p)))
         except RuntimeError:
             return by_signs
-        flexibility = Flexibility(self.n, m, lambda right: factors.solve(right)[: self.n])
+
+        def respond(right: Array) -> Array:
+            return factors.solve(right)[: self.n]
+
         # Close to a critical point, the symmetric part has another sign in the softest motion.
         is_sign_right = free > 0 or _has_negative_determinant(factors) == (signs.below % 2 == 1)
-        if flexibility.has_potential and is_sign_right:
+        if is_sign_right and has_potential(respond, self.n, m):
             return by_signs
-        return count_growing(flexibility, *self._motion_matrices(point))._replace(free=free)
-
-    def _motion_matrices(self, point: Point) -> tuple[sp.csc_array, sp.csc_array]:
-        """Return mass and damping (n + m, n) in natural sizes, with those of constraints."""
-        motion, scales = self.system.linearize_motion(point.x, point.p, self._idle), self.scales
+        motion, scales = self.system.linearize_motion(x, p, self._idle), self.scales
         _, damping, mass = (
-            sp.csc_array(x[:, : self.n] * scales[: self.n] * scales[:, None])
-            for x in motion.pencil.matrices
+            sp.csc_array(y[:, : self.n] * scales[: self.n] * scales[:, None])
+            for y in motion.pencil.matrices
         )
-        return mass, damping
+        return count_growing(respond, damping, mass)._replace(free=free)
 
     def residual(self, x: Array, mu: float) -> tuple[Array, Array]:
         """Return F and F_mu at x = (q, lam), (n + m,) each."""
