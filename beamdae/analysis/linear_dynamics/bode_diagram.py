@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from beamdae import deferred
+from beamdae.analysis.eigenproblems.eigensolution import UNSTABLE, classify_modes
 from beamdae.analysis.linear_dynamics.linear_model import (
     LinearModel,
     compute_linear_model,
@@ -322,8 +323,8 @@ def _compute_bode(
         values = _choose_frequencies(model, ends)
     response = model.evaluate_response(values.tolist())
     remarks: tuple[str, ...] = ()
-    rate = float(np.max(model.poles.real, initial=0.0))
-    if rate > 0.0:
+    if UNSTABLE in classify_modes(model.poles):
+        rate = float(np.max(model.poles.real))
         remarks = (
             f"the linear model is unstable (largest growth rate {rate:.4g} 1/s), so motions do not "
             "settle to this response; linearize about a stable state, or close the control loop.",
