@@ -237,7 +237,8 @@ class LoadedEquations:
         `x` are the unknowns of the static equations in mixed form with the same `idle`.
         """
         q, lam = np.split(x, [self.equations.n])
-        state, tangent_at = State(q, 0.0 * q, 0.0 * q, lam), partial(self.motion_tangent, mu)
+        state = State(q, np.zeros_like(q), np.zeros_like(q), lam)
+        tangent_at = partial(self.motion_tangent, mu)
         return linearize_in_mixed_form(self.at_factor(mu).equations, state, tangent_at, idle)
 
 
