@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from beamdae.cli.options import (
+    About,
     EndTime,
     FixedStep,
     IntegratorName,
@@ -26,6 +27,7 @@ from beamdae.cli.options import (
     StudyPath,
     TimeLimit,
     create_integrator,
+    find_state,
     parse_assignments,
     split_names,
 )
@@ -77,6 +79,7 @@ def sweep_command(
         int | None,
         typer.Option(metavar="N", help="Compute N buckling load factors instead of runs."),
     ] = None,
+    about: About = None,
     settings: Settings = None,
     model_name: ModelName = None,
     integrator: IntegratorName = "auto",
@@ -102,10 +105,11 @@ def sweep_command(
     """
     from beamdae.cli.model_files.model_file import ModelFile
 
-    measure = _create_measure(modes, buckling)
     named = None if integrator == "auto" else integrator
     method_options = {"--integrator": named, "--rtol": rtol, "--step": step}
-    if measure:
+    if about is not None and modes is None:
+        raise BeamdaeError("sweep: --about requires --modes; use both options or neither.")
+    if modes is not None or buckling is not None:
         if not over:
             raise BeamdaeError("sweep: --modes and --buckling require --over NAME=VALUES.")
         settings_of_runs = {"--of": of, "--time-limit": time_limit, "--t-end": t_end}
@@ -115,6 +119,7 @@ def sweep_command(
         )
         _reject_options(method_options | settings_of_runs, reason)
         model = ModelFile(path).model(model_name)
+        measure = _create_measure(model, modes, buckling, about)
         kind = "_".join(["sweep", *(["modes"] * bool(modes)), *(["buckling"] * bool(buckling))])
         sweep = _sweep_from_options(model, over, settings, measure, kind=kind)
     elif over:
@@ -157,22 +162,22 @@ def _sweep_from_options(
     return create_sweep(model, values, folder, of or (), integrator, measure=measure)
 
 
-def _create_measure(modes: int | None, buckling: int | None) -> dict[str, Any]:
-    """Return the measures of --modes and --buckling; empty without these options."""
-    counts = {"modes": modes, "buckling": buckling}
-    numbers = {
-        x: require_count("sweep", f"--{x}", n, most=_MAX_MEASURES)
-        for x, n in counts.items()
-        if n is not None
-    }
-    if not numbers:
-        return {}
+def _create_measure(
+    model: Model, modes: int | None, buckling: int | None, about: str | None
+) -> dict[str, Any]:
+    """Return the measures of --modes and --buckling."""
     from beamdae.studies.sweeps import model_measures
 
-    return {
-        **(model_measures.natural_frequencies(numbers["modes"]) if "modes" in numbers else {}),
-        **(model_measures.buckling_factors(numbers["buckling"]) if "buckling" in numbers else {}),
-    }
+    def count(option: str, n: int) -> int:
+        return require_count("sweep", option, n, most=_MAX_MEASURES)
+
+    measure: dict[str, Any] = {}
+    if modes is not None:
+        state = find_state("sweep", model(), about)
+        measure |= model_measures.natural_frequencies(count("--modes", modes), state)
+    if buckling is not None:
+        measure |= model_measures.buckling_factors(count("--buckling", buckling))
+    return measure
 
 
 def _reject_options(options: Mapping[str, Any], reason: str) -> None:
