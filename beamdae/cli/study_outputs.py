@@ -17,11 +17,12 @@ from beamdae.cli.output import print_error
 from beamdae.cli.output_paths import require_writable
 from beamdae.cli.progress import show_study_progress
 from beamdae.cli.results import Report, ResultFiles
-from beamdae.errors import require_positive
+from beamdae.errors import format_count, require_positive
 from beamdae.interrupts import Interrupted, acknowledge
 
 # NumPy and CasADi are imported inside functions, so that --help responds quickly.
 if TYPE_CHECKING:
+    from beamdae.report.terminal.responsive_table import ResponsiveTable
     from beamdae.studies import Study
     from beamdae.studies.execution.study_progress import StudyProgress
     from beamdae.studies.execution.study_run import StudyResults
@@ -189,6 +190,13 @@ def run_and_write(
 def _write(files: ResultFiles, writers: FileWriters) -> None:
     for name, write in writers.items():
         files.write(name, write)
+
+
+def first_cases(name: str, table: ResponsiveTable) -> dict[str, Any]:
+    """Return a table of cases by its title, and the number of cases beyond the first 16."""
+    rows, n_more = table.rows[:MAX_SCREEN_ROWS], len(table.rows) - MAX_SCREEN_ROWS
+    more = {f"more {name}": f"not shown: {format_count(n_more, 'case')}; see {table.source}"}
+    return {name: replace(table, rows=rows), **(more if n_more > 0 else {})}
 
 
 def print_failures(results: StudyResults, failures: list[str]) -> None:

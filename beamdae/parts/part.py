@@ -237,7 +237,7 @@ class Part:
 
     @property
     def facts(self) -> Mapping[str, float]:
-        """Values that `beamdae check` reports for the part before a run, by name."""
+        """Values of the part before a run, by name, which `beamdae check --json` lists."""
         return {}
 
     @property

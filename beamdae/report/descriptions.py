@@ -38,11 +38,6 @@ class Description:
     details: Mapping[str, str] = field(default_factory=dict)
 
 
-def list_parts(types: Mapping[str, str]) -> dict[str, list[dict[str, str]]]:
-    """Return the table of the parts of a mechanism, given their classes by name."""
-    return {"Parts": [{"part": name, "kind": kind} for name, kind in types.items()]}
-
-
 def describe(result: Any) -> Description:
     """Return the description of the result of an analysis."""
     description: Description = _DESCRIPTIONS[type(result).__name__](result)

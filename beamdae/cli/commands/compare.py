@@ -26,6 +26,7 @@ from beamdae.cli.study_outputs import (
     PAGE_FILE,
     StudyReport,
     apply_run_options,
+    first_cases,
     results_folder_name,
     run_and_write,
 )
@@ -82,14 +83,11 @@ def _create_report(results: StudyResults) -> StudyReport:
     shown: dict[str, Any] = {}
     if ungrouped:
         shown["completion"] = results.describe_completion(ungrouped)
-    summaries = dict(iter(results.summary.groupby("group", sort=False)))
     for group in groups[:MAX_SCREEN_ROWS]:
         reference = results.references[group].sentence
         shown[f"reference {group}"] = make_printable(f"{group}: {reference}")
-        if len(table) <= MAX_SCREEN_ROWS:
-            shown[f"cases {group}"] = text_tables.comparison_table(table[table["group"] == group])
-        if group in summaries:
-            shown[f"summary {group}"] = text_tables.summary_table(summaries[group])
+        cases = text_tables.comparison_table(table[table["group"] == group])
+        shown |= first_cases(f"cases {group}", cases)
     if len(groups) > MAX_SCREEN_ROWS:
         n_more = len(groups) - MAX_SCREEN_ROWS
         shown["more"] = f"{n_more} more groups, see summary.csv and report.html"

@@ -34,10 +34,10 @@ from beamdae.cli.options import (
 from beamdae.cli.ranges import SPACED_FORMS, parse_spaced_values
 from beamdae.cli.results import Report
 from beamdae.cli.study_outputs import (
-    MAX_SCREEN_ROWS,
     PAGE_FILE,
     StudyReport,
     apply_run_options,
+    first_cases,
     results_folder_name,
     run_and_write,
 )
@@ -247,9 +247,9 @@ def _create_report(results: StudyResults) -> StudyReport:
     swept, folder = create_sweep_results(results), results.folder
     sweep, table = swept.sweep, swept.table
     shown: dict[str, Any] = {"completion": results.describe_completion(sweep.cases)}
-    if len(table) <= MAX_SCREEN_ROWS:
-        columns = swept.parameters, swept.response_columns, sweep.units
-        shown["cases"] = text_tables.sweep_table(table, *columns)
+    responses = [list(panel.lines.values()) for panel in swept.panels()]
+    cases = text_tables.sweep_table(table, swept.parameters, responses, sweep.units)
+    shown |= first_cases("cases", cases)
     data = {
         "sweep": sweep.name,
         "folder": folder,

@@ -206,12 +206,6 @@ def comparison_table(table: pd.DataFrame) -> ResponsiveTable:
     return table_of(shown.rename(columns=_COMPARISON_COLUMNS), "cases.csv", digits=3)
 
 
-def summary_table(summary: pd.DataFrame) -> ResponsiveTable:
-    """Return the summary table of a study; values are followed by their units."""
-    values = (summary["value"].map(format_number) + " " + summary["unit"]).str.strip()
-    return table_of(summary.assign(value=values)[["answer", "value", "what", "at"]], "summary.csv")
-
-
 def format_headers(units: Mapping[str, str]) -> dict[str, str]:
     """Return the names that have a unit with it, such as "speed [rad/s]", by name."""
     return {
@@ -224,23 +218,24 @@ def format_headers(units: Mapping[str, str]) -> dict[str, str]:
 def sweep_table(
     table: pd.DataFrame,
     parameters: Sequence[str],
-    outputs: Sequence[str],
+    responses: Sequence[Sequence[str]],
     units: Mapping[str, str] | None = None,
 ) -> ResponsiveTable:
-    """Return a table of the parameters, status and outputs of each run of a sweep.
+    """Return a table of the parameters, status and responses of each run of a sweep.
 
-    Rounding noise is shown as zero; outputs that are zero and constant parameters are the last
-    ones.
+    Responses are columns, or several ones for the measures of an observed column. The measures that
+    vary most are the first ones, and responses that are zero and constant parameters are the last
+    ones. Rounding noise is shown as zero.
     """
     import pandas as pd
 
-    sizes = pd.DataFrame({x: pd.to_numeric(table[x], "coerce").abs() for x in outputs})
-    # Values without a unit are compared with those of the same column, which other measures share.
-    kinds, groups = {}, {}
-    for name in outputs:
-        column, unit = split_unit(name)
-        groups[name] = column.rpartition(" ")[0] or column
-        kinds[name] = unit if unit not in ("", "-") else groups[name]
+    groups = {name: k for k, columns in enumerate(responses) for name in columns}
+    outputs = list(groups)
+    numbers = pd.DataFrame({x: pd.to_numeric(table[x], "coerce") for x in outputs})
+    sizes = numbers.abs()
+    # Values without a unit are compared with those of the same response.
+    units_of = {name: split_unit(name)[1] for name in outputs}
+    kinds = {x: unit if unit not in ("", "-") else groups[x] for x, unit in units_of.items()}
     largest = sizes.max().groupby(kinds.__getitem__).max().to_dict()
     largest["rad"] = max(largest.get("rad", 0.0), 1.0)
     rounded = table.copy()
@@ -250,8 +245,10 @@ def sweep_table(
             rounded[name] = table[name].where(~is_noise, 0.0)
     varied = [name for name in parameters if table[name].astype(str).nunique() > 1]
     nonzero = {groups[x] for x in outputs if rounded[x].astype(bool).any()}
-    shown = [x for x in outputs if groups[x] in nonzero]
-    names = dict.fromkeys([*(varied or parameters), "status", *shown, *outputs, *parameters])
+    ranges = (numbers.max() - numbers.min()).groupby(groups.__getitem__)
+    ranks = ranges.rank("first", ascending=False, na_option="bottom")
+    ordered = sorted(outputs, key=lambda x: (groups[x] not in nonzero, ranks[x]))
+    names = dict.fromkeys([*(varied or parameters), "status", *ordered, *parameters])
     return table_of(rounded[list(names)].rename(columns=format_headers(units or {})), "sweep.csv")
 
 
