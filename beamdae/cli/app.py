@@ -39,6 +39,7 @@ def create_app(*names: str) -> typer.Typer:
         no_args_is_help=True,
         pretty_exceptions_enable=False,
         epilog=EXIT_CODES,
+        context_settings={"help_option_names": ["--help", "-h"]},
     )
     app.callback()(_beamdae)
     for name in names or _GROUP_OF_COMMAND:

@@ -282,6 +282,15 @@ AccurateColumns = Annotated[
         "and load factors.",
     ),
 ]
+ComparedColumns = Annotated[
+    list[str] | None,
+    accuracy_option(
+        "--columns",
+        metavar="NAME",
+        help="Column or observable whose errors are compared, or several separated by commas; "
+        "repeatable. Defaults to the columns in m or rad that vary.",
+    ),
+]
 Jobs = Annotated[
     int | None,
     expert_option(

@@ -265,7 +265,8 @@ def run_analysis(
     from beamdae.results.outcome import accuracy_of
 
     status, accuracy = getattr(result, "status", None), accuracy_of(result)
-    report = Report(name, describe(result), status, result.warnings)
+    warnings = result.warnings  # These may measure errors, which the description contains.
+    report = Report(name, describe(result), status, warnings)
     complete(result, report).print(accuracy)
 
     def draw(path: Path) -> list[Path]:

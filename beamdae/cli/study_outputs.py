@@ -12,7 +12,7 @@ import typer
 
 from beamdae.cli import signals
 from beamdae.cli.command_wrapper import NOT_RUN_CODE
-from beamdae.cli.options import parse_start
+from beamdae.cli.options import parse_start, split_names
 from beamdae.cli.output import print_error
 from beamdae.cli.output_paths import require_writable
 from beamdae.cli.progress import show_study_progress
@@ -58,8 +58,9 @@ def apply_run_options(
     t_end: float | None,
     output_step: float | None,
     start: list[str] | None,
+    columns: list[str] | None,
 ) -> Study:
-    """Return the study with --time-limit, --t-end, --output-step and --start for all its cases.
+    """Return the study with the settings of runs and the columns of options, for all its cases.
 
     Raises
     ------
@@ -73,6 +74,8 @@ def apply_run_options(
         study = replace(study, t_end=t_end)
     if output_step is not None:
         study = replace(study, output_step=output_step)
+    if columns:
+        study = replace(study, columns=tuple(split_names(columns, study.cases[0].model)))
     if start:
         from beamdae.parts.mechanism import require_start
 

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from beamdae.cli.options import (
+    ComparedColumns,
     EndTime,
     Jobs,
     ModelName,
@@ -42,6 +43,7 @@ def compare_command(
     path: StudyPath,
     settings: Settings = None,
     model_name: ModelName = None,
+    compared: ComparedColumns = None,
     out: Out = Path("results"),
     time_limit: TimeLimit = None,
     t_end: EndTime = None,
@@ -60,7 +62,7 @@ def compare_command(
     and 143 after SIGTERM.
     """
     study = _select_study(path, model_name, parse_assignments(settings))
-    study = apply_run_options("compare", study, time_limit, t_end, output_step, start)
+    study = apply_run_options("compare", study, time_limit, t_end, output_step, start, compared)
     folder, files = out / study.name, (page, picture)
     run_and_write("compare", study, folder, _create_report, (jobs, scheduler), files)
 

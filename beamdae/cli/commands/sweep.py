@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -29,7 +28,6 @@ from beamdae.cli.options import (
     create_integrator,
     find_state,
     parse_assignments,
-    split_names,
 )
 from beamdae.cli.ranges import SPACED_FORMS, parse_spaced_values
 from beamdae.cli.results import Report
@@ -126,14 +124,12 @@ def sweep_command(
         file = ModelFile(path)
         method = create_integrator("sweep", integrator, {"rtol": rtol, "step": step}, file)
         model = file.model(model_name)
-        sweep = _sweep_from_options(model, over, settings, None, split_names(of, model), method)
+        sweep = _sweep_from_options(model, over, settings, None, method)
     else:
         reason = "requires --over; to change a sweep in a file, edit the file."
         _reject_options({"--set": settings, **method_options}, reason)
         sweep = _sweep_of_file(ModelFile(path), model_name)
-        columns = tuple(split_names(of, sweep.cases[0].model))
-        sweep = replace(sweep, columns=columns) if columns else sweep
-    study = apply_run_options("sweep", sweep, time_limit, t_end, output_step, start)
+    study = apply_run_options("sweep", sweep, time_limit, t_end, output_step, start, of)
     folder, files = out / study.name, (page, picture)
     run_and_write("sweep", study, folder, _create_report, (jobs, scheduler), files)
 
@@ -143,7 +139,6 @@ def _sweep_from_options(
     over: list[str],
     settings: list[str] | None,
     measure: dict[str, Any] | None,
-    of: list[str] | None = None,
     integrator: Any = None,
     kind: str = "sweep",
 ) -> Sweep:
@@ -159,7 +154,7 @@ def _sweep_from_options(
     values = {name: parse_values(model, name, text) for name, text in ranges.items()}
     values |= {name: [value] for name, value in constants.items()}
     folder = results_folder_name("_".join([model.name, kind, *ranges]), constants)
-    return create_sweep(model, values, folder, of or (), integrator, measure=measure)
+    return create_sweep(model, values, folder, (), integrator, measure=measure)
 
 
 def _create_measure(

@@ -24,9 +24,9 @@ if TYPE_CHECKING:
 
 # Values below this fraction of the largest comparable value are shown as zero (rounding noise).
 _ROUNDING = 1e-12
-_ERROR_DIGITS = 2
-_ERROR_HEADERS = {
-    "total": "error",
+ERROR_DIGITS = 2
+ERROR_HEADER = "error [-]"
+_CAUSES = {
     "time": "by steps",
     "mesh": "by elements",
     "theory": "by strains",
@@ -131,7 +131,9 @@ def range_rows(
     errors: Errors | None = None,
     steps: Mapping[str, StepExtremes] | None = None,
 ) -> list[dict[str, Any]]:
-    """Return a row per observed column: its last value, errors, minimum and maximum.
+    """Return a row per observed column: its last value, error, minimum, maximum, causes of errors.
+
+    Causes without any error have no column.
 
     Parameters
     ----------
@@ -149,23 +151,25 @@ def range_rows(
         {
             "observed": name,
             "end": x["end"],
-            **_errors_of(errors, name),
+            **_errors_of(errors, name, {"total": ERROR_HEADER}),
             "min": x.get("min"),
             "max": x.get("max"),
+            **_errors_of(errors, name, _CAUSES),
         }
         for name, x in rows.items()
     ]
 
 
-def _errors_of(errors: Errors | None, name: str) -> dict[str, str]:
+def _errors_of(errors: Errors | None, name: str, headers: Mapping[str, str]) -> dict[str, str]:
     """Return the errors of a column by their headers in tables, "-" for one that has none."""
     if errors is None:
         return {}
     row = errors.headers.index(name) if name in errors.headers else None
     return {
-        header: "-" if row is None else format_number(float(columns[row]), _ERROR_DIGITS)
-        for cause, header in _ERROR_HEADERS.items()
-        if (columns := errors.columns().get(cause)) is not None and not np.isnan(columns).all()
+        header: "-" if row is None else format_number(float(columns[row]), ERROR_DIGITS)
+        for cause, header in headers.items()
+        if (columns := errors.columns().get(cause)) is not None
+        and (np.nan_to_num(columns).any() or (cause == "total" and not np.isnan(columns).all()))
     }
 
 
