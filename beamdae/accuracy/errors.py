@@ -163,8 +163,7 @@ class Errors(HasTable):
         `companions` that are not a number have no counterpart. Of several values of a column
         (columns, places), the first one is its headline, and the largest change counts.
         """
-        places = np.asarray(values).reshape(len(headers), -1)
-        others = np.asarray(companions).reshape(places.shape)
+        places, others = (np.atleast_2d(np.transpose(x)).T for x in (values, companions))
         values, companions = places[:, 0], others[:, 0]
         sizes = np.abs(companions if scales is None else scales)
         changes = np.abs(places - others)

@@ -130,7 +130,7 @@ def _measure(
 
     Values without a scale are compared with themselves.
     """
-    headlines = values.reshape(len(headers), -1)[:, 0]
+    headlines = np.atleast_2d(values.T)[0]
     sizes = np.abs(headlines)
 
     def repeat_values(strains: bool | None) -> tuple[Array, Refined]:
@@ -143,7 +143,7 @@ def _measure(
                 raise BeamdaeError("no beam can be refined.")
             others = repeat(refinement)
         if strains:
-            sizes = np.abs(others.reshape(len(headers), -1)[:, 0])
+            sizes = np.abs(np.atleast_2d(others.T)[0])
             sizes = np.array([scales.get(x, y) for x, y in zip(headers, sizes, strict=True)])
         return others, describe_refinement(equations, refinement, None)
 

@@ -693,18 +693,20 @@ class Beam(Part):
         numbers = (self.stress_lever(s, offset), x.EA, x.EI, x.material.E)
         return self._evaluate_strains(s, (Variable("", "Pa"),), fiber_stress, *numbers)
 
-    def largest_stress(self, s: Sequence[float] | None = None, exponent: float = 150.0) -> Quantity:
+    def largest_stress(
+        self, s: Sequence[float] | None = None, exponent: float | None = None
+    ) -> Quantity:
         """Return the largest longitudinal stress over the length of the beam, in magnitude.
 
         The stresses are those of `stress` in the outer fibers, top and bottom. Between the sections
-        at `s`, they may be larger. The column `largest` is the largest magnitude, with which tables
-        and charts are read; its derivatives jump where another section becomes the largest one.
-        The column `bound` is smooth: with the largest magnitude sigma_k of N sections,
+        at `s`, they may be larger. The derivatives of the largest magnitude jump where another
+        section becomes the largest one. With an exponent p, the quantity is a smooth bound instead,
+        for limits and objectives of optimizations: with the largest magnitude sigma_k of N
+        sections,
 
-            bound = (sum of sigma_k^p)^(1/p),    largest <= bound <= N^(1/p) largest,
+            bound = (sum of sigma_k^p)^(1/p),    largest <= bound <= N^(1/p) largest.
 
-        and the exponent p. Use `bound` for limits and objectives of optimizations: 100 sections
-        with equal stresses and p = 150 are 3 % below their limit.
+        100 sections with equal stresses and p = 150 are 3 % below their limit.
 
         Parameters
         ----------
@@ -717,13 +719,14 @@ class Beam(Part):
             narrow places are moved there; grooves shorter than 1/512 of the beam may be
             overlooked. Refined runs evaluate the same sections on all meshes.
         exponent
-            The exponent p, between 1 and 1000. Larger exponents are closer to the largest stress,
-            but the derivative then changes abruptly if another section becomes the largest.
+            The exponent p of a smooth bound, between 1 and 1000, such as 150; None for the largest
+            stress itself. Larger exponents are closer to it, but the derivative then changes
+            abruptly if another section becomes the largest.
 
         Returns
         -------
         Quantity
-            Columns largest and bound [Pa]: after `mech.observe("stress", ...)`, read
+            Column largest or bound [Pa]: after `mech.observe("stress", ...)`, read
             `solution["stress.largest"]`.
 
         Raises
@@ -750,15 +753,16 @@ class Beam(Part):
             if not entries:
                 raise BeamdaeError(f"{self.name}: s is empty; pass at least one arc length [m].")
             arc_lengths = tuple(self._require_arc_length(x) for x in entries)
-        p = require_finite(self.name, "exponent", exponent)
-        if not 1.0 <= p <= _MAX_EXPONENT:
-            _, most, given = format_distinct(1.0, _MAX_EXPONENT, p)
-            raise BeamdaeError(f"{self.name}: exponent must be between 1 and {most}, got {given}.")
-        return self._evaluate_largest_stress(arc_lengths, p)
+        if exponent is not None:
+            exponent = require_finite(self.name, "exponent", exponent)
+            if not 1.0 <= exponent <= _MAX_EXPONENT:
+                _, most, p = format_distinct(1.0, _MAX_EXPONENT, exponent)
+                raise BeamdaeError(f"{self.name}: exponent must be between 1 and {most}, got {p}.")
+        return self._evaluate_largest_stress(arc_lengths, exponent)
 
     @rebuilt_for_mesh
     def _evaluate_largest_stress(
-        self, arc_lengths: tuple[float, ...] | None, exponent: float
+        self, arc_lengths: tuple[float, ...] | None, exponent: float | None
     ) -> Quantity:
         """Do the work of `largest_stress` on the present mesh."""
         functions: list[Callable[..., Any]] = []
@@ -776,8 +780,8 @@ class Beam(Part):
         kind = LargestStress(tuple(places), exponent)
         pieces = tuple(Piece(self, x) for x in operators.values())
         values, data = FormulaExpression.of(kind, functions)
-        columns = (Variable("largest", "Pa"), Variable("bound", "Pa"))
-        return Quantity(columns, pieces, values, data, is_magnitude=True)
+        column = Variable("largest" if exponent is None else "bound", "Pa")
+        return Quantity((column,), pieces, values, data, is_magnitude=True)
 
     def _stress_sections(self, arc_lengths: tuple[float, ...] | None) -> tuple[float, ...]:
         """Return the arc lengths [m] of `largest_stress` on both sides of element ends.
@@ -880,15 +884,15 @@ class Beam(Part):
         Returns
         -------
         ndarray
-            Columns of each section (columns, ..., sections). Those of `largest_stress` are the
-            largest magnitude in the section, twice.
+            Columns of each section (columns, ..., sections). That of `largest_stress` is the
+            largest magnitude in the section.
         """
         assert quantity.recipe is not None
         beam, _, *settings = quantity.recipe.arguments
         if section_forces in settings:
             return forces
         if quantity.recipe.build is Beam._evaluate_largest_stress:
-            return np.stack([beam.largest_fiber_stresses(forces, s)] * len(quantity.columns))
+            return beam.largest_fiber_stresses(forces, s)[None]
         _, kind, lever, *_ = settings
         return beam._fiber_values(forces, s, lever, kind is fiber_stress)[None]
 

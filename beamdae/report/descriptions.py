@@ -174,11 +174,11 @@ def _describe_path(path: Any) -> Description:
     control = path.settings["control"]
     if path.over and control == "load":
         control = path.settings["over"]
+    begin = path.factors[0, -1:].tolist()
     facts = {
-        "loads": "all in full"
-        if path.over
-        else _describe_loads(path.loads, path.equations.mechanism),
-        path.quantity: f"{path.factor:.7g}",
+        "loads": _describe_loads(path.loads, path.equations.mechanism),
+        # Paths of mechanisms that are free without loads begin at some load.
+        path.quantity: " to ".join(f"{x:.7g}" for x in dict.fromkeys([*begin, path.factor])),
         "equilibrium": stability,
         "critical points": "; ".join(
             f"{x.kind} at {x.factor:.7g}{f', {x.moves} moves most' if x.moves else ''}"

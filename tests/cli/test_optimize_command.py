@@ -70,7 +70,7 @@ def leaf(height=bd.param(1e-3, "m")):
     law = bd.sine(1e-3, frequency=10.0)
     target = mech.ground.at(0.1, 0.0)
     mech.add(bd.TranslationalDriver("drive", target, beam.end, law, direction=(0, 1)))
-    mech.observe("stress", beam.largest_stress())
+    mech.observe("stress", beam.largest_stress(exponent=150))
     return mech
 """
 

@@ -119,6 +119,7 @@ def test_time_scales():
         (np.float64(2.5), 0.0, 2.5),
         (lambda t: 2.0, 1.0, 2.0),
         (lambda t: np.sin(t) * np.exp(-t) + (t + 1.0) ** 0.5, 0.7, None),
+        (bd.piecewise(lambda t: np.squeeze(np.array([2.0 * t], dtype=object))), 0.7, 1.4),
     ],
 )
 def test_numbers_and_numpy_formulas_are_laws(law, t, expected):

@@ -33,6 +33,7 @@ Array = np.ndarray
 _POINTS_PER_STEP = 8
 # Powers of larger exponents of a smooth maximum are dominated by rounding errors of single rows.
 _MAX_EXPONENT = 1000.0
+_MIN_DEVIATION = 1e-150  # standard deviations whose squares are not zero
 RUN = "run"  # kind of an analysis
 Values: TypeAlias = "Mapping[AnalysisQuantity, float]"
 
@@ -567,8 +568,8 @@ def read_numbers(
 
 
 def require_deviations(part: str, sigma: Array, count: int, noun: str) -> None:
-    """Reject standard deviations that are not positive, or neither one nor one per `noun`."""
-    if len(sigma) not in (1, count) or not np.all(sigma > 0.0):
+    """Reject standard deviations whose squares vanish, or neither one nor one per `noun`."""
+    if len(sigma) not in (1, count) or not np.all(sigma > _MIN_DEVIATION):
         raise BeamdaeError(
             f"{part}: sigma must be positive, one number or one for each {noun} ({count}), got "
             f"{short_repr(sigma.tolist() if len(sigma) != 1 else float(sigma[0]))}."
