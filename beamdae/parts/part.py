@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import fields, is_dataclass
 from functools import cache
 from typing import Any, ClassVar, NamedTuple
@@ -234,11 +234,6 @@ class Part:
     def events(self) -> Sequence[Event]:
         """Events of the part, in addition to the events added by `Mechanism.when`."""
         return ()
-
-    @property
-    def facts(self) -> Mapping[str, float]:
-        """Values of the part before a run, by name, which `beamdae check --json` lists."""
-        return {}
 
     @property
     def gaps(self) -> Sequence[SurfaceGap]:

@@ -73,8 +73,8 @@ def test_study_in_a_terminal(here, width):
 # Arguments of the other commands, and text that is complete at every width.
 COMMANDS = {
     "list": (["."], ["arm", "both"]),
-    "check": (["model.py"], ["hinge :smile:", "Revolute", "ready to run"]),
-    "draw": (["model.py"], ["hinge :smile:", "Revolute"]),
+    "check": (["model.py"], ["tip :smile:", "ready to run"]),
+    "draw": (["model.py"], ["arm"]),
     "static": (["model.py"], ["reached the end", "tip :smile:.x [m]"]),
     "modes": (["model.py", "-n", "1"], ["frequency", "kind", "moves"]),
     "fit": (["model.py", "data.csv", "--by", "mass", "--sigma", "0.01"], ["mass", "converged"]),

@@ -49,10 +49,8 @@ def check_command(
         record_warning(sentence)
     facts = describe_check(result)
     name = f"{model.name}: {facts.pop('verdict')}"
-    data = _json_results(result) | {
-        "parts": {name: type(part).__name__ for name, part in parts.items()},
-        "facts": {name: part.facts for name, part in parts.items() if part.facts},
-    }
+    types = {name: type(part).__name__ for name, part in parts.items()}
+    data = _json_results(result) | {"parts": types}
     Report(name, Description(facts, data=lambda: data)).print()
     if not result.ok:
         raise BeamdaeError(result.problem)
