@@ -23,6 +23,7 @@ import typer
 from beamdae.errors import (
     BeamdaeWarning,
     InputWarning,
+    KernelWarning,
     kind_of_message,
 )
 from beamdae.report.option_names import name_options
@@ -168,25 +169,24 @@ def _print_warning(console: Console, sentence: str) -> None:
 
 
 @contextmanager
-def hold_warnings(output: CommandOutput) -> Iterator[None]:
+def hold_warnings(output: CommandOutput, at_once: bool) -> Iterator[None]:
     """Print the warnings that beamdae issues in a `with` block after it, even if it raises.
 
-    Those about arguments and data are printed at once, because analyses may take hours. Warnings
-    that were printed with a result or as the reason of a failure are not repeated, and of those
-    that differ only in numbers, only the first is printed.
+    Those about arguments, data and compilers are printed at once, because analyses may take hours;
+    with `at_once`, all are. Warnings that were printed with a result or as the reason of a failure
+    are not repeated, and of those that differ only in numbers, only the first is printed.
     """
     with warnings.catch_warnings():
         show = warnings.showwarning
 
         def hold(message: Any, category: type[Warning], *place: Any, **more: Any) -> None:
-            if issubclass(category, InputWarning):
-                sentence = name_options(str(message))
-                if not _is_printed(sentence, output):
-                    _print_warning(create_console(stderr=True), sentence)
-            elif issubclass(category, BeamdaeWarning):
-                output.held_warnings.append(name_options(str(message)))
-            else:
+            sentence = name_options(str(message))
+            if not issubclass(category, (BeamdaeWarning, KernelWarning)):
                 show(message, category, *place, **more)
+            elif not (at_once or issubclass(category, (InputWarning, KernelWarning))):
+                output.held_warnings.append(sentence)
+            elif not _is_printed(sentence, output):
+                _print_warning(create_console(stderr=True), sentence)
 
         warnings.simplefilter("always", BeamdaeWarning)
         warnings.showwarning = hold

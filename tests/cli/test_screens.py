@@ -99,6 +99,14 @@ def test_every_command_fits_the_terminal(here, command):
             assert word in text
 
 
+def test_errors_wrap_at_the_width_of_the_terminal(here):
+    arguments = "run", "model.py", "--integrator", "unknown"
+    lines = invoke(*arguments, env={"COLUMNS": "60"}).stderr.splitlines()
+    assert len(lines) > 1
+    assert max(map(len, lines)) <= 60
+    assert invoke(*arguments).stderr == " ".join(lines) + "\n"
+
+
 @pytest.mark.slow(reason="half a second and more")
 @pytest.mark.parametrize(
     "width",
