@@ -560,7 +560,7 @@ def parse_start(
         )
     for text in options:
         if "=" not in text:
-            if len(options) == 1 and (states or Path(text).suffix or os.path.isfile(text)):
+            if len(options) == 1 and (states or os.path.isfile(text)):
                 return text
             raise BeamdaeError(
                 f"--start {text}: the start must be {', '.join(map(repr, _STATES))}, "

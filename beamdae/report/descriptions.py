@@ -78,7 +78,7 @@ def _describe_loads(stages: Sequence[Sequence[str]], mechanism: Any) -> str:
 
 def _describe_modes(modes: Any) -> Description:
     table = _table_of_modes(modes)
-    last = [name for name in table if name.startswith(("growth rate", "effective mass"))]
+    last = [name for name in map(str, table) if name.startswith(("growth rate", "effective mass"))]
     shown = table[[*(name for name in table if name not in last), *last]]
     data = {"about": modes.about, "modes": modes.table()}
     return Description({"about": modes.about}, {"Modes": shown}, lambda: data)

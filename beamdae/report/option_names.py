@@ -78,7 +78,6 @@ def name_options(sentence: str) -> str:
     options = _current_options.get()
     if not options or _MODEL_ERROR.search(sentence):
         return sentence
-
     call = _CALL.match(sentence)
 
     def replace(match: re.Match[str]) -> str:
@@ -88,10 +87,9 @@ def name_options(sentence: str) -> str:
         if is_flag or _CODE.search(sentence[: match.start()]):
             return match[0]
         if option is None:
-            function = public(call["function"]) if call else None
-            is_argument = function and match["name"] in signature(function).parameters
-            text = match[0] if value else f"{match[0]}..."
-            return f"bd.{function.__name__}({text})" if is_argument else match[0]
+            if not call or match["name"] not in signature(public(call["function"])).parameters:
+                return match[0]
+            return f"bd.{call['function']}({match[0]}{'' if value else '...'})"
         name = _long_name(option)
         if value == "False":
             return option.secondary_opts[0] if option.secondary_opts else match[0]
