@@ -364,6 +364,7 @@ def test_run_starts_as_requested(command):
         ("beam.thet=1", "did you mean 'beam.theta'"),
         ("beam.theta=2mm", "the unit mm measures another quantity"),
         ("rotation=30mm", "rad/s"),
+        ("beam.theta", "PART.COORDINATE=VALUE"),
     ):
         assert_usage_error(command("run", ARM, "--start", state), sentence)
 
