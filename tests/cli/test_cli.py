@@ -237,9 +237,12 @@ def widths():
     return [bd.Case(arm, {"width": w}, bd.Ida(1e-4)) for w in (0.01, 0.02)]
 """
     )
-    result = command("compare", study)
+    result = command("compare", study, "--columns", "tip.angle_dot")
     assert result.exit_code == 0, result.stderr
     table = pd.read_csv("results/widths/cases.csv")
+    compared = [x for x in table if "tip." in x]
+    assert compared
+    assert all("tip.angle_dot" in x for x in compared)
     assert list(table["width"]) == [0.01, 0.02]
     assert_usage_error(
         command("compare", study, "--set", "width=1"), "a study defines all parameters"

@@ -198,7 +198,7 @@ def test_list_executes_no_files(here):
             rows.append(line.split())
     assert [" ".join(row) for row in tables["model"]] == [
         "lone bad.py T length=2 * 3, kind=thin",
-        "arm model.py 1 A bob [/b] swings. mass=2, note=[/b] :smile:",
+        "arm model.py 1 mass=2, note=[/b] :smile: A bob [/b] swings.",
     ]
     assert tables["study"] == [["both", "model.py"]]
     assert [row[0] for row in tables["file"]] == ["syntax.py"]
