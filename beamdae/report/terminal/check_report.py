@@ -48,8 +48,8 @@ def describe_check(check: Any) -> dict[str, str]:
     if check.prediction is not None:
         p = check.prediction
         facts["predicted cost"] = (
-            f"about {_round(p.steps)} steps of {p.method}, {_round(p.seconds)} s, from "
-            f"{100.0 * p.covered_share:.1f} % of a run"
+            f"about {_round(p.steps)} steps of {p.method}, {_round(p.seconds)} s, measured in "
+            f"{100.0 * p.covered_share:.3g} % of a run"
         )
     for k, warning in enumerate(check.warnings, start=1):
         facts["warning" if len(check.warnings) == 1 else f"warning {k}"] = warning
