@@ -104,8 +104,8 @@ from .parts.observables import relative_displacement as relative_displacement
 from .parts.observables import relative_motion as relative_motion
 from .parts.part import Part as Part
 from .parts.rotation import rotation as rotation
+from .parts.table_files import table_from_csv as table_from_csv
 from .parts.tables import table as table
-from .parts.tables import table_from_csv as table_from_csv
 from .report.pictures.time_plots import plot as plot
 from .simulation import load as load
 from .simulation import simulate as simulate

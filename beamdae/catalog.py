@@ -181,7 +181,7 @@ GROUPS = (
         sine parts.laws
         piecewise parts.laws
         table parts.tables
-        table_from_csv parts.tables
+        table_from_csv parts.table_files
         """,
     ),
     _create_group(

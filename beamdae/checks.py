@@ -28,10 +28,10 @@ from beamdae.equations.starts.dependent_constraints import (
     find_dependent_sets,
 )
 from beamdae.equations.starts.mobility import (
+    find_free_groups,
     find_free_motions,
     find_loose_groups,
     find_unheld_motions,
-    select_free_groups,
 )
 from beamdae.equations.starts.rank import ConstraintRank, analyze_constraint_rank
 from beamdae.equations.starts.reduced_equations import drop_dependent_constraints
@@ -314,7 +314,7 @@ def check(
         prediction=None,
         problem=problem,
         warnings=_collect_warnings(equations, starter, time, state),
-        free_groups=select_free_groups(equations, time, q, end or 1.0, loose),
+        free_groups=find_free_groups(equations, time, q, end or 1.0),
     )
     if equations.m <= _MAX_CONSTRAINTS:
         joints = analyze_constraint_rank(solver, time, q)

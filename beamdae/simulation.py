@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from beamdae import deferred
+from beamdae import deferred, integrators
 from beamdae.equations.assembly.assemble import equations_of_motion
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.smooth_intervals import SAME_TIME
@@ -29,8 +29,7 @@ from beamdae.errors import (
     warn_of_result,
     warnings_are_ignored,
 )
-from beamdae.integrators import Auto, Integrator
-from beamdae.integrators.integrator import require_integrator
+from beamdae.integrators.integrator import Integrator, require_integrator
 from beamdae.integrators.limits import Progress
 from beamdae.integrators.step_thinning import keep_all_steps
 from beamdae.interrupts import (
@@ -206,9 +205,8 @@ def simulate(
         require_start("simulate", start, ", a solution, an equilibrium or the path of a checkpoint")
     begin = 0.0 if checkpoint is None else checkpoint.t
     times = compute_output_times("simulate", t_end, output_step, begin)
-    method = Auto() if integrator is None else integrator
+    method = integrators.Auto() if integrator is None else integrator
     require_integrator("simulate", method)
-    until = deferred.module("accuracy.until")
     if accuracy is not None and checkpoint is not None:
         raise BeamdaeError(
             "simulate: accuracy requires a run that does not resume another one, got start = "
@@ -230,7 +228,8 @@ def simulate(
                 name, checkpoint, model, parameters, accept_changes
             )
         if accuracy is not None:  # before the run, which may take hours
-            until.require_columns("simulate", accuracy_columns, equations.observed_headers)
+            require_columns = deferred.module("accuracy.until").require_columns
+            require_columns("simulate", accuracy_columns, equations.observed_headers)
         bytes_per_row = 8.0 * (3 * equations.n + equations.m)
         require_memory(
             "simulate",
@@ -260,8 +259,13 @@ def simulate(
         return replace(solution, model=description, resume_warnings=tuple(resume_warnings))
 
     try:
-        runs = until.Analysis.of_runs("simulate", integrate, method, start, progress)
-        solution = until.reach_accuracy(runs, model, accuracy, accuracy_columns)
+        if accuracy is None and accuracy_columns is None:
+            with single_threaded:
+                solution = integrate(model, method)
+        else:
+            until = deferred.module("accuracy.until")
+            runs = until.Analysis.of_runs("simulate", integrate, method, start, progress)
+            solution = until.reach_accuracy(runs, model, accuracy, accuracy_columns)
     except Interrupted as problem:
         if not isinstance(problem.partial, Solution):
             raise

@@ -123,6 +123,12 @@ class Errors(HasTable):
     status
         Outcome of a required accuracy: "ok" or "limited", with the largest error and the settings
         that reach it. The sentence is empty if none was required.
+
+    Notes
+    -----
+    With `accuracy=`, an analysis is repeated, up to four times, with smaller steps, finer meshes
+    and exact strains until the errors of the required columns are small enough; `status` says what
+    was reached.
     """
 
     headers: tuple[str, ...]

@@ -79,7 +79,7 @@ class _Band(NamedTuple):
 @single_threaded
 def _measure(model: LinearModel, band: _Band, frequencies: Array, response: Array) -> Errors:
     lin, request = model._linearization, model._request
-    if lin is None or request is None:
+    if request is None:
         return Errors.unchecked((), np.zeros(0), "the model is not a mechanism")
     vibrations = _find_vibrations(lin, band)
     rates = np.abs(vibrations.values) / (2.0 * np.pi)

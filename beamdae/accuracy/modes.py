@@ -28,7 +28,7 @@ from beamdae.analysis.statics.static_problem import StaticProblem
 from beamdae.beams.beam import beams_of
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.tangents import compute_tangent
-from beamdae.equations.starts.reduced_equations import remove_redundant_constraints
+from beamdae.equations.starts.reduced_equations import select_independent
 from beamdae.errors import BeamdaeError, hold_messages
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.linear.factorizations import SingularMatrixError
@@ -232,8 +232,7 @@ def _prolong_instant(
     if now is not None and active.configurations is not None:
         now = active.configurations.configuration_without(active, now.inactive, now.frozen_gaps)
         active = now.equations
-    reduction = remove_redundant_constraints(active, time) if active.redundant else None
-    e = active if reduction is None else reduction.equations
+    e = select_independent(active, time)
     q, v, a, lam = instant.state
     multipliers = dict(zip(lin.full_equations.lam_names, lam, strict=True))
     lam = np.array([multipliers[name] for name in e.lam_names])

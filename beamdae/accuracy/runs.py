@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from beamdae import integrators
 from beamdae.accuracy.errors import FACTOR, Errors, Refined, measure_errors
 from beamdae.accuracy.refinement import RefinedMechanism, Refinement, refine
 from beamdae.accuracy.values import compare_columns
@@ -21,8 +22,7 @@ from beamdae.errors import (
     require_progress,
     short_repr,
 )
-from beamdae.integrators import GeneralizedAlpha, Integrator, Radau
-from beamdae.integrators.integrator import require_integrator
+from beamdae.integrators.integrator import Integrator, require_integrator
 from beamdae.integrators.limits import Progress
 from beamdae.integrators.pilot_run import reuse_motion
 from beamdae.interrupts import Interrupted, interruptible
@@ -151,7 +151,7 @@ def verify(
     if integrator is None:
         rtol = max(0.1 * value, _MIN_RTOL) if name == "rtol" else _RTOL_OF_ANOTHER_METHOD
         is_radau = solution.integrator.get("method") == "Radau"
-        integrator = GeneralizedAlpha(rtol=rtol) if is_radau else Radau(rtol)
+        integrator = (integrators.GeneralizedAlpha if is_radau else integrators.Radau)(rtol=rtol)
     other = _repeat(solution, integrator, solution.equations, solution.trajectory, progress)
     refined = Refined(accuracy=(name, value), order=own.order, method=integrator.label)
     return _compare(solution, other, refined, factor=1.0)
@@ -225,7 +225,7 @@ def refine_method(
     max_steps = max(_MAX_STEPS_RATIO * run.trajectory.steps, _MIN_MAX_STEPS)
     changes = {"rtol": _RTOL_RATIO * value, "max_steps": max_steps, "time_limit": time_limit}
     if name == "step":
-        method = Radau(max_step=_STEP_RATIO * value)
+        method = integrators.Radau(max_step=_STEP_RATIO * value)
         changes["rtol"] = rtol_beside_steps
     return replace(method, **{x: y for x, y in changes.items() if hasattr(method, x)})
 

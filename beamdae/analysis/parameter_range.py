@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
-from beamdae.analysis.sensitivities.sensitivity_result import complete_parameters
+from beamdae.analysis.sensitivities.sensitivity_result import change_defaults
 from beamdae.errors import (
     BeamdaeError,
     as_real,
@@ -69,7 +69,7 @@ class ParameterRange:
             raise BeamdaeError(
                 f"{caller}: {argument} must be two different values, got {short_repr(pair)}."
             )
-        model = replace(model, parameters=complete_parameters(caller, model, parameters))
+        model = change_defaults(caller, model, parameters)
         if parameters is not None and name in parameters:
             raise BeamdaeError(
                 f"{caller}: parameters contains {name!r}, the parameter to follow; omit it."

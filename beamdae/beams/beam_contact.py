@@ -23,9 +23,8 @@ from beamdae.errors import (
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.forces.contact import Contact, require_unit_of_stiffness
 from beamdae.parts.forces.load_observables import FORCE, ObservablePower, resultant_at
-from beamdae.parts.forces.regularized_friction import RegularizedFriction
 from beamdae.parts.forces.surfaces import CircleSurface, LineSurface
-from beamdae.parts.part import SurfaceGap
+from beamdae.parts.part import RegularizedFriction, SurfaceGap
 from beamdae.symbolic.formula import FormulaExpression, constant_formula
 from beamdae.symbolic.statements import (
     SX,
@@ -180,7 +179,7 @@ class BeamContact(ObservablePower):
 
     @property
     def regularized_friction(self) -> RegularizedFriction | None:
-        """Law of the friction; None without friction."""
+        """Regularization of the friction; None without friction."""
         return self._contact_at(self.start, 1.0).regularized_friction
 
     @property

@@ -150,7 +150,8 @@ int judge_correction(Corrections *run) {
 }
 
 /* Correct a point by Newton's method until it is a solution, or once if the control is not linear.
-   The right-hand side becomes the derivatives by the control before the last correction. */
+   At a solution, the right-hand side is the derivatives by the control before the last
+   correction. */
 static int correct(StaticWorkspace *run) {
     const int64_t size = run->forces.size, n = run->inputs.size - size;
     const Reals right = run->right, q = part(run->inputs, 0, n), lam = from(run->inputs, 2 * n);
@@ -175,10 +176,10 @@ static int correct(StaticWorkspace *run) {
         run->has_forces = run->has_tangent = 0;
         if (!run->is_linear) break;
     }
+    if (code != DONE) return code;
     fill(right, 0.0);
     right.at[size] = 1.0;
-    solve_newton(run);
-    return code;
+    return solve_newton(run);
 }
 
 int perform_task(StaticWorkspace *run) {

@@ -14,7 +14,6 @@ from beamdae.equations.assembly.observables import CompiledQuantity, compile_qua
 from beamdae.equations.equations_of_motion import EquationsOfMotion, PartStatements, State
 from beamdae.equations.structure import cache_on_owner
 from beamdae.errors import BeamdaeError
-from beamdae.parts.control.controller import Controller
 from beamdae.parts.mechanism import Mechanism
 from beamdae.parts.part import Part
 from beamdae.symbolic.local_symbols import SX
@@ -185,7 +184,7 @@ def unused_command_warnings(
                 f"{name}: its output is used by no part; pass it to a part, such as a Force or a "
                 "Moment."
             )
-    controllers = [x for x in mechanism.parts.values() if isinstance(x, Controller)]
+    controllers: list[Any] = [x for x in mechanism.parts.values() if x.is_controller]
     used = {x.name for _, formula in formulas for x in find_signals(formula)}
     used = used.union(*(group for _, group in groups))
     used |= {x.name for one in controllers for x in one.reads if isinstance(x, Signal)}

@@ -9,7 +9,7 @@ import pickle
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
-from typing import Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 import scipy.sparse as sp
@@ -18,12 +18,10 @@ from beamdae import deferred
 from beamdae.equations.singular_laws import PartLaw
 from beamdae.equations.structure import ConstraintTerm, ForceTerm, Structure
 from beamdae.errors import BeamdaeError
-from beamdae.parts.control.controller import Controller
 from beamdae.parts.events import Impact
-from beamdae.parts.joints.event_constraints import FrozenGap
 from beamdae.parts.laws import Law
 from beamdae.parts.mechanism import AS_DRAWN, Mechanism
-from beamdae.parts.part import Part
+from beamdae.parts.part import Part, RegularizedFriction
 from beamdae.read_only import read_only_copy, read_only_data
 from beamdae.symbolic.functions.compiled import RowFunction
 from beamdae.symbolic.signal_pickling import pickle_with_signals
@@ -33,11 +31,15 @@ from beamdae.symbolic.statements import (
     Variable,
 )
 
+# Imported where they are created: most models have no controllers, and no events that switch parts.
+if TYPE_CHECKING:
+    from beamdae.parts.control.controller import Controller
+    from beamdae.parts.joints.event_constraints import FrozenGaps
+
 Array = np.ndarray
 _BYTES_PER_NUMBER = 8
 # Memory of the local coordinates of the times at which beams are checked together.
 _MAX_BLOCK_BYTES = 1e7
-FrozenGaps = Mapping[str, FrozenGap]
 
 
 class State(NamedTuple):
@@ -503,6 +505,21 @@ class EquationsOfMotion:
     def constraint_scales(self) -> Array:
         """Scale of each constraint, (m,): the characteristic length [m], or 1 rad for an angle."""
         return np.where(self.constraint_is_angle, 1.0, self.length)
+
+    @property
+    def frictions(self) -> dict[str, RegularizedFriction]:
+        """Friction of all parts, by name; empty for a constrained system."""
+        parts = {} if self.mechanism is None else self.mechanism.parts
+        of_parts = {name: part.regularized_friction for name, part in parts.items()}
+        return {name: friction for name, friction in of_parts.items() if friction is not None}
+
+    @cached_property
+    def part_indices(self) -> Array:
+        """Index in `parts` of the part of each coordinate, (n,)."""
+        indices = np.zeros(self.n, int)
+        for k, part in enumerate(self.parts):
+            indices[part.rows] = k
+        return indices
 
     @cached_property
     def part_scales(self) -> Array:

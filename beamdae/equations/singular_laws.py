@@ -9,12 +9,12 @@ from typing import Any, NamedTuple
 import casadi as ca
 import numpy as np
 
+from beamdae.native.instructions import trace_dependence
 from beamdae.parts.gravity import GravityLaws
 from beamdae.parts.laws import Law
 from beamdae.parts.part import Part
 from beamdae.symbolic.formula import MAX_SHARED_KERNELS, Formula
 from beamdae.symbolic.functions.compiled import RowFunction
-from beamdae.symbolic.functions.instructions import trace_dependence
 from beamdae.symbolic.signals import with_references
 
 Array = np.ndarray

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
+from beamdae.native.instructions import evaluate_instructions, read_instructions
 from beamdae.native.lane_code import BINARY_FUNCTIONS, LIBRARY_NAMES
 from beamdae.native.point_programs import Call, Load, Loop, Mix, Place, Program, Set, Spread, Step
 from beamdae.native.table_functions import FIND, PICK
@@ -70,48 +73,44 @@ def write_kernel(name: str, function: ca.Function) -> str:
     """
     if function.class_name() != "SXFunction":
         function = function.expand()
-    # C expressions, and whether they are vectors.
-    work: dict[int, tuple[str, bool]] = {}
-    lines = []
-    calls = function.instructions_sx() if has_lookups(function) else None
+    lines: list[str] = []
+    names = (f"v{k}" for k in itertools.count())
+    has_tables = has_lookups(function)
 
-    def define(target: int, name: str, expression: str, is_vector: bool) -> None:
+    # Values are C expressions, and whether they are vectors.
+    def define(expression: str, is_vector: bool) -> tuple[str, bool]:
+        name = next(names)
         lines.append(f"const {'Register' if is_vector else 'double'} {name} = {expression};")
-        work[target] = name, is_vector
+        return name, is_vector
 
-    for k in range(function.n_instructions()):
-        code, sources = function.instruction_id(k), function.instruction_input(k)
-        targets = function.instruction_output(k)
+    def read(code: int, operands: tuple[Any, ...]) -> tuple[str, bool]:
         if code == ca.OP_CONST:
-            work[targets[0]] = format_number(function.instruction_constant(k)), False
-        elif code == ca.OP_INPUT:
-            is_local, row = sources
-            expression = f"LOAD({row})" if is_local else f"shared[{row}]"
-            if calls is not None:
-                # Rows of tables are not read before their lookup.
-                work[targets[0]] = expression, bool(is_local)
-            else:
-                define(targets[0], f"v{k}", expression, bool(is_local))
-        elif code == ca.OP_OUTPUT:
-            lines.append(f"STORE({targets[1]}, {_as_vector(*work[sources[0]])});")
-        elif calls is not None and code == ca.OP_CALL:
-            operation = calls.nz[k].which_function().name()
-            operands = [_as_vector(*work[i]) for i in sources]
-            values = _write_call(operation, operands, len(targets))
-            for i, (target, value) in enumerate(zip(targets, values, strict=True)):
-                define(target, f"v{k}_{i}", value, True)
+            return format_number(*operands), False
+        is_local, row = operands
+        expression = f"LOAD({row})" if is_local else f"shared[{row}]"
+        # Rows of tables are not read before their lookup.
+        return (expression, bool(is_local)) if has_tables else define(expression, bool(is_local))
+
+    def operate(operation: Any, operands: list[tuple[str, bool]], count: int) -> list[Any]:
+        if isinstance(operation, ca.Function):
+            vectors = [_as_vector(*x) for x in operands]
+            return [define(x, True) for x in _write_call(operation.name(), vectors, count)]
+        x, y = operands[0], operands[-1]
+        is_vector = x[1] or y[1]
+        if operation in _ARITHMETIC:
+            expression = _ARITHMETIC[operation].format(x=x[0], y=y[0])
+        elif operation not in _EXPRESSIONS:
+            raise UnsupportedOperationError(f"operation {operation} of CasADi")
+        elif is_vector:
+            expression = f"operation{operation}({_as_vector(*x)}, {_as_vector(*y)})"
         else:
-            x, y = work[sources[0]], work[sources[-1]]
-            is_vector = x[1] or y[1]
-            if code in _ARITHMETIC:
-                expression = _ARITHMETIC[code].format(x=x[0], y=y[0])
-            elif code not in _EXPRESSIONS:
-                raise UnsupportedOperationError(f"operation {code} of CasADi")
-            elif is_vector:
-                expression = f"operation{code}({_as_vector(*x)}, {_as_vector(*y)})"
-            else:
-                expression = _EXPRESSIONS[code].format(x=x[0], y=y[0])
-            define(targets[0], f"v{k}", expression, is_vector)
+            expression = _EXPRESSIONS[operation].format(x=x[0], y=y[0])
+        return [define(expression, is_vector)]
+
+    def write(_: int, row: int, value: tuple[str, bool]) -> None:
+        lines.append(f"STORE({row}, {_as_vector(*value)});")
+
+    evaluate_instructions(read_instructions(function), read, operate, write)
     body = "\n".join(f"    {line}" for line in lines)
     unused = "    (void)shared, (void)local, (void)out, (void)lanes;"
     return f"{write_head(name)} {{\n{unused}\n{body}\n}}\n"

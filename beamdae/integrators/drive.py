@@ -7,30 +7,21 @@ amplitudes, restarts at breakpoints and events, enforces limits and collects the
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
-from typing import TYPE_CHECKING, cast
+from typing import cast
 
 import numpy as np
 
-from beamdae.beams.beam import beams_of
 from beamdae.equations.equations_of_motion import EquationsOfMotion, EventTerm
-from beamdae.equations.failure_diagnosis import describe_singular_position, diagnose_failure
 from beamdae.equations.formulations.first_order import State
 from beamdae.equations.smooth_intervals import SAME_TIME, branch_time
-from beamdae.equations.surface_gaps import compile_surface_gaps
-from beamdae.equations.table_arguments import (
-    TableArgumentTerm,
-    compile_table_arguments,
-    find_distinct,
-    group_grids,
-)
 from beamdae.errors import BeamdaeError, ProgressError, list_first
-from beamdae.integrators.events.force_peaks import watch_force_peaks
+from beamdae.integrators.events.stop_search import StopSearch
 from beamdae.integrators.events.switching import MethodCache, apply_event, initial_configuration
-from beamdae.integrators.events.watches import Watch
-from beamdae.integrators.integrator import DEFAULT_RTOL, Integrator, require_limits
+from beamdae.integrators.events.watches import Stop
+from beamdae.integrators.integrator import Integrator, require_limits
 from beamdae.integrators.limits import (
     PaceCheck,
     Progress,
@@ -39,19 +30,17 @@ from beamdae.integrators.limits import (
 )
 from beamdae.integrators.method import (
     PROBE_SHARE,
-    STEP_TOO_SMALL,
     STEPS_PER_CHECK,
-    LoopMethod,
     Method,
     ResumableMethod,
     StepError,
-    StepMethod,
+    take_steps,
 )
 from beamdae.integrators.pilot_run import PILOT_LABEL, adopt_amplitudes, run_pilot
 from beamdae.integrators.reaction_balance import balance_reactions
 from beamdae.integrators.redundant_constraints import remove_redundant, restore_reactions
 from beamdae.integrators.run_plan import RunPlan, plan_run
-from beamdae.integrators.sampling import RepeatedSample, Sampler, describe_growth
+from beamdae.integrators.sampling import RepeatedSample, Sampler
 from beamdae.integrators.step_history import (
     OutOfMemoryError,
     RunSegment,
@@ -60,36 +49,19 @@ from beamdae.integrators.step_history import (
 )
 from beamdae.interrupts import Interrupted, acknowledge, attach_partial, raise_pending
 from beamdae.linear.blas_threads import single_threaded
-from beamdae.model_checks.followed_vibrations import describe_followed_vibration
-from beamdae.model_checks.strain_limits import (
-    MEANINGLESS_DEFORMATION,
-    describe_meaningless_strain,
-)
 from beamdae.results.event_records import EventRecord
 from beamdae.results.outcome import REACHED_END, Status
 from beamdae.results.solution import Solution
 from beamdae.results.trajectory import Trajectory
 
-# Imported where it is created: most models have no events.
-if TYPE_CHECKING:
-    from beamdae.integrators.events.event_detection import EventDetector
-
 Array = np.ndarray
 
 PARTS_SWITCHED = Status("ok", "an event switched parts")
 
-# Number of steps between two searches of the watches, so large that they take a small part of the
-# time.
-_STEPS_PER_SEARCH = 256
 _MAX_LISTED_PEAKS = 3
-_STRAIN_SAMPLES = 256  # times since the last check of the motion at which strains are evaluated
 
 _NO_MEMORY = "out of memory; use longer steps, fewer elements or an earlier end time"
 _NOT_FINITE = "the state is not finite; check laws, masses and start values"
-_PAST_END = "past the end of the interval; a method must stop at this end"
-_UNORDERED_STAGES = (
-    "the stages of a step must ascend in time, and each step must have the same number of stages"
-)
 
 
 def drive(
@@ -169,7 +141,7 @@ def _drive(
 
     run_began = clock.perf_counter()
     limits = RunLimits(progress, settings.get("time_limit"), settings.get("max_steps"), run_began)
-    context = _RunContext.of(equations, times, rtol)
+    context = _RunContext(equations, times, rtol)
     latest: list[_RunInProgress] = []
     compile_time, problem = 0.0, None
 
@@ -210,7 +182,12 @@ def _drive(
     wall_time = clock.perf_counter() - run_began - compile_time
     peaks = [f"{name} at t = {t:.4g} s" for name, t in run.force_peaks.items()]
     amplitudes = {} if plan.amplitudes is None else {"amplitudes": plan.amplitudes.by_part}
-    status = _name_cause(status, equations, trajectory, run, float(times[-1]), integrator)
+    if status.kind in ("failed", "limited"):
+        # Imported by runs that stop early.
+        from beamdae.integrators.stop_causes import name_cause
+
+        end = float(times[-1])
+        status = name_cause(status, equations, trajectory, run.repeated, end, integrator)
     solution = Solution(
         equations,
         trajectory,
@@ -240,33 +217,6 @@ def _drive(
     return solution
 
 
-def _name_cause(
-    status: Status,
-    equations: EquationsOfMotion,
-    trajectory: Trajectory,
-    run: _RunInProgress,
-    end: float,
-    integrator: Integrator,
-) -> Status:
-    """Return the status with a growing impact or a vibration as the first reason to stop."""
-    if status.kind not in ("failed", "limited"):
-        return status
-    cause = describe_growth(run.repeated)
-    # Vibrations with meaningless strains are an effect, not a cause.
-    is_meaningless = MEANINGLESS_DEFORMATION in status.sentence
-    if not cause and status.kind == "limited" and not is_meaningless:
-        advice = ""
-        if integrator.accuracy.name == "rtol" and integrator.accuracy.value < DEFAULT_RTOL:
-            advice = f" or rtol={DEFAULT_RTOL:g}, which keeps deflections within 1 %"
-        if integrator.method in ("Ida", "GeneralizedAlpha"):
-            advice += ", choose Radau"
-        cause = describe_followed_vibration(equations, trajectory, end, advice)
-    if not cause:
-        return status
-    stop, _, reason = status.sentence.partition(": ")
-    return replace(status, sentence=f"{stop}: {cause.rstrip('.')}; {reason}")
-
-
 @dataclass(frozen=True)
 class _RunContext:
     """What the pilot runs and the run of one call share.
@@ -279,10 +229,6 @@ class _RunContext:
         Times [s] of rows that are stored even if the run is too long to store all steps.
     rtol
         Tolerance of adaptive steps; None for fixed steps.
-    watches
-        Watches of the contacts and tables.
-    table_arguments
-        Arguments of the tables of the motion.
     repeated
         Samples of controllers in earlier runs, which the next run repeats and extends.
     """
@@ -290,40 +236,7 @@ class _RunContext:
     equations: EquationsOfMotion
     output_times: Array
     rtol: float | None
-    watches: tuple[Watch, ...]
-    table_arguments: Sequence[TableArgumentTerm]
     repeated: list[RepeatedSample] = field(default_factory=list)
-
-    @classmethod
-    def of(cls, equations: EquationsOfMotion, times: Array, rtol: float | None) -> _RunContext:
-        """Create the watches."""
-        arguments = compile_table_arguments(equations)
-        watches = _watch_tables_and_contacts(equations, arguments, is_adaptive=rtol is not None)
-        return cls(equations, times, rtol, watches, find_distinct(arguments))
-
-
-def _watch_tables_and_contacts(
-    equations: EquationsOfMotion, arguments: Sequence[TableArgumentTerm], is_adaptive: bool
-) -> tuple[Watch, ...]:
-    """Return the watches of the contacts of all parts and of the `arguments` of tables.
-
-    Peaks of tables are searched if `is_adaptive` is True.
-    """
-    # Imported where they are created: most models have no surfaces and tables.
-    watches: list[Watch] = []
-    if gaps := compile_surface_gaps(equations):
-        from beamdae.integrators.events.contact_onsets import ContactWatch
-
-        watches.append(ContactWatch(gaps, equations.length))
-    distinct = find_distinct(arguments)
-    limited = [term for term in distinct if term.is_limited]
-    calls = [(term,) for term in distinct if len(term.constants) == 1] if is_adaptive else []
-    if limited or calls or (is_adaptive and arguments):
-        from beamdae.integrators.events.table_limits import TableWatch
-
-        grids = group_grids(arguments) if is_adaptive else ()
-        watches.append(TableWatch(limited, [*calls, *grids]))
-    return tuple(watches)
 
 
 class _RunInProgress:
@@ -346,17 +259,8 @@ class _RunInProgress:
         if limits.pace_check is not None:
             limits.pace_check.relative_limit = self.method.steps_per_check / STEPS_PER_CHECK
         self.repeated = context.repeated
-        self._detector: EventDetector | None = None
-        self._max_batch: int | None = None
-        if equations.events:
-            from beamdae.integrators.events.event_detection import (
-                STEPS_PER_EVENT_CHECK,
-                EventDetector,
-            )
-
-            self._detector = EventDetector(equations)
-            self._max_batch = STEPS_PER_EVENT_CHECK if self._detector.may_stop else None
-        self._context = context
+        self._search = StopSearch(equations, context.rtol)
+        self._detector = self._search.detector
         sampled = equations.with_loads_of(self._configuration)
         self._sampler = Sampler(sampled, context.repeated)
         self._adapt_to_active_parts()
@@ -374,13 +278,8 @@ class _RunInProgress:
         self._begin_segment(start, branch_time(start, end), plan.state)
 
     def _adapt_to_active_parts(self) -> None:
-        """Watch the active parts, and let controllers read zero for the loads of inactive ones.
-
-        Peaks of forces are searched for adaptive steps only.
-        """
-        rtol, self._watches = self._context.rtol, self._context.watches
-        if rtol is not None and (peaks := watch_force_peaks(self._plan, rtol)):
-            self._watches = (*self._watches, peaks)
+        """Watch the active parts; controllers read zero for the loads of inactive ones."""
+        self._search.adapt(self._plan)
         equations = self._equations.with_loads_of(self._configuration)
         if equations is not self._sampler.equations:
             self._sampler = Sampler(equations, self.repeated)
@@ -403,9 +302,9 @@ class _RunInProgress:
         active = self._equations if configuration is None else configuration.equations
         if self._segments:
             self._history.close()
-        self._segments.append(RunSegment(StepHistory(t, state), branch, configuration, active))
-        # Number of rows, and of steps of the run, that the watches have searched.
-        self._searched = 1, self.steps
+        history = StepHistory(t, state)
+        self._segments.append(RunSegment(history, branch, configuration, active, self._equations.m))
+        self._search.begin(self.steps)
 
     def execute(self) -> tuple[Trajectory, Status]:
         """Integrate to the end or an early stop; return the steps taken and the status."""
@@ -439,8 +338,7 @@ class _RunInProgress:
         return self._trajectory(), status
 
     def _trajectory(self) -> Trajectory:
-        m = self._equations.m
-        return Trajectory(tuple(segment.interval(m) for segment in self._segments))
+        return Trajectory(tuple(segment.interval() for segment in self._segments))
 
     def _limited(self, reason: object) -> Status:
         return Status("limited", f"stopped at t = {self._history.end:.6g} s: {reason}")
@@ -476,11 +374,10 @@ class _RunInProgress:
                 resumed = self._resume_after_sample(start, state)
             except BeamdaeError as error:
                 law_error = error
-            if resumed is None:
-                end, outside = self._search(start)
-                if outside:
-                    return self._limited(outside)
-                if end < start:
+            if resumed is None and (stop := self._find_stop()):
+                if stop.reason:
+                    return self._limited(stop.reason)
+                if self._history.end < start:
                     continue
             if law_error is not None:
                 return self._failure(law_error)
@@ -559,11 +456,10 @@ class _RunInProgress:
         """
         segment, method, limits = self._segments[-1], self.method, self._limits
         history, branch = segment.history, segment.branch
-        if outside := self._reason_outside_table():
-            begin = history.end
-            reached, reason = self._search(begin)
-            if reason or reached == begin:
-                return self._limited(reason or outside)
+        if outside := self._search.reason_outside_table(segment):
+            begin, stop = history.end, self._find_stop()
+            if stop is None or stop.reason or history.end == begin:
+                return self._limited(stop.reason if stop and stop.reason else outside)
             # A stop of another kind precedes.
             return REACHED_END
         steps_per_check = method.steps_per_check
@@ -572,36 +468,36 @@ class _RunInProgress:
                 method.begin(history.end, end, branch, history.last_state)
             while history.end < end:
                 raise_pending()
-                first = history.count
                 most = limits.steps_until_check(self.steps, steps_per_check)
-                most = min(most, self._max_batch or most)
-                has_failed = False
+                most, has_failed = min(most, self._search.longest_batch), False
                 try:
-                    self.steps += _take_steps(method, history, most, end)
+                    self.steps += take_steps(method, history, most, end)
                 except (StepError, BeamdaeError):
-                    # The steps before a failure are checked first; the next call fails again.
-                    has_failed = bool(self._watches) and history.count > self._searched[0]
+                    # The steps before a failure are searched first; the next call fails again.
+                    has_failed = self._search.has_rows(segment)
                     if not has_failed:
                         raise
-                is_due = has_failed or self.steps >= self._searched[1] + _STEPS_PER_SEARCH
-                outside = ""
-                if is_due or self._max_batch or (history.end >= end and not self._continues(end)):
-                    end, outside = self._search(end)
-                if self._detector and (event := self._detector.find_terminal_event(segment, first)):
-                    return self._status_at_event(event)
-                if outside:
-                    return self._limited(outside)
-                history.release(self._searched[0] if self._watches else history.count)
+                is_due = has_failed or self._search.is_due(self.steps)
+                is_due |= history.end >= end and not self._continues(end)
+                if is_due and (stop := self._find_stop()):
+                    if stop.event:
+                        return self._status_at_event(stop.event)
+                    if stop.reason:
+                        return self._limited(stop.reason)
+                    end = history.end
+                history.release(history.count if self._search.is_empty else self._search.row)
                 self.thinning.enforce(self._segments)
                 t = history.end
                 # Between samples, an interval may consist of one step: its end is checked, too.
                 is_before_end = t < self._interval_ends[-1]
                 if is_before_end and (
-                    stop := limits.stop_reason(t, self.steps, steps_per_check)
+                    reason := limits.stop_reason(t, self.steps, steps_per_check)
                     or self._reason_not_to_continue()
                 ):
-                    return self._limited(stop)
+                    return self._limited(reason)
         except StepError as problem:
+            from beamdae.equations.failure_diagnosis import diagnose_failure
+
             time = np.array([history.end, branch])
             ahead = history.end + PROBE_SHARE * (end - history.end)
             equations, state = self._plan.equations, history.last_state
@@ -617,28 +513,24 @@ class _RunInProgress:
         return REACHED_END
 
     def _reason_not_to_continue(self) -> str:
-        """Return the reason to stop a long run, or "": its motion is meaningless, or it is stalled.
-
-        A vibration that the steps follow is not part of the reason: `_name_cause` adds it.
-        """
+        """Return the reason to stop a long run, or "", see `describe_hopeless_motion`."""
         check, t = self._limits.pace_check, self._history.end
         if check is None or not check.is_due(t, self.steps):
             return ""
+        from beamdae.equations.failure_diagnosis import describe_singular_position
+        from beamdae.integrators.stop_causes import describe_hopeless_motion
+
         # No rows can be added after thinned ones have been joined.
         if self._history.is_finite and not self.thinning.report:
-            trajectory = self._trajectory()
-            if beams_of(self._equations.mechanism):
-                times = np.linspace(check.begin, t, _STRAIN_SAMPLES)
-                positions = trajectory.positions_at(times)
-                if strain := describe_meaningless_strain(self._equations, positions):
-                    return check.describe_motion(strain)
-            vibration = check.is_steady and describe_followed_vibration(
-                self._equations, trajectory, check.end
-            )
-            followed_vibration.set(vibration or "")
-            if vibration and check.exceeds_limit:
-                return check.describe_stall()
-        return check.describe_stall(self._describe_singular_position()) if check.is_stalled else ""
+            reason = describe_hopeless_motion(check, self._equations, self._trajectory())
+            if reason:
+                return reason
+        if not check.is_stalled:
+            return ""
+        time, equations = np.array([t, self._segments[-1].branch]), self._plan.equations
+        return check.describe_stall(
+            describe_singular_position(equations, time, self._history.last_state)
+        )
 
     def _out_of_memory(self, problem: MemoryError) -> Status:
         return self._limited(problem if isinstance(problem, OutOfMemoryError) else _NO_MEMORY)
@@ -651,55 +543,19 @@ class _RunInProgress:
         """
         return self._detector is None and len(self._interval_ends) > 1 and self._is_sample(end)
 
-    def _search(self, end: float) -> tuple[float, str]:
-        """Drop the steps after the first stop of the watches in rows not searched before.
+    def _find_stop(self) -> Stop | None:
+        """Drop the steps after the first stop in the rows not searched before; return the stop.
 
-        Return the new end [s], and the reason if the run ends there. Otherwise, the run restarts
-        there, and again inside the contact or peak, where the error test sees it. Samples after a
-        stop are taken again.
+        Unless the run ends there, it restarts there, and again inside the contact or peak, where
+        the error test sees it. Samples of controllers after a stop are taken again.
         """
-        if self._watches and self._history.count > self._searched[0]:
-            end, reason = self._truncate_at_first_stop(self._searched[0], end)
-            self._searched = self._history.count, self.steps
-            return end, reason
-        return end, ""
-
-    def _truncate_at_first_stop(self, first: int, end: float) -> tuple[float, str]:
-        """Truncate the segment at the first stop in the rows from `first` on; see `_search`."""
-        segment = self._segments[-1]
-        longest = segment.history.longest_gap(first)
-        # Between frequent samples of controllers, a search would cost more than the steps.
-        watches = [watch for watch in self._watches if watch.spacing <= longest]
-        tail = segment.tail(first, self._equations.m) if watches else None
-        if tail is None:
-            return end, ""
-        stops = (watch.find_first(*tail) for watch in watches)
-        stop = min((stop for stop in stops if stop is not None), default=None)
-        if stop is None:
-            return end, ""
-        if stop.force:
+        stop = self._search.find(self._segments[-1], self.steps)
+        if stop and stop.force:
             self.force_peaks.setdefault(stop.force, stop.probe)
-        segment.truncate(tail[0], stop.t)
-        end = segment.history.end
-        if not stop.reason:
-            self._interval_ends = tuple(sorted({end, stop.probe, *self._interval_ends}))
-        return end, stop.reason
-
-    def _reason_outside_table(self) -> str:
-        """Return the reason why the present state or time is outside a table, or ""."""
-        segment, configuration = self._segments[-1], self._configuration
-        t, branch, state = segment.history.end, segment.branch, segment.history.last_state
-        inactive = frozenset() if configuration is None else configuration.inactive
-        arguments = (x for x in self._context.table_arguments if x.part not in inactive)
-        reasons = [
-            *(x.reason_to_stop(t, branch) for x in segment.ranges),
-            *(x.reason_to_stop(t, branch, state) for x in arguments),
-        ]
-        return next(filter(None, reasons), "")
-
-    def _describe_singular_position(self) -> str:
-        time = np.array([self._history.end, self._segments[-1].branch])
-        return describe_singular_position(self._plan.equations, time, self._history.last_state)
+        if stop and not (stop.reason or stop.event):
+            ends = {self._history.end, stop.probe, *self._interval_ends}
+            self._interval_ends = tuple(sorted(ends))
+        return stop
 
     def _switch_parts(self) -> Status:
         """Apply the actions of the last event, then integrate the rest of the interval."""
@@ -741,36 +597,6 @@ class _RunInProgress:
         """Return the status of a segment that ends with this event."""
         sentence = f"stopped by event {event.name} at t = {self._history.end:.6g} s"
         return Status("ok", sentence) if event.do == "stop" else PARTS_SWITCHED
-
-
-def _take_steps(method: Method, history: StepHistory, most: int, end: float) -> int:
-    """Append up to `most` steps, none beyond `end` [s]; return the number of steps.
-
-    Raises
-    ------
-    StepError
-        If the method cannot continue, or if it returns steps whose times do not ascend, that pass
-        `end`, or that differ in their number of stages.
-    """
-    if not hasattr(method, "advance"):
-        t, state, *stages = cast(StepMethod, method).step()
-        _require_progress(history, t, end)
-        if not history.append(t, state, *stages):
-            raise StepError(_UNORDERED_STAGES)
-        return 1
-    loop = cast(LoopMethod, method)
-    rows = loop.advance(most)
-    _require_progress(history, rows[-1, 0], end)
-    if not history.extend(rows, loop.rows_per_step):
-        raise StepError(STEP_TOO_SMALL)
-    return len(rows) // loop.rows_per_step
-
-
-def _require_progress(history: StepHistory, t: float, end: float) -> None:
-    if t <= history.end:
-        raise StepError(STEP_TOO_SMALL)
-    if not t <= end:
-        raise StepError(f"a step ended at t = {t:g} s, {_PAST_END}")
 
 
 def _output_times(times: Array, end: float, status: Status) -> Array:

@@ -14,7 +14,6 @@ import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.first_order import FirstOrderForm, Formulation
-from beamdae.equations.friction_laws import friction_laws
 from beamdae.equations.natural_frequencies import Mode
 from beamdae.integrators.run_plan import RunPlan
 
@@ -305,7 +304,7 @@ def needs_radau(plan: RunPlan, rtol: float) -> bool:
     equations = plan.equations
     if len(equations.nonholonomic_rows) or equations.controllers:
         return True
-    speeds = [law.speed for law in friction_laws(equations).values()]
+    speeds = [x.speed for x in equations.frictions.values()]
     if min(speeds, default=np.inf) < _MIN_SPEED_RATIO * rtol * _largest_velocity(plan):
         return True
     if count_periods(plan) > _MANY_PERIODS:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import Any, Protocol, cast
 
 import numpy as np
 
 from beamdae.equations.equations_of_motion import State
+from beamdae.integrators.step_history import StepHistory
 from beamdae.results.outcome import Statistics
 
 Array = np.ndarray
@@ -18,6 +19,11 @@ STEP_TOO_SMALL = (
 )
 RESIDUAL_NOT_FINITE = "the residual is not finite; check laws and start values"
 MATRIX_SINGULAR = "the matrix is singular or not finite; check masses and joints"
+
+_PAST_END = "past the end of the interval; a method must stop at this end"
+_UNORDERED_STAGES = (
+    "the stages of a step must ascend in time, and each step must have the same number of stages"
+)
 
 # Number of steps between two checks of limits; methods with more expensive steps use fewer.
 STEPS_PER_CHECK = 64
@@ -146,3 +152,33 @@ def clip_step(step: float, remaining: float) -> float:
 def count_equal_steps(duration: float, step: float) -> int:
     """Return the smallest number of equal steps of at most `step` [s] that fill `duration` [s]."""
     return max(int(np.ceil(duration / step - _STEP_COUNT_ROUNDING)), 1)
+
+
+def take_steps(method: Method, history: StepHistory, most: int, end: float) -> int:
+    """Append up to `most` steps, none beyond `end` [s]; return the number of steps.
+
+    Raises
+    ------
+    StepError
+        If the method cannot continue, or if it returns steps whose times do not ascend, that pass
+        `end`, or that differ in their number of stages.
+    """
+    if not hasattr(method, "advance"):
+        t, state, *stages = cast(StepMethod, method).step()
+        _require_progress(history, t, end)
+        if not history.append(t, state, *stages):
+            raise StepError(_UNORDERED_STAGES)
+        return 1
+    loop = cast(LoopMethod, method)
+    rows = loop.advance(most)
+    _require_progress(history, rows[-1, 0], end)
+    if not history.extend(rows, loop.rows_per_step):
+        raise StepError(STEP_TOO_SMALL)
+    return len(rows) // loop.rows_per_step
+
+
+def _require_progress(history: StepHistory, t: float, end: float) -> None:
+    if t <= history.end:
+        raise StepError(STEP_TOO_SMALL)
+    if not t <= end:
+        raise StepError(f"a step ended at t = {t:g} s, {_PAST_END}")

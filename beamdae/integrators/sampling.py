@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from beamdae.equations.controller_reads import compile_reads
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.smooth_intervals import SAME_TIME
-from beamdae.parts.control.controller import Controller
+
+if TYPE_CHECKING:
+    from beamdae.parts.control.controller import Controller
 
 Array = np.ndarray
 

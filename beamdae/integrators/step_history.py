@@ -56,7 +56,8 @@ class StepHistory:
         self._count = 0
         self._rows_per_step = 1
         self._is_finite = True
-        self._tail_begin = 0
+        # Number of rows before and at the end of the last tail, and the tail.
+        self._tail: tuple[int, int, Interval] | None = None
         # Rows before this index are no longer needed by `tail` and `truncate`.
         self._released = 0
         # Replaces the first blocks.
@@ -100,7 +101,7 @@ class StepHistory:
 
     def drop_jump(self, count: int) -> None:
         """Drop the last rows, those of a jump, if there are more than `count` rows."""
-        self._count = min(self._count, count)
+        self._count, self._tail = min(self._count, count), None
 
     def _write(self, rows: Array) -> None:
         # Checked here because the rows are still in the processor cache.
@@ -247,34 +248,39 @@ class StepHistory:
         Also return the time [s] of the row before `first`. The rows end before the first step that
         is not finite. Return None if there is no finite step from `first` on.
         """
-        begin = self._tail_begin = max(first - 1 - _TAIL_STEPS * self._rows_per_step, 0)
-        rows = self._rows_from(begin)
-        bad = np.flatnonzero(~np.isfinite(rows).all(axis=1))
-        count = self._complete_steps(int(bad[0]) if len(bad) else len(rows))
-        if count <= first - begin:
+        begin = max(first - 1 - _TAIL_STEPS * self._rows_per_step, 0)
+        if self._tail is None or self._tail[:2] != (begin, self._count):
+            rows = self._rows_from(begin)
+            bad = np.flatnonzero(~np.isfinite(rows).all(axis=1))
+            count = self._complete_steps(int(bad[0]) if len(bad) else len(rows))
+            self._tail = begin, self._count, self._make_interval([rows[:count]], branch)
+        interval = self._tail[2]
+        if len(interval.nodes) <= first - begin:
             return None
-        return self._make_interval([rows[:count]], branch), float(rows[first - 1 - begin, 0])
+        return interval, float(interval.nodes[first - 1 - begin])
 
     def longest_gap(self, first: int) -> float:
         """Return the longest time [s] between rows from the one before `first` on."""
         return float(np.diff(self._rows_from(first - 1)[:, 0]).max(initial=0.0))
 
-    def truncate(self, tail: Interval, t: float) -> None:
+    def truncate(self, t: float) -> None:
         """Drop the steps that end after time `t` [s], and make the last step end at `t`.
 
-        If no step ends at `t`, the rows of a last step up to `t` are interpolated from the argument
-        `tail`, the interval that the method `tail` returned last. A jump at `t` is dropped, too: a
-        run that continues there takes the sample again.
+        `t` is in the interval that `tail` returned last, from which the rows of a last step up to
+        `t` are interpolated if no step ends there. A jump at `t` is dropped, too: a run that
+        continues there takes the sample again.
         """
+        assert self._tail is not None
+        begin, _, tail = self._tail
         steps, rows_per_step = tail.t, self._rows_per_step
         tolerance = _SAME_TIME * max(abs(t), steps[-1] - steps[0])
         complete = int(np.searchsorted(steps, t - tolerance))
         if not (complete < len(steps) and steps[complete] <= t + tolerance):
             complete -= 1
-        first = self._tail_begin + complete * rows_per_step
+        first = begin + complete * rows_per_step
         has_rest = t - steps[complete] > tolerance
         step = self._rows_from(first, first + rows_per_step + 1) if has_rest else None
-        self._count, self._is_finite = first + 1, True
+        self._count, self._is_finite, self._tail = first + 1, True, None
         if step is not None:
             nodes = step[:, 0]
             share = (nodes[1:] - nodes[0]) / (nodes[-1] - nodes[0])
@@ -322,12 +328,15 @@ class RunSegment:
         Active parts; None if `EquationsOfMotion.configurations` is None.
     equations
         Equations of the active parts.
+    m
+        Number of multipliers of all parts.
     """
 
     history: StepHistory
     branch: float
     configuration: Configuration | None
     equations: EquationsOfMotion
+    m: int
 
     @cached_property
     def ranges(self) -> tuple[TableRange, ...]:
@@ -346,28 +355,21 @@ class RunSegment:
     def _measure(self, interval: Interval) -> Array:
         return self._balance(interval.times, *interval.rows)
 
-    def interval(self, m: int) -> Interval:
-        """Return all steps as an interval with the `m` multipliers of all parts."""
-        return self._expand(self.history.interval(self.branch), m)
+    def interval(self) -> Interval:
+        """Return all steps as an interval with the multipliers of all parts."""
+        return self._expand(self.history.interval(self.branch))
 
-    def tail(self, first: int, m: int) -> tuple[Interval, float] | None:
-        """Return `StepHistory.tail` with the `m` multipliers of all parts."""
+    def tail(self, first: int) -> tuple[Interval, float] | None:
+        """Return `StepHistory.tail` with the multipliers of all parts."""
         tail = self.history.tail(first, self.branch)
-        return None if tail is None else (self._expand(tail[0], m), tail[1])
+        return None if tail is None else (self._expand(tail[0]), tail[1])
 
-    def _expand(self, interval: Interval, m: int) -> Interval:
+    def _expand(self, interval: Interval) -> Interval:
         if self.configuration is None:
             return interval
         rows = interval.rows
-        rows = rows._replace(lam=self.configuration.expand_multipliers(rows.lam, m))
+        rows = rows._replace(lam=self.configuration.expand_multipliers(rows.lam, self.m))
         return replace(interval, rows=rows, configuration=self.configuration)
-
-    def truncate(self, tail: Interval, t: float) -> None:
-        """Truncate the segment at time `t` [s] inside its tail; see `StepHistory.truncate`."""
-        if self.configuration is not None:
-            lam = self.configuration.select_multipliers(tail.rows.lam)
-            tail = replace(tail, rows=tail.rows._replace(lam=lam))
-        self.history.truncate(tail, t)
 
 
 class StepThinning:

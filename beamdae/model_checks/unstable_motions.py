@@ -76,7 +76,8 @@ def _find_growth(run: RunData, t: float, min_rate: float) -> float:
         projected = basis.T @ (total @ basis)
         if has_potential and np.all(np.linalg.eigvalsh(projected + projected.T) > 0.0):
             return 0.0
-        analysis = deferred.module("analysis.linear_dynamics.linear_model")
-        values = analysis.find_growing(e, Instant(time, state, interval.configuration), min_rate)
-        return float(np.max(values.real, initial=0.0))
+        analysis = deferred.module("analysis.linear_dynamics.natural_modes")
+        about = Instant(time, state, interval.configuration)
+        rates = analysis.compute_modes(e, about, None, assessed=0).growth_rates
+        return float(np.max(rates[rates > min_rate], initial=0.0))
     return 0.0

@@ -8,21 +8,25 @@ says which operand they come from.)
 
 from __future__ import annotations
 
+import itertools
 import struct
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import casadi as ca
 
+from beamdae.native.instructions import evaluate_instructions, read_instructions
 from beamdae.native.llvm import MachineCodeError, library_address
 from beamdae.native.table_functions import FIND, PICK, SPREAD, write_lane_functions
 
 # Copies per vector.
 LANE_WIDTH = 8
+# Modules that determine the IR of a function.
+_SOURCES = ("instructions.py", "lane_code.py")
 
 # {r}: result, {T}: type of the operands {x} and {y}, {B}: type of truth values, {s}: suffix of
 # intrinsics.
@@ -220,13 +224,16 @@ def write_lane_module(function: ca.Function) -> str:
         If the function has another form or contains an operation that cannot be compiled.
     """
     require_lane_form(function)
-    writer = _LaneWriter(function.name())
+    writer, instructions = _LaneWriter(function.name()), read_instructions(function)
     try:
-        is_complete = _write_instructions(function, writer)
-    except _UnsupportedCallError:
-        is_complete = False
-    if not is_complete or any(f"libm.{x}" not in library_imports() for x in writer.library):
-        raise ValueError(f"{function.name()}: the function has operations that cannot be compiled.")
+        evaluate_instructions(instructions, writer.read, writer.operate, writer.store_output)
+        writer.write_spreads()
+        if any(f"libm.{x}" not in library_imports() for x in writer.library):
+            raise _UnsupportedOperationError
+    except _UnsupportedOperationError:
+        raise ValueError(
+            f"{function.name()}: the function has operations that cannot be compiled."
+        ) from None
     return writer.module
 
 
@@ -243,7 +250,8 @@ def library_imports() -> dict[str, int]:
 @cache
 def describe_writer() -> str:
     """Return the text that determines the IR of a function, such as the source of this module."""
-    return Path(__file__).read_text("utf-8") + write_lane_functions(LANES.number, LANE_WIDTH)
+    sources = [Path(__file__).with_name(x).read_text("utf-8") for x in _SOURCES]
+    return "".join(sources) + write_lane_functions(LANES.number, LANE_WIDTH)
 
 
 class _Operand(NamedTuple):
@@ -255,8 +263,8 @@ class _Operand(NamedTuple):
     spread: tuple[int, int] | None = None
 
 
-class _UnsupportedCallError(Exception):
-    """Raised for a call that cannot be compiled, such as of a table with constant rows."""
+class _UnsupportedOperationError(Exception):
+    """Raised for what cannot be compiled, such as the call of a table with constant rows."""
 
 
 @dataclass
@@ -281,54 +289,72 @@ class _LaneWriter:
     group: list[str] = field(default_factory=list)
     library: set[str] = field(default_factory=set)
     has_tables: bool = False
+    _numbers: Iterator[int] = field(default_factory=itertools.count)
     _broadcast: dict[str, str] = field(default_factory=dict)
     _loaded: set[str] = field(default_factory=set)
     _spreads: dict[int, tuple[_Operand, list[_Operand], int]] = field(default_factory=dict)
     _spread_rows: dict[int, list[tuple[int, int]]] = field(default_factory=dict)
 
-    def load_shared(self, result: str, row: int) -> _Operand:
+    def read(self, code: int, operands: tuple[Any, ...]) -> _Operand:
+        if code == ca.OP_CONST:
+            return _Operand(False, format_constant(*operands))
+        is_local, row = operands
+        result = self._name_result()
+        if is_local:
+            return _Operand(True, result, row)
         self.before += [
             f"{result}.p = getelementptr double, ptr %shared, i64 {row}",
             f"{result} = load double, ptr {result}.p, align 8",
         ]
         return _Operand(False, result)
 
-    def load_local(self, result: str, row: int) -> _Operand:
-        return _Operand(True, result, row)
+    def _name_result(self) -> str:
+        return f"%v{next(self._numbers)}"
 
-    def store_output(self, result: str, row: int, value: _Operand) -> None:
+    def store_output(self, output: int, row: int, value: _Operand) -> None:
         if value.spread is not None:
             call, number = value.spread
             self._spread_rows.setdefault(call, []).append((row, number))
             return
-        text = self._broadcast_lanes(value)
+        text, result = self._broadcast_lanes(value), self._name_result()
         self._locate_row(result, "%out", row)
         self.group.append(f"store {LANES.number} {text}, ptr {result}.p, align 8")
 
-    def apply(self, operation: int, result: str, x: _Operand, y: _Operand) -> _Operand:
+    def operate(self, operation: Any, operands: list[_Operand], count: int) -> list[_Operand]:
+        if isinstance(operation, ca.Function):
+            return self._call(operation.name(), operands, count)
+        if operation == ca.OP_ASSIGN:
+            return operands
+        x, y = operands[0], operands[-1]
+        if not is_supported(operation) or x.spread is not None or y.spread is not None:
+            raise _UnsupportedOperationError
         if operation in LIBRARY_NAMES:
             self.library.add(LIBRARY_NAMES[operation])
-        if x.spread is not None or y.spread is not None:
-            raise _UnsupportedCallError
+        result = self._name_result()
         if x.is_vector or y.is_vector:
             lanes_of_x, lanes_of_y = self._broadcast_lanes(x), self._broadcast_lanes(y)
             self.group.append(write_operation(LANES, operation, result, lanes_of_x, lanes_of_y))
-            return _Operand(True, result)
+            return [_Operand(True, result)]
         self.before.append(write_operation(SCALAR, operation, result, x.text, y.text))
-        return _Operand(False, result)
+        return [_Operand(False, result)]
 
-    def call(self, name: str, number: int, operands: list[_Operand], count: int) -> list[_Operand]:
+    def _call(self, name: str, operands: list[_Operand], count: int) -> list[_Operand]:
         """Write a call of a function of `table_functions`; return its `count` results."""
         self.has_tables = True
         if name == SPREAD:
+            number = len(self._spreads)
             self._spreads[number] = operands[0], operands[1:], count
             return [_Operand(True, "", spread=(number, i)) for i in range(count)]
         if name not in (FIND, PICK):
-            raise _UnsupportedCallError
-        argument, result, rows = self._broadcast_lanes(operands[0]), f"%v{number}", operands[1:]
+            raise _UnsupportedOperationError
+        argument, result, rows = (
+            self._broadcast_lanes(operands[0]),
+            self._name_result(),
+            operands[1:],
+        )
         first = rows[0].row
         if first is None or [x.row for x in rows] != list(range(first, first + len(rows))):
-            raise _UnsupportedCallError
+            raise _UnsupportedOperationError
         results = []
         for i in range(count):
             text = f"{result}.{i}"
@@ -349,7 +375,7 @@ class _LaneWriter:
                 continue
             first = rows[0][0]
             if rows != [(first + i, i) for i in range(count)]:
-                raise _UnsupportedCallError
+                raise _UnsupportedOperationError
             name, lane = f"%spread{number}", f"{LANES.number} {self._broadcast_lanes(row)}"
             self._locate_row(name, "%out", first)
             start = f"(ptr {name}.p, i64 %padded, "
@@ -372,7 +398,7 @@ class _LaneWriter:
     def _broadcast_lanes(self, value: _Operand) -> str:
         text = value.text
         if value.spread is not None:
-            raise _UnsupportedCallError
+            raise _UnsupportedOperationError
         if value.is_vector:
             if value.row is not None and text not in self._loaded:
                 self._loaded.add(text)
@@ -427,43 +453,6 @@ def write_lane_function(name: str, before: Sequence[str], group: Sequence[str]) 
         "ret void",
         "}",
     ]
-
-
-def _write_instructions(function: ca.Function, writer: _LaneWriter) -> bool:
-    """Write the instructions of a function; return False if one of them is not supported."""
-    work: dict[int, _Operand] = {}
-    calls = None
-    for k in range(function.n_instructions()):
-        operation = function.instruction_id(k)
-        if operation == ca.OP_OUTPUT:
-            (_, row), (source,) = function.instruction_output(k), function.instruction_input(k)
-            writer.store_output(f"%v{k}", row, work[source])
-            continue
-        targets = function.instruction_output(k)
-        if operation == ca.OP_CALL:
-            calls = function.instructions_sx() if calls is None else calls
-            name = calls.nz[k].which_function().name()
-            operands = [work[i] for i in function.instruction_input(k)]
-            results = writer.call(name, k, operands, len(targets))
-            work |= dict(zip(targets, results, strict=True))
-            continue
-        (target,) = targets
-        if operation == ca.OP_CONST:
-            work[target] = _Operand(False, format_constant(function.instruction_constant(k)))
-        elif operation == ca.OP_INPUT:
-            is_local, row = function.instruction_input(k)
-            load = writer.load_local if is_local else writer.load_shared
-            work[target] = load(f"%v{k}", row)
-        elif operation == ca.OP_ASSIGN:
-            (source,) = function.instruction_input(k)
-            work[target] = work[source]
-        elif is_supported(operation):
-            operands = [work[i] for i in function.instruction_input(k)]
-            work[target] = writer.apply(operation, f"%v{k}", operands[0], operands[-1])
-        else:
-            return False
-    writer.write_spreads()
-    return True
 
 
 def require_lane_form(function: ca.Function) -> None:

@@ -25,6 +25,7 @@ from beamdae.errors import (
     short_repr,
     warn_of_degrees,
 )
+from beamdae.native.instructions import read_operations
 from beamdae.parts.tables import Table, locked_pieces
 from beamdae.symbolic.formula import Formula
 from beamdae.symbolic.signals import Signal, as_expression, find_other_symbols, with_references
@@ -658,7 +659,7 @@ def _require_numeric_agreement(
 
 def _require_smooth(part: str, piece: Callable[[Any], Any], function: ca.Function) -> None:
     """Raise BeamdaeError if a law has jumps or kinks, at which an integrator would not stop."""
-    operations = {function.instruction_id(i) for i in range(function.n_instructions())}
+    operations = read_operations(function)
     nonsmooth = [
         name for operation, name in _NONSMOOTH_OPERATIONS.items() if operation in operations
     ]

@@ -29,7 +29,6 @@ from beamdae.errors import (
 from beamdae.model_functions import HasOrigin
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.bodies.rigid_body import Ground
-from beamdae.parts.control.controller import Controller
 from beamdae.parts.events import Event, select_impacts, select_switches
 from beamdae.parts.gravity import GravityLaws
 from beamdae.parts.laws import Law, as_law
@@ -207,7 +206,7 @@ class Mechanism(HasOrigin):
         self._require_free(name)
         for body in part.bodies:
             self._require_member(name, body)
-        if isinstance(part, Controller):
+        if part.is_controller:
             self._connect(part)
         self.parts[name] = part
         return part
@@ -223,7 +222,7 @@ class Mechanism(HasOrigin):
                 f"Mechanism: the name {name!r} is in use; give each part a different name."
             )
 
-    def _connect(self, controller: Controller) -> None:
+    def _connect(self, controller: Any) -> None:
         """Let a controller drive its inputs."""
         name = controller.name
         for quantity in controller.quantities:

@@ -172,28 +172,46 @@ def acceleration(of: Attachment, axes: str = "inertial") -> Quantity:
 class _RelativeDisplacement:
     """Displacement and rotation of a point relative to the end of an arm.
 
-    The arm is fixed to the body or section of a reference point.
+    The arm is fixed to the body or section of a reference point. With an angle, the axes rotate
+    with this point, and the angle is that of the axes in the reference configuration.
 
     Attributes
     ----------
     size
         Number of local coordinates of the displaced point; the local coordinates of the reference
         point follow.
-    axes
-        "inertial", or "section" for axes that rotate with the reference point.
     """
 
     size: int
-    axes: str
 
     def __call__(self, local: Local, of: Any, on: Any, arm: Callable[[], Any], *angle: Any) -> SX:
         position, rotation = of(local.q[: self.size])
         root, root_rotation = on(local.q[self.size :])
         displacement = position - (root + rotate(root_rotation, arm()))
-        if self.axes == "section":
-            (inclination,) = angle
+        for inclination in angle:
             displacement = rotate(-(inclination()[0] + root_rotation), displacement)
         return ca.vertcat(displacement, rotation - root_rotation)
+
+
+def express_displacement(
+    size: int, of: Callable[..., Any], on: Callable[..., Any], arm: np.ndarray, *angle: float
+) -> tuple[FormulaExpression, np.ndarray]:
+    """Return (u, v, phi) of a point relative to a reference point, and the data of the expression.
+
+    Parameters
+    ----------
+    size
+        Number of local coordinates of the displaced point, which precede those of the other point.
+    of, on
+        Kinematics of both points, see `Attachment`.
+    arm
+        Vector (x, y) [m] from the reference point to the other in the reference configuration.
+    angle
+        Angle [rad] in the reference configuration of axes that rotate with the reference point;
+        without it, the axes are inertial.
+    """
+    numbers = [constant_formula(*arm.tolist()), *map(constant_formula, angle)]
+    return FormulaExpression.of(_RelativeDisplacement(size), (of, on, *numbers))
 
 
 @rebuilt_for_mesh
@@ -229,12 +247,10 @@ def relative_displacement(of: Attachment, on: Attachment, axes: str = "inertial"
     require_angle("relative_displacement", of)
     require_angle("relative_displacement", on)
     require_choice("relative_displacement", "axes", axes, ("inertial", "section"))
-    arm = constant_formula(*np.subtract(of.point, on.point).tolist())
-    angle = [constant_formula(on.inclination)] if axes == "section" else []
+    arm, angle = np.subtract(of.point, on.point), (on.inclination,) * (axes == "section")
     columns = (Variable("u", "m"), Variable("v", "m"), Variable("phi", "rad"))
-    values, data = FormulaExpression.of(
-        _RelativeDisplacement(of.size, axes),
-        (of.checked_kinematics, on.checked_kinematics, arm, *angle),
+    values, data = express_displacement(
+        of.size, of.checked_kinematics, on.checked_kinematics, arm, *angle
     )
     return Quantity(columns, (of.piece, on.piece), values, data)
 

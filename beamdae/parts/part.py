@@ -69,6 +69,21 @@ class SurfaceGap(NamedTuple):
     remedy: str
 
 
+class RegularizedFriction(NamedTuple):
+    """Friction of a part, regularized near zero velocity.
+
+    Attributes
+    ----------
+    speed
+        Regularization velocity [m/s].
+    radius
+        Radius of a bearing or guide [m]; None if the friction does not depend on it.
+    """
+
+    speed: float
+    radius: float | None = None
+
+
 class Part:
     """Base class of bodies, joints and forces.
 
@@ -95,6 +110,8 @@ class Part:
     # How to write a point of a body, in messages about a body in place of its point.
     point_syntax: ClassVar[str] = ""
 
+    # True for sampled controllers, which drive inputs of the mechanism.
+    is_controller: ClassVar[bool] = False
     # True if the part loads its `beam` at an arc length that changes during a run.
     moves_along_beam: ClassVar[bool] = False
 
@@ -234,6 +251,16 @@ class Part:
     def events(self) -> Sequence[Event]:
         """Events of the part, in addition to the events added by `Mechanism.when`."""
         return ()
+
+    @property
+    def regularized_friction(self) -> RegularizedFriction | None:
+        """Friction of the part; None (default) without friction."""
+        return None
+
+    @property
+    def is_elastic(self) -> bool:
+        """True for springs, dampers and bushings without formulas of the user."""
+        return False
 
     @property
     def gaps(self) -> Sequence[SurfaceGap]:

@@ -2,39 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
 from functools import cached_property, partial
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
 
-from beamdae.csv_reader import parse_numbers, read_csv_table, read_time_stamps
 from beamdae.errors import (
     BeamdaeError,
     InputWarning,
-    as_text,
     format_distinct,
-    is_valid_path,
-    path_as_text,
     require_choice,
     require_finite,
     require_name,
     require_positive,
     require_sequence,
     short_repr,
-    suggest,
     warn_user,
-)
-from beamdae.model_parameters import (
-    parse_unit,
-    split_unit,
-    standardize_header,
-    suggest_unit,
 )
 from beamdae.symbolic.functions.table_lookups import find_row, pick_numbers
 from beamdae.symbolic.scalar_expression import ScalarExpression, as_scalar
@@ -54,7 +42,7 @@ KINDS = ("previous", "linear", "pchip", "spline")
 OUTSIDE = ("hold", "error", "repeat")
 _MIN_ROWS = {"previous": 2, "linear": 2, "pchip": 2, "spline": 3}
 _DEGREES = {"previous": 0, "linear": 1, "pchip": 3, "spline": 3}
-_MAX_AXES = 2
+MAX_AXES = 2
 # Smaller jumps of the slope, relative to the steepest slope, are rounding errors of rows on a line.
 _MIN_SLOPE_JUMP = 1e-12
 # Slopes that change the values of both adjacent intervals less, relative to the values at their
@@ -70,11 +58,6 @@ _MIN_OVERSHOOT = 1e-12
 # Difference of the first and the last value of a repeated table, relative to the largest value,
 # that is a rounding error.
 _MAX_GAP = 1e-9
-
-# Units with two usual meanings, whose columns would be wrong by many powers of ten, or by 9810.
-_GRAM_OR_GRAVITY = "kg or m/s^2 (gn, the standard gravity)"
-_AMBIGUOUS_UNITS = {"g": _GRAM_OR_GRAVITY, "mg": _GRAM_OR_GRAVITY, "nm": "m or N m"}
-_MAX_ROWS = 1_000_000
 # Argument t of a time law and the time, a number or symbol, at which tables select one smooth
 # piece, or None.
 _LOCK: ContextVar[tuple[SX, SX] | None] = ContextVar("_LOCK", default=None)
@@ -525,7 +508,7 @@ def _interpolate_rows(knots: Array, values: Array, kind: str, is_repeated: bool)
     return CubicHermiteSpline(knots, values, slopes)
 
 
-def _warn_about_overshoot(result: Table) -> None:
+def warn_about_overshoot(result: Table) -> None:
     """Warn if a spline is far outside the values of two rows between them.
 
     In tables of two arguments, this is checked along the rows and the columns.
@@ -621,17 +604,18 @@ def table(
     >>> spring = mech.add(bd.Spring("spring", top, ball.point, law=characteristic))
     """
     label = "table" if name is None else require_name("table", name)
-    result = _create_table(label, x, y, kind, outside)
-    _warn_about_overshoot(result)
+    result = create_table(label, x, y, kind, outside)
+    warn_about_overshoot(result)
     return result
 
 
-def _create_table(label: str, x: Any, y: Any, kind: str, outside: str) -> Table:
+def create_table(label: str, x: Any, y: Any, kind: str, outside: str) -> Table:
+    """Return the table of `table`; `label` is its name in messages."""
     require_choice(label, "kind", kind, KINDS)
     require_choice(label, "outside", outside, OUTSIDE)
     entries = require_sequence(label, "x", x, "a list of numbers or a pair of lists")
     if not entries or _is_list(entries[0]):
-        if len(entries) != _MAX_AXES:
+        if len(entries) != MAX_AXES:
             raise BeamdaeError(
                 f"{label}: x must be a list of numbers or a pair of lists, got {len(entries)} "
                 "lists."
@@ -714,192 +698,3 @@ def _require_axis(part: str, name: str, values: Any, kind: str) -> Array:
 def _require_numbers(part: str, name: str, values: Any) -> Array:
     entries = require_sequence(part, name, values, "a list of numbers")
     return np.array([require_finite(part, name, value) for value in entries])
-
-
-def table_from_csv(
-    path: Any,
-    x: Any = None,
-    y: str | None = None,
-    kind: str = "spline",
-    outside: str = "hold",
-    name: str | None = None,
-) -> Table:
-    r"""Return a table from columns of a CSV file; units in the header are converted to SI units.
-
-    The file has a header. Its columns are separated by semicolons, tabs or commas; unless these are
-    commas, decimal commas are accepted. Headers such as "force [kN]" or "force (kN)" contain the
-    unit; columns without a unit are taken in SI units, with a warning, and "[-]" marks numbers
-    without dimension. Lines that begin with "#", "%" or "//" are comments.
-
-    Parameters
-    ----------
-    path
-        Path of the file.
-    x
-        Header of the column of the argument, with or without its unit, or a pair of headers for two
-        arguments, whose rows form a complete grid in any order. Defaults to the first column of a
-        file with two columns, or to the other one than `y`.
-    y
-        Header of the column of the values. Defaults to the only column that is not an argument.
-    kind, outside
-        As in `table`.
-    name
-        Name of the table in messages and warnings. Defaults to the name of the file.
-
-    Returns
-    -------
-    Table
-        The table, in m, rad, s, N, kg and units derived from them. Its arguments have the names of
-        their columns.
-
-    Raises
-    ------
-    BeamdaeError
-        If the file cannot be read, a column is missing or contains a cell that is not a number, a
-        unit is unknown, the rows of two arguments do not form a grid, or as in `table`.
-
-    Warns
-    -----
-    BeamdaeWarning
-        As in `table`, with values in SI units; also if a column has no unit, or all decimal commas
-        may be separators of thousands, as in 1,200.
-
-    Examples
-    --------
-    >>> import beamdae as bd
-    >>> from pathlib import Path
-    >>> import tempfile
-    >>> file = Path(tempfile.mkdtemp()) / "pad.csv"
-    >>> _ = file.write_text("travel [mm],force [kN]\n0,0\n5,1\n10,4\n", "utf-8")
-    >>> pad = bd.table_from_csv(file, kind="linear")
-    >>> pad(0.0075)
-    2500.0
-    """
-    text = path_as_text(path)
-    if text is None:
-        raise BeamdaeError(f"table_from_csv: path must be a path, got {short_repr(path)}.")
-    if not is_valid_path(text):
-        raise BeamdaeError(
-            f"table_from_csv: the path {short_repr(text)} is too long or contains unprintable "
-            "characters; rename the file."
-        )
-    label = f"table {Path(text).name}" if name is None else require_name("table_from_csv", name)
-    columns = read_csv_table("table_from_csv", text, _MAX_ROWS)
-    rows = [k for k, row in enumerate(zip(*columns.values(), strict=True)) if any(row)]
-    headers = list(columns)
-    if x is None and y is not None and len(headers) == _MAX_AXES:
-        value = _find_header(text, headers, y, "y")
-        x = next(header for header in headers if header != value)
-    if x is None and len(headers) > _MAX_AXES:
-        raise BeamdaeError(
-            f"{label}: the file has {len(headers)} columns: {', '.join(headers)}; pass x= and y= "
-            "with the headers of the argument and of the values."
-        )
-    if x is None or as_text(x) is not None:
-        arguments: list[Any] = [x]
-    else:
-        arguments = require_sequence("table_from_csv", "x", x, "a header or a pair of headers")
-    if len(arguments) not in (1, _MAX_AXES):
-        raise BeamdaeError(
-            f"table_from_csv: x must be a header or a pair of headers, got {short_repr(x)}."
-        )
-    argument_headers = [
-        headers[0] if header is None else _find_header(text, headers, header, "x")
-        for header in arguments
-    ]
-    if y is None:
-        others = [header for header in headers if header not in argument_headers]
-        if len(others) != 1:
-            raise BeamdaeError(
-                f"{label}: the file has {len(others)} columns besides {', '.join(argument_headers)}"
-                f"{': ' if others else ''}{', '.join(others)}; pass y= with the header of the "
-                "values."
-            )
-        value_header = others[0]
-    else:
-        value_header = _find_header(text, headers, y, "y")
-    *arrays, values = (
-        _convert_column(label, header, {k + 1: columns[header][k] for k in rows})
-        for header in (*argument_headers, value_header)
-    )
-    result = _create_table(label, *_as_grid(label, arrays, values), kind, outside)
-    _warn_about_missing_units(label, [*argument_headers, value_header])
-    names = tuple(_split_header(header)[0] for header in argument_headers)
-    result = Table(label, result.axes, result.values, kind, outside, names)
-    _warn_about_overshoot(result)
-    return result
-
-
-def _warn_about_missing_units(label: str, headers: Sequence[str]) -> None:
-    missing = [header for header in headers if not _split_header(header)[1]]
-    if missing:
-        are = "has no unit and is" if len(missing) == 1 else "have no units and are"
-        warn_user(
-            f"{label}: {', '.join(map(repr, missing))} {are} taken in SI units; write units in the "
-            "header, such as 'travel [mm]', or [-] for numbers without dimension."
-        )
-
-
-def _as_grid(label: str, arrays: list[Array], values: Array) -> tuple[Any, Any]:
-    if len(arrays) == 1:
-        return arrays[0], values
-    axes = [np.unique(array) for array in arrays]
-    grid = np.full([len(axis) for axis in axes], np.nan)
-    grid[tuple(np.searchsorted(a, x) for a, x in zip(axes, arrays, strict=True))] = values
-    if np.isnan(grid).any() or len(values) != grid.size:
-        raise BeamdaeError(
-            f"{label}: the rows must form a grid of {len(axes[0])} by {len(axes[1])} arguments, "
-            f"each once, got {len(values)} rows."
-        )
-    return tuple(axes), grid
-
-
-def _find_header(path: str, headers: Sequence[str], header: Any, name: str) -> str:
-    text = as_text(header)
-    matches = [x for x in headers if x == text]
-    if text is not None and not matches:
-        standard = standardize_header(text)
-        matches = [x for x in headers if standardize_header(x) == standard]
-        matches = matches or [x for x in headers if _split_header(x)[0] == standard]
-    if not matches:
-        raise BeamdaeError(
-            f"table_from_csv: {name}={short_repr(header)} is not a column of {path}"
-            f"{suggest(header, headers)}; its columns are {', '.join(headers)}."
-        )
-    if len(matches) > 1:
-        raise BeamdaeError(
-            f"table_from_csv: {name}={short_repr(header)} is the name of several columns of "
-            f"{path}: {', '.join(matches)}; pass the header with its unit."
-        )
-    return matches[0]
-
-
-def _split_header(header: str) -> tuple[str, str]:
-    """Return name and unit of a header 'name [unit]' or 'name (unit)'; '' without a unit."""
-    return split_unit(standardize_header(header))
-
-
-def _convert_column(label: str, header: str, cells: Mapping[int, str]) -> Array:
-    """Return the numbers of a column, which is given by rows, in SI units."""
-    stamps = read_time_stamps(label, repr(header), cells.values())
-    if stamps is not None:
-        return stamps
-    _, unit = _split_header(header)
-    if unit in _AMBIGUOUS_UNITS:
-        raise BeamdaeError(
-            f"{label}: the unit {unit} of {header!r} is ambiguous; write the values in "
-            f"{_AMBIGUOUS_UNITS[unit]}."
-        )
-    parsed = parse_unit(unit) if unit else (1.0, {})
-    if parsed is None:
-        raise BeamdaeError(
-            f"{label}: the unit of {header!r} is unknown{suggest_unit(unit)}; write a unit such as "
-            "mm, deg, ms, rpm, kN or N m, or omit it for values in SI units."
-        )
-    for row, cell in cells.items():
-        number = parse_numbers([cell])
-        if not (isinstance(number, np.ndarray) and np.isfinite(number[0])):
-            raise BeamdaeError(
-                f"{label}: row {row} of {header!r} must be a finite number, got {short_repr(cell)}."
-            )
-    return np.asarray(parse_numbers([*cells.values()]), float) * float(parsed[0])

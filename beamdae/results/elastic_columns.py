@@ -17,7 +17,6 @@ import numpy as np
 from beamdae.beams.beam import Beam
 from beamdae.equations.equations_of_motion import EquationsOfMotion, Observable
 from beamdae.equations.measures import ObservedRows
-from beamdae.parts.forces.force_element import ForceElement
 from beamdae.parts.signals import Sensor
 from beamdae.results.trajectory import Interval, Trajectory
 from beamdae.symbolic.statements import LOAD_UNITS, Quantity
@@ -48,7 +47,7 @@ def is_elastic(equations: EquationsOfMotion, observable: Observable) -> bool:
         return True
     part = mechanism.parts.get(quantity.load_of or "")
     is_force = all(column.unit in LOAD_UNITS for column in observable.columns)
-    return is_force and isinstance(part, ForceElement) and not part.has_user_law
+    return is_force and part is not None and part.is_elastic
 
 
 def observe_elastic_columns(

@@ -10,7 +10,6 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion, Start, Stat
 from beamdae.equations.smooth_intervals import time_on_branch
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.starts.state_evaluator import StateEvaluator
-from beamdae.parts.joints.drivers import DrivenJoint
 from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM
 from beamdae.read_only import read_only_data
 
@@ -144,7 +143,7 @@ def _are_joints_closed(e: EquationsOfMotion, q: Array) -> bool:
     gaps = StateEvaluator(e).position_gaps(time_on_branch(e.breakpoints, 0.0), q)
     is_open = np.abs(gaps) > _MIN_OPEN_GAP * e.constraint_scales
     names = [e.lam_names[k].rpartition(".")[0] for k in np.flatnonzero(is_open)]
-    return all(isinstance(parts.get(name), DrivenJoint) for name in names)
+    return all(name in parts and parts[name].laws for name in names)
 
 
 def _describe_lost_velocity(e: EquationsOfMotion, requested: Array, state: State) -> str:

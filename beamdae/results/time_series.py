@@ -19,11 +19,12 @@ from beamdae.errors import (
 from beamdae.results.columns import observed_columns
 from beamdae.results.displays import Plot, load_views
 from beamdae.results.selection import HasColumns
-from beamdae.results.step_response import StepResponse, measure_step_response
 
 # Imported by the methods that return tables: importing pandas takes as long as a short run.
 if TYPE_CHECKING:
     import pandas as pd
+
+    from beamdae.results.step_response import StepResponse
 
 Array = np.ndarray
 
@@ -139,6 +140,8 @@ class TimeSeries(HasColumns):
         times = np.concatenate([[begin], times[between], [end]])
         values = np.concatenate([[first], values[between], [last]])
         final = last if target is None else require_finite("step_response", "target", target)
+        from beamdae.results.step_response import measure_step_response
+
         return measure_step_response(headers[0], times, values, final, width)
 
     def difference(self, other: TimeSeries, *names: str) -> pd.DataFrame:

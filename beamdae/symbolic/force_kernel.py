@@ -10,9 +10,9 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
+from beamdae.native.instructions import read_operations, trace_dependence
 from beamdae.symbolic.constraint_kernel import ConstraintKernel
 from beamdae.symbolic.functions.compiled import RowFunction
-from beamdae.symbolic.functions.instructions import trace_dependence
 from beamdae.symbolic.local_symbols import SX, Local, describe_column_error
 from beamdae.symbolic.signals import SignalBinding, bind_signals, find_signals
 from beamdae.symbolic.sums.kernel_sums import Kernel
@@ -193,8 +193,7 @@ class ForceKernel:
     def is_one_sided(self) -> bool:
         """True if the force contains a maximum or minimum, such as the penetration of a contact."""
         f = ca.Function("force", self.inputs, [self.force])
-        steps = range(f.n_instructions())
-        return any(f.instruction_id(k) in (ca.OP_FMAX, ca.OP_FMIN) for k in steps)
+        return not {ca.OP_FMAX, ca.OP_FMIN}.isdisjoint(read_operations(f))
 
     def applies(
         self, is_operation: Callable[[int], bool], arguments: Container[tuple[int, int]]

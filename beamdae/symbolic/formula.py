@@ -94,14 +94,18 @@ class FormulaExpression:
         """True if all functions are formulas, so that equal expressions have equal values."""
         return None not in self.counts
 
-    def __call__(self, local: Local) -> Any:
-        """Return the expression in the symbols of `local`."""
+    def __call__(self, local: Local, numbers: Any = None) -> Any:
+        """Return the expression in the symbols of `local`, with `numbers` in place of its data.
+
+        With `numbers`, an expression is the kind of a `Formula`.
+        """
         first, functions = 0, []
+        numbers = local.data if numbers is None else numbers
         for function, count in zip(self.functions, self.counts, strict=True):
             if count is None:
                 functions.append(function)
             else:
-                functions.append(Formula(function, local.data[first : first + count]))
+                functions.append(Formula(function, numbers[first : first + count]))
                 first += count
         with record_calls(has_numbers_as_symbols=True) as calls:
             value = self.build(local, *functions)

@@ -8,20 +8,22 @@ Kernels made only of `Formula`s already take their numbers as data; they are sha
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Hashable, Sequence
 from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
 
-from beamdae.read_only import read_only
-from beamdae.symbolic.formula import cache_kernels
-from beamdae.symbolic.functions.instructions import (
+from beamdae.native.instructions import (
     Instruction,
-    read_constants,
+    evaluate_instructions,
     read_instructions,
     repeat_instructions,
+    repeat_operation,
 )
+from beamdae.read_only import read_only
+from beamdae.symbolic.formula import cache_kernels
 from beamdae.symbolic.functions.table_lookups import LOOKUPS, look_up
 from beamdae.symbolic.statements import (
     SX,
@@ -149,28 +151,33 @@ def _separate_tables(function: ca.Function) -> tuple[tuple[Instruction, ...], li
     of a table in successive rows, so each different column of constants is stored as a whole.
     """
     columns: dict[tuple[float, ...], list[int]] = {}
-    known: dict[int, float] = {}  # constants in slots of the work vector
-    next_slot, unread = function.sz_w(), iter(read_constants(function))
+    known: dict[int, float] = {}  # constants by slot; each value has its own slot
+    slots = itertools.count()
     steps: list[Instruction] = []
-    constants: list[float] = []
-    for operation, operands, results in read_instructions(function):
-        name = operation if isinstance(operation, int) else operation.which_function().name()
+
+    def read(code: int, operands: tuple[Any, ...]) -> int:
+        slot = next(slots)
+        if code == ca.OP_CONST:
+            (known[slot],), operands = operands, ()
+        steps.append((code, operands, (slot,)))
+        return slot
+
+    def operate(operation: Any, operands: list[int], count: int) -> list[int]:
+        name = operation if isinstance(operation, int) else operation.name()
         if name in LOOKUPS and all(slot in known for slot in operands[1:]):
             numbers = tuple(known[slot] for slot in operands[1:])
             if numbers not in columns:
-                columns[numbers] = list(range(next_slot, next_slot + len(numbers)))
-                next_slot += len(numbers)
-                steps += [(ca.OP_CONST, (), (slot,)) for slot in columns[numbers]]
-                constants += numbers
-            operands = (operands[0], *columns[numbers])
-        steps.append((name, operands, results))
-        if name == ca.OP_CONST:
-            known[results[0]] = next(unread)
-            constants.append(known[results[0]])
-        elif name != ca.OP_OUTPUT:
-            for slot in results:
-                known.pop(slot, None)
-    return tuple(steps), constants
+                columns[numbers] = [read(ca.OP_CONST, (x,)) for x in numbers]
+            operands = [operands[0], *columns[numbers]]
+        results = list(itertools.islice(slots, count))
+        steps.append((name, tuple(operands), tuple(results)))
+        return results
+
+    def write(output: int, entry: int, slot: int) -> None:
+        steps.append((ca.OP_OUTPUT, (slot,), (output, entry)))
+
+    evaluate_instructions(read_instructions(function), read, operate, write)
+    return tuple(steps), list(known.values())
 
 
 @cache_kernels
@@ -185,9 +192,11 @@ def _rebuild_kernel(recipe: _KernelRecipe) -> AnyKernel:
     outputs = [SX.zeros(shape) for shape in recipe.shapes]
     inputs = recipe.type.from_outputs(local, outputs).inputs
     constants = iter(ca.vertsplit(local.data[recipe.n_data :]))
-    repeat_instructions(recipe.steps, inputs, outputs, constants, call=_repeat_lookup)
+
+    def operate(operation: Any, operands: list[SX], count: int) -> Sequence[SX]:
+        if operation in LOOKUPS:
+            return ca.vertsplit(look_up(operation, operands[0], ca.vertcat(*operands[1:]), count))
+        return repeat_operation(operation, operands, count)
+
+    repeat_instructions(recipe.steps, inputs, outputs, lambda: next(constants), operate)
     return recipe.type.from_outputs(local, outputs)
-
-
-def _repeat_lookup(name: str, operands: list[SX], count: int) -> list[SX]:
-    return ca.vertsplit(look_up(name, operands[0], ca.vertcat(*operands[1:]), count))

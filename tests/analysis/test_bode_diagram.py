@@ -47,6 +47,20 @@ def test_default_frequencies_contain_all_peaks_and_half_powers(damping):
     assert not diagram.warnings
 
 
+def test_regression_free_motions_of_thin_beams_do_not_grow():
+    """Rounding of the state matrix made an unstable pole of 199 1/s of a free rotation."""
+    mech, h = bd.Mechanism(), 1.2e-5
+    section = bd.Section.rectangle(bd.Material.of("steel"), 10.0 * h, h)
+    leaf = mech.add(bd.Beam("leaf", bd.Line((0.0, 0.0), (0.0, -0.06)), section, 4))
+    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), leaf.start))
+    mech.add(bd.Force("push", leaf.end, (0.0, 0.0)))
+    mech.observe("tip", leaf.end)
+    diagram = bd.bode(bd.linearize(mech, inputs=["push.Fx"], outputs=["tip.x"]), [1.0, 10.0])
+    assert np.all(diagram.model.poles[:2] == 0.0)
+    assert np.all(diagram.model.poles.real == 0.0)
+    assert not any("unstable" in x for x in diagram.warnings)
+
+
 def chain(stiffnesses, damping):
     """Return a linear model of masses of 1 kg on springs, with a force on the first mass."""
     mech = bd.Mechanism()

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import scipy.linalg as la
+from numpy.testing import assert_allclose
 from scipy.optimize import fsolve
 
 import beamdae as bd
@@ -288,3 +289,14 @@ def test_column_under_a_load_of_which_half_follows_is_stable(height):
     assert path.status.success
     assert not path.critical
     assert not np.any(path.unstable)
+
+
+@pytest.mark.filterwarnings("ignore::beamdae.errors.BeamdaeWarning")
+@pytest.mark.parametrize("elements", [4, 150])
+def test_motions_of_undamped_columns_grow_and_decay_at_the_same_rates(elements):
+    # Beyond the flutter load of 20.05 EI / L^2; its equations have no rates.
+    mech = column(0.0, elements=elements, height=0.002)
+    values = bd.modes(mech, about=bd.equilibrium(mech, to=22.0), n=4).eigenvalues
+    assert values[0].real > 1.0
+    assert_allclose(values[1], -values[0].conj(), rtol=1e-6)
+    assert_allclose(values[2:].real, 0.0, atol=1e-6)

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import casadi as ca
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -138,6 +139,16 @@ def test_linear_model_converts_to_scipy_with_named_states():
     assert [x.header for x in model.states] == ["load.y [m]", "load.y_dot [m/s]"]
     assert_allclose(a, [[0.0, 1.0], [-100.0, -1.5]], rtol=1e-9)
     assert_allclose(b[:, 1], [0.0, 0.5], atol=1e-12)
+
+
+@pytest.mark.parametrize(("stiffness", "poles"), [(8.0, [-2j, 2j]), (0.0, [0, 0]), (-8.0, [-2, 2])])
+def test_regression_constrained_systems_are_linearized(stiffness, poles):
+    """They raised an AssertionError."""
+    t, q, v = ca.SX.sym("t"), ca.SX.sym("q", 1), ca.SX.sym("v", 1)
+    force = -stiffness * q
+    linear = bd.linearize(bd.ConstrainedSystem(t, q, v, [2.0], force, q0=[0.0], v0=[0.0]))
+    assert_allclose(linear.A, [[0.0, 1.0], [-0.5 * stiffness, 0.0]], atol=1e-12)
+    assert_allclose(np.sort_complex(linear.poles), poles, rtol=1e-12)
 
 
 def test_skate_removes_one_state():

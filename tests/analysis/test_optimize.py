@@ -3,6 +3,7 @@
 import math
 import signal
 import warnings
+from dataclasses import replace
 
 import mechanisms
 import numpy as np
@@ -67,12 +68,14 @@ def test_regression_the_adjoint_differentiates_equilibria_of_slender_steel_beams
     def fail(*arguments, **settings):
         raise AssertionError("differentiated with respect to each parameter")
 
-    monkeypatch.setattr(analyses, "equilibrium_sensitivities", fail)
+    monkeypatch.setattr(analyses, "differentiate_path", fail)
     entries = {name: (name, None) for name in ("height", "tip")}
     tip, settings = bd.quantities.EquilibriumValue("tip.y"), RunSettings(None, None, None)
 
     def analyze(**changes):
-        model = DesignModel(FlatModel(leaf, {**leaf.parameters, **changes}, entries))
+        model = DesignModel(
+            FlatModel(replace(leaf, parameters={**leaf.parameters, **changes}), entries)
+        )
         return create_analysis(model, [tip], settings)
 
     gradient = analyze().gradient({tip: 1.0})
@@ -82,6 +85,32 @@ def test_regression_the_adjoint_differentiates_equilibria_of_slender_steel_beams
             analyze(**{name: leaf.parameters[name] + x}).value(tip) for x in (step, -step)
         )
         assert gradient[k] == pytest.approx((ahead - behind) / (2.0 * step), rel=1e-6)
+
+
+@pytest.mark.slow(reason="a third of a second")
+def test_regression_the_adjoint_includes_the_operators_of_observed_columns():
+    """The shape functions of a curved beam in a floating frame depend on its radius."""
+
+    @bd.model(t_end=1.0)
+    def arc(radius=1.0):
+        mech = bd.Mechanism()
+        curve, section = bd.Arc(radius, 0.9), bd.Section.rectangle(STEEL, 0.02, 0.02)
+        beam = bd.Beam("arc", curve, section, elements=3, formulation="floating frame")
+        mech.add(beam)
+        mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+        mech.add(bd.Force("load", beam.end, (0.0, -50.0)))
+        mech.observe("gauge", beam.strain(s=0.53, offset=0.01))
+        return mech
+
+    gauge, settings = bd.quantities.EquilibriumValue("gauge"), RunSettings(None, None, None)
+
+    def analyze(radius):
+        model = FlatModel(replace(arc, parameters={"radius": radius}), {"radius": ("radius", None)})
+        return create_analysis(DesignModel(model), [gauge], settings)
+
+    ahead, behind = (analyze(1.0 + x).value(gauge) for x in (1e-4, -1e-4))
+    (gradient,) = analyze(1.0).gradient({gauge: 1.0})
+    assert gradient == pytest.approx((ahead - behind) / 2e-4, rel=1e-5)
 
 
 @bd.model(t_end=1.0)

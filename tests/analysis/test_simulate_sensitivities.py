@@ -7,7 +7,7 @@ import pytest
 from command_line import invoke
 
 import beamdae as bd
-from beamdae.analysis.sensitivities import sensitivities as implementation
+from beamdae.analysis.sensitivities import differentiable_run as implementation
 from beamdae.report.pictures.figures import characteristic_columns
 from beamdae.report.run_page import build_run_page
 from beamdae.results.columns import Header

@@ -45,6 +45,23 @@ def test_integrator_with_delay_has_the_margins_of_its_closed_form(gain, delay):
     assert loop.gain_margin_db == pytest.approx(20.0 * np.log10(critical / gain), rel=1e-9)
 
 
+@pytest.mark.parametrize("gain", [0.5, 3.0, -1.5, -4.0])
+def test_poles_of_loops_with_a_direct_feedthrough(gain):
+    # The acceleration of 2 kg on a spring and a damper is L = k s^2 / (2 s^2 + 3 s + 50).
+    mech = bd.Mechanism()
+    mass = mech.add(bd.PointMass("mass", 2.0, at=(1.0, 0.0)))
+    wall = mech.ground.at(0.0, 0.0)
+    mech.add(bd.PointOnLine("rail", wall, mass.point, (1.0, 0.0)))
+    mech.add(bd.SpringDamper("spring", wall, mass.point, 50.0, 3.0, 1.0))
+    mech.add(bd.Force("push", mass.point, (mech.input("force", unit="N"), 0.0)))
+    mech.observe("mass", bd.acceleration(mass.point))
+    model = bd.linearize(mech, inputs=["force"], outputs=["mass.ax"])
+    loop = bd.margins(model, controller=gain)
+    poles = np.roots([2.0 + gain, 3.0, 50.0])
+    assert loop.unstable_poles == np.count_nonzero(poles.real > 0.0)
+    assert loop.stable == (gain > -2.0)
+
+
 @pytest.mark.parametrize(("delay", "count"), [(0.7, 0), (0.9, 2), (4.0, 4), (7.5, 6)])
 def test_unstable_poles_with_delay_are_counted(delay, count, recwarn):
     """s + 2 exp(-s T) = 0: pairs cross at T = (pi / 2 + 2 pi k) / 2."""

@@ -117,6 +117,9 @@ def test_polynomials_do_not_cross_jumps(nodes_per_step, steps):
         for x, f in zip(state[1:], pieces[k][1:], strict=True):
             assert_allclose(x[:, 0], f(t), atol=1e-10)
         assert_allclose(interval.derivative_at(t).v[:, 0], pieces[k][1].deriv()(t), atol=1e-9)
+        inside = start + (np.arange(steps) + 0.4) / steps
+        after, before = (interval.at(inside + x).q for x in (1e-6, -1e-6))
+        assert_allclose(interval.derivative_at(inside).q, (after - before) / 2e-6, atol=1e-7)
     # A state at the time of a jump is that before the jump.
     assert interval.at(np.array([1.0])).a[0, 0] == pytest.approx(pieces[0][2](1.0))
     works = interval.integrate_to_steps(interval.rows.a)

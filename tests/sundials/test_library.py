@@ -6,8 +6,12 @@ from pathlib import Path
 import pytest
 import sksundae
 
-from beamdae.sundials.library import UnavailableError, load_library
-from beamdae.sundials.prototypes import PROTOTYPES, FunctionAddresses
+from beamdae.sundials.library import (
+    PROTOTYPES,
+    FunctionAddresses,
+    UnavailableError,
+    load_library,
+)
 
 
 def test_every_function_has_a_prototype():

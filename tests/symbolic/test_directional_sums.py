@@ -8,7 +8,7 @@ import pytest
 
 import beamdae as bd
 from beamdae.equations.formulations.step_equations import formulate_step
-from beamdae.symbolic.functions.instructions import expand_powers
+from beamdae.native.instructions import expand_powers
 from beamdae.symbolic.sums.directional_sums import (
     StackedSum,
     direction_inputs,

@@ -21,7 +21,7 @@ import pandas as pd
 from measurement import RESULTS, time_action, time_calls, time_in_turns, write_table
 
 import beamdae as bd
-from beamdae.analysis.sensitivities import sensitivities
+from beamdae.analysis.sensitivities import differentiable_run
 
 METHODS = {"GeneralizedAlpha": bd.GeneralizedAlpha(step=8e-4), "Radau": bd.Radau()}
 ROUNDS = 5
@@ -51,8 +51,8 @@ def measure(
     samples = time_in_turns(
         {
             "run": lambda: time_action(lambda: method.integrate(equations, times)),
-            "derivatives": lambda: time_part(sensitivities, "differentiate_states"),
-            "model": lambda: time_part(sensitivities, "difference_model"),
+            "derivatives": lambda: time_part(differentiable_run, "differentiate_states"),
+            "model": lambda: time_part(differentiable_run, "difference_model"),
         },
         rounds,
     )

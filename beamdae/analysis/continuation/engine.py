@@ -218,12 +218,6 @@ class Problem(ABC):
                         raise
             x, p = following
 
-    def find_tangent(self, point: Point, row: Row) -> Array:
-        """Return the tangent (n + 1,) at a solution along which this control increases by 1."""
-        column, unit = point.linearization.by_parameter, _last_unit(len(point.x) + 1)
-        factors = point.bordered(column, row.gradient[:-1], row.gradient[-1])
-        return np.asarray(factors.solve(unit))
-
     def is_solved(self, linear: Any, step: Array, size: float, last: float) -> int:
         """Return 1 if a point is a solution after its correction `step`, 0 if not, -1 by its size.
 
@@ -297,10 +291,15 @@ class Point:
 
     def tangent(self, control: Control) -> Array:
         """Return the tangent (n + 1,) along which the control increases by 1."""
-        tangent = self.problem.find_tangent(self, control(self.x, self.p))
+        gradient = control(self.x, self.p).gradient
+        if self.known_tangent and self.known_tangent[0] is gradient:
+            tangent = self.known_tangent[1]
+        else:
+            factors = self.bordered(self.linearization.by_parameter, gradient[:-1], gradient[-1])
+            tangent = np.asarray(factors.solve(_last_unit(len(gradient))))
         if not np.isfinite(tangent).all():
             raise CurveError("the tangent is not unique")
-        return np.asarray(tangent)
+        return tangent
 
 
 def factorize_bordered(

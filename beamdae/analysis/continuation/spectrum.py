@@ -127,54 +127,55 @@ def find_slow_space(
     return SlowSpace(basis, images, False)
 
 
-class Flexibility(NamedTuple):
-    """Response of a structure to forces, with the motions that its joints allow.
+def invert_motion(
+    respond: Callable[[Array], Array],
+    damping: sp.csc_array | None,
+    mass: sp.csc_array,
+    s: float = 0.0,
+) -> Callable[[Array], Array]:
+    """Return the inverse of a linear motion about a shift s.
 
-    Attributes
-    ----------
-    size, m
-        Numbers of coordinates n and constraints.
-    respond
-        Function from forces and changes of constraints (n + m, k) to displacements (n, k).
+    With y = (x, l x), its eigenvalues are 1 / (l - s); without damping, those for y = x are
+    1 / (s^2 - l^2). `respond` is the flexibility at the shift, from forces and changes of
+    constraints, to which `damping` and `mass` lead.
+    """
+    n = mass.shape[1]
+
+    def apply(y: Array) -> Array:
+        x = y[:n]
+        if damping is None:
+            return respond(mass @ x)
+        image = -respond(mass @ (y[n:] + s * x) + damping @ x)
+        return np.vstack([image, x + s * image])
+
+    return apply
+
+
+def has_potential(respond: Callable[[Array], Array], n: int, m: int) -> bool:
+    """Return True if the motions with the least stiffness feel no asymmetry of the stiffness.
+
+    `respond` leads from forces and changes of constraints (n + m, k) to displacements (n, k).
     """
 
-    size: int
-    m: int
-    respond: Callable[[Array], Array]
+    def move(forces: Array) -> Array:
+        return respond(np.vstack([forces, np.zeros((m, forces.shape[1]))]))
 
-    def respond_to_forces(self, forces: Array) -> Array:
-        """Return the displacements due to forces (n, k) alone."""
-        return self.respond(np.vstack([forces, np.zeros((self.m, forces.shape[1]))]))
-
-    @property
-    def has_potential(self) -> bool:
-        """True if the motions with the least stiffness feel no asymmetry of the stiffness."""
-        numbers = np.arange(1.0, min(_SOFT_COUNT, self.size) + 1.0)
-        vectors = np.cos(np.outer(np.arange(self.size) ** 2.0, numbers))
-        for _ in range(2):
-            vectors = np.linalg.qr(self.respond_to_forces(vectors))[0]
-        reduced = vectors.T @ self.respond_to_forces(vectors)
-        return bool(np.abs(reduced - reduced.T).max() <= _MIN_ASYMMETRY * np.abs(reduced).max())
+    vectors = np.cos(np.outer(np.arange(n) ** 2.0, np.arange(1.0, min(_SOFT_COUNT, n) + 1.0)))
+    for _ in range(2):
+        vectors = np.linalg.qr(move(vectors))[0]
+    reduced = vectors.T @ move(vectors)
+    return bool(np.abs(reduced - reduced.T).max() <= _MIN_ASYMMETRY * np.abs(reduced).max())
 
 
-def count_growing(flexibility: Flexibility, mass: sp.csc_array, damping: sp.csc_array) -> Count:
-    """Return the number of growing motions for a mass matrix (n, n).
+def count_growing(
+    respond: Callable[[Array], Array], damping: sp.csc_array, mass: sp.csc_array
+) -> Count:
+    """Return the number of growing motions, see `invert_motion`.
 
-    `damping`, (n + m, n), are forces and changes of constraints in proportion to velocities. In
-    large systems, growing motions are those among the slowest ones.
+    In large systems, they are those among the slowest ones.
     """
-    is_damped, n = damping.nnz > 0 and abs(damping).max() > 0.0, flexibility.size
-
-    def respond(state: Array) -> Array:
-        q, v = np.split(state, 2)
-        forces = damping @ q
-        forces[:n] += mass @ v
-        return np.vstack([-flexibility.respond(forces), q])
-
-    def respond_to_squares(q: Array) -> Array:
-        return -flexibility.respond_to_forces(mass @ q)
-
-    apply, size = (respond, 2 * n) if is_damped else (respond_to_squares, n)
+    is_damped, n = damping.nnz > 0 and abs(damping).max() > 0.0, mass.shape[1]
+    apply, size = invert_motion(respond, damping if is_damped else None, mass), n + n * is_damped
     if n <= MAX_DENSE:
         values = la.eigvals(apply(np.eye(size)))
     else:
@@ -189,5 +190,5 @@ def count_growing(flexibility: Flexibility, mass: sp.csc_array, damping: sp.csc_
         divergent, oscillating = growing & is_real, growing & ~is_real
     else:
         # Reciprocals of squared eigenvalues: real ones do not oscillate if they are positive.
-        divergent, oscillating = is_real & (values.real > 0.0), ~is_real
+        divergent, oscillating = is_real & (values.real < 0.0), ~is_real
     return Count(int(divergent.sum()), int(oscillating.sum()) // 2)

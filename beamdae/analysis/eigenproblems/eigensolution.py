@@ -59,8 +59,7 @@ def solve_eigenproblem(
             "modes: undamped modes are not supported with states such as "
             f"{e.q_names[e.states[0]]}; use damping=True, or remove the states."
         )
-    is_undamped = not np.any(lin.tangent.damping.data) and not len(e.states)
-    if not damped or (is_undamped and lin.is_symmetric):
+    if not damped or lin.is_conservative:
         squares, shapes = solve_undamped(lin, count)
         return _normalize(lin, np.sqrt(-squares + 0j), shapes.astype(complex), count)
     return _normalize(lin, *solve_damped(lin, count), count)

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -19,7 +19,6 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.compliant_equations import introduce_resultants
 from beamdae.equations.formulations.tangents import (
     Convert,
-    LinearizedCoordinates,
     Tangent,
     compute_residual,
 )
@@ -43,17 +42,6 @@ _EXACT_TOLERANCE, _DIFFERENCE_TOLERANCE = 1e-13, 1e-9
 # Deviation of the directions of reactions from the gradients of the constraints, relative to the
 # largest gradient.
 _REACTION_TOLERANCE = 1e-12
-
-
-class _MovingCoordinates(NamedTuple):
-    """Coordinates of linearized equations that are no first-order states."""
-
-    q_names: tuple[str, ...]
-    position_scales: Array
-    states: Array
-    nonholonomic_rows: Array
-    n: int
-    m: int
 
 
 class MixedForm(NamedTuple):
@@ -97,7 +85,7 @@ class LinearizedEquations:
         Mixed form of the same equations, or None.
     """
 
-    equations: LinearizedCoordinates
+    equations: EquationsOfMotion
     tangent: Tangent
     zero_square: float = 0.0
     has_differences: bool = False
@@ -177,26 +165,44 @@ class LinearizedEquations:
         )
 
     @property
+    def is_conservative(self) -> bool:
+        """True if squared eigenvalues are real, those of a symmetric problem without damping."""
+        return not np.any(self.tangent.damping.data) and self.is_symmetric
+
+    @property
     def has_rates(self) -> bool:
         """True if an eigenvalue itself occurs in the eigenproblem, not only its square."""
         matrices = (self.tangent.damping, self.tangent.velocity_jacobian)
-        return len(self.equations.states) > 0 or any(np.any(matrix.data) for matrix in matrices)
+        return any(np.any(matrix.data) for matrix in matrices)
 
     def symmetrized(self) -> LinearizedEquations:
-        """Return undamped equations with the symmetric parts of M and K, and reactions along G."""
-        tangent, rows, mixed = self.tangent, self.rows, self.mixed
+        """Return undamped equations with the symmetric parts of M and K, and reactions along G.
+
+        First-order states are held.
+        """
+        tangent, mixed, n = self.tangent, self.mixed, self.equations.n
+        moving = self.equations.without_states(np.ones(n))
+        rows = sp.csc_array(self.rows * moving)
+
+        def symmetrize(matrix: sp.csc_array) -> sp.csc_array:
+            return sp.csc_array(0.5 * (matrix + matrix.T) * moving * moving[:, None])
+
+        def stiffen(matrix: sp.csc_array) -> sp.csc_array:
+            return sp.csc_array(symmetrize(matrix) + sp.diags_array(1.0 - moving))
+
         undamped = tangent._replace(
-            mass=_symmetric_part(tangent.mass),
-            damping=sp.csc_array(tangent.mass.shape),
-            stiffness=_symmetric_part(tangent.stiffness),
+            mass=symmetrize(tangent.mass),
+            damping=sp.csc_array((n, n)),
+            stiffness=stiffen(tangent.stiffness),
             reactions=sp.csc_array(rows.T),
             position_jacobian=rows,
             velocity_jacobian=sp.csc_array(rows.shape),
         )
         if mixed is not None:
             mixed = mixed._replace(
-                stiffness=_symmetric_part(mixed.stiffness),
+                stiffness=stiffen(mixed.stiffness),
                 damping=undamped.damping,
+                rows=sp.csc_array(mixed.rows * moving),
                 retardation=np.zeros(len(mixed.retardation)),
             )
         return replace(self, tangent=undamped, mixed=mixed)
@@ -210,7 +216,6 @@ class LinearizedEquations:
         `tangent_at` returns the tangent of converted equations at a state.
         """
         e, m = self.equations, self.equations.m
-        assert isinstance(e, EquationsOfMotion)
         form = introduce_resultants(e)
         retardation = form.retardation[m:]
         if not len(retardation):
@@ -241,34 +246,6 @@ class LinearizedEquations:
     def nonholonomic(self) -> Array:
         """Mask of the constraints on velocities, (m,)."""
         return np.isin(np.arange(self.equations.m), self.equations.nonholonomic_rows)
-
-    def without_states(self) -> LinearizedEquations:
-        """Return the equations with first-order states held."""
-        e, mixed = self.equations, self.mixed
-        q = np.setdiff1d(np.arange(e.n), e.states)
-
-        def select(form: Any, *names: str) -> dict[str, sp.csc_array]:
-            return {name: getattr(form, name)[q][:, q] for name in names}
-
-        tangent = self.tangent._replace(
-            **select(self.tangent, "mass", "damping", "stiffness"),
-            reactions=self.tangent.reactions[q],
-            position_jacobian=self.tangent.position_jacobian[:, q],
-            velocity_jacobian=self.tangent.velocity_jacobian[:, q],
-            residual=np.delete(self.tangent.residual, e.states),
-        )
-        if mixed is not None:
-            matrices = select(mixed, "stiffness", "damping")
-            mixed = mixed._replace(**matrices, rows=mixed.rows[:, q])
-        moving = _MovingCoordinates(
-            tuple(e.q_names[k] for k in q),
-            e.position_scales[q],
-            e.states[:0],
-            e.nonholonomic_rows,
-            len(q),
-            e.m,
-        )
-        return replace(self, equations=moving, tangent=tangent, mixed=mixed)
 
 
 def linearize_in_mixed_form(
@@ -307,7 +284,3 @@ def quadratic_forms(matrix: sp.sparray, x: Array) -> Array:
 def is_symmetric_matrix(matrix: sp.csc_array, tolerance: float = _EXACT_TOLERANCE) -> bool:
     """Return True if the asymmetry is at most `tolerance` times the largest entry."""
     return not matrix.nnz or bool(abs(matrix - matrix.T).max() <= tolerance * abs(matrix).max())
-
-
-def _symmetric_part(matrix: sp.csc_array) -> sp.csc_array:
-    return sp.csc_array(0.5 * (matrix + matrix.T))

@@ -18,7 +18,12 @@ import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
 
-from beamdae.analysis.continuation.spectrum import EXTRA_VALUES, MAX_DENSE, find_slow_space
+from beamdae.analysis.continuation.spectrum import (
+    EXTRA_VALUES,
+    MAX_DENSE,
+    find_slow_space,
+    invert_motion,
+)
 from beamdae.analysis.eigenproblems.linearized_equations import (
     ROUNDING_RATIO,
     LinearizedEquations,
@@ -93,12 +98,7 @@ def solve_undamped(lin: LinearizedEquations, count: int | None) -> tuple[Array, 
         If many eigenvalues are too close to each other to be separated.
     """
     e = lin.equations
-    if len(e.states):
-        squares, motions = solve_undamped(lin.without_states(), count)
-        shapes = np.zeros((e.n, len(squares)))
-        shapes[np.setdiff1d(np.arange(e.n), e.states)] = motions
-        return squares, shapes
-    if e.n <= e.m:
+    if e.n - len(e.states) <= e.m:
         return np.zeros(0), np.zeros((e.n, 0))
     lin = lin.symmetrized()
     square = _choose_shift(lin)
@@ -262,12 +262,13 @@ def _constraint_rows(lin: LinearizedEquations, momenta: Array) -> Array:
     Constraints on speeds, J x + V x' = 0, do not constrain x. States have no inertia.
     """
     e, tangent, rolling = lin.equations, lin.tangent, lin.nonholonomic
+    states = np.eye(e.n)[e.states]
     if not lin.has_rates:
-        return np.vstack([tangent.position_jacobian.toarray(), momenta])
+        return np.vstack([tangent.position_jacobian.toarray(), momenta, states])
     position, velocity = (
         x.toarray() for x in (tangent.position_jacobian, tangent.velocity_jacobian)
     )
-    fixed, states = np.vstack([position[~rolling], momenta]), np.eye(e.n)[e.states]
+    fixed = np.vstack([position[~rolling], momenta])
     return np.vstack(
         [
             la.block_diag(fixed, np.vstack([fixed, states])),
@@ -283,11 +284,7 @@ def _null_space(rows: Array) -> Array:
 
 
 def _invert(lin: LinearizedEquations, s: float) -> Callable[[Array], Array]:
-    """Return the inverse of the linearization about a shift.
-
-    With y = (x, l x), its eigenvalues are 1 / (l - s); without rates, those for y = x are
-    1 / (s^2 - l^2).
-    """
+    """Return the inverse of the linearization about a shift, see `invert_motion`."""
     n, pencil = lin.equations.n, lin.pencil
     _, damping, mass = (x[:, :n] for x in pencil.matrices)
     solve = pencil.factorize(s)
@@ -297,14 +294,8 @@ def _invert(lin: LinearizedEquations, s: float) -> Callable[[Array], Array]:
             "that can move."
         )
 
-    def apply(y: Array) -> Array:
-        x = y[:n]
-        if not lin.has_rates:
-            return solve(mass @ x)[:n]
-        image = -solve(mass @ (y[n:] + s * x) + damping @ x)[:n]
-        return np.vstack([image, x + s * image])
-
-    return apply
+    damping = damping if lin.has_rates else None
+    return invert_motion(lambda forces: solve(forces)[:n], damping, mass, s)
 
 
 def solve_damped(lin: LinearizedEquations, count: int | None) -> tuple[Array, Array]:

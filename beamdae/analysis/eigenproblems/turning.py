@@ -24,12 +24,16 @@ _MAX_ENERGY_RATIO = 1e-2
 
 
 def find_turning(
-    e: EquationsOfMotion, time: Array, q: Array, linearize: Callable[[], LinearizedEquations]
-) -> tuple[str, float] | None:
-    """Return the cause and the speed [rad/s] of a rotation that a state at rest omits.
+    e: EquationsOfMotion,
+    time: Array,
+    q: Array,
+    linearize: Callable[[], LinearizedEquations],
+    name: str,
+    remedy: Callable[[float], str],
+) -> tuple[str, ...]:
+    """Return a warning of a rotation that a state at rest omits; none if it is slow or absent.
 
-    The cause is such as "drivers turn hub"; given velocities count if the motion is a free
-    rotation. The result is None if the rotation is slow or absent.
+    Drivers cause it, or given velocities if the motion is a free rotation.
 
     Parameters
     ----------
@@ -41,29 +45,34 @@ def find_turning(
         Positions (n,) of the state at rest.
     linearize
         Function that returns the linearized equations at this state.
+    name, remedy
+        Name of the state, and function of the speed [rad/s] that returns a remedy.
     """
     at_rest, solver = np.zeros(e.n), ConsistencySolver(e)
     permits_rest = all(joint.kernel.is_scleronomic for joint in e.structure.joints)
     is_driven = not permits_rest and bool(np.any(solver.constraint_levels(time, q)[1]))
     if not is_driven and not np.any(e.v0):
-        return None
+        return ()
     try:
         v = solver.start_state(time, q, at_rest if is_driven else e.v0).v
     except BeamdaeError:
         # Systems that cannot start, such as those without inertia, have equilibria, too.
-        return None
+        return ()
     angles = [k for k in np.flatnonzero(e.is_angle).tolist() if k not in e.states]
     fastest = max(angles, key=lambda k: abs(v[k]), default=None)
     if fastest is None or v[fastest] == 0.0:
-        return None
+        return ()
     speed, linearized = float(v[fastest]), linearize()
     tangent = linearized.tangent
     potential = float(v @ (tangent.stiffness @ v)) / speed**2
     if not is_driven and abs(potential) > _MAX_ENERGY_RATIO * float(v @ (tangent.mass @ v)):
-        return None
+        return ()
     squares = np.abs(solve_undamped(linearized, _SLOW_MODES)[0])
     slowest = np.sqrt(np.min(squares[squares > 0.0], initial=np.inf))
     if abs(speed) <= _MIN_RELATIVE_SPEED * slowest:
-        return None
+        return ()
     part = next(x.name for x in e.parts if fastest in range(*x.rows.indices(e.n)))
-    return f"{'drivers' if is_driven else 'given velocities'} turn {part}", speed
+    return (
+        f"{'drivers' if is_driven else 'given velocities'} turn {part} at {speed:.6g} rad/s, but "
+        f"{name} is at rest, without centrifugal forces; {remedy(speed)}.",
+    )

@@ -26,7 +26,7 @@ from beamdae.analysis.parameter_bounds import (
     draw_starts,
     read_bounds,
 )
-from beamdae.analysis.sensitivities.differentiable_methods import DERIVATIVE_METHOD
+from beamdae.analysis.sensitivities.differentiable_run import DERIVATIVE_METHOD
 from beamdae.analysis.sensitivities.sensitivities import Sensitivities, differentiate_run
 from beamdae.analysis.sensitivities.sensitivity_result import (
     complete_parameters,
@@ -216,15 +216,11 @@ class FitProblem:
                 "of the model."
             )
 
-    def with_first_data(self, share: float, is_calibrated: bool = False) -> FitProblem:
-        """Return a problem with the data of the first `share` of the time of each column.
-
-        If `is_calibrated`, the scales are 1 and the offsets 0.
-        """
+    def with_first_data(self, share: float) -> FitProblem:
+        """Return a problem with the data of the first `share` of the time of each column."""
         other = copy.copy(self)
         data, rows = self.data.first(share)
-        sensors = self.shifts if is_calibrated else self.sensors
-        other._set_data(data, tuple(replace(x, rows=x.rows[rows]) for x in sensors))
+        other._set_data(data, tuple(replace(x, rows=x.rows[rows]) for x in self.sensors))
         return other
 
     @property

@@ -8,11 +8,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
+from scipy import signal
 from scipy.special import chdtr, chdtrc
 
 from beamdae.analysis.fit.data import COLUMN, VALUE
 from beamdae.analysis.fit.problem import (
-    MAX_NOISE_CORRELATION,
     MIN_SINGULAR_RATIO,
     Evaluation,
     FitProblem,
@@ -38,6 +38,8 @@ _MIN_PROBABILITY = 1e-6
 _MAX_SIGMA_RATIO = 1.4
 # Residuals below this ratio to the standard deviation of the data may be errors of the runs.
 _MAX_NOISELESS_RATIO = 1e-3
+# Residuals with at most this correlation length are noise; neighbors may be correlated by 0.5.
+_MAX_CORRELATION_LENGTH, _LAGS_PER_LENGTH = 3.0, 5.0
 # Numbers of data from which their noise is judged.
 _MIN_NOISE_COUNT = 10
 # Outliers are this many robust standard deviations away; at most one in ten data is an outlier.
@@ -102,18 +104,32 @@ def check_residuals(problem: FitProblem, search: SearchResult, residuals: Array)
         )
     else:
         parts = [residuals[rows] for _, rows in problem.data.rows]
-        correlation = sum(float(x[:-1] @ x[1:]) for x in parts) / left
-        if correlation <= MAX_NOISE_CORRELATION:
+        alike = _correlation_length(parts)
+        if alike <= _MAX_CORRELATION_LENGTH:
             yield from _name_outliers(problem, outliers)
             return
-        factor = np.sqrt((1.0 + correlation) / (1.0 - correlation))
         yield (
-            f"Consecutive residuals have a correlation of {correlation:.2f}, so the standard "
-            f"deviations are too small, by a factor of up to {factor:.2g}; "
+            f"Residuals are alike over about {alike:.2g} consecutive data, so the standard "
+            f"deviations are too small, by a factor of up to {np.sqrt(alike):.2g}; "
             f"{suggest_causes(problem, search.evaluation, search.first)}use fewer data per second "
             "if the noise is slow, other first values or starts= if another minimum may be lower, "
             "or add what the model lacks, such as shift= or offset=."
         )
+
+
+def _correlation_length(parts: Sequence[Array]) -> float:
+    """Return the number of consecutive residuals that count as one independent value.
+
+    This is 1 + 2 (r_1 + ... + r_k) with the autocorrelations r of the residuals of all columns, and
+    the first k that is five times as large (Sokal, in: Functional Integration, 1997,
+    DOI 10.1007/978-1-4899-0319-8_6).
+    """
+    covariances = np.zeros(max(map(len, parts)))
+    for x in parts:
+        covariances[: len(x)] += signal.correlate(x, x)[len(x) - 1 :]
+    lengths = 2.0 * np.cumsum(covariances) / covariances[0] - 1.0
+    are_long_enough = np.arange(len(lengths)) >= _LAGS_PER_LENGTH * lengths
+    return float(lengths[np.argmax(are_long_enough) if are_long_enough.any() else -1])
 
 
 def _find_outliers(residuals: Array) -> Array:

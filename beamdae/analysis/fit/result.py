@@ -196,7 +196,7 @@ class Fit(HasPage):
         0.4 standard deviations (see `errors`), and on residuals: the model does not explain the
         data (`sigma` is known, and larger values of chi-square have a probability below 1e-6),
         `sigma` is more than 1.4 times the residuals (smaller ones have a probability below 1e-6),
-        consecutive residuals have a correlation above 0.5, or single ones are outliers.
+        residuals are alike over more than three data, or single ones are outliers.
         """
         return (*self._own_warnings, *self.run_warnings)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -209,7 +208,7 @@ def local_search(
     if not free.any():
         status = Status("ok", "all parameters are fixed")
         return SearchResult(record.best, 1, status, nowhere, record.first)
-    sigma, ending = 1.0, ""
+    sigma, ending, explains = 1.0, "", True
     if not problem.data.is_sigma_known:
         sigma = float(_GUESSED_SIGMA * np.sqrt(problem.data.variation / problem.count))
     attraction = _PRIOR_WEIGHT * sigma * np.eye(len(first))
@@ -225,7 +224,7 @@ def local_search(
     except _StalledError:
         end = record.best
         count = format_count(record.count, "evaluation")
-        ending = f"stopped without progress after {count}"
+        ending, explains = f"stopped without progress after {count}", False
     except KeyboardInterrupt:
         sentence = f"interrupted after {format_count(record.count, 'evaluation')}"
         status = Status("interrupted", sentence)
@@ -248,9 +247,14 @@ def local_search(
             f"{count} failed, the last one: {last_one.removesuffix('.')}; pass bounds= that "
             "exclude such values"
         )
-    explains = status.success or "without progress" not in ending
     return SearchResult(
-        end, record.count, status, free & is_bound, record.first, failures, explains
+        end,
+        record.count,
+        status,
+        free & is_bound,
+        record.first,
+        failures,
+        explains or status.success,
     )
 
 
@@ -339,27 +343,24 @@ def _repeat_from_first_data(
     """
     spent, best = end.evaluations, end
     for share in (*_FIRST_SHARES, 1.0):
-        parts = [problem.with_first_data(share)] if share < 1.0 else [problem]
-        if parts[0].data.variation < _MIN_PART_VARIATION * problem.data.variation:
+        part = problem.with_first_data(share) if share < 1.0 else problem
+        if part.data.variation < _MIN_PART_VARIATION * problem.data.variation:
             continue
-        if share < 1.0 and len(problem.estimated) > len(problem.variables):
-            # Short parts hardly determine scales and offsets, which most sensors have near 1 and 0.
-            parts.insert(0, problem.with_first_data(share, is_calibrated=True))
-        is_found = False
-        for part in parts:
-            limit = max_evaluations - spent
-            if share < 1.0:
-                limit = min(limit, _MAX_PART_EVALUATIONS)
-            # BeamdaeError, or an error of the model function at extreme values.
-            with suppress(ValueError, ArithmeticError):
-                if limit > 0 and not is_found:
-                    other = local_search(part, scaling, first, limit, is_rough=share < 1.0)
-                    spent += other.evaluations
-                    is_found = is_explained(part, other.evaluation)
-                    first = scaling.variables(other.evaluation.values) if is_found else first
-                    best = min(end, other, key=lambda x: x.chi_square) if share == 1.0 else end
-        if not is_found:
+        limit = max_evaluations - spent
+        if share < 1.0:
+            limit = min(limit, _MAX_PART_EVALUATIONS)
+        if limit <= 0:
             break
+        try:
+            other = local_search(part, scaling, first, limit, is_rough=share < 1.0)
+        except (ValueError, ArithmeticError):
+            break  # BeamdaeError, or an error of the model function at extreme values.
+        spent += other.evaluations
+        if share == 1.0:
+            best = min(end, other, key=lambda x: x.chi_square)
+        if not is_explained(part, other.evaluation):
+            break
+        first = scaling.variables(other.evaluation.values)
     return replace(best, evaluations=spent, first=end.first)
 
 

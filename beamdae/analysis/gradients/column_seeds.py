@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-import scipy.sparse as sp
 
 from beamdae.analysis.gradients.objectives import (
-    ColumnObjective,
     Objective,
     SampleGrid,
     select_column,
-    times_after_restart,
+)
+from beamdae.analysis.sensitivities.observable_derivatives import (
+    ColumnPoints,
+    join_points,
+    split_points,
+    split_times,
 )
 from beamdae.equations.equations_of_motion import EquationsOfMotion, Observable, State
 from beamdae.equations.structure import cache_on_owner
@@ -66,110 +69,53 @@ def differentiate_objective(objective: Objective, solution: Solution) -> ColumnS
     # By columns: most objectives depend on few of them, and only these need memory.
     states = [np.zeros((len(x.nodes), size), order="F") for x in trajectory.intervals]
     result, grid = ColumnSeeds.empty(equations, states), SampleGrid.of(trajectory)
-    samples_at: dict[bytes, list[_IntervalSample]] = {}
+    points_at: dict[tuple[bytes, bool], Any] = {}
     for factor, term in objective.terms:
-        times = term.sample_times(grid)
-        key, column = times.tobytes(), _Column.of(equations, term.column)
-        if key not in samples_at:
-            samples_at[key] = _sample_intervals(trajectory, times)
-        samples, parts, values = samples_at[key], [], []
-        for sample in samples:
-            points = sample.points(column.is_elastic)
-            y, arguments = column.evaluate(points.rows, points.at)
-            values.append(sample.interpolate_forces(y, points.nodes) if column.is_elastic else y)
-            parts.append((points, arguments))
-        value, derivatives = term.evaluate(np.concatenate(values), grid.weights)
+        times, column = term.sample_times(grid), _Column.of(equations, term.column)
+        key = times.tobytes(), column.is_elastic
+        if key not in points_at:
+            sampled = split_times(trajectory, times, column.is_elastic)
+            points_at[key] = sampled, *join_points(sampled, trajectory, limited=True)
+        points, rows, at = points_at[key]
+        values, arguments = column.evaluate(rows, at)
+        parts = zip(points, split_points(points, values), strict=True)
+        samples = [_values_at_times(x, trajectory, part) for x, part in parts]
+        value, by_samples = term.evaluate(np.concatenate(samples), grid.weights)
         result.value += factor * value
-        ends = np.cumsum([len(x.times) for x in samples])[:-1]
-        by_samples = np.split(factor * derivatives, ends)
-        for sample, (points, arguments), by in zip(samples, parts, by_samples, strict=True):
-            by_nodes = states[sample.index]
-            if points.weights is not None:
-                by = points.weights.T @ by
-            is_between = points.nodes is None
-            shape = len(points.rows), size
-            by_state = np.zeros(shape, order="F") if is_between else by_nodes[points.nodes]
-            column.add_gradient(result, by_state, arguments, points.at, by)
-            if is_between:
-                sample.transpose(by_state, equations.n, by_nodes)
-            else:
-                by_nodes[points.nodes] = by_state
+        by_values = [
+            factor * (by_samples[x.here] if x.weights is None else x.weights.T @ by_samples[x.here])
+            for x in points
+        ]
+        for columns, by in column.gradient(result, arguments, at, np.concatenate(by_values)):
+            for x, part in zip(points, split_points(points, by), strict=True):
+                interval = trajectory.intervals[x.interval]
+                _add_to_nodes(x, interval, states[x.interval], columns, part)
     return result
 
 
-class _Points(NamedTuple):
-    """States at which a column is evaluated.
-
-    Attributes
-    ----------
-    rows, at
-        Rows of (t, branch), and the states.
-    nodes
-        Indices of the nodes at which they are; None for states between nodes.
-    weights
-        Weights (times, nodes) of the values at the nodes; None if they are the values.
-    """
-
-    rows: Array
-    at: State
-    nodes: Any
-    weights: sp.csr_array | None
+def _values_at_times(points: ColumnPoints, trajectory: Trajectory, values: Array) -> Array:
+    """Return the values of a column at the times, given those at the states of the points."""
+    if points.weights is None:
+        return values
+    interval = trajectory.intervals[points.interval]
+    at_nodes = np.zeros((len(interval.nodes), 1))
+    at_nodes[points.nodes, 0] = values
+    return interval.interpolate_forces(at_nodes, points.times)[:, 0]
 
 
-@dataclass(frozen=True)
-class _IntervalSample:
-    """Times within an interval; `nodes` selects them if they are consecutive nodes."""
-
-    index: int
-    interval: Interval
-    times: Array
-    nodes: slice | None
-
-    def points(self, elastic: bool) -> _Points:
-        """Return the states of a column; elastic forces between nodes are interpolated."""
-        if self.nodes is None and not elastic:
-            return self._points_between
-        nodes: Any = self.nodes
-        weights = None
-        if nodes is None:
-            nodes, weights = self.interval.force_weights_at(self.times)
-        at = State(*(x[nodes] for x in self.interval.rows))
-        return _Points(self.interval.times[nodes], at, nodes, weights)
-
-    @cached_property
-    def _points_between(self) -> _Points:
-        rows = np.stack([self.times, np.full(len(self.times), self.interval.branch)], axis=1)
-        return _Points(rows, self.interval.at(self.times, limited=True), None, None)
-
-    def interpolate_forces(self, values: Array, nodes: Any) -> Array:
-        """Return elastic forces at the times, given those at some nodes of the interval."""
-        if self.nodes is not None:
-            return values
-        at_nodes = np.zeros((len(self.interval.nodes), 1))
-        at_nodes[nodes, 0] = values
-        return self.interval.interpolate_forces(at_nodes, self.times)[:, 0]
-
-    def transpose(self, by_state: Array, n: int, by_nodes: Array) -> None:
-        """Add derivatives with respect to (q, v, lam) at the times to those at the nodes."""
-        weights = self.interval.weights_at(self.times)
-        q, v, lam = np.split(by_state, [n, 2 * n], axis=1)
-        by_nodes[:, :n] += weights.positions.T @ q
-        by_nodes[:, n : 2 * n] += weights.positions_by_velocities.T @ q
-        by_nodes[:, n : 2 * n] += weights.velocities.T @ v
-        by_nodes[:, 2 * n :] += weights.reactions.T @ lam
-
-
-def _sample_intervals(trajectory: Trajectory, times: Array) -> list[_IntervalSample]:
-    """Distribute ascending times to the intervals of a run; intervals without times are omitted."""
-    index, samples = trajectory.interval_index(times), []
-    for k in np.unique(index).tolist():
-        interval, t = trajectory.intervals[k], times[index == k]
-        available = times_after_restart(interval.nodes) if k else interval.nodes
-        first = int(np.searchsorted(available, t[0]))
-        nodes = slice(first, first + len(t))
-        are_nodes = np.array_equal(available[nodes], t)
-        samples.append(_IntervalSample(k, interval, t, nodes if are_nodes else None))
-    return samples
+def _add_to_nodes(
+    points: ColumnPoints, interval: Interval, by_nodes: Array, columns: Array, by_states: Array
+) -> None:
+    """Add derivatives by columns of the states (q, v, lam) of points to those at the nodes."""
+    if points.nodes is not None:
+        by_nodes[points.nodes[:, None], columns] += by_states
+        return
+    weights, n = interval.weights_at(points.times), interval.rows.v.shape[1]
+    of_kinds = weights.positions, weights.velocities, weights.reactions
+    kind = min(int(columns[0]) // n, 2)
+    by_nodes[:, columns] += of_kinds[kind].T @ by_states
+    if kind == 0:
+        by_nodes[:, n + columns] += weights.positions_by_velocities.T @ by_states
 
 
 class _Column(NamedTuple):
@@ -203,53 +149,49 @@ class _Column(NamedTuple):
         arguments = rows, q, v, self.equations.p[o.data], at.lam[:, o.rows]
         return o.function.output(self.column)(*arguments)[:, 0], arguments
 
-    def add_gradient(
-        self,
-        seeds: ColumnSeeds,
-        by_state: Array,
-        arguments: tuple[Array, ...],
-        at: State,
-        by: Array,
-    ) -> None:
-        """Add derivatives `by` (k,) with respect to the values to those by states and numbers."""
+    def gradient(
+        self, seeds: ColumnSeeds, arguments: tuple[Array, ...], at: State, by: Array
+    ) -> Iterator[tuple[Array, Array]]:
+        """Yield columns of (q, v, lam), (c,), and the derivatives by them, (states, c).
+
+        Derivatives by the numbers are added to `seeds`; `by` are those by the values, (states,).
+        """
+        n = self.equations.n
         if self.number is None:
-            by_state[:, self.column] += by
+            yield np.array([self.column]), by[:, None]
             return
-        o, n = self.observable, self.equations.n
+        o = self.observable
         gradient = o.function.output(self.column).weighted_gradient()(*arguments, by[:, None])
         ends = np.cumsum([arguments[1].shape[1], arguments[2].shape[1], arguments[3].shape[-1]])
-        by_q, by_v, by_p, by_lam = np.split(gradient, ends, axis=1)
+        *by_motion, by_p, by_lam = np.split(gradient, ends, axis=1)
         seeds.numbers[o.data] += by_p.sum(axis=0)
         row = np.repeat(np.arange(o.operator.shape[0]), np.diff(o.operator.indptr))
         acting, operator = o.active_columns
-        for first, part, x in ((0, by_q, at.q), (n, by_v, at.v)):
+        for first, part, x in zip((0, n), by_motion, (at.q, at.v), strict=True):
             # Most columns depend either on positions or on velocities.
             if part.any():
                 change = np.einsum("ti,ti->i", part[:, row], x[:, o.operator.indices])
                 seeds.operators[self.number] += change
-                by_state[:, first + acting] += part @ operator
-        by_state[:, 2 * n :][:, o.rows] += by_lam
+                yield first + acting, part @ operator
+        if by_lam.size:
+            yield 2 * n + np.arange(self.equations.m)[o.rows], by_lam
 
 
-def add_term(
-    seeds: ColumnSeeds,
-    by_state: Array,
-    equations: EquationsOfMotion,
-    factor: float,
-    term: ColumnObjective,
-    rows: Array,
-    at: State,
-    weights: Array,
-) -> None:
-    """Add the value of a term, and its derivatives with respect to the states `at` `rows`.
+def differentiate_state(
+    equations: EquationsOfMotion, factors: Iterable[tuple[str, float]], time: Array, at: State
+) -> ColumnSeeds:
+    """Return the derivatives of a sum of factor * column at a state, by this state.
 
-    `weights` are those of integrals, see `ColumnObjective.evaluate`.
+    `time` and `at` are rows of (t, branch) and of the state.
     """
-    column = _Column.of(equations, term.column)
-    values, arguments = column.evaluate(rows, at)
-    value, derivatives = term.evaluate(values, weights)
-    seeds.value += factor * value
-    column.add_gradient(seeds, by_state, arguments, at, factor * derivatives)
+    by_state = np.zeros((len(time), 2 * equations.n + equations.m))
+    result = ColumnSeeds.empty(equations, [by_state])
+    for name, factor in factors:
+        column = _Column.of(equations, name)
+        _, arguments = column.evaluate(time, at)
+        for columns, by in column.gradient(result, arguments, at, np.full(len(time), factor)):
+            by_state[:, columns] += by
+    return result
 
 
 @cache_on_owner

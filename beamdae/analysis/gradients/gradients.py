@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -25,37 +25,26 @@ from beamdae.analysis.gradients.objectives import (
     Objective,
     read_column,
 )
-from beamdae.analysis.sensitivities.differentiable_methods import (
+from beamdae.analysis.sensitivities.differentiable_run import (
     INTERRUPTED_ESTIMATE,
+    DifferentiableRun,
+    check_runs,
     require_differentiable_method,
-    require_end,
     warn_of_errors,
 )
 from beamdae.analysis.sensitivities.linear_steps import Matrices, transpose_steps
-from beamdae.analysis.sensitivities.neighbors import (
-    Difference,
-    derivative_call,
-    difference_model,
-)
+from beamdae.analysis.sensitivities.neighbors import Difference, derivative_call
 from beamdae.analysis.sensitivities.observable_derivatives import (
     differentiate_run_columns,
     time_derivative,
 )
 from beamdae.analysis.sensitivities.restart_times import differentiate_event_time, find_stop
-from beamdae.analysis.sensitivities.run_chain import (
-    RunDerivative,
-    differentiate_states,
-    node_state,
-)
-from beamdae.analysis.sensitivities.sensitivity_result import (
-    select_parameters,
-)
+from beamdae.analysis.sensitivities.run_chain import RunDerivative, node_state
+from beamdae.analysis.sensitivities.sensitivity_result import select_parameters
 from beamdae.analysis.sensitivities.start_derivatives import (
     StartDerivatives,
-    assemble_neighbors,
     start_adds_velocities,
 )
-from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.errors import (
     BeamdaeError,
@@ -69,10 +58,10 @@ from beamdae.interrupts import interruptible, keep_result
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.memory import require_memory
 from beamdae.model_functions import Model, transform_mechanisms
-from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM, require_start
+from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM
 from beamdae.read_only import read_only_data
 from beamdae.results.solution import Solution
-from beamdae.simulation import as_equations, simulate
+from beamdae.simulation import as_equations
 
 Array = np.ndarray
 
@@ -162,8 +151,7 @@ def gradient(
     derivatives include those of the end time, in contrast to `sensitivities`. Only the model
     function is differenced, because it is an arbitrary Python function: parameters that affect
     different numbers of the model, such as the thicknesses of a beam at different points, are
-    changed together. Differences of more than 20 groups of them are of second order, with
-    relative errors near 1e-10, others of fourth order, with relative errors near 1e-12.
+    changed together. Differences are of fourth order, with relative errors near 1e-12.
 
     Parameters
     ----------
@@ -185,8 +173,8 @@ def gradient(
     start
         Start of the run, see `simulate`; not a solution or checkpoint.
     estimate_error
-        True to measure `Gradient.errors` and warn of errors above 4 %, unless this takes more than
-        2 s and eight times the run. Pass False in loops such as optimizations.
+        True to measure `Gradient.errors` and those of the run, and warn of errors above 4 %, unless
+        this takes more than 2 s and eight times the run. Pass False in loops such as optimizations.
 
     Returns
     -------
@@ -231,7 +219,8 @@ def gradient(
         )
     require_choice("gradient", "estimate_error", estimate_error, (True, False))
     flat = flatten_model("gradient", model, by, parameters)
-    result = _evaluate(flat, objective, integrator, t_end, start)
+    with check_runs(estimate_error):
+        result = _evaluate(flat, objective, integrator, t_end, start)
     if estimate_error:
         with keep_result(result, "gradient", INTERRUPTED_ESTIMATE):
             warn_of_errors(result)
@@ -242,17 +231,18 @@ def _evaluate(
     flat: FlatModel, objective: Objective, integrator: Any, t_end: float | None, start: Any
 ) -> Gradient:
     """Return the result of `gradient` without a check of its errors."""
-    run = DifferentiableRun.of(flat, integrator, t_end, start)
-    value, derivatives = run.differentiate(objective)
+    method = require_differentiable_method(integrator, DEFAULT_METHOD)
+    run = AdjointRun.of(flat, method, start, t_end=t_end)
+    value, derivatives = run.gradient(objective)
     shaped = flat.unflatten(derivatives.tolist())
 
     def repeat(change: Callable[[Any], Any], method: Any) -> Gradient:
-        changed = replace(flat, model=transform_mechanisms(flat.model, change))
+        changed = replace(flat, whole=transform_mechanisms(flat.whole, change))
         return _evaluate(changed, objective, method, t_end, start)
 
     return Gradient(
         value,
-        flat.unflatten(flat.values.values()),
+        flat.unflatten(flat.parameters.values()),
         {x: y if isinstance(y, float) else np.array(y) for x, y in shaped.items()},
         run.solution,
         repeat,
@@ -264,81 +254,51 @@ def flatten_model(caller: str, model: Any, by: Any, parameters: Any) -> FlatMode
 
     `caller` is the calling function, for messages.
     """
-    names, values = select_parameters(caller, model, by, parameters, allows_lists=True)
+    names, model = select_parameters(caller, model, by, parameters, allows_lists=True)
     entries: dict[str, tuple[str, int | None]] = {}
     for name in names:
-        if isinstance(values[name], float):
+        if isinstance(model.parameters[name], float):
             entries[name] = (name, None)
         else:
-            entries |= {f"{name}[{k}]": (name, k) for k in range(len(values[name]))}
-    return FlatModel(model, values, entries)
+            entries |= {f"{name}[{k}]": (name, k) for k in range(len(model.parameters[name]))}
+    return FlatModel(model, entries)
 
 
 @dataclass(eq=False)
-class DifferentiableRun:
-    """Run of a model, from which the gradients of several objectives can be computed.
+class AdjointRun(DifferentiableRun):
+    """Run of a model of numbers, from which gradients of several objectives can be computed.
 
-    Attributes
-    ----------
-    flat
-        The model as a function of single numbers.
-    solution
-        The run.
-    method
-        Integrator of the run.
-    start
-        Start of the run, see `simulate`.
+    Raises
+    ------
+    BeamdaeError
+        If the run does not reach its end, or its states need too much memory.
     """
 
-    flat: FlatModel
-    solution: Solution
-    method: GeneralizedAlpha | Radau
-    start: Any
-    # Derivatives of the numbers, and models and derivatives of the run by name of a number, once
-    # they are known: they serve all objectives.
+    model: FlatModel
+    # Derivatives of the numbers, once they are known: they serve all objectives.
     _numbers: NumberDerivatives | None = field(default=None, init=False)
-    _differences: dict[str, Difference] = field(default_factory=dict, init=False)
-    _along: dict[str, RunDerivative] = field(default_factory=dict, init=False)
 
-    @classmethod
-    def of(
-        cls, flat: FlatModel, integrator: Any, t_end: float | None, start: Any
-    ) -> DifferentiableRun:
-        """Integrate a model; the arguments are those of `gradient`.
-
-        Raises
-        ------
-        BeamdaeError
-            If the run cannot be differentiated, does not reach its end, or its states need too much
-            memory.
-        """
-        method = require_differentiable_method(integrator, DEFAULT_METHOD)
-        mechanism, caller = flat(), derivative_call()
-        start = None if start is None else require_start("start", start)
-        # Rejects sampled controllers; the run computes the start, such as an equilibrium.
-        as_equations(caller, mechanism, AS_DRAWN)
-        solution = simulate(mechanism, method, t_end, start=start, keep_steps=True)
-        require_end(flat.name, solution)
-        trajectory, equations = solution.trajectory, solution.equations
-        if trajectory.end < solution.model["t_end"] and find_stop(solution) is None:
+    def __post_init__(self) -> None:
+        self.require_end()
+        trajectory, equations = self.solution.trajectory, self.solution.equations
+        if trajectory.end < self.solution.model["t_end"] and find_stop(self.solution) is None:
             raise BeamdaeError(
-                f"{caller}: the run of {flat.name} was {solution.status.sentence}, not by an event "
-                "of the model; choose an earlier t_end."
+                f"{derivative_call()}: the run of {self.model.name} was "
+                f"{self.solution.status.sentence}, not by an event of the model; choose an earlier "
+                "t_end."
             )
         require_memory(
-            caller,
+            derivative_call(),
             f"derivatives with respect to the states of {trajectory.steps} steps",
             _COPIES_OF_ROWS * 8.0 * trajectory.steps * (3 * equations.n + equations.m),
             "use longer steps",
         )
-        return cls(flat, solution, method, start)
 
-    def differentiate(self, objective: Objective) -> tuple[float, Array]:
+    def gradient(self, objective: Objective) -> tuple[float, Array]:
         """Return the value and the gradient (k,) of an objective."""
+        names = list(self.model.entries)
         with single_threaded:
-            names = list(self.flat.entries)
-            result = self._transpose(objective, names)
-            return result or self._differentiate_along(objective, names)
+            return self._transpose(objective, names) or self._contract(objective, names)
 
     def _transpose(self, objective: Objective, names: list[str]) -> tuple[float, Array] | None:
         """Return the value and the gradient by one backward sweep; None if it does not apply.
@@ -346,64 +306,36 @@ class DifferentiableRun:
         The sweep serves the numbers on which the equations depend through p and the requested start
         alone.
         """
-        e, request = self.solution.equations, self.solution.equations.start
-        time, at = node_state(self.solution.trajectory.intervals[0], 0)
-        starts_as_drawn = np.array_equal(at.q, e.q0) and not start_adds_velocities(e, time)
-        has_events = e.configurations is not None or find_stop(self.solution) is not None
-        by_equilibrium, start = None, StartDerivatives(ConsistencySolver(e))
-        is_equilibrium = request is not None and request.description == EQUILIBRIUM
-        if has_events or e.redundant or not (is_equilibrium or starts_as_drawn):
+        e = self.solution.equations
+        if e.configurations is not None or e.redundant or find_stop(self.solution) is not None:
             return None
-        seeds, by_q, by_v, numbers = transpose_run(objective, self.solution, self.method)
-        if is_equilibrium:
-            operator = start.equilibrium_map(time, at)
-            if operator is not None:
-                by_equilibrium = start.gradient(operator, np.append(by_q, 0.0 * at.lam))[1]
-            elif not starts_as_drawn:
-                return None
-        # The equilibrium of neighboring models is not needed if its adjoint is known.
+        time, at = node_state(self.solution.trajectory.intervals[0], 0)
+        start, equilibrium = StartDerivatives(ConsistencySolver(e)), None
+        if e.start is not None and e.start.description == EQUILIBRIUM:
+            equilibrium = start.equilibrium_map(time, at)
+        is_drawn = np.array_equal(at.q, e.q0) and not start_adds_velocities(e, time)
+        if equilibrium is None and not is_drawn:
+            return None
+        seeds, by_q, by_v, by_p = transpose_run(objective, self.solution, self.method)
+        if equilibrium is not None:
+            by_p = by_p + start.gradient(equilibrium, np.append(by_q, 0.0 * at.lam))[1]
+            by_q, by_v = np.zeros_like(by_q), np.zeros_like(by_v)
         if self._numbers is None:
-            model_start = None if by_equilibrium is None else AS_DRAWN
-            self._numbers = self._differentiate_numbers(model_start)
-        derivatives = self._numbers
-        result = derivatives.operators @ np.concatenate([np.zeros(0), *seeds.operators])
-        if by_equilibrium is None:
-            result += derivatives.p @ numbers + derivatives.q0 @ by_q + derivatives.v0 @ by_v
-        else:
-            result += derivatives.p @ (numbers + by_equilibrium)
-        if irregular := list(derivatives.irregular):
+            # The equilibrium of neighboring models is not needed if its adjoint is known.
+            request = self.settings["start"] if equilibrium is None else AS_DRAWN
+            assemble = partial(as_equations, derivative_call(), start=request)
+            base = e if equilibrium is None else assemble(self.model())
+            self._numbers = differentiate_numbers(self.model, base, assemble, time)
+        numbers = self._numbers
+        result = numbers.contract(by_p, seeds.operators, by_q, by_v)
+        if irregular := list(numbers.irregular):
             others = [names[k] for k in irregular]
-            result[irregular] = self._differentiate_along(objective, others)[1]
+            result[irregular] = self._contract(objective, others)[1]
         return seeds.value, result
 
-    def _differentiate_numbers(self, start: Any) -> NumberDerivatives:
-        """Return the derivatives of the numbers for a start, None for that of the run."""
-        first = self.solution.trajectory.intervals[0]
-
-        def assemble(mechanism: Any) -> EquationsOfMotion:
-            return as_equations(derivative_call(), mechanism, start or self.start)
-
-        base = self.solution.equations if start is None else assemble(self.flat())
-        time = np.array([first.t[0], first.branch])
-        return differentiate_numbers(self.flat, base, assemble, time)
-
-    def _differentiate_along(
-        self, objective: Objective, names: Sequence[str]
-    ) -> tuple[float, Array]:
+    def _contract(self, objective: Objective, names: Sequence[str]) -> tuple[float, Array]:
         """Return the value and derivatives of an objective along those of the run."""
-        equations = self.solution.equations
-        assemble = assemble_neighbors(equations, self.start)
-        missing = {
-            x: difference_model(self.flat.as_model(), x, self.flat.values, equations, assemble)
-            for x in names
-            if x not in self._along
-        }
-        if missing:
-            self._differences.update(missing)
-            self._along.update(differentiate_states(self.solution, self.method, missing))
-        differences = {x: self._differences[x] for x in names}
-        along = {x: self._along[x] for x in names}
-        value, changes = differentiate_along(objective, self.solution, differences, along)
+        value, changes = differentiate_along(objective, self.solution, *self.differentiate(names))
         return value, np.array([changes[x] for x in names])
 
 
@@ -462,29 +394,25 @@ def differentiate_along(
     """
     solution = bound_reactions(solution)
     equations, trajectory = solution.equations, solution.trajectory
-    changes_at: dict[tuple[bytes, int], dict[str, Array]] = {}
     along = {name: x.trajectory for name, x in derivatives.items()}
     shifts = np.array([x.shifts for x in derivatives.values()])
     moved = np.flatnonzero(shifts.any(axis=0)).tolist()
     ends = _differentiate_end_time(solution, differences, derivatives)
     value, result = 0.0, np.zeros(len(derivatives))
     for factor, term, run, weights in objective.sample(solution):
-        times = run.t
         header, column = read_column(run, term.column)
         number, index = locate_column(equations, header)
         term_value, by_samples = term.evaluate(column, weights)
         value += factor * term_value
         if number is None:
-            states = (x.at(times)[1] for x in along.values())
-            changes = [np.hstack([x.q, x.v, x.lam])[:, index] for x in states]
+            states = (x.at(run.t)[1] for x in along.values())
+            changes = [np.hstack([x.q, x.v, x.lam]) for x in states]
         else:
-            key = times.tobytes(), number
-            if key not in changes_at:
-                changes_at[key] = differentiate_run_columns(
-                    equations, trajectory, times, along, differences, [number]
-                )
-            changes = [x[:, index] for x in changes_at[key].values()]
-        result += factor * (np.array(changes) @ by_samples)
+            by_name = differentiate_run_columns(
+                equations, trajectory, run.t, along, differences, [number]
+            )
+            changes = list(by_name.values())
+        result += factor * (np.array([x[:, index] for x in changes]) @ by_samples)
         for k in moved:
             t = float(trajectory.intervals[k].t[0])
             result += factor * shifts[:, k] * _restart_rate(term, term_value, solution, t)

@@ -7,11 +7,10 @@ numbers, such as the thicknesses of a beam at different points, are therefore ch
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -37,9 +36,6 @@ from beamdae.model_functions import Model
 
 Array = np.ndarray
 
-# Up to this number of groups of parameters that are changed together, differences are of fourth
-# order.
-_MAX_FOURTH_ORDER_GROUPS = 20
 # Change of parameters whose value is zero, relative to that of others.
 _SIZE_AT_ZERO = 0.1
 # Parameters are searched for those that affect the same numbers if they are at least this many; the
@@ -59,29 +55,27 @@ class FlatModel:
 
     Attributes
     ----------
-    model
-        Model function.
-    parameters
-        Values of all its parameters.
+    whole
+        Model function with the values of its parameters.
     entries
         Name of the parameter and index of the entry, None for a float, by name of the number, such
         as "E" and "thickness[3]".
     """
 
-    model: Model
-    parameters: Mapping[str, Any]
+    whole: Model
     entries: Mapping[str, tuple[str, int | None]]
 
     @property
     def name(self) -> str:
         """Name of the model function."""
-        return self.model.name
+        return self.whole.name
 
     @property
-    def values(self) -> dict[str, float]:
+    def parameters(self) -> dict[str, float]:
         """Values of the numbers."""
+        values = self.whole.parameters
         return {
-            name: float(self.parameters[key] if k is None else self.parameters[key][k])
+            name: float(values[key] if k is None else values[key][k])
             for name, (key, k) in self.entries.items()
         }
 
@@ -92,23 +86,13 @@ class FlatModel:
             result[key] = number if k is None else (*result.get(key, ()), number)
         return result
 
-    def as_model(self) -> Model:
-        """Return a model function whose parameters are the numbers."""
-
-        # The name and the folder remain those of the model.
-        @functools.wraps(self.model.build)
-        def build(**values: float) -> Any:
-            return self(**values)
-
-        return Model(build, self.model.t_end, dict(self.values))
-
     def __call__(self, **values: float) -> Any:
         """Return the mechanism for other values of some of the numbers."""
-        return self.model(**self.change(values))
+        return self.whole(**self.change(values))
 
     def change(self, values: Mapping[str, float]) -> dict[str, Any]:
         """Return all parameters of the model for other values of some of the numbers."""
-        parameters = dict(self.parameters)
+        parameters = dict(self.whole.parameters)
         for name, value in values.items():
             key, k = self.entries[name]
             if k is None:
@@ -116,8 +100,28 @@ class FlatModel:
             else:
                 numbers = list(parameters[key])
                 numbers[k] = value
-                parameters[key] = type(self.parameters[key])(numbers)
+                parameters[key] = type(parameters[key])(numbers)
         return parameters
+
+
+@dataclass(frozen=True)
+class _Line:
+    """Model on a line of numbers, with the parameter x; `slopes` are their derivatives."""
+
+    flat: FlatModel
+    slopes: Mapping[str, float]
+
+    @property
+    def name(self) -> str:
+        return self.flat.name
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        return {"x": 0.0}
+
+    def __call__(self, **values: float) -> Any:
+        here, x = self.flat.parameters, values["x"]
+        return self.flat(**{name: here[name] + y * x for name, y in self.slopes.items() if y})
 
 
 @dataclass(frozen=True)
@@ -143,16 +147,24 @@ class NumberDerivatives:
     operators: Array
     irregular: tuple[int, ...]
 
+    def contract(
+        self,
+        by_p: Array,
+        by_operators: Sequence[Array],
+        by_q0: Array | float = 0.0,
+        by_v0: Array | float = 0.0,
+    ) -> Array:
+        """Return the gradient (k,) of a function by the numbers, given its derivatives."""
+        result = self.operators @ np.concatenate([np.zeros(0), *by_operators])
+        for rows, by in ((self.p, by_p), (self.q0, by_q0), (self.v0, by_v0)):
+            result += rows @ np.broadcast_to(by, rows.shape[1])
+        return np.asarray(result)
 
-class _Effects(NamedTuple):
-    """Names of numbers, and entries that they affect, (k, size); None if no groups were found."""
 
-    names: tuple[str, ...]
-    masks: Array | None
-
-
-# By model function: searches of an optimum differentiate the same numbers repeatedly.
-_latest_effects: WeakKeyDictionary[Callable[..., Any], _Effects] = WeakKeyDictionary()
+# The latest numbers of a model function with the entries that they affect, (k, size), or None if no
+# groups were found: searches of an optimum differentiate the same numbers repeatedly.
+_latest_effects: WeakKeyDictionary[Callable[..., Any], dict[tuple[str, ...], Array | None]]
+_latest_effects = WeakKeyDictionary()
 
 
 def differentiate_numbers(
@@ -180,9 +192,9 @@ def differentiate_numbers(
     numbers = _Numbers(model, base, assemble, time)
     derivatives, irregular = _differentiate_together(numbers), list[int]()
     if derivatives is None:
-        derivatives, flat = np.zeros(numbers.shape), model.as_model()
+        derivatives = np.zeros(numbers.shape)
         for k, name in enumerate(model.entries):
-            difference = difference_model(flat, name, model.values, base, assemble)
+            difference = difference_model(model, name, base, assemble)
             if numbers.is_regular(difference):
                 derivatives[k] = difference.along(_numbers_of)
             else:
@@ -198,22 +210,21 @@ def differentiate_numbers(
 
 def _differentiate_together(numbers: _Numbers) -> Array | None:
     """Return the derivatives with numbers changed in groups, or None if there are no groups."""
-    names, function = tuple(numbers.model.entries), numbers.model.model.build
+    names, function = tuple(numbers.model.entries), numbers.model.whole.build
     if len(names) < _MIN_SEARCHED:
         return None
-    known = _latest_effects.get(function)
-    if known is not None and known.names == names:
-        if known.masks is None:
-            return None
-        if known.masks.shape == numbers.shape:
-            with suppress(BeamdaeError):
-                return numbers.differentiate_groups(known.masks)
+    known = _latest_effects.get(function, {}).get(names, np.zeros((0, 0)))
+    if known is None:
+        return None
+    if known.shape == numbers.shape:
+        with suppress(BeamdaeError):
+            return numbers.differentiate_groups(known)
     derivatives = masks = None
     with suppress(BeamdaeError):
         masks = numbers.find_affected()
         derivatives = numbers.differentiate_groups(masks)
     # Unless the search succeeds, it is not repeated.
-    _latest_effects[function] = _Effects(names, None if derivatives is None else masks)
+    _latest_effects[function] = {names: None if derivatives is None else masks}
     return derivatives
 
 
@@ -228,7 +239,7 @@ class _Numbers:
         time: Array,
     ) -> None:
         self.model, self._base, self._assemble, self._time = model, base, assemble, time
-        self._values = np.array(list(model.values.values()))
+        self._values = np.array(list(model.parameters.values()))
         self._sizes = np.where(self._values != 0.0, np.abs(self._values), _SIZE_AT_ZERO)
         self.here = _numbers_of(base)
         rounding, operators = sizes_and_rounding(base)[1], self.here[len(base.p) + 2 * base.n :]
@@ -244,16 +255,9 @@ class _Numbers:
         return len(self._values), len(self.here)
 
     def _try_change(self, shares: Array, stencil: Stencil, delta: float) -> Trial:
-        """Return the models at relative changes of the numbers by shares * (x - 1) about x = 1."""
-        (changed,) = np.nonzero(shares)
-        names = list(self.model.entries)
-
-        def build(x: float) -> Any:
-            values = self._values + shares * self._sizes * (x - 1.0)
-            return self.model(**{names[k]: float(values[k]) for k in changed})
-
-        model, values = Model(build, self.model.model.t_end, {"x": 1.0}), {"x": 1.0}
-        trial = try_step(model, "x", values, self._base, self._assemble, delta, (stencil,))
+        """Return the models at relative changes of the numbers by shares * x about x = 0."""
+        line = _Line(self.model, dict(zip(self.model.entries, shares * self._sizes, strict=True)))
+        trial = try_step(line, "x", self._base, self._assemble, delta, (stencil,))
         if not self.is_regular(trial.difference):
             raise BeamdaeError(f"{self.model.name}: the numbers cannot be changed together.")
         return trial
@@ -280,8 +284,7 @@ class _Numbers:
         masks = np.zeros(self.shape, bool)
         for k, name in enumerate(self.model.entries):
             value = float(self._values[k] + RELATIVE_DIFFERENCE * self._sizes[k])
-            neighbor = build_neighbor(self.model, {name: value})
-            changed = _numbers_of(self._assemble(neighbor))
+            changed = _numbers_of(self._assemble(build_neighbor(self.model, name, value)))
             if len(changed) != len(self.here):
                 raise BeamdaeError(f"{self.model.name}: {name} changes the structure.")
             masks[k] = changed != self.here
@@ -298,12 +301,11 @@ class _Numbers:
             If they are not accurate.
         """
         groups, count = _group_disjoint(masks), len(masks)
-        stencil = CENTRAL if len(groups) <= _MAX_FOURTH_ORDER_GROUPS else TWO_NEIGHBORS
         result = np.zeros(self.shape)
         for group in groups:
             shares = np.zeros(count)
             shares[group] = 1.0
-            trial = self._try_change(shares, stencil, RELATIVE_DIFFERENCE)
+            trial = self._try_change(shares, CENTRAL, RELATIVE_DIFFERENCE)
             if not trial.is_smooth:
                 raise BeamdaeError(f"{self.model.name}: the change does not suit the numbers.")
             change = trial.difference.along(_numbers_of)

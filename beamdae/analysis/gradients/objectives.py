@@ -515,18 +515,12 @@ class SampleGrid(NamedTuple):
 def _interval_grid(interval: Interval, is_restart: bool) -> tuple[Array, Array]:
     t = interval.t
     if interval.nodes_per_step == 1:
-        return times_after_restart(t) if is_restart else t, _trapezoidal_weights(t)
+        # Columns may jump at a restart; results at this time are those before the jump.
+        after = np.maximum(t, np.nextafter(t[0], np.inf)) if is_restart else t
+        return after, _trapezoidal_weights(t)
     points, weights = gauss_points(_POINTS_PER_STEP)
     half = 0.5 * np.diff(t)[:, None]
     return (t[:-1, None] + half * (1.0 + points)).ravel(), (half * weights).ravel()
-
-
-def times_after_restart(t: Array) -> Array:
-    """Return times (k,) of an interval; the first one does not belong to the one before.
-
-    Columns may jump at the start of an interval; results at this time are those before the jump.
-    """
-    return np.maximum(t, np.nextafter(t[0], np.inf))
 
 
 def read_column(run: Solution, name: str) -> tuple[str, Array]:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from beamdae import deferred
+from beamdae.analysis.eigenproblems.eigensolution import UNSTABLE, classify_modes
 from beamdae.analysis.linear_dynamics.linear_model import (
     LinearModel,
     compute_linear_model,
@@ -40,7 +41,6 @@ Array = np.ndarray
 
 _QUARTILES = (0.25, 0.5, 0.75)
 _MAX_VIBRATIONS = 24  # in the default range
-MIN_POLE = 1e-4  # [1/s]; smaller poles, of free motions and integrators, are zero
 _FREQUENCY_MARGIN = 10.0  # of the range, below the slowest pole and above the fastest vibration
 _MIN_RANGE = 3.0  # of the range above the lowest resonance, also if its error is large
 _MAX_PEAK_DAMPING = 0.7  # damping ratio above which a pole has no peak
@@ -240,9 +240,7 @@ def bode(
         three times the lowest one, where the first natural frequency has an error of more than
         1 %.
     accuracy
-        Largest error of a required value [-], from 1e-6 to 0.1, see `Errors`. The analysis is
-        repeated, up to four times, with finer meshes and exact strains until its measured errors
-        are small enough; `errors.status` says what was reached.
+        Largest error of the required columns [-], from 1e-6 to 0.1, see `Errors`.
     accuracy_columns
         Columns of `errors` that must be accurate. Defaults to all natural frequencies
         and transfer functions.
@@ -300,7 +298,7 @@ def bode(
     lin, request = model._linearization, model._request
     if accuracy is not None and request is None:
         raise BeamdaeError("bode: accuracy requires a linearized mechanism.")
-    mechanism = None if lin is None else lin.full_equations.mechanism
+    mechanism = lin.full_equations.mechanism
 
     def analyze(refined: Any, _: Any) -> Bode:
         linear = model
@@ -325,9 +323,8 @@ def _compute_bode(
         values = _choose_frequencies(model, ends)
     response = model.evaluate_response(values.tolist())
     remarks: tuple[str, ...] = ()
-    # Without free motions.
-    rate = float(np.max(model.poles.real[np.abs(model.poles) > MIN_POLE], initial=0.0))
-    if rate > 0.0:
+    if UNSTABLE in classify_modes(model.poles):
+        rate = float(np.max(model.poles.real))
         remarks = (
             f"the linear model is unstable (largest growth rate {rate:.4g} 1/s), so motions do not "
             "settle to this response; linearize about a stable state, or close the control loop.",
@@ -343,7 +340,7 @@ def _choose_frequencies(model: LinearModel, ends: tuple[float, float] | None) ->
     poles = model.poles[model.poles.imag >= 0.0]
     vibrations = poles[poles.imag > 0.0]
     if ends is None:
-        sizes = np.abs(poles[np.abs(poles) > MIN_POLE]) / (2.0 * np.pi)
+        sizes = np.abs(poles[poles != 0.0]) / (2.0 * np.pi)
         slowest = float(sizes[0]) if len(sizes) else 1.0
         is_peak = np.abs(vibrations.real) < _MAX_PEAK_DAMPING * np.abs(vibrations)
         peaks = (np.abs(vibrations[is_peak]) / (2.0 * np.pi)).tolist()[:_MAX_VIBRATIONS]

@@ -11,11 +11,11 @@ import numpy as np
 import scipy.linalg as la
 
 from beamdae import deferred
+from beamdae.analysis.eigenproblems.eigensolution import solve_eigenproblem
 from beamdae.analysis.linear_dynamics.linearization import (
     REFERENCE,
     Linearization,
     linearize_about,
-    linearize_motion,
     model_of_modes,
     searched_start,
     solve_for_accelerations,
@@ -48,7 +48,6 @@ from beamdae.parts.part import Part
 from beamdae.read_only import read_only_data
 from beamdae.results.columns import select_observed_columns
 from beamdae.results.displays import HasPage
-from beamdae.results.trajectory import Instant
 from beamdae.symbolic.statements import Variable
 
 Array = np.ndarray
@@ -60,16 +59,10 @@ Matrices = tuple[Array, Array, Array, Array]
 
 # State matrices are dense; memory grows with the square of the number of coordinates.
 _MAX_COORDINATES = 2000
-# Shift of the inverse from which slow poles are computed [1/s]: not small, because free motions are
-# poles at zero, and not a round number, because models may have poles at those.
-_POLE_SHIFT = 0.618034
 # Smaller shares of the products of absolute values are rounding errors: half of the digits cancel.
 _NOISE_SHARE = float(np.sqrt(np.finfo(float).eps))
 # Smaller shares of the product of norms are rounding errors of the inverse.
 _NORM_SHARE = 10.0 * float(np.finfo(float).eps)
-# Smaller damping ratios and relative growth rates are rounding errors.
-_MIN_DAMPING_RATIO = 1e-9
-_MIN_IMAGINARY_SHARE = 1e-6  # of poles; smaller ones are rounding errors of double real poles
 _MAX_NAMES = 4  # of inputs or outputs in a message
 _FINITE_REMEDY = "or add a small positive number under a square root of zero"
 
@@ -116,7 +109,7 @@ class LinearModel(HasPage):
     output_values: Array = field(repr=False)
     about: str
     warnings: tuple[str, ...]
-    _linearization: Linearization | None = field(default=None, repr=False)
+    _linearization: Linearization = field(repr=False)
     _request: _Request | None = field(default=None, repr=False)
 
     def __repr__(self) -> str:
@@ -136,9 +129,17 @@ class LinearModel(HasPage):
     def poles(self) -> Array:
         """Eigenvalues l of `A` [1/s], (states,), in ascending order of |l|.
 
-        Slow ones of stiff structures are accurate, see `compute_poles`.
+        They are those of `modes`, not of the matrix, whose rounding errors exceed the slow ones of
+        stiff structures. Free motions, and drivers among the inputs, are pairs of zeros; so are
+        decays that rounding hides, 1e13 times as fast as slow modes.
         """
-        return compute_poles(self.A)
+        lin = self._linearization.linearized_equations
+        upper = solve_eigenproblem(lin, None).values
+        upper = upper[upper != 0.0]
+        lower = -upper if lin.is_conservative else upper[upper.imag > 0.0].conj()
+        zeros = np.zeros(len(self.states) - len(upper) - len(lower))
+        poles = np.concatenate([zeros, upper, lower]) + 0.0
+        return poles[np.argsort(np.abs(poles), kind="stable")]
 
     @single_threaded
     def state_space(self, every: float | None = None) -> StateSpace:
@@ -296,35 +297,6 @@ def transfer_matrix(system: Matrices, point: complex) -> Array:
         return np.full(d.shape, complex("nan"))
 
 
-def compute_poles(matrix: Array) -> Array:
-    """Return the eigenvalues l of a state matrix A [1/s], (states,), in ascending order of |l|.
-
-    Elements of A of stiff structures are so large that errors of eigenvalues of A, which are
-    relative to its norm, exceed the slow ones. The left and right eigenvectors x and y are
-    therefore those of the inverse of A - s I (shift and invert), and l = y^H A x / y^H x. Its error
-    is second-order in those of the vectors and, for relative errors eps of the elements of A, eps
-    |y|^T |A| |x| / |y^H x| (Higham, Accuracy and Stability of Numerical Algorithms, 2002). Real
-    parts within this bound are zero.
-    """
-    if not matrix.size:
-        return np.zeros(0, complex)
-    a, _ = la.matrix_balance(matrix, permute=False)
-    inverse = np.linalg.inv(a - _POLE_SHIFT * np.eye(len(a)))
-    values, y, x = la.eig(inverse, left=True, right=True)
-    products = np.einsum("ij,ij->j", y.conj(), x)
-    # Vectors of multiple poles, such as those of free motions, are orthogonal.
-    is_single = np.abs(products) > np.sqrt(np.finfo(float).eps)
-    divisors = np.where(is_single, products, 1.0)
-    quotients = np.einsum("ij,ij->j", y.conj(), a @ x) / divisors
-    sizes = np.einsum("ij,ij->j", np.abs(y), np.abs(a) @ np.abs(x)) / np.abs(divisors)
-    poles = np.where(is_single, quotients, _POLE_SHIFT + 1.0 / values)
-    errors = np.where(is_single, np.finfo(float).eps * sizes, 0.0)
-    errors = errors + _MIN_DAMPING_RATIO * np.abs(poles)
-    poles.real[np.abs(poles.real) <= errors] = 0.0
-    poles.imag[np.abs(poles.imag) <= _MIN_IMAGINARY_SHARE * np.abs(poles)] = 0.0
-    return poles[np.argsort(np.abs(poles), kind="stable")]
-
-
 @single_threaded
 @interruptible
 def linearize(
@@ -358,9 +330,7 @@ def linearize(
         or without the unit. Defaults to all of them except largest magnitudes, such as
         `Beam.largest_stress`, whose derivatives jump, and those whose derivatives are not finite.
     accuracy
-        Largest error of a required value [-], from 1e-6 to 0.1, see `Errors`. The analysis is
-        repeated, up to four times, with finer meshes and exact strains until its measured errors
-        are small enough; `errors.status` says what was reached.
+        Largest error of the required columns [-], from 1e-6 to 0.1, see `Errors`.
     accuracy_columns
         Columns of `errors` that must be accurate. Defaults to the three slowest natural
         frequencies; see `bode` for frequency responses.
@@ -409,7 +379,6 @@ def linearize(
     )
     model = model_of_modes(model, about)
     linear = until.reach_accuracy(analysis, model, accuracy, accuracy_columns)
-    assert linear._linearization is not None
     warn_of_result(linear.warnings, linear._linearization.equations.build_warnings)
     if not warnings_are_ignored():
         warn_of_result(linear.errors.sentences())
@@ -693,17 +662,8 @@ def reduce_to_states(
         values,
         lin.about,
         lin.warnings,
-        lin if e.mechanism is not None else None,
+        lin,
     )
-
-
-def find_growing(equations: EquationsOfMotion, instant: Instant, min_rate: float) -> Array:
-    """Return the eigenvalues above a growth rate [1/s] of the equations about a state of a run."""
-    matrix = reduce_to_states(linearize_motion(equations, instant)).A
-    # Shift and invert: of stiff structures, rounding errors of A reach the slow modes.
-    inverse = np.linalg.inv(matrix - min_rate * np.eye(len(matrix)))
-    values = min_rate + 1.0 / np.linalg.eigvals(inverse)
-    return values[values.real > min_rate]
 
 
 def _differentiate_outputs(

@@ -30,9 +30,10 @@ from beamdae.beams.remeshing import resolve_modes
 from beamdae.equations.commands import limit_warnings
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.tangents import Convert, Tangent, compute_tangent, tangent_of
+from beamdae.equations.smooth_intervals import time_on_branch
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.starts.initial_conditions import apply_initial_conditions
-from beamdae.equations.starts.reduced_equations import remove_redundant_constraints
+from beamdae.equations.starts.reduced_equations import select_independent
 from beamdae.equations.starts.steady_rotation import (
     STIFFNESS_ROUNDING,
     Rotation,
@@ -257,39 +258,33 @@ def _linearize_rest(
             # Given velocities have no effect on a state at rest.
             requested = replace(requested, v0=np.zeros(requested.n))
         note = compare_start(requested, lin.state).warning
-    warnings = [*filter(None, (note,)), *lin.warnings]
-    turning = find_turning(lin.equations, lin.time, lin.state.q, lambda: lin.linearized_equations)
-    if turning is not None:
-        cause, speed = turning
-        warnings.append(
-            f"{cause} at {speed:.6g} rad/s, but the linearized state is at rest, without "
-            f"centrifugal forces; use about=bd.rotation({speed:.10g}) for a steady rotation "
-            f"(--about rotation={speed:.10g}), or solution.at(t) for another motion."
-        )
-    return replace(lin, warnings=tuple(warnings))
+    turning = find_turning(
+        lin.equations,
+        lin.time,
+        lin.state.q,
+        lambda: lin.linearized_equations,
+        "the linearized state",
+        lambda speed: (
+            f"use about=bd.rotation({speed:.10g}) for a steady rotation "
+            f"(--about rotation={speed:.10g}), or solution.at(t) for another motion"
+        ),
+    )
+    return replace(lin, warnings=(*filter(None, (note,)), *lin.warnings, *turning))
 
 
 def active_equations(
     full_equations: EquationsOfMotion, instant: Instant | None, t: float
 ) -> tuple[EquationsOfMotion, Array]:
     """Return the equations of active parts without redundant constraints, and (t, branch)."""
-    active = full_equations
-    configurations = full_equations.configurations
-    if configurations is not None:
-        now = None if instant is None else instant.configuration
-        active = (
-            configurations.configuration_without(full_equations, now.inactive, now.frozen_gaps)
-            if now
-            else configurations.initial_configuration(full_equations)
-        ).equations
-    active = replace(active, q0=full_equations.q0, v0=full_equations.v0)
-    if instant is None:
-        next_breakpoint = min((b for b in active.breakpoints if b > t), default=t + 1.0)
-        time = np.array([t, 0.5 * (t + next_breakpoint)])
+    e = full_equations
+    now = None if instant is None else instant.configuration
+    if e.configurations is None or now is None:
+        active = e.initially_active
     else:
-        time = instant.time
-    reduction = remove_redundant_constraints(active, time) if active.redundant else None
-    return (active if reduction is None else reduction.equations), time
+        active = e.configurations.configuration_without(e, now.inactive, now.frozen_gaps).equations
+        active = replace(active, q0=e.q0, v0=e.v0)
+    time = time_on_branch(active.breakpoints, t) if instant is None else instant.time
+    return select_independent(active, time), time
 
 
 def linearize_motion(full_equations: EquationsOfMotion, instant: Instant) -> Linearization:

@@ -306,9 +306,7 @@ def modes(
         Time [s] at which laws are evaluated. Ignored if `about` is an instant of a run or an
         `Equilibrium`.
     accuracy
-        Largest error of a required value [-], from 1e-6 to 0.1, see `Errors`. The analysis is
-        repeated, up to four times, with finer meshes and exact strains until its measured errors
-        are small enough; `errors.status` says what was reached.
+        Largest error of the required columns [-], from 1e-6 to 0.1, see `Errors`.
     accuracy_columns
         Columns of `errors` that must be accurate. Defaults to all modes.
 

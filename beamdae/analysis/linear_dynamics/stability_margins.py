@@ -9,17 +9,14 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+import scipy.linalg as la
 import scipy.optimize as opt
 
-from beamdae.analysis.linear_dynamics.bode_diagram import (
-    MIN_POLE,
-    frequencies_beside,
-)
+from beamdae.analysis.linear_dynamics.bode_diagram import frequencies_beside
 from beamdae.analysis.linear_dynamics.linear_model import (
     LinearModel,
     Matrices,
     ModelInput,
-    compute_poles,
     differentiate_part_laws,
     reduce_to_states,
     require_linear_model,
@@ -68,6 +65,13 @@ _MULTIPLIER_ROUNDING = 1e-7  # of multipliers of stiff structures, and of double
 # Loops with a delay have a phase crossover in each turn of the phase.
 _MAX_CROSSOVERS = 1000
 _MAX_DELAY = 1000  # samples; each adds one state
+# Shift of the inverse from which slow poles are computed [1/s]: not small, because free motions are
+# poles at zero, and not a round number, because models may have poles at those.
+_POLE_SHIFT = 0.618034
+# Smaller damping ratios and relative growth rates are rounding errors.
+_MIN_DAMPING_RATIO = 1e-9
+_MIN_IMAGINARY_SHARE = 1e-6  # of poles; smaller ones are rounding errors of double real poles
+_MIN_POLE = 1e-4  # [1/s]; smaller ones, of free motions and integrators, are zero
 _FULL_TURN = 2.0 * np.pi
 
 
@@ -210,11 +214,40 @@ class _Loop:
 
     def _find_poles(self, matrix: Array) -> Array:
         if self.every is None:
-            return compute_poles(matrix)
+            return _find_eigenvalues(matrix)
         multipliers = np.linalg.eigvals(matrix).astype(complex)
         logarithms = np.log(np.where(multipliers == 0.0, np.finfo(float).tiny, multipliers))
         logarithms.real[np.abs(logarithms.real) < _MULTIPLIER_ROUNDING] = 0.0
         return logarithms / self.every
+
+
+def _find_eigenvalues(matrix: Array) -> Array:
+    """Return the eigenvalues l of a state matrix A [1/s], (states,), in ascending order of |l|.
+
+    Elements of A of stiff structures are so large that errors of eigenvalues of A, which are
+    relative to its norm, exceed the slow ones. The left and right eigenvectors x and y are
+    therefore those of the inverse of A - s I (shift and invert), and l = y^H A x / y^H x. Its error
+    is second-order in those of the vectors and, for relative errors eps of the elements of A, eps
+    |y|^T |A| |x| / |y^H x| (Higham, Accuracy and Stability of Numerical Algorithms, 2002). Real
+    parts within this bound are zero.
+    """
+    if not matrix.size:
+        return np.zeros(0, complex)
+    a, _ = la.matrix_balance(matrix, permute=False)
+    inverse = np.linalg.inv(a - _POLE_SHIFT * np.eye(len(a)))
+    values, y, x = la.eig(inverse, left=True, right=True)
+    products = np.einsum("ij,ij->j", y.conj(), x)
+    # Vectors of multiple poles, such as those of free motions, are orthogonal.
+    is_single = np.abs(products) > np.sqrt(np.finfo(float).eps)
+    divisors = np.where(is_single, products, 1.0)
+    quotients = np.einsum("ij,ij->j", y.conj(), a @ x) / divisors
+    sizes = np.einsum("ij,ij->j", np.abs(y), np.abs(a) @ np.abs(x)) / np.abs(divisors)
+    poles = np.where(is_single, quotients, _POLE_SHIFT + 1.0 / values)
+    errors = np.where(is_single, np.finfo(float).eps * sizes, 0.0)
+    errors = errors + _MIN_DAMPING_RATIO * np.abs(poles)
+    poles.real[np.abs(poles.real) <= errors] = 0.0
+    poles.imag[np.abs(poles.imag) <= _MIN_IMAGINARY_SHARE * np.abs(poles)] = 0.0
+    return poles[np.argsort(np.abs(poles), kind="stable")]
 
 
 @single_threaded
@@ -337,7 +370,7 @@ def margins(
 def _open_loop(model: LinearModel, at: Any, controller: Any, every: Any, delay: Any) -> _Loop:
     """Return the loop, opened at an input or at the command of a `pid`."""
     inputs, lin = [x.name for x in model.inputs], model._linearization
-    mechanism = None if lin is None else lin.equations.mechanism
+    mechanism = lin.equations.mechanism
     commands = [] if mechanism is None else list(mechanism.outputs)
     if at is None and len(inputs) == 1:
         at = inputs[0]
@@ -347,7 +380,6 @@ def _open_loop(model: LinearModel, at: Any, controller: Any, every: Any, delay: 
             f"margins: at must name the input or pid at which the loop is opened ({names})."
         )
     if at not in inputs and at in commands:
-        assert lin is not None
         if every is not None or type(controller) is not float or controller != 1.0:
             raise BeamdaeError(
                 f"margins: {at} closes the loop itself, in continuous time; omit controller and "
@@ -528,7 +560,7 @@ def _list_ends(loop: _Loop) -> list[tuple[float, float]]:
 def _sample(loop: _Loop) -> Array:
     """Return frequencies [Hz] between which magnitude and phase change little."""
     poles = np.concatenate([loop.poles, loop.closed_poles])
-    poles = poles[np.isfinite(poles) & (np.abs(poles) > MIN_POLE)]
+    poles = poles[np.isfinite(poles) & (np.abs(poles) > _MIN_POLE)]
     scales = [*(np.abs(poles) / _FULL_TURN).tolist(), *([1.0 / loop.delay] if loop.delay else [])]
     low, high = min(scales, default=1.0) / 10**_DECADES, max(scales, default=1.0) * 10**_DECADES
     if loop.every is not None:
@@ -556,7 +588,7 @@ def _count_unstable_poles(loop: _Loop, crossovers: Sequence[float]) -> int:
     """Return the number of unstable poles of the closed loop; see `margins` for delays."""
     # Both poles of a pair count; negative multipliers have no conjugate but the phase pi.
     poles = loop.closed_poles
-    count = int(np.sum((np.abs(poles) > MIN_POLE) & (poles.real > 0.0)))
+    count = int(np.sum((np.abs(poles) > _MIN_POLE) & (poles.real > 0.0)))
     for f in crossovers if loop.delay else ():
         is_falling = abs(loop.at((1.0 + 1e-6) * f)) < abs(loop.at((1.0 - 1e-6) * f))
         n_crossings = max(math.floor(f * loop.delay - loop.lag(f) / _FULL_TURN) + 1, 0)

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from beamdae.analysis.eigenproblems.eigensolution import RIGID
-from beamdae.analysis.gradients.column_seeds import ColumnSeeds, add_term
-from beamdae.analysis.gradients.gradients import DifferentiableRun
+from beamdae.analysis.gradients.column_seeds import differentiate_state
+from beamdae.analysis.gradients.gradients import DEFAULT_METHOD, AdjointRun
 from beamdae.analysis.gradients.number_derivatives import (
     FlatModel,
     NumberDerivatives,
@@ -22,7 +22,6 @@ from beamdae.analysis.gradients.objectives import (
     RUN,
     AnalysisQuantity,
     ColumnObjective,
-    EndValue,
     SampleGrid,
     SmoothMaximum,
     read_column,
@@ -42,14 +41,15 @@ from beamdae.analysis.optimization.quantities import (
     Mass,
     ParameterFunction,
 )
-from beamdae.analysis.sensitivities.modes import mode_sensitivities
+from beamdae.analysis.sensitivities.differentiable_run import require_differentiable_method
+from beamdae.analysis.sensitivities.modes import differentiate_modes
 from beamdae.analysis.sensitivities.neighbors import (
     STENCILS,
     Neighbors,
     first_difference,
 )
 from beamdae.analysis.sensitivities.start_derivatives import StartDerivatives
-from beamdae.analysis.sensitivities.statics import equilibrium_sensitivities
+from beamdae.analysis.sensitivities.statics import differentiate_path
 from beamdae.analysis.statics.static_equilibrium import equilibrium
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.starts.consistent_start import ConsistencySolver
@@ -145,9 +145,8 @@ class RunAnalysis(Analysis):
     def __init__(
         self, model: DesignModel, quantities: Sequence[Any], settings: RunSettings
     ) -> None:
-        self._run = DifferentiableRun.of(
-            model.flat, settings.integrator, settings.t_end, settings.start
-        )
+        method = require_differentiable_method(settings.integrator, DEFAULT_METHOD)
+        self._run = AdjointRun.of(model.flat, method, settings.start, t_end=settings.t_end)
         self.result = self._run.solution
 
     def value(self, quantity: ColumnObjective) -> float:
@@ -163,7 +162,7 @@ class RunAnalysis(Analysis):
 
     def gradient(self, weights: Mapping[ColumnObjective, float]) -> Array:
         """See `Analysis`."""
-        return self._run.differentiate(sum(x * w for x, w in weights.items()))[1]
+        return self._run.gradient(sum(x * w for x, w in weights.items()))[1]
 
 
 class PathAnalysis(Analysis):
@@ -177,15 +176,14 @@ class PathAnalysis(Analysis):
     def __init__(
         self, model: DesignModel, quantities: Sequence[EquilibriumQuantity], settings: RunSettings
     ) -> None:
-        flat = model.flat
-        self._model, self._arguments = model, quantities[0].path | {"start": settings.start}
-        path = equilibrium(model.mechanism, **self._arguments)
+        self._model, flat = model, model.flat
+        path = equilibrium(model.mechanism, **quantities[0].path, start=settings.start)
         if not path.status.success:
             raise BeamdaeError(
                 f"{_NAME}: the equilibrium path of {flat.name} did not reach its end "
                 f"({path.status.sentence})."
             )
-        self.result = replace(path, model={"name": flat.name, "parameters": flat.parameters})
+        self.result = replace(path, model={"name": flat.name, "parameters": flat.whole.parameters})
 
     def value(self, quantity: EquilibriumQuantity) -> float:
         """See `Analysis`."""
@@ -240,7 +238,7 @@ class PathAnalysis(Analysis):
     @cached_property
     def _sensitivities(self) -> Any:
         flat = self._model.flat
-        return equilibrium_sensitivities(flat.as_model(), list(flat.entries), **self._arguments)
+        return differentiate_path(flat, list(flat.entries), self.result)
 
     def _adjoint_gradient(self, weights: Mapping[Any, float]) -> Array | None:
         """Return the gradient by the adjoint, or None if it does not apply."""
@@ -257,11 +255,9 @@ class PathAnalysis(Analysis):
             return None
         rest, times = np.zeros((1, e.n)), np.full((1, 2), path.t)
         at = State(path.q[-1:], rest, rest, path.lam[-1:])
-        seeds, by_state = ColumnSeeds.empty(e, []), np.zeros((1, 2 * e.n + e.m))
-        for quantity, weight in weights.items():
-            term = EndValue(quantity.column)
-            add_term(seeds, by_state, e, weight, term, times, at, np.ones(1))
         with single_threaded:
+            seeds = differentiate_state(e, [(x.column, w) for x, w in weights.items()], times, at)
+            (by_state,) = seeds.states
             start, end = StartDerivatives(ConsistencySolver(e)), State(*(x[0] for x in at))
             operator = start.equilibrium_map(times[0], end)
             derivatives = self._model.number_derivatives(path.t)
@@ -269,7 +265,7 @@ class PathAnalysis(Analysis):
                 return None
             by_end = np.append(by_state[0, : e.n], by_state[0, 2 * e.n :])
             numbers = start.gradient(operator, by_end)[1]
-        return np.asarray(derivatives.p @ (numbers + seeds.numbers))
+        return derivatives.contract(numbers + seeds.numbers, seeds.operators)
 
 
 class ModeAnalysis(Analysis):
@@ -318,8 +314,8 @@ class ModeAnalysis(Analysis):
                 "differentiated, because its loads are not balanced there; use "
                 "Frequency(number, about='equilibrium')."
             )
-        names, count = list(self._flat.entries), len(self.result)
-        return mode_sensitivities(self._flat.as_model(), names, self._about, count, damping=False)
+        names = list(self._flat.entries)
+        return differentiate_modes(self._flat, names, self.result, self._about, False, 0.0)
 
 
 class MassAnalysis(Analysis):
@@ -358,7 +354,7 @@ class ParameterAnalysis(Analysis):
 
     def value(self, quantity: ParameterFunction) -> float:
         """See `Analysis`."""
-        return self._evaluate(quantity, self._flat.parameters)
+        return self._evaluate(quantity, self._flat.whole.parameters)
 
     def gradient(self, weights: Mapping[ParameterFunction, float]) -> Array:
         """See `Analysis`."""
@@ -402,7 +398,7 @@ def _differentiate(flat: FlatModel, function: Callable[[int, float], float]) -> 
     They are NaN if the function is not defined on either side.
     """
     result = np.full(len(flat.entries), np.nan)
-    for k, value in enumerate(flat.values.values()):
+    for k, value in enumerate(flat.parameters.values()):
         size = first_difference(value)
         for stencil in STENCILS:
             with suppress(ValueError, ArithmeticError), np.errstate(all="ignore"):
@@ -432,7 +428,7 @@ def list_vibrations(modes: Modes) -> list[int]:
 
 def _move(flat: FlatModel, k: int, change: float) -> dict[str, float]:
     """Return the changed value of a number by its name, such as "height[3]"."""
-    name, value = list(flat.values.items())[k]
+    name, value = list(flat.parameters.items())[k]
     return {name: value + change}
 
 

@@ -168,7 +168,7 @@ class DesignProblem:
     @property
     def units(self) -> dict[str, str]:
         """Units of the numbers; "" if a unit is unknown."""
-        described = self.flat.model.parameter_info
+        described = self.flat.whole.parameter_info
         return {name: described[key].unit for name, (key, _) in self.flat.entries.items()}
 
     @property
@@ -180,7 +180,7 @@ class DesignProblem:
     @cached_property
     def first(self) -> Array:
         """First values (k,) of the numbers."""
-        return np.array(list(self.flat.values.values()))
+        return np.array(list(self.flat.parameters.values()))
 
     @cached_property
     def sizes(self) -> Array:
@@ -279,7 +279,7 @@ class DesignProblem:
 
     def starting_at(self, values: Array) -> DesignProblem:
         """Return the problem with other first values (k,) of the numbers."""
-        return replace(self, flat=replace(self.flat, parameters=self.parameters(values)))
+        return replace(self, flat=self._move(values))
 
     def units_of(self, analyses: Sequence[Any]) -> list[str]:
         """Return the units of the quantities, given the results of analyses; "" if unknown."""
@@ -291,6 +291,12 @@ class DesignProblem:
         """Return all parameters of the model for values (k,) of the numbers."""
         return self.flat.change(dict(zip(self.names, values.tolist(), strict=True)))
 
+    def _move(self, values: Array) -> FlatModel:
+        """Return the model with other values (k,) of the numbers."""
+        return replace(
+            self.flat, whole=replace(self.flat.whole, parameters=self.parameters(values))
+        )
+
     def design(self, values: Array) -> Design:
         """Return the design with values (k,) of the numbers; the latest ones are stored.
 
@@ -301,7 +307,7 @@ class DesignProblem:
         """
         key = values.tobytes()
         if key not in self._designs:
-            design = self._analyze(replace(self.flat, parameters=self.parameters(values)))
+            design = self._analyze(self._move(values))
             while len(self._designs) >= _KEPT_DESIGNS:
                 del self._designs[next(iter(self._designs))]
             self._designs[key] = design
@@ -316,7 +322,7 @@ class DesignProblem:
             If an analysis fails.
         """
         settings = replace(self.settings, integrator=integrator)
-        flat = _FixedModel(self.flat.model, self.parameters(values), self.flat.entries, mechanism)
+        flat = _FixedModel(self._move(values).whole, self.flat.entries, mechanism)
         return replace(self, settings=settings)._analyze(flat).values
 
     def start_of(self, equations: EquationsOfMotion) -> Any:
@@ -370,8 +376,8 @@ def create_problem(
             )
     flat = flatten_model(_NAME, model, by, parameters)
     keys = np.array([key for key, _ in flat.entries.values()])
-    first = flat.unflatten(flat.values.values())
-    units = {name: x.unit for name, x in flat.model.parameter_info.items()}
+    first = flat.unflatten(flat.parameters.values())
+    units = {name: x.unit for name, x in flat.whole.parameter_info.items()}
     lower, upper = np.full((2, len(keys)), [[-np.inf], [np.inf]])
     for name, ends in read_bounds(_NAME, bounds, first, units).items():
         lower[keys == name], upper[keys == name] = ends

@@ -276,7 +276,7 @@ class Optimization(HasPage):
     def mechanism(self, is_best: bool = True) -> Mechanism:
         """Return the mechanism of the best or of the first design."""
         trial = self._search.best if is_best else self._search.trials[0]
-        return self._problem.flat.model(**self._problem.parameters(trial.numbers))
+        return self._problem.flat.whole(**self._problem.parameters(trial.numbers))
 
     def to_csv(self, path: str | Path, *, sep: str = ",", decimal: str = ".") -> Path:
         """Write `history` as CSV and return the path.
@@ -331,7 +331,7 @@ def create_optimization(
         search.residual,
         design.results,
         search.first_analyses,
-        {"name": problem.flat.name, "parameters": dict(design.flat.parameters)},
+        {"name": problem.flat.name, "parameters": dict(design.flat.whole.parameters)},
         tuple(dict.fromkeys(warnings)),
         # Stored analyses need much memory.
         replace(search, problem=replace(problem)),

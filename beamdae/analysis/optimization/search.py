@@ -178,8 +178,8 @@ class Search:
             self._problem.linearize(trial.numbers, trial.values, False)
             status = self._search()
             point = self._linearize(self._best(), False)
-            status = self._conclude(status, point, units)
             facts = self._judge(point)
+            status = self._conclude(status, units, point, facts["residual"])
         except KeyboardInterrupt:
             acknowledge()
             sentence = f"interrupted after {format_count(len(self._trials), 'evaluation')}"
@@ -188,7 +188,7 @@ class Search:
             status = Status("failed", str(failure))
             facts["progress_error"] = failure.problem
         except _SearchEndError as end:
-            status = self._conclude(end.status, None, units)
+            status = self._conclude(end.status, units)
         trials, most = tuple(self._trials), self._settings.max_evaluations
         best = self._best()
         return SearchResult(
@@ -320,41 +320,23 @@ class Search:
         }
 
     def _conclude(
-        self, status: Status, point: Linearization | None, units: tuple[str, ...]
+        self,
+        status: Status,
+        units: tuple[str, ...],
+        point: Linearization | None = None,
+        residual: float = np.inf,
     ) -> Status:
-        """Return the status of the best design, which is linearized at `point`."""
-        problem, best, sentence = self._problem, self._best(), status.sentence
-        failures = [x.failure for x in self._trials if x.failure]
-        if self._violation(best):
-            worst = int(np.argmin(problem.margins(best.values)))
-            limit, value = (
-                problem.limits[worst],
-                float(problem.ratios[worst] * best.values[1 + worst]),
-            )
-            numbers = format_distinct(limit.bound, value, digits=4)
-            allowed, actual = (format_with_unit(x, units[1 + worst]) for x in numbers)
-            is_blocking = np.zeros(0) if point is None else point.find_blocking()
-            blocking = [x.label for x, y in zip(problem.limits, is_blocking, strict=False) if y]
-            side, names = "most" if limit.sign > 0 else "least", list_first(blocking, _MAX_NAMES)
-            sentence = (
-                "no evaluated design satisfies the constraints; in the best one "
-                f"{limit.quantity.label} is {actual}, but the limit is at {side} {allowed}; "
-                + ("" if status.success else f"{sentence}; ")
-                + (f"{names} cannot be satisfied by small changes; " if blocking else "")
-                + "the search is local, start it from other values (parameters={name: value}) or "
-                "increase starts="
-            )
-        elif (
-            status.success
-            and point is not None
-            and self._judge(point)["residual"] <= _OPTIMALITY_TOLERANCE
-        ):
+        """Return the status of the best design, with its linearization and `residual` if known."""
+        failures, sentence = [x.failure for x in self._trials if x.failure], status.sentence
+        if self._violation(self._best()):
+            sentence = self._describe_violation(status, units, point)
+        elif status.success and residual <= _OPTIMALITY_TOLERANCE:
             return Status("ok", "converged")
         else:
             if status.success:
                 cause = "analyses fail" if failures else "a quantity jumps or has a kink"
                 sentence = f"the search ended next to designs at which {cause}, before an optimum"
-            if problem.noise.any():
+            if self._problem.noise.any():
                 sentence += (
                     "; values of runs with adaptive steps change abruptly between designs, use a "
                     "fixed step, GeneralizedAlpha(step=...)"
@@ -365,6 +347,29 @@ class Search:
                 "that exclude such designs"
             )
         return Status("limited" if status.success else status.kind, sentence)
+
+    def _describe_violation(
+        self, status: Status, units: tuple[str, ...], point: Linearization | None
+    ) -> str:
+        """Return the limit that the best design violates most, and those that block."""
+        problem, best = self._problem, self._best()
+        worst = int(np.argmin(problem.margins(best.values)))
+        limit, value = problem.limits[worst], problem.ratios[worst] * best.values[1 + worst]
+        numbers = format_distinct(limit.bound, float(value), digits=4)
+        allowed, actual = (format_with_unit(x, units[1 + worst]) for x in numbers)
+        blocking: list[str] = []
+        if point is not None:
+            pairs = zip(problem.limits, point.find_blocking(), strict=True)
+            blocking = [x.label for x, is_blocking in pairs if is_blocking]
+        side, names = "most" if limit.sign > 0 else "least", list_first(blocking, _MAX_NAMES)
+        return (
+            "no evaluated design satisfies the constraints; in the best one "
+            f"{limit.quantity.label} is {actual}, but the limit is at {side} {allowed}; "
+            + ("" if status.success else f"{status.sentence}; ")
+            + (f"{names} cannot be satisfied by small changes; " if blocking else "")
+            + "the search is local, start it from other values (parameters={name: value}) or "
+            "increase starts="
+        )
 
     def _linearize(self, trial: Trial, is_logarithmic: bool) -> Linearization:
         try:

@@ -16,6 +16,7 @@ from beamdae.analysis.periodic.monodromy import (
     assemble_monodromy,
 )
 from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.smooth_intervals import time_on_branch
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.errors import BeamdaeError
 from beamdae.integrators import Integrator, Radau
@@ -168,8 +169,7 @@ class PeriodMap:
     @property
     def _begin_on_branch(self) -> Array:
         """(t, branch) at the start of a period [s]."""
-        later = [b for b in self.equations.breakpoints if b > self.begin]
-        return np.array([self.begin, 0.5 * (self.begin + min([self.begin + 1.0, *later]))])
+        return time_on_branch(self.equations.breakpoints, self.begin)
 
 
 def equalize_deformations(equations: EquationsOfMotion, scales: Array) -> Array:

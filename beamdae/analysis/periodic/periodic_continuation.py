@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -15,13 +16,11 @@ from beamdae.analysis.continuation.critical import (
     DOUBLING,
     FLUTTER,
     LIMIT,
-    CriticalPoint,
     explain_counts,
 )
 from beamdae.analysis.continuation.engine import (
     CurveError,
     Point,
-    Segment,
     Steps,
     follow,
     prescribe_parameter,
@@ -34,7 +33,6 @@ from beamdae.analysis.periodic.shooting import (
     MAX_SETTLING_PERIODS,
     PeriodProblem,
     Tolerance,
-    linearization_at,
     settle_and_solve,
 )
 from beamdae.equations.equations_of_motion import EquationsOfMotion
@@ -147,9 +145,7 @@ def frequency_response(
         "return" to return the curve so far if the call is interrupted, with the status
         "interrupted", instead of raising `Interrupted`.
     accuracy
-        Largest error of a required value [-], from 1e-6 to 0.1, see `Errors`. The analysis is
-        repeated, up to four times, with smaller steps, finer meshes and exact strains until its
-        measured errors are small enough; `errors.status` says what was reached.
+        Largest error of the required columns [-], from 1e-6 to 0.1, see `Errors`.
     accuracy_columns
         Columns of `errors` that must be accurate. Defaults to positions, angles and
         deflections [m, rad] of the measured motions or, if there are none, all columns.
@@ -322,8 +318,9 @@ class ResponseCurve:
         """
         first = self.first_motion(settle)
         yield self._describe(first, 1.0), 0.0, []
+        explain = partial(explain_counts, resolution=_RESOLUTION)
         try:
-            for segment, found in follow(first, prescribe_parameter, 1.0, steps, _explain):
+            for segment, found in follow(first, prescribe_parameter, 1.0, steps, explain):
                 point = self._describe(segment.end, float(segment.tangent[-1]))
                 critical = [(_KINDS[x.kind], self.span.value(x.point.p)) for x in found]
                 yield point, segment.end.p, critical
@@ -334,7 +331,7 @@ class ResponseCurve:
 
     def _describe(self, point: Point, rate: float) -> ResponsePoint:
         """Return a motion, at this derivative of the share along the curve, for the result."""
-        linear = linearization_at(point)
+        linear = point.linearization
         return ResponsePoint(
             self.span.value(point.p),
             linear.run.period_map.period,
@@ -342,7 +339,3 @@ class ResponseCurve:
             floquet_multipliers(linear.matrix.monodromy),
             rate * (self.span.last - self.span.first) > 0.0,
         )
-
-
-def _explain(segment: Segment) -> list[CriticalPoint]:
-    return explain_counts(segment, _RESOLUTION)

@@ -119,9 +119,7 @@ def periodic(
         Approximate period [s] if `period` is None. Defaults to the time after which the motion at
         the end time of the model recurs.
     accuracy
-        Largest error of a required value [-], from 1e-6 to 0.1, see `Errors`. The analysis is
-        repeated, up to four times, with smaller steps, finer meshes and exact strains until its
-        measured errors are small enough; `errors.status` says what was reached.
+        Largest error of the required columns [-], from 1e-6 to 0.1, see `Errors`.
     accuracy_columns
         Columns of `errors` that must be accurate. Defaults to a free period, the largest
         multiplier and, of the observed columns, positions, angles and deflections [m, rad] or, if

@@ -35,6 +35,7 @@ from beamdae.analysis.periodic.period_map import (
 from beamdae.errors import BeamdaeError, require_positive
 from beamdae.integrators import Integrator
 from beamdae.results.frequency_response import STABILITY_MARGIN
+from beamdae.results.periodic_motion import floquet_multipliers
 from beamdae.results.solution import Solution
 
 Array = np.ndarray
@@ -303,7 +304,7 @@ class PeriodProblem(Problem):
 
         Errors of moduli of oscillations are those of `ResponsePoint.stable`.
         """
-        multipliers = np.linalg.eigvals(linearization_at(point).matrix.monodromy)
+        multipliers = floquet_multipliers(point.linearization.matrix.monodromy)
         is_real = multipliers.imag == 0.0
         real, moduli = multipliers.real[is_real], np.abs(multipliers[~is_real])
         return Count(
@@ -388,7 +389,7 @@ class PeriodProblem(Problem):
 
     def complete(self, point: Point, step: Array) -> Point:
         """Return a motion with its own matrix and sizes; it needs no further correction."""
-        linear = linearization_at(point)
+        linear = point.linearization
         # A matrix of this run is kept, one of a similar run is not.
         linear = replace(
             linear,
@@ -400,11 +401,6 @@ class PeriodProblem(Problem):
         problem = replace(self, base=linear)
         self.iterates.clear()
         return replace(point, problem=problem, x=linear.x, linearization=linear)
-
-
-def linearization_at(point: Point) -> PeriodLinearization:
-    """Return the linearization about a periodic motion."""
-    return cast(PeriodLinearization, point.linearization)
 
 
 def solve_shooting(
@@ -447,7 +443,8 @@ def solve_shooting(
     base = PeriodLinearization(problem, x, p, run, similar, similar is not None)
     problem = replace(problem, base=base)
     try:
-        return linearization_at(problem.correct(control, control(x, p).value, x, p))
+        solution = problem.correct(control, control(x, p).value, x, p).linearization
+        return cast(PeriodLinearization, solution)
     except CurveError as error:
         if isinstance(error, BeamdaeError):
             raise

@@ -66,7 +66,6 @@ from beamdae.analysis.statics.load_scaling import LoadedEquations
 from beamdae.analysis.statics.static_problem import StaticProblem
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations import tangents
-from beamdae.equations.formulations.compliant_equations import introduce_resultants
 from beamdae.equations.formulations.static_equations import (
     StaticEquations,
     find_idle_forces,
@@ -242,26 +241,21 @@ class MixedStatics:
         self, system: LoadedEquations, control: Control, idle: Array | None = None
     ) -> None:
         self.idle = find_idle_forces(system.loaded) if idle is None else idle
-        unloaded, loaded = (
-            StaticEquations(introduce_resultants(x.equations, self.idle).equations, x.time)
-            for x in (system.unloaded, system.loaded)
-        )
         self.system, self.control = system, control
-        self.mixed = replace(system, unloaded=unloaded, loaded=loaded)
+        self.mixed = system.in_mixed_form(self.idle)
 
     def residual(self, x: Array, mu: float) -> Array:
         """Return F, (n + m,)."""
-        return self.mixed.residual(x, mu)[0]
+        return self.mixed.at_factor(mu).residual(*np.split(x, [self.mixed.equations.n]))
 
     def product(self, x: Array, mu: float, along: Tangent) -> Array:
         """Return F_x along.x + F_mu along.p."""
-        matrix, by_parameter = self.mixed.matrix(x, mu), self.mixed.residual(x, mu)[1]
-        return np.asarray(matrix @ along.x + along.p * by_parameter)
+        here, (q, lam) = self.mixed.at_factor(mu), np.split(x, [self.mixed.equations.n])
+        return np.asarray(here.matrix(q, lam) @ along.x + along.p * here.by_factor(q, lam))
 
     def motion(self, x: Array, mu: float) -> LinearizedEquations:
         """Return the equations of motion about an equilibrium."""
-        e, tangent_at = self.system.equations, partial(self.system.motion_tangent, mu)
-        return linearize_at(e, tangent_at, x, self.idle)
+        return self.system.linearize_motion(x, mu, self.idle)
 
 
 @dataclass(frozen=True)

@@ -196,6 +196,15 @@ class _Steps:
         """Return the map to the starting values of generalized-alpha."""
         return maps.initial_motion(self.member, self._is_cured, *self.node(0), float(self.steps[0]))
 
+    def change_step(self, k: int, maps: StartDerivatives) -> tuple[float, float, LinearOperator]:
+        """Return the ratio of the step `k` to the one before, and the correction of velocities.
+
+        The correction is the factor of the jerk, and the map to the jerk.
+        """
+        before, after = self.steps[k - 1 : k + 1]
+        square = (after * after - before * before) * self.member.defect
+        return after / before, square, maps.jerk_map(*self.node(k), float(after))
+
     def _scales(self, step: int) -> Array:
         """Return the scales of the rows of the residual."""
         e, scales = self.equations, np.ones(len(self.rows))
@@ -344,9 +353,7 @@ def differentiate_steps(
     z = loop.work.motion.reshape(count, 4, n)
     for first, last in steps.parts:
         if first > 0:
-            (time, at), h, before = steps.node(first), steps.steps[first], steps.steps[first - 1]
-            ratio, square = h / before, (h * h - before * before) * steps.member.defect
-            jerk_map = maps.jerk_map(time, at, float(h))
+            ratio, square, jerk_map = steps.change_step(first, maps)
             state = z[:, :3].reshape(count, -1)
             jerks = maps.along(jerk_map, state, directions.numbers, shifts)
             z[:, 1] += square * jerks
@@ -411,10 +418,8 @@ def transpose_steps(
     run, numbers = loop.work, np.zeros(len(e.p))
     for first, last in reversed(steps.parts):
         if last < steps.count:
-            (time, at), h, after = steps.node(last), steps.steps[last - 1], steps.steps[last]
-            ratio, square = after / h, (after * after - h * h) * steps.member.defect
-            jerk_map, weights = start.jerk_map(time, at, float(after)), square * run.motion[1]
-            by_state, by_numbers = start.gradient(jerk_map, weights)
+            ratio, square, jerk_map = steps.change_step(last, start)
+            by_state, by_numbers = start.gradient(jerk_map, square * run.motion[1])
             numbers += by_numbers
             run.motion[:3] += by_state[: 3 * e.n].reshape(3, e.n)
             run.motion[2] += (1.0 - ratio) * run.motion[3]

@@ -21,6 +21,7 @@ from beamdae.analysis.linear_dynamics.natural_modes import Modes, compute_modes
 from beamdae.analysis.sensitivities.implicit import Eigenpair, apply_pencil, linearize_at
 from beamdae.analysis.sensitivities.neighbors import (
     Difference,
+    NumericModel,
     difference_model,
 )
 from beamdae.analysis.sensitivities.sensitivity_result import (
@@ -194,13 +195,22 @@ def mode_sensitivities(
     >>> round(float(result.sensitivity("frequency", "stiffness")[1]), 6)  # 1 / (4 pi sqrt(k m))
     0.019894
     """
-    names, values = select_parameters(_NAME, model, by, parameters)
+    names, model = select_parameters(_NAME, model, by, parameters)
     if isinstance(about, Instant):
         raise BeamdaeError(
             f"{_NAME}: about must be a state at rest or in steady rotation, got "
             f"{short_repr(about)}; use differences of modes for moving states."
         )
-    result = compute_modes(model(**values), about, n, damping, t)
+    result = compute_modes(model(), about, n, damping, t)
+    derivatives = differentiate_modes(model, names, result, about, damping, t)
+    result._issue_warnings()
+    return derivatives
+
+
+def differentiate_modes(
+    model: NumericModel, names: Sequence[str], result: Modes, about: Any, damping: bool, t: float
+) -> ModeSensitivities:
+    """Return the derivatives of modes of a model; see `mode_sensitivities`."""
     lin = result._linearization
     if lin.zero_square > 0.0:
         raise BeamdaeError(
@@ -214,13 +224,13 @@ def mode_sensitivities(
         equations = as_equations(_NAME, model_of_modes(mechanism, about), AS_DRAWN)
         return equations if is_drawn else apply_initial_conditions(equations, about, t)
 
-    drawn = assemble(model(**values))
+    drawn = assemble(model())
     base = replace(lin.full_equations, q0=drawn.q0, v0=drawn.v0)
     state = _State.of(result, damping)
     pairs = _simple_pairs(model.name, result, state.select(state.full), damping)
     eigenvalues, shapes = {}, {}
     for name in names:
-        difference = difference_model(model, name, values, base, assemble)
+        difference = difference_model(model, name, base, assemble)
         frames = [frame_of(e, about, t) for e in difference.models]
         if follows_start and linearize_at_rest(frames[-1], base, "").warnings:
             raise BeamdaeError(
@@ -231,7 +241,7 @@ def mode_sensitivities(
         if follows_start:
             starts = [_closed_start(x) for x in frames]
             along[: base.n] = difference.combine(starts)
-        neighbors = state.follow(difference, frames, along, values[name])
+        neighbors = state.follow(difference, frames, along, model.parameters[name])
         eigenvalues[name] = np.full(len(result), complex(np.nan, np.nan))
         shapes[name] = np.full(result.shapes.shape, complex(np.nan, np.nan))
         for k, pair in pairs.items():
@@ -239,10 +249,9 @@ def mode_sensitivities(
             inertia = [x.tangent.mass @ pair.shape for x in neighbors]
             changes = (difference.combine(x) for x in (products, inertia))
             eigenvalues[name][k], shapes[name][k] = pair.derivative(*changes)
-    result._issue_warnings()
     return ModeSensitivities(
         result,
-        {name: float(values[name]) for name in names},
+        {name: float(model.parameters[name]) for name in names},
         eigenvalues,
         shapes,
         result.warnings,

@@ -12,7 +12,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -20,7 +20,6 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.structure import ConstraintTerm, ForceTerm, has_same_patterns
 from beamdae.errors import BeamdaeError, format_exception, warn_user
 from beamdae.interrupts import outermost_call
-from beamdae.model_functions import Model
 
 Array = np.ndarray
 
@@ -121,6 +120,21 @@ class Stencil(NamedTuple):
         return errors > _MIN_KINK * np.abs(changes).max(axis=0) + rounding
 
 
+class NumericModel(Protocol):
+    """Model at the values of its parameters, such as a model function with these defaults."""
+
+    @property
+    def name(self) -> str:
+        """Name of the model function."""
+
+    @property
+    def parameters(self) -> Mapping[str, Any]:
+        """Values of the parameters."""
+
+    def __call__(self, **values: Any) -> Any:
+        """Return the mechanism for other values of some parameters."""
+
+
 CENTRAL = Stencil((-2.0, -1.0, 1.0, 2.0))
 # Of second order, with a difference that is a hundred times smaller.
 TWO_NEIGHBORS = Stencil((-0.01, 0.01))
@@ -207,9 +221,8 @@ class Difference(Neighbors):
 
 
 def difference_model(
-    model: Model,
+    model: NumericModel,
     name: str,
-    parameters: Mapping[str, Any],
     base: EquationsOfMotion,
     assemble: Callable[[Any], EquationsOfMotion],
 ) -> Difference:
@@ -226,12 +239,12 @@ def difference_model(
 
     Parameters
     ----------
-    model, parameters
-        Model function, and values of its parameters.
+    model
+        Model at the values of its parameters.
     name
         Name of the parameter, a float.
     base
-        Equations of the model with `parameters`.
+        Equations of the model.
     assemble
         Function that returns the equations of a mechanism.
 
@@ -247,9 +260,9 @@ def difference_model(
     BeamdaeWarning
         If no step leads to relative errors near 1e-5, or the parameter has no effect.
     """
-    value = float(parameters[name])
+    value = float(model.parameters[name])
     delta = first_difference(value)
-    build = partial(try_step, model, name, parameters, base, assemble)
+    build = partial(try_step, model, name, base, assemble)
     best: Trial | None = None
     for _ in range(_MAX_TRIALS):
         try:
@@ -357,21 +370,19 @@ class Trial(NamedTuple):
 
 
 def try_step(
-    model: Model,
+    model: NumericModel,
     name: str,
-    parameters: Mapping[str, Any],
     base: EquationsOfMotion,
     assemble: Callable[[Any], EquationsOfMotion],
     delta: float,
     stencils: Sequence[Stencil],
 ) -> Trial:
     """Return the difference with a step `delta` of the parameter, and its accuracy."""
-    value = float(parameters[name])
+    value = float(model.parameters[name])
     for stencil in stencils:
         try:
             neighbors = tuple(
-                assemble(build_neighbor(model, {**parameters, name: value + x * delta}))
-                for x in stencil.steps
+                assemble(build_neighbor(model, name, value + x * delta)) for x in stencil.steps
             )
         except BeamdaeError as problem:
             rejection = problem
@@ -408,10 +419,10 @@ def sizes_and_rounding(equations: EquationsOfMotion) -> tuple[Array, Array]:
     return size, _ROUNDING * magnitudes + _ROUNDING_OF_KIND * np.maximum(size, 1.0)
 
 
-def build_neighbor(model: Callable[..., Any], parameters: Mapping[str, Any]) -> Any:
+def build_neighbor(model: NumericModel, name: str, value: float) -> Any:
     """Return the mechanism; errors of formulas reject parameters as those of parts do."""
     try:
-        return model(**parameters)
+        return model(**{name: value})
     except (ArithmeticError, ValueError) as problem:
         raise BeamdaeError(format_exception(problem)) from problem
 

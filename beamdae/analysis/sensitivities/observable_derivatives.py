@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -116,18 +116,21 @@ def differentiate_run_columns(
     observables = [equations.observables[k] for k in numbers]
     ends = np.cumsum([0, *(len(x.columns) for x in observables)])
     result = {name: np.zeros((len(times), ends[-1])) for name in trajectories}
-    are_elastic = [is_elastic(equations, x) for x in observables]
-    splits = {True: _split_by_interval, False: _split_by_configuration}
-    parts = {x: list(splits[x](trajectory, times, trajectories)) for x in set(are_elastic)}
-    for k, (number, is_interpolated) in enumerate(zip(numbers, are_elastic, strict=True)):
-        columns = slice(ends[k], ends[k + 1])
-        for x in parts[is_interpolated]:
-            changes = differentiate_columns(
-                partial(observable_of, number), x.rows, x.at, x.along, differences, x.inactive
-            )
-            for name, change in changes.items():
-                rows = change if x.weights is None else x.weights @ change
-                result[name][x.here, columns] = rows
+    are_elastic = np.array([is_elastic(equations, x) for x in observables], bool)
+    for kind in np.unique(are_elastic):
+        groups: dict[frozenset[str], list[ColumnPoints]] = {}
+        for x in split_times(trajectory, times, kind):
+            groups.setdefault(trajectory.intervals[x.interval].inactive, []).append(x)
+        for inactive, points in groups.items():
+            rows, at = join_points(points, trajectory)
+            along = {name: join_points(points, x)[1] for name, x in trajectories.items()}
+            for k in np.flatnonzero(are_elastic == kind).tolist():
+                select = partial(observable_of, numbers[k])
+                changes = differentiate_columns(select, rows, at, along, differences, inactive)
+                for name, change in changes.items():
+                    for x, part in zip(points, split_points(points, change), strict=True):
+                        values = part if x.weights is None else x.weights @ part
+                        result[name][x.here, ends[k] : ends[k + 1]] = values
     return result
 
 
@@ -136,58 +139,61 @@ def observable_of(number: int, equations: EquationsOfMotion) -> Observable:
     return equations.observables[number]
 
 
-class _Part(NamedTuple):
-    """States at which observables are differentiated.
+class ColumnPoints(NamedTuple):
+    """States of an interval of a run at which columns at ascending times are evaluated.
 
     Attributes
     ----------
-    here
-        Mask (k,) of the times at which the results are needed.
-    weights
-        Weights (times, states) of the results at the states; None if the states are at the times.
-    rows, at
-        Rows of (t, branch), and the states.
-    along
-        Derivatives of the states by parameter.
-    inactive
-        Names of the inactive parts.
+    interval
+        Number of the interval.
+    here, times
+        The times [s] within the interval (j,), and which of all times they are.
+    nodes, weights
+        The nodes at which the states are, and their weights (j, nodes) in the columns at the times;
+        None for states at the times.
     """
 
-    here: Array
+    interval: int
+    here: slice
+    times: Array
+    nodes: Array | None
     weights: sp.csr_array | None
-    rows: Array
-    at: State
-    along: dict[str, State]
-    inactive: frozenset[str]
 
 
-def _split_by_configuration(
-    trajectory: Trajectory, times: Array, trajectories: Mapping[str, Trajectory]
-) -> Iterator[_Part]:
-    """Yield the states at ascending times (k,) [s], by active parts."""
-    rows, at = trajectory.at(times)
-    along = {name: x.at(times)[1] for name, x in trajectories.items()}
-    for configuration, here in trajectory.by_configuration(times):
-        part = {name: _select_rows(x, here) for name, x in along.items()}
-        inactive = frozenset() if configuration is None else configuration.inactive
-        yield _Part(here, None, rows[here], _select_rows(at, here), part, inactive)
+def split_times(trajectory: Trajectory, times: Array, elastic: bool) -> list[ColumnPoints]:
+    """Return the points of each interval; elastic forces are interpolated between nodes."""
+    index, points = trajectory.interval_index(times), []
+    for k in np.unique(index).tolist():
+        here = slice(*np.searchsorted(index, [k, k + 1]))
+        at_nodes = (
+            trajectory.intervals[k].force_weights_at(times[here]) if elastic else (None, None)
+        )
+        points.append(ColumnPoints(k, here, times[here], *at_nodes))
+    return points
 
 
-def _split_by_interval(
-    trajectory: Trajectory, times: Array, trajectories: Mapping[str, Trajectory]
-) -> Iterator[_Part]:
-    """Yield the states at nodes, which elastic forces at ascending times (k,) [s] interpolate."""
-    index = trajectory.interval_index(times)
-    for k, interval in enumerate(trajectory.intervals):
-        here = index == k
-        nodes, weights = interval.force_weights_at(times[here])
-        at = _select_rows(interval.rows, nodes)
-        along = {x: _select_rows(y.intervals[k].rows, nodes) for x, y in trajectories.items()}
-        yield _Part(here, weights, interval.times[nodes], at, along, interval.inactive)
+def join_points(
+    points: Sequence[ColumnPoints], trajectory: Trajectory, limited: bool = False
+) -> tuple[Array, State]:
+    """Return the rows (t, branch) and the states of points; see `Interval.at` for `limited`."""
+    rows, states = [], []
+    for x in points:
+        interval, times = trajectory.intervals[x.interval], x.times
+        if x.nodes is None:
+            states.append(interval.at(times, limited))
+        else:
+            times = interval.nodes[x.nodes]
+            states.append(State(*(y[x.nodes] for y in interval.rows)))
+        rows.append(np.stack([times, np.full(len(times), interval.branch)], axis=1))
+    if len(points) == 1:
+        return rows[0], states[0]
+    return np.concatenate(rows), State(*map(np.concatenate, zip(*states, strict=True)))
 
 
-def _select_rows(state: State, rows: Array) -> State:
-    return State(*(x[rows] for x in state))
+def split_points(points: Sequence[ColumnPoints], values: Array) -> list[Array]:
+    """Split the values at joined states by points."""
+    counts = [len(x.times) if x.weights is None else x.weights.shape[1] for x in points]
+    return np.split(values, np.cumsum(counts)[:-1])
 
 
 def time_derivative(

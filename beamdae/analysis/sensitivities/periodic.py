@@ -183,15 +183,14 @@ def periodic_sensitivities(
     >>> round(float(result.sensitivity("mass.x", "stiffness").max()), 4)  # load |H|^2
     0.0327
     """
-    names, values = select_parameters(_NAME, model, by, parameters)
+    names, model = select_parameters(_NAME, model, by, parameters)
+    values = model.parameters
     method = Radau(DEFAULT_RTOL) if integrator is None else integrator
     if not isinstance(method, Radau):
         raise BeamdaeError(f"{_NAME}: integrator must be Radau, got {short_repr(integrator)}.")
     is_function = callable(period)
     duration = _evaluate_period(period, values) if is_function else period
-    motion = periodic(
-        model(**values), duration, method, start, t_start, settle, tolerance, period_guess
-    )
+    motion = periodic(model(), duration, method, start, t_start, settle, tolerance, period_guess)
     if not motion.status.success:
         raise BeamdaeError(
             f"{_NAME}: no periodic motion of {model.name} was found ({motion.status.sentence})."
@@ -220,11 +219,11 @@ def periodic_sensitivities(
         )
 
     assemble = partial(as_equations, _NAME, start=AS_DRAWN)
-    drawn = assemble(model(**values))
+    drawn = assemble(model())
     base = replace(equations, q0=drawn.q0, v0=drawn.v0)
     periods, trajectories, differences = {}, {}, {}
     for name in names:
-        difference = differences[name] = difference_model(model, name, values, base, assemble)
+        difference = differences[name] = difference_model(model, name, base, assemble)
         stretch = 0.0
         if is_function:
             changed = [{**values, name: values[name] + x} for x in difference.steps]

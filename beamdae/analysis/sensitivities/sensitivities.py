@@ -10,30 +10,25 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from beamdae import deferred
-from beamdae.analysis.sensitivities.differentiable_methods import (
+from beamdae.analysis.sensitivities.differentiable_run import (
     INTERRUPTED_ESTIMATE,
+    DifferentiableRun,
+    check_runs,
     require_differentiable_method,
-    require_end,
     warn_of_errors,
 )
-from beamdae.analysis.sensitivities.neighbors import (
-    Difference,
-    derivative_call,
-    difference_model,
-)
+from beamdae.analysis.sensitivities.neighbors import Difference
 from beamdae.analysis.sensitivities.observable_derivatives import differentiate_run_columns
 from beamdae.analysis.sensitivities.restart_times import differentiate_event_time, event_number
-from beamdae.analysis.sensitivities.run_chain import differentiate_states
 from beamdae.analysis.sensitivities.sensitivity_result import (
     SensitivityResult,
     require_parameters,
     select_parameters,
 )
-from beamdae.analysis.sensitivities.start_derivatives import assemble_neighbors
 from beamdae.equations import measures
 from beamdae.equations.model_hash import hash_model
 from beamdae.errors import BeamdaeError, record_warnings, require_choice, short_repr
-from beamdae.integrators import GeneralizedAlpha, Integrator, Radau
+from beamdae.integrators import Integrator
 from beamdae.integrators.limits import Progress
 from beamdae.interrupts import (
     Interrupted,
@@ -52,7 +47,7 @@ from beamdae.results.outcome import Status
 from beamdae.results.run_data import coordinate_headers
 from beamdae.results.solution import Solution
 from beamdae.results.trajectory import Trajectory
-from beamdae.simulation import as_equations, simulate
+from beamdae.simulation import as_equations
 
 # Imported by the methods that return tables: importing pandas takes as long as a short run.
 if TYPE_CHECKING:
@@ -262,8 +257,8 @@ def sensitivities(
     start
         Start of the run, see `simulate`; not a solution or checkpoint.
     estimate_error
-        True to measure `Sensitivities.errors` and warn of errors above 4 %, unless this takes more
-        than 2 s and eight times the run.
+        True to measure `Sensitivities.errors` and those of the run, and warn of errors above 4 %,
+        unless this takes more than 2 s and eight times the run.
 
     Returns
     -------
@@ -303,9 +298,10 @@ def sensitivities(
     2.481e-03 m per N/m
     """
     require_choice("sensitivities", "estimate_error", estimate_error, (True, False))
-    result = differentiate_run(
-        model, by, integrator, t_end, output_step, parameters=parameters, start=start
-    )
+    with check_runs(estimate_error):
+        result = differentiate_run(
+            model, by, integrator, t_end, output_step, parameters=parameters, start=start
+        )
     if estimate_error:
         with keep_result(result, "sensitivities", INTERRUPTED_ESTIMATE):
             warn_of_errors(result)
@@ -329,10 +325,10 @@ def differentiate_run(
     BeamdaeError
         As `sensitivities`.
     """
-    names, values = select_parameters("sensitivities", model, by, parameters)
+    names, model = select_parameters("sensitivities", model, by, parameters)
     method = require_differentiable_method(integrator)
-    run = _Run(model, names, values, method, t_end, output_step, start)
-    return run.differentiate(*run.simulate())
+    run = DifferentiableRun.of(model, method, start, t_end=t_end, output_step=output_step)
+    return _differentiate(run, model, names)
 
 
 def simulate_with(
@@ -377,13 +373,20 @@ def simulate_with(
             )
     if inputs is not None:
         function = transform_mechanisms(function, lambda built: built.with_inputs(inputs))
-    values, method = dict(function.parameters), require_differentiable_method(integrator)
-    run = _Run(function, names, values, method, t_end, output_step, start)
-    solution, differences = run.simulate(progress, partial)
+    run = DifferentiableRun.of(
+        function,
+        require_differentiable_method(integrator),
+        start,
+        t_end=t_end,
+        output_step=output_step,
+        progress=progress,
+        partial=partial,
+    )
+    solution = run.solution
     if not solution.status.success:
         return solution
     try:
-        result = run.differentiate(solution, differences)
+        result = _differentiate(run, function, names)
         columns = result.columns
         warn_of_errors(result)
     except KeyboardInterrupt:
@@ -397,54 +400,18 @@ def simulate_with(
     )
 
 
-@dataclass(frozen=True)
-class _Run:
-    """Run that is differentiated; see `sensitivities` and `difference_model`."""
+def _differentiate(run: DifferentiableRun, model: Model, names: Sequence[str]) -> Sensitivities:
+    """Return the derivatives of a run of a model."""
+    differences, derivatives = run.differentiate(names)
 
-    model: Model
-    names: Sequence[str]
-    values: Mapping[str, Any]
-    method: GeneralizedAlpha | Radau
-    t_end: float | None
-    output_step: float | None
-    start: Any
+    def repeat(change: Callable[[Any], Any], method: Any) -> Sensitivities:
+        changed = transform_mechanisms(model, change)
+        return _differentiate(run.repeat(changed, method), changed, names)
 
-    def simulate(
-        self, progress: Progress | None = None, partial: PartialResult = "raise"
-    ) -> tuple[Solution, dict[str, Difference]]:
-        """Return the run, and the models around the value of each parameter."""
-        mechanism = self.model(**self.values)
-        base = as_equations(derivative_call(), mechanism, self.start)
-        assemble = assemble_neighbors(base, self.start)
-        differences = {
-            name: difference_model(self.model, name, self.values, base, assemble)
-            for name in self.names
-        }
-        solution = simulate(
-            mechanism,
-            self.method,
-            self.t_end,
-            self.output_step,
-            progress,
-            self.start,
-            keep_steps=True,
-            partial=partial,
-        )
-        return solution, differences
-
-    def differentiate(
-        self, solution: Solution, differences: Mapping[str, Difference]
-    ) -> Sensitivities:
-        """Return the derivatives of the run."""
-        require_end(self.model.name, solution)
-        derivatives = differentiate_states(solution, self.method, differences)
-        parameters = {x: float(self.values[x]) for x in differences}
-        trajectories = {name: x.trajectory for name, x in derivatives.items()}
-        return Sensitivities(solution, parameters, trajectories, differences, self.repeat)
-
-    def repeat(
-        self, change: Callable[[Any], Any], method: GeneralizedAlpha | Radau
-    ) -> Sensitivities:
-        """Return the derivatives of a changed mechanism by another integrator."""
-        run = replace(self, model=transform_mechanisms(self.model, change), method=method)
-        return run.differentiate(*run.simulate())
+    return Sensitivities(
+        run.solution,
+        {x: float(model.parameters[x]) for x in names},
+        {x: derivatives[x].trajectory for x in names},
+        differences,
+        repeat,
+    )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -150,10 +151,15 @@ def _is_list_of_numbers(value: Any) -> bool:
 
 def select_parameters(
     caller: str, model: Any, by: Any, parameters: Any, *, allows_lists: bool = False
-) -> tuple[tuple[str, ...], dict[str, Any]]:
-    """Return the names of `require_parameters`, and the values of `complete_parameters`."""
+) -> tuple[tuple[str, ...], Model]:
+    """Return the names of `require_parameters`, and the model with changed `parameters`."""
     names = require_parameters(caller, model, by, allows_lists=allows_lists)
-    return names, complete_parameters(caller, model, parameters)
+    return names, change_defaults(caller, model, parameters)
+
+
+def change_defaults(caller: str, model: Model, parameters: Any) -> Model:
+    """Return the model with other values of `parameters`, by name or None, as defaults."""
+    return replace(model, parameters=complete_parameters(caller, model, parameters))
 
 
 def complete_parameters(caller: str, model: Model, parameters: Any) -> dict[str, Any]:

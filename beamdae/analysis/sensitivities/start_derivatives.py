@@ -344,7 +344,7 @@ class StartDerivatives:
     def completion_map(self, time: Array, at: State, h: float = 0.0) -> LinearOperator:
         """Return the map from consistent (q, v) at a fixed time to the state (q, v, a, lam)."""
         e, size = self.equations, self._slices["p"].start
-        residual = self._rows(self._derivative(plan_balance, time, at, h), 2, with_force=True)
+        residual = self._balance(time, at, h, 2)
         inverse = self._saddle(time, at.q, at.v, MASS_COEFFICIENTS, at.lam)
         result = (
             self._without_forces
@@ -387,7 +387,7 @@ class StartDerivatives:
         if inverse is None:
             return None
         at_rest = State(at.q, np.zeros(n), np.zeros(n), at.lam)
-        balance = self._rows(self._derivative(plan_balance, time, at_rest, 0.0), 0, with_force=True)
+        balance = self._balance(time, at_rest, 0.0, 0)
         start = _pick(n + self.equations.m, 0, n).T @ self._part("q")
         return start - inverse @ balance
 
@@ -440,6 +440,10 @@ class StartDerivatives:
         """Return F + G^T lam, or zeros, and a level of the constraints."""
         e = self.equations
         return _choose_rows(e.n, e.m, operator.shape[0], level, with_force) @ operator
+
+    def _balance(self, time: Array, at: State, h: float, level: int) -> LinearOperator:
+        """Return the derivative of F + G^T lam and of a level of the constraints."""
+        return self._rows(self._derivative(plan_balance, time, at, h), level, with_force=True)
 
     def _change(self, time: Array, at: State, change: Sequence[Array], h: float) -> LinearOperator:
         """Return the derivative by (q, v, p, t) of that of (F, ...) along a constant change."""
@@ -499,7 +503,7 @@ class StartDerivatives:
         q, v = at.q, at.v
         a, lam = self.solver.acceleration(time, q, v, stiff_time)
         there = State(q, v, a, lam)
-        residual = self._rows(self._derivative(plan_balance, time, there, h), 2, with_force=True)
+        residual = self._balance(time, there, h, 2)
         zeros, moving = np.zeros(e.n), e.without_states(np.ones(e.n))
         stiff = (stiff_time**2 * a, zeros, zeros, 0.0 * lam)
         force = _take(self._change(time, there, stiff, h), e.n)

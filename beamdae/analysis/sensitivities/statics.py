@@ -21,6 +21,7 @@ from beamdae.analysis.sensitivities.implicit import (
 )
 from beamdae.analysis.sensitivities.neighbors import (
     Difference,
+    NumericModel,
     difference_model,
 )
 from beamdae.analysis.sensitivities.observable_derivatives import (
@@ -383,20 +384,26 @@ def equilibrium_sensitivities(
     >>> [round(float(x), 2) for x in result.critical_table().iloc[0, 1:]]
     [3.02, 44.7]
     """
-    names, values = select_parameters(_NAME, model, by, parameters)
-    mechanism = model(**values)
-    path = equilibrium(mechanism, loads, to, control, step, switch, max_points, t, start)
+    names, model = select_parameters(_NAME, model, by, parameters)
+    path = equilibrium(model(), loads, to, control, step, switch, max_points, t, start)
     if not path.status.success:
         raise BeamdaeError(
             f"{_NAME}: the path of {model.name} did not reach its end ({path.status.sentence}); "
             "change to= or control=."
         )
+    path = replace(path, model={"name": model.name, "parameters": model.parameters})
+    return differentiate_path(model, names, path)
+
+
+def differentiate_path(
+    model: NumericModel, names: Sequence[str], path: Equilibrium
+) -> EquilibriumSensitivities:
+    """Return the derivatives of a path of a model; see `equilibrium_sensitivities`."""
     if path.free:
         raise BeamdaeError(
             f"{_NAME}: {path.free} of {model.name} can move without stiffness, so the position of "
             "the equilibrium has no derivative; add a spring or a joint."
         )
-    path = replace(path, model={"name": model.name, "parameters": values})
     stages = [list(stage) for stage in path.loads] or None
 
     assemble = partial(as_equations, _NAME, start=AS_DRAWN)
@@ -406,9 +413,7 @@ def equilibrium_sensitivities(
         source = equations if mechanism is None else mechanism
         return build_loading(source, equations, stages, path.t)
 
-    differences = {
-        name: difference_model(model, name, values, path.equations, assemble) for name in names
-    }
+    differences = {name: difference_model(model, name, path.equations, assemble) for name in names}
     with single_threaded:
         points = _PathPoints(path, load(path.equations))
         neighbors = {name: list(map(load, x.models)) for name, x in differences.items()}
@@ -432,7 +437,7 @@ def equilibrium_sensitivities(
                     "imperfection instead."
                 )
     return EquilibriumSensitivities(
-        path, {name: float(values[name]) for name in names}, factors, q, lam, differences
+        path, {x: float(model.parameters[x]) for x in names}, factors, q, lam, differences
     )
 
 

@@ -19,7 +19,11 @@ from beamdae.analysis.continuation.engine import (
 )
 from beamdae.analysis.parameter_range import ParameterRange
 from beamdae.analysis.statics.critical_curves import CHANGE_SIZE, CriticalCurve, Family
-from beamdae.analysis.statics.load_scaling import LoadedEquations, build_loading
+from beamdae.analysis.statics.load_scaling import (
+    LoadedEquations,
+    build_loading,
+    require_one_stage,
+)
 from beamdae.analysis.statics.static_equilibrium import trace_critical_points
 from beamdae.analysis.statics.static_problem import StaticProblem
 from beamdae.equations.assembly.assemble import equations_of_motion
@@ -248,11 +252,7 @@ def boundary(
     path, messages = trace_critical_points(span.build(0.0), settings)
     for message in messages:
         warn_user(message)
-    if len(path.loads) != 1:
-        raise BeamdaeError(
-            f"{_NAME}: loads must be one list of names, got {len(path.loads)} stages; name the "
-            "loads to scale, and add a load if there is none."
-        )
+    loads = require_one_stage(_NAME, path.loads)
     rows = [point.row for point in path.critical if point.kind == kind]
     if len(rows) < number:
         remedy = "; choose a farther target to=, or another kind"
@@ -265,7 +265,7 @@ def boundary(
     def load_model(share: float) -> LoadedEquations:
         mechanism = span.build(share)
         equations = equations_of_motion(mechanism, AS_DRAWN)
-        return build_loading(mechanism, equations, list(path.loads[0]), path.t).systems[0]
+        return build_loading(mechanism, equations, list(loads), path.t).systems[0]
 
     points, special, status = list[_CurvePoint](), list[BoundaryPoint](), REACHED_END
     with single_threaded:
@@ -307,7 +307,7 @@ def boundary(
         np.array([one.unstable for one in points]),
         np.array([one.x for one in points])[:, : path.equations.n],
         status,
-        path.loads[0],
+        loads,
     )
 
 

@@ -16,7 +16,7 @@ from beamdae.analysis.continuation.engine import CurveError, Point, prescribe_pa
 from beamdae.analysis.continuation.spectrum import find_slow_space
 from beamdae.analysis.eigenproblems.eigensolution import locate_largest
 from beamdae.analysis.eigenproblems.linearized_equations import is_symmetric_matrix
-from beamdae.analysis.statics.load_scaling import build_loading
+from beamdae.analysis.statics.load_scaling import build_loading, require_one_stage
 from beamdae.analysis.statics.paths import (
     dominant_coordinate,
     find_unloaded_equilibrium,
@@ -208,9 +208,7 @@ def buckling(
     start
         Positions near which the unloaded equilibrium is sought, as in `equilibrium`.
     accuracy
-        Largest error of a required value [-], from 1e-6 to 0.1, see `Errors`. The analysis is
-        repeated, up to four times, with finer meshes and exact strains until its measured errors
-        are small enough; `errors.status` says what was reached.
+        Largest error of the required columns [-], from 1e-6 to 0.1, see `Errors`.
     accuracy_columns
         Columns of `errors` that must be accurate. Defaults to all factors.
 
@@ -263,11 +261,7 @@ def _compute_buckling(model: Any, count: int, loads: Any, t: float, start: Any) 
         model = model()
     equations, q = initial_positions(_NAME, model, start)
     loading = build_loading(model, equations, loads, t, _NAME)
-    if len(loading.stages) != 1:
-        raise BeamdaeError(
-            f"{_NAME}: loads must be one list of names, got {len(loading.stages)} stages; name the "
-            "loads to scale, and add a load if there is none."
-        )
+    loads = require_one_stage(_NAME, loading.stages)
     begin = find_unloaded_equilibrium(StaticProblem(loading.systems[0]), q)
     if begin.monitor.free:
         raise BeamdaeError(
@@ -286,8 +280,7 @@ def _compute_buckling(model: Any, count: int, loads: Any, t: float, start: Any) 
             )
         notes.append(text + ".")
     moves = tuple(dominant_coordinate(e, shape) for shape in shapes)
-    q, loads = begin.x[: e.n], loading.stages[0]
-    return Buckling(factors, shapes, moves, loads, q, equations, t, tuple(notes))
+    return Buckling(factors, shapes, moves, loads, begin.x[: e.n], equations, t, tuple(notes))
 
 
 def repeat_buckling(result: Buckling, equations: EquationsOfMotion, q: Array) -> Array:

@@ -5,17 +5,22 @@ from __future__ import annotations
 from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
 
+from beamdae.analysis.eigenproblems.linearized_equations import (
+    LinearizedEquations,
+    linearize_in_mixed_form,
+)
 from beamdae.analysis.statics.path_parameters import PathParameter
 from beamdae.equations.assembly.assemble import equations_of_motion
 from beamdae.equations.assembly.building import remove_forces
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
+from beamdae.equations.formulations.compliant_equations import introduce_resultants
 from beamdae.equations.formulations.static_equations import StaticEquations
 from beamdae.equations.formulations.tangents import Convert, Tangent, tangent_of
 from beamdae.equations.smooth_intervals import time_on_branch
@@ -87,39 +92,59 @@ def resolve_load_stages(mechanism: Mechanism, loads: Any, caller: str = "equilib
     return stages
 
 
+def require_one_stage(caller: str, stages: Stages) -> tuple[str, ...]:
+    """Return the names of the loads in the only stage, or reject another number of stages."""
+    if len(stages) != 1:
+        raise BeamdaeError(
+            f"{caller}: loads must be one list of names, got {len(stages)} stages; name the loads "
+            "to scale, and add a load if there is none."
+        )
+    return stages[0]
+
+
 def _has_gravity(mechanism: Mechanism) -> bool:
     return mechanism.gravity_laws is not None or bool(np.any(mechanism.gravity))
 
 
-class Interval(NamedTuple):
-    """Equations R(x; mu) = R_0(x) + share (R_1(x) - R_0(x)), share = (mu - center) scale.
+class FactorEquations(NamedTuple):
+    """Static equations R = R_0 + share (R_1 - R_0) in x = (q, lam), at one value of mu.
 
     Attributes
     ----------
     first, last
         R_0 and R_1.
-    center, scale
-        See above.
+    equations
+        Equations of motion with all loads.
+    share, rate
+        See above, and its derivative by mu.
     """
 
     first: StaticEquations
     last: StaticEquations
-    center: float = 0.0
-    scale: float = 1.0
-
-    def interpolate(self, mu: float, first: Any, last: Any) -> Any:
-        """Return a quantity at `mu`, given those of both equations."""
-        share = (mu - self.center) * self.scale
-        return (1.0 - share) * first + share * last
-
-
-class FixedFactorEquations(NamedTuple):
-    """Static equations at a fixed load factor, as `relax_to_equilibrium` requires them."""
-
     equations: EquationsOfMotion
-    time: Array
-    residual: Callable[[Array, Array], Array]
-    matrix: Callable[[Array, Array], sp.csc_array]
+    share: float
+    rate: float = 1.0
+
+    @property
+    def time(self) -> Array:
+        """(t, branch), at which laws are evaluated."""
+        return self.first.time
+
+    def interpolate(self, first: Any, last: Any) -> Any:
+        """Return a quantity, given those of both equations."""
+        return (1.0 - self.share) * first + self.share * last
+
+    def residual(self, q: Array, lam: Array) -> Array:
+        """Return R, (n + m,)."""
+        return np.asarray(self.interpolate(*(x.residual(q, lam) for x in self[:2])))
+
+    def by_factor(self, q: Array, lam: Array) -> Array:
+        """Return the derivative of R by mu, (n + m,)."""
+        return self.rate * (self.last.residual(q, lam) - self.first.residual(q, lam))
+
+    def matrix(self, q: Array, lam: Array) -> sp.csc_array:
+        """Return the Jacobian of R with respect to x."""
+        return sp.csc_array(self.interpolate(*(x.matrix(q, lam) for x in self[:2])))
 
 
 @dataclass(frozen=True)
@@ -170,56 +195,51 @@ class LoadedEquations:
         """Return (t, branch) at which laws are evaluated."""
         return self.at(mu).time if self.at else self.loaded.time
 
-    def interval_at(self, mu: float) -> Interval:
-        """Return equations that are linear in mu near a value.
+    def at_factor(self, mu: float) -> FactorEquations:
+        """Return the static equations at a value of mu.
 
-        They are those at a value of the parameter and a step beside it.
+        They are linear in mu: those of a parameter are the equations at its value and beside it.
         """
         if self.at is None:
-            return Interval(self.unloaded, self.loaded)
+            return FactorEquations(self.unloaded, self.loaded, self.equations, mu)
         step = _DIFFERENCE * (abs(self.ends[1] - self.ends[0]) or 1.0)
         here, beside = self.at(mu), self.at(mu + step)
         # The step must not lead into the next piece of a law.
         time = np.array([beside.time[0], here.time[1]])
-        return Interval(here, replace(beside, time=time), mu, 1.0 / step)
+        return FactorEquations(here, replace(beside, time=time), here.equations, 0.0, 1.0 / step)
 
-    def residual(self, x: Array, mu: float) -> tuple[Array, Array]:
-        """Return the residual (n + m,) and its derivative by mu."""
-        interval = self.interval_at(mu)
-        first, last = (y.residual(*np.split(x, [y.equations.n])) for y in interval[:2])
-        return interval.interpolate(mu, first, last), interval.scale * (last - first)
+    def in_mixed_form(self, idle: Array | None) -> LoadedEquations:
+        """Return the equations with the stiff forces as unknowns, see `introduce_resultants`."""
 
-    def matrix(self, x: Array, mu: float) -> sp.csc_array:
-        """Return the Jacobian of the residual with respect to x."""
-        interval = self.interval_at(mu)
-        first, last = (y.matrix(*np.split(x, [y.equations.n])) for y in interval[:2])
-        return sp.csc_array(interval.interpolate(mu, first, last))
+        def convert(static: StaticEquations) -> StaticEquations:
+            return replace(static, equations=introduce_resultants(static.equations, idle).equations)
+
+        at, ends = self.at, (convert(self.unloaded), convert(self.loaded))
+        converted_at = None if at is None else lambda mu: convert(at(mu))
+        return replace(self, unloaded=ends[0], loaded=ends[1], at=converted_at)
 
     def motion_tangent(self, mu: float, state: State, convert: Convert | None = None) -> Tangent:
         """Return converted equations of motion linearized about `state` at a value of mu.
 
         Neither loads nor mu change mass and constraints.
         """
-        interval = self.interval_at(mu)
+        here = self.at_factor(mu)
         if convert is None:
             state = state._replace(lam=state.lam[: self.equations.m])
-        first, last = (tangent_of(y.equations, y.time, state, convert) for y in interval[:2])
+        first, last = (tangent_of(y.equations, y.time, state, convert) for y in here[:2])
         names = ("damping", "stiffness", "reactions", "residual")
         pairs = ((name, getattr(first, name), getattr(last, name)) for name in names)
-        return first._replace(**{name: interval.interpolate(mu, *pair) for name, *pair in pairs})
+        return first._replace(**{name: here.interpolate(*pair) for name, *pair in pairs})
 
-    def at_factor(self, mu: float) -> FixedFactorEquations | StaticEquations:
-        """Return the static equations at a fixed value of mu."""
-        return (
-            self.at(mu)
-            if self.at
-            else FixedFactorEquations(
-                self.equations,
-                self.loaded.time,
-                lambda q, lam: self.residual(np.append(q, lam), mu)[0],
-                lambda q, lam: self.matrix(np.append(q, lam), mu),
-            )
-        )
+    def linearize_motion(self, x: Array, mu: float, idle: Array | None) -> LinearizedEquations:
+        """Return the equations of motion about an equilibrium, in mixed form.
+
+        `x` are the unknowns of the static equations in mixed form with the same `idle`.
+        """
+        q, lam = np.split(x, [self.equations.n])
+        state = State(q, np.zeros_like(q), np.zeros_like(q), lam)
+        tangent_at = partial(self.motion_tangent, mu)
+        return linearize_in_mixed_form(self.at_factor(mu).equations, state, tangent_at, idle)
 
 
 def active_stage(factors: Array) -> int:
@@ -318,17 +338,12 @@ def build_loading(
         stages = resolve_load_stages(model, loads, caller)
         remaining = [set().union(*stages[k:]) for k in range(len(stages) + 1)]
         models = [_equations_without(model, full_equations, names) for names in remaining]
-    reduction = None
-    if full_equations.redundant:
-        *_, reduction = reductions = [remove_redundant_constraints(each, time) for each in models]
-        models = [
-            reduced.equations if reduced else each
-            for each, reduced in zip(models, reductions, strict=True)
-        ]
-    static = [StaticEquations(each, time) for each in models]
+    reductions = [remove_redundant_constraints(each, time) for each in models]
+    pairs_of_models = zip(models, reductions, strict=True)
+    static = [StaticEquations(y.equations if y else x, time) for x, y in pairs_of_models]
     pairs = pairwise(static) if stages else [(static[0], static[0])]
     systems = tuple(LoadedEquations(*pair) for pair in pairs)
-    return Loading(full_equations, stages, systems, reduction)
+    return Loading(full_equations, stages, systems, reductions[-1])
 
 
 def vary_parameter(full_equations: EquationsOfMotion, parameter: PathParameter) -> Loading:

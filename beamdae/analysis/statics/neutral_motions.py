@@ -49,7 +49,8 @@ def _find_motions_without_stiffness(system: LoadedEquations, x: Array, mu: float
     """
     e, n = system.equations, system.equations.n
     sizes = np.append(e.position_scales, np.ones(len(x) - n))
-    tangent = (system.matrix(x, mu) * sizes * sizes[:, None]).toarray()
+    matrix = system.at_factor(mu).matrix(*np.split(x, [n]))
+    tangent = (matrix * sizes * sizes[:, None]).toarray()
     stiffness, gradients = (y / (_size(y) or 1.0) for y in (tangent[:n, :n], tangent[n:, :n]))
     rigid = compute_rigid_motions(e, x[:n])
     # Motions and reactions that leave joints closed and forces unchanged.
@@ -73,17 +74,17 @@ def _without_reactions(gradients: Array, forces: Array) -> Array:
 def _is_neutral(system: LoadedEquations, x: Array, mu: float, motion: Array) -> bool:
     """Return True if forces stay in equilibrium, and loads do no work, along a scaled motion."""
     e, n = system.equations, system.equations.n
-    scale, lam = e.position_scales, np.zeros(len(x) - n)
+    here, scale, lam = system.at_factor(mu), e.position_scales, np.zeros(len(x) - n)
 
     def move(displacement: float) -> Array:
         return move_rigidly(e, x[:n], displacement * scale * motion)
 
     for displacement in _DISPLACEMENTS:
-        moved = np.append(move(displacement), lam)
+        moved = move(displacement)
         velocity = move(displacement + _STEP) - move(displacement - _STEP)
-        tangent = system.matrix(moved, mu)
+        tangent = here.matrix(moved, lam)
         gradients = (tangent[n:, :n] * scale).toarray()
-        forces, load = system.residual(moved, mu)
+        forces, load = here.residual(moved, lam), here.by_factor(moved, lam)
         unbalanced = _without_reactions(gradients, scale * forces[:n])
         stiffness = _size((tangent[:n, :n] * scale * scale[:, None]).data)
         power, largest = abs(velocity @ load[:n]), _size(velocity / scale)

@@ -70,9 +70,7 @@ class PathParameter:
     def reduce(self, value: float) -> ReducedEquations | None:
         """Return the reduction that removes redundant constraints at a value; None without any."""
         active = self.equations_at(value).initially_active
-        return (
-            remove_redundant_constraints(active, self.time_at(value)) if active.redundant else None
-        )
+        return remove_redundant_constraints(active, self.time_at(value))
 
 
 def quantity_units(source: Any, mechanism: Mechanism | None) -> dict[str, str]:

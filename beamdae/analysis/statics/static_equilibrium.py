@@ -146,9 +146,7 @@ def equilibrium(
         "return" to return the path so far if the call is interrupted, with the status
         "interrupted", instead of raising `Interrupted`.
     accuracy
-        Largest error of a required value [-], from 1e-6 to 0.1, see `Errors`. The analysis is
-        repeated, up to four times, with finer meshes and exact strains until its measured errors
-        are small enough; `errors.status` says what was reached.
+        Largest error of the required columns [-], from 1e-6 to 0.1, see `Errors`.
     accuracy_columns
         Columns of `errors` that must be accurate. Defaults to all load factors and, of the
         observed columns, positions, angles and deflections [m, rad] or, if there are none, all.
@@ -335,14 +333,8 @@ def _turning_notes(system: LoadedEquations, x: Array, factor: float) -> tuple[st
     def linearize() -> LinearizedEquations:
         return LinearizedEquations(e, system.motion_tangent(factor, state))
 
-    turning = find_turning(e, system.time_at(factor), state.q, linearize)
-    if turning is None:
-        return ()
-    cause, speed = turning
-    return (
-        f"{cause} at {speed:.6g} rad/s, but an equilibrium is at rest, without centrifugal forces; "
-        f"{_rotation_remedy(speed)}.",
-    )
+    time = system.time_at(factor)
+    return find_turning(e, time, state.q, linearize, "an equilibrium", _rotation_remedy)
 
 
 def _rotation_remedy(speed: float) -> str:

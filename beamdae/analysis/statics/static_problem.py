@@ -12,7 +12,6 @@ solves them: `statics.c`.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, reduce
 from itertools import compress
@@ -34,10 +33,7 @@ from beamdae.analysis.continuation.engine import (
     Problem,
     Row,
 )
-from beamdae.analysis.continuation.spectrum import (
-    Flexibility,
-    count_growing,
-)
+from beamdae.analysis.continuation.spectrum import count_growing, has_potential
 from beamdae.analysis.statics.load_scaling import LoadedEquations
 from beamdae.analysis.statics.pivot_signs import (
     ASYMMETRY_TOLERANCE,
@@ -55,13 +51,9 @@ from beamdae.core.return_codes import (
     SINGULAR,
 )
 from beamdae.core.tables import Workspace
-from beamdae.equations.equations_of_motion import EquationsOfMotion, State
-from beamdae.equations.formulations.compliant_equations import (
-    CompliantEquations,
-    introduce_resultants,
-)
+from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.formulations.compliant_equations import introduce_resultants
 from beamdae.equations.formulations.static_equations import (
-    StaticEquations,
     StaticSums,
     find_idle_forces,
     plan_static_sums,
@@ -261,9 +253,9 @@ class StaticProblem(Problem):
         if not system.is_linear:
             # The stiffness of a spring may begin or end at zero.
             self._idle = find_idle_forces(pair[0]) | find_idle_forces(pair[1])
-        self._forms = self._convert(pair)
-        first, last = (x.equations for x in self._forms)
-        self.n, self.rigid_size = last.n, last.n + self._forms[1].joint_count
+        self._mixed = system.in_mixed_form(self._idle)
+        first, last = self._mixed.unloaded.equations, self._mixed.loaded.equations
+        self.n, self.rigid_size = last.n, last.n + system.equations.m
         if system.is_linear:
             structures = _split_structures(first, last)
         else:
@@ -275,16 +267,14 @@ class StaticProblem(Problem):
         self._weights = np.append(1.0 / last.group_scales, np.zeros(last.m))
         self._prepare_loop(compiles=False)
 
-    def _convert(self, equations: Sequence[StaticEquations]) -> list[CompliantEquations]:
-        return [introduce_resultants(x.equations, self._idle) for x in equations]
-
     def _prepare_loop(self, compiles: bool) -> None:
         """Build the loop, for kernels in machine code if it is known, or if the loop compiles them.
 
         Natural sizes are set by the tangent in the reference configuration, without loads.
         """
         plan, size, nnz = self._plan, self.pattern.shape[0], self._plan.bordered.nnz
-        reference, remainder = self._forms[1].equations, self._forms[1].remainder
+        reference, ends = self._mixed.equations, (self._mixed.unloaded, self._mixed.loaded)
+        remainder = introduce_resultants(self.system.equations, self._idle).remainder
         held, begin = len(self.system.held_coordinates), self.system.ends[0]
         matrix = FactorizedMatrix.from_pattern(plan.bordered)
         starts = np.array([part.rows.start for part in reference.parts], np.intp)
@@ -292,7 +282,7 @@ class StaticProblem(Problem):
         targets = np.append(plan.tangent_targets, nnz)
 
         def make_part(plans: tuple[SumPlan, SumPlan], k: int, native: bool) -> Workspace:
-            p = self._forms[k].equations.p
+            p = ends[k].equations.p
             residual, tangent = (plan.sum(native, p) for plan in plans)
             # The factors of damping and mass are not used.
             set_matrix_factors(tangent, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
@@ -406,24 +396,20 @@ class StaticProblem(Problem):
             factors = splu(sp.csc_matrix(self.matrix(x, p)))
         except RuntimeError:
             return by_signs
-        flexibility = Flexibility(self.n, m, lambda right: factors.solve(right)[: self.n])
+
+        def respond(right: Array) -> Array:
+            return factors.solve(right)[: self.n]
+
         # Close to a critical point, the symmetric part has another sign in the softest motion.
         is_sign_right = free > 0 or _has_negative_determinant(factors) == (signs.below % 2 == 1)
-        if flexibility.has_potential and is_sign_right:
+        if is_sign_right and has_potential(respond, self.n, m):
             return by_signs
-        return count_growing(flexibility, *self._motion_matrices(point))._replace(free=free)
-
-    def _motion_matrices(self, point: Point) -> tuple[sp.csc_array, sp.csc_array]:
-        """Return mass (n, n) and damping (n + m, n) in natural sizes, with that of constraints."""
-        n, scales, at_rest = self.n, self.scales, np.zeros(self.n)
-        state = State(point.x[:n], at_rest, at_rest, point.x[n:])
-        tangent = self.system.motion_tangent(
-            point.p, state, lambda e: introduce_resultants(e, self._idle).equations
+        motion, scales = self.system.linearize_motion(x, p, self._idle), self.scales
+        _, damping, mass = (
+            sp.csc_array(y[:, : self.n] * scales[: self.n] * scales[:, None])
+            for y in motion.pencil.matrices
         )
-        (form,) = self._convert(self.system.interval_at(point.p)[:1])
-        constraints = sp.diags_array(form.retardation) @ tangent.position_jacobian
-        damping = sp.vstack([tangent.damping, constraints]) * scales[:n] * scales[:, None]
-        return sp.csc_array(tangent.mass * scales[:n] * scales[:n, None]), sp.csc_array(damping)
+        return count_growing(respond, damping, mass)._replace(free=free)
 
     def residual(self, x: Array, mu: float) -> tuple[Array, Array]:
         """Return F and F_mu at x = (q, lam), (n + m,) each."""
@@ -468,13 +454,6 @@ class StaticProblem(Problem):
         self._point = p, x.tobytes()
         return x, p, code
 
-    def find_tangent(self, point: Point, row: Row) -> Array:
-        """Return the tangent (n + m + 1,) at a solution along which this control increases by 1."""
-        if point.known_tangent and point.known_tangent[0] is row.gradient:
-            return point.known_tangent[1]
-        # With refined factors: pivots of the first points of unloaded structures may vanish.
-        return super().find_tangent(point, row)
-
     def _run(self, x: Array, mu: float, task: int) -> Workspace:
         self._set_point(x, mu)
         self._perform(task)
@@ -509,18 +488,15 @@ class StaticProblem(Problem):
         """Evaluate the equations, and their derivative by the parameter, about a value of it."""
         run = self._loop.work
         try:
-            interval = self.system.interval_at(value)
+            here = self._mixed.at_factor(value)
         except BeamdaeError as error:
             raise CurveError(f"the model cannot be built ({str(error).rstrip('.')})") from None
-        pair, forms = interval[:2], self._forms
-        if not self.system.is_linear:
-            forms = self._convert(pair)
-        parts = (run.common, run.unloaded, run.loaded)
-        for part, plans, k in zip(parts, self._plan.sums, (0, 0, 1), strict=True):
+        ends = (run.common, here.first), (run.unloaded, here.first), (run.loaded, here.last)
+        for (part, static), plans in zip(ends, self._plan.sums, strict=True):
             for plan, total in zip(plans, (part.residual, part.tangent), strict=True):
-                plan.set_data(total, forms[k].equations.p)
-                set_time(total, *pair[k].time)
-        run.center, run.scale = interval.center, interval.scale
+                plan.set_data(total, static.equations.p)
+                set_time(total, *static.time)
+        run.center, run.scale = value - here.share / here.rate, here.rate
         self._forget_point()
 
     def _compile_if_used(self, count: int) -> None:

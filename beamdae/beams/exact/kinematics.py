@@ -1,10 +1,13 @@
-"""Kinematics of geometrically exact beams: positions and section angles of their nodes."""
+"""Kinematics of geometrically exact beams: positions and section angles of their nodes.
+
+`ExactSectionMotion` and `chord_motion` are kinds of a `Formula`; see `symbolic.formula`.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, cast
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -12,7 +15,6 @@ import scipy.sparse as sp
 
 from beamdae.beams.element_data import assemble_point_data, is_damped
 from beamdae.beams.exact.element import NODE_SIZE, ExactElement
-from beamdae.beams.exact.formulas import ExactDeformation, ExactSectionMotion, chord_motion
 from beamdae.beams.kinematics import (
     FormulationKinematics,
     MaterialPoint,
@@ -22,6 +24,9 @@ from beamdae.beams.kinematics import (
 )
 from beamdae.beams.reference_frames import chord_vector
 from beamdae.beams.shape_functions import gauss_points, shape_functions
+from beamdae.beams.strains import slice_column
+from beamdae.parts.attachments import rotate
+from beamdae.parts.observables import express_displacement
 from beamdae.read_only import read_only_data
 from beamdae.symbolic.formula import Formula
 from beamdae.symbolic.sparse_operators import build_selection
@@ -32,6 +37,40 @@ Array = np.ndarray
 # Largest distance from the interpolated axis, relative to the length of the beam, at which a
 # section is considered to lie on the axis.
 _MAX_AXIS_OFFSET = 1e-13
+
+
+@dataclass(frozen=True)
+class ExactSectionMotion:
+    """Position and rotation of a section from (x, y, psi) there.
+
+    `numbers` begin with the angle of the section in the reference configuration. With an offset,
+    they also contain the vector (x, y) from the interpolated axis to the section in the reference
+    configuration; this vector rotates with the section. Without an offset, for example at nodes,
+    the motion is linear in the coordinates.
+    """
+
+    has_offset: bool
+
+    def __call__(self, q: SX, numbers: Any) -> tuple[SX, SX]:
+        """Return position and rotation."""
+        rotation, position = q[2] - numbers[0], q[:2]
+        if self.has_offset:
+            position += rotate(rotation, slice_column(numbers, 1, 2))
+        return position, rotation
+
+
+def chord_motion(q: SX, numbers: Any) -> tuple[SX, SX]:
+    """Return the position of the first of two nodes and the rotation of the chord between them.
+
+    `numbers` are the angle of the first section and the vector (x, y) of the chord in the reference
+    configuration. The rotation is continuous while the chord deviates by less than half a
+    revolution from a chord that rotates rigidly with the first section.
+    """
+    section_rotation = q[2] - numbers[0]
+    along = rotate(-section_rotation, q[3:5] - q[:2])
+    chord = slice_column(numbers, 1, 2)
+    across = chord[0] * along[1] - chord[1] * along[0]
+    return q[:2], section_rotation + ca.atan2(across, ca.dot(chord, along))
 
 
 @read_only_data
@@ -163,22 +202,10 @@ class GeometricallyExact(FormulationKinematics):
 
     def _deformation(self, s: float, axes: str) -> PointValues:
         frame, section = self.floating_frame, self.material_point(s)
-        of_frame, of_section = (cast("Formula", x.motion) for x in (frame, section))
-        offset = np.subtract(section.reference_position, frame.reference_position)
-        kind = ExactDeformation(
-            of_frame.kind,
-            frame.operator.shape[0],
-            len(of_frame.numbers),
-            of_section.kind,
-            len(of_section.numbers),
-            axes,
+        arm = np.subtract(section.reference_position, frame.reference_position)
+        angle = {"inertial": (), "frame": (frame.inclination,), "local": (section.inclination,)}
+        values, data = express_displacement(
+            section.operator.shape[0], section.motion, frame.motion, arm, *angle[axes]
         )
-        numbers = (
-            *of_frame.numbers,
-            *of_section.numbers,
-            *map(float, offset),
-            frame.inclination,
-            section.inclination,
-        )
-        operator = sp.csr_array(sp.vstack([frame.operator, section.operator]))
-        return PointValues(operator, Formula(kind, numbers))
+        operator = sp.csr_array(sp.vstack([section.operator, frame.operator]))
+        return PointValues(operator, Formula(values, tuple(data.tolist())))

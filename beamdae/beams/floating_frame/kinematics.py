@@ -1,11 +1,17 @@
-"""Kinematics of Pan & Liu (2012): small strains relative to a floating frame."""
+"""Kinematics of Pan & Liu (2012): small strains relative to a floating frame.
+
+`section_motion`, `frame_motion` and `FloatingFrameDeformation` are kinds of a `Formula`; see
+`symbolic.formula`.
+"""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
+import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 
@@ -13,12 +19,12 @@ from beamdae.beams.element_data import assemble_point_data, compute_prestrains, 
 from beamdae.beams.floating_frame.element import (
     FRAME_SIZE,
     NODE_SIZE,
+    ORIGIN,
+    PHI,
+    THETA,
+    AxisMotion,
     FloatingFrameElement,
-)
-from beamdae.beams.floating_frame.formulas import (
-    FloatingFrameDeformation,
-    frame_motion,
-    section_motion,
+    rotation_matrix,
 )
 from beamdae.beams.kinematics import (
     FormulationKinematics,
@@ -32,11 +38,13 @@ from beamdae.beams.shape_functions import (
     node_positions,
     shape_functions,
 )
+from beamdae.beams.strains import slice_column
 from beamdae.curves.plane_curves import rotate_points
 from beamdae.errors import BeamdaeError, require_choice
+from beamdae.parts.attachments import rotate
 from beamdae.read_only import read_only_data
 from beamdae.symbolic.formula import Formula
-from beamdae.symbolic.statements import SX, Variable
+from beamdae.symbolic.statements import SX, Local, Variable
 
 Array = np.ndarray
 
@@ -44,6 +52,48 @@ STRAINS = ("nonlinear", "green", "linear", "exact")
 # Entries of the operator up to this size are rounding errors of the angles of straight beams.
 # Derivatives need neighboring models with the same entries.
 _OPERATOR_ROUNDING = 1e-14
+
+
+def section_motion(q: SX, numbers: Any) -> tuple[SX, SX]:
+    """Return position and rotation of a section from (x0, y0, theta, u, v, phi).
+
+    `numbers` are the undeformed position (x, y) in the frame, the cosine and sine of the axis angle
+    at this position, and the angle of the frame in the reference configuration.
+    """
+    x, y, cosine, sine, frame_angle = (numbers[k] for k in range(5))
+    position = AxisMotion(q).position(ca.vertcat(x, y), rotation_matrix(cosine, sine))
+    return position, q[THETA] - frame_angle + q[FRAME_SIZE + PHI]
+
+
+def frame_motion(q: SX, frame_angle: Any) -> tuple[SX, SX]:
+    """Return position and rotation of the frame.
+
+    `frame_angle[0]` is the angle of the frame in the reference configuration [rad].
+    """
+    return q[ORIGIN], q[THETA] - frame_angle[0]
+
+
+@dataclass(frozen=True)
+class FloatingFrameDeformation:
+    """Deformation (u, v, phi) of a section in the axes `axes`.
+
+    `numbers` are the angle of the undeformed axis in the frame and the shape functions.
+    """
+
+    nodes: int
+    axes: str
+
+    def __call__(self, local: Local, numbers: Any) -> SX:
+        """Return (u, v, phi) from local coordinates."""
+        row = slice_column(numbers, 1, self.nodes)
+        nodal = ca.reshape(local.q[FRAME_SIZE:], NODE_SIZE, self.nodes) @ row
+        axis_angle = numbers[0]
+        angle = {
+            "inertial": local.q[THETA] + axis_angle,
+            "frame": axis_angle,
+            "local": 0.0,
+        }[self.axes]
+        return ca.vertcat(rotate(angle, nodal), nodal[PHI])
 
 
 @read_only_data

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from beamdae.equations.assembly.building import Statements, Terms, build_terms
-from beamdae.equations.assembly.configurations import build_configurations
 from beamdae.equations.assembly.coordinate_map import (
     CoordinateMap,
     locate_attachments,
@@ -22,7 +21,6 @@ from beamdae.equations.assembly.statement_checks import (
     require_coordinates_fit,
     require_pieces_fit,
 )
-from beamdae.equations.commands import unused_command_warnings
 from beamdae.equations.equations_of_motion import (
     Configurations,
     EquationsOfMotion,
@@ -40,7 +38,6 @@ from beamdae.errors import (
 )
 from beamdae.memory import require_memory
 from beamdae.parts.attachments import measure_extent
-from beamdae.parts.control.controller import select_controllers
 from beamdae.parts.events import select_impacts
 from beamdae.parts.mechanism import AS_DRAWN, MINIMUM_NORM, Mechanism, require_start
 from beamdae.parts.part import AttachedPart, Part
@@ -91,7 +88,13 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
     start = mechanism.start if start is None else require_start("start", start)
     snapshot = _prepare(mechanism, start)
     coordinate_map = map_coordinates(mechanism)
-    configurations = build_configurations(snapshot, coordinate_map, equations_of_motion)
+    snapshot.require_switched_members()
+    configurations = None
+    if snapshot.events or snapshot.inactive:
+        # Imported where they are needed: most models have no events.
+        from beamdae.equations.assembly.configurations import build_configurations
+
+        configurations = build_configurations(snapshot, coordinate_map, equations_of_motion)
     _require_motion(coordinate_map.n)
     statements = _collect_statements(mechanism, snapshot, coordinate_map)
     if configurations is not None:
@@ -170,7 +173,7 @@ def _collect_statements(
             *mechanism.events,
             *(event for part in mechanism.parts.values() for event in part.events),
         ],
-        controllers=select_controllers(list(mechanism.parts.values())),
+        controllers=[x for x in mechanism.parts.values() if x.is_controller],
         inputs=mechanism.inputs,
         of_parts=tuple(of_parts),
     )
@@ -235,6 +238,8 @@ def _removes_redundant(mechanism: Mechanism, configurations: Configurations | No
 def _warn_of_unused_commands(mechanism: Mechanism, terms: Terms) -> tuple[str, ...]:
     """Warn of controllers without effect; return all warnings issued while the model was built."""
     if mechanism.outputs or terms.controllers:
+        from beamdae.equations.commands import unused_command_warnings
+
         with record_messages() as messages:
             for sentence in unused_command_warnings(mechanism, terms.statements):
                 warn_user(sentence)

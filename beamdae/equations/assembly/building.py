@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -28,7 +29,6 @@ from beamdae.equations.structure import (
     intern_structure,
 )
 from beamdae.errors import BeamdaeError, short_repr, suggest
-from beamdae.parts.control.controller import Controller
 from beamdae.parts.events import DIRECTIONS, Event
 from beamdae.parts.signals import Input
 from beamdae.read_only import read_only_copy
@@ -81,7 +81,7 @@ class Statements:
     constraints: Sequence[ConstraintStatement]
     observables: Mapping[str, Quantity] = field(default_factory=dict)
     events: Sequence[Event] = ()
-    controllers: Sequence[Controller] = ()
+    controllers: Sequence[Any] = ()
     inputs: Mapping[str, Input] = field(default_factory=dict)
     of_parts: tuple[PartStatements, ...] = ()
     switched_parts: Collection[str] = ()

@@ -13,7 +13,6 @@ from beamdae.equations.equations_of_motion import (
     Configuration,
     EquationsOfMotion,
     EventTerm,
-    FrozenGaps,
     ImpactEquations,
 )
 from beamdae.errors import BeamdaeError, short_repr
@@ -22,6 +21,7 @@ from beamdae.parts.joints.event_constraints import (
     ClosedGap,
     FrozenConstraint,
     FrozenGap,
+    FrozenGaps,
     evaluate_frozen_gap,
 )
 from beamdae.parts.joints.joint import Joint
@@ -245,7 +245,6 @@ def build_configurations(
     BeamdaeError
         If a switched or inactive part is unknown or has coordinates.
     """
-    mechanism.require_switched_members()
     switches = [x for event in mechanism.events for x in select_switches(event.do)]
     names = {name for switch in switches for name in (*switch.on, *switch.off)}
     for name in sorted(names | mechanism.inactive):

@@ -6,7 +6,7 @@ x and mu are increments of the coordinates and of the multipliers.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -25,34 +25,6 @@ Array = np.ndarray
 
 
 Convert = Callable[[EquationsOfMotion], EquationsOfMotion]
-
-
-class LinearizedCoordinates(Protocol):
-    """Coordinates and constraints of linearized equations, see `EquationsOfMotion`."""
-
-    @property
-    def n(self) -> int:
-        """Number of coordinates."""
-
-    @property
-    def m(self) -> int:
-        """Number of constraints."""
-
-    @property
-    def q_names(self) -> tuple[str, ...]:
-        """Names of the coordinates."""
-
-    @property
-    def position_scales(self) -> Array:
-        """Scale of each coordinate, (n,)."""
-
-    @property
-    def states(self) -> Array:
-        """Indices of the first-order states."""
-
-    @property
-    def nonholonomic_rows(self) -> Array:
-        """Indices of the constraints on velocities."""
 
 
 class Tangent(NamedTuple):
@@ -82,7 +54,7 @@ class Tangent(NamedTuple):
     velocity_jacobian: sp.csc_array
     residual: Array
 
-    def acceleration_jacobian(self, e: LinearizedCoordinates) -> sp.csc_array:
+    def acceleration_jacobian(self, e: EquationsOfMotion) -> sp.csc_array:
         """Return the matrix (m, n) that multiplies a in the differentiated constraints.
 
         Holonomic constraints are differentiated twice, nonholonomic constraints once. `e` are the

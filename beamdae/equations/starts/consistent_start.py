@@ -17,7 +17,6 @@ from beamdae.equations.starts.dependent_constraints import require_independent_c
 from beamdae.equations.starts.rigid_motions import compute_rigid_motions
 from beamdae.equations.starts.state_evaluator import StateEvaluator
 from beamdae.errors import BeamdaeError
-from beamdae.parts.forces.friction import Friction
 from beamdae.symbolic.sparse_operators import build_selection
 
 Array = np.ndarray
@@ -283,28 +282,21 @@ class ConsistencySolver(StateEvaluator):
     def _vectors_of(self, shapes: sp.csc_array) -> Array:
         """Return the number of the vector of each rigid motion: of a translation or a rotation."""
         e = self.equations
-        part = np.zeros(e.n, int)
-        for k, one in enumerate(e.parts):
-            part[one.rows] = k
         columns = np.split(shapes.indices, shapes.indptr[1:-1])
-        return np.array([2 * part[x[0]] + np.any(e.is_angle[x]) for x in columns])
+        return np.array([2 * e.part_indices[x[0]] + np.any(e.is_angle[x]) for x in columns])
 
     def _connected_groups(self, gradients: sp.csr_array) -> tuple[Array, Array]:
         """Return the number of the group of each coordinate, (n,), and of each constraint, (m,).
 
         Parts and constraints connect their coordinates; `gradients` is G.
         """
-        n, m = self.equations.n, self.equations.m
-        parts = [np.arange(n)[part.rows] for part in self.equations.parts]
-        joints = gradients.tocoo()
-        first = np.concatenate([joints.col, *parts])
-        second = np.concatenate(
-            [n + joints.row, *(np.full(len(x), n + m + k) for k, x in enumerate(parts))]
-        )
-        size = n + m + len(parts)
-        graph = sp.coo_array((np.ones(len(first)), (first, second)), shape=(size, size))
+        e, joints = self.equations, gradients.tocoo()
+        # Parts, then constraints.
+        size = len(e.parts) + e.m
+        pairs = e.part_indices[joints.col], len(e.parts) + joints.row
+        graph = sp.coo_array((np.ones(joints.nnz), pairs), shape=(size, size))
         groups = connected_components(graph, directed=False)[1]
-        return groups[:n], groups[n : n + m]
+        return groups[e.part_indices], groups[len(e.parts) :]
 
     def _solve_with_friction(
         self, time: Array, q: Array, v: Array, stiff_time: float
@@ -331,9 +323,7 @@ class ConsistencySolver(StateEvaluator):
                 return a, lam
         rows = [k for term in e.forces if term.rows is not None for k in term.rows.indices]
         joints = sorted({e.lam_names[k].rpartition(".")[0] for k in rows})
-        parts = () if e.mechanism is None else e.mechanism.parts.values()
-        frictions = (x for x in parts if isinstance(x, Friction) and x.joint.name in joints)
-        radii = [f"{x.name}: {x.radius:g} m" for x in frictions if x.radius is not None]
+        radii = [f"{k}: {x.radius:g} m" for k, x in e.frictions.items() if x.radius is not None]
         check = f"check the radius ({', '.join(radii)}), " if radii else ""
         raise BeamdaeError(
             f"{', '.join(joints)}: with friction, no accelerations and reactions "

@@ -14,7 +14,7 @@ from beamdae.equations.formulations.static_equations import StaticEquations
 from beamdae.equations.smooth_intervals import time_on_branch
 from beamdae.equations.starts.closing import solve_least_change
 from beamdae.equations.starts.consistent_start import ConsistencySolver, velocity_size
-from beamdae.equations.starts.reduced_equations import remove_redundant_constraints
+from beamdae.equations.starts.reduced_equations import select_independent
 from beamdae.equations.starts.relaxation import relax_to_equilibrium
 from beamdae.equations.starts.steady_rotation import find_steady_rotation, rotating_state
 from beamdae.errors import BeamdaeError, list_first, short_repr, suggest, warn_user
@@ -66,10 +66,8 @@ def _solve_initial_conditions(
     equations: EquationsOfMotion, start: Any, t: float
 ) -> EquationsOfMotion:
     time = time_on_branch(equations.breakpoints, t)
-    active = equations.initially_active
     # Redundant constraints make the closing problem singular.
-    reduction = remove_redundant_constraints(active, time) if active.redundant else None
-    independent = active if reduction is None else reduction.equations
+    independent = select_independent(equations.initially_active, time)
     if start == EQUILIBRIUM:
         v = np.zeros(equations.n)
         closed_q = ConsistencySolver(independent).close_positions(time, independent.q0)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import scipy.linalg as la
@@ -17,6 +17,7 @@ from beamdae.equations.starts.rigid_motions import (
     compute_rigid_motions,
 )
 from beamdae.equations.starts.state_evaluator import StateEvaluator, plan_state_sums
+from beamdae.parts.mechanism import Mechanism
 from beamdae.symbolic.sparse_operators import column_indices
 
 Array = np.ndarray
@@ -61,7 +62,7 @@ def find_unheld_motions(
     motions = find_free_motions(e, q, constraint_rank)
     if mechanism is None or mechanism.inactive or not motions:
         return []
-    waiting = {body.name for part in mechanism.parts.values() if part.gaps for body in part.bodies}
+    waiting = _list_bodies_of_contacts(mechanism)
     rows = [np.arange(x.rows.start, x.rows.stop) for x in e.parts if x.name in waiting]
     of_contacts = np.concatenate([np.zeros(0, int), *rows])
     evaluator, scales, zero = StateEvaluator(e), e.position_scales, np.zeros(e.n)
@@ -137,12 +138,9 @@ def find_loose_groups(e: EquationsOfMotion) -> tuple[tuple[str, ...], ...]:
 
     Joints and forces connect parts to each other; a force does not connect a part to the ground.
     """
-    owner = np.zeros(e.n, int)
-    for k, part in enumerate(e.parts):
-        owner[part.rows] = k
     block = plan_state_sums(e.structure).block
     tied = list_tied_parts(e)
-    ties = [owner[[block.pattern.indices, column_indices(block.pattern)]]]
+    ties = [e.part_indices[[block.pattern.indices, column_indices(block.pattern)]]]
     ties += [np.stack([x[:1].repeat(len(x)), x]) for x in tied]
     grounded = {int(x[0]) for x in tied if len(x) == 1}
     grounded |= _find_parts_on_ground(e)
@@ -154,10 +152,14 @@ def find_loose_groups(e: EquationsOfMotion) -> tuple[tuple[str, ...], ...]:
     return tuple(tuple(names[group == k]) for k in range(count) if k not in grounded_groups)
 
 
-def select_free_groups(
-    e: EquationsOfMotion, time: Array, q: Array, duration: float, groups: Iterable[tuple[str, ...]]
+def _list_bodies_of_contacts(mechanism: Mechanism) -> set[str]:
+    return {body.name for part in mechanism.parts.values() if part.gaps for body in part.bodies}
+
+
+def find_free_groups(
+    e: EquationsOfMotion, time: Array, q: Array, duration: float = _DURATION
 ) -> tuple[tuple[str, ...], ...]:
-    """Return those of groups of parts that can move away, because nothing holds them.
+    """Return those of the `find_loose_groups` that can move away, because nothing holds them.
 
     Forces that change with the translation of a group hold it. Bodies of contacts may be held
     later, as may all bodies in models with inactive parts: they are excluded.
@@ -170,17 +172,15 @@ def select_free_groups(
         (t, branch) and coordinates of the state in which the stiffness is evaluated.
     duration
         Time of the run [s].
-    groups
-        Names of the parts with coordinates of each group. No joint connects it to other parts.
     """
     mechanism = e.mechanism
     if mechanism is None or mechanism.inactive:
         return ()
-    waiting = {body.name for part in mechanism.parts.values() if part.gaps for body in part.bodies}
+    waiting = _list_bodies_of_contacts(mechanism)
     bodies = {x.name: x for x in collect_bodies(e)}
     candidates = {
         group: positions
-        for group in groups
+        for group in find_loose_groups(e)
         if waiting.isdisjoint(group)
         and (positions := [x for name in group if (x := bodies.get(name)) and x.position])
     }
@@ -204,16 +204,3 @@ def select_free_groups(
         if np.abs(forces).max() <= _STIFFNESS_ROUNDING * size:
             free.append(group)
     return tuple(free)
-
-
-def find_free_groups(e: EquationsOfMotion, time: Array, q: Array) -> tuple[tuple[str, ...], ...]:
-    """Return the groups of parts, by name, that neither joints nor forces hold at a state.
-
-    Parameters
-    ----------
-    e
-        The equations of motion.
-    time, q
-        (t, branch) and coordinates of the state.
-    """
-    return select_free_groups(e, time, q, _DURATION, find_loose_groups(e))

@@ -26,12 +26,13 @@ def normalize_rows(matrix: Array) -> tuple[Array, Array]:
     return matrix / np.where(lengths > 0.0, lengths, 1.0)[..., None], lengths
 
 
-def _scaled_gradients(evaluator: StateEvaluator, time: Array, q: Array) -> Array:
-    """Return G with columns scaled by `position_scales`, (m, n)."""
+def _scaled_gradients(evaluator: StateEvaluator, times: Array, q: Array) -> Array:
+    """Return G with columns scaled by `position_scales` at rows of (t, branch) and q, (k, m, n)."""
     e, pattern = evaluator.equations, evaluator.sums.gradient_pattern
-    columns, matrix = column_indices(pattern), np.zeros((e.m, e.n))
-    matrix[pattern.indices, columns] = evaluator.gradients(time, q) * e.position_scales[columns]
-    return matrix
+    columns, matrices = column_indices(pattern), np.zeros((len(q), e.m, e.n))
+    values = np.array([evaluator.gradients(*row) for row in zip(times, q, strict=True)])
+    matrices[:, pattern.indices, columns] = values * e.position_scales[columns]
+    return matrices
 
 
 @dataclass(frozen=True)
@@ -98,7 +99,7 @@ class ConstraintRank:
 
 def analyze_constraint_rank(evaluator: StateEvaluator, time: Array, q: Array) -> ConstraintRank:
     """Return the scaled G at positions `q`, (n,), and a selection of independent rows."""
-    matrix, lengths = normalize_rows(_scaled_gradients(evaluator, time, q))
+    matrix, lengths = normalize_rows(_scaled_gradients(evaluator, time[None], q[None])[0])
     return ConstraintRank(matrix, lengths, select_independent_rows(matrix))
 
 
@@ -136,12 +137,7 @@ class ConstraintJacobian:
 
     def scaled(self, times: Array, q: Array) -> tuple[Array, Array]:
         """Return `at`, and the lengths (rows, m) by which the rows of G were divided."""
-        evaluator, e = self.evaluator, self.evaluator.equations
-        pattern, rows = evaluator.sums.gradient_pattern, zip(times, q, strict=True)
-        columns, matrices = column_indices(pattern), np.zeros((len(q), e.m, e.n))
-        values = np.array([evaluator.gradients(*row) for row in rows])
-        matrices[:, pattern.indices, columns] = values * e.position_scales[columns]
-        return normalize_rows(matrices[:, :, self.columns])
+        return normalize_rows(_scaled_gradients(self.evaluator, times, q)[:, :, self.columns])
 
     def smallest_singular_values(self, times: Array, q: Array) -> Array:
         """Return the smallest singular value of the scaled G at rows of (t, branch) and q, (rows,).
@@ -178,12 +174,10 @@ def build_constraint_jacobian(e: EquationsOfMotion) -> ConstraintJacobian:
 
 def list_tied_parts(e: EquationsOfMotion) -> list[Array]:
     """Return the indices of the parts with coordinates that each joint constrains."""
-    owner, ties = np.zeros(e.n, int), []
-    for k, part in enumerate(e.parts):
-        owner[part.rows] = k
+    ties = []
     for joint in e.joints:
         copies = row_indices(joint.operator) // (joint.operator.shape[0] // joint.count)
-        owners = owner[joint.operator.indices]
+        owners = e.part_indices[joint.operator.indices]
         ties += [np.unique(owners[copies == copy]) for copy in range(joint.count)]
     return ties
 

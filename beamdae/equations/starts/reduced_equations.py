@@ -94,17 +94,23 @@ def remove_redundant_constraints(
 ) -> ReducedEquations | None:
     """Return the equations without the constraints that are redundant at the start.
 
-    Returns None if no constraint is redundant. `time` is (t, branch).
+    Returns None if none is, or if the model does not request their removal. `time` is (t, branch).
 
     Raises
     ------
     BeamdaeError
         If redundant constraints contradict the others, or are independent at nearby positions.
     """
-    reduction = drop_dependent_constraints(equations, time)
+    reduction = drop_dependent_constraints(equations, time) if equations.redundant else None
     if reduction is not None:
         reduction.require_agreement(time)
     return reduction
+
+
+def select_independent(equations: EquationsOfMotion, time: Array) -> EquationsOfMotion:
+    """Return the equations without the constraints that `remove_redundant_constraints` removes."""
+    reduction = remove_redundant_constraints(equations, time)
+    return equations if reduction is None else reduction.equations
 
 
 def drop_dependent_constraints(

@@ -12,7 +12,6 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.friction_laws import friction_laws
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.starts.rigid_motions import DisplacementMeasure
 from beamdae.errors import BeamdaeError, list_first
@@ -253,7 +252,7 @@ def relax_to_equilibrium(
         return q, np.zeros(e.m) if _is_unloaded(static, q) else lam
     displacement = np.abs(q - begin)
     worst = int(np.argmax(displacement / e.position_scales))
-    sliding = list_first([*friction_laws(e)], _MAX_NAMES)
+    sliding = list_first([*e.frictions], _MAX_NAMES)
     reason = f", because the friction of {sliding} is zero at rest" if sliding else ""
     raise BeamdaeError(
         f"{e.q_names[worst]}: no equilibrium was found under the loads at t = "

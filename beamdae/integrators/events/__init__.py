@@ -1,6 +1,7 @@
-"""Events: detection on the dense output, impacts, and parts switched on and off.
+"""Stops between steps: limits and peaks that steps pass over, and events with their actions.
 
 May import: equations, parts, results, errors, and `method`, `run_plan` and `step_history` of
 integrators.
-To extend: add the module of a new event action next to `impacts`, and apply it in `switching`.
+To extend: add a `Watch` to `stop_search`, or the module of a new event action next to `impacts`,
+and apply it in `switching`.
 """

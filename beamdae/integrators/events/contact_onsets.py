@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
 from beamdae.equations.equations_of_motion import State
 from beamdae.equations.surface_gaps import SurfaceGapTerm
 from beamdae.integrators.events.watches import Stop, locate_root
+from beamdae.integrators.step_history import RunSegment
 from beamdae.results.trajectory import Interval
 
 Array = np.ndarray
@@ -46,10 +46,13 @@ class ContactWatch:
 
     gaps: Sequence[SurfaceGapTerm]
     length: float
-    spacing: ClassVar[float] = 0.0
 
-    def find_first(self, interval: Interval, begin: float) -> Stop | None:
-        """Return the first contact after `begin` [s] that a step passed over, or None."""
+    def find_first(self, segment: RunSegment, row: int) -> Stop | None:
+        """Return the first contact that a step passed over, see `Watch`."""
+        tail = segment.tail(row)
+        if tail is None:
+            return None
+        interval, begin = tail
         onsets = [
             onset
             for gap in self.gaps

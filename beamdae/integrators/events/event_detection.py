@@ -10,16 +10,13 @@ import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion, EventTerm
 from beamdae.equations.formulations.first_order import State
+from beamdae.integrators.events.watches import Stop
 from beamdae.integrators.step_history import RunSegment
 from beamdae.parts.events import select_impacts
 from beamdae.results.event_records import DOWN, UP, EventRecord
 from beamdae.results.trajectory import Interval
 
 Array = np.ndarray
-
-# Number of steps between two checks for events that may end a segment, small because steps beyond
-# the event are wasted.
-STEPS_PER_EVENT_CHECK = 16
 
 # Fractions of a step at which quantities are sampled. Between the samples, quantities that pass
 # their threshold and return are found by `_locate_reversal`.
@@ -175,7 +172,7 @@ class EventDetector:
 
     def has_due_event(self, segment: RunSegment) -> bool:
         """Record the first event that is due at the start; return True if there is one."""
-        start = segment.interval(self.equations.m)
+        start = segment.interval()
         due = [term for term in self.equations.events if term.due]
         for term in due:
             self._side(term, self._start_difference(term, start))
@@ -198,7 +195,7 @@ class EventDetector:
         self.records[-1] = replace(
             self.records[-1], impulses=impulses, energy_lost=energy_lost, done=True
         )
-        start = segment.interval(self.equations.m)
+        start = segment.interval()
         was_impact = bool(select_impacts(self.last_event.do))
         for term in self.equations.events:
             side = self._sides[term.name]
@@ -239,7 +236,7 @@ class EventDetector:
             return None
         crossing = self._pending.pop(0)
         self._repeats += crossing.is_repeated
-        start = segment.interval(self.equations.m)
+        start = segment.interval()
         self._at_end.add(crossing.term.name)
         self._after_impact.discard(crossing.term.name)
         self._sides[crossing.term.name].sign = 1.0 if crossing.direction == UP else -1.0
@@ -259,13 +256,13 @@ class EventDetector:
         negligible = _PROBE_DISTANCE**2 * self._sides[term.name].largest
         return float(np.sign(change)) if abs(change) > negligible else 0.0
 
-    def find_terminal_event(self, segment: RunSegment, first: int) -> EventTerm | None:
-        """Check the rows from `first` on; return the event that ends the segment, or None.
+    def find_first(self, segment: RunSegment, row: int) -> Stop | None:
+        """Return the first event that ends the segment in the rows from `row` on, see `Watch`.
 
-        This event and all earlier ones are recorded, and the segment is truncated at the event.
-        Without such an event, all events of the checked rows are recorded.
+        This event and all earlier ones are recorded. Without such an event, all events of these
+        rows are recorded.
         """
-        tail = segment.tail(first, self.equations.m)
+        tail = segment.tail(row)
         if tail is None:
             return None
         interval, begin = tail
@@ -287,9 +284,7 @@ class EventDetector:
                 self._sides[term.name].sign = float(nonzero_signs[-1])
         crossings_until_end = [crossing for crossing in crossings if crossing.t <= end]
         event = self._record_crossings(crossings_until_end, end, interval)
-        if event is not None:
-            segment.truncate(interval, end)
-        return event
+        return None if event is None else Stop(end, end, event=event)
 
     def _sample(self, interval: Interval, begin: float) -> tuple[Array, list[Array]]:
         """Return sampling times after `begin` [s] and the differences of each event at them.

@@ -16,13 +16,11 @@ from itertools import pairwise
 import numpy as np
 
 from beamdae.equations.equations_of_motion import State
-from beamdae.equations.formula_forces import (
-    FormulaForceTerm,
-    compile_formula_forces,
-)
+from beamdae.equations.formula_forces import FormulaForceTerm
 from beamdae.integrators.error_control import motion_rate
 from beamdae.integrators.events.watches import Stop
 from beamdae.integrators.run_plan import RunPlan
+from beamdae.integrators.step_history import RunSegment
 from beamdae.results.trajectory import Interval
 
 Array = np.ndarray
@@ -73,8 +71,13 @@ class ForcePeakWatch:
     weigh_at: Callable[[float, float, State], Callable[[Array], float]]
     state_scales: Mapping[int, float]
 
-    def find_first(self, interval: Interval, begin: float) -> Stop | None:
-        """Return the first peak after `begin` [s] that a step passed over, or None."""
+    def find_first(self, segment: RunSegment, row: int) -> Stop | None:
+        """Return the first peak that a step passed over, see `Watch`."""
+        # Between frequent samples of controllers, a search would cost more than the steps.
+        tail = segment.tail(row) if self.spacing <= segment.history.longest_gap(row) else None
+        if tail is None:
+            return None
+        interval, begin = tail
         first = int(np.searchsorted(interval.nodes, begin))
         gaps = np.diff(interval.nodes[first:])
         counts = (gaps / self.spacing).astype(int)
@@ -202,15 +205,12 @@ class _Samples:
         return np.asarray(self._weights.velocities @ values)
 
 
-def watch_force_peaks(plan: RunPlan, rtol: float) -> ForcePeakWatch | None:
-    """Return the watch of a run with the tolerance `rtol`; None without such forces.
+def watch_forces(terms: Sequence[FormulaForceTerm], plan: RunPlan, rtol: float) -> ForcePeakWatch:
+    """Return the watch of forces in a run with the tolerance `rtol`.
 
     An impulse matters if it changes a velocity, or a first-order state, by more than ten
     tolerances.
     """
-    terms = compile_formula_forces(plan.equations)
-    if not terms:
-        return None
     limits = _SIGNIFICANT_CHANGE * rtol * plan.scales
     states = np.asarray(plan.equations.states, int)
     rates = np.full(len(limits), motion_rate(plan))

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
 from beamdae.equations.equations_of_motion import State
 from beamdae.equations.table_arguments import TableArgumentTerm
 from beamdae.integrators.events.watches import Stop, locate_root
+from beamdae.integrators.step_history import RunSegment
 from beamdae.results.trajectory import Interval
 
 Array = np.ndarray
@@ -42,10 +42,13 @@ class TableWatch:
 
     limited: Sequence[TableArgumentTerm]
     calls: Sequence[Sequence[TableArgumentTerm]] = ()
-    spacing: ClassVar[float] = 0.0
 
-    def find_first(self, interval: Interval, begin: float) -> Stop | None:
-        """Return the first stop in the steps after `begin` [s], or None."""
+    def find_first(self, segment: RunSegment, row: int) -> Stop | None:
+        """Return the first stop in the rows from `row` on, see `Watch`."""
+        tail = segment.tail(row)
+        if tail is None:
+            return None
+        interval, begin = tail
         first = int(np.searchsorted(interval.t, begin))
         t, state = interval.t[first:], State(*(x[first:] for x in interval.state))
         if len(t) < 2:

@@ -1,7 +1,8 @@
-"""What may end a step early although the error test accepts it.
+"""What ends a run, or a step early, although the error test accepts the step.
 
-A watch examines the rows of new steps. The run ends at its first stop, or restarts there and again
-where the error test sees what the step has passed over.
+A watch examines the rows of new steps: arguments that leave tables, contacts and peaks that steps
+pass over, and events. The run ends at its first stop, or restarts there, after the actions of an
+event, or where the error test sees what the step has passed over.
 """
 
 from __future__ import annotations
@@ -11,7 +12,8 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from beamdae.results.trajectory import Interval
+from beamdae.equations.equations_of_motion import EventTerm
+from beamdae.integrators.step_history import RunSegment
 
 Array = np.ndarray
 
@@ -32,23 +34,22 @@ class Stop(NamedTuple):
         Reason why the run ends at `t`; empty if it restarts there.
     force
         Name of the force that has a peak; empty for other stops.
+    event
+        Event at `t`; None for other stops.
     """
 
     t: float
     probe: float
     reason: str = ""
     force: str = ""
+    event: EventTerm | None = None
 
 
 class Watch(Protocol):
     """Search of the steps for times at which they must end."""
 
-    @property
-    def spacing(self) -> float:
-        """Length [s] of a step from which on steps are searched."""
-
-    def find_first(self, interval: Interval, begin: float) -> Stop | None:
-        """Return the first stop in the steps after `begin` [s], or None."""
+    def find_first(self, segment: RunSegment, row: int) -> Stop | None:
+        """Return the first stop in the rows of a segment from `row` on, or None."""
 
 
 def locate_root(

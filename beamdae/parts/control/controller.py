@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -137,6 +137,8 @@ class Controller(Part):
     >>> print(f"{run['angle'].iloc[-1]:.3f}")
     1.000
     """
+
+    is_controller: ClassVar[bool] = True
 
     name: str
     every: float
@@ -353,8 +355,3 @@ def _as_finite_numbers(name: str, values: Any) -> list[float] | None:
 
 def _is_readable(value: Any) -> bool:
     return isinstance(value, (Value, Quantity, Attachment))
-
-
-def select_controllers(parts: Sequence[Part]) -> list[Controller]:
-    """Return the controllers among parts."""
-    return [part for part in parts if isinstance(part, Controller)]

@@ -370,7 +370,7 @@ class ForceElement(ObservableLoad):
         """Return the forces on both bodies."""
         arguments, functions = self._expression
         size = self.a.size + self.b.size
-        shared = not self.has_user_law
+        shared = self.is_elastic
         kernel, data = build_formula_kernel(
             _ElementKernel(*arguments), functions, size, shared=shared
         )
@@ -384,15 +384,15 @@ class ForceElement(ObservableLoad):
         arguments, functions = self._expression
         values, data = FormulaExpression.of(kind(*arguments), functions)
         pieces = (self.a.piece, self.b.piece)
-        if self.has_user_law:
+        if not self.is_elastic:
             # User functions are not cached for other models.
             return Quantity(columns, pieces, lambda local: values(local), data, load_of=self.name)
         return Quantity(columns, pieces, values, data, load_of=self.name)
 
     @property
-    def has_user_law(self) -> bool:
-        """True if the force is a function of the user."""
-        return isinstance(self._law[0], UserLaw)
+    def is_elastic(self) -> bool:
+        """True unless the force is a function of the user."""
+        return not isinstance(self._law[0], UserLaw)
 
     @property
     def force(self) -> Quantity:

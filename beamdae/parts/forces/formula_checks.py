@@ -16,6 +16,7 @@ from beamdae.errors import (
     format_exception,
     short_repr,
 )
+from beamdae.native.instructions import read_instructions
 from beamdae.symbolic.scalar_expression import as_scalar
 from beamdae.symbolic.signals import as_expression, find_other_symbols
 from beamdae.symbolic.statements import SX
@@ -115,17 +116,14 @@ def require_continuous_formula(
             f"{part}: {what} must depend only on {arguments}, not on {', '.join(others[:3])}."
         )
     formula = ca.Function("formula", [ca.vertcat(*ca.symvar(value))], [value])
-    steps = range(formula.n_instructions())
+    instructions = read_instructions(formula)
     # float() of a symbol is nan.
-    if any(
-        formula.instruction_id(k) == ca.OP_CONST and np.isnan(formula.instruction_constant(k))
-        for k in steps
-    ):
+    if any(code == ca.OP_CONST and np.isnan(operands[0]) for code, operands, _ in instructions):
         raise BeamdaeError(
             f"{part}: {what} must be a formula of numpy functions such as np.sin, "
             "without nan, float, int or functions of math."
         )
-    operations = {formula.instruction_id(k) for k in steps}
+    operations = [code for code, _, _ in instructions]
     jumps = [name for operation, name in _JUMP_OPERATIONS.items() if operation in operations]
     if jumps:
         is_periodic = any(x in jumps for x in _PERIODIC_OPERATIONS)

@@ -19,9 +19,9 @@ from beamdae.errors import (
 )
 from beamdae.parts.attachments import require_angle, rotate
 from beamdae.parts.forces.load_observables import LoadedPoint, ObservableLoad
-from beamdae.parts.forces.regularized_friction import RegularizedFriction
 from beamdae.parts.forces.smooth import require_stribeck
 from beamdae.parts.joints.joint import Joint, Revolute
+from beamdae.parts.part import RegularizedFriction
 from beamdae.symbolic.formula import (
     FormulaExpression,
     build_formula_kernel,
@@ -279,11 +279,9 @@ class Friction(ObservableLoad):
         )
 
     @property
-    def regularized_friction(self) -> RegularizedFriction:
-        """Law of the friction."""
-        return RegularizedFriction(
-            self.coefficient, self.static, self.stribeck, self.friction_speed
-        )
+    def regularized_friction(self) -> RegularizedFriction | None:
+        """Regularization of the friction; None without friction."""
+        return RegularizedFriction(self.friction_speed, self.radius) if self.coefficient else None
 
     @property
     def loaded_points(self) -> dict[str, LoadedPoint]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -46,6 +47,9 @@ class FrozenGap:
     offsets: tuple[float, ...]
     event: str = ""
     since: float = 0.0
+
+
+FrozenGaps = Mapping[str, FrozenGap]  # by name of the joint
 
 
 def _carrier_index(joint: KinematicConstraint) -> int | None:

@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 import casadi as ca
 import numpy as np
 
-from beamdae.symbolic.functions.instructions import expand_powers
+from beamdae.native.instructions import expand_powers
 from beamdae.symbolic.functions.row_kernels import RowKernels, evaluate_copies, evaluate_rows
 from beamdae.symbolic.functions.table_lookups import has_lookups, jacobian, weighted_derivative
 

@@ -9,10 +9,11 @@ transpose is spreading.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import casadi as ca
 
+from beamdae.native.instructions import rebuild_output, repeat_operation
 from beamdae.native.table_functions import (
     FIND,
     PICK,
@@ -21,7 +22,6 @@ from beamdae.native.table_functions import (
     pick_function,
     spread_function,
 )
-from beamdae.symbolic.functions.instructions import rebuild_output, repeat_call
 
 SX = ca.SX
 
@@ -126,19 +126,20 @@ def _repeat_instructions(
     """Return the output of a function, and the lookups in it if symbols replace their results."""
     lookups: list[_Lookup] = []
 
-    def repeat(call: SX, operands: list[SX], count: int) -> Sequence[SX]:
-        called = call.which_function()
-        name = called.name()
-        direction = operands[-called.nnz_in(called.n_in() - 1) :]
+    def repeat(operation: Any, operands: list[SX], count: int) -> Sequence[SX]:
+        if isinstance(operation, int):
+            return repeat_operation(operation, operands, count)
+        name = operation.name()
+        direction = operands[-operation.nnz_in(operation.n_in() - 1) :]
         if name.startswith(_DERIVATIVE) and all(x.is_constant() and x.is_zero() for x in direction):
             return [SX(0.0)] * count
         if separates and name in (PICK, SPREAD):
             symbols = SX.sym("lookup", count)
             lookups.append(_Lookup(name == SPREAD, operands[0], ca.vertcat(*operands[1:]), symbols))
             return ca.vertsplit(symbols)
-        return repeat_call(call, operands, count)
+        return repeat_operation(operation, operands, count)
 
-    return rebuild_output(function, inputs, call=repeat), lookups
+    return rebuild_output(function, inputs, repeat), lookups
 
 
 def _insert_lookups(value: SX, lookups: Sequence[_Lookup]) -> SX:

@@ -17,7 +17,7 @@ import casadi as ca
 import numpy as np
 
 from beamdae.linear.lanes import aligned_zeros
-from beamdae.symbolic.functions.instructions import expand_powers
+from beamdae.native.instructions import expand_powers
 from beamdae.symbolic.functions.table_lookups import directional_derivative, has_lookups
 from beamdae.symbolic.sums.kernel_sums import (
     ADD_END,

@@ -23,6 +23,7 @@ import scipy.sparse as sp
 from beamdae.core.library import load_core
 from beamdae.core.tables import Loop, Workspace
 from beamdae.linear.lanes import aligned_zeros
+from beamdae.native.instructions import remove_repetitions
 from beamdae.native.lane_code import LANE_WIDTH
 from beamdae.native.lane_kernels import (
     KERNEL_SIGNATURE,
@@ -33,7 +34,6 @@ from beamdae.native.lane_kernels import (
 )
 from beamdae.native.object_code import is_native_enabled
 from beamdae.symbolic.functions.compiled import Compiled, RowFunction, keep_latest
-from beamdae.symbolic.functions.instructions import remove_repetitions
 from beamdae.symbolic.functions.table_lookups import has_lookups, remove_zero_lookups
 from beamdae.symbolic.local_symbols import C_A, C_H, C_L, C_Q, C_R, C_V, SHARED_BRANCH, SHARED_T
 from beamdae.symbolic.sums.lane_tiles import BatchRows, Tiles, find_tiles

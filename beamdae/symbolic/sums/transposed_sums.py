@@ -15,7 +15,7 @@ from functools import partial
 import casadi as ca
 import numpy as np
 
-from beamdae.symbolic.functions.instructions import expand_powers
+from beamdae.native.instructions import expand_powers
 from beamdae.symbolic.functions.table_lookups import has_lookups, weighted_derivative
 from beamdae.symbolic.sums.directional_sums import group_by_batch
 from beamdae.symbolic.sums.kernel_sums import ADD_END, LANES, WEIGHTED_END, Batch, Kernel, SumPlan

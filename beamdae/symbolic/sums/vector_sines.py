@@ -8,10 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cache
+from typing import Any
 
 import casadi as ca
 
-from beamdae.symbolic.functions.instructions import (
+from beamdae.native.instructions import (
     read_operations,
     rebuild_output,
     repeat_operation,
@@ -111,13 +112,13 @@ def expand_sines(function: ca.Function, is_derivative: bool = False) -> ca.Funct
         return function
     pairs: dict[int, Sequence[SX]] = {}
 
-    def operate(code: int, operands: list[SX]) -> SX:
-        if code not in (ca.OP_SIN, ca.OP_COS):
-            return repeat_operation(code, operands)
+    def operate(operation: Any, operands: list[SX], count: int) -> Sequence[SX]:
+        if operation not in (ca.OP_SIN, ca.OP_COS):
+            return repeat_operation(operation, operands, count)
         key = operands[0].element_hash()
         if key not in pairs:
             pairs[key] = _sine_and_cosine_function().call(operands)
-        return pairs[key][code == ca.OP_COS]
+        return [pairs[key][operation == ca.OP_COS]]
 
     arguments = function.sx_in()
     return ca.Function(function.name(), arguments, [rebuild_output(function, arguments, operate)])
