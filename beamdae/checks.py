@@ -107,7 +107,7 @@ class RunPrediction:
     steps, seconds
         Number of steps, and wall time [s] without assembly, consistent start and compilation.
     method
-        Method that `Auto` selects, with the reason.
+        Method that `Auto` selects.
     covered_share
         Fraction of the run that was measured [-].
     """
@@ -464,7 +464,7 @@ def _predict_run(
     if not reached > 0.0 or run.status.kind == "failed":
         return None, None
     growth = 1.0 if run.status.success else end / reached
-    method = ", ".join(filter(None, (run.integrator.get(x, "") for x in ("method", "auto"))))
+    method = run.integrator.get("method", "")
     seconds = wall_time - main_time + main_time * growth
     return RunPrediction(steps * growth, seconds, method, reached / end), run
 

@@ -364,11 +364,6 @@ def test_curves_with_a_tangent_everywhere_are_accepted(f):
     assert bd.Curve(f, x=(-1.0, 1.0)).length > 2.0
 
 
-def test_a_driver_reports_its_initial_angle_from_the_reference_configuration():
-    driver = bd.Driver(**(COINCIDENT_POINTS | {"law": lambda t: 0.5 + t}))
-    assert driver.facts == {"initial angle from the reference configuration [rad]": 0.5}
-
-
 def test_a_joint_of_a_removed_body_is_rejected_with_the_name_of_the_body():
     mech = bd.Mechanism()
     disk, bob = mech.add(DISK), mech.add(bd.PointMass("bob", 1.0, at=(0.0, 0.0)))

@@ -454,16 +454,6 @@ class Beam(Part):
         return self.curve.length
 
     @property
-    def facts(self) -> Mapping[str, float]:
-        """Dimensionless mesh errors and curvature measures, and `curve.facts` if any, by name."""
-        return {
-            "largest relative error of arc length": self.mesh.length_error,
-            "largest error of curvature times length": self.kinematics.curvature_error,
-            **_measure_curvature(self.mesh, self.section),
-            **getattr(self.curve, "facts", {}),
-        }
-
-    @property
     def coordinates(self) -> tuple[Variable, ...]:
         """Name and unit of each coordinate."""
         return self.kinematics.coordinates
@@ -1085,32 +1075,23 @@ def _warn_about_units(beam: Beam, attached: Sequence[AttachedPart]) -> None:
         )
 
 
-def _measure_curvature(mesh: Mesh, section: Section | VaryingSection) -> Mapping[str, float]:
-    """Return the largest curvature times element length and, if known, times section height."""
-    curvature = mesh.gauss_curvature
-    measures = {"largest curvature times element length": mesh.largest_turn}
+def _warn_about_curvature(part: str, mesh: Mesh, section: Section | VaryingSection) -> None:
     if isinstance(section, Section):
         heights = np.array(section.height, float)
     else:
         s = mesh.gauss_arc_lengths(mesh.nodes)
         heights = np.array([section.at(x).height for x in s.tolist()], float)
-    if not np.isnan(heights).any():
-        measures["largest curvature times section height"] = float(np.max(curvature * heights))
-    return measures
-
-
-def _warn_about_curvature(part: str, mesh: Mesh, section: Section | VaryingSection) -> None:
-    _, *height_ratios = _measure_curvature(mesh, section).values()
-    for ratio in height_ratios:
-        if ratio > _MAX_CURVATURE_TIMES_HEIGHT:
-            shape = "" if section.at(0.0).shapes else " and stresses assume a rectangular section"
-            message = (
-                f"{part}: the section height is {ratio:.2g} times the radius of "
-                "curvature, so beam theory has an error of "
-                f"{100.0 * _WINKLER_BACH_STIFFNESS * ratio**2:.1f} % in the bending "
-                f"stiffness{shape}; reduce the height or the curvature."
-            )
-            warn_user(message)
+    # Heights may be unknown.
+    ratio = float(np.max(mesh.gauss_curvature * heights))
+    if ratio > _MAX_CURVATURE_TIMES_HEIGHT:
+        shape = "" if section.at(0.0).shapes else " and stresses assume a rectangular section"
+        message = (
+            f"{part}: the section height is {ratio:.2g} times the radius of "
+            "curvature, so beam theory has an error of "
+            f"{100.0 * _WINKLER_BACH_STIFFNESS * ratio**2:.1f} % in the bending "
+            f"stiffness{shape}; reduce the height or the curvature."
+        )
+        warn_user(message)
 
 
 def _require_valid_slenderness(part: str, section: Section | VaryingSection, length: float) -> None:

@@ -237,11 +237,6 @@ class Kinematics(ABC):
         formula = Formula(InterpolatedForces(self.element), numbers)
         return PointValues(self.rows_of_element(element), formula)
 
-    @property
-    def curvature_error(self) -> float:
-        """Largest error of the element curvature times the length of the beam; 0 by default."""
-        return 0.0
-
     def largest_strain(self, q: Array) -> float:
         """Return the largest axial strain of outer fibers [-] in the states q (k, n).
 

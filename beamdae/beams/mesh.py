@@ -35,7 +35,6 @@ _MAX_GROWTH_FACTOR, _MAX_GROWTH = 2, 8
 _MAX_CACHED_MESHES = 32
 _MAX_CACHED_NODES = 1000
 _OUTLINE_POINTS = 33
-_LENGTH_GAUSS_POINTS = 8  # per element; enough to resolve the error of the arc length
 # Distance between an element end, which belongs to the next element, and the section just before.
 # Relative to the length of the beam; larger than the distance of equal arc lengths, so that loads
 # at the element end are beyond this section.
@@ -267,12 +266,6 @@ class Mesh:
         """Absolute curvature of the curve [1/m] at `nodes` Gauss points of each element."""
         return np.abs(self.curve.curvature(self.gauss_arc_lengths(self.nodes)))
 
-    @cached_property
-    def largest_turn(self) -> float:
-        """Largest curvature times element length [rad]."""
-        turns = self.gauss_curvature * np.repeat(self.element_lengths, self.nodes)
-        return float(turns.max())
-
     def axis(self, element: Array, xi: Array) -> AxisPoints:
         """Return points on the interpolated axes (eqs. 2, 13 and 14 of Pan & Liu, 2012).
 
@@ -326,13 +319,6 @@ class Mesh:
         if abs(xi) > 1.0 - 2.0 * _LOCATION_ROUNDING:
             xi = math.copysign(1.0, xi)
         return element, float(xi)
-
-    @cached_property
-    def length_error(self) -> float:
-        """Largest relative error of the element arc lengths."""
-        weighted_ds, _ = self.gauss(_LENGTH_GAUSS_POINTS)
-        lengths = weighted_ds.reshape(self.elements, _LENGTH_GAUSS_POINTS).sum(axis=1)
-        return float(np.max(np.abs(lengths - self.element_lengths) / self.element_lengths))
 
     def curvature_error(self, points: int) -> float:
         """Return the largest curvature error at the Gauss points, times the length of the curve."""

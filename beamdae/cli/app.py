@@ -14,8 +14,6 @@ import typer
 
 from beamdae.cli import signals, streams
 from beamdae.cli.command_wrapper import EXIT_CODES, Command, Commands, wrap_command
-from beamdae.cli.output import record_warning
-from beamdae.errors import BeamdaeWarning, KernelWarning
 
 # Commands by the group in which the help shows them.
 _GROUPS = {
@@ -39,6 +37,7 @@ def create_app(*names: str) -> typer.Typer:
         no_args_is_help=True,
         pretty_exceptions_enable=False,
         epilog=EXIT_CODES,
+        context_settings={"help_option_names": ["--help", "-h"]},
     )
     app.callback()(_beamdae)
     for name in names or _GROUP_OF_COMMAND:
@@ -76,7 +75,6 @@ def main() -> int:
 def _configure_warnings() -> None:
     # Non-finite values are reported by messages of beamdae.
     warnings.filterwarnings("ignore", category=RuntimeWarning, module="beamdae|numpy|pandas")
-    warnings.formatwarning = _format_warning
     # Without a font cache, matplotlib works but logs many lines.
     logging.getLogger("matplotlib").setLevel(logging.ERROR)
     for name in ("XDG_CACHE_HOME", "XDG_CONFIG_HOME"):
@@ -84,16 +82,6 @@ def _configure_warnings() -> None:
         # working folder.
         if not os.path.isabs(os.environ.get(name, "/")):
             del os.environ[name]
-
-
-_format_warning_by_default = warnings.formatwarning
-
-
-def _format_warning(message: Any, category: type[Warning], *place: Any, **more: Any) -> str:
-    """Format a warning: as a sentence if it is from beamdae, otherwise with file and line."""
-    if issubclass(category, (BeamdaeWarning, KernelWarning)):
-        return f"warning: {record_warning(str(message))}\n"
-    return _format_warning_by_default(message, category, *place, **more)
 
 
 def _print_version(requested: bool) -> None:

@@ -82,8 +82,8 @@ def wrap_command(name: str, command: Callable[..., None]) -> Callable[..., None]
                 stack.enter_context(streams.redirect_output_to_stderr())
             if quiet:
                 stack.enter_context(warnings.catch_warnings(action="ignore"))
-            elif name not in _ENDLESS_COMMANDS:
-                stack.enter_context(hold_warnings(output))
+            else:
+                stack.enter_context(hold_warnings(output, name in _ENDLESS_COMMANDS))
             code = _run_to_exit_code(lambda: interruptible(call_command)(options))
         if as_json:
             typer.echo(output.to_json(name, code))

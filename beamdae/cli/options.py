@@ -282,6 +282,15 @@ AccurateColumns = Annotated[
         "and load factors.",
     ),
 ]
+ComparedColumns = Annotated[
+    list[str] | None,
+    accuracy_option(
+        "--columns",
+        metavar="NAME",
+        help="Column or observable whose errors are compared, or several separated by commas; "
+        "repeatable. Defaults to the columns in m or rad that vary.",
+    ),
+]
 Jobs = Annotated[
     int | None,
     expert_option(
@@ -551,7 +560,7 @@ def parse_start(
         )
     for text in options:
         if "=" not in text:
-            if len(options) == 1 and (states or Path(text).suffix or os.path.isfile(text)):
+            if len(options) == 1 and (states or os.path.isfile(text)):
                 return text
             raise BeamdaeError(
                 f"--start {text}: the start must be {', '.join(map(repr, _STATES))}, "

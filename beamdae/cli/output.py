@@ -23,6 +23,7 @@ import typer
 from beamdae.errors import (
     BeamdaeWarning,
     InputWarning,
+    KernelWarning,
     kind_of_message,
 )
 from beamdae.report.option_names import name_options
@@ -105,22 +106,25 @@ def record_results(create: Callable[[], Mapping[str, Any]]) -> None:
         output.results.update(results)
 
 
-def create_console() -> Console:
-    """Return a console on standard output; with --quiet or --json, the console prints nothing.
+def create_console(stderr: bool = False) -> Console:
+    """Return a console on standard output or, with `stderr`, on standard error.
 
-    Lines are as wide as the terminal or COLUMNS; without these, lines are not wrapped. Markup is
-    disabled, because units are written in brackets.
+    With --quiet or --json, a console on standard output prints nothing. Lines are as wide as the
+    terminal or COLUMNS; without these, lines are not wrapped. Markup is disabled, because units are
+    written in brackets.
     """
     from rich.console import Console
 
-    has_width = sys.stdout.isatty() or os.environ.get("COLUMNS", "").isdigit()
+    stream = sys.stderr if stderr else sys.stdout
+    has_width = stream.isatty() or os.environ.get("COLUMNS", "").isdigit()
     output = current_output()
     console = Console(
+        stderr=stderr,
         width=None if has_width else _UNLIMITED_WIDTH,
         markup=False,
         highlight=False,
         emoji=False,
-        quiet=output.quiet or output.as_json,
+        quiet=not stderr and (output.quiet or output.as_json),
     )
     console.width = max(console.width, _MIN_WIDTH)
     return console
@@ -133,24 +137,23 @@ def show(console: Console, content: Any, style: str | None = None) -> None:
         return
     with console.capture() as captured:
         console.print(content, style=style)
-    typer.echo(re.sub(" +$", "", captured.get(), flags=re.MULTILINE), nl=False)
+    text = re.sub(" +$", "", captured.get(), flags=re.MULTILINE)
+    typer.echo(text, nl=False, err=console.stderr)
 
 
 def create_progress_console() -> Console | None:
     """Return a console on standard error, or None if no progress bar can be displayed there."""
     if not sys.stderr.isatty():
         return None
-    from rich.console import Console
-
-    console = Console(stderr=True, markup=False, highlight=False, emoji=False)
+    console = create_console(stderr=True)
     return console if console.is_terminal and not console.is_dumb_terminal else None
 
 
 def print_error(sentence: str) -> None:
-    """Print a sentence as one line on standard error, and add it to the JSON document."""
+    """Print a sentence on standard error, and add it to the JSON document."""
     line = make_printable(name_options(" ".join(sentence.split())))
     current_output().errors.append(line)
-    typer.echo(line, err=True)
+    show(create_console(stderr=True), line)
 
 
 def print_warnings(console: Console, sentences: Iterable[str]) -> None:
@@ -158,29 +161,32 @@ def print_warnings(console: Console, sentences: Iterable[str]) -> None:
     for sentence in sentences:
         printable = make_printable(name_options(sentence))
         if not any(printable in x for x in current_output().warnings):
-            show(console, f"warning: {record_warning(sentence)}", "yellow")
+            _print_warning(console, sentence)
+
+
+def _print_warning(console: Console, sentence: str) -> None:
+    show(console, f"warning: {record_warning(sentence)}", "yellow")
 
 
 @contextmanager
-def hold_warnings(output: CommandOutput) -> Iterator[None]:
+def hold_warnings(output: CommandOutput, at_once: bool) -> Iterator[None]:
     """Print the warnings that beamdae issues in a `with` block after it, even if it raises.
 
-    Those about arguments and data are printed at once, because analyses may take hours. Warnings
-    that were printed with a result or as the reason of a failure are not repeated, and of those
-    that differ only in numbers, only the first is printed.
+    Those about arguments, data and compilers are printed at once, because analyses may take hours;
+    with `at_once`, all are. Warnings that were printed with a result or as the reason of a failure
+    are not repeated, and of those that differ only in numbers, only the first is printed.
     """
     with warnings.catch_warnings():
         show = warnings.showwarning
 
         def hold(message: Any, category: type[Warning], *place: Any, **more: Any) -> None:
-            if issubclass(category, InputWarning):
-                sentence = name_options(str(message))
-                if not _is_printed(sentence, output):
-                    typer.echo(f"warning: {record_warning(sentence)}", err=True)
-            elif issubclass(category, BeamdaeWarning):
-                output.held_warnings.append(name_options(str(message)))
-            else:
+            sentence = name_options(str(message))
+            if not issubclass(category, (BeamdaeWarning, KernelWarning)):
                 show(message, category, *place, **more)
+            elif not (at_once or issubclass(category, (InputWarning, KernelWarning))):
+                output.held_warnings.append(sentence)
+            elif not _is_printed(sentence, output):
+                _print_warning(create_console(stderr=True), sentence)
 
         warnings.simplefilter("always", BeamdaeWarning)
         warnings.showwarning = hold
@@ -190,7 +196,7 @@ def hold_warnings(output: CommandOutput) -> Iterator[None]:
             by_kind = {kind_of_message(x): x for x in reversed(output.held_warnings)}
             sentences = [x for x in reversed(by_kind.values()) if not _is_printed(x, output)]
             for sentence in sentences:
-                typer.echo(f"warning: {record_warning(sentence)}", err=True)
+                _print_warning(create_console(stderr=True), sentence)
 
 
 def withdraw_warnings(text: str) -> None:

@@ -71,14 +71,14 @@ class Report:
             verdict = "" if status is None else status.sentence if status.success else status.kind
             line = ", ".join(filter(None, [verdict, self.cost]))
             line = f"{self.name}: {line}" if line else self.name
-            console.print(make_printable(name_options(line)), style="bold")
+            show(console, make_printable(name_options(line)), "bold")
         self._show_facts(console, self.description.facts)
         for table in self.description.tables.values():
             self._show_table(console, table)
         if current_output().verbose:
             self._show_facts(console, self.description.details)
         if accuracy is not None and accuracy.success:
-            console.print(f"accuracy: {name_options(accuracy.sentence)}", style="dim")
+            show(console, f"accuracy: {name_options(accuracy.sentence)}", "dim")
         # The reason of a failure is the last line of a command.
         reason = "" if status is None or status.success else status.sentence
         print_warnings(console, (x for x in self.warnings if not reason or reason not in x))
@@ -265,7 +265,8 @@ def run_analysis(
     from beamdae.results.outcome import accuracy_of
 
     status, accuracy = getattr(result, "status", None), accuracy_of(result)
-    report = Report(name, describe(result), status, result.warnings)
+    warnings = result.warnings  # These may measure errors, which the description contains.
+    report = Report(name, describe(result), status, warnings)
     complete(result, report).print(accuracy)
 
     def draw(path: Path) -> list[Path]:

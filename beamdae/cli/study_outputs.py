@@ -12,16 +12,17 @@ import typer
 
 from beamdae.cli import signals
 from beamdae.cli.command_wrapper import NOT_RUN_CODE
-from beamdae.cli.options import parse_start
+from beamdae.cli.options import parse_start, split_names
 from beamdae.cli.output import print_error
 from beamdae.cli.output_paths import require_writable
 from beamdae.cli.progress import show_study_progress
 from beamdae.cli.results import Report, ResultFiles
-from beamdae.errors import require_positive
+from beamdae.errors import format_count, require_positive
 from beamdae.interrupts import Interrupted, acknowledge
 
 # NumPy and CasADi are imported inside functions, so that --help responds quickly.
 if TYPE_CHECKING:
+    from beamdae.report.terminal.responsive_table import ResponsiveTable
     from beamdae.studies import Study
     from beamdae.studies.execution.study_progress import StudyProgress
     from beamdae.studies.execution.study_run import StudyResults
@@ -57,8 +58,9 @@ def apply_run_options(
     t_end: float | None,
     output_step: float | None,
     start: list[str] | None,
+    columns: list[str] | None,
 ) -> Study:
-    """Return the study with --time-limit, --t-end, --output-step and --start for all its cases.
+    """Return the study with the settings of runs and the columns of options, for all its cases.
 
     Raises
     ------
@@ -72,6 +74,8 @@ def apply_run_options(
         study = replace(study, t_end=t_end)
     if output_step is not None:
         study = replace(study, output_step=output_step)
+    if columns:
+        study = replace(study, columns=tuple(split_names(columns, study.cases[0].model)))
     if start:
         from beamdae.parts.mechanism import require_start
 
@@ -189,6 +193,13 @@ def run_and_write(
 def _write(files: ResultFiles, writers: FileWriters) -> None:
     for name, write in writers.items():
         files.write(name, write)
+
+
+def first_cases(name: str, table: ResponsiveTable) -> dict[str, Any]:
+    """Return a table of cases by its title, and the number of cases beyond the first 16."""
+    rows, n_more = table.rows[:MAX_SCREEN_ROWS], len(table.rows) - MAX_SCREEN_ROWS
+    more = {f"more {name}": f"not shown: {format_count(n_more, 'case')}; see {table.source}"}
+    return {name: replace(table, rows=rows), **(more if n_more > 0 else {})}
 
 
 def print_failures(results: StudyResults, failures: list[str]) -> None:

@@ -277,7 +277,7 @@ class Segment:
 
     @property
     def facts(self) -> Mapping[str, float]:
-        """Values of `curve` that `beamdae check` reports, by name; empty if there are none."""
+        """Values of `curve` by name; empty if there are none."""
         return getattr(self.curve, "facts", {})
 
     @property

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import fields, is_dataclass
 from functools import cache
 from typing import Any, ClassVar, NamedTuple
@@ -251,11 +251,6 @@ class Part:
     def events(self) -> Sequence[Event]:
         """Events of the part, in addition to the events added by `Mechanism.when`."""
         return ()
-
-    @property
-    def facts(self) -> Mapping[str, float]:
-        """Values that `beamdae check` reports for the part before a run, by name."""
-        return {}
 
     @property
     def regularized_friction(self) -> RegularizedFriction | None:

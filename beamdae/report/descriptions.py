@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from beamdae.errors import format_count, format_distinct
 from beamdae.model_parameters import format_with_unit
-from beamdae.report.terminal.text_tables import column_extremes, format_headers, range_rows
+from beamdae.report.terminal.text_tables import (
+    ERROR_DIGITS,
+    ERROR_HEADER,
+    column_extremes,
+    format_headers,
+    format_number,
+    range_rows,
+)
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -38,29 +47,48 @@ class Description:
     details: Mapping[str, str] = field(default_factory=dict)
 
 
-def list_parts(types: Mapping[str, str]) -> dict[str, list[dict[str, str]]]:
-    """Return the table of the parts of a mechanism, given their classes by name."""
-    return {"Parts": [{"part": name, "kind": kind} for name, kind in types.items()]}
-
-
 def describe(result: Any) -> Description:
     """Return the description of the result of an analysis."""
     description: Description = _DESCRIPTIONS[type(result).__name__](result)
     return description
 
 
+def _table_of_modes(result: Any) -> pd.DataFrame:
+    """Return the table of modes or buckling loads, with the errors that have been measured."""
+    table = result.table()
+    # Errors that take long are not measured.
+    errors = vars(result).get("errors")
+    if errors is not None and not np.isnan(errors.total).all():
+        numbers = (int(x.split()[-2]) for x in errors.headers)  # as in "frequency 2 [Hz]"
+        totals = dict(zip(numbers, errors.total.tolist(), strict=True))
+        texts = [format_number(totals.get(k), ERROR_DIGITS) for k in table["mode"]]
+        table.insert(2, ERROR_HEADER, texts)
+    return table
+
+
+def _describe_loads(stages: Sequence[Sequence[str]], mechanism: Any) -> str:
+    """Return the scaled loads of each stage, and the loads that act in full."""
+    from beamdae.analysis.statics.load_scaling import resolve_load_stages
+
+    loads = [] if mechanism is None else sum(resolve_load_stages(mechanism, None), ())
+    constant = ", ".join(x for x in loads if not any(x in stage for stage in stages))
+    scaled = "; then ".join(map(", ".join, stages)) or "none is scaled"
+    return f"{scaled}; in full: {constant}" if constant else scaled
+
+
 def _describe_modes(modes: Any) -> Description:
-    table = modes.table()
-    masses = [name for name in table if name.startswith("effective mass")]
-    shown = table[[*(name for name in table if name not in masses), *masses]]
-    data = {"about": modes.about, "modes": table}
+    table = _table_of_modes(modes)
+    last = [name for name in map(str, table) if name.startswith(("growth rate", "effective mass"))]
+    shown = table[[*(name for name in table if name not in last), *last]]
+    data = {"about": modes.about, "modes": modes.table()}
     return Description({"about": modes.about}, {"Modes": shown}, lambda: data)
 
 
 def _describe_buckling(buckling: Any) -> Description:
-    table = buckling.table()
-    data = {"loads": list(buckling.loads), "modes": table}
-    return Description({}, {"Buckling": table}, lambda: data)
+    table = _table_of_modes(buckling)
+    data = {"loads": list(buckling.loads), "modes": buckling.table()}
+    facts = {"loads": _describe_loads([buckling.loads], buckling.mechanism)}
+    return Description(facts, {"Buckling": table}, lambda: data)
 
 
 def _describe_campbell(diagram: Any) -> Description:
@@ -143,13 +171,12 @@ def _describe_path(path: Any) -> Description:
         stability = f"neither stable nor unstable, {path.free} is free to move"
     else:
         stability = "stable"
-    unscaled = "all in full" if path.over else "none is scaled"
     control = path.settings["control"]
     if path.over and control == "load":
         control = path.settings["over"]
     begin = path.factors[0, -1:].tolist()
     facts = {
-        "loads": "; then ".join(", ".join(stage) for stage in path.loads) or unscaled,
+        "loads": _describe_loads(path.loads, path.equations.mechanism),
         # Paths of mechanisms that are free without loads begin at some load.
         path.quantity: " to ".join(f"{x:.7g}" for x in dict.fromkeys([*begin, path.factor])),
         "equilibrium": stability,

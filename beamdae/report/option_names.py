@@ -6,7 +6,10 @@ import re
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
+from inspect import signature
 from typing import Any
+
+from beamdae.deferred import public
 
 # Arguments whose options have other names.
 _RENAMED_ARGUMENTS = {
@@ -17,19 +20,19 @@ _RENAMED_ARGUMENTS = {
     "parameters": "settings",
 }
 # An argument such as "period=", "about='equilibrium'", "bounds={...}", "offset=['tip.y']",
-# "damping=False" or "output_step=1e-3".
+# "switch=[1, 1]", "damping=False" or "output_step=1e-3".
 _ARGUMENT = re.compile(
     r"(?<![\w.-])(?P<name>[a-z]\w*)="
-    r"(?P<value>'[^']*'|\{[^}]*\}|\['[^]]*'\]|True\b|False\b|[\d.e+-]*\d(?![\w=])"
+    r"(?P<value>'[^']*'|\{[^}]*\}|\[[^]]*\]|True\b|False\b|[\d.e+-]*\d(?![\w=])"
     r"|(?=[\s,;.)]|$))"
 )
 _PAIR = re.compile(r"\{'([^']*)': '([^']*)'\}")  # of a name and a text
-# An argument of a function that a command calls, at the start of a message: "simulate: t_end must".
-# Arguments of parts, such as the formulation of a beam, are no options.
-_CHECKED_ARGUMENT = re.compile(
-    r"(?P<call>(?:error: )?(?:simulate|equilibrium|buckling|modes|linearize|bode|campbell|periodic"
-    r"|frequency_response|fit|optimize|export_fmu|sweep|compare|Auto|Ida|Radau|GeneralizedAlpha): )"
-    r"(?P<name>[a-z]\w*)(?= must )"
+# The function that rejects an argument, at the start of a message, and the argument, as in
+# "simulate: t_end must". Arguments of parts, such as the formulation of a beam, are no options.
+_CALL = re.compile(
+    r"(?P<call>(?:error: )?(?P<function>simulate|equilibrium|buckling|modes|linearize|bode|campbell"
+    r"|periodic|frequency_response|fit|optimize|export_fmu|sweep|compare|Auto|Ida|Radau"
+    r"|GeneralizedAlpha): )(?:(?P<name>[a-z]\w*)(?= must ))?"
 )
 # Options of pictures, which are no arguments of the analysis, but of parts, such as tables.
 _PICTURE_OPTIONS = {"x"}
@@ -68,19 +71,25 @@ def form_of_option(option: str) -> str:
 def name_options(sentence: str) -> str:
     """Replace Python arguments, such as "t_end=", by options of the command, such as "--t-end".
 
-    Arguments without "=" are replaced if the message begins with the call that rejects them. Code,
-    such as bd.Mechanism(start="equilibrium"), and arguments of parts are left unchanged.
+    Arguments without "=" are replaced if the message begins with the call that rejects them.
+    Arguments of this call that are no options of the command become code. Code, such as
+    bd.Mechanism(start="equilibrium"), and arguments of parts are left unchanged.
     """
     options = _current_options.get()
     if not options or _MODEL_ERROR.search(sentence):
         return sentence
+    call = _CALL.match(sentence)
 
     def replace(match: re.Match[str]) -> str:
         option, value = options.get(match["name"]), match["value"]
         # Flags without a value, such as "damping=", belong to parts.
-        is_code = option is None or _CODE.search(sentence[: match.start()])
-        if option is None or is_code or (option.is_flag and not value):
+        is_flag = option is not None and option.is_flag and not value
+        if is_flag or _CODE.search(sentence[: match.start()]):
             return match[0]
+        if option is None:
+            if not call or match["name"] not in signature(public(call["function"])).parameters:
+                return match[0]
+            return f"bd.{call['function']}({match[0]}{'' if value else '...'})"
         name = _long_name(option)
         if value == "False":
             return option.secondary_opts[0] if option.secondary_opts else match[0]
@@ -88,13 +97,13 @@ def name_options(sentence: str) -> str:
             pair = _PAIR.fullmatch(value)
             return f'{name} "{pair[1]}={pair[2]}"' if pair else f"{name} {option.metavar}"
         text = re.sub(r"[\[\]']", "", value.removeprefix("True"))
-        text = text.replace(", ", ",") if value.startswith("[") else text
+        if value.startswith("["):  # Names are separated by commas; numbers repeat the option.
+            separator = "," if "'" in value else f" {name} "
+            return f"{name} {text.replace(', ', separator)}"
         return f'{name} "{text}"' if " " in text else f"{name} {text}".rstrip()
 
-    checked = _CHECKED_ARGUMENT.match(sentence)
-    if checked and checked["name"] in options:
-        name = _long_name(options[checked["name"]])
-        sentence = checked["call"] + name + sentence[checked.end() :]
+    if call and call["name"] in options:
+        sentence = call["call"] + _long_name(options[call["name"]]) + sentence[call.end() :]
     return _ARGUMENT.sub(replace, sentence)
 
 

@@ -21,6 +21,8 @@ def test_a_table_and_a_picture_are_written(buckling):
     result = buckling("-n", "2", "--set", "height=0.001")
     assert result.exit_code == 0, result.output
     assert "2.467" in result.stdout
+    assert "error" in result.stdout
+    assert "loads  press" in result.stdout
     table = pd.read_csv("results/column_buckling.csv")
     assert table["load factor [-]"].tolist() == pytest.approx([2.467, 22.207], rel=1e-3)
     assert Path("results/column_buckling.png").stat().st_size > 1000

@@ -204,4 +204,4 @@ def test_error_is_estimated_with_an_integrator_of_the_model_file(run):
     result = invoke("run", "model.py", "--integrator", "euler", "--verify", "-v")
     assert result.exit_code == 0, result.output
     assert "ImplicitEuler step=0.005" in result.output
-    assert "observed end error" in " ".join(result.output.split())
+    assert "error by observed end [-] min max" in " ".join(result.output.split())

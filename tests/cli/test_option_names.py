@@ -44,6 +44,9 @@ COMMAND = ["periodic", "mass.py", "--settle", "1"]
         ("static", "equilibrium: to must name a", "equilibrium: --to must name a"),
         ("sweep", "sweep: jobs must be", "sweep: --jobs must be"),
         ("fit", "with offset=['a.x', 'a.y'], or", "with --offset a.x,a.y, or"),
+        ("static", "for example with switch=[1, 1]", "for example with --switch 1 --switch 1"),
+        # Arguments of the call that the command does not have.
+        ("optimize", "equilibrium: use switch=2.", "equilibrium: use bd.equilibrium(switch=2)."),
         # Code, and arguments of parts.
         (
             "run",
@@ -70,7 +73,7 @@ COMMAND = ["periodic", "mass.py", "--settle", "1"]
 )
 def test_arguments_become_options(command, sentence, expected):
     with use_options(typer.main.get_command(create_app()).commands[command].params):
-        assert name_options(sentence) == expected
+        assert name_options(sentence) == name_options(expected) == expected
     assert name_options(sentence) == sentence
 
 

@@ -73,8 +73,8 @@ def test_study_in_a_terminal(here, width):
 # Arguments of the other commands, and text that is complete at every width.
 COMMANDS = {
     "list": (["."], ["arm", "both"]),
-    "check": (["model.py"], ["hinge :smile:", "Revolute", "ready to run"]),
-    "draw": (["model.py"], ["hinge :smile:", "Revolute"]),
+    "check": (["model.py"], ["tip :smile:", "ready to run"]),
+    "draw": (["model.py"], ["arm"]),
     "static": (["model.py"], ["reached the end", "tip :smile:.x [m]"]),
     "modes": (["model.py", "-n", "1"], ["frequency", "kind", "moves"]),
     "fit": (["model.py", "data.csv", "--by", "mass", "--sigma", "0.01"], ["mass", "converged"]),
@@ -97,6 +97,14 @@ def test_every_command_fits_the_terminal(here, command):
         text = " ".join(" ".join(lines).split())
         for word in words:
             assert word in text
+
+
+def test_errors_wrap_at_the_width_of_the_terminal(here):
+    arguments = "run", "model.py", "--integrator", "unknown"
+    lines = invoke(*arguments, env={"COLUMNS": "60"}).stderr.splitlines()
+    assert len(lines) > 1
+    assert max(map(len, lines)) <= 60
+    assert invoke(*arguments).stderr == " ".join(lines) + "\n"
 
 
 @pytest.mark.slow(reason="half a second and more")
@@ -190,7 +198,7 @@ def test_list_executes_no_files(here):
             rows.append(line.split())
     assert [" ".join(row) for row in tables["model"]] == [
         "lone bad.py T length=2 * 3, kind=thin",
-        "arm model.py 1 A bob [/b] swings. mass=2, note=[/b] :smile:",
+        "arm model.py 1 mass=2, note=[/b] :smile: A bob [/b] swings.",
     ]
     assert tables["study"] == [["both", "model.py"]]
     assert [row[0] for row in tables["file"]] == ["syntax.py"]

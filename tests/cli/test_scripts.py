@@ -181,6 +181,7 @@ def test_an_interrupted_run_prints_its_document(here):
 @pytest.mark.slow(reason="prints help at several widths")
 def test_help_lists_exit_codes_and_is_wrapped_at_every_width():
     assert "Exit codes: 0 success" in invoke("--help").stdout
+    assert invoke("modes", "-h").stdout == invoke("modes", "--help").stdout
     for width in (20, 40, 60, 100):
         text = invoke("run", "--help", env={"COLUMNS": str(width)}).stdout
         # Boxes would cut words on narrow screens.

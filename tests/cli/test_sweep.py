@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+import re
 
 import numpy as np
 import pandas as pd
 import pytest
 from command_line import invoke
+from model_texts import CROSS
 from model_texts import SWING as MODEL
 from numpy.testing import assert_allclose
 
@@ -124,3 +126,35 @@ def test_studies_start_from_a_state(command, tmp_path):
     assert result.exit_code == 0, result.output
     rows = pd.read_csv(next(tmp_path.rglob("trajectories/*.csv")))
     assert rows["bob.y [m]"][0] == pytest.approx(1.0)
+
+
+@pytest.mark.slow(reason="a sweep of twenty cases")
+def test_long_sweeps_print_their_first_cases(tmp_path):
+    """They printed no value."""
+    path = tmp_path / "model.py"
+    path.write_text(MODEL)
+    arguments = ["--over", "speed=0.5:1.5:20", "--of", "bob.x,bob.y", "--t-end", "0.01"]
+    arguments += ["--jobs", "1", "--no-page", "--no-picture", "--out", str(tmp_path)]
+    result = invoke("sweep", path, *arguments, env={"COLUMNS": "80"})
+    assert result.exit_code == 0, result.output
+    assert "not shown: 4 cases; see sweep.csv" in result.stdout
+    assert len(re.findall(r"^ [01]\.\d", result.stdout, re.MULTILINE)) == 16
+    assert re.search(r"bob\.[xy] +bob\.[yx] ", result.stdout)
+    (file,) = tmp_path.rglob("sweep.csv")
+    assert "reason" not in pd.read_csv(file)
+
+
+@pytest.mark.slow(reason="starts worker processes")
+def test_modes_of_a_sweep_are_about_a_state(tmp_path):
+    path = tmp_path / "cross.py"
+    path.write_text(CROSS)
+    arguments = ["sweep", path, "--over", "stiffness=32,50", "--set", "weight=9.81"]
+    arguments += ["--jobs", "1", "--no-page", "--no-picture", "--out", tmp_path, "--modes", "1"]
+    assert "use --about equilibrium" in " ".join(invoke(*arguments).output.split())
+    result = invoke(*arguments, "--about", "equilibrium")
+    assert result.exit_code == 0, result.output
+    assert "warning" not in result.output
+    (file,) = tmp_path.rglob("sweep.csv")
+    assert_allclose(pd.read_csv(file)["frequency 1 [Hz]"], [0.63662, 0.79577], rtol=1e-3)
+    result = invoke("sweep", path, "--over", "stiffness=1,2", "--about", "equilibrium")
+    assert "--about requires --modes" in result.stderr

@@ -38,7 +38,8 @@ def test_smoothing_by_the_noise_recovers_the_curvature(noise):
 
 
 def test_facts_contain_distances_and_curvature():
-    facts = bd.Curve(points=measured_points(1e-4), noise=1e-4).facts
+    curve = bd.Curve(points=measured_points(1e-4), noise=1e-4)
+    facts = curve.facts
     # Where chord lengths follow the points, the noise of both coordinates is across the curve.
     rms = facts["RMS distance of the points from the curve [m]"]
     assert_allclose(rms, np.sqrt(2.0) * 1e-4, rtol=0.03)
@@ -47,9 +48,7 @@ def test_facts_contain_distances_and_curvature():
     through = bd.Curve(points=measured_points(0.0)).facts
     # Distances to the tangent at the nearest of 2001 points have errors of order step^2 / diameter.
     assert through["largest distance of the points from the curve [m]"] < 1e-7
-    beam = bd.Beam("strip", bd.Curve(points=measured_points(1e-4), noise=1e-4), STRIP)
-    assert facts.items() <= beam.facts.items()
-    assert bd.Segment(beam.curve, 0.1, 0.3).facts == facts
+    assert bd.Segment(curve, 0.1, 0.3).facts == facts
     assert bd.Curve(np.sin, x=(0.0, 1.0)).facts == {}
 
 
@@ -96,9 +95,7 @@ def test_sharp_curves_warn(make, message):
 def test_gentle_curves_do_not_warn():
     with warnings.catch_warnings():
         warnings.simplefilter("error", bd.BeamdaeWarning)
-        beam = bd.Beam("b", bd.Arc(1.0, 6.0), bd.Section.circle(STEEL, 0.25), elements=8)
-    assert_allclose(beam.facts["largest curvature times element length"], 0.75)
-    assert_allclose(beam.facts["largest curvature times section height"], 0.25)
+        bd.Beam("b", bd.Arc(1.0, 6.0), bd.Section.circle(STEEL, 0.25), elements=8)
 
 
 @pytest.mark.parametrize("noise", [1e-60, 1e-12, 1.0, 1e60])

@@ -186,10 +186,12 @@ def test_regression_sweep_tables_show_rounding_errors_as_zero():
             "contact.Q end [N]": [0.0, -2.8002e-20],
         }
     )
-    shown = terminal.sweep_table(table, ["height"], list(table)[2:])
     forces = ["contact.N end [N]", "contact.N min [N]", "contact.N max [N]"]
-    # Zero outputs are the last ones.
-    assert shown.headers == ["height", "status", *forces, "gap [m]", "contact.Q end [N]"]
-    assert shown.rows[0] == ["1", "ok", "0", "0", "3", "1e-20", "0"]
-    zeros = terminal.sweep_table(table, ["height"], ["contact.N end [N]"])
+    responses = [forces, ["contact.Q end [N]"], ["gap [m]"]]
+    shown = terminal.sweep_table(table, ["height"], responses)
+    # The measures that vary most are the first ones, and zero outputs are the last ones.
+    expected = [forces[1], "gap [m]", forces[2], forces[0], "contact.Q end [N]"]
+    assert shown.headers == ["height", "status", *expected]
+    assert shown.rows[0] == ["1", "ok", "0", "1e-20", "3", "0", "0"]
+    zeros = terminal.sweep_table(table, ["height"], [["contact.N end [N]"]])
     assert [row[2] for row in zeros.rows] == ["0", "-2.8002e-20"]

@@ -209,15 +209,3 @@ class GeometricallyExact(FormulationKinematics):
         )
         operator = sp.csr_array(sp.vstack([section.operator, frame.operator]))
         return PointValues(operator, Formula(values, tuple(data.tolist())))
-
-    @property
-    def curvature_error(self) -> float:
-        """Largest error of psi' at the stiffness points, times the length of the curve."""
-        mesh, points = self.mesh, self.stiffness_points
-        xi, _ = gauss_points(points)
-        _, axis = mesh.gauss(points)
-        slopes = shape_functions(mesh.nodes, xi, 1)
-        dpsi_dxi = (self._node_angles[mesh.element_nodes] @ slopes.T).ravel()
-        curvature = mesh.curve.curvature(mesh.gauss_arc_lengths(points))
-        error = np.abs(dpsi_dxi / axis.ds - curvature)
-        return float(error.max() * mesh.curve.length)

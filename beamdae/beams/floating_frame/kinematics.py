@@ -310,8 +310,3 @@ class FloatingFrame(FormulationKinematics):
             return PointValues(self.rows_of_element(element), formula)
 
         return self._geometry.derive(("deformation", s, axes, self.element), create)
-
-    @property
-    def curvature_error(self) -> float:
-        """Largest error of curvature at the stiffness points, times the length of the curve."""
-        return self.mesh_in_frame.curvature_error(self.stiffness_points)

@@ -39,19 +39,19 @@ def check_command(
     model, _ = load_model(path, model_name, settings)
     from beamdae.checks import check
     from beamdae.parts.mechanism import Mechanism
-    from beamdae.report.descriptions import Description, list_parts
+    from beamdae.report.descriptions import Description
     from beamdae.report.terminal.check_report import describe_check
 
     mechanism = model()
     result = check(mechanism, model.t_end, predict, parse_start(start, model))
     parts = mechanism.parts if isinstance(mechanism, Mechanism) else {}
-    types = {name: type(part).__name__ for name, part in parts.items()}
     for sentence in result.warnings:
         record_warning(sentence)
-    facts = describe_check(result, parts)
+    facts = describe_check(result)
     name = f"{model.name}: {facts.pop('verdict')}"
-    data = {**_json_results(result), "parts": types}
-    Report(name, Description(facts, list_parts(types), lambda: data)).print()
+    types = {name: type(part).__name__ for name, part in parts.items()}
+    data = _json_results(result) | {"parts": types}
+    Report(name, Description(facts, data=lambda: data)).print()
     if not result.ok:
         raise BeamdaeError(result.problem)
 

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from beamdae.cli.options import (
+    ComparedColumns,
     EndTime,
     Jobs,
     ModelName,
@@ -26,6 +27,7 @@ from beamdae.cli.study_outputs import (
     PAGE_FILE,
     StudyReport,
     apply_run_options,
+    first_cases,
     results_folder_name,
     run_and_write,
 )
@@ -41,6 +43,7 @@ def compare_command(
     path: StudyPath,
     settings: Settings = None,
     model_name: ModelName = None,
+    compared: ComparedColumns = None,
     out: Out = Path("results"),
     time_limit: TimeLimit = None,
     t_end: EndTime = None,
@@ -59,7 +62,7 @@ def compare_command(
     and 143 after SIGTERM.
     """
     study = _select_study(path, model_name, parse_assignments(settings))
-    study = apply_run_options("compare", study, time_limit, t_end, output_step, start)
+    study = apply_run_options("compare", study, time_limit, t_end, output_step, start, compared)
     folder, files = out / study.name, (page, picture)
     run_and_write("compare", study, folder, _create_report, (jobs, scheduler), files)
 
@@ -82,14 +85,11 @@ def _create_report(results: StudyResults) -> StudyReport:
     shown: dict[str, Any] = {}
     if ungrouped:
         shown["completion"] = results.describe_completion(ungrouped)
-    summaries = dict(iter(results.summary.groupby("group", sort=False)))
     for group in groups[:MAX_SCREEN_ROWS]:
         reference = results.references[group].sentence
         shown[f"reference {group}"] = make_printable(f"{group}: {reference}")
-        if len(table) <= MAX_SCREEN_ROWS:
-            shown[f"cases {group}"] = text_tables.comparison_table(table[table["group"] == group])
-        if group in summaries:
-            shown[f"summary {group}"] = text_tables.summary_table(summaries[group])
+        cases = text_tables.comparison_table(table[table["group"] == group])
+        shown |= first_cases(f"cases {group}", cases)
     if len(groups) > MAX_SCREEN_ROWS:
         n_more = len(groups) - MAX_SCREEN_ROWS
         shown["more"] = f"{n_more} more groups, see summary.csv and report.html"

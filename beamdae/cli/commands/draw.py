@@ -31,7 +31,7 @@ def draw_command(
     picture = out / f"{model.name}_drawing.png"
     require_writable(("--out", (picture,)))
     from beamdae.parts.mechanism import Mechanism
-    from beamdae.report.descriptions import Description, list_parts
+    from beamdae.report.descriptions import Description
 
     mechanism = model()
     if not isinstance(mechanism, Mechanism):
@@ -40,7 +40,7 @@ def draw_command(
             "drawn."
         )
     types = {name: type(part).__name__ for name, part in mechanism.parts.items()}
-    Report(model.name, Description({}, list_parts(types), lambda: {"parts": types})).print()
+    Report(model.name, Description(data=lambda: {"parts": types})).print()
     files = ResultFiles()
     files.write(model.name, lambda: [mechanism.draw().save(picture)])
     files.finish()

@@ -80,8 +80,8 @@ def export_command(
         typer.Option(metavar="N", help="Take exactly N Newton iterations in every step."),
     ] = None,
     timed_steps: Annotated[
-        int, typer.Option(help="Number of steps to measure on this machine; 0 for none.")
-    ] = 100_000,
+        int, typer.Option(help="Number of steps to measure on this machine, such as 100000.")
+    ] = 0,
 ) -> None:
     """Export a model as an FMU for co-simulation, which runs without Python.
 
@@ -139,8 +139,8 @@ def _describe(result: ExportedFmu) -> dict[str, str]:
     if times is not None:
         median, percentile, worst, processor = (_MICROSECONDS * x for x in times[:4])
         facts["time per step"] = (
-            f"median {median:.3g} us, 99.9 % {percentile:.3g} us, worst {worst:.3g} us, of the "
-            f"processor at most {processor:.3g} us ({times.steps} steps)"
+            f"median {median:.3g} us, 99.9 % below {percentile:.3g} us, worst {worst:.3g} us "
+            f"({processor:.3g} us without interruptions), {times.steps} steps"
         )
         if times.row_exchanges:
             facts["row exchanges"] = f"in {times.row_exchanges} matrices, which are slow"

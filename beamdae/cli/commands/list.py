@@ -86,11 +86,11 @@ def _tabulate_models(models: list[dict[str, Any]]) -> list[dict[str, Any]]:
             "model": x["name"],
             "file": Path(x["file"]).name,
             "t_end [s]": x["t_end"],
-            "about": x["about"],
             "parameters": ", ".join(
                 f"{name}={format_with_unit(value, x['units'].get(name, ''))}"
                 for name, value in x["parameters"].items()
             ),
+            "about": x["about"],
         }
         for x in models
     ]

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from beamdae.cli.options import (
+    About,
     EndTime,
     FixedStep,
     IntegratorName,
@@ -26,16 +26,16 @@ from beamdae.cli.options import (
     StudyPath,
     TimeLimit,
     create_integrator,
+    find_state,
     parse_assignments,
-    split_names,
 )
 from beamdae.cli.ranges import SPACED_FORMS, parse_spaced_values
 from beamdae.cli.results import Report
 from beamdae.cli.study_outputs import (
-    MAX_SCREEN_ROWS,
     PAGE_FILE,
     StudyReport,
     apply_run_options,
+    first_cases,
     results_folder_name,
     run_and_write,
 )
@@ -77,6 +77,7 @@ def sweep_command(
         int | None,
         typer.Option(metavar="N", help="Compute N buckling load factors instead of runs."),
     ] = None,
+    about: About = None,
     settings: Settings = None,
     model_name: ModelName = None,
     integrator: IntegratorName = "auto",
@@ -102,10 +103,11 @@ def sweep_command(
     """
     from beamdae.cli.model_files.model_file import ModelFile
 
-    measure = _create_measure(modes, buckling)
     named = None if integrator == "auto" else integrator
     method_options = {"--integrator": named, "--rtol": rtol, "--step": step}
-    if measure:
+    if about is not None and modes is None:
+        raise BeamdaeError("sweep: --about requires --modes; use both options or neither.")
+    if modes is not None or buckling is not None:
         if not over:
             raise BeamdaeError("sweep: --modes and --buckling require --over NAME=VALUES.")
         settings_of_runs = {"--of": of, "--time-limit": time_limit, "--t-end": t_end}
@@ -115,20 +117,19 @@ def sweep_command(
         )
         _reject_options(method_options | settings_of_runs, reason)
         model = ModelFile(path).model(model_name)
+        measure = _create_measure(model, modes, buckling, about)
         kind = "_".join(["sweep", *(["modes"] * bool(modes)), *(["buckling"] * bool(buckling))])
         sweep = _sweep_from_options(model, over, settings, measure, kind=kind)
     elif over:
         file = ModelFile(path)
         method = create_integrator("sweep", integrator, {"rtol": rtol, "step": step}, file)
         model = file.model(model_name)
-        sweep = _sweep_from_options(model, over, settings, None, split_names(of, model), method)
+        sweep = _sweep_from_options(model, over, settings, None, method)
     else:
         reason = "requires --over; to change a sweep in a file, edit the file."
         _reject_options({"--set": settings, **method_options}, reason)
         sweep = _sweep_of_file(ModelFile(path), model_name)
-        columns = tuple(split_names(of, sweep.cases[0].model))
-        sweep = replace(sweep, columns=columns) if columns else sweep
-    study = apply_run_options("sweep", sweep, time_limit, t_end, output_step, start)
+    study = apply_run_options("sweep", sweep, time_limit, t_end, output_step, start, of)
     folder, files = out / study.name, (page, picture)
     run_and_write("sweep", study, folder, _create_report, (jobs, scheduler), files)
 
@@ -138,7 +139,6 @@ def _sweep_from_options(
     over: list[str],
     settings: list[str] | None,
     measure: dict[str, Any] | None,
-    of: list[str] | None = None,
     integrator: Any = None,
     kind: str = "sweep",
 ) -> Sweep:
@@ -154,25 +154,25 @@ def _sweep_from_options(
     values = {name: parse_values(model, name, text) for name, text in ranges.items()}
     values |= {name: [value] for name, value in constants.items()}
     folder = results_folder_name("_".join([model.name, kind, *ranges]), constants)
-    return create_sweep(model, values, folder, of or (), integrator, measure=measure)
+    return create_sweep(model, values, folder, (), integrator, measure=measure)
 
 
-def _create_measure(modes: int | None, buckling: int | None) -> dict[str, Any]:
-    """Return the measures of --modes and --buckling; empty without these options."""
-    counts = {"modes": modes, "buckling": buckling}
-    numbers = {
-        x: require_count("sweep", f"--{x}", n, most=_MAX_MEASURES)
-        for x, n in counts.items()
-        if n is not None
-    }
-    if not numbers:
-        return {}
+def _create_measure(
+    model: Model, modes: int | None, buckling: int | None, about: str | None
+) -> dict[str, Any]:
+    """Return the measures of --modes and --buckling."""
     from beamdae.studies.sweeps import model_measures
 
-    return {
-        **(model_measures.natural_frequencies(numbers["modes"]) if "modes" in numbers else {}),
-        **(model_measures.buckling_factors(numbers["buckling"]) if "buckling" in numbers else {}),
-    }
+    def count(option: str, n: int) -> int:
+        return require_count("sweep", option, n, most=_MAX_MEASURES)
+
+    measure: dict[str, Any] = {}
+    if modes is not None:
+        state = find_state("sweep", model(), about)
+        measure |= model_measures.natural_frequencies(count("--modes", modes), state)
+    if buckling is not None:
+        measure |= model_measures.buckling_factors(count("--buckling", buckling))
+    return measure
 
 
 def _reject_options(options: Mapping[str, Any], reason: str) -> None:
@@ -242,9 +242,9 @@ def _create_report(results: StudyResults) -> StudyReport:
     swept, folder = create_sweep_results(results), results.folder
     sweep, table = swept.sweep, swept.table
     shown: dict[str, Any] = {"completion": results.describe_completion(sweep.cases)}
-    if len(table) <= MAX_SCREEN_ROWS:
-        columns = swept.parameters, swept.response_columns, sweep.units
-        shown["cases"] = text_tables.sweep_table(table, *columns)
+    responses = [list(panel.lines.values()) for panel in swept.panels()]
+    cases = text_tables.sweep_table(table, swept.parameters, responses, sweep.units)
+    shown |= first_cases("cases", cases)
     data = {
         "sweep": sweep.name,
         "folder": folder,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -98,14 +97,6 @@ class Distance(DrivenJoint):
     def law_argument(self) -> Any:
         """Length [m], a number or a time law."""
         return self._reference_length if self.length is None else self.length
-
-    @property
-    def facts(self) -> Mapping[str, float]:
-        """Initial length minus the length in the reference configuration [m], by name."""
-        return {
-            "initial change of length from the reference configuration [m]": self._initial_value
-            - self._reference_length
-        }
 
     @property
     def _reference_length(self) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, ClassVar
@@ -77,14 +77,6 @@ class DrivenJoint(Joint):
         """Return a copy of the driver with a constant value."""
         changed: Any = self
         return replace(changed, law=values[0])
-
-    @property
-    def facts(self) -> Mapping[str, float]:
-        """Initial values from the reference configuration, by name."""
-        names = (
-            f"initial {x.name} from the reference configuration [{x.unit}]" for x in self._driven
-        )
-        return dict.fromkeys(names, self._initial_value)
 
     def _require_law(self) -> None:
         (driven,) = self._driven

@@ -2,26 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 from beamdae.analysis.eigenproblems.frequency_range import FrequencyRange
 from beamdae.equations.starts.dependent_constraints import describe_dependent_sets
 from beamdae.errors import list_first
-from beamdae.integrators.error_control import STABLE_DAMPING_RATIO
-from beamdae.report.terminal.text_tables import format_number
 
 _MAX_FREE_MOTIONS = 8
 _MAX_ERRORS = 8
-_ROUNDING = 1e-12  # of facts of parts, in SI units
 _RESOLVING_STEP = 0.05  # step that resolves a vibration, as a fraction of its period
 
 
-def describe_check(check: Any, parts: Mapping[str, Any] | None = None) -> dict[str, str]:
-    """Return the results of a `Check` and the facts of the parts as texts by topic.
-
-    Facts that are zero up to rounding are omitted. The verdict is the first text.
-    """
+def describe_check(check: Any) -> dict[str, str]:
+    """Return the results of a `Check` as texts by topic, the verdict first."""
     facts = {
         "verdict": check.verdict,
         "size": f"{check.coordinates} coordinates, {check.constraints} constraints",
@@ -54,19 +47,10 @@ def describe_check(check: Any, parts: Mapping[str, Any] | None = None) -> dict[s
         facts["errors"] = list_first([f"{total[x]:.2g} ({x})" for x in named], _MAX_ERRORS)
     if check.prediction is not None:
         p = check.prediction
-        source = (
-            "a complete run"
-            if p.covered_share >= 1.0
-            else f"a run over {100.0 * p.covered_share:.1f} % of the time"
-        )
         facts["predicted cost"] = (
-            f"about {_round(p.steps)} steps, {_round(p.seconds)} s ({p.method}), measured by "
-            f"{source}"
+            f"about {_round(p.steps)} steps of {p.method}, {_round(p.seconds)} s, measured in "
+            f"{100.0 * p.covered_share:.3g} % of a run"
         )
-    for name, part in (parts or {}).items():
-        for fact, value in part.facts.items():
-            if abs(value) > _ROUNDING:
-                facts[f"{name}, {fact}"] = format_number(value)
     for k, warning in enumerate(check.warnings, start=1):
         facts["warning" if len(check.warnings) == 1 else f"warning {k}"] = warning
     return facts
@@ -94,16 +78,12 @@ def _describe_start(check: Any) -> str:
 def _describe_frequencies(frequencies: FrequencyRange) -> dict[str, str]:
     if frequencies.massless:
         return {"mass": f"singular: {frequencies.massless} has no inertia"}
-    facts = {"mass": "positive for every motion that the joints allow"}
+    facts = {}
     lowest, highest = frequencies.lowest, frequencies.highest
     if highest is not None and lowest is not None:
-        stability = "BDF is stable at any order"
-        if frequencies.damping_ratio < STABLE_DAMPING_RATIO:
-            stability = "BDF is limited to order 2 unless steps resolve these modes"
         facts["frequencies"] = (
             f"{lowest:.4g} to {highest:.4g} Hz; steps of {_RESOLVING_STEP / lowest:.2g} s resolve "
-            f"the lowest, {_RESOLVING_STEP / highest:.2g} s the highest; damping ratio of the "
-            f"fastest mode {frequencies.damping_ratio:.2g}, {stability}"
+            f"the lowest, {_RESOLVING_STEP / highest:.2g} s the highest"
         )
     if frequencies.growth:
         facts["unstable"] = frequencies.growth

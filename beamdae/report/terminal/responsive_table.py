@@ -20,7 +20,7 @@ from beamdae.report.text import make_printable
 # than the larger of this and half the terminal width; after that, it shrinks to its minimum.
 _FIRST_COLUMN_WIDTH = 28
 _MIN_FIRST_COLUMN_WIDTH = 6
-_MIN_SENTENCE_WIDTH = 24  # columns of sentences are not folded to less than this
+_MIN_SENTENCE_WIDTH = 20  # columns of sentences are not folded to less than this
 _MIN_BROKEN_HEADER = 8  # headers with fewer characters have one line
 _COLUMN_GAP = 2  # between two columns
 _ROW_MARGIN = 2  # at both ends of a row together

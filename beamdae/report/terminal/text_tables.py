@@ -24,9 +24,9 @@ if TYPE_CHECKING:
 
 # Values below this fraction of the largest comparable value are shown as zero (rounding noise).
 _ROUNDING = 1e-12
-_ERROR_DIGITS = 2
-_ERROR_HEADERS = {
-    "total": "error",
+ERROR_DIGITS = 2
+ERROR_HEADER = "error [-]"
+_CAUSES = {
     "time": "by steps",
     "mesh": "by elements",
     "theory": "by strains",
@@ -131,7 +131,9 @@ def range_rows(
     errors: Errors | None = None,
     steps: Mapping[str, StepExtremes] | None = None,
 ) -> list[dict[str, Any]]:
-    """Return a row per observed column: its last value, errors, minimum and maximum.
+    """Return a row per observed column: its last value, error, minimum, maximum, causes of errors.
+
+    Causes without any error have no column.
 
     Parameters
     ----------
@@ -149,23 +151,25 @@ def range_rows(
         {
             "observed": name,
             "end": x["end"],
-            **_errors_of(errors, name),
+            **_errors_of(errors, name, {"total": ERROR_HEADER}),
             "min": x.get("min"),
             "max": x.get("max"),
+            **_errors_of(errors, name, _CAUSES),
         }
         for name, x in rows.items()
     ]
 
 
-def _errors_of(errors: Errors | None, name: str) -> dict[str, str]:
+def _errors_of(errors: Errors | None, name: str, headers: Mapping[str, str]) -> dict[str, str]:
     """Return the errors of a column by their headers in tables, "-" for one that has none."""
     if errors is None:
         return {}
     row = errors.headers.index(name) if name in errors.headers else None
     return {
-        header: "-" if row is None else format_number(float(columns[row]), _ERROR_DIGITS)
-        for cause, header in _ERROR_HEADERS.items()
-        if (columns := errors.columns().get(cause)) is not None and not np.isnan(columns).all()
+        header: "-" if row is None else format_number(float(columns[row]), ERROR_DIGITS)
+        for cause, header in headers.items()
+        if (columns := errors.columns().get(cause)) is not None
+        and (np.nan_to_num(columns).any() or (cause == "total" and not np.isnan(columns).all()))
     }
 
 
@@ -206,12 +210,6 @@ def comparison_table(table: pd.DataFrame) -> ResponsiveTable:
     return table_of(shown.rename(columns=_COMPARISON_COLUMNS), "cases.csv", digits=3)
 
 
-def summary_table(summary: pd.DataFrame) -> ResponsiveTable:
-    """Return the summary table of a study; values are followed by their units."""
-    values = (summary["value"].map(format_number) + " " + summary["unit"]).str.strip()
-    return table_of(summary.assign(value=values)[["answer", "value", "what", "at"]], "summary.csv")
-
-
 def format_headers(units: Mapping[str, str]) -> dict[str, str]:
     """Return the names that have a unit with it, such as "speed [rad/s]", by name."""
     return {
@@ -224,23 +222,24 @@ def format_headers(units: Mapping[str, str]) -> dict[str, str]:
 def sweep_table(
     table: pd.DataFrame,
     parameters: Sequence[str],
-    outputs: Sequence[str],
+    responses: Sequence[Sequence[str]],
     units: Mapping[str, str] | None = None,
 ) -> ResponsiveTable:
-    """Return a table of the parameters, status and outputs of each run of a sweep.
+    """Return a table of the parameters, status and responses of each run of a sweep.
 
-    Rounding noise is shown as zero; outputs that are zero and constant parameters are the last
-    ones.
+    Responses are columns, or several ones for the measures of an observed column. The measures that
+    vary most are the first ones, and responses that are zero and constant parameters are the last
+    ones. Rounding noise is shown as zero.
     """
     import pandas as pd
 
-    sizes = pd.DataFrame({x: pd.to_numeric(table[x], "coerce").abs() for x in outputs})
-    # Values without a unit are compared with those of the same column, which other measures share.
-    kinds, groups = {}, {}
-    for name in outputs:
-        column, unit = split_unit(name)
-        groups[name] = column.rpartition(" ")[0] or column
-        kinds[name] = unit if unit not in ("", "-") else groups[name]
+    groups = {name: k for k, columns in enumerate(responses) for name in columns}
+    outputs = list(groups)
+    numbers = pd.DataFrame({x: pd.to_numeric(table[x], "coerce") for x in outputs})
+    sizes = numbers.abs()
+    # Values without a unit are compared with those of the same response.
+    units_of = {name: split_unit(name)[1] for name in outputs}
+    kinds = {x: unit if unit not in ("", "-") else groups[x] for x, unit in units_of.items()}
     largest = sizes.max().groupby(kinds.__getitem__).max().to_dict()
     largest["rad"] = max(largest.get("rad", 0.0), 1.0)
     rounded = table.copy()
@@ -250,8 +249,10 @@ def sweep_table(
             rounded[name] = table[name].where(~is_noise, 0.0)
     varied = [name for name in parameters if table[name].astype(str).nunique() > 1]
     nonzero = {groups[x] for x in outputs if rounded[x].astype(bool).any()}
-    shown = [x for x in outputs if groups[x] in nonzero]
-    names = dict.fromkeys([*(varied or parameters), "status", *shown, *outputs, *parameters])
+    ranges = (numbers.max() - numbers.min()).groupby(groups.__getitem__)
+    ranks = ranges.rank("first", ascending=False, na_option="bottom")
+    ordered = sorted(outputs, key=lambda x: (groups[x] not in nonzero, ranks[x]))
+    names = dict.fromkeys([*(varied or parameters), "status", *ordered, *parameters])
     return table_of(rounded[list(names)].rename(columns=format_headers(units or {})), "sweep.csv")
 
 

@@ -26,6 +26,7 @@ from beamdae.results.storage.files import require_file_path, write_escaped_table
 from beamdae.results.time_series import TimeSeries
 from beamdae.studies.case import format_parameter
 from beamdae.studies.execution.study_run import StudyResults
+from beamdae.studies.run_values import MEASURED_ERROR_COLUMN
 from beamdae.studies.study_page import MAX_CURVES, create_study_page, extra_column_key
 from beamdae.studies.sweeps.parameter_grid import ParameterGrid
 from beamdae.studies.sweeps.parameter_study import (
@@ -274,7 +275,8 @@ class SweepResults:
     def to_csv(self, path: str | Path, *, sep: str = ",", decimal: str = ".") -> Path:
         """Write the table as CSV; text that spreadsheets would evaluate as a formula is escaped.
 
-        Headers of parameters contain their units, for example "speed [rad/s]".
+        Headers of parameters contain their units, for example "speed [rad/s]"; empty columns of
+        messages are omitted.
 
         Parameters
         ----------
@@ -288,7 +290,16 @@ class SweepResults:
         BeamdaeError
             If an argument is invalid or the file cannot be written.
         """
-        return write_escaped_table(path, self.table.rename(columns=self._headers), sep, decimal)
+        table = self._filled_table.rename(columns=self._headers)
+        return write_escaped_table(path, table, sep, decimal)
+
+    @property
+    def _filled_table(self) -> pd.DataFrame:
+        """Table without empty columns of messages, files and errors."""
+        optional = {MEASURED_ERROR_COLUMN, REASON, TRAJECTORY, WARNINGS}
+        values = {name: self.table[name] for name in self.table if name in optional}
+        empty = [name for name, x in values.items() if (x.isna() | (x == "")).all()]
+        return self.table.drop(columns=empty)
 
     @property
     def _headers(self) -> dict[str, str]:
@@ -321,10 +332,9 @@ class SweepResults:
         return f"<SweepResults of {self._summary}>"
 
     def _repr_html_(self) -> str:
-        optional = [REASON, TRAJECTORY, WARNINGS]
-        empty = [c for c in self.table if c in optional and not self.table[c].any()]
-        table = self.table.drop(columns=empty)
-        rows = table.to_html(max_rows=_MAX_NOTEBOOK_ROWS, max_cols=_MAX_NOTEBOOK_COLUMNS)
+        rows = self._filled_table.to_html(
+            max_rows=_MAX_NOTEBOOK_ROWS, max_cols=_MAX_NOTEBOOK_COLUMNS
+        )
         return f"<b>{html.escape(self._summary)}</b>{rows}"
 
     @property
