@@ -34,10 +34,10 @@ from beamdae.analysis.statics.prescribed_column import PrescribedColumn
 from beamdae.analysis.statics.static_problem import StaticProblem
 from beamdae.beams.beam import Beam, beams_of
 from beamdae.equations.equations_of_motion import EquationsOfMotion, format_headers
-from beamdae.errors import BeamdaeError, hold_messages
+from beamdae.errors import BeamdaeError, hold_messages, list_first
 from beamdae.interrupts import Interrupted
 from beamdae.linear.blas_threads import single_threaded
-from beamdae.results.columns import UNITS_OF_POSITIONS, Header
+from beamdae.results.columns import UNITS_OF_POSITIONS, Header, remove_unit
 from beamdae.results.elastic_columns import measured_quantity
 from beamdae.results.equilibrium import FACTOR, UNSTABLE, Equilibrium
 from beamdae.results.noise import mark_resting_columns, rounding_limits
@@ -52,6 +52,7 @@ _MAX_POINTS_RATIO, _MORE_POINTS = 3, 20
 _SAME_END = 1e-3
 # Extremes of columns between both ends of a path exceed the ends by this share of their scale.
 _MIN_EXCESS = 1e-3
+_MAX_NAMES = 6
 _SECTIONS = 9  # of a beam, for its largest section forces
 
 
@@ -71,7 +72,7 @@ def measure_equilibrium(path: Equilibrium) -> Errors:
     if not beams_of(path.equations.mechanism):
         return Errors.of_values(headers, sizes, sizes, Refined())
     scales = _find_scales(path)
-    extremes = list(_find_extremes(path, scales))
+    extremes = [x for x in _find_extremes(path, scales) if x[0] in values]
 
     def repeat(refinement: Refinement) -> Array:
         found = _repeat(path, refinement)
@@ -116,6 +117,12 @@ def check_equilibrium(path: Equilibrium) -> Iterator[str]:
             f"equilibrium: the stability at {path.quantity} {path.factor:.6g} is not decided, "
             f"because the number of unstable directions is {count:g}, but {refined:g} in "
             f"{errors.refined}; use more elements."
+        )
+    is_missing = np.isnan(errors.companions) & np.isfinite(errors.values) & (errors.reason == "")
+    if missing := [remove_unit(x) for x in np.array(errors.headers)[is_missing]]:
+        yield (
+            f"equilibrium: {list_first(missing, _MAX_NAMES)}: not confirmed, because the path of "
+            f"{errors.refined} differs; use {errors.recommend() or 'more elements'}."
         )
 
 

@@ -211,3 +211,20 @@ def test_extremes_between_the_ends_of_a_path_have_errors(elements):
     largest, at_end = fine[header].abs().max(), abs(fine[header].iloc[-1])
     assert largest > 2.0 * at_end
     assert_stated(coarse, header, abs(coarse[header].abs().max() / largest - 1.0))
+
+
+@pytest.mark.filterwarnings("ignore::beamdae.errors.BeamdaeWarning")
+def test_failed_paths_beyond_extremes_have_errors_of_their_last_load_factor():
+    # A clamped deep arch snaps back, so that the descent of its crown reverses.
+    mech = bd.Mechanism()
+    arc = bd.Arc(-1.0, 2.0, start=(0.0, 0.0), angle=1.0)
+    arch = mech.add(bd.Beam("arch", arc, COLUMN, 8, formulation="exact"))
+    mech.add(bd.Revolute("left", mech.ground.at(0.0, 0.0), arch.start))
+    mech.add(bd.Revolute("right", mech.ground.at(2.0 * math.sin(1.0), 0.0), arch.end))
+    mech.add(bd.Force("press", arch.at(1.05), (0.0, -1.0)))
+    mech.observe("crown", arch.at(1.05))
+    mech.observe("clamp", arch.section_forces(0.0))
+    path = bd.equilibrium(mech, to={"crown.y": -1.5})
+    assert path.status.kind == "failed"
+    assert path.errors.headers == ("load factor [-]",)
+    assert list(path.errors.sentences()) == []

@@ -315,6 +315,21 @@ def test_a_coarse_output_step_is_part_of_the_error(swinging_strip):
     assert safety.lower_bound < fine.safety().factor * 1.1
 
 
+def test_peaks_between_rows_are_part_of_the_error_of_the_safety():
+    # A short push ends long before the second of the rows.
+    mech = bd.Mechanism()
+    strip = bd.Section.rectangle(STEEL, width=0.02, height=0.005, damping=2e-3)
+    beam = mech.add(bd.Beam("strip", bd.Line((0.0, 0.0), (0.3, 0.0)), strip))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    law = bd.table([0.0, 0.02, 0.04, 1.0], [0.0, 10.0, 0.0, 0.0], kind="linear")
+    mech.add(bd.Force("push", beam.end, (0.0, law)))
+    run = bd.simulate(mech, bd.Radau(1e-5), t_end=1.0, output_step=0.1)
+    fine = run.section_forces(beam, t=np.linspace(0.0, 0.1, 1001)).safety()
+    safety = run.section_forces(beam).safety()
+    assert safety.factor > 2.0 * fine.factor
+    assert safety.lower_bound < 1.001 * fine.factor
+
+
 @pytest.mark.slow(reason="half a second and more")
 def test_diagrams_are_saved_as_figures(swinging, tmp_path):
     plot = swinging.diagram("beam", "M", t=0.1)

@@ -35,6 +35,7 @@ from beamdae.results.section_forces.section_forces import SectionForces
 
 Array = np.ndarray
 
+MAX_STEPS = 10_000  # at which section forces between rows are evaluated
 MAX_EVALUATIONS = 100_000  # sections times rows per evaluation, which limits the memory
 
 
@@ -122,8 +123,11 @@ def recover_section_forces(
         sections = _requested_sections(beam, s)
     sampler = _SectionSampler(run, beam)
     (N, Q, M), strained = sampler.evaluate(times, *sections)
+    steps = np.unique(np.concatenate([x.t for x in trajectory.intervals]))
+    steps = steps[(steps > times[0]) & (steps < times[-1])]
+    steps = steps[:: 1 + len(steps) // MAX_STEPS]
     return SectionForces(
-        beam, times, sections[0], N, Q, M, strained, sections[1], s is None, sampler
+        beam, times, sections[0], N, Q, M, strained, sections[1], s is None, steps, sampler
     )
 
 
@@ -210,9 +214,8 @@ def recover_section_forces_at_state(
         return evaluate(s, s >= beam.length)[0]
 
     (N, Q, M), strained = evaluate(*sections)
-    return SectionForces(
-        beam, time[:, 0], sections[0], N, Q, M, strained, sections[1], s is None, sample
-    )
+    of_sections = N, Q, M, strained, sections[1], s is None
+    return SectionForces(beam, time[:, 0], sections[0], *of_sections, np.zeros(0), sample)
 
 
 def _find_beam(equations: EquationsOfMotion, beam: Any) -> Beam:

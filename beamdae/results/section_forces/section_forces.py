@@ -105,6 +105,8 @@ class SectionForces(HasTable):
         True for sections just before a load or a jump, False for those just beyond it (l,).
     represents_beam
         True if the sections are the default ones, False if they were requested.
+    step_times
+        Times of the steps of the run between these times [s], at most 10 000; none for equilibria.
     sample
         Function of ascending times [s], replaced by the ends of the run if they are outside, and of
         arc lengths [m] that returns N, Q and M (3, rows, sections). None after unpickling.
@@ -119,6 +121,7 @@ class SectionForces(HasTable):
     strained: Array
     before: Array
     represents_beam: bool
+    step_times: Array
     sample: Callable[[Array, Array], Array] | None
 
     def __repr__(self) -> str:
@@ -146,9 +149,9 @@ class SectionForces(HasTable):
     def sampling_error(self) -> Array:
         """Amounts by which N, Q and M exceed their extremes between the times `t`, (3,).
 
-        The section forces are evaluated between the times of the largest and the smallest N, Q and
-        M and the adjacent times; more distant extremes are not found. The result is zero for a
-        single time.
+        The section forces are evaluated at the steps of the run, and between the times of the
+        largest and the smallest N, Q and M and the adjacent times. The result is zero for a single
+        time.
         """
         return self._measure_excess(between_sections=False)
 
@@ -161,6 +164,12 @@ class SectionForces(HasTable):
         errors = np.zeros(3)
         if self.sample is None:
             return errors
+        if len(self.step_times):
+            steps, rows = self.sample(self.step_times, self.s), (self.N, self.Q, self.M)
+            excess = [
+                max(x.max() - y.max(), y.min() - x.min()) for x, y in zip(steps, rows, strict=True)
+            ]
+            errors = np.maximum(excess, 0.0)
         for k, force in enumerate((self.N, self.Q, self.M)):
             for extreme in (np.argmin(force), np.argmax(force)):
                 row, section = divmod(int(extreme), len(self.s))
