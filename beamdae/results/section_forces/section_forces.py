@@ -153,23 +153,25 @@ class SectionForces(HasTable):
         largest and the smallest N, Q and M and the adjacent times. The result is zero for a single
         time.
         """
-        return self._measure_excess(between_sections=False)
+        errors = self._measure_excess_near_extremes(between_sections=False)
+        if self.sample is not None and len(self.step_times):
+            steps = self.sample(self.step_times, self.s)
+            for k, force in enumerate((self.N, self.Q, self.M)):
+                errors[k] = max(errors[k], _excess(steps[k], force))
+        return errors
 
     @cached_property
     def _peak_error(self) -> Array:
         """Amounts by which N, Q and M exceed their extremes between times and sections, (3,)."""
-        return self._measure_excess(between_sections=self.represents_beam)
+        if not self.represents_beam:
+            return self.sampling_error
+        between_sections = self._measure_excess_near_extremes(between_sections=True)
+        return np.maximum(self.sampling_error, between_sections)
 
-    def _measure_excess(self, between_sections: bool) -> Array:
+    def _measure_excess_near_extremes(self, between_sections: bool) -> Array:
         errors = np.zeros(3)
         if self.sample is None:
             return errors
-        if len(self.step_times):
-            steps, rows = self.sample(self.step_times, self.s), (self.N, self.Q, self.M)
-            excess = [
-                max(x.max() - y.max(), y.min() - x.min()) for x, y in zip(steps, rows, strict=True)
-            ]
-            errors = np.maximum(excess, 0.0)
         for k, force in enumerate((self.N, self.Q, self.M)):
             for extreme in (np.argmin(force), np.argmax(force)):
                 row, section = divmod(int(extreme), len(self.s))
@@ -177,9 +179,7 @@ class SectionForces(HasTable):
                 s = self.s[section : section + 1]
                 if between_sections:
                     s = _divide(self.s[max(section - 1, 0) : section + 2])
-                values = self.sample(times, s)[k]
-                excess = max(values.max() - force.max(), force.min() - values.min())
-                errors[k] = max(errors[k], excess)
+                errors[k] = max(errors[k], _excess(self.sample(times, s)[k], force))
         return errors
 
     def __getstate__(self) -> dict[str, Any]:
@@ -420,6 +420,11 @@ class SectionForces(HasTable):
             If `what` is invalid, or `t` is too far from the nearest available time.
         """
         return load_views().plot_section_forces(self, what, t)
+
+
+def _excess(values: Array, others: Array) -> float:
+    """Return the amount by which values exceed the extremes of others; negative if they do not."""
+    return float(max(values.max() - others.max(), others.min() - values.min()))
 
 
 def _divide(x: Array) -> Array:
