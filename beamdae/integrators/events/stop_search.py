@@ -49,7 +49,7 @@ class StopSearch:
     """
 
     def __init__(self, equations: EquationsOfMotion, rtol: float | None) -> None:
-        self._rtol, self._is_adaptive = rtol, rtol is not None
+        self._rtol, is_adaptive = rtol, rtol is not None
         self.detector: EventDetector | None = None
         self.longest_batch, self.row, self._steps = _STEPS_PER_SEARCH, 1, 0
         if equations.events:
@@ -68,10 +68,10 @@ class StopSearch:
             watches.append(ContactWatch(gaps, equations.length))
         limited = [term for term in self._arguments if term.is_limited]
         calls = [(term,) for term in self._arguments if len(term.constants) == 1]
-        if limited or (self._is_adaptive and arguments):
+        if limited or (is_adaptive and arguments):
             from beamdae.integrators.events.table_limits import TableWatch
 
-            peaks = [*calls, *group_grids(arguments)] if self._is_adaptive else []
+            peaks = [*calls, *group_grids(arguments)] if is_adaptive else []
             watches.append(TableWatch(limited, peaks))
         self._of_all_parts = self._watches = tuple(watches)
 
