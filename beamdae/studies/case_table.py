@@ -70,11 +70,13 @@ def _error_columns(outcome: Outcome, reference: Reference) -> dict[str, Any]:
     columns: dict[str, Any] = dict.fromkeys([ERROR_COLUMN, BOUND_COLUMN], np.nan)
     columns["below resolution"] = False
     columns["reference uncertainty [-]"] = reference.uncertainty
-    # Without a step, the run contains only the initial state, which has no error.
-    if reference.table is None or outcome.rows is None or not outcome.values.get("steps"):
+    if reference.table is None or outcome.rows is None:
         return columns
     is_complete = outcome.status.success
     errors = compute_deviations(outcome.rows.table(), reference.table, reference.columns)
+    # The initial state has no error.
+    if len(errors) < 2:
+        return columns
     largest, resolution = errors.max(), reference.resolution
     is_below = is_complete & (largest < resolution)
     columns[BOUND_COLUMN] = float(np.fmax(largest.max(), resolution))
