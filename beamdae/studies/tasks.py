@@ -17,6 +17,7 @@ import numpy as np
 from beamdae.equations.measures import TIME
 from beamdae.errors import format_exception, short_repr
 from beamdae.function_pickler import pickle_with_functions
+from beamdae.read_only import read_only_data
 from beamdae.results.outcome import REACHED_END, Status
 from beamdae.results.storage.reader import ContentError, FileKind, read_bytes
 from beamdae.studies.case import Case
@@ -90,6 +91,7 @@ class Task:
         return pickle_with_functions(self)
 
 
+@read_only_data
 @dataclass(frozen=True)
 class Rows:
     """Observed columns, energies and drift of a run by output time [s].
@@ -128,6 +130,7 @@ class Rows:
         return pd.DataFrame(numbers[:, 1:].copy(), times, pd.Index(self.headers))
 
 
+@read_only_data
 @dataclass(frozen=True)
 class Outcome:
     """Result of a task.

@@ -23,6 +23,7 @@ from beamdae.results.storage.files import (
     write_bytes,
 )
 from beamdae.results.storage.reader import FileKind, read_bytes
+from beamdae.studies.run_values import COUNT_COLUMNS
 from beamdae.studies.store.file_reads import changed_files
 from beamdae.studies.tasks import TRAJECTORY, Outcome, Rows, Task
 
@@ -138,6 +139,9 @@ def format_trajectory(columns: Sequence[str], numbers: Array) -> bytes:
 
 def _is_usable(task: Task, record: Record) -> bool:
     if changed_files(record.read, task.case.model.home):
+        return False
+    counts = (record.values.get(column) for column in COUNT_COLUMNS)
+    if not all(x is None or isinstance(x, int) for x in counts):
         return False
     if not record.status.success:
         return record.time_limit == task.time_limit

@@ -16,6 +16,7 @@ from beamdae.errors import (
     suggest,
 )
 from beamdae.model_parameters import format_with_unit
+from beamdae.read_only import read_only_data
 from beamdae.report.pictures.figures import characteristic_columns
 from beamdae.results.columns import (
     Header,
@@ -122,6 +123,7 @@ def select_characteristic(results: StudyResults, study: ParameterStudy) -> list[
     return []
 
 
+@read_only_data
 @dataclass(frozen=True)
 class Panel:
     """Responses that share the axes of a plot.
