@@ -158,12 +158,11 @@ class Beam(Part):
     strain
         Strain measure of the floating frame:
 
-        - "green" (default): Green's quadratic terms ((u' - v/R)^2 + (v' + u/R)^2)/2 in the axial
-          strain.
-        - "nonlinear": the paper's quadratic terms (eq. 5), (u'^2 + v'^2)/2 without the curvature.
-          Equivalent to "green" for straight beams.
+        - "exact" (default): Reissner's strains, valid for any rotation relative to the frame.
+        - "nonlinear": the paper's quadratic terms (eq. 5), (u'^2 + v'^2)/2 in the axial strain.
+        - "green": Green's quadratic terms ((u' - v/R)^2 + (v' + u/R)^2)/2, with the curvature.
+          Equivalent to "nonlinear" for straight beams.
         - "linear": no quadratic terms.
-        - "exact": Reissner's strains, valid for any rotation relative to the frame.
     elements_shape
         "curved" (default, as in the paper) or "straight" (polygon through points of the curve).
     continuity
@@ -185,13 +184,13 @@ class Beam(Part):
     frame
         Position of the floating frame: "chord", from end to end (default if the distance between
         the ends is at least a tenth of the length), or "tangent", on the start section (as in the
-        paper; the default otherwise). Except for strain="exact", the strains hold for moderate
-        rotations relative to the frame. In a chord frame, a beam can bend several times as far for
-        the same error, and integrators may need only half as many steps (measured, see
-        validation/). With "nonlinear" strains and a curve whose tangent rotates by more than 90
-        degrees, the tangent frame is more accurate. `Solution.errors` states the error by
-        the strains ("theory"). If it is too large, use `welded_beams` or strain="exact". A beam
-        with formulation="exact" has no floating frame: `frame` is then the reference frame of
+        paper; the default otherwise). In a chord frame, integrators need as few as a quarter of the
+        steps, but many where the ends pass each other closely. Except for strain="exact", the
+        strains hold for moderate rotations relative to the frame, and a beam with a chord frame can
+        bend several times as far for the same error (measured, see validation/). With "nonlinear"
+        strains and a curve whose tangent rotates by more than 90 degrees, the tangent frame is more
+        accurate. `Solution.errors` states the error by the strains ("theory"). A beam with
+        formulation="exact" has no floating frame: `frame` is then the reference frame of
         `deformation`.
     velocity, angular_velocity
         Initial velocity of the start point [m/s] and angular velocity [rad/s] of the beam, moving
@@ -207,12 +206,11 @@ class Beam(Part):
         differ by up to 1 % from the length of `curve`, which causes an initial axial strain.
         Strains, section forces and the strain energy are measured from the stress-free shape.
     formulation
-        - "floating frame" (default): small strains and (except for strain="exact") moderate
-          rotations relative to a frame that moves with the beam.
+        - "floating frame" (default): displacements relative to a frame that moves with the beam.
         - "exact": positions and angles of the sections in the inertial frame and the exact strains
           r'.t - 1, r'.n and psi0' - psi', valid for any deformation, with the axes t, n that rotate
           with the section. The mass matrix is constant. For fast, large rotations, the floating
-          frame with strain="exact" needs fewer steps (measured, see validation/).
+          frame needs fewer steps (measured, see validation/).
 
     Raises
     ------
@@ -421,8 +419,7 @@ class Beam(Part):
         if kinematics.strain == "exact":
             return self
         vars(other).pop("kinematics", None)
-        # The default frame depends on the strains.
-        other._settings = {**self._settings, "strain": "exact", "frame": kinematics.frame}
+        other._settings = {**self._settings, "strain": "exact"}
         return other
 
     def with_free_curve(self, free_curve: PlaneCurve) -> Beam:

@@ -63,7 +63,7 @@ def test_boundary_layers_of_beams_under_tension(tension, force, elements, option
 @pytest.mark.parametrize("load", [300.0, 600.0, 900.0])
 def test_strains_of_moderate_rotations(load):
     # Vertical forces are in equilibrium with the shear force in the horizontal clamp.
-    result = bd.equilibrium(cantilever(LEAF, 0.35, 4, (0.0, -load)))
+    result = bd.equilibrium(cantilever(LEAF, 0.35, 4, (0.0, -load), strain="green"))
     assert_stated(result, "clamp.Q [N]", abs(-result["clamp.Q"].iloc[-1] / load - 1.0))
     causes = result.errors.table().loc["clamp.Q [N]"]
     assert causes["theory"] > 10.0 * causes["mesh"]
@@ -144,7 +144,7 @@ def test_paths_over_other_quantities(over, to):
 
 @pytest.mark.filterwarnings("ignore::beamdae.errors.BeamdaeWarning")
 def test_results_that_cannot_be_checked_have_a_reason():
-    path = bd.equilibrium(column(3), to=12.0, switch=-1)
+    path = bd.equilibrium(column(3, strain="green"), to=12.0, switch=-1)
     row = path.at(len(path.q) - 1) if path.status.success else path.at(len(path.q) // 2)
     (reason,) = {x for x in row.errors.table()["status"] if x != "measured"}
     assert reason.startswith("not checked: the refined result is not found: with refined beams")
@@ -154,10 +154,10 @@ def test_results_that_cannot_be_checked_have_a_reason():
 def test_nothing_is_measured_where_warnings_are_ignored():
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        path = bd.equilibrium(cantilever(LEAF, 0.35, 2, (0.0, -600.0)))
+        path = bd.equilibrium(cantilever(LEAF, 0.35, 2, (0.0, -600.0), strain="green"))
     assert "errors" not in vars(path)
     with pytest.warns(bd.BeamdaeWarning, match="clamp.Q: the error is about 5.9 %"):
-        bd.equilibrium(cantilever(LEAF, 0.35, 2, (0.0, -600.0)))
+        bd.equilibrium(cantilever(LEAF, 0.35, 2, (0.0, -600.0), strain="green"))
 
 
 @pytest.mark.slow(reason="half a second")
@@ -178,12 +178,13 @@ def test_columns_near_their_buckling_load():
         mech.observe("middle", beam.at(0.45))
         return bd.equilibrium(mech)
 
-    bent, exact = column(0.975), column(0.975, elements=12, formulation="exact")
+    bent = column(0.975, strain="green")
+    exact = column(0.975, elements=12, formulation="exact")
     reference = exact["middle.x"].iloc[-1]
     assert_stated(bent, "middle.x [m]", bent["middle.x"].iloc[-1] / reference - 1.0)
     assert exact.errors.largest < LIMIT
     # This path ends before its load, which it reaches with exact strains.
-    failed = column(0.99)
+    failed = column(0.99, strain="green")
     assert not failed.status.success
     assert failed.errors.companions.tolist() == [1.0]
 

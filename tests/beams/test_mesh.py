@@ -103,7 +103,7 @@ def test_line_has_no_mesh_errors(shape, quadrature):
 def test_default_frame_is_the_chord_unless_the_ends_nearly_meet(turn, frame):
     beam = bd.Beam("hoop", bd.Arc(radius=1.0, length=turn), SECTION)
     assert beam.kinematics.frame == frame
-    assert beam.kinematics.strain == "green"
+    assert beam.kinematics.strain == "exact"
 
 
 def test_curves_given_by_functions_have_geometries_of_their_own():

@@ -112,7 +112,7 @@ class FloatingFrame(FormulationKinematics):
         See `FormulationKinematics`; also if continuity="local" is combined with straight elements.
     """
 
-    strain: str = "green"
+    strain: str = "exact"
     continuity: str = "cartesian"
 
     def __post_init__(self) -> None:

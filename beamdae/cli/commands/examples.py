@@ -39,7 +39,7 @@ def NAME(length=1.0, push=0.5, elements=4):
     strip = bd.Section.rectangle(steel, width=0.02, height=0.002, damping=1e-4)
     # Parts are placed where they are at t = 0, in meters and radians.
     curve = bd.Arc(radius=length, length=length, start=(0.0, 0.0), angle=-0.5)
-    beam = mech.add(bd.Beam("beam", curve, strip, elements, strain="exact"))
+    beam = mech.add(bd.Beam("beam", curve, strip, elements))
     mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), beam.start))
     mech.add(bd.Force("push", beam.end, (lambda t: push * np.sin(6.0 * t), 0.0)))
     # Each observed quantity becomes columns of the results.
