@@ -13,7 +13,8 @@ def roll_up_half(bodies, frame):
     mech = bd.Mechanism()
     axis = bd.Line((0.0, 0.0), (1.0, 0.0))
     elements = max(8 // bodies, 2)
-    beams = bd.welded_beams(mech, "beam", axis, SECTION, bodies, elements=elements, frame=frame)
+    settings = {"elements": elements, "frame": frame, "strain": "green"}
+    beams = bd.welded_beams(mech, "beam", axis, SECTION, bodies, **settings)
     mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beams[0].start))
     mech.add(bd.Moment("moment", beams[-1].end, np.pi * SECTION.EI))
     mech.observe("tip", beams[-1].end)
