@@ -27,7 +27,9 @@ ALPHA = bd.GeneralizedAlpha(step=2e-3)
 
 
 @bd.model(t_end=0.1)
-def cantilever(height=bd.param((0.02,) * 3, "m"), width=WIDTH, load=LOAD, length=LENGTH):
+def cantilever(
+    height=bd.param((0.02,) * 3, "m"), width=WIDTH, load=LOAD, length=LENGTH, strain="exact"
+):
     """Cantilever of constant height between element ends, with a force at its tip."""
     count = len(height)
 
@@ -37,7 +39,7 @@ def cantilever(height=bd.param((0.02,) * 3, "m"), width=WIDTH, load=LOAD, length
 
     mech = bd.Mechanism()
     line = bd.Line((0.0, 0.0), (length, 0.0))
-    beam = mech.add(bd.Beam("beam", line, section, elements=count))
+    beam = mech.add(bd.Beam("beam", line, section, elements=count, strain=strain))
     mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
     mech.add(bd.Force("load", beam.end, (0.0, -load)))
     mech.observe("tip", beam.end)
@@ -433,12 +435,12 @@ def test_gradients_of_all_quantities_agree_with_differences():
 
 @pytest.mark.slow(reason="half a second")
 def test_regression_warnings_of_the_analyses_of_the_best_design_are_kept():
-    # The tip of a cantilever with one frame rotates by nearly 1 rad.
+    # The tip rotates by nearly 1 rad, too far for Green's strains.
     limits = [
         bd.quantities.at_least(bd.quantities.EquilibriumValue("tip.y"), -0.7),
         bd.quantities.at_most(bd.quantities.EquilibriumValue("stress 0", step=0.5), 1e12),
     ]
-    given, bounds = {"height": (0.003,), "load": 20.0}, {"height": (0.002, 0.05)}
+    given, bounds = {"height": (0.003,), "load": 20.0, "strain": "green"}, {"height": (0.002, 0.05)}
     with pytest.warns(bd.BeamdaeWarning) as caught:
         design = bd.optimize(
             cantilever, bd.quantities.Mass(), "height", limits, bounds, parameters=given
@@ -863,7 +865,8 @@ def test_regression_searches_with_adaptive_steps_end_within_their_tolerance():
     assert not result.warnings
     # The limit holds to 1e-5, the `rtol` of the runs.
     assert result.constraints[0].value == pytest.approx(300e6, rel=1e-5)
-    assert result.evaluations < 32
+    # Without the tolerance, there were over 40; noise decides how many there are.
+    assert result.evaluations < 40
 
 
 def test_regression_only_values_of_runs_with_adaptive_steps_are_noisy():
