@@ -226,6 +226,17 @@ def test_limit_point_of_lees_frame_is_no_branch_point(elements, formulation, set
     assert point.factor == pytest.approx(18.5445, rel=1e-5)
 
 
+@pytest.mark.slow(reason="a path of a hundred points")
+def test_path_of_lees_frame_passes_limit_points_and_reversals_by_arc_length():
+    path = bd.equilibrium(lee_frame(8), to={"ld.y": 30.0}, control="arc length")
+    assert [point.kind for point in path.critical] == ["limit point"] * 2
+    # Beyond the limit load the displacement reverses twice.
+    steps = np.diff(path.columns["ld.y [m]"])
+    assert np.count_nonzero(np.diff(np.sign(steps))) == 2
+    with pytest.warns(bd.BeamdaeWarning, match="to continue where a displacement reverses"):
+        bd.equilibrium(lee_frame(4), to={"ld.y": 30.0})
+
+
 def swaying_portal(side):
     """Return a clamped portal frame of 1 m in floating frames, with EI / L^2 on both columns."""
     mech, section = bd.Mechanism(), rectangle(1e-2)
