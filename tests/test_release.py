@@ -104,8 +104,6 @@ def test_numbers_of_the_paper_are_those_of_the_stored_tables():
     assert set(counts.index) == set(words)
     assert f"judges {len(claims)} claims" in text
     assert all(f"{counts[verdict]} {phrase}" in text for verdict, phrase in words.items())
-    statements = pd.read_csv(RESULTS / "error_statements" / "results" / "statements.csv")
-    wrong = statements[statements["wrong"] > 0]
-    right = (wrong["verdict"] == "right").sum()
-    assert f"In {len(statements)} runs of" in text
-    assert f"{right} of {len(wrong)} errors above 4 % were stated" in text
+    scoreboard = pd.read_csv(RESULTS / "scoreboard.csv")
+    verdicts = scoreboard["verdict"][scoreboard["board"] == "error statements"]
+    assert f"In {(verdicts == 'right').sum()} of {len(verdicts)} runs of" in text
