@@ -17,6 +17,7 @@ from numpy.testing import assert_allclose
 
 import beamdae as bd
 
+
 def ritz(speed):
     """Return flapping frequencies of a thin rotating cantilever, by the Rayleigh-Ritz method.
 
