@@ -6,7 +6,8 @@
     python validation/scoreboard.py --store        renew the values of the cases that were run
 
 The exit code is 1 if a line is worse than its cases in scoreboard.csv: one has a worse verdict (one
-that is not stored, if it is not right), or the worst digits are less by more than 0.3.
+that is not stored, if it is not right), the worst digits are less by more than 0.3, or a case
+takes over ten times as long and over 30 s longer.
 """
 
 from __future__ import annotations
@@ -37,6 +38,8 @@ import beamdae as bd
 
 STORED = HERE / "scoreboard.csv"
 MAX_LOST_DIGITS = 0.3
+# Processor times differ by machine, and contain compilation where the cache is empty.
+MAX_TIME_RATIO, MAX_ADDED_TIME = 10.0, 30.0  # [-], [s]
 RIGHT, WRONG, MISSED, FALSE = VERDICTS = ("right", "wrong", "missed", "false")
 _HEADER = f"{'board':<20}{'cases':>6}{'right':>6}{'wrong':>6}{'missed':>7}{'false':>6}"
 _HEADER += f"{'digits':>7}{'seconds':>8}{'count':>9}"
@@ -378,14 +381,13 @@ _SAMPLES = {"inputs": 300, "files": 160}
 
 
 def _list_trials(name: str) -> list[str]:
-    from robustness.classes import load_class
+    from robustness.trial_class import load_class
 
     return load_class(name).sample(_SAMPLES[name], seed=0)
 
 
 def _try_trial(class_name: str, name: str) -> list[Outcome]:
-    from robustness.classes import load_class
-    from robustness.trial_class import HOPELESS, SKIPPED
+    from robustness.trial_class import HOPELESS, SKIPPED, load_class
 
     trial_class = load_class(class_name)
     rows = trial_class.rows_of(name, trial_class.attempt(name))
@@ -528,6 +530,11 @@ def find_losses(rows: pd.DataFrame, stored: pd.DataFrame) -> list[str]:
     if now < then - MAX_LOST_DIGITS:
         losses.append(f"digits {then:.1f} -> {now:.1f}")
         is_worse |= both.index == known["digits"].idxmin()
+    is_slower = both["seconds"] > both["seconds stored"] * MAX_TIME_RATIO + MAX_ADDED_TIME
+    if is_slower.any():
+        slowest = both.loc[both["seconds"].where(is_slower).idxmax()]
+        losses.append(f"seconds {slowest['seconds stored']:.1f} -> {slowest['seconds']:.0f}")
+        is_worse |= is_slower
     if not losses:
         return []
     cases = (f"  {x.case}: {x.verdict}, {x.reason}" for x in both[is_worse].itertuples())

@@ -7,28 +7,11 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from robustness.faults import (
-    cache,
-    case_failures,
-    changed_studies,
-    damaged_studies,
-    infrastructure,
-    output,
-    runs,
-)
+from robustness.faults import machine
 from robustness.faults.bench import Bench, UnsupportedMachineError, WrongBehaviorError
 from robustness.isolation import ScratchFolder
 from robustness.trial_class import TrialClass, draw_sample
 
-THEMES = {
-    "cache": cache,
-    "case failures": case_failures,
-    "output": output,
-    "runs": runs,
-    "changed studies": changed_studies,
-    "damaged studies": damaged_studies,
-    "infrastructure": infrastructure,
-}
 FAULT_TIME_LIMIT = 600.0  # s
 QUICK_FAULT_COUNT = 6
 
@@ -45,12 +28,9 @@ class FaultRow:
 
 
 def collect_faults(slow: bool = True) -> dict[str, Callable[[Bench], None]]:
-    """Return every fault by theme and name; its docstring states the right behavior."""
-    return {
-        f"{theme}: {fault.__name__.replace('_', ' ')}": fault
-        for theme, module in THEMES.items()
-        for fault in (*module.FAULTS, *(module.SLOW if slow else ()))
-    }
+    """Return every fault by name; its docstring states the right behavior."""
+    faults = (*machine.FAULTS, *(machine.SLOW if slow else ()))
+    return {fault.__name__.replace("_", " "): fault for fault in faults}
 
 
 def try_fault(name: str) -> FaultRow:
