@@ -289,26 +289,3 @@ def use_scikit_sundae(monkeypatch):
         raise UnavailableError("the libraries cannot be loaded")
 
     monkeypatch.setattr(stepper, "CompiledIda", unavailable)
-
-
-def rotating_blade(elements):
-    """Return a thin titanium blade that leans by 5 degrees on a hub driven at 314.16 rad/s.
-
-    The stress at its clamp, 747.0 MPa, is the solution of a boundary value problem. It decays
-    within a fraction of an element.
-    """
-    mech = bd.Mechanism()
-    hub = mech.add(bd.RigidBody("hub", mass=20.0, inertia=1.0))
-    axle, axis = mech.ground.at(0.0, 0.0), hub.at(0.0, 0.0)
-    mech.add(bd.Revolute("bearing", axle, axis))
-    mech.add(bd.Driver("motor", axle, axis, law=lambda t: 314.16 * t))
-    titanium, lean = bd.Material(E=114e9, nu=0.34, rho=4430.0), np.radians(5.0)
-    section = bd.Section.rectangle(titanium, width=0.05, height=0.003, damping=2e-5)
-    line = bd.Line((0.3, 0.0), (0.3 + 0.6 * np.cos(lean), 0.6 * np.sin(lean)))
-    blade = mech.add(bd.Beam("blade", line, section, elements=elements, formulation="exact"))
-    mech.add(bd.Weld("clamp", hub.at(0.3, 0.0), blade.start))
-    mech.observe("root", blade.stress(0.0, "top"))
-    mech.observe("largest", blade.largest_stress())
-    mech.observe("tip", blade.deflection(0.6))
-    mech.sensor("gauge", blade.stress(0.0, "top"))
-    return mech

@@ -3,10 +3,10 @@
 import pytest
 import scoreboard
 
-# Boards with external answers; errors that results state, and bad inputs, have tests of their own.
 BOARDS = (
     *("critical loads", "tolerances", "record"),
     *("equilibria", "modes", "periodic motions", "section forces"),
+    *("errors of equilibria", "errors of modes", "errors of motions"),
 )
 STORED = scoreboard.read_stored(scoreboard.STORED)
 ATTEMPTS = {board.name: board.attempt for board in scoreboard.BOARDS}
