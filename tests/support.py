@@ -259,22 +259,6 @@ def free_beam(variant, curve=ARC, elements=2, gravity=(0.0, 0.0), section=None):
     return mech
 
 
-def falling_portal(**contact):
-    """Return a mechanism of a symmetric portal frame that falls on its feet, and the frame.
-
-    `contact` are settings of the contacts of the feet. By symmetry, its middle "M" does not turn.
-    """
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    tube = bd.Section.pipe(bd.Material.of("aluminum"), diameter=0.03, wall=0.002, damping=2e-5)
-    points = {"A": (-0.2, 0.0), "B": (-0.2, 0.3), "M": (0.0, 0.3), "C": (0.2, 0.3), "D": (0.2, 0.0)}
-    bars = ["AB", "BM", "MC", "CD"]
-    portal = bd.frame(mech, "portal", points, bars, tube, elements=2, velocity=(0.0, -1.4))
-    floor = bd.LineSurface(mech.ground.at(0.0, 0.0))
-    for foot in "AD":
-        mech.add(bd.Contact(f"foot {foot}", portal.corners[foot], floor, 1e6, **contact))
-    return mech, portal
-
-
 def random_state(numeric, seed, size=0.15):
     """Return coordinates near the drawing, and velocities and accelerations of order one."""
     rng = np.random.default_rng(seed)
