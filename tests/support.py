@@ -259,22 +259,6 @@ def free_beam(variant, curve=ARC, elements=2, gravity=(0.0, 0.0), section=None):
     return mech
 
 
-def falling_portal(**contact):
-    """Return a mechanism of a symmetric portal frame that falls on its feet, and the frame.
-
-    `contact` are settings of the contacts of the feet. By symmetry, its middle "M" does not turn.
-    """
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    tube = bd.Section.pipe(bd.Material.of("aluminum"), diameter=0.03, wall=0.002, damping=2e-5)
-    points = {"A": (-0.2, 0.0), "B": (-0.2, 0.3), "M": (0.0, 0.3), "C": (0.2, 0.3), "D": (0.2, 0.0)}
-    bars = ["AB", "BM", "MC", "CD"]
-    portal = bd.frame(mech, "portal", points, bars, tube, elements=2, velocity=(0.0, -1.4))
-    floor = bd.LineSurface(mech.ground.at(0.0, 0.0))
-    for foot in "AD":
-        mech.add(bd.Contact(f"foot {foot}", portal.corners[foot], floor, 1e6, **contact))
-    return mech, portal
-
-
 def random_state(numeric, seed, size=0.15):
     """Return coordinates near the drawing, and velocities and accelerations of order one."""
     rng = np.random.default_rng(seed)
@@ -289,26 +273,3 @@ def use_scikit_sundae(monkeypatch):
         raise UnavailableError("the libraries cannot be loaded")
 
     monkeypatch.setattr(stepper, "CompiledIda", unavailable)
-
-
-def rotating_blade(elements):
-    """Return a thin titanium blade that leans by 5 degrees on a hub driven at 314.16 rad/s.
-
-    The stress at its clamp, 747.0 MPa, is the solution of a boundary value problem. It decays
-    within a fraction of an element.
-    """
-    mech = bd.Mechanism()
-    hub = mech.add(bd.RigidBody("hub", mass=20.0, inertia=1.0))
-    axle, axis = mech.ground.at(0.0, 0.0), hub.at(0.0, 0.0)
-    mech.add(bd.Revolute("bearing", axle, axis))
-    mech.add(bd.Driver("motor", axle, axis, law=lambda t: 314.16 * t))
-    titanium, lean = bd.Material(E=114e9, nu=0.34, rho=4430.0), np.radians(5.0)
-    section = bd.Section.rectangle(titanium, width=0.05, height=0.003, damping=2e-5)
-    line = bd.Line((0.3, 0.0), (0.3 + 0.6 * np.cos(lean), 0.6 * np.sin(lean)))
-    blade = mech.add(bd.Beam("blade", line, section, elements=elements, formulation="exact"))
-    mech.add(bd.Weld("clamp", hub.at(0.3, 0.0), blade.start))
-    mech.observe("root", blade.stress(0.0, "top"))
-    mech.observe("largest", blade.largest_stress())
-    mech.observe("tip", blade.deflection(0.6))
-    mech.sensor("gauge", blade.stress(0.0, "top"))
-    return mech

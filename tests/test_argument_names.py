@@ -97,8 +97,3 @@ def test_regression_missing_and_surplus_arguments_are_named(call, message):
     with pytest.raises(TypeError, match=re.escape(message)) as caught:
         call()
     assert isinstance(caught.value, bd.BeamdaeError)
-
-
-class _Failing:
-    def __init__(self, law):
-        law()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import warnings
 from itertools import pairwise
 
 import casadi as ca
@@ -13,7 +12,6 @@ from conformance import integrators
 from mechanisms import strip
 from numpy.testing import assert_allclose
 from slider_crank import slider_crank
-from support import falling_portal
 
 import beamdae as bd
 
@@ -586,20 +584,6 @@ def test_regression_mesh_errors_of_impacts_are_measured():
     assert bd.check(bounce(1, False), t_end=0.02).errors.reason == "no column is observed"
 
 
-@pytest.mark.slow(reason="two runs with contacts")
-def test_regression_mesh_errors_of_all_columns_have_a_warning():
-    """Only the column that changes most was named: not the forces of the contacts, nor stresses."""
-    mech = bounce(1)
-    mech.observe("left", mech.parts["left"].force)
-    mech.observe("bottom", mech.parts["strip"].stress(0.1, "bottom"))
-    report = bd.check(mech, t_end=0.02)
-    total = report.errors.table()["total"]
-    wrong = set(total[total > 0.04].index)
-    assert {"left.N [N]", "bottom [Pa]"} <= wrong
-    assert sum("the error is" in x for x in report.warnings) == 1
-    assert all(f"({column})" in str(report) for column in wrong)
-
-
 @pytest.mark.slow(reason="two runs with a slider")
 def test_regression_mesh_errors_of_sliding_points_have_a_warning():
     """The force of a bead on an arch of 4 elements was 23 % off without a word."""
@@ -617,38 +601,3 @@ def test_regression_mesh_errors_of_sliding_points_have_a_warning():
     # The verdict was "ready to run".
     assert re.match(r"ready to run, but \d+ warnings? about its results", report.verdict)
     assert report.verdict in str(report)
-
-
-@pytest.mark.slow(reason="two runs with contacts")
-def test_regression_motions_that_vanish_by_symmetry_have_no_mesh_error():
-    """Their rounding errors changed by 75 % and were the only mesh errors that were named."""
-    mech, portal = falling_portal()
-    mech.observe("top", portal.corners["M"])
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", bd.BeamdaeWarning)
-        report = bd.check(mech, t_end=0.01)
-    total = report.errors.table()["total"]
-    assert (total[["top.y [m]", "top.y_dot [m/s]"]] < 0.01).all()
-    assert (total[["top.angle [rad]", "top.angle_dot [rad/s]", "top.x [m]"]] == 0.0).all()
-
-
-@pytest.mark.slow(reason="two runs with a contact")
-@pytest.mark.parametrize("change", [0.0, 1e-6, 1e-3])
-def test_regression_mesh_errors_of_nearly_constant_columns_are_relative_to_their_values(change):
-    """Deviations from the mean of a stress were compared, and changed by thousands of percent."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81), start="equilibrium")
-    strip = bd.Section.rectangle(bd.Material.of("steel"), 10e-3, 0.3e-3, damping=1e-5)
-    leaf = mech.add(
-        bd.Beam("leaf", bd.Line((0, 0), (0.06, 0)), strip, elements=1, formulation="exact")
-    )
-    root = mech.add(bd.Weld("root", mech.ground.at(0, 0), leaf.start))
-    rest = {"restitution": 0.5, "impact_speed": 0.01}
-    stop = bd.LineSurface(mech.ground.at(0, -1e-4))
-    mech.add(bd.Contact("stop", leaf.end, stop, 2e5, exponent=1, **rest))
-    law = bd.table([0, 0.1], [-0.05, -0.05 * (1 + change)], kind="linear")
-    mech.add(bd.Force("push", leaf.at(0.03), (0, law)))
-    mech.observe("stress", leaf.largest_stress())
-    mech.observe("root", root.reaction)
-    report = bd.check(mech, t_end=0.1)
-    assert not [x for x in report.warnings if "the error is" in x]
-    assert report.errors.largest < 0.04

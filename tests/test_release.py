@@ -1,5 +1,6 @@
 """Metadata, recipe and paper agree with the package and with the stored results."""
 
+import json
 import re
 import tomllib
 from pathlib import Path
@@ -86,11 +87,12 @@ def test_times_relative_to_exudyn_are_those_of_the_stored_tables(page):
 
 def test_numbers_of_the_paper_are_those_of_the_stored_tables():
     text = text_of(PAPER / "paper.md")
-    runs = pd.read_csv(RESULTS / "formulations" / "results" / "exact_runs.csv")
-    known = runs[runs["group"] == "reference"]
-    is_exudyn = known["computation"].str.contains("Exudyn")
-    assert f"at most {known['off [mm]'][is_exudyn].max():.5f} mm in Exudyn" in text
-    assert f"at most {known['off [mm]'][~is_exudyn].max():.5f} mm in" in text
+    confirmations = json.loads((RESULTS / "record" / "confirmations.json").read_text())
+    assert len(confirmations) == 36
+    codes = pd.DataFrame(code for x in confirmations.values() for code in x["codes"])
+    agrees = (codes["largest"] <= 1e-4).groupby(codes["tool"]).sum()
+    assert f"from `beamdae` in {agrees['beamdae']} of them" in text
+    assert f"from Exudyn in {agrees['exudyn']}." in text
     claims = pd.read_csv(RESULTS / "pan_liu_2012" / "results" / "summary.csv")["verdict"]
     counts = claims.value_counts()
     words = {
@@ -104,8 +106,6 @@ def test_numbers_of_the_paper_are_those_of_the_stored_tables():
     assert set(counts.index) == set(words)
     assert f"judges {len(claims)} claims" in text
     assert all(f"{counts[verdict]} {phrase}" in text for verdict, phrase in words.items())
-    statements = pd.read_csv(RESULTS / "error_statements" / "results" / "statements.csv")
-    wrong = statements[statements["wrong"] > 0]
-    right = (wrong["verdict"] == "right").sum()
-    assert f"In {len(statements)} runs of" in text
-    assert f"{right} of {len(wrong)} errors above 4 % were stated" in text
+    scoreboard = pd.read_csv(RESULTS / "scoreboard.csv")
+    verdicts = scoreboard["verdict"][scoreboard["board"] == "error statements"]
+    assert f"In {(verdicts == 'right').sum()} of {len(verdicts)} runs of" in text

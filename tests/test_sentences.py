@@ -52,7 +52,6 @@ def add_controller(**arguments):
     return mech.add(bd.Controller(**({"name": "c", "reads": reads, "drives": drives} | arguments)))
 
 
-COINCIDENT_POINTS = {"name": "j", "a": GROUND.at(0.0, 0.0), "b": DISK.at(0.0, 0.0)}
 FLOOR = bd.LineSurface(GROUND.at(0.0, 0.0))
 
 

@@ -6,8 +6,6 @@ import pytest
 
 import beamdae as bd
 
-LINE = bd.Line((0.0, 0.0), (0.4, 0.0))
-
 
 @bd.model(t_end=0.1)
 def mass(spring=bd.param(50.0, "N/m"), weight=2.0):

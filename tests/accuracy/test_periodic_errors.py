@@ -58,31 +58,6 @@ def true_errors(motion, other, column):
     return sorted([abs(sizes[0] / sizes[1] - 1.0), float(deviation)])
 
 
-@pytest.mark.slow(reason="seconds")
-@pytest.mark.parametrize(
-    ("build", "column", "elements", "cause"),
-    [
-        # One element is too stiff near Euler's load.
-        (strut, "middle.y [m]", 1, "mesh"),
-        # Moderate strains shift the resonance.
-        pytest.param(
-            blade, "tip.transverse [m]", 3, "theory", marks=pytest.mark.slow(reason="2 s")
-        ),
-    ],
-)
-def test_stated_errors_are_true(build, column, elements, cause):
-    with pytest.warns(bd.BeamdaeWarning, match=f"{column.split()[0]}.*measured by a repetition"):
-        motion = bd.periodic(*build(elements=elements), RUNS)
-    exact = bd.periodic(*build(elements=4 * elements, strain="exact"), RUNS)
-    smaller, larger = true_errors(motion, exact, column)
-    row = motion.errors.table().loc[column]
-    assert larger > 0.1
-    assert 0.5 * smaller <= row["total"] <= 2.0 * larger
-    assert row["status"] == "measured"
-    assert row[cause] > 0.5 * row["total"]
-    assert motion.warnings[0] == next(motion.errors.sentences())
-
-
 @pytest.mark.slow(reason="half a second")
 def test_accurate_motions_have_no_sentence():
     motion = bd.periodic(*blade(25.0, 30.0), RUNS)

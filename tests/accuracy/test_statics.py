@@ -49,38 +49,6 @@ def assert_stated(result, header, error):
 
 
 @pytest.mark.filterwarnings("ignore::beamdae.errors.BeamdaeWarning")
-@pytest.mark.parametrize("options", [{}, {"formulation": "exact"}], ids=["frame", "exact"])
-@pytest.mark.parametrize(("tension", "force", "elements"), [(200.0, 1.0, 2), (4e3, 100.0, 6)])
-def test_boundary_layers_of_beams_under_tension(tension, force, elements, options):
-    result = bd.equilibrium(cantilever(STRIP, 0.6, elements, (tension, -force), **options))
-    layer = math.sqrt(STRIP.EI / tension)
-    moment = force * layer * math.tanh(0.6 / layer)
-    stress = tension / STRIP.area + 0.5 * 0.0015 * moment * STEEL.E / STRIP.EI
-    assert_stated(result, "root [Pa]", abs(result["root [Pa]"].iloc[-1] / stress - 1.0))
-
-
-@pytest.mark.filterwarnings("ignore::beamdae.errors.BeamdaeWarning")
-@pytest.mark.parametrize("load", [300.0, 600.0, 900.0])
-def test_strains_of_moderate_rotations(load):
-    # Vertical forces are in equilibrium with the shear force in the horizontal clamp.
-    result = bd.equilibrium(cantilever(LEAF, 0.35, 4, (0.0, -load), strain="green"))
-    assert_stated(result, "clamp.Q [N]", abs(-result["clamp.Q"].iloc[-1] / load - 1.0))
-    causes = result.errors.table().loc["clamp.Q [N]"]
-    assert causes["theory"] > 10.0 * causes["mesh"]
-
-
-@pytest.mark.filterwarnings("ignore::beamdae.errors.BeamdaeWarning")
-@pytest.mark.parametrize("options", [{}, {"formulation": "exact"}], ids=["frame", "exact"])
-@pytest.mark.parametrize("elements", [1, 2, 3])
-def test_buckling_loads(elements, options):
-    result = bd.buckling(column(elements, **options), n=2)
-    for k, factor in enumerate(result.factors):
-        euler = ((k + 1) * math.pi) ** 2
-        if factor / euler > 1.001:
-            assert_stated(result, f"load factor of mode {k + 1} [-]", factor / euler - 1.0)
-
-
-@pytest.mark.filterwarnings("ignore::beamdae.errors.BeamdaeWarning")
 def test_critical_points_of_coarse_paths():
     result = bd.equilibrium(column(1, "clamp", formulation="exact"), to=23.0)
     assert_stated(result, "branch point 1 [-]", result.critical[0].factor / 20.1907 - 1.0)

@@ -202,44 +202,6 @@ def test_regression_flutter_of_a_strongly_damped_column_of_many_elements_is_know
     assert point.factor == pytest.approx(expected.factor, rel=1e-5)
 
 
-@pytest.mark.slow(reason="two seconds")
-@pytest.mark.parametrize(
-    ("follower", "settings", "load", "count"),
-    [
-        # Flutter begins at 20.051 (Beck), and at 16.052 if half of the load follows (Leipholz).
-        (1.0, EXACT, 20.03, 0),
-        (1.0, EXACT, 20.07, 2),
-        (0.5, EXACT, 16.02, 0),
-        (0.5, EXACT, 16.08, 2),
-        (0.5, FLOATING, 13.6, 0),
-        (0.5, FLOATING, 16.02, 0),
-        (0.5, FLOATING, 16.08, 2),
-    ],
-)
-def test_growing_modes_of_slender_columns_with_many_elements(follower, settings, load, count):
-    mech = column(0.0, follower, elements=32, height=1e-5, options=settings)
-    path = bd.equilibrium(mech, to=load, step=load)
-    assert path.status.success
-    assert path.unstable[-1] == count
-
-
-@pytest.mark.slow(reason="two seconds")
-def test_slender_column_under_a_distributed_follower_load_flutters_at_the_published_load():
-    section = bd.Section.rectangle(bd.Material.of("steel"), 0.02, 1e-5)
-    mech = bd.Mechanism()
-    beam = mech.add(bd.Beam("column", bd.Line((0.0, 0.0), (1.0, 0.0)), section, 16, strain="exact"))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
-
-    def drag(s, x, y, t):
-        return -section.EI * (1.0 - s), 0.0 * s
-
-    mech.add(bd.DistributedForce("drag", beam, drag, axes="section"))
-    (point,) = bd.equilibrium(mech, to=166.0).critical
-    assert point.kind == "flutter point"
-    # W. Hauger, Ing.-Arch. 35 (1966) 221.
-    assert point.factor == pytest.approx(150.64160, rel=5e-6)
-
-
 def flutter_load(retardation):
     """Return the flutter load of a cantilever under a follower force, in units of EI / L^2.
 
@@ -279,16 +241,6 @@ def test_flutter_loads_of_columns_of_any_slenderness_and_damping(height, retarda
     # For the mesh, for compression and shear, and for growth as slow as rounding.
     off = 3e-6 + 5.0 * height**2 + (2e-14 / retardation if retardation else 0.0)
     assert point.factor == pytest.approx(flutter_load(retardation), rel=off)
-
-
-@pytest.mark.slow(reason="half a second")
-@pytest.mark.parametrize("height", [1e-3, 1e-6])
-def test_column_under_a_load_of_which_half_follows_is_stable(height):
-    # The stiffness touches zero at pi^2 without a sign change.
-    path = bd.equilibrium(column(0.0, 0.5, height=height), to=15.0)
-    assert path.status.success
-    assert not path.critical
-    assert not np.any(path.unstable)
 
 
 @pytest.mark.filterwarnings("ignore::beamdae.errors.BeamdaeWarning")

@@ -7,10 +7,8 @@ from test_sensitivities import parallel
 from test_sensitivities_events import (
     GRAVITY,
     bounce,
-    bouncing_ball,
     broken,
     caught,
-    damped_bounce,
     deflected,
     driven,
     falling,
@@ -86,29 +84,6 @@ def test_adjoint_agrees_with_forward_derivatives(case, method):
     assert_agrees_with_chain_rule(*CASES[case], method)
 
 
-@pytest.mark.slow(reason="compiles the sweep over the steps of Radau")
-def test_radau_without_constraints():
-    by = ["stiffness", "damping", "speed"]
-    forward = bd.sensitivities(oscillator, by, RADAU, 0.2)
-    objective = objective_of_all_columns(forward.solution)
-    actual = bd.gradient(oscillator, objective, by, bd.Auto(rtol=1e-5), 0.2)
-    for name in by:
-        expected, size = chain_rule(forward, objective, name)
-        assert abs(actual.derivatives[name] - expected) <= 1e-12 * size
-
-
-@pytest.mark.slow(reason="half a second each")
-@pytest.mark.parametrize("method", [bd.GeneralizedAlpha(step=0.02), bd.Radau(rtol=1e-4)])
-def test_bouncing_ball_has_the_derivatives_of_the_closed_form(method):
-    """Parabolas are integrated exactly; the height is above the floor after two impacts."""
-    values = {"height": 0.5, "gravity": GRAVITY, "restitution": 0.8, "floor": 0.1}
-    result = bd.gradient(bounce, bd.quantities.EndValue("ball.y"), [*values], method, 0.9)
-    for name, derivative in result.derivatives.items():
-        changed = {key: complex(x, 1e-30 * (key == name)) for key, x in values.items()}
-        exact = np.imag(bouncing_ball(np.array([0.9]), **changed)[0][0]) / 1e-30
-        assert derivative == pytest.approx(exact, rel=1e-9)
-
-
 @pytest.mark.slow(reason="half a second each")
 @pytest.mark.parametrize(
     ("method", "tolerance"), [(bd.GeneralizedAlpha(step=2e-3), 2e-4), (bd.Radau(rtol=1e-8), 1e-7)]
@@ -134,12 +109,6 @@ def test_regression_integrals_of_columns_that_jump(method, tolerance):
         for x in (rates.parameters["restitution"] + np.array([-1e-3, 1e-3]))
     ]
     assert derivative == pytest.approx((values[1] - values[0]) / 2e-3, rel=10.0 * tolerance + 1e-5)
-
-
-@pytest.mark.slow(reason="half a second and more")
-def test_alpha_after_impact_with_stiff_damper():
-    method = bd.GeneralizedAlpha(step=1e-3)
-    assert_agrees_with_chain_rule(damped_bounce, ["gap", "damping"], None, method)
 
 
 @pytest.mark.slow(reason="half a second and more")

@@ -23,18 +23,6 @@ def column(height=2e-3, elements=8, formulation="exact", axes="inertial", sign=-
     return mech
 
 
-def hinged_column(elements, formulation):
-    """Return a column of 1 m on hinges under a load of 1 N."""
-    mech = bd.Mechanism()
-    strip = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=0.002)
-    line = bd.Line((0.0, 0.0), (0.0, 1.0))
-    beam = mech.add(bd.Beam("column", line, strip, elements, formulation=formulation))
-    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), beam.start))
-    mech.add(bd.PointOnLine("guide", mech.ground.at(0.0, 1.0), beam.end, (0.0, 1.0)))
-    mech.add(bd.Force("press", beam.end, (0.0, -1.0)))
-    return mech
-
-
 def portal(span=1.0):
     """Return a portal frame with clamped feet and rigid corners, EI / L^2 on each column."""
     section = bd.Section.rectangle(STEEL, width=0.02, height=2e-3)

@@ -251,32 +251,6 @@ def test_unstable_equilibria_without_scaled_loads_warn():
         bd.equilibrium(mech, loads=[])
 
 
-def ziegler(load):
-    """Return Ziegler's double pendulum, masses 2 m and m, follower load, k = l = m = 1."""
-    mech = bd.Mechanism()
-    foot = mech.ground.at(0.0, 0.0)
-    # Point masses: the moments of inertia are negligible.
-    lower = mech.add(bd.RigidBody("lower", 2.0, 1e-9, (0.0, 1.0)))
-    upper = mech.add(bd.RigidBody("upper", 1.0, 1e-9, (0.0, 2.0)))
-    mech.add(bd.Revolute("foot", foot, lower.at(0.0, 0.0)))
-    mech.add(bd.Revolute("knee", lower.at(0.0, 1.0), upper.at(0.0, 1.0)))
-    mech.add(bd.TorsionSpring("first", foot, lower.at(0.0, 0.0), 1.0))
-    mech.add(bd.TorsionSpring("second", lower.at(0.0, 1.0), upper.at(0.0, 1.0), 1.0))
-    mech.add(bd.Force("follower", upper.at(0.0, 2.0), (0.0, -load), axes="body"))
-    return mech
-
-
-@pytest.mark.slow(reason="half a second and more")
-def test_ziegler_column_flutters_at_the_published_load():
-    # Ziegler, Ing.-Arch. 20 (1952) 49: P l / k = 7/2 - sqrt(2).
-    path = bd.equilibrium(ziegler(1.0), to=3.0)
-    (flutter,) = path.critical
-    assert flutter.kind == "flutter point"
-    # Eigenvalues coalesce like a square root there; the search stops at 1e-6 of a step.
-    assert flutter.factor == pytest.approx(3.5 - np.sqrt(2.0), abs=1e-5)
-    assert path.unstable[-1] == 2
-
-
 TALL = 3.0
 # The tall truss buckles sideways where L^3 = L0 (L^2 - 1).
 LENGTHS = np.roots([1.0, -np.hypot(1.0, TALL), 0.0, np.hypot(1.0, TALL)])

@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 from conformance import tuned
 from scipy.optimize import fsolve
-from scipy.special import mathieu_a, mathieu_b
 
 import beamdae as bd
 from beamdae.results.periodic_motion import PeriodicMotion
@@ -57,16 +56,6 @@ def mathieu(a, q, damping=0.0):
     t, x, v = (ca.SX.sym(name) for name in "txv")
     force = -(a - 2.0 * q * ca.cos(2.0 * t)) * x - damping * v
     return bd.ConstrainedSystem(t, x, v, mass=[1.0], force=force, q0=[0.0], v0=[0.0])
-
-
-@pytest.mark.slow(reason="half a second and more")
-@pytest.mark.parametrize("q", [0.2, 5.0])
-def test_mathieu_equation_at_the_stability_boundaries(q):
-    # At the characteristic values both multipliers are 1 or -1, a double root.
-    for value, sign in ((mathieu_a(0, q), 1.0), (mathieu_b(1, q), -1.0), (mathieu_a(2, q), 1.0)):
-        motion = bd.periodic(mathieu(value, q), np.pi)
-        assert motion.multipliers.sum().real == pytest.approx(2.0 * sign, abs=2e-5)
-        assert np.prod(motion.multipliers).real == pytest.approx(1.0, abs=1e-6)
 
 
 @pytest.mark.slow(reason="a quarter of a second")

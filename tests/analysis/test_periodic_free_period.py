@@ -61,13 +61,6 @@ def test_period_is_estimated_from_the_run_of_the_model(length):
     assert half == pytest.approx(2.00862 * length, rel=1e-5)
 
 
-@pytest.mark.slow(reason="a fifth of a second")
-def test_relaxation_oscillation():
-    # scipy's DOP853 at rtol = 1e-13, time between two zero crossings.
-    motion = bd.periodic(van_der_pol(10.0), period_guess=25.0)
-    assert motion.period == pytest.approx(19.07836957, rel=1e-8)
-
-
 @pytest.mark.parametrize("seed", range(8))
 def test_periods_of_free_motions_are_found_from_any_guess(seed):
     """Pendulums and Duffing oscillators of any amplitude, from guesses within 8 %."""

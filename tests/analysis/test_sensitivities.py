@@ -700,18 +700,6 @@ def test_regression_rounding_does_not_change_neighboring_models(model, name, val
     assert len(difference.models) == 4
 
 
-def spring_of(law):
-    @bd.model(t_end=1.0)
-    def model(value=1.0):
-        mech = bd.Mechanism()
-        body = mech.add(bd.PointMass("mass", 1.0, at=(1.0, 0.0)))
-        mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), body.point, law(value)))
-        mech.observe("mass", body.point)
-        return mech
-
-    return model
-
-
 @bd.model(t_end=0.02)
 def pinned(position=0.13):
     """Curved beam in a floating frame that is pinned between its nodes, at rest."""

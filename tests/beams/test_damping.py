@@ -324,19 +324,3 @@ def test_drag_decrement_of_a_cantilever_is_proportional_to_its_amplitude(start):
 # Energy balance -------------------------------------------------------------------------------
 
 GRAVITY = 9.81
-
-
-def pendulum(E, drag, frame="chord", retardation=0.0):
-    """Return a horizontal bar hinged at the origin."""
-    section = bd.Section(
-        bd.Material(E=E, nu=0.3, rho=1.3),
-        area=0.9,
-        second_moment=0.9 * (LENGTH / 40.0) ** 2,
-        damping=retardation,
-    )
-    mech = bd.Mechanism(gravity=(0.0, -GRAVITY))
-    line = bd.Line((0.0, 0.0), (LENGTH, 0.0))
-    bar = mech.add(bd.Beam("bar", line, section, elements=2, frame=frame))
-    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), bar.start))
-    mech.add(bd.AirDrag("air", bar, drag))
-    return mech, bar

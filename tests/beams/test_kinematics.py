@@ -32,13 +32,6 @@ def free_beam(kind, gravity=(0.0, 0.0), extra_part=None, **start):
     return NumericEquations(mech)
 
 
-def random_state(numeric, seed):
-    """Return coordinates near the reference, velocities and accelerations of order one."""
-    rng = np.random.default_rng(seed)
-    q = numeric.equations.q0 + 0.05 * rng.standard_normal(numeric.n)
-    return q, rng.standard_normal(numeric.n), rng.standard_normal(numeric.n)
-
-
 @every_kinematics
 def test_the_reference_drawing_is_in_equilibrium(kind):
     numeric = free_beam(kind)

@@ -12,7 +12,6 @@ import beamdae as bd
 
 ARC = bd.Arc(radius=0.85, length=0.8, start=(0.2, 0.1), angle=-0.6)
 STEEL = bd.Material.of("steel")
-STRIP = bd.Section.rectangle(STEEL, width=0.02, height=0.001)
 
 
 def measured_points(noise, count=40, seed=1):

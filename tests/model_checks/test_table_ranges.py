@@ -17,11 +17,6 @@ def falling(rows, values, argument=lambda point, t: point.position[1], kind="lin
     return mech
 
 
-def depth(scale=1.0, offset=0.0):
-    """Return an argument: the fallen distance, in another unit and from another zero."""
-    return lambda point, t: scale * (1.0 - point.position[1]) + offset
-
-
 def turning(rows, values, outside="hold", unit=1.0):
     """Return a disk that turns twice with a torque from a table of its angle, times `unit`."""
     mech = bd.Mechanism()

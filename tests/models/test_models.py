@@ -316,3 +316,17 @@ def test_regression_beams_whose_coordinates_the_start_names_are_refined():
     equations = bd.equations_of_motion(mech)
     assert refine(equations).halved == ("beam",)
     assert refine(equations, mech.start) is None
+
+
+# Models with many unknowns are left to the slow tests.
+LARGE = {"leaf_spring_vehicle", "ring_mount", "sliding_mass"}
+
+
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=[pytest.mark.slow] if name in LARGE else []) for name in MODELS],
+)
+def test_check_reports_no_problem(name):
+    check = bd.check(MODELS[name])
+    assert not check.problem
+    assert not check.dependent

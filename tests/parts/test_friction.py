@@ -80,19 +80,6 @@ def test_stribeck(speed):
     assert_allclose(solution, [expected, speed], rtol=1e-12)
 
 
-def pendulum(turn=0.0, at=(0.0, 0.0), swap=False, **friction):
-    """Return a bar in a bearing with friction."""
-    c, s = np.cos(turn), np.sin(turn)
-    mech = bd.Mechanism(gravity=(GRAVITY * s, -GRAVITY * c))
-    bar = mech.add(bd.RigidBody("bar", MASS, 0.2, (at[0] + 0.5 * c, at[1] + 0.5 * s)))
-    ends = [mech.ground.at(*at), bar.at(*at)]
-    pin = mech.add(bd.Revolute("pin", *(ends[::-1] if swap else ends)))
-    settings = {"coefficient": 0.3, "friction_speed": 0.01, "radius": 0.05} | friction
-    mech.observe("friction", mech.add(bd.Friction("friction", pin, **settings)).reaction)
-    mech.observe("pin", pin.reaction)
-    return mech
-
-
 def test_painleve_paradox_is_reported():
     """Painleve's rod, pushed ahead of its contact, jams for I = m l^2 / 3 and 135 deg."""
     half, turn = 1.0, 0.75 * np.pi

@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-from robustness.handed_out import list_changes
-from robustness.writes import RESULTS, STRIP, run
+from robustness.handed_out import RESULTS, STRIP, list_changes, run
 
 import beamdae as bd
 

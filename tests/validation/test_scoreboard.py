@@ -22,6 +22,10 @@ def test_worse_values_are_refused(monkeypatch, tmp_path, capsys):
     assert not scoreboard.find_losses(rows[:2], rows.assign(digits=rows["digits"] + 0.2))
     losses = scoreboard.find_losses(rows[:2], rows.assign(digits=rows["digits"] + 0.4))
     assert losses[0].startswith("modes: digits ")
+    # Machines differ, but not tenfold.
+    assert not scoreboard.find_losses(rows[:2], rows.assign(seconds=0.2 * rows["seconds"]))
+    losses = scoreboard.find_losses(rows[:2].assign(seconds=200.0), rows.assign(seconds=2.0))
+    assert losses[0] == "modes: seconds 2.0 -> 200"
     # What becomes better is no loss.
     assert not scoreboard.find_losses(rows[:2], rows.assign(verdict="false"))
     rows.assign(verdict="right").to_csv(path, index=False)

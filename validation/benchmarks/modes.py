@@ -10,7 +10,7 @@ import numpy as np
 
 import beamdae as bd
 from benchmarks import mode_closed_forms as closed_forms
-from benchmarks.summary_rows import make_row
+from benchmarks.comparison import Comparison
 
 Array = np.ndarray
 
@@ -40,17 +40,12 @@ class ModeCase:
     tolerance: float
     compute: Callable[[int, str], Array]
 
-    def rows(self) -> Iterator[dict[str, Any]]:
-        """Yield the rows of both formulations."""
-        for label in FORMULATIONS:
-            yield from self.rows_by(label)
-
-    def rows_by(self, label: str) -> Iterator[dict[str, Any]]:
-        """Yield one row per reference value, computed by the formulation `label`."""
-        values = self.compute(self.elements, FORMULATIONS[label])
-        setting = f"modes, {self.elements} {label}"
-        for k, pair in enumerate(zip(self.reference, values, strict=True)):
-            yield make_row(self.name, setting, "frequency", *pair, entry=k)
+    def compare(self) -> Iterator[Comparison]:
+        """Yield each reference value beside that of both formulations."""
+        for label, formulation in FORMULATIONS.items():
+            values = self.compute(self.elements, formulation)
+            for k, pair in enumerate(zip(self.reference, values, strict=True), 1):
+                yield Comparison(f"frequency {k}, {label}", *pair)
 
 
 def ring(

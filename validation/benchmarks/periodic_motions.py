@@ -14,7 +14,7 @@ from scipy.optimize import minimize_scalar
 from scipy.special import ellipk, mathieu_a, mathieu_b
 
 import beamdae as bd
-from benchmarks.summary_rows import make_row
+from benchmarks.comparison import Comparison
 
 Array = np.ndarray
 
@@ -46,11 +46,11 @@ class PeriodicCase:
         """Reference values by name."""
         return self.compute_reference()
 
-    def rows(self) -> Iterator[dict[str, Any]]:
-        """Yield one row per reference value."""
+    def compare(self) -> Iterator[Comparison]:
+        """Yield each reference value beside the computed one."""
         values = self.compute()
         for quantity, reference in self.reference.items():
-            yield make_row(self.name, "periodic", quantity, reference, values[quantity])
+            yield Comparison(quantity, reference, values[quantity])
 
 
 # A slender cantilever under a sinusoidal tip force, with strong material damping.

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 import beamdae as bd
+from benchmarks.comparison import Comparison
 from benchmarks.static_closed_forms import elastica, pinched_ring, quarter_circle
-from benchmarks.summary_rows import make_row
 
 # Displacements of the central differences, relative to the radius; their error is the square.
 _SMALL_DISPLACEMENT = 1e-5
@@ -62,17 +62,12 @@ class StaticCase:
     tolerance: float
     compute: Callable[[int, Mapping[str, Any]], Mapping[str, float]]
 
-    def rows(self) -> Iterator[dict[str, Any]]:
-        """Yield the rows of all formulations."""
-        for label in FORMULATIONS:
-            yield from self.rows_by(label)
-
-    def rows_by(self, label: str) -> Iterator[dict[str, Any]]:
-        """Yield one row per reference value, computed by the formulation `label`."""
-        values = self.compute(self.elements, FORMULATIONS[label])
-        setting = f"{label}, {self.elements} elements"
-        for quantity, reference in self.reference.items():
-            yield make_row(self.name, setting, quantity, reference, values[quantity], digits=13)
+    def compare(self) -> Iterator[Comparison]:
+        """Yield each reference value beside those of all formulations."""
+        for label, settings in FORMULATIONS.items():
+            values = self.compute(self.elements, settings)
+            for quantity, reference in self.reference.items():
+                yield Comparison(f"{quantity}, {label}", reference, values[quantity])
 
 
 def section_from_stiffness(EI: float, EA: float, GA: float) -> bd.Section:

@@ -9,18 +9,14 @@ from __future__ import annotations
 import os
 import resource
 import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
-from unittest.mock import patch
 
 import numpy as np
 import pandas as pd
 
 import beamdae as bd
-from beamdae.core.tables import Loop
 
 Array = np.ndarray
 
@@ -77,37 +73,6 @@ def time_integration(
     solution = integrator.integrate(equations, times)
     seconds, statistics = time.process_time() - begin, solution.statistics
     return seconds * statistics.wall_time / (statistics.wall_time + statistics.setup_time), solution
-
-
-def time_within_loops(
-    equations: bd.results.EquationsOfMotion, integrator: bd.Integrator, times: Array
-) -> tuple[float, float]:
-    """Return the time of the integration, and its part within compiled loops [s]."""
-    with time_calls(Loop, "__call__") as inside:
-        whole, _ = time_integration(equations, integrator, times)
-    return whole, sum(inside)
-
-
-@contextmanager
-def time_calls(owner: Any, name: str) -> Iterator[list[float]]:
-    """Within the context, collect the processor times of calls of an attribute of `owner` [s]."""
-    function, times = getattr(owner, name), []
-
-    def timed(*arguments: Any, **options: Any) -> Any:
-        begin = time.process_time()
-        result = function(*arguments, **options)
-        times.append(time.process_time() - begin)
-        return result
-
-    with patch.object(owner, name, timed):
-        yield times
-
-
-def time_action(action: Callable[[], object]) -> float:
-    """Return the processor time of an action [s]."""
-    begin = time.process_time()
-    action()
-    return time.process_time() - begin
 
 
 RESULTS = Path(__file__).parent / "results"

@@ -4,13 +4,12 @@
     python validation/performance/work_precision.py --quick          fewer settings, two minutes
     python validation/performance/work_precision.py --references     compute the references first
     python validation/performance/work_precision.py --exact          beams without floating frames
-    python validation/performance/work_precision.py --parts          parts of the shortest run
 
 PYTHON is an interpreter with Exudyn (`pip install exudyn`); without it only beamdae is measured.
 The error is the largest distance of the tip from that of the exact beam, every 0.01 s of the run.
 The reference is Exudyn's beam of 64 elements with 3 nodes and steps of 5e-5 s, in `references.csv`;
 `--references` also lists the distance of beamdae's finest run from it. Every setting runs once; the
-fastest few of each tool at each error then take turns. Tables and the picture go to `results`.
+fastest few of each tool at each error then take turns. Tables go to `results`.
 """
 
 from __future__ import annotations
@@ -23,25 +22,49 @@ from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
-import matplotlib as mpl
+sys.path.insert(0, str(Path(__file__).parents[2] / "models"))
+
 import numpy as np
 import pandas as pd
-
-mpl.use("Agg")
-import matplotlib.pyplot as plt
-from benchmark_systems import exact_hub_beam, exact_pendulum
-from measurement import RESULTS, time_action, time_calls, time_integration, write_table
+from hub_beam import hub_beam
+from measurement import RESULTS, time_integration, write_table
 from workers import Worker, start_exudyn
 
 import beamdae as bd
-from beamdae.core.tables import Loop
-from beamdae.integrators import drive
 
 Array = np.ndarray
 
 ERROR_LEVELS = (1.0, 0.3, 0.1, 0.03, 0.01)  # mm
 FINALISTS = 3  # settings of each tool that take turns at each level
+
+
+def exact_hub_beam(
+    bodies: int, elements: int, damping: float, formulation: str = "floating frame"
+) -> bd.Mechanism:
+    """Return the hub beam whose limit, with many bodies or elements, is the exact beam."""
+    if formulation == "exact":
+        return hub_beam(elements=elements, bodies=bodies, damping=damping, formulation=formulation)
+    return hub_beam(
+        elements=elements, bodies=bodies, frame="chord", strain="green", damping=damping
+    )
+
+
+def exact_pendulum(
+    bodies: int, elements: int, damping: float, formulation: str = "floating frame"
+) -> bd.Mechanism:
+    """Return the pendulum whose limit, with many bodies or elements, is the exact beam."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    arc = bd.Arc(radius=0.85, length=0.80, start=(0.0, 0.0), angle=-0.60)
+    alloy = bd.Material(E=68.95e9, nu=0.3, rho=2760.0)
+    strip = bd.Section.rectangle(alloy, width=0.03, height=0.0025, damping=damping)
+    kind: dict[str, Any] = {"elements": elements, "formulation": formulation}
+    beams = bd.welded_beams(mech, "beam", arc, strip, bodies, **kind)
+    mech.add(bd.PointMass("tip mass", 0.060, on=beams[-1].end))
+    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), beams[0].start))
+    mech.observe("tip", beams[-1].end)
+    return mech
 
 
 @dataclass(frozen=True)
@@ -88,9 +111,6 @@ INTEGRATORS = (
 # (elements, nodes of each)
 EXUDYN_MESHES = ((3, 3), (4, 3), (6, 3), (8, 3), (16, 3), (16, 2), (32, 2))
 REFERENCE_SETTINGS = {"elements": 64, "nodes": 3, "step": 5e-5}
-# The fastest run with an error of 1 mm, and how often its parts are measured.
-SHORTEST_RUN = (CASES[0], (1, 3), bd.GeneralizedAlpha(5e-3))
-PARTS_ROUNDS = 200
 FINEST_BEAMDAE = ((4, 4), bd.Radau(1e-6))
 
 
@@ -124,44 +144,6 @@ def run_beamdae(case: Case, mesh: tuple[int, int], integrator: bd.Integrator) ->
 
 def tip_path(solution: bd.results.Solution) -> Array:
     return solution.observed[["tip.x [m]", "tip.y [m]"]].to_numpy()
-
-
-def time_parts(case: Case, mesh: tuple[int, int], integrator: bd.Integrator) -> pd.DataFrame:
-    """Return the processor times of the parts of a run, from the model to the table of its tip."""
-    rounds = pd.DataFrame([_time_parts_once(case, mesh, integrator) for _ in range(PARTS_ROUNDS)])
-    rounds["all"] = rounds.sum(axis=1)
-    least, median = 1e3 * rounds.min(), 1e3 * rounds.median()
-    return pd.DataFrame({"part": rounds.columns, "least [ms]": least, "median [ms]": median})
-
-
-def _time_parts_once(
-    case: Case, mesh: tuple[int, int], integrator: bd.Integrator
-) -> dict[str, float]:
-    begin = time.process_time()
-    mechanism = case.mechanism(mesh)
-    stated = time.process_time()
-    equations = bd.equations_of_motion(mechanism)
-    formed = time.process_time()
-    with (
-        time_calls(drive, "plan_run") as plan,
-        time_calls(type(integrator), "method_on") as method,
-        time_calls(Loop, "__call__") as loops,
-    ):
-        solution = integrator.integrate(equations, case.times)
-    inside = {
-        "start and plan": sum(plan),
-        "workspaces and pivots": sum(method),
-        "compiled loops": sum(loops),
-    }
-    integrated = time.process_time()
-    return {
-        "model function": stated - begin,
-        "equations": formed - stated,
-        **inside,
-        "rest of the run": integrated - formed - sum(inside.values()),
-        "columns of all rows": time_action(lambda: solution.columns),
-        "table and its selection": time_action(lambda: tip_path(solution)),
-    }
 
 
 @cache
@@ -319,69 +301,6 @@ def load_reference(case: str) -> Array:
     return table.loc[case, ["x [m]", "y [m]"]].to_numpy()
 
 
-# Colors that color-blind readers can distinguish (Okabe & Ito), and markers.
-STYLES = {
-    "Exudyn, 2 nodes": ("0.55", "s"),
-    "Exudyn, 3 nodes": ("0.25", "D"),
-    "GeneralizedAlpha(step)": ("#0072b2", "o"),
-    "GeneralizedAlpha(rtol)": ("#56b4e9", "v"),
-    "Radau": ("#d55e00", "^"),
-    "Ida": ("#009e73", "P"),
-}
-
-
-def style_of(row: pd.Series) -> str:
-    """Return the style of a row of the table."""
-    if row["tool"] == "Exudyn":
-        return f"Exudyn, {row['mesh'].split()[-2]} nodes"
-    name = row["integrator"]
-    return next(style for style in STYLES if name.startswith(style.rstrip(")")))
-
-
-def draw_work_precision(table: pd.DataFrame, path: Path) -> None:
-    """Plot all rows, and the fastest of each tool at each error as steps."""
-    cases = list(dict.fromkeys(table["case"]))
-    columns = min(len(cases), 2)
-    rows = -(-len(cases) // columns)
-    figure, axes = plt.subplots(
-        rows, columns, figsize=(5.0 * columns, 3.9 * rows), layout="constrained", squeeze=False
-    )
-    table = table.assign(kind=table.apply(style_of, axis=1))
-    for axis, case in zip(axes.flat, cases, strict=False):
-        rows_of_case = table[(table["case"] == case) & (table["error [mm]"] < 30.0)]
-        for name, (color, marker) in STYLES.items():
-            rows_of_kind = rows_of_case[rows_of_case["kind"] == name]
-            axis.plot(
-                rows_of_kind["error [mm]"],
-                rows_of_kind["integration [s]"],
-                marker,
-                color=color,
-                markersize=4,
-                alpha=0.6,
-                linestyle="none",
-                label=name,
-            )
-        for tool, color in (("Exudyn", "0.25"), ("beamdae", "#0072b2")):
-            x, y = _pareto_front(rows_of_case[rows_of_case["tool"] == tool])
-            axis.step(x, y, where="post", color=color, linewidth=1.2)
-        axis.set(xscale="log", yscale="log", title=case)
-        axis.grid(alpha=0.3)
-    for axis in axes[:, 0]:
-        axis.set_ylabel("integration [s of processor]")
-    for axis in axes[-1]:
-        axis.set_xlabel("largest error of the tip [mm]")
-    handles, labels = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=3, fontsize="small")
-    figure.savefig(path, dpi=130)
-    plt.close(figure)
-
-
-def _pareto_front(rows: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]:
-    """Return errors, and the smallest time of all rows with at most that error."""
-    rows = rows.sort_values("error [mm]")
-    return rows["error [mm]"].to_numpy(), rows["integration [s]"].cummin().to_numpy()
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--peer", default=sys.executable, help="an interpreter with Exudyn")
@@ -389,11 +308,7 @@ def main() -> None:
     parser.add_argument("--exact", action="store_true", help="beams without floating frames")
     parser.add_argument("--references", action="store_true", help="compute the references first")
     parser.add_argument("--out", type=Path, default=RESULTS, help="folder of the tables")
-    parser.add_argument("--parts", action="store_true", help="parts of the shortest run only")
     options = parser.parse_args()
-    if options.parts:
-        write_table(options.out, "parts_of_a_run", time_parts(*SHORTEST_RUN))
-        return
     peer = start_exudyn(options.peer)
     if options.references:
         if peer is None:
@@ -412,7 +327,6 @@ def main() -> None:
     name = "work_precision_exact" if options.exact else "work_precision"
     table.to_csv(options.out / f"{name}.csv", index=False, float_format="%.4g")
     write_table(options.out, f"{name}_best", select_fastest(table))
-    draw_work_precision(table, options.out / f"{name}.png")
 
 
 if __name__ == "__main__":

@@ -18,6 +18,8 @@ import sys
 import tempfile
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from copy import deepcopy
+from functools import cache
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -27,12 +29,11 @@ import typer
 
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE))
-import documents
 import scorer
 from scorer import TIME
 
-PROBLEMS, REFERENCES, RESULTS = HERE / "problems", HERE / "references.csv", HERE / "results"
-CONFIRMATIONS = HERE / "confirmations.json"
+PROBLEMS, REFERENCES = HERE / "problems.json", HERE / "references.csv"
+CONFIRMATIONS, RESULTS = HERE / "confirmations.json", HERE / "results"
 AGREEMENT = 1e-4  # of half the range of each column, required of two codes
 
 # Elements per beam and steps per row of the reference; two thirds of both in the second run.
@@ -93,25 +94,35 @@ INTEGRATORS = ("Ida", "Radau", "GeneralizedAlpha")
 UNSCORED = ("plain_fine",)
 # First columns of scores.md.
 FIRST = ("beamdae_Auto", "beamdae_refine_0.01", "beamdae_refine_0.001")
-IFTOMM_RESULT = "beamdae_refine_0.001"
 QUICK = ("rod_pendulum", "two_link_chain", "princeton_cantilever")
 
 app = typer.Typer(add_completion=False, no_args_is_help=True, help=__doc__)
 Names = Annotated[list[str], typer.Argument(help="Names of mechanisms, or all.")]
 
 
+@cache
+def _read_problems() -> dict[str, dict[str, Any]]:
+    problems: dict[str, dict[str, Any]] = json.loads(PROBLEMS.read_text())
+    return problems
+
+
 def load_problem(name: str) -> dict[str, Any]:
-    """Return the problem of a mechanism."""
-    path = PROBLEMS / f"{name}.json"
-    if not path.exists():
+    """Return a copy of the problem of a mechanism."""
+    if name not in _read_problems():
         choices = ", ".join(all_names())
         raise typer.BadParameter(f"{name}: unknown mechanism; choose from {choices}.")
-    return json.loads(path.read_text())
+    return deepcopy(_read_problems()[name])
 
 
 def all_names() -> list[str]:
     """Return the names of all mechanisms."""
-    return sorted(path.stem for path in PROBLEMS.glob("*.json"))
+    return sorted(_read_problems())
+
+
+def checksum(problem: dict[str, Any]) -> str:
+    """Return the checksum of a problem, independent of the form of its file."""
+    text = json.dumps(problem, sort_keys=True)
+    return f"sha256:{hashlib.sha256(text.encode()).hexdigest()}"
 
 
 def expand(names: list[str]) -> list[str]:
@@ -167,22 +178,6 @@ def default_elements(tool: str, setting: str, name: str) -> int:
     return SETTINGS.get(tool, {}).get(setting, 8) * factor
 
 
-def hash_inputs(folder: str, elements: int, problem: dict[str, Any]) -> str:
-    """Return a hash of everything that determines a run, except the version of the tool."""
-    is_plain = folder.startswith("plain")
-    refinement = REFINEMENT.get(problem["name"], DEFAULT_REFINEMENT) if is_plain else None
-    inputs = json.dumps([folder, elements, refinement, problem], sort_keys=True)
-    return hashlib.sha256(inputs.encode()).hexdigest()[:16]
-
-
-def is_current(file: Path, elements: int) -> bool:
-    """Return True if a result in results/FOLDER/NAME.json has the present inputs."""
-    if not file.exists():
-        return False
-    inputs = hash_inputs(file.parent.name, elements, load_problem(file.stem))
-    return bool(json.loads(file.read_text()).get("inputs") == inputs)
-
-
 @app.command()
 def solve(
     tool: Annotated[str, typer.Argument(help="plain, beamdae, exudyn, casadi or scipy.")],
@@ -190,7 +185,6 @@ def solve(
     setting: Annotated[str, typer.Option(help="beamdae: Auto, Radau 1e-8, refine 0.01 ...")] = "",
     elements: Annotated[int, typer.Option(help="Elements per beam; 0: as in the table.")] = 0,
     results: Annotated[Path, typer.Option(help="Folder of results.")] = RESULTS,
-    resume: Annotated[bool, typer.Option(help="Keep results with the same inputs.")] = False,
 ) -> None:
     """Solve mechanisms with one tool and write results/TOOL_SETTING/NAME.csv and .json."""
     folder = results / folder_name(tool, setting)
@@ -198,7 +192,7 @@ def solve(
     for name in expand(names):
         problem, file = load_problem(name), folder / f"{name}.json"
         count = elements or default_elements(tool, setting, name)
-        if not applies(tool, setting, problem) or (resume and is_current(file, count)):
+        if not applies(tool, setting, problem):
             continue
         try:
             table, information = run_tool(tool, problem, setting, count)
@@ -208,7 +202,6 @@ def solve(
         file.with_suffix(".csv").unlink(missing_ok=True)
         if len(table):
             table.to_csv(file.with_suffix(".csv"), index=False, float_format="%.10g")
-        information["inputs"] = hash_inputs(folder.name, count, problem)
         file.write_text(json.dumps(information, indent=1) + "\n")
         cost = information.get("processor_time", float("nan"))
         typer.echo(f"{name}: {cost:.2f} s {information['reason']}"[:150])
@@ -218,7 +211,7 @@ def solve(
 def score(
     results: Annotated[Path, typer.Option(help="Folder TOOL/NAME.csv of results.")] = RESULTS,
 ) -> None:
-    """Score all results: scores.csv, scores.md, results.html and work_precision.png.
+    """Score all results: scores.csv and scores.md.
 
     Rows of scores.csv without a run in the folder are kept: runs are not part of the repository.
     """
@@ -233,10 +226,8 @@ def score(
         scores = pd.concat([stored, scores]).drop_duplicates(["tool", "mechanism"], keep="last")
     scores = scores.sort_values(["tool", "mechanism"])
     scores.to_csv(file, index=False, float_format="%.4g")
-    # The documents show the stored digits, with and without the runs.
+    # The table shows the stored digits, with and without the runs.
     scores = read_scores(file)
-    scorer.plot_work_precision(scores, results / "work_precision.png")
-    scorer.write_page(scores, results / "results.html")
     scorer.write_markdown(scores, results / "scores.md", FIRST)
     summary = scores.groupby("tool")["error"].agg(["count", "median", "max"])
     typer.echo(summary.to_string())
@@ -255,7 +246,7 @@ def read_confirmations() -> dict[str, Any]:
 def stored_code(name: str, tool: str) -> dict[str, Any] | None:
     """Return the stored entry of a confirming tool; None if the problem has changed since."""
     confirmation = read_confirmations().get(name)
-    if confirmation is None or confirmation["problem"] != documents.checksum(load_problem(name)):
+    if confirmation is None or confirmation["problem"] != checksum(load_problem(name)):
         return None
     codes: list[dict[str, Any]] = confirmation["codes"]
     return next((code for code in codes if code["tool"] == tool), None)
@@ -305,7 +296,7 @@ def write_reference(name: str, kept: Sequence[str] = ()) -> None:
     if best is not None:
         relative = max(relative, best[0])
     confirmation = {
-        "problem": documents.checksum(load_problem(name)),
+        "problem": checksum(load_problem(name)),
         "status": "confirmed" if best is not None and relative <= AGREEMENT else "open",
         "code": "plain",
         "elements": setting[0],
@@ -324,29 +315,11 @@ def write_reference(name: str, kept: Sequence[str] = ()) -> None:
     CONFIRMATIONS.write_text(json.dumps(confirmations, indent=1) + "\n")
 
 
-@app.command("documents")
-def write_documents(names: Names) -> None:
-    """Write description, drawing, data package and forms to documents/NAME/."""
-    scores = read_scores(RESULTS / "scores.csv").set_index(["tool", "mechanism"])
-    references = scorer.read_references(REFERENCES)
-    for name in expand(names):
-        problem, confirmation = load_problem(name), read_confirmations()[name]
-        folder = HERE / "documents" / name
-        folder.mkdir(parents=True, exist_ok=True)
-        documents.write(folder, problem, confirmation, references[name])
-        if name in documents.IFTOMM:
-            result = RESULTS / IFTOMM_RESULT / f"{name}.csv"
-            row = scores.loc[(IFTOMM_RESULT, name)].to_dict()
-            solution = references[name][0]
-            documents.write_iftomm(folder, problem, confirmation, solution, result, row)
-
-
 @app.command()
 def rebuild(
     names: Names,
     exudyn_python: Annotated[str, typer.Option(help="Python with exudyn.")] = sys.executable,
     workers: Annotated[int, typer.Option(help="Number of processes.")] = 2,
-    resume: Annotated[bool, typer.Option(help="Keep results with the same inputs.")] = False,
     without_exudyn: Annotated[
         bool, typer.Option("--without-exudyn", help="Keep the stored results of Exudyn.")
     ] = False,
@@ -357,7 +330,7 @@ def rebuild(
     commands = [
         [tool, name, "--setting", setting]
         for setting in SETTINGS["plain"]
-        for tool, name in [("plain", x) for x in sort_by_cost(chosen)]
+        for tool, name in [("plain", x) for x in chosen]
     ]
     commands += [
         [tool, *chosen, "--setting", setting]
@@ -365,12 +338,10 @@ def rebuild(
         if tool not in ("plain", *kept)
         for setting in SETTINGS[tool]
     ]
-    if resume:
-        commands = [x for x in commands if not all_current(x)]
     # A tool that cannot be imported would replace its stored results by failures.
     require_tools(dict.fromkeys(x[0] for x in commands), exudyn_python)
     with ThreadPoolExecutor(workers) as pool:
-        list(pool.map(lambda x: run_solve(x, exudyn_python, resume), commands))
+        list(pool.map(lambda x: run_solve(x, exudyn_python), commands))
     for name in chosen:
         write_reference(name, kept)
     score(RESULTS)
@@ -395,34 +366,12 @@ def require_tools(tools: Iterable[str], exudyn_python: str) -> None:
             raise typer.BadParameter(f"{tool}: cannot be imported ({failure}); {remedy}.")
 
 
-def all_current(arguments: list[str]) -> bool:
-    """Return True if all results of a command of `solve` have the present inputs."""
-    tool, *names, _, setting = arguments
-    return all(
-        is_current(
-            RESULTS / folder_name(tool, setting) / f"{name}.json",
-            default_elements(tool, setting, name),
-        )
-        for name in names
-        if applies(tool, setting, load_problem(name))
-    )
-
-
-def sort_by_cost(names: list[str]) -> list[str]:
-    """Return the names in descending order of the processor time of their last reference."""
-    files = [RESULTS / "plain_coarse" / f"{name}.json" for name in names]
-    costs = [
-        json.loads(x.read_text()).get("processor_time", 0.0) if x.exists() else 0.0 for x in files
-    ]
-    return [name for _, name in sorted(zip(costs, names, strict=True), reverse=True)]
-
-
-def run_solve(arguments: list[str], exudyn_python: str, resume: bool) -> None:
+def run_solve(arguments: list[str], exudyn_python: str) -> None:
     """Run `solve` in a process of its own, with one thread for linear algebra."""
     python = exudyn_python if arguments[0] == "exudyn" else sys.executable
     command = [python, str(HERE / "record.py"), "solve", *arguments]
     limits = {f"{x}_NUM_THREADS": "1" for x in ("OPENBLAS", "OMP", "MKL")}
-    subprocess.run(command + ["--resume"] * resume, check=False, env=os.environ | limits)
+    subprocess.run(command, check=False, env=os.environ | limits)
 
 
 @app.command()
@@ -464,9 +413,9 @@ def check(names: Iterable[str]) -> list[str]:
     for name in names:
         problem = load_problem(name)
         errors = jsonschema.Draft202012Validator(schema).iter_errors(problem)
-        messages += [f"problems/{name}.json: {error.message}" for error in errors]
-        if confirmations[name]["problem"] != documents.checksum(problem):
-            messages.append(f"problems/{name}.json: differs from the confirmed problem.")
+        messages += [f"problems.json, {name}: {error.message}" for error in errors]
+        if confirmations[name]["problem"] != checksum(problem):
+            messages.append(f"problems.json, {name}: differs from the confirmed problem.")
         reference, uncertainty = references[name]
         if pd.concat([reference, uncertainty]).isna().any(axis=None):
             messages.append(f"references.csv, {name}: a value or an uncertainty is missing.")

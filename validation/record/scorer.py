@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -127,106 +126,6 @@ def score_all(references: Mapping[str, Reference], results: Path) -> pd.DataFram
         if file.suffix in (".csv", ".json") and file.stem in references
     }
     return pd.DataFrame([score_result(references[x.stem], x) for x in sorted(files)])
-
-
-def plot_work_precision(scores: pd.DataFrame, path: Path) -> None:
-    """Write a picture of error over processor time, one panel per mechanism."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-    from matplotlib.ticker import NullFormatter
-
-    names = sorted(scores["mechanism"].unique())
-    columns = min(4, len(names))
-    rows = -(-len(names) // columns)
-    figure, axes = plt.subplots(
-        rows, columns, figsize=(3.2 * columns, 2.6 * rows), squeeze=False, layout="constrained"
-    )
-    tools = sorted(scores["tool"].unique())
-    markers = "os^vD<>Pp*Xhd8"
-    handles = {}
-    for axis, name in zip(axes.flat, names, strict=False):
-        part = scores[scores["mechanism"] == name]
-        for k, tool in enumerate(tools):
-            points = part[(part["tool"] == tool) & part["error"].notna()]
-            handle = axis.plot(
-                points["processor_time"],
-                points["error"].clip(lower=1e-12),
-                markers[k % len(markers)],
-                color=f"C{k % 10}",
-                label=tool,
-            )[0]
-            handles[tool] = handle
-        axis.axhline(part["uncertainty"].max(), color="0.6", linewidth=0.8, linestyle=":")
-        axis.set(xscale="log", yscale="log")
-        axis.set_title(name, fontsize=8)
-        axis.tick_params(labelsize=6)
-        for part_axis in (axis.xaxis, axis.yaxis):
-            part_axis.set_minor_formatter(NullFormatter())
-        axis.grid(alpha=0.3)
-    for axis in axes.flat[len(names) :]:
-        axis.set_axis_off()
-    figure.suptitle(
-        "Largest error / half range over processor time [s] (dotted: uncertainty of the reference)",
-        fontsize=10,
-    )
-    figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=4, fontsize=8)
-    figure.savefig(path, dpi=110)
-    plt.close(figure)
-
-
-_PAGE = """<!doctype html>
-<html lang="en"><head><meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<title>Benchmark of record: results</title>
-<style>
-:root {{ color-scheme: light dark; }}
-body {{ font: 15px/1.5 system-ui, sans-serif; margin: 1.5rem auto; max-width: 75rem; }}
-body {{ padding: 0 1rem; }}
-div {{ overflow-x: auto; }}
-table {{ border-collapse: collapse; font-variant-numeric: tabular-nums; }}
-th, td {{ border-bottom: 1px solid #8886; padding: .25rem .6rem; text-align: right; }}
-th:first-child, td:first-child {{ text-align: left; position: sticky; left: 0; }}
-th:first-child, td:first-child {{ background: Canvas; }}
-.failed {{ color: #c33; }} .close {{ color: #2a8a4a; }}
-</style></head><body>
-<h1>Benchmark of record: results</h1>
-<p>Each cell lists the largest error of all columns relative to half their range, and the processor
-time [s]. Green: at most twice the uncertainty of the reference or 1e-4. Failed runs are red; the
-reason is the tooltip.</p>
-<div><table><thead><tr><th>mechanism</th><th>uncertainty</th>{head}</tr></thead>
-<tbody>
-{body}
-</tbody></table></div>
-</body></html>
-"""
-
-
-def write_page(scores: pd.DataFrame, path: Path) -> None:
-    """Write one HTML table of mechanisms and tools."""
-    tools = sorted(scores["tool"].unique())
-    lines = []
-    for name, part in scores.groupby("mechanism"):
-        cells = [f"<td>{html.escape(str(name))}</td><td>{part['uncertainty'].max():.0e}</td>"]
-        for tool in tools:
-            rows = part[part["tool"] == tool]
-            if rows.empty:
-                cells.append("<td></td>")
-                continue
-            row = rows.iloc[0]
-            if np.isnan(row["error"]):
-                reason = html.escape(str(row["reason"]), quote=True)
-                cells.append(f'<td class="failed" title="{reason}">failed</td>')
-                continue
-            close = row["error"] <= max(2.0 * row["uncertainty"], 1e-4)
-            kind = "failed" if not row["success"] else "close" if close else ""
-            reason = html.escape(str(row["reason"]), quote=True)
-            cost = "" if np.isnan(row["processor_time"]) else f" / {row['processor_time']:.2f}"
-            cells.append(f'<td class="{kind}" title="{reason}">{row["error"]:.1e}{cost}</td>')
-        lines.append(f"<tr>{''.join(cells)}</tr>")
-    head = "".join(f"<th>{html.escape(tool)}</th>" for tool in tools)
-    path.write_text(_PAGE.format(head=head, body="\n".join(lines)), encoding="utf-8")
 
 
 def write_markdown(scores: pd.DataFrame, path: Path, first: Sequence[str] = ()) -> None:

@@ -1,25 +1,87 @@
 """Random mechanisms from the whole catalog: a chain, ball or slider with one to three additions.
 
-Bars and beams are those of `tolerances.random_mechanisms`. An addition is a contact, a force, a
-joint, a driven or rolling body, or an event, sampled from `ADDITIONS`. All parts are sampled so
-that the mechanism can be assembled. To extend: add a function to `ADDITIONS`.
+An addition is a contact, a force, a joint, a driven or rolling body, or an event, sampled from
+`ADDITIONS`. All parts are sampled so that the mechanism can be assembled. To extend: add a function
+to `ADDITIONS`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from tolerances.mechanisms import GRAVITY, PAPER
-from tolerances.random_mechanisms import BodyParameters, sample_body, sample_law
+from tolerances.mechanisms import ALLOY, GRAVITY, PAPER, STEEL
 
 import beamdae as bd
 
 Rng = np.random.Generator
 _RIGID_SHARE, _EXACT_SHARE = 0.6, 0.45  # of the bodies of a chain, and of their beams
 _BASES = ("chain", "chain", "chain", "ball", "slider")
+# Largest static deflection over length, of a level cantilever under its weight and of a beam under
+# the load: the strains are valid for moderate deflections.
+MAX_BENDING = 0.1
+GRAVITATIONAL_ACCELERATION = -GRAVITY[1]  # [m/s^2]
+
+
+@dataclass(frozen=True)
+class BodyParameters:
+    """Sampled parameters of one body; `bend` is the subtended angle of its axis [rad]."""
+
+    rigid: bool
+    material: bd.Material
+    width: float
+    height: float
+    length: float
+    bend: float
+    damping: float
+    turn: float
+    tip_mass: float
+
+    @property
+    def section(self) -> bd.Section:
+        """Cross-section, also of rigid bars."""
+        return bd.Section.rectangle(self.material, self.width, self.height, self.damping)
+
+    @property
+    def mass(self) -> float:
+        """Mass of the body and its tip mass [kg]."""
+        return self.section.rhoA * self.length + self.tip_mass
+
+
+def sample_body(rng: np.random.Generator, rigid: bool, height: float) -> BodyParameters:
+    """Sample a bar or beam of about the given height, up to 1 m long as its stiffness allows."""
+    material = (STEEL, ALLOY)[rng.integers(2)]
+    height = float(np.clip(height * 10.0 ** rng.uniform(-0.3, 0.3), 5e-4, 2e-2))
+    stiffness = material.E * height**2 / (1.5 * material.rho * GRAVITATIONAL_ACCELERATION)
+    length = rng.uniform(0.3, 1.0) * min((MAX_BENDING * stiffness) ** (1.0 / 3.0), 1.0)
+    bend = rng.choice([0.0, rng.uniform(0.2, 1.2), -rng.uniform(0.2, 1.2)])
+    light, heavy = 10.0 ** rng.uniform(-6.0, -5.0), 10.0 ** rng.uniform(-4.0, -3.0)
+    damping = rng.choice([0.0, light, heavy])
+    body = BodyParameters(
+        rigid=rigid,
+        material=material,
+        width=rng.uniform(0.01, 0.04),
+        height=height,
+        length=length,
+        bend=0.0 if rigid else float(bend),
+        damping=0.0 if rigid else float(damping),
+        turn=rng.uniform(-1.5, 1.5),
+        tip_mass=0.0,
+    )
+    has_tip_mass = rng.random() < 0.4
+    return replace(body, tip_mass=has_tip_mass * rng.uniform(0.1, 2.0) * body.mass)
+
+
+def sample_law(rng: np.random.Generator, size: float, t_end: float) -> Any:
+    """Sample a constant, a sine or a step of the given size."""
+    kind = rng.integers(3)
+    if kind == 0:
+        return size
+    if kind == 1:
+        return bd.sine(size, 10.0 ** rng.uniform(-0.3, 1.0))
+    return bd.piecewise((rng.uniform(0.1, 0.7) * t_end, 0.0), size)
 
 
 @dataclass

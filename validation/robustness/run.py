@@ -5,7 +5,7 @@ python validation/robustness/run.py --quick         a seeded sample of each (und
 python validation/robustness/run.py --all           every bad input, too
 python validation/robustness/run.py --only faults   one class; may be repeated
 
-Tables of normal runs are written to results/. The exit code is 1 if an outcome is not right.
+The exit code is 1 if an outcome is not right.
 """
 
 from __future__ import annotations
@@ -23,10 +23,14 @@ sys.path[:0] = [str(ROOT), str(ROOT / "validation"), str(ROOT / "tests")]
 import pandas as pd
 
 from robustness import isolation
-from robustness.classes import CLASSES, load_class
-from robustness.trial_class import ClassCounts, TrialClass, count_outcomes
+from robustness.trial_class import (
+    CLASSES,
+    ClassCounts,
+    TrialClass,
+    count_outcomes,
+    load_class,
+)
 
-RESULTS = Path(__file__).parent / "results"
 _MAX_PRINTED_LENGTH = 160  # characters of a cell
 _COUNTS = "{:<16}{:>8}{:>8}{:>9}{:>10}{:>11}{:>9}"
 
@@ -83,10 +87,6 @@ def main() -> None:
         counts.append(count_outcomes(name, rows, time.perf_counter() - begin))
         if not rows.empty:
             print_rest(name, rows)
-        if not (options.quick or options.match or rows.empty):
-            RESULTS.mkdir(exist_ok=True)
-            table = trial_class.tabulate(rows) if trial_class.tabulate else rows
-            table.to_csv(RESULTS / f"{name}.csv", index=False, float_format="%.3g")
     print_counts(counts)
     sys.exit(1 if any(c.not_right for c in counts) else 0)
 

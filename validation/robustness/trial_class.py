@@ -1,6 +1,7 @@
-"""A class of trials: its trials by name, the function that tries one, and the sizes of samples.
+"""Classes of trials: their trials by name, the function that tries one, and the sizes of samples.
 
-Registered classes are listed in `classes.py`; `run.py` runs all of them and prints one table.
+`run.py` runs all of `CLASSES` and prints one table. To add a class, write a module with a
+`TrialClass` and add its place to `CLASSES`.
 """
 
 from __future__ import annotations
@@ -8,11 +9,19 @@ from __future__ import annotations
 import random
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
+from importlib import import_module
 from typing import Any
 
 import pandas as pd
 
 SKIPPED, HOPELESS = "skipped", "hopeless"
+CLASSES = {
+    "inputs": "robustness.inputs.catalog:TRIALS",
+    "mechanisms": "robustness.mechanisms:TRIALS",
+    "faults": "robustness.faults.catalog:TRIALS",
+    "interrupts": "robustness.interrupts:TRIALS",
+    "files": "robustness.files.catalog:TRIALS",
+}
 
 
 @dataclass(frozen=True)
@@ -48,8 +57,6 @@ class TrialClass:
         two cores.
     draw
         Function (names, size, seed) -> names of a sample. Defaults to a random sample.
-    tabulate
-        Function that returns the table for results/ from all rows. Defaults to the rows.
     hopeless
         Function name -> reason why no program could answer this trial correctly, or "".
     """
@@ -61,7 +68,6 @@ class TrialClass:
     quick_size: int
     size: int | None = None
     draw: Callable[[Sequence[str], int, int], Sequence[str]] | None = None
-    tabulate: Callable[[pd.DataFrame], pd.DataFrame] | None = None
     hopeless: Callable[[str], str] | None = None
 
     def sample(self, size: int | None, seed: int, match: str = "") -> list[str]:
@@ -119,3 +125,11 @@ def count_outcomes(name: str, rows: pd.DataFrame, seconds: float) -> ClassCounts
     ended = rows["ended"].fillna("").where(~wrong, "")
     skipped, hopeless = (int(ended.str.startswith(x).sum()) for x in (SKIPPED, HOPELESS))
     return ClassCounts(name, len(rows), skipped, hopeless, int(wrong.sum()), seconds)
+
+
+def load_class(name: str) -> TrialClass:
+    """Import and return a registered class."""
+    module, _, attribute = CLASSES[name].partition(":")
+    trial_class = getattr(import_module(module), attribute)
+    assert trial_class.name == name, f"{CLASSES[name]} has another name than {name}"
+    return trial_class

@@ -105,7 +105,6 @@ LOOPS = (
     replace(
         _case("double_four_bar", mechanisms.double_four_bar, TOPS, 2.0),
         exact=mechanisms.double_four_bar_motion,
-        singular=True,
     ),
 )
 
@@ -663,7 +662,6 @@ LUMPED = (
     replace(
         _new_case("double_four_bar_long", mechanisms.double_four_bar, 10.0, ", ".join(TOPS)),
         exact=mechanisms.double_four_bar_motion,
-        singular=True,
     ),
 )
 NEW = (*FLEXIBLE, *LUMPED)

@@ -53,8 +53,6 @@ class ToleranceCase:
         Published values of columns at the end.
     small
         True if the modes of the linearized equations represent the motion.
-    singular
-        True if the motion passes a position with dependent constraints.
     """
 
     name: str
@@ -68,7 +66,6 @@ class ToleranceCase:
     exact: Callable[[np.ndarray], np.ndarray] | None = None
     published: dict[str, float] | None = None
     small: bool = False
-    singular: bool = False
     beams: tuple[str, ...] = ()
     deflections: tuple[str, ...] = ()
     rates: tuple[str, ...] = ()

@@ -1,5 +1,4 @@
-"""Faults of the environment: damaged files, full disks, signals, dying processes.
+"""Faults of the environment: full disks, limits of users, dying processes.
 
-Each theme module lists its faults in FAULTS and SLOW; the docstring of a fault states the required
-behavior. To extend: add a fault to the module of its theme, or a theme to `catalog.THEMES`.
+`catalog.py` lists them in FAULTS and SLOW; the docstring of a fault states the required behavior.
 """

@@ -7,20 +7,17 @@ import shutil
 import signal
 import subprocess
 import sys
-import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
-from functools import cache
 from pathlib import Path
 from typing import Any
 
-from robustness.judge import find_complaint, outcome_of_command, remove_progress
+from robustness.judge import find_complaint, outcome_of_command
 
 _MAX_TAIL_LENGTH = 200  # characters of standard error in a complaint
 _MAX_OUTPUT_TAIL_LENGTH = 100  # characters of standard output in a complaint
-_POLL_INTERVAL = 0.02  # s
 ROOT = Path(__file__).parents[3]
 
 MODEL = """import numpy as np
@@ -68,11 +65,6 @@ class CommandResult:
     out: str
     err: str
     seconds: float
-
-    @property
-    def messages(self) -> str:
-        """Standard error without lines of progress."""
-        return remove_progress(self.err)
 
     @property
     def error_tail(self) -> str:
@@ -154,18 +146,6 @@ class Bench:
         return sorted(path.name for path in self.folder.glob(pattern))
 
 
-@cache
-def _prepared_folder(prepare: Callable[[Bench], None]) -> tempfile.TemporaryDirectory[str]:
-    folder = tempfile.TemporaryDirectory(prefix="robustness-prepared-")
-    prepare(Bench(Path(folder.name)))
-    return folder
-
-
-def copy_prepared(bench: Bench, prepare: Callable[[Bench], None]) -> None:
-    """Copy what `prepare` writes, once a process, into the folder of the bench."""
-    shutil.copytree(_prepared_folder(prepare).name, bench.folder, dirs_exist_ok=True)
-
-
 def expect_code(result: CommandResult, *codes: int) -> None:
     """Check the exit code."""
     tail = result.error_tail or result.out[-_MAX_OUTPUT_TAIL_LENGTH:]
@@ -215,11 +195,3 @@ def mount_small_disk(folder: Path, kilobytes: int) -> Iterator[None]:
         yield
     finally:
         subprocess.run(["umount", "-l", str(folder)], check=False)
-
-
-def wait_for(condition: Callable[[], Any], time_limit: float = 30.0) -> None:
-    """Wait until the condition is true, at most `time_limit` [s]."""
-    end = time.perf_counter() + time_limit
-    while not condition():
-        expect(time.perf_counter() < end, f"the condition was not met within {time_limit:g} s")
-        time.sleep(_POLL_INTERVAL)

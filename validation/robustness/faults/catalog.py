@@ -1,34 +1,353 @@
-"""Catalog of all faults, and the trial of a single fault."""
+"""Faults of the machine: killed processes, limits of users, full disks, missing folders.
+
+Closed streams, signals, locales, damaged records and caches, changed sources and lost clusters have
+tests (`tests/cli`, `tests/studies`, `tests/native`).
+"""
 
 from __future__ import annotations
 
+import json
+import os
+import shutil
 import signal
+import subprocess
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from pathlib import Path
 
-from robustness.faults import (
-    cache,
-    case_failures,
-    changed_studies,
-    damaged_studies,
-    infrastructure,
-    output,
-    runs,
+import pandas as pd
+
+from robustness.faults.bench import (
+    LONG_MODEL,
+    MODEL,
+    Bench,
+    CommandResult,
+    UnsupportedMachineError,
+    WrongBehaviorError,
+    drop_privileges,
+    expect,
+    expect_code,
+    expect_exit,
+    expect_no_traceback,
+    mount_small_disk,
 )
-from robustness.faults.bench import Bench, UnsupportedMachineError, WrongBehaviorError
 from robustness.isolation import ScratchFolder
 from robustness.trial_class import TrialClass, draw_sample
 
-THEMES = {
-    "cache": cache,
-    "case failures": case_failures,
-    "output": output,
-    "runs": runs,
-    "changed studies": changed_studies,
-    "damaged studies": damaged_studies,
-    "infrastructure": infrastructure,
-}
+SWING = """import os, sys, time
+
+import beamdae as bd
+
+
+@bd.model(t_end=0.05)
+def swing(mass=1.0):
+    # more
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    bob = mech.add(bd.RigidBody("bob", mass, 0.1, (1.0, 0.0)))
+    mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), bob.at(0.0, 0.0)))
+    mech.observe("bob", bob.at(1.0, 0.0))
+    return mech
+"""
+STUDY_TIME_LIMIT = 100.0  # s
+_SWEEP = ("sweep", "model.py", "--over", "mass=1:6:6", "--jobs", "2")
+_RUN = ("run", "model.py", "--no-estimate")
+_KILLS, _QUICK_KILLS = 20, 3
+_ORPHAN_TIME_LIMIT = 10.0  # s; a worker that imports modules notices the end of its parent late
+_PROCESSES = {4: 1, 8: 1, 48: 0}  # number of warnings by the limit
+_USER = 12345  # user and group id without any other process
+_BUSY_SECONDS = 0.3  # duration of a case without machine code and sleep
+_TABLE_LINES = 1002  # of a complete run: header and 1001 rows
+
+
+def _write_model(bench: Bench, body: str = "pass") -> None:
+    bench.write("model.py", SWING.replace("# more", body))
+    bench.env["ROBUSTNESS"] = bench.folder.name
+
+
+def _busy_body(seconds: float = _BUSY_SECONDS) -> str:
+    """Return statements that compute for so long without waiting."""
+    return f"end = time.monotonic() + {seconds}\n    while time.monotonic() < end: pass"
+
+
+def _find_processes(bench: Bench) -> list[int]:
+    """Return the processes of the bench, in any process group."""
+    mark = f"ROBUSTNESS={bench.folder.name}".encode()
+    found = []
+    for path in Path("/proc").glob("[0-9]*/environ"):
+        with suppress(OSError):
+            if mark in path.read_bytes().split(b"\0"):
+                found.append(int(path.parent.name))
+    return found
+
+
+def _kill_process(process: subprocess.Popen[str]) -> None:
+    """Kill a process without waiting for its pipes, which orphans would keep open."""
+    process.kill()
+    process.wait()
+    for stream in (process.stdout, process.stderr):
+        if stream is not None:
+            stream.close()
+
+
+def _kill(bench: Bench, command: tuple[str, ...], seconds: float) -> None:
+    """Kill a command after so many seconds, and check that no process continues."""
+    process = bench.start(bench.command(*command))
+    with suppress(subprocess.TimeoutExpired):
+        process.wait(seconds)
+    _kill_process(process)
+    end = time.perf_counter() + _ORPHAN_TIME_LIMIT
+    while (orphans := _find_processes(bench)) and time.perf_counter() < end:
+        time.sleep(0.05)
+    for orphan in orphans:
+        with suppress(ProcessLookupError):
+            os.kill(orphan, signal.SIGKILL)
+    expect(not orphans, f"{len(orphans)} processes continue without their command")
+    scratch = list(bench.folder.glob("results/*/cases.csv"))
+    expect(all(path.read_text().endswith("\n") for path in scratch), "half a table remains")
+
+
+def _kill_often(bench: Bench, command: tuple[str, ...], kills: int) -> None:
+    """Kill a command at instants over its whole duration, then check that it completes."""
+    if not Path("/proc/self/environ").exists():
+        raise UnsupportedMachineError("no /proc to find processes in")
+    _write_model(bench, _busy_body())
+    complete = expect_exit(bench.run(*command, time_limit=STUDY_TIME_LIMIT), 0)
+    shutil.rmtree(bench.folder / "results")
+    for k in range(kills):
+        _kill(bench, command, complete.seconds * (k + 0.5) / kills)
+        if k % 4 == 3:
+            # Otherwise later commands would find all their cases stored.
+            shutil.rmtree(bench.folder / "results", ignore_errors=True)
+    expect_exit(bench.run(*command, time_limit=STUDY_TIME_LIMIT), 0)
+    leftover = [x.name for x in bench.folder.rglob("*") if x.suffix in (".scratch", ".lock")]
+    expect(not leftover, f"files of killed processes remain: {leftover[:3]}")
+    for path in bench.folder.glob("results/*/cases.csv"):
+        expect((pd.read_csv(path)["status"] == "ok").all(), "not all cases ended")
+
+
+def sweep_killed_in_a_case(bench: Bench) -> None:
+    """SIGKILL of a sweep leaves no process and no damaged file, and a restart completes it."""
+    _kill_often(bench, _SWEEP, _QUICK_KILLS)
+
+
+def sweep_killed_20_times(bench: Bench) -> None:
+    """The same for 20 instants over the whole sweep."""
+    _kill_often(bench, _SWEEP, _KILLS)
+
+
+def run_killed_20_times(bench: Bench) -> None:
+    """SIGKILL of a run at 20 instants leaves no process and no damaged file."""
+    _kill_often(bench, _RUN, _KILLS)
+
+
+def _expect_all_cases(bench: Bench, result: CommandResult, count: int = 6) -> None:
+    # Standard error is not judged: without threads, memory allocators print messages, too.
+    expect_code(expect_no_traceback(result), 0)
+    (path,) = bench.folder.glob("results/*/sweep.csv")
+    table = pd.read_csv(path)
+    expect(len(table) == count, f"{len(table)} of {count} rows")
+    expect((table["status"] == "ok").all(), "not all cases ended")
+
+
+def few_processes(bench: Bench) -> None:
+    """With 4 or 8 processes and threads a sweep uses fewer processes, with one warning."""
+    if os.geteuid() != 0 or shutil.which("setpriv") is None:
+        raise UnsupportedMachineError("only root can start a process of a user without others")
+    _write_model(bench)
+    os.chown(bench.folder, _USER, _USER)
+    for folder in bench.folder.parents:
+        if folder.name.startswith("robustness-"):
+            folder.chmod(0o711)
+    # These capabilities only let the other user read Python.
+    rights = "+dac_override,+dac_read_search"
+    other = f"--reuid={_USER} --regid={_USER} --clear-groups"
+    user = f"setpriv {other} --inh-caps={rights} --ambient-caps={rights}"
+    bench.env |= {"HOME": str(bench.folder), "BEAMDAE_NATIVE": "off"}
+    bench.env.pop("XDG_CACHE_HOME", None)
+    for limit, warnings in _PROCESSES.items():
+        shutil.rmtree(bench.folder / "results", ignore_errors=True)
+        sweep = " ".join((*_SWEEP[:-1], "8"))
+        line = f"{user} bash -c 'ulimit -u {limit}; BEAMDAE {sweep}'"
+        result = bench.run_in_shell(line, STUDY_TIME_LIMIT)
+        _expect_all_cases(bench, result)
+        count = result.err.count("processes can be started")
+        expect(count == warnings, f"{count} warnings in place of {warnings}")
+
+
+def full_disk_of_a_sweep(bench: Bench) -> None:
+    """A sweep on a full disk ends with a message; with more space it resumes."""
+    _write_model(bench)
+    with mount_small_disk(bench.folder / "results", 100):
+        expect_exit(bench.run(*_SWEEP, time_limit=STUDY_TIME_LIMIT), 1, 2)
+    _expect_all_cases(bench, bench.run(*_SWEEP, time_limit=STUDY_TIME_LIMIT))
+
+
+def limit_of_file_sizes(bench: Bench) -> None:
+    """A sweep whose files exceed `ulimit -f` ends with a message, after one on the core."""
+    _write_model(bench)
+    line = f"ulimit -f 4; BEAMDAE {' '.join(_SWEEP)}"
+    result = expect_no_traceback(bench.run_in_shell(line, STUDY_TIME_LIMIT))
+    expect(result.code in (1, 2), f"exit code {result.code}")
+    expect("cannot be written" in result.err, result.error_tail)
+
+
+def sweep_without_home(bench: Bench) -> None:
+    """A sweep works without HOME and without a cache; the warning is the same as of a run."""
+    _write_model(bench)
+    bench.env |= {"HOME": "/proc/nowhere"}
+    bench.env.pop("XDG_CACHE_HOME", None)
+    messages = []
+    for command in (_RUN, _SWEEP):
+        result = expect_exit(bench.run(*command, time_limit=STUDY_TIME_LIMIT), 0)
+        messages.append([x for x in result.err.splitlines() if x.startswith("warning: ")])
+    expect(len(messages[0]) == 1, f"{len(messages[0])} warnings of a run")
+    expect(messages[0] == messages[1], f"the warnings of a sweep are {messages[1]}")
+
+
+def read_only_results_folder(bench: Bench) -> None:
+    """A read-only folder is a usage error, reported before the run."""
+    locked = bench.folder / "locked"
+    locked.mkdir()
+    locked.chmod(0o555)
+    command = bench.command("run", "model.py", "--out", "locked")
+    expect_exit(bench.finish(bench.start(drop_privileges(command))), 2)
+
+
+def table_is_a_folder(bench: Bench) -> None:
+    """A folder with the name of the table is reported."""
+    (bench.folder / "results" / "arm.csv").mkdir(parents=True)
+    expect_exit(bench.run("run", "model.py", "--no-estimate"), 1, 2)
+
+
+def picture_is_a_folder(bench: Bench) -> None:
+    """A folder with the name of the picture is reported, and the table is kept."""
+    (bench.folder / "results" / "arm.png").mkdir(parents=True)
+    result = expect_exit(bench.run("run", "model.py", "--no-estimate"), 1, 2)
+    expect(result.code == 2 or bool(bench.table_text), "no table was written")
+
+
+def full_disk(bench: Bench) -> None:
+    """A full disk is reported, and no truncated table remains."""
+    with mount_small_disk(bench.folder / "disk", 16):
+        expect_exit(bench.run("run", "model.py", "--quiet", "--out", "disk"), 1, 2)
+        table = bench.folder / "disk" / "arm.csv"
+        whole = not table.exists() or table.read_text().endswith("\n")
+        expect(whole, "half a table stays under its name")
+
+
+def names_that_lead_out_of_the_folder(bench: Bench) -> None:
+    """Parameter values cannot place files outside the results folder."""
+    more = ("--set", "label=../../../escaped", "--workers", "2")
+    expect_exit(bench.run("compare", "model.py", *more, time_limit=STUDY_TIME_LIMIT), 0, 1)
+    expect(not list(bench.folder.parent.glob("*escaped*")), "files were written elsewhere")
+    expect(
+        bench.list_files("*") == ["model.py", "results"], f"files beside: {bench.list_files('*')}"
+    )
+
+
+def _run_in_memory(
+    bench: Bench, arguments: str, gigabytes: float, time_limit: float = 60.0
+) -> CommandResult:
+    kilobytes = int(gigabytes * 1e6)
+    return bench.run_in_shell(f"ulimit -v {kilobytes}; BEAMDAE {arguments}", time_limit=time_limit)
+
+
+def memory_limit_in_the_model(bench: Bench) -> None:
+    """A model that allocates more memory than available is reported."""
+    bench.write("model.py", MODEL.replace("# more", "np.ones(10**10)"))
+    expect_exit(_run_in_memory(bench, "run model.py", 4.0), 1, 2)
+
+
+def memory_limit_in_the_run(bench: Bench) -> None:
+    """Rows that do not fit in memory are reported."""
+    more = "--integrator generalized-alpha --step 1e-8 --output-step 2e-9 --t-end 0.02"
+    expect_exit(
+        _run_in_memory(bench, f"run model.py {more} --no-estimate --time-limit 20", 2.0), 0, 1, 2
+    )
+
+
+def ten_million_elements(bench: Bench) -> None:
+    """A mesh that is too large is reported within a minute."""
+    result = _run_in_memory(
+        bench, "run model.py --set elements=10000000 --no-estimate", 4.0, time_limit=60.0
+    )
+    expect_exit(result, 1, 2)
+
+
+def ten_thousand_elements(bench: Bench) -> None:
+    """Ida on 10 000 elements in 4 GB ends with a result or a message."""
+    more = "--set elements=10000 --integrator ida --no-estimate --t-end 1e-4 --time-limit 60"
+    expect_exit(_run_in_memory(bench, f"run model.py {more}", 4.0, time_limit=240.0), 0, 1, 2)
+
+
+def time_limit_of_a_build(bench: Bench) -> None:
+    """--time-limit also applies to a run whose equations alone take longer to build."""
+    arguments = ("run", "model.py", "--set", "elements=200000", "--time-limit", "2")
+    expect_exit(bench.run(*arguments, time_limit=60.0), 1, 2)
+
+
+def nonexistent_tmpdir(bench: Bench) -> None:
+    """A run works with a TMPDIR that does not exist."""
+    bench.env |= {"TMPDIR": "/proc/nowhere"}
+    bench.run_model()
+
+
+def working_folder_deleted(bench: Bench) -> None:
+    """A deleted working folder is reported."""
+    line = f"mkdir gone; cd gone; rmdir ../gone; BEAMDAE run {bench.folder}/model.py --no-estimate"
+    expect_exit(bench.run_in_shell(line), 1, 2)
+
+
+def results_folder_deleted(bench: Bench) -> None:
+    """A results folder that is deleted during the run is created again."""
+    bench.write("model.py", LONG_MODEL)
+    (bench.folder / "results").mkdir()
+    settings = ("--integrator", "ida", "--t-end", "20", "--no-estimate")
+    process = bench.start(bench.command("run", "model.py", "--output-step", "1", *settings))
+    # The rows are written at the end of the run, long after the deletion.
+    time.sleep(2.0)
+    shutil.rmtree(bench.folder / "results")
+    expect_exit(bench.finish(process), 0)
+
+
+def two_runs_in_one_folder(bench: Bench) -> None:
+    """Two runs into one folder leave complete files."""
+    command = bench.command("run", "model.py", "--no-estimate")
+    processes = [bench.start(command) for _ in range(2)]
+    for result in [bench.finish(process) for process in processes]:
+        expect_exit(result, 0)
+    json.loads((bench.folder / "results" / "arm.json").read_text())
+    expect(bench.table_text.count("\n") == _TABLE_LINES, "the table is incomplete")
+
+
+FAULTS = (
+    sweep_killed_in_a_case,
+    few_processes,
+    full_disk_of_a_sweep,
+    limit_of_file_sizes,
+    sweep_without_home,
+    read_only_results_folder,
+    table_is_a_folder,
+    picture_is_a_folder,
+    full_disk,
+    names_that_lead_out_of_the_folder,
+    memory_limit_in_the_model,
+    memory_limit_in_the_run,
+    nonexistent_tmpdir,
+    working_folder_deleted,
+    results_folder_deleted,
+    two_runs_in_one_folder,
+)
+SLOW = (
+    sweep_killed_20_times,
+    run_killed_20_times,
+    ten_million_elements,
+    ten_thousand_elements,
+    time_limit_of_a_build,
+)
+
 FAULT_TIME_LIMIT = 600.0  # s
 QUICK_FAULT_COUNT = 6
 
@@ -45,12 +364,9 @@ class FaultRow:
 
 
 def collect_faults(slow: bool = True) -> dict[str, Callable[[Bench], None]]:
-    """Return every fault by theme and name; its docstring states the right behavior."""
-    return {
-        f"{theme}: {fault.__name__.replace('_', ' ')}": fault
-        for theme, module in THEMES.items()
-        for fault in (*module.FAULTS, *(module.SLOW if slow else ()))
-    }
+    """Return every fault by name; its docstring states the right behavior."""
+    faults = (*FAULTS, *(SLOW if slow else ()))
+    return {fault.__name__.replace("_", " "): fault for fault in faults}
 
 
 def try_fault(name: str) -> FaultRow:

@@ -7,8 +7,6 @@ import time
 import warnings
 from dataclasses import dataclass
 
-import pandas as pd
-
 from beamdae.errors import BeamdaeError, BeamdaeWarning, KernelWarning
 from robustness import judge
 from robustness.files.kinds import KINDS
@@ -42,13 +40,6 @@ def list_files(count: int = FILE_COUNT) -> list[str]:
     ]
 
 
-def tabulate_outcomes(table: pd.DataFrame) -> pd.DataFrame:
-    """Return the numbers of files by kind and change (rows) and by outcome (columns)."""
-    ended = table["ended"].where(table["complaint"] == "", "not right")
-    kinds = [table["kind"], table["change"]]
-    return pd.crosstab(kinds, ended, margins=True, margins_name="all").reset_index()
-
-
 def try_file(name: str) -> FileRow:
     """Write, read and use a hostile file."""
     kind, change, _ = name.split(": ")
@@ -79,5 +70,4 @@ TRIALS = TrialClass(
     attempt=try_file,
     time_limit=FILE_TIME_LIMIT,
     quick_size=SAMPLE_SIZE,
-    tabulate=tabulate_outcomes,
 )

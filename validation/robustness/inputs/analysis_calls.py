@@ -10,6 +10,7 @@ from typing import Any
 import casadi as ca
 
 import beamdae as bd
+from robustness.handed_out import shaken
 from robustness.inputs.sandbox import (
     KNEE,
     OUTPUT_STEP,
@@ -20,7 +21,6 @@ from robustness.inputs.sandbox import (
     return_result,
     write_two_folders_down,
 )
-from robustness.writes import shaken
 
 
 def _spinning_disk(sandbox: Sandbox) -> bd.Mechanism:

@@ -13,8 +13,6 @@ from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
-
 import beamdae as bd
 from beamdae import catalog
 from robustness.inputs.analysis_calls import (
@@ -46,8 +44,8 @@ from robustness.inputs.run_calls import (
 )
 from robustness.inputs.sandbox import Sandbox, WorkingCall
 from robustness.inputs.situations import situation_inputs
-from robustness.judge import ACCEPTED_ENDS, TrialOutcome, escape_unprintable
-from robustness.trial_class import HOPELESS, TrialClass, draw_sample
+from robustness.judge import TrialOutcome, escape_unprintable
+from robustness.trial_class import TrialClass, draw_sample
 
 WORKING_CALLS: dict[str, WorkingCall] = (
     PART_CALLS
@@ -264,24 +262,6 @@ def _draw_inputs(names: Sequence[str], size: int, seed: int) -> list[str]:
     return first + draw_sample(rest, size - len(first), seed)
 
 
-def count_by_place(rows: pd.DataFrame) -> pd.DataFrame:
-    """Count rows of each place by outcome; each complaint gets a row with an example."""
-    table: list[dict[str, Any]] = []
-    ends = (*ACCEPTED_ENDS, HOPELESS)
-    for place, group in rows.groupby("place", sort=False):
-        ended = group["ended"].str.partition(":")[0].where(group["complaint"] == "", "not right")
-        counts = {kind: int((ended == kind).sum()) for kind in ends}
-        wrong = group[group["complaint"] != ""]
-        table.append({"place": place, "inputs": len(group), **counts, "not right": len(wrong)})
-        for complaint, same in wrong.groupby("complaint", sort=False):
-            values = ", ".join(same["value"])[:_MAX_CELL_LENGTH]
-            example = {"value": values, "complaint": complaint, "seen": same["seen"].iloc[0]}
-            table.append({"place": place, "not right": len(same), **example})
-    columns = ["place", "inputs", *ends, "not right"]
-    counted = pd.DataFrame(table, columns=[*columns, "value", "complaint", "seen"])
-    return counted.astype(dict.fromkeys(columns[1:], "Int64"))
-
-
 def _hopeless_reason(name: str) -> str:
     if not _inputs_by_name:
         _inputs_by_name.update(collect_inputs())
@@ -296,6 +276,5 @@ TRIALS = TrialClass(
     quick_size=QUICK_INPUT_COUNT,
     size=INPUT_COUNT,
     draw=_draw_inputs,
-    tabulate=count_by_place,
     hopeless=_hopeless_reason,
 )

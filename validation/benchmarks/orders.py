@@ -1,36 +1,27 @@
 """Orders of convergence of the beam formulations for cantilevers under a force and a moment.
 
-    python validation/formulations/orders.py
-
 The axes are a straight line, an arc, a parabola and a curve with an inflection, all about 1 m long;
 the loads bend them by about one radian. Formulations with Reissner's strains are compared with a
 solution by shooting. Strains for moderate rotations are tested with a fifth of the loads, and
-compared with a solution of the same formulation with 128 elements. The table lists errors of the
-energy, of the tip displacement and of the moment (largest error at 15 sections), relative to the
-energy, the displacement and the largest moment.
+compared with a solution of the same formulation with 128 elements.
 """
 
 from __future__ import annotations
 
-import sys
 import warnings
 from collections.abc import Mapping
 from functools import cache
-from pathlib import Path
-from typing import Any
-
-sys.path.insert(0, str(Path(__file__).parents[1]))
+from typing import Any, NamedTuple
 
 import numpy as np
-import pandas as pd
+from scipy.integrate import solve_ivp
+from scipy.optimize import newton
 
 import beamdae as bd
 from beamdae.equations.measures import BalanceRows
-from formulations.shooting import CantileverSolution, solve_cantilever
 
 Array = np.ndarray
 
-TABLE = Path(__file__).parent / "results" / "orders.csv"
 SECTION = bd.Section.rectangle(bd.Material(E=1e7, nu=0.3, rho=1e3), width=1.0, height=0.01)
 FORCE = 1.5 * SECTION.EI  # [N]
 MOMENT = 0.5 * SECTION.EI  # [N m]
@@ -67,6 +58,49 @@ POSITIONS = {
     for n in ELEMENTS
 }
 ALL_POSITIONS = sorted({position for positions in POSITIONS.values() for position in positions})
+
+
+class CantileverSolution(NamedTuple):
+    """Tip (x, y, angle), strain energy [J] and moments [N m] of a cantilever in equilibrium."""
+
+    tip: Array
+    energy: float
+    moments: Array
+
+
+def solve_cantilever(
+    curve: Any, section: bd.Section, force: tuple[float, float], moment: float, positions: Array
+) -> CantileverSolution:
+    """Return the equilibrium under a dead force and a moment at the end, to 1e-12.
+
+    x' = (1 + N / EA) t + Q / GA n, psi' = psi0' + m / EI, m' = -(x' x F), along the curve;
+    beamdae's moment is -m. The moment at the clamp is adjusted until the moment at the end is met.
+    `positions` are arc lengths [m]; the last one is the end.
+    """
+    fx, fy = force
+
+    def slopes(s: float, y: Array) -> list[float]:
+        c, d = np.cos(y[2]), np.sin(y[2])
+        N, Q, m = c * fx + d * fy, c * fy - d * fx, y[3]
+        stretch, shear = 1.0 + N / section.EA, Q / section.GA
+        along, up = stretch * c - shear * d, stretch * d + shear * c
+        energy = 0.5 * (N**2 / section.EA + Q**2 / section.GA + m**2 / section.EI)
+        curvature = float(curve.curvature(s)) + m / section.EI
+        return [along, up, curvature, up * fx - along * fy, energy]
+
+    def integrate(clamp_moment: float) -> Any:
+        start = [*curve.point(0.0), float(curve.tangent_angle(0.0)), clamp_moment, 0.0]
+        ends = (0.0, curve.length)
+        return solve_ivp(slopes, ends, start, "DOP853", positions, rtol=1e-13, atol=1e-14)
+
+    lever = np.subtract(curve.point(curve.length), curve.point(0.0))
+    guess = moment + lever[0] * fy - lever[1] * fx
+    end = len(positions) - 1
+    root = newton(
+        lambda m: integrate(m).y[3, end] - moment, guess, x1=0.9 * guess, tol=1e-12 * abs(guess)
+    )
+    states = integrate(float(root)).y
+    return CantileverSolution(states[:3, end], float(states[4, end]), -states[3])
 
 
 def is_exact(settings: Mapping[str, Any]) -> bool:
@@ -138,34 +172,17 @@ def relative_errors(curve: str, formulation: str, elements: int) -> tuple[float,
     )
 
 
-def fit_order(errors: Array) -> float:
-    """Return the order over the finest three meshes above the rounding level."""
-    x, y = np.log(ELEMENTS), np.log(np.maximum(errors, 1e-300))
-    above_rounding = np.asarray(errors) > ROUNDING_LEVEL
-    finest = np.flatnonzero(above_rounding)[-3:]
-    return float(-np.polyfit(x[finest], y[finest], 1)[0]) if len(finest) > 1 else float("nan")
+def observe_orders(curve: str, formulation: str) -> Array:
+    """Return the orders of energy, tip and moment over the finest meshes above rounding errors.
+
+    They are NaN if fewer than two meshes have errors above the level of rounding.
+    """
+    table = np.array([relative_errors(curve, formulation, n) for n in ELEMENTS])
+    return np.array([_fit_order(errors) for errors in table.T])
 
 
-def tabulate(curve: str, formulation: str) -> list[dict[str, Any]]:
-    """Return one row per quantity: errors by number of elements, and the order."""
-    table = np.array([relative_errors(curve, formulation, n) for n in ELEMENTS]).T
-    return [
-        {
-            "curve": curve,
-            "formulation": formulation,
-            "quantity": quantity,
-            **{f"{n} elements": f"{e:.1e}" for n, e in zip(ELEMENTS, errors, strict=True)},
-            "order": f"{fit_order(errors):.1f}",
-        }
-        for quantity, errors in zip(QUANTITIES, table, strict=True)
-    ]
-
-
-def main() -> None:
-    table = pd.DataFrame([row for c in CURVES for f in FORMULATIONS for row in tabulate(c, f)])
-    table.to_csv(TABLE, index=False)
-    print(table.to_string(index=False))
-
-
-if __name__ == "__main__":
-    main()
+def _fit_order(errors: Array) -> float:
+    finest = np.flatnonzero(errors > ROUNDING_LEVEL)[-3:]
+    if len(finest) < 2:
+        return float("nan")
+    return float(-np.polyfit(np.log(ELEMENTS)[finest], np.log(errors[finest]), 1)[0])

@@ -1,1 +1,0 @@
-"""True errors of runs that are refined until an accuracy is reached."""
