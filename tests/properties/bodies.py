@@ -18,7 +18,7 @@ REDUCED_ELEMENTS = 4  # of the finite-element model of a bar
 THEORIES = {
     "chord": {"frame": "chord"},
     "tangent": {"frame": "tangent"},
-    "exact strain": {"strain": "exact"},
+    "moderate strain": {"strain": "green"},
     "exact": {"formulation": "exact"},
 }
 
