@@ -89,21 +89,6 @@ void solve_complex_lanes(ComplexSolver *linear, Complexes right);
 /* Number of negative pivots, or -1 if a pivot or its reciprocal is not finite. */
 int64_t count_negative_pivots(FixedOrderFactors *run, Reals nonzeros);
 
-typedef struct {
-    LinearSolver linear;
-    Reals nonzeros, right;
-} LinearSystem;
-
-typedef struct {
-    ComplexSolver linear;
-    Complexes nonzeros, right;
-} ComplexSystem;
-
-int factorize_system(LinearSystem *system);
-int solve_system(LinearSystem *system);
-int factorize_complex_system(ComplexSystem *system);
-int solve_complex_system(ComplexSystem *system);
-
 /* Sums of kernels */
 
 typedef struct {

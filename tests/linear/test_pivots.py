@@ -8,10 +8,11 @@ from hub_beam import hub_beam
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
+from performance.linear_system import LinearSystem
 from systems import refactorize, solve
 
 import beamdae as bd
-from beamdae.core.linear_solver import LinearSolver, LinearSystem
+from beamdae.core.linear_solver import LinearSolver
 from beamdae.core.return_codes import NEW_PIVOTS, SINGULAR
 from beamdae.linear.elimination import allocate_factors
 from beamdae.linear.factorizations import SingularMatrixError

@@ -10,10 +10,10 @@ import time
 from collections.abc import Callable, Iterable
 
 import numpy as np
+from linear_system import LinearSystem
 
 import beamdae as bd
-from beamdae.core.linear_solver import LinearSystem
-from beamdae.core.return_codes import DONE, NEW_PIVOTS
+from beamdae.core.return_codes import NEW_PIVOTS
 from beamdae.core.tables import Loop, Workspace
 from beamdae.equations.formulations.first_order import formulate_first_order
 from beamdae.equations.formulations.step_equations import StepPrediction, formulate_step
@@ -76,28 +76,26 @@ def _make_timers(
     right: Array,
     repeats: int,
 ) -> OperationTimers:
-    loops = {}
+    calls = {}
     for name, plan, size in sums:
         total = plan.sum(True, equations.p)
         set_time(total, *TIME_AND_BRANCH)
         run = Workspace("Evaluation", total=total, x=inputs, result=np.zeros(size))
-        loops[name] = Loop("run_evaluation", run)
+        calls[name] = Loop("run_evaluation", run).call_loaded
     linear = matrix.make_solver()
     system = LinearSystem(linear, matrix.nonzeros, right)
     while system.factorize() == NEW_PIVOTS:
         matrix.renew_pivots(linear)
-    kind = "_complex" if np.iscomplexobj(right) else ""
     for name in OPERATIONS[2:]:
-        loops[name] = Loop(f"{name}{kind}_system", system)
-        assert loops[name]() == DONE, name
+        calls[name] = LinearSystem(linear, matrix.nonzeros, right).bind(name)
 
-    def make_timer(loop: Loop) -> Callable[[], float]:
+    def make_timer(call: Callable[[], int]) -> Callable[[], float]:
         def time_of_one() -> float:
             begin = time.process_time()
             for _ in range(repeats):
-                loop.call_loaded()
+                call()
             return (time.process_time() - begin) / repeats
 
         return time_of_one
 
-    return {name: make_timer(loop) for name, loop in loops.items()}
+    return {name: make_timer(call) for name, call in calls.items()}
