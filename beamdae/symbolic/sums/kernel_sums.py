@@ -435,10 +435,14 @@ def _entry_batches(ends: Array, count: int) -> Array:
 
 
 def _find_code(batch: Batch) -> LaneKernel | None:
-    """Return the machine code of a large kernel if it is in the cache."""
-    if batch.kernel.source.n_instructions() <= _MIN_INSTRUCTIONS_OF_CACHED_CODE:
+    """Return the machine code of a large kernel: if it is a loop, always, else from the cache.
+
+    Loops add numbers in another order, so that results would depend on the state of the cache.
+    """
+    kernel = batch.kernel
+    if kernel.source.n_instructions() <= _MIN_INSTRUCTIONS_OF_CACHED_CODE:
         return None
-    return batch.kernel.load_native(compiles=False)
+    return kernel.load_native(compiles=kernel.loops is not None)
 
 
 class InterpretedKernel:
