@@ -72,7 +72,7 @@ class CompiledIda:
         self._form = form
         self._newton = newton = Workspace(
             "NewtonState",
-            form=form.buffers(form.is_native),
+            form=form.buffers(),
             linear=matrix.make_solver(),
             raw_residual=np.zeros(form.size),
             nonzeros=matrix.nonzeros,
