@@ -86,7 +86,7 @@ class CompiledIda:
         self._run = run = Workspace(
             "IdaWorkspace",
             newton=newton,
-            sundials=SimpleNamespace(**functions._asdict()),
+            sundials=SimpleNamespace(**functions),
             has_impulses=int(form.formulation.impulses),
             rows=allocate_rows(1 + 3 * n + m),
             orders=np.zeros(_MAX_ORDER + 1, np.intp),
