@@ -164,9 +164,9 @@ class ConsistencySolver(StateEvaluator):
         force, levels = self.balance(time, q, v, a, lam)
         if stiff_time > 0.0:
             change = self.evaluate_force_change(time, q, v, stiff_time)
-            stiffness = self.stiffness_force(time, q, v, lam, stiff_time**2 * a)
+            stiffness = self.force_matrix(time, q, v, None, (1.0, 0.0, 0.0), lam)
             # The matrix has a unit diagonal for first-order states.
-            force = force + change + stiffness + self._is_state * a
+            force = force + change + stiffness @ (stiff_time**2 * a) + self._is_state * a
         return force, levels[2]
 
     def evaluate_normal_jerk(

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 import scipy.linalg as la
@@ -129,10 +129,6 @@ class StateEvaluator:
         default_factory=dict, init=False, repr=False, compare=False
     )
 
-    def __copy__(self) -> Self:
-        """Return an instance with its own buffers."""
-        return type(self)(self.equations)
-
     @property
     def sums(self) -> StateSums:
         """Plans of the sums, and patterns; equations with the same `structure` share them."""
@@ -206,10 +202,6 @@ class StateEvaluator:
         n, m = self.equations.n, self.equations.m
         motion = self.evaluate(plan_balance, time, (q, v, a, lam), 2 * n + 3 * m)
         return motion[:n] + motion[n + 3 * m :], self._split_levels(motion)
-
-    def stiffness_force(self, time: Array, q: Array, v: Array, lam: Array, x: Array) -> Array:
-        """Return dF/dq x, (n,)."""
-        return np.asarray(self.force_matrix(time, q, v, None, (1.0, 0.0, 0.0), lam) @ x)
 
     def evaluate_force_change(self, time: Array, q: Array, v: Array, delta: float) -> Array:
         """Return F(q + delta v) - 2 F(q) + F(q - delta v) at constant velocities v, (n,).
