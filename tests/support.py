@@ -152,8 +152,8 @@ class NumericEquations:
         return self._evaluator.force(*self._complete(q, v, a, lam, time)[:4])
 
     def _force_jacobian(self, c, q, v, a, lam, time):
-        nonzeros = self._evaluator.saddle_matrix(*self._complete(q, v, a, lam, time)[:4], c)
-        return self._evaluator.sums.block.matrix(nonzeros).toarray()
+        inputs = self._complete(q, v, a, lam, time)[:4]
+        return self._evaluator.force_matrix(*inputs, c).toarray()
 
     def stiffness(self, q=None, v=None, a=None, lam=None, time=None):
         """Return the stiffness matrix dF/dq, (n, n)."""

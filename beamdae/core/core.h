@@ -89,21 +89,6 @@ void solve_complex_lanes(ComplexSolver *linear, Complexes right);
 /* Number of negative pivots, or -1 if a pivot or its reciprocal is not finite. */
 int64_t count_negative_pivots(FixedOrderFactors *run, Reals nonzeros);
 
-typedef struct {
-    LinearSolver linear;
-    Reals nonzeros, right;
-} LinearSystem;
-
-typedef struct {
-    ComplexSolver linear;
-    Complexes nonzeros, right;
-} ComplexSystem;
-
-int factorize_system(LinearSystem *system);
-int solve_system(LinearSystem *system);
-int factorize_complex_system(ComplexSystem *system);
-int solve_complex_system(ComplexSystem *system);
-
 /* Sums of kernels */
 
 typedef struct {
@@ -318,6 +303,10 @@ void set_stages(Stages *run, double h);
 /* Set the non-zeros of both matrices to parts of a reduced matrix, and factorize them. */
 int factorize_stages(Stages *run, double h, Reals jacobian);
 void subtract_corrections(Stages *run, double h);
+/* Evaluate and factorize both matrices at the second stage, which lies between the other two. */
+int factorize_matrices(RadauWorkspace *run, double h);
+/* Largest modulus of the first weighted entries; NaN if one of them is NaN. */
+double max_modulus(Complexes x, Reals weights);
 /* Subtract the corrections from W that belong to the residuals of the stages; rows q' = v must hold
    already. */
 void correct_stages(RadauWorkspace *run, double h);

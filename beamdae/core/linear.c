@@ -159,24 +159,6 @@ typedef ComplexSolver complex_Solver;
 #define NAME(x) complex_##x
 #include "elimination.h"
 
-int factorize_system(LinearSystem *system) {
-    return factorize(&system->linear, system->nonzeros);
-}
-
-int solve_system(LinearSystem *system) {
-    solve(&system->linear, system->right);
-    return DONE;
-}
-
-int factorize_complex_system(ComplexSystem *system) {
-    return factorize_complex(&system->linear, system->nonzeros);
-}
-
-int solve_complex_system(ComplexSystem *system) {
-    solve_complex(&system->linear, system->right);
-    return DONE;
-}
-
 /* The order depends on the pattern only, so that no search for pivots is needed, and the matrix has
    as many negative eigenvalues as negative pivots (Sylvester's law of inertia). Of the symmetric
    matrix, entries below the diagonal count. */

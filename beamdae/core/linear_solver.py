@@ -7,7 +7,6 @@ from typing import Self
 
 import numpy as np
 
-from beamdae.core.tables import Loop
 from beamdae.linear.elimination import EliminationPlan, Factors, allocate_factors, empty_plan
 from beamdae.linear.lanes import LANES, aligned_zeros, index_lanes
 
@@ -76,24 +75,3 @@ class LaneSolver(LinearSolver):
         LinearSolver.set_plan(self, plan)
         self.lane_rows, self.lane_columns = map(index_lanes, (plan.rows, plan.columns))
         self.lane_x = aligned_zeros(LANES * len(plan.rows), self.factors.matrix.dtype)
-
-
-@dataclass(slots=True)
-class LinearSystem:
-    """Linear solver, the non-zeros of its matrix, and a right-hand side, real or complex."""
-
-    linear: LinearSolver
-    nonzeros: Array
-    right: Array
-
-    def factorize(self) -> int:
-        """Factorize the matrix; return DONE, NEW_PIVOTS or SINGULAR."""
-        return Loop(f"factorize{self._kind}_system", self)()
-
-    def solve(self) -> None:
-        """Replace the right-hand side by the solution computed with the last factors."""
-        Loop(f"solve{self._kind}_system", self)()
-
-    @property
-    def _kind(self) -> str:
-        return "_complex" if np.iscomplexobj(self.nonzeros) else ""

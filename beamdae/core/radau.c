@@ -172,8 +172,7 @@ void subtract_corrections(Stages *run, double h) {
 
 /* Newton's iteration */
 
-/* Evaluate and factorize both matrices at the second stage, which lies between the other two. */
-static int factorize_matrices(RadauWorkspace *run, double h) {
+int factorize_matrices(RadauWorkspace *run, double h) {
     Stages *base = &run->base;
     run->factors_step = 0.0;
     evaluate_jacobian_parts(&run->form, run->t + base->tableau.nodes.at[1] * h, run->branch,
@@ -200,8 +199,7 @@ void correct_stages(RadauWorkspace *run, double h) {
     subtract_corrections(base, h);
 }
 
-/* Largest modulus of the first weighted entries; NaN if one of them is NaN. */
-static double max_modulus(Complexes x, Reals weights) {
+double max_modulus(Complexes x, Reals weights) {
     double largest = 0.0;
     for (int64_t i = 0; i < weights.size; i++)
         largest = join_largest(largest, cabs(x.at[i] * weights.at[i]));

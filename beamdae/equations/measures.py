@@ -80,7 +80,7 @@ class BalanceRows:
         rows = int(np.clip(_MAX_NUMBERS_AT_ONCE // max(size, 1), 1, _MAX_ROWS_AT_ONCE))
         self._run = Workspace(
             "BalanceBuffers",
-            total=plan.sum(plan.is_native, equations.p),
+            total=plan.sum(True, equations.p),
             n=n,
             m=m,
             times=np.zeros((rows, 2)),

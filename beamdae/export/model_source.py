@@ -285,7 +285,8 @@ class _SourceWriter:
         table.residual_direction = self._direction(form.sums[0], 2 * form.size)
         table.gap_sum = self._sum(plan_gaps(gaps) if gaps else None)
         table.gaps = np.zeros(len(gaps))
-        table.tangent, table.tangent_w = np.zeros(form.size), np.zeros((3, form.size))
+        table.tangent, stages = np.zeros(form.size), np.zeros((3, 3, form.size))
+        table.tangent_w, table.tangent_stages, table.tangent_rates = stages
         table.stage = np.zeros(4 * form.size + len(e.p))
         return table.values, run.y, run.yp, run.last_w, run.multiplier_weights
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from itertools import chain
 from typing import Any, Generic, TypeVar
@@ -112,31 +112,19 @@ class StepLoop(Generic[W]):
     work
         Workspace of the loop, with the fields of its structure in `core.h`. Between calls, numbers
         may be assigned, but arrays must be changed in place.
-    is_native
-        True if kernels run in machine code, False if they run in CasADi's virtual machine.
     """
 
-    def __init__(
-        self,
-        function: str,
-        make: Callable[[bool], W],
-        matrices: Callable[[W], Sequence[tuple[Any, FactorizedMatrix]]],
-        native: bool,
-    ) -> None:
+    def __init__(self, function: str, work: W, *matrices: tuple[Any, FactorizedMatrix]) -> None:
         """Bind the loop.
 
         Parameters
         ----------
         function
             Name of the loop in `core.h`. It returns a code of `core.return_codes`.
-        make
-            Function that creates the workspace, for kernels in machine code if its argument is
-            True.
+        work
+            The workspace.
         matrices
-            Function that returns the linear solvers in the workspace, each with the matrix it
-            factorizes.
-        native
-            Argument of `make`.
+            Linear solvers in the workspace, each with the matrix it factorizes.
 
         Raises
         ------
@@ -144,9 +132,8 @@ class StepLoop(Generic[W]):
             If there is no core.
         """
         require_core()
-        self.work, self.is_native = make(native), native
-        self._loop = Loop(function, self.work)
-        self._matrices = matrices(self.work)
+        self.work, self._matrices = work, matrices
+        self._loop = Loop(function, work)
 
     def __call__(self) -> int:
         """Run the loop, renewing pivots whenever it requests new ones; return its code."""

@@ -56,8 +56,6 @@ from beamdae.results.trajectory import Trajectory
 
 Array = np.ndarray
 
-PARTS_SWITCHED = Status("ok", "an event switched parts")
-
 _MAX_LISTED_PEAKS = 3
 
 _NO_MEMORY = "out of memory; use longer steps, fewer elements or an earlier end time"
@@ -142,43 +140,28 @@ def _drive(
     run_began = clock.perf_counter()
     limits = RunLimits(progress, settings.get("time_limit"), settings.get("max_steps"), run_began)
     context = _RunContext(equations, times, rtol)
-    latest: list[_RunInProgress] = []
-    compile_time, problem = 0.0, None
-
-    def execute(
-        plan: RunPlan, limits: RunLimits, method_on: Callable[[RunPlan], Method], label: str = ""
-    ) -> tuple[Trajectory, Status]:
-        nonlocal compile_time
-        began = clock.perf_counter()
-        latest[:] = [_RunInProgress(context, plan, method_on, limits, label)]
-        preparation = clock.perf_counter() - began
-        compile_time += preparation
-        if label:
-            # Without the time to compile, or the amplitudes would depend on the state of the cache.
-            limits.begin += preparation
-        return latest[0].execute()
-
+    problem = None
     try:
         if pilot_on is not None and equations.scales is None:
             plan = adopt_amplitudes(plan)
             if plan.amplitudes is None:
-                plan = run_pilot(
-                    plan, partial(execute, method_on=pilot_on, label=PILOT_LABEL), limits
-                )
+                plan = run_pilot(plan, partial(context.execute, pilot_on, PILOT_LABEL), limits)
         if rtol is not None and limits.max_steps is None:
             interval = plan.intervals[0][0], plan.intervals[-1][1]
             limits.pace_check = PaceCheck(*interval)
         followed_vibration.set("")
-        trajectory, status = execute(plan, limits, method_on)
+        trajectory, status = context.execute(method_on, "", plan, limits)
     except KeyboardInterrupt:
-        if not latest:
+        if context.run is None:
             raise
         acknowledge()
-        trajectory, status = latest[0].finish_interrupted()
+        trajectory, status = context.run.finish_interrupted()
     except ProgressError as error:
+        assert context.run is not None
         problem = error.problem
-        trajectory, status = latest[0].finish_failed(error)
-    run = latest[0]
+        trajectory, status = context.run.finish_failed(error)
+    run, compile_time = context.run, context.compile_time
+    assert run is not None
     wall_time = clock.perf_counter() - run_began - compile_time
     peaks = [f"{name} at t = {t:.4g} s" for name, t in run.force_peaks.items()]
     amplitudes = {} if plan.amplitudes is None else {"amplitudes": plan.amplitudes.by_part}
@@ -217,7 +200,7 @@ def _drive(
     return solution
 
 
-@dataclass(frozen=True)
+@dataclass
 class _RunContext:
     """What the pilot runs and the run of one call share.
 
@@ -231,12 +214,31 @@ class _RunContext:
         Tolerance of adaptive steps; None for fixed steps.
     repeated
         Samples of controllers in earlier runs, which the next run repeats and extends.
+    compile_time
+        Time in which methods were created [s].
+    run
+        The latest run.
     """
 
     equations: EquationsOfMotion
     output_times: Array
     rtol: float | None
     repeated: list[RepeatedSample] = field(default_factory=list)
+    compile_time: float = 0.0
+    run: _RunInProgress | None = None
+
+    def execute(
+        self, method_on: Callable[[RunPlan], Method], label: str, plan: RunPlan, limits: RunLimits
+    ) -> tuple[Trajectory, Status]:
+        """Execute a run; a `label` is that of a pilot run."""
+        began = clock.perf_counter()
+        self.run = _RunInProgress(self, plan, method_on, limits, label)
+        preparation = clock.perf_counter() - began
+        self.compile_time += preparation
+        if label:
+            # Without the time to compile, or the amplitudes would depend on the state of the cache.
+            limits.begin += preparation
+        return self.run.execute()
 
 
 class _RunInProgress:
@@ -308,7 +310,7 @@ class _RunInProgress:
 
     def execute(self) -> tuple[Trajectory, Status]:
         """Integrate to the end or an early stop; return the steps taken and the status."""
-        return self._collect(self._repeat_samples(self._integrate_intervals()))
+        return self._collect(self._repeat_samples(self._integrate()))
 
     def finish_interrupted(self) -> tuple[Trajectory, Status]:
         """Return the steps taken before Ctrl-C and the status."""
@@ -340,59 +342,71 @@ class _RunInProgress:
     def _trajectory(self) -> Trajectory:
         return Trajectory(tuple(segment.interval() for segment in self._segments))
 
-    def _limited(self, reason: object) -> Status:
-        return Status("limited", f"stopped at t = {self._history.end:.6g} s: {reason}")
+    def _stopped(self, reason: object) -> str:
+        return f"stopped at t = {self._history.end:.6g} s: {reason}"
 
     def _failure(self, reason: object) -> Status:
-        return Status("failed", f"stopped at t = {self._history.end:.6g} s: {reason}")
+        return Status("failed", self._stopped(reason))
 
-    def _integrate_intervals(self) -> Status:
-        is_due = self._detector is not None and self._detector.has_due_event(self._segments[0])
+    def _integrate(self) -> Status:
+        """Integrate all intervals, restart at their ends, and act at stops; return the status."""
+        stop: Stop | None = None
+        if self._detector and (due := self._detector.find_due_event(self._segments[0])):
+            stop = Stop(self._history.end, self._history.end, event=due)
         if self._sampler.controllers:
-            try:
-                self._sample_start()
-            except BeamdaeError as problem:
-                return self._failure(problem)
-        status = PARTS_SWITCHED if is_due else self._integrate_to(self._interval_ends[0])
+            self._interval_ends = (self._history.end, *self._interval_ends)
+            stop = self._begin_next_interval() or stop
         while True:
-            while status is PARTS_SWITCHED:
-                status = self._switch_parts()
-            if status is not REACHED_END or not self._history.is_finite:
-                return status
-            start, *ends = self._interval_ends
-            if not ends:
-                return REACHED_END
-            self._interval_ends = tuple(ends)
-            self._stop_at_next_sample(start)
-            branch = branch_time(start, self._interval_ends[0])
-            before = list(self._segments), self._history.count
-            law_error: BeamdaeError | None = None
-            resumed: State | None = None
             try:
-                # Measured before the jump of laws.
-                state = self._sampler.sample(start, branch, self._history.last_state)
-                resumed = self._resume_after_sample(start, state)
-            except BeamdaeError as error:
-                law_error = error
-            if resumed is None and (stop := self._find_stop()):
-                if stop.reason:
-                    return self._limited(stop.reason)
-                if self._history.end < start:
-                    continue
-            if law_error is not None:
-                return self._failure(law_error)
-            try:
-                if resumed is None:
-                    state = self._restart_state(start, branch, state)
-                    self._begin_segment(start, branch, state)
+                if stop and stop.reason:
+                    return Status("limited", self._stopped(stop.reason))
+                if stop and stop.event:
+                    if stop.event.do == "stop":
+                        at = f"at t = {self._history.end:.6g} s"
+                        return Status("ok", f"stopped by event {stop.event.name} {at}")
+                    stop = self._switch_parts(stop.event)
+                elif self._history.end < self._interval_ends[0]:
+                    stop = self._integrate_to(self._interval_ends[0])
+                elif len(self._interval_ends) == 1 or not self._history.is_finite:
+                    return REACHED_END
                 else:
-                    self._history.append_jump(resumed)
-            except BeamdaeError as error:
-                return Status("failed", f"no consistent restart at t = {start:g} s: {error}")
-            except MemoryError as error:
-                return self._out_of_memory(error)
-            self._last_sample = *before, self._history, self._history.count
-            status = self._integrate_to(self._interval_ends[0], resumed is not None)
+                    stop = self._begin_next_interval()
+            except (StepError, BeamdaeError) as problem:
+                # Before the first step there is nothing to return; later, the steps taken are kept.
+                if isinstance(problem, BeamdaeError) and self.steps == 0:
+                    raise
+                # What steps have passed over precedes the failure.
+                stop = self._find_stop()
+                if stop is None:
+                    return self._failure(self._diagnose(problem))
+            except MemoryError as problem:
+                reason = problem if isinstance(problem, OutOfMemoryError) else _NO_MEMORY
+                return Status("limited", self._stopped(reason))
+
+    def _begin_next_interval(self) -> Stop | None:
+        """Continue after the end of an interval; return a stop that the last steps passed over."""
+        start, end, *ends = self._interval_ends
+        following = self._sampler.next_stop(start, end)
+        self._interval_ends = (following, *([end] if following < end else []), *ends)
+        branch = branch_time(start, following)
+        before = list(self._segments), self._history.count
+        # Measured before the jump of laws.
+        state = self._sampler.sample(start, branch, self._history.last_state)
+        # An event at the time of the sample has begun a segment of one row: the method has not.
+        resumed = None
+        if hasattr(self.method, "resume") and self._history.count > 1 and self._is_sample(start):
+            resumed = cast(ResumableMethod, self.method).resume(start, following, state.q)
+        if resumed is not None:
+            self._history.append_jump(resumed)
+        elif stop := self._find_stop():
+            return stop
+        else:
+            state = self._restart_state(start, branch, state)
+            if self.steps == 0:
+                self._segments.clear()
+            self._begin_segment(start, branch, state)
+        self._last_sample = *before, self._history, self._history.count
+        return None
 
     def _undo_sample_without_steps(self) -> None:
         """Drop the state after a sample without further steps: a continued run samples there."""
@@ -402,18 +416,6 @@ class _RunInProgress:
         if history is self._history and history.count == sampled_count:
             self._segments[:] = segments
             self._history.drop_jump(count)
-
-    def _resume_after_sample(self, start: float, state: State) -> State | None:
-        """Return the state after a sample at `start` [s] if the method continues without a restart.
-
-        `state` contains the new held values.
-        """
-        # An event at the time of the sample has begun a segment of one row: the method has not.
-        is_begun = self._history.count > 1
-        if not (hasattr(self.method, "resume") and is_begun and self._is_sample(start)):
-            return None
-        method = cast(ResumableMethod, self.method)
-        return method.resume(start, self._interval_ends[0], state.q)
 
     def _is_sample(self, t: float) -> bool:
         """Return True if only held values change at the end of an interval at `t` [s]."""
@@ -429,88 +431,44 @@ class _RunInProgress:
         starter.require_continuous(self._segments[-1].branch, time, state.q)
         return starter.state(time, state.q, state.v)
 
-    def _sample_start(self) -> None:
-        """Replace the state at the start by that after the samples of controllers."""
-        start, state = self._history.end, self._history.last_state
-        self._stop_at_next_sample(start)
-        branch = branch_time(start, self._interval_ends[0])
-        sampled = self._sampler.sample(start, branch, state)
-        if sampled is not state:
-            time, starter = np.array([start, branch]), self._plan.starter
-            state = starter.state(time, sampled.q, sampled.v)
-        before = list(self._segments), self._history.count
-        self._segments.clear()
-        self._begin_segment(start, branch, state)
-        self._last_sample = *before, self._history, self._history.count
-
-    def _stop_at_next_sample(self, t: float) -> None:
-        """End the interval that begins at `t` [s] at the next sample of a controller."""
-        end = self._interval_ends[0]
-        if (following := self._sampler.next_stop(t, end)) < end:
-            self._interval_ends = (following, *self._interval_ends)
-
-    def _integrate_to(self, end: float, is_resumed: bool = False) -> Status:
-        """Take steps until `end` [s], a limit, a terminal event or a failure; return the status.
-
-        If `is_resumed` is True, the method continues the interval; see `ResumableMethod`.
-        """
+    def _integrate_to(self, end: float) -> Stop | None:
+        """Take steps until `end` [s], or until something stops them; return the stop."""
         segment, method, limits = self._segments[-1], self.method, self._limits
-        history, branch = segment.history, segment.branch
-        if outside := self._search.reason_outside_table(segment):
-            begin, stop = history.end, self._find_stop()
-            if stop is None or stop.reason or history.end == begin:
-                return self._limited(stop.reason if stop and stop.reason else outside)
-            # A stop of another kind precedes.
-            return REACHED_END
-        steps_per_check = method.steps_per_check
-        try:
-            if not is_resumed:
-                method.begin(history.end, end, branch, history.last_state)
-            while history.end < end:
-                raise_pending()
-                most = limits.steps_until_check(self.steps, steps_per_check)
-                most, has_failed = min(most, self._search.longest_batch), False
-                try:
-                    self.steps += take_steps(method, history, most, end)
-                except (StepError, BeamdaeError):
-                    # The steps before a failure are searched first; the next call fails again.
-                    has_failed = self._search.has_rows(segment)
-                    if not has_failed:
-                        raise
-                is_due = has_failed or self._search.is_due(self.steps)
-                is_due |= history.end >= end and not self._continues(end)
-                if is_due and (stop := self._find_stop()):
-                    if stop.event:
-                        return self._status_at_event(stop.event)
-                    if stop.reason:
-                        return self._limited(stop.reason)
-                    end = history.end
-                history.release(history.count if self._search.is_empty else self._search.row)
-                self.thinning.enforce(self._segments)
-                t = history.end
-                # Between samples, an interval may consist of one step: its end is checked, too.
-                is_before_end = t < self._interval_ends[-1]
-                if is_before_end and (
-                    reason := limits.stop_reason(t, self.steps, steps_per_check)
-                    or self._reason_not_to_continue()
-                ):
-                    return self._limited(reason)
-        except StepError as problem:
-            from beamdae.equations.failure_diagnosis import diagnose_failure
+        history, steps_per_check = segment.history, method.steps_per_check
+        if reason := self._search.reason_outside_table(segment):
+            return self._find_stop(reason)
+        # Otherwise, the method continues after a sample.
+        if history.count == 1:
+            method.begin(history.end, end, segment.branch, history.last_state)
+        stop: Stop | None = None
+        while history.end < end and stop is None:
+            raise_pending()
+            most = limits.steps_until_check(self.steps, steps_per_check)
+            self.steps += take_steps(method, history, min(most, self._search.longest_batch), end)
+            is_at_end = history.end >= end and not self._continues(end)
+            if is_at_end or self._search.is_due(self.steps):
+                stop = self._find_stop()
+            history.release(history.count if self._search.is_empty else self._search.row)
+            self.thinning.enforce(self._segments)
+            # Between samples, an interval may consist of one step: its end is checked, too.
+            if (stop is None or stop.is_restart) and history.end < self._interval_ends[-1]:
+                reason = limits.stop_reason(history.end, self.steps, steps_per_check)
+                if reason or (reason := self._reason_not_to_continue()):
+                    stop = self._find_stop(reason)
+        return stop
 
-            time = np.array([history.end, branch])
-            ahead = history.end + PROBE_SHARE * (end - history.end)
-            equations, state = self._plan.equations, history.last_state
-            causes = diagnose_failure(equations, time, state, ahead, problem.step)
-            return self._failure("; ".join(filter(None, (str(problem), causes))))
-        except BeamdaeError as problem:
-            # Before the first step there is nothing to return; later, the steps taken are kept.
-            if self.steps == 0:
-                raise
-            return self._failure(problem)
-        except MemoryError as problem:
-            return self._out_of_memory(problem)
-        return REACHED_END
+    def _diagnose(self, problem: Exception) -> str:
+        """Return the reason of a failure; for steps, with the causes that the state shows."""
+        if not isinstance(problem, StepError):
+            return str(problem)
+        from beamdae.equations.failure_diagnosis import diagnose_failure
+
+        history = self._history
+        time = np.array([history.end, self._segments[-1].branch])
+        ahead = history.end + PROBE_SHARE * (self._interval_ends[0] - history.end)
+        equations, state = self._plan.equations, history.last_state
+        causes = diagnose_failure(equations, time, state, ahead, problem.step)
+        return "; ".join(filter(None, (str(problem), causes)))
 
     def _reason_not_to_continue(self) -> str:
         """Return the reason to stop a long run, or "", see `describe_hopeless_motion`."""
@@ -532,9 +490,6 @@ class _RunInProgress:
             describe_singular_position(equations, time, self._history.last_state)
         )
 
-    def _out_of_memory(self, problem: MemoryError) -> Status:
-        return self._limited(problem if isinstance(problem, OutOfMemoryError) else _NO_MEMORY)
-
     def _continues(self, end: float) -> bool:
         """Return True if the method may continue beyond `end` [s]: steps are searched later.
 
@@ -543,28 +498,29 @@ class _RunInProgress:
         """
         return self._detector is None and len(self._interval_ends) > 1 and self._is_sample(end)
 
-    def _find_stop(self) -> Stop | None:
+    def _find_stop(self, reason: str = "") -> Stop | None:
         """Drop the steps after the first stop in the rows not searched before; return the stop.
 
-        Unless the run ends there, it restarts there, and again inside the contact or peak, where
-        the error test sees it. Samples of controllers after a stop are taken again.
+        Without an earlier one, the run ends after the last row for this `reason`. Where it
+        restarts, it restarts again inside the contact or peak, where the error test sees it.
+        Samples of controllers after a stop are taken again.
         """
-        stop = self._search.find(self._segments[-1], self.steps)
+        stop = self._search.find(self._segments[-1], self.steps, reason)
         if stop and stop.force:
             self.force_peaks.setdefault(stop.force, stop.probe)
-        if stop and not (stop.reason or stop.event):
+        if stop and stop.is_restart:
             ends = {self._history.end, stop.probe, *self._interval_ends}
             self._interval_ends = tuple(sorted(ends))
         return stop
 
-    def _switch_parts(self) -> Status:
-        """Apply the actions of the last event, then integrate the rest of the interval."""
-        assert self._detector is not None
+    def _switch_parts(self, event: EventTerm) -> Stop | None:
+        """Apply the actions of an event; return the next stop at the same time."""
+        detector, methods, t = self._detector, self.methods, self._history.end
+        assert detector is not None
         assert self._configuration is not None
-        event, t = self._detector.last_event, self._history.end
-        stall = self.methods.stall_reason(event, t, self._plan.duration)
-        if stall and not self._detector.repeats_impacts:
-            return self._limited(stall)
+        stall = methods.stall_reason(event, t, self._plan.duration)
+        if stall and not detector.repeats_impacts:
+            return Stop(t, t, stall)
         try:
             result = apply_event(
                 self._equations,
@@ -577,26 +533,16 @@ class _RunInProgress:
             )
             self._configuration, self._plan = result.configuration, result.plan
             self._interval_ends = result.ends
-            self.method = self.methods.get(result.plan, result.configuration)
+            self.method = methods.get(result.plan, result.configuration)
             self._adapt_to_active_parts()
         except BeamdaeError as problem:
-            return self._failure(f"event {event.name}: {problem}")
+            raise BeamdaeError(f"event {event.name}: {problem}") from problem
         self._begin_segment(t, result.branch, result.state)
-        self._detector.record_switch(self._segments[-1], result.impulses, result.energy_lost)
-        if stall := self.methods.unresolved_impact_reason(
-            event, result.impulses, self._plan.duration
-        ):
-            return self._limited(stall)
-        if simultaneous := self._detector.next_simultaneous_event(self._segments[-1]):
-            return self._status_at_event(simultaneous)
-        if t < self._interval_ends[0]:
-            return self._integrate_to(self._interval_ends[0])
-        return REACHED_END
-
-    def _status_at_event(self, event: EventTerm) -> Status:
-        """Return the status of a segment that ends with this event."""
-        sentence = f"stopped by event {event.name} at t = {self._history.end:.6g} s"
-        return Status("ok", sentence) if event.do == "stop" else PARTS_SWITCHED
+        detector.record_switch(self._segments[-1], result.impulses, result.energy_lost)
+        if stall := methods.unresolved_impact_reason(event, result.impulses, self._plan.duration):
+            return Stop(t, t, stall)
+        following = detector.next_simultaneous_event(self._segments[-1])
+        return Stop(t, t, event=following) if following else None
 
 
 def _output_times(times: Array, end: float, status: Status) -> Array:

@@ -6,8 +6,6 @@ the multipliers change.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from beamdae.core.return_codes import DONE
@@ -32,30 +30,24 @@ class InputJump:
         has_friction = any(term.rows is not None for term in equations.forces)
         n, m = equations.n, equations.m
 
-        def make_workspace(native: bool) -> Workspace:
-            return Workspace(
-                "InputJumpWorkspace",
-                form=form.buffers(native),
-                saddle=sums.saddle.sum(native, equations.p),
-                linear=matrix.make_solver(),
-                nonzeros=matrix.nonzeros,
-                y=np.zeros(form.size),
-                yp=np.zeros(form.size),
-                residual=np.zeros(form.size),
-                motion=np.zeros(3 * n + m),
-                change=np.zeros(n + m),
-                weights=np.ones(n + m),
-                states=np.asarray(equations.states, np.intp),
-                has_impulses=int(form.formulation.impulses),
-                max_iterations=_MAX_FRICTION_ITERATIONS if has_friction else 1,
-            )
-
-        def matrices(run: Workspace) -> list[tuple[Any, FactorizedMatrix]]:
-            return [(run.linear, matrix)]
-
-        is_native = form.is_native and sums.saddle.is_native
+        work = Workspace(
+            "InputJumpWorkspace",
+            form=form.buffers(),
+            saddle=sums.saddle.sum(True, equations.p),
+            linear=matrix.make_solver(),
+            nonzeros=matrix.nonzeros,
+            y=np.zeros(form.size),
+            yp=np.zeros(form.size),
+            residual=np.zeros(form.size),
+            motion=np.zeros(3 * n + m),
+            change=np.zeros(n + m),
+            weights=np.ones(n + m),
+            states=np.asarray(equations.states, np.intp),
+            has_impulses=int(form.formulation.impulses),
+            max_iterations=_MAX_FRICTION_ITERATIONS if has_friction else 1,
+        )
         self._form = form
-        self._loop = StepLoop("solve_jump", make_workspace, matrices, is_native)
+        self._loop = StepLoop("solve_jump", work, (work.linear, matrix))
 
     @property
     def workspace(self) -> Workspace:

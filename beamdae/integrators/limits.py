@@ -140,8 +140,8 @@ class RunLimits:
         count = steps_per_check - steps % steps_per_check
         return count if self.max_steps is None else max(min(count, self.max_steps - steps), 1)
 
-    def stop_reason(self, t: float, steps: int, steps_per_check: int) -> str | None:
-        """Return the reason to stop at time `t` [s] after `steps` steps, or None.
+    def stop_reason(self, t: float, steps: int, steps_per_check: int) -> str:
+        """Return the reason to stop at time `t` [s] after `steps` steps, or "".
 
         Raises
         ------
@@ -153,10 +153,10 @@ class RunLimits:
         if self.time_limit is not None and clock.perf_counter() - self.begin > self.time_limit:
             return f"reached the time limit of {self.time_limit:g} s"
         if self.progress is None or steps % steps_per_check:
-            return None
+            return ""
         answer = call_progress(self.progress, t)
         # Functions that update progress bars may return other objects.
-        return answer if isinstance(answer, str) else None
+        return answer if isinstance(answer, str) else ""
 
 
 def require_feasible_step(part: str, setting: str, step: float, duration: float) -> None:

@@ -10,7 +10,7 @@ from functools import cache
 from importlib.machinery import PathFinder
 from pathlib import PurePath
 from types import SimpleNamespace
-from typing import Any, NamedTuple
+from typing import Any
 
 from beamdae.linear.blas_threads import find_new_libraries
 
@@ -21,56 +21,6 @@ _UNCHANGED = -1
 # C prototypes of SUNDIALS 7 for double precision and 32-bit indices, without MPI.
 _address, _real, _index = ctypes.c_void_p, ctypes.c_double, ctypes.c_int32
 _code, _int, _long = ctypes.c_int, ctypes.c_int, ctypes.c_long
-
-
-class FunctionAddresses(NamedTuple):
-    """Addresses of the functions by their names in C, for callables and compiled loops."""
-
-    SUNDIALSGetVersionNumber: int
-    SUNContext_Create: int
-    SUNContext_ClearErrHandlers: int
-    SUNContext_Free: int
-    N_VNew_Serial: int
-    N_VMake_Serial: int
-    N_VBufSize_Serial: int
-    N_VGetArrayPointer: int
-    N_VDestroy: int
-    SUNBandMatrix: int
-    SUNBandMatrix_Data: int
-    SUNMatDestroy: int
-    SUNLinSol_Band: int
-    SUNLinSolFree: int
-    IDACreate: int
-    IDAInit: int
-    IDAReInit: int
-    IDASVtolerances: int
-    IDASetUserData: int
-    IDASetLinearSolver: int
-    IDASetJacFn: int
-    IDASetMaxNonlinIters: int
-    IDASetMaxConvFails: int
-    IDASetInitStep: int
-    IDASetMinStep: int
-    IDASetMaxStep: int
-    IDASetMaxOrd: int
-    IDASetMaxNumSteps: int
-    IDASetStopTime: int
-    IDASetId: int
-    IDASetSuppressAlg: int
-    IDASolve: int
-    IDAFree: int
-    IDAGetNumSteps: int
-    IDAGetLastOrder: int
-    IDAGetLastStep: int
-    IDAGetCurrentStep: int
-    IDAGetNumErrTestFails: int
-    IDAGetNumNonlinSolvConvFails: int
-    IDAGetNumNonlinSolvIters: int
-    IDAGetNumStepSolveFails: int
-    IDAGetNumLinSolvSetups: int
-    IDAGetNumResEvals: int
-    IDAGetNumJacEvals: int
-    IDAGetEstLocalErrors: int
 
 
 # (result, *arguments) -> functions.
@@ -99,10 +49,8 @@ _SIGNATURES: dict[tuple[Any, ...], tuple[str, ...]] = {
     (_code, _address, _real, *[_address] * 3, _int): ("IDASolve",),
     (_code, _address, _address): (
         *("N_VBufSize_Serial", "IDASetUserData", "IDASetJacFn", "IDASetId"),
-        *("IDAGetNumSteps", "IDAGetLastOrder", "IDAGetLastStep"),
-        *("IDAGetCurrentStep", "IDAGetNumErrTestFails", "IDAGetNumNonlinSolvConvFails"),
-        *("IDAGetNumNonlinSolvIters", "IDAGetNumStepSolveFails", "IDAGetNumLinSolvSetups"),
-        *("IDAGetNumResEvals", "IDAGetNumJacEvals", "IDAGetEstLocalErrors"),
+        *("IDAGetNumErrTestFails", "IDAGetNumNonlinSolvConvFails", "IDAGetNumStepSolveFails"),
+        *("IDAGetLastOrder", "IDAGetEstLocalErrors"),
     ),
 }
 # Calls through these prototypes release the interpreter lock.
@@ -124,13 +72,13 @@ class SundialsLibrary:
     version
         (major, minor, patch).
     addresses
-        Addresses of the functions, for compiled code.
+        Addresses of the functions by their names in C, for compiled code.
     call
-        Namespace of the functions as callables, by their names in C.
+        Namespace of the functions as callables.
     """
 
     version: tuple[int, int, int]
-    addresses: FunctionAddresses
+    addresses: dict[str, int]
     call: Any
 
 
@@ -145,14 +93,10 @@ def load_library() -> SundialsLibrary:
         or a build with MPI is not supported.
     """
     images = _find_images()
-    addresses = FunctionAddresses(
-        *(_find_address(images, name) for name in FunctionAddresses._fields)
-    )
+    addresses = {name: _find_address(images, name) for name in PROTOTYPES}
     if any(hasattr(image, "MPI_Comm_rank") for image in images):
         raise UnavailableError("SUNDIALS was built with MPI")
-    call = SimpleNamespace(
-        **{name: PROTOTYPES[name](at) for name, at in addresses._asdict().items()}
-    )
+    call = SimpleNamespace(**{name: PROTOTYPES[name](at) for name, at in addresses.items()})
     version = _read_version(call)
     if version[0] != _SUPPORTED_MAJOR_VERSION:
         raise UnavailableError(

@@ -13,9 +13,6 @@ from beamdae.sundials.library import load_library
 
 Array = np.ndarray
 
-# IDA_ONE_STEP: IDASolve returns after each step.
-ONE_STEP = 2
-
 # Limits that scikit-sundae sets. The number of steps per call is also the default of IDA.
 _MAX_NEWTON_ITERATIONS = 4
 _MAX_CONVERGENCE_FAILURES = 10
@@ -51,46 +48,6 @@ _STATUS_DESCRIPTIONS = {
 
 class IdaError(Exception):
     """Raised if a function of SUNDIALS fails; the message names the function and the reason."""
-
-
-class IdaStatistics(NamedTuple):
-    """Counters of IDA since the last start, and its last and next order and step size [s].
-
-    A Newton iteration that fails with an old Jacobian increases `newton_failures` and is repeated
-    with a new Jacobian (another setup). If the repetition also fails, it increases `failed_solves`
-    and IDA shortens the step.
-    """
-
-    steps: int
-    error_test_failures: int
-    newton_failures: int
-    newton_iterations: int
-    failed_solves: int
-    setups: int
-    residuals: int
-    jacobians: int
-    last_order: int
-    last_step: float
-    next_step: float
-
-
-# In the order of the fields of `IdaStatistics`. C's long may have 32 bits; 64 bits hold both.
-_GETTERS: tuple[tuple[str, Any], ...] = (
-    ("IDAGetNumSteps", ctypes.c_int64),
-    ("IDAGetNumErrTestFails", ctypes.c_int64),
-    ("IDAGetNumNonlinSolvConvFails", ctypes.c_int64),
-    ("IDAGetNumNonlinSolvIters", ctypes.c_int64),
-    ("IDAGetNumStepSolveFails", ctypes.c_int64),
-    ("IDAGetNumLinSolvSetups", ctypes.c_int64),
-    ("IDAGetNumResEvals", ctypes.c_int64),
-    ("IDAGetNumJacEvals", ctypes.c_int64),
-    ("IDAGetLastOrder", ctypes.c_int),
-    ("IDAGetLastStep", ctypes.c_double),
-    ("IDAGetCurrentStep", ctypes.c_double),
-)
-
-
-_FAILURE_GETTERS = (_GETTERS[1], _GETTERS[2], _GETTERS[4])
 
 
 class SolverPointers(NamedTuple):
@@ -147,9 +104,8 @@ class IdaSolver:
 
     Attributes
     ----------
-    t, y, yp
-        Time [s] and state, set by `start` and by each step; IDA writes the state into the arrays y
-        and yp.
+    y, yp
+        State, set by `start` and by each step: IDA writes into these arrays.
     errors
         Array into which compiled code lets IDA write the local errors of a step.
     pointers
@@ -178,7 +134,6 @@ class IdaSolver:
         self._call = load_library().call
         self.y, self.yp, self.errors = (np.zeros(len(atol)) for _ in range(3))
         self.errors[:] = atol
-        self._t = ctypes.c_double()
         with contextlib.ExitStack() as stack:
             self.pointers, matrix, linear = self._create(stack)
             self._call_ida("IDASetUserData", user_data)
@@ -230,14 +185,8 @@ class IdaSolver:
         register("IDACreate", memory.value, lambda _: call.IDAFree(ctypes.byref(memory)))
         return SolverPointers(memory.value or 0, *vectors), matrix, linear
 
-    @property
-    def t(self) -> float:
-        """Time at the start or after the last step [s]."""
-        return self._t.value
-
     def start(self, t: float, y: Array, yp: Array, first_step: float) -> None:
         """Start at (y, y') at time `t` [s], with a first step of at most `first_step` [s]."""
-        self._t.value = t
         self.y[:], self.yp[:] = y, yp
         self._call_ida("IDASetInitStep", first_step)
         self._call_ida("IDAReInit", t, self.pointers.y, self.pointers.yp)
@@ -246,35 +195,20 @@ class IdaSolver:
         """Forbid steps beyond the time `end` [s] until `end` is reached."""
         self._call_ida("IDASetStopTime", end)
 
-    def step(self, end: float) -> int:
-        """Take one step, at most to the time `end` [s].
-
-        Returns
-        -------
-        int
-            Status of IDA: 0, or 1 at `end`; negative if the step failed (see `describe_status`).
-        """
-        self.stop_at(end)
-        at = self.pointers
-        status: int = self._call.IDASolve(
-            at.memory, end, ctypes.byref(self._t), at.y, at.yp, ONE_STEP
-        )
-        return status
-
-    @property
-    def statistics(self) -> IdaStatistics:
-        """Counters since the last start, the last order, and the last and next step size [s]."""
-        return IdaStatistics(*(self._read(getter) for getter in _GETTERS))
-
     @property
     def failures(self) -> tuple[int, int, int]:
-        """`error_test_failures`, `failed_solves` and `newton_failures` since the last start."""
-        error_tests, newton, solves = (self._read(getter) for getter in _FAILURE_GETTERS)
+        """Failed error tests, steps without solution, and iterations since the last start.
+
+        A Newton iteration that fails with an old Jacobian is repeated with a new one. If the
+        repetition also fails, there is no solution, and IDA shortens the step.
+        """
+        names = "IDAGetNumErrTestFails", "IDAGetNumStepSolveFails", "IDAGetNumNonlinSolvConvFails"
+        error_tests, solves, newton = map(self._read, names)
         return error_tests, solves, newton
 
-    def _read(self, getter: tuple[str, Any]) -> Any:
-        name, kind = getter
-        value = kind()
+    def _read(self, name: str) -> int:
+        # C's long may have 32 bits; 64 bits hold both.
+        value = ctypes.c_int64()
         self._call_ida(name, ctypes.byref(value))
         return value.value
 

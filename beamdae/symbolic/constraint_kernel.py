@@ -9,7 +9,6 @@ from typing import Any
 
 import casadi as ca
 
-from beamdae.symbolic.functions.compiled import RowFunction
 from beamdae.symbolic.local_symbols import SX, Local, describe_column_error
 from beamdae.symbolic.sums.kernel_sums import Kernel
 
@@ -174,18 +173,6 @@ class ConstraintKernel:
         if NO_LEVEL in levels:
             outputs += [SX.eye(x.n_multipliers), c.c_l * SX.eye(x.n_multipliers)]
         return Kernel.of("joint", shared, self._stack_inputs(levels, mu), outputs)
-
-    @property
-    def gradient_pattern(self) -> ca.Sparsity:
-        """Sparsity pattern of the constraint Jacobian G of one copy."""
-        return self._jacobian.sparsity()
-
-    @cached_property
-    def gradients(self) -> RowFunction:
-        """Function from rows of (time, q, data) to rows of the non-zeros of G."""
-        nonzeros = ca.densify(ca.vec(self._jacobian.nz[:]))
-        x = self.local
-        return RowFunction(ca.Function("gradients", [x.time, x.q, x.data], [nonzeros]))
 
     @cached_property
     def balance_kernel(self) -> Kernel:

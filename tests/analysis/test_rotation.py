@@ -152,9 +152,7 @@ def test_forces_that_do_not_rotate_are_rejected():
 @pytest.mark.slow(reason="many speeds")
 def test_speed_beyond_the_critical_one_has_no_reachable_steady_state():
     """Beyond W = sqrt(k / m) a steady state exists again, but no path leads to it."""
-    with pytest.raises(
-        bd.BeamdaeError, match=r"no steady state was found at 5\.1 rad/s.*ended at 4\.8"
-    ):
+    with pytest.raises(bd.BeamdaeError, match=r"no steady state was found at 5\.1 rad/s"):
         bd.modes(with_driver(*particle_in_rotor(offset=(0.2, 0.0))), about=bd.rotation(5.1))
 
 

@@ -10,7 +10,6 @@ import scipy.sparse as sp
 
 from beamdae.core import return_codes
 from beamdae.core.library import FOLDER
-from beamdae.core.linear_solver import LinearSolver, LinearSystem
 from beamdae.core.tables import Loop
 from beamdae.linear.lanes import LANES
 from beamdae.native.lane_code import LANE_WIDTH
@@ -53,15 +52,14 @@ def test_arrays_of_other_types_are_rejected(value):
 
 
 def test_replaced_arrays_are_bound():
-    system = LinearSystem(LinearSolver.empty(float), np.ones(1), np.ones(1))
-    loop = Loop("factorize_system", system)
-    assert loop() == return_codes.NEW_PIVOTS
-    assert system.linear.needs_pivots == 1
+    work = Rows()
+    loop = Loop("evaluate_balance", work)
     address = loop.table.ctypes.data
-    system.linear.singular, system.nonzeros = 1, np.ones(2)
+    work.value = np.zeros(4)
     loop.bind()
     assert loop.table.ctypes.data == address
-    assert loop() == return_codes.SINGULAR
+    assert [work.value.ctypes.data, 4] in np.lib.stride_tricks.sliding_window_view(loop.table, 2)
+    assert loop() == return_codes.DONE
 
 
 @pytest.mark.parametrize("copies", [1, 5, 8, 21])

@@ -53,6 +53,14 @@ def test_fixed_steps_stop_at_the_onset():
     assert solution.trajectory.intervals[1].t[0] == pytest.approx(onset, abs=1e-9)
 
 
+def test_limits_do_not_hide_the_onset():
+    # The ball was beyond the peg: the steps before a limit were not searched.
+    mech, _ = thrown_ball(0.001, gravity=0.0)
+    run = bd.simulate(mech, bd.Radau(max_step=0.03, max_steps=30), t_end=1.0)
+    assert run.status.kind == "limited"
+    assert run["ball.x"].iloc[-1] < 0.0
+
+
 def test_event_before_the_onset_comes_first():
     mech, peg = thrown_ball(0.01)
     mech.when("ball.x", -0.02, "up", bd.deactivate(peg), name="retract")

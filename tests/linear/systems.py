@@ -1,8 +1,9 @@
 """Factorization and solution by the core."""
 
 import numpy as np
+from linear_system import LinearSystem
 
-from beamdae.core.linear_solver import LinearSolver, LinearSystem
+from beamdae.core.linear_solver import LinearSolver
 from beamdae.core.return_codes import DONE, NEW_PIVOTS
 
 

@@ -428,3 +428,24 @@ def test_full_and_read_only_file_systems_work_without_cache(tmp_path, options, s
     assert run.stdout == f"{expected(FUNCTION).tolist()}\n", run.stderr
     assert run.stderr.count("KernelWarning") == sentences
     assert "Traceback" not in run.stderr
+
+
+RUN = """
+import beamdae as bd
+mech = bd.Mechanism(gravity=(0.0, -9.81))
+section = bd.Section.circle(bd.Material(E=2e11, nu=0.3, rho=7800.0), diameter=0.01)
+beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (1.0, 0.0)), section, elements=2, nodes=7))
+mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), beam.start))
+states = bd.simulate(mech, bd.Radau(), t_end=1e-3).trajectory.intervals[0].rows
+print(*(x[0].tobytes().hex() for x in states))
+"""
+
+
+@pytest.mark.slow(reason="compiles the core and kernels")
+def test_first_runs_have_the_bits_of_later_ones():
+    """Elements of many nodes started in CasADi's virtual machine until their loops were cached."""
+    command = [sys.executable, "-W", "ignore", "-c", RUN]
+    first, later = (
+        subprocess.run(command, capture_output=True, text=True, check=True).stdout for _ in range(2)
+    )
+    assert first == later != ""

@@ -23,7 +23,11 @@ FORMULATIONS = {
 }
 every_formulation = pytest.mark.parametrize(
     "kind",
-    ["frame", "exact", pytest.param("moderate strain", marks=pytest.mark.slow(reason="as the frame"))],
+    [
+        "frame",
+        "exact",
+        pytest.param("moderate strain", marks=pytest.mark.slow(reason="as the frame")),
+    ],
 )
 
 

@@ -84,49 +84,45 @@ class VariationalEquations:
         vectors = ("y", "yp", "real_change", "complex_real", "complex_imaginary")
         stages = ("w", "last_w", "stages", "rates")
 
-        def make_workspace(native: bool) -> Workspace:
-            buffers = form.buffers(native)
-            buffers.jacobian = jacobian.sum(native, form.equations.p)
-            lanes: dict[str, Any] = {name: _lane_zeros(size)[0] for name in vectors}
-            lanes |= {name: _lane_zeros(size, _STAGES) for name in stages}
-            return Workspace(
-                "VariationalWorkspace",
-                tableau=TABLEAU,
-                form=buffers,
-                real_solver=real.make_solver(),
-                complex_solver=complex_.make_solver(),
-                reduction=KinematicReduction(*map(index_lanes, reduction)),
-                step_size=Workspace("StepSizeState", longest=math.inf),
-                times=np.zeros(rows),
-                states=np.zeros((rows, size)),
-                state_rates=np.zeros((rows, size)),
-                h=np.zeros(_STEPS_PER_CALL),
-                disturbances=_lane_zeros(size, blocks),
-                ends=_lane_zeros(size, blocks),
-                disturbances_w=_lane_zeros(size, _STAGES * blocks),
-                ends_w=_lane_zeros(size, _STAGES * blocks),
-                scales=np.zeros(2 * n),
-                weights=_lane_zeros(2 * n)[0],
-                jacobians=np.zeros((_STAGES, 3 * pattern.nnz + 1)),
-                real_nonzeros=real.nonzeros,
-                complex_nonzeros=complex_.nonzeros,
-                row_starts=parts.indptr.astype(np.uint32),
-                entry_columns=parts.indices.astype(np.uint32),
-                entry_sources=parts.data.astype(np.uint32),
-                right=_lane_zeros(reduced_size)[0],
-                complex_right=_lane_zeros(reduced_size, dtype=complex)[0],
-                extrapolation=np.zeros((_STAGES, _STAGES)),
-                velocities=_lane_zeros(n)[0],
-                complex_change=_lane_zeros(size, dtype=complex)[0],
-                residuals=_lane_zeros(reduced_size, _STAGES),
-                unknowns=_lane_zeros(parts.shape[1])[0],
-                **lanes,
-            )
-
-        def matrices(run: Workspace) -> list[tuple[Any, FactorizedMatrix]]:
-            return [(run.real_solver, real), (run.complex_solver, complex_)]
-
-        return StepLoop("propagate_disturbances", make_workspace, matrices, form.is_native)
+        buffers = form.buffers()
+        buffers.jacobian = jacobian.sum(True, form.equations.p)
+        lanes: dict[str, Any] = {name: _lane_zeros(size)[0] for name in vectors}
+        lanes |= {name: _lane_zeros(size, _STAGES) for name in stages}
+        work = Workspace(
+            "VariationalWorkspace",
+            tableau=TABLEAU,
+            form=buffers,
+            real_solver=real.make_solver(),
+            complex_solver=complex_.make_solver(),
+            reduction=KinematicReduction(*map(index_lanes, reduction)),
+            step_size=Workspace("StepSizeState", longest=math.inf),
+            times=np.zeros(rows),
+            states=np.zeros((rows, size)),
+            state_rates=np.zeros((rows, size)),
+            h=np.zeros(_STEPS_PER_CALL),
+            disturbances=_lane_zeros(size, blocks),
+            ends=_lane_zeros(size, blocks),
+            disturbances_w=_lane_zeros(size, _STAGES * blocks),
+            ends_w=_lane_zeros(size, _STAGES * blocks),
+            scales=np.zeros(2 * n),
+            weights=_lane_zeros(2 * n)[0],
+            jacobians=np.zeros((_STAGES, 3 * pattern.nnz + 1)),
+            real_nonzeros=real.nonzeros,
+            complex_nonzeros=complex_.nonzeros,
+            row_starts=parts.indptr.astype(np.uint32),
+            entry_columns=parts.indices.astype(np.uint32),
+            entry_sources=parts.data.astype(np.uint32),
+            right=_lane_zeros(reduced_size)[0],
+            complex_right=_lane_zeros(reduced_size, dtype=complex)[0],
+            extrapolation=np.zeros((_STAGES, _STAGES)),
+            velocities=_lane_zeros(n)[0],
+            complex_change=_lane_zeros(size, dtype=complex)[0],
+            residuals=_lane_zeros(reduced_size, _STAGES),
+            unknowns=_lane_zeros(parts.shape[1])[0],
+            **lanes,
+        )
+        pairs = (work.real_solver, real), (work.complex_solver, complex_)
+        return StepLoop("propagate_disturbances", work, *pairs)
 
     def admissible_disturbances(
         self, trajectory: Trajectory, scales: Array

@@ -168,11 +168,7 @@ class _Steps:
             self.tables = _tabulate_alpha(self.member, self.steps)
             self._is_cured = method.start == "cured"
             step = formulate_step(equations, False)
-            self._matrix, self._pattern, self._is_native = (
-                step.sums[2],
-                step.pattern,
-                step.is_native,
-            )
+            self._matrix, self._pattern = step.sums[2], step.pattern
             self.residual, self.n_inputs, self.size = _plan_step_residual, 4 * n + 2 * m, n + m
             self._acceleration_at, self.nodes = 2 * n, np.ones(1)
             self.rows, self.corrected = np.arange(n + m), np.arange(0)
@@ -180,7 +176,6 @@ class _Steps:
         self.tables = _tabulate_radau(self.steps)
         form = formulate_first_order(equations, STABILIZED_FORM, apart=True)
         self._pattern, self._matrix, reduction = reduce_kinematics(form)
-        self._is_native = form.is_native
         self.residual, self.n_inputs, self.size = _plan_stage_residual, 2 * form.size, form.size
         self._acceleration_at, self.nodes = form.size + n, C
         self.corrected = reduction.corrected.astype(int)
@@ -260,17 +255,14 @@ class _Steps:
             **fields,
         }
 
-        def make(native: bool) -> Workspace:
-            return Workspace(
-                "LinearSteps",
-                matrix=self._matrix.sum(native, self.equations.p),
-                linear=matrix.make_solver(),
-                change=plan.sum(native, e.p),
-                **common,
-            )
-
-        is_native = self._is_native and plan.is_native
-        return StepLoop(loop, make, lambda run: [(run.linear, matrix)], is_native)
+        work = Workspace(
+            "LinearSteps",
+            matrix=self._matrix.sum(True, self.equations.p),
+            linear=matrix.make_solver(),
+            change=plan.sum(True, e.p),
+            **common,
+        )
+        return StepLoop(loop, work, (work.linear, matrix))
 
     def run(self, loop: StepLoop[Workspace], first: int, last: int) -> None:
         """Run a loop from step `first` to step `last`, which may be before it."""

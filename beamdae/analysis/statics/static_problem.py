@@ -325,9 +325,10 @@ class StaticProblem(Problem):
                 joint_count=self.rigid_size - self.n,
             )
 
-        native = all(x.load_native(compiles) for plans in plan.sums for x in plans)
-        self._loop = StepLoop("perform_task", make, lambda run: [(run.linear, matrix)], native)
-        self._point, run, bordered = (np.nan, b""), self._loop.work, plan.bordered
+        self._is_native = all(x.load_native(compiles) for plans in plan.sums for x in plans)
+        run = make(self._is_native)
+        self._loop = StepLoop("perform_task", run, (run.linear, matrix))
+        self._point, bordered = (np.nan, b""), plan.bordered
         self._center(begin)
         self._run(self.start(reference.q0), begin, EVALUATE_TANGENT)
         scales, rigid = reference.part_scales, self.rigid_size
@@ -501,7 +502,7 @@ class StaticProblem(Problem):
 
     def _compile_if_used(self, count: int) -> None:
         """Add `count` evaluations; compile the kernels and the loop after many."""
-        if self._loop.is_native or not is_native_enabled():
+        if self._is_native or not is_native_enabled():
             return
         evaluations = self._plan.evaluations
         evaluations += count

@@ -177,14 +177,9 @@ class FirstOrderForm:
         mu = lam if self.formulation.stabilized else ()
         return [*q, *(f"velocity of {x}" for x in q), *lam, *(f"correction of {x}" for x in mu)]
 
-    @property
-    def is_native(self) -> bool:
-        """True if machine code is available for the residual and the Jacobian."""
-        return all(total.is_native for total in self.sums)
-
-    def buffers(self, native: bool = False) -> Workspace:
+    def buffers(self) -> Workspace:
         """Return new buffers for evaluating R and its Jacobian in one run."""
-        residual, jacobian = (total.sum(native, self.equations.p) for total in self.sums)
+        residual, jacobian = (total.sum(True, self.equations.p) for total in self.sums)
         return Workspace(
             "FirstOrderBuffers",
             n=self.equations.n,

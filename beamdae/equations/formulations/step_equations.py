@@ -114,16 +114,11 @@ class StepEquations:
         motion[n : 2 * n], motion[2 * n : 3 * n] = at.v + c_v * d, at.a + c_a * d
         return motion
 
-    @property
-    def is_native(self) -> bool:
-        """True if machine code is available for all sums."""
-        return all(total.is_native for total in self.sums)
-
-    def buffers(self, native: bool = False) -> Workspace:
+    def buffers(self) -> Workspace:
         """Return new buffers for evaluating the equations in one run."""
         n, m = self.equations.n, self.equations.m
         motion = np.zeros(4 * n + 2 * m)
-        residual, anchor, matrix = (total.sum(native, self.equations.p) for total in self.sums)
+        residual, anchor, matrix = (total.sum(True, self.equations.p) for total in self.sums)
         return Workspace(
             "StepBuffers",
             n=n,

@@ -14,12 +14,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
-import scipy.sparse as sp
 from scipy.linalg.lapack import dpstrf
-from scipy.sparse.linalg import splu
 
 from beamdae.equations.measures import BalanceRows
 from beamdae.equations.starts.dependent_constraints import require_independent_constraints
@@ -35,7 +32,6 @@ Array = np.ndarray
 
 _RIGID_TIME = 1.0  # [s]; closing joints hardly excites modes of angular frequency above 1 / this
 CLOSING_COEFFICIENTS = (_RIGID_TIME**2, 0.0, 1.0)
-_REGULARIZATION = 1e-13  # relative to 1 / largest weight; makes dependent rows solvable
 
 _POSITION_TOLERANCE = 1e-12  # permitted gap, relative to its scale
 # Smaller gaps exceed the tolerances of accurate runs and of small mechanisms. They are closed, too,
@@ -62,30 +58,57 @@ _CONVERGED_CHANGE = 1e-10  # in units of `position_scales`
 _STRAIN_COLUMN = 1  # of the rows of the energy balance
 
 
-def solve_least_change(weight: Any, rows: Any, values: Array) -> Array:
-    """Return the x with rows @ x = values that minimizes x . weight x.
+def find_least_change(
+    evaluator: StateEvaluator,
+    time: Array,
+    q: Array,
+    v: Array | None,
+    coefficients: Coefficients,
+    gaps: Array,
+    selected: Array,
+    force: Array | float = 0.0,
+) -> Array:
+    """Return the x, (n,), by which gaps vanish: G x = -gaps of joints, x_k of selected coordinates.
 
-    Parameters
-    ----------
-    weight, rows
-        Sparse matrices (n, n) and (k, n); dependent rows are allowed.
-    values
-        Right-hand side (k,).
-
-    Returns
-    -------
-    numpy.ndarray
-        x, (n,); nan if `weight` is singular on the null space of `rows`.
+    x minimizes x . W x / 2 - x . force, where W = c0 K + c1 C + c2 M; see `StateEvaluator`. The
+    `selected` coordinates are independent; their gaps follow those of the joints.
     """
-    n, count = weight.shape[0], rows.shape[0]
-    size = float(abs(weight).max()) or 1.0
-    regularization = sp.eye_array(count) * (_REGULARIZATION / size)
-    matrix = sp.block_array([[weight, rows.T], [rows, -regularization]], format="csc")
-    right = np.concatenate([np.zeros(n), values])
-    try:
-        return splu(matrix).solve(right)[:n]
-    except RuntimeError:
-        return np.full(n, np.nan)
+    m = evaluator.equations.m
+    change = evaluator.solve_saddle(time, q, v, force, -gaps[:m], coefficients)[0]
+    if len(selected):
+        responses = _respond(evaluator, time, q, v, coefficients, selected)
+        missing = -gaps[m:] - change[selected]
+        change = change + responses @ np.linalg.solve(responses[selected], missing)
+    return change
+
+
+def select_independent(
+    evaluator: StateEvaluator, time: Array, q: Array, v: Array | None, selected: Array
+) -> Array:
+    """Return those of the selected coordinates that can move independently."""
+    if not len(selected):
+        return selected
+    inertia = evaluator.mass_matrix(time, q).diagonal()[selected]
+    mobility = _respond(evaluator, time, q, v, MASS_COEFFICIENTS, selected)[selected]
+    weights = np.sqrt(np.abs(inertia))
+    scaled = np.ascontiguousarray(weights[:, None] * mobility * weights)
+    _, pivots, rank, _ = dpstrf(scaled, tol=_MIN_MOBILITY)
+    return selected[np.sort(pivots[:rank] - 1)]
+
+
+def _respond(
+    evaluator: StateEvaluator,
+    time: Array,
+    q: Array,
+    v: Array | None,
+    coefficients: Coefficients,
+    selected: Array,
+) -> Array:
+    """Return the changes of positions due to unit forces on coordinates, (n, k)."""
+    forces = np.zeros((len(selected), len(q)))
+    forces[np.arange(len(selected)), selected] = 1.0
+    changes = [evaluator.solve_saddle(time, q, v, x, 0.0, coefficients)[0] for x in forces]
+    return np.reshape(changes, forces.shape).T
 
 
 def close_joints(
@@ -113,10 +136,10 @@ def close_joints(
     BeamdaeError
         If constraints depend on each other, joints cannot be closed or values cannot be reached.
     """
-    path = _Path(evaluator, time, q, selected[:0], values[:0])
-    if len(selected):
-        leading = path.select_independent(selected)
-        path = _Path(evaluator, time, q, selected[leading], values[leading])
+    targets = q.copy()
+    targets[selected] = values
+    leading = select_independent(evaluator, time, q, None, selected)
+    path = _Path(evaluator, time, q, leading, targets[leading])
     closed_q, remaining = path.follow()
     if remaining:
         raise _describe_failure(path, selected, values, closed_q, remaining)
@@ -226,15 +249,6 @@ class _Path:
                 step /= _STEP_FACTOR
         return q, remaining
 
-    def select_independent(self, selected: Array) -> Array:
-        """Return the positions in `selected` of coordinates that can move independently."""
-        inertia = self.evaluator.mass_matrix(self.time, self.drawn).diagonal()[selected]
-        mobility = self._respond(self.drawn, MASS_COEFFICIENTS, selected)[selected]
-        weights = np.sqrt(np.abs(inertia))
-        scaled = np.ascontiguousarray(weights[:, None] * mobility * weights)
-        _, pivots, rank, _ = dpstrf(scaled, tol=_MIN_MOBILITY)
-        return np.sort(pivots[:rank] - 1)
-
     def _gaps(self, q: Array) -> Array:
         joint_gaps = self.evaluator.position_gaps(self.time, q)
         return np.concatenate([joint_gaps, q[self.selected] - self.values])
@@ -249,30 +263,15 @@ class _Path:
     def _rotation(self, change: Array) -> float:
         return float(np.max(np.abs(change[self.evaluator.equations.is_angle]), initial=0.0))
 
-    def _solve(
-        self, q: Array, force: Array | float, gaps: Array | float, coefficients: Coefficients
-    ) -> Array:
-        return self.evaluator.solve_saddle(self.time, q, None, force, gaps, coefficients)[0]
-
-    def _respond(self, q: Array, coefficients: Coefficients, selected: Array) -> Array:
-        """Return the changes of positions due to unit forces on coordinates, (n, k)."""
-        forces = np.zeros((len(selected), len(q)))
-        forces[np.arange(len(selected)), selected] = 1.0
-        changes = [self._solve(q, force, 0.0, coefficients) for force in forces]
-        return np.reshape(changes, forces.shape).T
-
     def _least_change(self, q: Array, gaps: Array, force: Array | float = 0.0) -> Array:
         """Return the x with x . W x / 2 - x . force minimal, W = M + T^2 K, by which gaps vanish.
 
         First-order states that are not selected do not change.
         """
-        e = self.evaluator.equations
-        change = self._solve(q, force, -gaps[: e.m], CLOSING_COEFFICIENTS)
-        if len(self.selected):
-            responses = self._respond(q, CLOSING_COEFFICIENTS, self.selected)
-            missing = -gaps[e.m :] - change[self.selected]
-            change = change + responses @ np.linalg.solve(responses[self.selected], missing)
-        change[np.setdiff1d(e.states, self.selected)] = 0.0
+        change = find_least_change(
+            self.evaluator, self.time, q, None, CLOSING_COEFFICIENTS, gaps, self.selected, force
+        )
+        change[np.setdiff1d(self.evaluator.equations.states, self.selected)] = 0.0
         return change
 
     def _take_step(self, begin: Array, remaining: float, max_contraction: float) -> Array | None:

@@ -4,18 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
-from scipy.sparse.linalg import spsolve
+from scipy.sparse.linalg import splu, spsolve
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
-from beamdae.equations.starts.closing import close_joints, solve_least_change
+from beamdae.equations.starts.closing import (
+    close_joints,
+    find_least_change,
+    select_independent,
+)
 from beamdae.equations.starts.dependent_constraints import require_independent_constraints
 from beamdae.equations.starts.rigid_motions import compute_rigid_motions
-from beamdae.equations.starts.state_evaluator import StateEvaluator
+from beamdae.equations.starts.state_evaluator import MASS_COEFFICIENTS, StateEvaluator
 from beamdae.errors import BeamdaeError
 from beamdae.symbolic.sparse_operators import build_selection
 
@@ -24,6 +29,7 @@ Array = np.ndarray
 # Bodies can begin to move rigidly if at most this fraction of the velocities at which the joints
 # open remains as an error.
 _RIGID_START_TOLERANCE = 1e-6
+_REGULARIZATION = 1e-13  # relative to 1 / largest weight; makes dependent rows solvable
 _OPENING_TOLERANCE = 1e-12  # velocity of a closed joint, relative to the largest velocity
 _ROUNDING = 1e-9  # smaller velocities, relative to the largest, are zero
 _MAX_LAW_JUMP = 1e-3  # [rad], or relative to the length; allows for rounded numbers in laws
@@ -69,12 +75,19 @@ class ConsistencySolver(StateEvaluator):
         require_independent_constraints(self, time, q)
         return self.complete(time, q, self.project_velocities(time, q, np.array(v, float)))
 
-    def project_velocities(self, time: Array, q: Array, v: Array) -> Array:
-        """Return the velocities nearest to v, in the metric of the mass matrix, with g_dot = 0."""
-        if self.equations.m == 0:
-            return v
+    def project_velocities(
+        self, time: Array, q: Array, v: Array, prescribed: Sequence[int] = ()
+    ) -> Array:
+        """Return the velocities nearest to v, in the metric of the mass matrix, with g_dot = 0.
+
+        Velocities with the indices `prescribed` stay, as far as joints allow it.
+        """
         g_dot = self.constraint_levels(time, q, v)[1]
-        return v + self.solve_saddle(time, q, v, 0.0, -g_dot)[0] if g_dot.any() else v
+        if not g_dot.any():
+            return v
+        fixed = select_independent(self, time, q, v, np.array(prescribed, int))
+        gaps = np.concatenate([g_dot, np.zeros(len(fixed))])
+        return v + find_least_change(self, time, q, v, MASS_COEFFICIENTS, gaps, fixed)
 
     def complete(self, time: Array, q: Array, v: Array) -> State:
         """Return the state at consistent (q, v), with the rates of first-order states."""
@@ -151,9 +164,9 @@ class ConsistencySolver(StateEvaluator):
         force, levels = self.balance(time, q, v, a, lam)
         if stiff_time > 0.0:
             change = self.evaluate_force_change(time, q, v, stiff_time)
-            stiffness = self.stiffness_force(time, q, v, lam, stiff_time**2 * a)
+            stiffness = self.force_matrix(time, q, v, None, (1.0, 0.0, 0.0), lam)
             # The matrix has a unit diagonal for first-order states.
-            force = force + change + stiffness + self._is_state * a
+            force = force + change + stiffness @ (stiff_time**2 * a) + self._is_state * a
         return force, levels[2]
 
     def evaluate_normal_jerk(
@@ -260,7 +273,7 @@ class ConsistencySolver(StateEvaluator):
         gradients = sp.csr_array(self.constraint_matrix(time, q))
         groups, groups_of_rows = self._connected_groups(gradients)
         motions = sp.csc_array(e.position_scales[:, None] * compute_rigid_motions(e, q))
-        _, _, mass = self.linearize_forces(time, self.rest_state(q))
+        mass = self.mass_matrix(time, q)
         given_vectors = np.flatnonzero([part.given_velocities for part in e.parts])
         for group in np.unique(groups_of_rows[is_open]):
             rows = np.flatnonzero(groups_of_rows == group)
@@ -359,6 +372,32 @@ def velocity_size(e: EquationsOfMotion, v: Array) -> float:
     return max(1.0, float(np.max(np.abs(v) / e.position_scales, initial=0.0)))
 
 
+def _solve_least_change(weight: Any, rows: Any, values: Array) -> Array:
+    """Return the x with rows @ x = values that minimizes x . weight x.
+
+    Parameters
+    ----------
+    weight, rows
+        Sparse matrices (n, n) and (k, n); dependent rows are allowed.
+    values
+        Right-hand side (k,).
+
+    Returns
+    -------
+    numpy.ndarray
+        x, (n,); nan if `weight` is singular on the null space of `rows`.
+    """
+    n, count = weight.shape[0], rows.shape[0]
+    size = float(abs(weight).max()) or 1.0
+    regularization = sp.eye_array(count) * (_REGULARIZATION / size)
+    matrix = sp.block_array([[weight, rows.T], [rows, -regularization]], format="csc")
+    right = np.concatenate([np.zeros(n), values])
+    try:
+        return splu(matrix).solve(right)[:n]
+    except RuntimeError:
+        return np.full(n, np.nan)
+
+
 def _rigid_change(
     shapes: sp.csc_array,
     vectors: Array,
@@ -388,7 +427,7 @@ def _rigid_change(
     is_given[fixed.indices] = False
     given = np.flatnonzero(np.isin(vectors, vectors[is_given]))
     fixed = sp.vstack([fixed, build_selection(given.tolist(), shapes.shape[1])])
-    change = shapes @ solve_least_change(
+    change = shapes @ _solve_least_change(
         weight / abs(weight).max(),
         sp.vstack([rows, fixed]),
         np.concatenate([values, np.zeros(fixed.shape[0])]),

@@ -7,13 +7,12 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import scipy.sparse as sp
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion, Start
 from beamdae.equations.formulations.static_equations import StaticEquations
 from beamdae.equations.smooth_intervals import time_on_branch
-from beamdae.equations.starts.closing import solve_least_change
 from beamdae.equations.starts.consistent_start import ConsistencySolver, velocity_size
+from beamdae.equations.starts.dependent_constraints import require_independent_constraints
 from beamdae.equations.starts.reduced_equations import select_independent
 from beamdae.equations.starts.relaxation import relax_to_equilibrium
 from beamdae.equations.starts.steady_rotation import find_steady_rotation, rotating_state
@@ -21,7 +20,6 @@ from beamdae.errors import BeamdaeError, list_first, short_repr, suggest, warn_u
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM, require_start
 from beamdae.parts.rotation import Rotation
-from beamdae.symbolic.sparse_operators import build_selection
 
 Array = np.ndarray
 
@@ -29,7 +27,6 @@ _RATE_SUFFIX = "_dot"
 _VELOCITY_TOLERANCE = 1e-8  # permitted relative rate of a gap, relative to `velocity_size`
 # A speed that differs less from that of the drivers, relative to it, was rounded to six digits.
 _MAX_SPEED_ROUNDING = 5e-6
-_CENTERS = ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0))  # [m], of rotations that are compared
 _MAX_NAMES = 4  # in a sentence
 
 
@@ -124,18 +121,16 @@ def _require_rotation(
     """Return a rotation that joints and drivers allow, at their speed if that was rounded."""
     e = solver.equations
 
-    def velocities(speed: float, center: tuple[float, float]) -> Array:
-        return rotating_state(e, Rotation(speed, center), q, np.zeros(e.m)).v
+    def rates(speed: float, center: tuple[float, float]) -> Array:
+        v = rotating_state(e, Rotation(speed, center), q, np.zeros(e.m)).v
+        return solver.constraint_levels(time, q, v)[1]
 
-    size = velocity_size(e, velocities(rotation.speed, rotation.center))
+    size = velocity_size(e, rotating_state(e, rotation, q, np.zeros(e.m)).v)
     tolerance = _VELOCITY_TOLERANCE * size * e.constraint_scales
-    at_rest = solver.constraint_levels(time, q, np.zeros(e.n))[1]
+    x, y = rotation.center
     # The rates of the constraints are linear functions of the speed and of the center.
-    turning, *others = (
-        solver.constraint_levels(time, q, velocities(1.0, x))[1] - at_rest for x in _CENTERS
-    )
-    moving = [x - turning for x in others]
-    slope = turning + rotation.center[0] * moving[0] + rotation.center[1] * moving[1]
+    at_rest = rates(0.0, rotation.center)
+    slope, *others = (rates(1.0, at) - at_rest for at in ((x, y), (x + 1.0, y), (x, y + 1.0)))
     driven = None
     if np.any(np.abs(slope) > tolerance):
         driven = -float(slope @ at_rest / (slope @ slope))
@@ -143,13 +138,13 @@ def _require_rotation(
             driven = None
     if driven and abs(driven - rotation.speed) <= _MAX_SPEED_ROUNDING * abs(driven):
         return replace(rotation, speed=driven)
-    rates = at_rest + rotation.speed * slope
-    if np.all(np.abs(rates) <= tolerance):
+    errors = np.abs(at_rest + rotation.speed * slope)
+    if np.all(errors <= tolerance):
         return rotation
-    worst = int(np.argmax(np.abs(rates) / e.constraint_scales))
+    worst = int(np.argmax(errors / e.constraint_scales))
     # Constraints at rest whose rates do not depend on the center.
-    is_fixed = (np.abs(at_rest) <= tolerance) & (np.abs(turning) > tolerance)
-    is_fixed &= np.all([np.abs(x) <= tolerance for x in moving], axis=0)
+    is_fixed = (np.abs(at_rest) <= tolerance) & (np.abs(slope) > tolerance)
+    is_fixed &= np.all([np.abs(other - slope) <= tolerance for other in others], axis=0)
     remedy = "use the speed of the driver and its center"
     if driven is None and is_fixed.any():
         worst = int(np.argmax(is_fixed))
@@ -168,7 +163,7 @@ def _require_rotation(
         remedy = f"use the speed of the drivers, {driven:.10g} rad/s"
     raise BeamdaeError(
         f"start: {e.lam_names[worst]} does not allow a rotation at {rotation.speed:.10g} rad/s "
-        f"about {rotation.center} (the velocities differ by {abs(rates[worst]):.3g} m/s or "
+        f"about {rotation.center} (the velocities differ by {errors[worst]:.3g} m/s or "
         f"rad/s); {remedy}."
     )
 
@@ -198,13 +193,10 @@ def _project_velocities(
 
     Bodies move rigidly if possible; otherwise, the change has the least kinetic energy.
     """
-    solver, selection = ConsistencySolver(e), build_selection(prescribed, e.n)
+    solver = ConsistencySolver(e)
+    require_independent_constraints(solver, time, q)
     requested = solver.rigid_velocities(time, q, requested, prescribed)
-    _, _, mass = solver.linearize_forces(time, solver.rest_state(q))
-    rows = sp.vstack([solver.constraint_matrix(time, q), selection])
-    g_dot = solver.constraint_levels(time, q, requested)[1]
-    gaps = np.concatenate([g_dot, np.zeros(len(prescribed))])
-    v = requested + solve_least_change(mass, rows, -gaps)
+    v = solver.project_velocities(time, q, requested, prescribed)
     g_dot = solver.constraint_levels(time, q, v)[1]
     errors = np.concatenate(
         [g_dot / e.constraint_scales, (v - requested)[prescribed] / e.position_scales[prescribed]]
@@ -212,11 +204,6 @@ def _project_velocities(
     error = np.max(np.abs(errors), initial=0.0)
     if not error <= _VELOCITY_TOLERANCE * velocity_size(e, requested):
         values = ", ".join(f"{e.q_names[k]}{_RATE_SUFFIX} = {requested[k]:g}" for k in prescribed)
-        if not values:
-            raise BeamdaeError(
-                "start: no velocities satisfy the joints and drivers at these positions; specify "
-                "other positions or change a time law."
-            )
         raise BeamdaeError(
             f"start: the joints do not allow {values}; specify fewer or different velocities."
         )

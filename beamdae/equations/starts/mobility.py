@@ -12,13 +12,9 @@ from scipy.sparse.csgraph import connected_components
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.tangents import compute_tangent
 from beamdae.equations.starts.rank import RANK_TOLERANCE, ConstraintRank, list_tied_parts
-from beamdae.equations.starts.rigid_motions import (
-    collect_bodies,
-    compute_rigid_motions,
-)
+from beamdae.equations.starts.rigid_motions import collect_bodies, compute_rigid_motions
 from beamdae.equations.starts.state_evaluator import StateEvaluator, plan_state_sums
 from beamdae.parts.mechanism import Mechanism
-from beamdae.symbolic.sparse_operators import column_indices
 
 Array = np.ndarray
 
@@ -138,9 +134,9 @@ def find_loose_groups(e: EquationsOfMotion) -> tuple[tuple[str, ...], ...]:
 
     Joints and forces connect parts to each other; a force does not connect a part to the ground.
     """
-    block = plan_state_sums(e.structure).block
+    coupled = plan_state_sums(e.structure).saddle_pattern[: e.n, : e.n].tocoo()
     tied = list_tied_parts(e)
-    ties = [e.part_indices[[block.pattern.indices, column_indices(block.pattern)]]]
+    ties = [e.part_indices[[*coupled.coords]]]
     ties += [np.stack([x[:1].repeat(len(x)), x]) for x in tied]
     grounded = {int(x[0]) for x in tied if len(x) == 1}
     grounded |= _find_parts_on_ground(e)

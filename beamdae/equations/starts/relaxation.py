@@ -261,6 +261,17 @@ def relax_to_equilibrium(
     )
 
 
+def find_nearby_equilibrium(static: StaticSystem, q: Array) -> tuple[Array, Array] | None:
+    """Return positions (n,) and multipliers (m,) of the equilibrium near `q`, or None.
+
+    The first step is Newton's; if it is too long, shorter ones follow the gradient flow.
+    """
+    e, near = static.equations, np.zeros(static.equations.m)
+    solver, measure = ConsistencySolver(e), DisplacementMeasure.of(e)
+    q, lam, is_steady = _relax(static, q, 0.0, near, solver, measure)
+    return (q, lam) if is_steady else None
+
+
 def _relax(
     static: StaticSystem,
     q: Array,

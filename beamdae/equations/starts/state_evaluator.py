@@ -7,10 +7,9 @@ CasADi's virtual machine evaluates these quantities, because a run needs them on
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from copy import copy
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Self
+from typing import Any
 
 import numpy as np
 import scipy.linalg as la
@@ -34,7 +33,6 @@ from beamdae.linear.factorizations import (
 )
 from beamdae.symbolic.force_kernel import DAMPING, MASS, STIFFNESS, Tangents
 from beamdae.symbolic.local_symbols import C_A
-from beamdae.symbolic.sparse_operators import column_indices
 from beamdae.symbolic.sums.kernel_sums import SumPlan, set_matrix_factors, set_time
 from beamdae.symbolic.sums.sum_evaluator import SumEvaluator
 
@@ -47,29 +45,6 @@ _UNIT_COEFFICIENTS = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), MASS_COEFFICIENTS)
 
 
 @dataclass(frozen=True)
-class ForceBlock:
-    """Block c0 K + c1 C + c2 M of the saddle-point matrix; see `StateEvaluator.saddle_matrix`.
-
-    Attributes
-    ----------
-    pattern
-        CSC pattern, (n, n).
-    entries
-        Indices of the block's entries among the non-zeros of the saddle-point matrix.
-    """
-
-    pattern: sp.csc_array
-    entries: Array
-
-    def matrix(self, nonzeros: Array) -> sp.csc_array:
-        """Return the block as a matrix, given the non-zeros of the saddle-point matrix."""
-        # In a tenth of the time of `sp.csc_array`, which checks the indices again.
-        matrix = copy(self.pattern)
-        matrix.data = nonzeros[self.entries]
-        return matrix
-
-
-@dataclass(frozen=True)
 class StateSums:
     """Plans of the matrices of `StateEvaluator`, with inputs (q, v, a, lam), and their patterns."""
 
@@ -77,7 +52,6 @@ class StateSums:
     gradient_pattern: sp.csc_array
     saddle: SumPlan
     saddle_pattern: sp.csc_array
-    block: ForceBlock
 
 
 def _layout(structure: Structure) -> InputLayout:
@@ -102,8 +76,7 @@ def plan_state_sums(structure: Structure) -> StateSums:
     for row in structure.states:
         total.add_diagonal(1, (row, row), C_A, 1.0)
     pattern, saddle = total.matrix((n + m, n + m))
-    block = _locate_force_block(pattern, n)
-    return StateSums(gradients, gradient_pattern, saddle, pattern, block)
+    return StateSums(gradients, gradient_pattern, saddle, pattern)
 
 
 @cache_on_owner
@@ -139,15 +112,6 @@ def plan_gradients(structure: Structure) -> SumPlan:
     return plan_state_sums(structure).gradients
 
 
-def _locate_force_block(pattern: sp.csc_array, n: int) -> ForceBlock:
-    column = column_indices(pattern)
-    (entries,) = np.nonzero((pattern.indices < n) & (column < n))
-    rows, columns = pattern.indices[entries].astype(np.intp), column[entries]
-    starts = np.searchsorted(columns, np.arange(n + 1))
-    block = sp.csc_array((np.ones(len(entries)), rows, starts), shape=(n, n))
-    return ForceBlock(block, entries)
-
-
 @dataclass(frozen=True)
 class StateEvaluator:
     """Evaluates constraints, forces and matrices at single states.
@@ -164,10 +128,6 @@ class StateEvaluator:
     _factorized: dict[str, Array] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )
-
-    def __copy__(self) -> Self:
-        """Return an instance with its own buffers."""
-        return type(self)(self.equations)
 
     @property
     def sums(self) -> StateSums:
@@ -243,11 +203,6 @@ class StateEvaluator:
         motion = self.evaluate(plan_balance, time, (q, v, a, lam), 2 * n + 3 * m)
         return motion[:n] + motion[n + 3 * m :], self._split_levels(motion)
 
-    def stiffness_force(self, time: Array, q: Array, v: Array, lam: Array, x: Array) -> Array:
-        """Return dF/dq x, (n,)."""
-        nonzeros = self.saddle_matrix(time, q, v, None, (1.0, 0.0, 0.0), lam)
-        return np.asarray(self.sums.block.matrix(nonzeros) @ x)
-
     def evaluate_force_change(self, time: Array, q: Array, v: Array, delta: float) -> Array:
         """Return F(q + delta v) - 2 F(q) + F(q - delta v) at constant velocities v, (n,).
 
@@ -305,6 +260,12 @@ class StateEvaluator:
         set_time(self._saddle, *time)
         return self._saddle(x, self.sums.saddle_pattern.nnz)
 
+    def force_matrix(self, time: Array, *arguments: Any) -> sp.csc_array:
+        """Return c0 K + c1 C + c2 M, sparse (n, n); the arguments are those of `saddle_matrix`."""
+        pattern, n = self.sums.saddle_pattern, self.equations.n
+        entries = self.saddle_matrix(time, *arguments), pattern.indices, pattern.indptr
+        return sp.csc_array(entries, shape=pattern.shape)[:n, :n]
+
     def linearize_forces(
         self, time: Array, state: State
     ) -> tuple[sp.csc_array, sp.csc_array, sp.csc_array]:
@@ -313,9 +274,7 @@ class StateEvaluator:
         First-order states are constant: their rows and columns are zero, except for a unit mass.
         """
         q, v, a, _ = state
-        stiffness, damping, mass = (
-            self.sums.block.matrix(self.saddle_matrix(time, q, v, a, c)) for c in _UNIT_COEFFICIENTS
-        )
+        stiffness, damping, mass = (self.force_matrix(time, q, v, a, c) for c in _UNIT_COEFFICIENTS)
         if len(self.equations.states):
             keep = sp.diags_array(self.equations.without_states(np.ones(self.equations.n)))
             stiffness, damping = (sp.csc_array(keep @ x @ keep) for x in (stiffness, damping))
@@ -323,8 +282,7 @@ class StateEvaluator:
 
     def mass_matrix(self, time: Array, q: Array) -> sp.csc_array:
         """Return the mass matrix dF/da at rest at positions `q`, sparse (n, n)."""
-        nonzeros = self.saddle_matrix(time, *self.rest_state(q)[:3], MASS_COEFFICIENTS)
-        return self.sums.block.matrix(nonzeros)
+        return self.force_matrix(time, *self.rest_state(q)[:3], MASS_COEFFICIENTS)
 
     def solve_saddle(
         self,

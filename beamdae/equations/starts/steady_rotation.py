@@ -16,18 +16,24 @@ and, through the strains of the state, centrifugal stiffening.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
-from beamdae.equations.formulations.tangents import Convert, Tangent, compute_tangent, tangent_of
+from beamdae.equations.formulations.tangents import (
+    Convert,
+    Tangent,
+    compute_residual,
+    compute_tangent,
+    tangent_of,
+)
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.starts.mobility import find_free_groups
+from beamdae.equations.starts.relaxation import find_nearby_equilibrium
 from beamdae.equations.starts.rigid_motions import collect_bodies
 from beamdae.errors import BeamdaeError, list_first
-from beamdae.linear.saddle_point import factorize_saddle_point
 from beamdae.parts.joints.drivers import Driver
 from beamdae.parts.joints.joint import Revolute
 from beamdae.parts.rotation import Rotation
@@ -40,21 +46,7 @@ STIFFNESS_ROUNDING = 1e-13
 _FORCE_TOLERANCE = 1e-8
 # Angle by which the mechanism is rotated to compare forces [rad].
 _TEST_ANGLE = 1.0
-# Tolerances of the Newton corrections in natural sizes. Rounding errors of stiff beams may prevent
-# full convergence, so that a correction below the second tolerance is accepted once it stops
-# halving.
-_CONVERGENCE_TOLERANCE = 1e-11
-_STAGNATION_TOLERANCE = 1e3 * _CONVERGENCE_TOLERANCE
-_STAGNATION_RATIO = 0.5
-_DIVERGENCE_LIMIT = 0.5
-_MAX_ITERATIONS = 30
-# Smallest permitted increment of the speed, relative to the requested speed.
-_MIN_SPEED_STEP = 2.0**-10
 _MAX_NAMES = 4  # of parts of a group without a joint
-# A multiple of the mass matrix is added to the stiffness, because the rotation angle may have no
-# stiffness: the sum of these fractions of W^2 and of the largest ratio of stiffness to mass.
-_SPEED_REGULARIZATION = 1e-9
-_STIFFNESS_REGULARIZATION = 1e-16
 # Distance from the bearing to the center, relative to the characteristic length, up to which a
 # rotor has no warning. For a blade of 0.9 m on a hub at 314 rad/s, 0.005 changes the first
 # frequency by 0.6 %, and 0.5 by 50 %.
@@ -138,7 +130,7 @@ def find_steady_rotation(
 ) -> State:
     """Return the state of steady rotation.
 
-    If Newton's method does not converge at the full speed, the speed is increased from zero.
+    It is an equilibrium in the rotating frame, see `find_nearby_equilibrium`.
 
     Parameters
     ----------
@@ -168,34 +160,49 @@ def find_steady_rotation(
             "theta or psi); release a body from the ground."
         )
     q = ConsistencySolver(e).state(time, e.q0, np.zeros(e.n)).q if guess is None else guess
-    lam, share, step = np.zeros(e.m), 0.0, 1.0
     # Checked first, because no steady state may exist if forces do not rotate.
     if not frozen_forces:
         _require_rotating_forces(e, time, frame, rotation, q)
-    while share < 1.0:
-        next_share = min(share + step, 1.0)
-        slower = replace(rotation, speed=next_share * rotation.speed)
-        solution = _solve_steady_state(e, time, frame, slower, q, lam)
-        if solution is None:
-            step *= 0.5
-            if step < _MIN_SPEED_STEP:
-                if free := find_free_groups(e, time, q):
-                    names = "; ".join(list_first(group, _MAX_NAMES) for group in free)
-                    raise BeamdaeError(
-                        f"rotation: no steady state was found at {rotation.speed:g} rad/s, because "
-                        f"no joint or spring holds {names}; add a joint, such as a Weld."
-                    )
-                raise BeamdaeError(
-                    f"rotation: no steady state was found at {rotation.speed:g} rad/s "
-                    f"about the center {rotation.center} [m] (the search from rest ended at "
-                    f"{share * rotation.speed:g} rad/s); check that the mechanism turns about "
-                    "this center, or use a lower speed."
-                )
-            continue
-        (q, lam), share, step = solution, next_share, 2.0 * step
+    solution = find_nearby_equilibrium(RotatingEquations(e, time, rotation), q)
+    if solution is None:
+        cause, remedy = "", "check that the mechanism turns about this center, or use a lower speed"
+        if free := find_free_groups(e, time, q):
+            names = "; ".join(list_first(group, _MAX_NAMES) for group in free)
+            cause, remedy = (
+                f", because no joint or spring holds {names}",
+                "add a joint, such as a Weld",
+            )
+        raise BeamdaeError(
+            f"rotation: no steady state was found at {rotation.speed:g} rad/s about the center "
+            f"{rotation.center} [m]{cause}; {remedy}."
+        )
+    q, lam = solution
     if not frozen_forces:
         _require_rotating_forces(e, time, frame, rotation, q)
     return rotating_state(e, rotation, q, lam)
+
+
+@dataclass(frozen=True)
+class RotatingEquations:
+    """Equations of equilibrium in a rotating frame, see `StaticSystem`."""
+
+    equations: EquationsOfMotion
+    time: Array
+    rotation: Rotation
+
+    def residual(self, q: Array, lam: Array) -> Array:
+        """Return F + G^T lam and the constraints of a mechanism that rotates, (n + m,)."""
+        state = rotating_state(self.equations, self.rotation, q, lam)
+        return compute_residual(self.equations, self.time, state)
+
+    def matrix(self, q: Array, lam: Array) -> sp.csc_array:
+        """Return the Jacobian of the residual, sparse (n + m, n + m)."""
+        state = rotating_state(self.equations, self.rotation, q, lam)
+        rotating = rotating_tangent(self.equations, self.time, self.rotation, state)
+        # Nonholonomic constraints restrict changes of positions as they restrict velocities.
+        rows = rotating.position_jacobian + rotating.velocity_jacobian
+        blocks = [[rotating.stiffness, rotating.reactions], [rows, None]]
+        return sp.csc_array(sp.block_array(blocks) if self.equations.m else rotating.stiffness)
 
 
 def rotating_tangent(
@@ -205,9 +212,18 @@ def rotating_tangent(
     state: State,
     convert: Convert | None = None,
 ) -> Tangent:
-    """Return the matrices of converted equations in the rotating frame."""
-    frame = RotatingCoordinates.from_equations(e)
-    return _to_rotating_frame(tangent_of(e, time, state, convert), frame, rotation.speed)
+    """Return the matrices of converted equations in the rotating frame, see the module."""
+    tangent, speed = tangent_of(e, time, state, convert), rotation.speed
+    s = RotatingCoordinates.from_equations(e).generator
+    return tangent._replace(
+        damping=sp.csc_array(tangent.damping + 2.0 * speed * (tangent.mass @ s)),
+        stiffness=sp.csc_array(
+            tangent.stiffness + speed * (tangent.damping @ s) + speed**2 * (tangent.mass @ (s @ s))
+        ),
+        position_jacobian=sp.csc_array(
+            tangent.position_jacobian + speed * (tangent.velocity_jacobian @ s)
+        ),
+    )
 
 
 def center_warning(e: EquationsOfMotion, rotation: Rotation) -> str:
@@ -252,54 +268,6 @@ def rotating_state(e: EquationsOfMotion, rotation: Rotation, q: Array, lam: Arra
     frame, speed = RotatingCoordinates.from_equations(e), rotation.speed
     arm, s = q - frame.center_vector(rotation.center), frame.generator
     return State(q, speed * (s @ arm + frame.angle_vector), speed**2 * (s @ (s @ arm)), lam)
-
-
-def _to_rotating_frame(tangent: Tangent, frame: RotatingCoordinates, speed: float) -> Tangent:
-    """Transform the linearized equations to the rotating frame; see the module docstring."""
-    s = frame.generator
-    return tangent._replace(
-        damping=sp.csc_array(tangent.damping + 2.0 * speed * (tangent.mass @ s)),
-        stiffness=sp.csc_array(
-            tangent.stiffness + speed * (tangent.damping @ s) + speed**2 * (tangent.mass @ (s @ s))
-        ),
-        position_jacobian=sp.csc_array(
-            tangent.position_jacobian + speed * (tangent.velocity_jacobian @ s)
-        ),
-    )
-
-
-def _solve_steady_state(
-    e: EquationsOfMotion,
-    time: Array,
-    frame: RotatingCoordinates,
-    rotation: Rotation,
-    q: Array,
-    lam: Array,
-) -> tuple[Array, Array] | None:
-    last_size, speed = np.inf, rotation.speed
-    for _ in range(_MAX_ITERATIONS):
-        tangent = compute_tangent(e, time, rotating_state(e, rotation, q, lam))
-        rotating = _to_rotating_frame(tangent, frame, speed)
-        inertia = tangent.mass.diagonal()
-        has_inertia = inertia > 0.0
-        ratios = np.abs(tangent.stiffness.diagonal()[has_inertia]) / inertia[has_inertia]
-        max_ratio = np.max(ratios, initial=0.0)
-        regularization = _SPEED_REGULARIZATION * speed**2 + _STIFFNESS_REGULARIZATION * max_ratio
-        block = rotating.stiffness + (regularization or 1.0) * tangent.mass
-        rows = rotating.position_jacobian + rotating.velocity_jacobian
-        solve = factorize_saddle_point(block, rotating.reactions, rows)
-        if solve is None or not np.all(np.isfinite(tangent.residual)):
-            return None
-        change = -solve(tangent.residual)
-        size = float(np.max(np.abs(change[: e.n]) / e.position_scales))
-        if not size <= _DIVERGENCE_LIMIT:
-            return None
-        q, lam = q + change[: e.n], lam + change[e.n :]
-        stagnates = size <= _STAGNATION_TOLERANCE and size >= _STAGNATION_RATIO * last_size
-        if size <= _CONVERGENCE_TOLERANCE or stagnates:
-            return q, lam
-        last_size = size
-    return None
 
 
 def _require_rotating_forces(

@@ -53,12 +53,9 @@ int method_follow_values(Instance *s) {
     return 0;
 }
 
-int method_prepare_change(Instance *s) {
-    (void)s;
-    return 0;
-}
+int method_prepare_change(Instance *s) { return 0; }
 
-void method_begin_step(Instance *s) { (void)s; }
+void method_begin_step(Instance *s) {}
 
 static void pack_motion(const Table *x, Reals y) {
     const int64_t n = x->n;

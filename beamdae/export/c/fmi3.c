@@ -24,6 +24,8 @@ static fmi3Status check(const Component *c, const char *message) {
     return message ? report(c, message) : fmi3OK;
 }
 
+static Instance *instance_of(fmi3Instance c) { return ((Component *)c)->instance; }
+
 static fmi3Status check_code(const Component *c, int code) {
     return check(c, code == 0 ? NULL : instance_message(c->instance));
 }
@@ -32,7 +34,6 @@ const char *fmi3GetVersion(void) { return fmi3Version; }
 
 fmi3Status fmi3SetDebugLogging(fmi3Instance c, fmi3Boolean on, size_t n,
                                const fmi3String categories[]) {
-    (void)c, (void)on, (void)n, (void)categories;
     return fmi3OK;
 }
 
@@ -41,8 +42,6 @@ fmi3Instance fmi3InstantiateCoSimulation(
     fmi3Boolean logging, fmi3Boolean event_mode, fmi3Boolean early_return,
     const Reference intermediate[], size_t n_intermediate, fmi3InstanceEnvironment environment,
     fmi3LogMessageCallback log, fmi3IntermediateUpdateCallback update) {
-    (void)name, (void)resources, (void)visible, (void)logging, (void)event_mode;
-    (void)early_return, (void)intermediate, (void)n_intermediate, (void)update;
     Component *c = calloc(1, sizeof(Component));
     if (!c) return NULL;
     c->environment = environment;
@@ -62,7 +61,6 @@ fmi3Instance fmi3InstantiateModelExchange(fmi3String name, fmi3String token, fmi
                                           fmi3Boolean visible, fmi3Boolean logging,
                                           fmi3InstanceEnvironment environment,
                                           fmi3LogMessageCallback log) {
-    (void)name, (void)token, (void)resources, (void)visible, (void)logging;
     if (log) log(environment, fmi3Error, "logStatusError", "The FMU supports co-simulation only.");
     return NULL;
 }
@@ -72,7 +70,6 @@ fmi3Instance fmi3InstantiateScheduledExecution(
     fmi3Boolean logging, fmi3InstanceEnvironment environment, fmi3LogMessageCallback log,
     fmi3ClockUpdateCallback clock, fmi3LockPreemptionCallback lock,
     fmi3UnlockPreemptionCallback unlock) {
-    (void)clock, (void)lock, (void)unlock;
     return fmi3InstantiateModelExchange(name, token, resources, visible, logging, environment, log);
 }
 
@@ -83,93 +80,77 @@ void fmi3FreeInstance(fmi3Instance instance) {
     free(c);
 }
 
-fmi3Status fmi3EnterInitializationMode(fmi3Instance instance, fmi3Boolean with_tolerance,
+fmi3Status fmi3EnterInitializationMode(fmi3Instance c, fmi3Boolean with_tolerance,
                                        fmi3Float64 tolerance, fmi3Float64 start,
                                        fmi3Boolean with_stop, fmi3Float64 stop) {
-    Component *c = instance;
-    (void)with_tolerance, (void)tolerance;
-    const char *message = set_experiment(c->instance, start, with_stop, stop);
-    return check(c, message ? message : enter_initialization(c->instance));
+    const char *message = set_experiment(instance_of(c), start, with_stop, stop);
+    return check(c, message ? message : enter_initialization(instance_of(c)));
 }
 
-fmi3Status fmi3ExitInitializationMode(fmi3Instance instance) {
-    Component *c = instance;
-    return check(c, exit_initialization(c->instance));
+fmi3Status fmi3ExitInitializationMode(fmi3Instance c) {
+    return check(c, exit_initialization(instance_of(c)));
 }
 
-fmi3Status fmi3Reset(fmi3Instance instance) {
-    Component *c = instance;
-    return check_code(c, instance_reset(c->instance));
+fmi3Status fmi3Reset(fmi3Instance c) {
+    return check_code(c, instance_reset(instance_of(c)));
 }
 
-fmi3Status fmi3GetFloat64(fmi3Instance instance, const Reference vr[], size_t n,
+fmi3Status fmi3GetFloat64(fmi3Instance c, const Reference vr[], size_t n,
                           fmi3Float64 value[], size_t n_values) {
-    Component *c = instance;
     if (n_values != n) return report(c, "All variables are scalar.");
-    return check(c, get_variables(c->instance, vr, n, value, 1));
+    return check(c, get_variables(instance_of(c), vr, n, value, 1));
 }
 
-fmi3Status fmi3SetFloat64(fmi3Instance instance, const Reference vr[], size_t n,
+fmi3Status fmi3SetFloat64(fmi3Instance c, const Reference vr[], size_t n,
                           const fmi3Float64 value[], size_t n_values) {
-    Component *c = instance;
     if (n_values != n) return report(c, "All variables are scalar.");
-    return check(c, set_variables(c->instance, vr, n, value));
+    return check(c, set_variables(instance_of(c), vr, n, value));
 }
 
-fmi3Status fmi3GetFMUState(fmi3Instance instance, fmi3FMUState *state) {
-    Component *c = instance;
-    return check(c, copy_state(c->instance, state));
+fmi3Status fmi3GetFMUState(fmi3Instance c, fmi3FMUState *state) {
+    return check(c, copy_state(instance_of(c), state));
 }
 
-fmi3Status fmi3SetFMUState(fmi3Instance instance, fmi3FMUState state) {
-    Component *c = instance;
-    return check(c, restore_state(c->instance, state));
+fmi3Status fmi3SetFMUState(fmi3Instance c, fmi3FMUState state) {
+    return check(c, restore_state(instance_of(c), state));
 }
 
 fmi3Status fmi3FreeFMUState(fmi3Instance c, fmi3FMUState *state) {
-    (void)c;
     free_state(state);
     return fmi3OK;
 }
 
-fmi3Status fmi3SerializedFMUStateSize(fmi3Instance instance, fmi3FMUState state, size_t *size) {
-    Component *c = instance;
-    (void)state;
-    *size = serialized_size(c->instance);
+fmi3Status fmi3SerializedFMUStateSize(fmi3Instance c, fmi3FMUState state, size_t *size) {
+    *size = serialized_size(instance_of(c));
     return fmi3OK;
 }
 
-fmi3Status fmi3SerializeFMUState(fmi3Instance instance, fmi3FMUState state, fmi3Byte bytes[],
+fmi3Status fmi3SerializeFMUState(fmi3Instance c, fmi3FMUState state, fmi3Byte bytes[],
                                  size_t size) {
-    Component *c = instance;
-    return check(c, serialize_state(c->instance, state, bytes, size));
+    return check(c, serialize_state(instance_of(c), state, bytes, size));
 }
 
-fmi3Status fmi3DeserializeFMUState(fmi3Instance instance, const fmi3Byte bytes[], size_t size,
+fmi3Status fmi3DeserializeFMUState(fmi3Instance c, const fmi3Byte bytes[], size_t size,
                                    fmi3FMUState *state) {
-    Component *c = instance;
-    return check(c, deserialize_state(c->instance, bytes, size, state));
+    return check(c, deserialize_state(instance_of(c), bytes, size, state));
 }
 
-fmi3Status fmi3GetDirectionalDerivative(fmi3Instance instance, const Reference unknowns[],
+fmi3Status fmi3GetDirectionalDerivative(fmi3Instance c, const Reference unknowns[],
                                         size_t n_unknowns, const Reference knowns[],
                                         size_t n_knowns, const fmi3Float64 seed[], size_t n_seed,
                                         fmi3Float64 result[], size_t n_result) {
-    Component *c = instance;
     if (n_seed != n_knowns || n_result != n_unknowns)
         return report(c, "All variables are scalar.");
-    return check(c, get_directional_derivative(c->instance, unknowns, n_unknowns, knowns, n_knowns,
-                                               seed, result));
+    return check(c, get_directional_derivative(instance_of(c), unknowns, n_unknowns, knowns,
+                                               n_knowns, seed, result));
 }
 
-fmi3Status fmi3DoStep(fmi3Instance instance, fmi3Float64 t, fmi3Float64 step,
+fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 t, fmi3Float64 step,
                       fmi3Boolean no_set_state, fmi3Boolean *event_handling,
                       fmi3Boolean *terminate, fmi3Boolean *early_return, fmi3Float64 *last_time) {
-    Component *c = instance;
-    (void)no_set_state;
     *event_handling = *terminate = *early_return = fmi3False;
-    const char *message = do_step(c->instance, t, step);
-    *last_time = instance_time(c->instance);
+    const char *message = do_step(instance_of(c), t, step);
+    *last_time = instance_time(instance_of(c));
     return check(c, message);
 }
 
@@ -190,22 +171,20 @@ fmi3Status fmi3ExitConfigurationMode(fmi3Instance c) { return unsupported(c); }
 fmi3Status fmi3EnterContinuousTimeMode(fmi3Instance c) { return unsupported(c); }
 fmi3Status fmi3EvaluateDiscreteStates(fmi3Instance c) { return unsupported(c); }
 
-fmi3Status fmi3Terminate(fmi3Instance instance) {
-    Component *c = instance;
-    return check(c, terminate(c->instance));
+fmi3Status fmi3Terminate(fmi3Instance c) {
+    return check(c, terminate(instance_of(c)));
 }
 
-#define VARIABLES(Type)                                                                            \
-    fmi3Status fmi3Get##Type(fmi3Instance c, const Reference vr[], size_t n, fmi3##Type value[],   \
-                             size_t n_values) {                                                    \
-        (void)vr, (void)value, (void)n_values;                                                     \
-        return empty(c, n);                                                                        \
-    }                                                                                              \
-    fmi3Status fmi3Set##Type(fmi3Instance c, const Reference vr[], size_t n,                       \
-                             const fmi3##Type value[], size_t n_values) {                          \
-        (void)vr, (void)value, (void)n_values;                                                     \
+#define UNSUPPORTED(name, ...)                                                                     \
+    fmi3Status name(fmi3Instance c, __VA_ARGS__) { return unsupported(c); }
+/* Of n variables, with further parameters. */
+#define EMPTY(name, ...)                                                                           \
+    fmi3Status name(fmi3Instance c, const Reference vr[], size_t n, __VA_ARGS__) {                 \
         return empty(c, n);                                                                        \
     }
+#define VARIABLES(Type)                                                                            \
+    EMPTY(fmi3Get##Type, fmi3##Type value[], size_t n_values)                                      \
+    EMPTY(fmi3Set##Type, const fmi3##Type value[], size_t n_values)
 
 VARIABLES(Float32)
 VARIABLES(Int8)
@@ -219,132 +198,44 @@ VARIABLES(UInt64)
 VARIABLES(Boolean)
 VARIABLES(String)
 
-#define UNSUPPORTED(name, parameters, unused)                                                      \
-    fmi3Status name parameters {                                                                   \
-        unused;                                                                                    \
-        return unsupported(c);                                                                     \
-    }
-#define UNUSED2(a, b) (void)a, (void)b
-#define UNUSED3(a, b, d) (void)a, (void)b, (void)d
-
-fmi3Status fmi3GetBinary(fmi3Instance c, const Reference vr[], size_t n, size_t sizes[],
-                         fmi3Binary value[], size_t n_values) {
-    (void)vr, (void)sizes, (void)value, (void)n_values;
-    return empty(c, n);
-}
-
-fmi3Status fmi3SetBinary(fmi3Instance c, const Reference vr[], size_t n, const size_t sizes[],
-                         const fmi3Binary value[], size_t n_values) {
-    (void)vr, (void)sizes, (void)value, (void)n_values;
-    return empty(c, n);
-}
-
-fmi3Status fmi3GetClock(fmi3Instance c, const Reference vr[], size_t n, fmi3Clock value[]) {
-    (void)vr, (void)value;
-    return empty(c, n);
-}
-
-fmi3Status fmi3SetClock(fmi3Instance c, const Reference vr[], size_t n, const fmi3Clock value[]) {
-    (void)vr, (void)value;
-    return empty(c, n);
-}
+EMPTY(fmi3GetBinary, size_t sizes[], fmi3Binary value[], size_t n_values)
+EMPTY(fmi3SetBinary, const size_t sizes[], const fmi3Binary value[], size_t n_values)
+EMPTY(fmi3GetClock, fmi3Clock value[])
+EMPTY(fmi3SetClock, const fmi3Clock value[])
 
 fmi3Status fmi3UpdateDiscreteStates(fmi3Instance c, fmi3Boolean *update, fmi3Boolean *terminate,
                                     fmi3Boolean *nominals, fmi3Boolean *values,
                                     fmi3Boolean *with_time, fmi3Float64 *time) {
-    (void)time;
     *update = *terminate = *nominals = *values = *with_time = fmi3False;
     return unsupported(c);
 }
 
-fmi3Status fmi3GetAdjointDerivative(fmi3Instance c, const Reference unknowns[], size_t n_unknowns,
-                                    const Reference knowns[], size_t n_knowns,
-                                    const fmi3Float64 seed[], size_t n_seed, fmi3Float64 result[],
-                                    size_t n_result) {
-    (void)unknowns, (void)n_unknowns, (void)knowns, (void)n_knowns;
-    (void)seed, (void)n_seed, (void)result, (void)n_result;
-    return unsupported(c);
-}
-
-fmi3Status fmi3GetVariableDependencies(fmi3Instance c, Reference dependent, size_t elements[],
-                                       Reference independents[], size_t of_independents[],
-                                       fmi3DependencyKind kinds[], size_t n) {
-    (void)dependent, (void)elements, (void)independents, (void)of_independents, (void)kinds;
-    (void)n;
-    return unsupported(c);
-}
-
-fmi3Status fmi3GetIntervalDecimal(fmi3Instance c, const Reference vr[], size_t n,
-                                  fmi3Float64 intervals[], fmi3IntervalQualifier qualifiers[]) {
-    (void)vr, (void)intervals, (void)qualifiers;
-    return empty(c, n);
-}
-
-fmi3Status fmi3GetIntervalFraction(fmi3Instance c, const Reference vr[], size_t n,
-                                   fmi3UInt64 counters[], fmi3UInt64 resolutions[],
-                                   fmi3IntervalQualifier qualifiers[]) {
-    (void)vr, (void)counters, (void)resolutions, (void)qualifiers;
-    return empty(c, n);
-}
-
-fmi3Status fmi3GetShiftFraction(fmi3Instance c, const Reference vr[], size_t n,
-                                fmi3UInt64 counters[], fmi3UInt64 resolutions[]) {
-    (void)vr, (void)counters, (void)resolutions;
-    return empty(c, n);
-}
-
-fmi3Status fmi3SetIntervalFraction(fmi3Instance c, const Reference vr[], size_t n,
-                                   const fmi3UInt64 counters[], const fmi3UInt64 resolutions[]) {
-    (void)vr, (void)counters, (void)resolutions;
-    return empty(c, n);
-}
-
-fmi3Status fmi3SetShiftFraction(fmi3Instance c, const Reference vr[], size_t n,
-                                const fmi3UInt64 counters[], const fmi3UInt64 resolutions[]) {
-    (void)vr, (void)counters, (void)resolutions;
-    return empty(c, n);
-}
-
-fmi3Status fmi3GetShiftDecimal(fmi3Instance c, const Reference vr[], size_t n,
-                               fmi3Float64 shifts[]) {
-    (void)vr, (void)shifts;
-    return empty(c, n);
-}
-
-fmi3Status fmi3SetIntervalDecimal(fmi3Instance c, const Reference vr[], size_t n,
-                                  const fmi3Float64 intervals[]) {
-    (void)vr, (void)intervals;
-    return empty(c, n);
-}
-
-fmi3Status fmi3SetShiftDecimal(fmi3Instance c, const Reference vr[], size_t n,
-                               const fmi3Float64 shifts[]) {
-    (void)vr, (void)shifts;
-    return empty(c, n);
-}
-
-fmi3Status fmi3GetOutputDerivatives(fmi3Instance c, const Reference vr[], size_t n,
-                                    const fmi3Int32 orders[], fmi3Float64 values[],
-                                    size_t n_values) {
-    (void)vr, (void)n, (void)orders, (void)values, (void)n_values;
-    return unsupported(c);
-}
-
-UNSUPPORTED(fmi3GetNumberOfVariableDependencies, (fmi3Instance c, Reference vr, size_t *n),
-            UNUSED2(vr, n))
-UNSUPPORTED(fmi3CompletedIntegratorStep,
-            (fmi3Instance c, fmi3Boolean no_set_state, fmi3Boolean *event, fmi3Boolean *terminate),
-            UNUSED3(no_set_state, event, terminate))
-UNSUPPORTED(fmi3SetTime, (fmi3Instance c, fmi3Float64 time), (void)time)
-UNSUPPORTED(fmi3SetContinuousStates, (fmi3Instance c, const fmi3Float64 x[], size_t n),
-            UNUSED2(x, n))
-UNSUPPORTED(fmi3GetContinuousStateDerivatives, (fmi3Instance c, fmi3Float64 x[], size_t n),
-            UNUSED2(x, n))
-UNSUPPORTED(fmi3GetEventIndicators, (fmi3Instance c, fmi3Float64 x[], size_t n), UNUSED2(x, n))
-UNSUPPORTED(fmi3GetContinuousStates, (fmi3Instance c, fmi3Float64 x[], size_t n), UNUSED2(x, n))
-UNSUPPORTED(fmi3GetNominalsOfContinuousStates, (fmi3Instance c, fmi3Float64 x[], size_t n),
-            UNUSED2(x, n))
-UNSUPPORTED(fmi3GetNumberOfEventIndicators, (fmi3Instance c, size_t *n), (void)n)
-UNSUPPORTED(fmi3GetNumberOfContinuousStates, (fmi3Instance c, size_t *n), (void)n)
-UNSUPPORTED(fmi3ActivateModelPartition, (fmi3Instance c, Reference clock, fmi3Float64 time),
-            UNUSED2(clock, time))
+UNSUPPORTED(fmi3GetAdjointDerivative, const Reference unknowns[], size_t n_unknowns,
+            const Reference knowns[], size_t n_knowns, const fmi3Float64 seed[], size_t n_seed,
+            fmi3Float64 result[], size_t n_result)
+UNSUPPORTED(fmi3GetVariableDependencies, Reference dependent, size_t elements[],
+            Reference independents[], size_t of_independents[], fmi3DependencyKind kinds[],
+            size_t n)
+EMPTY(fmi3GetIntervalDecimal, fmi3Float64 intervals[], fmi3IntervalQualifier qualifiers[])
+EMPTY(fmi3GetIntervalFraction, fmi3UInt64 counters[], fmi3UInt64 resolutions[],
+      fmi3IntervalQualifier qualifiers[])
+EMPTY(fmi3GetShiftFraction, fmi3UInt64 counters[], fmi3UInt64 resolutions[])
+EMPTY(fmi3SetIntervalFraction, const fmi3UInt64 counters[], const fmi3UInt64 resolutions[])
+EMPTY(fmi3SetShiftFraction, const fmi3UInt64 counters[], const fmi3UInt64 resolutions[])
+EMPTY(fmi3GetShiftDecimal, fmi3Float64 shifts[])
+EMPTY(fmi3SetIntervalDecimal, const fmi3Float64 intervals[])
+EMPTY(fmi3SetShiftDecimal, const fmi3Float64 shifts[])
+UNSUPPORTED(fmi3GetOutputDerivatives, const Reference vr[], size_t n, const fmi3Int32 orders[],
+            fmi3Float64 values[], size_t n_values)
+UNSUPPORTED(fmi3GetNumberOfVariableDependencies, Reference vr, size_t *n)
+UNSUPPORTED(fmi3CompletedIntegratorStep, fmi3Boolean no_set_state, fmi3Boolean *event,
+            fmi3Boolean *terminate)
+UNSUPPORTED(fmi3SetTime, fmi3Float64 time)
+UNSUPPORTED(fmi3SetContinuousStates, const fmi3Float64 x[], size_t n)
+UNSUPPORTED(fmi3GetContinuousStateDerivatives, fmi3Float64 x[], size_t n)
+UNSUPPORTED(fmi3GetEventIndicators, fmi3Float64 x[], size_t n)
+UNSUPPORTED(fmi3GetContinuousStates, fmi3Float64 x[], size_t n)
+UNSUPPORTED(fmi3GetNominalsOfContinuousStates, fmi3Float64 x[], size_t n)
+UNSUPPORTED(fmi3GetNumberOfEventIndicators, size_t *n)
+UNSUPPORTED(fmi3GetNumberOfContinuousStates, size_t *n)
+UNSUPPORTED(fmi3ActivateModelPartition, Reference clock, fmi3Float64 time)

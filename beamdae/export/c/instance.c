@@ -100,10 +100,7 @@ int instance_reset(Instance *s) {
     return 0;
 }
 
-size_t instance_state_size(const Instance *s) {
-    (void)s;
-    return model.n_state * sizeof(int64_t);
-}
+size_t instance_state_size(const Instance *s) { return model.n_state * sizeof(int64_t); }
 
 void instance_get_state(const Instance *s, void *state) {
     memcpy(state, s->table, instance_state_size(s));

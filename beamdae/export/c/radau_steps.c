@@ -141,17 +141,6 @@ static void renew_step_pivots(Instance *s) {
 
 /* Derivatives */
 
-static int factorize_step(Instance *s, RadauWorkspace *run, double t, double h) {
-    Stages *stages = &run->base;
-    evaluate_jacobian_parts(&run->form, t + stages->tableau.nodes.at[1] * h, run->branch,
-                            row(stages->stages, 1), row(stages->rates, 1), run->jacobian);
-    int code;
-    while ((code = factorize_stages(stages, h, run->jacobian)) == NEW_PIVOTS)
-        renew_step_pivots(s);
-    run->factors_step = code == DONE ? h : 0.0;
-    return code;
-}
-
 /* Update the derivatives at the end of the last step, which began at t, by Newton's iteration with
    its matrices; its stages are known. */
 static int differentiate_step(Instance *s, double t) {
@@ -159,47 +148,48 @@ static int differentiate_step(Instance *s, double t) {
     RadauWorkspace *run = &x->run;
     Stages *stages = &run->base;
     const int64_t n = x->base.n, size = run->form.size;
-    const Reals y = stages->y, dy = part(x->stage, 2 * size, 3 * size);
-    const Reals dyp = part(x->stage, 3 * size, 4 * size);
-    const double h = x->h, last_step = stages->step_size.last_step;
-    const Reals weights = run->iteration_weights;
+    const Reals dy = part(x->stage, 2 * size, 3 * size);
+    const Reals dyp = part(x->stage, 3 * size, 4 * size), weights = run->iteration_weights;
+    const double h = x->h;
     double total = 0.0;
-    if (factorize_step(s, run, t, h) != DONE) return SINGULAR;
+    int code;
+    run->t = t;
+    while ((code = factorize_matrices(run, h)) == NEW_PIVOTS) renew_step_pivots(s);
+    if (code != DONE) return code;
+    const Stages at = *stages;
     /* Zeros, apart from velocities, which are those of the positions. */
-    const Reals yp = stages->yp;
     stages->y = x->tangent, stages->yp = x->base.zeros, stages->step_size.last_step = 0.0;
+    stages->stages = x->tangent_stages, stages->rates = x->tangent_rates;
     predict_stages(stages, h);
-    stages->y = y, stages->yp = yp, stages->step_size.last_step = last_step;
-    for (int k = 0; k < MAX_DERIVATIVE_ITERATIONS; k++) {
+    code = NOT_CONVERGED;
+    for (int k = 0; k < MAX_DERIVATIVE_ITERATIONS && code == NOT_CONVERGED; k++) {
+        set_stages(stages, h);
         for (int i = 0; i < STAGES; i++) {
-            const double *to = row(stages->tableau.to_stages, i).at;
-            const double *rates = row(stages->tableau.rates, i).at;
             const Reals residual = row(run->stage_residuals, i);
-            const Reals w0 = row(stages->w, 0), w1 = row(stages->w, 1), w2 = row(stages->w, 2);
-            copy(part(x->stage, 0, size), row(stages->stages, i));
-            copy(part(x->stage, size, 2 * size), row(stages->rates, i));
-            combine4(dy, 1.0, x->tangent, to[0], w0, to[1], w1, to[2], w2);
-            combine3(dyp, rates[0] / h, w0, rates[1] / h, w1, rates[2] / h, w2);
-            set_time(&x->base.residual_direction, t + stages->tableau.nodes.at[i] * h,
-                     x->base.branch);
+            copy(part(x->stage, 0, size), row(at.stages, i));
+            copy(part(x->stage, size, 2 * size), row(at.rates, i));
+            copy(dy, row(stages->stages, i));
+            copy(dyp, row(stages->rates, i));
+            set_time(&x->base.residual_direction, t + at.tableau.nodes.at[i] * h, x->base.branch);
             evaluate_sum(&x->base.residual_direction, x->stage, residual);
             combine3(part(residual, 0, n), 1.0, residual, 1.0, dyp, -1.0, from(dy, n));
         }
         correct_stages(run, h);
-        double change = max_norm(part(stages->real_change, 0, 2 * n), weights);
-        for (int64_t i = 0; i < 2 * n; i++)
-            change = join_largest(change, cabs(stages->complex_change.at[i]) * weights.at[i]);
+        const double change = join_largest(
+            max_norm(part(stages->real_change, 0, weights.size), weights),
+            max_modulus(stages->complex_change, weights));
         total = fmax(total, change);
-        if (!isfinite(change)) return NOT_FINITE;
-        if (k > 0 && change <= DERIVATIVE_TOLERANCE * total) {
-            const double *to = row(stages->tableau.to_stages, STAGES - 1).at;
-            combine4(x->tangent, 1.0, x->tangent, to[0], row(stages->w, 0), to[1],
-                     row(stages->w, 1), to[2], row(stages->w, 2));
+        if (!isfinite(change)) {
+            code = NOT_FINITE;
+        } else if (k > 0 && change <= DERIVATIVE_TOLERANCE * total) {
+            set_stages(stages, h);
+            copy(x->tangent, row(stages->stages, STAGES - 1));
             for (int i = 0; i < STAGES; i++) copy(row(x->tangent_w, i), row(stages->w, i));
-            return DONE;
+            code = DONE;
         }
     }
-    return NOT_CONVERGED;
+    *stages = at;
+    return code;
 }
 
 /* Steps */

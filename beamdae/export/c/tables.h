@@ -49,10 +49,10 @@ typedef struct {
     int64_t is_quiet, has_tangent;
     Sum gap_sum;
     Reals gaps, before, begin;
-    /* Derivatives of y and, for the last step, of w, and inputs (y, y'), their derivatives and
-       those of the numbers p. */
+    /* Derivatives of y and, for the last step, of w and of the stages, and inputs (y, y'), their
+       derivatives and those of the numbers p. */
     Reals tangent;
-    Reals2 tangent_w;
+    Reals2 tangent_w, tangent_stages, tangent_rates;
     Reals stage;
 } RadauTable;
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
+from beamdae.core.linear_solver import LinearSolver
 from beamdae.core.return_codes import (
     DONE,
     ERROR_TOO_LARGE,
@@ -70,52 +70,22 @@ def _plan_accelerations(structure: Structure) -> SumPlan:
     return assemble_accelerations(structure, InputLayout(q=0, v=n, a=2 * n, lam=3 * n)).vector()
 
 
-@dataclass(frozen=True)
-class JerkEquations:
-    """Equations of the jerk normal to the constraint manifold.
-
-    Attributes
-    ----------
-    equations
-        Equations of motion.
-    accelerations
-        Evaluation plan of g_ddot.
-    saddle, matrix
-        Evaluation plan of [[M, G^T], [G, 0]], and the matrix to factorize.
-    """
-
-    equations: EquationsOfMotion
-    accelerations: SumPlan
-    saddle: SumPlan
-    matrix: FactorizedMatrix
-
-    @classmethod
-    def from_equations(cls, equations: EquationsOfMotion) -> JerkEquations:
-        """Return the jerk equations with a new matrix, for one run."""
-        structure = equations.structure
-        sums = plan_state_sums(structure)
-        matrix = FactorizedMatrix.from_pattern(sums.saddle_pattern)
-        return cls(equations, _plan_accelerations(structure), sums.saddle, matrix)
-
-    @property
-    def is_native(self) -> bool:
-        """True if the equations can be evaluated in machine code."""
-        return self.accelerations.is_native and self.saddle.is_native
-
-    def buffers(self, native: bool) -> Workspace:
-        """Return the work arrays in which a loop evaluates the jerk."""
-        n, m, p = self.equations.n, self.equations.m, self.equations.p
-        return Workspace(
-            "JerkBuffers",
-            accelerations=self.accelerations.sum(native, p),
-            saddle=self.saddle.sum(native, p),
-            linear=self.matrix.make_solver(),
-            motion=np.zeros(3 * n + m),
-            ahead=np.zeros(m),
-            behind=np.zeros(m),
-            nonzeros=self.matrix.nonzeros,
-            unknowns=np.zeros(n + m),
-        )
+def make_jerk_buffers(equations: EquationsOfMotion) -> tuple[Workspace, FactorizedMatrix]:
+    """Return the work arrays for the jerk normal to the constraint manifold, and their matrix."""
+    sums, n, m, p = plan_state_sums(equations.structure), equations.n, equations.m, equations.p
+    matrix = FactorizedMatrix.from_pattern(sums.saddle_pattern)
+    buffers = Workspace(
+        "JerkBuffers",
+        accelerations=_plan_accelerations(equations.structure).sum(True, p),
+        saddle=sums.saddle.sum(True, p),
+        linear=matrix.make_solver(),
+        motion=np.zeros(3 * n + m),
+        ahead=np.zeros(m),
+        behind=np.zeros(m),
+        nonzeros=matrix.nonzeros,
+        unknowns=np.zeros(n + m),
+    )
+    return buffers, matrix
 
 
 class AlphaStepper:
@@ -131,12 +101,10 @@ class AlphaStepper:
         start: AlphaStart,
         scales: Array,
         newton_tolerance: float,
-        *,
-        tolerance: float = 1.0,
-        max_step: float = 1.0,
-        min_step: float = 1.0,
+        *further: tuple[LinearSolver, FactorizedMatrix],
+        **fields: Any,
     ) -> None:
-        """Compile the loop; only adaptive steps use `tolerance`, `max_step` and `min_step`."""
+        """Compile the loop, with further matrices, and further fields of its workspace."""
         self._alpha_start = start
         matrix, weights = FactorizedMatrix.from_pattern(form.pattern), 1.0 / scales
         size = float(np.max(form.equations.position_scales * weights))
@@ -148,49 +116,40 @@ class AlphaStepper:
             q, v, ddq, a = np.zeros((4, n))
             return Motion(q, v, ddq, a, np.zeros(m))
 
-        def make_workspace(native: bool) -> Workspace:
-            return Workspace(
-                "AlphaWorkspace",
-                form=form.buffers(native),
-                linear=matrix.make_solver(),
-                alpha_m=member.alpha_m,
-                alpha_f=member.alpha_f,
-                gamma=member.gamma,
-                beta=member.beta,
-                defect=member.defect,
-                current=make_motion(),
-                accepted_motion=make_motion(),
-                prediction=StepPrediction(
-                    np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(3)
-                ),
-                a_predicted=np.zeros(n),
-                ddq_n=np.zeros(n),
-                a_n=np.zeros(n),
-                lam_n=np.zeros(m),
-                x=np.zeros(form.size),
-                first_multipliers=np.zeros(form.size - n),
-                change=np.zeros(form.pattern.shape[0]),
-                nonzeros=matrix.nonzeros,
-                weights=weights,
-                reaction_weights=np.full(m, float(tests_reactions)),
-                rows=allocate_rows(1 + 3 * n + m, self.steps_per_check),
-                newton_tolerance=newton_tolerance,
-                min_correction_limit=INCREMENT_ROUNDING * max(1.0, size),
-                tolerance=tolerance,
-                max_step=max_step,
-                min_step=min_step,
-                states=np.asarray(form.equations.states, np.intp),
-                rate=math.inf,
-                **self._further_fields(native),
-            )
-
-        def matrices(run: Workspace) -> list[tuple[Any, FactorizedMatrix]]:
-            return [(run.linear, matrix), *self._further_matrices(run)]
-
-        is_native = form.is_native and self._is_native
-        self._step_loop = StepLoop(self._loop, make_workspace, matrices, is_native)
-        self._run = self._step_loop.work
-        self._code = 0
+        self._run = run = Workspace(
+            "AlphaWorkspace",
+            form=form.buffers(),
+            linear=matrix.make_solver(),
+            alpha_m=member.alpha_m,
+            alpha_f=member.alpha_f,
+            gamma=member.gamma,
+            beta=member.beta,
+            defect=member.defect,
+            current=make_motion(),
+            accepted_motion=make_motion(),
+            prediction=StepPrediction(
+                np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(3)
+            ),
+            a_predicted=np.zeros(n),
+            ddq_n=np.zeros(n),
+            a_n=np.zeros(n),
+            lam_n=np.zeros(m),
+            x=np.zeros(form.size),
+            first_multipliers=np.zeros(form.size - n),
+            change=np.zeros(form.pattern.shape[0]),
+            nonzeros=matrix.nonzeros,
+            weights=weights,
+            reaction_weights=np.full(m, float(tests_reactions)),
+            rows=allocate_rows(1 + 3 * n + m, self.steps_per_check),
+            newton_tolerance=newton_tolerance,
+            min_correction_limit=INCREMENT_ROUNDING * max(1.0, size),
+            states=np.asarray(form.equations.states, np.intp),
+            rate=math.inf,
+            **fields,
+        )
+        pairs = (run.linear, matrix), *further
+        self._solvers = [linear for linear, _ in pairs]
+        self._step_loop, self._code = StepLoop(self._loop, run, *pairs), 0
 
     @property
     def workspace(self) -> Workspace:
@@ -198,27 +157,15 @@ class AlphaStepper:
         return self._run
 
     @property
-    def _is_native(self) -> bool:
-        """True if all equations of the loop other than `form` can be evaluated in machine code."""
-        return True
-
-    def _further_fields(self, native: bool) -> dict[str, Any]:
-        return {}
-
-    def _further_matrices(self, run: Any) -> list[tuple[Any, FactorizedMatrix]]:
-        return []
-
-    @property
     def counts(self) -> Statistics:
         """Numbers of function calls, rejected steps, factorizations and Newton failures so far."""
         run = self._run
-        solvers = [run.linear, *(linear for linear, _ in self._further_matrices(run))]
         return Statistics(
             rejected_steps=run.rejections,
             residual_calls=run.residuals,
             jacobian_calls=run.jacobians,
-            factorizations=sum(linear.factorizations for linear in solvers),
-            solves=sum(linear.solves for linear in solvers),
+            factorizations=sum(linear.factorizations for linear in self._solvers),
+            solves=sum(linear.solves for linear in self._solvers),
             newton_failures=run.failures,
         )
 
@@ -340,34 +287,23 @@ class AdaptiveAlphaStepper(AlphaStepper):
         tolerance: float,
         multipliers: MultiplierTolerances = UNTESTED_MULTIPLIERS,
     ) -> None:
-        equations = form.equations
-        self._multipliers = multipliers
-        self._corrects_velocities = start.index3 and equations.m > 0
-        self._jerk = JerkEquations.from_equations(equations)
+        jerk, matrix = make_jerk_buffers(form.equations)
         super().__init__(
             form,
             start,
             *settings,
+            (jerk.linear, matrix),
             tolerance=tolerance,
             max_step=largest,
             min_step=_MIN_STEP_SHARE * duration,
+            jerk=jerk,
+            corrects_velocities=int(start.index3 and form.equations.m > 0),
+            multiplier_weights=multipliers.weights.copy(),
+            multiplier_tolerance=multipliers.tolerance,
+            shortest_tested_step=multipliers.shortest_step,
+            lam_before=np.zeros(form.equations.m),
         )
         self._first_step = first
-
-    @property
-    def _is_native(self) -> bool:
-        return self._jerk.is_native
-
-    def _further_fields(self, native: bool) -> dict[str, Any]:
-        weights, tolerance, shortest_step = self._multipliers
-        return {
-            "jerk": self._jerk.buffers(native),
-            "corrects_velocities": int(self._corrects_velocities),
-            "multiplier_weights": weights.copy(),
-            "multiplier_tolerance": tolerance,
-            "shortest_tested_step": shortest_step,
-            "lam_before": np.zeros(self._jerk.equations.m),
-        }
 
     @property
     def resolved_options(self) -> dict[str, Any]:
@@ -389,9 +325,6 @@ class AdaptiveAlphaStepper(AlphaStepper):
     def _prepare_steps(self, end: float) -> None:
         run = self._run
         run.end, run.next_step = end, max(run.next_step, run.unclipped_step)
-
-    def _further_matrices(self, run: Any) -> list[tuple[Any, FactorizedMatrix]]:
-        return [(run.jerk.linear, self._jerk.matrix)]
 
     def _describe_failure(self, code: int) -> str:
         run = self._run

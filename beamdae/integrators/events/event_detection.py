@@ -170,8 +170,8 @@ class EventDetector:
         """
         return 0 < self._repeats <= _MAX_REPEATED_IMPACTS
 
-    def has_due_event(self, segment: RunSegment) -> bool:
-        """Record the first event that is due at the start; return True if there is one."""
+    def find_due_event(self, segment: RunSegment) -> EventTerm | None:
+        """Record the first event that is due at the start, and return it."""
         start = segment.interval()
         due = [term for term in self.equations.events if term.due]
         for term in due:
@@ -186,7 +186,7 @@ class EventDetector:
             self.records.append(
                 EventRecord(term.name, direction, t, segment.branch, state, done=False)
             )
-        return bool(due)
+        return due[0] if due else None
 
     def record_switch(
         self, segment: RunSegment, impulses: dict[str, float], energy_lost: float

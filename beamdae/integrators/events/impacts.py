@@ -44,19 +44,17 @@ def apply_impact(
     BeamdaeError
         If the active joints depend on each other at the impact.
     """
-    equations, solver = impact.equations, ConsistencySolver(impact.equations)
-    names = equations.lam_names
+    solver, names = ConsistencySolver(impact.equations), impact.equations.lam_names
     rates = solver.constraint_levels(time, state.q, state.v)[1]
     active = select_active_constraints(impact, rates)
     if not len(active):
         return state.v, {}
     restitution = impact.coefficients
     require_independent_constraints(solver, time, state.q)
-    unforced = State(state.q, state.v, np.zeros(equations.n), np.zeros(equations.m))
     gradient = sp.csc_array(solver.constraint_matrix(time, state.q)[active])
     change, impulses = solve_impulses(
         tuple(names[k] for k in active),
-        solver.linearize_forces(time, unforced)[2],
+        solver.mass_matrix(time, state.q),
         gradient,
         -(1.0 + restitution[active]) * rates[active],
     )

@@ -96,26 +96,23 @@ class StopSearch:
         """Return True if the steps must be searched after this number of steps of the run."""
         return self.detector is not None or steps >= self._steps + _STEPS_PER_SEARCH
 
-    def has_rows(self, segment: RunSegment) -> bool:
-        """Return True if rows of a segment have not been searched."""
-        return segment.history.count > self.row and not self.is_empty
-
-    def find(self, segment: RunSegment, steps: int) -> Stop | None:
+    def find(self, segment: RunSegment, steps: int, reason: str = "") -> Stop | None:
         """Return the first stop in the rows not searched before, and truncate the segment there.
 
-        `steps` is the number of steps of the run.
+        `steps` is the number of steps of the run, which ends after the last row for a `reason`.
         """
-        if not self.has_rows(segment):
-            return None
-        found = [watch.find_first(segment, self.row) for watch in self._watches]
-        stop = min((x for x in found if x is not None), default=None)
-        if stop is not None:
-            segment.history.truncate(stop.t)
-        # Events are recorded in the steps that remain.
-        if self.detector and (event := self.detector.find_first(segment, self.row)):
-            segment.history.truncate(event.t)
-            stop = event
-        self.row, self._steps = segment.history.count, steps
+        history = segment.history
+        limit = stop = Stop(history.end, history.end, reason) if reason else None
+        if history.count > self.row and not self.is_empty:
+            found = [limit, *(watch.find_first(segment, self.row) for watch in self._watches)]
+            stop = min((x for x in found if x is not None), default=None)
+            if stop is not limit and stop is not None:
+                history.truncate(stop.t)
+            # Events are recorded in the steps that remain.
+            if self.detector and (event := self.detector.find_first(segment, self.row)):
+                history.truncate(event.t)
+                stop = event
+            self.row, self._steps = history.count, steps
         return stop
 
     def reason_outside_table(self, segment: RunSegment) -> str:

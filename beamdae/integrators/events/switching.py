@@ -115,7 +115,7 @@ def apply_event(
     solver = ConsistencySolver(after.equations)
     _require_closed(solver, time, state.q)
     restart = solver.state(time, state.q, v)
-    mass = solver.linearize_forces(time, restart)[2]
+    mass = solver.mass_matrix(time, restart.q)
     gradient = solver.constraint_matrix(time, restart.q)
     _, switch_impulses = solve_impulses(
         after.equations.lam_names, mass, gradient, gradient @ (restart.v - v)

@@ -44,6 +44,11 @@ class Stop(NamedTuple):
     force: str = ""
     event: EventTerm | None = None
 
+    @property
+    def is_restart(self) -> bool:
+        """True if the run restarts at `t` with the same equations."""
+        return not self.reason and self.event is None
+
 
 class Watch(Protocol):
     """Search of the steps for times at which they must end."""

@@ -72,7 +72,7 @@ class CompiledIda:
         self._form = form
         self._newton = newton = Workspace(
             "NewtonState",
-            form=form.buffers(form.is_native),
+            form=form.buffers(),
             linear=matrix.make_solver(),
             raw_residual=np.zeros(form.size),
             nonzeros=matrix.nonzeros,
@@ -86,7 +86,7 @@ class CompiledIda:
         self._run = run = Workspace(
             "IdaWorkspace",
             newton=newton,
-            sundials=SimpleNamespace(**functions._asdict()),
+            sundials=SimpleNamespace(**functions),
             has_impulses=int(form.formulation.impulses),
             rows=allocate_rows(1 + 3 * n + m),
             orders=np.zeros(_MAX_ORDER + 1, np.intp),

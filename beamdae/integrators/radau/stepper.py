@@ -191,26 +191,21 @@ class RadauStepper:
         real = plan.matrix("Radau", pattern)
         complex_ = FactorizedMatrix.from_pattern(pattern, complex, pivot_source=real)
 
-        def make_run(native: bool) -> Workspace:
-            buffers = form.buffers(native)
-            buffers.jacobian = jacobian.sum(native, plan.equations.p)
-            return make_workspace(
-                form,
-                buffers,
-                pattern,
-                reduction,
-                (real.make_solver(), real.nonzeros),
-                (complex_.make_solver(), complex_.nonzeros),
-                tolerance,
-                longest,
-                plan_multiplier_tolerances(plan, self._scales, rtol),
-            )
-
-        def matrices(run: Workspace) -> list[tuple[Any, FactorizedMatrix]]:
-            return [(run.real_solver, real), (run.complex_solver, complex_)]
-
-        self._step_loop = StepLoop("take_radau_steps", make_run, matrices, form.is_native)
-        self._run = self._step_loop.work
+        buffers = form.buffers()
+        buffers.jacobian = jacobian.sum(True, plan.equations.p)
+        self._run = run = make_workspace(
+            form,
+            buffers,
+            pattern,
+            reduction,
+            (real.make_solver(), real.nonzeros),
+            (complex_.make_solver(), complex_.nonzeros),
+            tolerance,
+            longest,
+            plan_multiplier_tolerances(plan, self._scales, rtol),
+        )
+        pairs = (run.real_solver, real), (run.complex_solver, complex_)
+        self._step_loop = StepLoop("take_radau_steps", run, *pairs)
 
     @property
     def workspace(self) -> Workspace:

@@ -281,13 +281,8 @@ class SumPlan:
     idle_buffers: list[Any] = field(default_factory=list, init=False, compare=False, repr=False)
     models: set[int] = field(default_factory=set, init=False, compare=False, repr=False)
 
-    @property
-    def is_native(self) -> bool:
-        """True if machine code of all kernels is available."""
-        return self.load_native()
-
-    def load_native(self, compiles: bool = True) -> bool:
-        """Return `is_native`, using only machine code in the cache if `compiles` is False."""
+    def load_native(self, compiles: bool) -> bool:
+        """Return True if there is machine code of all kernels, in the cache or compiled."""
         return all(batch.kernel.load_native(compiles) is not None for batch in self.batches)
 
     def sum(self, native: bool, p: Array) -> Sum:
@@ -296,15 +291,14 @@ class SumPlan:
         Parameters
         ----------
         native
-            True to run kernels as machine code, False to run them in CasADi's virtual machine.
+            True to run kernels as machine code where possible, False to run them in CasADi's
+            virtual machine, except for large ones.
         p
             Numbers of the model; `data_sources` selects the data of the copies.
         """
-        code_owners: tuple[Any, ...]
-        if native:
-            code_owners = tuple(batch.kernel.native for batch in self.batches)
-        else:
-            code_owners = tuple(_find_code(x) or InterpretedKernel(x) for x in self.batches)
+        owners = (x.kernel.native if native else _find_code(x) for x in self.batches)
+        pairs = zip(owners, self.batches, strict=True)
+        code_owners: tuple[Any, ...] = tuple(owner or InterpretedKernel(x) for owner, x in pairs)
         addresses = [kernel.address for kernel in code_owners]
         return self.allocate(addresses, p, load_core() is not None, code_owners)
 
@@ -435,10 +429,14 @@ def _entry_batches(ends: Array, count: int) -> Array:
 
 
 def _find_code(batch: Batch) -> LaneKernel | None:
-    """Return the machine code of a large kernel if it is in the cache."""
-    if batch.kernel.source.n_instructions() <= _MIN_INSTRUCTIONS_OF_CACHED_CODE:
+    """Return the machine code of a large kernel: if it is a loop, always, else from the cache.
+
+    Loops add numbers in another order, so that results would depend on the state of the cache.
+    """
+    kernel = batch.kernel
+    if kernel.source.n_instructions() <= _MIN_INSTRUCTIONS_OF_CACHED_CODE:
         return None
-    return batch.kernel.load_native(compiles=False)
+    return kernel.load_native(compiles=kernel.loops is not None)
 
 
 class InterpretedKernel:

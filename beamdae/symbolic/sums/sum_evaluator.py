@@ -1,9 +1,9 @@
 """Evaluation of sums at single states.
 
 For one state, CasADi's virtual machine evaluates the kernels of these sums sooner than their
-machine code is loaded. Later evaluators with the same plan, as after events or in studies, reuse
-the buffers and use machine code if it is in the cache; it is compiled after many models. Results
-have the same bits in any case.
+machine code is loaded, unless they are large. Later evaluators with the same plan, as after events
+or in studies, reuse the buffers and use machine code if it is in the cache; it is compiled after
+many models. Results have the same bits in any case.
 """
 
 from __future__ import annotations

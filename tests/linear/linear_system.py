@@ -1,0 +1,49 @@
+"""Calls of the linear solvers of the core, one at a time."""
+
+import ctypes
+
+import numpy as np
+
+from beamdae.core.library import load_core
+from beamdae.core.tables import Layout
+
+
+class _Vector(ctypes.Structure):
+    _fields_ = (("at", ctypes.c_void_p), ("size", ctypes.c_int64))
+
+
+class LinearSystem:
+    """Linear solver, the non-zeros of its matrix, and a right-hand side, real or complex."""
+
+    def __init__(self, linear, nonzeros, right):
+        self.linear, self.nonzeros, self.right = linear, nonzeros, right
+
+    def factorize(self):
+        """Factorize the matrix; return DONE, NEW_PIVOTS or SINGULAR."""
+        return self._call("factorize", self.nonzeros)
+
+    def solve(self):
+        """Replace the right-hand side by the solution computed with the last factors."""
+        self._call("solve", self.right)
+
+    def _call(self, name, array):
+        call, table, numbers = self._bind(name, array)
+        code = call()
+        for x in numbers:
+            setattr(x.owner, x.name, int(table[x.word]))
+        return code
+
+    def _bind(self, name, array):
+        is_complex = np.iscomplexobj(array)
+        layout = Layout("ComplexSolver" if is_complex else "LinearSolver", self.linear)
+        table, numbers = np.array(layout.words, np.int64), layout.numbers[int]
+        for x in numbers:
+            table[x.word] = getattr(x.owner, x.name)
+        function = getattr(load_core(), name + "_complex" * is_complex)
+        function.argtypes, function.restype = (ctypes.c_void_p, _Vector), ctypes.c_int
+        vector = _Vector(array.ctypes.data, array.size)
+
+        def call(_kept=(self, table, array)):
+            return function(table.ctypes.data, vector)
+
+        return call, table, numbers
