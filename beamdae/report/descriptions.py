@@ -91,7 +91,7 @@ def _merge_decays(table: pd.DataFrame) -> pd.DataFrame:
     """Return the table of modes with one row for overdamped vibrations by one damping time."""
     import pandas as pd
 
-    blocks: list[list[dict[str, Any]]] = []
+    blocks: list[list[dict[Any, Any]]] = []
     for row in table.to_dict("records"):
         is_decay = row["kind"] == "decay" and bool(blocks) and blocks[-1][0]["kind"] == "decay"
         if is_decay and row[_RATE] >= _DECAY_RANGE * blocks[-1][0][_RATE]:
