@@ -174,6 +174,13 @@ def _describe_response(response: Any) -> Description:
     n_unstable = sum(not point.stable for point in response.points)
     span = f", {response.parameter} {min(values):.6g} to {max(values):.6g}" if values else ""
     span += f" {response.unit}" if values and response.unit else ""
+    shown = peaks.assign(peak=True)
+    for name in response.varying_columns:
+        if name not in set(peaks["observed"]):
+            parameters, sizes = response.curve(name)
+            k = int(np.argmax(sizes))
+            magnitude = response._largest_magnitudes(name)[k]
+            shown.loc[len(shown)] = [name, parameters[k], sizes[k], magnitude, False]
     return Description(
         {
             "curve": f"{format_count(len(values), 'point')}{span}",
@@ -184,11 +191,7 @@ def _describe_response(response: Any) -> Description:
             )
             or "none",
         },
-        {
-            "Peaks": peaks.rename(
-                columns={"observed": "peak of", response.parameter: response.label}
-            )
-        },
+        {"Largest motions": shown.rename(columns={response.parameter: response.label})},
         lambda: {
             "points": response.table(),
             "folds": response.folds,

@@ -2,6 +2,7 @@
 
 import itertools
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -39,7 +40,7 @@ def test_a_table_and_a_picture_are_written(response, monkeypatch):
     first, *_, last = (x for x in result.stderr.splitlines() if "left" in x)
     assert first == "frequency = 0.26 Hz: 1 point, -:-- left"
     assert last == f"frequency = 0.36 Hz: {len(table)} points, 0:00 left"
-    assert "peak of" in result.stdout
+    assert "peak" in result.stdout
     assert "[Hz]" in result.stdout
     assert Path("results/oscillator_response.png").stat().st_size > 1000
     assert Path("results/oscillator_response.html").stat().st_size > 10_000
@@ -71,6 +72,8 @@ def test_a_curve_that_ends_early_is_a_failure_with_partial_results(response):
     result = response("--over", "frequency=0.26:0.36", "--rtol", "1e-6", "--max-points", "2")
     assert result.exit_code == 1
     assert "failed: stopped at the maximum of 2 points" in result.stderr
+    # Curves without a peak had no amplitudes on the screen.
+    assert re.search(r"bob\.x \[m\] .* no$", result.stdout, re.MULTILINE)
     assert len(pd.read_csv("results/oscillator_response.csv")) == 2
 
 
