@@ -16,6 +16,7 @@ from beamdae.analysis.gradients.gradients import DEFAULT_METHOD, AdjointRun
 from beamdae.analysis.gradients.number_derivatives import (
     FlatModel,
     NumberDerivatives,
+    difference_numbers,
     differentiate_numbers,
 )
 from beamdae.analysis.gradients.objectives import (
@@ -314,8 +315,8 @@ class ModeAnalysis(Analysis):
                 "differentiated, because its loads are not balanced there; use "
                 "Frequency(number, about='equilibrium')."
             )
-        names = list(self._flat.entries)
-        return differentiate_modes(self._flat, names, self.result, self._about, False, 0.0)
+        names, settings = list(self._flat.entries), (self._about, False, 0.0)
+        return differentiate_modes(self._flat, names, self.result, *settings, difference_numbers)
 
 
 class MassAnalysis(Analysis):
