@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -333,16 +333,9 @@ class MassAnalysis(Analysis):
 
     def gradient(self, weights: Mapping[Mass, float]) -> Array:
         """See `Analysis`."""
-        e, flat = self._model.equations, self._model.flat
-        derivatives = self._model.number_derivatives(0.0)
-
-        def evaluate(k: int, change: float) -> float:
-            if derivatives is None:
-                return compute_mass(as_drawn(flat(**_move(flat, k, change))))
-            p, q0 = derivatives.p[k], derivatives.q0[k]
-            return compute_mass(replace(e, p=e.p + change * p, q0=e.q0 + change * q0))
-
-        return sum(weights.values()) * _differentiate(flat, evaluate)
+        differences = difference_numbers(self._model.flat, self._model.equations, as_drawn)
+        rates = [x.along(compute_mass) for x in differences.values()]
+        return sum(weights.values()) * np.array(rates)
 
 
 class ParameterAnalysis(Analysis):
@@ -358,13 +351,20 @@ class ParameterAnalysis(Analysis):
         return self._evaluate(quantity, self._flat.whole.parameters)
 
     def gradient(self, weights: Mapping[ParameterFunction, float]) -> Array:
-        """See `Analysis`."""
-
-        def evaluate(k: int, change: float) -> float:
-            parameters = self._flat.change(_move(self._flat, k, change))
-            return sum(w * self._evaluate(x, parameters) for x, w in weights.items())
-
-        return _differentiate(self._flat, evaluate)
+        """See `Analysis`; NaN where a function is not defined on either side."""
+        result = np.full(len(self._flat.entries), np.nan)
+        for k, (name, value) in enumerate(self._flat.parameters.items()):
+            for stencil in STENCILS:
+                near = Neighbors((), stencil, first_difference(value))
+                with suppress(ValueError, ArithmeticError), np.errstate(all="ignore"):
+                    moved = [self._flat.change({name: value + x}) for x in near.steps]
+                    values = [
+                        sum(w * self._evaluate(x, y) for x, w in weights.items()) for y in moved
+                    ]
+                    if np.all(np.isfinite(values)):
+                        result[k] = near.combine(values)
+                        break
+        return result
 
     @staticmethod
     def _evaluate(quantity: ParameterFunction, parameters: Mapping[str, Any]) -> float:
@@ -393,24 +393,6 @@ def create_analysis(
     return ANALYSES[quantities[0].analysis[0]](model, quantities, settings)
 
 
-def _differentiate(flat: FlatModel, function: Callable[[int, float], float]) -> Array:
-    """Return the derivatives (k,) of a function of the index and the change of a number.
-
-    They are NaN if the function is not defined on either side.
-    """
-    result = np.full(len(flat.entries), np.nan)
-    for k, value in enumerate(flat.parameters.values()):
-        size = first_difference(value)
-        for stencil in STENCILS:
-            with suppress(ValueError, ArithmeticError), np.errstate(all="ignore"):
-                near = Neighbors((), stencil, size)
-                values = [function(k, step) for step in near.steps]
-                if np.all(np.isfinite(values)):
-                    result[k] = near.combine(values)
-                    break
-    return result
-
-
 def _compute_vibrations(mechanism: Any, about: str, number: int) -> Modes:
     """Return modes of which `number` are vibrations; fewer if there are no more."""
     count = number
@@ -425,12 +407,6 @@ def _compute_vibrations(mechanism: Any, about: str, number: int) -> Modes:
 def list_vibrations(modes: Modes) -> list[int]:
     """Return the indices of the modes that are not free motions."""
     return [k for k, kind in enumerate(modes.kinds) if kind != RIGID]
-
-
-def _move(flat: FlatModel, k: int, change: float) -> dict[str, float]:
-    """Return the changed value of a number by its name, such as "height[3]"."""
-    name, value = list(flat.parameters.items())[k]
-    return {name: value + change}
 
 
 def compute_mass(equations: EquationsOfMotion) -> float:
