@@ -81,8 +81,9 @@ class RunSettings:
     start: Any
 
 
+@dataclass(frozen=True, eq=False)
 class DesignModel:
-    """Model at values of its parameters; the analyses of a design share its derivatives.
+    """Model at values of its parameters, which the analyses of a design share.
 
     Attributes
     ----------
@@ -90,9 +91,7 @@ class DesignModel:
         The model as a function of single numbers.
     """
 
-    def __init__(self, flat: FlatModel) -> None:
-        self.flat = flat
-        self._derivatives: dict[float, NumberDerivatives | None] = {}
+    flat: FlatModel
 
     @cached_property
     def mechanism(self) -> Any:
@@ -103,17 +102,6 @@ class DesignModel:
     def equations(self) -> EquationsOfMotion:
         """Equations of the model as drawn."""
         return as_drawn(self.mechanism)
-
-    def number_derivatives(self, t: float) -> NumberDerivatives | None:
-        """Return the derivatives of the numbers in `equations`, see `differentiate_numbers`.
-
-        Return None if numbers are irregular, such as a height below which a gauge would be outside
-        its section: their derivatives are missing.
-        """
-        if t not in self._derivatives:
-            derivatives = differentiate_numbers(self.flat, self.equations, as_drawn, np.full(2, t))
-            self._derivatives[t] = None if derivatives.irregular else derivatives
-        return self._derivatives[t]
 
 
 class Analysis:
@@ -261,12 +249,16 @@ class PathAnalysis(Analysis):
             (by_state,) = seeds.states
             start, end = StartDerivatives(ConsistencySolver(e)), State(*(x[0] for x in at))
             operator = start.equilibrium_map(times[0], end)
-            derivatives = self._model.number_derivatives(path.t)
-            if operator is None or derivatives is None:
+            if operator is None or self._numbers.irregular:
                 return None
             by_end = np.append(by_state[0, : e.n], by_state[0, 2 * e.n :])
             numbers = start.gradient(operator, by_end)[1]
-        return derivatives.contract(numbers + seeds.numbers, seeds.operators)
+        return self._numbers.contract(numbers + seeds.numbers, seeds.operators)
+
+    @cached_property
+    def _numbers(self) -> NumberDerivatives:
+        model, time = self._model, np.full(2, self.result.t)
+        return differentiate_numbers(model.flat, model.equations, as_drawn, time)
 
 
 class ModeAnalysis(Analysis):
