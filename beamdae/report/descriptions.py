@@ -191,7 +191,7 @@ def _describe_response(response: Any) -> Description:
             )
             or "none",
         },
-        {"Largest motions": shown.rename(columns={response.parameter: response.label})},
+        {"Peaks": shown.rename(columns={response.parameter: response.label})},
         lambda: {
             "points": response.table(),
             "folds": response.folds,
