@@ -687,8 +687,8 @@ class Beam(Part):
 
         The stresses are those of `stress` in the outer fibers, top and bottom. Between the sections
         at `s`, they may be larger. The derivatives of the largest magnitude jump where another
-        section becomes the largest one. With an exponent p, the quantity is a smooth bound instead,
-        for limits and objectives of optimizations: with the largest magnitude sigma_k of N
+        section becomes the largest one. With an exponent p, the quantity contains a smooth bound,
+        too, for limits and objectives of optimizations: with the largest magnitude sigma_k of N
         sections,
 
             bound = (sum of sigma_k^p)^(1/p),    largest <= bound <= N^(1/p) largest.
@@ -707,14 +707,14 @@ class Beam(Part):
             overlooked. Refined runs evaluate the same sections on all meshes.
         exponent
             The exponent p of a smooth bound, between 1 and 1000, such as 150; None for the largest
-            stress itself. Larger exponents are closer to it, but the derivative then changes
+            stress alone. Larger exponents are closer to it, but the derivative then changes
             abruptly if another section becomes the largest.
 
         Returns
         -------
         Quantity
-            Column largest or bound [Pa]: after `mech.observe("stress", ...)`, read
-            `solution["stress.largest"]`.
+            Column largest [Pa], and with an exponent bound [Pa]: after
+            `mech.observe("stress", ...)`, read `solution["stress.largest"]`.
 
         Raises
         ------
@@ -767,8 +767,9 @@ class Beam(Part):
         kind = LargestStress(tuple(places), exponent)
         pieces = tuple(Piece(self, x) for x in operators.values())
         values, data = FormulaExpression.of(kind, functions)
-        column = Variable("largest" if exponent is None else "bound", "Pa")
-        return Quantity((column,), pieces, values, data, is_magnitude=True)
+        names = ("largest",) if exponent is None else ("largest", "bound")
+        columns = tuple(Variable(x, "Pa") for x in names)
+        return Quantity(columns, pieces, values, data, is_magnitude=True)
 
     def _stress_sections(self, arc_lengths: tuple[float, ...] | None) -> tuple[float, ...]:
         """Return the arc lengths [m] of `largest_stress` on both sides of element ends.
@@ -871,7 +872,7 @@ class Beam(Part):
         Returns
         -------
         ndarray
-            Columns of each section (columns, ..., sections). That of `largest_stress` is the
+            Columns of each section (columns, ..., sections). Those of `largest_stress` are the
             largest magnitude in the section.
         """
         assert quantity.recipe is not None
@@ -879,7 +880,7 @@ class Beam(Part):
         if section_forces in settings:
             return forces
         if quantity.recipe.build is Beam._evaluate_largest_stress:
-            return beam.largest_fiber_stresses(forces, s)[None]
+            return np.array([beam.largest_fiber_stresses(forces, s)] * len(quantity.columns))
         _, kind, lever, *_ = settings
         return beam._fiber_values(forces, s, lever, kind is fiber_stress)[None]
 

@@ -57,21 +57,21 @@ def _conjugate_forces(values: SX) -> SX:
 
 @dataclass(frozen=True)
 class LargestStress:
-    """Largest stress magnitude of the outer fibers of several sections, or a smooth bound.
+    """Largest stress magnitude of the outer fibers of several sections, and a smooth bound.
 
     Attributes
     ----------
     places
         First and last row, exclusive, of the coordinates of each section in `Local.q`.
     exponent
-        Exponent p of the bound (sum of |stress|^p)^(1/p) over the sections; None for the largest.
+        Exponent p of the bound (sum of |stress|^p)^(1/p) over the sections; None without it.
     """
 
     places: tuple[tuple[int, int], ...]
     exponent: float | None
 
     def __call__(self, local: Local, *functions: Any) -> SX:
-        """Return the largest magnitude, or the bound [Pa].
+        """Return the largest magnitude, and the bound [Pa].
 
         `functions` are, for each section, the `Formula` of the section forces, and one without
         arguments that returns (lever of the left fiber [m], lever of the right fiber [m], EA [N],
@@ -95,7 +95,7 @@ class LargestStress:
         # Without loads, all stresses are zero, and so are the bound and its derivatives.
         scale = ca.fmax(largest, _NEGLIGIBLE)
         total = sum((stress / scale) ** self.exponent for stress in stresses)
-        return largest * (total + _NEGLIGIBLE) ** (1.0 / self.exponent)
+        return ca.vertcat(largest, largest * (total + _NEGLIGIBLE) ** (1.0 / self.exponent))
 
 
 def _fiber_magnitude_function(kind: Callable[..., SX], size: int, count: int) -> ca.Function:

@@ -35,7 +35,7 @@ EXIT_CODES = (
 )
 # Commands that show warnings at once, because they run until they are interrupted.
 _ENDLESS_COMMANDS = ("view",)
-_COMMANDS_WITH_DETAILS = ("run", "static")  # see `Report.details`
+_COMMANDS_WITH_DETAILS = ("fit", "run", "static")  # see `Report.details`
 # In narrower terminals the boxes around help texts would cut words.
 _MIN_BOX_WIDTH = 76  # columns
 _OUT_OF_MEMORY = "out of memory; use fewer elements or a larger output step."

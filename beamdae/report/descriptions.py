@@ -23,6 +23,9 @@ if TYPE_CHECKING:
     import pandas as pd
 
 _PRINTED_MULTIPLIERS = 4
+_RATE = "growth rate [1/s]"
+# Overdamped vibrations of a damping time T decay at rates from 1 / T to 2 / T.
+_DECAY_RANGE = 2.0
 
 
 @dataclass(frozen=True)
@@ -61,8 +64,8 @@ def _table_of_modes(result: Any) -> pd.DataFrame:
     if errors is not None and not np.isnan(errors.total).all():
         numbers = (int(x.split()[-2]) for x in errors.headers)  # as in "frequency 2 [Hz]"
         totals = dict(zip(numbers, errors.total.tolist(), strict=True))
-        texts = [format_number(totals.get(k), ERROR_DIGITS) for k in table["mode"]]
-        table.insert(2, ERROR_HEADER, texts)
+        sizes = [float(f"{totals.get(k, np.nan):.{ERROR_DIGITS}g}") for k in table["mode"]]
+        table.insert(2, ERROR_HEADER, sizes)
     return table
 
 
@@ -81,7 +84,32 @@ def _describe_modes(modes: Any) -> Description:
     last = [name for name in map(str, table) if name.startswith(("growth rate", "effective mass"))]
     shown = table[[*(name for name in table if name not in last), *last]]
     data = {"about": modes.about, "modes": modes.table()}
-    return Description({"about": modes.about}, {"Modes": shown}, lambda: data)
+    return Description({"about": modes.about}, {"Modes": _merge_decays(shown)}, lambda: data)
+
+
+def _merge_decays(table: pd.DataFrame) -> pd.DataFrame:
+    """Return the table of modes with one row for overdamped vibrations by one damping time."""
+    import pandas as pd
+
+    blocks: list[list[dict[Any, Any]]] = []
+    for row in table.to_dict("records"):
+        is_decay = row["kind"] == "decay" and bool(blocks) and blocks[-1][0]["kind"] == "decay"
+        if is_decay and row[_RATE] >= _DECAY_RANGE * blocks[-1][0][_RATE]:
+            blocks[-1].append(row)
+        else:
+            blocks.append([row])
+    for rows in (x for x in blocks if len(x) > 1):
+        for name in rows[0]:
+            values = [row[name] for row in rows]
+            if name in ("mode", _RATE):
+                ends = dict.fromkeys(format_number(x, 5) for x in (values[0], values[-1]))
+                rows[0][name] = " to ".join(ends)
+            elif name == "moves":
+                rows[0][name] = values[0] if len(set(values)) == 1 else "several parts"
+            elif name != "kind":
+                total = sum if name.startswith("effective mass") else max
+                rows[0][name] = total(values)
+    return pd.DataFrame([rows[0] for rows in blocks], columns=table.columns)
 
 
 def _describe_buckling(buckling: Any) -> Description:
@@ -146,18 +174,30 @@ def _describe_response(response: Any) -> Description:
     n_unstable = sum(not point.stable for point in response.points)
     span = f", {response.parameter} {min(values):.6g} to {max(values):.6g}" if values else ""
     span += f" {response.unit}" if values and response.unit else ""
+    shown = peaks.assign(peak=True)
+    for name in response.varying_columns:
+        if name not in set(peaks["observed"]):
+            parameters, sizes = response.curve(name)
+            k = int(np.argmax(sizes))
+            magnitude = response._largest_magnitudes(name)[k]
+            shown.loc[len(shown)] = [name, parameters[k], sizes[k], magnitude, False]
     return Description(
         {
             "curve": f"{format_count(len(values), 'point')}{span}",
             "unstable": f"{n_unstable} of {len(values)} points",
-            "folds": ", ".join(f"{fold:.6g}" for fold in response.folds) or "none",
-        },
-        {
-            "Peaks": peaks.rename(
-                columns={"observed": "peak of", response.parameter: response.label}
+            "critical points": "; ".join(
+                f"{kind} at {format_with_unit(float(f'{value:.6g}'), response.unit)}"
+                for kind, value in response.critical_points
             )
+            or "none",
         },
-        lambda: {"points": response.table(), "folds": response.folds, "peaks": peaks},
+        {"Peaks": shown.rename(columns={response.parameter: response.label})},
+        lambda: {
+            "points": response.table(),
+            "folds": response.folds,
+            "critical points": response.critical_points,
+            "peaks": peaks,
+        },
     )
 
 
@@ -216,11 +256,13 @@ def _describe_fit(fit: Any) -> Description:
     facts = {
         "chi-square": fit.describe_chi_square(),
         "sigma": ", ".join(f"{name} {value:.4g}" for name, value in fit.sigma.items()),
+        "searches": fit.describe_starts(),
+        "at a bound": ", ".join(fit.at_bounds),
+    }
+    details = {
         "intervals": interval,
         "data": f"{fit.residuals.size} in {format_count(len(fit.solutions), 'experiment')}",
         "runs": f"{fit.evaluations} with derivatives of each experiment",
-        "searches": fit.describe_starts(),
-        "at a bound": ", ".join(fit.at_bounds),
     }
     table = fit.table()
     estimates = table.rename(index=format_headers(fit.units)).rename_axis("estimate")
@@ -242,6 +284,7 @@ def _describe_fit(fit: Any) -> Description:
             "undetermined": list(fit.undetermined),
             "at bounds": list(fit.at_bounds),
         },
+        details,
     )
 
 
@@ -274,14 +317,16 @@ def _describe_optimization(result: Any) -> Description:
     return Description(
         {topic: text for topic, text in facts.items() if text},
         {
-            **({"Constraints": constraints} if constraints else {}),
             "Parameters": parameters.reset_index(),
+            **({"Constraints": constraints} if constraints else {}),
+            **({"Observed": range_rows(result.observed)} if result.observed else {}),
             **searches,
         },
         lambda: {
             "objective": result.objective,
             "parameters": dict(design["value"]),
             "constraints": result.constraint_table(),
+            "observed": column_extremes(result.observed),
             "evaluations": result.evaluations,
             "at bounds": list(result.at_bounds),
             "searches": result.starts,

@@ -62,12 +62,13 @@ def build_fit_page(fit: Fit, title: str) -> Content:
     corrections = "data, corrected by the estimated shifts, offsets and scales"
     source = corrections if fit.sensors else "data as measured"
     description = describe(fit)
+    facts = {**description.facts, **description.details, "points in the charts": source}
     return describe_page(
         title,
         fit.status.sentence,
         [*fit.warnings, *fit.undetermined],
         [
-            fact_table("Fit", {**description.facts, "points in the charts": source}),
+            fact_table("Fit", facts),
             *export_tables(description),
         ],
         made=next(iter(runs.values())).versions,

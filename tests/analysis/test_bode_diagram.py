@@ -128,6 +128,36 @@ def test_undamped_modes_at_nearly_one_frequency_have_one_peak(coupling):
     assert peaks["frequency [Hz]"][0] == pytest.approx(10.0 / (2.0 * np.pi), rel=1e-6)
 
 
+@pytest.mark.parametrize("damping", [0.5, 4.0, 12.0])
+@pytest.mark.parametrize("grid", [[1.3, 1.5, 1.7], [0.4, 1.45, 2.9], None])
+def test_regression_peaks_of_an_oscillator_are_exact_between_frequencies(damping, grid):
+    """Peaks moved with the range, whose grid contains them, and so did their phases."""
+    (peak,) = bd.bode(oscillator(damping), grid).peak_table().to_dict("records")
+    s = 1j * np.sqrt(100.0 - 2.0 * (damping / 4.0) ** 2)
+    exact = 1.0 / (2.0 * s**2 + damping * s + 200.0)
+    assert peak["peak"]
+    assert peak["frequency [Hz]"] == pytest.approx(s.imag / (2.0 * np.pi), rel=1e-6)
+    assert peak["magnitude"] == pytest.approx(abs(exact), rel=1e-6)
+    assert peak["phase [deg]"] == pytest.approx(np.degrees(np.angle(exact)), abs=1e-3)
+
+
+def test_regression_ends_of_the_range_are_no_peaks():
+    """Rows at the first or last frequency looked like resonances."""
+    (row,) = bd.bode(oscillator(0.5), between=(0.1, 1.0)).peak_table().to_dict("records")
+    assert (row["frequency [Hz]"], row["peak"]) == (1.0, False)
+
+
+@pytest.mark.parametrize("ends", [(0.5, 3.0), (1.2, 2.6), None])
+def test_peaks_do_not_depend_on_the_range(ends):
+    model = chain([100.0, 150.0, 200.0], 5e-3)
+    peaks = bd.bode(model, between=(0.01, 100.0)).peak_table()
+    inside = peaks[peaks["frequency [Hz]"].between(*(ends or (0.0, np.inf)))]
+    found = bd.bode(model, between=ends).peak_table()
+    found = found[found["peak"]]
+    for name in ("frequency [Hz]", "magnitude", "phase [deg]"):
+        assert_allclose(found[name], inside[name], rtol=1e-3)
+
+
 def test_tables_contain_magnitudes_and_phases():
     diagram = bd.bode(oscillator(), [1.0, 2.0, 5.0])
     table = diagram.table()

@@ -447,3 +447,32 @@ def test_table_is_written_as_csv(tmp_path):
     assert len(lines) == 1 + len(result.equilibrium.q)
     with pytest.raises(bd.BeamdaeError, match="must be one of 'mass', got 'load'"):
         result.sensitivity("bob.y", "load")
+
+
+@pytest.mark.slow(reason="equilibria of thin arcs")
+@pytest.mark.parametrize("formulation", ["floating frame", "exact"])
+@pytest.mark.parametrize("height", [2e-2, 2e-3, 2e-4])
+def test_derivatives_of_section_forces_of_thin_arcs_follow_from_similarity(height, formulation):
+    """Differences of residuals enlarge rounding errors of small strains: up to 30 % of dN/dr."""
+
+    @bd.model(t_end=1.0)
+    def arc(radius=0.5, height=height, width=0.02, load=-1e-3 * (height / 2e-3) ** 3):
+        mech = bd.Mechanism()
+        section = bd.Section.rectangle(bd.Material.of("steel"), width, height)
+        curve = bd.Arc(radius, 0.9 * radius, start=(0.0, 0.0), angle=0.4)
+        beam = mech.add(bd.Beam("arc", curve, section, elements=6, formulation=formulation))
+        mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+        mech.add(bd.Force("push", beam.end, (0.3 * load, load)))
+        mech.observe("section", beam.section_forces(0.31 * radius))
+        return mech
+
+    result = bd.equilibrium_sensitivities(arc, list(arc.parameters))
+    for column, degree in (("section.N", 2), ("section.Q", 2), ("section.M", 3)):
+        # Forces are proportional to the square of the scale of lengths if loads are.
+        value = result.equilibrium[column].iloc[-1]
+        rates = {x: result.sensitivity(column, x).iloc[-1] * y for x, y in arc.parameters.items()}
+        total = rates["radius"] + rates["height"] + rates["width"] + 2.0 * rates["load"]
+        assert total == pytest.approx(degree * value, rel=2e-3)
+        # Thin arcs under small loads are statically determinate.
+        assert rates["load"] == pytest.approx(value, rel=1e-3)
+        assert rates["width"] == pytest.approx(0.0, abs=1e-3 * abs(value))

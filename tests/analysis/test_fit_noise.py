@@ -250,6 +250,14 @@ def test_regression_times_that_begin_late_correlate_the_residuals(exact):
         fit(late)
 
 
+@pytest.mark.parametrize("period", [12.0, 20.0, 30.0])
+def test_regression_residuals_that_oscillate_are_alike(exact, period):
+    """Their autocorrelations cancel: vibrations that the model lacks were noise for warnings."""
+    vibration = 3e-3 * np.sin(2.0 * np.pi * np.arange(TIMES.size) / period)
+    with pytest.warns(bd.BeamdaeWarning, match="Residuals are alike over about"):
+        fit(exact + vibration + white())
+
+
 def test_regression_estimates_that_are_arbitrary_are_warned_of(exact):
     """Values without any determination were returned, with a sentence in an attribute only."""
     names = [*TRUE, "mass"]

@@ -99,14 +99,12 @@ def test_regression_the_first_run_of_a_fit_has_no_partial_result():
 @pytest.mark.parametrize("call", ["sensitivities", "gradient"])
 def test_regression_derivatives_survive_an_interrupt_of_their_error_estimate(call, monkeypatch):
     """The repeated run was interrupted, and the first one with its derivatives was lost."""
-    from beamdae.analysis.gradients import gradients
-    from beamdae.analysis.sensitivities import sensitivities
+    from beamdae.analysis.sensitivities import differentiable_run
 
     def interrupt(*_):
         raise KeyboardInterrupt
 
-    for module in (gradients, sensitivities):
-        monkeypatch.setattr(module, "warn_of_errors", interrupt)
+    monkeypatch.setattr(differentiable_run, "warn_of_errors", interrupt)
     spring, _ = model()
     function = getattr(bd, call)
     objective = [bd.quantities.EndValue("mass.x")] * (call == "gradient")
@@ -118,15 +116,13 @@ def test_regression_derivatives_survive_an_interrupt_of_their_error_estimate(cal
 @pytest.mark.parametrize("call", ["sensitivities", "gradient"])
 def test_regression_derivatives_of_interrupted_calls_list_warnings(call, monkeypatch):
     """The warnings of the call were lost, although they were issued before the interrupt."""
-    from beamdae.analysis.gradients import gradients
-    from beamdae.analysis.sensitivities import sensitivities
+    from beamdae.analysis.sensitivities import differentiable_run
 
     def interrupt(*_):
         warn_user("coarse: a message")
         raise KeyboardInterrupt
 
-    for module in (gradients, sensitivities):
-        monkeypatch.setattr(module, "warn_of_errors", interrupt)
+    monkeypatch.setattr(differentiable_run, "warn_of_errors", interrupt)
     spring, _ = model()
     objective = [bd.quantities.EndValue("mass.x")] * (call == "gradient")
     with pytest.warns(bd.BeamdaeWarning, match="coarse"), pytest.raises(Interrupted) as caught:

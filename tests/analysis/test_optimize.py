@@ -1355,3 +1355,32 @@ def test_regression_first_designs_that_fail_name_meaningless_strains():
     hint = "the largest strain is .*, far beyond linear elasticity"
     with pytest.raises(bd.BeamdaeError, match=f"did not reach its end.*{hint}.*check .* units"):
         bd.optimize(leaf, bd.quantities.Mass(), "height", tip)
+
+
+@pytest.mark.slow(reason="half a second")
+def test_regression_gradients_of_frequencies_build_models_by_groups():
+    """Each number took four models in each gradient."""
+    built = []
+
+    @bd.model(t_end=1.0)
+    def leaf(height=(0.008,) * 13):
+        built.append(height)
+        mech = bd.Mechanism()
+        section = bd.taper(bd.Section.rectangle, STEEL, width=0.05, height=height)
+        beam = bd.Beam("leaf", bd.Line((0.0, 0.0), (0.4, 0.0)), section, 12, formulation="exact")
+        mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), mech.add(beam).start))
+        return mech
+
+    entries = {f"height[{k}]": ("height", k) for k in range(13)}
+    frequency, settings = bd.quantities.Frequency(1), RunSettings(None, None, None)
+    gradients, counts = [], []
+    for _ in range(2):
+        built.clear()
+        analysis = create_analysis(DesignModel(FlatModel(leaf, entries)), [frequency], settings)
+        gradients.append(analysis.gradient({frequency: 1.0}))
+        counts.append(len(built))
+    assert counts[1] < counts[0] < 4 * 13
+    # A uniform change of the height changes all frequencies of the slender leaf in proportion.
+    total = 0.008 * float(np.sum(gradients[1]))
+    assert total == pytest.approx(analysis.value(frequency), rel=2e-3)
+    np.testing.assert_array_equal(gradients[1], gradients[0])

@@ -83,18 +83,18 @@ def test_invalid_arguments_are_rejected():
     oscillation = oscillator(bd.sine(1.0, 0.5))
     with pytest.raises(
         bd.BeamdaeError,
-        match=r"^mass\S*: loads or drivers .* do not repeat after the period of 3 s",
+        match=r"^mass\S*: loads or drivers do not repeat after the period of 3 s",
     ):
         bd.periodic(oscillation, 3.0)
     # It never repeats, except after no time.
     with pytest.raises(
         bd.BeamdaeError,
-        match=r"loads and drivers, or t_start= to a time from which on they repeat\.$",
+        match=r"pass their period with period=, or t_start= from which on they repeat\.$",
     ):
         bd.periodic(oscillator(lambda t: t), 1.0)
     # Within these periods, a cosine changes by less than rounding errors.
     for period in (1e-6, 1e-9, 1e-12):
-        with pytest.raises(bd.BeamdaeError, match=f"after the period of {period:g} s; set period"):
+        with pytest.raises(bd.BeamdaeError, match=f"after the period of {period:g} s, they differ"):
             bd.periodic(oscillator(bd.sine(1.0, 1.0, phase=0.5 * np.pi)), period)
     oscillation.when("mass.x", crosses=1.0, do="stop")
     with pytest.raises(bd.BeamdaeError, match="inactive parts, impacts and events that stop a run"):
@@ -301,8 +301,8 @@ def test_regression_the_mismatch_of_a_period_is_stated():
     mech.add(motor)
     mech.observe("crank", crank.at(0.1, 0.0))
     message = (
-        r"^motor\S*: loads or drivers at t = .* s differ by 1.57e-05 rad and do not "
-        r"repeat after the period of 1.33333 s; set period to the period of the loads and drivers"
+        r"^motor\S*: loads or drivers do not repeat after the period of 1.33333 s, they differ by "
+        r"1.57e-05 rad at t = .* s; pass their period with period="
     )
     with pytest.raises(bd.BeamdaeError, match=message):
         bd.periodic(mech, 1.33333)
@@ -347,14 +347,14 @@ def test_regression_wrong_periods_of_drivers_are_rejected_before_a_run(
 ):
     """A period in other units took minutes of steps before the message."""
     message = driven(law, period, monkeypatch)
-    assert message.startswith("motor: loads or drivers at") == is_wrong
+    assert message.startswith("motor: loads or drivers do not repeat") == is_wrong
     assert bool(message) == is_wrong
 
 
 def test_regression_wrong_periods_of_loads_are_rejected_before_a_run(monkeypatch):
     monkeypatch.setattr("beamdae.analysis.periodic.period_map.PeriodMap.run", None)
     with pytest.raises(
-        bd.BeamdaeError, match=r"^mass\S*: .* after the period of 120 s; set period"
+        bd.BeamdaeError, match=r"^mass\S*: .* after the period of 120 s, they differ"
     ):
         bd.periodic(oscillator(bd.sine(1.0, 60.0 + 1.0 / 300.0)), 120.0)
     # A transient that has decayed, and a load that holds its last value.
@@ -367,8 +367,8 @@ def test_regression_wrong_periods_of_loads_are_rejected_before_a_run(monkeypatch
 @pytest.mark.parametrize(
     ("period", "message"),
     [
-        (2.0, r"^motor: loads or drivers .* do not repeat after the period of 2 s"),
-        (None, "^periodic: loads or drivers depend on time; pass their period"),
+        (2.0, r"^motor: loads or drivers do not repeat after the period of 2 s"),
+        (None, "^motor: loads or drivers depend on time; pass their period"),
     ],
 )
 def test_regression_loads_are_checked_although_the_first_period_cannot_be_run(period, message):
@@ -394,8 +394,8 @@ def test_regression_half_turns_name_the_driver_and_the_angle():
         return mech
 
     message = (
-        r"^motor: .* differ by 3\.14 rad and do not repeat after the period of "
-        r"0\.0628319 s; set period to the period of the loads and drivers, "
+        r"^motor: loads or drivers do not repeat after the period of 0\.0628319 s, they differ by "
+        r"3\.14 rad at t = .* s; pass their period with period=, "
     )
     with pytest.raises(bd.BeamdaeError, match=message):
         bd.periodic(rotor(), np.pi / 50.0)

@@ -72,3 +72,30 @@ def test_an_immobile_model_has_an_empty_table(modes, tmp_path):
     assert result.exit_code == 0
     assert "there are no modes because joints and drivers fix every coordinate" in result.stdout
     assert len(pd.read_csv(tmp_path / "results/cross_modes.csv")) == 0
+
+
+OVERDAMPED = """
+import beamdae as bd
+
+
+@bd.model(t_end=1.0)
+def strip():
+    mech = bd.Mechanism()
+    section = bd.Section.rectangle(bd.Material.of("steel"), 0.02, 0.01, damping=1e-3)
+    beam = mech.add(bd.Beam("strip", bd.Line((0.0, 0.0), (0.5, 0.0)), section, elements=6))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    return mech
+"""
+
+
+def test_regression_overdamped_vibrations_of_a_beam_are_one_row(tmp_path, monkeypatch):
+    """Nine of ten rows were decays at 1000 1/s, the reciprocal of the damping time."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "strip.py").write_text(OVERDAMPED)
+    result = invoke("modes", "strip.py", "--no-page", "--no-picture")
+    assert result.exit_code == 0, result.output
+    rows = [line.split() for line in result.stdout.splitlines() if "strip 100 %" in line]
+    assert [row[0] for row in rows] == ["1", "2"]
+    assert rows[1][:3] == ["2", "to", "10"]
+    assert "-1000" in rows[1]
+    assert len(pd.read_csv(tmp_path / "results/strip_modes.csv")) == 10

@@ -91,6 +91,11 @@ def test_regression_equilibria_are_at_a_time(here):
     height = 1e8 * 2.0 * 0.1**2 / (3.0 * 2.1e11 * 1e-3)
     assert document["parameters"]["height"] == pytest.approx(height, rel=0.01)
     assert not document.get("warnings")
+    # The bound is reached; the largest stress, below it, is beside it.
+    observed = document["observed"]
+    assert list(observed) == ["stress.largest [Pa]", "stress.bound [Pa]"]
+    ends = [x["end"] for x in observed.values()]
+    assert 0.95 * 1e8 < ends[0] < ends[1] == pytest.approx(1e8, rel=1e-4)
 
 
 @pytest.mark.parametrize(

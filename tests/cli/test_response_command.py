@@ -2,6 +2,7 @@
 
 import itertools
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -39,7 +40,7 @@ def test_a_table_and_a_picture_are_written(response, monkeypatch):
     first, *_, last = (x for x in result.stderr.splitlines() if "left" in x)
     assert first == "frequency = 0.26 Hz: 1 point, -:-- left"
     assert last == f"frequency = 0.36 Hz: {len(table)} points, 0:00 left"
-    assert "peak of" in result.stdout
+    assert "peak" in result.stdout
     assert "[Hz]" in result.stdout
     assert Path("results/oscillator_response.png").stat().st_size > 1000
     assert Path("results/oscillator_response.html").stat().st_size > 10_000
@@ -71,6 +72,8 @@ def test_a_curve_that_ends_early_is_a_failure_with_partial_results(response):
     result = response("--over", "frequency=0.26:0.36", "--rtol", "1e-6", "--max-points", "2")
     assert result.exit_code == 1
     assert "failed: stopped at the maximum of 2 points" in result.stderr
+    # Curves without a peak had no amplitudes on the screen.
+    assert re.search(r"bob\.x \[m\] .* no$", result.stdout, re.MULTILINE)
     assert len(pd.read_csv("results/oscillator_response.csv")) == 2
 
 
@@ -83,3 +86,39 @@ def test_columns_of_the_picture_can_be_chosen(response):
         assert result.exit_code in (0, 1), result.output
         assert "no observed column" not in result.output
         assert Path(f"results/oscillator_{command[0]}.png").stat().st_size > 1000
+
+
+DUFFING = """
+import beamdae as bd
+
+
+@bd.model(t_end=1.0)
+def duffing(frequency=bd.param(10.0, "Hz")):
+    mech = bd.Mechanism()
+    mass = mech.add(bd.PointMass("mass", 1.0, at=(0.0, 0.0)))
+    mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), mass.point, (1.0, 0.0)))
+
+    def spring(mass, t):
+        x, v = mass.position[0], mass.velocity[0]
+        return (-4000.0 * x - 2e7 * x**3 - 4.0 * v, 0.0)
+
+    mech.add(bd.ForceLaw("spring", mass.point, spring))
+    mech.add(bd.Force("force", mass.point, (bd.sine(4.0, frequency=frequency), 0.0)))
+    mech.observe("mass", mass.point)
+    return mech
+"""
+
+
+@pytest.mark.slow(reason="a curve")
+def test_regression_critical_points_have_kinds_and_units(tmp_path, monkeypatch):
+    """Only folds were printed, without a unit; period doublings were in Python only."""
+    monkeypatch.chdir(tmp_path)
+    Path("duffing.py").write_text(DUFFING, encoding="utf-8")
+    options = ("response", "duffing.py", "--over", "frequency=11:13.5", "--rtol", "1e-7")
+    result = invoke(*options, "--no-page", "--no-picture")
+    assert result.exit_code == 0, result.output
+    line = next(x for x in result.stdout.splitlines() if x.startswith("critical points"))
+    first, second = line.removeprefix("critical points").split(";")
+    assert first.split()[:2] == second.split()[:2] == ["fold", "at"]
+    assert first.split()[3] == second.split()[3] == "Hz"
+    assert float(first.split()[2]) > float(second.split()[2]) > 11.0

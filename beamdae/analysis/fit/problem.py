@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import copy
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from scipy import signal
 
 from beamdae.analysis.fit.data import (
     EXPERIMENT,
@@ -48,8 +49,8 @@ _MAX_DURATION = 10.0
 MIN_SINGULAR_RATIO = 1e-9
 # Residuals below this ratio to the data are rounding errors.
 MIN_RELATIVE_RESIDUAL = 1e-6
-# Consecutive residuals with at most this correlation are noise.
-MAX_NOISE_CORRELATION = 0.5
+# Residuals with at most this correlation length are noise; neighbors may be correlated by 0.5.
+_MAX_CORRELATION_LENGTH, _LAGS_PER_LENGTH = 3.0, 5.0
 # Step of the differences of columns over time, relative to the mean step of the run.
 _RELATIVE_TIME_STEP = 1e-3
 
@@ -401,17 +402,33 @@ def unexplained_share(problem: FitProblem, evaluation: Evaluation) -> float:
     return square / problem.data.variation if problem.data.variation else np.inf * bool(square)
 
 
-def is_noise(residuals: Array) -> bool:
-    """Return True if consecutive residuals are not alike."""
-    square = float(residuals @ residuals)
-    return float(residuals[1:] @ residuals[:-1]) <= MAX_NOISE_CORRELATION * square
+def find_correlation(parts: Sequence[Array]) -> float:
+    """Return the number of consecutive residuals that are alike, 0 for noise.
+
+    This is the largest 1 + 2 (r_1 + ... + r_k) with the autocorrelations r of all parts, up to the
+    first k that is five times as large as the sum (Sokal, in: Functional Integration, 1997, DOI
+    10.1007/978-1-4899-0319-8_6). Later ones of an oscillation cancel.
+    """
+    covariances = np.zeros(max(map(len, parts)))
+    for x in parts:
+        covariances[: len(x)] += signal.correlate(x, x)[len(x) - 1 :]
+    lengths = 2.0 * np.cumsum(covariances) / (covariances[0] or 1.0) - 1.0
+    are_long_enough = np.arange(len(lengths)) >= _LAGS_PER_LENGTH * lengths
+    count = 1 + np.argmax(are_long_enough) if are_long_enough.any() else len(lengths)
+    largest = float(np.max(lengths[:count]))
+    return largest if largest > _MAX_CORRELATION_LENGTH else 0.0
+
+
+def is_noise(problem: FitProblem, residuals: Array) -> bool:
+    """Return True if consecutive residuals of a column are not alike."""
+    return not find_correlation([residuals[rows] for _, rows in problem.data.rows])
 
 
 def varies(values: Array) -> bool:
     """Return False for values that may be noise, or rounding errors, about a constant."""
     changes = values - values.mean()
     is_rounding = np.abs(changes) <= np.sqrt(len(values)) * np.spacing(np.abs(values).max())
-    return not is_noise(np.where(is_rounding, 0.0, changes))
+    return find_correlation([np.where(is_rounding, 0.0, changes)]) > 0.0
 
 
 def _nearest_rows(times: Array, needed: Array) -> Array:

@@ -9,11 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 
-from beamdae.analysis.fit.problem import FitProblem, Scaling
+from beamdae.analysis.fit.problem import Evaluation, FitProblem, Scaling
 from beamdae.analysis.fit.search import SearchResult, local_search
 from beamdae.errors import format_message, require_count
 from beamdae.read_only import read_only_data
@@ -144,56 +145,84 @@ def trace_profile(
         Maximum number of values on each side, at most 1000.
     """
     max_points = require_count("profile", "max_points", max_points, most=_MAX_POINTS)
-    k, start = problem.variables.index(name), best.evaluation.values
-    points = {float(start[k]): (0.0, best.evaluation)}
-    limits, reasons = [], []
-    for side, half_width, bounds in zip((-1.0, 1.0), half_widths, scaling.bounds, strict=True):
-        last, change, count, halvings = start, np.zeros_like(start), 0, 0
+    k = problem.variables.index(name)
+    trace = _Trace(problem, scaling, best, k, variance, quantile)
+    below, above = (
+        trace.follow(side, width, max_points)
+        for side, width in zip((-1, 1), half_widths.tolist(), strict=True)
+    )
+    points = [*below.points[:0:-1], *above.points]
+    table = np.array([x.estimates for _, x in points])
+    return ProfileLikelihood(
+        name,
+        table[:, k],
+        np.array([x for x, _ in points]),
+        quantile**2,
+        (below.limit, above.limit),
+        {x: table[:, j] for j, x in enumerate(problem.estimated) if j != k},
+        (below.reason, above.reason),
+    )
+
+
+class _Side(NamedTuple):
+    """Increases and fits from the estimate on to one side, and the limit there or a reason."""
+
+    points: list[tuple[float, Evaluation]]
+    limit: float
+    reason: str = ""
+
+
+class _Trace(NamedTuple):
+    """Fits of the other parameters at values of the k-th one; see `trace_profile`."""
+
+    problem: FitProblem
+    scaling: Scaling
+    best: SearchResult
+    k: int
+    variance: float
+    quantile: float
+
+    def _fit_others(self, first: Array) -> tuple[float, Evaluation]:
+        """Return the increase and the fit at a value, from first values of the others."""
+        free = np.arange(len(first)) != self.k
+        x = self.scaling.variables(first)
+        end = local_search(self.problem, self.scaling, x, _MAX_EVALUATIONS, free).evaluation
+        return (end.chi_square - self.best.chi_square) / self.variance, end
+
+    def follow(self, side: int, half_width: float, max_points: int) -> _Side:
+        """Fit the others at values on one side until the increase exceeds the threshold."""
+        k, bounds, points = self.k, self.scaling.bounds, [(0.0, self.best.evaluation)]
         is_finite = np.isfinite(half_width) and half_width > 0.0
-        step = half_width * _STEP if is_finite else _FIRST_RELATIVE_STEP * (abs(last[k]) or 1.0)
-        limit, reason = side * np.inf, "; increase max_points, or measure more"
-        while count < max_points and np.isinf(limit):
-            value = float(np.clip(last[k] + side * step, *(x[k] for x in scaling.bounds)))
+        change, halvings = np.zeros_like(points[0][1].values), 0
+        step = half_width * _STEP
+        if not is_finite:
+            step = _FIRST_RELATIVE_STEP * (abs(float(points[0][1].values[k])) or 1.0)
+        while len(points) <= max_points:
+            before, last = points[-1][0], points[-1][1].values
+            value = float(np.clip(last[k] + side * step, *(x[k] for x in bounds)))
             if value == last[k]:
-                limit = float(bounds[k])  # It limits the interval.
-                break
+                return _Side(points, value)  # The bound limits the interval.
             # Extrapolated, because the best values of the others depend almost linearly on it.
-            first = np.clip(last + change, *scaling.bounds)
+            first = np.clip(last + change, *bounds)
             first[k] = value
             increase, message = np.inf, ""
             try:
-                end = _fit_others(problem, scaling, first, k).evaluation
-                increase = (end.chi_square - best.chi_square) / variance
+                increase, end = self._fit_others(first)
             except (ValueError, ArithmeticError) as rejection:
                 message = format_message(rejection)
-            if increase > _MAX_OVERSHOOT * quantile**2 and halvings < _MAX_HALVINGS:
+            if increase > _MAX_OVERSHOOT * self.quantile**2 and halvings < _MAX_HALVINGS:
                 # The best values of others reach bounds, or the sum of squares is no parabola.
                 halvings, step = halvings + 1, 0.5 * step
                 continue
             if message:
                 reason = (
-                    f" before runs fail next to {last[k]:.6g} ({message}); the interval reaches at "
-                    "least there"
+                    f" before runs fail next to {last[k]:.6g} ({message}); the interval reaches"
                 )
-                break
-            if increase >= quantile**2:
+                return _Side(points, side * np.inf, f"{reason} at least there")
+            points.append((increase, end))
+            if increase >= self.quantile**2:
                 # The root of the increase, which is linear for a linear model, is interpolated.
-                roots = np.sqrt(np.maximum([points[float(last[k])][0], increase], 0.0))
-                limit = float(np.interp(quantile, roots, [last[k], value]))
-            change, last, count = end.values - last, end.values, count + 1
-            points[float(last[k])] = increase, end
-            step *= 1.0 if is_finite else 2.0
-        limits.append(limit)
-        reasons.append(reason)
-    increases, ends = zip(*(points[x] for x in sorted(points)), strict=True)
-    table = np.array([x.estimates for x in ends])
-    others = {x: table[:, j] for j, x in enumerate(problem.estimated) if j != k}
-    interval = limits[0], limits[1]
-    return ProfileLikelihood(
-        name, table[:, k], np.array(increases), quantile**2, interval, others, tuple(reasons)
-    )
-
-
-def _fit_others(problem: FitProblem, scaling: Scaling, first: Array, k: int) -> SearchResult:
-    free = np.arange(len(first)) != k
-    return local_search(problem, scaling, scaling.variables(first), _MAX_EVALUATIONS, free)
+                roots = np.sqrt(np.maximum([before, increase], 0.0))
+                return _Side(points, float(np.interp(self.quantile, roots, [last[k], value])))
+            change, step = end.values - last, step * (1.0 if is_finite else 2.0)
+        return _Side(points, side * np.inf, "; increase max_points, or measure more")

@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
-from scipy import signal
 from scipy.special import chdtr, chdtrc
 
 from beamdae.analysis.fit.data import COLUMN, VALUE
@@ -18,6 +17,7 @@ from beamdae.analysis.fit.problem import (
     FitProblem,
     Scaling,
     column_lengths,
+    find_correlation,
     varies,
 )
 from beamdae.analysis.fit.search import SearchResult
@@ -38,8 +38,6 @@ _MIN_PROBABILITY = 1e-6
 _MAX_SIGMA_RATIO = 1.4
 # Residuals below this ratio to the standard deviation of the data may be errors of the runs.
 _MAX_NOISELESS_RATIO = 1e-3
-# Residuals with at most this correlation length are noise; neighbors may be correlated by 0.5.
-_MAX_CORRELATION_LENGTH, _LAGS_PER_LENGTH = 3.0, 5.0
 # Numbers of data from which their noise is judged.
 _MIN_NOISE_COUNT = 10
 # Outliers are this many robust standard deviations away; at most one in ten data is an outlier.
@@ -104,8 +102,8 @@ def check_residuals(problem: FitProblem, search: SearchResult, residuals: Array)
         )
     else:
         parts = [residuals[rows] for _, rows in problem.data.rows]
-        alike = _correlation_length(parts)
-        if alike <= _MAX_CORRELATION_LENGTH:
+        alike = find_correlation(parts)
+        if not alike:
             yield from _name_outliers(problem, outliers)
             return
         yield (
@@ -115,21 +113,6 @@ def check_residuals(problem: FitProblem, search: SearchResult, residuals: Array)
             "if the noise is slow, other first values or starts= if another minimum may be lower, "
             "or add what the model lacks, such as shift= or offset=."
         )
-
-
-def _correlation_length(parts: Sequence[Array]) -> float:
-    """Return the number of consecutive residuals that count as one independent value.
-
-    This is 1 + 2 (r_1 + ... + r_k) with the autocorrelations r of the residuals of all columns, and
-    the first k that is five times as large (Sokal, in: Functional Integration, 1997,
-    DOI 10.1007/978-1-4899-0319-8_6).
-    """
-    covariances = np.zeros(max(map(len, parts)))
-    for x in parts:
-        covariances[: len(x)] += signal.correlate(x, x)[len(x) - 1 :]
-    lengths = 2.0 * np.cumsum(covariances) / covariances[0] - 1.0
-    are_long_enough = np.arange(len(lengths)) >= _LAGS_PER_LENGTH * lengths
-    return float(lengths[np.argmax(are_long_enough) if are_long_enough.any() else -1])
 
 
 def _find_outliers(residuals: Array) -> Array:

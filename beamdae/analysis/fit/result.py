@@ -466,57 +466,24 @@ class Fit(HasPage):
 
 def create_fit(problem: FitProblem, scaling: Scaling, search: SearchResult, starts: Any) -> Fit:
     """Return the result at the last values of a search."""
-    end, data, status = search.evaluation, problem.data.table, search.status
-    values = dict(zip(problem.estimated, end.estimates.tolist(), strict=True))
-    estimate = 1.0
+    end, data = search.evaluation, problem.data.table
+    values, sigma = dict(zip(problem.estimated, end.estimates.tolist(), strict=True)), 1.0
     if not problem.data.is_sigma_known:
         # Data computed by the model itself have no residuals, but rounding errors.
         rounding = float(np.finfo(float).eps) * (float(data[VALUE].abs().max()) or 1.0)
         freedom = max(problem.count - len(values), 1)
-        estimate = max(float(np.sqrt(end.chi_square / freedom)), rounding)
-    residuals, jacobian = end.residuals / estimate, end.jacobian / estimate
-    # Changes are relative to the values, or to the first values near zero, or to typical sizes.
-    typical = np.append(scaling.sizes, [x.size for x in problem.linear])
-    sizes = np.abs(end.estimates)
-    sizes = np.where(sizes < _MIN_RELATIVE_VALUE * typical, typical, sizes)
-    has_size = np.isin(problem.estimated, [x.name for x in problem.sensors if x.kind != SCALE])
-    sizes = np.where(has_size, typical, sizes)
-    # The covariance of the others holds fixed what is at a bound or has no effect of its own.
-    effects = np.linalg.norm(jacobian * np.maximum(sizes, typical), axis=0)
-    is_fixed = effects * MAX_RELATIVE_DEVIATION < 1.0
-    is_fixed[: len(search.at_bounds)] |= search.at_bounds
-    whole = Information(jacobian, sizes)
-    information = Information(jacobian, np.where(is_fixed, 0.0, sizes))
-    covariance = information.covariance
-    variances = np.where(is_fixed, np.diag(whole.covariance), np.diag(covariance))
-    np.fill_diagonal(covariance, variances)
-    sentences, errors, undetermined = list(check_bounds(problem, scaling, search)), None, []
-    if search.explains:
-        undetermined = whole.describe_undetermined(values, problem.units)
-        if status.success or not search.failures:
-            sentences += check_residuals(problem, search, residuals)
-    else:
-        causes = suggest_causes(problem, end, search.first)
-        advice = "check signs, units and times of the data and start=, or start from other values"
-        status = Status("limited", f"{status.sentence}; {causes}{advice}")
-    # Data without noise are computed by runs that are as accurate.
-    is_computed = end.chi_square <= problem.rounding and not problem.data.is_sigma_known
-    if search.explains and status.kind != "interrupted" and not is_computed:
-        try:
-            errors = deferred.module("accuracy.fits").measure_fit(problem, end)
-            sentences += check_errors(end, errors, estimate, residuals)
-        except KeyboardInterrupt:
-            acknowledge()
-            sentence = "interrupted while the accuracy of the runs was checked"
-            status = Status("interrupted", sentence)
+        sigma = max(float(np.sqrt(end.chi_square / freedom)), rounding)
+    whole, information, covariance = _find_covariance(problem, scaling, search, sigma)
+    undetermined = whole.describe_undetermined(values, problem.units) if search.explains else []
+    status, sentences, errors = _check(problem, scaling, search, sigma)
     mean_squares = (data[SIGMA] ** 2).groupby(data[COLUMN], sort=False).mean()
     fit = Fit(
         parameters={x: values[x] for x in problem.names},
         sensors={x: y for x, y in values.items() if x not in problem.names},
         covariance=covariance,
         sensitivities=dict(end.runs),
-        residuals=residuals,
-        sigma={str(x): estimate * float(y) ** 0.5 for x, y in mean_squares.items()},
+        residuals=end.residuals / sigma,
+        sigma={str(x): sigma * float(y) ** 0.5 for x, y in mean_squares.items()},
         is_sigma_known=problem.data.is_sigma_known,
         evaluations=search.evaluations,
         status=status,
@@ -532,3 +499,50 @@ def create_fit(problem: FitProblem, scaling: Scaling, search: SearchResult, star
     if errors is not None:
         vars(fit)["errors"] = errors
     return fit
+
+
+def _find_covariance(
+    problem: FitProblem, scaling: Scaling, search: SearchResult, sigma: float
+) -> tuple[Information, Information, Array]:
+    """Return the information on all estimates, that on free ones, and the covariance."""
+    estimates, jacobian = search.evaluation.estimates, search.evaluation.jacobian / sigma
+    # Changes are relative to the values, or to the first values near zero, or to typical sizes.
+    typical = np.append(scaling.sizes, [x.size for x in problem.linear])
+    has_size = np.isin(problem.estimated, [x.name for x in problem.sensors if x.kind != SCALE])
+    is_small = has_size | (np.abs(estimates) < _MIN_RELATIVE_VALUE * typical)
+    sizes = np.where(is_small, typical, np.abs(estimates))
+    # The covariance of the others holds fixed what is at a bound or has no effect of its own.
+    effects = np.linalg.norm(jacobian * np.maximum(sizes, typical), axis=0)
+    is_fixed = effects * MAX_RELATIVE_DEVIATION < 1.0
+    is_fixed[: len(search.at_bounds)] |= search.at_bounds
+    whole, free = (Information(jacobian, x) for x in (sizes, np.where(is_fixed, 0.0, sizes)))
+    covariance = free.covariance
+    variances = np.where(is_fixed, np.diag(whole.covariance), np.diag(covariance))
+    np.fill_diagonal(covariance, variances)
+    return whole, free, covariance
+
+
+def _check(
+    problem: FitProblem, scaling: Scaling, search: SearchResult, sigma: float
+) -> tuple[Status, list[str], Any]:
+    """Return the status of a fit, the warnings of the search, and measured errors or None."""
+    end, status = search.evaluation, search.status
+    residuals, errors = end.residuals / sigma, None
+    sentences = list(check_bounds(problem, scaling, search))
+    if not search.explains:
+        causes = suggest_causes(problem, end, search.first)
+        advice = "check signs, units and times of the data and start=, or start from other values"
+        return Status("limited", f"{status.sentence}; {causes}{advice}"), sentences, errors
+    if status.success or not search.failures:
+        sentences += check_residuals(problem, search, residuals)
+    # Data without noise are computed by runs that are as accurate.
+    is_computed = end.chi_square <= problem.rounding and not problem.data.is_sigma_known
+    if status.kind != "interrupted" and not is_computed:
+        try:
+            errors = deferred.module("accuracy.fits").measure_fit(problem, end)
+            sentences += check_errors(end, errors, sigma, residuals)
+        except KeyboardInterrupt:
+            acknowledge()
+            sentence = "interrupted while the accuracy of the runs was checked"
+            status = Status("interrupted", sentence)
+    return status, sentences, errors

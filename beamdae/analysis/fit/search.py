@@ -320,7 +320,7 @@ def search(
             partial = replace(end, status=Status("interrupted", reason))
             raise Interrupted(reason, partial) from None
     share, status, explains = unexplained_share(problem, end.evaluation), end.status, end.explains
-    if share > _MAX_ACCEPTED_SHARE and not is_noise(end.evaluation.residuals):
+    if share > _MAX_ACCEPTED_SHARE and not is_noise(problem, end.evaluation.residuals):
         explains = False
     if not explains:
         amount = f"only {100.0 * (1.0 - share):.2g} % of the variation of the data"
@@ -367,4 +367,4 @@ def _repeat_from_first_data(
 def is_explained(problem: FitProblem, evaluation: Evaluation) -> bool:
     """Return True if little of the variation of the data is left, or noise."""
     share = unexplained_share(problem, evaluation)
-    return share <= _MAX_UNEXPLAINED_SHARE or is_noise(evaluation.residuals)
+    return share <= _MAX_UNEXPLAINED_SHARE or is_noise(problem, evaluation.residuals)

@@ -26,11 +26,9 @@ from beamdae.analysis.gradients.objectives import (
     read_column,
 )
 from beamdae.analysis.sensitivities.differentiable_run import (
-    INTERRUPTED_ESTIMATE,
     DifferentiableRun,
-    check_runs,
+    assess_derivatives,
     require_differentiable_method,
-    warn_of_errors,
 )
 from beamdae.analysis.sensitivities.linear_steps import Matrices, transpose_steps
 from beamdae.analysis.sensitivities.neighbors import Difference, derivative_call
@@ -49,12 +47,11 @@ from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.errors import (
     BeamdaeError,
     record_warnings,
-    require_choice,
     short_repr,
 )
 from beamdae.integrators import GeneralizedAlpha, Integrator, Radau
 from beamdae.integrators.reaction_balance import bound_reactions
-from beamdae.interrupts import interruptible, keep_result
+from beamdae.interrupts import interruptible
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.memory import require_memory
 from beamdae.model_functions import Model, transform_mechanisms
@@ -217,14 +214,10 @@ def gradient(
             f"gradient: objective must be an Objective such as EndValue('tip.y'), got "
             f"{short_repr(objective)}."
         )
-    require_choice("gradient", "estimate_error", estimate_error, (True, False))
     flat = flatten_model("gradient", model, by, parameters)
-    with check_runs(estimate_error):
-        result = _evaluate(flat, objective, integrator, t_end, start)
-    if estimate_error:
-        with keep_result(result, "gradient", INTERRUPTED_ESTIMATE):
-            warn_of_errors(result)
-    return result
+    return assess_derivatives(
+        estimate_error, lambda: _evaluate(flat, objective, integrator, t_end, start)
+    )
 
 
 def _evaluate(

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 from weakref import WeakKeyDictionary
 
@@ -20,10 +20,12 @@ from beamdae.analysis.sensitivities.neighbors import (
     RELATIVE_DIFFERENCE,
     TWO_NEIGHBORS,
     Difference,
+    Neighbors,
     Stencil,
     Trial,
     build_neighbor,
     difference_model,
+    first_difference,
     numbers_and_start,
     sizes_and_rounding,
     try_step,
@@ -163,7 +165,7 @@ class NumberDerivatives:
 
 # The latest numbers of a model function with the entries that they affect, (k, size), or None if no
 # groups were found: searches of an optimum differentiate the same numbers repeatedly.
-_latest_effects: WeakKeyDictionary[Callable[..., Any], dict[tuple[str, ...], Array | None]]
+_latest_effects: WeakKeyDictionary[Callable[..., Any], dict[Any, Array | None]]
 _latest_effects = WeakKeyDictionary()
 
 
@@ -208,23 +210,44 @@ def differentiate_numbers(
     return NumberDerivatives(p, q0, v0, operators, tuple(irregular))
 
 
+def difference_numbers(
+    model: FlatModel, base: EquationsOfMotion, assemble: Callable[[Any], EquationsOfMotion]
+) -> dict[str, Difference]:
+    """Return models around the value of each number, by its name, without observables.
+
+    If groups of numbers act independently, these models contain their linear effects.
+    """
+    numbers, n_p = _Numbers(model, base, assemble, np.zeros(2)), len(base.p)
+    rows = None if base.configurations is not None else _differentiate_together(numbers)
+    if rows is None:
+        return {x: difference_model(model, x, base, assemble) for x in model.entries}
+    result = {}
+    for name, value, row in zip(model.entries, model.parameters.values(), rows, strict=True):
+        near = Neighbors((), CENTRAL, first_difference(value))
+        moved = [(base.p + x * row[:n_p], base.q0 + x * row[n_p:][: base.n]) for x in near.steps]
+        models = tuple(replace(base, p=p, q0=q0) for p, q0 in moved)
+        result[name] = Difference(models, CENTRAL, near.delta, name, base)
+    return result
+
+
 def _differentiate_together(numbers: _Numbers) -> Array | None:
     """Return the derivatives with numbers changed in groups, or None if there are no groups."""
     names, function = tuple(numbers.model.entries), numbers.model.whole.build
     if len(names) < _MIN_SEARCHED:
         return None
-    known = _latest_effects.get(function, {}).get(names, np.zeros((0, 0)))
-    if known is None:
-        return None
-    if known.shape == numbers.shape:
+    known, key = _latest_effects.setdefault(function, {}), (names, numbers.shape)
+    if key in known:
+        masks = known[key]
+        if masks is None:
+            return None
         with suppress(BeamdaeError):
-            return numbers.differentiate_groups(known)
+            return numbers.differentiate_groups(masks)
     derivatives = masks = None
     with suppress(BeamdaeError):
         masks = numbers.find_affected()
         derivatives = numbers.differentiate_groups(masks)
     # Unless the search succeeds, it is not repeated.
-    _latest_effects[function] = {names: None if derivatives is None else masks}
+    known[key] = None if derivatives is None else masks
     return derivatives
 
 

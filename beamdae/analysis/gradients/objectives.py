@@ -571,7 +571,4 @@ def require_deviations(part: str, sigma: Array, count: int, noun: str) -> None:
 
 
 def _trapezoidal_weights(t: Array) -> Array:
-    weights, steps = np.zeros(len(t)), np.diff(t)
-    weights[:-1] += 0.5 * steps
-    weights[1:] += 0.5 * steps
-    return weights
+    return 0.5 * (np.diff(t, append=t[-1:]) + np.diff(t, prepend=t[:1]))

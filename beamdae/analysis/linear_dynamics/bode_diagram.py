@@ -168,11 +168,13 @@ class Bode(HasTable, HasPage):
         return pd.DataFrame(columns)
 
     def peak_table(self) -> pd.DataFrame:
-        """Return the peak of each resonance, and the largest magnitude, one row each.
+        """Return the peak of each resonance, and the largest magnitude if it is none, by rows.
 
         Peaks are omitted if they are below 1e-9 of the largest magnitude of their transfer
         function, or less than 1 % above the response beside them. Those of undamped modes (damping
         ratios below 1e-6) are infinite. Natural frequencies closer than 1e-6 are one resonance.
+        Peaks between the frequencies of the diagram are interpolated; their phases are within 180
+        degrees.
         """
         import pandas as pd
 
@@ -196,11 +198,15 @@ class Bode(HasTable, HasPage):
             # Rounding errors divide the peaks of nearly undamped resonances.
             highest = {nearest[k]: k for k in sorted(peaks, key=size.__getitem__)}
             for k in sorted({*highest.values(), int(np.argmax(size))}):
-                peak = (f[k], size[k], x.unit, x.phase[k])
+                frequency, value = f[k], x.response[k]
+                if k in peaks:
+                    near = slice(k - 1, k + 2)
+                    frequency, value = _interpolate_peak(f[near], x.response[near])
+                peak = (frequency, abs(value), x.unit, np.degrees(np.angle(value)))
                 if is_pole[k]:
                     peak = (centers[nearest[k]], np.inf, x.unit, np.nan)
-                rows.append((self._short_name(x), *peak))
-        names = ["output / input", "frequency [Hz]", "magnitude", "unit", "phase [deg]"]
+                rows.append((self._short_name(x), *peak, k in peaks))
+        names = ["output / input", "frequency [Hz]", "magnitude", "unit", "phase [deg]", "peak"]
         return pd.DataFrame(rows, columns=names)
 
     def plot(self) -> Plot:
@@ -363,6 +369,20 @@ def frequencies_beside(poles: Array, positions: Array = _PEAK_POSITIONS) -> Arra
     centers = np.abs(poles.imag) / (2.0 * np.pi)
     widths = np.maximum(np.abs(poles.real) / (2.0 * np.pi), _MIN_WIDTH * centers)
     return np.ravel(centers[:, None] + widths[:, None] * positions)
+
+
+def _interpolate_peak(f: Array, response: Array) -> tuple[float, complex]:
+    """Return the frequency and the response of a peak between three frequencies.
+
+    1 / H is a quadratic polynomial of the frequency for an oscillator, and its squared magnitude
+    one of the squared frequency.
+    """
+    squares = f**2 - f[1] ** 2
+    a, b, _ = np.polyfit(squares, np.abs(response[1] / response) ** 2, 2)
+    lowest = np.clip(-0.5 * b / a, *squares[[0, 2]]) if a > 0.0 else 0.0
+    frequency = float(np.sqrt(f[1] ** 2 + lowest))
+    ratio = np.polyval(np.polyfit(f - f[1], response[1] / response, 2), frequency - f[1])
+    return frequency, complex(response[1] / ratio)
 
 
 def _are_undamped(poles: Array) -> Array:

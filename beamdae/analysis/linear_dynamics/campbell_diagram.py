@@ -135,10 +135,12 @@ class Campbell(HasTable, HasPage):
         """Warnings of the model and the modes at the fastest rotation; modes not followed."""
         sentences = self.modes[self._fastest].warnings
         built = self.modes[0]._linearization.equations.build_warnings
-        place = f"at {self.speeds[self._fastest]:g} rad/s, "
+        unit, factor = self.speed_unit, self.speed_factor
+        place = f"at {self.speeds[self._fastest] / factor:g} {unit}, "
         lost = [
-            f"mode {k + 1} was not followed from {before.speed:g} to {after.speed:g} rad/s, "
-            "where its shape changes, and its resonances there are not listed; add speeds"
+            f"mode {k + 1} was not followed from {before.speed / factor:g} to "
+            f"{after.speed / factor:g} {unit}, where its shape changes, and its resonances there "
+            "are not listed; add speeds"
             for before, after in pairwise(self._stops)
             for k in np.flatnonzero(after.lost).tolist()
         ]

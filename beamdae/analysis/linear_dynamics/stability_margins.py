@@ -180,13 +180,15 @@ class StabilityMargins(HasTable):
 class _Loop:
     """Loop transfer function of a system with one input and one output, and a delay [s].
 
-    `every` is None in continuous time; otherwise, there is no `delay`. `known` contains the values
-    that were computed, by frequency.
+    `every` is None in continuous time; otherwise, there is no `delay`. `closed` are the poles of
+    the closed loop if the linear model contains it, and `known` the values that were computed, by
+    frequency.
     """
 
     system: Matrices
     every: float | None = None
     delay: float = 0.0
+    closed: Array | None = None
     known: dict[float, complex] = field(default_factory=dict)
 
     def at(self, f: float) -> complex:
@@ -210,7 +212,7 @@ class _Loop:
     def closed_poles(self) -> Array:
         """Poles of the closed loop without delay [1/s]."""
         a, b, c, d = self.system
-        return self._find_poles(a - b @ c / (1.0 + d))
+        return self._find_poles(a - b @ c / (1.0 + d)) if self.closed is None else self.closed
 
     def _find_poles(self, matrix: Array) -> Array:
         if self.every is None:
@@ -222,30 +224,19 @@ class _Loop:
 
 
 def _find_eigenvalues(matrix: Array) -> Array:
-    """Return the eigenvalues l of a state matrix A [1/s], (states,), in ascending order of |l|.
+    """Return the eigenvalues of a state matrix [1/s], (states,), in ascending order of magnitude.
 
-    Elements of A of stiff structures are so large that errors of eigenvalues of A, which are
-    relative to its norm, exceed the slow ones. The left and right eigenvectors x and y are
-    therefore those of the inverse of A - s I (shift and invert), and l = y^H A x / y^H x. Its error
-    is second-order in those of the vectors and, for relative errors eps of the elements of A, eps
-    |y|^T |A| |x| / |y^H x| (Higham, Accuracy and Stability of Numerical Algorithms, 2002). Real
-    parts within this bound are zero.
+    Elements of matrices of stiff structures are so large that errors of their eigenvalues, which
+    are relative to the norm, exceed the slow ones. They are therefore those of the inverse of
+    A - s I (shift and invert), with errors relative to its norm. Real parts within these are zero.
     """
     if not matrix.size:
         return np.zeros(0, complex)
     a, _ = la.matrix_balance(matrix, permute=False)
-    inverse = np.linalg.inv(a - _POLE_SHIFT * np.eye(len(a)))
-    values, y, x = la.eig(inverse, left=True, right=True)
-    products = np.einsum("ij,ij->j", y.conj(), x)
-    # Vectors of multiple poles, such as those of free motions, are orthogonal.
-    is_single = np.abs(products) > np.sqrt(np.finfo(float).eps)
-    divisors = np.where(is_single, products, 1.0)
-    quotients = np.einsum("ij,ij->j", y.conj(), a @ x) / divisors
-    sizes = np.einsum("ij,ij->j", np.abs(y), np.abs(a) @ np.abs(x)) / np.abs(divisors)
-    poles = np.where(is_single, quotients, _POLE_SHIFT + 1.0 / values)
-    errors = np.where(is_single, np.finfo(float).eps * sizes, 0.0)
-    errors = errors + _MIN_DAMPING_RATIO * np.abs(poles)
-    poles.real[np.abs(poles.real) <= errors] = 0.0
+    values = np.linalg.eigvals(np.linalg.inv(a - _POLE_SHIFT * np.eye(len(a))))
+    poles = _POLE_SHIFT + 1.0 / values.astype(complex)
+    rounding = np.finfo(float).eps * np.max(np.abs(values)) / np.abs(values)
+    poles.real[np.abs(poles.real) <= (_MIN_DAMPING_RATIO + rounding) * np.abs(poles)] = 0.0
     poles.imag[np.abs(poles.imag) <= _MIN_IMAGINARY_SHARE * np.abs(poles)] = 0.0
     return poles[np.argsort(np.abs(poles), kind="stable")]
 
@@ -387,7 +378,8 @@ def _open_loop(model: LinearModel, at: Any, controller: Any, every: Any, delay: 
             )
         a, b, c, d = _inject_at_command(lin, at)
         # x' = A x + b (w - u), u = c x: without the feedback through w = u + disturbance.
-        return _Loop((a - b @ c, b, -c, d), None, require_non_negative("margins", "delay", delay))
+        dead_time = require_non_negative("margins", "delay", delay)
+        return _Loop((a - b @ c, b, -c, d), None, dead_time, model.poles)
     columns = [
         k
         for k, x in enumerate(model.inputs)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -16,6 +16,7 @@ from beamdae.analysis.gradients.gradients import DEFAULT_METHOD, AdjointRun
 from beamdae.analysis.gradients.number_derivatives import (
     FlatModel,
     NumberDerivatives,
+    difference_numbers,
     differentiate_numbers,
 )
 from beamdae.analysis.gradients.objectives import (
@@ -80,8 +81,9 @@ class RunSettings:
     start: Any
 
 
+@dataclass(frozen=True, eq=False)
 class DesignModel:
-    """Model at values of its parameters; the analyses of a design share its derivatives.
+    """Model at values of its parameters, which the analyses of a design share.
 
     Attributes
     ----------
@@ -89,9 +91,7 @@ class DesignModel:
         The model as a function of single numbers.
     """
 
-    def __init__(self, flat: FlatModel) -> None:
-        self.flat = flat
-        self._derivatives: dict[float, NumberDerivatives | None] = {}
+    flat: FlatModel
 
     @cached_property
     def mechanism(self) -> Any:
@@ -102,17 +102,6 @@ class DesignModel:
     def equations(self) -> EquationsOfMotion:
         """Equations of the model as drawn."""
         return as_drawn(self.mechanism)
-
-    def number_derivatives(self, t: float) -> NumberDerivatives | None:
-        """Return the derivatives of the numbers in `equations`, see `differentiate_numbers`.
-
-        Return None if numbers are irregular, such as a height below which a gauge would be outside
-        its section: their derivatives are missing.
-        """
-        if t not in self._derivatives:
-            derivatives = differentiate_numbers(self.flat, self.equations, as_drawn, np.full(2, t))
-            self._derivatives[t] = None if derivatives.irregular else derivatives
-        return self._derivatives[t]
 
 
 class Analysis:
@@ -260,12 +249,16 @@ class PathAnalysis(Analysis):
             (by_state,) = seeds.states
             start, end = StartDerivatives(ConsistencySolver(e)), State(*(x[0] for x in at))
             operator = start.equilibrium_map(times[0], end)
-            derivatives = self._model.number_derivatives(path.t)
-            if operator is None or derivatives is None:
+            if operator is None or self._numbers.irregular:
                 return None
             by_end = np.append(by_state[0, : e.n], by_state[0, 2 * e.n :])
             numbers = start.gradient(operator, by_end)[1]
-        return derivatives.contract(numbers + seeds.numbers, seeds.operators)
+        return self._numbers.contract(numbers + seeds.numbers, seeds.operators)
+
+    @cached_property
+    def _numbers(self) -> NumberDerivatives:
+        model, time = self._model, np.full(2, self.result.t)
+        return differentiate_numbers(model.flat, model.equations, as_drawn, time)
 
 
 class ModeAnalysis(Analysis):
@@ -314,8 +307,8 @@ class ModeAnalysis(Analysis):
                 "differentiated, because its loads are not balanced there; use "
                 "Frequency(number, about='equilibrium')."
             )
-        names = list(self._flat.entries)
-        return differentiate_modes(self._flat, names, self.result, self._about, False, 0.0)
+        names, settings = list(self._flat.entries), (self._about, False, 0.0)
+        return differentiate_modes(self._flat, names, self.result, *settings, difference_numbers)
 
 
 class MassAnalysis(Analysis):
@@ -332,16 +325,9 @@ class MassAnalysis(Analysis):
 
     def gradient(self, weights: Mapping[Mass, float]) -> Array:
         """See `Analysis`."""
-        e, flat = self._model.equations, self._model.flat
-        derivatives = self._model.number_derivatives(0.0)
-
-        def evaluate(k: int, change: float) -> float:
-            if derivatives is None:
-                return compute_mass(as_drawn(flat(**_move(flat, k, change))))
-            p, q0 = derivatives.p[k], derivatives.q0[k]
-            return compute_mass(replace(e, p=e.p + change * p, q0=e.q0 + change * q0))
-
-        return sum(weights.values()) * _differentiate(flat, evaluate)
+        differences = difference_numbers(self._model.flat, self._model.equations, as_drawn)
+        rates = [x.along(compute_mass) for x in differences.values()]
+        return sum(weights.values()) * np.array(rates)
 
 
 class ParameterAnalysis(Analysis):
@@ -357,13 +343,20 @@ class ParameterAnalysis(Analysis):
         return self._evaluate(quantity, self._flat.whole.parameters)
 
     def gradient(self, weights: Mapping[ParameterFunction, float]) -> Array:
-        """See `Analysis`."""
-
-        def evaluate(k: int, change: float) -> float:
-            parameters = self._flat.change(_move(self._flat, k, change))
-            return sum(w * self._evaluate(x, parameters) for x, w in weights.items())
-
-        return _differentiate(self._flat, evaluate)
+        """See `Analysis`; NaN where a function is not defined on either side."""
+        result = np.full(len(self._flat.entries), np.nan)
+        for k, (name, value) in enumerate(self._flat.parameters.items()):
+            for stencil in STENCILS:
+                near = Neighbors((), stencil, first_difference(value))
+                with suppress(ValueError, ArithmeticError), np.errstate(all="ignore"):
+                    moved = [self._flat.change({name: value + x}) for x in near.steps]
+                    values = [
+                        sum(w * self._evaluate(x, y) for x, w in weights.items()) for y in moved
+                    ]
+                    if np.all(np.isfinite(values)):
+                        result[k] = near.combine(values)
+                        break
+        return result
 
     @staticmethod
     def _evaluate(quantity: ParameterFunction, parameters: Mapping[str, Any]) -> float:
@@ -392,24 +385,6 @@ def create_analysis(
     return ANALYSES[quantities[0].analysis[0]](model, quantities, settings)
 
 
-def _differentiate(flat: FlatModel, function: Callable[[int, float], float]) -> Array:
-    """Return the derivatives (k,) of a function of the index and the change of a number.
-
-    They are NaN if the function is not defined on either side.
-    """
-    result = np.full(len(flat.entries), np.nan)
-    for k, value in enumerate(flat.parameters.values()):
-        size = first_difference(value)
-        for stencil in STENCILS:
-            with suppress(ValueError, ArithmeticError), np.errstate(all="ignore"):
-                near = Neighbors((), stencil, size)
-                values = [function(k, step) for step in near.steps]
-                if np.all(np.isfinite(values)):
-                    result[k] = near.combine(values)
-                    break
-    return result
-
-
 def _compute_vibrations(mechanism: Any, about: str, number: int) -> Modes:
     """Return modes of which `number` are vibrations; fewer if there are no more."""
     count = number
@@ -424,12 +399,6 @@ def _compute_vibrations(mechanism: Any, about: str, number: int) -> Modes:
 def list_vibrations(modes: Modes) -> list[int]:
     """Return the indices of the modes that are not free motions."""
     return [k for k, kind in enumerate(modes.kinds) if kind != RIGID]
-
-
-def _move(flat: FlatModel, k: int, change: float) -> dict[str, float]:
-    """Return the changed value of a number by its name, such as "height[3]"."""
-    name, value = list(flat.parameters.items())[k]
-    return {name: value + change}
 
 
 def compute_mass(equations: EquationsOfMotion) -> float:

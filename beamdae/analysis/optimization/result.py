@@ -20,6 +20,7 @@ from beamdae.errors import format_count, format_percent, list_first
 from beamdae.interrupts import acknowledge
 from beamdae.model_parameters import format_with_unit
 from beamdae.read_only import read_only_data
+from beamdae.results.columns import remove_unit
 from beamdae.results.displays import HasPage
 from beamdae.results.outcome import Status
 from beamdae.results.solution import Solution
@@ -254,6 +255,18 @@ class Optimization(HasPage):
     def columns(self) -> tuple[str, ...]:
         """Names of the columns of runs and paths in the objective and the constraints."""
         return self._problem.columns
+
+    @property
+    def observed(self) -> dict[str, Array]:
+        """Columns of the best design by header, of observables in objective and constraints."""
+        names = [remove_unit(name) for name in self.columns]
+        owners = {name.rpartition(".")[0] or name for name in names}
+        return {
+            header: values
+            for analysis in self.analyses
+            for header, values in getattr(analysis, "columns", {}).items()
+            if owners & {remove_unit(header), remove_unit(header).rpartition(".")[0]}
+        }
 
     @property
     def units(self) -> dict[str, str]:

@@ -88,17 +88,30 @@ class Loads:
         """True if loads and drivers repeat after the period."""
         return bool(np.max(self._changes) <= _TOLERANCE)
 
+    @cached_property
+    def _all_changes(self) -> Array:
+        """Changes after any time."""
+        others = [self._changes_after(x * self.period) for x in _TEST_PERIODS]
+        return np.vstack([self._changes, *others])
+
     @property
     def are_constant(self) -> bool:
         """True if loads and drivers do not depend on time."""
-        changes = [self._changes_after(x * self.period) for x in _TEST_PERIODS]
-        return self.repeat and bool(np.max(changes) <= _TOLERANCE)
+        return bool(np.max(self._all_changes) <= _TOLERANCE)
 
     def require_constant(self) -> None:
-        """Reject loads and drivers that depend on time."""
+        """Reject loads and drivers that depend on time.
+
+        Raises
+        ------
+        BeamdaeError
+            If one does; the message names the driver or the coordinate on which loads act.
+        """
         if not self.are_constant:
+            row = int(np.argmax(np.max(self._all_changes, axis=0)))
             raise BeamdaeError(
-                "periodic: loads or drivers depend on time; pass their period with period=."
+                f"{self._name(row)}: loads or drivers depend on time; pass their period with "
+                "period=."
             )
 
     def require_repeating(self) -> None:
@@ -110,20 +123,24 @@ class Loads:
             If one is not periodic; the message names the driver or the coordinate on which loads
             act.
         """
+        if self.repeat:
+            return
         e, changes = self.equations, self._changes
         k, row = map(int, np.unravel_index(np.argmax(changes), changes.shape))
-        if changes[k, row] <= _TOLERANCE:
-            return
-        name = self._form.names[row].removeprefix("velocity of ").removeprefix("correction of ")
-        difference = f"{changes[k, row]:.2g} of the range of the loads"
+        difference = f"{changes[k, row]:.2g} times their range"
         if row >= 2 * e.n:
             unit = "rad" if np.tile(e.constraint_is_angle, 2)[row - 2 * e.n] else "m"
             rate = "/s" * (row >= 2 * e.n + e.m)
             difference = f"{changes[k, row] * self._sizes[row]:.3g} {unit}{rate}"
-            part = name.rpartition(".")[0]
-            name = part if e.mechanism is not None and part in e.mechanism.parts else name
         raise BeamdaeError(
-            f"{name}: loads or drivers at t = {self.times[k]:.6g} s differ by {difference} and do "
-            f"not repeat after the period of {self.period:g} s; set period to the period of the "
-            "loads and drivers, or t_start= to a time from which on they repeat."
+            f"{self._name(row)}: loads or drivers do not repeat after the period of "
+            f"{self.period:g} s, they differ by {difference} at t = {self.times[k]:.6g} s; pass "
+            "their period with period=, or t_start= from which on they repeat."
         )
+
+    def _name(self, row: int) -> str:
+        """Return the driver of a row, or the coordinate on which loads act."""
+        mechanism = self.equations.mechanism
+        name = self._form.names[row].removeprefix("velocity of ").removeprefix("correction of ")
+        part = name.rpartition(".")[0] if row >= 2 * self.equations.n else ""
+        return part if mechanism is not None and part in mechanism.parts else name

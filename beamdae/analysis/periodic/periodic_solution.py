@@ -291,14 +291,14 @@ def _describe_outcome(linear: PeriodLinearization, limits: Tolerance, is_free: b
     name = run.solution.equations.q_names[int(np.argmax(np.abs(run.difference / run.scales))) % n]
     sentence = (
         f"after {linear.iterations} iterations the end of the period differs from the start by "
-        f"{deviation:.3g} times the amplitude, most in {name!r}; change start=, increase settle= "
-        "or use a more accurate integrator"
+        f"{deviation:.3g} times the amplitude, most in {name!r}; change start=, increase settle=, "
+        "use a more accurate integrator"
     )
     at = run.period_map
     if not is_free and Loads(at.equations, at.begin, at.period).are_constant:
         sentence += ", or omit period= to find the period of the free motion"
     elif not is_free:
-        sentence += f", or {DAMPING_REMEDY}"
+        sentence += f", pass a multiple of the period of the loads as period=, or {DAMPING_REMEDY}"
     return Status("failed", sentence)
 
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import nullcontext
 from dataclasses import dataclass, field, fields, replace
-from typing import Any, Self
+from typing import Any, Self, TypeVar
 
 from beamdae import deferred
 from beamdae.analysis.sensitivities.neighbors import (
@@ -16,11 +16,20 @@ from beamdae.analysis.sensitivities.neighbors import (
 )
 from beamdae.analysis.sensitivities.run_chain import RunDerivative, differentiate_states
 from beamdae.analysis.sensitivities.start_derivatives import assemble_neighbors
-from beamdae.errors import BeamdaeError, short_repr, warn_user, warnings_are_ignored
+from beamdae.errors import (
+    BeamdaeError,
+    require_choice,
+    short_repr,
+    warn_user,
+    warnings_are_ignored,
+)
 from beamdae.integrators import Auto, GeneralizedAlpha, Integrator, Radau
+from beamdae.interrupts import keep_result
 from beamdae.parts.mechanism import AS_DRAWN, require_start
 from beamdae.results.solution import Solution
 from beamdae.simulation import as_equations, simulate, skips_result_checks
+
+Result = TypeVar("Result")
 
 # Errors of derivatives are larger than those of the motion.
 DERIVATIVE_METHOD = Radau(rtol=1e-5)
@@ -28,7 +37,7 @@ DERIVATIVE_METHOD = Radau(rtol=1e-5)
 # 1e-4; with this tolerance, they are limited by rounding errors.
 _NEWTON_TOLERANCE = 1e-10
 # Reason of interrupts after which only the estimate of the error is missing.
-INTERRUPTED_ESTIMATE = "interrupted while the error of the derivatives was estimated"
+_INTERRUPTED_ESTIMATE = "interrupted while the error of the derivatives was estimated"
 
 
 def require_differentiable_method(
@@ -133,12 +142,23 @@ class DifferentiableRun:
         return dict(zip(names, differences, strict=True)), dict(zip(names, along, strict=True))
 
 
-def check_runs(estimate_error: bool) -> AbstractContextManager[None]:
-    """Return a context in which errors of runs are only measured if this is requested."""
-    unchecked: Callable[[], AbstractContextManager[None]] = deferred.module(
-        "accuracy.runs"
-    ).unchecked
-    return nullcontext() if estimate_error else unchecked()
+def assess_derivatives(estimate_error: Any, compute: Callable[[], Result]) -> Result:
+    """Return derivatives, and issue warnings of their errors unless these are not estimated.
+
+    Raises
+    ------
+    Interrupted
+        With the derivatives, if only the estimate was interrupted.
+    """
+    call = derivative_call()
+    require_choice(call, "estimate_error", estimate_error, (True, False))
+    unchecked = deferred.module("accuracy.runs").unchecked
+    with nullcontext() if estimate_error else unchecked():
+        result = compute()
+    if estimate_error:
+        with keep_result(result, call, _INTERRUPTED_ESTIMATE):
+            warn_of_errors(result)
+    return result
 
 
 def warn_of_errors(result: Any) -> None:

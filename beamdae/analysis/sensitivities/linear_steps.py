@@ -27,7 +27,6 @@ from scipy.sparse.linalg import LinearOperator
 
 from beamdae.analysis.sensitivities.neighbors import derivative_call
 from beamdae.analysis.sensitivities.start_derivatives import (
-    STEP_FRACTION,
     Directions,
     StartDerivatives,
     plan_along,
@@ -48,8 +47,7 @@ from beamdae.integrators.radau.coefficients import A, C
 from beamdae.integrators.radau.stepper import STABILIZED_FORM
 from beamdae.results.trajectory import Interval
 from beamdae.symbolic.sums.directional_sums import direction_inputs, motion_plan
-from beamdae.symbolic.sums.kernel_sums import SumPlan, set_time
-from beamdae.symbolic.sums.sum_evaluator import SumEvaluator
+from beamdae.symbolic.sums.kernel_sums import SumPlan
 
 Array = np.ndarray
 
@@ -339,7 +337,7 @@ def differentiate_steps(
         motion=motion.reshape(-1, n).copy(),
         data=direction_inputs(plan, steps.n_inputs, maps.equations.p, directions.numbers),
         shifts=shifts,
-        time_rates=_time_rates(steps) if shifts.any() else np.zeros((0, steps.size)),
+        time_rates=_time_rates(steps, maps) if shifts.any() else np.zeros((0, steps.size)),
         stages=results[count:],
     )
     z = loop.work.motion.reshape(count, 4, n)
@@ -354,18 +352,14 @@ def differentiate_steps(
     return results.reshape(stages + 1, count, -1)
 
 
-def _time_rates(steps: _Steps) -> Array:
-    """Return the derivatives of the residual by time at the ends of steps, (steps, size)."""
-    e, interval = steps.equations, steps.interval
-    total, inputs = SumEvaluator(steps.residual(e.structure), e.p), np.zeros(steps.n_inputs)
-    result = np.zeros((steps.count, steps.size))
-    for k, delta in enumerate((STEP_FRACTION * steps.steps).tolist()):
-        inputs[: 3 * e.n + e.m] = np.concatenate([x[k + 1] for x in interval.state])
-        for sign in (1.0, -1.0):
-            set_time(total, interval.t[k + 1] + sign * delta, interval.branch)
-            result[k] += sign * total(inputs, steps.size)
-        result[k] /= 2.0 * delta
-    return result
+def _time_rates(steps: _Steps, maps: StartDerivatives) -> Array:
+    """Return the time derivatives of the residuals of steps of generalized-alpha, by steps."""
+    x, rates = np.zeros(steps.n_inputs), []
+    for k, h in enumerate(steps.steps.tolist(), 1):
+        time, at = steps.node(k)
+        x[: sum(map(len, at))] = np.concatenate(at)
+        rates.append(maps.differentiate(steps.residual, time, x, steps.size, h).time_rate)
+    return np.array(rates)
 
 
 def transpose_steps(

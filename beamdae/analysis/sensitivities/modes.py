@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -208,7 +208,13 @@ def mode_sensitivities(
 
 
 def differentiate_modes(
-    model: NumericModel, names: Sequence[str], result: Modes, about: Any, damping: bool, t: float
+    model: NumericModel,
+    names: Sequence[str],
+    result: Modes,
+    about: Any,
+    damping: bool,
+    t: float,
+    difference_all: Callable[..., Mapping[str, Difference]] | None = None,
 ) -> ModeSensitivities:
     """Return the derivatives of modes of a model; see `mode_sensitivities`."""
     lin = result._linearization
@@ -229,8 +235,9 @@ def differentiate_modes(
     state = _State.of(result, damping)
     pairs = _simple_pairs(model.name, result, state.select(state.full), damping)
     eigenvalues, shapes = {}, {}
+    known = {} if difference_all is None else difference_all(model, base, assemble)
     for name in names:
-        difference = difference_model(model, name, base, assemble)
+        difference = known.get(name) or difference_model(model, name, base, assemble)
         frames = [frame_of(e, about, t) for e in difference.models]
         if follows_start and linearize_at_rest(frames[-1], base, "").warnings:
             raise BeamdaeError(

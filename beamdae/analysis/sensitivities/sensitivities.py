@@ -11,9 +11,8 @@ import numpy as np
 
 from beamdae import deferred
 from beamdae.analysis.sensitivities.differentiable_run import (
-    INTERRUPTED_ESTIMATE,
     DifferentiableRun,
-    check_runs,
+    assess_derivatives,
     require_differentiable_method,
     warn_of_errors,
 )
@@ -27,7 +26,7 @@ from beamdae.analysis.sensitivities.sensitivity_result import (
 )
 from beamdae.equations import measures
 from beamdae.equations.model_hash import hash_model
-from beamdae.errors import BeamdaeError, record_warnings, require_choice, short_repr
+from beamdae.errors import BeamdaeError, record_warnings, short_repr
 from beamdae.integrators import Integrator
 from beamdae.integrators.limits import Progress
 from beamdae.interrupts import (
@@ -35,7 +34,6 @@ from beamdae.interrupts import (
     PartialResult,
     acknowledge,
     interruptible,
-    keep_result,
 )
 from beamdae.model_functions import HasOrigin, Model, model_of, transform_mechanisms
 from beamdae.read_only import read_only_data
@@ -297,15 +295,12 @@ def sensitivities(
     >>> print(f"{result.sensitivity('mass.x', 'stiffness').iloc[-1]:.3e} m per N/m")
     2.481e-03 m per N/m
     """
-    require_choice("sensitivities", "estimate_error", estimate_error, (True, False))
-    with check_runs(estimate_error):
-        result = differentiate_run(
+    return assess_derivatives(
+        estimate_error,
+        lambda: differentiate_run(
             model, by, integrator, t_end, output_step, parameters=parameters, start=start
-        )
-    if estimate_error:
-        with keep_result(result, "sensitivities", INTERRUPTED_ESTIMATE):
-            warn_of_errors(result)
-    return result
+        ),
+    )
 
 
 def differentiate_run(

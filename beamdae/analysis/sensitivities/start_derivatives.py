@@ -56,7 +56,7 @@ Array = np.ndarray
 
 _EQUILIBRATION_STEPS = 8  # each takes the square root of the ratios of the largest entries
 # Difference of time for partial derivatives with respect to time, relative to the step.
-STEP_FRACTION = 1e-3
+_STEP_FRACTION = 1e-3
 # Stiffnesses of contacts are proportional to the square root of the penetration, whose slope has no
 # bound. Up to this penetration [m], starting values are differentiated with constant stiffnesses:
 # a slope at a penetration of 1e-15 m, due to rounding, would dominate the derivatives of the run.
@@ -236,9 +236,14 @@ class _SumDerivative(LinearOperator):
         rows = np.hstack([np.broadcast_to(self._x, (len(shifts), len(self._x))), directions])
         result = self._sum.along(self._time, rows, self._sum.size)
         if shifts.any():
-            rate = self._evaluate(self._delta) - self._evaluate(-self._delta)
-            result += np.multiply.outer(shifts, rate / (2.0 * self._delta))
+            result += np.multiply.outer(shifts, self.time_rate)
         return result.T
+
+    @property
+    def time_rate(self) -> Array:
+        """Partial derivative with respect to time, (size,)."""
+        rate = self._evaluate(self._delta) - self._evaluate(-self._delta)
+        return np.asarray(rate / (2.0 * self._delta))
 
     def _evaluate(self, shift: float) -> Array:
         set_time(self._sum.value, self._time[0] + shift, self._time[1])
@@ -425,14 +430,18 @@ class StartDerivatives:
         """Return the derivative of a sum of `StateEvaluator` at a state."""
         e, x = self.equations, np.concatenate(at)
         size = (2 if plan is plan_balance else 1) * e.n + 3 * e.m
-        return self._differentiate(plan, time, x, size, h)
+        return self.differentiate(plan, time, x, size, h)
 
-    def _differentiate(
+    def differentiate(
         self, plan: PlanFunction, time: Array, x: Array, size: int, h: float, min_base: float = 0.0
-    ) -> LinearOperator:
+    ) -> _SumDerivative:
+        """Return the derivative of a sum (size,) at its inputs `x` and a time, see the class.
+
+        `h` is the step of the run, and `min_base` that of `directional_plan`.
+        """
         if plan not in self._sums:
             self._sums[plan] = _Sum(self.equations, plan, len(x), size, self.moving, min_base)
-        return _SumDerivative(self._sums[plan], time, x, STEP_FRACTION * h)
+        return _SumDerivative(self._sums[plan], time, x, _STEP_FRACTION * h)
 
     def _rows(
         self, operator: LinearOperator, level: int, *, with_force: bool = False
@@ -450,7 +459,7 @@ class StartDerivatives:
         e = self.equations
         x = np.concatenate([at.q, at.v, 0.0 * at.a, at.lam, *change, np.zeros(len(e.p))])
         size = 2 * e.n + 3 * e.m
-        operator = self._differentiate(_plan_change, time, x, size, h, MIN_STIFF_PENETRATION)
+        operator = self.differentiate(_plan_change, time, x, size, h, MIN_STIFF_PENETRATION)
         size, inner, n, rest = operator.shape[1], self._slices["t"].stop, 2 * e.n, len(e.p) + 1
         place = _pick(size, 0, n).T @ _pick(inner, 0, n)
         place = place + _pick(size, size - rest, size).T @ _pick(inner, inner - rest, inner)
