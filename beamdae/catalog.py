@@ -179,6 +179,7 @@ GROUPS = (
         Law parts.laws
         run_up parts.laws
         sine parts.laws
+        half_sine parts.laws
         piecewise parts.laws
         table parts.tables
         table_from_csv parts.table_files

@@ -283,6 +283,7 @@ SAMPLES: dict[str, Callable[[SampleMechanism], dict[str, Any]]] = {
     },
     "run_up": lambda m: {"speed": 1.0, "duration": 0.1},
     "sine": lambda m: {"amplitude": 1.0, "frequency": 50.0, "phase": 0.0},
+    "half_sine": lambda m: {"peak": 1.0, "duration": 0.011, "start": 0.002},
     "table": lambda m: {
         "x": [0.0, 0.004, 0.01, 0.02],
         "y": [0.0, 1.0, 0.0, 1.0],

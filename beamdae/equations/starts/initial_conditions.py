@@ -29,7 +29,6 @@ _RATE_SUFFIX = "_dot"
 _VELOCITY_TOLERANCE = 1e-8  # permitted relative rate of a gap, relative to `velocity_size`
 # A speed that differs less from that of the drivers, relative to it, was rounded to six digits.
 _MAX_SPEED_ROUNDING = 5e-6
-_CENTERS = ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0))  # [m], of rotations that are compared
 _MAX_NAMES = 4  # in a sentence
 
 
@@ -130,12 +129,9 @@ def _require_rotation(
     size = velocity_size(e, velocities(rotation.speed, rotation.center))
     tolerance = _VELOCITY_TOLERANCE * size * e.constraint_scales
     at_rest = solver.constraint_levels(time, q, np.zeros(e.n))[1]
-    # The rates of the constraints are linear functions of the speed and of the center.
-    turning, *others = (
-        solver.constraint_levels(time, q, velocities(1.0, x))[1] - at_rest for x in _CENTERS
-    )
-    moving = [x - turning for x in others]
-    slope = turning + rotation.center[0] * moving[0] + rotation.center[1] * moving[1]
+    # The rates of the constraints are linear functions of the speed.
+    turning = velocities(1.0, rotation.center)
+    slope = solver.constraint_levels(time, q, turning)[1] - at_rest
     driven = None
     if np.any(np.abs(slope) > tolerance):
         driven = -float(slope @ at_rest / (slope @ slope))
@@ -147,24 +143,12 @@ def _require_rotation(
     if np.all(np.abs(rates) <= tolerance):
         return rotation
     worst = int(np.argmax(np.abs(rates) / e.constraint_scales))
-    # Constraints at rest whose rates do not depend on the center.
-    is_fixed = (np.abs(at_rest) <= tolerance) & (np.abs(turning) > tolerance)
-    is_fixed &= np.all([np.abs(x) <= tolerance for x in moving], axis=0)
-    remedy = "use the speed of the driver and its center"
-    if driven is None and is_fixed.any():
-        worst = int(np.argmax(is_fixed))
-        remedy = (
-            "it fixes an angle to the ground, but a steady rotation turns all parts, so begin at "
-            "rest with bd.run_up as the law of the driver, or give velocities by name with "
-            "start={...}"
-        )
-    elif driven is not None and abs(driven) <= _VELOCITY_TOLERANCE * size:
-        remedy = (
-            "joints and drivers allow no rotation about this center, use that of a Revolute, "
-            "without a Weld to the ground or a driver at rest, or give velocities by name with "
-            "start={...}"
-        )
-    elif driven is not None:
+    remedy = (
+        "it turns all parts as one body, about the center of their Revolute; for other mechanisms, "
+        "such as slider-cranks, begin at rest with bd.run_up as the law of the driver, or give "
+        "velocities by name with start={...}"
+    )
+    if driven is not None and abs(driven) > _VELOCITY_TOLERANCE * size:
         remedy = f"use the speed of the drivers, {driven:.10g} rad/s"
     raise BeamdaeError(
         f"start: {e.lam_names[worst]} does not allow a rotation at {rotation.speed:.10g} rad/s "
