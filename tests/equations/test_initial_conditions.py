@@ -286,7 +286,7 @@ def test_regression_inactive_joints_do_not_act_on_equilibria():
 
 @pytest.mark.parametrize("travel", [3e-4, 0.1])
 def test_regression_preloads_by_drivers_are_no_gaps_of_the_drawing(travel):
-    """A leaf stretched by a driver had "the joints are not closed"; large travels have a warning."""
+    """A leaf stretched by a driver had "the joints are not closed"; large travels warn."""
     mech = bd.Mechanism()
     section = bd.Section.rectangle(bd.Material.of("steel"), width=0.008, height=2.5e-4)
     leaf = mech.add(bd.Beam("leaf", bd.Line((0.0, 0.0), (0.06, 0.0)), section))
