@@ -1,4 +1,4 @@
-"""Summary of a study by group: fastest integrators and observed orders."""
+"""Summary of a study: observed orders, by group."""
 
 from __future__ import annotations
 
@@ -7,26 +7,21 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from beamdae.studies.case_table import ACCURACY_COLUMNS, BOUND_COLUMN, ERROR_COLUMN
-from beamdae.studies.run_values import WALL_TIME_COLUMN
+from beamdae.studies.case_table import ACCURACY_COLUMNS, ERROR_COLUMN
 
-_ERROR_LEVELS = (1e-2, 1e-3, 1e-4, 1e-5)
-_COLUMNS = ["group", "what", "at", "answer", "value", "unit"]
+_COLUMNS = ["group", "what", "at", "answer", "value"]
 
 
 def summarize_cases(cases: pd.DataFrame) -> pd.DataFrame:
-    """Return the fastest integrator per error level and the observed orders by group.
+    """Return the observed orders of the series in steps and tolerances, by group.
 
-    Only successful cases with a known error are included. To find the fastest integrator, an error
-    that the reference cannot resolve is replaced by its bound; orders are computed without such
-    errors.
+    Only successful cases are included, without errors that the reference cannot resolve.
     """
-    lines: list[dict[str, Any]] = []
+    lines: list[tuple[Any, ...]] = []
     if ERROR_COLUMN in cases:
-        for group, rows in cases[cases["status"] == "ok"].groupby("group", sort=False):
-            resolved = rows.dropna(subset=[ERROR_COLUMN])
-            lines += _find_fastest(str(group), rows.dropna(subset=[BOUND_COLUMN]))
-            lines += _fit_orders(str(group), resolved)
+        resolved = cases[cases["status"] == "ok"].dropna(subset=[ERROR_COLUMN])
+        for group, rows in resolved.groupby("group", sort=False):
+            lines += _fit_orders(str(group), rows)
     return pd.DataFrame(lines, columns=_COLUMNS)
 
 
@@ -36,7 +31,7 @@ def summarize_mesh_study(cases: pd.DataFrame, over: str) -> pd.DataFrame:
     Only successful cases are included. Errors that are zero or that the reference cannot resolve
     are omitted. `over` is the name of the refined parameter.
     """
-    lines: list[dict[str, Any]] = []
+    lines: list[tuple[Any, ...]] = []
     if ERROR_COLUMN in cases:
         resolved = cases[(cases["status"] == "ok") & (cases[ERROR_COLUMN] > 0.0)]
         for group, rows in resolved.sort_values(over).groupby("group", sort=False):
@@ -44,45 +39,16 @@ def summarize_mesh_study(cases: pd.DataFrame, over: str) -> pd.DataFrame:
             orders = -np.diff(np.log(error)) / np.diff(np.log(size))
             for k, order in enumerate(orders):
                 at = f"{over} {size[k]:g} to {size[k + 1]:g}"
-                answer = f"{error[k + 1]:.2e}"
-                lines.append(_summary_line(str(group), "order in space", at, answer, order))
+                lines.append((str(group), "order in space", at, f"{error[k + 1]:.2e}", order))
     return pd.DataFrame(lines, columns=_COLUMNS)
 
 
-def _summary_line(
-    group: str, what: str, at: str, answer: str, value: float, unit: str = ""
-) -> dict[str, Any]:
-    return {
-        "group": group,
-        "what": what,
-        "at": at,
-        "answer": answer,
-        "value": value,
-        "unit": unit,
-    }
-
-
-def _find_fastest(group: str, rows: pd.DataFrame) -> list[dict[str, Any]]:
-    lines = []
-    for level in _ERROR_LEVELS:
-        accurate = rows[rows[BOUND_COLUMN] <= level].sort_values(WALL_TIME_COLUMN)
-        if accurate.empty:
-            continue
-        fastest = accurate.iloc[0]
-        wall_time = fastest[WALL_TIME_COLUMN]
-        line = _summary_line(
-            group, "fastest", f"error <= {level:.0e}", fastest["label"], wall_time, "s"
-        )
-        lines.append(line)
-    return lines
-
-
-def _fit_orders(group: str, rows: pd.DataFrame) -> list[dict[str, Any]]:
+def _fit_orders(group: str, rows: pd.DataFrame) -> list[tuple[Any, ...]]:
     """Return summary lines with the order of each series.
 
     The order is the slope of log(error) over log(step) or log(rtol).
     """
-    lines = []
+    lines: list[tuple[Any, ...]] = []
     for series, runs in rows.groupby("series", sort=False):
         error = runs[ERROR_COLUMN].to_numpy()
         for name, column in ACCURACY_COLUMNS.items():
@@ -91,5 +57,5 @@ def _fit_orders(group: str, rows: pd.DataFrame) -> list[dict[str, Any]]:
                 continue
             order = float(np.polyfit(np.log(size), np.log(error), 1)[0])
             at = f"{size.max():g} to {size.min():g}"
-            lines.append(_summary_line(group, f"order in {name}", at, str(series), order))
+            lines.append((group, f"order in {name}", at, str(series), order))
     return lines

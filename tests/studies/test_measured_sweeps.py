@@ -51,7 +51,7 @@ def test_measures_are_columns_and_failures_have_reasons():
     table = results.table
     assert list(table["status"]) == ["ok", "ok", "failed"]
     for row in (0, 1):
-        model = oscillator(mass=table["mass"][row])
+        model = oscillator(mass=table["mass [kg]"][row])
         assert table["frequency [Hz]"][row] == first_frequency(model)
     assert np.isnan(table["frequency [Hz]"][2])
     assert list(table["kind"])[:2] == ["light", "heavy"]

@@ -13,9 +13,9 @@ from beamdae.analysis.statics.imperfections import KnockDown
 from beamdae.report.pictures.figures import (
     COLORS,
     Panel,
+    characteristic_columns,
     draw_panels,
     mask_huge_values,
-    varying_columns,
 )
 from beamdae.results.columns import (
     Header,
@@ -50,8 +50,8 @@ def create_path_figure(
 ) -> Figure:
     """Plot the load factor over columns, or columns over the column `x`.
 
-    Without names, the columns are the observed ones that vary, except rates; if only `x` varies,
-    the load factor is plotted over it. The path is dashed where it is unstable.
+    Without names, the columns are up to three characteristic ones; if only `x` varies, the load
+    factor is plotted over it. The path is dashed where it is unstable.
     """
     columns = merge_columns(equilibrium.columns, equilibrium.coordinate_columns())
     factors, over, header = equilibrium.factors.sum(axis=1), equilibrium.over, equilibrium.header
@@ -66,9 +66,9 @@ def create_path_figure(
     # The name of an observable selects the abscissa, too.
     chosen = [c for c in chosen if x is None or c != abscissa] or chosen
     if not chosen:
-        observed = mask_huge_values(equilibrium.columns)
-        chosen = [c for c in varying_columns(observed) if _is_varying(equilibrium, c)]
-        chosen = [c for c in chosen if c != abscissa]
+        observed = mask_huge_values(equilibrium.columns).items()
+        varying = {c: y for c, y in observed if c != abscissa and _is_varying(equilibrium, c)}
+        chosen = characteristic_columns(varying)
     if not chosen and abscissa is not None:
         chosen, abscissa = [abscissa], None
     columns = {**columns, header: factors}
@@ -144,12 +144,12 @@ def create_response_figure(
 ) -> Figure:
     """Plot half ranges of observed columns over the parameter.
 
-    Without names, the columns are those that vary, except rates.
+    Without names, the columns are up to three characteristic ones.
     """
     if not names:
         curves = {c: response.curve(c)[1] for c in response.points[0].solution.columns}
-        names = varying_columns(mask_huge_values(curves))
-        names = [x for x in names if x not in response.resting_columns] or names
+        moving = {c: y for c, y in curves.items() if c not in response.resting_columns}
+        names = characteristic_columns(mask_huge_values(moving or curves))
     panels = [_create_response_panel(response, name, x) for name in names]
     return draw_panels(panels, title, x_label=None)
 

@@ -220,10 +220,7 @@ def format_headers(units: Mapping[str, str]) -> dict[str, str]:
 
 
 def sweep_table(
-    table: pd.DataFrame,
-    parameters: Sequence[str],
-    responses: Sequence[Sequence[str]],
-    units: Mapping[str, str] | None = None,
+    table: pd.DataFrame, parameters: Sequence[str], responses: Sequence[Sequence[str]]
 ) -> ResponsiveTable:
     """Return a table of the parameters, status and responses of each run of a sweep.
 
@@ -253,7 +250,7 @@ def sweep_table(
     ranks = ranges.rank("first", ascending=False, na_option="bottom")
     ordered = sorted(outputs, key=lambda x: (groups[x] not in nonzero, ranks[x]))
     names = dict.fromkeys([*(varied or parameters), "status", *ordered, *parameters])
-    return table_of(rounded[list(names)].rename(columns=format_headers(units or {})), "sweep.csv")
+    return table_of(rounded[list(names)], "sweep.csv")
 
 
 def failure_sentences(table: pd.DataFrame) -> list[str]:
