@@ -11,6 +11,7 @@ import pandas as pd
 import pytest
 from matplotlib.figure import Figure
 
+import beamdae as bd
 from beamdae.report.pictures import figures, time_plots
 from beamdae.report.pictures.tick_labels import format_ticks
 from beamdae.studies import study_pictures
@@ -328,3 +329,13 @@ def test_regression_headings_of_sweep_pictures_do_not_cover_titles(number):
     heading, title = (x.get_window_extent() for x in (figure._suptitle, axes[0].title))
     assert figure._suptitle.get_text() == f"12 of {number} columns"
     assert title.y1 < heading.y0 < heading.y1 <= figure.bbox.y1
+
+
+@pytest.mark.slow(reason="a third of a second")
+def test_default_pictures_of_paths_have_up_to_three_panels():
+    """Nine observed columns had nine panels, too small to read."""
+    path = bd.equilibrium(bd.load_model("example:shallow_arch"), to=0.5)
+    labels = [axis.get_xlabel() for axis in path.plot().figure.axes]
+    assert len(labels) == 3
+    assert "crown.y [mm]" in labels
+    assert len(path.plot("crown", "quarter", "right").figure.axes) == 9
