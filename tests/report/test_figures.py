@@ -337,5 +337,5 @@ def test_default_pictures_of_paths_have_up_to_three_panels():
     path = bd.equilibrium(bd.load_model("example:shallow_arch"), to=0.5)
     labels = [axis.get_xlabel() for axis in path.plot().figure.axes]
     assert len(labels) == 3
-    assert "crown.y [mm]" in labels
+    assert "crown.y [m]" in labels
     assert len(path.plot("crown", "quarter", "right").figure.axes) == 9
