@@ -15,7 +15,6 @@ from beamdae.report.pictures.figures import (
     Panel,
     characteristic_columns,
     draw_panels,
-    mask_huge_values,
 )
 from beamdae.results.columns import (
     Header,
@@ -66,7 +65,7 @@ def create_path_figure(
     # The name of an observable selects the abscissa, too.
     chosen = [c for c in chosen if x is None or c != abscissa] or chosen
     if not chosen:
-        observed = mask_huge_values(equilibrium.columns).items()
+        observed = equilibrium.columns.items()
         varying = {c: y for c, y in observed if c != abscissa and _is_varying(equilibrium, c)}
         chosen = characteristic_columns(varying)
     if not chosen and abscissa is not None:
@@ -149,7 +148,7 @@ def create_response_figure(
     if not names:
         curves = {c: response.curve(c)[1] for c in response.points[0].solution.columns}
         moving = {c: y for c, y in curves.items() if c not in response.resting_columns}
-        names = characteristic_columns(mask_huge_values(moving or curves))
+        names = characteristic_columns(moving or curves)
     panels = [_create_response_panel(response, name, x) for name in names]
     return draw_panels(panels, title, x_label=None)
 

@@ -198,8 +198,7 @@ def _create_line(
 
 def _extract_numbers(column: pd.Series) -> Array:
     """Return a column as floats; values that are not numbers or too large to draw become NaN."""
-    values = pd.to_numeric(column, "coerce").to_numpy(float)
-    return figures.mask_huge_values({"": values})[""]
+    return figures.mask_huge_values(pd.to_numeric(column, "coerce"))
 
 
 def _split(panels: Sequence[Panel]) -> list[Panel]:
