@@ -26,6 +26,7 @@ from beamdae.report.page_parts import (
     slider,
 )
 from beamdae.report.pictures.mode_shapes import export_modes
+from beamdae.report.pictures.path_plots import mark_rows
 from beamdae.report.run_page import build_run_page
 from beamdae.report.scene.frame_export import FRAMES_PER_PERIOD, export_frames, export_run_frames
 from beamdae.report.scene.mechanism_scene import build_scene
@@ -85,7 +86,7 @@ def build_path_page(equilibrium: Equilibrium, title: str) -> Content:
         portrait={
             "x": abscissa,
             "y": ordinate,
-            "marks": [{"t": float(x.row), "label": x.kind} for x in critical],
+            "marks": [{"t": float(k), "label": x} for k, x in mark_rows(equilibrium).items()],
         },
     )
     page["cases"] = [

@@ -336,3 +336,13 @@ def test_default_pictures_of_paths_have_up_to_three_panels():
     assert len(labels) == 3
     assert "crown.y [m]" in labels
     assert len(path.plot("crown", "quarter", "right").figure.axes) == 9
+
+
+@pytest.mark.slow(reason="a third of a second")
+def test_paths_that_end_early_have_a_mark_there():
+    arch = bd.load_model("example:shallow_arch")
+    with pytest.warns(bd.BeamdaeWarning, match="maximum of 4 points"):
+        path = bd.equilibrium(arch, to=0.5, max_points=4)
+    (axis,), (legend,) = (figure := path.plot("crown.y").figure).axes, figure.legends
+    assert [text.get_text() for text in legend.get_texts()] == ["stable", "stopped"]
+    assert axis.lines[-1].get_xdata() == path["crown.y"].iloc[-1]

@@ -36,7 +36,7 @@ Array = np.ndarray
 _MIN_RANGE = 1e-9
 _PEAK = {"color": COLORS[1], "ls": "", "marker": "o", "ms": 4}
 _UNSTABLE_DASHES = (0, (3, 2))
-_CRITICAL_MARKERS = {"limit point": "o", "branch point": "s", "flutter point": "^"}
+_MARKERS = {"limit point": "o", "branch point": "s", "flutter point": "^", "stopped": "x"}
 
 
 def plot_path(equilibrium: Equilibrium, names: Sequence[str], x: str | None = None) -> Plot:
@@ -75,8 +75,9 @@ def create_path_figure(
     stable, unstable = ({"color": COLORS[0], "lw": 1.2, "ls": x} for x in ("-", _UNSTABLE_DASHES))
     entries: dict[str, dict[str, Any]] = {} if all(is_unstable) else {"stable": stable}
     entries |= {"unstable": unstable} if any(is_unstable) else {}
-    for point in equilibrium.critical:
-        entries.setdefault(point.kind, _marker_style(point.kind))
+    marks = mark_rows(equilibrium)
+    for kind in marks.values():
+        entries[kind] = {"marker": _MARKERS[kind], "color": COLORS[3], "ls": "", "ms": 4}
     panels = []
     for name in chosen:
         horizontal, vertical = (name, header) if abscissa is None else (abscissa, name)
@@ -86,7 +87,7 @@ def create_path_figure(
             rows = list(segments)
             part = slice(rows[0], rows[-1] + 2)
             lines.append((u[part], v[part], unstable if dashed else stable))
-        lines += [(u[[x.row]], v[[x.row]], entries[x.kind]) for x in equilibrium.critical]
+        lines += [(u[[row]], v[[row]], entries[kind]) for row, kind in marks.items()]
         panels.append(Panel("", vertical, lines, (horizontal, vertical)))
     return draw_panels(panels, title, entries if panels else {}, x_label=None)
 
@@ -106,8 +107,11 @@ def _find_unstable_segments(equilibrium: Equilibrium) -> list[bool]:
     return segments
 
 
-def _marker_style(kind: str) -> dict[str, Any]:
-    return {"marker": _CRITICAL_MARKERS[kind], "color": COLORS[3], "ls": "", "ms": 4}
+def mark_rows(equilibrium: Equilibrium) -> dict[int, str]:
+    """Return the kinds of the critical points, and "stopped" where a path ended early, by row."""
+    is_complete = equilibrium.status.success
+    stop = {} if is_complete else {len(equilibrium.factors) - 1: "stopped"}
+    return stop | {point.row: point.kind for point in equilibrium.critical}
 
 
 def _is_varying(equilibrium: Equilibrium, column: str) -> bool:
