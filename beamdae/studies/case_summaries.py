@@ -12,35 +12,31 @@ from beamdae.studies.case_table import ACCURACY_COLUMNS, ERROR_COLUMN
 _COLUMNS = ["group", "what", "at", "answer", "value"]
 
 
-def summarize_cases(cases: pd.DataFrame) -> pd.DataFrame:
-    """Return the observed orders of the series in steps and tolerances, by group.
+def summarize_cases(cases: pd.DataFrame, over: str | None = None) -> pd.DataFrame:
+    """Return the observed orders by group: of steps and tolerances, or of meshes.
 
-    Only successful cases are included, without errors that the reference cannot resolve.
-    """
-    lines: list[tuple[Any, ...]] = []
-    if ERROR_COLUMN in cases:
-        resolved = cases[cases["status"] == "ok"].dropna(subset=[ERROR_COLUMN])
-        for group, rows in resolved.groupby("group", sort=False):
-            lines += _fit_orders(str(group), rows)
-    return pd.DataFrame(lines, columns=_COLUMNS)
-
-
-def summarize_mesh_study(cases: pd.DataFrame, over: str) -> pd.DataFrame:
-    """Return the observed orders of convergence between successive meshes, by group.
-
-    Only successful cases are included. Errors that are zero or that the reference cannot resolve
-    are omitted. `over` is the name of the refined parameter.
+    Only successful cases are included, without errors that are zero or that the reference cannot
+    resolve. `over` is the header of the refined parameter of a mesh study.
     """
     lines: list[tuple[Any, ...]] = []
     if ERROR_COLUMN in cases:
         resolved = cases[(cases["status"] == "ok") & (cases[ERROR_COLUMN] > 0.0)]
-        for group, rows in resolved.sort_values(over).groupby("group", sort=False):
-            size, error = rows[over].to_numpy(float), rows[ERROR_COLUMN].to_numpy()
-            orders = -np.diff(np.log(error)) / np.diff(np.log(size))
-            for k, order in enumerate(orders):
-                at = f"{over} {size[k]:g} to {size[k + 1]:g}"
-                lines.append((str(group), "order in space", at, f"{error[k + 1]:.2e}", order))
+        for group, rows in resolved.groupby("group", sort=False):
+            name = str(group)
+            lines += _fit_orders(name, rows) if over is None else _compare_meshes(name, rows, over)
     return pd.DataFrame(lines, columns=_COLUMNS)
+
+
+def _compare_meshes(group: str, rows: pd.DataFrame, over: str) -> list[tuple[Any, ...]]:
+    """Return summary lines with the orders of convergence between successive meshes."""
+    rows = rows.sort_values(over)
+    size, error = rows[over].to_numpy(float), rows[ERROR_COLUMN].to_numpy()
+    orders = -np.diff(np.log(error)) / np.diff(np.log(size))
+    ends = zip(size[:-1], size[1:], error[1:], orders, strict=True)
+    return [
+        (group, "order in space", f"{over} {a:g} to {b:g}", f"{e:.2e}", order)
+        for a, b, e, order in ends
+    ]
 
 
 def _fit_orders(group: str, rows: pd.DataFrame) -> list[tuple[Any, ...]]:
@@ -53,7 +49,7 @@ def _fit_orders(group: str, rows: pd.DataFrame) -> list[tuple[Any, ...]]:
         error = runs[ERROR_COLUMN].to_numpy()
         for name, column in ACCURACY_COLUMNS.items():
             size = runs[column].to_numpy(float)
-            if len(np.unique(size)) < 2 or np.isnan(size).any() or np.min(error) <= 0.0:
+            if len(np.unique(size)) < 2 or np.isnan(size).any():
                 continue
             order = float(np.polyfit(np.log(size), np.log(error), 1)[0])
             at = f"{size.max():g} to {size.min():g}"

@@ -75,7 +75,7 @@ def create_study_page(
         with_curves = set(range(MAX_CURVES))
     if extra_columns is None:
         parameters = list(map(str, table))[1 : list(table).index("group")]
-        inserted = describe_columns("", table[parameters], _find_units(results.study))[1:]
+        inserted = describe_columns("", table[parameters])[1:]
     else:
         inserted = describe_columns("", extra_columns)[1:]
         for column in inserted:
@@ -107,16 +107,6 @@ def create_study_page(
             is_stored,
         ),
     }
-
-
-def _find_units(study: Study) -> dict[str, str]:
-    """Return the units of parameters, by name, on which all models of a study agree."""
-    models = {id(case.model): case.model for case in study.cases}
-    by_name: dict[str, set[str]] = {}
-    for model in models.values():
-        for name, parameter in model.parameter_info.items():
-            by_name.setdefault(name, set()).add(parameter.unit)
-    return {name: next(iter(units)) for name, units in by_name.items() if len(units) == 1}
 
 
 def extra_column_key(name: str) -> str:

@@ -84,7 +84,7 @@ def _draw_work_precision(results: StudyResults) -> list[Path]:
 
 def _draw_mesh_convergence(results: StudyResults) -> list[Path]:
     """Plot the error over the refined parameter, with one line per group."""
-    over = str(results.study.over)
+    over = str(results.study.over_header)
     rows = _select_drawable(results.table, over, ERROR_COLUMN).sort_values(over)
     if rows.empty:
         return []

@@ -201,7 +201,7 @@ def study(tmp_path, rows, over=None, uncertainty=1e-6):
     reference = Reference(("", ""), pd.DataFrame(), (), uncertainty, "")
     return SimpleNamespace(
         table=cases,
-        study=SimpleNamespace(over=over, cases=[None] * len(rows)),
+        study=SimpleNamespace(over=over, over_header=over, cases=[None] * len(rows)),
         references=dict.fromkeys(cases["group"], reference) | {"another": reference},
         folder=tmp_path,
     )

@@ -18,7 +18,6 @@ from beamdae.errors import (
 from beamdae.integrators import Integrator
 from beamdae.model_functions import Model
 from beamdae.read_only import read_only_data
-from beamdae.report.terminal.text_tables import format_headers
 from beamdae.results.solution import Solution
 from beamdae.studies.case import (
     FINGERPRINT_LENGTH,
@@ -107,8 +106,8 @@ class ParameterStudy(Study):
 
     def header(self, name: str) -> str:
         """Return the header of a parameter in tables, with its unit, such as "speed [rad/s]"."""
-        column = f"parameter {name}" if name in RESERVED_COLUMNS else name
-        return format_headers({column: self.units.get(name, "")}).get(column, column)
+        prefix = "parameter " if name in RESERVED_COLUMNS else ""
+        return prefix + self.cases[0].model.header(name)
 
     @cached_property
     def grid(self) -> ParameterGrid:
