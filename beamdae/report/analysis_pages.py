@@ -32,7 +32,6 @@ from beamdae.report.scene.frame_export import FRAMES_PER_PERIOD, export_frames, 
 from beamdae.report.scene.mechanism_scene import build_scene
 from beamdae.report.scene.poses import CoordinatePoses, EnlargedPoses, Poses
 from beamdae.report.scene.run_scene import choose_scale
-from beamdae.report.terminal.text_tables import range_rows
 from beamdae.results.columns import Header
 from beamdae.results.equilibrium import Equilibrium
 from beamdae.results.frequency_response import FrequencyResponse
@@ -68,16 +67,16 @@ def build_path_page(equilibrium: Equilibrium, title: str) -> Content:
         }
         for x in critical
     ]
-    status, known = equilibrium.status, equilibrium.errors
-    description = describe(equilibrium)
+    status, warnings = equilibrium.status, equilibrium.warnings
+    description = describe(equilibrium)  # contains the errors that the warnings have measured
     page = describe_page(
         title,
         f"equilibria: {status.sentence}",
-        equilibrium.warnings,
+        warnings,
         [
             fact_table("Equilibria", {"status": status.sentence, **description.facts}),
             export_table("Critical points", points_of_path),
-            export_table("Observed", range_rows(observed, known)),
+            *export_tables(description),
             fact_table("Settings", {**description.details, **equilibrium.settings}, "solver"),
         ],
         groups=[{"id": GROUP, "frames": _export_path_frames(equilibrium)}],

@@ -29,7 +29,6 @@ Array = np.ndarray
 
 _MAX_LEGEND_CURVES = 24
 _MAX_MARKERS = 200  # of a curve; more hide the line, and each is an element of the SVG file
-_MIN_MAP_COVERAGE = 0.5  # fraction of all pairs of values; below it, dots replace cells
 _FAILURE_STYLE: dict[str, Any] = {
     "marker": "x",
     "color": "0.2",
@@ -257,11 +256,7 @@ def _list_entries(styles: dict[str, dict[str, Any]], any_failed: bool) -> dict[s
 
 
 def plot_maps(
-    study: ParameterStudy,
-    table: pd.DataFrame,
-    panels: Sequence[Panel],
-    x: str | None = None,
-    y: str | None = None,
+    study: ParameterStudy, table: pd.DataFrame, panels: Sequence[Panel], x: str | None = None
 ) -> Plot:
     """Plot each response as a color map over the two varied parameters.
 
@@ -276,10 +271,6 @@ def plot_maps(
         )
     x = choose_axis(study, x)
     (other,) = [name for name in varied if name != x]
-    if y is not None and choose_axis(study, y) != other:
-        raise BeamdaeError(
-            f"{study.name}: y must be {other!r}, got {y!r}, which is on the horizontal axis."
-        )
     horizontal, vertical = (ParameterScale.of(study, name) for name in (x, other))
     panels = _remove_empty(table, _split(panels))
     figure, axes = figures.create_panels(len(panels), "")
@@ -294,7 +285,7 @@ def plot_maps(
 
 
 def _draw_map(axis: Axes, x: ParameterScale, y: ParameterScale, heights: Array, unit: str) -> None:
-    """Draw cells, or dots if fewer than half of all pairs were run; crosses mark missing values."""
+    """Draw cells, or dots if not all pairs were run; crosses mark missing values."""
     from beamdae.report.pictures.tick_labels import format_ticks
 
     if np.nanmax(heights) - np.nanmin(heights) <= _CONSTANT_RANGE * np.nanmax(np.abs(heights)):
@@ -302,7 +293,7 @@ def _draw_map(axis: Axes, x: ParameterScale, y: ParameterScale, heights: Array, 
     cells = np.full((len(y.ticks), len(x.ticks)), np.nan)
     cells[np.searchsorted(y.ticks, y.positions), np.searchsorted(x.ticks, x.positions)] = heights
     failed = np.isnan(heights)
-    if len(heights) < _MIN_MAP_COVERAGE * cells.size:
+    if len(heights) < cells.size:
         x_run, y_run = x.positions[~failed], y.positions[~failed]
         colored: Any = axis.scatter(x_run, y_run, c=heights[~failed], s=30, cmap="viridis")
     else:

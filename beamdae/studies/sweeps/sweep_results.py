@@ -252,24 +252,23 @@ class SweepResults:
         """
         return plot_curves(self.sweep, self.table, self._plotted_panels(names), x)
 
-    def map(self, *names: str, x: str | None = None, y: str | None = None) -> Plot:
+    def map(self, *names: str, x: str | None = None) -> Plot:
         """Plot responses as color maps over the two varied parameters.
 
         Parameters
         ----------
         *names
             Responses; see `plot`.
-        x, y
-            Parameters on the horizontal and vertical axes. The default of `x` is the same as in
-            `plot`.
+        x
+            Parameter on the horizontal axis; see `plot`.
 
         Raises
         ------
         BeamdaeError
-            If a response does not exist, the number of varied parameters is not two, `x` or `y` is
-            not a varied parameter, or both are the same.
+            If a response does not exist, the number of varied parameters is not two, or `x` is not
+            a varied parameter.
         """
-        return plot_maps(self.sweep, self.table, self._plotted_panels(names), x, y)
+        return plot_maps(self.sweep, self.table, self._plotted_panels(names), x)
 
     def _plotted_panels(self, names: tuple[str, ...]) -> list[Panel]:
         """Return the named panels or, without names, those whose responses vary."""
