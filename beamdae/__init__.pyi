@@ -74,10 +74,7 @@ from .parts.forces.loads import Force as Force
 from .parts.forces.loads import Moment as Moment
 from .parts.forces.smooth import positive_part as positive_part
 from .parts.forces.smooth import smooth_sign as smooth_sign
-from .parts.forces.springs import Damper as Damper
 from .parts.forces.springs import Spring as Spring
-from .parts.forces.springs import SpringDamper as SpringDamper
-from .parts.forces.springs import TorsionDamper as TorsionDamper
 from .parts.forces.springs import TorsionSpring as TorsionSpring
 from .parts.forces.surfaces import CircleSurface as CircleSurface
 from .parts.forces.surfaces import LineSurface as LineSurface

@@ -194,17 +194,12 @@ SAMPLES: dict[str, Callable[[SampleMechanism], dict[str, Any]]] = {
         "start": 0.0,
     },
     "Spring": lambda m: (
-        _spring_arguments(m) | {"stiffness": 2.0, "free_length": 0.9, "preload": 0.1}
-    ),
-    "Damper": lambda m: _spring_arguments(m) | {"damping": 0.1},
-    "SpringDamper": lambda m: (
         _spring_arguments(m)
         | {"stiffness": 2.0, "damping": 0.1, "free_length": 0.9, "preload": 0.1}
     ),
     "TorsionSpring": lambda m: (
         _spring_arguments(m) | {"stiffness": 2.0, "damping": 0.1, "free_angle": 0.1, "preload": 0.1}
     ),
-    "TorsionDamper": lambda m: _spring_arguments(m) | {"damping": 0.1},
     "Bushing": lambda m: (
         _spring_arguments(m)
         | {

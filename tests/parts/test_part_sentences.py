@@ -179,7 +179,7 @@ SENTENCES = {
         "s", BOB.point, ORIGIN, 2.0
     ).load_on("b"),
     r"^s: .* coincide in the reference configuration.*Bushing": lambda: bd.Spring(
-        "s", FAR, BOB.point, 1.0, 1.0
+        "s", FAR, BOB.point, 1.0, free_length=1.0
     ),
     r"^s: neither ground at \(0, 0\) nor ground at \(1, 0\) can move; attach one of": lambda: (
         bd.Spring("s", ORIGIN, GROUND.at(1, 0), 1.0)

@@ -58,9 +58,11 @@ def four_bar(flexible: bool = False, forces: tuple[str, ...] = ()) -> bd.Mechani
     mech.add(bd.Revolute("rocker pin", ends[1], rocker.at(*rocker_end)))
     bearing = mech.add(bd.Revolute("rocker bearing", ground.at(*foot), rocker.at(*foot)))
     if "spring" in forces:
-        mech.add(bd.Spring("spring", ground.at(1.4, 0.3), rocker.at(0.8, 0.28), 150.0, 0.3))
+        mech.add(
+            bd.Spring("spring", ground.at(1.4, 0.3), rocker.at(0.8, 0.28), 150.0, free_length=0.3)
+        )
     if "damper" in forces:
-        mech.add(bd.Damper("damper", ground.at(-0.3, 0.4), crank.at(*crank_end), 2.0))
+        mech.add(bd.Spring("damper", ground.at(-0.3, 0.4), crank.at(*crank_end), damping=2.0))
     if "contact" in forces:
         stop = bd.LineSurface(ground.at(0.9, 0.4), (0.3, -1.0))
         tip = rocker.at(*rocker_end)
