@@ -46,6 +46,7 @@ _LEGEND_LETTER_WIDTH = 0.075  # approximate width of a letter [inch]
 _LEGEND_LINE_WIDTH = 0.8  # width of the line beside a legend entry [inch]
 _LEGEND_ROW_HEIGHT = 0.19  # [inch]
 MAX_PANELS = 12
+_MAX_DEFAULT_PANELS = 6  # more are too small to read on a screen
 # Largest number of ticks for which numbers with six digits do not overlap.
 _MAX_HORIZONTAL_TICKS = 5
 _RESOLUTION = 150  # of picture files [dots per inch]
@@ -103,6 +104,12 @@ def characteristic_columns(table: Columns) -> list[str]:
     size = {c: _range(table[c]) for c in columns}
     largest = _largest_with_unit(size)
     return sorted(columns, key=lambda c: size[c] < _MINOR_RANGE * largest[c])[:3]
+
+
+def select_default(table: Columns) -> list[str]:
+    """Return up to six columns that vary, those that characterize a result first."""
+    columns = dict.fromkeys([*characteristic_columns(table), *varying_columns(table)])
+    return list(columns)[:_MAX_DEFAULT_PANELS]
 
 
 def _largest_with_unit(size: Mapping[str, float]) -> dict[str, float]:

@@ -13,8 +13,8 @@ from beamdae.analysis.statics.imperfections import KnockDown
 from beamdae.report.pictures.figures import (
     COLORS,
     Panel,
-    characteristic_columns,
     draw_panels,
+    select_default,
 )
 from beamdae.results.columns import (
     Header,
@@ -49,7 +49,7 @@ def create_path_figure(
 ) -> Figure:
     """Plot the load factor over columns, or columns over the column `x`.
 
-    Without names, the columns are up to three characteristic ones; if only `x` varies, the load
+    Without names, the columns are up to six that vary; if only `x` varies, the load
     factor is plotted over it. The path is dashed where it is unstable.
     """
     columns = merge_columns(equilibrium.columns, equilibrium.coordinate_columns())
@@ -67,7 +67,7 @@ def create_path_figure(
     if not chosen:
         observed = equilibrium.columns.items()
         varying = {c: y for c, y in observed if c != abscissa and _is_varying(equilibrium, c)}
-        chosen = characteristic_columns(varying)
+        chosen = select_default(varying)
     if not chosen and abscissa is not None:
         chosen, abscissa = [abscissa], None
     columns = {**columns, header: factors}
@@ -147,12 +147,12 @@ def create_response_figure(
 ) -> Figure:
     """Plot half ranges of observed columns over the parameter.
 
-    Without names, the columns are up to three characteristic ones.
+    Without names, the columns are up to six that vary.
     """
     if not names:
         curves = {c: response.curve(c)[1] for c in response.points[0].solution.columns}
         moving = {c: y for c, y in curves.items() if c not in response.resting_columns}
-        names = characteristic_columns(moving or curves)
+        names = select_default(moving or curves)
     panels = [_create_response_panel(response, name, x) for name in names]
     return draw_panels(panels, title, x_label=None)
 
