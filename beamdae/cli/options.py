@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dis
+import inspect
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, is_dataclass, replace
@@ -15,7 +17,7 @@ from beamdae.catalog import INTEGRATORS
 from beamdae.cli import startup
 from beamdae.cli.output import record_results
 from beamdae.cli.ranges import parse_ends
-from beamdae.errors import BeamdaeError, require_choice, short_repr, suggest
+from beamdae.errors import BeamdaeError, require_choice, short_repr, suggest, warn_user
 from beamdae.report.option_names import form_of_option
 
 if TYPE_CHECKING:
@@ -345,9 +347,23 @@ def load_model(
 
     file = ModelFile(path, needs)
     model = file.model(name)
-    model = replace(model, parameters=model.complete(parse_assignments(settings)))
+    values = parse_assignments(settings)
+    model = replace(model, parameters=model.complete(values))
+    for unread in sorted(values.keys() - _read_names(model.build)):
+        warn_user(f"--set {unread}: {model.name} does not read this parameter; correct the model.")
     record_results(lambda: {"model": {"name": model.name, "parameters": model.parameters}})
     return model, file
+
+
+def _read_names(function: Callable[..., Any]) -> set[str]:
+    """Return the names of the arguments that the code of a model function reads; all if unknown."""
+    code = getattr(inspect.unwrap(function), "__code__", None)
+    if code is None or "locals" in code.co_names:
+        return set(inspect.signature(function).parameters)
+    loads = [x.argval for x in dis.get_instructions(code) if x.opname.startswith("LOAD_")]
+    # Instructions of Python 3.13 read two variables.
+    pairs = [x if isinstance(x, tuple) else (x,) for x in loads]
+    return {name for pair in pairs for name in pair if isinstance(name, str)} | {*code.co_cellvars}
 
 
 def find_state(command: str, mechanism: Any, about: str | None, speed: float | None = None) -> Any:
