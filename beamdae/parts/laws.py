@@ -87,7 +87,7 @@ class TableRange(NamedTuple):
 
 @dataclass(frozen=True)
 class Law:
-    """Piecewise smooth function of time.
+    """Piecewise smooth function of time; laws can be added to laws, numbers and functions of t.
 
     Attributes
     ----------

@@ -134,7 +134,10 @@ def _describe_displacement(e: EquationsOfMotion, q: Array, change: StartChange |
     remedy = "correct the positions of the parts, or pass start= with positions by name"
     if is_driven:
         cause = "drivers begin beside the reference configuration, which displaces"
-        remedy = "their laws are positions: for a constant speed, pass lambda t: speed * t"
+        remedy = (
+            "laws are positions relative to the drawing: begin them at 0, or pass "
+            "lambda t: speed * t for a constant speed"
+        )
     return (
         f"{change.part}: {cause} this part by {change.displacement:.3g} m (mostly "
         f"{change.coordinate}) in a mechanism of {e.length:.3g} m; {remedy}."
