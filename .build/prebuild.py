@@ -229,7 +229,7 @@ def driven_disk() -> Any:
     sample.mechanism.add(bd.Revolute("hinge", sample.ground.at(0.5, 0.4), sample.disk.at(0.5, 0.4)))
     ends = sample.ground.at(0.5, 0.4), sample.disk.at(0.5, 0.4)
     sample.mechanism.add(bd.TorsionSpring("spring", *ends, stiffness=1.0))
-    sample.mechanism.add(bd.TorsionDamper("damper", *ends, damping=0.1))
+    sample.mechanism.add(bd.TorsionSpring("damper", *ends, damping=0.1))
     sample.mechanism.add(
         bd.Moment("moment", sample.disk.at(0.5, 0.4), law=bd.sine(1.0, 1.0 / _PERIOD))
     )

@@ -74,10 +74,7 @@ from .parts.forces.loads import Force as Force
 from .parts.forces.loads import Moment as Moment
 from .parts.forces.smooth import positive_part as positive_part
 from .parts.forces.smooth import smooth_sign as smooth_sign
-from .parts.forces.springs import Damper as Damper
 from .parts.forces.springs import Spring as Spring
-from .parts.forces.springs import SpringDamper as SpringDamper
-from .parts.forces.springs import TorsionDamper as TorsionDamper
 from .parts.forces.springs import TorsionSpring as TorsionSpring
 from .parts.forces.surfaces import CircleSurface as CircleSurface
 from .parts.forces.surfaces import LineSurface as LineSurface
@@ -95,6 +92,7 @@ from .parts.joints.rolling import RollingOnCircle as RollingOnCircle
 from .parts.joints.rolling import RollingOnLine as RollingOnLine
 from .parts.joints.rolling import Skate as Skate
 from .parts.laws import Law as Law
+from .parts.laws import half_sine as half_sine
 from .parts.laws import piecewise as piecewise
 from .parts.laws import run_up as run_up
 from .parts.laws import sine as sine

@@ -154,10 +154,7 @@ GROUPS = (
         DistributedForce beams.beam_loads
         MovingForce beams.beam_loads
         Spring parts.forces.springs
-        Damper parts.forces.springs
-        SpringDamper parts.forces.springs
         TorsionSpring parts.forces.springs
-        TorsionDamper parts.forces.springs
         Bushing parts.forces.bushing
         Contact parts.forces.contact
         BeamContact beams.beam_contact
@@ -179,6 +176,7 @@ GROUPS = (
         Law parts.laws
         run_up parts.laws
         sine parts.laws
+        half_sine parts.laws
         piecewise parts.laws
         table parts.tables
         table_from_csv parts.table_files

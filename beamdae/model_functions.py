@@ -159,6 +159,11 @@ class Model:
         defaults = {name: x.default for name, x in signature.items()}
         return describe_parameters(self.build.__doc__ or "", self.parameters, defaults)
 
+    def header(self, name: str) -> str:
+        """Return the header of a parameter in tables, with its unit, such as "speed [rad/s]"."""
+        info = self.parameter_info.get(name)
+        return name if info is None or info.unit in ("", "-") else f"{name} [{info.unit}]"
+
     def __repr__(self) -> str:
         """Return the name of the model with its parameters and end time."""
         values = [f"{x.name}={self._format_default(x)}" for x in self.parameter_info.values()]

@@ -43,8 +43,8 @@ def leaf_spring_vehicle(
     mech.add(bd.Revolute("front eye", chassis.at(-0.6, 0.0), front.start))
     mech.add(bd.Distance("shackle", chassis.at(0.62, 0.1), rear.end))
     mech.add(bd.Weld("clamp", axle.at(*hub), front.end))
-    mech.add(bd.SpringDamper("damper", chassis.at(0.1, 0.15), axle.at(*hub), damping=damping))
-    mech.add(bd.SpringDamper("tire", patch.point, axle.at(*hub), 180e3, damping=150.0))
+    mech.add(bd.Spring("damper", chassis.at(0.1, 0.15), axle.at(*hub), damping=damping))
+    mech.add(bd.Spring("tire", patch.point, axle.at(*hub), 180e3, damping=150.0))
     mech.add(bd.PointOnLine("on the road", ground.at(0.0, -0.46), patch.point, down))
     profile = bd.piecewise((0.2, 0.0), (0.2 + duration, road), 0.0)
     mech.add(

@@ -172,14 +172,16 @@ LOADS = catalog_parts("Loads and forces", "load", without=(*NO_PARTS, "Contact",
     "moments within a beam": lambda m, d, b: bd.Moment("load", b.end, swing, b.start),
     "fixed mass": lambda m, d, b: bd.PointMass("load", 0.4, on=b.at(1.1)),
     "Rayleigh": lambda m, d, b: bd.RayleighDamping("load", b, mass=0.7, stiffness=0.02),
-    "spring": lambda m, d, b: bd.Spring("load", d.at(0.3, -0.4), b.end, 3.0, 0.9, preload=0.3),
+    "spring": lambda m, d, b: bd.Spring(
+        "load", d.at(0.3, -0.4), b.end, 3.0, free_length=0.9, preload=0.3
+    ),
     "spring to ground": lambda m, d, b: bd.Spring("load", b.at(0.7), m.ground.at(2.0, 2.0), 3.0),
     "spring without length": lambda m, d, b: bd.Spring(
         "load", d.at(*TIP), b.end, 3.0, free_length=0.0
     ),
-    "spring within a beam": lambda m, d, b: bd.Spring("load", b.start, b.end, 3.0, 0.1),
-    "spring and damper": lambda m, d, b: bd.SpringDamper("load", d.at(0.3, -0.4), b.end, 3.0, 0.7),
-    "law of a spring": lambda m, d, b: bd.SpringDamper(
+    "spring within a beam": lambda m, d, b: bd.Spring("load", b.start, b.end, 3.0, free_length=0.1),
+    "spring and damper": lambda m, d, b: bd.Spring("load", d.at(0.3, -0.4), b.end, 3.0, 0.7),
+    "law of a spring": lambda m, d, b: bd.Spring(
         "load", d.at(0.3, -0.4), b.end, law=lambda x, rate: 2.0 * np.sinh(x) + 0.3 * rate
     ),
     "law with energy": lambda m, d, b: bd.Spring(

@@ -57,7 +57,7 @@ def oscillator(stiffness=30.0, damping=0.5, mass=1.0, speed=0.2, load=0.0):
     body = mech.add(bd.PointMass("mass", mass, at=(1.0, 0.0), velocity=(speed, 0.0)))
     wall = mech.ground.at(0.0, 0.0)
     mech.add(bd.PointOnLine("rail", wall, body.point, (1.0, 0.0)))
-    mech.add(bd.SpringDamper("spring", wall, body.point, stiffness, damping))
+    mech.add(bd.Spring("spring", wall, body.point, stiffness, damping))
     mech.add(bd.Force("load", body.point, (load, 0.0)))
     mech.observe("mass", body.point)
     return mech
@@ -103,7 +103,7 @@ def truss(rise=0.2, stiffness=1000.0, load=1.0, span=1.0, damping=0.0):
     crown = mech.add(bd.PointMass("crown", 1.0, at=(0.0, rise)))
     for name, x in (("left", -span), ("right", span)):
         foot = mech.ground.at(x, 0.0)
-        mech.add(bd.SpringDamper(name, foot, crown.point, stiffness, damping))
+        mech.add(bd.Spring(name, foot, crown.point, stiffness, damping))
     mech.add(bd.Force("press", crown.point, (0.0, -load)))
     mech.observe("crown", crown.point)
     return mech

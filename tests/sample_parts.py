@@ -194,17 +194,12 @@ SAMPLES: dict[str, Callable[[SampleMechanism], dict[str, Any]]] = {
         "start": 0.0,
     },
     "Spring": lambda m: (
-        _spring_arguments(m) | {"stiffness": 2.0, "free_length": 0.9, "preload": 0.1}
-    ),
-    "Damper": lambda m: _spring_arguments(m) | {"damping": 0.1},
-    "SpringDamper": lambda m: (
         _spring_arguments(m)
         | {"stiffness": 2.0, "damping": 0.1, "free_length": 0.9, "preload": 0.1}
     ),
     "TorsionSpring": lambda m: (
         _spring_arguments(m) | {"stiffness": 2.0, "damping": 0.1, "free_angle": 0.1, "preload": 0.1}
     ),
-    "TorsionDamper": lambda m: _spring_arguments(m) | {"damping": 0.1},
     "Bushing": lambda m: (
         _spring_arguments(m)
         | {
@@ -283,6 +278,7 @@ SAMPLES: dict[str, Callable[[SampleMechanism], dict[str, Any]]] = {
     },
     "run_up": lambda m: {"speed": 1.0, "duration": 0.1},
     "sine": lambda m: {"amplitude": 1.0, "frequency": 50.0, "phase": 0.0},
+    "half_sine": lambda m: {"peak": 1.0, "duration": 0.011, "start": 0.002},
     "table": lambda m: {
         "x": [0.0, 0.004, 0.01, 0.02],
         "y": [0.0, 1.0, 0.0, 1.0],

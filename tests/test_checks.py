@@ -134,7 +134,12 @@ def test_missing_joint_shows_in_the_free_motions():
     ("add", "is_free"),
     [
         (lambda mech, stage: bd.Force("coil", stage.at(0.0, 0.0), (1.0, 0.0)), True),
-        (lambda mech, stage: bd.Damper("damper", mech.ground.at(1, 0), stage.at(0, 0), 1.0), True),
+        (
+            lambda mech, stage: bd.Spring(
+                "damper", mech.ground.at(1, 0), stage.at(0, 0), damping=1.0
+            ),
+            True,
+        ),
         (lambda mech, stage: bd.Spring("spring", mech.ground.at(1, 0), stage.at(0, 0), 1.0), False),
         (lambda mech, stage: bd.Weld("clamp", mech.ground.at(0, 0), stage.at(0, 0)), False),
         (
@@ -171,7 +176,7 @@ def test_regression_verdicts_name_parts_that_can_move_away(add, is_free):
         None,
         lambda g, ram: bd.PointOnLine("guide", g.at(0.0, -0.24), ram, direction=(0.0, 1.0)),
         lambda g, ram: bd.Spring("spring", g.at(1.0, -0.24), ram, 10.0, free_length=1.0),
-        lambda g, ram: bd.Damper("damper", g.at(1.0, -0.24), ram, 10.0),
+        lambda g, ram: bd.Spring("damper", g.at(1.0, -0.24), ram, damping=10.0),
         lambda g, ram: bd.Force("late", ram, (lambda t: t**2, 0.0)),
         # Without a force or a stiffness at the start.
         lambda g, ram: bd.ForceLaw("cubic", ram, lambda p, t: (-(p.position[0] ** 3), 0.0)),

@@ -45,7 +45,7 @@ def shaken(frequency=1.0):
     bob = mech.add(bd.PointMass("bob", 1.0, at=(1.0, 0.0)))
     for k in range(2):
         anchor = mech.ground.at(k, k)
-        mech.add(bd.SpringDamper(f"spring {k}", anchor, bob.point, stiffness=100.0, damping=5.0))
+        mech.add(bd.Spring(f"spring {k}", anchor, bob.point, stiffness=100.0, damping=5.0))
     mech.add(bd.Force("push", bob.point, (bd.sine(1.0, frequency), 0.0)))
     mech.observe("bob", bob.point)
     return mech

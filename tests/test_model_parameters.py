@@ -185,7 +185,7 @@ def test_all_numbers_of_the_examples_have_units():
 
 def test_sweeps_convert_units():
     results = bd.sweep(swing, {"length": ["500 mm", 0.6]}, t_end=0.1)
-    assert list(results.table["length"]) == [0.5, 0.6]
+    assert list(results.table["length [m]"]) == [0.5, 0.6]
     assert results.sweep.units == {"length": "m"}
 
 

@@ -197,11 +197,29 @@ def test_snapping_arch_matches_its_text(tmp_path, monkeypatch):
     assert crown == pytest.approx(4e-3 - names["other_side"], rel=1e-3)
 
 
+def check_flexures(names):
+    # 24 EI / L^3 and 3 E h d / L^2 of straight leaves at small travel; the travel stiffens both.
+    inertia, height, length, travel = 0.01 * 0.4e-3**3 / 12.0, 0.4e-3, 0.05, 3e-3
+    assert names["stiffness"][0] == pytest.approx(24.0 * 200e9 * inertia / length**3, rel=1e-3)
+    stress = names["path"]["stress.largest"].iloc[-1]
+    assert stress == pytest.approx(3.0 * 200e9 * height * travel / length**2, rel=0.03)
+    # Both limits of the shortest guide are reached.
+    assert all(abs(x.relative_margin) < 1e-5 for x in names["design"].constraints)
+
+
+def check_vibration_tests(names):
+    for simulated, exact in names["spectrum"].values():
+        assert simulated == pytest.approx(exact, abs=2e-3)
+
+
+PAGE_CHECKS = {"flexures": check_flexures, "vibration_tests": check_vibration_tests}
+
+
 @slow
 @pytest.mark.parametrize("page", [page_param(page) for page in PAGES if code_blocks(page)])
 def test_page_runs_as_printed(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    run_page(page)
+    PAGE_CHECKS.get(page.stem, dict)(run_page(page))
     # Report resources that the page leaves open in this test, not in a later one.
     gc.collect()
 

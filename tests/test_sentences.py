@@ -486,22 +486,25 @@ def converts_to_float(t):
     return 1.0 if float(t) > 0.2 else 0.0
 
 
-BRANCHES_MESSAGE = r"without branches on t \(if, while, and, or, min, max\).* bd.piecewise"
-NEEDS_NUMBER_MESSAGE = "without float, int, random numbers .* numpy functions"
+FORMULAS_MESSAGE = (
+    r"without branches on t \(if, .*\), float, int, .* numpy functions .* bd.table .* bd.piecewise"
+)
 
 
 @pytest.mark.parametrize(
     ("law", "message"),
     [
-        (jump, f"the law jump must be a formula in t, {BRANCHES_MESSAGE}"),
-        (lambda t: t > 1 and 3.0, BRANCHES_MESSAGE),
-        (lambda t: max(t, 1.0), BRANCHES_MESSAGE),
-        (math.sin, f"the law sin .*{NEEDS_NUMBER_MESSAGE}"),
-        (lambda t: math.sin(t), NEEDS_NUMBER_MESSAGE),
-        (int, NEEDS_NUMBER_MESSAGE),
-        (converts_to_float, f"the law converts_to_float .*{NEEDS_NUMBER_MESSAGE}"),
-        (lambda t: np.random.default_rng().random(), NEEDS_NUMBER_MESSAGE),
-        (lambda t: np.polyval([1.0, 2.0], t), NEEDS_NUMBER_MESSAGE),
+        (jump, f"the law jump must be a formula in t, {FORMULAS_MESSAGE}"),
+        (lambda t: t > 1 and 3.0, FORMULAS_MESSAGE),
+        (lambda t: max(t, 1.0), FORMULAS_MESSAGE),
+        (math.sin, f"the law sin .*{FORMULAS_MESSAGE}"),
+        (lambda t: math.sin(t), FORMULAS_MESSAGE),
+        (int, FORMULAS_MESSAGE),
+        (lambda t: np.where((t > 1.0) & (t < 2.0), np.sin(t), 0.0), FORMULAS_MESSAGE),
+        (lambda t: np.where(t < 1.0, 0.0, t), "must be smooth, but uses <, np.where;"),
+        (converts_to_float, f"the law converts_to_float .*{FORMULAS_MESSAGE}"),
+        (lambda t: np.random.default_rng().random(), FORMULAS_MESSAGE),
+        (lambda t: np.polyval([1.0, 2.0], t), FORMULAS_MESSAGE),
         (raises_key_error, "the law raises_key_error must .* failed at t = 0 s: KeyError: 'x'"),
         (lambda t: t[3], "failed at t = 0 s: TypeError"),
         (lambda t: ca.SX.sym("x", 2) + ca.SX.sym("y", 3), "of CasADi expressions do not match"),

@@ -12,7 +12,7 @@ def mass(spring=bd.param(50.0, "N/m"), weight=2.0):
     mech = bd.Mechanism()
     bob = mech.add(bd.PointMass("bob", weight, at=(1.0, 0.0)))
     mech.add(bd.PointOnLine("line", mech.ground.at(0.0, 0.0), bob.point))
-    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), bob.point, spring, 1.0))
+    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), bob.point, spring, free_length=1.0))
     mech.add(bd.Force("push", bob.point, (1.0, 0.0)))
     mech.observe("bob", bob.point)
     return mech

@@ -132,7 +132,7 @@ def _mass_with_steep_table(stiffness=100.0):
     steps = bd.table([0.0, 1.0, 1.1, 2.0, 3.0], [0.0, 0.0, 1.0, 1.0, 1.0], "spline", name="stop")
     mech = bd.Mechanism()
     mass = mech.add(bd.PointMass("mass", 1.0, at=(1.0, 0.0)))
-    mech.add(bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), mass.point, stiffness, 1.0, 0.9))
+    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), mass.point, stiffness, 1.0, 0.9))
     mech.add(bd.Force("push", mass.point, (float(steps(1.5)), 0.0)))
     mech.observe("mass", mass.point)
     return mech

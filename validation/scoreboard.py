@@ -309,7 +309,7 @@ def _oscillator(stiffness=30.0, damping=0.5, mass=1.0):
     body = mech.add(bd.PointMass("body", mass, at=(1.0, 0.0)))
     base = mech.ground.at(0.0, 0.0)
     mech.add(bd.PointOnLine("guide", base, body.point, direction=(1.0, 0.0)))
-    spring = bd.SpringDamper("spring", base, body.point, stiffness, damping, free_length=0.8)
+    spring = bd.Spring("spring", base, body.point, stiffness, damping, free_length=0.8)
     mech.add(spring)
     mech.observe("body", body.point)
     return mech

@@ -15,19 +15,20 @@ from beamdae.errors import (
     warn_user,
 )
 
-# E [Pa], nu, rho [kg/m^3] at 20 °C. Sources: EN 1993-1-1:2005, 3.2.6 (density:
-# EN 1991-1-1, table A.4); EN 1999-1-1:2007, 3.2.5; EN 10088-1:2014, table E.1 and EN 1993-1-4;
-# ASM Handbook vol. 2 (1990).
 # Shorter beginnings of names are probably typing errors.
 _MIN_BEGINNING = 4
-_OTHER_SPELLINGS = {"aluminium": "aluminum"}
-_TABLE = {
-    "steel": (210e9, 0.3, 7850.0),
-    "stainless steel": (200e9, 0.3, 7900.0),
-    "aluminum": (70e9, 0.3, 2700.0),
-    "titanium Ti-6Al-4V": (113.8e9, 0.342, 4430.0),
-    "brass": (110e9, 0.375, 8530.0),
-    "copper": (115e9, 0.343, 8940.0),
+# E [Pa], nu, rho [kg/m^3] and yield stress [Pa] at 20 °C. Sources: see `Material.of`.
+_TABLE: dict[str, tuple[float, float, float, float | None]] = {
+    "steel": (210e9, 0.3, 7850.0, None),
+    "steel S235": (210e9, 0.3, 7850.0, 235e6),
+    "steel S355": (210e9, 0.3, 7850.0, 355e6),
+    "stainless steel": (200e9, 0.3, 7900.0, None),
+    "stainless steel 1.4301": (200e9, 0.3, 7900.0, 210e6),
+    "aluminum": (70e9, 0.3, 2700.0, None),
+    "aluminum 6082-T6": (70e9, 0.3, 2700.0, 250e6),
+    "titanium Ti-6Al-4V": (113.8e9, 0.342, 4430.0, 830e6),
+    "brass": (110e9, 0.375, 8530.0, None),
+    "copper": (115e9, 0.343, 8940.0, None),
 }
 # Numbers of one pascal and of one kg/m^3 in units in which data sheets state them.
 _MODULUS_UNITS = {"Pa": 1.0, "MPa": 1e-6, "GPa": 1e-9, "psi": 1.450377e-4, "ksi": 1.450377e-7}
@@ -99,7 +100,7 @@ class Material:
 
     def _warn_of_units(self) -> None:
         """Warn of numbers that are those of a material of the table in other units."""
-        for name, (modulus, _, density) in _TABLE.items():
+        for name, (modulus, _, density, _) in _TABLE.items():
             stiff = _find_unit(self.E / modulus, _MODULUS_UNITS)
             dense = _find_unit(self.rho / density, _DENSITY_UNITS)
             if stiff == "Pa" and dense == "kg/m^3":
@@ -116,31 +117,36 @@ class Material:
     def of(cls, name: str) -> Material:
         """Return a material from a table of design values at 20 °C.
 
-        ===================== ======= ===== ======== ==========================================
-        name                  E [GPa] nu    rho      source
-        ===================== ======= ===== ======== ==========================================
-        "steel"               210     0.3   7850     EN 1993-1-1 (structural steel), EN 1991-1-1
-        "stainless steel"     200     0.3   7900     EN 10088-1 and EN 1993-1-4, type 1.4301
-        "aluminum"            70      0.3   2700     EN 1999-1-1, wrought alloys
-        "titanium Ti-6Al-4V"  113.8   0.342 4430     ASM Handbook vol. 2, annealed
-        "brass"               110     0.375 8530     ASM Handbook vol. 2, C26000, annealed
-        "copper"              115     0.343 8940     ASM Handbook vol. 2, C11000, nu of pure copper
-        ===================== ======= ===== ======== ==========================================
+        ======================== ======= ===== ==== ====== =========================================
+        name                     E [GPa] nu    rho  yield  source
+        ======================== ======= ===== ==== ====== =========================================
+        "steel"                  210     0.3   7850        EN 1993-1-1, 3.2.6; EN 1991-1-1, A.4
+        "steel S235"             210     0.3   7850 235    EN 1993-1-1, table 3.1, to 40 mm
+        "steel S355"             210     0.3   7850 355    EN 1993-1-1, table 3.1, to 40 mm
+        "stainless steel"        200     0.3   7900        EN 10088-1, E.1, 1.4301; EN 1993-1-4
+        "stainless steel 1.4301" 200     0.3   7900 210    EN 1993-1-4, table 2.1, hot rolled
+        "aluminum"               70      0.3   2700        EN 1999-1-1, 3.2.5, wrought alloys
+        "aluminum 6082-T6"       70      0.3   2700 250    EN 1999-1-1, table 3.2b, extruded
+        "titanium Ti-6Al-4V"     113.8   0.342 4430 830    ASM Handbook vol. 2 (1990), annealed
+        "brass"                  110     0.375 8530        ASM Handbook vol. 2, C26000, annealed
+        "copper"                 115     0.343 8940        ASM Handbook vol. 2, C11000, nu of Cu
+        ======================== ======= ===== ==== ====== =========================================
 
-        The unit of rho is kg/m^3. `yield_stress` is None, because it depends on grade and temper;
-        pass it to `SectionForces.safety`. Values differ by a few percent between alloys and
-        tempers; create a `Material` from measured values if available.
+        The unit of rho is kg/m^3, that of the yield stress MPa. Without a grade, `yield_stress` is
+        None, because it depends on grade and temper; pass it to `SectionForces.safety`. Values
+        differ by a few percent between alloys and tempers; create a `Material` from measured values
+        if available.
 
         Parameters
         ----------
         name
-            One of the names in the table, "aluminium", or a beginning of at least four letters if
-            it is unique.
+            One of the names in the table, also with "aluminium", or a beginning of at least four
+            letters of one name, or of one name and its grades.
 
         Returns
         -------
         Material
-            Material without a yield stress.
+            The material, with the yield stress of a grade.
 
         Raises
         ------
@@ -150,13 +156,13 @@ class Material:
         Examples
         --------
         >>> import beamdae as bd
-        >>> bd.Material.of("steel").E
-        210000000000.0
+        >>> bd.Material.of("steel S355").yield_stress
+        355000000.0
         """
         if isinstance(name, str) and len(name) >= _MIN_BEGINNING and name not in _TABLE:
-            beginnings = {**{x: x for x in _TABLE}, **_OTHER_SPELLINGS}
-            matches = {x for spelling, x in beginnings.items() if spelling.startswith(name)}
-            name = matches.pop() if len(matches) == 1 else name
+            beginning = name.replace("alumini", "alumin")
+            first, *grades = [x for x in _TABLE if x.startswith(beginning)] or [name]
+            name = first if all(x.startswith(first) for x in grades) else name
         if not isinstance(name, str) or name not in _TABLE:
             raise BeamdaeError(
                 f"Material.of: the name must be one of {', '.join(map(repr, _TABLE))}, "

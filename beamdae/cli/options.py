@@ -313,7 +313,7 @@ PlottedColumns = Annotated[
         "--plot",
         metavar="NAME",
         help="Column or observable in the picture, or several separated by commas; repeatable. "
-        "The page opens on them. Defaults to the columns that vary.",
+        "The page opens on them. Defaults to characteristic columns.",
     ),
 ]
 DataColumns = Annotated[

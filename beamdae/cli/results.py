@@ -78,7 +78,7 @@ class Report:
         if current_output().verbose:
             self._show_facts(console, self.description.details)
         if accuracy is not None and accuracy.success:
-            show(console, f"accuracy: {name_options(accuracy.sentence)}", "dim")
+            show(console, f"accuracy reached: {name_options(accuracy.sentence)}", "dim")
         # The reason of a failure is the last line of a command.
         reason = "" if status is None or status.success else status.sentence
         print_warnings(console, (x for x in self.warnings if not reason or reason not in x))

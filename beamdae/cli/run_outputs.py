@@ -282,13 +282,9 @@ def describe_run(run: Run, solution: Solution) -> Report:
     from beamdae.report.descriptions import Description
     from beamdae.report.terminal.text_tables import column_extremes, range_rows, run_facts
     from beamdae.results.columns import remove_unit
-    from beamdae.results.event_records import describe_events
 
-    facts = {}
-    if solution.equations.events:
-        facts["events"] = describe_events(
-            solution.equations, solution.trajectory, solution.event_records
-        )
+    details = run_facts(solution)
+    facts = {topic: details.pop(topic) for topic in ("events",) if topic in details}
     comparisons = _compare_with_data(run, solution)
     for name, x in comparisons.items():
         unit = split_unit(name)[1]
@@ -315,7 +311,7 @@ def describe_run(run: Run, solution: Solution) -> Report:
     statistics = solution.statistics
     return Report(
         run.job.model.name,
-        Description(facts, tables, create_data, run_facts(solution.summary(), solution.integrator)),
+        Description(facts, tables, create_data, details),
         solution.status,
         _warnings(run, solution),
         f"t = {solution.trajectory.end:.6g} s, {format_count(statistics.steps, 'step')} of "

@@ -15,8 +15,6 @@ from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
-from beamdae.equations.assembly.assemble import equations_of_motion
-from beamdae.equations.model_hash import hash_model
 from beamdae.errors import (
     BeamdaeError,
     as_real,
@@ -25,8 +23,7 @@ from beamdae.errors import (
     short_repr,
 )
 from beamdae.live.session import LiveSession
-from beamdae.model_functions import Model, model_of
-from beamdae.parts.mechanism import Mechanism
+from beamdae.model_functions import Model
 from beamdae.report.page.page_data import encode
 from beamdae.report.page.page_file import fill_template
 
@@ -226,7 +223,7 @@ class _Handler(BaseHTTPRequestHandler):
 
 
 def view(
-    model: Model | Mechanism,
+    model: Model,
     ranges: Mapping[str, Any] | None = None,
     t_end: float | None = None,
     *,
@@ -236,40 +233,16 @@ def view(
 ) -> LiveView:
     """Return the live view of a model, see `Model.view`."""
     opens = require_choice("view", "browser", browser, (True, False))
-    session = create_session(model, ranges, t_end, time_limit)
-    live = LiveView(session, port)
+    live = LiveView(create_session(model, ranges, t_end, time_limit), port)
     if opens:
         live.open()
     return live
 
 
 def create_session(
-    model: Any, ranges: Mapping[str, Any] | None, t_end: float | None, time_limit: float
+    model: Model, ranges: Mapping[str, Any] | None, t_end: float | None, time_limit: float
 ) -> LiveSession:
     """Return the session of a live view; see `view` for arguments and errors."""
-    if not isinstance(model, (Model, Mechanism)):
-        raise BeamdaeError(
-            "view: model must be a function decorated with @bd.model or a Mechanism, got "
-            f"{short_repr(model)}."
-        )
-    if isinstance(model, Mechanism):
-        model = _find_model(model)
-    origin = model.origin
-    if t_end is None and origin is None:
-        raise BeamdaeError("view: the mechanism has no end time; pass t_end=.")
     require_positive("view", "time_limit", time_limit)
-    end = origin.t_end if t_end is None and origin else require_positive("view", "t_end", t_end)
+    end = model.t_end if t_end is None else require_positive("view", "t_end", t_end)
     return LiveSession(model, ranges, end, time_limit)
-
-
-def _find_model(mechanism: Mechanism) -> Model | Mechanism:
-    """Return the model that built a mechanism, or the mechanism if it was changed afterwards."""
-    model = model_of(mechanism)
-    if model is None:
-        return mechanism
-    try:
-        hashes = {hash_model(equations_of_motion(x)) for x in (model(), mechanism)}
-    except BeamdaeError:
-        # The drawing reports the mistake.
-        return mechanism
-    return model if len(hashes) == 1 else mechanism

@@ -36,7 +36,7 @@ class LiveSession:
     Parameters
     ----------
     model
-        The model, or a mechanism without parameters.
+        The model.
     ranges
         Ends of the sliders, see `create_controls`.
     t_end
@@ -47,22 +47,13 @@ class LiveSession:
 
     def __init__(
         self,
-        model: Model | Mechanism,
+        model: Model,
         ranges: Mapping[str, Any] | None,
         t_end: float,
         time_limit: float,
     ) -> None:
         self._model, self._t_end, self._time_limit = model, t_end, time_limit
-        self.name, self._summary = "mechanism", ""
-        self.controls: list[dict[str, Any]] = []
-        if isinstance(model, Model):
-            self.name, self._summary = model.name, model.summary
-            self.controls = create_controls(model, ranges)
-        elif ranges:
-            raise BeamdaeError(
-                "view: ranges are those of parameters, but the mechanism has none; pass its model "
-                "function."
-            )
+        self.name, self.controls = model.name, create_controls(model, ranges)
         self._lock, self._latest = threading.Lock(), 0
         self._count_lock = threading.Lock()
 
@@ -70,7 +61,7 @@ class LiveSession:
         """Return the title, the controls and the first drawing, as data of the page."""
         return {
             "name": self.name,
-            "summary": self._summary,
+            "summary": self._model.summary,
             "controls": self.controls,
             "t_end": self._t_end,
             "first": self.draw({}),
@@ -103,8 +94,7 @@ class LiveSession:
             if number != self._latest:
                 return {_SUPERSEDED: True}
             try:
-                model = self._model
-                mechanism = model(**values) if isinstance(model, Model) else model
+                mechanism = self._model(**values)
                 if not isinstance(mechanism, Mechanism):
                     raise BeamdaeError(
                         f"view: {self.name} consists of equations without a shape; only a "

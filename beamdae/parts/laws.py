@@ -26,6 +26,7 @@ from beamdae.errors import (
     warn_of_degrees,
 )
 from beamdae.native.instructions import read_operations
+from beamdae.parts.forces.formula_checks import JUMP_OPERATIONS
 from beamdae.parts.tables import Table, locked_pieces
 from beamdae.symbolic.formula import Formula
 from beamdae.symbolic.signals import Signal, as_expression, find_other_symbols, with_references
@@ -33,23 +34,11 @@ from beamdae.symbolic.statements import SX
 from beamdae.symbolic.table_calls import TableCall, record_calls
 
 # Operations with jumps or kinks, at which an integrator would not stop.
-_NONSMOOTH_OPERATIONS = {
-    getattr(ca, f"OP_{name}"): name.lower()
-    for name in (
-        "LT",
-        "LE",
-        "EQ",
-        "NE",
-        "IF_ELSE_ZERO",
-        "FLOOR",
-        "CEIL",
-        "FMOD",
-        "FABS",
-        "SIGN",
-        "COPYSIGN",
-        "FMIN",
-        "FMAX",
-    )
+_NONSMOOTH_OPERATIONS = JUMP_OPERATIONS | {
+    ca.OP_FABS: "np.abs",
+    ca.OP_COPYSIGN: "np.copysign",
+    ca.OP_FMIN: "np.minimum",
+    ca.OP_FMAX: "np.maximum",
 }
 # Times after the start [s] at which the expression of a law is compared with its function.
 _SAMPLE_TIMES = (0.0, 0.37, 1.9, 11.3)
@@ -58,13 +47,10 @@ _SAMPLE_TOLERANCE = 1e-6
 # Adaptive integrators take at least this many steps per time scale of a law. In a table, no step is
 # longer than the shortest interval.
 MIN_STEPS_PER_TIME_SCALE = 4.0
-_BRANCHES_ON_TIME = (
-    "without branches on t (if, while, and, or, min, max); give the pieces to "
-    "bd.piecewise((end time, law), ..., last law)"
-)
-_NEEDS_NUMBER = (
-    "without float, int, random numbers or functions of math; use numpy functions "
-    "such as np.sin, and bd.table for tables"
+_FORMULAS_ONLY = (
+    "without branches on t (if, while, and, or, &, min, max), float, int, random numbers or "
+    "functions of math; use numpy functions such as np.sin, bd.table for tables, and "
+    "bd.piecewise((end time, law), ..., last law) for pieces"
 )
 
 
@@ -101,7 +87,7 @@ class TableRange(NamedTuple):
 
 @dataclass(frozen=True)
 class Law:
-    """Piecewise smooth function of time.
+    """Piecewise smooth function of time; laws can be added to laws, numbers and functions of t.
 
     Attributes
     ----------
@@ -166,6 +152,22 @@ class Law:
             return _evaluate_locked(function, time[0], time[1])
         return _select_piece(self.pieces, self.breakpoints, time)
 
+    def __add__(self, other: Any) -> Law:
+        """Return the sum with another law: a number, a function of t or a `Law`."""
+        laws = self, as_law("Law", other)
+        breakpoints = sorted({time for law in laws for time in law.breakpoints})
+        pieces = tuple(
+            _add_pieces(*(x._piece_at(t) for x in laws)) for t in (-math.inf, *breakpoints)
+        )
+        scales = [law.time_scale for law in laws if law.time_scale is not None]
+        ranges = self.ranges + laws[1].ranges
+        return Law(pieces, tuple(breakpoints), min(scales, default=None), ranges)
+
+    __radd__ = __add__
+
+    def _piece_at(self, t: float) -> Callable[[Any], Any]:
+        return self.pieces[bisect_right(self.breakpoints, t)]
+
     @property
     def formula(self) -> Callable[[SX], SX]:
         """A plain `Law` as a `Formula` if all its pieces are formulas, otherwise the law itself."""
@@ -188,7 +190,7 @@ class Law:
         """
         t = require_finite("Law.at", "t", t)
         try:
-            return _evaluate_at(self.pieces[bisect_right(self.breakpoints, t)], t)
+            return _evaluate_at(self._piece_at(t), t)
         except Exception as problem:
             raise BeamdaeError(
                 f"Law.at: the law at t = {t:g} s must be a number, but the call failed: "
@@ -253,6 +255,25 @@ class _PiecewiseKind:
             pieces.append(Formula(kind, numbers[first : first + count]))
             first += count
         return _select_piece(pieces, numbers, time)
+
+
+@dataclass(frozen=True)
+class _SumKind:
+    """Kind of the sum of two formulas; `numbers` are those of the first, then of the second."""
+
+    first: Callable[..., Any]
+    second: Callable[..., Any]
+    count: int
+
+    def __call__(self, t: Any, numbers: Any) -> Any:
+        return self.first(t, numbers[: self.count]) + self.second(t, numbers[self.count :])
+
+
+def _add_pieces(first: Callable[[Any], Any], second: Callable[[Any], Any]) -> Callable[[Any], Any]:
+    if isinstance(first, Formula) and isinstance(second, Formula):
+        kind = _SumKind(first.kind, second.kind, len(first.numbers))
+        return Formula(kind, (*first.numbers, *second.numbers))
+    return lambda t: first(t) + second(t)
 
 
 @dataclass(frozen=True)
@@ -416,6 +437,45 @@ def sine(amplitude: float, frequency: float, phase: float = 0.0) -> Law:
     warn_of_degrees("sine", "phase", phase)
     omega = 2.0 * np.pi * frequency
     return Law((Formula(_sine, (amplitude, omega, phase)),), (), 1.0 / frequency)
+
+
+def half_sine(peak: float, duration: float, start: float = 0.0) -> Law:
+    """Return the law of a half-sine pulse peak * sin(pi (t - start) / duration), as of shock tests.
+
+    The law is zero before and after the pulse (IEC 60068-2-27). Laws add up: the gravity
+    `-9.81 + bd.half_sine(-peak, duration)` is that of a base with an upward shock, in its axes.
+
+    Parameters
+    ----------
+    peak
+        Peak, in the unit of the driven quantity.
+    duration
+        Duration of the pulse [s].
+    start
+        Start of the pulse [s].
+
+    Returns
+    -------
+    Law
+        The law, with breakpoints at both ends of the pulse.
+
+    Raises
+    ------
+    BeamdaeError
+        If an argument is not a finite number, or the duration is not positive.
+
+    Examples
+    --------
+    >>> import beamdae as bd
+    >>> shock = bd.half_sine(30 * 9.81, 0.011)
+    >>> mech = bd.Mechanism(gravity=(0.0, -9.81 + bd.half_sine(-30 * 9.81, 0.011)))
+    """
+    peak = require_finite("half_sine", "peak", peak)
+    duration = require_positive("half_sine", "duration", duration)
+    start = require_finite("half_sine", "start", start)
+    omega = np.pi / duration
+    pulse, rest = Formula(_sine, (peak, omega, -omega * start)), Formula(_constant, (0.0,))
+    return Law((rest, pulse, rest), (start, start + duration))
 
 
 def _accelerating_angle(t: Any, numbers: Any) -> Any:
@@ -613,7 +673,7 @@ def _require_formula_in_time(part: str, piece: Callable[[Any], Any], t: SX, star
     requirement = f"{part}: {_law_label(piece)} must be a formula in t"
     try:
         value = _evaluate_piece(piece, t)
-    except Exception as symbolic_error:
+    except Exception:
         try:
             _evaluate_number(piece, start)
         except Exception as numeric_error:
@@ -621,11 +681,7 @@ def _require_formula_in_time(part: str, piece: Callable[[Any], Any], t: SX, star
                 f"{requirement} that returns a number, but the call failed at t = "
                 f"{start:g} s: {format_exception(numeric_error)}."
             ) from numeric_error
-        # CasADi's message for bool() of a symbol; the type of the exception is not specific.
-        branches = "truth value" in str(symbolic_error)
-        raise BeamdaeError(
-            f"{requirement}, {_BRANCHES_ON_TIME if branches else _NEEDS_NUMBER}."
-        ) from None
+        raise BeamdaeError(f"{requirement}, {_FORMULAS_ONLY}.") from None
     if not isinstance(value, SX) or value.shape != (1, 1):
         raise BeamdaeError(
             f"{part}: {_law_label(piece)} must return one number, got {short_repr(value)}."
@@ -654,7 +710,7 @@ def _require_numeric_agreement(
     size = np.max(np.abs(expected[is_finite]), initial=0.0)
     # A nan fails this comparison.
     if not np.all(np.abs(values - expected[is_finite]) <= _SAMPLE_TOLERANCE * size):
-        raise BeamdaeError(f"{part}: {_law_label(piece)} must be a formula in t, {_NEEDS_NUMBER}.")
+        raise BeamdaeError(f"{part}: {_law_label(piece)} must be a formula in t, {_FORMULAS_ONLY}.")
 
 
 def _require_smooth(part: str, piece: Callable[[Any], Any], function: ca.Function) -> None:

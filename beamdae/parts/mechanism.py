@@ -608,13 +608,6 @@ class Mechanism(HasOrigin):
         """
         return module("report.pictures.drawing").draw(self)
 
-    def view(self, *arguments: Any, **settings: Any) -> Any:
-        """Show the mechanism on a page with sliders and runs, see `beamdae.results.Model.view`.
-
-        Mechanisms that no model function built, or that have been changed since, have no sliders.
-        """
-        return module("live.server").view(self, *arguments, **settings)
-
     @property
     def laws(self) -> list[Law]:
         """All time laws of the parts, of gravity and of inputs."""

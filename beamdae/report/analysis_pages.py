@@ -26,12 +26,12 @@ from beamdae.report.page_parts import (
     slider,
 )
 from beamdae.report.pictures.mode_shapes import export_modes
+from beamdae.report.pictures.path_plots import mark_rows
 from beamdae.report.run_page import build_run_page
 from beamdae.report.scene.frame_export import FRAMES_PER_PERIOD, export_frames, export_run_frames
 from beamdae.report.scene.mechanism_scene import build_scene
 from beamdae.report.scene.poses import CoordinatePoses, EnlargedPoses, Poses
 from beamdae.report.scene.run_scene import choose_scale
-from beamdae.report.terminal.text_tables import range_rows
 from beamdae.results.columns import Header
 from beamdae.results.equilibrium import Equilibrium
 from beamdae.results.frequency_response import FrequencyResponse
@@ -67,16 +67,16 @@ def build_path_page(equilibrium: Equilibrium, title: str) -> Content:
         }
         for x in critical
     ]
-    status, known = equilibrium.status, equilibrium.errors
-    description = describe(equilibrium)
+    status, warnings = equilibrium.status, equilibrium.warnings
+    description = describe(equilibrium)  # contains the errors that the warnings have measured
     page = describe_page(
         title,
         f"equilibria: {status.sentence}",
-        equilibrium.warnings,
+        warnings,
         [
             fact_table("Equilibria", {"status": status.sentence, **description.facts}),
             export_table("Critical points", points_of_path),
-            export_table("Observed", range_rows(observed, known)),
+            *export_tables(description),
             fact_table("Settings", {**description.details, **equilibrium.settings}, "solver"),
         ],
         groups=[{"id": GROUP, "frames": _export_path_frames(equilibrium)}],
@@ -85,7 +85,7 @@ def build_path_page(equilibrium: Equilibrium, title: str) -> Content:
         portrait={
             "x": abscissa,
             "y": ordinate,
-            "marks": [{"t": float(x.row), "label": x.kind} for x in critical],
+            "marks": [{"t": float(k), "label": x} for k, x in mark_rows(equilibrium).items()],
         },
     )
     page["cases"] = [

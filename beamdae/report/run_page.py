@@ -14,7 +14,6 @@ from beamdae.report.pictures.time_plots import PlotSelection
 from beamdae.report.scene.frame_export import export_run_frames
 from beamdae.report.terminal.text_tables import format_number, range_rows, run_facts
 from beamdae.results.columns import observed_columns
-from beamdae.results.event_records import describe_events
 from beamdae.results.outcome import accuracy_of
 from beamdae.results.solution import Solution
 
@@ -105,13 +104,9 @@ def _list_measured(charts: PlotSelection, limit: int) -> list[Content]:
 def _build_tables(
     solution: Solution, columns: Mapping[str, Any], errors: Errors | None
 ) -> list[Content]:
-    facts = run_facts(solution.summary(), solution.integrator)
+    facts = run_facts(solution)
     if (reached := accuracy_of(solution)) is not None:
         facts["accuracy"] = reached.sentence
-    if solution.equations.events:
-        facts["events"] = describe_events(
-            solution.equations, solution.trajectory, solution.event_records
-        )
     model, metadata = solution.model, solution.metadata()
     units = model.get("units", {})
     parameters = {

@@ -6,7 +6,6 @@ import html
 from collections.abc import Mapping
 
 from beamdae.report.terminal.text_tables import run_facts
-from beamdae.results.event_records import describe_events
 from beamdae.results.solution import Solution
 
 _CELL_STYLE = 'style="text-align: left; padding: 1px 12px 1px 0; vertical-align: top; {}"'
@@ -19,12 +18,8 @@ def summarize_as_html(solution: Solution) -> str:
     name = solution.model.get("name", "")
     method = str(solution.integrator.get("integrator", ""))
     title = " by ".join(filter(None, (name, method))) or "run"
-    facts = run_facts(solution.summary(), solution.integrator)
+    facts = run_facts(solution)
     facts["observed"] = ", ".join(o.name for o in solution.equations.observables) or "nothing"
-    if solution.equations.events:
-        facts["events"] = describe_events(
-            solution.equations, solution.trajectory, solution.event_records
-        )
     facts |= {f"warning {k + 1}": sentence for k, sentence in enumerate(solution.warnings)}
     return f"<div><b>{html.escape(title)}</b>{format_html_table(facts)}</div>"
 

@@ -334,7 +334,7 @@ class Equilibrium(HasColumns, HasPage):
         ----------
         *names
             Names of observed columns, coordinates or multipliers, as in `equilibrium[name]`.
-            Defaults to the observed columns that change. At most twelve columns are plotted.
+            Defaults to up to six observed columns that change; at most twelve are plotted.
         x
             Column on the horizontal axis, such as "tip.x" for the path of a point; the named
             columns are then on the vertical axes. Defaults to the quantity of `over` or, for load

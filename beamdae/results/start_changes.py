@@ -127,13 +127,20 @@ def _describe_displacement(e: EquationsOfMotion, q: Array, change: StartChange |
     """
     if change is None or not change.displacement > _MAX_UNREPORTED_DISPLACEMENT * e.length:
         return ""
-    if change.displacement < _MAX_PRELOAD * e.length and _are_joints_closed(e, q):
+    is_driven = _are_joints_closed(e, q)
+    if is_driven and change.displacement < _MAX_PRELOAD * e.length:
         return ""
+    cause = "the joints are not closed in the reference configuration, and closing them displaces"
+    remedy = "correct the positions of the parts, or pass start= with positions by name"
+    if is_driven:
+        cause = "drivers begin beside the reference configuration, which displaces"
+        remedy = (
+            "laws are positions relative to the drawing: begin them at 0, or pass "
+            "lambda t: speed * t for a constant speed"
+        )
     return (
-        f"{change.part}: the joints are not closed in the reference configuration, and "
-        f"closing them displaces this part by {change.displacement:.3g} m (mostly "
-        f"{change.coordinate}) in a mechanism of {e.length:.3g} m; correct the "
-        "positions of the parts, or pass start= with positions by name."
+        f"{change.part}: {cause} this part by {change.displacement:.3g} m (mostly "
+        f"{change.coordinate}) in a mechanism of {e.length:.3g} m; {remedy}."
     )
 
 

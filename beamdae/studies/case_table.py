@@ -39,7 +39,8 @@ def tabulate_case(
     values: dict[str, Any] = {
         "model": case.model.name,
         **{
-            _PARAMETER_PREFIX + name: _format_cell(value) for name, value in case.parameters.items()
+            _PARAMETER_PREFIX + case.model.header(name): _format_cell(value)
+            for name, value in case.parameters.items()
         },
         "group": group,
         "integrator": case.integrator.method,

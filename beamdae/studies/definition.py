@@ -127,6 +127,11 @@ class Study:
         requested = self.over or self.references or self.columns
         return self.references != () and bool(requested or runs > 1)
 
+    @property
+    def over_header(self) -> str | None:
+        """Header of the refined parameter in the case table; None unless meshes are refined."""
+        return None if self.over is None else self.cases[0].model.header(self.over)
+
     def tag(self, case: Case) -> str:
         """Return the label that distinguishes a case from others with the same reference."""
         return case.label if self.over is None else f"{self.over}={case.parameters[self.over]}"

@@ -11,16 +11,14 @@ from beamdae.equations.measures import TIME
 from beamdae.report.page.page_content import Content
 from beamdae.report.page.page_data import compute_row_limit, select_curves
 from beamdae.report.page_parts import describe_columns
+from beamdae.report.terminal.text_tables import RESULT_COLUMNS, SOLVER_COLUMNS
 from beamdae.results.storage.files import versions
-from beamdae.studies.case_table import BOUND_COLUMN, ERROR_COLUMN
+from beamdae.studies.case_table import BOUND_COLUMN
 from beamdae.studies.definition import Study
 from beamdae.studies.deviations import compute_deviations
 from beamdae.studies.execution.study_run import StudyResults
 from beamdae.studies.references import RESOLUTION_FACTOR, Reference, number_duplicates
 from beamdae.studies.run_values import (
-    EVENTS_COLUMN,
-    MAX_WALL_TIME_COLUMN,
-    MIN_WALL_TIME_COLUMN,
     WALL_TIME_COLUMN,
 )
 
@@ -28,27 +26,6 @@ MAX_CURVES = 200  # cases with curves in the page; pages with more take long to 
 _NO_ERRORS = "These cases have no errors: no other case has the same parameters."
 # Prefix of the keys of extra columns, whose names may also occur in the case table.
 _EXTRA_COLUMN_PREFIX = "extra: "
-# Columns of the case table on the page: label, unit and kind by name, of results and of the solver,
-# which are shown on request.
-_RESULT_COLUMNS = {
-    "label": ("integrator", "", "text"),
-    "status": ("status", "", "status"),
-    EVENTS_COLUMN: ("events", "", "text"),
-    ERROR_COLUMN: ("error", "-", "error"),
-    WALL_TIME_COLUMN: ("wall time", "s", "cost"),
-    MIN_WALL_TIME_COLUMN: ("wall min", "s", "number"),
-    MAX_WALL_TIME_COLUMN: ("wall max", "s", "number"),
-}
-_SOLVER_COLUMNS = {
-    "steps": ("steps", "", "number"),
-    "rejected steps": ("rejected", "", "number"),
-    "residual calls": ("residuals", "", "number"),
-    "Jacobian calls": ("Jacobians", "", "number"),
-    "max position drift": ("position drift", "", "number"),
-    "max velocity drift": ("velocity drift", "", "number"),
-    "energy imbalance [-]": ("energy imbalance", "-", "number"),
-    "reached [s]": ("reached", "s", "number"),
-}
 
 
 def create_study_page(
@@ -75,7 +52,7 @@ def create_study_page(
         with_curves = set(range(MAX_CURVES))
     if extra_columns is None:
         parameters = list(map(str, table))[1 : list(table).index("group")]
-        inserted = describe_columns("", table[parameters], _find_units(results.study))[1:]
+        inserted = describe_columns("", table[parameters])[1:]
     else:
         inserted = describe_columns("", extra_columns)[1:]
         for column in inserted:
@@ -83,7 +60,7 @@ def create_study_page(
         table = pd.concat([table, extra_columns.add_prefix(_EXTRA_COLUMN_PREFIX)], axis=1)
     first, *others = (
         {"key": key, "label": label, "unit": unit, "kind": kind, "section": section}
-        for section, group in (("results", _RESULT_COLUMNS), ("solver", _SOLVER_COLUMNS))
+        for section, group in (("results", RESULT_COLUMNS), ("solver", SOLVER_COLUMNS))
         for key, (label, unit, kind) in group.items()
         if key in table and not (section == "solver" and table[key].isna().all())
     )
@@ -107,16 +84,6 @@ def create_study_page(
             is_stored,
         ),
     }
-
-
-def _find_units(study: Study) -> dict[str, str]:
-    """Return the units of parameters, by name, on which all models of a study agree."""
-    models = {id(case.model): case.model for case in study.cases}
-    by_name: dict[str, set[str]] = {}
-    for model in models.values():
-        for name, parameter in model.parameter_info.items():
-            by_name.setdefault(name, set()).add(parameter.unit)
-    return {name: next(iter(units)) for name, units in by_name.items() if len(units) == 1}
 
 
 def extra_column_key(name: str) -> str:

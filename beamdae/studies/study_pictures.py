@@ -1,8 +1,8 @@
-"""Figures of a study: comparison over time, work-precision, and mesh convergence."""
+"""Figures of a study: work-precision, and mesh convergence."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -10,20 +10,15 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from beamdae.equations.measures import TIME
 from beamdae.report.pictures.figures import (
     COLORS,
     DASHES,
     MAX_DRAWABLE,
     Panel,
-    characteristic_columns,
     draw_panels,
-    mask_huge_values,
     save_figure,
 )
-from beamdae.results.columns import observed_columns
 from beamdae.studies.case_table import ACCURACY_COLUMNS, BOUND_COLUMN, ERROR_COLUMN
-from beamdae.studies.deviations import compute_deviations
 from beamdae.studies.execution.study_run import StudyResults
 from beamdae.studies.run_values import (
     MAX_WALL_TIME_COLUMN,
@@ -33,7 +28,6 @@ from beamdae.studies.run_values import (
 
 _MARKERS = "osD^vPX"
 _ERROR_LABEL = "error / amplitude [-]"
-_MAX_COMPARED_RUNS = 8
 
 Plot = Callable[[], list[Path]]
 Style = dict[str, Any]
@@ -48,69 +42,9 @@ def list_plots(results: StudyResults) -> dict[str, Plot]:
     """
     if ERROR_COLUMN not in results.table:
         return {}
-    plots: dict[str, Plot] = {"comparison": partial(_draw_comparison, results)}
     if results.study.over is None:
-        return plots | {"work_precision": partial(_draw_work_precision, results)}
-    return plots | {"mesh_convergence": partial(_draw_mesh_convergence, results)}
-
-
-def _draw_comparison(results: StudyResults) -> list[Path]:
-    groups = set(results.table["group"])
-    if len(groups) != 1 or len(results.study.cases) > _MAX_COMPARED_RUNS:
-        return []
-    reference = results.references[groups.pop()]
-    if reference.table is None:
-        return []
-    runs = {}
-    for case in results.study.cases:
-        table = results.outcome(case).table
-        if table is not None and set(reference.columns) <= set(table):
-            errors = compute_deviations(table, reference.table, reference.columns)
-            runs[results.study.tag(case)] = (_observed_table(table), errors)
-    if not runs:
-        return []
-    panels, styles = _compare_runs(_observed_table(reference.table), runs, reference.uncertainty)
-    figure = draw_panels(panels, results.study.cases[0].group, styles)
-    return [save_figure(figure, results.folder / "comparison.png")]
-
-
-def _compare_runs(
-    reference: pd.DataFrame,
-    runs: Mapping[str, tuple[pd.DataFrame, pd.DataFrame]],
-    uncertainty: float,
-) -> tuple[list[Panel], dict[str, Style]]:
-    """Return panels of characteristic columns and errors of runs over time, and their styles.
-
-    Parameters
-    ----------
-    reference
-        Observed columns of the reference.
-    runs
-        Observed columns, and errors relative to amplitudes [-] by time, of each run.
-    uncertainty
-        Uncertainty of the reference [-].
-    """
-    styles = _assign_styles(runs, with_markers=False)
-    entries = {"reference": {"color": "0.8", "lw": 5}} | styles
-    panels = []
-    for column in characteristic_columns(mask_huge_values(reference)):
-        lines: list[Line] = [(reference[TIME], reference[column], entries["reference"])]
-        lines += [(x[TIME], x[column], styles[k]) for k, (x, _) in runs.items() if column in x]
-        panels.append(Panel("", column, lines))
-    errors = {label: error.max(axis=1) for label, (_, error) in runs.items()}
-    errors = {label: x.where((x > 0.0) & (x < MAX_DRAWABLE)) for label, x in errors.items()}
-    if any(x.notna().any() for x in errors.values()):
-        lines = [(x.index, x, styles[label]) for label, x in errors.items()]
-        if 0.0 < uncertainty < MAX_DRAWABLE and len(reference):
-            entries["reference uncertainty"] = {"color": "0.4", "lw": 1.0, "ls": ":"}
-            ends = reference[TIME].to_numpy()[[0, -1]]
-            lines.append((ends, np.full(2, uncertainty), entries["reference uncertainty"]))
-        panels.append(Panel("", _ERROR_LABEL, lines, scales=("linear", "log")))
-    return panels, entries
-
-
-def _observed_table(table: pd.DataFrame) -> pd.DataFrame:
-    return table[observed_columns(table)].reset_index()
+        return {"work_precision": partial(_draw_work_precision, results)}
+    return {"mesh_convergence": partial(_draw_mesh_convergence, results)}
 
 
 def _draw_work_precision(results: StudyResults) -> list[Path]:
@@ -150,7 +84,7 @@ def _draw_work_precision(results: StudyResults) -> list[Path]:
 
 def _draw_mesh_convergence(results: StudyResults) -> list[Path]:
     """Plot the error over the refined parameter, with one line per group."""
-    over = str(results.study.over)
+    over = str(results.study.over_header)
     rows = _select_drawable(results.table, over, ERROR_COLUMN).sort_values(over)
     if rows.empty:
         return []
@@ -171,14 +105,14 @@ def _select_drawable(table: pd.DataFrame, *columns: str) -> pd.DataFrame:
     return rows[((values > 0.0) & (values < MAX_DRAWABLE)).all(axis=1)]
 
 
-def _assign_styles(series: Iterable[str], with_markers: bool = True) -> dict[str, Style]:
+def _assign_styles(series: Iterable[str]) -> dict[str, Style]:
     """Return a line style for each series; after the last color, markers and dashes differ."""
     styles: dict[str, Style] = {}
     for k, name in enumerate(dict.fromkeys(map(str, series))):
         cycle, number = divmod(k, len(COLORS))
         styles[name] = {
             "color": COLORS[number],
-            "marker": _MARKERS[cycle % len(_MARKERS)] if with_markers else "",
+            "marker": _MARKERS[cycle % len(_MARKERS)],
             "ls": DASHES[cycle % len(DASHES)],
             "ms": 4,
             "lw": 1.0,

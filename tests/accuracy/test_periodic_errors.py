@@ -95,7 +95,7 @@ def self_excited(elements=1, strain="nonlinear"):
 
     # The damper is anchored far away, so that it stays upright.
     anchor = mech.ground.at(0.25, -10.0)
-    mech.add(bd.SpringDamper("drive", anchor, rod.at(0.25), law=pull))
+    mech.add(bd.Spring("drive", anchor, rod.at(0.25), law=pull))
     mech.observe("middle", rod.at(0.25))
     return mech
 
@@ -134,7 +134,7 @@ def test_motions_without_beams_have_errors_of_steps():
     mech = bd.Mechanism()
     mass = mech.add(bd.PointMass("mass", 1.0, at=(1.0, 0.0)))
     mech.add(bd.PointOnLine("rail", mech.ground.at(1.0, 0.0), mass.point, (1.0, 0.0)))
-    mech.add(bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), mass.point, 9.0, 0.5))
+    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), mass.point, 9.0, 0.5))
     mech.add(bd.Force("load", mass.point, (bd.sine(1.0, frequency=0.3), 0.0)))
     mech.observe("mass", mass.point)
     table = bd.periodic(mech, 1.0 / 0.3, RUNS).errors.table()

@@ -145,7 +145,7 @@ def oscillator():
     mech = bd.Mechanism()
     bob = mech.add(bd.PointMass("bob", 1.0, at=(1.2, 0.0)))
     mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), bob.point))
-    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), bob.point, 100.0, 1.0))
+    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), bob.point, 100.0, free_length=1.0))
     mech.observe("bob", bob.point)
     return mech
 

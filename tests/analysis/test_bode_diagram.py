@@ -17,7 +17,7 @@ def oscillator(damping=0.02, count=1, feedback=0.0):
         mass = mech.add(bd.PointMass(f"mass {k}", 2.0, at=(1.0, float(k))))
         wall = mech.ground.at(0.0, float(k))
         mech.add(bd.PointOnLine(f"rail {k}", wall, mass.point, (1.0, 0.0)))
-        spring = bd.SpringDamper(f"spring {k}", wall, mass.point, 200.0 * (k + 1), damping, 1.0)
+        spring = bd.Spring(f"spring {k}", wall, mass.point, 200.0 * (k + 1), damping, 1.0)
         mech.add(spring)
         rate = mech.sensor(f"rate {k}", mass.point, "x_dot")
         mech.add(bd.Force(f"force {k}", mass.point, (push + feedback * rate, 0.0)))
@@ -68,7 +68,7 @@ def chain(stiffnesses, damping):
     for k, stiffness in enumerate(stiffnesses):
         mass = mech.add(bd.PointMass(f"mass {k}", 1.0, at=(k + 1.0, 0.0)))
         mech.add(bd.PointOnLine(f"rail {k}", mech.ground.at(0.0, 0.0), mass.point, (1.0, 0.0)))
-        spring = bd.SpringDamper(f"spring {k}", before, mass.point, stiffness, damping * stiffness)
+        spring = bd.Spring(f"spring {k}", before, mass.point, stiffness, damping * stiffness)
         mech.add(spring)
         mech.add(bd.Force(f"push {k}", mass.point, (0.0, 0.0)))
         mech.observe(f"mass {k}", mass.point)
@@ -95,7 +95,7 @@ def test_rounding_errors_are_no_peaks():
     for k, mass in enumerate(masses):
         mech.add(bd.PointOnLine(f"rail {k}", walls[0], mass.point, (1.0, 0.0)))
     for k, ends in enumerate(pairwise(points)):
-        mech.add(bd.SpringDamper(f"spring {k}", *ends, 100.0))
+        mech.add(bd.Spring(f"spring {k}", *ends, 100.0))
     mech.add(bd.Force("push", masses[1].point, (0.0, 0.0)))
     mech.observe("middle", masses[1].point)
     peaks = bd.bode(bd.linearize(mech, outputs=["middle.x"], inputs=["push.Fx"])).peak_table()
@@ -120,7 +120,7 @@ def test_undamped_modes_at_nearly_one_frequency_have_one_peak(coupling):
     for k, (ends, stiffness) in enumerate(
         zip(pairwise(points), (200.0, coupling, 200.0), strict=True)
     ):
-        mech.add(bd.SpringDamper(f"spring {k}", *ends, stiffness))
+        mech.add(bd.Spring(f"spring {k}", *ends, stiffness))
     mech.add(bd.Force("push", masses[0].point, (0.0, 0.0)))
     mech.observe("mass", masses[0].point)
     peaks = bd.bode(bd.linearize(mech, outputs=["mass.x"], inputs=["push.Fx"])).peak_table()

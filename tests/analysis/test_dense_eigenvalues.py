@@ -25,7 +25,7 @@ def arch(formulation):
         mech.add(bd.Revolute(name, mech.ground.at(*arc.point(s)), end))
     x, y = arc.point(0.3)
     bob = mech.add(bd.PointMass("bob", 0.02, at=(x, y - 0.2)))
-    mech.add(bd.SpringDamper("wire", beam.at(0.3), bob.point, 20.0, 0.05))
+    mech.add(bd.Spring("wire", beam.at(0.3), bob.point, 20.0, 0.05))
     return mech
 
 

@@ -27,7 +27,7 @@ def hanging(stiffness=400.0, mass=2.0, length=0.5, load=3.0, damping=0.0):
     bob = mech.add(bd.PointMass("bob", mass, at=(0.0, -length)))
     hook = mech.ground.at(0.0, 0.0)
     mech.add(bd.PointOnLine("guide", hook, bob.point, direction=(0.0, 1.0)))
-    mech.add(bd.SpringDamper("spring", hook, bob.point, stiffness, damping))
+    mech.add(bd.Spring("spring", hook, bob.point, stiffness, damping))
     mech.add(bd.Force("pull", bob.point, (0.5 * load, -load)))
     mech.observe("bob", bob.point)
     mech.observe("guide", mech.parts["guide"].reaction)
@@ -108,7 +108,7 @@ def post(stiffness=5.0, length=0.4, extra=0.0, side=0.0, tilt=0.0):
     mech.add(bd.Revolute("foot", foot, rod.at(0.0, 0.0)))
     mech.add(bd.TorsionSpring("spring", foot, rod.at(0.0, 0.0), stiffness))
     mech.add(bd.TorsionSpring("extra", foot, rod.at(0.0, 0.0), extra))
-    mech.add(bd.SpringDamper("side", mech.ground.at(1.0, length), rod.at(0.0, length), side, 0.1))
+    mech.add(bd.Spring("side", mech.ground.at(1.0, length), rod.at(0.0, length), side, 0.1))
     mech.add(bd.Force("press", rod.at(0.0, length), (tilt, -1.0)))
     mech.observe("tip", rod.at(0.0, length))
     return mech
@@ -193,7 +193,7 @@ def ziegler(stiffness=1.0, length=1.0, mass=1.0, damping=0.0):
     mech.add(bd.Revolute("knee", *knee))
     for name, pair in (("first", (foot, lower.at(0.0, 0.0))), ("second", knee)):
         mech.add(bd.TorsionSpring(f"{name} spring", *pair, stiffness))
-        mech.add(bd.TorsionDamper(f"{name} damper", *pair, damping))
+        mech.add(bd.TorsionSpring(f"{name} damper", *pair, damping=damping))
     mech.add(bd.Force("follower", upper.at(0.0, 2.0 * length), (0.0, -1.0), axes="body"))
     return mech
 

@@ -89,7 +89,7 @@ def test_loads_far_from_their_first_values_are_fitted():
     def pushed(load=1.0):
         mech = bd.Mechanism()
         body = mech.add(bd.PointMass("mass", 1.0, at=(1.0, 0.0)))
-        mech.add(bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), body.point, 40.0, 2.0))
+        mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), body.point, 40.0, 2.0))
         mech.add(bd.Force("push", body.point, (load, 0.0)))
         mech.observe("mass", body.point)
         return mech
@@ -163,7 +163,7 @@ def test_delays_of_half_a_period_are_named(delay):
 def plucked(stiffness=4870.0, damping=1.0):
     mech = bd.Mechanism()
     body, ground = mech.add(bd.PointMass("mass", 1.0, at=(1.02, 0.0))), mech.ground.at(0.0, 0.0)
-    mech.add(bd.SpringDamper("spring", ground, body.point, stiffness, damping, free_length=1.0))
+    mech.add(bd.Spring("spring", ground, body.point, stiffness, damping, free_length=1.0))
     mech.observe("mass", body.point)
     return mech
 
@@ -231,7 +231,7 @@ def test_regression_antiphase_starts_are_fitted():
         mech = bd.Mechanism()
         body = mech.add(bd.PointMass("mass", 1.0, at=(1.0, 0.0)))
         ground = mech.ground.at(0.0, 0.0)
-        mech.add(bd.SpringDamper("spring", ground, body.point, stiffness, damping))
+        mech.add(bd.Spring("spring", ground, body.point, stiffness, damping))
         mech.add(bd.Force("push", body.point, (lambda t: np.sin(6.0 * t), 0.0)))
         mech.observe("mass", body.point)
         return mech
@@ -299,7 +299,7 @@ def scaled_oscillator(stiffness=30.0, damping=0.5, size=1.0):
     body = mech.add(bd.PointMass("mass", size, at=(1.0, 0.0), velocity=(0.2, 0.0)))
     mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), body.point))
     ground = mech.ground.at(0.0, 0.0)
-    spring = bd.SpringDamper("spring", ground, body.point, size * stiffness, size * damping)
+    spring = bd.Spring("spring", ground, body.point, size * stiffness, size * damping)
     mech.observe("pull", mech.add(spring).force)
     return mech
 
@@ -412,7 +412,7 @@ def test_regression_delays_of_the_data_are_named(delay, sigma):
 def stiff_pair(stiffness=30.0, damping=0.5, stiff=1e7):
     mech = oscillator(stiffness=stiffness, damping=damping)
     other = mech.add(bd.PointMass("other", 0.01, at=(2.0, 0.0), velocity=(0.2, 0.0)))
-    mech.add(bd.SpringDamper("link", mech.parts["mass"].point, other.point, stiff, 1e3))
+    mech.add(bd.Spring("link", mech.parts["mass"].point, other.point, stiff, 1e3))
     return mech
 
 
@@ -512,8 +512,8 @@ def chain(k1=60.0, k2=90.0, damping=0.5):
     mech = bd.Mechanism()
     one = mech.add(bd.PointMass("one", 1.0, at=(1.0, 0.0), velocity=(0.3, 0.0)))
     two = mech.add(bd.PointMass("two", 0.7, at=(2.0, 0.0)))
-    mech.add(bd.SpringDamper("left", mech.ground.at(0.0, 0.0), one.point, k1, damping))
-    mech.add(bd.SpringDamper("right", one.point, two.point, k2, damping))
+    mech.add(bd.Spring("left", mech.ground.at(0.0, 0.0), one.point, k1, damping))
+    mech.add(bd.Spring("right", one.point, two.point, k2, damping))
     mech.observe("one", one.point)
     mech.observe("two", two.point)
     return mech
@@ -574,7 +574,7 @@ def test_regression_one_mirrored_column_beside_others_is_named(shift):
 def pulled(stiffness=300.0, damping=1.0, mass=1.0):
     mech = bd.Mechanism()
     body = mech.add(bd.PointMass("mass", mass, at=(1.0, 0.0)))
-    mech.add(bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), body.point, stiffness, damping))
+    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), body.point, stiffness, damping))
     mech.add(bd.Force("pull", body.point, (lambda t: 3.0 * t, 0.0)))
     mech.observe("mass", body.point)
     return mech
@@ -609,7 +609,7 @@ def dropped(stiffness=95.0, damping=1.0, force=0.0):
     """Mass below a spring, from the unloaded length on, with a force at 1.3 Hz."""
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     body = mech.add(bd.PointMass("mass", 1.0, at=(0.0, 0.0)))
-    mech.add(bd.SpringDamper("spring", mech.ground.at(0.0, 1.0), body.point, stiffness, damping))
+    mech.add(bd.Spring("spring", mech.ground.at(0.0, 1.0), body.point, stiffness, damping))
     law = bd.sine(force, 1.3)
     mech.add(bd.Force("force", body.point, (0.0, law)))
     mech.observe("mass", body.point)

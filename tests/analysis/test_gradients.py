@@ -31,7 +31,7 @@ def oscillator(stiffness=40.0, damping=0.8, speed=SPEED, elements=1):
     """Mass on a spring and a damper, moving along the line of the spring."""
     mech = bd.Mechanism()
     mass = mech.add(bd.PointMass("mass", MASS, at=(1.0, 0.0), velocity=(speed, 0.0)))
-    mech.add(bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), mass.point, stiffness, damping))
+    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), mass.point, stiffness, damping))
     mech.observe("mass", mass.point)
     return mech
 
@@ -139,7 +139,7 @@ def loaded(stiffness=40.0, load=0.0, speed=SPEED):
     """Oscillator with a force that is missing in the equations without load."""
     mech = bd.Mechanism()
     mass = mech.add(bd.PointMass("mass", MASS, at=(1.0, 0.0), velocity=(speed, 0.0)))
-    mech.add(bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), mass.point, stiffness))
+    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), mass.point, stiffness))
     if load:
         mech.add(bd.Force("load", mass.point, (load, 0.0)))
     mech.observe("mass", mass.point)
@@ -307,7 +307,7 @@ def coupled(gains=(0.0,) * 10):
     mass = mech.add(bd.PointMass("mass", MASS, at=(1.0, 0.0), velocity=(SPEED, 0.0)))
     product = sum(gains[::2]) * (1.0 + sum(gains[1::2])) + sum(gains)
     stiffness = 40.0 + product
-    mech.add(bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), mass.point, stiffness, 0.5))
+    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), mass.point, stiffness, 0.5))
     mech.observe("mass", mass.point)
     return mech
 
@@ -532,7 +532,7 @@ def loaded_rod(near=0.0, far=0.0, first=0.02, second=0.05, kind="force"):
         elif value and kind == "spring":
             mech.add(bd.Spring(f"load{x:g}", anchor, point, value, free_length=0.5))
         elif value:
-            mech.add(bd.Damper(f"load{x:g}", anchor, point, value))
+            mech.add(bd.Spring(f"load{x:g}", anchor, point, damping=value))
     mech.observe("rod", rod.at(1.0, 0.0))
     if kind == "torques":
         for name, time in (("first", first), ("second", second)):

@@ -24,7 +24,7 @@ class Oscillator:
             raise self.interrupt
         mech = bd.Mechanism()
         body = mech.add(bd.PointMass("mass", 1.0, at=(1.0, 0.0), velocity=(0.2, 0.0)))
-        mech.add(bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), body.point, stiffness))
+        mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), body.point, stiffness))
         mech.observe("mass", body.point)
         return mech
 

@@ -29,7 +29,7 @@ def mount(push=0.0):
     load = mech.add(bd.RigidBody("load", 2.0, 0.1, center=(0.0, 1.0)))
     mech.add(bd.Prismatic("column", foot.at(0.0, 1.0), load.at(0.0, 1.0), (0.0, 1.0)))
     ends = (foot.at(0.0, 0.0), load.at(0.0, 1.0))
-    mech.add(bd.SpringDamper("leg", *ends, 200.0, 3.0))
+    mech.add(bd.Spring("leg", *ends, 200.0, 3.0))
     mech.add(bd.Force("push", load.at(0.0, 1.0), (0.0, push)))
     mech.observe("load", load.at(0.0, 1.0))
     mech.observe("foot", foot.at(0.0, 0.0))

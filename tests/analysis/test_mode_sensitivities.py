@@ -20,7 +20,7 @@ def oscillator(mass=2.0, stiffness=50.0, damping=3.0):
     bob = mech.add(bd.PointMass("bob", mass, at=(1.0, 0.0)))
     hook = mech.ground.at(0.0, 0.0)
     mech.add(bd.PointOnLine("line", hook, bob.point))
-    mech.add(bd.SpringDamper("spring", hook, bob.point, stiffness, damping))
+    mech.add(bd.Spring("spring", hook, bob.point, stiffness, damping))
     return mech
 
 

@@ -23,7 +23,7 @@ def oscillator(mass=2.0, stiffness=8.0, damping=0.0):
     bob = mech.add(bd.PointMass("bob", mass, at=(1.0, 0.0)))
     mech.add(bd.PointOnLine("line", mech.ground.at(0.0, 0.0), bob.point))
     ends = (mech.ground.at(0.0, 0.0), bob.point)
-    mech.add(bd.SpringDamper("spring", *ends, stiffness, damping))
+    mech.add(bd.Spring("spring", *ends, stiffness, damping))
     return mech
 
 
@@ -207,7 +207,7 @@ def test_mass_on_a_damper_decays_without_oscillation():
     mech = bd.Mechanism()
     bob = mech.add(bd.PointMass("bob", 2.0, at=(1.0, 0.0)))
     mech.add(bd.PointOnLine("line", mech.ground.at(0.0, 0.0), bob.point))
-    mech.add(bd.Damper("damper", mech.ground.at(0.0, 0.0), bob.point, damping=3.0))
+    mech.add(bd.Spring("damper", mech.ground.at(0.0, 0.0), bob.point, damping=3.0))
     modes = bd.modes(mech)
     assert modes.kinds == ("free motion", "decay")
     assert_allclose(modes.eigenvalues, [0.0, -1.5], rtol=1e-12)

@@ -255,7 +255,7 @@ def catapult(stiffness=30.0, damping=1.0):
     mass = mech.add(bd.PointMass("mass", 1.0, at=(1.0, 0.0)))
     ground = mech.ground.at(0.0, 0.0)
     mech.add(bd.PointOnLine("rail", ground, mass.point))
-    spring = bd.SpringDamper("spring", ground, mass.point, stiffness, damping, free_length=0.0)
+    spring = bd.Spring("spring", ground, mass.point, stiffness, damping, free_length=0.0)
     mech.add(spring)
     mech.observe("mass", mass.point)
     return mech

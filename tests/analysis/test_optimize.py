@@ -199,7 +199,7 @@ def pair(soft=2.0, stiff=3.0):
     mech = bd.Mechanism()
     mass = mech.add(bd.PointMass("mass", 1.0, at=(1.0, 0.0)))
     mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), mass.point))
-    mech.add(bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), mass.point, soft))
+    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), mass.point, soft))
     mech.add(bd.Force("push", mass.point, (1.0, 0.0)))
     mech.observe("mass", mass.point)
     return mech
@@ -824,7 +824,7 @@ def test_regression_arguments_that_raise_are_rejected_by_name(call, message):
 def oscillator(stiffness=30.0):
     mech = bd.Mechanism()
     mass = mech.add(bd.PointMass("mass", 1.0, at=(1.0, 0.0), velocity=(0.2, 0.0)))
-    mech.add(bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), mass.point, stiffness))
+    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), mass.point, stiffness))
     mech.observe("mass", mass.point)
     return mech
 
@@ -992,7 +992,7 @@ def hanger(stiffness=bd.param(30.0, "N/m", "stiffness of the spring"), rest=1.0)
     """Mass on a spring."""
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     mass = mech.add(bd.PointMass("mass", 1.0, at=(0.0, -rest)))
-    mech.add(bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), mass.point, stiffness))
+    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), mass.point, stiffness))
     mech.observe("mass", mass.point)
     return mech
 

@@ -22,7 +22,7 @@ def oscillator(load, cubic=0.0, stiffness=STIFFNESS, damping=DAMPING):
         return stiffness * x + cubic * x**3 + damping * rate
 
     # The spring is anchored far away, since its direction reverses at the anchor.
-    mech.add(bd.SpringDamper("spring", mech.ground.at(-9.0, 0.0), mass.point, law=pull))
+    mech.add(bd.Spring("spring", mech.ground.at(-9.0, 0.0), mass.point, law=pull))
     mech.add(bd.Force("load", mass.point, (load, 0.0)))
     mech.observe("mass", mass.point)
     return mech
@@ -423,7 +423,7 @@ def test_regression_states_that_grow_in_each_period_are_named():
     wall = mech.ground.at(-1.0, 0.0)
     mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), mass.point))
     mech.add(bd.Spring("spring", wall, mass.point, 9.0))
-    damper = mech.add(bd.Damper("damper", wall, mass.point, 0.5))
+    damper = mech.add(bd.Spring("damper", wall, mass.point, damping=0.5))
     mech.add(bd.Force("drive", mass.point, (bd.sine(1.0, 0.4), 0.0)))
     mech.state("work", mech.sensor("power", damper.power), unit="J")
     message = "times the amplitude, most in 'work"
@@ -445,7 +445,7 @@ def test_regression_axial_vibrations_of_beams_do_not_limit_the_corrections():
     mech.add(bd.Prismatic("guide", arm.end, rack.at(0.4, -0.05)))
     mech.add(bd.RackAndPinion("teeth", wheel.at(0.4, 0.0), rack.at(0.4, -0.05), radius=0.05))
     ends = (mech.ground.at(0.9, -0.05), rack.at(0.4, -0.05))
-    mech.add(bd.SpringDamper("spring", *ends, 400.0, 2.0, free_length=0.5))
+    mech.add(bd.Spring("spring", *ends, 400.0, 2.0, free_length=0.5))
     mech.add(bd.Moment("motor", wheel.at(0.4, 0.0), bd.sine(2e-3, frequency)))
     mech.observe("wheel", wheel.at(0.4, 0.0))
     motion = bd.periodic(mech, period=1.0 / frequency)

@@ -26,7 +26,7 @@ def pulsed_mass(size=SIZE):
     mech = bd.Mechanism()
     mass = mech.add(bd.PointMass("mass", 1.0, at=(0.0, 0.0)))
     mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), mass.point, (1.0, 0.0)))
-    mech.add(bd.SpringDamper("spring", mech.ground.at(-1.0, 0.0), mass.point, 400.0, 4.0))
+    mech.add(bd.Spring("spring", mech.ground.at(-1.0, 0.0), mass.point, 400.0, 4.0))
     pulse = mech.add(bd.Force("pulse", mass.point, (force, 0.0)))
     mech.observe("pulse", pulse.force)
     mech.observe("mass", mass.point)

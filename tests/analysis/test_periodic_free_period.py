@@ -31,7 +31,7 @@ def self_excited(length=1.0):
 
     # The spring is anchored far away, since its direction reverses at the anchor.
     anchor = mech.ground.at(-10.0 * length, 0.0)
-    mech.add(bd.SpringDamper("spring", anchor, mass.point, law=pull))
+    mech.add(bd.Spring("spring", anchor, mass.point, law=pull))
     mech.observe("mass", mass.point)
     return mech
 

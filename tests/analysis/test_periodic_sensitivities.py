@@ -14,7 +14,7 @@ def shaker(stiffness=9.0, mass=1.0, damping=0.5, frequency=0.3, load=1.0):
     bob = mech.add(bd.PointMass("bob", mass, at=(1.0, 0.0)))
     mech.add(bd.PointOnLine("rail", mech.ground.at(1.0, 0.0), bob.point, (1.0, 0.0)))
     hook = mech.ground.at(0.0, 0.0)
-    mech.add(bd.SpringDamper("spring", hook, bob.point, stiffness, damping))
+    mech.add(bd.Spring("spring", hook, bob.point, stiffness, damping))
     mech.add(bd.Force("load", bob.point, (bd.sine(load, frequency=frequency), 0.0)))
     mech.observe("bob", bob.point)
     return mech
@@ -68,7 +68,7 @@ def van_der_pol(excitation=0.5, stiffness=1.0, size=1.0):
         return stiffness * elongation - excitation * (1.0 - (elongation / size) ** 2) * rate
 
     hook = mech.ground.at(0.0, 0.0)
-    mech.add(bd.SpringDamper("spring", hook, bob.point, law=law, free_length=5.0))
+    mech.add(bd.Spring("spring", hook, bob.point, law=law, free_length=5.0))
     mech.observe("bob", bob.point)
     return mech
 

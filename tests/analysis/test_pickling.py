@@ -19,7 +19,7 @@ def pendulum(mass=2.0, damping=0.0):
     rod = mech.add(bd.RigidBody.rod("rod", (0.0, 0.0), (0.0, -0.5), mass=mass))
     mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), rod.at(0.0, 0.0)))
     tip = rod.at(0.0, -0.5)
-    mech.add(bd.SpringDamper("damper", mech.ground.at(1.0, 0.0), tip, 10.0, damping))
+    mech.add(bd.Spring("damper", mech.ground.at(1.0, 0.0), tip, 10.0, damping))
     mech.add(bd.Force("push", tip, (lambda t: mass * t, 0.0)))
     mech.observe("tip", tip)
     return mech

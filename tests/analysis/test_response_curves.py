@@ -62,7 +62,7 @@ def pushed_mass(frequency=40.0):
     """Return a mass on a damped spring under a periodic force."""
     mech = bd.Mechanism()
     mass = mech.add(bd.PointMass("mass", 1.0, at=(1.0, 0.0)))
-    mech.add(bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), mass.point, 4e4, 20.0))
+    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), mass.point, 4e4, 20.0))
     mech.add(bd.Force("push", mass.point, (bd.sine(1.0, frequency), 0.0)))
     mech.observe("mass", mass.point)
     return mech
@@ -279,7 +279,7 @@ def test_regression_first_motions_at_undamped_resonances_name_the_damping():
         mass = mech.add(bd.PointMass("mass", 1.0, at=(0.0, 0.0)))
         ground = mech.ground.at(-1.0, 0.0)
         mech.add(bd.PointOnLine("rail", ground, mass.point, (1.0, 0.0)))
-        mech.add(bd.SpringDamper("spring", ground, mass.point, (20.0 * np.pi) ** 2))
+        mech.add(bd.Spring("spring", ground, mass.point, (20.0 * np.pi) ** 2))
         mech.add(bd.Force("push", mass.point, (bd.sine(1.0, frequency), 0.0)))
         return mech
 
@@ -318,7 +318,7 @@ def test_response_with_other_parameters():
     def pushed(frequency=40.0, force=1.0):
         mech = bd.Mechanism()
         mass = mech.add(bd.PointMass("mass", 1.0, at=(0.0, 0.0)))
-        mech.add(bd.SpringDamper("spring", mech.ground.at(-1.0, 0.0), mass.point, 1e3, 50.0))
+        mech.add(bd.Spring("spring", mech.ground.at(-1.0, 0.0), mass.point, 1e3, 50.0))
         mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), mass.point, (1.0, 0.0)))
         mech.add(bd.Force("push", mass.point, (bd.sine(force, frequency), 0.0)))
         mech.observe("mass", mass.point)

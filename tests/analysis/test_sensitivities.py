@@ -34,7 +34,7 @@ def oscillator(stiffness=40.0, damping=0.8, speed=SPEED, elements=1, scale=0.0):
     """Mass on a spring and a damper, moving along the line of the spring."""
     mech = bd.Mechanism()
     mass = mech.add(bd.PointMass("mass", MASS, at=(1.0, 0.0), velocity=(speed, 0.0)))
-    mech.add(bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), mass.point, stiffness, damping))
+    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), mass.point, stiffness, damping))
     mech.add(bd.Force("pull", mass.point, (abs(scale), 0.0)))
     mech.observe("mass", mass.point)
     return mech
@@ -581,7 +581,7 @@ def formula(stiffness=10.0):
     def law(elongation, rate):
         return stiffness * elongation
 
-    mech.add(bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), mass.point, law=law))
+    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), mass.point, law=law))
     mech.observe("mass", mass.point)
     return mech
 
@@ -658,8 +658,8 @@ def ripple(stiffness=1e4, speed=0.02):
     mech = bd.Mechanism()
     first = mech.add(bd.PointMass("first", 1.0, at=(1.0, 0.0), velocity=(1.0, 0.0)))
     second = mech.add(bd.PointMass("second", 1.0, at=(2.0, 0.0), velocity=(1.0 + speed, 0.0)))
-    mech.add(bd.SpringDamper("soft", mech.ground.at(0.0, 0.0), first.point, 40.0))
-    mech.add(bd.SpringDamper("hard", first.point, second.point, stiffness))
+    mech.add(bd.Spring("soft", mech.ground.at(0.0, 0.0), first.point, 40.0))
+    mech.add(bd.Spring("hard", first.point, second.point, stiffness))
     mech.observe("second", second.point)
     return mech
 
@@ -803,7 +803,7 @@ def driven(gain=1.0):
     """Mass driven by an observed input."""
     mech = bd.Mechanism()
     mass = mech.add(bd.PointMass("mass", 2.0, at=(1.0, 0.0), velocity=(0.5, 0.0)))
-    mech.add(bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), mass.point, 40.0, 0.8))
+    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), mass.point, 40.0, 0.8))
     drive = mech.input("drive", lambda t: gain * ca.sin(5.0 * t), unit="N")
     mech.add(bd.Force("push", mass.point, (drive, 0.0)))
     mech.observe("mass", mass.point)
@@ -917,7 +917,7 @@ def kinked_oscillator(stiffness=40.0):
     mass = mech.add(bd.PointMass("mass", 1.0, at=(1.0, 0.0)))
     mech.add(bd.PointOnLine("rail", mech.ground.at(1.0, 0.0), mass.point, (1.0, 0.0)))
     spring = 40.0 + abs(stiffness - 40.0)
-    mech.add(bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), mass.point, spring, 1.0))
+    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), mass.point, spring, 1.0))
     mech.add(bd.Force("load", mass.point, (bd.sine(1.0, frequency=1.0), 0.0)))
     mech.observe("mass", mass.point)
     return mech
@@ -950,7 +950,7 @@ def jumping_oscillator(stiffness=40.0):
     at, speed = (1.0, 0.0), (0.2, 0.0)
     mass = 1.0 + 1e-5 * (stiffness > 40.06)
     body = mech.add(bd.PointMass("mass", mass, at=at, velocity=speed))
-    mech.add(bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), body.point, stiffness, 0.1))
+    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), body.point, stiffness, 0.1))
     mech.observe("mass", body.point)
     return mech
 

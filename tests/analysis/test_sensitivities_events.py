@@ -322,7 +322,7 @@ def damped_bounce(gap=0.1, damping=1e3, shaking=0.0):
     mech = bd.Mechanism(gravity=(0.0, -GRAVITY))
     lower = mech.add(bd.PointMass("lower", 1.0, at=(0.0, 0.2)))
     upper = mech.add(bd.PointMass("upper", 0.1, at=(0.0, 0.7)))
-    mech.add(bd.SpringDamper("spring", lower.point, upper.point, 50.0, damping))
+    mech.add(bd.Spring("spring", lower.point, upper.point, 50.0, damping))
     mech.add(bd.Force("shaker", upper.point, (0.0, lambda t: shaking * ca.sin(60.0 * t))))
     mech.observe("upper", upper.point)
     distance = bd.LineSurface(mech.ground.at(0.0, 0.2 - gap)).gap(lower.point)

@@ -22,7 +22,7 @@ def oscillator(stiffness=40.0, speed=0.2):
     mech = bd.Mechanism()
     mass = mech.add(bd.PointMass("mass", 1.0, at=(1.0, 0.0), velocity=(speed, 0.0)))
     mech.add(bd.PointOnLine("rail", mech.ground.at(1.0, 0.0), mass.point, (1.0, 0.0)))
-    mech.add(bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), mass.point, stiffness))
+    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), mass.point, stiffness))
     mech.observe("mass", mass.point)
     return mech
 
@@ -163,7 +163,7 @@ import beamdae as bd
 def fall(mass=1.0, drag=0.3):
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     ball = mech.add(bd.PointMass("ball", mass, at=(0.0, 1.0)))
-    mech.add(bd.Damper("drag", mech.ground.at(0.0, 0.0), ball.point, drag))
+    mech.add(bd.Spring("drag", mech.ground.at(0.0, 0.0), ball.point, damping=drag))
     mech.observe("ball", ball.point)
     return mech
 """

@@ -27,7 +27,7 @@ def global_sensor_in_formula(mech, tip):
 
 
 def work_of_a_damper(mech, tip):
-    damper = mech.add(bd.Damper("damper", mech.ground.at(0.3, -1.0), tip, 2.0))
+    damper = mech.add(bd.Spring("damper", mech.ground.at(0.3, -1.0), tip, damping=2.0))
     mech.state("work", mech.sensor("power", damper.power), unit="J")
 
 

@@ -95,14 +95,15 @@ def test_offsets_of_top_and_bottom():
 @pytest.mark.parametrize(
     ("name", "numbers"),
     [
-        ("steel", (210e9, 0.3, 7850.0)),
-        ("aluminum", (70e9, 0.3, 2700.0)),
-        ("titanium Ti-6Al-4V", (113.8e9, 0.342, 4430.0)),
+        ("steel", (210e9, 0.3, 7850.0, None)),
+        ("steel S355", (210e9, 0.3, 7850.0, 355e6)),
+        ("aluminum", (70e9, 0.3, 2700.0, None)),
+        ("titanium Ti-6Al-4V", (113.8e9, 0.342, 4430.0, 830e6)),
     ],
 )
 def test_materials_by_name(name, numbers):
     material = bd.Material.of(name)
-    assert (material.E, material.nu, material.rho) == numbers
+    assert (material.E, material.nu, material.rho, material.yield_stress) == numbers
 
 
 @given(nu=st.floats(-0.99, 0.5))
@@ -132,8 +133,9 @@ def test_regression_the_beginning_of_the_name_of_a_material_suffices():
     assert bd.Material.of("titanium") == bd.Material.of("titanium Ti-6Al-4V")
     for name in ("aluminium", "alumini", "alum"):
         assert bd.Material.of(name) == bd.Material.of("aluminum")
-    assert bd.Material.of("steel").nu == 0.3
-    for name in ("ti", "st", "", 3):
+    assert bd.Material.of("aluminium 6082").yield_stress == 250e6
+    assert bd.Material.of("stainless") == bd.Material.of("stainless steel")
+    for name in ("ti", "st", "steel S", "", 3):
         with pytest.raises(bd.BeamdaeError, match=r"^Material\.of: the name must be one of"):
             bd.Material.of(name)
 

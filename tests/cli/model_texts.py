@@ -10,7 +10,7 @@ def shaker(damping=0.02):
     mass = mech.add(bd.PointMass("mass", 2.0, at=(1.0, 0.0)))
     mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), mass.point, (1.0, 0.0)))
     ends = mech.ground.at(0.0, 0.0), mass.point
-    mech.add(bd.SpringDamper("spring", *ends, 200.0, damping, free_length=1.0))
+    mech.add(bd.Spring("spring", *ends, 200.0, damping, free_length=1.0))
     mech.add(bd.Force("push", mass.point, (0.0, 0.0)))
     mech.observe("mass", mass.point)
     return mech
@@ -25,7 +25,7 @@ def oscillator(force=0.0, growth=1.0):
     mass = mech.add(bd.PointMass("mass", 1.0, at=(0.0, 0.0), velocity=(0.5, 0.0)))
     mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), mass.point, (1.0, 0.0)))
     law = lambda x, rate: x + growth * (x**2 - 1.0) * rate
-    mech.add(bd.SpringDamper("spring", mech.ground.at(-10.0, 0.0), mass.point, law=law))
+    mech.add(bd.Spring("spring", mech.ground.at(-10.0, 0.0), mass.point, law=law))
     if force:
         mech.add(bd.Force("load", mass.point, (bd.sine(force, 0.25), 0.0)))
     mech.observe("mass", mass.point)
@@ -43,7 +43,7 @@ def oscillator(frequency=0.2, damping=0.4, force=0.1, angular=False):
     mech = bd.Mechanism()
     bob = mech.add(bd.PointMass("bob", 1.0, at=(1.0, 0.0)))
     mech.add(bd.PointOnLine("line", mech.ground.at(0.0, 0.0), bob.point))
-    mech.add(bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), bob.point, 4.0, damping))
+    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), bob.point, 4.0, damping))
     hertz = frequency / (2.0 * np.pi) if angular else frequency
     mech.add(bd.Force("push", bob.point, (bd.sine(force, hertz), 0.0)))
     mech.observe("bob", bob.point)
@@ -77,7 +77,7 @@ def oscillator(stiffness=40.0, mass=1.0, stretch=0.0):
     body = mech.add(bd.PointMass("mass", mass, at=(1.0, 0.0)))
     mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), body.point))
     ground, length = mech.ground.at(0.0, 0.0), 1.0 - stretch
-    mech.add(bd.SpringDamper("spring", ground, body.point, stiffness, free_length=length))
+    mech.add(bd.Spring("spring", ground, body.point, stiffness, free_length=length))
     mech.add(bd.Force("actuator", body.point, (push, 0.0)))
     mech.observe("mass", body.point)
     return mech

@@ -47,6 +47,7 @@ def test_errors_are_printed_and_on_the_page():
     result = run("--accuracy", "0.1%")
     assert result.exit_code == 0, result.output
     assert "the largest error" in result.stdout
+    assert "accuracy reached: " in result.stdout
     assert all(x in result.stdout for x in ("error", "largest"))
     page = Path("results/arm.html").read_text(encoding="utf-8")
     assert "the largest error" in page

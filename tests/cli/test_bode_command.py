@@ -77,7 +77,7 @@ def train():
     end = mech.ground.at(0.0, 0.0)
     for k in range(1, 13):
         mass = mech.add(bd.PointMass(f"mass {k}", 1.0, at=(k, 0.0)))
-        mech.add(bd.SpringDamper(f"spring {k}", end, mass.point, 1e3, 0.01))
+        mech.add(bd.Spring(f"spring {k}", end, mass.point, 1e3, 0.01))
         end = mass.point
     mech.add(bd.Force("push", end, (0.0, 0.0)))
     mech.observe("mass", end)

@@ -84,7 +84,7 @@ def test_page_and_pictures_of_a_study_without_a_reader(here):
     code, _, errors = shell("{beamdae} compare model.py | true")
     assert (code, has_no_traceback(errors)) == (0, True), errors
     names = {path.name for path in Path("results/arm_compare").iterdir()}
-    assert {"report.html", "comparison.png", "work_precision.png", "cases.csv"} <= names
+    assert {"report.html", "work_precision.png", "cases.csv"} <= names
 
 
 # Interrupts, which the process sends to itself at a chosen moment.

@@ -20,7 +20,7 @@ def spring(stiffness=100.0, frequency=1.0):
     beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (0.4, 0.0)), strip, elements=2))
     mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
     mech.add(bd.Force("push", beam.end, (-float(steps(1.5)), bd.sine(0.1, frequency))))
-    mech.add(bd.SpringDamper("spring", mech.ground.at(0.4, 0.1), beam.end, stiffness, 1.0))
+    mech.add(bd.Spring("spring", mech.ground.at(0.4, 0.1), beam.end, stiffness, 1.0))
     mech.observe("tip", beam.end)
     return mech
 """

@@ -101,7 +101,7 @@ def oscillator(stiffness=30.0, damping=0.5, mass=1.0):
     "A mass on a spring."
     mech = bd.Mechanism()
     body = mech.add(bd.PointMass("mass", mass, at=(1.0, 0.0), velocity=(0.2, 0.0)))
-    mech.add(bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), body.point, stiffness, damping))
+    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), body.point, stiffness, damping))
     mech.observe("mass", body.point)
     return mech
 """
@@ -115,7 +115,7 @@ def oscillator(stiffness=40.0, mass=bd.param(1.0, "kg", "mass on the spring")):
     mech = bd.Mechanism()
     body = mech.add(bd.PointMass("mass", mass, at=(1.0, 0.0)))
     mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), body.point))
-    mech.add(bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), body.point, stiffness))
+    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), body.point, stiffness))
     mech.observe("mass", body.point)
     return mech
 """

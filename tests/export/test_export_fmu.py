@@ -174,7 +174,7 @@ def test_regression_parameters_end_where_the_model_ends(tmp_path):
         mech = bd.Mechanism(gravity=(0.0, -9.81))
         point = mech.add(bd.PointMass("ball", mass, at=(0.0, 1.0))).point
         mech.add(bd.Force("pull", point, (min(pull, 4.0), 0.0)))
-        mech.add(bd.Damper("drag", mech.ground.at(0.0, 0.0), point, drag))
+        mech.add(bd.Spring("drag", mech.ground.at(0.0, 0.0), point, damping=drag))
         mech.observe("ball", point)
         return mech
 
@@ -624,7 +624,7 @@ def test_regression_default_exports_resolve_vibrations_and_fixed_steps_warn(tmp_
     def reed():
         mech = bd.Mechanism()
         point = mech.add(bd.PointMass("ball", 1.0, at=(1.01, 0.0))).point
-        mech.add(bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), point, 4e5, free_length=1.0))
+        mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), point, 4e5, free_length=1.0))
         mech.observe("ball", point)
         return mech
 
@@ -642,7 +642,7 @@ def test_regression_fmus_with_very_many_adaptive_steps_have_a_warning(tmp_path):
     """A beam without damping took 300 000 steps in 0.5 s, of which nothing was said."""
     mech = bd.Mechanism()
     point = mech.add(bd.PointMass("ball", 1.0, at=(1.1, 0.0))).point
-    mech.add(bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), point, 1e10, free_length=1.0))
+    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), point, 1e10, free_length=1.0))
     mech.observe("ball", point)
     with pytest.warns(bd.BeamdaeWarning, match="20000 adaptive steps end at t = .* s of 5 s"):
         export(tmp_path, mech, integrator="radau", t_end=5.0)
@@ -1032,7 +1032,7 @@ def test_communication_step_of_a_million_steps_is_rejected(tmp_path, compiled):
     def oscillator():
         mech = bd.Mechanism()
         point = mech.add(bd.PointMass("ball", 1.0, at=(1.1, 0.0))).point
-        mech.add(bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), point, 1e10))
+        mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), point, 1e10))
         mech.observe("ball", point)
         return mech
 

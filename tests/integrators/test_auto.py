@@ -49,7 +49,7 @@ def test_regression_paths_of_skates_keep_the_bound(rtol):
     body = mech.add(bd.RigidBody("sledge", 1.0, 0.1, velocity=(0.5, 0.0), angular_velocity=2.0))
     mech.add(bd.Skate("skate", body.at(0.0, 0.0)))
     anchor = mech.ground.at(0.3, -1.0)
-    mech.add(bd.SpringDamper("spring", anchor, body.at(0.2, 0.0), 20.0, 0.1))
+    mech.add(bd.Spring("spring", anchor, body.at(0.2, 0.0), 20.0, 0.1))
     mech.observe("sledge", body.at(0.2, 0.0))
     auto = bd.simulate(mech, bd.Auto(rtol), t_end=5.0)
     exact = bd.simulate(mech, bd.Radau(1e-9), t_end=5.0)

@@ -194,29 +194,6 @@ def test_a_later_request_ends_a_run(live, monkeypatch):
     assert sorted(map(list, answers)) == [["frames"], ["superseded"]]
 
 
-def test_mechanisms_have_the_sliders_of_their_model_unless_changed():
-    built = swing(length=0.7)
-    live = built.view()
-    assert live.session.controls[0]["value"] == 0.7
-    live.close()
-    built.add(bd.PointMass("other", 1.0, at=(1.0, 1.0)))
-    changed = built.view()
-    assert changed.session.controls == []
-    assert len(ask(changed, "draw")["frames"]["glyphs"]) > 1
-    changed.close()
-    heavier = swing()
-    heavier.gravity = (0.0, -20.0)
-    changed = heavier.view()
-    assert changed.session.controls == []
-    changed.close()
-    alone = bd.Mechanism()
-    alone.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0)))
-    with pytest.raises(bd.BeamdaeError, match="view: the mechanism has no end time; pass t_end="):
-        alone.view()
-    with pytest.raises(bd.BeamdaeError, match="view: ranges are those of parameters"):
-        alone.view({"length": (1, 2)}, t_end=1.0)
-
-
 @bd.model(t_end=1.0)
 def turned(a=0.0, b=0.0, end: Literal["free", "held"] = "free", size: Literal["M", 2] = "M"):
     """Turn by `a` [rad] and `b` [deg]."""

@@ -37,7 +37,7 @@ def vibration(rows_per_period, method=None, periods=60) -> bd.results.Solution:
     """Return a run of a mass on a spring."""
     mech = bd.Mechanism()
     mass = mech.add(bd.PointMass("mass", 1.0, at=(0.1, 0.0)))
-    spring = bd.SpringDamper("spring", mech.ground.at(-1.0, 0.0), mass.point, 400.0, 0.0, 1.0)
+    spring = bd.Spring("spring", mech.ground.at(-1.0, 0.0), mass.point, 400.0, 0.0, 1.0)
     mech.observe("mass", mass.point)
     mech.observe("spring", mech.add(spring).load_on("b"))
     end = periods * PERIOD
@@ -61,7 +61,7 @@ def chirp(rows) -> bd.results.Solution:
     """Return a run of a mass on a spring that a sweep drives through the resonance."""
     mech = bd.Mechanism()
     mass = mech.add(bd.PointMass("mass", 1.0, at=(0.0, 0.0)))
-    mech.add(bd.SpringDamper("spring", mech.ground.at(-1.0, 0.0), mass.point, 4e3, 3.0, 1.0))
+    mech.add(bd.Spring("spring", mech.ground.at(-1.0, 0.0), mass.point, 4e3, 3.0, 1.0))
     law = lambda t: 10.0 * ca.sin(4.0 * ca.pi * (t + t**2))  # noqa: E731
     mech.add(bd.Force("sweep", mass.point, (law, 0.0)))
     mech.observe("mass", mass.point)

@@ -123,7 +123,7 @@ def block_on_belt(exponent=1.0, **changes):
     surface = bd.LineSurface(belt.at(0.0, 0.0))
     sole = mech.add(bd.Contact("sole", block.point, surface, normal_stiffness, exponent, **law))
     wall = mech.ground.at(-1.0, -depth)
-    mech.add(bd.SpringDamper("spring", wall, block.point, BELT["stiffness"], free_length=1.0))
+    mech.add(bd.Spring("spring", wall, block.point, BELT["stiffness"], free_length=1.0))
     mech.observe("block", block.point)
     mech.observe("sole", sole.force)
     mech.observe("sliding", sole.sliding)

@@ -42,7 +42,7 @@ def test_coulomb_damped_oscillator_decays_linearly(integrator):
     stiffness, friction, speed = 100.0, 0.8, 1e-3
     mech = bd.Mechanism()
     block = mech.add(bd.PointMass("block", 1.0, at=(1.2, 0.0)))
-    mech.add(bd.Spring("spring", mech.ground.at(0, 0), block.point, stiffness, 1.0))
+    mech.add(bd.Spring("spring", mech.ground.at(0, 0), block.point, stiffness, free_length=1.0))
 
     def rub(block, t):
         return (-friction * bd.smooth_sign(block.velocity[0], speed), 0.0)

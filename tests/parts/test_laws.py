@@ -42,6 +42,44 @@ def test_sine(amplitude, frequency, phase, t):
     assert law.time_scale == 1.0 / frequency
 
 
+@given(peak=numbers, duration=times, start=numbers, part=st.floats(-1.0, 2.0))
+def test_half_sine(peak, duration, start, part):
+    law = bd.half_sine(peak, duration, start)
+    assert law.breakpoints == (start, start + duration)
+    t = start + part * duration
+    expected = peak * np.sin(np.pi * part) if start <= t < start + duration else 0.0
+    # Rounding error of the argument pi t / duration, up to 800 rad.
+    assert_allclose(law.at(t), expected, atol=1e-11)
+    assert_allclose(value(law, t), law.at(t), atol=1e-11)
+
+
+SUMMANDS = {
+    "number": -9.81,
+    "function": lambda t: 1.0 + np.cos(3.0 * t),
+    "pulse": bd.half_sine(2.0, 0.3, 0.1),
+    "smooth table": bd.table([0.0, 0.2, 0.5], [0.0, 1.0, 3.0], outside="hold"),
+    "linear table": bd.piecewise(bd.table([0.0, 0.2, 0.5], [0.0, 1.0, 3.0], kind="linear")),
+    "steps": bd.piecewise((0.2, 1.0), (0.4, lambda t: t), 5.0),
+}
+
+
+@pytest.mark.parametrize("first", SUMMANDS)
+@pytest.mark.parametrize("second", ["pulse", "linear table", "steps"])
+@pytest.mark.parametrize("order", [1, -1])
+def test_laws_add_up_with_the_breakpoints_of_both(first, second, order):
+    one, other = bd.piecewise(SUMMANDS[first]), SUMMANDS[second]
+    pair = (SUMMANDS[first], other)[::order]
+    if not isinstance(pair[0], bd.Law) and first == "smooth table":
+        pair = one, other  # A table has no sum of its own.
+    law = pair[0] + pair[1]
+    assert law.breakpoints == tuple(sorted({*one.breakpoints, *other.breakpoints}))
+    scales = [x for x in (one.time_scale, other.time_scale) if x is not None]
+    assert law.time_scale == min(scales, default=None)
+    for t in (-0.3, 0.0, 0.15, 0.2, 0.37, 0.45, 0.9):
+        assert law.at(t) == pytest.approx(one.at(t) + other.at(t), rel=1e-14)
+        assert value(law, t) == pytest.approx(law.at(t), rel=1e-12)
+
+
 @given(speed=numbers, duration=times)
 def test_run_up_is_twice_continuously_differentiable_and_reaches_its_speed(speed, duration):
     law = bd.run_up(speed, duration)

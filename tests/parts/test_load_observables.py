@@ -273,7 +273,7 @@ def test_regression_observed_loads_follow_variables_of_laws_in_a_second_run():
         bd.Force("force", point, (lambda t: size[0] + 0.0 * t, 0.0)),
         bd.Moment("moment", point, law=lambda t: size[0] + 0.0 * t),
         bd.ForceLaw("formula", point, lambda block, t: (size[0], 0.0)),
-        bd.SpringDamper("spring", ground, point, law=lambda s, v: size[0], free_length=1.0),
+        bd.Spring("spring", ground, point, law=lambda s, v: size[0], free_length=1.0),
     ]
     for load in loads:
         mech.observe(load.name, mech.add(load).load_on("b" if load.name == "spring" else "on"))

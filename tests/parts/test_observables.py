@@ -239,7 +239,7 @@ def test_regression_accelerations_of_forced_periodic_motions_have_derivatives():
     def shaken(stiffness=100.0):
         mech = bd.Mechanism()
         ball = mech.add(bd.PointMass("ball", 1.0, at=(1.0, 0.0)))
-        spring = bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), ball.point, stiffness, 2.0)
+        spring = bd.Spring("spring", mech.ground.at(0.0, 0.0), ball.point, stiffness, 2.0)
         mech.add(spring)
         mech.add(bd.PointOnLine("guide", mech.ground.at(0.0, 0.0), ball.point, direction=(1, 0)))
         mech.add(bd.Force("force", ball.point, (lambda t: 5.0 * np.sin(8.0 * t), 0.0)))

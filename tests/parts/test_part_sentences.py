@@ -179,7 +179,7 @@ SENTENCES = {
         "s", BOB.point, ORIGIN, 2.0
     ).load_on("b"),
     r"^s: .* coincide in the reference configuration.*Bushing": lambda: bd.Spring(
-        "s", FAR, BOB.point, 1.0, 1.0
+        "s", FAR, BOB.point, 1.0, free_length=1.0
     ),
     r"^s: neither ground at \(0, 0\) nor ground at \(1, 0\) can move; attach one of": lambda: (
         bd.Spring("s", ORIGIN, GROUND.at(1, 0), 1.0)
@@ -191,7 +191,7 @@ SENTENCES = {
     r"^s: law must be a formula without branches on .* use bd.positive_part\(x\)": lambda: pull(
         lambda x, r: x if x > 0 else 0.0
     ),
-    r"^s: law must be continuous, but uses sign; .*bd.smooth_sign\(x, scale\)": lambda: pull(
+    r"^s: law must be continuous, but uses np.sign; .*bd.smooth_sign\(x, scale\)": lambda: pull(
         lambda x, r: np.sign(x)
     ),
     "^s: the derivative of energy must equal law at zero rate, but at .* the values": lambda: pull(
@@ -216,7 +216,7 @@ SENTENCES = {
     r"^f: bob at .* is a particle .*; law must return \(Fx, Fy\)": lambda: push(
         lambda a, t: (0.0, 0.0, 1.0), on=BOB.point
     ),
-    "^f: law must be continuous, but uses lt, if_else_zero; use bd.positive_part": lambda: push(
+    "^f: law must be continuous, but uses <, np.where; use bd.positive_part": lambda: push(
         lambda a, t: (np.where(a.rate > 0, 1.0, 0.0), 0.0)
     ),
     "^f: law must be a formula of numpy functions such as np.sin": lambda: push(
@@ -249,7 +249,9 @@ SENTENCES = {
     # Time laws
     "^motor: the law must be a formula in t .* positional argument": lambda: load(lambda: 1.0),
     "^motor: the law must be finite, got inf at t = 0": lambda: load(lambda t: 1.0 / t),
-    "^motor: the law must be smooth, .*fabs.*piecewise": lambda: load(lambda t: np.abs(t - 1.0)),
+    "^motor: the law must be smooth, but uses np.abs; .*piecewise": lambda: load(
+        lambda t: np.abs(t - 1.0)
+    ),
     "^piecewise: .* give at least one law": lambda: bd.piecewise(),
     r"^piecewise: .* a pair \(end time, law\), got 1.0": lambda: bd.piecewise(1.0, 2.0),
     r"^piecewise: end times must ascend, got \[2.0, 1.0\]": lambda: bd.piecewise(

@@ -19,9 +19,7 @@ def oscillator(damping, stiffness=90.0, mass=2.5, start=0.3):
     mech = bd.Mechanism()
     block = mech.add(bd.PointMass("block", mass, at=(1.0 + start, 0.0)))
     mount = mech.ground.at(0.0, 0.0)
-    spring = mech.add(
-        bd.SpringDamper("spring", mount, block.point, stiffness, damping, free_length=1.0)
-    )
+    spring = mech.add(bd.Spring("spring", mount, block.point, stiffness, damping, free_length=1.0))
     mech.observe("force", spring.force)
     mech.observe("elongation", spring.elongation)
     return mech
@@ -84,7 +82,7 @@ def test_torsion_spring_and_damper_of_two_disks(integrator):
     ]
     a, b = (disk.at(*disk.center) for disk in disks)
     mech.observe("shaft", mech.add(bd.TorsionSpring("shaft", a, b, 5.0)).angle)
-    mech.add(bd.TorsionDamper("oil", a, b, 0.1))
+    mech.add(bd.TorsionSpring("oil", a, b, damping=0.1))
     solution = bd.simulate(mech, integrator, t_end=1.5, output_step=0.01)
     reduced = 0.6 * 0.3 / 0.9
     w, ratio = np.sqrt(5.0 / reduced), 0.1 / (2.0 * np.sqrt(5.0 * reduced))
@@ -121,7 +119,7 @@ def test_law_of_a_spring_counts_as_a_load_unless_its_energy_is_given():
         mech = bd.Mechanism()
         block = mech.add(bd.PointMass("block", 1.0, at=(1.4, 0.0)))
         mech.add(
-            bd.SpringDamper(
+            bd.Spring(
                 "spring",
                 mech.ground.at(0.0, 0.0),
                 block.point,

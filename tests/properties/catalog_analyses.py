@@ -34,7 +34,7 @@ def arm(x=1.0, frame="drawn", push=0.0):
     rod = mech.add(bd.RigidBody.rod("rod", hinge, end, mass=f.number(0.8 * x, "kg")))
     ground, tip = mech.ground.at(*hinge), rod.at(*end)
     stiffness, damping = f.number(60.0 * x, "N/m"), f.number(1.5, "N s/m")
-    gauge = bd.SpringDamper("gauge", mech.ground.at(*hook), tip, stiffness, damping)
+    gauge = bd.Spring("gauge", mech.ground.at(*hook), tip, stiffness, damping)
     push = mech.input("push", push)
     ways = f.way(0.6, 0.8, "")
     torsion = {"stiffness": f.number(3.0, "N m"), "damping": f.number(0.1, "N m s")}

@@ -182,6 +182,8 @@ ENTRIES = {
     "Law": force_by(lambda x: bd.Law((lambda t: x * t, lambda t: 0.2), (0.1,))),
     "run_up": force_by(lambda x: bd.run_up(x, 0.15)),
     "sine": force_by(lambda x: bd.sine(x, 5.0, 0.3)),
+    "half_sine": force_by(lambda x: bd.half_sine(x, 0.11, 0.03)),
+    "sum of laws": force_by(lambda x: 0.1 + bd.half_sine(x, 0.11) + (lambda t: np.cos(9 * t))),
     "piecewise": force_by(lambda x: bd.piecewise((0.07, x), (0.12, lambda t: np.cos(9 * t)), 0.0)),
     "table": force_by(lambda x: bd.table([0.0, 0.05, 0.1, 0.3], [0.0, x, 0.0, 1.0])),
     "table_from_csv": force_by(table_of_file),

@@ -8,18 +8,16 @@ import beamdae as bd
 
 
 def spring(w, name, a, b, n):
-    """Build a spring, and a damper beside it if its damping is not zero."""
+    """Build a spring with a damper in parallel."""
     f = w.frame
     ends, damping = (name, w.at(a), w.at(b)), f.number(n["damping"], "N s/m")
     stiffness, free = f.number(n["stiffness"], "N/m"), f.number(n["free"], "m")
     preload = f.number(n["preload"], "N")
-    if not damping:
-        return bd.Spring(*ends, stiffness, free, preload)
-    return bd.SpringDamper(*ends, stiffness, damping, free, preload)
+    return bd.Spring(*ends, stiffness, damping, free, preload)
 
 
 def damper(w, name, a, b, n):
-    return bd.Damper(name, w.at(a), w.at(b), w.frame.number(n["damping"], "N s/m"))
+    return bd.Spring(name, w.at(a), w.at(b), damping=w.frame.number(n["damping"], "N s/m"))
 
 
 def spring_by_law(w, name, a, b, n):
@@ -28,7 +26,7 @@ def spring_by_law(w, name, a, b, n):
     size, force = f.number(n["free"], "m"), f.number(abs(n["preload"]), "N")
     rate = n["damping"]
     speed = f.number(1.0, "m/s")
-    return bd.SpringDamper(
+    return bd.Spring(
         name,
         w.at(a),
         w.at(b),
@@ -41,7 +39,7 @@ def torsion_spring(w, name, a, b, n):
     """Build a torsion spring, or a torsion damper if it has no stiffness."""
     f = w.frame
     if not n["stiffness"]:
-        return bd.TorsionDamper(name, w.at(a), w.at(b), f.number(n["damping"], "N m s"))
+        return bd.TorsionSpring(name, w.at(a), w.at(b), damping=f.number(n["damping"], "N m s"))
     return bd.TorsionSpring(
         name,
         w.at(a),

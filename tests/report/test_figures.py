@@ -11,6 +11,7 @@ import pandas as pd
 import pytest
 from matplotlib.figure import Figure
 
+import beamdae as bd
 from beamdae.report.pictures import figures, time_plots
 from beamdae.report.pictures.tick_labels import format_ticks
 from beamdae.studies import study_pictures
@@ -44,10 +45,11 @@ def colored_share(path):
     return float(np.mean(np.ptp(image, axis=-1) > 0.2))
 
 
-def compare(reference, runs, uncertainty, title=""):
-    """Return the figure of a comparison; see `study_pictures`."""
-    panels, styles = study_pictures._compare_runs(reference, runs, uncertainty)
-    return figures.draw_panels(panels, title, styles)
+def compare(runs, title=""):
+    """Return the figure of several runs; see `beamdae.plot`."""
+    headers = list(next(iter(runs.values())))
+    selection = time_plots.PlotSelection("t [s]", [], {})
+    return time_plots.create_figure(runs, selection, headers, title)
 
 
 def save_run(path, data, title):
@@ -56,9 +58,8 @@ def save_run(path, data, title):
 
 @pytest.mark.slow(reason="half a second and more")
 def test_a_comparison_has_a_curve_in_each_color(tmp_path):
-    errors = pd.DataFrame({"bend.u [m]": [0.0, *1e-3 * T[1:]]}, index=T)
-    runs = {"A": (FRAME, errors), "B": (FRAME * 1.1, 10.0 * errors), "C": (FRAME * 0.9, errors)}
-    path = figures.save_figure(compare(FRAME, runs, 1e-4, "title"), tmp_path / "c.png")
+    runs = {"A": FRAME, "B": FRAME * 1.1, "C": FRAME * 0.9}
+    path = figures.save_figure(compare(runs, "title"), tmp_path / "c.png")
     image = matplotlib.image.imread(path)[..., :3]
     for color in figures.COLORS[:3]:
         distance = np.abs(image - np.array(matplotlib.colors.to_rgb(color))).max(axis=-1)
@@ -99,11 +100,8 @@ def test_figures_of_runs_with_unusual_values(tmp_path, data, has_curves):
 @pytest.mark.slow(reason="ten figures")
 @pytest.mark.parametrize(("data", "has_curves"), TABLES.values(), ids=TABLES)
 def test_figures_of_comparisons_with_unusual_values(tmp_path, data, has_curves):
-    for error in (0.0, np.nan, np.inf, 1e-3):
-        errors = pd.DataFrame({"x": np.full(len(T), error)}, index=T)
-        runs = {ODD: (data, errors), LONG: (data, errors)}
-        path = figures.save_figure(compare(data, runs, 1e-4, ODD), tmp_path / "c.png")
-        assert colored_share(path) > 0.0, "the legend is missing"
+    path = figures.save_figure(compare({ODD: data, LONG: data}, ODD), tmp_path / "c.png")
+    assert colored_share(path) > 0.0, "the legend is missing"
 
 
 RANGES = {
@@ -166,9 +164,12 @@ def test_axes_show_multiples_of_units(label, largest, scaled, tick):
 
 
 def test_powers_of_ten_are_plain_text():
-    data = table(**{"a.u [m]": 1e-7 * T})
-    errors = pd.DataFrame({"a.u [m]": 10.0 ** (-6.0 * T)}, index=T)
-    figure = compare(data, {"A": (data, errors)}, 1e-9)
+    curve, error = (T, 1e-7 * T, {}), (T, 10.0 ** (-6.0 * T), {})
+    panels = [
+        figures.Panel("", "a.u [m]", [curve]),
+        figures.Panel("", "error [-]", [error], scales=("linear", "log")),
+    ]
+    figure = figures.draw_panels(panels)
     figure.draw_without_rendering()
     curves, error = figure.axes
     assert curves.get_ylabel() == "a.u [nm]"
@@ -177,15 +178,12 @@ def test_powers_of_ten_are_plain_text():
 
 
 def test_styles_of_legend_and_curves_agree():
-    data = table(**{"a.u [m]": T})
-    runs = {n: (data, pd.DataFrame({"a.u [m]": 1e-3 + T}, index=T)) for n in "ABCDEFGH"}
-    figure = compare(data, runs, 1e-9)
+    figure = compare(dict.fromkeys("ABCDEFGH", FRAME))
     (legend,) = figure.legends
-    styles = [(h.get_color(), h.get_linestyle()) for h in legend.get_lines()][1:9]
-    assert len(set(zip(styles, "ABCDEFGH", strict=True))) == 8
-    for axis, first in zip(figure.axes, (1, 0), strict=True):
-        lines = axis.lines[first : first + 8]
-        assert [(x.get_color(), x.get_linestyle()) for x in lines] == styles
+    styles = [(h.get_color(), h.get_linestyle()) for h in legend.get_lines()]
+    assert len(set(styles)) == 8
+    for axis in figure.axes:
+        assert [(x.get_color(), x.get_linestyle()) for x in axis.lines] == styles
 
 
 # Plots of studies.
@@ -203,7 +201,7 @@ def study(tmp_path, rows, over=None, uncertainty=1e-6):
     reference = Reference(("", ""), pd.DataFrame(), (), uncertainty, "")
     return SimpleNamespace(
         table=cases,
-        study=SimpleNamespace(over=over, cases=[None] * len(rows)),
+        study=SimpleNamespace(over=over, over_header=over, cases=[None] * len(rows)),
         references=dict.fromkeys(cases["group"], reference) | {"another": reference},
         folder=tmp_path,
     )
@@ -328,3 +326,23 @@ def test_regression_headings_of_sweep_pictures_do_not_cover_titles(number):
     heading, title = (x.get_window_extent() for x in (figure._suptitle, axes[0].title))
     assert figure._suptitle.get_text() == f"12 of {number} columns"
     assert title.y1 < heading.y0 < heading.y1 <= figure.bbox.y1
+
+
+@pytest.mark.slow(reason="a third of a second")
+def test_default_pictures_of_paths_have_up_to_six_panels():
+    """Nine observed columns had nine panels, too small to read."""
+    path = bd.equilibrium(bd.load_model("example:shallow_arch"), to=0.5)
+    labels = [axis.get_xlabel() for axis in path.plot().figure.axes]
+    assert len(labels) == 6
+    assert labels[0] == "crown.y [m]"
+    assert len(path.plot("crown", "quarter", "right").figure.axes) == 9
+
+
+@pytest.mark.slow(reason="a third of a second")
+def test_paths_that_end_early_have_a_mark_there():
+    arch = bd.load_model("example:shallow_arch")
+    with pytest.warns(bd.BeamdaeWarning, match="maximum of 4 points"):
+        path = bd.equilibrium(arch, to=0.5, max_points=4)
+    (axis,), (legend,) = (figure := path.plot("crown.y").figure).axes, figure.legends
+    assert [text.get_text() for text in legend.get_texts()] == ["stable", "stopped"]
+    assert axis.lines[-1].get_xdata() == path["crown.y"].iloc[-1]

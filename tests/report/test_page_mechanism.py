@@ -67,7 +67,7 @@ def swing():
     mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), beam.start))
     wheel = mech.add(bd.RigidBody("wheel", 1.0, 0.01, (-1.0, 0.2), velocity=(1.0, 0.0)))
     mech.add(bd.RollingOnLine("roll", mech.ground.at(-1.0, 0.0), wheel.at(-1.0, 0.2), 0.2))
-    mech.add(bd.SpringDamper("leg", mech.ground.at(0.8, -1.0), beam.end, 50.0, 1.0))
+    mech.add(bd.Spring("leg", mech.ground.at(0.8, -1.0), beam.end, 50.0, 1.0))
     mech.add(bd.Moment("twist", wheel.at(-1.0, 0.2), lambda t: 0.01 * (0.2 - t)))
     solution = bd.simulate(mech, bd.Radau(1e-4), t_end=0.4)
     return solution, export_run_frames(solution)

@@ -148,7 +148,7 @@ def test_springs_and_dampers_end_at_their_points_and_keep_their_width():
     mech = bd.Mechanism()
     ends = [mech.add(bd.PointMass(name, 1.0, at=(x, 0.0))) for name, x in (("a", 0.0), ("b", 1.0))]
     mech.add(bd.Spring("spring", ends[0].point, ends[1].point, 1.0))
-    mech.add(bd.Damper("damper", ends[0].point, ends[1].point, 1.0))
+    mech.add(bd.Spring("damper", ends[0].point, ends[1].point, damping=1.0))
     q = np.array([(0.0, 0.0, 1.0, 0.0), (0.0, 0.0, 0.0, 1.5)])
     scene = build_scene(mech, CoordinatePoses(mech, q), np.zeros(2))
     lines = {glyph.kind: line for glyph, line in scene.lines()}

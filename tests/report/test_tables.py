@@ -47,6 +47,14 @@ def create_range_table():
     )
 
 
+def test_rows_of_wrapped_texts_are_separated():
+    rows = [{"model": f"m{k}", "about": "several words of a sentence"} for k in range(2)]
+    wide, narrow = (render(terminal.table_of(rows), width) for width in (80, 32))
+    texts = [line.strip() for line in narrow.strip().splitlines()]
+    assert texts.index("") < next(k for k, x in enumerate(texts) if x.startswith("m1"))
+    assert "" not in [line.strip() for line in wide.strip().splitlines()]
+
+
 @pytest.mark.parametrize(
     ("value", "expected"),
     [

@@ -75,5 +75,5 @@ def test_regression_decaying_modes_are_no_vibrations_of_zero_hertz():
     mech = bd.Mechanism()
     mass = mech.add(bd.PointMass("mass", 1.0, at=(1.0, 0.0)))
     mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), mass.point, (1.0, 0.0)))
-    mech.add(bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), mass.point, 100.0, 50.0))
+    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), mass.point, 100.0, 50.0))
     assert repr(bd.modes(mech)) == "<Modes about reference: 2, decay, decay>"

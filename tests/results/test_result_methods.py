@@ -69,7 +69,7 @@ def test_regression_warnings_that_a_call_issues_are_part_of_its_result():
         mech.add(bd.PointOnLine("line", mech.ground.at(0.0, 0.0), ball.point))
         ends = mech.ground.at(-1.0, 0.0), ball.point
         mech.add(bd.Spring("spring", *ends, stiffness=40.0))
-        mech.add(bd.Damper("damper", *ends, damping=1.0))
+        mech.add(bd.Spring("damper", *ends, damping=1.0))
         mech.add(bd.Force("force", ball.point, (bd.sine(1.0, frequency), 0.0)))
         mech.observe("ball", ball.point)
         return mech

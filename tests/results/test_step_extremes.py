@@ -64,7 +64,7 @@ def test_root_mean_squares_of_few_and_many_rows_agree_with_the_closed_form(shift
     mech, period = bd.Mechanism(), 2.0 * np.pi / 20.0
     mass = mech.add(bd.PointMass("mass", 1.0, at=(shift + 0.1, 0.0)))
     origin = mech.ground.at(shift - 1.0, 0.0)
-    mech.add(bd.SpringDamper("spring", origin, mass.point, 400.0, 0.0, 1.0))
+    mech.add(bd.Spring("spring", origin, mass.point, 400.0, 0.0, 1.0))
     mech.observe("mass", mass.point)
     for step in (period / 3.0, period / 200.0):
         method = bd.GeneralizedAlpha(period / 500.0)
@@ -87,7 +87,7 @@ def test_regression_extremes_of_many_steps_need_the_memory_of_a_block():
     """The columns of all steps were stored: 388 MB for 1e5 steps of 160 columns."""
     mech = bd.Mechanism()
     mass = mech.add(bd.PointMass("mass", 1.0, at=(1.1, 0.0)))
-    mech.add(bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), mass.point, 400.0, 0.0, 1.0))
+    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), mass.point, 400.0, 0.0, 1.0))
     for k in range(20):
         mech.observe(f"mass {k}", mass.point)
     steps, step = 50_000, 1e-4
@@ -113,7 +113,7 @@ def all_kinds():
     current = mech.state("current", unit="A")
     current.follows(1e3 * (200.0 * strain - current))
     coil = mech.add(bd.Moment("coil", beam.at(0.1), 10.0 * current))
-    spring = bd.SpringDamper("spring", mech.ground.at(0.3, -0.1), beam.end, 100.0, 1.0)
+    spring = bd.Spring("spring", mech.ground.at(0.3, -0.1), beam.end, 100.0, 1.0)
     mech.add(spring)
     pulse = bd.ForceLaw(
         "pulse", beam.end, lambda p, t: (0.0, -30.0 * bd.positive_part(t * (1e-3 - t) * 4e6))

@@ -35,6 +35,18 @@ def test_curves_connect_runs_in_order_of_the_parameter():
         swept.map()
 
 
+@pytest.mark.slow(reason="many small runs")
+def test_default_plots_over_two_parameters_have_one_panel_per_column():
+    """Three columns had twelve panels, those of all measures."""
+    swept = run_sweep({"speed": [4.0, 1.0], "radius": [0.5, 2.0]}, of="tip")
+    panels = ["tip.x max", "tip.y max", "tip.angle max"]
+    titles = [axis.get_title() for axis in swept.plot().figure.axes]
+    # Observed rates are large, but have a panel, too.
+    assert [x for x in titles if "dot" not in x] == panels
+    assert len(titles) == len({x.rpartition(" ")[0] for x in titles})
+    assert len(swept.plot("tip.y").figure.axes) == 4
+
+
 @pytest.mark.slow(reason="half a second")
 def test_two_parameters_give_several_curves_and_a_map(speed_radius_sweep):
     plot = speed_radius_sweep.plot("tip.x max")
@@ -137,9 +149,7 @@ def test_regression_maps_and_legends_have_scaled_units():
         mech = bd.Mechanism()
         mass = mech.add(bd.PointMass("mass", 1.0, at=(0.0, 0.0)))
         ground, length = mech.ground.at(-1.0, 0.0), 1.0 - stretch
-        spring = mech.add(
-            bd.SpringDamper("spring", ground, mass.point, stiffness, free_length=length)
-        )
+        spring = mech.add(bd.Spring("spring", ground, mass.point, stiffness, free_length=length))
         mech.observe("pull", spring.force)
         return mech
 

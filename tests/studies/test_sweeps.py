@@ -18,7 +18,7 @@ import beamdae as bd
 
 
 def test_all_combinations_are_rows_and_failures_have_a_reason(speed_radius_sweep):
-    assert list(speed_radius_sweep.table["speed"]) == [4.0] * 3 + [1.0] * 3 + [2.0] * 3
+    assert list(speed_radius_sweep.table["speed [rad/s]"]) == [4.0] * 3 + [1.0] * 3 + [2.0] * 3
     assert list(speed_radius_sweep.table["radius"]) == [0.5, 0.0, 2.0] * 3
     assert list(speed_radius_sweep.table["status"]) == ["ok", "failed", "ok"] * 3
     assert speed_radius_sweep.table["reason"][1] == "turning: radius must be positive, got 0.0"
@@ -31,7 +31,7 @@ def test_all_combinations_are_rows_and_failures_have_a_reason(speed_radius_sweep
 
 def test_measures_match_the_exact_motion(speed_radius_sweep):
     completed = speed_radius_sweep.table[speed_radius_sweep.table["status"] == "ok"]
-    w, r, t = completed["speed"].to_numpy(), completed["radius"].to_numpy(), 0.4
+    w, r, t = completed["speed [rad/s]"].to_numpy(), completed["radius"].to_numpy(), 0.4
     # The driven angle is exact to rounding; the mean is computed by trapezoids of 1 ms.
     assert_allclose(completed["tip.x end [m]"], r * np.cos(w * t), atol=1e-9)
     assert_allclose(completed["tip.x max [m]"], r, atol=1e-9)
@@ -63,7 +63,7 @@ def test_outputs_are_columns():
         "nothing": lambda run: None,
     }
     swept = run_sweep({"speed": [1.0, 3.0]}, outputs=outputs, of=())
-    assert list(swept.table)[:6] == ["speed", "status", *outputs]
+    assert list(swept.table)[:6] == ["speed [rad/s]", "status", *outputs]
     assert_allclose(swept.table["swing [m]"], np.sin(np.array([0.4, 1.2])), atol=1e-9)
     assert list(swept.table["far"]) == [False, True]
     assert set(swept.table["label"]) == {ALPHA.label}
@@ -107,8 +107,8 @@ def test_values_of_any_type_are_swept_and_labeled():
 @pytest.mark.slow(reason="many small runs")
 def test_listed_combinations_are_completed_by_the_model_defaults():
     swept = run_sweep([{"speed": 2.0}, {"speed": 3.0, "radius": 0.5}])
-    assert swept.table[["speed", "radius"]].to_numpy().tolist() == [[2.0, 1.0], [3.0, 0.5]]
-    assert run_sweep(bd.grid(speed=[1.0, 2.0])).table["speed"].tolist() == [1.0, 2.0]
+    assert swept.table[["speed [rad/s]", "radius"]].to_numpy().tolist() == [[2.0, 1.0], [3.0, 0.5]]
+    assert run_sweep(bd.grid(speed=[1.0, 2.0])).table["speed [rad/s]"].tolist() == [1.0, 2.0]
 
 
 @pytest.mark.slow(reason="many small runs")

@@ -19,9 +19,7 @@ def damped_masses(mass=2.5, stiffness=90.0, start=0.3):
     for k, ratio in enumerate(DAMPING_RATIOS):
         block = mech.add(bd.PointMass(f"mass {k}", mass, at=(start, 0.1 * k)))
         mount, damping = mech.ground.at(-1.0, 0.1 * k), 2.0 * ratio * np.sqrt(mass * stiffness)
-        mech.add(
-            bd.SpringDamper(f"strut {k}", mount, block.point, stiffness, damping, free_length=1.0)
-        )
+        mech.add(bd.Spring(f"strut {k}", mount, block.point, stiffness, damping, free_length=1.0))
     return mech
 
 

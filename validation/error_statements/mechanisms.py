@@ -242,10 +242,10 @@ def rods(seed=0):
     top = mech.add(bd.Revolute("top", mech.ground.at(0.0, 0.0), upper.at(0.0, 0.0)))
     mech.add(bd.Revolute("knee", upper.at(*knee), lower.at(*knee)))
     mech.add(
-        bd.TorsionDamper("oil", upper.at(*knee), lower.at(*knee), damping=rng.uniform(0.01, 0.05))
+        bd.TorsionSpring("oil", upper.at(*knee), lower.at(*knee), damping=rng.uniform(0.01, 0.05))
     )
     stiffness = 10.0 ** rng.uniform(1.0, 3.0)
-    spring = bd.SpringDamper("spring", mech.ground.at(0.2, -1.2), lower.at(*end), stiffness)
+    spring = bd.Spring("spring", mech.ground.at(0.2, -1.2), lower.at(*end), stiffness)
     spring = mech.add(spring)
     mech.observe("end", lower.at(*end))
     mech.observe("top", top.reaction)

@@ -235,7 +235,7 @@ def spring(site: Site) -> None:
 def damper(site: Site) -> None:
     """Damper between the tip and the ground."""
     anchor = site.mech.ground.at(*site.near(site.size * site.rng.uniform(0.3, 1.0)))
-    site.mech.add(bd.Damper(site.name("damper"), anchor, site.tip, _damping(site)))
+    site.mech.add(bd.Spring(site.name("damper"), anchor, site.tip, damping=_damping(site)))
 
 
 def one_sided_spring(site: Site) -> None:
@@ -250,7 +250,7 @@ def one_sided_spring(site: Site) -> None:
         return stiffness * stretch * (1.0 + damping / stiffness * bd.smooth_sign(rate, 1.0))
 
     free = length
-    part = bd.SpringDamper(site.name("cable"), anchor, site.tip, law=pull)
+    part = bd.Spring(site.name("cable"), anchor, site.tip, law=pull)
     site.mech.observe(site.name("cable"), site.mech.add(part).force)
 
 
@@ -440,7 +440,7 @@ def shaker(site: Site) -> None:
     )
     site.mech.add(driver)
     ends = disk.at(*center), site.tip
-    site.mech.add(bd.SpringDamper(site.name("tie"), *ends, _stiffness(site), _damping(site)))
+    site.mech.add(bd.Spring(site.name("tie"), *ends, _stiffness(site), _damping(site)))
 
 
 def beam_effects(site: Site) -> None:

@@ -313,7 +313,7 @@ def bow(damping=1e-4, draw=150.0, hold=0.3):
         line = bd.Line((0.0, 0.1 * side), (-0.05, 0.7 * side))
         limb = mech.add(bd.Beam(f"{name} limb", line, strip, elements=2))
         mech.add(bd.Weld(f"{name} grip", ground.at(0.0, 0.1 * side), limb.start))
-        mech.add(bd.SpringDamper(f"{name} string", limb.end, nock.point, **string))
+        mech.add(bd.Spring(f"{name} string", limb.end, nock.point, **string))
         _observe_bend(mech, limb, f"{name} bend")
         mech.observe(f"{name} tip", limb.end)
     for body in (nock, arrow):

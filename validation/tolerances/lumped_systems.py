@@ -65,7 +65,7 @@ def kapitza(frequency=30.0, amplitude=0.03, damping=0.002):
     drive = bd.TranslationalDriver("shaker", ground, slider.point, law, direction=(0.0, 1.0))
     mech.add(drive)
     mech.add(bd.Revolute("pivot", slider.point, rod.at(0.0, 0.0)))
-    mech.add(bd.TorsionDamper("bearing", ground, rod.at(0.0, 0.0), damping))
+    mech.add(bd.TorsionSpring("bearing", ground, rod.at(0.0, 0.0), damping=damping))
     mech.observe("rod", rod.at(*top))
     mech.observe("shaker", drive.drive)
     return mech
@@ -196,7 +196,7 @@ def driven_pendulum(torque=0.6, frequency=0.55, damping=0.05):
     rod = mech.add(bd.RigidBody.rod("rod", (0.0, 0.0), (0.0, -1.0), mass=1.0))
     ground = mech.ground.at(0.0, 0.0)
     joint = mech.add(bd.Revolute("hinge", ground, rod.at(0.0, 0.0)))
-    mech.add(bd.TorsionDamper("bearing", ground, rod.at(0.0, 0.0), damping))
+    mech.add(bd.TorsionSpring("bearing", ground, rod.at(0.0, 0.0), damping=damping))
     mech.add(bd.Moment("shaker", rod.at(0.0, 0.0), bd.sine(torque, frequency)))
     mech.observe("tip", rod.at(0.0, -1.0))
     mech.observe("hinge", joint.reaction)

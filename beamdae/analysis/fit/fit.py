@@ -177,7 +177,7 @@ def fit(
     ... def oscillator(stiffness=30.0):
     ...     mech = bd.Mechanism()
     ...     mass = mech.add(bd.PointMass("mass", 1.0, at=(1.0, 0.0), velocity=(0.2, 0.0)))
-    ...     mech.add(bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), mass.point, stiffness))
+    ...     mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), mass.point, stiffness))
     ...     mech.observe("mass", mass.point)
     ...     return mech
     >>> t = np.linspace(0.0, 1.0, 21)

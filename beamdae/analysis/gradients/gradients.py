@@ -200,7 +200,7 @@ def gradient(
     ... def oscillator(stiffness=40.0, speed=0.2):
     ...     mech = bd.Mechanism()
     ...     mass = mech.add(bd.PointMass("mass", 1.0, at=(1.0, 0.0), velocity=(speed, 0.0)))
-    ...     mech.add(bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), mass.point, stiffness))
+    ...     mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), mass.point, stiffness))
     ...     mech.observe("mass", mass.point)
     ...     return mech
     >>> method = bd.GeneralizedAlpha(step=1e-3)

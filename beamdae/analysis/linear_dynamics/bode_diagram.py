@@ -277,7 +277,7 @@ def bode(
     >>> mass = mech.add(bd.PointMass("mass", 2.0, at=(1.0, 0.0)))
     >>> rail = mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), mass.point))
     >>> ends = mech.ground.at(0.0, 0.0), mass.point
-    >>> spring = mech.add(bd.SpringDamper("spring", *ends, stiffness=200.0, damping=1.0))
+    >>> spring = mech.add(bd.Spring("spring", *ends, stiffness=200.0, damping=1.0))
     >>> push = mech.add(bd.Force("push", mass.point, (0.0, 0.0)))
     >>> mech.observe("mass", mass.point)
     >>> diagram = bd.bode(bd.linearize(mech, inputs=["push"], outputs=["mass.x"]))

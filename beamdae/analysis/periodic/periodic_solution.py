@@ -152,7 +152,7 @@ def periodic(
     >>> mass = mech.add(bd.PointMass("mass", 1.0, at=(1.0, 0.0)))
     >>> rail = mech.add(bd.PointOnLine("rail", mech.ground.at(1.0, 0.0), mass.point, (1.0, 0.0)))
     >>> wall = mech.ground.at(0.0, 0.0)
-    >>> spring = mech.add(bd.SpringDamper("spring", wall, mass.point, 9.0, 0.5))
+    >>> spring = mech.add(bd.Spring("spring", wall, mass.point, 9.0, 0.5))
     >>> load = mech.add(bd.Force("load", mass.point, (bd.sine(1.0, frequency=0.3), 0.0)))
     >>> mech.observe("mass", mass.point)
     >>> motion = bd.periodic(mech, period=1.0 / 0.3)

@@ -175,7 +175,7 @@ def periodic_sensitivities(
     ...     rail = mech.ground.at(1.0, 0.0)
     ...     mech.add(bd.PointOnLine("rail", rail, mass.point, (1.0, 0.0)))
     ...     wall = mech.ground.at(0.0, 0.0)
-    ...     mech.add(bd.SpringDamper("spring", wall, mass.point, stiffness, 0.5))
+    ...     mech.add(bd.Spring("spring", wall, mass.point, stiffness, 0.5))
     ...     mech.add(bd.Force("load", mass.point, (bd.sine(1.0, frequency=0.3), 0.0)))
     ...     mech.observe("mass", mass.point)
     ...     return mech

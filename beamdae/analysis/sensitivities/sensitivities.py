@@ -288,7 +288,7 @@ def sensitivities(
     ... def oscillator(stiffness=40.0):
     ...     mech = bd.Mechanism()
     ...     mass = mech.add(bd.PointMass("mass", 1.0, at=(1.0, 0.0), velocity=(0.2, 0.0)))
-    ...     mech.add(bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), mass.point, stiffness))
+    ...     mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), mass.point, stiffness))
     ...     mech.observe("mass", mass.point)
     ...     return mech
     >>> result = bd.sensitivities(oscillator, "stiffness", bd.GeneralizedAlpha(step=1e-3))

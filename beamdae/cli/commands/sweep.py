@@ -243,7 +243,7 @@ def _create_report(results: StudyResults) -> StudyReport:
     sweep, table = swept.sweep, swept.table
     shown: dict[str, Any] = {"completion": results.describe_completion(sweep.cases)}
     responses = [list(panel.lines.values()) for panel in swept.panels()]
-    cases = text_tables.sweep_table(table, swept.parameters, responses, sweep.units)
+    cases = text_tables.sweep_table(table, swept.parameters, responses)
     shown |= first_cases("cases", cases)
     data = {
         "sweep": sweep.name,

@@ -67,7 +67,7 @@ class Bushing(ForceElement):
         Formula `law(deformation, rate)` in place of the coefficients, with the deformation
         (x, y, rotation) [m, m, rad] and its rate. The law returns (Fx, Fy, M) [N, N, N m], which
         oppose an increase of the deformation. The energy balance treats the law as in
-        `SpringDamper`.
+        `Spring`.
     energy
         Potential [J] of the law at zero rate, a formula of the deformation.
 

@@ -22,10 +22,17 @@ from beamdae.symbolic.signals import as_expression, find_other_symbols
 from beamdae.symbolic.statements import SX
 from beamdae.symbolic.table_calls import inside_formula
 
-# Operations with jumps; np.maximum and np.abs only have kinks.
-_JUMP_OPERATIONS = {
-    getattr(ca, f"OP_{name}"): name.lower()
-    for name in ("LT", "LE", "EQ", "NE", "IF_ELSE_ZERO", "FLOOR", "CEIL", "FMOD", "SIGN")
+# Operations with jumps, as users write them; np.maximum and np.abs only have kinks.
+JUMP_OPERATIONS = {
+    ca.OP_LT: "<",
+    ca.OP_LE: "<=",
+    ca.OP_EQ: "==",
+    ca.OP_NE: "!=",
+    ca.OP_IF_ELSE_ZERO: "np.where",
+    ca.OP_FLOOR: "np.floor",
+    ca.OP_CEIL: "np.ceil",
+    ca.OP_FMOD: "np.fmod",
+    ca.OP_SIGN: "np.sign",
 }
 _SMOOTH_ALTERNATIVES = (
     "bd.positive_part(x) for one-sided terms and bd.smooth_sign(x, scale) for signs"
@@ -34,7 +41,7 @@ _PERIODIC_ALTERNATIVE = (
     "for values that repeat with an angle or time, a sum of np.sin and np.cos or a table with "
     "outside='repeat'"
 )
-_PERIODIC_OPERATIONS = ("floor", "fmod")
+_PERIODIC_OPERATIONS = ("np.floor", "np.fmod")
 _VECTOR_ADVICE = (
     "Use vectors of equal length, or write their product by components, such as "
     "a[0] * b[0] + a[1] * b[1]."
@@ -124,7 +131,7 @@ def require_continuous_formula(
             "without nan, float, int or functions of math."
         )
     operations = [code for code, _, _ in instructions]
-    jumps = [name for operation, name in _JUMP_OPERATIONS.items() if operation in operations]
+    jumps = [name for operation, name in JUMP_OPERATIONS.items() if operation in operations]
     if jumps:
         is_periodic = any(x in jumps for x in _PERIODIC_OPERATIONS)
         raise BeamdaeError(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
@@ -69,8 +69,8 @@ class _SpringLaw(ForceElement):
 
 
 @dataclass(frozen=True, eq=False)
-class SpringDamper(_SpringLaw):
-    """Parallel spring and damper along the line between two points.
+class Spring(_SpringLaw):
+    """Spring, damper or both in parallel, along the line between two points.
 
     The force is stiffness * e + damping * e' + preload, where e is the elongation beyond the free
     length; tension is positive and pulls the points together. The potential is part of the strain
@@ -117,7 +117,7 @@ class SpringDamper(_SpringLaw):
     >>> mech = bd.Mechanism(gravity=(0.0, -9.81))
     >>> ball = mech.add(bd.PointMass("ball", 0.2, at=(0.0, -1.0)))
     >>> top = mech.ground.at(0.0, 0.0)
-    >>> strut = bd.SpringDamper("strut", top, ball.point, stiffness=50.0, damping=0.1)
+    >>> strut = bd.Spring("strut", top, ball.point, stiffness=50.0, damping=0.1)
     >>> mech.observe("strut", mech.add(strut).force)
     """
 
@@ -172,66 +172,8 @@ class SpringDamper(_SpringLaw):
 
 
 @dataclass(frozen=True, eq=False)
-class Spring(SpringDamper):
-    """`SpringDamper` without a damping coefficient.
-
-    Parameters
-    ----------
-    name
-        Unique name.
-    a, b
-        The two points.
-    stiffness
-        Stiffness [N/m].
-    free_length
-        Free length [m]. Defaults to the distance between the points in the reference configuration.
-    preload
-        Tension at the free length [N].
-    law, energy
-        As in `SpringDamper`.
-
-    Raises
-    ------
-    BeamdaeError
-        As in `SpringDamper`.
-    """
-
-    damping: float = field(default=0.0, init=False, repr=False)
-
-
-@dataclass(frozen=True, eq=False)
-class Damper(SpringDamper):
-    """`SpringDamper` without stiffness: `damping` [N s/m], or a law of elongation and rate.
-
-    The `elongation` is measured from the length in the reference configuration.
-
-    Parameters
-    ----------
-    name
-        Unique name.
-    a, b
-        The two points, which must not coincide in the reference configuration.
-    damping
-        Damping coefficient [N s/m].
-    law
-        Tension [N] as a formula `law(elongation, rate)` in place of the coefficient, as in
-        `SpringDamper`.
-
-    Raises
-    ------
-    BeamdaeError
-        As in `SpringDamper`.
-    """
-
-    stiffness: float = field(default=0.0, init=False, repr=False)
-    free_length: float | None = field(default=None, init=False, repr=False)
-    preload: float = field(default=0.0, init=False, repr=False)
-    energy: Callable[..., Any] | None = field(default=None, init=False, repr=False)
-
-
-@dataclass(frozen=True, eq=False)
 class TorsionSpring(_SpringLaw):
-    """Torsion spring and damper between two bodies.
+    """Torsion spring, damper or both between two bodies.
 
     The moment stiffness * phi + damping * phi' + preload opposes an increase of phi, the rotation
     of the body of `b` relative to the body of `a` from the reference configuration, minus the free
@@ -253,7 +195,7 @@ class TorsionSpring(_SpringLaw):
     preload
         Moment at the free angle [N m].
     law, energy
-        As in `SpringDamper`, for the moment [N m] as a function of angle [rad] and rate [rad/s] and
+        As in `Spring`, for the moment [N m] as a function of angle [rad] and rate [rad/s] and
         the potential [J] as a function of the angle.
 
     Raises
@@ -261,7 +203,7 @@ class TorsionSpring(_SpringLaw):
     BeamdaeError
         If `name` is invalid, `a` or `b` is not an attachment or is a particle, neither can move, a
         coefficient is negative or not finite, or `free_angle` or `preload` is not finite. The
-        errors of `law` and `energy` are those of `SpringDamper`.
+        errors of `law` and `energy` are those of `Spring`.
 
     Examples
     --------
@@ -301,31 +243,3 @@ class TorsionSpring(_SpringLaw):
     def angle(self) -> Quantity:
         """Relative rotation beyond the free angle [rad]."""
         return self.observe(DeformationValues, (Variable("", "rad"),))
-
-
-@dataclass(frozen=True, eq=False)
-class TorsionDamper(TorsionSpring):
-    """`TorsionSpring` without stiffness: `damping` [N m s/rad], or a law of angle and rate.
-
-    Parameters
-    ----------
-    name
-        Unique name.
-    a, b
-        A point of each of the two bodies.
-    damping
-        Torsional damping coefficient [N m s/rad].
-    law
-        Moment [N m] as a formula `law(angle, rate)` in place of the coefficient, as in
-        `TorsionSpring`; the angle [rad] is measured from the reference configuration.
-
-    Raises
-    ------
-    BeamdaeError
-        As in `TorsionSpring`.
-    """
-
-    stiffness: float = field(default=0.0, init=False, repr=False)
-    free_angle: float = field(default=0.0, init=False, repr=False)
-    preload: float = field(default=0.0, init=False, repr=False)
-    energy: Callable[..., Any] | None = field(default=None, init=False, repr=False)

@@ -108,7 +108,8 @@ class Driver(DrivenJoint):
         Any points of two different bodies, one of which may be the ground; neither may be a
         particle. The bearing is a separate joint.
     law
-        Angle [rad]: a number, a function of t [s] or a `Law`.
+        Angle [rad]: a function of t [s], a `Law`, or a number, which holds it. For a constant
+        speed, pass `lambda t: speed * t`; `run_up` begins at rest.
 
     Raises
     ------

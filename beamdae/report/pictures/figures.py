@@ -46,6 +46,7 @@ _LEGEND_LETTER_WIDTH = 0.075  # approximate width of a letter [inch]
 _LEGEND_LINE_WIDTH = 0.8  # width of the line beside a legend entry [inch]
 _LEGEND_ROW_HEIGHT = 0.19  # [inch]
 MAX_PANELS = 12
+_MAX_DEFAULT_PANELS = 6  # more are too small to read on a screen
 # Largest number of ticks for which numbers with six digits do not overlap.
 _MAX_HORIZONTAL_TICKS = 5
 _RESOLUTION = 150  # of picture files [dots per inch]
@@ -60,10 +61,10 @@ _MIN_RELATIVE_RANGE = 1e-9  # relative to the largest range of the columns with 
 _ROUNDING = 1e-15  # relative to the largest range of all columns
 
 
-def mask_huge_values(table: Columns) -> dict[str, Array]:
-    """Return the columns of a table with nan in place of values that are too large to draw."""
-    columns = {name: np.asarray(table[name], float) for name in map(str, table)}
-    return {name: np.where(np.abs(x) < MAX_DRAWABLE, x, np.nan) for name, x in columns.items()}
+def mask_huge_values(values: Any) -> Array:
+    """Return values with nan in place of those that are too large to draw."""
+    numbers = np.asarray(values, float)
+    return np.where(np.abs(numbers) < MAX_DRAWABLE, numbers, np.nan)
 
 
 def varying_columns(table: Columns) -> list[str]:
@@ -78,13 +79,11 @@ def varying_columns(table: Columns) -> list[str]:
         for c in observed_columns(table)
         if not (Header.of(c).suffix.endswith("_dot") or is_derivative(c))
     ]
-    values = {c: np.asarray(table[c], float) for c in columns}
-    columns = [c for c in columns if not np.isnan(values[c]).all()]
-    size = {c: float(np.nanmax(values[c]) - np.nanmin(values[c])) for c in columns}
+    size = {c: x for c in columns if not np.isnan(x := _range(table[c]))}
     largest = _largest_with_unit(size)
     rounding = _ROUNDING * max(size.values(), default=0.0)
-    limits = {c: max(_MIN_RELATIVE_RANGE * largest[c], rounding) for c in columns}
-    return [c for c in columns if size[c] > limits[c]] or columns
+    limits = {c: max(_MIN_RELATIVE_RANGE * largest[c], rounding) for c in size}
+    return [c for c in size if size[c] > limits[c]] or list(size)
 
 
 def characteristic_columns(table: Columns) -> list[str]:
@@ -107,6 +106,12 @@ def characteristic_columns(table: Columns) -> list[str]:
     return sorted(columns, key=lambda c: size[c] < _MINOR_RANGE * largest[c])[:3]
 
 
+def select_default(table: Columns) -> list[str]:
+    """Return up to six columns that vary, those that characterize a result first."""
+    columns = dict.fromkeys([*characteristic_columns(table), *varying_columns(table)])
+    return list(columns)[:_MAX_DEFAULT_PANELS]
+
+
 def _largest_with_unit(size: Mapping[str, float]) -> dict[str, float]:
     """Return the largest size of the columns with the same unit, for each column.
 
@@ -118,9 +123,10 @@ def _largest_with_unit(size: Mapping[str, float]) -> dict[str, float]:
 
 
 def _range(values: Any) -> float:
+    """Return the range of the values that can be drawn; nan if there are none."""
     values = np.asarray(values, float)
-    finite = values[np.isfinite(values)]
-    return float(np.ptp(finite)) if len(finite) else 0.0
+    numbers = values[np.abs(values) < MAX_DRAWABLE]
+    return float(np.ptp(numbers)) if len(numbers) else np.nan
 
 
 def create_panels(
@@ -245,10 +251,9 @@ def draw_panels(
     figure, axes = create_panels(len(panels), title, what, x_label)
     for axis, panel in zip(axes, panels, strict=False):
         for x, y, style in panel.lines:
-            shown = mask_huge_values({"x": x, "y": y})
             # A line through a single point would be invisible.
-            looks: dict[str, Any] = {"marker": "o", "ms": 4} if len(shown["x"]) == 1 else {}
-            axis.plot(shown["x"], shown["y"], **(looks | dict(style)))
+            looks: dict[str, Any] = {"marker": "o", "ms": 4} if len(x) == 1 else {}
+            axis.plot(mask_huge_values(x), mask_huge_values(y), **(looks | dict(style)))
         axis.set(xscale=panel.scales[0], yscale=panel.scales[1])
         format_axis(axis, shorten_text(panel.title, _PANEL_TITLE_LETTERS), panel.label)
         if panel.abscissa is not None:

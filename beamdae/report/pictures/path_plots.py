@@ -14,8 +14,7 @@ from beamdae.report.pictures.figures import (
     COLORS,
     Panel,
     draw_panels,
-    mask_huge_values,
-    varying_columns,
+    select_default,
 )
 from beamdae.results.columns import (
     Header,
@@ -37,7 +36,7 @@ Array = np.ndarray
 _MIN_RANGE = 1e-9
 _PEAK = {"color": COLORS[1], "ls": "", "marker": "o", "ms": 4}
 _UNSTABLE_DASHES = (0, (3, 2))
-_CRITICAL_MARKERS = {"limit point": "o", "branch point": "s", "flutter point": "^"}
+_MARKERS = {"limit point": "o", "branch point": "s", "flutter point": "^", "stopped": "x"}
 
 
 def plot_path(equilibrium: Equilibrium, names: Sequence[str], x: str | None = None) -> Plot:
@@ -50,8 +49,8 @@ def create_path_figure(
 ) -> Figure:
     """Plot the load factor over columns, or columns over the column `x`.
 
-    Without names, the columns are the observed ones that vary, except rates; if only `x` varies,
-    the load factor is plotted over it. The path is dashed where it is unstable.
+    Without names, the columns are up to six that vary; if only `x` varies, the load
+    factor is plotted over it. The path is dashed where it is unstable.
     """
     columns = merge_columns(equilibrium.columns, equilibrium.coordinate_columns())
     factors, over, header = equilibrium.factors.sum(axis=1), equilibrium.over, equilibrium.header
@@ -66,9 +65,9 @@ def create_path_figure(
     # The name of an observable selects the abscissa, too.
     chosen = [c for c in chosen if x is None or c != abscissa] or chosen
     if not chosen:
-        observed = mask_huge_values(equilibrium.columns)
-        chosen = [c for c in varying_columns(observed) if _is_varying(equilibrium, c)]
-        chosen = [c for c in chosen if c != abscissa]
+        observed = equilibrium.columns.items()
+        varying = {c: y for c, y in observed if c != abscissa and _is_varying(equilibrium, c)}
+        chosen = select_default(varying)
     if not chosen and abscissa is not None:
         chosen, abscissa = [abscissa], None
     columns = {**columns, header: factors}
@@ -76,8 +75,9 @@ def create_path_figure(
     stable, unstable = ({"color": COLORS[0], "lw": 1.2, "ls": x} for x in ("-", _UNSTABLE_DASHES))
     entries: dict[str, dict[str, Any]] = {} if all(is_unstable) else {"stable": stable}
     entries |= {"unstable": unstable} if any(is_unstable) else {}
-    for point in equilibrium.critical:
-        entries.setdefault(point.kind, _marker_style(point.kind))
+    marks = mark_rows(equilibrium)
+    for kind in marks.values():
+        entries[kind] = {"marker": _MARKERS[kind], "color": COLORS[3], "ls": "", "ms": 4}
     panels = []
     for name in chosen:
         horizontal, vertical = (name, header) if abscissa is None else (abscissa, name)
@@ -87,7 +87,7 @@ def create_path_figure(
             rows = list(segments)
             part = slice(rows[0], rows[-1] + 2)
             lines.append((u[part], v[part], unstable if dashed else stable))
-        lines += [(u[[x.row]], v[[x.row]], entries[x.kind]) for x in equilibrium.critical]
+        lines += [(u[[row]], v[[row]], entries[kind]) for row, kind in marks.items()]
         panels.append(Panel("", vertical, lines, (horizontal, vertical)))
     return draw_panels(panels, title, entries if panels else {}, x_label=None)
 
@@ -107,8 +107,11 @@ def _find_unstable_segments(equilibrium: Equilibrium) -> list[bool]:
     return segments
 
 
-def _marker_style(kind: str) -> dict[str, Any]:
-    return {"marker": _CRITICAL_MARKERS[kind], "color": COLORS[3], "ls": "", "ms": 4}
+def mark_rows(equilibrium: Equilibrium) -> dict[int, str]:
+    """Return the kinds of the critical points, and "stopped" where a path ended early, by row."""
+    is_complete = equilibrium.status.success
+    stop = {} if is_complete else {len(equilibrium.factors) - 1: "stopped"}
+    return stop | {point.row: point.kind for point in equilibrium.critical}
 
 
 def _is_varying(equilibrium: Equilibrium, column: str) -> bool:
@@ -144,12 +147,12 @@ def create_response_figure(
 ) -> Figure:
     """Plot half ranges of observed columns over the parameter.
 
-    Without names, the columns are those that vary, except rates.
+    Without names, the columns are up to six that vary.
     """
     if not names:
         curves = {c: response.curve(c)[1] for c in response.points[0].solution.columns}
-        names = varying_columns(mask_huge_values(curves))
-        names = [x for x in names if x not in response.resting_columns] or names
+        moving = {c: y for c, y in curves.items() if c not in response.resting_columns}
+        names = select_default(moving or curves)
     panels = [_create_response_panel(response, name, x) for name in names]
     return draw_panels(panels, title, x_label=None)
 

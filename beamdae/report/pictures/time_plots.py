@@ -22,7 +22,6 @@ from beamdae.report.pictures.figures import (
     Panel,
     characteristic_columns,
     draw_panels,
-    mask_huge_values,
     varying_columns,
 )
 from beamdae.report.text import shorten_text
@@ -327,7 +326,7 @@ def create_run_figure(table: Columns, title: str) -> Figure:
     remain, energies are plotted. Columns of the same observable and unit share a panel.
     """
     groups: dict[tuple[str, str], list[str]] = {}
-    names = varying_columns(mask_huge_values(table))
+    names = varying_columns(table)
     for column in names or [c for c in map(str, table) if c in LEDGER_COLUMNS]:
         header = Header.of(column)
         groups.setdefault((header.name, header.unit), []).append(column)

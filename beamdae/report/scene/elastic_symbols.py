@@ -18,7 +18,7 @@ from beamdae.report.scene.shapes import align_points, circle, hatched_line, join
 if TYPE_CHECKING:
     from beamdae.parts.forces.bushing import Bushing
     from beamdae.parts.forces.contact import Contact
-    from beamdae.parts.forces.springs import SpringDamper, TorsionSpring
+    from beamdae.parts.forces.springs import Spring, TorsionSpring
     from beamdae.parts.forces.surfaces import CircleSurface
 
 Array = np.ndarray
@@ -44,13 +44,11 @@ _SURFACE_HATCHES = 36
 _SURFACE_CORNERS = 90
 
 
-def draw_spring_damper(part: SpringDamper, builder: SceneBuilder) -> int:
+def draw_spring_damper(part: Spring, builder: SceneBuilder) -> int:
     """Draw a coil, a dashpot or both side by side, or a spiral if the points stay close."""
-    from beamdae.parts.forces.springs import Damper
-
     a, b = builder.add_attachment(part.a), builder.add_attachment(part.b)
     longest = np.max(np.hypot(*builder.relative_position(a, b).T))
-    has_damper = isinstance(part, Damper) or part.damping > 0.0
+    has_damper = part.damping > 0.0
     if longest < _COINCIDENT_DISTANCE * builder.size:
         builder.add_between("spring", a, b, _spiral())
     elif has_damper and part.stiffness > 0.0:
@@ -99,13 +97,10 @@ def _spiral() -> Array:
 
 def draw_torsion_spring(part: TorsionSpring, builder: SceneBuilder) -> int:
     """Draw a spiral, or a drum with a vane for a damper, and a line between distant points."""
-    from beamdae.parts.forces.springs import TorsionDamper
-
     a, b = builder.add_attachment(part.a), builder.add_attachment(part.b)
     # The moment depends only on the angles of the bodies; the part is drawn at the first point.
     inner = builder.add_pose(np.column_stack([builder.pose(a)[:, :2], builder.pose(b)[:, 2]]))
-    has_damper = isinstance(part, TorsionDamper) or part.damping > 0.0
-    if has_damper and part.stiffness == 0.0:
+    if part.damping > 0.0 and part.stiffness == 0.0:
         angle = np.linspace(_DRUM_HALF_OPENING, 2.0 * math.pi - _DRUM_HALF_OPENING, _SPIRAL_POINTS)
         drum = _DRUM_RADIUS * np.column_stack([np.cos(angle), np.sin(angle)])
         builder.add_rigid("damper", a, drum)

@@ -100,7 +100,10 @@ class ResponsiveTable:
         ends = accumulate(least[1:], initial=preferred)
         count = max(sum(end <= available for end in ends), min(2, len(columns)))
         first_width = max(_MIN_FIRST_COLUMN_WIDTH, min(widths[0], available - sum(least[1:count])))
-        table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
+        used = first_width + sum(_COLUMN_GAP + width for width in widths[1:count])
+        is_wrapped = any(folded[:count]) and used > available
+        padding = (0, 1, 0, 0)
+        table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=padding, show_lines=is_wrapped)
         name = Text(shorten_to_cells(columns[0][0], first_width))
         table.add_column(name, no_wrap=True, width=first_width)
         for header, width, folds in list(zip(headers, widths, folded, strict=True))[1:count]:

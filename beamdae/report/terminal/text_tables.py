@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from beamdae.accuracy.errors import Errors
+    from beamdae.results.solution import Solution
     from beamdae.results.step_extremes import StepExtremes
 
     # A table by header.
@@ -33,23 +34,26 @@ _CAUSES = {
 }
 # Settings of runs that are shown in separate rows, or only in files.
 _OTHER_SETTINGS = {"integrator", "amplitudes", "limited_by", "orders", "error_test_failures"}
-# Headers of the columns of a comparison in the terminal, the most important ones first.
-_COMPARISON_COLUMNS = {
-    "label": "integrator",
-    "error [-]": "error [-]",
-    "wall time [s]": "wall [s]",
-    "status": "status",
-    "steps": "steps",
-    "energy imbalance [-]": "energy imbalance",
-    "wall time min [s]": "least [s]",
-    "wall time max [s]": "most [s]",
-    "max position drift": "position drift",
-    "measured error [-]": "measured error [-]",
-    "Jacobian calls": "Jacobian calls",
-    "rejected steps": "rejected",
-    "residual calls": "residual calls",
-    "max velocity drift": "velocity drift",
-    "events": "events",
+# Columns of the case table of a study that the terminal and pages show, the most important ones
+# first: label, unit and kind by header, of results and of the solver.
+RESULT_COLUMNS = {
+    "label": ("integrator", "", "text"),
+    "error [-]": ("error", "-", "error"),
+    "wall time [s]": ("wall time", "s", "cost"),
+    "status": ("status", "", "status"),
+    "wall time min [s]": ("wall min", "s", "number"),
+    "wall time max [s]": ("wall max", "s", "number"),
+    "events": ("events", "", "text"),
+}
+SOLVER_COLUMNS = {
+    "steps": ("steps", "", "number"),
+    "energy imbalance [-]": ("energy imbalance", "-", "number"),
+    "max position drift": ("position drift", "", "number"),
+    "rejected steps": ("rejected", "", "number"),
+    "Jacobian calls": ("Jacobians", "", "number"),
+    "residual calls": ("residuals", "", "number"),
+    "max velocity drift": ("velocity drift", "", "number"),
+    "reached [s]": ("reached", "s", "number"),
 }
 
 
@@ -91,14 +95,11 @@ def table_of(
     return ResponsiveTable(headers, texts, source)
 
 
-def run_facts(summary: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[str, str]:
-    """Return texts about status, cost and accuracy of a run, by topic.
+def run_facts(solution: Solution) -> dict[str, str]:
+    """Return texts about status, cost, accuracy and events of a run, by topic."""
+    from beamdae.results.event_records import describe_events
 
-    Parameters
-    ----------
-    summary, settings
-        `Solution.summary()` and `Solution.integrator`.
-    """
+    summary, settings, equations = solution.summary(), solution.integrator, solution.equations
     s = {name: format_number(value) for name, value in summary.items()}
     options = ", ".join(
         f"{name}={format_number(value)}"
@@ -122,6 +123,9 @@ def run_facts(summary: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[s
         "drift": f"{s['max_position_drift']} in positions, {s['max_velocity_drift']} in velocities",
         "residual": f"{s['max_residual']} of the largest force",
         "energy imbalance": f"{s['energy_imbalance']} of the energy exchanged",
+        "events": describe_events(equations, solution.trajectory, solution.event_records)
+        if equations.events
+        else "",
     }
     return {topic: text for topic, text in facts.items() if text}
 
@@ -203,11 +207,13 @@ def column_extremes(
 
 def comparison_table(table: pd.DataFrame) -> ResponsiveTable:
     """Return the comparison table of a study; errors below the resolution are bounds."""
-    shown = table[[name for name in _COMPARISON_COLUMNS if name in table]].astype(object)
+    columns = {name: x for name, x in (RESULT_COLUMNS | SOLVER_COLUMNS).items() if name in table}
+    shown = table[list(columns)].astype(object)
     if "below resolution" in table:
         for k in table.index[table["below resolution"].fillna(False)]:
             shown.loc[k, "error [-]"] = f"< {format_number(table.loc[k, 'error bound [-]'])}"
-    return table_of(shown.rename(columns=_COMPARISON_COLUMNS), "cases.csv", digits=3)
+    headers = {name: f"{x} [{unit}]" if unit else x for name, (x, unit, _) in columns.items()}
+    return table_of(shown.rename(columns=headers), "cases.csv", digits=3)
 
 
 def format_headers(units: Mapping[str, str]) -> dict[str, str]:
@@ -220,10 +226,7 @@ def format_headers(units: Mapping[str, str]) -> dict[str, str]:
 
 
 def sweep_table(
-    table: pd.DataFrame,
-    parameters: Sequence[str],
-    responses: Sequence[Sequence[str]],
-    units: Mapping[str, str] | None = None,
+    table: pd.DataFrame, parameters: Sequence[str], responses: Sequence[Sequence[str]]
 ) -> ResponsiveTable:
     """Return a table of the parameters, status and responses of each run of a sweep.
 
@@ -253,7 +256,7 @@ def sweep_table(
     ranks = ranges.rank("first", ascending=False, na_option="bottom")
     ordered = sorted(outputs, key=lambda x: (groups[x] not in nonzero, ranks[x]))
     names = dict.fromkeys([*(varied or parameters), "status", *ordered, *parameters])
-    return table_of(rounded[list(names)].rename(columns=format_headers(units or {})), "sweep.csv")
+    return table_of(rounded[list(names)], "sweep.csv")
 
 
 def failure_sentences(table: pd.DataFrame) -> list[str]:

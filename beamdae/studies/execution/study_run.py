@@ -24,7 +24,7 @@ from beamdae.results.columns import observed_columns, select_observed_columns
 from beamdae.results.outcome import REACHED_END, Status
 from beamdae.results.storage.files import write_escaped_table
 from beamdae.studies.case import Case, DigestCache
-from beamdae.studies.case_summaries import summarize_cases, summarize_mesh_study
+from beamdae.studies.case_summaries import summarize_cases
 from beamdae.studies.case_table import assemble_case_table, tabulate_case
 from beamdae.studies.definition import Study
 from beamdae.studies.execution.executors import TaskExecutor
@@ -369,7 +369,7 @@ def _evaluate_outcomes(
         study,
         folder,
         table,
-        summarize_cases(table) if study.over is None else summarize_mesh_study(table, study.over),
+        summarize_cases(table, study.over_header),
         references,
         outcomes,
         frames,

@@ -17,7 +17,7 @@ Array = np.ndarray
 @read_only_data
 @dataclass(frozen=True)
 class GridAxis:
-    """Axis of a grid of cases.
+    """Values of a parameter of a sweep.
 
     Attributes
     ----------
@@ -32,6 +32,18 @@ class GridAxis:
     name: str
     values: tuple[Any, ...]
     is_numeric: bool
+
+    @classmethod
+    def of(cls, name: str, settings: Sequence[Mapping[str, Any]]) -> GridAxis:
+        """Return the axis of a parameter of the cases."""
+        values = list({repr(x[name]): x[name] for x in settings}.values())
+        is_numeric = all(isinstance(x, (int, float)) and not isinstance(x, bool) for x in values)
+        return cls(name, tuple(sorted(values) if is_numeric else values), is_numeric)
+
+    def locate(self, settings: Sequence[Mapping[str, Any]]) -> list[int]:
+        """Return the index of the value of each case."""
+        indices = {repr(x): k for k, x in enumerate(self.values)}
+        return [indices[repr(setting[self.name])] for setting in settings]
 
 
 @read_only_data
@@ -52,17 +64,10 @@ class ParameterGrid:
     positions: Array
 
     @classmethod
-    def of(cls, settings: Sequence[Mapping[str, Any]], varied: Sequence[str]) -> ParameterGrid:
+    def of(cls, settings: Sequence[Mapping[str, Any]], axes: tuple[GridAxis, ...]) -> ParameterGrid:
         """Return the grid of the parameter values `settings` of the cases."""
-        axes = tuple(_create_axis(x, [setting[x] for setting in settings]) for x in varied)
-        indices = [{repr(x): k for k, x in enumerate(axis.values)} for axis in axes]
-        positions = np.array(
-            [
-                [index[repr(setting[axis.name])] for axis, index in zip(axes, indices, strict=True)]
-                for setting in settings
-            ],
-            int,
-        ).reshape(len(settings), len(axes))
+        columns = [axis.locate(settings) for axis in axes]
+        positions = np.array(columns, int).reshape(len(axes), len(settings)).T
         size = math.prod(len(axis.values) for axis in axes)
         if size == len(settings) == len(np.unique(positions, axis=0)):
             return cls(axes, positions)
@@ -89,9 +94,3 @@ class ParameterGrid:
             nodes = np.linspace(0, len(axis.values) - 1, count).round().astype(int)
             is_in_sample &= np.isin(self.positions[:, k], nodes)
         return set(np.flatnonzero(is_in_sample).tolist())
-
-
-def _create_axis(name: str, values: Sequence[Any]) -> GridAxis:
-    distinct = list({repr(x): x for x in values}.values())
-    is_numeric = all(isinstance(x, (int, float)) and not isinstance(x, bool) for x in distinct)
-    return GridAxis(name, tuple(sorted(distinct) if is_numeric else distinct), is_numeric)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -31,7 +31,7 @@ from beamdae.studies.case import (
 from beamdae.studies.definition import Study
 from beamdae.studies.run_values import MEASURED_ERROR_COLUMN, WALL_TIME_COLUMN
 from beamdae.studies.store.fingerprints import FingerprintError, digest
-from beamdae.studies.sweeps.parameter_grid import ParameterGrid
+from beamdae.studies.sweeps.parameter_grid import GridAxis, ParameterGrid
 from beamdae.studies.tasks import Task
 
 Output = Callable[[Solution], Any]
@@ -78,7 +78,8 @@ class ParameterStudy(Study):
     settings: tuple[Mapping[str, Any], ...] = ()
 
     def __post_init__(self) -> None:
-        set_fields(self, outputs=_require_outputs(self.name, self.outputs, self.parameters))
+        columns = {*RESERVED_COLUMNS, *self.parameters, *map(self.header, self.parameters)}
+        set_fields(self, outputs=_require_outputs(self.name, self.outputs, columns))
         super().__post_init__()
 
     @property
@@ -87,13 +88,15 @@ class ParameterStudy(Study):
         return list(dict.fromkeys(name for setting in self.settings for name in setting))
 
     @cached_property
-    def varied(self) -> list[str]:
+    def axes(self) -> dict[str, GridAxis]:
+        """Values of the parameters with more than one value, by name."""
+        axes = (GridAxis.of(name, self.settings) for name in self.parameters)
+        return {axis.name: axis for axis in axes if len(axis.values) > 1}
+
+    @property
+    def varied(self) -> tuple[str, ...]:
         """Names of the parameters with more than one value."""
-        return [
-            name
-            for name in self.parameters
-            if len({repr(setting[name]) for setting in self.settings}) > 1
-        ]
+        return tuple(self.axes)
 
     @cached_property
     def units(self) -> dict[str, str]:
@@ -101,10 +104,15 @@ class ParameterStudy(Study):
         described = self.cases[0].model.parameter_info
         return {name: described[name].unit for name in self.parameters if name in described}
 
+    def header(self, name: str) -> str:
+        """Return the header of a parameter in tables, with its unit, such as "speed [rad/s]"."""
+        prefix = "parameter " if name in RESERVED_COLUMNS else ""
+        return prefix + self.cases[0].model.header(name)
+
     @cached_property
     def grid(self) -> ParameterGrid:
         """Arrangement of the cases by the values of the varied parameters."""
-        return ParameterGrid.of(self.settings, self.varied)
+        return ParameterGrid.of(self.settings, tuple(self.axes.values()))
 
     @cached_property
     def _animated_cases(self) -> set[int]:
@@ -217,10 +225,9 @@ def _check_value(model: Model, name: str, value: Any, label: str | None = None) 
     return ParameterValue(checked, checked if plain else format_parameter(checked))
 
 
-def _require_outputs(part: str, value: Any, parameters: Iterable[str]) -> dict[str, Output]:
+def _require_outputs(part: str, value: Any, columns: Collection[str]) -> dict[str, Output]:
     allowed = "a dict of functions of a solution by name"
     outputs = require_entries(part, "outputs", value, allowed)
-    columns = {*RESERVED_COLUMNS, *parameters}
     for name, function in outputs.items():
         if not isinstance(name, str) or not name.isprintable() or not name.strip():
             raise BeamdaeError(
@@ -234,11 +241,6 @@ def _require_outputs(part: str, value: Any, parameters: Iterable[str]) -> dict[s
         if not callable(function):
             raise BeamdaeError(f"{part}: outputs must be {allowed}, got {short_repr(function)}.")
     return outputs
-
-
-def parameter_column(name: str) -> str:
-    """Return the name of the column of a parameter in the table of responses."""
-    return f"parameter {name}" if name in RESERVED_COLUMNS else name
 
 
 def format_setting(value: Any) -> str:

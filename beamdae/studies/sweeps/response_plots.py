@@ -14,12 +14,11 @@ from beamdae.errors import BeamdaeError
 from beamdae.report.pictures import figures
 from beamdae.report.text import shorten_text
 from beamdae.results.displays import Plot
-from beamdae.studies.sweeps.parameter_study import STATUS, ParameterStudy, parameter_column
+from beamdae.studies.sweeps.parameter_study import STATUS, ParameterStudy
 from beamdae.studies.sweeps.responses import (
     Panel,
     choose_axis,
     group_rows,
-    is_numeric_parameter,
 )
 
 if TYPE_CHECKING:
@@ -30,7 +29,6 @@ Array = np.ndarray
 
 _MAX_LEGEND_CURVES = 24
 _MAX_MARKERS = 200  # of a curve; more hide the line, and each is an element of the SVG file
-_MIN_MAP_COVERAGE = 0.5  # fraction of all pairs of values; below it, dots replace cells
 _FAILURE_STYLE: dict[str, Any] = {
     "marker": "x",
     "color": "0.2",
@@ -71,17 +69,17 @@ class ParameterScale(NamedTuple):
     scale: str = "linear"
 
     @classmethod
-    def of(cls, study: ParameterStudy, table: pd.DataFrame, name: str) -> ParameterScale:
-        """Return the scale of a parameter in a table of responses."""
-        values, unit = table[parameter_column(name)], study.units.get(name, "")
+    def of(cls, study: ParameterStudy, name: str) -> ParameterScale:
+        """Return the scale of a parameter of the cases."""
+        axis, unit = study.axes[name], study.units.get(name, "")
         label = shorten_text(name, figures.MAX_LABEL_LETTERS)
-        if is_numeric_parameter(table, name):
-            positions = values.to_numpy(float)
-            ticks = np.unique(positions)
-            label = label if unit in ("", "-") else f"{label} [{unit}]"
-            return cls(label, positions, ticks, (), "log" if _is_geometric(ticks) else "linear")
-        codes, texts = pd.factorize(values.astype(str))
-        return cls(label, codes.astype(float), np.arange(len(texts), dtype=float), tuple(texts))
+        if not axis.is_numeric:
+            codes, ticks = np.array(axis.locate(study.settings), float), np.arange(len(axis.values))
+            return cls(label, codes, ticks.astype(float), tuple(map(str, axis.values)))
+        label = label if unit in ("", "-") else f"{label} [{unit}]"
+        positions = np.array([setting[name] for setting in study.settings], float)
+        ticks = np.unique(positions)
+        return cls(label, positions, ticks, (), "log" if _is_geometric(ticks) else "linear")
 
     def format_axis(self, axes: Axes, which: str) -> None:
         """Set the label, scale and ticks of the axis `which` ("x" or "y")."""
@@ -117,7 +115,7 @@ def list_response_plots(
     """
     if not study.varied or not panels:
         return {}
-    panels = drop_constant(study, table, panels)
+    panels = choose_panels(study, table, panels)
     functions: dict[str, Callable[..., Plot]] = {"response": plot_curves}
     if len(study.varied) == 2:
         functions["map"] = plot_maps
@@ -138,8 +136,8 @@ def plot_curves(
 
     Crosses mark failed runs. See `SweepResults.plot`.
     """
-    x = choose_axis(study, table, x)
-    scale, groups = ParameterScale.of(study, table, x), group_rows(study, x)
+    x = choose_axis(study, x)
+    scale, groups = ParameterScale.of(study, x), group_rows(study, x)
     several = len(groups) > 1
     panels = _remove_empty(table, _split(panels) if several else panels)
     labels = list(groups)
@@ -147,9 +145,7 @@ def plot_curves(
         labels = list(dict.fromkeys(x for panel in panels for x in panel.lines if x))
     others = [name for name in study.varied if name != x]
     is_graded = (
-        len(groups) > len(figures.COLORS)
-        and len(others) == 1
-        and is_numeric_parameter(table, others[0])
+        len(groups) > len(figures.COLORS) and len(others) == 1 and study.axes[others[0]].is_numeric
     )
     styles = _create_styles(labels, is_graded)
     drawn = []
@@ -201,8 +197,7 @@ def _create_line(
 
 def _extract_numbers(column: pd.Series) -> Array:
     """Return a column as floats; values that are not numbers or too large to draw become NaN."""
-    values = pd.to_numeric(column, "coerce").to_numpy(float)
-    return figures.mask_huge_values({"": values})[""]
+    return figures.mask_huge_values(pd.to_numeric(column, "coerce"))
 
 
 def _split(panels: Sequence[Panel]) -> list[Panel]:
@@ -215,16 +210,16 @@ def _remove_empty(table: pd.DataFrame, panels: Sequence[Panel]) -> list[Panel]:
     return [x for x in panels if any(drawable[c] for c in x.lines.values())]
 
 
-def drop_constant(
+def choose_panels(
     study: ParameterStudy, table: pd.DataFrame, panels: Sequence[Panel]
 ) -> list[Panel]:
-    """Return the panels with a response that differs between runs; all panels if none does.
+    """Return the panels that are plotted by default: those of responses that differ between runs.
 
     Responses whose range is below 1e-6 of their largest magnitude, or of 1e-6 of the largest one of
-    the same unit, are constant up to rounding.
+    the same unit, are constant up to rounding. If several parameters vary, each observed column has
+    one panel, see `choose_response`.
     """
-    panels = _split(panels) if len(study.varied) > 1 else list(panels)
-    numbers = {x: _extract_numbers(table[x]) for y in panels for x in y.lines.values()}
+    numbers = {x: _extract_numbers(table[x]) for panel in panels for x in panel.lines.values()}
     largest = {"rad": 1.0}
     for panel in panels:
         size = np.nanmax([np.abs(numbers[x]) for x in panel.lines.values()], initial=0.0)
@@ -235,8 +230,21 @@ def drop_constant(
         size = max(np.abs(values).max(initial=0.0), _NOISE * largest[unit])
         return bool(len(values) and np.ptp(values) > _CONSTANT_RANGE * size)
 
-    varying = [x for x in panels if any(varies(column, x.unit) for column in x.lines.values())]
-    return varying or panels
+    varying = [
+        panel._replace(lines=lines)
+        for panel in panels
+        if (lines := {k: x for k, x in panel.lines.items() if varies(x, panel.unit)})
+    ]
+    chosen = varying or list(panels)
+    return chosen if len(study.varied) == 1 else [choose_response(table, x) for x in chosen]
+
+
+def choose_response(table: pd.DataFrame, panel: Panel) -> Panel:
+    """Return a panel of one response: of an observed column, the extreme of larger magnitude."""
+    lines = {name: panel.lines[name] for name in ("max", "min") if name in panel.lines}
+    lines = lines or dict(panel.lines)
+    name = max(lines, key=lambda x: np.nanmax(np.abs(_extract_numbers(table[lines[x]])), initial=0))
+    return panel._replace(lines={name: lines[name]}).split()[0]
 
 
 def _list_entries(styles: dict[str, dict[str, Any]], any_failed: bool) -> dict[str, dict[str, Any]]:
@@ -248,11 +256,7 @@ def _list_entries(styles: dict[str, dict[str, Any]], any_failed: bool) -> dict[s
 
 
 def plot_maps(
-    study: ParameterStudy,
-    table: pd.DataFrame,
-    panels: Sequence[Panel],
-    x: str | None = None,
-    y: str | None = None,
+    study: ParameterStudy, table: pd.DataFrame, panels: Sequence[Panel], x: str | None = None
 ) -> Plot:
     """Plot each response as a color map over the two varied parameters.
 
@@ -265,13 +269,9 @@ def plot_maps(
             f"{study.name}: a map requires two varied parameters, got {len(varied)}{names}; "
             "vary exactly two parameters."
         )
-    x = choose_axis(study, table, x)
+    x = choose_axis(study, x)
     (other,) = [name for name in varied if name != x]
-    if y is not None and choose_axis(study, table, y) != other:
-        raise BeamdaeError(
-            f"{study.name}: y must be {other!r}, got {y!r}, which is on the horizontal axis."
-        )
-    horizontal, vertical = (ParameterScale.of(study, table, name) for name in (x, other))
+    horizontal, vertical = (ParameterScale.of(study, name) for name in (x, other))
     panels = _remove_empty(table, _split(panels))
     figure, axes = figures.create_panels(len(panels), "")
     for axis, panel in zip(axes, panels, strict=False):
@@ -285,7 +285,7 @@ def plot_maps(
 
 
 def _draw_map(axis: Axes, x: ParameterScale, y: ParameterScale, heights: Array, unit: str) -> None:
-    """Draw cells, or dots if fewer than half of all pairs were run; crosses mark missing values."""
+    """Draw cells, or dots if not all pairs were run; crosses mark missing values."""
     from beamdae.report.pictures.tick_labels import format_ticks
 
     if np.nanmax(heights) - np.nanmin(heights) <= _CONSTANT_RANGE * np.nanmax(np.abs(heights)):
@@ -293,7 +293,7 @@ def _draw_map(axis: Axes, x: ParameterScale, y: ParameterScale, heights: Array, 
     cells = np.full((len(y.ticks), len(x.ticks)), np.nan)
     cells[np.searchsorted(y.ticks, y.positions), np.searchsorted(x.ticks, x.positions)] = heights
     failed = np.isnan(heights)
-    if len(heights) < _MIN_MAP_COVERAGE * cells.size:
+    if len(heights) < cells.size:
         x_run, y_run = x.positions[~failed], y.positions[~failed]
         colored: Any = axis.scatter(x_run, y_run, c=heights[~failed], s=30, cmap="viridis")
     else:

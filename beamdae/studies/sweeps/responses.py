@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -16,7 +15,6 @@ from beamdae.errors import (
     suggest,
 )
 from beamdae.model_parameters import format_with_unit
-from beamdae.read_only import read_only_data
 from beamdae.report.pictures.figures import characteristic_columns
 from beamdae.results.columns import (
     Header,
@@ -38,7 +36,6 @@ from beamdae.studies.sweeps.parameter_study import (
     TRAJECTORY,
     WARNINGS,
     ParameterStudy,
-    parameter_column,
 )
 from beamdae.studies.tasks import Outcome
 
@@ -79,13 +76,14 @@ def tabulate_responses(results: StudyResults, study: ParameterStudy) -> pd.DataF
     for case, setting in zip(study.cases, study.settings, strict=True):
         outcome = results.outcome(case)
         status, values = outcome.status, outcome.values
+        error = values.get(MEASURED_ERROR_COLUMN, np.nan)
         outputs = {x: values.get(format_output_column(x)) for x in study.outputs}
         row = {
-            **{parameter_column(name): value for name, value in setting.items()},
+            **{study.header(name): value for name, value in setting.items()},
             STATUS: status.kind,
             **dict(zip(measures, _measure_run(outcome, headers), strict=True)),
             **{name: np.nan if x is None else x for name, x in outputs.items()},
-            MEASURED_ERROR_COLUMN: values.get(MEASURED_ERROR_COLUMN, np.nan),
+            **({} if study.is_measured else {MEASURED_ERROR_COLUMN: error}),
             WALL_TIME_COLUMN: values.get(WALL_TIME_COLUMN, np.nan),
             REASON: "" if status.success else status.sentence,
             WARNINGS: values.get(WARNINGS, ""),
@@ -93,7 +91,7 @@ def tabulate_responses(results: StudyResults, study: ParameterStudy) -> pd.DataF
         }
         rows.append(row)
     table = pd.DataFrame(rows)
-    first = [*map(parameter_column, study.parameters), STATUS, *study.outputs]
+    first = [*map(study.header, study.parameters), STATUS, *study.outputs]
     return table[[*first, *(c for c in table if c not in first)]]
 
 
@@ -123,9 +121,7 @@ def select_characteristic(results: StudyResults, study: ParameterStudy) -> list[
     return []
 
 
-@read_only_data
-@dataclass(frozen=True)
-class Panel:
+class Panel(NamedTuple):
     """Responses that share the axes of a plot.
 
     Attributes
@@ -189,15 +185,7 @@ def _parse_unit(header: str) -> str:
     return Header.of(header).unit
 
 
-def is_numeric_parameter(table: pd.DataFrame, name: str) -> bool:
-    """Return True if all values of a parameter are numbers (booleans excluded)."""
-    return all(
-        isinstance(x, (int, float, np.number)) and not isinstance(x, (bool, np.bool_))
-        for x in table[parameter_column(name)]
-    )
-
-
-def choose_axis(study: ParameterStudy, table: pd.DataFrame, name: Any = None) -> str:
+def choose_axis(study: ParameterStudy, name: Any = None) -> str:
     """Return the parameter of the horizontal axis.
 
     Defaults to the numeric parameter with the most distinct values or, without numeric parameters,
@@ -224,12 +212,7 @@ def choose_axis(study: ParameterStudy, table: pd.DataFrame, name: Any = None) ->
             )
         return name
 
-    def rank(candidate: str) -> tuple[bool, int]:
-        numeric = is_numeric_parameter(table, candidate)
-        values = table[parameter_column(candidate)]
-        return numeric, (values if numeric else values.astype(str)).nunique(dropna=False)
-
-    return max(varied, key=rank)
+    return max(varied, key=lambda x: (study.axes[x].is_numeric, len(study.axes[x].values)))
 
 
 def group_rows(study: ParameterStudy, x: str) -> dict[str, Array]:

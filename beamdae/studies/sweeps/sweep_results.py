@@ -19,7 +19,6 @@ from beamdae.read_only import read_only_data
 from beamdae.report.page.page_content import Content
 from beamdae.report.page.page_file import write_page
 from beamdae.report.page_parts import slider
-from beamdae.report.terminal.text_tables import format_headers
 from beamdae.results.displays import Plot
 from beamdae.results.outcome import Status
 from beamdae.results.storage.files import require_file_path, write_escaped_table
@@ -35,9 +34,13 @@ from beamdae.studies.sweeps.parameter_study import (
     TRAJECTORY,
     WARNINGS,
     ParameterStudy,
-    parameter_column,
 )
-from beamdae.studies.sweeps.response_plots import drop_constant, plot_curves, plot_maps
+from beamdae.studies.sweeps.response_plots import (
+    choose_panels,
+    choose_response,
+    plot_curves,
+    plot_maps,
+)
 from beamdae.studies.sweeps.responses import (
     Panel,
     choose_axis,
@@ -221,7 +224,7 @@ class SweepResults:
     @property
     def parameters(self) -> list[str]:
         """Names of the parameter columns in the table."""
-        return [parameter_column(name) for name in self.sweep.parameters]
+        return [self.sweep.header(name) for name in self.sweep.parameters]
 
     @cached_property
     def response_columns(self) -> list[str]:
@@ -236,7 +239,8 @@ class SweepResults:
         *names
             Outputs, observed columns ("tip.y" plots all its measures) or single measures ("tip.y
             max"). Defaults to the outputs or, without outputs, to the columns selected with `of` or
-            the characteristic columns, except those that are the same in all runs.
+            the characteristic columns, except measures that are the same in all runs; if several
+            parameters vary, to the largest or smallest value of each column.
         x
             Parameter on the horizontal axis. Defaults to the numeric parameter with the most values
             or, without numeric parameters, to the parameter with the most values.
@@ -248,35 +252,33 @@ class SweepResults:
         """
         return plot_curves(self.sweep, self.table, self._plotted_panels(names), x)
 
-    def map(self, *names: str, x: str | None = None, y: str | None = None) -> Plot:
+    def map(self, *names: str, x: str | None = None) -> Plot:
         """Plot responses as color maps over the two varied parameters.
 
         Parameters
         ----------
         *names
             Responses; see `plot`.
-        x, y
-            Parameters on the horizontal and vertical axes. The default of `x` is the same as in
-            `plot`.
+        x
+            Parameter on the horizontal axis; see `plot`.
 
         Raises
         ------
         BeamdaeError
-            If a response does not exist, the number of varied parameters is not two, `x` or `y` is
-            not a varied parameter, or both are the same.
+            If a response does not exist, the number of varied parameters is not two, or `x` is not
+            a varied parameter.
         """
-        return plot_maps(self.sweep, self.table, self._plotted_panels(names), x, y)
+        return plot_maps(self.sweep, self.table, self._plotted_panels(names), x)
 
     def _plotted_panels(self, names: tuple[str, ...]) -> list[Panel]:
         """Return the named panels or, without names, those whose responses vary."""
         panels = self.panels(*names)
-        return panels if names else drop_constant(self.sweep, self.table, panels)
+        return panels if names else choose_panels(self.sweep, self.table, panels)
 
     def to_csv(self, path: str | Path, *, sep: str = ",", decimal: str = ".") -> Path:
         """Write the table as CSV; text that spreadsheets would evaluate as a formula is escaped.
 
-        Headers of parameters contain their units, for example "speed [rad/s]"; empty columns of
-        messages are omitted.
+        Empty columns of messages are omitted.
 
         Parameters
         ----------
@@ -290,8 +292,7 @@ class SweepResults:
         BeamdaeError
             If an argument is invalid or the file cannot be written.
         """
-        table = self._filled_table.rename(columns=self._headers)
-        return write_escaped_table(path, table, sep, decimal)
+        return write_escaped_table(path, self._filled_table, sep, decimal)
 
     @property
     def _filled_table(self) -> pd.DataFrame:
@@ -300,13 +301,6 @@ class SweepResults:
         values = {name: self.table[name] for name in self.table if name in optional}
         empty = [name for name, x in values.items() if (x.isna() | (x == "")).all()]
         return self.table.drop(columns=empty)
-
-    @property
-    def _headers(self) -> dict[str, str]:
-        """Headers with units, by column of a parameter, unless another column has the same name."""
-        units = {parameter_column(name): unit for name, unit in self.sweep.units.items()}
-        headers = format_headers(units)
-        return {name: header for name, header in headers.items() if header not in self.table}
 
     def page(self, path: str | Path) -> Path:
         """Write an HTML page with motion, curves, map and table of the runs.
@@ -413,16 +407,13 @@ def create_sweep_page(swept: SweepResults) -> Content:
         is_stored=TRAJECTORY in swept.table,
     )
     content["columns"][0] |= {"label": "case"}
-    units = {extra_column_key(parameter_column(x)): u for x, u in swept.sweep.units.items()}
-    for column in content["columns"]:
-        column["unit"] = units.get(column["key"], column["unit"])
     observed = select_headers(swept.results, swept.sweep)
     characteristic = select_characteristic(swept.results, swept.sweep)
     content["featured"] = [name for name in characteristic if name in observed]
     _add_motion(content, swept, grid)
     if not swept.sweep.varied:
         return content
-    x = choose_axis(swept.sweep, swept.table)
+    x = choose_axis(swept.sweep)
     for family, rows in group_rows(swept.sweep, x).items():
         for row in rows:
             case, value = content["cases"][row], swept.sweep.settings[row][x]
@@ -430,7 +421,7 @@ def create_sweep_page(swept: SweepResults) -> Content:
             case["rank"] = value if isinstance(value, (int, float)) else row
     numeric = {column["key"] for column in content["columns"] if column["kind"] == "number"}
     content["axes"] = {
-        "x": extra_column_key(parameter_column(x)),
+        "x": extra_column_key(swept.sweep.header(x)),
         "y": _choose_response(swept, numeric),
     }
     return content
@@ -441,18 +432,10 @@ def _choose_response(swept: SweepResults, numeric: set[str]) -> str | None:
 
     This is an output or, of an observed column, the extreme of larger magnitude.
     """
-    for panel in swept.panels():
-        varying = [
-            column
-            for line in drop_constant(swept.sweep, swept.table, panel.split())
-            for column in line.lines.values()
-            if extra_column_key(column) in numeric
-        ]
-        extremes = [panel.lines[x] for x in ("max", "min") if panel.lines.get(x) in varying]
-        if varying:
-            return extra_column_key(
-                max(extremes or varying, key=lambda x: swept.table[x].abs().max())
-            )
+    for panel in choose_panels(swept.sweep, swept.table, swept.panels()):
+        (column,) = choose_response(swept.table, panel).lines.values()
+        if (key := extra_column_key(column)) in numeric:
+            return key
     return None
 
 

@@ -132,7 +132,7 @@ def build_mechanism(
             mech.add(bd.Force(name, on, law, axes=axes))
     for data in problem.get("springs", []):
         mech.add(
-            bd.SpringDamper(
+            bd.Spring(
                 data["name"],
                 attach(data["a"]),
                 attach(data["b"]),
@@ -147,7 +147,7 @@ def build_mechanism(
         point, start = attach(problem["control"]["on"]), problem["control"].get("from")
         mech.observe("controlled", point)
         if start is not None:
-            rod = bd.SpringDamper("rod", mech.ground.at(*start), point, stiffness=0.0)
+            rod = bd.Spring("rod", mech.ground.at(*start), point, stiffness=0.0)
             mech.observe("controlled.distance", mech.add(rod).elongation)
     inclinations = {}
     for data in problem["outputs"]:

@@ -138,7 +138,7 @@ def _shaken_bar(sandbox: Sandbox) -> bd.Mechanism:
     """Return the hinged bar on a spring and damper, excited by a harmonic moment."""
     mech, hinge = sandbox.mech, sandbox.mech.parts["hinge"]
     mech.add(bd.TorsionSpring("spring", hinge.a, hinge.b, 1e4))
-    mech.add(bd.TorsionDamper("damper", hinge.a, hinge.b, 100.0))
+    mech.add(bd.TorsionSpring("damper", hinge.a, hinge.b, damping=100.0))
     mech.add(bd.Moment("shaking", sandbox.bar.at(0.0, 0.0), bd.sine(1.0, frequency=1.0 / _PERIOD)))
     return mech
 
@@ -151,7 +151,7 @@ def _shaken_model(sandbox: Sandbox) -> bd.results.Model:
         mech = bd.Mechanism()
         bob = mech.add(bd.PointMass(name, 1.0, at=(1.0, 0.0)))
         mech.add(bd.PointOnLine("rail", mech.ground.at(1.0, 0.0), bob.point, (1.0, 0.0)))
-        mech.add(bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), bob.point, 1e4, 100.0))
+        mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), bob.point, 1e4, 100.0))
         mech.add(bd.Force("shaking", bob.point, (bd.sine(1.0, frequency=frequency), 0.0)))
         mech.observe("bob", bob.point)
         return mech

@@ -306,25 +306,10 @@ PART_CALLS: dict[str, WorkingCall] = {
         run_with_part,
         lambda box, **arguments: bd.Bushing(**arguments),
     ),
-    "Damper of a law": WorkingCall(
-        lambda box: _spring_arguments(box, law=_force),
-        run_with_part,
-        lambda box, **arguments: bd.Damper(**arguments),
-    ),
     "Spring of a law": WorkingCall(
         lambda box: _spring_arguments(box, law=_force, energy=_energy),
         run_with_part,
         lambda box, **arguments: bd.Spring(**arguments),
-    ),
-    "SpringDamper of a law": WorkingCall(
-        lambda box: _spring_arguments(box, law=_force, energy=_energy),
-        run_with_part,
-        lambda box, **arguments: bd.SpringDamper(**arguments),
-    ),
-    "TorsionDamper of a law": WorkingCall(
-        lambda box: _spring_arguments(box, law=_force),
-        run_with_part,
-        lambda box, **arguments: bd.TorsionDamper(**arguments),
     ),
     "TorsionSpring of a law": WorkingCall(
         lambda box: _spring_arguments(box, law=_force, energy=_energy),
