@@ -418,7 +418,9 @@ class Equilibrium(HasColumns, HasPage):
                     f"start={{{self.free!r}: ...}}."
                 )
         strain_limits = deferred.module("model_checks.strain_limits")
-        strains = strain_limits.strain_warnings(self.equations, self._checked_positions)
+        strains: Iterable[str] = ()
+        if not strain_limits.names_strains(self.status):
+            strains = strain_limits.strain_warnings(self.equations, self._checked_positions)
         outside = list_arguments_outside(self.equations, self._times[-1], self._checked_positions)
         limits: Iterable[str] = ()
         if self.status.success:
