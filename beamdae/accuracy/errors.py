@@ -19,7 +19,7 @@ from beamdae.errors import (
 )
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.read_only import read_only_data
-from beamdae.results.columns import AIM, LIMIT, remove_unit
+from beamdae.results.columns import AIM, FACTOR, LIMIT, remove_unit
 from beamdae.results.displays import HasTable
 from beamdae.results.outcome import Status
 
@@ -28,9 +28,6 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 
-# A refinement shows a part of the error: halved elements of order 2 three quarters of it, and a
-# third of the tolerance two thirds.
-FACTOR = 1.15
 CAUSES = ("time", "mesh", "theory")
 _NAMES_OF_CAUSES = {"time": "steps", "mesh": "elements", "theory": "strains"}
 _MAX_NAMES = 6
@@ -309,8 +306,10 @@ class Errors(HasTable):
         of_cause = {x: float(np.nanmax(y, initial=0.0)) for x, y in self.causes.items()}
         needed = {x: y for x, y in of_cause.items() if y > 2.0 * aim}
         texts, refined = [], self.refined
+        if "theory" in needed:
+            texts.append(f'strain="exact" of {list_first(refined.inexact, _MAX_NAMES)}')
         if "mesh" in needed and refined.degrees:
-            return f"accuracy={aim:g}"
+            return join_names([*texts, f"accuracy={aim:g}"])
         if "mesh" in needed and refined.elements:
             halvings = np.log2(min(needed["mesh"], 1.0) / aim) / refined.mesh_order
             factor = 2 ** int(np.ceil(halvings))
@@ -321,8 +320,6 @@ class Errors(HasTable):
                 f"a friction_speed of {list_first(refined.friction_speeds, _MAX_NAMES)} ten times "
                 "smaller"
             )
-        if "theory" in needed:
-            texts.append(f'strain="exact" of {list_first(refined.inexact, _MAX_NAMES)}')
         if "time" in needed:
             name, value = refined.accuracy
             ratio = aim / min(needed["time"], 1.0)

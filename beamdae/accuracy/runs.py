@@ -30,6 +30,7 @@ from beamdae.linear.blas_threads import single_threaded
 from beamdae.parts.mechanism import AS_DRAWN
 from beamdae.results.solution import Solution
 from beamdae.results.trajectory import Trajectory
+from beamdae.simulation import skips_result_checks
 
 Array = np.ndarray
 
@@ -159,7 +160,16 @@ def verify(
 
 def check_run(run: Solution, progress: Progress | None = None) -> Iterator[str]:
     """Yield the sentences of the errors of a run."""
-    yield from check_result(run, run, lambda limit: measure_run(run, limit, progress))
+    if run.columns:
+        yield from check_result(run, run, lambda limit: measure_run(run, limit, progress))
+
+
+def find_companion(run: Solution) -> Solution | None:
+    """Return the run with everything refined that `Solution.errors` compares, or None."""
+    if "errors" not in vars(run) and (skips_result_checks() or not _are_checked.get()):
+        return None
+    split: Any = run.errors._split
+    return None if split is None else split.companion
 
 
 def check_result(result: Any, run: Solution, measure: Callable[[float], Errors]) -> Iterator[str]:
@@ -191,8 +201,6 @@ def check_result(result: Any, run: Solution, measure: Callable[[float], Errors])
 
 
 def _find_obstacle(run: Solution) -> str:
-    if not run.columns:
-        return "no column is observed"
     if not run.status.success:
         return "the run stopped early"
     if not isinstance(run.made_by, Integrator):
@@ -211,6 +219,8 @@ def _compare(run: Solution, other: Solution, refined: Refined, factor: float = F
     if not other.status.success:
         reason = f"{refined} does not reach the end ({other.status.sentence})"
         return replace(_state_obstacle(run, reason), refined=refined, has_failed=True)
+    if not run.columns:
+        return _state_obstacle(run, "no column is observed")
     x = compare_columns(run, other)
     total = factor * np.maximum(x.peaks, x.means)
     return Errors(tuple(run.columns), x.values, x.others, total, x.rows, refined, x.relative_to)

@@ -7,10 +7,11 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import cache
 from itertools import takewhile
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from beamdae.accuracy.errors import Errors, Refined, measure_errors
+from beamdae.accuracy.errors import FACTOR, Errors, MissingStateError, Refined, measure_errors
 from beamdae.accuracy.refinement import Refinement, refine
 from beamdae.accuracy.runs import describe_refinement
 from beamdae.analysis.continuation.engine import (
@@ -34,14 +35,17 @@ from beamdae.analysis.statics.prescribed_column import PrescribedColumn
 from beamdae.analysis.statics.static_problem import StaticProblem
 from beamdae.beams.beam import Beam, beams_of
 from beamdae.equations.equations_of_motion import EquationsOfMotion, format_headers
-from beamdae.errors import BeamdaeError, hold_messages, list_first
+from beamdae.errors import BeamdaeError, hold_messages
 from beamdae.interrupts import Interrupted
 from beamdae.linear.blas_threads import single_threaded
-from beamdae.results.columns import UNITS_OF_POSITIONS, Header, remove_unit
+from beamdae.results.columns import UNITS_OF_POSITIONS, Header
 from beamdae.results.elastic_columns import measured_quantity
-from beamdae.results.equilibrium import FACTOR, UNSTABLE, Equilibrium
+from beamdae.results.equilibrium import FACTOR as LOAD_FACTOR
+from beamdae.results.equilibrium import UNSTABLE, Equilibrium
 from beamdae.results.noise import mark_resting_columns, rounding_limits
+from beamdae.results.outcome import REACHED_END
 from beamdae.results.section_forces.section_forces import SectionForces
+from beamdae.simulation import skips_result_checks
 
 Array = np.ndarray
 Values = dict[str, float]
@@ -52,8 +56,18 @@ _MAX_POINTS_RATIO, _MORE_POINTS = 3, 20
 _SAME_END = 1e-3
 # Extremes of columns between both ends of a path exceed the ends by this share of their scale.
 _MIN_EXCESS = 1e-3
-_MAX_NAMES = 6
 _SECTIONS = 9  # of a beam, for its largest section forces
+
+
+class _Repetition(NamedTuple):
+    """Refined values (columns,) or (columns, places), and the path that they belong to.
+
+    Values that are not a number do not exist or, if the path was not traced, are not known.
+    """
+
+    values: Array
+    path: Equilibrium | None = None
+    is_traced: bool = True
 
 
 def measure_equilibrium(path: Equilibrium) -> Errors:
@@ -62,24 +76,37 @@ def measure_equilibrium(path: Equilibrium) -> Errors:
     They are those of the observed columns at its end and at their extremes, of its number of
     unstable directions, and of the load factors of its critical points and, if a position is
     prescribed or the path failed, of its end. Errors of columns are relative to their range along
-    the path or, for section forces, to their largest value along the beam if it is larger.
+    the path or, for section forces, to their largest value along the beam if it is larger, that of
+    the end to the largest load factor of the refined path. A critical point that the refined path
+    does not have is an error of more than 100 %.
     """
     values = _list_values(path)
     headers, sizes = tuple(values), np.array(list(values.values()))
     reason = _find_obstacle(path)
-    if reason:
-        return Errors.unchecked(headers, sizes, reason)
+    if reason or not values:
+        return Errors.unchecked(headers, sizes, reason or "the path ended early")
     if not beams_of(path.equations.mechanism):
         return Errors.of_values(headers, sizes, sizes, Refined())
     scales = _find_scales(path)
     extremes = [x for x in _find_extremes(path, scales) if x[0] in values]
 
-    def repeat(refinement: Refinement) -> Array:
-        found = _repeat(path, refinement)
-        return _place(headers, found, _repeat_extremes(path, refinement, extremes))
+    def repeat(refinement: Refinement) -> _Repetition:
+        companion, is_traced = _repeat(path, refinement)
+        scales.setdefault(path.header, float(np.max(np.abs(companion.factors), initial=0.0)))
+        at_extremes = _repeat_extremes(path, refinement, extremes)
+        places = _place(headers, _list_values(companion), at_extremes)
+        return _Repetition(places, companion, is_traced)
 
     at_rows = [(x, place, path.columns[x][row]) for x, place, row in extremes]
     return _measure(path.equations, headers, _place(headers, values, at_rows), repeat, scales)
+
+
+def find_companion(path: Equilibrium) -> Equilibrium | None:
+    """Return the refined path, of which the end may be the only row, or None; see `errors`."""
+    if "errors" not in vars(path) and skips_result_checks():
+        return None
+    split: Any = path.errors._split
+    return None if split is None else split.companion.path
 
 
 def _place(
@@ -97,11 +124,11 @@ def measure_buckling(result: Buckling) -> Errors:
     """Return the errors of the load factors of linear buckling."""
     headers = tuple(f"load factor of mode {k + 1} [-]" for k in range(len(result)))
 
-    def repeat(refinement: Refinement) -> Array:
+    def repeat(refinement: Refinement) -> _Repetition:
         q, found = refinement.prolong(result.q), np.full(len(headers), np.nan)
         factors = repeat_buckling(result, refinement.equations, q)[: len(found)]
         found[: len(factors)] = factors
-        return found
+        return _Repetition(found)
 
     return _measure(result.equations, headers, result.factors, repeat, {})
 
@@ -118,19 +145,13 @@ def check_equilibrium(path: Equilibrium) -> Iterator[str]:
             f"because the number of unstable directions is {count:g}, but {refined:g} in "
             f"{errors.refined}; use more elements."
         )
-    is_missing = np.isnan(errors.companions) & np.isfinite(errors.values) & (errors.reason == "")
-    if missing := [remove_unit(x) for x in np.array(errors.headers)[is_missing]]:
-        yield (
-            f"equilibrium: {list_first(missing, _MAX_NAMES)}: not confirmed, because the path of "
-            f"{errors.refined} differs; use {errors.recommend() or 'more elements'}."
-        )
 
 
 def _measure(
     equations: EquationsOfMotion,
     headers: tuple[str, ...],
     values: Array,
-    repeat: Callable[[Refinement], Array],
+    repeat: Callable[[Refinement], _Repetition],
     scales: Values,
 ) -> Errors:
     """Return the errors of values that `repeat` computes for refined equations.
@@ -138,46 +159,52 @@ def _measure(
     Values without a scale are compared with themselves.
     """
     headlines = np.atleast_2d(values.T)[0]
-    sizes = np.abs(headlines)
+    sizes, result = np.abs(headlines), _Repetition(values)
 
-    def repeat_values(strains: bool | None) -> tuple[Array, Refined]:
+    def repeat_values(strains: bool | None) -> tuple[_Repetition, Refined]:
         nonlocal sizes
         if strains is None:
-            return values, Refined()
+            return result, Refined()
         with hold_messages(), single_threaded:
             refinement = refine(equations, strains=strains)
             if refinement is None or not (refinement.halved or refinement.raised):
                 raise BeamdaeError("no beam can be refined.")
             others = repeat(refinement)
         if strains:
-            sizes = np.abs(np.atleast_2d(others.T)[0])
+            refined_values = np.atleast_2d(others.values.T)[0]
+            sizes = np.abs(np.where(np.isnan(refined_values), headlines, refined_values))
             sizes = np.array([scales.get(x, y) for x, y in zip(headers, sizes, strict=True)])
         return others, describe_refinement(equations, refinement, None)
 
-    def compare(first: Array, second: Array, refined: Refined) -> Errors:
-        return Errors.of_values(headers, first, second, refined, sizes, "its largest value")
+    def compare(first: _Repetition, second: _Repetition, refined: Refined) -> Errors:
+        errors = Errors.of_values(
+            headers, first.values, second.values, refined, sizes, "its largest value"
+        )
+        one = np.isnan(errors.values) & first.is_traced
+        other = np.isnan(errors.companions) & second.is_traced
+        return replace(errors, total=np.where(one | other, FACTOR * (one != other), errors.total))
 
     unchecked = Errors.unchecked(headers, headlines, "the refined result is not found")
-    return measure_errors(unchecked, values, repeat_values, compare, (BeamdaeError, CurveError))
+    return measure_errors(unchecked, result, repeat_values, compare, (BeamdaeError, CurveError))
 
 
 def _find_obstacle(path: Equilibrium) -> str:
     if path.equations.mechanism is None:
         return "equations have no elements"
-    return "" if path.status.kind in ("ok", "failed") else "the path ended early"
+    return "the path was interrupted" if path.status.kind == "interrupted" else ""
 
 
 def _list_values(path: Equilibrium) -> Values:
     """Return the values at the end of a path, and those of its critical points, by header."""
-    end = {path.header: path.factor}
-    if not path.status.success:
-        return end
-    values = {x: float(y[-1]) for x, y in path.columns.items() if np.isfinite(y[-1])}
-    if isinstance(path.settings["to"], dict):
-        values |= end
-    if path.unstable[-1] >= 0 and not any(x.row == len(path.q) - 1 for x in path.critical):
+    values: Values = {}
+    if path.status.success:
+        values = {x: float(y[-1]) for x, y in path.columns.items() if np.isfinite(y[-1])}
+    if path.status.kind == "failed" or isinstance(path.settings["to"], dict):
+        values[path.header] = path.factor
+    is_critical = any(x.row == len(path.q) - 1 for x in path.critical)
+    if path.status.success and path.unstable[-1] >= 0 and not is_critical:
         values[UNSTABLE] = float(path.unstable[-1])
-    unit, counts = Header.of(path.over or FACTOR).unit, Counter[str]()
+    unit, counts = Header.of(path.over or LOAD_FACTOR).unit, Counter[str]()
     for one in path.critical:
         counts[one.kind] += 1
         values[f"{one.kind} {counts[one.kind]} [{unit}]"] = one.factor
@@ -190,17 +217,16 @@ def _find_scales(path: Equilibrium) -> Values:
     first = replace(
         path, q=np.vstack([e.q0, path.q[:1]]), lam=path.lam[[0, 0]], times=None, numbers=None
     )
-    scales = {path.header: float(np.max(np.abs(path.factors), initial=0.0))}
     headers = list(path.columns)
     rows = np.array([np.append(first.columns[x][0], path.columns[x]) for x in headers]).T
     if not len(rows):
-        return scales
+        return {}
     is_position = [Header.of(x).unit in UNITS_OF_POSITIONS for x in headers]
     sizes = np.where(is_position, np.ptp(rows, axis=0), np.max(np.abs(rows[1:]), axis=0))
     forces = _largest_by_unit([x.unit for x in e.multipliers], path.lam)
     is_noise = mark_resting_columns(headers, rows, 0.5 * sizes, e.length, others=forces)
     is_noise |= 0.5 * sizes <= rounding_limits(e, headers)
-    scales |= dict(zip(headers, np.where(is_noise, np.inf, sizes).tolist(), strict=True))
+    scales = dict(zip(headers, np.where(is_noise, np.inf, sizes).tolist(), strict=True))
     for header, size in _measure_sections(path):
         scales[header] = max(scales[header], size)
     return scales
@@ -246,40 +272,38 @@ def _measure_sections(path: Equilibrium) -> Iterator[tuple[str, float]]:
             yield header, of_column[column]
 
 
-def _repeat(path: Equilibrium, refinement: Refinement) -> Values:
-    """Return the values of the refined path.
+def _repeat(path: Equilibrium, refinement: Refinement) -> tuple[Equilibrium, bool]:
+    """Return the refined path, and True if all of its critical points are known.
 
     Its end is sought near that of the path. The whole path is traced if it has critical points or
-    failed, or if its end is not found or has other unstable directions.
+    ended early, or if its end is not found or has other unstable directions.
 
     Raises
     ------
     BeamdaeError
-        If the refined path does not begin, or leads to another end.
+        If the refined path does not begin; a `MissingStateError` if it leads to another end.
     """
     loading, settings = _load(path, refinement.equations), _read_settings(path)
     end = _correct_row(path, refinement, loading, settings) if path.status.success else None
     is_critical = any(x.row == len(path.q) - 1 for x in path.critical)
     is_near = end is not None and (is_critical or end.monitor.unstable == path.unstable[-1])
-    ends = {} if end is None else _list_values(_as_equilibrium(path, loading, [end]))
-    if is_near and not path.critical:
-        return ends
-    if _is_whole(path, loading, settings):
+    is_whole, status = _is_whole(path, loading, settings), REACHED_END
+    if is_whole and (path.critical or not is_near):
         start = refinement.prolong(path.q[0])
         # The refined path may switch to the mirrored branch.
         for sign in (1, -1) if settings.switch else (1,):
             switch = tuple(sign * x for x in settings.switch)
             traced = trace_path(loading, start, replace(settings, switch=switch))
-            if traced.status.kind == "interrupted":
-                raise Interrupted(traced.status.sentence)
-            is_complete = traced.status.success or not path.status.success
-            if end is not None and not _is_same_end(refinement, path, end, traced.points[-1]):
-                is_complete &= not (settings.switch or is_near)
-            if is_complete:
-                return ends | _list_values(_as_equilibrium(path, loading, traced.points, traced))
-    if not is_near:
-        raise BeamdaeError("with refined beams, the path leads elsewhere.")
-    return ends
+            status = traced.status
+            if status.kind == "interrupted":
+                raise Interrupted(status.sentence)
+            is_same = _is_same_end(refinement, path, end, traced.points[-1])
+            if (is_same or not settings.switch) and (status.success or not path.status.success):
+                return _as_equilibrium(path, loading, traced.points, traced), True
+    if end is None or not is_near:
+        reason = "leads elsewhere" if status.success else f"ends early ({status.sentence})"
+        raise MissingStateError(f"with refined beams, the path {reason}.")
+    return _as_equilibrium(path, loading, [end]), is_whole
 
 
 def _load(path: Equilibrium, equations: EquationsOfMotion) -> Loading:
@@ -400,8 +424,12 @@ def _as_equilibrium(
     )
 
 
-def _is_same_end(refinement: Refinement, path: Equilibrium, end: Point, traced: Point) -> bool:
+def _is_same_end(
+    refinement: Refinement, path: Equilibrium, end: Point | None, traced: Point
+) -> bool:
     """Return False if a traced path leads to another end, such as that of a mirrored branch."""
+    if end is None:
+        return True
     n = refinement.equations.n
     scale = refinement.equations.position_scales
     motion = (refinement.prolongation @ (path.q[-1] - path.q[0])) / scale

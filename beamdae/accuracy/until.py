@@ -261,8 +261,9 @@ def _refine_results(analysis: Analysis, request: _Request, model: Any) -> Iterat
         else:
             try:
                 step, count = _improve(analysis, request, step, errors, totals), count + 1
-                status = getattr(step.result, "status", _OK)
-                reason = "" if status.success else status.sentence
+                before, status = (getattr(x, "status", _OK) for x in (known, step.result))
+                # Paths may end early at any accuracy, as at the maximum of a load.
+                reason = "" if status.kind in ("ok", before.kind) else status.sentence
             except BeamdaeError as limit:
                 reason = str(limit)
     if reason and clock.perf_counter() >= request.deadline:

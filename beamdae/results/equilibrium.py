@@ -21,7 +21,7 @@ from beamdae.read_only import read_only_data
 from beamdae.results.columns import Header
 from beamdae.results.displays import HasPage, Plot, load_views
 from beamdae.results.outcome import Status
-from beamdae.results.section_forces.recovery import recover_section_forces_at_state
+from beamdae.results.section_forces.recovery import StateSampler
 from beamdae.results.section_forces.section_forces import SectionForces
 from beamdae.results.selection import HasColumns
 from beamdae.results.storage.checkpoint import Checkpoint
@@ -370,13 +370,22 @@ class Equilibrium(HasColumns, HasPage):
         Interrupted
             If Ctrl-C ends the call.
         """
+        sampler = self._section_sampler(beam)
+
+        def refine() -> StateSampler | None:
+            other = deferred.module("accuracy.statics").find_companion(self)
+            return other and other._section_sampler(sampler.beam.name)
+
+        return sampler.recover(s, refine)
+
+    def _section_sampler(self, beam: Any) -> StateSampler:
         at_rest = np.zeros_like(self.q[-1:])
         state = State(self.q[-1:], at_rest, at_rest, self.lam[-1:])
         factors = dict.fromkeys(self._inactive, 0.0)
         # A path over another quantity has no scaled loads.
         for names, factor in zip(self.loads, self.factors[-1].tolist(), strict=False):
             factors |= dict.fromkeys(names, factor)
-        return recover_section_forces_at_state(self.equations, beam, self.t, state, factors, s)
+        return StateSampler.of(self.equations, beam, self.t, state, factors)
 
     def diagram(self, beam: Any, what: str = "M") -> Plot:
         """Plot a section force of a beam at the end of the path over its arc length.

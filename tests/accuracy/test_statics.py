@@ -148,7 +148,8 @@ def test_results_that_cannot_be_checked_have_a_reason():
     row = path.at(len(path.q) - 1) if path.status.success else path.at(len(path.q) // 2)
     (reason,) = {x for x in row.errors.table()["status"] if x != "measured"}
     assert reason.startswith("not checked: the refined result is not found: with refined beams")
-    assert not list(row.errors.sentences())
+    (sentence,) = row.errors.sentences()
+    assert sentence.startswith("errors: not known, because the refined result is not found")
 
 
 def test_nothing_is_measured_where_warnings_are_ignored():
@@ -226,5 +227,58 @@ def test_failed_paths_beyond_extremes_have_errors_of_their_last_load_factor():
     mech.observe("clamp", arch.section_forces(0.0))
     path = bd.equilibrium(mech, to={"crown.y": -1.5})
     assert path.status.kind == "failed"
-    assert path.errors.headers == ("load factor [-]",)
+    assert path.errors.headers == ("load factor [-]", "limit point 1 [-]")
     assert list(path.errors.sentences()) == []
+
+
+def lee_frame(**options):
+    """Return the hinged right-angle frame of Lee et al. under a force at a fifth of its beam."""
+    mech, corner, right = bd.Mechanism(), (0.0, 1.2), (1.2, 1.2)
+    section = bd.Section.rectangle(bd.Material(E=7.2e10, nu=0.3, rho=2700.0), 0.03, 0.02)
+    post = mech.add(bd.Beam("post", bd.Line((0.0, 0.0), corner), section, **options))
+    beam = mech.add(bd.Beam("beam", bd.Line(corner, right), section, **options))
+    mech.add(bd.Revolute("foot", mech.ground.at(0.0, 0.0), post.start))
+    mech.add(bd.Revolute("right", mech.ground.at(*right), beam.end))
+    mech.add(bd.Weld("corner", post.end, beam.start))
+    mech.add(bd.Force("press", beam.at(0.24), (0.0, -1000.0)))
+    mech.observe("load", beam.at(0.24))
+    return mech
+
+
+@pytest.mark.filterwarnings("ignore::beamdae.errors.BeamdaeWarning")
+@pytest.mark.parametrize(
+    "request_",
+    [
+        pytest.param({"to": 20.0}, id="failed"),
+        *(
+            pytest.param(request_, id=name, marks=pytest.mark.slow(reason="hundreds of points"))
+            for name, request_ in {
+                "limited": {"to": 30.0, "control": "arc length", "max_points": 60},
+                "astray": {"to": {"load.y": 0.5}, "control": "arc length"},
+                "other critical points": {"to": {"load.y": 0.8}},
+            }.items()
+        ),
+    ],
+)
+def test_errors_of_paths_contain_those_of_default_strains(request_):
+    """Paths that end early were not checked; a spurious factor of 3000 hid an error of 108."""
+    exact = bd.equilibrium(lee_frame(formulation="exact"), **request_)
+    path = bd.equilibrium(lee_frame(), **request_)
+    errors = path.errors.table()
+    truth = {f"limit point {k + 1} [-]": x.factor for k, x in enumerate(exact.critical)}
+    if exact.status.kind in ("ok", "failed") and "load factor [-]" in errors.index:
+        truth["load factor [-]"] = exact.factor
+    assert truth or exact.status.kind == "ok"
+    largest = np.max(np.abs(exact.factors))
+    for header, value in errors["value"].items():
+        if header in truth:
+            size = largest if header == "load factor [-]" else abs(truth[header])
+            assert errors["total"][header] >= abs(value - truth[header]) / size - 1e-3
+        elif header.startswith("limit point"):
+            assert errors["status"][header] == "not converged"
+    (sentence,) = path.errors.sentences()
+    assert 'strain="exact" of post, beam' in sentence
+    accurate = bd.equilibrium(lee_frame(), accuracy=1e-3, **request_)
+    for header, value in accurate.errors.table()["value"].items():
+        if header in truth:
+            assert value == pytest.approx(truth[header], rel=1e-3, abs=1e-3 * largest)

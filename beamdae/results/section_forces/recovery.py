@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -101,9 +101,12 @@ def _jumps_of_section(beam: Beam) -> list[float]:
 
 
 def recover_section_forces(
-    run: RunData, beam: Beam | str, t: Any = None, s: Any = None
+    run: RunData, beam: Beam | str, t: Any, s: Any, find_companion: Callable[[], RunData | None]
 ) -> SectionForces:
-    """Return the section forces of a beam in a run; see `Solution.section_forces`."""
+    """Return the section forces of a beam in a run; see `Solution.section_forces`.
+
+    `find_companion` returns the run with everything refined, or None.
+    """
     e, trajectory = run.equations, run.trajectory
     beam = _find_beam(e, beam)
     times = run.t if t is None else _require_numbers(beam.name, "t", t)
@@ -121,28 +124,34 @@ def recover_section_forces(
         sections = default_sections(beam, e, branch_times, state, groups)
     else:
         sections = _requested_sections(beam, s)
-    sampler = _SectionSampler(run, beam)
+    sampler = _RunSampler(run, beam)
+
+    def refine() -> _RunSampler | None:
+        other = find_companion()
+        if other is None:
+            return None
+        return _RunSampler(other, _find_beam(other.equations, beam.name))
+
     (N, Q, M), strained = sampler.evaluate(times, *sections)
     steps = np.unique(np.concatenate([x.t for x in trajectory.intervals]))
     steps = steps[(steps > times[0]) & (steps < times[-1])]
     steps = steps[:: 1 + len(steps) // MAX_STEPS]
-    return SectionForces(
-        beam, times, sections[0], N, Q, M, strained, sections[1], s is None, steps, sampler
-    )
+    of_sections = N, Q, M, strained, sections[1], s is None
+    return SectionForces(beam, times, sections[0], *of_sections, steps, sampler, refine)
 
 
 @read_only_data
 @dataclass(frozen=True, eq=False)
-class _SectionSampler:
-    """Section forces at any sections and times of a run."""
+class _RunSampler:
+    """Section forces of a beam at any sections and times of a run."""
 
     run: RunData
     beam: Beam
 
-    def __call__(self, times: Array, s: Array) -> Array:
+    def __call__(self, times: Array, s: Array, before: Array) -> Array:
         """Return N, Q and M (3, rows, sections) at ascending times [s], clipped to the run."""
         times = np.clip(times, self.run.trajectory.start, self.run.trajectory.end)
-        return self.evaluate(times, s, s >= self.beam.length)[0]
+        return self.evaluate(times, s, before)[0]
 
     def evaluate(self, times: Array, s: Array, before: Array) -> tuple[Array, Array]:
         """Return section forces from the loads and from the strains, (3, rows, sections) each."""
@@ -165,57 +174,73 @@ class _SectionSampler:
         return balanced, strained
 
 
-def recover_section_forces_at_state(
-    equations: EquationsOfMotion,
-    beam: Beam | str,
-    t: float,
-    state: State,
-    factors: Mapping[str, float],
-    s: Any = None,
-) -> SectionForces:
-    """Return axial force, shear force and bending moment along a beam at a single state.
+@dataclass(frozen=True, eq=False)
+class StateSampler:
+    """Section forces of a beam at any sections and a single state.
 
-    Parameters
+    Attributes
     ----------
-    equations
-        Equations of motion of the mechanism.
-    beam
-        The beam, or its name.
-    t
-        Time at which the loads are evaluated [s].
+    equations, beam
+        Equations of motion of the mechanism, and the beam.
+    time
+        Time at which the loads are evaluated [s], (1, 2).
     state
         The state as arrays with one row: q (1, n), v (1, n), a (1, n) and lam (1, m).
     factors
         Load factors by part name, and of gravity by the name "gravity". Missing factors are 1.
-    s
-        An arc length or several arc lengths [m]; see `Solution.section_forces`.
-
-    Returns
-    -------
-    SectionForces
-        Section forces at one time and these arc lengths.
-
-    Raises
-    ------
-    BeamdaeError
-        If the mechanism does not contain the beam, or an arc length is out of range.
     """
-    beam = _find_beam(equations, beam)
-    time, groups = np.array([[t, t]]), [(np.zeros(1, int), factors)]
-    if s is None:
-        sections = default_sections(beam, equations, time, state, groups)
-    else:
-        sections = _requested_sections(beam, s)
 
-    def evaluate(s: Array, before: Array) -> tuple[Array, Array]:
-        return balanced_and_elastic_forces(beam, equations, time, state, s, before, factors)
+    equations: EquationsOfMotion
+    beam: Beam
+    time: Array
+    state: State
+    factors: Mapping[str, float]
 
-    def sample(_: Array, s: Array) -> Array:
-        return evaluate(s, s >= beam.length)[0]
+    @classmethod
+    def of(
+        cls,
+        equations: EquationsOfMotion,
+        beam: Beam | str,
+        t: float,
+        state: State,
+        factors: Mapping[str, float],
+    ) -> StateSampler:
+        """Return the sampler of a beam, or of the beam with a name, at a time [s].
 
-    (N, Q, M), strained = evaluate(*sections)
-    of_sections = N, Q, M, strained, sections[1], s is None
-    return SectionForces(beam, time[:, 0], sections[0], *of_sections, np.zeros(0), sample)
+        Raises
+        ------
+        BeamdaeError
+            If the mechanism does not contain the beam.
+        """
+        return cls(equations, _find_beam(equations, beam), np.array([[t, t]]), state, factors)
+
+    def __call__(self, _: Array, s: Array, before: Array) -> Array:
+        """Return N, Q and M (3, 1, sections)."""
+        return self.evaluate(s, before)[0]
+
+    def evaluate(self, s: Array, before: Array) -> tuple[Array, Array]:
+        """Return section forces from the loads and from the strains, (3, 1, sections) each."""
+        at = self.time, self.state
+        return balanced_and_elastic_forces(self.beam, self.equations, *at, s, before, self.factors)
+
+    def recover(self, s: Any, refine: Callable[[], StateSampler | None]) -> SectionForces:
+        """Return the section forces at arc lengths [m]; see `Solution.section_forces`.
+
+        `refine` returns the sampler of the state with everything refined, or None.
+
+        Raises
+        ------
+        BeamdaeError
+            If an arc length is out of range.
+        """
+        beam, groups = self.beam, [(np.zeros(1, int), self.factors)]
+        if s is None:
+            sections = default_sections(beam, self.equations, self.time, self.state, groups)
+        else:
+            sections = _requested_sections(beam, s)
+        (N, Q, M), strained = self.evaluate(*sections)
+        of_sections = N, Q, M, strained, sections[1], s is None, np.zeros(0)
+        return SectionForces(beam, self.time[:, 0], sections[0], *of_sections, self, refine)
 
 
 def _find_beam(equations: EquationsOfMotion, beam: Any) -> Beam:
