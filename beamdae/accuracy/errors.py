@@ -31,6 +31,8 @@ Array = np.ndarray
 CAUSES = ("time", "mesh", "theory")
 _NAMES_OF_CAUSES = {"time": "steps", "mesh": "elements", "theory": "strains"}
 _MAX_NAMES = 6
+# Recommended elements are at most so often halved: larger errors do not decrease by their order.
+_MAX_HALVINGS = 2
 UNREQUIRED = Status("ok", "")
 
 
@@ -308,12 +310,14 @@ class Errors(HasTable):
         texts, refined = [], self.refined
         if "theory" in needed:
             texts.append(f'strain="exact" of {list_first(refined.inexact, _MAX_NAMES)}')
-        if "mesh" in needed and refined.degrees:
-            return join_names([*texts, f"accuracy={aim:g}"])
-        if "mesh" in needed and refined.elements:
-            halvings = np.log2(min(needed["mesh"], 1.0) / aim) / refined.mesh_order
-            factor = 2 ** int(np.ceil(halvings))
-            counts = [f"{factor * x} elements of {name}" for name, x in refined.elements.items()]
+            if needed["theory"] >= of_cause["mesh"]:
+                # Meshes of wrong strains do not show the errors of meshes of exact ones.
+                needed.pop("mesh", None)
+        if "mesh" in needed and (refined.elements or refined.degrees):
+            halvings = int(np.ceil(np.log2(needed["mesh"] / aim) / refined.mesh_order))
+            if refined.degrees or halvings > _MAX_HALVINGS:
+                return join_names([*texts, f"accuracy={aim:g}"])
+            counts = [f"{2**halvings * x} elements of {y}" for y, x in refined.elements.items()]
             texts.append(list_first(counts, _MAX_NAMES))
         if "mesh" in needed and refined.friction_speeds:
             texts.append(

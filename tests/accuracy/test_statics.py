@@ -1,6 +1,7 @@
 """Errors of equilibria and buckling loads beside closed forms."""
 
 import math
+import re
 import warnings
 
 import numpy as np
@@ -282,3 +283,31 @@ def test_errors_of_paths_contain_those_of_default_strains(request_):
     for header, value in accurate.errors.table()["value"].items():
         if header in truth:
             assert value == pytest.approx(truth[header], rel=1e-3, abs=1e-3 * largest)
+
+
+@pytest.mark.filterwarnings("ignore::beamdae.errors.BeamdaeWarning")
+@pytest.mark.parametrize("tension", [4e3, 4e4])
+def test_recommended_elements_reach_their_aim(tension):
+    """Up to 64 times as many elements were recommended from errors that show no order."""
+    counts = {}
+    for elements in (2, 4, 8, 16):
+        result = bd.equilibrium(cantilever(STRIP, 0.6, elements, (tension, -1.0)))
+        advice = result.errors.recommend()
+        recommended = re.match(r"(\d+) elements of beam", advice)
+        if recommended:
+            counts[elements] = int(recommended[1])
+            fine = bd.equilibrium(cantilever(STRIP, 0.6, counts[elements], (tension, -1.0)))
+            assert fine.errors.largest < 0.02
+        else:
+            assert (advice == "accuracy=0.01") == (result.errors.largest > 0.16)
+    assert counts
+    assert all(y <= 4 * x for x, y in counts.items())
+
+
+@pytest.mark.filterwarnings("ignore::beamdae.errors.BeamdaeWarning")
+@pytest.mark.parametrize("elements", [2, 8, 24])
+def test_strains_are_recommended_before_elements(elements):
+    """Three hundred elements were recommended, which make the error of the strains larger."""
+    path = bd.equilibrium(cantilever(STRIP, 0.6, elements, (0.0, -600.0)))
+    assert path.errors.largest > 0.4
+    assert path.errors.recommend() == 'strain="exact" of beam'
