@@ -71,7 +71,7 @@ def measure_run(
     time_limit
         Largest time of the companion [s].
     progress
-        Progress function of the companion; see `simulate`.
+        Progress function of the companion and of the runs that separate causes; see `simulate`.
 
     Raises
     ------
@@ -91,7 +91,7 @@ def measure_run(
         if strains is not None:
             refinement, motion = refine_equations(run, strains=strains)
         equations = run.equations if refinement is None else refinement.equations
-        companion = _repeat(run, method, equations, motion, progress if strains else None)
+        companion = _repeat(run, method, equations, motion, progress)
         return companion, describe_refinement(run.equations, refinement, run)
 
     return measure_errors(_state_obstacle(run, "a refined run cannot begin"), run, repeat, _compare)
