@@ -72,6 +72,15 @@ class Refined(NamedTuple):
     method: str = ""
     mesh_order: int = 2
 
+    @property
+    def has_mesh(self) -> bool:
+        """True if meshes or friction speeds, which count among them, are refined."""
+        return bool(self.elements or self.degrees or self.friction_speeds)
+
+    def with_steps(self, method: Any) -> Refined:
+        """Return the description with the steps of an integrator."""
+        return self._replace(accuracy=tuple(method.accuracy), order=method.order)
+
     def __str__(self) -> str:
         """Describe the companion."""
         if self.method:
@@ -225,8 +234,7 @@ class Errors(HasTable):
         again, with original strains.
         """
         x = self.refined
-        has_mesh = bool(x.elements or x.degrees or x.friction_speeds)
-        is_possible = bool(self.refined.accuracy[0]), has_mesh, bool(self.refined.inexact)
+        is_possible = bool(x.accuracy[0]), x.has_mesh, bool(x.inexact)
         possible = dict(zip(CAUSES, is_possible, strict=True))
         if sum(possible.values()) < 2 or self._split is None:
             return {x: self.total if possible[x] else np.zeros_like(self.total) for x in CAUSES}

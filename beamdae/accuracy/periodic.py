@@ -13,7 +13,6 @@ from beamdae.accuracy.refinement import Refinement, refine
 from beamdae.accuracy.runs import (
     RTOL_BESIDE_ACCURATE_STEPS,
     check_result,
-    describe_refinement,
     refine_method,
 )
 from beamdae.accuracy.values import compare_columns
@@ -54,9 +53,9 @@ def measure_motion(motion: PeriodicMotion, time_limit: float | None = None) -> E
     method = refine_method(run, time_limit, RTOL_BESIDE_ACCURATE_STEPS)
 
     def repeat(strains: bool | None) -> tuple[PeriodicMotion, Refined]:
-        refinement = None if strains is None else refine(run.equations, strains=strains)
+        refinement = refine(run.equations, strains=strains)
         companion = _find_motion(motion, method, refinement)
-        return companion, describe_refinement(run.equations, refinement, run)
+        return companion, refinement.refined.with_steps(run.made_by)
 
     reason = "no such motion is found with everything refined"
     unchecked = Errors.unchecked(headers, sizes, reason, has_failed=True)
@@ -92,7 +91,7 @@ def check_response(response: FrequencyResponse) -> Iterator[str]:
 
 
 def _find_motion(
-    motion: PeriodicMotion, method: Integrator, refinement: Refinement | None
+    motion: PeriodicMotion, method: Integrator, refinement: Refinement
 ) -> PeriodicMotion:
     """Return the motion of the refined mechanism near a motion.
 
@@ -103,11 +102,8 @@ def _find_motion(
     """
     run = motion.solution
     first = run.trajectory.intervals[0].state
-    equations, q, v = run.equations, first.q[0], first.v[0]
-    if refinement is not None:
-        equations = refinement.equations
-        q, v = refinement.prolong(q), refinement.prolongation @ v
-    equations = replace(equations, q0=q, v0=v)
+    q, v = refinement.prolong(first.q[0]), refinement.prolongation @ first.v[0]
+    equations = replace(refinement.equations, q0=q, v0=v)
     tolerance = Tolerance.for_integrator("periodic", None, method)
     with hold_messages():
         period_map = PeriodMap.from_equations(equations, method, float(run.t[0]), motion.period)

@@ -12,10 +12,8 @@ import numpy as np
 
 from beamdae import integrators
 from beamdae.accuracy.errors import FACTOR, Errors, Refined, measure_errors
-from beamdae.accuracy.refinement import RefinedMechanism, Refinement, refine
+from beamdae.accuracy.refinement import Refinement, refine
 from beamdae.accuracy.values import compare_columns
-from beamdae.beams.beam import beams_of
-from beamdae.beams.remeshing import list_fixed_beams
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.errors import (
     BeamdaeError,
@@ -87,12 +85,9 @@ def measure_run(
     method = refine_method(run, time_limit)
 
     def repeat(strains: bool | None) -> tuple[Solution, Refined]:
-        refinement, motion = None, run.trajectory
-        if strains is not None:
-            refinement, motion = refine_equations(run, strains=strains)
-        equations = run.equations if refinement is None else refinement.equations
-        companion = _repeat(run, method, equations, motion, progress)
-        return companion, describe_refinement(run.equations, refinement, run)
+        refinement, motion = refine_equations(run, strains)
+        companion = _repeat(run, method, refinement.equations, motion, progress)
+        return companion, refinement.refined.with_steps(run.made_by)
 
     return measure_errors(_state_obstacle(run, "a refined run cannot begin"), run, repeat, _compare)
 
@@ -240,15 +235,13 @@ def refine_method(
     return replace(method, **{x: y for x, y in changes.items() if hasattr(method, x)})
 
 
-def refine_equations(
-    run: Solution, *, strains: bool = True
-) -> tuple[Refinement | None, Trajectory]:
+def refine_equations(run: Solution, strains: bool | None) -> tuple[Refinement, Trajectory]:
     """Return refined equations with the start of the run, and its motion in their coordinates."""
     start = run.equations.start
     searched = None if start is None else start.searched
     refinement = refine(run.equations, searched or AS_DRAWN, strains=strains)
-    if refinement is None:
-        return None, run.trajectory
+    if refinement.equations is run.equations:
+        return refinement, run.trajectory
     matrix = refinement.prolongation
     if searched is None:
         first = run.trajectory.intervals[0].rows
@@ -278,21 +271,3 @@ def _repeat(
     if other.status.kind == "interrupted":
         raise Interrupted(other.status.sentence)
     return replace(other, t=other.t[int(is_later) :], model=run.model)
-
-
-def describe_refinement(
-    equations: EquationsOfMotion,
-    refinement: Refinement | RefinedMechanism | None,
-    run: Solution | None,
-) -> Refined:
-    """Return the description of what a companion refines: beams and, if there is one, a run."""
-    method: Any = None if run is None else run.made_by
-    of_steps = {} if run is None else {"accuracy": tuple(method.accuracy), "order": method.order}
-    if refinement is None:
-        mechanism = equations.mechanism
-        return Refined(kept={} if mechanism is None else list_fixed_beams(mechanism), **of_steps)
-    meshes = {x.name: x.mesh for x in beams_of(equations.mechanism)}
-    elements = {name: meshes[name].elements for name in refinement.halved}
-    degrees = {name: meshes[name].nodes - 1 for name in refinement.raised}
-    of_beams = elements, degrees, refinement.exact, refinement.sharpened
-    return Refined(*of_beams, kept=refinement.kept, **of_steps)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import replace
-from functools import cache
+from dataclasses import dataclass, replace
+from functools import cache, cached_property
 from itertools import takewhile
 from typing import Any, NamedTuple
 
@@ -13,7 +13,6 @@ import numpy as np
 
 from beamdae.accuracy.errors import FACTOR, Errors, MissingStateError, Refined, measure_errors
 from beamdae.accuracy.refinement import Refinement, refine
-from beamdae.accuracy.runs import describe_refinement
 from beamdae.analysis.continuation.engine import (
     ArcLength,
     Control,
@@ -38,7 +37,7 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion, format_head
 from beamdae.errors import BeamdaeError, hold_messages
 from beamdae.interrupts import Interrupted
 from beamdae.linear.blas_threads import single_threaded
-from beamdae.results.columns import UNITS_OF_POSITIONS, Header
+from beamdae.results.columns import UNITS_OF_POSITIONS, Header, largest_by
 from beamdae.results.elastic_columns import measured_quantity
 from beamdae.results.equilibrium import FACTOR as LOAD_FACTOR
 from beamdae.results.equilibrium import UNSTABLE, Equilibrium
@@ -91,9 +90,10 @@ def measure_equilibrium(path: Equilibrium) -> Errors:
     extremes = [x for x in _find_extremes(path, scales) if x[0] in values]
 
     def repeat(refinement: Refinement) -> _Repetition:
-        companion, is_traced = _repeat(path, refinement)
+        refined_path = _RefinedPath(path, refinement)
+        companion, is_traced = refined_path.repeat()
         scales.setdefault(path.header, float(np.max(np.abs(companion.factors), initial=0.0)))
-        at_extremes = _repeat_extremes(path, refinement, extremes)
+        at_extremes = refined_path.repeat_extremes(extremes)
         places = _place(headers, _list_values(companion), at_extremes)
         return _Repetition(places, companion, is_traced)
 
@@ -167,14 +167,14 @@ def _measure(
             return result, Refined()
         with hold_messages(), single_threaded:
             refinement = refine(equations, strains=strains)
-            if refinement is None or not (refinement.halved or refinement.raised):
+            if not refinement.refined.has_mesh:
                 raise BeamdaeError("no beam can be refined.")
             others = repeat(refinement)
         if strains:
             refined_values = np.atleast_2d(others.values.T)[0]
             sizes = np.abs(np.where(np.isnan(refined_values), headlines, refined_values))
             sizes = np.array([scales.get(x, y) for x, y in zip(headers, sizes, strict=True)])
-        return others, describe_refinement(equations, refinement, None)
+        return others, refinement.refined
 
     def compare(first: _Repetition, second: _Repetition, refined: Refined) -> Errors:
         errors = Errors.of_values(
@@ -191,7 +191,15 @@ def _measure(
 def _find_obstacle(path: Equilibrium) -> str:
     if path.equations.mechanism is None:
         return "equations have no elements"
+    if not path.status.success and _varies_model(path):
+        return "a path over a parameter of the model ended early"
     return "the path was interrupted" if path.status.kind == "interrupted" else ""
+
+
+def _varies_model(path: Equilibrium) -> bool:
+    """Return True for paths over a parameter of a model, which refined equations do not have."""
+    over = path.settings.get("over")
+    return bool(over) and over not in quantity_units(None, path.equations.mechanism)
 
 
 def _list_values(path: Equilibrium) -> Values:
@@ -199,16 +207,20 @@ def _list_values(path: Equilibrium) -> Values:
     values: Values = {}
     if path.status.success:
         values = {x: float(y[-1]) for x, y in path.columns.items() if np.isfinite(y[-1])}
-    if path.status.kind == "failed" or isinstance(path.settings["to"], dict):
+    is_sought = path.status.success and isinstance(path.settings["to"], dict)
+    if is_sought or path.status.kind == "failed":
         values[path.header] = path.factor
-    is_critical = any(x.row == len(path.q) - 1 for x in path.critical)
-    if path.status.success and path.unstable[-1] >= 0 and not is_critical:
+    if path.status.success and path.unstable[-1] >= 0 and not _ends_critically(path):
         values[UNSTABLE] = float(path.unstable[-1])
     unit, counts = Header.of(path.over or LOAD_FACTOR).unit, Counter[str]()
     for one in path.critical:
         counts[one.kind] += 1
         values[f"{one.kind} {counts[one.kind]} [{unit}]"] = one.factor
     return values
+
+
+def _ends_critically(path: Equilibrium) -> bool:
+    return any(x.row == len(path.q) - 1 for x in path.critical)
 
 
 def _find_scales(path: Equilibrium) -> Values:
@@ -223,7 +235,8 @@ def _find_scales(path: Equilibrium) -> Values:
         return {}
     is_position = [Header.of(x).unit in UNITS_OF_POSITIONS for x in headers]
     sizes = np.where(is_position, np.ptp(rows, axis=0), np.max(np.abs(rows[1:]), axis=0))
-    forces = _largest_by_unit([x.unit for x in e.multipliers], path.lam)
+    reactions = 0.5 * np.max(np.abs(path.lam), axis=0)
+    forces = largest_by([x.unit for x in e.multipliers], reactions.tolist())
     is_noise = mark_resting_columns(headers, rows, 0.5 * sizes, e.length, others=forces)
     is_noise |= 0.5 * sizes <= rounding_limits(e, headers)
     scales = dict(zip(headers, np.where(is_noise, np.inf, sizes).tolist(), strict=True))
@@ -240,13 +253,6 @@ def _find_extremes(path: Equilibrium, scales: Values) -> Iterator[tuple[str, int
             excess = min(abs(x[row] - x[0]), abs(x[row] - x[-1]))
             if excess > _MIN_EXCESS * size:
                 yield header, place, row
-
-
-def _largest_by_unit(units: list[str], rows: Array) -> Values:
-    largest: Values = {}
-    for unit, x in zip(units, np.max(np.abs(rows), axis=0, initial=0.0).tolist(), strict=True):
-        largest[unit] = max(largest.get(unit, 0.0), 0.5 * x)
-    return largest
 
 
 def _measure_sections(path: Equilibrium) -> Iterator[tuple[str, float]]:
@@ -272,166 +278,162 @@ def _measure_sections(path: Equilibrium) -> Iterator[tuple[str, float]]:
             yield header, of_column[column]
 
 
-def _repeat(path: Equilibrium, refinement: Refinement) -> tuple[Equilibrium, bool]:
-    """Return the refined path, and True if all of its critical points are known.
+@dataclass(frozen=True, eq=False)
+class _RefinedPath:
+    """Path of equilibria, and the refined equations in which it is repeated."""
 
-    Its end is sought near that of the path. The whole path is traced if it has critical points or
-    ended early, or if its end is not found or has other unstable directions.
+    path: Equilibrium
+    refinement: Refinement
 
-    Raises
-    ------
-    BeamdaeError
-        If the refined path does not begin; a `MissingStateError` if it leads to another end.
-    """
-    loading, settings = _load(path, refinement.equations), _read_settings(path)
-    end = _correct_row(path, refinement, loading, settings) if path.status.success else None
-    is_critical = any(x.row == len(path.q) - 1 for x in path.critical)
-    is_near = end is not None and (is_critical or end.monitor.unstable == path.unstable[-1])
-    is_whole, status = _is_whole(path, loading, settings), REACHED_END
-    if is_whole and (path.critical or not is_near):
-        start = refinement.prolong(path.q[0])
-        # The refined path may switch to the mirrored branch.
-        for sign in (1, -1) if settings.switch else (1,):
-            switch = tuple(sign * x for x in settings.switch)
-            traced = trace_path(loading, start, replace(settings, switch=switch))
-            status = traced.status
-            if status.kind == "interrupted":
-                raise Interrupted(status.sentence)
-            is_same = _is_same_end(refinement, path, end, traced.points[-1])
-            if (is_same or not settings.switch) and (status.success or not path.status.success):
-                return _as_equilibrium(path, loading, traced.points, traced), True
-    if end is None or not is_near:
-        reason = "leads elsewhere" if status.success else f"ends early ({status.sentence})"
-        raise MissingStateError(f"with refined beams, the path {reason}.")
-    return _as_equilibrium(path, loading, [end]), is_whole
+    @cached_property
+    def loading(self) -> Loading:
+        """Refined equations with the loads of the path."""
+        path, equations = self.path, self.refinement.equations
+        over, mechanism = path.settings.get("over"), equations.mechanism
+        # A parameter of a model is constant at the end of its path, under all loads.
+        if not over or _varies_model(path):
+            return build_loading(mechanism, equations, [list(x) for x in path.loads], path.t)
+        begin, target = float(path.factors[0, 0]), path.settings["to"][-1]
+        parameter = resolve_parameter(mechanism, equations, over, begin, target, path.t)
+        return vary_parameter(parameter.equations_at(begin), parameter)
 
-
-def _load(path: Equilibrium, equations: EquationsOfMotion) -> Loading:
-    over = path.settings.get("over")
-    # A parameter of a model function is constant at the end of its path, under all loads.
-    if not over or over not in quantity_units(None, equations.mechanism):
-        return build_loading(equations.mechanism, equations, [list(x) for x in path.loads], path.t)
-    begin, target = float(path.factors[0, 0]), path.settings["to"][-1]
-    parameter = resolve_parameter(equations.mechanism, equations, over, begin, target, path.t)
-    return vary_parameter(parameter.equations_at(begin), parameter)
-
-
-def _read_settings(path: Equilibrium) -> PathSettings:
-    to, count = path.settings["to"], _MAX_POINTS_RATIO * len(path.q) + _MORE_POINTS
-    control, step, switch, over = (
-        path.settings.get(x) for x in ("control", "step", "switch", "over")
-    )
-    return PathSettings.from_arguments(to, control, step, switch or 0, count, over)
-
-
-def _repeat_extremes(
-    path: Equilibrium, refinement: Refinement, extremes: list[tuple[str, int, int]]
-) -> Iterator[tuple[str, int, float]]:
-    """Yield the columns of a refined path, their places, and the values at extremes of the path."""
-    loading, settings = _load(path, refinement.equations), _read_settings(path)
-    if settings.varies and loading.parameter is None:
-        return
-    found: dict[int, Mapping[str, Array]] = {}
-    for header, place, row in extremes:
-        if row not in found:
-            point = _correct_row(path, refinement, loading, settings, row)
-            found[row] = {}
-            if point is not None:
-                found[row] = _as_equilibrium(path, loading, [point], row=row).columns
-        if header in found[row]:
-            yield header, place, float(found[row][header][0])
-
-
-def _is_whole(path: Equilibrium, loading: Loading, settings: PathSettings) -> bool:
-    """Return False for paths over a parameter of a model, and rows of longer paths."""
-    if settings.varies and loading.parameter is None:
-        return False
-    if settings.column or not path.status.success or not path.factors.shape[1]:
-        return True
-    target = settings.targets[-1]
-    return abs(path.factor - target) <= 1e-9 * abs(target)
-
-
-def _correct_row(
-    path: Equilibrium,
-    refinement: Refinement,
-    loading: Loading,
-    settings: PathSettings,
-    row: int = -1,
-) -> Point | None:
-    """Return the refined equilibrium near a row of a path, or None if it is not found.
-
-    That near the end has the same load factor or prescribed position, others are beside the path.
-    """
-    stage, mu = _find_stage(path, row), path.factor
-    if path.factors.shape[1]:
-        mu = float(path.factors[row, stage])
-    system = loading.systems[stage]
-    lam = dict(zip(path.equations.lam_names, path.lam[row].tolist(), strict=True))
-    x = np.append(
-        refinement.prolong(path.q[row]),
-        [lam.get(name, 0.0) for name in system.equations.lam_names],
-    )
-    if path.free and system.has_scaled_loads:
-        system = hold_neutral_motions(system, x, mu)
-    problem = StaticProblem(system)
-    x = problem.start(x)
-    control: Control = prescribe_parameter
-    target = mu
-    if row != -1:
-        motion = refinement.prolongation @ (path.q[row + 1] - path.q[row - 1])
-        tangent, weights = np.append(problem.start(motion), 0.0), np.append(problem.weights, 0.0)
-        control, target = ArcLength(problem.point(x, mu), tangent, weights), 0.0
-    elif settings.column:
-        control, coarse = (
-            PrescribedColumn.from_name(e, settings.column, system.loaded.time)
-            for e in (refinement.equations, path.equations)
+    @cached_property
+    def settings(self) -> PathSettings:
+        """Settings of the path."""
+        settings, count = self.path.settings, len(self.path.q)
+        control, step, switch, over = (
+            settings.get(x) for x in ("control", "step", "switch", "over")
         )
-        target = coarse.value(path.q[-1])
-    try:
-        return problem.correct(control, target, x, mu)
-    except CurveError:
-        return None
+        count = _MAX_POINTS_RATIO * count + _MORE_POINTS
+        return PathSettings.from_arguments(settings["to"], control, step, switch or 0, count, over)
+
+    @property
+    def is_whole(self) -> bool:
+        """False for paths over a parameter of a model, and rows of longer paths."""
+        path, settings = self.path, self.settings
+        if _varies_model(path):
+            return False
+        if settings.column or not path.status.success or not path.factors.shape[1]:
+            return True
+        target = settings.targets[-1]
+        return abs(path.factor - target) <= 1e-9 * abs(target)
+
+    def repeat(self) -> tuple[Equilibrium, bool]:
+        """Return the refined path, and True if all of its critical points are known.
+
+        Its end is sought near that of the path. The whole path is traced if it has critical points
+        or ended early, or if its end is not found or has other unstable directions.
+
+        Raises
+        ------
+        BeamdaeError
+            If the refined path does not begin; a `MissingStateError` if it leads to another end.
+        """
+        path, settings, status = self.path, self.settings, REACHED_END
+        end = self._correct_row(-1) if path.status.success else None
+        is_near = end is not None and (
+            _ends_critically(path) or end.monitor.unstable == path.unstable[-1]
+        )
+        if self.is_whole and (path.critical or not is_near):
+            start = self.refinement.prolong(path.q[0])
+            # The refined path may switch to the mirrored branch.
+            for sign in (1, -1) if settings.switch else (1,):
+                switch = tuple(sign * x for x in settings.switch)
+                traced = trace_path(self.loading, start, replace(settings, switch=switch))
+                status = traced.status
+                if status.kind == "interrupted":
+                    raise Interrupted(status.sentence)
+                is_same = end is None or self._are_same(end, traced.points[-1])
+                if (is_same or not settings.switch) and (status.success or not path.status.success):
+                    return self._as_equilibrium(traced.points, traced), True
+        if end is None or not is_near:
+            reason = "leads elsewhere" if status.success else f"ends early ({status.sentence})"
+            raise MissingStateError(f"with refined beams, the path {reason}.")
+        return self._as_equilibrium([end]), self.is_whole
+
+    def repeat_extremes(
+        self, extremes: list[tuple[str, int, int]]
+    ) -> Iterator[tuple[str, int, float]]:
+        """Yield columns, their places, and the refined values at extremes of the path."""
+        if _varies_model(self.path):
+            return
+        found: dict[int, Mapping[str, Array]] = {}
+        for header, place, row in extremes:
+            if row not in found:
+                point = self._correct_row(row)
+                found[row] = {}
+                if point is not None:
+                    found[row] = self._as_equilibrium([point], row=row).columns
+            if header in found[row]:
+                yield header, place, float(found[row][header][0])
+
+    def _correct_row(self, row: int) -> Point | None:
+        """Return the refined equilibrium near a row of the path, or None if it is not found.
+
+        That near the end, the row -1, has the same load factor or prescribed position, others are
+        beside the path.
+        """
+        path, settings, refinement = self.path, self.settings, self.refinement
+        stage, mu = _find_stage(path, row), path.factor
+        if path.factors.shape[1]:
+            mu = float(path.factors[row, stage])
+        system = self.loading.systems[stage]
+        lam = dict(zip(path.equations.lam_names, path.lam[row].tolist(), strict=True))
+        x = np.append(
+            refinement.prolong(path.q[row]),
+            [lam.get(name, 0.0) for name in system.equations.lam_names],
+        )
+        if path.free and system.has_scaled_loads:
+            system = hold_neutral_motions(system, x, mu)
+        problem = StaticProblem(system)
+        x = problem.start(x)
+        control: Control = prescribe_parameter
+        target = mu
+        if row != -1:
+            motion = refinement.prolongation @ (path.q[row + 1] - path.q[row - 1])
+            tangent, weights = (np.append(y, 0.0) for y in (problem.start(motion), problem.weights))
+            control, target = ArcLength(problem.point(x, mu), tangent, weights), 0.0
+        elif settings.column:
+            control, coarse = (
+                PrescribedColumn.from_name(e, settings.column, system.loaded.time)
+                for e in (refinement.equations, path.equations)
+            )
+            target = coarse.value(path.q[-1])
+        try:
+            return problem.correct(control, target, x, mu)
+        except CurveError:
+            return None
+
+    def _as_equilibrium(
+        self, points: list[Point], traced: EquilibriumPath | None = None, row: int = -1
+    ) -> Equilibrium:
+        """Return refined points as a result with the loads of the path at a row.
+
+        Critical points are those up to the first one of another kind.
+        """
+        path = self.path
+        factors = path.factors[[row]]
+        factors[:, _find_stage(path, row) :][:, :1] = points[-1].p
+        refined = () if traced is None else traced.critical
+        pairs = zip(path.critical, refined, strict=False)
+        return replace(
+            path,
+            equations=self.loading.full_equations,
+            factors=factors if traced is None else traced.factors,
+            unstable=np.full(len(points), points[-1].monitor.unstable),
+            critical=tuple(y for _, y in takewhile(lambda x: x[0].kind == x[1].kind, pairs)),
+            **tabulate_points(self.loading, points),
+        )
+
+    def _are_same(self, end: Point, traced: Point) -> bool:
+        """Return False if a traced path leads to another end, as that of a mirrored branch."""
+        path, n = self.path, self.refinement.equations.n
+        scale = self.refinement.equations.position_scales
+        motion = (self.refinement.prolongation @ (path.q[-1] - path.q[0])) / scale
+        difference = np.abs(end.x[:n] - traced.x[:n]) / scale
+        return bool(np.max(difference) <= _SAME_END * np.max(np.abs(motion), initial=1e-9))
 
 
-def _find_stage(path: Equilibrium, row: int = -1) -> int:
+def _find_stage(path: Equilibrium, row: int) -> int:
     """Return the index of the load stage of a row of a path."""
     return int(np.max(np.flatnonzero(path.factors[row]), initial=0))
-
-
-def _as_equilibrium(
-    path: Equilibrium,
-    loading: Loading,
-    points: list[Point],
-    traced: EquilibriumPath | None = None,
-    row: int = -1,
-) -> Equilibrium:
-    """Return refined points as a result with the loads of a path at a row.
-
-    Critical points are those up to the first one of another kind.
-    """
-    factors = path.factors[[row]]
-    factors[:, _find_stage(path, row) :][:, :1] = points[-1].p
-    refined = () if traced is None else traced.critical
-    pairs = zip(path.critical, refined, strict=False)
-    return replace(
-        path,
-        equations=loading.full_equations,
-        factors=factors if traced is None else traced.factors,
-        unstable=np.full(len(points), points[-1].monitor.unstable),
-        critical=tuple(y for _, y in takewhile(lambda x: x[0].kind == x[1].kind, pairs)),
-        **tabulate_points(loading, points),
-    )
-
-
-def _is_same_end(
-    refinement: Refinement, path: Equilibrium, end: Point | None, traced: Point
-) -> bool:
-    """Return False if a traced path leads to another end, such as that of a mirrored branch."""
-    if end is None:
-        return True
-    n = refinement.equations.n
-    scale = refinement.equations.position_scales
-    motion = (refinement.prolongation @ (path.q[-1] - path.q[0])) / scale
-    difference = np.abs(end.x[:n] - traced.x[:n]) / scale
-    return bool(np.max(difference) <= _SAME_END * np.max(np.abs(motion), initial=1e-9))

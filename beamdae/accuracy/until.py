@@ -365,10 +365,10 @@ def _refine_beams(
                 mesh = refine_mesh(beam, mesh)
             return mesh
 
-        finer = refine_mechanism(coarse, start, change, friction=analysis.method is not None)
-        if finer is None:
+        finer, made = refine_mechanism(coarse, start, change, friction=analysis.method is not None)
+        if not made.has_mesh:
             raise BeamdaeError("no beam can be refined")
-        return finer.mechanism
+        return finer
 
     while (finer := refine(mechanism, halvings)) and _count_unknowns(finer) > _MAX_UNKNOWNS:
         halvings -= 1
