@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from beamdae.accuracy.errors import FACTOR, Errors, MissingStateError, Refined, measure_errors
+from beamdae.accuracy.errors import Errors, MissingStateError, Refined, measure_errors
 from beamdae.accuracy.refinement import Refinement, refine
 from beamdae.analysis.continuation.engine import CurveError, prescribe_parameter
 from beamdae.analysis.eigenproblems.eigensolution import EigenSolution, solve_eigenproblem
@@ -126,18 +126,12 @@ def measure_about_state(
         return solve(*companion), refined._replace(mesh_order=min(orders, default=2))
 
     def compare(first: Array, second: Array, refined: Refined) -> Errors:
-        errors = Errors.of_values(headers, summarize(first), summarize(second), refined)
-        return replace(errors, total=_measure_changes(first, second))
+        sizes = np.max(np.abs(second), axis=1, initial=0.0)
+        errors = Errors.of_values(headers, first, second, refined, sizes)
+        return replace(errors, values=summarize(first), companions=summarize(second))
 
     unchecked = Errors.unchecked(headers, values, "no refined model")
     return measure_errors(unchecked, samples, repeat, compare)
-
-
-def _measure_changes(samples: Array, others: Array) -> Array:
-    changes = np.max(np.abs(samples - others), axis=1, initial=0.0)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        relative = FACTOR * changes / np.max(np.abs(others), axis=1, initial=0.0)
-    return np.where(changes == 0.0, 0.0, relative)
 
 
 def pair_modes(

@@ -13,6 +13,7 @@ from beamdae.accuracy.refinement import Refinement, refine
 from beamdae.accuracy.runs import (
     RTOL_BESIDE_ACCURATE_STEPS,
     check_result,
+    leave_unchecked,
     refine_method,
 )
 from beamdae.accuracy.values import compare_columns
@@ -44,12 +45,10 @@ def measure_motion(motion: PeriodicMotion, time_limit: float | None = None) -> E
         Largest time of each run of the companion [s].
     """
     run = motion.solution
-    headers = tuple(run.columns)
-    sizes = np.array([np.max(np.abs(x), initial=0.0) for x in run.columns.values()])
     if not motion.status.success:
-        return Errors.unchecked(headers, sizes, "no periodic motion was found")
+        return leave_unchecked(run, "no periodic motion was found")
     if not isinstance(run.made_by, Integrator):
-        return Errors.unchecked(headers, sizes, "the motion was loaded from a file")
+        return leave_unchecked(run, "the motion was loaded from a file")
     method = refine_method(run, time_limit, RTOL_BESIDE_ACCURATE_STEPS)
 
     def repeat(strains: bool | None) -> tuple[PeriodicMotion, Refined]:
@@ -58,7 +57,7 @@ def measure_motion(motion: PeriodicMotion, time_limit: float | None = None) -> E
         return companion, refinement.refined.with_steps(run.made_by)
 
     reason = "no such motion is found with everything refined"
-    unchecked = Errors.unchecked(headers, sizes, reason, has_failed=True)
+    unchecked = replace(leave_unchecked(run, reason), has_failed=True)
     return measure_errors(unchecked, motion, repeat, _compare, _FAILURES)
 
 

@@ -37,13 +37,12 @@ _are_checked: ContextVar[bool] = ContextVar("are_checked", default=True)
 _RTOL_RATIO = 1.0 / 3.0
 # Fixed steps share blind spots with half their length: another method takes their place.
 _RTOL_BESIDE_STEPS, _STEP_RATIO = 1e-4, 0.37
-# Resonances amplify errors of steps, and many data errors of predictions.
+# Resonances amplify errors of steps, and many data errors of predictions; also of `verify`.
 RTOL_BESIDE_ACCURATE_STEPS = 1e-6
 _MAX_STEPS_RATIO, _MIN_MAX_STEPS = 8, 3000
-_RTOL_OF_ANOTHER_METHOD, _MIN_RTOL = 1e-6, 1e-10
+_MIN_RTOL = 1e-10
 # Runs are checked by themselves up to this time [s], or this multiple of their own.
 _MIN_TIME_LIMIT, _MAX_TIME_RATIO = 2.0, 8.0
-_MAX_NAMES = 6
 
 
 @contextmanager
@@ -77,7 +76,7 @@ def measure_run(
         If the companion is interrupted.
     """
     if reason := _find_obstacle(run):
-        return _state_obstacle(run, reason)
+        return leave_unchecked(run, reason)
     # The run caches its errors, which refer to a copy: a cycle would keep both in memory.
     twin = replace(run)
     vars(twin).update(vars(run))
@@ -89,7 +88,7 @@ def measure_run(
         companion = _repeat(run, method, refinement.equations, motion, progress)
         return companion, refinement.refined.with_steps(run.made_by)
 
-    return measure_errors(_state_obstacle(run, "a refined run cannot begin"), run, repeat, _compare)
+    return measure_errors(leave_unchecked(run, "a refined run cannot begin"), run, repeat, _compare)
 
 
 @interruptible
@@ -141,11 +140,11 @@ def verify(
         require_integrator("verify", integrator)
     require_progress("verify", progress)
     if reason := _find_obstacle(solution):
-        return _state_obstacle(solution, reason)
+        return leave_unchecked(solution, reason)
     own: Any = solution.made_by
     name, value = own.accuracy
     if integrator is None:
-        rtol = max(0.1 * value, _MIN_RTOL) if name == "rtol" else _RTOL_OF_ANOTHER_METHOD
+        rtol = max(0.1 * value, _MIN_RTOL) if name == "rtol" else RTOL_BESIDE_ACCURATE_STEPS
         is_radau = solution.integrator.get("method") == "Radau"
         integrator = (integrators.GeneralizedAlpha if is_radau else integrators.Radau)(rtol=rtol)
     other = _repeat(solution, integrator, solution.equations, solution.trajectory, progress)
@@ -205,7 +204,8 @@ def _find_obstacle(run: Solution) -> str:
     return "the run has a single row" if len(run.t) < 2 else ""
 
 
-def _state_obstacle(run: Solution, reason: str) -> Errors:
+def leave_unchecked(run: Solution, reason: str) -> Errors:
+    """Return the errors of a run that cannot be checked."""
     sizes = [np.max(np.abs(x), initial=0.0) for x in run.columns.values()]
     return Errors.unchecked(tuple(run.columns), np.array(sizes), reason)
 
@@ -213,9 +213,9 @@ def _state_obstacle(run: Solution, reason: str) -> Errors:
 def _compare(run: Solution, other: Solution, refined: Refined, factor: float = FACTOR) -> Errors:
     if not other.status.success:
         reason = f"{refined} does not reach the end ({other.status.sentence})"
-        return replace(_state_obstacle(run, reason), refined=refined, has_failed=True)
+        return replace(leave_unchecked(run, reason), refined=refined, has_failed=True)
     if not run.columns:
-        return _state_obstacle(run, "no column is observed")
+        return leave_unchecked(run, "no column is observed")
     x = compare_columns(run, other)
     total = factor * np.maximum(x.peaks, x.means)
     return Errors(tuple(run.columns), x.values, x.others, total, x.rows, refined, x.relative_to)

@@ -21,7 +21,12 @@ from beamdae.analysis.continuation.engine import (
     prescribe_parameter,
 )
 from beamdae.analysis.statics.linear_buckling import Buckling, repeat_buckling
-from beamdae.analysis.statics.load_scaling import Loading, build_loading, vary_parameter
+from beamdae.analysis.statics.load_scaling import (
+    Loading,
+    active_stage,
+    build_loading,
+    vary_parameter,
+)
 from beamdae.analysis.statics.neutral_motions import hold_neutral_motions
 from beamdae.analysis.statics.path_parameters import quantity_units, resolve_parameter
 from beamdae.analysis.statics.path_settings import PathSettings
@@ -37,7 +42,7 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion, format_head
 from beamdae.errors import BeamdaeError, hold_messages
 from beamdae.interrupts import Interrupted
 from beamdae.linear.blas_threads import single_threaded
-from beamdae.results.columns import UNITS_OF_POSITIONS, Header, largest_by
+from beamdae.results.columns import Header, is_position, largest_by
 from beamdae.results.elastic_columns import measured_quantity
 from beamdae.results.equilibrium import FACTOR as LOAD_FACTOR
 from beamdae.results.equilibrium import UNSTABLE, Equilibrium
@@ -233,8 +238,9 @@ def _find_scales(path: Equilibrium) -> Values:
     rows = np.array([np.append(first.columns[x][0], path.columns[x]) for x in headers]).T
     if not len(rows):
         return {}
-    is_position = [Header.of(x).unit in UNITS_OF_POSITIONS for x in headers]
-    sizes = np.where(is_position, np.ptp(rows, axis=0), np.max(np.abs(rows[1:]), axis=0))
+    sizes = np.where(
+        [is_position(x) for x in headers], np.ptp(rows, axis=0), np.max(np.abs(rows[1:]), axis=0)
+    )
     reactions = 0.5 * np.max(np.abs(path.lam), axis=0)
     forces = largest_by([x.unit for x in e.multipliers], reactions.tolist())
     is_noise = mark_resting_columns(headers, rows, 0.5 * sizes, e.length, others=forces)
@@ -266,10 +272,10 @@ def _measure_sections(path: Equilibrium) -> Iterator[tuple[str, float]]:
 
     for name, observed in mechanism.observables.items():
         quantity, names = measured_quantity(observed)
-        sections = Beam.sections_of_strains(quantity)
-        if sections is None:
+        beam = Beam.of_strains(quantity)
+        if beam is None:
             continue
-        forces = forces_along(sections[0])
+        forces = forces_along(beam)
         rows = np.concatenate([forces.N, forces.Q, forces.M])
         values = Beam.values_of_section_forces(quantity, rows, forces.s.tolist())
         largest = np.abs(values).max(axis=-1)
@@ -300,12 +306,9 @@ class _RefinedPath:
     @cached_property
     def settings(self) -> PathSettings:
         """Settings of the path."""
-        settings, count = self.path.settings, len(self.path.q)
-        control, step, switch, over = (
-            settings.get(x) for x in ("control", "step", "switch", "over")
-        )
-        count = _MAX_POINTS_RATIO * count + _MORE_POINTS
-        return PathSettings.from_arguments(settings["to"], control, step, switch or 0, count, over)
+        arguments = {x: y for x, y in self.path.settings.items() if x != "iterations"}
+        count = _MAX_POINTS_RATIO * len(self.path.q) + _MORE_POINTS
+        return PathSettings.from_arguments(**arguments, max_points=count)
 
     @property
     def is_whole(self) -> bool:
@@ -357,15 +360,15 @@ class _RefinedPath:
         """Yield columns, their places, and the refined values at extremes of the path."""
         if _varies_model(self.path):
             return
-        found: dict[int, Mapping[str, Array]] = {}
+
+        @cache
+        def columns_of(row: int) -> Mapping[str, Array]:
+            point = self._correct_row(row)
+            return {} if point is None else self._as_equilibrium([point], row=row).columns
+
         for header, place, row in extremes:
-            if row not in found:
-                point = self._correct_row(row)
-                found[row] = {}
-                if point is not None:
-                    found[row] = self._as_equilibrium([point], row=row).columns
-            if header in found[row]:
-                yield header, place, float(found[row][header][0])
+            if header in columns_of(row):
+                yield header, place, float(columns_of(row)[header][0])
 
     def _correct_row(self, row: int) -> Point | None:
         """Return the refined equilibrium near a row of the path, or None if it is not found.
@@ -374,7 +377,7 @@ class _RefinedPath:
         beside the path.
         """
         path, settings, refinement = self.path, self.settings, self.refinement
-        stage, mu = _find_stage(path, row), path.factor
+        stage, mu = active_stage(path.factors[row]), path.factor
         if path.factors.shape[1]:
             mu = float(path.factors[row, stage])
         system = self.loading.systems[stage]
@@ -413,7 +416,7 @@ class _RefinedPath:
         """
         path = self.path
         factors = path.factors[[row]]
-        factors[:, _find_stage(path, row) :][:, :1] = points[-1].p
+        factors[:, active_stage(path.factors[row]) :][:, :1] = points[-1].p
         refined = () if traced is None else traced.critical
         pairs = zip(path.critical, refined, strict=False)
         return replace(
@@ -432,8 +435,3 @@ class _RefinedPath:
         motion = (self.refinement.prolongation @ (path.q[-1] - path.q[0])) / scale
         difference = np.abs(end.x[:n] - traced.x[:n]) / scale
         return bool(np.max(difference) <= _SAME_END * np.max(np.abs(motion), initial=1e-9))
-
-
-def _find_stage(path: Equilibrium, row: int) -> int:
-    """Return the index of the load stage of a row of a path."""
-    return int(np.max(np.flatnonzero(path.factors[row]), initial=0))

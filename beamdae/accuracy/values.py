@@ -8,7 +8,7 @@ import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.measures import ObservedRows
-from beamdae.results.columns import UNITS_OF_POSITIONS, Header
+from beamdae.results.columns import Header, is_position
 from beamdae.results.noise import MAX_ERROR_TO_VALUE_RATIO, constant_limits, mark_noise
 from beamdae.results.run_data import RunData
 
@@ -126,7 +126,7 @@ def _subtract_drawing(equations: EquationsOfMotion, rows: Array) -> Array:
     Displacements are those from the drawing. They do not depend on the origin, of which their
     rounding errors are removed.
     """
-    is_placement = [Header.of(x).unit in UNITS_OF_POSITIONS for x in equations.observed_headers]
+    is_placement = [is_position(x) for x in equations.observed_headers]
     if not any(is_placement):
         return rows
     mechanism, q, zero = equations.mechanism, equations.q0, np.zeros((1, equations.n))

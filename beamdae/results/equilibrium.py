@@ -21,7 +21,7 @@ from beamdae.read_only import read_only_data
 from beamdae.results.columns import Header
 from beamdae.results.displays import HasPage, Plot, load_views
 from beamdae.results.outcome import Status
-from beamdae.results.section_forces.recovery import StateSampler
+from beamdae.results.section_forces.recovery import StateSampler, find_beam
 from beamdae.results.section_forces.section_forces import SectionForces
 from beamdae.results.selection import HasColumns
 from beamdae.results.storage.checkpoint import Checkpoint
@@ -385,7 +385,8 @@ class Equilibrium(HasColumns, HasPage):
         # A path over another quantity has no scaled loads.
         for names, factor in zip(self.loads, self.factors[-1].tolist(), strict=False):
             factors |= dict.fromkeys(names, factor)
-        return StateSampler.of(self.equations, beam, self.t, state, factors)
+        beam, time = find_beam(self.equations, beam), np.full((1, 2), self.t)
+        return StateSampler(self.equations, beam, time, state, factors)
 
     def diagram(self, beam: Any, what: str = "M") -> Plot:
         """Plot a section force of a beam at the end of the path over its arc length.

@@ -108,7 +108,7 @@ def recover_section_forces(
     `find_companion` returns the run with everything refined, or None.
     """
     e, trajectory = run.equations, run.trajectory
-    beam = _find_beam(e, beam)
+    beam = find_beam(e, beam)
     times = run.t if t is None else _require_numbers(beam.name, "t", t)
     first, last = trajectory.start, trajectory.end
     if not (np.all(np.diff(times) > 0.0) and first <= times[0] and times[-1] <= last):
@@ -130,7 +130,7 @@ def recover_section_forces(
         other = find_companion()
         if other is None:
             return None
-        return _RunSampler(other, _find_beam(other.equations, beam.name))
+        return _RunSampler(other, find_beam(other.equations, beam.name))
 
     (N, Q, M), strained = sampler.evaluate(times, *sections)
     steps = np.unique(np.concatenate([x.t for x in trajectory.intervals]))
@@ -196,24 +196,6 @@ class StateSampler:
     state: State
     factors: Mapping[str, float]
 
-    @classmethod
-    def of(
-        cls,
-        equations: EquationsOfMotion,
-        beam: Beam | str,
-        t: float,
-        state: State,
-        factors: Mapping[str, float],
-    ) -> StateSampler:
-        """Return the sampler of a beam, or of the beam with a name, at a time [s].
-
-        Raises
-        ------
-        BeamdaeError
-            If the mechanism does not contain the beam.
-        """
-        return cls(equations, _find_beam(equations, beam), np.array([[t, t]]), state, factors)
-
     def __call__(self, _: Array, s: Array, before: Array) -> Array:
         """Return N, Q and M (3, 1, sections)."""
         return self.evaluate(s, before)[0]
@@ -243,7 +225,8 @@ class StateSampler:
         return SectionForces(beam, self.time[:, 0], sections[0], *of_sections, self, refine)
 
 
-def _find_beam(equations: EquationsOfMotion, beam: Any) -> Beam:
+def find_beam(equations: EquationsOfMotion, beam: Any) -> Beam:
+    """Return a beam, or the beam with a name; reject those that the mechanism does not contain."""
     beams = beams_of(equations.mechanism)
     beam = plain_text(beam)
     for candidate in beams:
