@@ -21,7 +21,8 @@ from beamdae.read_only import read_only_data
 from beamdae.results.columns import Header
 from beamdae.results.displays import HasPage, Plot, load_views
 from beamdae.results.outcome import Status
-from beamdae.results.section_forces.recovery import StateSampler, find_beam
+from beamdae.results.section_forces.balance import RowGroup
+from beamdae.results.section_forces.recovery import SectionSampler, find_beam
 from beamdae.results.section_forces.section_forces import SectionForces
 from beamdae.results.selection import HasColumns
 from beamdae.results.storage.checkpoint import Checkpoint
@@ -370,23 +371,24 @@ class Equilibrium(HasColumns, HasPage):
         Interrupted
             If Ctrl-C ends the call.
         """
-        sampler = self._section_sampler(beam)
+        sampler = self._sample_sections(beam)
 
-        def refine() -> StateSampler | None:
+        def refine() -> SectionSampler | None:
             other = deferred.module("accuracy.statics").find_companion(self)
-            return other and other._section_sampler(sampler.beam.name)
+            return other and other._sample_sections(sampler.beam.name)
 
-        return sampler.recover(s, refine)
+        return sampler.recover(np.full(1, self.t), s, np.zeros(0), refine)
 
-    def _section_sampler(self, beam: Any) -> StateSampler:
-        at_rest = np.zeros_like(self.q[-1:])
+    def _sample_sections(self, beam: Any) -> SectionSampler:
+        at_rest, time = np.zeros_like(self.q[-1:]), np.full((1, 2), self.t)
         state = State(self.q[-1:], at_rest, at_rest, self.lam[-1:])
         factors = dict.fromkeys(self._inactive, 0.0)
         # A path over another quantity has no scaled loads.
         for names, factor in zip(self.loads, self.factors[-1].tolist(), strict=False):
             factors |= dict.fromkeys(names, factor)
-        beam, time = find_beam(self.equations, beam), np.full((1, 2), self.t)
-        return StateSampler(self.equations, beam, time, state, factors)
+        groups: list[RowGroup] = [(np.zeros(1, int), factors)]
+        beam = find_beam(self.equations, beam)
+        return SectionSampler(self.equations, beam, lambda _: (time, state, groups))
 
     def diagram(self, beam: Any, what: str = "M") -> Plot:
         """Plot a section force of a beam at the end of the path over its arc length.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -22,7 +22,6 @@ from beamdae.errors import (
     require_iterable,
     short_repr,
 )
-from beamdae.read_only import read_only_data
 from beamdae.results.run_data import RunData
 from beamdae.results.section_forces.applied_loads import collect_applied_loads
 from beamdae.results.section_forces.balance import (
@@ -107,122 +106,98 @@ def recover_section_forces(
 
     `find_companion` returns the run with everything refined, or None.
     """
-    e, trajectory = run.equations, run.trajectory
-    beam = find_beam(e, beam)
-    times = run.t if t is None else _require_numbers(beam.name, "t", t)
+    trajectory, sampler = run.trajectory, _sample_run(run, beam)
+    name = sampler.beam.name
+    times = run.t if t is None else _require_numbers(name, "t", t)
     first, last = trajectory.start, trajectory.end
     if not (np.all(np.diff(times) > 0.0) and first <= times[0] and times[-1] <= last):
         begin, end, *_ = format_distinct(first, last, times[0], times[-1])
         raise BeamdaeError(
-            f"{beam.name}: t must contain ascending times of the run ({begin} to {end} s), got "
+            f"{name}: t must contain ascending times of the run ({begin} to {end} s), got "
             f"{short_repr(t)}."
         )
-    trajectory.warn_between_rows(beam.name, times)
-    if s is None:
-        branch_times, state = trajectory.at(times)
-        groups = group_rows(trajectory, times)
-        sections = default_sections(beam, e, branch_times, state, groups)
-    else:
-        sections = _requested_sections(beam, s)
-    sampler = _RunSampler(run, beam)
-
-    def refine() -> _RunSampler | None:
-        other = find_companion()
-        if other is None:
-            return None
-        return _RunSampler(other, find_beam(other.equations, beam.name))
-
-    (N, Q, M), strained = sampler.evaluate(times, *sections)
+    trajectory.warn_between_rows(name, times)
     steps = np.unique(np.concatenate([x.t for x in trajectory.intervals]))
     steps = steps[(steps > times[0]) & (steps < times[-1])]
     steps = steps[:: 1 + len(steps) // MAX_STEPS]
-    of_sections = N, Q, M, strained, sections[1], s is None
-    return SectionForces(beam, times, sections[0], *of_sections, steps, sampler, refine)
+
+    def refine() -> SectionSampler | None:
+        other = find_companion()
+        return None if other is None else _sample_run(other, name)
+
+    return sampler.recover(times, s, steps, refine)
 
 
-@read_only_data
-@dataclass(frozen=True, eq=False)
-class _RunSampler:
-    """Section forces of a beam at any sections and times of a run."""
+def _sample_run(run: RunData, beam: Beam | str) -> SectionSampler:
+    trajectory = run.trajectory
 
-    run: RunData
-    beam: Beam
+    def states_at(times: Array) -> tuple[Array, State, list[RowGroup]]:
+        times = np.clip(times, trajectory.start, trajectory.end)
+        return *trajectory.at(times), group_rows(trajectory, times)
 
-    def __call__(self, times: Array, s: Array, before: Array) -> Array:
-        """Return N, Q and M (3, rows, sections) at ascending times [s], clipped to the run."""
-        times = np.clip(times, self.run.trajectory.start, self.run.trajectory.end)
-        return self.evaluate(times, s, before)[0]
-
-    def evaluate(self, times: Array, s: Array, before: Array) -> tuple[Array, Array]:
-        """Return section forces from the loads and from the strains, (3, rows, sections) each."""
-        equations, trajectory = self.run.equations, self.run.trajectory
-        branch_times, state = trajectory.at(times)
-        blocks = []
-        columns = max(len(s), self.beam.mesh.elements * self.beam.mesh.nodes)
-        block_size = max(MAX_EVALUATIONS // columns, 1)
-        for rows, factors in group_rows(trajectory, times):
-            for k in range(0, len(rows), block_size):
-                block = rows[k : k + block_size]
-                states = State(*(x[block] for x in state))
-                at = branch_times[block]
-                blocks.append(
-                    balanced_and_elastic_forces(
-                        self.beam, equations, at, states, s, before, factors
-                    )
-                )
-        balanced, strained = (np.concatenate(x, axis=1) for x in zip(*blocks, strict=True))
-        return balanced, strained
+    return SectionSampler(run.equations, find_beam(run.equations, beam), states_at)
 
 
 @dataclass(frozen=True, eq=False)
-class StateSampler:
-    """Section forces of a beam at any sections and a single state.
+class SectionSampler:
+    """Section forces of a beam at any sections and times.
 
     Attributes
     ----------
     equations, beam
         Equations of motion of the mechanism, and the beam.
-    time
-        Time at which the loads are evaluated [s], (1, 2).
-    state
-        The state as arrays with one row: q (1, n), v (1, n), a (1, n) and lam (1, m).
-    factors
-        Load factors by part name, and of gravity by the name "gravity". Missing factors are 1.
+    states_at
+        Function of ascending times (k,) [s] that returns rows (t, branch), (k, 2), the states, and
+        the groups of rows with the same load factors.
     """
 
     equations: EquationsOfMotion
     beam: Beam
-    time: Array
-    state: State
-    factors: Mapping[str, float]
+    states_at: Callable[[Array], tuple[Array, State, list[RowGroup]]]
 
-    def __call__(self, _: Array, s: Array, before: Array) -> Array:
-        """Return N, Q and M (3, 1, sections)."""
-        return self.evaluate(s, before)[0]
+    def __call__(self, times: Array, s: Array, before: Array) -> Array:
+        """Return N, Q and M (3, rows, sections)."""
+        return self._evaluate(times, s, before)[0]
 
-    def evaluate(self, s: Array, before: Array) -> tuple[Array, Array]:
-        """Return section forces from the loads and from the strains, (3, 1, sections) each."""
-        at = self.time, self.state
-        return balanced_and_elastic_forces(self.beam, self.equations, *at, s, before, self.factors)
+    def recover(
+        self, times: Array, s: Any, steps: Array, refine: Callable[[], SectionSampler | None]
+    ) -> SectionForces:
+        """Return the section forces at times [s] and arc lengths [m]; see `SectionForces`.
 
-    def recover(self, s: Any, refine: Callable[[], StateSampler | None]) -> SectionForces:
-        """Return the section forces at arc lengths [m]; see `Solution.section_forces`.
-
-        `refine` returns the sampler of the state with everything refined, or None.
+        `steps` are the times of the steps between these times [s], `refine` returns the sampler of
+        the result with everything refined, or None.
 
         Raises
         ------
         BeamdaeError
             If an arc length is out of range.
         """
-        beam, groups = self.beam, [(np.zeros(1, int), self.factors)]
         if s is None:
-            sections = default_sections(beam, self.equations, self.time, self.state, groups)
+            sections = default_sections(self.beam, self.equations, *self.states_at(times))
         else:
-            sections = _requested_sections(beam, s)
-        (N, Q, M), strained = self.evaluate(*sections)
-        of_sections = N, Q, M, strained, sections[1], s is None, np.zeros(0)
-        return SectionForces(beam, self.time[:, 0], sections[0], *of_sections, self, refine)
+            sections = _requested_sections(self.beam, s)
+        (N, Q, M), strained = self._evaluate(times, *sections)
+        of_sections = N, Q, M, strained, sections[1], s is None, steps
+        return SectionForces(self.beam, times, sections[0], *of_sections, self, refine)
+
+    def _evaluate(self, times: Array, s: Array, before: Array) -> tuple[Array, Array]:
+        """Return section forces from the loads and from the strains, (3, rows, sections) each."""
+        branch_times, state, groups = self.states_at(times)
+        blocks = []
+        columns = max(len(s), self.beam.mesh.elements * self.beam.mesh.nodes)
+        block_size = max(MAX_EVALUATIONS // columns, 1)
+        for rows, factors in groups:
+            for k in range(0, len(rows), block_size):
+                block = rows[k : k + block_size]
+                states = State(*(x[block] for x in state))
+                at = branch_times[block]
+                blocks.append(
+                    balanced_and_elastic_forces(
+                        self.beam, self.equations, at, states, s, before, factors
+                    )
+                )
+        balanced, strained = (np.concatenate(x, axis=1) for x in zip(*blocks, strict=True))
+        return balanced, strained
 
 
 def find_beam(equations: EquationsOfMotion, beam: Any) -> Beam:
