@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from beamdae.accuracy.errors import FACTOR, Errors, Refined, measure_errors
+from beamdae.accuracy.errors import Errors, Refined, measure_errors
 from beamdae.accuracy.refinement import Refinement, refine
 from beamdae.accuracy.runs import (
     RTOL_BESIDE_ACCURATE_STEPS,
@@ -131,13 +131,8 @@ def _compare(motion: PeriodicMotion, other: PeriodicMotion, refined: Refined) ->
     # Multipliers are compared with 1, the limit of stability.
     scales = np.append(others[:-1], max(1.0, others[-1]))
     errors = Errors.of_values(names, values, others, refined, scales)
-    columns = motion.solution.columns
-    if not columns:
+    if not motion.solution.columns:
         return errors
-    found = compare_columns(motion.solution, other.solution)
-    total, rows = FACTOR * np.maximum(found.peaks, found.means), found.rows
-    if motion.is_free:
-        total, rows = FACTOR * found.peaks, np.full(len(columns), np.nan)
-    headlines = tuple(columns), found.values, found.others
-    of_columns = Errors(*headlines, total, rows, refined, found.relative_to)
+    has_phase = not motion.is_free
+    of_columns = compare_columns(motion.solution, other.solution, refined, has_phase=has_phase)
     return Errors.join([of_columns, errors])

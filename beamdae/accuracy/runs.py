@@ -216,9 +216,7 @@ def _compare(run: Solution, other: Solution, refined: Refined, factor: float = F
         return replace(leave_unchecked(run, reason), refined=refined, has_failed=True)
     if not run.columns:
         return leave_unchecked(run, "no column is observed")
-    x = compare_columns(run, other)
-    total = factor * np.maximum(x.peaks, x.means)
-    return Errors(tuple(run.columns), x.values, x.others, total, x.rows, refined, x.relative_to)
+    return compare_columns(run, other, refined, factor)
 
 
 def refine_method(
