@@ -159,8 +159,8 @@ class Check:
         columns with errors above 4 %, and beams without damping in runs with more than 50 000
         predicted steps.
     errors
-        Errors of the observed columns, see `Solution.errors`, if the predicted run is complete;
-        otherwise None.
+        Errors of the observed columns, see `Solution.errors`, if there are any and the predicted
+        run is complete; otherwise None.
     free_groups
         Groups of `loose` that no spring or other force holds in place, without bodies of contacts.
         Empty for models with inactive parts.

@@ -586,7 +586,7 @@ def test_regression_mesh_errors_of_impacts_are_measured():
     assert errors[0] > 0.1 > 5.0 * errors[1]
     assert any(re.search(r"acceleration\.ay \d+ %", x) for x in coarse.warnings)
     assert f"({column})" in str(fine)
-    assert bd.check(bounce(1, False), t_end=0.02).errors.reason == "no column is observed"
+    assert bd.check(bounce(1, False), t_end=0.02).errors is None
 
 
 @pytest.mark.slow(reason="two runs with a slider")

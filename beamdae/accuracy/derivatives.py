@@ -13,7 +13,6 @@ from beamdae.accuracy.refinement import refine_mechanism
 from beamdae.accuracy.runs import (
     RTOL_BESIDE_ACCURATE_STEPS,
     check_result,
-    describe_refinement,
     refine_method,
     unchecked,
 )
@@ -124,9 +123,9 @@ def _measure(
             nonlocal refined
             if strains is None or not isinstance(mechanism, Mechanism):
                 return mechanism
-            finer = refine_mechanism(mechanism, searched, strains=strains)
-            refined = describe_refinement(run.equations, finer, run)
-            return mechanism if finer is None else finer.mechanism
+            finer, refined = refine_mechanism(mechanism, searched, strains=strains)
+            refined = refined.with_steps(run.made_by)
+            return finer
 
         with hold_messages(), unchecked(), skip_result_checks():
             return evaluate(repeat(change, method)), refined

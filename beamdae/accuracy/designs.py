@@ -6,7 +6,7 @@ import numpy as np
 
 from beamdae.accuracy.errors import Errors, Refined, measure_errors
 from beamdae.accuracy.refinement import refine
-from beamdae.accuracy.runs import describe_refinement, refine_method
+from beamdae.accuracy.runs import refine_method
 from beamdae.analysis.optimization.search import SearchResult
 from beamdae.results.solution import Solution
 
@@ -37,10 +37,10 @@ def measure_design(search: SearchResult) -> Errors:
     sizes = np.maximum(np.abs(values), np.where(bounds > 0.0, bounds, np.abs(first.values)))
 
     def repeat(strains: bool | None) -> tuple[Array, Refined]:
-        refinement = None if strains is None else refine(equations, start, strains=strains)
-        used = equations if refinement is None else refinement.equations
-        found = ratios * problem.repeat(best.numbers, used.mechanism, method)
-        return found, describe_refinement(equations, refinement, run)
+        refinement = refine(equations, start, strains=strains)
+        found = ratios * problem.repeat(best.numbers, refinement.equations.mechanism, method)
+        refined = refinement.refined
+        return found, refined if run is None else refined.with_steps(run.made_by)
 
     def compare(one: Array, other: Array, refined: Refined) -> Errors:
         return Errors.of_values(headers, one, other, refined, sizes)

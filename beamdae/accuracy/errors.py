@@ -19,7 +19,7 @@ from beamdae.errors import (
 )
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.read_only import read_only_data
-from beamdae.results.columns import AIM, LIMIT, remove_unit
+from beamdae.results.columns import AIM, FACTOR, LIMIT, remove_unit
 from beamdae.results.displays import HasTable
 from beamdae.results.outcome import Status
 
@@ -28,12 +28,11 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 
-# A refinement shows a part of the error: halved elements of order 2 three quarters of it, and a
-# third of the tolerance two thirds.
-FACTOR = 1.15
 CAUSES = ("time", "mesh", "theory")
 _NAMES_OF_CAUSES = {"time": "steps", "mesh": "elements", "theory": "strains"}
 _MAX_NAMES = 6
+# Recommended elements are at most so often halved: larger errors do not decrease by their order.
+_MAX_HALVINGS = 2
 UNREQUIRED = Status("ok", "")
 
 
@@ -72,6 +71,15 @@ class Refined(NamedTuple):
     kept: Mapping[str, str] = {}
     method: str = ""
     mesh_order: int = 2
+
+    @property
+    def has_mesh(self) -> bool:
+        """True if meshes or friction speeds, which count among them, are refined."""
+        return bool(self.elements or self.degrees or self.friction_speeds)
+
+    def with_steps(self, method: Any) -> Refined:
+        """Return the description with the steps of an integrator."""
+        return self._replace(accuracy=tuple(method.accuracy), order=method.order)
 
     def __str__(self) -> str:
         """Describe the companion."""
@@ -226,8 +234,7 @@ class Errors(HasTable):
         again, with original strains.
         """
         x = self.refined
-        has_mesh = bool(x.elements or x.degrees or x.friction_speeds)
-        is_possible = bool(self.refined.accuracy[0]), has_mesh, bool(self.refined.inexact)
+        is_possible = bool(x.accuracy[0]), x.has_mesh, bool(x.inexact)
         possible = dict(zip(CAUSES, is_possible, strict=True))
         if sum(possible.values()) < 2 or self._split is None:
             return {x: self.total if possible[x] else np.zeros_like(self.total) for x in CAUSES}
@@ -309,20 +316,22 @@ class Errors(HasTable):
         of_cause = {x: float(np.nanmax(y, initial=0.0)) for x, y in self.causes.items()}
         needed = {x: y for x, y in of_cause.items() if y > 2.0 * aim}
         texts, refined = [], self.refined
-        if "mesh" in needed and refined.degrees:
-            return f"accuracy={aim:g}"
-        if "mesh" in needed and refined.elements:
-            halvings = np.log2(min(needed["mesh"], 1.0) / aim) / refined.mesh_order
-            factor = 2 ** int(np.ceil(halvings))
-            counts = [f"{factor * x} elements of {name}" for name, x in refined.elements.items()]
+        if "theory" in needed:
+            texts.append(f'strain="exact" of {list_first(refined.inexact, _MAX_NAMES)}')
+            if needed["theory"] >= of_cause["mesh"]:
+                # Meshes of wrong strains do not show the errors of meshes of exact ones.
+                needed.pop("mesh", None)
+        if "mesh" in needed and (refined.elements or refined.degrees):
+            halvings = int(np.ceil(np.log2(needed["mesh"] / aim) / refined.mesh_order))
+            if refined.degrees or halvings > _MAX_HALVINGS:
+                return join_names([*texts, f"accuracy={aim:g}"])
+            counts = [f"{2**halvings * x} elements of {y}" for y, x in refined.elements.items()]
             texts.append(list_first(counts, _MAX_NAMES))
         if "mesh" in needed and refined.friction_speeds:
             texts.append(
                 f"a friction_speed of {list_first(refined.friction_speeds, _MAX_NAMES)} ten times "
                 "smaller"
             )
-        if "theory" in needed:
-            texts.append(f'strain="exact" of {list_first(refined.inexact, _MAX_NAMES)}')
         if "time" in needed:
             name, value = refined.accuracy
             ratio = aim / min(needed["time"], 1.0)

@@ -8,7 +8,7 @@ import numpy as np
 
 from beamdae.accuracy.errors import FACTOR, Errors, Refined, measure_errors
 from beamdae.accuracy.refinement import refine
-from beamdae.accuracy.runs import RTOL_BESIDE_ACCURATE_STEPS, describe_refinement, refine_method
+from beamdae.accuracy.runs import RTOL_BESIDE_ACCURATE_STEPS, refine_method
 from beamdae.analysis.fit.problem import MIN_SINGULAR_RATIO, Evaluation, FitProblem
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 
@@ -40,12 +40,9 @@ def measure_fit(problem: FitProblem, evaluation: Evaluation) -> Errors:
 
         def change(equations: EquationsOfMotion) -> Any:
             nonlocal refined
-            refinement = None
-            if strains is not None:
-                refinement = refine(equations, problem.start_of(equations), strains=strains)
-            refined = describe_refinement(run.equations, refinement, run)
-            used = equations if refinement is None else refinement.equations
-            return used.mechanism
+            refinement = refine(equations, problem.start_of(equations), strains=strains)
+            refined = refinement.refined.with_steps(run.made_by)
+            return refinement.equations.mechanism
 
         return problem.change_of_residuals(evaluation, change, method), refined
 

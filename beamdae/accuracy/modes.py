@@ -9,9 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from beamdae.accuracy.errors import FACTOR, Errors, MissingStateError, Refined, measure_errors
+from beamdae.accuracy.errors import Errors, MissingStateError, Refined, measure_errors
 from beamdae.accuracy.refinement import Refinement, refine
-from beamdae.accuracy.runs import describe_refinement
 from beamdae.analysis.continuation.engine import CurveError, prescribe_parameter
 from beamdae.analysis.eigenproblems.eigensolution import EigenSolution, solve_eigenproblem
 from beamdae.analysis.eigenproblems.linearized_equations import quadratic_forms
@@ -117,30 +116,22 @@ def measure_about_state(
     beams = beams_of(lin.full_equations.mechanism)
 
     def repeat(strains: bool | None) -> tuple[Array, Refined]:
-        companion = None
-        if strains is not None:
-            companion = _find_companion(lin, about, t, strains, eigenvalues)
-        if companion is None:
-            if strains and beams:
-                raise BeamdaeError("no beam can be refined")
+        if strains is None or not beams:
             return samples, Refined()
-        refined = describe_refinement(lin.full_equations, companion[0], None)
+        companion = _find_companion(lin, about, t, strains, eigenvalues)
+        refined = companion[0].refined
+        if not refined.has_mesh:
+            raise BeamdaeError("no beam can be refined")
         orders = (2 * x.mesh.nodes - 2 for x in beams if x.name in refined.elements)
         return solve(*companion), refined._replace(mesh_order=min(orders, default=2))
 
     def compare(first: Array, second: Array, refined: Refined) -> Errors:
-        errors = Errors.of_values(headers, summarize(first), summarize(second), refined)
-        return replace(errors, total=_measure_changes(first, second))
+        sizes = np.max(np.abs(second), axis=1, initial=0.0)
+        errors = Errors.of_values(headers, first, second, refined, sizes)
+        return replace(errors, values=summarize(first), companions=summarize(second))
 
     unchecked = Errors.unchecked(headers, values, "no refined model")
     return measure_errors(unchecked, samples, repeat, compare)
-
-
-def _measure_changes(samples: Array, others: Array) -> Array:
-    changes = np.max(np.abs(samples - others), axis=1, initial=0.0)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        relative = FACTOR * changes / np.max(np.abs(others), axis=1, initial=0.0)
-    return np.where(changes == 0.0, 0.0, relative)
 
 
 def pair_modes(
@@ -170,23 +161,22 @@ def pair_modes(
 
 def _find_companion(
     lin: Linearization, about: Any, t: float, strains: bool, eigenvalues: Array
-) -> tuple[Refinement, Linearization] | None:
-    """Return the refined mechanism linearized about the same state, or None if it is the same."""
+) -> tuple[Refinement, Linearization]:
+    """Return the refined mechanism linearized about the same state."""
     if strains not in lin.companions:
         start = about if isinstance(about, Mapping) else AS_DRAWN
         with hold_messages():
             refinement = refine(lin.full_equations, start, strains=strains, friction=False)
-            if refinement is None:
-                lin.companions[strains] = None
-                return None
             try:
-                finer = _linearize_refined(lin, refinement, about, t, eigenvalues)
+                finer = lin
+                if refinement.refined.has_mesh:
+                    finer = _linearize_refined(lin, refinement, about, t, eigenvalues)
             except (BeamdaeError, CurveError, SingularMatrixError) as problem:
                 raise MissingStateError(
                     f"the state is not found with halved elements ({str(problem).rstrip('.')})"
                 ) from problem
         lin.companions[strains] = refinement, finer
-    companion: tuple[Refinement, Linearization] | None = lin.companions[strains]
+    companion: tuple[Refinement, Linearization] = lin.companions[strains]
     return companion
 
 

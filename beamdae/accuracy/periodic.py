@@ -8,12 +8,12 @@ from functools import partial
 
 import numpy as np
 
-from beamdae.accuracy.errors import FACTOR, Errors, Refined, measure_errors
+from beamdae.accuracy.errors import Errors, Refined, measure_errors
 from beamdae.accuracy.refinement import Refinement, refine
 from beamdae.accuracy.runs import (
     RTOL_BESIDE_ACCURATE_STEPS,
     check_result,
-    describe_refinement,
+    leave_unchecked,
     refine_method,
 )
 from beamdae.accuracy.values import compare_columns
@@ -45,21 +45,19 @@ def measure_motion(motion: PeriodicMotion, time_limit: float | None = None) -> E
         Largest time of each run of the companion [s].
     """
     run = motion.solution
-    headers = tuple(run.columns)
-    sizes = np.array([np.max(np.abs(x), initial=0.0) for x in run.columns.values()])
     if not motion.status.success:
-        return Errors.unchecked(headers, sizes, "no periodic motion was found")
+        return leave_unchecked(run, "no periodic motion was found")
     if not isinstance(run.made_by, Integrator):
-        return Errors.unchecked(headers, sizes, "the motion was loaded from a file")
+        return leave_unchecked(run, "the motion was loaded from a file")
     method = refine_method(run, time_limit, RTOL_BESIDE_ACCURATE_STEPS)
 
     def repeat(strains: bool | None) -> tuple[PeriodicMotion, Refined]:
-        refinement = None if strains is None else refine(run.equations, strains=strains)
+        refinement = refine(run.equations, strains=strains)
         companion = _find_motion(motion, method, refinement)
-        return companion, describe_refinement(run.equations, refinement, run)
+        return companion, refinement.refined.with_steps(run.made_by)
 
     reason = "no such motion is found with everything refined"
-    unchecked = Errors.unchecked(headers, sizes, reason, has_failed=True)
+    unchecked = replace(leave_unchecked(run, reason), has_failed=True)
     return measure_errors(unchecked, motion, repeat, _compare, _FAILURES)
 
 
@@ -92,7 +90,7 @@ def check_response(response: FrequencyResponse) -> Iterator[str]:
 
 
 def _find_motion(
-    motion: PeriodicMotion, method: Integrator, refinement: Refinement | None
+    motion: PeriodicMotion, method: Integrator, refinement: Refinement
 ) -> PeriodicMotion:
     """Return the motion of the refined mechanism near a motion.
 
@@ -103,11 +101,8 @@ def _find_motion(
     """
     run = motion.solution
     first = run.trajectory.intervals[0].state
-    equations, q, v = run.equations, first.q[0], first.v[0]
-    if refinement is not None:
-        equations = refinement.equations
-        q, v = refinement.prolong(q), refinement.prolongation @ v
-    equations = replace(equations, q0=q, v0=v)
+    q, v = refinement.prolong(first.q[0]), refinement.prolongation @ first.v[0]
+    equations = replace(refinement.equations, q0=q, v0=v)
     tolerance = Tolerance.for_integrator("periodic", None, method)
     with hold_messages():
         period_map = PeriodMap.from_equations(equations, method, float(run.t[0]), motion.period)
@@ -136,13 +131,8 @@ def _compare(motion: PeriodicMotion, other: PeriodicMotion, refined: Refined) ->
     # Multipliers are compared with 1, the limit of stability.
     scales = np.append(others[:-1], max(1.0, others[-1]))
     errors = Errors.of_values(names, values, others, refined, scales)
-    columns = motion.solution.columns
-    if not columns:
+    if not motion.solution.columns:
         return errors
-    found = compare_columns(motion.solution, other.solution)
-    total, rows = FACTOR * np.maximum(found.peaks, found.means), found.rows
-    if motion.is_free:
-        total, rows = FACTOR * found.peaks, np.full(len(columns), np.nan)
-    headlines = tuple(columns), found.values, found.others
-    of_columns = Errors(*headlines, total, rows, refined, found.relative_to)
+    has_phase = not motion.is_free
+    of_columns = compare_columns(motion.solution, other.solution, refined, has_phase=has_phase)
     return Errors.join([of_columns, errors])

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy.sparse as sp
 
+from beamdae.accuracy.errors import Refined
 from beamdae.beams.beam import Beam
 from beamdae.beams.mesh import Mesh
 from beamdae.beams.prolongation import prolong_coordinates
@@ -35,24 +36,16 @@ class Refinement(NamedTuple):
     Attributes
     ----------
     equations
-        The equations.
-    halved, raised, exact, sharpened
-        Names of the beams with halved elements, of those with elements of a higher degree, because
-        the program chose their meshes, of those with exact strains instead of moderate ones, and of
-        the parts with a tenth of their friction speed.
-    kept
-        Reasons why beams are not refined, by name.
+        The equations; the original ones if nothing is refined.
+    refined
+        What is refined.
     prolongation, start
         Coordinates `start` + `prolongation` @ q of the positions q of the original mechanism,
         (n', n) and (n',).
     """
 
     equations: EquationsOfMotion
-    halved: tuple[str, ...]
-    raised: tuple[str, ...]
-    exact: tuple[str, ...]
-    sharpened: tuple[str, ...]
-    kept: dict[str, str]
+    refined: Refined
     prolongation: sp.csc_array
     start: Array
 
@@ -60,39 +53,6 @@ class Refinement(NamedTuple):
         """Return the coordinates (n',) or (n', k) of positions (n,) or (n, k)."""
         offset = self.start if q.ndim == 1 else self.start[:, None]
         return np.asarray(offset + self.prolongation @ q)
-
-
-class RefinedMechanism(NamedTuple):
-    """Copy of a mechanism with refined parts.
-
-    Attributes
-    ----------
-    mechanism
-        The copy.
-    remeshed
-        The original beams of those with another mesh, by name.
-    exact, sharpened
-        Names of the beams with exact strains instead of moderate ones, and of the parts with
-        smaller friction speeds.
-    kept
-        Reasons why beams are not refined, by name.
-    """
-
-    mechanism: Mechanism
-    remeshed: dict[str, Beam]
-    exact: tuple[str, ...]
-    sharpened: tuple[str, ...]
-    kept: dict[str, str]
-
-    @property
-    def raised(self) -> tuple[str, ...]:
-        """Names of the beams with elements of a higher degree, because the mesh was chosen."""
-        return tuple(name for name, beam in self.remeshed.items() if beam.has_chosen_mesh)
-
-    @property
-    def halved(self) -> tuple[str, ...]:
-        """Names of the beams with halved elements."""
-        return tuple(name for name in self.remeshed if name not in self.raised)
 
 
 def refine_mesh(beam: Beam, mesh: Mesh) -> Mesh:
@@ -112,8 +72,8 @@ def refine_mechanism(
     *,
     strains: bool = True,
     friction: bool = True,
-) -> RefinedMechanism | None:
-    """Return a copy with other meshes, exact strains and sharper friction; None without any.
+) -> tuple[Mechanism, Refined]:
+    """Return a copy with other meshes, exact strains and sharper friction, and what is refined.
 
     Beams keep their elements and strains if the start names their coordinates, an observable or
     event refers to them, or their kinematics are custom ones.
@@ -136,12 +96,15 @@ def refine_mechanism(
         If a part cannot be copied.
     """
     kept = list_fixed_beams(mechanism, start)
-    beams, finer, exact = {}, {}, []
+    elements, degrees, finer, inexact = {}, {}, {}, []
     for beam, mesh in divide_meshes(mechanism, kept):
         other = beam.with_exact_strains() if strains else beam
         if other is not beam:
-            exact.append(beam.name)
-        beams[beam.name] = beam
+            inexact.append(beam.name)
+        if beam.has_chosen_mesh:
+            degrees[beam.name] = mesh.nodes - 1
+        else:
+            elements[beam.name] = mesh.elements
         finer[beam.name] = other.with_mesh(change_mesh(beam, mesh), mesh)
     sharpened = []
 
@@ -151,21 +114,17 @@ def refine_mechanism(
 
     with hold_messages():  # Warnings about these beams do not concern the user.
         copy = replace_beams(mechanism, finer, "errors", sharpen)
-    if not (finer or sharpened):
-        return None
-    return RefinedMechanism(copy, beams, tuple(exact), tuple(sharpened), kept)
+    return copy, Refined(elements, degrees, tuple(inexact), tuple(sharpened), kept=kept)
 
 
 def refine(
     equations: EquationsOfMotion,
     start: Any = AS_DRAWN,
     *,
-    strains: bool = True,
+    strains: bool | None = True,
     friction: bool = True,
-) -> Refinement | None:
+) -> Refinement:
     """Return equations with finer meshes, exact strains and sharper friction.
-
-    Returns None if nothing is refined; see `refine_mechanism`.
 
     Parameters
     ----------
@@ -173,24 +132,28 @@ def refine(
         Equations of motion of the mechanism.
     start
         Start of the refined equations, see `Mechanism`.
-    strains, friction
-        False to keep the strains, or the friction speeds.
+    strains
+        False to keep the strains, None to refine nothing.
+    friction
+        False to keep the friction speeds.
 
     Raises
     ------
     BeamdaeError
         If a part cannot be copied, or the start fails.
     """
-    mechanism = equations.mechanism
-    if mechanism is None:
-        return None
-    refined = refine_mechanism(mechanism, start, strains=strains, friction=friction)
-    if refined is None:
-        return None
+    mechanism, refined = equations.mechanism, Refined()
+    if mechanism is not None and strains is None:
+        refined = Refined(kept=list_fixed_beams(mechanism))
+    elif mechanism is not None:
+        other, refined = refine_mechanism(
+            mechanism, start, strains=bool(strains), friction=friction
+        )
+    if mechanism is None or not refined.has_mesh:
+        identity = sp.eye_array(equations.n, format="csc")
+        return Refinement(equations, refined, identity, np.zeros(equations.n))
     with hold_messages():
-        refined_equations = equations_of_motion(refined.mechanism, start)
+        refined_equations = equations_of_motion(other, start)
     names = equations.q_names, refined_equations.q_names
-    parts = mechanism.parts, refined.mechanism.parts
-    prolongation, offset = prolong_coordinates(*names, *parts)
-    of_beams = refined.halved, refined.raised, *refined[2:]
-    return Refinement(refined_equations, *of_beams, prolongation, offset)
+    prolongation, offset = prolong_coordinates(*names, mechanism.parts, other.parts)
+    return Refinement(refined_equations, refined, prolongation, offset)

@@ -12,10 +12,8 @@ import numpy as np
 
 from beamdae import integrators
 from beamdae.accuracy.errors import FACTOR, Errors, Refined, measure_errors
-from beamdae.accuracy.refinement import RefinedMechanism, Refinement, refine
+from beamdae.accuracy.refinement import Refinement, refine
 from beamdae.accuracy.values import compare_columns
-from beamdae.beams.beam import beams_of
-from beamdae.beams.remeshing import list_fixed_beams
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.errors import (
     BeamdaeError,
@@ -30,6 +28,7 @@ from beamdae.linear.blas_threads import single_threaded
 from beamdae.parts.mechanism import AS_DRAWN
 from beamdae.results.solution import Solution
 from beamdae.results.trajectory import Trajectory
+from beamdae.simulation import skips_result_checks
 
 Array = np.ndarray
 
@@ -38,13 +37,12 @@ _are_checked: ContextVar[bool] = ContextVar("are_checked", default=True)
 _RTOL_RATIO = 1.0 / 3.0
 # Fixed steps share blind spots with half their length: another method takes their place.
 _RTOL_BESIDE_STEPS, _STEP_RATIO = 1e-4, 0.37
-# Resonances amplify errors of steps, and many data errors of predictions.
+# Resonances amplify errors of steps, and many data errors of predictions; also of `verify`.
 RTOL_BESIDE_ACCURATE_STEPS = 1e-6
 _MAX_STEPS_RATIO, _MIN_MAX_STEPS = 8, 3000
-_RTOL_OF_ANOTHER_METHOD, _MIN_RTOL = 1e-6, 1e-10
+_MIN_RTOL = 1e-10
 # Runs are checked by themselves up to this time [s], or this multiple of their own.
 _MIN_TIME_LIMIT, _MAX_TIME_RATIO = 2.0, 8.0
-_MAX_NAMES = 6
 
 
 @contextmanager
@@ -70,7 +68,7 @@ def measure_run(
     time_limit
         Largest time of the companion [s].
     progress
-        Progress function of the companion; see `simulate`.
+        Progress function of the companion and of the runs that separate causes; see `simulate`.
 
     Raises
     ------
@@ -78,7 +76,7 @@ def measure_run(
         If the companion is interrupted.
     """
     if reason := _find_obstacle(run):
-        return _state_obstacle(run, reason)
+        return leave_unchecked(run, reason)
     # The run caches its errors, which refer to a copy: a cycle would keep both in memory.
     twin = replace(run)
     vars(twin).update(vars(run))
@@ -86,14 +84,11 @@ def measure_run(
     method = refine_method(run, time_limit)
 
     def repeat(strains: bool | None) -> tuple[Solution, Refined]:
-        refinement, motion = None, run.trajectory
-        if strains is not None:
-            refinement, motion = refine_equations(run, strains=strains)
-        equations = run.equations if refinement is None else refinement.equations
-        companion = _repeat(run, method, equations, motion, progress if strains else None)
-        return companion, describe_refinement(run.equations, refinement, run)
+        refinement, motion = refine_equations(run, strains)
+        companion = _repeat(run, method, refinement.equations, motion, progress)
+        return companion, refinement.refined.with_steps(run.made_by)
 
-    return measure_errors(_state_obstacle(run, "a refined run cannot begin"), run, repeat, _compare)
+    return measure_errors(leave_unchecked(run, "a refined run cannot begin"), run, repeat, _compare)
 
 
 @interruptible
@@ -145,11 +140,11 @@ def verify(
         require_integrator("verify", integrator)
     require_progress("verify", progress)
     if reason := _find_obstacle(solution):
-        return _state_obstacle(solution, reason)
+        return leave_unchecked(solution, reason)
     own: Any = solution.made_by
     name, value = own.accuracy
     if integrator is None:
-        rtol = max(0.1 * value, _MIN_RTOL) if name == "rtol" else _RTOL_OF_ANOTHER_METHOD
+        rtol = max(0.1 * value, _MIN_RTOL) if name == "rtol" else RTOL_BESIDE_ACCURATE_STEPS
         is_radau = solution.integrator.get("method") == "Radau"
         integrator = (integrators.GeneralizedAlpha if is_radau else integrators.Radau)(rtol=rtol)
     other = _repeat(solution, integrator, solution.equations, solution.trajectory, progress)
@@ -159,7 +154,16 @@ def verify(
 
 def check_run(run: Solution, progress: Progress | None = None) -> Iterator[str]:
     """Yield the sentences of the errors of a run."""
-    yield from check_result(run, run, lambda limit: measure_run(run, limit, progress))
+    if run.columns:
+        yield from check_result(run, run, lambda limit: measure_run(run, limit, progress))
+
+
+def find_companion(run: Solution) -> Solution | None:
+    """Return the run with everything refined that `Solution.errors` compares, or None."""
+    if "errors" not in vars(run) and (skips_result_checks() or not _are_checked.get()):
+        return None
+    split: Any = run.errors._split
+    return None if split is None else split.companion
 
 
 def check_result(result: Any, run: Solution, measure: Callable[[float], Errors]) -> Iterator[str]:
@@ -191,8 +195,6 @@ def check_result(result: Any, run: Solution, measure: Callable[[float], Errors])
 
 
 def _find_obstacle(run: Solution) -> str:
-    if not run.columns:
-        return "no column is observed"
     if not run.status.success:
         return "the run stopped early"
     if not isinstance(run.made_by, Integrator):
@@ -202,7 +204,8 @@ def _find_obstacle(run: Solution) -> str:
     return "the run has a single row" if len(run.t) < 2 else ""
 
 
-def _state_obstacle(run: Solution, reason: str) -> Errors:
+def leave_unchecked(run: Solution, reason: str) -> Errors:
+    """Return the errors of a run that cannot be checked."""
     sizes = [np.max(np.abs(x), initial=0.0) for x in run.columns.values()]
     return Errors.unchecked(tuple(run.columns), np.array(sizes), reason)
 
@@ -210,10 +213,10 @@ def _state_obstacle(run: Solution, reason: str) -> Errors:
 def _compare(run: Solution, other: Solution, refined: Refined, factor: float = FACTOR) -> Errors:
     if not other.status.success:
         reason = f"{refined} does not reach the end ({other.status.sentence})"
-        return replace(_state_obstacle(run, reason), refined=refined, has_failed=True)
-    x = compare_columns(run, other)
-    total = factor * np.maximum(x.peaks, x.means)
-    return Errors(tuple(run.columns), x.values, x.others, total, x.rows, refined, x.relative_to)
+        return replace(leave_unchecked(run, reason), refined=refined, has_failed=True)
+    if not run.columns:
+        return leave_unchecked(run, "no column is observed")
+    return compare_columns(run, other, refined, factor)
 
 
 def refine_method(
@@ -230,15 +233,13 @@ def refine_method(
     return replace(method, **{x: y for x, y in changes.items() if hasattr(method, x)})
 
 
-def refine_equations(
-    run: Solution, *, strains: bool = True
-) -> tuple[Refinement | None, Trajectory]:
+def refine_equations(run: Solution, strains: bool | None) -> tuple[Refinement, Trajectory]:
     """Return refined equations with the start of the run, and its motion in their coordinates."""
     start = run.equations.start
     searched = None if start is None else start.searched
     refinement = refine(run.equations, searched or AS_DRAWN, strains=strains)
-    if refinement is None:
-        return None, run.trajectory
+    if refinement.equations is run.equations:
+        return refinement, run.trajectory
     matrix = refinement.prolongation
     if searched is None:
         first = run.trajectory.intervals[0].rows
@@ -268,21 +269,3 @@ def _repeat(
     if other.status.kind == "interrupted":
         raise Interrupted(other.status.sentence)
     return replace(other, t=other.t[int(is_later) :], model=run.model)
-
-
-def describe_refinement(
-    equations: EquationsOfMotion,
-    refinement: Refinement | RefinedMechanism | None,
-    run: Solution | None,
-) -> Refined:
-    """Return the description of what a companion refines: beams and, if there is one, a run."""
-    method: Any = None if run is None else run.made_by
-    of_steps = {} if run is None else {"accuracy": tuple(method.accuracy), "order": method.order}
-    if refinement is None:
-        mechanism = equations.mechanism
-        return Refined(kept={} if mechanism is None else list_fixed_beams(mechanism), **of_steps)
-    meshes = {x.name: x.mesh for x in beams_of(equations.mechanism)}
-    elements = {name: meshes[name].elements for name in refinement.halved}
-    degrees = {name: meshes[name].nodes - 1 for name in refinement.raised}
-    of_beams = elements, degrees, refinement.exact, refinement.sharpened
-    return Refined(*of_beams, kept=refinement.kept, **of_steps)

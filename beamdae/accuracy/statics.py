@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import replace
-from functools import cache
+from dataclasses import dataclass, replace
+from functools import cache, cached_property
 from itertools import takewhile
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from beamdae.accuracy.errors import Errors, Refined, measure_errors
+from beamdae.accuracy.errors import FACTOR, Errors, MissingStateError, Refined, measure_errors
 from beamdae.accuracy.refinement import Refinement, refine
-from beamdae.accuracy.runs import describe_refinement
 from beamdae.analysis.continuation.engine import (
     ArcLength,
     Control,
@@ -21,7 +21,12 @@ from beamdae.analysis.continuation.engine import (
     prescribe_parameter,
 )
 from beamdae.analysis.statics.linear_buckling import Buckling, repeat_buckling
-from beamdae.analysis.statics.load_scaling import Loading, build_loading, vary_parameter
+from beamdae.analysis.statics.load_scaling import (
+    Loading,
+    active_stage,
+    build_loading,
+    vary_parameter,
+)
 from beamdae.analysis.statics.neutral_motions import hold_neutral_motions
 from beamdae.analysis.statics.path_parameters import quantity_units, resolve_parameter
 from beamdae.analysis.statics.path_settings import PathSettings
@@ -34,14 +39,17 @@ from beamdae.analysis.statics.prescribed_column import PrescribedColumn
 from beamdae.analysis.statics.static_problem import StaticProblem
 from beamdae.beams.beam import Beam, beams_of
 from beamdae.equations.equations_of_motion import EquationsOfMotion, format_headers
-from beamdae.errors import BeamdaeError, hold_messages, list_first
+from beamdae.errors import BeamdaeError, hold_messages
 from beamdae.interrupts import Interrupted
 from beamdae.linear.blas_threads import single_threaded
-from beamdae.results.columns import UNITS_OF_POSITIONS, Header, remove_unit
+from beamdae.results.columns import Header, is_position, largest_by
 from beamdae.results.elastic_columns import measured_quantity
-from beamdae.results.equilibrium import FACTOR, UNSTABLE, Equilibrium
+from beamdae.results.equilibrium import FACTOR as LOAD_FACTOR
+from beamdae.results.equilibrium import UNSTABLE, Equilibrium
 from beamdae.results.noise import mark_resting_columns, rounding_limits
+from beamdae.results.outcome import REACHED_END
 from beamdae.results.section_forces.section_forces import SectionForces
+from beamdae.simulation import skips_result_checks
 
 Array = np.ndarray
 Values = dict[str, float]
@@ -52,8 +60,18 @@ _MAX_POINTS_RATIO, _MORE_POINTS = 3, 20
 _SAME_END = 1e-3
 # Extremes of columns between both ends of a path exceed the ends by this share of their scale.
 _MIN_EXCESS = 1e-3
-_MAX_NAMES = 6
 _SECTIONS = 9  # of a beam, for its largest section forces
+
+
+class _Repetition(NamedTuple):
+    """Refined values (columns,) or (columns, places), and the path that they belong to.
+
+    Values that are not a number do not exist or, if the path was not traced, are not known.
+    """
+
+    values: Array
+    path: Equilibrium | None = None
+    is_traced: bool = True
 
 
 def measure_equilibrium(path: Equilibrium) -> Errors:
@@ -62,24 +80,38 @@ def measure_equilibrium(path: Equilibrium) -> Errors:
     They are those of the observed columns at its end and at their extremes, of its number of
     unstable directions, and of the load factors of its critical points and, if a position is
     prescribed or the path failed, of its end. Errors of columns are relative to their range along
-    the path or, for section forces, to their largest value along the beam if it is larger.
+    the path or, for section forces, to their largest value along the beam if it is larger, that of
+    the end to the largest load factor of the refined path. A critical point that the refined path
+    does not have is an error of more than 100 %.
     """
     values = _list_values(path)
     headers, sizes = tuple(values), np.array(list(values.values()))
     reason = _find_obstacle(path)
-    if reason:
-        return Errors.unchecked(headers, sizes, reason)
+    if reason or not values:
+        return Errors.unchecked(headers, sizes, reason or "the path ended early")
     if not beams_of(path.equations.mechanism):
         return Errors.of_values(headers, sizes, sizes, Refined())
     scales = _find_scales(path)
     extremes = [x for x in _find_extremes(path, scales) if x[0] in values]
 
-    def repeat(refinement: Refinement) -> Array:
-        found = _repeat(path, refinement)
-        return _place(headers, found, _repeat_extremes(path, refinement, extremes))
+    def repeat(refinement: Refinement) -> _Repetition:
+        refined_path = _RefinedPath(path, refinement)
+        companion, is_traced = refined_path.repeat()
+        scales.setdefault(path.header, float(np.max(np.abs(companion.factors), initial=0.0)))
+        at_extremes = refined_path.repeat_extremes(extremes)
+        places = _place(headers, _list_values(companion), at_extremes)
+        return _Repetition(places, companion, is_traced)
 
     at_rows = [(x, place, path.columns[x][row]) for x, place, row in extremes]
     return _measure(path.equations, headers, _place(headers, values, at_rows), repeat, scales)
+
+
+def find_companion(path: Equilibrium) -> Equilibrium | None:
+    """Return the refined path, of which the end may be the only row, or None; see `errors`."""
+    if "errors" not in vars(path) and skips_result_checks():
+        return None
+    split: Any = path.errors._split
+    return None if split is None else split.companion.path
 
 
 def _place(
@@ -97,11 +129,11 @@ def measure_buckling(result: Buckling) -> Errors:
     """Return the errors of the load factors of linear buckling."""
     headers = tuple(f"load factor of mode {k + 1} [-]" for k in range(len(result)))
 
-    def repeat(refinement: Refinement) -> Array:
+    def repeat(refinement: Refinement) -> _Repetition:
         q, found = refinement.prolong(result.q), np.full(len(headers), np.nan)
         factors = repeat_buckling(result, refinement.equations, q)[: len(found)]
         found[: len(factors)] = factors
-        return found
+        return _Repetition(found)
 
     return _measure(result.equations, headers, result.factors, repeat, {})
 
@@ -118,19 +150,13 @@ def check_equilibrium(path: Equilibrium) -> Iterator[str]:
             f"because the number of unstable directions is {count:g}, but {refined:g} in "
             f"{errors.refined}; use more elements."
         )
-    is_missing = np.isnan(errors.companions) & np.isfinite(errors.values) & (errors.reason == "")
-    if missing := [remove_unit(x) for x in np.array(errors.headers)[is_missing]]:
-        yield (
-            f"equilibrium: {list_first(missing, _MAX_NAMES)}: not confirmed, because the path of "
-            f"{errors.refined} differs; use {errors.recommend() or 'more elements'}."
-        )
 
 
 def _measure(
     equations: EquationsOfMotion,
     headers: tuple[str, ...],
     values: Array,
-    repeat: Callable[[Refinement], Array],
+    repeat: Callable[[Refinement], _Repetition],
     scales: Values,
 ) -> Errors:
     """Return the errors of values that `repeat` computes for refined equations.
@@ -138,50 +164,68 @@ def _measure(
     Values without a scale are compared with themselves.
     """
     headlines = np.atleast_2d(values.T)[0]
-    sizes = np.abs(headlines)
+    sizes, result = np.abs(headlines), _Repetition(values)
 
-    def repeat_values(strains: bool | None) -> tuple[Array, Refined]:
+    def repeat_values(strains: bool | None) -> tuple[_Repetition, Refined]:
         nonlocal sizes
         if strains is None:
-            return values, Refined()
+            return result, Refined()
         with hold_messages(), single_threaded:
             refinement = refine(equations, strains=strains)
-            if refinement is None or not (refinement.halved or refinement.raised):
+            if not refinement.refined.has_mesh:
                 raise BeamdaeError("no beam can be refined.")
             others = repeat(refinement)
         if strains:
-            sizes = np.abs(np.atleast_2d(others.T)[0])
+            refined_values = np.atleast_2d(others.values.T)[0]
+            sizes = np.abs(np.where(np.isnan(refined_values), headlines, refined_values))
             sizes = np.array([scales.get(x, y) for x, y in zip(headers, sizes, strict=True)])
-        return others, describe_refinement(equations, refinement, None)
+        return others, refinement.refined
 
-    def compare(first: Array, second: Array, refined: Refined) -> Errors:
-        return Errors.of_values(headers, first, second, refined, sizes, "its largest value")
+    def compare(first: _Repetition, second: _Repetition, refined: Refined) -> Errors:
+        errors = Errors.of_values(
+            headers, first.values, second.values, refined, sizes, "its largest value"
+        )
+        one = np.isnan(errors.values) & first.is_traced
+        other = np.isnan(errors.companions) & second.is_traced
+        return replace(errors, total=np.where(one | other, FACTOR * (one != other), errors.total))
 
     unchecked = Errors.unchecked(headers, headlines, "the refined result is not found")
-    return measure_errors(unchecked, values, repeat_values, compare, (BeamdaeError, CurveError))
+    return measure_errors(unchecked, result, repeat_values, compare, (BeamdaeError, CurveError))
 
 
 def _find_obstacle(path: Equilibrium) -> str:
     if path.equations.mechanism is None:
         return "equations have no elements"
-    return "" if path.status.kind in ("ok", "failed") else "the path ended early"
+    if not path.status.success and _varies_model(path):
+        return "a path over a parameter of the model ended early"
+    return "the path was interrupted" if path.status.kind == "interrupted" else ""
+
+
+def _varies_model(path: Equilibrium) -> bool:
+    """Return True for paths over a parameter of a model, which refined equations do not have."""
+    over = path.settings.get("over")
+    return bool(over) and over not in quantity_units(None, path.equations.mechanism)
 
 
 def _list_values(path: Equilibrium) -> Values:
     """Return the values at the end of a path, and those of its critical points, by header."""
-    end = {path.header: path.factor}
-    if not path.status.success:
-        return end
-    values = {x: float(y[-1]) for x, y in path.columns.items() if np.isfinite(y[-1])}
-    if isinstance(path.settings["to"], dict):
-        values |= end
-    if path.unstable[-1] >= 0 and not any(x.row == len(path.q) - 1 for x in path.critical):
+    values: Values = {}
+    if path.status.success:
+        values = {x: float(y[-1]) for x, y in path.columns.items() if np.isfinite(y[-1])}
+    is_sought = path.status.success and isinstance(path.settings["to"], dict)
+    if is_sought or path.status.kind == "failed":
+        values[path.header] = path.factor
+    if path.status.success and path.unstable[-1] >= 0 and not _ends_critically(path):
         values[UNSTABLE] = float(path.unstable[-1])
-    unit, counts = Header.of(path.over or FACTOR).unit, Counter[str]()
+    unit, counts = Header.of(path.over or LOAD_FACTOR).unit, Counter[str]()
     for one in path.critical:
         counts[one.kind] += 1
         values[f"{one.kind} {counts[one.kind]} [{unit}]"] = one.factor
     return values
+
+
+def _ends_critically(path: Equilibrium) -> bool:
+    return any(x.row == len(path.q) - 1 for x in path.critical)
 
 
 def _find_scales(path: Equilibrium) -> Values:
@@ -190,17 +234,18 @@ def _find_scales(path: Equilibrium) -> Values:
     first = replace(
         path, q=np.vstack([e.q0, path.q[:1]]), lam=path.lam[[0, 0]], times=None, numbers=None
     )
-    scales = {path.header: float(np.max(np.abs(path.factors), initial=0.0))}
     headers = list(path.columns)
     rows = np.array([np.append(first.columns[x][0], path.columns[x]) for x in headers]).T
     if not len(rows):
-        return scales
-    is_position = [Header.of(x).unit in UNITS_OF_POSITIONS for x in headers]
-    sizes = np.where(is_position, np.ptp(rows, axis=0), np.max(np.abs(rows[1:]), axis=0))
-    forces = _largest_by_unit([x.unit for x in e.multipliers], path.lam)
+        return {}
+    sizes = np.where(
+        [is_position(x) for x in headers], np.ptp(rows, axis=0), np.max(np.abs(rows[1:]), axis=0)
+    )
+    reactions = 0.5 * np.max(np.abs(path.lam), axis=0)
+    forces = largest_by([x.unit for x in e.multipliers], reactions.tolist())
     is_noise = mark_resting_columns(headers, rows, 0.5 * sizes, e.length, others=forces)
     is_noise |= 0.5 * sizes <= rounding_limits(e, headers)
-    scales |= dict(zip(headers, np.where(is_noise, np.inf, sizes).tolist(), strict=True))
+    scales = dict(zip(headers, np.where(is_noise, np.inf, sizes).tolist(), strict=True))
     for header, size in _measure_sections(path):
         scales[header] = max(scales[header], size)
     return scales
@@ -216,13 +261,6 @@ def _find_extremes(path: Equilibrium, scales: Values) -> Iterator[tuple[str, int
                 yield header, place, row
 
 
-def _largest_by_unit(units: list[str], rows: Array) -> Values:
-    largest: Values = {}
-    for unit, x in zip(units, np.max(np.abs(rows), axis=0, initial=0.0).tolist(), strict=True):
-        largest[unit] = max(largest.get(unit, 0.0), 0.5 * x)
-    return largest
-
-
 def _measure_sections(path: Equilibrium) -> Iterator[tuple[str, float]]:
     """Yield headers of section forces, strains and stresses, and largest values on the beam."""
     mechanism = path.equations.mechanism
@@ -234,10 +272,10 @@ def _measure_sections(path: Equilibrium) -> Iterator[tuple[str, float]]:
 
     for name, observed in mechanism.observables.items():
         quantity, names = measured_quantity(observed)
-        sections = Beam.sections_of_strains(quantity)
-        if sections is None:
+        beam = Beam.of_strains(quantity)
+        if beam is None:
             continue
-        forces = forces_along(sections[0])
+        forces = forces_along(beam)
         rows = np.concatenate([forces.N, forces.Q, forces.M])
         values = Beam.values_of_section_forces(quantity, rows, forces.s.tolist())
         largest = np.abs(values).max(axis=-1)
@@ -246,164 +284,154 @@ def _measure_sections(path: Equilibrium) -> Iterator[tuple[str, float]]:
             yield header, of_column[column]
 
 
-def _repeat(path: Equilibrium, refinement: Refinement) -> Values:
-    """Return the values of the refined path.
+@dataclass(frozen=True, eq=False)
+class _RefinedPath:
+    """Path of equilibria, and the refined equations in which it is repeated."""
 
-    Its end is sought near that of the path. The whole path is traced if it has critical points or
-    failed, or if its end is not found or has other unstable directions.
+    path: Equilibrium
+    refinement: Refinement
 
-    Raises
-    ------
-    BeamdaeError
-        If the refined path does not begin, or leads to another end.
-    """
-    loading, settings = _load(path, refinement.equations), _read_settings(path)
-    end = _correct_row(path, refinement, loading, settings) if path.status.success else None
-    is_critical = any(x.row == len(path.q) - 1 for x in path.critical)
-    is_near = end is not None and (is_critical or end.monitor.unstable == path.unstable[-1])
-    ends = {} if end is None else _list_values(_as_equilibrium(path, loading, [end]))
-    if is_near and not path.critical:
-        return ends
-    if _is_whole(path, loading, settings):
-        start = refinement.prolong(path.q[0])
-        # The refined path may switch to the mirrored branch.
-        for sign in (1, -1) if settings.switch else (1,):
-            switch = tuple(sign * x for x in settings.switch)
-            traced = trace_path(loading, start, replace(settings, switch=switch))
-            if traced.status.kind == "interrupted":
-                raise Interrupted(traced.status.sentence)
-            is_complete = traced.status.success or not path.status.success
-            if end is not None and not _is_same_end(refinement, path, end, traced.points[-1]):
-                is_complete &= not (settings.switch or is_near)
-            if is_complete:
-                return ends | _list_values(_as_equilibrium(path, loading, traced.points, traced))
-    if not is_near:
-        raise BeamdaeError("with refined beams, the path leads elsewhere.")
-    return ends
+    @cached_property
+    def loading(self) -> Loading:
+        """Refined equations with the loads of the path."""
+        path, equations = self.path, self.refinement.equations
+        over, mechanism = path.settings.get("over"), equations.mechanism
+        # A parameter of a model is constant at the end of its path, under all loads.
+        if not over or _varies_model(path):
+            return build_loading(mechanism, equations, [list(x) for x in path.loads], path.t)
+        begin, target = float(path.factors[0, 0]), path.settings["to"][-1]
+        parameter = resolve_parameter(mechanism, equations, over, begin, target, path.t)
+        return vary_parameter(parameter.equations_at(begin), parameter)
 
+    @cached_property
+    def settings(self) -> PathSettings:
+        """Settings of the path."""
+        arguments = {x: y for x, y in self.path.settings.items() if x != "iterations"}
+        count = _MAX_POINTS_RATIO * len(self.path.q) + _MORE_POINTS
+        return PathSettings.from_arguments(**arguments, max_points=count)
 
-def _load(path: Equilibrium, equations: EquationsOfMotion) -> Loading:
-    over = path.settings.get("over")
-    # A parameter of a model function is constant at the end of its path, under all loads.
-    if not over or over not in quantity_units(None, equations.mechanism):
-        return build_loading(equations.mechanism, equations, [list(x) for x in path.loads], path.t)
-    begin, target = float(path.factors[0, 0]), path.settings["to"][-1]
-    parameter = resolve_parameter(equations.mechanism, equations, over, begin, target, path.t)
-    return vary_parameter(parameter.equations_at(begin), parameter)
+    @property
+    def is_whole(self) -> bool:
+        """False for paths over a parameter of a model, and rows of longer paths."""
+        path, settings = self.path, self.settings
+        if _varies_model(path):
+            return False
+        if settings.column or not path.status.success or not path.factors.shape[1]:
+            return True
+        target = settings.targets[-1]
+        return abs(path.factor - target) <= 1e-9 * abs(target)
 
+    def repeat(self) -> tuple[Equilibrium, bool]:
+        """Return the refined path, and True if all of its critical points are known.
 
-def _read_settings(path: Equilibrium) -> PathSettings:
-    to, count = path.settings["to"], _MAX_POINTS_RATIO * len(path.q) + _MORE_POINTS
-    control, step, switch, over = (
-        path.settings.get(x) for x in ("control", "step", "switch", "over")
-    )
-    return PathSettings.from_arguments(to, control, step, switch or 0, count, over)
+        Its end is sought near that of the path. The whole path is traced if it has critical points
+        or ended early, or if its end is not found or has other unstable directions.
 
-
-def _repeat_extremes(
-    path: Equilibrium, refinement: Refinement, extremes: list[tuple[str, int, int]]
-) -> Iterator[tuple[str, int, float]]:
-    """Yield the columns of a refined path, their places, and the values at extremes of the path."""
-    loading, settings = _load(path, refinement.equations), _read_settings(path)
-    if settings.varies and loading.parameter is None:
-        return
-    found: dict[int, Mapping[str, Array]] = {}
-    for header, place, row in extremes:
-        if row not in found:
-            point = _correct_row(path, refinement, loading, settings, row)
-            found[row] = {}
-            if point is not None:
-                found[row] = _as_equilibrium(path, loading, [point], row=row).columns
-        if header in found[row]:
-            yield header, place, float(found[row][header][0])
-
-
-def _is_whole(path: Equilibrium, loading: Loading, settings: PathSettings) -> bool:
-    """Return False for paths over a parameter of a model, and rows of longer paths."""
-    if settings.varies and loading.parameter is None:
-        return False
-    if settings.column or not path.status.success or not path.factors.shape[1]:
-        return True
-    target = settings.targets[-1]
-    return abs(path.factor - target) <= 1e-9 * abs(target)
-
-
-def _correct_row(
-    path: Equilibrium,
-    refinement: Refinement,
-    loading: Loading,
-    settings: PathSettings,
-    row: int = -1,
-) -> Point | None:
-    """Return the refined equilibrium near a row of a path, or None if it is not found.
-
-    That near the end has the same load factor or prescribed position, others are beside the path.
-    """
-    stage, mu = _find_stage(path, row), path.factor
-    if path.factors.shape[1]:
-        mu = float(path.factors[row, stage])
-    system = loading.systems[stage]
-    lam = dict(zip(path.equations.lam_names, path.lam[row].tolist(), strict=True))
-    x = np.append(
-        refinement.prolong(path.q[row]),
-        [lam.get(name, 0.0) for name in system.equations.lam_names],
-    )
-    if path.free and system.has_scaled_loads:
-        system = hold_neutral_motions(system, x, mu)
-    problem = StaticProblem(system)
-    x = problem.start(x)
-    control: Control = prescribe_parameter
-    target = mu
-    if row != -1:
-        motion = refinement.prolongation @ (path.q[row + 1] - path.q[row - 1])
-        tangent, weights = np.append(problem.start(motion), 0.0), np.append(problem.weights, 0.0)
-        control, target = ArcLength(problem.point(x, mu), tangent, weights), 0.0
-    elif settings.column:
-        control, coarse = (
-            PrescribedColumn.from_name(e, settings.column, system.loaded.time)
-            for e in (refinement.equations, path.equations)
+        Raises
+        ------
+        BeamdaeError
+            If the refined path does not begin; a `MissingStateError` if it leads to another end.
+        """
+        path, settings, status = self.path, self.settings, REACHED_END
+        end = self._correct_row(-1) if path.status.success else None
+        is_near = end is not None and (
+            _ends_critically(path) or end.monitor.unstable == path.unstable[-1]
         )
-        target = coarse.value(path.q[-1])
-    try:
-        return problem.correct(control, target, x, mu)
-    except CurveError:
-        return None
+        if self.is_whole and (path.critical or not is_near):
+            start = self.refinement.prolong(path.q[0])
+            # The refined path may switch to the mirrored branch.
+            for sign in (1, -1) if settings.switch else (1,):
+                switch = tuple(sign * x for x in settings.switch)
+                traced = trace_path(self.loading, start, replace(settings, switch=switch))
+                status = traced.status
+                if status.kind == "interrupted":
+                    raise Interrupted(status.sentence)
+                is_same = end is None or self._are_same(end, traced.points[-1])
+                if (is_same or not settings.switch) and (status.success or not path.status.success):
+                    return self._as_equilibrium(traced.points, traced), True
+        if end is None or not is_near:
+            reason = "leads elsewhere" if status.success else f"ends early ({status.sentence})"
+            raise MissingStateError(f"with refined beams, the path {reason}.")
+        return self._as_equilibrium([end]), self.is_whole
 
+    def repeat_extremes(
+        self, extremes: list[tuple[str, int, int]]
+    ) -> Iterator[tuple[str, int, float]]:
+        """Yield columns, their places, and the refined values at extremes of the path."""
+        if _varies_model(self.path):
+            return
 
-def _find_stage(path: Equilibrium, row: int = -1) -> int:
-    """Return the index of the load stage of a row of a path."""
-    return int(np.max(np.flatnonzero(path.factors[row]), initial=0))
+        @cache
+        def columns_of(row: int) -> Mapping[str, Array]:
+            point = self._correct_row(row)
+            return {} if point is None else self._as_equilibrium([point], row=row).columns
 
+        for header, place, row in extremes:
+            if header in columns_of(row):
+                yield header, place, float(columns_of(row)[header][0])
 
-def _as_equilibrium(
-    path: Equilibrium,
-    loading: Loading,
-    points: list[Point],
-    traced: EquilibriumPath | None = None,
-    row: int = -1,
-) -> Equilibrium:
-    """Return refined points as a result with the loads of a path at a row.
+    def _correct_row(self, row: int) -> Point | None:
+        """Return the refined equilibrium near a row of the path, or None if it is not found.
 
-    Critical points are those up to the first one of another kind.
-    """
-    factors = path.factors[[row]]
-    factors[:, _find_stage(path, row) :][:, :1] = points[-1].p
-    refined = () if traced is None else traced.critical
-    pairs = zip(path.critical, refined, strict=False)
-    return replace(
-        path,
-        equations=loading.full_equations,
-        factors=factors if traced is None else traced.factors,
-        unstable=np.full(len(points), points[-1].monitor.unstable),
-        critical=tuple(y for _, y in takewhile(lambda x: x[0].kind == x[1].kind, pairs)),
-        **tabulate_points(loading, points),
-    )
+        That near the end, the row -1, has the same load factor or prescribed position, others are
+        beside the path.
+        """
+        path, settings, refinement = self.path, self.settings, self.refinement
+        stage, mu = active_stage(path.factors[row]), path.factor
+        if path.factors.shape[1]:
+            mu = float(path.factors[row, stage])
+        system = self.loading.systems[stage]
+        lam = dict(zip(path.equations.lam_names, path.lam[row].tolist(), strict=True))
+        x = np.append(
+            refinement.prolong(path.q[row]),
+            [lam.get(name, 0.0) for name in system.equations.lam_names],
+        )
+        if path.free and system.has_scaled_loads:
+            system = hold_neutral_motions(system, x, mu)
+        problem = StaticProblem(system)
+        x = problem.start(x)
+        control: Control = prescribe_parameter
+        target = mu
+        if row != -1:
+            motion = refinement.prolongation @ (path.q[row + 1] - path.q[row - 1])
+            tangent, weights = (np.append(y, 0.0) for y in (problem.start(motion), problem.weights))
+            control, target = ArcLength(problem.point(x, mu), tangent, weights), 0.0
+        elif settings.column:
+            control, coarse = (
+                PrescribedColumn.from_name(e, settings.column, system.loaded.time)
+                for e in (refinement.equations, path.equations)
+            )
+            target = coarse.value(path.q[-1])
+        try:
+            return problem.correct(control, target, x, mu)
+        except CurveError:
+            return None
 
+    def _as_equilibrium(
+        self, points: list[Point], traced: EquilibriumPath | None = None, row: int = -1
+    ) -> Equilibrium:
+        """Return refined points as a result with the loads of the path at a row.
 
-def _is_same_end(refinement: Refinement, path: Equilibrium, end: Point, traced: Point) -> bool:
-    """Return False if a traced path leads to another end, such as that of a mirrored branch."""
-    n = refinement.equations.n
-    scale = refinement.equations.position_scales
-    motion = (refinement.prolongation @ (path.q[-1] - path.q[0])) / scale
-    difference = np.abs(end.x[:n] - traced.x[:n]) / scale
-    return bool(np.max(difference) <= _SAME_END * np.max(np.abs(motion), initial=1e-9))
+        Critical points are those up to the first one of another kind.
+        """
+        path = self.path
+        factors = path.factors[[row]]
+        factors[:, active_stage(path.factors[row]) :][:, :1] = points[-1].p
+        refined = () if traced is None else traced.critical
+        pairs = zip(path.critical, refined, strict=False)
+        return replace(
+            path,
+            equations=self.loading.full_equations,
+            factors=factors if traced is None else traced.factors,
+            unstable=np.full(len(points), points[-1].monitor.unstable),
+            critical=tuple(y for _, y in takewhile(lambda x: x[0].kind == x[1].kind, pairs)),
+            **tabulate_points(self.loading, points),
+        )
+
+    def _are_same(self, end: Point, traced: Point) -> bool:
+        """Return False if a traced path leads to another end, as that of a mirrored branch."""
+        path, n = self.path, self.refinement.equations.n
+        scale = self.refinement.equations.position_scales
+        motion = (self.refinement.prolongation @ (path.q[-1] - path.q[0])) / scale
+        difference = np.abs(end.x[:n] - traced.x[:n]) / scale
+        return bool(np.max(difference) <= _SAME_END * np.max(np.abs(motion), initial=1e-9))

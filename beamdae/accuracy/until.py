@@ -32,8 +32,7 @@ from beamdae.linear.blas_threads import single_threaded
 from beamdae.model_functions import Model
 from beamdae.parts.mechanism import AS_DRAWN, Mechanism
 from beamdae.results.columns import (
-    UNITS_OF_POSITIONS,
-    Header,
+    is_position,
     mark_required_columns,
     remove_unit,
     require_accurate_columns,
@@ -105,32 +104,15 @@ class Analysis(NamedTuple):
         progress: Progress | None,
     ) -> Analysis:
         """Return the analysis of runs, whose companions call `progress`, too."""
-
-        def measure(run: Solution, limit: float | None) -> Errors:
-            return measure_run(run, limit, progress)
-
-        def list_columns(run: Solution) -> Collection[str]:
-            return run.columns
-
-        return cls(name, integrate, method, start, list_columns, measure, True)
-
-
-def _require_accuracy(name: str, accuracy: Any) -> float:
-    """Return a required accuracy; `name` is the calling function, for messages.
-
-    Raises
-    ------
-    BeamdaeError
-        If it is not a number from 1e-6 to 0.1.
-    """
-    value = require_finite(name, "accuracy", accuracy)
-    if not _MIN_ACCURACY <= value <= _MAX_ACCURACY:
-        least, most, given = format_distinct(_MIN_ACCURACY, _MAX_ACCURACY, value)
-        raise BeamdaeError(
-            f"{name}: accuracy must lie between {least} and {most}, got {given} "
-            f"({format_percent(value)})."
+        return cls(
+            name,
+            integrate,
+            method,
+            start,
+            lambda run: run.columns,
+            lambda run, limit: measure_run(run, limit, progress),
+            True,
         )
-    return value
 
 
 def require_columns(name: str, columns: Any, headers: Sequence[str]) -> None:
@@ -202,7 +184,13 @@ def reach_accuracy(analysis: Analysis, model: Any, accuracy: Any, columns: Any =
                 f"{analysis.name}: accuracy_columns requires accuracy; pass both or neither."
             )
         return analysis.analyze(model, analysis.method)
-    accuracy = _require_accuracy(analysis.name, accuracy)
+    accuracy = require_finite(analysis.name, "accuracy", accuracy)
+    if not _MIN_ACCURACY <= accuracy <= _MAX_ACCURACY:
+        least, most, given = format_distinct(_MIN_ACCURACY, _MAX_ACCURACY, accuracy)
+        raise BeamdaeError(
+            f"{analysis.name}: accuracy must lie between {least} and {most}, got {given} "
+            f"({format_percent(accuracy)})."
+        )
     names = require_accurate_columns(analysis.name, columns)
     time_limit = getattr(analysis.method, "time_limit", None) if analysis.is_run else None
     time_limit = time_limit or np.inf
@@ -261,16 +249,18 @@ def _refine_results(analysis: Analysis, request: _Request, model: Any) -> Iterat
         else:
             try:
                 step, count = _improve(analysis, request, step, errors, totals), count + 1
-                status = getattr(step.result, "status", _OK)
-                reason = "" if status.success else status.sentence
+                before, status = (getattr(x, "status", _OK) for x in (known, step.result))
+                # Paths may end early at any accuracy, as at the maximum of a load.
+                reason = "" if status.kind in ("ok", before.kind) else status.sentence
             except BeamdaeError as limit:
                 reason = str(limit)
     if reason and clock.perf_counter() >= request.deadline:
         reason = f"the time limit of {request.time_limit:g} s is reached"
     if error <= request.accuracy:
+        last = step.model() if isinstance(step.model, Model) else step.model
+        kept = list_fixed_beams(last, analysis.start) if isinstance(last, Mechanism) else {}
         reason = "; ".join(
-            f"{name} keeps its elements and strains, because {why}"
-            for name, why in _list_kept(analysis, step.model).items()
+            f"{name} keeps its elements and strains, because {why}" for name, why in kept.items()
         )
     status = Status("limited", f"{description}; {reason}") if reason else Status("ok", description)
     vars(known)["errors"] = replace(vars(known)["errors"], status=status)
@@ -348,8 +338,7 @@ def _refine_beams(
     mechanism = model() if isinstance(model, Model) else model
     if not isinstance(mechanism, Mechanism):
         raise BeamdaeError("the beams of this model are not refined; pass a mechanism")
-    is_position = Header.of(column).unit in UNITS_OF_POSITIONS
-    order = max(refined.mesh_order, _POSITION_ORDER if is_position else 1)
+    order = max(refined.mesh_order, _POSITION_ORDER if is_position(column) else 1)
     halvings = int(np.ceil(np.log2(max(ratio, 1.0)) / order))
     # Errors of friction are among those of the elements.
     halvings = min(halvings, 1 if refined.friction_speeds else _MAX_HALVINGS)
@@ -364,10 +353,10 @@ def _refine_beams(
                 mesh = refine_mesh(beam, mesh)
             return mesh
 
-        finer = refine_mechanism(coarse, start, change, friction=analysis.method is not None)
-        if finer is None:
+        finer, made = refine_mechanism(coarse, start, change, friction=analysis.method is not None)
+        if not made.has_mesh:
             raise BeamdaeError("no beam can be refined")
-        return finer.mechanism
+        return finer
 
     while (finer := refine(mechanism, halvings)) and _count_unknowns(finer) > _MAX_UNKNOWNS:
         halvings -= 1
@@ -397,11 +386,6 @@ def _mark_required(
     names = [x for x in headers if x in observed]
     required[is_observed] = mark_required_columns(analysis.name, None, names)
     return required
-
-
-def _list_kept(analysis: Analysis, model: Any) -> dict[str, str]:
-    model = model() if isinstance(model, Model) else model
-    return list_fixed_beams(model, analysis.start) if isinstance(model, Mechanism) else {}
 
 
 def _describe(errors: Errors, worst: int) -> str:

@@ -1,14 +1,13 @@
-"""Differences of the columns of two runs, relative to the ranges of the columns."""
+"""Errors of the columns of a run, relative to the ranges of the columns."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
+from beamdae.accuracy.errors import FACTOR, Errors, Refined
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.measures import ObservedRows
-from beamdae.results.columns import UNITS_OF_POSITIONS, Header
+from beamdae.results.columns import Header, is_position
 from beamdae.results.noise import MAX_ERROR_TO_VALUE_RATIO, constant_limits, mark_noise
 from beamdae.results.run_data import RunData
 
@@ -17,42 +16,30 @@ Array = np.ndarray
 _ROUNDING = 1e-12  # of displacements, relative to the largest position
 
 
-class ColumnDifferences(NamedTuple):
-    """Differences of the columns of two runs, (columns,) each.
+def compare_columns(
+    run: RunData, other: RunData, refined: Refined, factor: float = FACTOR, has_phase: bool = True
+) -> Errors:
+    """Return the errors of the observed columns of a run beside a more accurate one.
 
-    Attributes
+    Values are the largest magnitudes of the extremes at all steps and rows. Errors are the larger
+    one of the differences of the extremes, relative to half the range of the column, and of the
+    root mean square of the differences at rows, relative to that of the deviations from the mean;
+    of columns that are constant but for errors, relative to their largest magnitude. They are zero
+    for columns that are rounding errors or violations of constraints in both runs, and not a number
+    for columns with gaps.
+
+    Parameters
     ----------
-    scale
-        Half the range of a column of the second run or, if the column is constant but for errors,
-        its largest magnitude [unit of the column].
-    relative_to
-        Names of the scales, for sentences.
-    values, others
-        Largest magnitude of the extremes at all steps and rows of both runs [unit of the column].
-    peaks
-        Larger one of the differences of both extremes, relative to `scale` [-].
-    rows
-        Largest difference at rows, relative to `scale` [-].
-    means
-        Root mean square of the differences at rows, relative to that of the deviations of the
-        column from its mean or, if it is constant, to `scale` [-].
+    run, other
+        The runs.
+    refined
+        What the second run refines.
+    factor
+        Ratio of errors and differences.
+    has_phase
+        False to compare extremes only, because the times of the rows differ.
     """
-
-    scale: Array
-    relative_to: tuple[str, ...]
-    values: Array
-    others: Array
-    peaks: Array
-    rows: Array
-    means: Array
-
-
-def compare_columns(run: RunData, other: RunData) -> ColumnDifferences:
-    """Compare the observed columns of a run with those of a more accurate one.
-
-    Differences are zero for columns that are rounding errors or violations of constraints in both,
-    and not a number for columns with gaps.
-    """
+    headers = tuple(run.columns)
     count = min(len(run.t), len(other.t))  # An event may end one of them slightly earlier.
     rows, finer = (_stack(x)[:count] for x in (run, other))
     limits, finer_limits = _find_extremes(run, rows), _find_extremes(other, finer)
@@ -70,10 +57,15 @@ def compare_columns(run: RunData, other: RunData) -> ColumnDifferences:
     half_range = 0.5 * np.maximum(np.ptp(rows, axis=0), np.ptp(finer, axis=0))
     is_noise = mark_noise(run, finer, half_range, np.abs(rows - finer).max(axis=0), other)
     with np.errstate(divide="ignore", invalid="ignore"):
-        errors = [np.where(is_noise | (x == 0.0), 0.0, x / size) for x, size in pairs]
-    sizes = (np.abs(x).max(axis=0) for x in (limits, finer_limits))
+        peaks, largest, means = (
+            np.where(is_noise | (x == 0.0), 0.0, x / size) for x, size in pairs
+        )
+    values, others = (np.abs(x).max(axis=0) for x in (limits, finer_limits))
     relative_to = tuple("its value" if x else "half its range" for x in is_constant)
-    return ColumnDifferences(scale, relative_to, *sizes, *errors)
+    total, at_rows = peaks, np.full(len(headers), np.nan)
+    if has_phase:
+        total, at_rows = np.maximum(peaks, means), largest
+    return Errors(headers, values, others, factor * total, at_rows, refined, relative_to)
 
 
 def _subtract_rows(rows: Array, finer: Array, scale: Array) -> Array:
@@ -126,7 +118,7 @@ def _subtract_drawing(equations: EquationsOfMotion, rows: Array) -> Array:
     Displacements are those from the drawing. They do not depend on the origin, of which their
     rounding errors are removed.
     """
-    is_placement = [Header.of(x).unit in UNITS_OF_POSITIONS for x in equations.observed_headers]
+    is_placement = [is_position(x) for x in equations.observed_headers]
     if not any(is_placement):
         return rows
     mechanism, q, zero = equations.mechanism, equations.q0, np.zeros((1, equations.n))

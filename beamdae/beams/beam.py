@@ -847,14 +847,11 @@ class Beam(Part):
         return self.section.at(self._require_arc_length(s))
 
     @staticmethod
-    def sections_of_strains(quantity: Quantity) -> tuple[Beam, tuple[float, ...]] | None:
-        """Return beam and arc lengths [m] if a quantity was computed from the strains there."""
-        build = None if quantity.recipe is None else quantity.recipe.build
-        if build not in (Beam._evaluate_strains, Beam._evaluate_largest_stress):
-            return None
-        assert quantity.recipe is not None
-        beam, s, *_ = quantity.recipe.arguments
-        return beam, (float(s),) if build is Beam._evaluate_strains else beam._stress_sections(s)
+    def of_strains(quantity: Quantity) -> Beam | None:
+        """Return the beam if a quantity was computed from its strains."""
+        recipe = quantity.recipe
+        builds = Beam._evaluate_strains, Beam._evaluate_largest_stress
+        return recipe.arguments[0] if recipe is not None and recipe.build in builds else None
 
     @staticmethod
     def values_of_section_forces(quantity: Quantity, forces: Array, s: Sequence[float]) -> Array:
@@ -863,7 +860,7 @@ class Beam(Part):
         Parameters
         ----------
         quantity
-            A quantity with `sections_of_strains`.
+            A quantity of strains, see `of_strains`.
         forces
             N [N], Q [N] and M [N m], (3, ..., sections).
         s

@@ -13,10 +13,7 @@ from beamdae.errors import list_first
 from beamdae.integrators.integrator import DEFAULT_RTOL, Integrator
 from beamdae.integrators.limits import PaceCheck, followed_vibration
 from beamdae.integrators.sampling import RepeatedSample, describe_growth
-from beamdae.model_checks.strain_limits import (
-    MEANINGLESS_DEFORMATION,
-    describe_meaningless_strain,
-)
+from beamdae.model_checks.strain_limits import describe_meaningless_strain, names_strains
 from beamdae.results.outcome import Status
 from beamdae.results.trajectory import Trajectory
 
@@ -49,8 +46,7 @@ def name_cause(
     """
     cause = describe_growth(samples)
     # Vibrations with meaningless strains are an effect, not a cause.
-    is_meaningless = MEANINGLESS_DEFORMATION in status.sentence
-    if not cause and status.kind == "limited" and not is_meaningless:
+    if not cause and status.kind == "limited" and not names_strains(status):
         advice = ""
         if integrator.accuracy.name == "rtol" and integrator.accuracy.value < DEFAULT_RTOL:
             advice = f" or rtol={DEFAULT_RTOL:g}, which keeps deflections within 1 %"

@@ -9,6 +9,7 @@ import numpy as np
 from beamdae.beams.beam import Beam, beams_of
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import merge_parts
+from beamdae.results.outcome import Status
 from beamdae.results.trajectory import Trajectory
 
 Array = np.ndarray
@@ -20,7 +21,7 @@ _MAX_STRAIN = 0.5
 _MAX_STIFF_STRAIN, _MIN_STIFF_MODULUS = 0.02, 1e10
 # Runs of many steps end at strains above this multiple of these limits.
 _MEANINGLESS_STRAIN_RATIO = 2.0
-MEANINGLESS_DEFORMATION = "so the deformation is meaningless"
+_MEANINGLESS_DEFORMATION = "so the deformation is meaningless"
 # Number of times at which strains are evaluated, one per step, and size of the positions [bytes].
 _MIN_SAMPLE_COUNT, _MAX_SAMPLE_COUNT = 400, 20_000
 _MAX_SAMPLE_BYTES = 5e7
@@ -52,6 +53,11 @@ def strain_warnings(
         yield f"{clause}; {remedy}."
 
 
+def names_strains(status: Status) -> bool:
+    """Return True if strains beyond linear elasticity are among the reasons of an early end."""
+    return _MEANINGLESS_DEFORMATION in status.sentence
+
+
 def describe_meaningless_strain(
     equations: EquationsOfMotion, q: Array, ratio: float = _MEANINGLESS_STRAIN_RATIO
 ) -> str:
@@ -69,7 +75,7 @@ def describe_meaningless_strain(
             beam.name,
             strain,
             f"{beam.name}: the largest strain is {strain:.3g}, far beyond linear elasticity, "
-            f"{MEANINGLESS_DEFORMATION}",
+            f"{_MEANINGLESS_DEFORMATION}",
         )
         for beam, strain in strains.items()
         if strain > ratio * _strain_limit(beam)

@@ -3,8 +3,9 @@
 At the steps and stages, elastic forces are in equilibrium with the loads. Between them,
 interpolated positions have errors within the tolerance, which deform stiff parts: the axial force
 at the clamp of a thin blade was wrong by 93 % of its largest value, the force of a stiff bushing by
-49 %. Interpolated forces are as accurate as accelerations and reactions. The force of a contact,
-which has a kink at its onset, and formulas of the user follow from the positions.
+49 %. Interpolated forces are as accurate as accelerations and reactions. Quantities with kinks,
+which polynomials overshoot, follow from the positions: magnitudes, such as the largest stress, the
+force of a contact, and formulas of the user.
 """
 
 from __future__ import annotations
@@ -27,8 +28,8 @@ Array = np.ndarray
 def find_elastic_columns(equations: EquationsOfMotion) -> Array:
     """Return the indices of elastic forces among the observed columns.
 
-    They are stresses, strains and section forces of beams, and the forces and moments of springs,
-    dampers and bushings without formulas of the user.
+    They are stresses, strains and section forces of beams, but not magnitudes of them, and the
+    forces and moments of springs, dampers and bushings without formulas of the user.
     """
     selected = [is_elastic(equations, x) for x in equations.observables]
     counts = [len(x.columns) for x in equations.observables]
@@ -43,7 +44,9 @@ def is_elastic(equations: EquationsOfMotion, observable: Observable) -> bool:
     if mechanism is None or observed is None:
         return False
     quantity, _ = measured_quantity(observed)
-    if Beam.sections_of_strains(quantity) is not None:
+    if quantity.is_magnitude:
+        return False
+    if Beam.of_strains(quantity) is not None:
         return True
     part = mechanism.parts.get(quantity.load_of or "")
     is_force = all(column.unit in LOAD_UNITS for column in observable.columns)

@@ -21,7 +21,8 @@ from beamdae.read_only import read_only_data
 from beamdae.results.columns import Header
 from beamdae.results.displays import HasPage, Plot, load_views
 from beamdae.results.outcome import Status
-from beamdae.results.section_forces.recovery import recover_section_forces_at_state
+from beamdae.results.section_forces.balance import RowGroup
+from beamdae.results.section_forces.recovery import SectionSampler, find_beam
 from beamdae.results.section_forces.section_forces import SectionForces
 from beamdae.results.selection import HasColumns
 from beamdae.results.storage.checkpoint import Checkpoint
@@ -370,13 +371,24 @@ class Equilibrium(HasColumns, HasPage):
         Interrupted
             If Ctrl-C ends the call.
         """
-        at_rest = np.zeros_like(self.q[-1:])
+        sampler = self._sample_sections(beam)
+
+        def refine() -> SectionSampler | None:
+            other = deferred.module("accuracy.statics").find_companion(self)
+            return other and other._sample_sections(sampler.beam.name)
+
+        return sampler.recover(np.full(1, self.t), s, np.zeros(0), refine)
+
+    def _sample_sections(self, beam: Any) -> SectionSampler:
+        at_rest, time = np.zeros_like(self.q[-1:]), np.full((1, 2), self.t)
         state = State(self.q[-1:], at_rest, at_rest, self.lam[-1:])
         factors = dict.fromkeys(self._inactive, 0.0)
         # A path over another quantity has no scaled loads.
         for names, factor in zip(self.loads, self.factors[-1].tolist(), strict=False):
             factors |= dict.fromkeys(names, factor)
-        return recover_section_forces_at_state(self.equations, beam, self.t, state, factors, s)
+        groups: list[RowGroup] = [(np.zeros(1, int), factors)]
+        beam = find_beam(self.equations, beam)
+        return SectionSampler(self.equations, beam, lambda _: (time, state, groups))
 
     def diagram(self, beam: Any, what: str = "M") -> Plot:
         """Plot a section force of a beam at the end of the path over its arc length.
@@ -418,7 +430,9 @@ class Equilibrium(HasColumns, HasPage):
                     f"start={{{self.free!r}: ...}}."
                 )
         strain_limits = deferred.module("model_checks.strain_limits")
-        strains = strain_limits.strain_warnings(self.equations, self._checked_positions)
+        strains: Iterable[str] = ()
+        if not strain_limits.names_strains(self.status):
+            strains = strain_limits.strain_warnings(self.equations, self._checked_positions)
         outside = list_arguments_outside(self.equations, self._times[-1], self._checked_positions)
         limits: Iterable[str] = ()
         if self.status.success:

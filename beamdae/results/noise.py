@@ -14,8 +14,8 @@ from beamdae.results.columns import (
     NO_OTHERS,
     UNITS_OF_ACCELERATIONS,
     UNITS_OF_FORCES,
-    UNITS_OF_POSITIONS,
     Header,
+    is_position,
     largest_of_kind,
 )
 from beamdae.results.run_data import RunData
@@ -161,9 +161,9 @@ def constant_limits(headers: Sequence[str], values: Array, length: float, rtol: 
     """
     by_value = min(_ERROR_TO_VALUE_RATIO * rtol, MAX_ERROR_TO_VALUE_RATIO)
     # Values of positions and angles depend on the origin.
-    is_position = [Header.of(x).unit in UNITS_OF_POSITIONS for x in headers]
+    are_positions = [is_position(x) for x in headers]
     of_positions = _limits_of_positions(headers, length, rtol)
-    return np.where(is_position, of_positions, by_value * np.max(np.abs(values), axis=0))
+    return np.where(are_positions, of_positions, by_value * np.max(np.abs(values), axis=0))
 
 
 def _limits_of_positions(headers: Sequence[str], length: float, rtol: float) -> Array:

@@ -385,7 +385,11 @@ class Solution(RunData, TimeSeries):
         """
         from beamdae.results.section_forces.recovery import recover_section_forces
 
-        return recover_section_forces(self, beam, t, s)
+        def find_companion() -> Solution | None:
+            companion: Solution | None = deferred.module("accuracy.runs").find_companion(self)
+            return companion
+
+        return recover_section_forces(self, beam, t, s, find_companion)
 
     def diagram(self, beam: Any, what: str = "M", t: Any = None) -> Plot:
         """Plot a section force of a beam over its arc length.

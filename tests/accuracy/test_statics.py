@@ -1,6 +1,7 @@
 """Errors of equilibria and buckling loads beside closed forms."""
 
 import math
+import re
 import warnings
 
 import numpy as np
@@ -116,7 +117,8 @@ def test_results_that_cannot_be_checked_have_a_reason():
     row = path.at(len(path.q) - 1) if path.status.success else path.at(len(path.q) // 2)
     (reason,) = {x for x in row.errors.table()["status"] if x != "measured"}
     assert reason.startswith("not checked: the refined result is not found: with refined beams")
-    assert not list(row.errors.sentences())
+    (sentence,) = row.errors.sentences()
+    assert sentence.startswith("errors: not known, because the refined result is not found")
 
 
 def test_nothing_is_measured_where_warnings_are_ignored():
@@ -195,5 +197,90 @@ def test_failed_paths_beyond_extremes_have_errors_of_their_last_load_factor():
     mech.observe("clamp", arch.section_forces(0.0))
     path = bd.equilibrium(mech, to={"crown.y": -1.5})
     assert path.status.kind == "failed"
-    assert path.errors.headers == ("load factor [-]",)
+    assert path.errors.headers == ("load factor [-]", "limit point 1 [-]")
     assert list(path.errors.sentences()) == []
+
+
+def lee_frame(**options):
+    """Return the hinged right-angle frame of Lee et al. under a force at a fifth of its beam."""
+    mech, corner, right = bd.Mechanism(), (0.0, 1.2), (1.2, 1.2)
+    section = bd.Section.rectangle(bd.Material(E=7.2e10, nu=0.3, rho=2700.0), 0.03, 0.02)
+    post = mech.add(bd.Beam("post", bd.Line((0.0, 0.0), corner), section, **options))
+    beam = mech.add(bd.Beam("beam", bd.Line(corner, right), section, **options))
+    mech.add(bd.Revolute("foot", mech.ground.at(0.0, 0.0), post.start))
+    mech.add(bd.Revolute("right", mech.ground.at(*right), beam.end))
+    mech.add(bd.Weld("corner", post.end, beam.start))
+    mech.add(bd.Force("press", beam.at(0.24), (0.0, -1000.0)))
+    mech.observe("load", beam.at(0.24))
+    return mech
+
+
+@pytest.mark.filterwarnings("ignore::beamdae.errors.BeamdaeWarning")
+@pytest.mark.parametrize(
+    "request_",
+    [
+        pytest.param({"to": 20.0}, id="failed"),
+        *(
+            pytest.param(request_, id=name, marks=pytest.mark.slow(reason="hundreds of points"))
+            for name, request_ in {
+                "limited": {"to": 30.0, "control": "arc length", "max_points": 60},
+                "astray": {"to": {"load.y": 0.5}, "control": "arc length"},
+                "other critical points": {"to": {"load.y": 0.8}},
+            }.items()
+        ),
+    ],
+)
+def test_errors_of_paths_contain_those_of_moderate_strains(request_):
+    """Paths that end early were not checked; a spurious factor of 3000 hid an error of 108."""
+    exact = bd.equilibrium(lee_frame(formulation="exact"), **request_)
+    path = bd.equilibrium(lee_frame(strain="green"), **request_)
+    errors = path.errors.table()
+    truth = {f"limit point {k + 1} [-]": x.factor for k, x in enumerate(exact.critical)}
+    if exact.status.kind in ("ok", "failed") and "load factor [-]" in errors.index:
+        truth["load factor [-]"] = exact.factor
+    assert truth or exact.status.kind == "ok"
+    largest = np.max(np.abs(exact.factors))
+    for header, value in errors["value"].items():
+        if header in truth:
+            size = largest if header == "load factor [-]" else abs(truth[header])
+            assert errors["total"][header] >= abs(value - truth[header]) / size - 1e-3
+        elif header.startswith("limit point"):
+            assert errors["status"][header] == "not converged"
+    (sentence,) = path.errors.sentences()
+    assert 'strain="exact" of post, beam' in sentence
+    accurate = bd.equilibrium(lee_frame(strain="green"), accuracy=1e-3, **request_)
+    for header, value in accurate.errors.table()["value"].items():
+        if header in truth:
+            assert value == pytest.approx(truth[header], rel=1e-3, abs=1e-3 * largest)
+
+
+@pytest.mark.filterwarnings("ignore::beamdae.errors.BeamdaeWarning")
+@pytest.mark.parametrize("tension", [4e3, 4e4])
+def test_recommended_elements_reach_their_aim(tension):
+    """Up to 64 times as many elements were recommended from errors that show no order."""
+
+    def stretched(elements):
+        strip = cantilever(STRIP, 0.6, elements, (tension, -1.0), strain="exact")
+        return bd.equilibrium(strip)
+
+    counts = {}
+    for elements in (2, 4, 8, 16):
+        result = stretched(elements)
+        advice = result.errors.recommend()
+        recommended = re.match(r"(\d+) elements of beam", advice)
+        if recommended:
+            counts[elements] = int(recommended[1])
+            assert stretched(counts[elements]).errors.largest < 0.02
+        else:
+            assert (advice == "accuracy=0.01") == (result.errors.largest > 0.16)
+    assert counts
+    assert all(y <= 4 * x for x, y in counts.items())
+
+
+@pytest.mark.filterwarnings("ignore::beamdae.errors.BeamdaeWarning")
+@pytest.mark.parametrize("elements", [2, 8, 24])
+def test_strains_are_recommended_before_elements(elements):
+    """Three hundred elements were recommended, which make the error of the strains larger."""
+    path = bd.equilibrium(cantilever(STRIP, 0.6, elements, (0.0, -600.0), strain="green"))
+    assert path.errors.largest > 0.4
+    assert path.errors.recommend() == 'strain="exact" of beam'

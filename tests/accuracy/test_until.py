@@ -223,3 +223,18 @@ def test_a_model_without_observables_is_rejected():
     mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0)))
     with pytest.raises(bd.BeamdaeError, match="nothing is observed"):
         bd.simulate(mech, t_end=0.1, accuracy=0.01)
+
+
+def test_all_runs_of_a_required_accuracy_show_progress():
+    """Those that separate the causes, a third of the time, showed none."""
+    shown = []
+
+    class Watched(bd.Radau):
+        def integrate(self, equations, times, progress=None):
+            shown.append(progress is not None)
+            return super().integrate(equations, times, progress)
+
+    model = bd.load_model("example:hub_beam")(elements=2)
+    bd.simulate(model, Watched(), t_end=0.5, accuracy=1e-4, progress=lambda t: None)
+    assert len(shown) >= 4
+    assert all(shown)

@@ -345,3 +345,32 @@ def test_regression_causes_in_the_model_precede_their_consequences():
     assert first.startswith("press: the spline reaches")
     assert "the deformation is meaningless" in second
     assert not any("output rows" in x for x in others), others
+
+
+@pytest.mark.parametrize(
+    "analyze",
+    [
+        pytest.param(bd.equilibrium, id="failed path"),
+        pytest.param(lambda x: bd.equilibrium(x, to=0.1), id="path"),
+        pytest.param(
+            lambda x: bd.simulate(x, t_end=20.0),
+            id="stopped run",
+            marks=pytest.mark.slow(reason="a second and more"),
+        ),
+        pytest.param(lambda x: bd.simulate(x, t_end=0.5), id="run"),
+    ],
+)
+def test_strains_beyond_linear_elasticity_are_named_once(analyze):
+    """A path that failed and a run that was stopped named them in their reason and beside it."""
+    mech = bd.Mechanism()
+    soft = bd.Material(E=211e3, nu=0.31, rho=7800.0)
+    section = bd.Section.rectangle(soft, width=0.05, height=0.006)
+    line = bd.Line((0.0, 0.0), (0.4, 0.0))
+    beam = mech.add(bd.Beam("leaf", line, section, elements=4, formulation="exact"))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech.add(bd.Force("load", beam.end, (0.0, -300.0)))
+    with warnings.catch_warnings(record=True) as issued:
+        warnings.simplefilter("always")
+        analyze(mech)
+    text = " ".join(str(x.message) for x in issued)
+    assert text.count("far beyond linear elasticity") == 1, text

@@ -310,9 +310,60 @@ def test_a_coarse_output_step_is_part_of_the_error(swinging_strip):
     missed = np.max(np.abs(fine.M)) - np.max(np.abs(coarse.M))
     assert missed > 0.1 * np.max(np.abs(coarse.M))
     assert coarse.sampling_error[2] > 0.5 * missed
-    with pytest.warns(bd.BeamdaeWarning, match="estimated error of .*, more times t"):
+    with pytest.warns(bd.BeamdaeWarning, match="estimated error of .* more times t"):
         safety = coarse.safety()
     assert safety.lower_bound < fine.safety().factor * 1.1
+
+
+def pushed_leaf(force, is_observed, **options):
+    """Return a thin leaf spring that a force bends by two thirds of its length."""
+    mech = bd.Mechanism()
+    strip = bd.Section.rectangle(STEEL, width=0.02, height=5e-4, damping=1e-2)
+    leaf = mech.add(bd.Beam("leaf", bd.Line((0.0, 0.0), (0.2, 0.0)), strip, **options))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), leaf.start))
+    mech.add(bd.Force("push", leaf.end, (0.0, force)))
+    if is_observed:
+        mech.observe("tip", leaf.end)
+    return mech
+
+
+def row_of_leaf(**options):
+    path = bd.equilibrium(pushed_leaf(-5.0, **options), to=[1.0, 1.2])
+    return path.at(int(np.flatnonzero(path.factors[:, 0] == 1.0)[0]))
+
+
+def run_of_leaf(**options):
+    law = bd.piecewise((1.0, lambda t: -5.0 * t**2 * (3.0 - 2.0 * t)), -5.0)
+    return bd.simulate(pushed_leaf(law, **options), bd.Radau(1e-5), t_end=1.2)
+
+
+@pytest.mark.parametrize("is_observed", [False, True])
+@pytest.mark.parametrize(
+    "analyze", [lambda **x: bd.equilibrium(pushed_leaf(-5.0, **x)), row_of_leaf, run_of_leaf]
+)
+def test_errors_of_section_forces_contain_that_of_moderate_strains(analyze, is_observed):
+    """Those of the safety were tens of times too small where moderate strains are 3 % off."""
+    forces, exact = (
+        analyze(is_observed=is_observed, **options).section_forces("leaf", s=[0.0, 0.05, 0.1])
+        for options in ({"strain": "green"}, {"formulation": "exact", "elements": 32})
+    )
+    safety, true_safety = forces.safety(), exact.safety()
+    error = abs(safety.stress - true_safety.stress)
+    assert error > 0.01 * safety.stress
+    assert 1.0 < safety.error / error < 1.3
+    assert 0.94 * true_safety.factor < safety.lower_bound < true_safety.factor
+    table, true_table = forces.table(), exact.table()
+    envelope, true_envelope = forces.envelope(), exact.envelope()
+    stress, true_stress = forces.stress("top"), exact.stress("top")
+    for stated, truth, value, of_error in [
+        (table, true_table, "M [N m]", "M error [N m]"),
+        (stress, true_stress, "sigma [Pa]", "sigma error [Pa]"),
+        (envelope, true_envelope, "M min [N m]", "M min error [N m]"),
+        (envelope, true_envelope, "sigma top min [Pa]", "sigma top min error [Pa]"),
+    ]:
+        errors = np.abs(stated[value] - truth[value])
+        # Rounding and time errors of both runs.
+        assert np.all(stated[of_error] > errors - 2e-3 * np.max(errors))
 
 
 def test_peaks_between_rows_are_part_of_the_error_of_the_safety():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -22,7 +22,6 @@ from beamdae.errors import (
     require_iterable,
     short_repr,
 )
-from beamdae.read_only import read_only_data
 from beamdae.results.run_data import RunData
 from beamdae.results.section_forces.applied_loads import collect_applied_loads
 from beamdae.results.section_forces.balance import (
@@ -101,124 +100,108 @@ def _jumps_of_section(beam: Beam) -> list[float]:
 
 
 def recover_section_forces(
-    run: RunData, beam: Beam | str, t: Any = None, s: Any = None
+    run: RunData, beam: Beam | str, t: Any, s: Any, find_companion: Callable[[], RunData | None]
 ) -> SectionForces:
-    """Return the section forces of a beam in a run; see `Solution.section_forces`."""
-    e, trajectory = run.equations, run.trajectory
-    beam = _find_beam(e, beam)
-    times = run.t if t is None else _require_numbers(beam.name, "t", t)
+    """Return the section forces of a beam in a run; see `Solution.section_forces`.
+
+    `find_companion` returns the run with everything refined, or None.
+    """
+    trajectory, sampler = run.trajectory, _sample_run(run, beam)
+    name = sampler.beam.name
+    times = run.t if t is None else _require_numbers(name, "t", t)
     first, last = trajectory.start, trajectory.end
     if not (np.all(np.diff(times) > 0.0) and first <= times[0] and times[-1] <= last):
         begin, end, *_ = format_distinct(first, last, times[0], times[-1])
         raise BeamdaeError(
-            f"{beam.name}: t must contain ascending times of the run ({begin} to {end} s), got "
+            f"{name}: t must contain ascending times of the run ({begin} to {end} s), got "
             f"{short_repr(t)}."
         )
-    trajectory.warn_between_rows(beam.name, times)
-    if s is None:
-        branch_times, state = trajectory.at(times)
-        groups = group_rows(trajectory, times)
-        sections = default_sections(beam, e, branch_times, state, groups)
-    else:
-        sections = _requested_sections(beam, s)
-    sampler = _SectionSampler(run, beam)
-    (N, Q, M), strained = sampler.evaluate(times, *sections)
+    trajectory.warn_between_rows(name, times)
     steps = np.unique(np.concatenate([x.t for x in trajectory.intervals]))
     steps = steps[(steps > times[0]) & (steps < times[-1])]
     steps = steps[:: 1 + len(steps) // MAX_STEPS]
-    return SectionForces(
-        beam, times, sections[0], N, Q, M, strained, sections[1], s is None, steps, sampler
-    )
+
+    def refine() -> SectionSampler | None:
+        other = find_companion()
+        return None if other is None else _sample_run(other, name)
+
+    return sampler.recover(times, s, steps, refine)
 
 
-@read_only_data
+def _sample_run(run: RunData, beam: Beam | str) -> SectionSampler:
+    trajectory = run.trajectory
+
+    def states_at(times: Array) -> tuple[Array, State, list[RowGroup]]:
+        times = np.clip(times, trajectory.start, trajectory.end)
+        return *trajectory.at(times), group_rows(trajectory, times)
+
+    return SectionSampler(run.equations, find_beam(run.equations, beam), states_at)
+
+
 @dataclass(frozen=True, eq=False)
-class _SectionSampler:
-    """Section forces at any sections and times of a run."""
+class SectionSampler:
+    """Section forces of a beam at any sections and times.
 
-    run: RunData
+    Attributes
+    ----------
+    equations, beam
+        Equations of motion of the mechanism, and the beam.
+    states_at
+        Function of ascending times (k,) [s] that returns rows (t, branch), (k, 2), the states, and
+        the groups of rows with the same load factors.
+    """
+
+    equations: EquationsOfMotion
     beam: Beam
+    states_at: Callable[[Array], tuple[Array, State, list[RowGroup]]]
 
-    def __call__(self, times: Array, s: Array) -> Array:
-        """Return N, Q and M (3, rows, sections) at ascending times [s], clipped to the run."""
-        times = np.clip(times, self.run.trajectory.start, self.run.trajectory.end)
-        return self.evaluate(times, s, s >= self.beam.length)[0]
+    def __call__(self, times: Array, s: Array, before: Array) -> Array:
+        """Return N, Q and M (3, rows, sections)."""
+        return self._evaluate(times, s, before)[0]
 
-    def evaluate(self, times: Array, s: Array, before: Array) -> tuple[Array, Array]:
+    def recover(
+        self, times: Array, s: Any, steps: Array, refine: Callable[[], SectionSampler | None]
+    ) -> SectionForces:
+        """Return the section forces at times [s] and arc lengths [m]; see `SectionForces`.
+
+        `steps` are the times of the steps between these times [s], `refine` returns the sampler of
+        the result with everything refined, or None.
+
+        Raises
+        ------
+        BeamdaeError
+            If an arc length is out of range.
+        """
+        if s is None:
+            sections = default_sections(self.beam, self.equations, *self.states_at(times))
+        else:
+            sections = _requested_sections(self.beam, s)
+        (N, Q, M), strained = self._evaluate(times, *sections)
+        of_sections = N, Q, M, strained, sections[1], s is None, steps
+        return SectionForces(self.beam, times, sections[0], *of_sections, self, refine)
+
+    def _evaluate(self, times: Array, s: Array, before: Array) -> tuple[Array, Array]:
         """Return section forces from the loads and from the strains, (3, rows, sections) each."""
-        equations, trajectory = self.run.equations, self.run.trajectory
-        branch_times, state = trajectory.at(times)
+        branch_times, state, groups = self.states_at(times)
         blocks = []
         columns = max(len(s), self.beam.mesh.elements * self.beam.mesh.nodes)
         block_size = max(MAX_EVALUATIONS // columns, 1)
-        for rows, factors in group_rows(trajectory, times):
+        for rows, factors in groups:
             for k in range(0, len(rows), block_size):
                 block = rows[k : k + block_size]
                 states = State(*(x[block] for x in state))
                 at = branch_times[block]
                 blocks.append(
                     balanced_and_elastic_forces(
-                        self.beam, equations, at, states, s, before, factors
+                        self.beam, self.equations, at, states, s, before, factors
                     )
                 )
         balanced, strained = (np.concatenate(x, axis=1) for x in zip(*blocks, strict=True))
         return balanced, strained
 
 
-def recover_section_forces_at_state(
-    equations: EquationsOfMotion,
-    beam: Beam | str,
-    t: float,
-    state: State,
-    factors: Mapping[str, float],
-    s: Any = None,
-) -> SectionForces:
-    """Return axial force, shear force and bending moment along a beam at a single state.
-
-    Parameters
-    ----------
-    equations
-        Equations of motion of the mechanism.
-    beam
-        The beam, or its name.
-    t
-        Time at which the loads are evaluated [s].
-    state
-        The state as arrays with one row: q (1, n), v (1, n), a (1, n) and lam (1, m).
-    factors
-        Load factors by part name, and of gravity by the name "gravity". Missing factors are 1.
-    s
-        An arc length or several arc lengths [m]; see `Solution.section_forces`.
-
-    Returns
-    -------
-    SectionForces
-        Section forces at one time and these arc lengths.
-
-    Raises
-    ------
-    BeamdaeError
-        If the mechanism does not contain the beam, or an arc length is out of range.
-    """
-    beam = _find_beam(equations, beam)
-    time, groups = np.array([[t, t]]), [(np.zeros(1, int), factors)]
-    if s is None:
-        sections = default_sections(beam, equations, time, state, groups)
-    else:
-        sections = _requested_sections(beam, s)
-
-    def evaluate(s: Array, before: Array) -> tuple[Array, Array]:
-        return balanced_and_elastic_forces(beam, equations, time, state, s, before, factors)
-
-    def sample(_: Array, s: Array) -> Array:
-        return evaluate(s, s >= beam.length)[0]
-
-    (N, Q, M), strained = evaluate(*sections)
-    of_sections = N, Q, M, strained, sections[1], s is None
-    return SectionForces(beam, time[:, 0], sections[0], *of_sections, np.zeros(0), sample)
-
-
-def _find_beam(equations: EquationsOfMotion, beam: Any) -> Beam:
+def find_beam(equations: EquationsOfMotion, beam: Any) -> Beam:
+    """Return a beam, or the beam with a name; reject those that the mechanism does not contain."""
     beams = beams_of(equations.mechanism)
     beam = plain_text(beam)
     for candidate in beams:

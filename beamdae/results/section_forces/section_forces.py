@@ -13,12 +13,14 @@ from beamdae.beams.beam import Beam
 from beamdae.equations.measures import TIME
 from beamdae.errors import BeamdaeError, require_positive, warn_user
 from beamdae.read_only import read_only_data
+from beamdae.results.columns import FACTOR
 from beamdae.results.displays import HasTable, Plot, load_views
 
 if TYPE_CHECKING:
     import pandas as pd
 
 Array = np.ndarray
+_Sample = Callable[[Array, Array, Array], Array]
 
 SECTION_FORCE_HEADERS = {"N": "N [N]", "Q": "Q [N]", "M": "M [N m]"}
 _ARC_LENGTH = "s [m]"
@@ -50,13 +52,13 @@ class Safety:
     where
         Point of the section: "top", "bottom" or "axis".
     error
-        Estimated error of the stress at this time and point [Pa], including peaks between the times
-        and, if the sections are the default ones, between them. It is not that of the largest
-        stress of the run, which may occur elsewhere: `lower_bound` covers all times and sections.
+        Error of the largest stress at this point [Pa], see `SectionForces.error`, including peaks
+        between the times and, if the sections are the default ones, between them. Other sections
+        may have larger errors: `lower_bound` covers all of them.
     lower_bound
-        Lower bound of the safety factor [-]: the smallest ratio, over all times and sections, of
-        the yield stress to the sum of the stress and its estimated error. It may belong to another
-        section than `stress`, where the error is larger.
+        Lower bound of the safety factor [-]: the smallest ratio, over all sections, of the yield
+        stress to the sum of the largest stress and its error. It may belong to another section than
+        `stress`, where the error is larger.
     warning
         Warning if the error exceeds 10 % of the stress, otherwise None.
     """
@@ -108,8 +110,11 @@ class SectionForces(HasTable):
     step_times
         Times of the steps of the run between these times [s], at most 10 000; none for equilibria.
     sample
-        Function of ascending times [s], replaced by the ends of the run if they are outside, and of
-        arc lengths [m] that returns N, Q and M (3, rows, sections). None after unpickling.
+        Function of ascending times [s], replaced by the ends of the run if they are outside, of arc
+        lengths [m] and of `before` that returns N, Q and M (3, rows, sections). None after
+        unpickling.
+    refine
+        Function that returns `sample` of the result with everything refined, or None without one.
     """
 
     beam: Beam
@@ -122,7 +127,8 @@ class SectionForces(HasTable):
     before: Array
     represents_beam: bool
     step_times: Array
-    sample: Callable[[Array, Array], Array] | None
+    sample: _Sample | None
+    refine: Callable[[], _Sample | None] | None
 
     def __repr__(self) -> str:
         times, sections = self.N.shape
@@ -131,19 +137,27 @@ class SectionForces(HasTable):
             f"{self.t[0]:g} to {self.t[-1]:g} s>"
         )
 
-    @cached_property
+    @property
     def error(self) -> Array:
-        """Estimated errors of N, Q and M, (3, k, l) [N, N, N m]: differences from `strained`.
+        """Estimated errors of N, Q and M, (3, k, l) [N, N, N m].
 
-        The estimate covers the errors of the mesh, the integrator and the moderate-rotation
-        assumption of a floating frame. It excludes errors of the overall motion, for example due to
-        a coarse mesh, and the forces of `RayleighDamping`, which do not appear in the strains.
-        Asymptotically, the estimate equals the error of `strained`, of order 3; the error of N, Q
-        and M is of order 5 to 6 and much smaller. For a hub-mounted beam with 2, 4 and 8 elements
-        of any formulation, the error of M is 1.9e-3, 4e-5 and 7e-7 of the largest M, and the
-        estimate is 1.3e-2, 1.6e-3 and 2e-4 (tests/results/test_section_forces.py).
+        They are 1.15 times the differences from the result with everything refined, by which the
+        `errors` of the result are measured: with finer meshes, exact strains and smaller steps.
+        Stopped, resumed and loaded runs, and most cases of sweeps, have no such result: there, they
+        are differences from `strained`, which contain neither the error of the strains nor that of
+        the overall motion.
         """
-        return np.abs(np.stack([self.N, self.Q, self.M]) - self.strained)
+        return FACTOR * np.abs(self._forces - self._repeated)
+
+    @property
+    def _forces(self) -> Array:
+        return np.stack([self.N, self.Q, self.M])
+
+    @cached_property
+    def _repeated(self) -> Array:
+        """More accurate N, Q and M, or those from the strains, (3, k, l); see `error`."""
+        sample = None if self.refine is None else self.refine()
+        return self.strained if sample is None else sample(self.t, self.s, self.before)
 
     @cached_property
     def sampling_error(self) -> Array:
@@ -155,7 +169,7 @@ class SectionForces(HasTable):
         """
         errors = self._measure_excess_near_extremes(between_sections=False)
         if self.sample is not None and len(self.step_times):
-            steps = self.sample(self.step_times, self.s)
+            steps = self.sample(self.step_times, self.s, self.before)
             for k, force in enumerate((self.N, self.Q, self.M)):
                 errors[k] = max(errors[k], _excess(steps[k], force))
         return errors
@@ -179,13 +193,14 @@ class SectionForces(HasTable):
                 s = self.s[section : section + 1]
                 if between_sections:
                     s = _divide(self.s[max(section - 1, 0) : section + 2])
-                errors[k] = max(errors[k], _excess(self.sample(times, s)[k], force))
+                sampled = self.sample(times, s, s >= self.beam.length)[k]
+                errors[k] = max(errors[k], _excess(sampled, force))
         return errors
 
     def __getstate__(self) -> dict[str, Any]:
-        # `sample` contains the whole run.
-        errors = {"sampling_error": self.sampling_error, "_peak_error": self._peak_error}
-        return vars(self) | errors | {"sample": None}
+        # Functions contain whole runs.
+        errors = {x: getattr(self, x) for x in ("sampling_error", "_peak_error", "_repeated")}
+        return vars(self) | errors | {"sample": None, "refine": None}
 
     def table(self) -> pd.DataFrame:
         """Return N, Q, M and their estimated errors, one row per time and section."""
@@ -250,15 +265,15 @@ class SectionForces(HasTable):
         """
         import pandas as pd
 
-        sigma, error = self._sigma(offset)
-        columns = {"sigma [Pa]": sigma, "tau [Pa]": self._tau(self.Q), "sigma error [Pa]": error}
+        sigma, other = (self._sigma(x, offset) for x in (self._forces, self._repeated))
+        columns = {"sigma [Pa]": sigma, "tau [Pa]": self._tau(self.Q)}
+        columns["sigma error [Pa]"] = FACTOR * np.abs(sigma - other)
         return pd.DataFrame(self._row_labels() | {k: x.ravel() for k, x in columns.items()})
 
-    def _sigma(self, offset: float | str) -> tuple[Array, Array]:
-        """Return longitudinal stresses and their estimated errors, (k, l) [Pa]."""
-        area, bending = self._section_values("area"), self._bending_factors(offset)
-        error = self.error[0] / area + self.error[2] * np.abs(bending)
-        return self.N / area + self.M * bending, error
+    def _sigma(self, forces: Array, offset: float | str) -> Array:
+        """Return longitudinal stresses by N, Q and M (3, k, l), (k, l) [Pa]."""
+        axial, _, moment = forces
+        return axial / self._section_values("area") + moment * self._bending_factors(offset)
 
     def _sigma_peak_error(self, offset: float | str, peak_error: Array) -> Array:
         """Return errors of longitudinal stresses due to errors of N, Q and M, (l,) [Pa]."""
@@ -278,21 +293,24 @@ class SectionForces(HasTable):
     def envelope(self) -> pd.DataFrame:
         """Return minima and maxima of N, Q and M over time, one row per section.
 
-        Each extreme has an estimated error and a time. The error is the sum of `error` at this time
-        and section and of `sampling_error`.
+        Each extreme has an estimated error and a time. The error is the sum of its difference in
+        the refined result, see `error`, and of `sampling_error`.
 
         If all sections define their height and do not reach the center of curvature, the table
         includes the longitudinal stress at the top and the bottom.
         """
         import pandas as pd
 
-        headers = list(SECTION_FORCE_HEADERS.values())
-        peak_errors = self.sampling_error
-        forces = zip((self.N, self.Q, self.M), self.error, peak_errors, strict=True)
-        quantities = dict(zip(headers, forces, strict=True))
+        ours, others, peak_errors = self._forces, self._repeated, self.sampling_error
+        rows_of = zip(ours, others, peak_errors, strict=True)
+        quantities = dict(zip(SECTION_FORCE_HEADERS.values(), rows_of, strict=True))
         try:
             stresses = {
-                x: (*self._sigma(x), self._sigma_peak_error(x, peak_errors))
+                x: (
+                    self._sigma(ours, x),
+                    self._sigma(others, x),
+                    self._sigma_peak_error(x, peak_errors),
+                )
                 for x in ("top", "bottom")
             }
         except BeamdaeError:
@@ -300,20 +318,24 @@ class SectionForces(HasTable):
         quantities |= {f"sigma {x} [Pa]": values for x, values in stresses.items()}
         columns: dict[str, Array] = {_ARC_LENGTH: self.s}
         sections = np.arange(len(self.s))
-        for header, (rows, errors, peak_error) in quantities.items():
+        for header, (rows, other_rows, peak_error) in quantities.items():
             name, _, unit = header.partition(" [")
-            for word, extreme in (("min", rows.argmin(axis=0)), ("max", rows.argmax(axis=0))):
-                columns[f"{name} {word} [{unit}"] = rows[extreme, sections]
-                columns[f"{name} {word} error [{unit}"] = errors[extreme, sections] + peak_error
-                columns[f"t of {name} {word} [s]"] = self.t[extreme]
+            for word, find in (("min", np.argmin), ("max", np.argmax)):
+                row, other_row = find(rows, axis=0), find(other_rows, axis=0)
+                extreme, other = rows[row, sections], other_rows[other_row, sections]
+                columns[f"{name} {word} [{unit}"] = extreme
+                errors = FACTOR * np.abs(extreme - other) + peak_error
+                columns[f"{name} {word} error [{unit}"] = errors
+                columns[f"t of {name} {word} [s]"] = self.t[row]
         return pd.DataFrame(columns)
 
     def safety(self, yield_stress: float | None = None) -> Safety:
         """Return the smallest safety factor against yielding over all times and sections.
 
         The von Mises equivalent stress is |sigma| at the top and the bottom, and
-        sqrt(sigma^2 + 3 tau^2) on the axis. Its error follows from the errors of N, Q and M:
-        `error`, and peaks between the times and between default sections. After sudden loads, waves
+        sqrt(sigma^2 + 3 tau^2) on the axis. Its error is that of the largest stress of a section:
+        its difference in the refined result, see `error`, and peaks between the times and between
+        default sections. After sudden loads, waves
         that no mesh resolves increase peaks by 20 to 80 % of the jump, so that `Safety.factor` is
         too small; apply loads over the period of the shortest waves of interest, or set the damping
         of the section. A `BeamdaeWarning` is issued if the error exceeds 10 % of the stress.
@@ -349,21 +371,21 @@ class SectionForces(HasTable):
                 )
             yield_stresses = np.array(of_materials, float)
         points = ("top", "bottom", "axis")
-        stresses, bounds = np.stack([self._equivalent_stresses(x) for x in points], axis=1)
+        stresses, bounds = map(np.stack, zip(*map(self._equivalent_stresses, points), strict=True))
         utilization = stresses / yield_stresses
         largest = np.unravel_index(np.argmax(utilization), utilization.shape)
         point, row, section = map(int, largest)
         stress, yielding = float(stresses[largest]), float(yield_stresses[section])
         bound = float(np.max(bounds / yield_stresses))
         warning = None
-        if bounds[largest] > max(
-            (1.0 + _MAX_UNREPORTED_STRESS_ERROR) * stress, _NEGLIGIBLE_UTILIZATION * yielding
-        ):
-            share = 100.0 * (float(bounds[largest]) / stress - 1.0) if stress else np.inf
+        error = float(bounds[point, section]) - stress
+        limit = _MAX_UNREPORTED_STRESS_ERROR * stress
+        if error > limit and stress + error > _NEGLIGIBLE_UTILIZATION * yielding:
+            share = 100.0 * error / stress if stress else np.inf
             warning = (
                 f"{name}: the stress {stress:.4g} Pa of the smallest safety factor, at t = "
-                f"{self.t[row]:.4g} s, has an estimated error of {share:.0f} %; use more elements, "
-                "more times t, or a smaller tolerance."
+                f"{self.t[row]:.4g} s, has an estimated error of {share:.0f} %; use accuracy= of "
+                "the analysis, or more times t."
             )
             warn_user(warning)
         return Safety(
@@ -373,26 +395,27 @@ class SectionForces(HasTable):
             t=float(self.t[row]),
             s=float(self.s[section]),
             where=points[point],
-            error=float(bounds[largest]) - stress,
+            error=error,
             lower_bound=1.0 / bound if bound > 0.0 else np.inf,
             warning=warning,
         )
 
     def _equivalent_stresses(self, point: str) -> tuple[Array, Array]:
-        """Return equivalent stresses at a point of the sections, and upper bounds of them.
+        """Return equivalent stresses at a point of the sections, (k, l), and upper bounds, (l,).
 
-        The bounds include the estimated errors and the peaks between times and sections, (k, l)
-        [Pa] each.
+        The bounds are the largest stresses over time with their errors [Pa].
         """
         offset: float | str = 0.0 if point == "axis" else point
-        sigma, error = self._sigma(offset)
         # Shear stresses vanish at the surfaces; on the axis, they count sqrt(3) times.
-        shear = np.sqrt(3.0) if point == "axis" else 0.0
-        peaks = self._peak_error
-        tau = shear * np.abs(self._tau(self.Q))
-        size = np.abs(sigma) + error + self._sigma_peak_error(offset, peaks)
-        tau_size = tau + shear * (self._tau(self.error[1]) + self._tau(peaks[1]))
-        return np.hypot(sigma, tau), np.hypot(size, tau_size)
+        shear, peaks = np.sqrt(3.0) if point == "axis" else 0.0, self._peak_error
+        stresses, others = (
+            np.hypot(self._sigma(x, offset), shear * self._tau(x[1]))
+            for x in (self._forces, self._repeated)
+        )
+        largest = stresses.max(axis=0)
+        error = FACTOR * np.abs(others.max(axis=0) - largest)
+        between = np.hypot(self._sigma_peak_error(offset, peaks), shear * self._tau(peaks[1]))
+        return stresses, largest + error + between
 
     def diagram(self, what: str = "M", t: float | None = None) -> Plot:
         """Plot N, Q or M over the arc length, at one time or as an envelope.
