@@ -6,7 +6,6 @@ functions return are in `results`, and quantities that `optimize` and `gradient`
 """
 
 import os
-import re
 import sys
 from typing import Any
 
@@ -22,7 +21,7 @@ import lazy_loader
 
 from beamdae.argument_names import explain_arguments
 from beamdae.catalog import NAMES, PACKAGES, attributes_by_module
-from beamdae.errors import list_first, suggest
+from beamdae.errors import suggest
 from beamdae.garbage_collection import paused_collection
 from beamdae.interrupts import interruptible
 
@@ -42,16 +41,6 @@ def __getattr__(name: str) -> Any:
         globals()[name] = value
         return value
     public = NAMES.get(name)
-    hint = f" (it is {public.path})" if public else _find_described(name) or suggest(name, __all__)
+    hint = f" (it is {public.path})" if public else suggest(name, __all__)
     # With `name`, Python would add the same suggestion to the traceback.
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}{hint}", name=None)
-
-
-def _find_described(name: str) -> str:
-    """Return a hint to public names whose summaries contain the word `name`, or ""."""
-    if name.startswith("_"):  # such as those that notebooks and debuggers look for
-        return ""
-    word = re.compile(rf"\b{re.escape(name)}\b", re.IGNORECASE)
-    summaries = {x: (__getattr__(x).__doc__ or "").partition("\n")[0] for x in __all__}
-    found = [x for x, summary in summaries.items() if word.search(summary)]
-    return f" (see {list_first(found, 3)})" if found else ""
