@@ -189,7 +189,7 @@ def arm(stiffness=50.0):
     beam = mech.add(bd.Beam("arm", bd.Line((0.0, 0.0), (1.0, 0.0)), STRIP, elements=2))
     hinge = mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), beam.start))
     mech.add(bd.TorsionSpring("spring", hinge.a, hinge.b, stiffness))
-    mech.add(bd.TorsionDamper("damper", hinge.a, hinge.b, 1.0))
+    mech.add(bd.TorsionSpring("damper", hinge.a, hinge.b, damping=1.0))
     mech.add(bd.Force("shaker", beam.end, (0.0, bd.sine(1.0, frequency=10.0))))
     mech.observe("tip", beam.end)
     mech.when("tip.y", crosses=-0.001, direction="down", do="record", name="low")
@@ -202,7 +202,7 @@ def shaken(stiffness=100.0, damping=50.0):
     mech = bd.Mechanism()
     bob = mech.add(bd.PointMass("bob", 1.0, at=(1.0, 0.0)))
     mech.add(bd.PointOnLine("rail", mech.ground.at(1.0, 0.0), bob.point, (1.0, 0.0)))
-    mech.add(bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), bob.point, stiffness, damping))
+    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), bob.point, stiffness, damping))
     mech.add(bd.Force("shaker", bob.point, (bd.sine(1.0, frequency=10.0), 0.0)))
     mech.observe("bob", bob.point)
     return mech
