@@ -322,7 +322,8 @@ class Errors(HasTable):
                 # Meshes of wrong strains do not show the errors of meshes of exact ones.
                 needed.pop("mesh", None)
         if "mesh" in needed and (refined.elements or refined.degrees):
-            halvings = int(np.ceil(np.log2(needed["mesh"] / aim) / refined.mesh_order))
+            ratio = min(needed["mesh"], 1.0) / aim
+            halvings = int(np.ceil(np.log2(ratio) / refined.mesh_order))
             if refined.degrees or halvings > _MAX_HALVINGS:
                 return join_names([*texts, f"accuracy={aim:g}"])
             counts = [f"{2**halvings * x} elements of {y}" for y, x in refined.elements.items()]
