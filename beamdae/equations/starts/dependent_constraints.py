@@ -24,6 +24,7 @@ from beamdae.errors import BeamdaeError
 Array = np.ndarray
 
 _ZERO_GRADIENT_LENGTH = 1e-13  # of scaled gradients; shorter gradients are rounding errors
+_MAX_DENSE_CONSTRAINTS = 100  # dense costs are cubic; above, inverse iteration is tried first
 _MIN_INDEPENDENT_SQUARE = 1e-8  # smallest squared singular value of independent constraints
 _INVERSE_ITERATIONS = 3
 _MAX_EXPLAINED_CONSTRAINTS = 300  # the cost of describing the blocked motions is cubic
@@ -47,7 +48,7 @@ def require_independent_constraints(evaluator: StateEvaluator, time: Array, q: A
         motions that dependent constraints block more than once.
     """
     e, t = evaluator.equations, float(time[0])
-    if e.m == 0 or _are_clearly_independent(evaluator, time, q):
+    if e.m == 0 or (e.m > _MAX_DENSE_CONSTRAINTS and _are_clearly_independent(evaluator, time, q)):
         return
     constraint_rank = analyze_constraint_rank(evaluator, time, q)
     lengths, rows = constraint_rank.lengths, constraint_rank.rows

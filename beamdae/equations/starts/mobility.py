@@ -134,7 +134,7 @@ def find_loose_groups(e: EquationsOfMotion) -> tuple[tuple[str, ...], ...]:
 
     Joints and forces connect parts to each other; a force does not connect a part to the ground.
     """
-    coupled = plan_state_sums(e.structure).saddle_pattern[: e.n, : e.n].tocoo()
+    coupled = plan_state_sums(e.structure).block.tocoo()
     tied = list_tied_parts(e)
     ties = [e.part_indices[[*coupled.coords]]]
     ties += [np.stack([x[:1].repeat(len(x)), x]) for x in tied]

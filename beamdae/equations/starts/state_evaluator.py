@@ -7,6 +7,7 @@ CasADi's virtual machine evaluates these quantities, because a run needs them on
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -46,12 +47,17 @@ _UNIT_COEFFICIENTS = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), MASS_COEFFICIENTS)
 
 @dataclass(frozen=True)
 class StateSums:
-    """Plans of the matrices of `StateEvaluator`, with inputs (q, v, a, lam), and their patterns."""
+    """Plans of the matrices of `StateEvaluator`, with inputs (q, v, a, lam), and their patterns.
+
+    `block` is that of the forces, (n, n), with the indices of its non-zeros in the saddle-point
+    matrix.
+    """
 
     gradients: SumPlan
     gradient_pattern: sp.csc_array
     saddle: SumPlan
     saddle_pattern: sp.csc_array
+    block: sp.csc_array
 
 
 def _layout(structure: Structure) -> InputLayout:
@@ -76,7 +82,9 @@ def plan_state_sums(structure: Structure) -> StateSums:
     for row in structure.states:
         total.add_diagonal(1, (row, row), C_A, 1.0)
     pattern, saddle = total.matrix((n + m, n + m))
-    return StateSums(gradients, gradient_pattern, saddle, pattern)
+    entries = np.arange(pattern.nnz), pattern.indices, pattern.indptr
+    block = sp.csc_array(entries, shape=pattern.shape)[:n, :n]
+    return StateSums(gradients, gradient_pattern, saddle, pattern, block)
 
 
 @cache_on_owner
@@ -262,9 +270,10 @@ class StateEvaluator:
 
     def force_matrix(self, time: Array, *arguments: Any) -> sp.csc_array:
         """Return c0 K + c1 C + c2 M, sparse (n, n); the arguments are those of `saddle_matrix`."""
-        pattern, n = self.sums.saddle_pattern, self.equations.n
-        entries = self.saddle_matrix(time, *arguments), pattern.indices, pattern.indptr
-        return sp.csc_array(entries, shape=pattern.shape)[:n, :n]
+        # In a tenth of the time of `sp.csc_array`, which checks the indices again.
+        matrix = copy(self.sums.block)
+        matrix.data = self.saddle_matrix(time, *arguments)[matrix.data]
+        return matrix
 
     def linearize_forces(
         self, time: Array, state: State
