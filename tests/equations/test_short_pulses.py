@@ -92,3 +92,17 @@ def test_derivatives_by_height_and_width_of_a_pulse(method):
         actual = forward.sensitivity("mass.y_dot", name).iloc[-1]
         assert actual == pytest.approx(expected, rel=3e-3)
         assert adjoint.derivatives[name] == pytest.approx(expected, rel=3e-3)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("duration", [1e-2, 1e-3, 1e-4])
+@pytest.mark.parametrize("start", [0.0, 0.41237])
+def test_pulses_that_vanish_at_both_ends_have_their_impulse(method, duration, start):
+    """The first step of IDA ended at the end of the pulse, so the mass stayed at rest."""
+    mech = bd.Mechanism()
+    mass = mech.add(bd.PointMass("mass", 2.0, at=(0.0, 0.0)))
+    law = bd.half_sine(1000.0, duration, start)
+    mech.add(bd.Force("blow", mass.point, (0.0, law)))
+    mech.observe("mass", mass.point)
+    velocity = bd.simulate(mech, METHODS[method], t_end=1.0)["mass.y_dot"].iloc[-1]
+    assert velocity == pytest.approx(1000.0 * duration / np.pi, rel=1e-3)

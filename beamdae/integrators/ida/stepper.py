@@ -29,6 +29,7 @@ from beamdae.integrators.method import (
     StepError,
 )
 from beamdae.integrators.run_plan import RunPlan
+from beamdae.parts.laws import MIN_STEPS_PER_TIME_SCALE
 from beamdae.results.outcome import Statistics
 from beamdae.sundials.library import UnavailableError
 from beamdae.sundials.solver import describe_status
@@ -127,8 +128,10 @@ class IdaStepper:
     def begin(self, start: float, end: float, branch: float, state: State) -> None:
         """Begin the smooth interval from `start` to `end` [s] at a consistent state."""
         self._t, self._end, self._branch = start, end, branch
-        # IDA's estimate ignores accelerations, and fails if they are huge for an instant.
-        first = min(self._scales.first_step(self._tolerance, state), self._longest, end - start)
+        # IDA's estimate ignores accelerations, and fails if they are huge for an instant. A step
+        # over the whole interval would miss a pulse that is zero at both of its ends.
+        resolving = (end - start) / MIN_STEPS_PER_TIME_SCALE
+        first = min(self._scales.first_step(self._tolerance, state), self._longest, resolving)
         self._start(first, state)
 
     def resume(self, start: float, end: float, q: Array) -> State | None:
