@@ -110,6 +110,24 @@ def test_regression_the_radius_is_a_possible_cause_of_a_paradox():
         run(mech, bd.Radau(), 1e-3)
 
 
+@pytest.mark.slow(reason="runs of a flexible arm")
+@pytest.mark.parametrize("coefficient", [1e-8, 1e-2, 0.5])
+def test_friction_of_flexible_arms_restarts_at_breakpoints(coefficient):
+    """Rounding of stiff beams was above the tolerance of reactions: "Painleve's paradox"."""
+    mech = bd.Mechanism()
+    aluminum = bd.Material(E=70e9, nu=0.33, rho=2700.0)
+    strip = bd.Section.rectangle(aluminum, width=0.02, height=0.0015, damping=2e-4)
+    upper = mech.add(bd.RigidBody.rod("upper", (0.0, 0.0), (0.4, 0.0), mass=0.4))
+    lash = mech.add(bd.Beam("lash", bd.Line((0.4, 0.0), (1.0, 0.0)), strip))
+    center, elbow = upper.at(0.0, 0.0), upper.at(0.4, 0.0)
+    shoulder = mech.add(bd.Revolute("shoulder", mech.ground.at(0.0, 0.0), center))
+    mech.add(bd.Friction("bearing", shoulder, coefficient, 1e-3, radius=0.01))
+    mech.add(bd.Revolute("elbow", elbow, lash.start))
+    mech.add(bd.TorsionSpring("wrist", elbow, lash.start, stiffness=2.0, damping=0.02))
+    mech.add(bd.Moment("motor", center, bd.half_sine(2.0, 0.25) + bd.half_sine(-2.0, 0.25, 0.35)))
+    assert bd.simulate(mech, t_end=0.7).status.success
+
+
 @pytest.mark.slow(reason="one second")
 def test_regression_equilibria_state_that_friction_does_not_hold():
     """A block on a slope "moved farthest", although its friction seemed to hold it."""

@@ -36,7 +36,8 @@ _MAX_LAW_JUMP = 1e-3  # [rad], or relative to the length; allows for rounded num
 _ASYMMETRY_TOLERANCE = 1e-9  # rounding in a mass matrix, relative to its largest entry
 _MAX_EIGENVALUE_COORDINATES = 300  # beyond this, only the signs of the diagonal are checked
 _MAX_FRICTION_ITERATIONS = 50
-_FRICTION_TOLERANCE = 1e-10  # relative change; leaves room for badly scaled matrices
+_FRICTION_TOLERANCE = 1e-10  # relative change
+_MAX_FRICTION_ROUNDING = 1e-6  # relative changes that do not decrease, of badly scaled matrices
 
 
 @dataclass(frozen=True)
@@ -319,7 +320,7 @@ class ConsistencySolver(StateEvaluator):
         The first iteration gives the solution if friction is proportional to the reactions.
         """
         e, coefficients = self.equations, (stiff_time**2, 0.0, 1.0)
-        a, lam = np.zeros(e.n), np.zeros(e.m)
+        a, lam, last = np.zeros(e.n), np.zeros(e.m), np.inf
         for _ in range(_MAX_FRICTION_ITERATIONS):
             force, rates = self.unbalance(time, q, v, a, lam, stiff_time)
             try:
@@ -332,8 +333,10 @@ class ConsistencySolver(StateEvaluator):
             sizes = [np.max(np.abs(np.concatenate(x)), initial=0.0) for x in (correction, (a, lam))]
             if not np.isfinite(sizes[1]):
                 break
-            if sizes[0] <= _FRICTION_TOLERANCE * sizes[1]:
+            change = sizes[0] / (sizes[1] or 1.0)
+            if change <= _FRICTION_TOLERANCE or last <= change <= _MAX_FRICTION_ROUNDING:
                 return a, lam
+            last = change
         rows = [k for term in e.forces if term.rows is not None for k in term.rows.indices]
         joints = sorted({e.lam_names[k].rpartition(".")[0] for k in rows})
         radii = [f"{k}: {x.radius:g} m" for k, x in e.frictions.items() if x.radius is not None]
