@@ -175,7 +175,6 @@ def test_run_reports_errors_of_beams_and_warns_once(command):
     (sentence,) = (x for x in sidecar["warnings"] if ": the error is " in x)
     header = next(x for x in sidecar["errors"] if x.startswith(sentence.partition(":")[0]))
     assert sidecar["errors"][header]["total"] > 0.04
-    assert sidecar["errors"][header]["theory"] > 0.01
 
 
 @pytest.mark.slow(reason="runs a model")

@@ -17,7 +17,7 @@ def spring(stiffness=100.0, frequency=1.0):
     steps = bd.table([0.0, 1.0, 1.1, 2.0, 3.0], [0.0, 0.0, 1.0, 1.0, 1.0], "spline", name="stop")
     mech = bd.Mechanism()
     strip = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=0.002, damping=1e-3)
-    beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (0.4, 0.0)), strip, elements=2))
+    beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (0.4, 0.0)), strip, 2, strain="green"))
     mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
     mech.add(bd.Force("push", beam.end, (-float(steps(1.5)), bd.sine(0.1, frequency))))
     mech.add(bd.Spring("spring", mech.ground.at(0.4, 0.1), beam.end, stiffness, 1.0))
