@@ -172,7 +172,8 @@ def _bend_column():
 def _rotate_rubber():
     mech = bd.Mechanism()
     rubber = bd.Section.rectangle(bd.Material(1e6, 0.45, 1000.0), width=0.02, height=0.02)
-    blade = mech.add(bd.Beam("blade", bd.Line((0.1, 0.0), (0.6, 0.0)), rubber, elements=4))
+    line = bd.Line((0.1, 0.0), (0.6, 0.0))
+    blade = mech.add(bd.Beam("blade", line, rubber, elements=4, strain="green"))
     mech.add(bd.Weld("hub", mech.ground.at(0.1, 0.0), blade.start))
     return bd.campbell(mech, [0.0, 30.0, 40.0], n=2)
 
