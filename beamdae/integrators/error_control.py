@@ -39,7 +39,7 @@ STIFF_RATIO_RADAU = 30.0
 # Damping ratio above which BDF of order 5 is stable: cosine of its stability angle, 52 degrees.
 STABLE_DAMPING_RATIO = 0.62
 # Second-order steps resolve modes up to this factor times (rate of the motion) / sqrt(rtol).
-# Lightly damped modes below this limit do not slow order 5 down (validation/tolerances, --damping).
+# Lightly damped modes below this limit do not slow order 5 down (measured).
 _RESOLVED_RATIO = 12.0
 # Phase errors add up over the N periods of a run, those of free orbits with N^2. The local
 # tolerance falls with N to these powers, chosen by the errors in validation/tolerances: if stiff

@@ -18,7 +18,7 @@ from beamdae.linear.orderings import (
 Array = np.ndarray
 
 # Number of unknowns up to which LAPACK is used: it is as fast as SuperLU between 150 and 300
-# (validation/performance, --linear).
+# (measured).
 DENSE_LIMIT = 250
 # A solution is accurate if its backward error does not exceed this value.
 _MAX_BACKWARD_ERROR = 1e-10

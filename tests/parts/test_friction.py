@@ -128,6 +128,30 @@ def test_friction_of_flexible_arms_restarts_at_breakpoints(coefficient):
     assert bd.simulate(mech, t_end=0.7).status.success
 
 
+@pytest.mark.parametrize("analyze", [bd.modes, bd.linearize])
+def test_linear_models_about_rest_state_that_friction_is_a_damper(analyze):
+    """Margins of a loop that diverges were those of a stable one."""
+    mech = block(speed=0.0)
+    joint = analyze(mech).warnings
+    mech.add(bd.Spring("spring", mech.ground.at(-1.0, 0.0), mech.part("block").at(0.0, 0.0), 100.0))
+    floor = bd.LineSurface(mech.ground.at(0.0, -1e-3), (1.0, 0.0))
+    mech.add(
+        bd.Contact(
+            "rub", mech.part("block").at(0.0, 0.0), floor, 1e4, friction=0.2, friction_speed=1e-3
+        )
+    )
+    both = analyze(mech).warnings
+    assert sum(x.startswith("friction: about a state at rest") for x in joint) == 1
+    assert sum(x.startswith("friction, rub: about a state at rest") for x in both) == 1
+
+
+def test_linear_models_about_sliding_contain_its_friction():
+    run = bd.simulate(block(speed=2.0), bd.Radau(1e-6), t_end=0.1)
+    assert not any(
+        "friction acts as a damper" in x for x in bd.modes(run.equations, run.at(0.1)).warnings
+    )
+
+
 @pytest.mark.slow(reason="one second")
 def test_regression_equilibria_state_that_friction_does_not_hold():
     """A block on a slope "moved farthest", although its friction seemed to hold it."""

@@ -193,7 +193,7 @@ def test_mesh_studies_have_errors_in_space_only(tmp_path):
     (reference,) = results.references.values()
     assert reference.methods == ("elements=12", "elements=8")
     orders = results.summary["value"].to_numpy(float)
-    # The observed order is five and more (validation/formulations/mesh_convergence.py).
+    # The observed order is five and more.
     assert orders[-1] > 4.0
     assert (results.folder / "summary.csv").is_file()
 

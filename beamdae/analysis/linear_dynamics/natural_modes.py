@@ -141,8 +141,8 @@ class Modes(HasModeShapes):
 
         They say that the state is unstable, not an equilibrium, or the end of an equilibrium path
         or a run that ended early, that the command of a controller has reached its limit, that
-        there are no modes, that rounding errors of the stiffness hide slow modes, or that `errors`
-        of eigenvalues exceed 4 %.
+        there are no modes, that rounding errors of the stiffness hide slow modes, that friction is
+        a damper about a state at rest, or that `errors` of eigenvalues exceed 4 %.
         """
         is_checked = self._request is not None and self._request.is_checked
         sentences = self._linearization.warnings
