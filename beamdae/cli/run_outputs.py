@@ -144,9 +144,8 @@ def integrate_run(
     KeyboardInterrupt
         If the command is interrupted before the run starts.
     """
-    from beamdae.accuracy.runs import unchecked
     from beamdae.results.outcome import accuracy_of
-    from beamdae.simulation import simulate
+    from beamdae.simulation import simulate, unchecked
 
     accuracy = run.job.accuracy["accuracy"]
     task = "" if accuracy is None else f"accuracy {accuracy:g}"
