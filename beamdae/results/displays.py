@@ -139,7 +139,7 @@ class HasModeShapes(HasTable, HasPage):
         BeamdaeError
             If there are no modes, or no mechanism with parts that can be drawn.
         """
-        return load_views().draw_modes(self)
+        return load_views().draw_result(self)
 
     def animate(
         self, mode: int, path: str | Path | None = None, frames: int = 32

@@ -346,7 +346,7 @@ class Equilibrium(HasColumns, HasPage):
         BeamdaeError
             If a name selects no column, or `x` selects several columns.
         """
-        return load_views().plot_equilibrium_path(self, names, x)
+        return load_views().draw_result(self, *names, x=x)
 
     def coordinate_columns(self) -> dict[str, Array]:
         """Return the columns of `coordinates`, one value per point of the path, by header."""

@@ -194,7 +194,7 @@ class FrequencyResponse(HasTable, HasPage):
         BeamdaeError
             If no observed column has this name.
         """
-        return load_views().plot_frequency_response(self, column, x)
+        return load_views().draw_result(self, column, x=x)
 
     @property
     def folds(self) -> list[float]:

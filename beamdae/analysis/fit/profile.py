@@ -113,7 +113,7 @@ class ProfileLikelihood(HasTable):
         Plot
             The figure, displayed by a notebook; `Plot.save` writes it to a file.
         """
-        return load_views().plot_profile(self)
+        return load_views().draw_result(self)
 
 
 def trace_profile(

@@ -452,7 +452,7 @@ class Fit(HasPage):
             The figure, displayed by a notebook; `Plot.save` writes it to a file. At most six
             columns of experiments are drawn.
         """
-        return load_views().plot_fit(self)
+        return load_views().draw_result(self)
 
     def sensor_of(self, number: int) -> tuple[float, float, float]:
         """Return the estimated shift [s], scale and offset of a row of `residual_table`.

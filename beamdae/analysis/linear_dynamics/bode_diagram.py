@@ -211,7 +211,7 @@ class Bode(HasTable, HasPage):
 
     def plot(self) -> Plot:
         """Draw magnitudes and phases over the frequency, of up to six transfer functions."""
-        return load_views().plot_bode(self)
+        return load_views().draw_result(self)
 
     def _short_name(self, x: TransferFunction) -> str:
         return f"{self.model.outputs[x.output].name} / {self.model.inputs[x.input].name}"

@@ -152,7 +152,7 @@ class Campbell(HasTable, HasPage):
         Circles mark the resonances where they are equal, see `resonances`. The picture ends above
         the first mode beyond the multiples; a note names modes of higher frequencies.
         """
-        return load_views().draw_campbell(self)
+        return load_views().draw_result(self)
 
     def table(self) -> pd.DataFrame:
         """Return a table with one row per speed [rad/s]: frequencies [Hz], growth rates [1/s]."""

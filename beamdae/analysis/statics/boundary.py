@@ -142,7 +142,7 @@ class Boundary(HasTable, HasPage):
 
     def plot(self) -> Plot:
         """Plot the critical load factor over the parameter, with the special points."""
-        return load_views().plot_critical_loads(self)
+        return load_views().draw_result(self)
 
     def table(self) -> pd.DataFrame:
         """Return a table with the values of the parameter, the load factors and `unstable`."""

@@ -212,7 +212,7 @@ class KnockDown(HasTable, HasPage):
 
     def plot(self) -> Plot:
         """Plot the critical load factor over the amplitude of the imperfection."""
-        return load_views().plot_critical_loads(self)
+        return load_views().draw_result(self)
 
     def table(self) -> pd.DataFrame:
         """Return a table with amplitude, load factor, its ratio to the perfect structure, kind."""
