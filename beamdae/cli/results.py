@@ -26,7 +26,6 @@ from beamdae.cli.output import (
 )
 from beamdae.cli.output_paths import require_writable
 from beamdae.errors import BeamdaeError, format_exception
-from beamdae.garbage_collection import paused_collection
 from beamdae.input_files import is_input
 from beamdae.interrupts import acknowledge
 from beamdae.report.option_names import name_options
@@ -195,9 +194,7 @@ class ResultFiles:
         # Flush, so that the reader of a pipe gets the tables before the files are written.
         sys.stdout.flush()
         try:
-            # Importing Matplotlib and drawing create no garbage to speak of.
-            with paused_collection():
-                self.paths += write()
+            self.paths += write()
             return
         except BeamdaeError as problem:
             print_error(f"failed: {problem}")
