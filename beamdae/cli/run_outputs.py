@@ -52,16 +52,15 @@ def select_charts(
 
 
 def load_earlier_run(path: Path, model: Model) -> Solution | None:
-    """Return the run in the file of --continue; None for a checkpoint or a changed model."""
+    """Return the run in the file of --continue; None for a changed model."""
     from beamdae.results.storage.checkpoint import Checkpoint
-    from beamdae.results.storage.reader import is_archive
     from beamdae.results.storage.saved_run import load_saved_run
     from beamdae.simulation import as_equations
 
     equations = as_equations("run", model)
     checkpoint = Checkpoint.read(path)
     checkpoint.start_equations(equations, f"--continue {path}")
-    if not is_archive(path) or checkpoint.describe_changes(equations, {}):
+    if checkpoint.describe_changes(equations, {}):
         return None
     earlier: Any = load_saved_run(path, equations)
     return earlier
