@@ -150,29 +150,6 @@ def _errors_by_column(solution: Solution) -> dict[str, Any]:
     }
 
 
-def write_page(
-    solution: Solution, path: Path, name: str, warnings: Sequence[str], charts: PlotSelection | None
-) -> Path:
-    """Write the page of a run with its `warnings`; `charts` are the columns that it shows first."""
-    from beamdae.report.page import page_file
-    from beamdae.report.run_page import build_run_page
-
-    content = build_run_page(solution, name, solution.all_columns(), None, warnings, charts)
-    return page_file.write_page(path, content)
-
-
-def draw(solution: Solution, title: str, charts: PlotSelection | None) -> Any:
-    """Return the picture of a run; without `charts`, of the columns that vary."""
-    from beamdae.report.pictures.time_plots import create_figure, create_run_figure
-    from beamdae.results.columns import merge_columns
-
-    columns = solution.all_columns()
-    if charts is None:
-        return create_run_figure(columns, title)
-    merged = merge_columns(columns, solution.coordinate_columns())
-    return create_figure({"run": merged}, charts, list(columns), title)
-
-
 def describe_run(
     job: Job,
     table: Path,

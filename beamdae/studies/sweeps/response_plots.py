@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -107,26 +105,21 @@ def _is_geometric(values: Array) -> bool:
 
 
 def list_response_plots(
-    study: Sweep, table: pd.DataFrame, panels: Sequence[Panel], folder: Path
-) -> dict[str, Callable[[], list[Path]]]:
-    """Return functions that write the response plots of a sweep by name.
+    study: Sweep, table: pd.DataFrame, panels: Sequence[Panel]
+) -> dict[str, Callable[[], Figure]]:
+    """Return functions that create the response plots of a sweep by file name.
 
     There are none if no parameter varies or there are no responses.
     """
     if not study.varied or not panels:
         return {}
     panels = choose_panels(study, table, panels)
-    functions: dict[str, Callable[..., Plot]] = {"response": plot_curves}
+    plots = {"response.png": plot_curves}
     if len(study.varied) == 2:
-        functions["map"] = plot_maps
+        plots["map.png"] = plot_maps
     return {
-        name: partial(_save_files, partial(plot, study, table, panels), folder / name)
-        for name, plot in functions.items()
+        name: lambda plot=plot: plot(study, table, panels).figure for name, plot in plots.items()
     }
-
-
-def _save_files(draw: Callable[[], Plot], path: Path) -> list[Path]:
-    return [figures.save_figure(draw().figure, path.with_suffix(".png"))]
 
 
 def plot_curves(
