@@ -14,14 +14,13 @@ from beamdae.accuracy.runs import (
     RTOL_BESIDE_ACCURATE_STEPS,
     check_result,
     refine_method,
-    unchecked,
 )
 from beamdae.analysis.gradients.gradients import Gradient
 from beamdae.analysis.sensitivities.sensitivities import Sensitivities
 from beamdae.errors import hold_messages
 from beamdae.parts.mechanism import AS_DRAWN, Mechanism
 from beamdae.results.columns import largest_of_kind
-from beamdae.simulation import skip_result_checks
+from beamdae.simulation import unchecked
 
 Array = np.ndarray
 
@@ -127,7 +126,7 @@ def _measure(
             refined = refined.with_steps(run.made_by)
             return finer
 
-        with hold_messages(), unchecked(), skip_result_checks():
+        with hold_messages(), unchecked():
             return evaluate(repeat(change, method)), refined
 
     def compare(first: _Values, second: _Values, refined: Refined) -> Errors:

@@ -49,7 +49,7 @@ from beamdae.results.equilibrium import UNSTABLE, Equilibrium
 from beamdae.results.noise import mark_resting_columns, rounding_limits
 from beamdae.results.outcome import REACHED_END
 from beamdae.results.section_forces.section_forces import SectionForces
-from beamdae.simulation import skips_result_checks
+from beamdae.simulation import is_unchecked
 
 Array = np.ndarray
 Values = dict[str, float]
@@ -108,7 +108,7 @@ def measure_equilibrium(path: Equilibrium) -> Errors:
 
 def find_companion(path: Equilibrium) -> Equilibrium | None:
     """Return the refined path, of which the end may be the only row, or None; see `errors`."""
-    if "errors" not in vars(path) and skips_result_checks():
+    if "errors" not in vars(path) and is_unchecked():
         return None
     split: Any = path.errors._split
     return None if split is None else split.companion.path
