@@ -29,6 +29,7 @@ from beamdae.native.instructions import read_operations
 from beamdae.parts.forces.formula_checks import JUMP_OPERATIONS
 from beamdae.parts.tables import Table, locked_pieces
 from beamdae.symbolic.formula import Formula
+from beamdae.symbolic.scalar_expression import FormulaError, as_scalar
 from beamdae.symbolic.signals import Signal, as_expression, find_other_symbols, with_references
 from beamdae.symbolic.statements import SX
 from beamdae.symbolic.table_calls import TableCall, record_calls
@@ -207,11 +208,7 @@ def _select_piece(pieces: Sequence[Callable[[Any], Any]], breakpoints: Any, time
 
 def _evaluate_piece(piece: Callable[[Any], Any], t: SX) -> Any:
     """Return the value of a piece at the symbol t; numbers and expressions become SX."""
-    with warnings.catch_warnings():
-        # CasADi 3.8 warns that NumPy functions of its symbols will change. Scalar expressions
-        # such as np.sin(t) stay the same.
-        warnings.simplefilter("ignore", FutureWarning)
-        value = as_expression(piece(t))
+    value = as_expression(piece(as_scalar(t)))
     number = as_real(value)
     if number is not None:
         return SX(number)
@@ -676,6 +673,8 @@ def _require_formula_in_time(part: str, piece: Callable[[Any], Any], t: SX, star
     except Exception:
         try:
             _evaluate_number(piece, start)
+        except FormulaError as problem:
+            raise BeamdaeError(f"{requirement} {problem.rule}.") from None
         except Exception as numeric_error:
             raise BeamdaeError(
                 f"{requirement} that returns a number, but the call failed at t = "

@@ -25,7 +25,7 @@ from beamdae.errors import (
     warn_user,
 )
 from beamdae.symbolic.functions.table_lookups import find_row, pick_numbers
-from beamdae.symbolic.scalar_expression import ScalarExpression, as_scalar
+from beamdae.symbolic.scalar_expression import as_scalar
 from beamdae.symbolic.signals import Signal, as_expression, find_signals
 from beamdae.symbolic.statements import SX, Local
 from beamdae.symbolic.table_calls import (
@@ -229,9 +229,7 @@ class Table:
             )
         values = [as_expression(x) for x in arguments]
         if any(isinstance(x, (ca.SX, ca.DM)) for x in values):
-            value = self._express(tuple(SX(x) for x in values))
-            is_entry = any(isinstance(x, ScalarExpression) for x in values)
-            return as_scalar(value) if is_entry else value
+            return as_scalar(self._express(tuple(SX(x) for x in values)))
         try:
             arrays = [np.asarray(x) for x in values]
             if any(x.dtype == object for x in arrays):
