@@ -193,7 +193,7 @@ def bind_signals(local: Local, outputs: Sequence[SX], signals: Sequence[Signal])
     expressions, numbers = [], []
     for signal in signals:
         end, last = row + signal.rows, first + len(signal.data)
-        expressions.append(signal.express(_LocalView(whole, slice(row, end), slice(first, last))))
+        expressions.append(signal.express(LocalView(whole, slice(row, end), slice(first, last))))
         numbers.append(SignalNumbers(signal, slice(first, last)))
         row, first = end, last
     n = local.size
@@ -226,7 +226,7 @@ def _add_measured_signals(signals: Sequence[Signal]) -> list[Signal]:
     return every
 
 
-class _LocalView(Local):
+class LocalView(Local):
     """Some of the coordinates and data of a local statement, for the expression of a signal."""
 
     def __init__(self, whole: Local, rows: slice, data: slice) -> None:

@@ -175,9 +175,6 @@ SENTENCES = {
     "^push: bob .* is a particle without an angle": lambda: (
         bd.Force("push", BOB.point, (1.0, 0.0)).moment
     ),
-    r"^s: the point 'b' .*observe load_on\('a'\)": lambda: bd.Spring(
-        "s", BOB.point, ORIGIN, 2.0
-    ).load_on("b"),
     r"^s: .* coincide in the reference configuration.*Bushing": lambda: bd.Spring(
         "s", FAR, BOB.point, 1.0, free_length=1.0
     ),
