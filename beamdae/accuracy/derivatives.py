@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -116,16 +116,15 @@ def _measure(
     start = run.equations.start
     searched = AS_DRAWN if start is None or start.searched is None else start.searched
 
-    def repeat_values(strains: bool | None) -> tuple[_Values, Refined]:
+    def repeat_values(causes: Collection[str]) -> tuple[_Values, Refined]:
         refined = Refined()
 
         def change(mechanism: Any) -> Any:
             nonlocal refined
-            if strains is None or not isinstance(mechanism, Mechanism):
-                return mechanism
-            finer, refined = refine_mechanism(mechanism, searched, strains=strains)
-            refined = refined.with_steps(run.made_by)
-            return finer
+            if isinstance(mechanism, Mechanism):
+                mechanism, refined = refine_mechanism(mechanism, searched, causes=causes)
+                refined = refined.with_steps(run.made_by)
+            return mechanism
 
         with hold_messages(), unchecked(), skip_result_checks():
             return evaluate(repeat(change, method)), refined
@@ -134,7 +133,7 @@ def _measure(
         return _compare(headers, first, second, refined, relative_to)
 
     failed = Errors.unchecked(headers, peaks, "a refined repetition fails", has_failed=True)
-    return measure_errors(failed, values, repeat_values, compare)
+    return measure_errors(failed, values, repeat_values, compare, has_accuracy=False)
 
 
 def _compare(

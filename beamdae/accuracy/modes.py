@@ -2,28 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import numpy as np
 
 from beamdae.accuracy.errors import Errors, MissingStateError, Refined, measure_errors
 from beamdae.accuracy.refinement import Refinement, refine
-from beamdae.analysis.continuation.engine import CurveError, prescribe_parameter
+from beamdae.accuracy.statics import refine_end
+from beamdae.analysis.continuation.engine import CurveError
 from beamdae.analysis.eigenproblems.eigensolution import EigenSolution, solve_eigenproblem
 from beamdae.analysis.eigenproblems.linearized_equations import quadratic_forms
-from beamdae.analysis.linear_dynamics.linearization import (
-    Frame,
-    Linearization,
-    linearize_about,
-    linearize_at_rest,
-    load_path_end,
-)
+from beamdae.analysis.linear_dynamics.linearization import Linearization, linearize_about
 from beamdae.analysis.linear_dynamics.natural_modes import Modes
-from beamdae.analysis.statics.neutral_motions import hold_neutral_motions
-from beamdae.analysis.statics.static_problem import StaticProblem
 from beamdae.beams.beam import beams_of
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.tangents import compute_tangent
@@ -77,7 +69,15 @@ def measure_modes(modes: Modes) -> Errors:
         reason = "the model is not a mechanism"
         return Errors.unchecked(headers, summarize(samples), reason)
     return measure_about_state(
-        lin, request.about, request.t, headers, samples, summarize, modes.eigenvalues, solve
+        lin,
+        request.about,
+        request.t,
+        headers,
+        samples,
+        summarize,
+        modes.eigenvalues,
+        solve,
+        request.has_accuracy,
     )
 
 
@@ -91,6 +91,7 @@ def measure_about_state(
     summarize: Callable[[Array], Array],
     eigenvalues: Array,
     solve: Callable[[Refinement, Linearization], Array],
+    has_accuracy: bool = True,
 ) -> Errors:
     """Return the errors of samples of a linearized mechanism (columns, k).
 
@@ -111,16 +112,18 @@ def measure_about_state(
         Eigenvalues of the mechanism [1/s].
     solve
         Function that returns the samples of the companion.
+    has_accuracy
+        See `Errors`.
     """
     values = summarize(samples)
     beams = beams_of(lin.full_equations.mechanism)
 
-    def repeat(strains: bool | None) -> tuple[Array, Refined]:
-        if strains is None or not beams:
+    def repeat(causes: Collection[str]) -> tuple[Array, Refined]:
+        if not beams:
             return samples, Refined()
-        companion = _find_companion(lin, about, t, strains, eigenvalues)
+        companion = _find_companion(lin, about, t, causes, eigenvalues)
         refined = companion[0].refined
-        if not refined.has_mesh:
+        if not refined.causes:
             raise BeamdaeError("no beam can be refined")
         orders = (2 * x.mesh.nodes - 2 for x in beams if x.name in refined.elements)
         return solve(*companion), refined._replace(mesh_order=min(orders, default=2))
@@ -131,7 +134,7 @@ def measure_about_state(
         return replace(errors, values=summarize(first), companions=summarize(second))
 
     unchecked = Errors.unchecked(headers, values, "no refined model")
-    return measure_errors(unchecked, samples, repeat, compare)
+    return measure_errors(unchecked, samples, repeat, compare, has_accuracy=has_accuracy)
 
 
 def pair_modes(
@@ -160,58 +163,35 @@ def pair_modes(
 
 
 def _find_companion(
-    lin: Linearization, about: Any, t: float, strains: bool, eigenvalues: Array
+    lin: Linearization, about: Any, t: float, causes: Collection[str], eigenvalues: Array
 ) -> tuple[Refinement, Linearization]:
-    """Return the refined mechanism linearized about the same state."""
-    if strains not in lin.companions:
+    """Return the refined mechanism, linearized about the same state.
+
+    The beams are in equilibrium with the loads at the end of a path, and with the accelerations at
+    an instant of a run. Other states are searched for by their request.
+    """
+    # Friction is a damper about a state at rest; a sharper one damps more.
+    refined = tuple(x for x in causes if x != "friction")
+    if refined not in lin.companions:
         start = about if isinstance(about, Mapping) else AS_DRAWN
         with hold_messages():
-            refinement = refine(lin.full_equations, start, strains=strains, friction=False)
+            refinement, finer = refine(lin.full_equations, start, refined), lin
             try:
-                finer = lin
-                if refinement.refined.has_mesh:
-                    finer = _linearize_refined(lin, refinement, about, t, eigenvalues)
+                if refinement.refined.causes:
+                    if isinstance(about, Equilibrium):
+                        about = refine_end(about, refinement)
+                    elif isinstance(about, Instant):
+                        slowest = np.min(np.abs(eigenvalues[eigenvalues != 0.0]), initial=np.inf)
+                        rate = _RATE_RATIO * float(slowest) if np.isfinite(slowest) else 1.0
+                        about = _prolong_instant(lin, refinement, about, rate)
+                    finer = linearize_about("modes", refinement.equations, about, t)
             except (BeamdaeError, CurveError, SingularMatrixError) as problem:
                 raise MissingStateError(
                     f"the state is not found with halved elements ({str(problem).rstrip('.')})"
                 ) from problem
-        lin.companions[strains] = refinement, finer
-    companion: tuple[Refinement, Linearization] = lin.companions[strains]
+        lin.companions[refined] = refinement, finer
+    companion: tuple[Refinement, Linearization] = lin.companions[refined]
     return companion
-
-
-def _linearize_refined(
-    lin: Linearization, refinement: Refinement, about: Any, t: float, eigenvalues: Array
-) -> Linearization:
-    """Linearize about the same state, searched for by its request.
-
-    The beams are in equilibrium with the loads at the end of a path, and with the accelerations at
-    an instant of a run.
-    """
-    if isinstance(about, Equilibrium):
-        return _linearize_path_end(lin, refinement, about)
-    if isinstance(about, Instant):
-        slowest = np.min(np.abs(eigenvalues[eigenvalues != 0.0]), initial=np.inf)
-        rate = _RATE_RATIO * float(slowest) if np.isfinite(slowest) else 1.0
-        about = _prolong_instant(lin, refinement, about, rate)
-    return linearize_about("modes", refinement.equations, about, t)
-
-
-def _linearize_path_end(
-    lin: Linearization, refinement: Refinement, path: Equilibrium
-) -> Linearization:
-    q = refinement.prolong(lin.state.q)
-    fine = replace(refinement.equations, q0=q, v0=np.zeros(len(q)))
-    _, system, factor = load_path_end(fine.mechanism, fine, path)
-    e = system.equations
-    multipliers = dict(zip(lin.equations.lam_names, lin.state.lam, strict=True))
-    x = np.append(q, [multipliers.get(name, 0.0) for name in e.lam_names])
-    held = hold_neutral_motions(system, x, factor)
-    problem = StaticProblem(held)
-    x = problem.correct(prescribe_parameter, factor, problem.start(x), factor).x[: len(x)]
-    e = replace(e, q0=x[: e.n], v0=np.zeros(e.n))
-    frame = Frame(e, system.loaded.time, partial(system.motion_tangent, factor))
-    return linearize_at_rest(frame, fine, lin.about)
 
 
 def _prolong_instant(

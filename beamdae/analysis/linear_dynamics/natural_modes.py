@@ -65,7 +65,7 @@ _REPR_FREQUENCIES = 5
 class _Request(NamedTuple):
     """State and time [s] of modes, see `modes`, and the number of modes whose errors are measured.
 
-    If `is_checked` is set, warnings contain these errors.
+    If `is_checked` is set, warnings contain these errors. `has_accuracy` is that of `Errors`.
     """
 
     about: Any
@@ -73,6 +73,7 @@ class _Request(NamedTuple):
     damping: bool
     assessed: int
     is_checked: bool
+    has_accuracy: bool
 
 
 @read_only_data
@@ -294,7 +295,8 @@ def modes(
         - positions by name, such as {"crank.angle": 0.3}: at rest at these positions.
         - `rotation(speed)`: steady rotation of the whole mechanism.
         - `solution.at(time)`: an instant of a run, with its velocities frozen.
-        - an `Equilibrium`: at rest at the end of its path, under the loads at this point.
+        - an `Equilibrium`: at rest at the end of its path, under the loads at this point, with the
+          value of the driver, the input or the parameter that the path varies.
     n
         Number of modes to return, those with the smallest |eigenvalue|. None returns all modes,
         computed with dense matrices. Material damping gives each fast mode a decay at the rate
@@ -355,10 +357,12 @@ def compute_modes(
     assessed: int | None = None,
     accuracy: float | None = None,
     accuracy_columns: Sequence[str] | str | None = None,
+    has_accuracy: bool = True,
 ) -> Modes:
     """Compute natural modes as `modes` does, without issuing the warnings of the result.
 
     Errors are measured for the first `assessed` modes; None means all, or ten if `n` is None.
+    `has_accuracy` is that of `Errors`.
     """
     until = deferred.module("accuracy.until")
     count = None if n is None else require_count("modes", "n", n)
@@ -369,7 +373,7 @@ def compute_modes(
 
     def solve(model: Any, _: Any) -> Modes:
         is_checked = assessed > 0 and not skips_result_checks()
-        request = _Request(about, time, is_damped, assessed, is_checked)
+        request = _Request(about, time, is_damped, assessed, is_checked, has_accuracy)
         return _solve(model, linearize_about("modes", model, about, time), count, request)
 
     start = searched_start("modes", about, accuracy)
