@@ -45,8 +45,7 @@ def measure_modes(modes: Modes) -> Errors:
     eigenvalue.
     """
     lin, request = modes._linearization, modes._request
-    count = len(modes) if request is None else request.assessed
-    rows = np.flatnonzero(modes.eigenvalues[:count])
+    rows = np.flatnonzero(modes.eigenvalues[: request.assessed])
     values, shapes = modes.eigenvalues[rows], modes.shapes[rows].T
     is_vibration = values.imag != 0.0
     headers = [
@@ -58,14 +57,13 @@ def measure_modes(modes: Modes) -> Errors:
         return np.where(is_vibration, samples[:, 0].imag / (2.0 * np.pi), samples[:, 0].real)
 
     def solve(refinement: Refinement, finer: Linearization) -> Array:
-        assert request is not None
         problem = finer.linearized_equations
         solution = solve_eigenproblem(problem, len(modes) + _FURTHER_MODES, request.damping)
         pairs = pair_modes(refinement, finer, shapes, solution)
         return np.append(solution.values, np.nan)[pairs, None]
 
     samples = values[:, None]
-    if request is None:
+    if modes.mechanism is None:
         reason = "the model is not a mechanism"
         return Errors.unchecked(headers, summarize(samples), reason)
     return measure_about_state(

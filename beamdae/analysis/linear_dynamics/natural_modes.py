@@ -17,7 +17,10 @@ from beamdae.analysis.eigenproblems.eigensolution import (
     classify_modes,
     solve_eigenproblem,
 )
-from beamdae.analysis.eigenproblems.linearized_equations import quadratic_forms
+from beamdae.analysis.eigenproblems.linearized_equations import (
+    is_symmetric_matrix,
+    quadratic_forms,
+)
 from beamdae.analysis.linear_dynamics.linearization import (
     REFERENCE,
     Linearization,
@@ -110,7 +113,7 @@ class Modes(HasModeShapes):
     q: Array = field(repr=False)
     mechanism: Mechanism | None = field(repr=False)
     _linearization: Linearization = field(repr=False)
-    _request: _Request | None = None
+    _request: _Request = field(repr=False)
 
     def __len__(self) -> int:
         return len(self.eigenvalues)
@@ -145,7 +148,7 @@ class Modes(HasModeShapes):
         there are no modes, that rounding errors of the stiffness hide slow modes, that friction is
         a damper about a state at rest, or that `errors` of eigenvalues exceed 4 %.
         """
-        is_checked = self._request is not None and self._request.is_checked
+        is_checked = self.mechanism is not None and self._request.is_checked
         sentences = self._linearization.warnings
         return (*sentences, *(self.errors.sentences() if is_checked else ()))
 
@@ -193,17 +196,30 @@ class Modes(HasModeShapes):
 
     @cached_property
     def effective_masses(self) -> Array:
-        """Effective modal masses |x^H M r|^2 along x and y [kg], (k, 2).
+        """Effective modal masses along x and y [kg], (k, 2).
 
-        r is the unit translation of all points along the axis. For undamped modes, the effective
-        masses add up to at most r^T M r, the mass of the moving parts.
+        r is the unit translation of all points along the axis; m, k = x^T M x, x^T K x. The modes
+        have the parts Re(l^2 (x^T M r)^2 / (l^2 m - k)), twice for those that stand for a pair, of
+        r^T M r: (x^T M r)^2 / m without damping. All modes add up to the mass of the moving parts,
+        without the mass that joints hold. Parts of single decays may be negative. They are not a
+        number if the matrices are not symmetric, as in rotations, with friction, controllers and
+        follower loads: shapes then do not determine them.
         """
-        lin = self._linearization
-        coordinates, mass = RotatingCoordinates.from_equations(lin.equations), lin.tangent.mass
+        lin, problem = self._linearization, self._linearization.linearized_equations
+        mass, x, values = lin.tangent.mass, self.shapes.T, self.eigenvalues[:, None]
+        is_undamped = problem.is_conservative or not self._request.damping
+        if not (is_undamped or (problem.is_symmetric and is_symmetric_matrix(lin.tangent.damping))):
+            return np.full((len(self), 2), np.nan)
+        coordinates = RotatingCoordinates.from_equations(lin.equations)
         translations = np.stack([coordinates.translation_vector(axis) for axis in (0, 1)], axis=1)
-        masses = np.abs(self.shapes.conj() @ (mass @ translations)) ** 2
+        inertia = np.einsum("ij,ij->j", x, mass @ x)[:, None]
+        slopes = values**2 * inertia - problem.energies(x)[0][:, None]
+        is_free, is_pair = values == 0.0, is_undamped | (values.imag != 0.0)
+        shares = np.where(is_pair, 2.0, 1.0) * values**2 / np.where(is_free, 1.0, slopes)
+        shares = np.where(is_free, 1.0 / inertia, shares)
+        masses = np.real(shares * (x.T @ (mass @ translations)) ** 2)
         total = quadratic_forms(mass, translations)
-        return np.where(masses > _MASS_ROUNDING * total, masses, 0.0)
+        return np.where(np.abs(masses) > _MASS_ROUNDING * total, masses, 0.0)
 
     def table(self) -> pd.DataFrame:
         """Return a table with one row per mode.
@@ -409,7 +425,7 @@ def _solve(model: Any, lin: Linearization, count: int | None, request: _Request)
         lin.state.q,
         mechanism,
         replace(lin, warnings=tuple(warnings)),
-        None if mechanism is None else request,
+        request,
     )
 
 
