@@ -178,13 +178,14 @@ class Errors(HasTable):
     ) -> Errors:
         """Return the errors of single values (columns,), such as frequencies or loads.
 
-        They are relative to `scales` or, by default, to the magnitudes of the companion's values;
-        `companions` that are not a number have no counterpart. Of several values of a column
-        (columns, places), the first one is its headline, and the largest change counts.
+        They are relative to `scales` or, by default, to the largest magnitudes of the companion's
+        values; `companions` that are not a number have no counterpart. Of several values of a
+        column (columns, places), which may be complex, the first one is its headline, and the
+        largest change counts.
         """
         places, others = (np.atleast_2d(np.transpose(x)).T for x in (values, companions))
-        values, companions = places[:, 0], others[:, 0]
-        sizes = np.abs(companions if scales is None else scales)
+        values, companions = np.real(places[:, 0]), np.real(others[:, 0])
+        sizes = np.abs(others).max(axis=1, initial=0.0) if scales is None else np.abs(scales)
         changes = np.abs(places - others)
         changes = np.where(np.isnan(companions), np.nan, np.fmax.reduce(changes, axis=1))
         with np.errstate(divide="ignore", invalid="ignore"):

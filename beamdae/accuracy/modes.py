@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
+from scipy.optimize import linear_sum_assignment
 
 from beamdae.accuracy.errors import Errors, MissingStateError, Refined, measure_errors
 from beamdae.accuracy.refinement import Refinement, refine
 from beamdae.accuracy.statics import refine_end
 from beamdae.analysis.continuation.engine import CurveError
 from beamdae.analysis.eigenproblems.eigensolution import EigenSolution, solve_eigenproblem
-from beamdae.analysis.eigenproblems.linearized_equations import quadratic_forms
 from beamdae.analysis.linear_dynamics.linearization import Linearization, linearize_about
-from beamdae.analysis.linear_dynamics.natural_modes import Modes
+from beamdae.analysis.linear_dynamics.natural_modes import Modes, compare_shapes
 from beamdae.beams.beam import beams_of
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.tangents import compute_tangent
@@ -30,7 +30,8 @@ from beamdae.results.trajectory import Instant
 
 Array = np.ndarray
 
-_FURTHER_MODES = 4  # of the companion, because the order of modes may differ
+_FULL_TURN = 2.0 * np.pi
+FURTHER_MODES = 4  # of the companion, because the order of modes may differ
 _MIN_MAC = 0.5  # larger ones belong to one pair of orthogonal shapes only
 # Rates at which positions at an instant change, relative to the slowest motion: slow, so that beams
 # are in equilibrium with the accelerations, but not free motions.
@@ -53,30 +54,21 @@ def measure_modes(modes: Modes) -> Errors:
         for k, x in zip(rows.tolist(), is_vibration, strict=True)
     ]
 
-    def summarize(samples: Array) -> Array:
-        return np.where(is_vibration, samples[:, 0].imag / (2.0 * np.pi), samples[:, 0].real)
+    def tabulate(values: Array) -> Array:
+        return np.stack([np.where(is_vibration, values.imag / _FULL_TURN, values.real), values], 1)
 
     def solve(refinement: Refinement, finer: Linearization) -> Array:
         problem = finer.linearized_equations
-        solution = solve_eigenproblem(problem, len(modes) + _FURTHER_MODES, request.damping)
+        solution = solve_eigenproblem(problem, len(modes) + FURTHER_MODES, request.damping)
         pairs = pair_modes(refinement, finer, shapes, solution)
-        return np.append(solution.values, np.nan)[pairs, None]
+        return tabulate(np.append(solution.values, np.nan)[pairs])
 
-    samples = values[:, None]
     if modes.mechanism is None:
-        reason = "the model is not a mechanism"
-        return Errors.unchecked(headers, summarize(samples), reason)
-    return measure_about_state(
-        lin,
-        request.about,
-        request.t,
-        headers,
-        samples,
-        summarize,
-        modes.eigenvalues,
-        solve,
-        request.has_accuracy,
-    )
+        return Errors.unchecked(
+            headers, tabulate(values)[:, 0].real, "the model is not a mechanism"
+        )
+    state = lin, request.about, request.t, modes.eigenvalues
+    return measure_about_state(*state, headers, tabulate(values), solve, request.has_accuracy)
 
 
 @single_threaded
@@ -84,14 +76,13 @@ def measure_about_state(
     lin: Linearization,
     about: Any,
     t: float,
+    eigenvalues: Array,
     headers: Sequence[str],
     samples: Array,
-    summarize: Callable[[Array], Array],
-    eigenvalues: Array,
     solve: Callable[[Refinement, Linearization], Array],
     has_accuracy: bool = True,
 ) -> Errors:
-    """Return the errors of samples of a linearized mechanism (columns, k).
+    """Return the errors of samples of a linearized mechanism.
 
     Parameters
     ----------
@@ -99,21 +90,17 @@ def measure_about_state(
         The linearized mechanism.
     about, t
         State and time [s] of the linearization; see `modes`.
+    eigenvalues
+        Eigenvalues of the mechanism [1/s].
     headers
         Headers of the columns.
     samples
-        Complex values of the columns; the error of a column is the largest change of its samples,
-        relative to their largest magnitude.
-    summarize
-        Function of samples that returns the headlines of the columns.
-    eigenvalues
-        Eigenvalues of the mechanism [1/s].
+        Values of the columns (columns, k), see `Errors.of_values`.
     solve
         Function that returns the samples of the companion.
     has_accuracy
         See `Errors`.
     """
-    values = summarize(samples)
     beams = beams_of(lin.full_equations.mechanism)
 
     def repeat(causes: Collection[str]) -> tuple[Array, Refined]:
@@ -126,12 +113,8 @@ def measure_about_state(
         orders = (2 * x.mesh.nodes - 2 for x in beams if x.name in refined.elements)
         return solve(*companion), refined._replace(mesh_order=min(orders, default=2))
 
-    def compare(first: Array, second: Array, refined: Refined) -> Errors:
-        sizes = np.max(np.abs(second), axis=1, initial=0.0)
-        errors = Errors.of_values(headers, first, second, refined, sizes)
-        return replace(errors, values=summarize(first), companions=summarize(second))
-
-    unchecked = Errors.unchecked(headers, values, "no refined model")
+    compare = partial(Errors.of_values, headers)
+    unchecked = Errors.unchecked(headers, samples[:, 0].real, "no refined model")
     return measure_errors(unchecked, samples, repeat, compare, has_accuracy=has_accuracy)
 
 
@@ -142,18 +125,11 @@ def pair_modes(
 
     Shapes without a similar one are paired with the remaining modes in ascending order.
     """
-    mass, prolonged = finer.tangent.mass, refinement.prolongation @ shapes
-    masses, others = (quadratic_forms(mass, x).real for x in (prolonged, solution.shapes))
-    mac = np.abs(prolonged.conj().T @ (mass @ solution.shapes)) ** 2 / np.outer(masses, others)
+    mac = compare_shapes(finer.tangent.mass, refinement.prolongation @ shapes, solution.shapes)
+    rows, matches = linear_sum_assignment(-mac)
+    is_similar = mac[rows, matches] > _MIN_MAC
     pairs = np.full(len(mac), -1)
-    if not mac.size:
-        return pairs
-    for k, row in enumerate(mac):
-        # Motions at equal rates may have nearly the same shape.
-        row[pairs[pairs >= 0]] = 0.0
-        best = int(np.argmax(row))
-        if row[best] > _MIN_MAC:
-            pairs[k] = best
+    pairs[rows[is_similar]] = matches[is_similar]
     rest = np.setdiff1d(np.flatnonzero(solution.values), pairs)
     rows = np.flatnonzero(pairs < 0)[: len(rest)]
     pairs[rows] = rest[: len(rows)]

@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+import scipy.sparse as sp
 
 from beamdae import deferred
 from beamdae.analysis.eigenproblems.eigensolution import (
@@ -267,16 +268,19 @@ class Modes(HasModeShapes):
             raise BeamdaeError(
                 f"mac: other must be modes of the same mechanism, got {short_repr(other)}."
             )
-        mass = self._linearization.tangent.mass
-        products = np.abs(self.shapes.conj() @ (mass @ other.shapes.T)) ** 2
-        masses = (quadratic_forms(mass, x.T).real for x in (self.shapes, other.shapes))
-        return products / np.outer(*masses)
+        return compare_shapes(self._linearization.tangent.mass, self.shapes.T, other.shapes.T)
 
     def _describe_shares(self, k: int) -> str:
         shares = {name: float(share[k]) for name, share in self.shares.items()}
         significant = (x for x in shares.items() if x[1] >= _MIN_NAMED_SHARE)
         ordered = sorted(significant, key=lambda x: -x[1])
         return ", ".join(f"{name} {100.0 * share:.0f} %" for name, share in ordered)
+
+
+def compare_shapes(mass: sp.csc_array, x: Array, y: Array) -> Array:
+    """Return the modal assurance criterion (MAC) of shapes (n, k) and (n, j), (k, j)."""
+    masses = (quadratic_forms(mass, shapes).real for shapes in (x, y))
+    return np.asarray(np.abs(x.conj().T @ (mass @ y)) ** 2 / np.outer(*masses))
 
 
 @interruptible
