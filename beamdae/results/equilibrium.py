@@ -512,6 +512,11 @@ class Equilibrium(HasColumns, HasPage):
         """Positions of the rows whose numbers are those of `equations`."""
         return self.q if self.numbers is None else self.q[-1:]
 
+    @property
+    def end_equations(self) -> EquationsOfMotion:
+        """Equations with the numbers of the end of the path."""
+        return self._equations_of_row(-1)
+
     def _equations_of_row(self, row: int) -> EquationsOfMotion:
         if self.numbers is None:
             return self.equations
