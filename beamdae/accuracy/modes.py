@@ -206,9 +206,9 @@ def _linearize_path_end(
     e = system.equations
     multipliers = dict(zip(lin.equations.lam_names, lin.state.lam, strict=True))
     x = np.append(q, [multipliers.get(name, 0.0) for name in e.lam_names])
-    held = hold_neutral_motions(system, x, factor)
-    problem = StaticProblem(held)
-    x = problem.correct(prescribe_parameter, factor, problem.start(x), factor).x[: len(x)]
+    problem = StaticProblem(system)
+    start = hold_neutral_motions(problem.point(problem.start(x), factor))
+    x = start.problem.correct(prescribe_parameter, factor, start.x, factor).x[: len(x)]
     e = replace(e, q0=x[: e.n], v0=np.zeros(e.n))
     frame = Frame(e, system.loaded.time, partial(system.motion_tangent, factor))
     return linearize_at_rest(frame, fine, lin.about)

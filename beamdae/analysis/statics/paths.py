@@ -26,9 +26,13 @@ from beamdae.analysis.continuation.engine import (
     prescribe_parameter,
     switch,
 )
-from beamdae.analysis.eigenproblems.eigensolution import EQUAL_SIZE_TOLERANCE, locate_largest
+from beamdae.analysis.eigenproblems.eigensolution import locate_largest
 from beamdae.analysis.statics.load_scaling import Loading
-from beamdae.analysis.statics.neutral_motions import hold_neutral_motions
+from beamdae.analysis.statics.neutral_motions import (
+    are_neutral,
+    hold_neutral_motions,
+    prefer_angles,
+)
 from beamdae.analysis.statics.path_settings import ARC_LENGTH, DISPLACEMENT, LOAD, PathSettings
 from beamdae.analysis.statics.prescribed_column import PrescribedColumn
 from beamdae.analysis.statics.static_problem import StaticProblem
@@ -80,6 +84,8 @@ class StagePath:
 
     Attributes
     ----------
+    problem
+        Equations without held motions.
     points
         Equilibria in order along the path, including critical points.
     settings, control
@@ -94,6 +100,7 @@ class StagePath:
         True if the path ended because no step converges.
     """
 
+    problem: StaticProblem
     points: list[Point]
     settings: PathSettings
     control: Control = prescribe_parameter
@@ -172,11 +179,10 @@ def trace_path(loading: Loading, q: Array, settings: PathSettings) -> Equilibriu
         else:
             begin = problem.point(points.pop().x, system.ends[0])
             stages.pop()
-        path = StagePath([begin], PathSettings(max_points=settings.max_points))
+        path = StagePath(problem, [begin], PathSettings(max_points=settings.max_points))
         if k == len(loading.systems) - 1:
             path.settings, path.control = settings, control
         if system.has_scaled_loads:
-            path.points[0] = _hold_neutral_motions(begin)
             try:
                 _follow_stage(path)
             except KeyboardInterrupt:
@@ -251,7 +257,7 @@ def _relax(problem: StaticProblem, q: Array, mu: float, passed: list[Array] | No
     x = problem.start(np.append(q, lam))
     point = problem.point(x, mu)
     # Rounding would move the mechanism along motions without stiffness.
-    held = _hold_neutral_motions(point).problem
+    held = hold_neutral_motions(point).problem
     try:
         corrected = held.correct(prescribe_parameter, mu, x, mu)
     except CurveError:
@@ -266,18 +272,9 @@ def follow_to_critical_point(begin: Point, targets: tuple[float, ...]) -> StageP
     critical point, and earlier with a status that is no success if it cannot be followed.
     """
     settings = PathSettings(targets=targets, control=ARC_LENGTH, max_points=_MAX_CHECK_POINTS)
-    path = StagePath([begin], settings)
+    path = StagePath(begin.problem, [begin], settings)
     _follow(path, targets, _choose_steps(path), 1, (LIMIT, BRANCH, FLUTTER))
     return path
-
-
-def _hold_neutral_motions(point: Point) -> Point:
-    """Return the point of the equations whose neutral motions are held, if there are any."""
-    system = point.problem.system
-    if not point.monitor.free:
-        return point
-    held = hold_neutral_motions(system, point.x[: system.loaded.size], point.p)
-    return StaticProblem(held).point(point.x, point.p) if held.held_coordinates else point
 
 
 def _follow_stage(path: StagePath) -> None:
@@ -308,13 +305,20 @@ def _follow_stage(path: StagePath) -> None:
             return
         path.points.append(first)
     _follow(path, targets, steps)
-    if path.is_stuck and path.end is begin and path.by_load:
-        # The mechanism moves far under the smallest load, until it is stretched or rests.
+    while path.is_stuck and path.by_load and _may_move_far(path):
+        # The mechanism moves far under a small load, until it is stretched or rests.
         stuck, path.status, path.is_stuck = path.status, REACHED_END, False
+        count = len(path.points)
         if _begin_under_load(path, targets):
             _follow(path, targets, _choose_steps(path))
-        elif path.end is begin:
+        elif len(path.points) == count:
             path.status, path.is_stuck = stuck, True
+
+
+def _may_move_far(path: StagePath) -> bool:
+    """Return True at the begin of a path, and where a motion is held that may become stiff."""
+    is_held = bool(path.end.problem.system.held_coordinates)
+    return len(path.points) == 1 or (is_held and len(path.points) < path.settings.max_points)
 
 
 def _follow(
@@ -406,48 +410,43 @@ def _choose_steps(path: StagePath) -> Steps:
 def _leave_free_position(path: StagePath, targets: list[float]) -> bool:
     """Begin a path where a motion has no stiffness; return True if it can be followed.
 
-    The motion may get stiffness by a small load, near the begin; otherwise the mechanism moves far
-    under it.
+    A small load, near the begin, gives the motion stiffness or leaves it free, so that it is held;
+    otherwise, the mechanism moves far under this load.
     """
-    begin, problem = path.end, path.end.problem
+    begin, problem = path.end, path.problem
     reach = float(np.clip(targets[0] - begin.p, -1.0, 1.0)) if path.by_load else 1.0
-    small = _MIN_FIRST_LOAD * _LOAD_STEP_RATIO * reach
-    with suppress(CurveError):
-        point = problem.correct(prescribe_parameter, begin.p + small, begin.x, begin.p + small)
-        motion = problem.measure(point.x - begin.x)
-        if motion <= _MAX_INITIAL_MOTION and not point.monitor.free:
-            path.tangent = point.tangent(prescribe_parameter) * (float(np.sign(small)) or 1.0)
-            return True
+    mu = begin.p + _MIN_FIRST_LOAD * _LOAD_STEP_RATIO * reach
+    for start in (begin, hold_neutral_motions(begin)):
+        with suppress(CurveError):
+            loaded = start.problem.correct(prescribe_parameter, mu, begin.x, mu)
+            is_near = problem.measure(loaded.x - begin.x) <= _MAX_INITIAL_MOTION
+            if is_near and are_neutral(loaded):
+                loaded = hold_neutral_motions(problem.point(loaded.x, mu))
+                path.points[-1] = first = loaded.problem.point(begin.x, begin.p)
+                if first.monitor.free:
+                    path.tangent = loaded.tangent(prescribe_parameter) * (reach or 1.0)
+                return True
     return _begin_under_load(path, targets)
 
 
-def _begin_under_load(path: StagePath, targets: list[float]) -> bool:
+def _begin_under_load(path: StagePath, targets: Sequence[float]) -> bool:
     """Begin a path at the first load step, found by relaxation; return True if it can be followed.
 
     The position without load is arbitrary if it has a motion without stiffness; the path then
-    begins under load. Targets that are passed are removed.
+    begins under load.
     """
-    begin, problem = path.end, path.end.problem
+    begin, problem = path.end, path.problem
     is_arbitrary = bool(begin.monitor.free)
-    step = _LOAD_STEP_RATIO * (abs(targets[0] - begin.p) if path.by_load else 1.0)
-    loads = list(targets) if path.by_load else [begin.p + step]
+    reach = targets[0] - begin.p if path.by_load else 1.0
+    step = _LOAD_STEP_RATIO * abs(reach)
+    mu = begin.p + float(np.clip(reach, -step, step)) if step else targets[0]
     try:
-        for k, target in enumerate(loads):
-            end = path.end
-            mu = end.p + float(np.clip(target - end.p, -step, step)) if step else target
-            # Loads give motions other than neutral ones a stiffness.
-            point = _hold_neutral_motions(_relax(problem, end.x[: problem.n], mu))
-            if not point.monitor.free:
-                path.points[len(path.points) - is_arbitrary :] = [point]
-                del targets[:k]
-                return True
-            if not path.by_load:
-                path.fail(_describe_freedom(free_coordinate(point)))
-                return False
-            path.points.append(_relax(problem, end.x[: problem.n], target))
+        point = hold_neutral_motions(_relax(problem, begin.x[: problem.n], mu))
     except BeamdaeError as error:
         path.fail(error)
-    return False
+        return False
+    path.points[len(path.points) - is_arbitrary :] = [point]
+    return True
 
 
 def free_coordinate(point: Point) -> str:
@@ -470,12 +469,8 @@ def free_coordinate(point: Point) -> str:
 
 
 def dominant_coordinate(e: EquationsOfMotion, mode: Array) -> str:
-    """Return the name of the coordinate that moves most in a mode, relative to its natural size.
-
-    If amplitudes are equal, an angle describes the mode better than the points it moves.
-    """
-    preference = np.where(e.is_angle, 1.0 + 3.0 * EQUAL_SIZE_TOLERANCE, 1.0)
-    return e.q_names[locate_largest(mode[: e.n] / e.position_scales * preference)]
+    """Return the name of the coordinate that moves most in a mode, relative to its natural size."""
+    return e.q_names[locate_largest(mode[: e.n] / e.position_scales * prefer_angles(e))]
 
 
 def _describe_freedom(coordinate: str) -> str:
