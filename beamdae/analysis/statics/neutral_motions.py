@@ -33,10 +33,11 @@ def hold_neutral_motions(point: Point) -> Point:
 
     Each is held by a spring on one of its coordinates, whose position is then arbitrary.
     """
-    system = point.problem.system
-    if not point.monitor.free:
+    system, count = point.problem.system, point.monitor.free
+    if not count:
         return point
-    motions = _find_motions_without_stiffness(system, point.x[: system.loaded.size], point.p)
+    x = point.x[: system.loaded.size]
+    motions = _find_motions_without_stiffness(system, x, point.p, count)
     # Of coordinates that move equally but for rounding, the first one is held.
     sizes = motions.T.round(_DECIMALS) * prefer_angles(system.equations)
     order = la.qr(sizes, mode="r", pivoting=True)[1]
@@ -58,8 +59,10 @@ def prefer_angles(e: EquationsOfMotion) -> Array:
     return np.where(e.is_angle, 1.0 + 3.0 * EQUAL_SIZE_TOLERANCE, 1.0)
 
 
-def _find_motions_without_stiffness(system: LoadedEquations, x: Array, mu: float) -> Array:
-    """Return the rigid motions that joints allow without a change of forces, (n, k).
+def _find_motions_without_stiffness(
+    system: LoadedEquations, x: Array, mu: float, count: int
+) -> Array:
+    """Return at most `count` rigid motions that joints allow without a change of forces, (n, k).
 
     Columns are orthonormal after division by `position_scales`; reactions may change.
     """
@@ -74,7 +77,8 @@ def _find_motions_without_stiffness(system: LoadedEquations, x: Array, mu: float
         [[stiffness @ rigid, gradients.T], [gradients @ rigid, np.zeros((len(x) - n,) * 2)]]
     )
     _, values, right = la.svd(changes)
-    free = right[int(np.sum(values > _ROUNDING)) :, : rigid.shape[1]]
+    first = max(int(np.sum(values > _ROUNDING)), len(right) - count)
+    free = right[first:, : rigid.shape[1]]
     return la.qr(rigid @ free.T, mode="economic")[0]
 
 

@@ -33,6 +33,7 @@ from beamdae.analysis.statics.neutral_motions import (
     hold_neutral_motions,
     prefer_angles,
 )
+from beamdae.analysis.statics.path_parameters import PathParameter
 from beamdae.analysis.statics.path_settings import ARC_LENGTH, DISPLACEMENT, LOAD, PathSettings
 from beamdae.analysis.statics.prescribed_column import PrescribedColumn
 from beamdae.analysis.statics.static_problem import StaticProblem
@@ -61,8 +62,8 @@ _MIN_REACH = 1e-12
 # Largest accepted motion, in natural sizes, to an equilibrium found by Newton's method; beyond it,
 # relaxation is used.
 _MAX_INITIAL_MOTION = 0.05
-# Smallest part of a load step with which a path from a motion without stiffness begins.
-_MIN_FIRST_LOAD = 1e-6
+# Parts of a load step with which a path from a motion without stiffness may begin.
+_FIRST_LOADS = 1.0, 1e-2, 1e-4, 1e-6
 # Distance, relative to the largest step, within which two branch points are equal.
 _SAME_POINT_RATIO = 1e-2
 _MAX_CHECK_POINTS = 100
@@ -190,10 +191,14 @@ def trace_path(loading: Loading, q: Array, settings: PathSettings) -> Equilibriu
                 path.status = Status("interrupted", "interrupted")
         for row, one in path.critical.items():
             moves = dominant_coordinate(system.equations, one.mode)
-            critical.append(CriticalPoint(one.kind, len(points) + row, float(one.point.p), moves))
+            count = sum(x.point is one.point for x in path.critical.values())
+            place = len(points) + row, float(one.point.p)
+            critical.append(CriticalPoint(one.kind, *place, moves, count))
         points += path.points
         stages += [k] * len(path.points)
-        notes += _zero_load_notes(path, loading)
+        causes = [describe_zero_loads(point, loading.parameter) for point in path.points]
+        if len(causes) > 1 and all(causes):
+            notes.append(f"equilibrium: all points of the path are equal, because {causes[-1]}.")
         status = path.status
         if not status.success:
             sentence = f"{status.sentence} (last converged {loading.quantity}: {path.end.p:.6g})"
@@ -219,20 +224,17 @@ def tabulate_points(loading: Loading, points: Sequence[Point]) -> dict[str, Any]
     return {"q": q, "lam": lam, "times": times, "numbers": numbers}
 
 
-def _zero_load_notes(path: StagePath, loading: Loading) -> list[str]:
-    """Return a remark if nothing depends on the load factor along the path of a stage."""
-    if path.end is path.points[0] or not all(map(_is_unloaded, path.points)):
-        return []
-    t, parameter = path.end.problem.system.loaded.time[0], loading.parameter
-    cause = f"all scaled loads are zero at t = {t:g} s"
-    remedy = "pass another time t=, other loads=, or other values of inputs"
+def describe_zero_loads(point: Point, parameter: PathParameter | None = None) -> str:
+    """Return a clause if nothing depends on the load factor, or on a parameter, or ""."""
+    if np.any(point.linearization.by_parameter):
+        return ""
     if parameter is not None:
-        cause, remedy = f"nothing depends on {parameter.name}", "choose another quantity with over="
-    return [f"equilibrium: {cause}, so all points of the path are equal; {remedy}."]
-
-
-def _is_unloaded(point: Point) -> bool:
-    return not np.any(point.linearization.by_parameter)
+        return f"nothing depends on {parameter.name}; choose another quantity with over="
+    t = point.problem.system.loaded.time[0]
+    return (
+        f"all scaled loads are zero at t = {t:g} s; pass another time t=, other loads=, or other "
+        "values of inputs"
+    )
 
 
 def find_unloaded_equilibrium(
@@ -280,13 +282,12 @@ def follow_to_critical_point(begin: Point, targets: tuple[float, ...]) -> StageP
 def _follow_stage(path: StagePath) -> None:
     """Extend the path of one stage to the targets; switch branches as the settings request."""
     begin, settings, targets = path.end, path.settings, list(path.settings.targets)
-    if settings.column and _is_unloaded(begin):
-        t = begin.problem.system.loaded.time[0]
-        path.fail(f"all scaled loads are zero at t = {t:g} s; pass another time t= or other loads=")
+    if settings.column and (cause := describe_zero_loads(begin)):
+        path.fail(cause)
         return
-    steps = _choose_steps(path)
     if begin.monitor.free and not _leave_free_position(path, targets):
         return
+    steps = _choose_steps(path)
     for number in settings.switch:
         count = _follow(path, targets, steps, abs(number))
         if path.status.success and count < abs(number):
@@ -382,7 +383,8 @@ def _choose_steps(path: StagePath) -> Steps:
     """Return the steps of a stage, with default sizes where none are set."""
     begin, settings = path.end, path.settings
     row = path.control(begin.x, begin.p)
-    reach = max(*(abs(target - row.value) for target in settings.targets), _MIN_REACH)
+    origin = path.problem.system.ends[0] if path.by_load else row.value
+    reach = max(*(abs(target - origin) for target in settings.targets), _MIN_REACH)
     ratio = _PARAMETER_STEP_RATIO if settings.varies else _LOAD_STEP_RATIO
     load_step = ratio * (reach if path.by_load else 1.0)
     if settings.control != ARC_LENGTH:
@@ -407,24 +409,28 @@ def _choose_steps(path: StagePath) -> Steps:
     return Steps(step, True, weight, first=min(1.0, weight * load_step / step))
 
 
-def _leave_free_position(path: StagePath, targets: list[float]) -> bool:
+def _leave_free_position(path: StagePath, targets: Sequence[float]) -> bool:
     """Begin a path where a motion has no stiffness; return True if it can be followed.
 
-    A small load, near the begin, gives the motion stiffness or leaves it free, so that it is held;
-    otherwise, the mechanism moves far under this load.
+    The motion may get stiffness by a small load, near the begin, or none by the largest load near
+    the begin, so that it is held; otherwise, the mechanism moves far under the load.
     """
     begin, problem = path.end, path.problem
     reach = float(np.clip(targets[0] - begin.p, -1.0, 1.0)) if path.by_load else 1.0
-    mu = begin.p + _MIN_FIRST_LOAD * _LOAD_STEP_RATIO * reach
-    for start in (begin, hold_neutral_motions(begin)):
+    held_begin = hold_neutral_motions(begin)
+    for start, share in ((begin, _FIRST_LOADS[-1]), *((held_begin, x) for x in _FIRST_LOADS)):
+        mu = begin.p + share * _LOAD_STEP_RATIO * reach
         with suppress(CurveError):
             loaded = start.problem.correct(prescribe_parameter, mu, begin.x, mu)
-            is_near = problem.measure(loaded.x - begin.x) <= _MAX_INITIAL_MOTION
-            if is_near and are_neutral(loaded):
-                loaded = hold_neutral_motions(problem.point(loaded.x, mu))
-                path.points[-1] = first = loaded.problem.point(begin.x, begin.p)
-                if first.monitor.free:
-                    path.tangent = loaded.tangent(prescribe_parameter) * (reach or 1.0)
+            if problem.measure(loaded.x - begin.x) > _MAX_INITIAL_MOTION:
+                continue
+            if start is begin and not loaded.monitor.free:
+                path.tangent = loaded.tangent(prescribe_parameter) * (float(np.sign(reach)) or 1.0)
+                return True
+            held = hold_neutral_motions(problem.point(loaded.x, mu)).problem
+            first = held.point(begin.x, begin.p)
+            if start is not begin and are_neutral(loaded) and not first.monitor.free:
+                path.points[-1] = first
                 return True
     return _begin_under_load(path, targets)
 
@@ -485,7 +491,7 @@ def _find_remedy(path: StagePath) -> str:
     system, end, is_first = path.end.problem.system, path.end, len(path.points) == 1
     first, last = system.ends
     if system.time_at(first)[0] != system.time_at(last)[0]:
-        distance = _MIN_FIRST_LOAD * abs(last - first)
+        distance = _FIRST_LOADS[-1] * abs(last - first)
         for jump in system.equations.breakpoints:
             if abs(jump - end.p) <= distance:
                 return f"the loads jump at t = {jump:g} s, so begin another path there with from_="
