@@ -399,10 +399,10 @@ class _RefinedPath:
             refinement.prolong(path.q[row]),
             [lam.get(name, 0.0) for name in system.equations.lam_names],
         )
-        if path.free and system.has_scaled_loads:
-            system = hold_neutral_motions(system, x, mu)
         problem = StaticProblem(system)
         x = problem.start(x)
+        if path.free and system.has_scaled_loads:
+            problem = hold_neutral_motions(problem.point(x, mu)).problem
         control: Control = prescribe_parameter
         target = mu
         if row != -1:
