@@ -15,7 +15,7 @@
 #define MIN_RELATIVE_STEP 1e-12
 /* Largest number of steps in a communication step. */
 #define MAX_STEPS 1e6
-/* Contacts that a step passes over; see beamdae.integrators.events.contact_onsets. */
+/* Contacts that a step passes over; see beamdae.integrators.events.closings. */
 #define MIN_DEPTH 1e-9
 #define SAMPLES 17
 #define REFINEMENTS 5
