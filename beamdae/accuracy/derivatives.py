@@ -114,7 +114,7 @@ def _measure(
         return Errors.unchecked(headers, peaks, reason)
     method = refine_method(run, time_limit, RTOL_BESIDE_ACCURATE_STEPS)
     start = run.equations.start
-    searched = AS_DRAWN if start is None or start.searched is None else start.searched
+    request = AS_DRAWN if start is None or start.request is None else start.request
 
     def repeat_values(strains: bool | None) -> tuple[_Values, Refined]:
         refined = Refined()
@@ -123,7 +123,7 @@ def _measure(
             nonlocal refined
             if strains is None or not isinstance(mechanism, Mechanism):
                 return mechanism
-            finer, refined = refine_mechanism(mechanism, searched, strains=strains)
+            finer, refined = refine_mechanism(mechanism, request, strains=strains)
             refined = refined.with_steps(run.made_by)
             return finer
 

@@ -236,12 +236,12 @@ def refine_method(
 def refine_equations(run: Solution, strains: bool | None) -> tuple[Refinement, Trajectory]:
     """Return refined equations with the start of the run, and its motion in their coordinates."""
     start = run.equations.start
-    searched = None if start is None else start.searched
-    refinement = refine(run.equations, searched or AS_DRAWN, strains=strains)
+    request = None if start is None else start.request
+    refinement = refine(run.equations, request or AS_DRAWN, strains=strains)
     if refinement.equations is run.equations:
         return refinement, run.trajectory
     matrix = refinement.prolongation
-    if searched is None:
+    if request is None:
         first = run.trajectory.intervals[0].rows
         q, v = refinement.prolong(first.q[0]), matrix @ first.v[0]
         refinement = refinement._replace(equations=replace(refinement.equations, q0=q, v0=v))

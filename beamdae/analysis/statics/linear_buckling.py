@@ -201,8 +201,8 @@ def buckling(
     n
         Number of positive factors to return, the smallest ones.
     loads
-        Names of the loads that mu scales, as in `equilibrium`, in one stage. Loads that are not
-        named act in full.
+        Name or names of the loads that mu scales, as in `equilibrium`, in one stage. Loads that
+        are not named act in full.
     t
         Time [s] at which laws are evaluated.
     start

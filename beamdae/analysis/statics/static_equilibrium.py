@@ -103,11 +103,11 @@ def equilibrium(
         A model function (with its defaults), a mechanism, a constrained system or equations.
         Constrained systems and equations have no named loads and are solved under all loads.
     loads
-        Names of the loads that mu scales: parts that only apply forces, and "gravity". Defaults to
-        every active `Force`, `Moment`, `DistributedForce` and `MovingForce`, and gravity. A list of
-        lists defines stages, whose load factors are raised from 0 to 1 in turn; `to`, `control`,
-        `step` and `switch` refer to the last stage, and earlier stages are computed with load
-        control. Loads that are not named act in full from the beginning.
+        Name or names of the loads that mu scales: parts that only apply forces, and "gravity".
+        Defaults to every active `Force`, `Moment`, `DistributedForce` and `MovingForce`, and
+        gravity. A list of lists defines stages, whose load factors are raised from 0 to 1 in turn;
+        `to`, `control`, `step` and `switch` refer to the last stage, and earlier stages are
+        computed with load control. Loads that are not named act in full from the beginning.
     to
         Target load factor, or a list of targets to reach in turn; defaults to 1. With `over`, its
         last value, or a list of values. {"tip.y": value} sets one or
