@@ -45,12 +45,12 @@ from beamdae.errors import (
     as_real,
     format_count,
     format_distinct,
-    optional_finite,
-    optional_point,
+    optional,
     require_choice,
     require_count,
     require_finite,
     require_name,
+    require_point,
     require_sequence,
     set_fields,
     short_repr,
@@ -260,8 +260,8 @@ class Beam(Part):
         self.name = require_name("Beam", name)
         self.curve = require_curve(name, curve)
         self.section: Section | VaryingSection = require_section(name, section, curve.length)
-        self.velocity = optional_point(name, "velocity", velocity)
-        self.angular_velocity = optional_finite(name, "angular_velocity", angular_velocity)
+        self.velocity = optional(require_point)(name, "velocity", velocity)
+        self.angular_velocity = optional(require_finite)(name, "angular_velocity", angular_velocity)
         require_choice(name, "elements_shape", elements_shape, ("curved", "straight"))
         # Long elements are curved, and custom kinematics may assume cubic elements.
         is_special = elements_shape == "straight" or continuity == "local" or kinematics is not None

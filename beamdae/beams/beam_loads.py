@@ -15,9 +15,9 @@ from beamdae.beams.elements import NODE_SIZE, PointElement
 from beamdae.beams.shape_functions import node_positions
 from beamdae.errors import (
     BeamdaeError,
-    require_choice,
+    choice_of,
+    convert_fields,
     require_finite,
-    require_name,
     require_pair,
     require_point,
     set_fields,
@@ -134,9 +134,9 @@ class DistributedForce(ObservableBeamLoad):
     axes: str = "inertial"
 
     def __post_init__(self) -> None:
-        set_fields(self, name=require_name("DistributedForce", self.name))
+        convert_fields(self)
         require_beam(self.name, self.beam)
-        set_fields(self, axes=require_choice(self.name, "axes", self.axes, ("inertial", "section")))
+        convert_fields(self, axes=choice_of("inertial", "section"))
         if callable(self.law) and not isinstance(self.law, Law):
             arguments = [SX.sym(x) for x in ("s", "x", "y", "t")]
             components = _evaluate_law(self.name, self.law, *arguments)
@@ -270,14 +270,9 @@ class MovingForce(ObservablePower):
     start: float = 0.0
 
     def __post_init__(self) -> None:
-        set_fields(self, name=require_name("MovingForce", self.name))
+        convert_fields(self)
         require_beam(self.name, self.beam).has_moving_load = True
-        set_fields(
-            self,
-            force=require_point(self.name, "force", self.force),
-            speed=require_finite(self.name, "speed", self.speed),
-            start=require_finite(self.name, "start", self.start),
-        )
+        convert_fields(self, force=require_point, speed=require_finite, start=require_finite)
         if self.speed == 0.0:
             raise BeamdaeError(
                 f"{self.name}: speed must not be zero; for a force at rest, use a Force on "

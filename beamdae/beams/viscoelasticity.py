@@ -22,7 +22,7 @@ from beamdae.beams.elements import NODE_SIZE, InterpolatedForces, PointElement
 from beamdae.beams.kinematics import PointValues
 from beamdae.beams.shape_functions import gauss_points, lagrange_weights
 from beamdae.beams.strains import AXIAL, SHEAR, STRAIN_SIZE, identity
-from beamdae.errors import require_name, require_positive, set_fields
+from beamdae.errors import convert_fields, require_positive
 from beamdae.parts.forces.load_observables import ObservablePower
 from beamdae.parts.part import Part
 from beamdae.symbolic.formula import Formula, FormulaExpression, cache_kernels
@@ -93,13 +93,9 @@ class StandardLinearSolid(ObservablePower):
     load_distribution = "none"
 
     def __post_init__(self) -> None:
-        set_fields(self, name=require_name("StandardLinearSolid", self.name))
+        convert_fields(self)
         require_beam(self.name, self.beam)
-        set_fields(
-            self,
-            ratio=require_positive(self.name, "ratio", self.ratio),
-            relaxation_time=require_positive(self.name, "relaxation_time", self.relaxation_time),
-        )
+        convert_fields(self, ratio=require_positive, relaxation_time=require_positive)
 
     @property
     def is_state(self) -> bool:

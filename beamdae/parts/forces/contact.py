@@ -12,9 +12,10 @@ import casadi as ca
 from beamdae.errors import (
     BeamdaeError,
     NumberWithUnit,
+    convert_fields,
     format_distinct,
+    optional,
     require_finite,
-    require_name,
     require_non_negative,
     require_positive,
     set_fields,
@@ -222,8 +223,7 @@ class Contact(PointForce):
     stribeck: float | None = None
 
     def __post_init__(self) -> None:
-        set_fields(self, name=require_name("Contact", self.name))
-        require_attachment(self.name, "point", self.point)
+        convert_fields(self, point=require_attachment)
         if not isinstance(self.surface, (LineSurface, CircleSurface)):
             raise BeamdaeError(
                 f"{self.name}: surface must be a LineSurface or a CircleSurface, "
@@ -234,13 +234,9 @@ class Contact(PointForce):
                 f"{self.name}: neither the point nor the surface can move; attach one of them to "
                 "a body."
             )
-        set_fields(self, exponent=require_finite(self.name, "exponent", self.exponent))
+        convert_fields(self, exponent=require_finite)
         require_unit_of_stiffness(self.name, self.stiffness, self.exponent)
-        set_fields(
-            self,
-            stiffness=require_positive(self.name, "stiffness", self.stiffness),
-            friction=require_non_negative(self.name, "friction", self.friction),
-        )
+        convert_fields(self, stiffness=require_positive, friction=require_non_negative)
         static, stribeck = require_stribeck(
             self.name, "friction", self.friction, self.static, self.stribeck
         )
@@ -257,20 +253,17 @@ class Contact(PointForce):
             least, most, given = format_distinct(_MIN_EXPONENT, _MAX_EXPONENT, self.exponent)
             raise BeamdaeError(f"{self.name}: exponent must lie in [{least}, {most}], got {given}.")
         if self.restitution is not None:
-            set_fields(self, restitution=require_finite(self.name, "restitution", self.restitution))
+            convert_fields(self, restitution=require_finite)
         restitution = self.restitution_or_elastic
         if not _MIN_RESTITUTION <= restitution <= 1.0:
             least, most, given = format_distinct(_MIN_RESTITUTION, 1.0, restitution)
             raise BeamdaeError(
                 f"{self.name}: restitution must lie in [{least}, {most}], got {given}."
             )
-        if self.max_step is not None:
-            set_fields(self, max_step=require_positive(self.name, "max_step", self.max_step))
-        if self.impact_speed is not None:
-            set_fields(
-                self, impact_speed=require_positive(self.name, "impact_speed", self.impact_speed)
-            )
-        elif restitution < 1.0:
+        convert_fields(
+            self, max_step=optional(require_positive), impact_speed=optional(require_positive)
+        )
+        if self.impact_speed is None and restitution < 1.0:
             raise BeamdaeError(
                 f"{self.name}: restitution={restitution:g} requires "
                 "impact_speed=; pass the impact speed [m/s] at which this restitution holds."

@@ -9,8 +9,18 @@ from typing import Any, ClassVar
 
 import casadi as ca
 
-from beamdae.errors import BeamdaeError, require_choice, require_point, require_positive, set_fields
-from beamdae.parts.attachments import Attachment, require_angle, require_attachment, rotate
+from beamdae.errors import (
+    choice_of,
+    convert_fields,
+    require_positive,
+)
+from beamdae.parts.attachments import (
+    Attachment,
+    require_angle,
+    require_attachment,
+    require_direction,
+    rotate,
+)
 from beamdae.symbolic.formula import FormulaExpression, constant_formula
 from beamdae.symbolic.statements import SX, Local, Quantity, Variable, rebuilt_for_mesh
 
@@ -126,10 +136,7 @@ class LineSurface(_Surface):
     kind: ClassVar[Callable[..., tuple[SX, SX]]] = _line_gap
 
     def __post_init__(self) -> None:
-        require_attachment("LineSurface", "on", self.on)
-        set_fields(self, direction=require_point("LineSurface", "direction", self.direction))
-        if not math.hypot(*self.direction) > 0.0:
-            raise BeamdaeError("LineSurface: direction must not be zero, got (0, 0).")
+        convert_fields(self, on=require_attachment, direction=require_direction)
         require_angle("LineSurface", self.on)
 
     @property
@@ -175,12 +182,8 @@ class CircleSurface(_Surface):
     kind: ClassVar[Callable[..., tuple[SX, SX]]] = _circle_gap
 
     def __post_init__(self) -> None:
-        require_attachment("CircleSurface", "on", self.on)
-        set_fields(
-            self,
-            radius=require_positive("CircleSurface", "radius", self.radius),
-            side=require_choice("CircleSurface", "side", self.side, ("outside", "inside")),
-        )
+        side = choice_of("outside", "inside")
+        convert_fields(self, on=require_attachment, radius=require_positive, side=side)
 
     @property
     def size(self) -> float:

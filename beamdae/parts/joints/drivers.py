@@ -8,9 +8,9 @@ from typing import Any, ClassVar
 
 import casadi as ca
 
-from beamdae.errors import BeamdaeError, set_fields
-from beamdae.parts.attachments import rotate
-from beamdae.parts.joints.guides import project_along, require_direction
+from beamdae.errors import BeamdaeError, convert_fields
+from beamdae.parts.attachments import require_direction, rotate
+from beamdae.parts.joints.guides import project_along
 from beamdae.parts.joints.joint import Joint
 from beamdae.parts.joints.kinematic_constraint import GapFormula
 from beamdae.parts.laws import Law, as_law
@@ -187,7 +187,7 @@ class TranslationalDriver(DrivenJoint):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        set_fields(self, direction=require_direction(self.name, self.direction))
+        convert_fields(self, direction=require_direction)
         self._require_law()
 
     @property

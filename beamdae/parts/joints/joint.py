@@ -8,7 +8,7 @@ from typing import ClassVar
 import casadi as ca
 import numpy as np
 
-from beamdae.errors import BeamdaeError, require_name, set_fields
+from beamdae.errors import BeamdaeError, convert_fields
 from beamdae.parts.attachments import (
     Attachment,
     largest_distance,
@@ -114,8 +114,7 @@ class Joint(KinematicConstraint):
     b: Attachment
 
     def __post_init__(self) -> None:
-        kind = type(self).__name__
-        set_fields(self, name=require_name(kind, self.name))
+        convert_fields(self)
         require_attachment(self.name, "first attachment", self.a)
         require_attachment(self.name, "second attachment", self.b)
         if self.a.body is self.b.body:
