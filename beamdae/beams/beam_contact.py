@@ -120,7 +120,7 @@ class BeamContact(ObservablePower):
             )
         # Defaults of the law are resolved, and numbers are converted.
         set_fields(self, **{x: getattr(law, x) for x in _LAW})
-        beam.has_moving_load = True
+        beam._has_moving_load = True
 
     def _contact_at(self, s: float, weight: float) -> Contact:
         """Return the contact of a section at s [m] with the stiffness of a length `weight` [m]."""

@@ -271,7 +271,7 @@ class MovingForce(ObservablePower):
 
     def __post_init__(self) -> None:
         convert_fields(self)
-        require_beam(self.name, self.beam).has_moving_load = True
+        require_beam(self.name, self.beam)._has_moving_load = True
         convert_fields(self, force=require_point, speed=require_finite, start=require_finite)
         if self.speed == 0.0:
             raise BeamdaeError(

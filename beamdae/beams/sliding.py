@@ -206,7 +206,7 @@ class SlidingOnBeam(KinematicConstraint):
     def __post_init__(self) -> None:
         convert_fields(self, ends=choice_of("record", "stop"))
         require_attachment(self.name, "first attachment", self.a)
-        require_beam(self.name, self.beam).has_moving_load = True
+        require_beam(self.name, self.beam)._has_moving_load = True
         if self.a.body is self.beam:
             raise BeamdaeError(
                 f"{self.name}: the point must belong to a body other than the beam, got {self.a}."

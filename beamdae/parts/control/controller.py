@@ -249,7 +249,7 @@ class Controller(Part):
         piece = Piece(self, sp.csr_array(np.eye(n)))
         return [ForceStatement(self.name, ForceKernel(local, local.v), (piece,), np.zeros((0, 1)))]
 
-    def next_values(
+    def _next_values(
         self, t: float, index: int, reads: Array, values: Array, stream: int = 0
     ) -> Array:
         """Return the coordinates after sample number `index` at time `t` [s].
@@ -276,15 +276,15 @@ class Controller(Part):
         # The first values of the queue are in effect.
         return np.array([*values[n_driven:n_queue].tolist(), *numbers, *state])
 
-    def require_repeatable(
+    def _require_repeatable(
         self, t: float, index: int, reads: Array, values: Array, stream: int, result: Array
     ) -> None:
-        """Raise BeamdaeError if the law fails or `next_values` does not return `result` again.
+        """Raise BeamdaeError if the law fails or `_next_values` does not return `result` again.
 
         The same is raised in later runs, whose samples would agree if the memory acts from the
         start.
         """
-        repeated = self.next_values(t, index, reads, values, stream)
+        repeated = self._next_values(t, index, reads, values, stream)
         if not np.array_equal(repeated, result):
             differs = repeated != result
             sentence = (

@@ -254,7 +254,7 @@ class Contact(PointForce):
             raise BeamdaeError(f"{self.name}: exponent must lie in [{least}, {most}], got {given}.")
         if self.restitution is not None:
             convert_fields(self, restitution=require_finite)
-        restitution = self.restitution_or_elastic
+        restitution = self._restitution_or_elastic
         if not _MIN_RESTITUTION <= restitution <= 1.0:
             least, most, given = format_distinct(_MIN_RESTITUTION, 1.0, restitution)
             raise BeamdaeError(
@@ -283,7 +283,7 @@ class Contact(PointForce):
         return (replace(as_law(self.name, 0.0), time_scale=time_scale),)
 
     @property
-    def restitution_or_elastic(self) -> float:
+    def _restitution_or_elastic(self) -> float:
         """The coefficient of restitution, 1 if none is given."""
         return 1.0 if self.restitution is None else self.restitution
 
@@ -292,7 +292,7 @@ class Contact(PointForce):
         """Hysteresis factor X [s/m], zero if no impact speed is given; see `hysteresis_factor`."""
         if self.impact_speed is None:
             return 0.0
-        return hysteresis_factor(self.restitution_or_elastic, self.impact_speed)
+        return hysteresis_factor(self._restitution_or_elastic, self.impact_speed)
 
     @property
     def _formula(self) -> ForceFormula:
@@ -313,7 +313,7 @@ class Contact(PointForce):
         return {"point": self.point, "surface": self.surface.on}
 
     @property
-    def observed_points(self) -> tuple[str, ...]:
+    def _observed_points(self) -> tuple[str, ...]:
         """Name of the point."""
         return ("point",)
 

@@ -248,7 +248,7 @@ class ForceLaw(PointForce):
         return dict(zip(names, self.on, strict=True))
 
     @property
-    def observed_points(self) -> tuple[str, ...]:
+    def _observed_points(self) -> tuple[str, ...]:
         """Names of all points."""
         return tuple(self.points)
 

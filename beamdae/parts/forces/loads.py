@@ -192,7 +192,7 @@ class Moment(_Load):
         return (Variable("M", "N m"),)
 
     @property
-    def observed_points(self) -> tuple[str, ...]:
+    def _observed_points(self) -> tuple[str, ...]:
         """The point "on"."""
         return ("on",)
 

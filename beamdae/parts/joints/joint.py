@@ -183,7 +183,7 @@ class Revolute(Joint):
         return b.position - a.position
 
     @property
-    def offset_carrier(self) -> str:
+    def _offset_carrier(self) -> str:
         """Name of point `a`, or of `b` if `a` belongs to a particle, which has no axes."""
         return "a" if self.a.has_angle else "b"
 
@@ -227,6 +227,6 @@ class Weld(Joint):
         return ca.vertcat(b.position - a.position, b.rotation - a.rotation)
 
     @property
-    def offset_carrier(self) -> str:
+    def _offset_carrier(self) -> str:
         """Name of point `a`, whose axes carry the offset of a frozen gap."""
         return "a"
