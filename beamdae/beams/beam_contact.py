@@ -90,7 +90,7 @@ class BeamContact(ObservablePower):
     start: float = 0.0
     end: float | None = None
     exponent: float = 1.5
-    restitution: float | None = None
+    restitution: float = 1.0
     impact_speed: float | None = None
     friction: float = 0.0
     friction_speed: float | None = None

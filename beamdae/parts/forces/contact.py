@@ -170,7 +170,7 @@ class Contact(PointForce):
         With 1, the force is linear and has a kink at the onset of contact.
     restitution
         Coefficient of restitution of an impact at `impact_speed`, 0.05 to 1; slower impacts lose a
-        smaller fraction of their speed. If omitted, the contact is elastic as with 1: without
+        smaller fraction of their speed. With 1 (default), the contact is elastic: without
         dissipation, bodies do not come to rest.
     impact_speed
         Relative speed before the impact [m/s]; required if the restitution is less than 1.
@@ -214,7 +214,7 @@ class Contact(PointForce):
     surface: LineSurface | CircleSurface
     stiffness: float
     exponent: float = 1.5
-    restitution: float | None = None
+    restitution: float = 1.0
     impact_speed: float | None = None
     friction: float = 0.0
     friction_speed: float | None = None
@@ -252,9 +252,8 @@ class Contact(PointForce):
         if not _MIN_EXPONENT <= self.exponent <= _MAX_EXPONENT:
             least, most, given = format_distinct(_MIN_EXPONENT, _MAX_EXPONENT, self.exponent)
             raise BeamdaeError(f"{self.name}: exponent must lie in [{least}, {most}], got {given}.")
-        if self.restitution is not None:
-            convert_fields(self, restitution=require_finite)
-        restitution = self._restitution_or_elastic
+        convert_fields(self, restitution=require_finite)
+        restitution = self.restitution
         if not _MIN_RESTITUTION <= restitution <= 1.0:
             least, most, given = format_distinct(_MIN_RESTITUTION, 1.0, restitution)
             raise BeamdaeError(
@@ -283,16 +282,11 @@ class Contact(PointForce):
         return (replace(as_law(self.name, 0.0), time_scale=time_scale),)
 
     @property
-    def _restitution_or_elastic(self) -> float:
-        """The coefficient of restitution, 1 if none is given."""
-        return 1.0 if self.restitution is None else self.restitution
-
-    @property
     def hysteresis(self) -> float:
         """Hysteresis factor X [s/m], zero if no impact speed is given; see `hysteresis_factor`."""
         if self.impact_speed is None:
             return 0.0
-        return hysteresis_factor(self._restitution_or_elastic, self.impact_speed)
+        return hysteresis_factor(self.restitution, self.impact_speed)
 
     @property
     def _formula(self) -> ForceFormula:
