@@ -270,12 +270,12 @@ def _measure_sections(path: Equilibrium) -> Iterator[tuple[str, float]]:
 
     for name, observed in mechanism.observables.items():
         quantity, names = measured_quantity(observed)
-        beam = Beam.of_strains(quantity)
+        beam = Beam._of_strains(quantity)
         if beam is None:
             continue
         forces = forces_along(beam)
         rows = np.concatenate([forces.N, forces.Q, forces.M])
-        values = Beam.values_of_section_forces(quantity, rows, forces.s.tolist())
+        values = Beam._values_of_section_forces(quantity, rows, forces.s.tolist())
         largest = np.abs(values).max(axis=-1)
         of_column = dict(zip((x.name for x in quantity.columns), largest.tolist(), strict=True))
         for header, column in zip(format_headers(name, observed.columns), names, strict=True):

@@ -340,7 +340,7 @@ def _refine_beams(
 
     def refine(coarse: Mechanism, halvings: int) -> Mechanism:
         def change(beam: Beam, mesh: Mesh) -> Mesh:
-            if not beam.has_chosen_mesh:
+            if not beam._has_chosen_mesh:
                 return mesh.with_divided_elements(2**halvings) if halvings else mesh
             for _ in range(min(refinements, _MAX_HALVINGS)):
                 mesh = refine_mesh(beam, mesh)
