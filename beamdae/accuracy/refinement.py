@@ -15,7 +15,7 @@ from beamdae.beams.prolongation import prolong_coordinates
 from beamdae.beams.remeshing import divide_meshes, list_fixed_beams, replace_beams
 from beamdae.equations.assembly.assemble import equations_of_motion
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.errors import hold_messages
+from beamdae.errors import hold_messages, set_fields
 from beamdae.parts.mechanism import AS_DRAWN, Mechanism
 from beamdae.parts.part import Part
 
@@ -112,7 +112,9 @@ def refine_mechanism(
     sharpened = []
 
     def sharpen(part: Part) -> None:
-        if "friction" in causes and part.sharpen_friction(SPEED_RATIO):
+        if "friction" in causes and part.regularized_friction is not None:
+            speed = SPEED_RATIO * part.regularized_friction.speed
+            set_fields(part, friction_speed=speed)
             sharpened.append(part.name)
 
     with hold_messages():  # Warnings about these beams do not concern the user.

@@ -49,7 +49,7 @@ from beamdae.results.equilibrium import UNSTABLE, Equilibrium
 from beamdae.results.noise import mark_resting_columns, rounding_limits
 from beamdae.results.outcome import REACHED_END
 from beamdae.results.section_forces.section_forces import SectionForces
-from beamdae.simulation import skips_result_checks
+from beamdae.simulation import is_unchecked
 
 Array = np.ndarray
 Values = dict[str, float]
@@ -108,7 +108,7 @@ def measure_equilibrium(path: Equilibrium) -> Errors:
 
 def find_companion(path: Equilibrium) -> Equilibrium | None:
     """Return the refined path, of which the end may be the only row, or None; see `errors`."""
-    if "errors" not in vars(path) and skips_result_checks():
+    if "errors" not in vars(path) and is_unchecked():
         return None
     split: Any = path.errors._split
     return None if split is None else split.companion.path
@@ -399,10 +399,10 @@ class _RefinedPath:
             refinement.prolong(path.q[row]),
             [lam.get(name, 0.0) for name in system.equations.lam_names],
         )
-        if path.free and system.has_scaled_loads:
-            system = hold_neutral_motions(system, x, mu)
         problem = StaticProblem(system)
         x = problem.start(x)
+        if path.free and system.has_scaled_loads:
+            problem = hold_neutral_motions(problem.point(x, mu)).problem
         control: Control = prescribe_parameter
         target = mu
         if row != -1:

@@ -47,7 +47,7 @@ from beamdae.linear.blas_threads import single_threaded
 from beamdae.parts.mechanism import Mechanism
 from beamdae.read_only import read_only_data
 from beamdae.results.displays import HasModeShapes
-from beamdae.simulation import skips_result_checks
+from beamdae.simulation import is_unchecked
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -391,7 +391,7 @@ def compute_modes(
         assessed = _ASSESSED if count is None else count
 
     def solve(model: Any, _: Any) -> Modes:
-        is_checked = assessed > 0 and not skips_result_checks()
+        is_checked = assessed > 0 and not is_unchecked()
         request = _Request(about, time, is_damped, assessed, is_checked, has_accuracy)
         return _solve(model, linearize_about("modes", model, about, time), count, request)
 
