@@ -264,9 +264,10 @@ class RadauStepper:
         if run.t != start:
             return None
         has_jumped = not np.array_equal(q, run.y[: len(q)])
-        state: State | None = State(*(x.copy() for x in self._form.unpack(run.y, run.yp)))
+        before = State(*(x.copy() for x in self._form.unpack(run.y, run.yp)))
+        state: State | None = before
         if has_jumped:
-            state = self._input_jump.apply(start, run.branch, q, run.y, run.yp)
+            state = self._input_jump.apply(start, run.branch, q, before)
             if state is None:
                 return None
             run.y[:], run.yp[:] = self._form.pack(state)
@@ -287,7 +288,7 @@ class RadauStepper:
         # Models without sampled inputs start faster without this import.
         from beamdae.integrators.input_jumps import InputJump
 
-        return InputJump(self._form)
+        return InputJump(self._form.equations)
 
     def advance(self, most: int) -> Array:
         """Take 1 to `most` steps, but at most 8; return rows (t, q, v, a, lam) of all stages.
