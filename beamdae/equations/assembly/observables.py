@@ -93,6 +93,7 @@ class ObservableBuilder:
                 if statement.part.name == quantity.load_of:
                     quantity = load_values.use_statements(quantity, statement.forces)
         lam_rows = slice(0, 0) if quantity.joint is None else self.rows[quantity.joint]
+        require_pieces_fit(name, quantity.pieces, self.coordinate_map.sizes)
         operator = self.coordinate_map.global_operator(quantity.pieces)
         data = np.asarray(quantity.data, float)
         signal_numbers: tuple[SignalNumbers, ...] = ()
@@ -112,6 +113,7 @@ class ObservableBuilder:
                 signal_numbers, local = binding.numbers, binding.local
                 data = np.append(data, binding.data)
                 (values,) = bind_laws(local, binding.outputs, signal_numbers, self.laws)
+                require_pieces_fit(name, binding.pieces, self.coordinate_map.sizes)
                 operator = self.coordinate_map.global_operator([*quantity.pieces, *binding.pieces])
             kernel, more = generalize_quantity(kernel_type(local, values))
         if kernel.values.shape != (len(quantity.columns), 1):
@@ -198,7 +200,6 @@ def add_observable(
                 f"{name}: {piece.owner.name!r} is not part of the mechanism that ran; "
                 "observe a part of that mechanism."
             )
-    require_pieces_fit(name, quantity.pieces, coordinate_map.sizes)
     switched_parts = () if e.configurations is None else e.configurations.switched_parts
     numbers = NumberStore(e.p, switched_parts)
     numbers.activities |= e.activities
