@@ -7,7 +7,7 @@ import random
 import re
 import zlib
 from collections.abc import Callable, Iterator
-from functools import cache, partial
+from functools import cache
 from operator import attrgetter
 from pathlib import Path
 from typing import Any
@@ -193,11 +193,7 @@ def _make_attempt(
                 text = str.__str__(bad)
                 words |= {text, repr(text).strip("'")}
             words |= {str(bad)} if isinstance(bad, Path) else set()
-        if call.call:
-            function = partial(call.call, sandbox)
-        else:
-            function = attrgetter(catalog.NAMES[public_name_of(key)].path)(bd)
-        return call.use(sandbox, function(**arguments))
+        return call.make(key, sandbox, arguments)
 
     return attempt
 
