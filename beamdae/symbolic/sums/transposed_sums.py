@@ -25,7 +25,7 @@ Array = np.ndarray
 SX = ca.SX
 
 
-def transposed_plan(plan: SumPlan, n_inputs: int, min_base: float = 0.0) -> SumPlan:
+def transposed_plan(plan: SumPlan, n_inputs: int) -> SumPlan:
     """Return the plan of the gradient of y . r with respect to the inputs and the numbers.
 
     Parameters
@@ -34,8 +34,6 @@ def transposed_plan(plan: SumPlan, n_inputs: int, min_base: float = 0.0) -> SumP
         The sum r, with inputs x of size `n_inputs`.
     n_inputs
         Size of x.
-    min_base
-        See `expand_powers`.
 
     Returns
     -------
@@ -43,7 +41,7 @@ def transposed_plan(plan: SumPlan, n_inputs: int, min_base: float = 0.0) -> SumP
         Sum with the inputs (x, y) and the result (dx, dp), where p are the numbers of the model.
         `SumPlan.sum` of the result takes p, as the original sum does.
     """
-    kernels = {id(b.kernel): _transposed_kernel(b.kernel, min_base) for b in plan.batches}
+    kernels = {id(b.kernel): _transposed_kernel(b.kernel) for b in plan.batches}
     starts = np.array([b.start for b in plan.batches], int)
     local_sizes = np.array([b.kernel.n_local * b.lanes for b in plan.batches], int)
     out_sizes = np.array([b.kernel.n_out * b.lanes for b in plan.batches], int)
@@ -138,17 +136,16 @@ def _to_unsigned(numbers: Array) -> Array:
     return np.ascontiguousarray(numbers, np.uint32)
 
 
-def _transposed_kernel(kernel: Kernel, min_base: float) -> Kernel:
+def _transposed_kernel(kernel: Kernel) -> Kernel:
     """Return the kernel of (shared, (local, weights)) for the gradient of weights . outputs."""
-    key = "transposed", min_base
-    return kernel.derive(key, partial(_build_transposed_kernel, kernel, min_base))
+    return kernel.derive("transposed", partial(_build_transposed_kernel, kernel))
 
 
-def _build_transposed_kernel(kernel: Kernel, min_base: float) -> Kernel:
+def _build_transposed_kernel(kernel: Kernel) -> Kernel:
     function = kernel.function
     shared = SX.sym("shared", function.numel_in(0))
     local, weights = SX.sym("local", kernel.n_local), SX.sym("weights", kernel.n_out)
-    value = expand_powers(function, shared, local, min_base=min_base)
+    value = expand_powers(function, shared, local)
     if has_lookups(function):
         gradient = weighted_derivative(value, local, weights)
     else:
