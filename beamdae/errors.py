@@ -713,11 +713,17 @@ def require_choice(part: str, name: str, value: Any, choices: Sequence[Any]) -> 
 
 
 def suggest(value: Any, choices: Iterable[Any]) -> str:
-    """Return the hint " (did you mean 'x'?)" with the closest choice, or "" if none is close."""
+    """Return the hint " (did you mean 'x'?)" with the closest choice, or "" if none is close.
+
+    It has the first letter of the value, which typing errors rarely change: a taper is no damper.
+    """
     text = (as_text(value) or short_repr(value))[:_MAX_REPR_LENGTH]
-    closest = difflib.get_close_matches(
-        text, [str(choice) for choice in choices], n=1, cutoff=_MIN_SIMILARITY
-    )
+
+    def first_letter(text: str) -> str:
+        return next(filter(str.isalnum, text), "").lower()
+
+    similar = [x for x in map(str, choices) if first_letter(x) == first_letter(text)]
+    closest = difflib.get_close_matches(text, similar, n=1, cutoff=_MIN_SIMILARITY)
     return f" (did you mean {closest[0]!r}?)" if closest else ""
 
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import partial as bind
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -199,73 +200,32 @@ def simulate(
     model, t_end, description = unpack_model("simulate", model, t_end)
     if inputs is not None:
         model = _replace_inputs(model, inputs)
-    name = description.get("name", "simulate")
+    method = integrators.Auto() if integrator is None else integrator
+    require_integrator("simulate", method)
+    require_progress("simulate", progress)
     checkpoint = _read_checkpoint(start)
     if checkpoint is None and start is not None:
         require_start("simulate", start, ", a solution, an equilibrium or the path of a checkpoint")
-    begin = 0.0 if checkpoint is None else checkpoint.t
-    times = compute_output_times("simulate", t_end, output_step, begin)
-    method = integrators.Auto() if integrator is None else integrator
-    require_integrator("simulate", method)
     if accuracy is not None and checkpoint is not None:
         raise BeamdaeError(
             "simulate: accuracy requires a run that does not resume another one, got start = "
             f"{short_repr(start)}; omit one of the arguments."
         )
-    require_progress("simulate", progress)
-    resume_warnings: list[str] = []
-    description["t_end"] = float(times[-1])
-
-    keeps_all = require_choice("simulate", "keep_steps", keep_steps, (True, False))
-
-    def integrate(model: Any, method: Integrator) -> Solution:
-        nonlocal resume_warnings
-        if checkpoint is None:
-            equations = as_equations("simulate", model, start, sampled=True)
-        else:
-            parameters = description.get("parameters", {})
-            equations, resume_warnings = _resume_equations(
-                name, checkpoint, model, parameters, accept_changes
-            )
-        if accuracy is not None:  # before the run, which may take hours
-            require_columns = deferred.module("accuracy.until").require_columns
-            require_columns("simulate", accuracy_columns, equations.observed_headers)
-        bytes_per_row = 8.0 * (3 * equations.n + equations.m)
-        require_memory(
-            "simulate",
-            f"output of {len(times)} rows",
-            bytes_per_row * len(times),
-            "use a longer output_step",
-        )
-        try:
-            with keep_all_steps(keeps_all):
-                solution = method.integrate(equations, times, progress=progress)
-        except Interrupted as problem:
-            if isinstance(problem.partial, Solution):
-                problem.partial = describe(problem.partial)
-            raise
-        except Exception as problem:
-            if isinstance(so_far := getattr(problem, "partial", None), Solution):
-                attach_partial(problem, describe(so_far))
-            raise
-        return describe(solution)
-
-    def describe(solution: Any) -> Solution:
-        if not isinstance(solution, Solution):
-            raise BeamdaeError(
-                f"simulate: {method.method}.integrate must return a Solution, got "
-                f"{short_repr(solution)}."
-            )
-        return replace(solution, model=description, resume_warnings=tuple(resume_warnings))
-
+    begin = 0.0 if checkpoint is None else checkpoint.t
+    request = _Request(
+        description,
+        compute_output_times("simulate", t_end, output_step, begin),
+        start,
+        checkpoint,
+        require_choice("simulate", "accept_changes", accept_changes, (True, False)),
+        require_choice("simulate", "keep_steps", keep_steps, (True, False)),
+        progress,
+    )
     try:
         if accuracy is None and accuracy_columns is None:
-            with single_threaded:
-                solution = integrate(model, method)
+            solution = request.integrate(model, method)
         else:
-            until = deferred.module("accuracy.until")
-            runs = until.Analysis.of_runs("simulate", integrate, method, start, progress)
-            solution = until.reach_accuracy(runs, model, accuracy, accuracy_columns)
+            solution = _reach_accuracy(request, model, method, accuracy, accuracy_columns)
     except Interrupted as problem:
         if not isinstance(problem.partial, Solution):
             raise
@@ -275,14 +235,116 @@ def simulate(
         if not is_out_of_memory(problem):
             raise
         raise BeamdaeError(
-            f"{name}: the run needs more memory than is available; use fewer elements."
+            f"{request.name}: the run needs more memory than is available; use fewer elements."
         ) from None
-    solution, sentences = _collect_warnings(name, solution)
+    solution, sentences = _collect_warnings(request.name, solution)
     if solution.status.kind == "interrupted" and partial == "raise":
         raise Interrupted(solution.status.sentence, solution, "simulate")
     if not solution.status.success:
-        warn_of_incomplete_result(_describe_early_end(name, solution))
+        warn_of_incomplete_result(_describe_early_end(request.name, solution))
     warn_of_result(sentences, solution.equations.build_warnings)
+    return solution
+
+
+@dataclass(frozen=True)
+class _Request:
+    """A run as it was requested.
+
+    Attributes
+    ----------
+    description
+        Name, parameters and units of the model, see `unpack_model`.
+    times
+        Output times [s].
+    start, checkpoint
+        Start that replaces that of the model, or the state from which the run resumes.
+    accepts_changes, keeps_steps, progress
+        See `simulate`.
+    require_columns
+        Check of the observed columns before a run, which may take hours.
+    """
+
+    description: dict[str, Any]
+    times: np.ndarray
+    start: Any
+    checkpoint: Checkpoint | None
+    accepts_changes: bool
+    keeps_steps: bool
+    progress: Progress | None
+    require_columns: Callable[[Sequence[str]], None] | None = None
+
+    @property
+    def name(self) -> str:
+        """Name of the model in messages."""
+        return self.description.get("name", "simulate")
+
+    def integrate(self, model: Any, method: Integrator) -> Solution:
+        """Run a model, or its copy with a finer mesh, by a method."""
+        equations, resume_warnings = self._build(model)
+        if self.require_columns is not None:
+            self.require_columns(equations.observed_headers)
+        bytes_per_row = 8.0 * (3 * equations.n + equations.m)
+        rows = len(self.times)
+        require_memory(
+            "simulate", f"output of {rows} rows", bytes_per_row * rows, "use a longer output_step"
+        )
+        description = self.description | {"t_end": float(self.times[-1])}
+
+        def describe(solution: Solution) -> Solution:
+            return replace(solution, model=description, resume_warnings=resume_warnings)
+
+        try:
+            with keep_all_steps(self.keeps_steps):
+                solution = method.integrate(equations, self.times, progress=self.progress)
+        except (Interrupted, Exception) as problem:
+            if isinstance(so_far := getattr(problem, "partial", None), Solution):
+                attach_partial(problem, describe(so_far))
+            raise
+        if not isinstance(solution, Solution):
+            raise BeamdaeError(
+                f"simulate: {method.method}.integrate must return a Solution, got "
+                f"{short_repr(solution)}."
+            )
+        return describe(solution)
+
+    def _build(self, model: Any) -> tuple[EquationsOfMotion, tuple[str, ...]]:
+        """Return the equations with their start, and warnings about an earlier run."""
+        if self.checkpoint is None:
+            return as_equations("simulate", model, self.start, sampled=True), ()
+        drawn_equations = as_equations("simulate", model, AS_DRAWN, sampled=True)
+        equations = self.checkpoint.start_equations(drawn_equations)
+        parameters = self.description.get("parameters", {})
+        changes = self.checkpoint.describe_changes(drawn_equations, parameters)
+        if changes and not self.accepts_changes:
+            raise BeamdaeError(
+                f"{self.name}: the start belongs to a run with {changes}; use the same model, "
+                "or pass accept_changes=True."
+            )
+        warnings = []
+        if self.checkpoint.doubt:
+            warnings.append(
+                f"{self.name}: the run resumes from an unreliable state because the earlier run "
+                f"ended early ({self.checkpoint.doubt}); repeat the earlier run first."
+            )
+        if changes:
+            warnings.append(
+                f"{self.name}: the earlier run had {changes}; check that resuming with this model "
+                "is intended."
+            )
+        return equations, tuple(warnings)
+
+
+def _reach_accuracy(
+    request: _Request, model: Any, method: Integrator, accuracy: float | None, columns: Any
+) -> Solution:
+    """Repeat a run until its measured errors are small; see `accuracy` of `simulate`."""
+    until = deferred.module("accuracy.until")
+    if accuracy is not None:
+        request = replace(request, require_columns=bind(until.require_columns, "simulate", columns))
+    runs = until.Analysis.of_runs(
+        "simulate", request.integrate, method, request.start, request.progress
+    )
+    solution: Solution = until.reach_accuracy(runs, model, accuracy, columns)
     return solution
 
 
@@ -444,36 +506,6 @@ def _read_checkpoint(start: Any) -> Checkpoint | None:
     return start if isinstance(start, Checkpoint) else None
 
 
-def _resume_equations(
-    name: str,
-    checkpoint: Checkpoint,
-    model: Any,
-    parameters: dict[str, Any],
-    accept_changes: bool,
-) -> tuple[EquationsOfMotion, list[str]]:
-    """Return the equations starting from a checkpoint, and warnings about the earlier run."""
-    drawn_equations = as_equations("simulate", model, AS_DRAWN, sampled=True)
-    equations = checkpoint.start_equations(drawn_equations)
-    changes = checkpoint.describe_changes(drawn_equations, parameters)
-    if changes and not require_choice("simulate", "accept_changes", accept_changes, (True, False)):
-        raise BeamdaeError(
-            f"{name}: the start belongs to a run with {changes}; use the same model, "
-            "or pass accept_changes=True."
-        )
-    resume_warnings = []
-    if checkpoint.doubt:
-        resume_warnings.append(
-            f"{name}: the run resumes from an unreliable state because the earlier run "
-            f"ended early ({checkpoint.doubt}); repeat the earlier run first."
-        )
-    if changes:
-        resume_warnings.append(
-            f"{name}: the earlier run had {changes}; check that resuming with this model "
-            "is intended."
-        )
-    return equations, resume_warnings
-
-
 def compute_output_times(name: str, t_end: Any, output_step: Any, begin: float = 0.0) -> np.ndarray:
     """Return `begin`, the multiples of the output step between `begin` and `t_end`, and `t_end`.
 
@@ -505,26 +537,22 @@ def compute_output_times(name: str, t_end: Any, output_step: Any, begin: float =
     return np.append(begin, times[times > begin * (1.0 + SAME_TIME)])
 
 
-_skips_checks: ContextVar[bool] = ContextVar("_skips_checks", default=False)
+_is_unchecked: ContextVar[bool] = ContextVar("is_unchecked", default=False)
 
 
 @contextmanager
-def skip_result_checks() -> Iterator[None]:
-    """Let runs, equilibria and modes issue no warnings about their results.
-
-    The checks take as long as a short run. `Solution.warnings` evaluates those of a run later;
-    equilibria and modes are not compared with more accurate beams.
-    """
-    token = _skips_checks.set(True)
+def unchecked() -> Iterator[None]:
+    """Within the context, errors of results are measured only if these are asked for them."""
+    token = _is_unchecked.set(True)
     try:
         yield
     finally:
-        _skips_checks.reset(token)
+        _is_unchecked.reset(token)
 
 
-def skips_result_checks() -> bool:
-    """Return True in `with skip_result_checks()`."""
-    return _skips_checks.get()
+def is_unchecked() -> bool:
+    """Return True in `with unchecked()`."""
+    return _is_unchecked.get()
 
 
 def _collect_warnings(name: str, solution: Solution) -> tuple[Solution, tuple[str, ...]]:
@@ -532,7 +560,7 @@ def _collect_warnings(name: str, solution: Solution) -> tuple[Solution, tuple[st
     sentences: tuple[str, ...] = ()
     try:
         # After an interrupt, no further evaluations delay the return.
-        is_checked = not (skips_result_checks() or warnings_are_ignored())
+        is_checked = not warnings_are_ignored()
         if solution.status.kind != "interrupted" and is_checked:
             sentences = solution.warnings
     except KeyboardInterrupt:

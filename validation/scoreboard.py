@@ -186,7 +186,7 @@ def _load_tolerance_cases() -> dict[str, Any]:
 
 
 def _try_tolerance(name: str) -> Outcome:
-    from tolerances.error_tables import measure_errors
+    from tolerances.references import measure_errors
 
     case = _load_tolerance_cases()[name]
     solution = case.run(bd.Auto(_RTOL))

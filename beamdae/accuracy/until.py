@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from beamdae.accuracy.errors import Errors, Refined
+from beamdae.accuracy.errors import CAUSES, Errors, Refined
 from beamdae.accuracy.refinement import refine_mechanism, refine_mesh
 from beamdae.accuracy.runs import measure_run
 from beamdae.beams.beam import Beam, beams_of
@@ -52,7 +52,7 @@ _SHARE = 0.4
 # Stated errors are up to a fifth too small where errors decrease slowly.
 _SAFE_PART = 2.0 * _SHARE
 _MIN_TIME_LIMIT = 1e-3  # of a run after the deadline [s]
-# A companion has about this part of the time error, and of the errors of elements and strains.
+# A companion has about this part of the errors of steps, and of those of elements and strains.
 _TIME_RATIO, _MODEL_RATIO = 1.0 / 3.0, 1.0 / 8.0
 # Orders of errors by the length of elements: of positions, and of other columns of any mesh.
 _POSITION_ORDER, _MAX_HALVINGS = 4, 3
@@ -279,18 +279,13 @@ def _improve(
     model, method, _ = step
     name, value = errors.refined.accuracy
     split: Any = errors._split
-    reuses = analysis.is_run and name == "rtol"
-    if reuses and _TIME_RATIO * totals.max() <= 2.0 * target:
+    if analysis.is_run and name == "rtol" and _TIME_RATIO * totals.max() <= 2.0 * target:
         return _reuse(step, split.companion)
-    by_time, by_mesh, by_theory = (
-        float(np.max(errors.causes[x][totals > 0.0])) for x in ("time", "mesh", "theory")
-    )
-    if not np.isfinite(by_time + by_mesh + by_theory):
+    by = {x: float(np.max(np.abs(y[totals > 0.0]))) for x, y in errors.causes.items()}
+    if not np.isfinite(sum(by.values())):
         raise BeamdaeError("a run with refined steps fails")
-    by_model = max(by_mesh, by_theory)
-    if reuses and _TIME_RATIO * by_time <= target and _MODEL_RATIO * by_mesh <= target:
-        is_timed = 0.0 < by_model <= target
-        return _reuse(step, split.timed if is_timed else split.companion)
+    by_time = by.pop("time")
+    by_model = max(by.values())
     if by_time > min(target, by_model):
         ratio = max(min(target / by_time, 0.5), _MIN_STEP_RATIO)
         value *= ratio ** (1.0 / errors.refined.order) if name == "step" else ratio
@@ -300,7 +295,7 @@ def _improve(
         method = replace(changed, **{name: value})
     if by_model > min(target, by_time):
         column = errors.headers[int(np.argmax(totals))]
-        model = _refine_beams(analysis, step, errors.refined, column, by_mesh / target)
+        model = _refine_beams(analysis, step, errors.refined, column, by["mesh"] / target)
     return _analyze(analysis, request, model, method)
 
 
@@ -339,9 +334,7 @@ def _refine_beams(
     if not isinstance(mechanism, Mechanism):
         raise BeamdaeError("the beams of this model are not refined; pass a mechanism")
     order = max(refined.mesh_order, _POSITION_ORDER if is_position(column) else 1)
-    halvings = int(np.ceil(np.log2(max(ratio, 1.0)) / order))
-    # Errors of friction are among those of the elements.
-    halvings = min(halvings, 1 if refined.friction_speeds else _MAX_HALVINGS)
+    halvings = min(int(np.ceil(np.log2(max(ratio, 1.0)) / order)), _MAX_HALVINGS)
     refinements = int(np.ceil(np.log(max(ratio, 1.0)) / np.log(1.0 / _MODEL_RATIO)))
     start = AS_DRAWN if analysis.start is None else analysis.start
 
@@ -353,8 +346,9 @@ def _refine_beams(
                 mesh = refine_mesh(beam, mesh)
             return mesh
 
-        finer, made = refine_mechanism(coarse, start, change, friction=analysis.method is not None)
-        if not made.has_mesh:
+        causes = CAUSES if analysis.method is not None else {"mesh", "theory"}
+        finer, made = refine_mechanism(coarse, start, change, causes)
+        if not made.causes:
             raise BeamdaeError("no beam can be refined")
         return finer
 

@@ -22,9 +22,10 @@ from beamdae.errors import (
 )
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.forces.contact import Contact, require_unit_of_stiffness
-from beamdae.parts.forces.load_observables import FORCE, ObservablePower, resultant_at
+from beamdae.parts.forces.load_observables import ObservablePower
 from beamdae.parts.forces.surfaces import CircleSurface, LineSurface
 from beamdae.parts.part import RegularizedFriction, SurfaceGap
+from beamdae.parts.point_parts import FORCE
 from beamdae.symbolic.formula import FormulaExpression, constant_formula
 from beamdae.symbolic.statements import (
     SX,
@@ -32,6 +33,7 @@ from beamdae.symbolic.statements import (
     Local,
     Quantity,
     Variable,
+    add_quantities,
     rebuilt_for_mesh,
 )
 
@@ -171,12 +173,6 @@ class BeamContact(ObservablePower):
         """Section in the middle of the range, where the contact is drawn."""
         return self.beam.at(0.5 * (self.start + float(self.end or 0.0)))
 
-    def sharpen_friction(self, ratio: float) -> bool:
-        """Multiply the friction speed, see `Part`."""
-        if self.friction:
-            set_fields(self, friction_speed=ratio * float(self.friction_speed or 0.0))
-        return self.friction > 0.0
-
     @property
     def regularized_friction(self) -> RegularizedFriction | None:
         """Regularization of the friction; None without friction."""
@@ -207,16 +203,7 @@ class BeamContact(ObservablePower):
     @rebuilt_for_mesh
     def force(self) -> Quantity:
         """Resultant force Fx, Fy [N] on the beam, in the inertial frame."""
-        points = [contact.point for contact in self._contacts]
-
-        def combine(copies: list[Any], local: Local) -> SX:
-            total = SX.zeros(2)
-            for at, copy in zip(points, copies, strict=True):
-                force, q = copy.of_piece(0)
-                total += resultant_at(at.checked_kinematics, force, q, at.has_angle)[:2]
-            return total
-
-        return self._observe_forces(FORCE, combine)
+        return add_quantities([contact.load_on("point") for contact in self._contacts], FORCE)
 
     @rebuilt_for_mesh
     def pressure(self, s: float) -> Quantity:

@@ -29,7 +29,7 @@ from beamdae.parts.forces.formula_checks import (
     require_continuous_formula,
 )
 from beamdae.parts.forces.load_observables import ObservableBeamLoad, ObservablePower
-from beamdae.parts.forces.loads import dead_load, load_kernel, load_statement
+from beamdae.parts.forces.loads import Force, load_kernel
 from beamdae.parts.laws import Law, as_law
 from beamdae.symbolic.formula import (
     Formula,
@@ -338,6 +338,7 @@ class MovingForce(ObservablePower):
         """Return one load statement per node of the beam."""
         arc_lengths = self.beam.mesh.node_arc_lengths.tolist()
         return [
-            load_statement(self.name, (self.beam.at(s),), dead_load, laws)
+            statement
             for s, laws in zip(arc_lengths, self._nodal_laws, strict=True)
+            for statement in Force(self.name, self.beam.at(s), laws).forces(gravity)
         ]

@@ -370,9 +370,10 @@ class FormulationKinematics(Kinematics):
 
     @cached_property
     def _half_heights(self) -> Array:
-        s = self.mesh.gauss_arc_lengths(self.stiffness_points).tolist()
-        ratios = [x.EI / x.EA for x in map(self.section.at, s)]
-        return np.sqrt(3.0 * np.array(ratios)).reshape(-1, self.stiffness_points)
+        """Half heights of the sections, of a rectangle with the same EI / EA if not known."""
+        sections = map(self.section.at, self.mesh.gauss_arc_lengths(self.stiffness_points).tolist())
+        heights = [0.5 * x.height if x.height else np.sqrt(3.0 * x.EI / x.EA) for x in sections]
+        return np.array(heights).reshape(-1, self.stiffness_points)
 
     def largest_strain(self, q: Array) -> float:
         """Return the largest axial strain of outer fibers [-] in the states q (k, n)."""

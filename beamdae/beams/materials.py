@@ -58,7 +58,8 @@ class Material:
     rho
         Density [kg/m^3].
     yield_stress
-        Yield stress [Pa], optional; used by `SectionForces.safety` if no other value is passed.
+        Yield stress [Pa], optional: the default of `SectionForces.safety`, and the limit of linear
+        elasticity, beyond which results have a warning.
 
     Raises
     ------

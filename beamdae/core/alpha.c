@@ -26,7 +26,8 @@
    exceeds the second one. */
 #define KEEP_RATE 0.05
 #define SLOW_RATE 0.2
-/* The iteration has diverged if the correction grows by more than this factor. */
+/* With existing factors, the iteration diverges if the correction grows by more than this factor.
+   With new factors, corrections of slender beams grow until the beams have their lengths again. */
 #define MAX_CORRECTION_GROWTH 2.0
 /* Lower bounds on the estimated rate of convergence from the second iteration on, and in the
    first. */
@@ -125,8 +126,8 @@ static int iterate_newton(AlphaWorkspace *run, double t, int may_renew) {
         /* Corrections of reactions that remain after those of positions may grow. */
         const int of_reactions =
             q_size < size && size < INFINITY && q_size <= largest_of(limit, rounding);
-        if (!(size <= rounding || of_reactions || size <= MAX_CORRECTION_GROWTH * previous))
-            return NOT_CONVERGED;
+        const int shrinks = size <= rounding || size <= MAX_CORRECTION_GROWTH * previous;
+        if (!isfinite(size) || !(shrinks || of_reactions || may_renew)) return NOT_CONVERGED;
         if (k > 0) run->rate = previous > 0.0 ? largest_of(size / previous, MIN_RATE) : 0.0;
         const double rate = k > 0 ? run->rate : largest_of(run->rate, MIN_FIRST_RATE);
         if (rate < 1.0 && size * rate <= limit * (1.0 - rate)) return DONE;

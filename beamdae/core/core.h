@@ -57,6 +57,7 @@ typedef struct {
     int64_t needs_pivots, is_untried, singular, factorizations, solves;
     Indices lane_rows, lane_columns;
     Reals lane_x;
+    Reals full; /* Not empty if the full matrix is eliminated instead, see elimination.h. */
 } LinearSolver;
 
 typedef struct {
@@ -65,6 +66,7 @@ typedef struct {
     int64_t needs_pivots, is_untried, singular, factorizations, solves;
     Indices lane_rows, lane_columns;
     Complexes lane_x;
+    Complexes full;
 } ComplexSolver;
 
 typedef struct {

@@ -273,9 +273,9 @@ class Start(NamedTuple):
     closed_q
         Positions (n,) of the drawing with closed joints, near which the equilibrium or the steady
         rotation was searched for; None for other starts.
-    searched
-        The start "equilibrium" or the rotation that was searched for; None for other starts, whose
-        state is given.
+    request
+        The start as it was requested, which refined equations repeat; None if it names
+        deformations, which differ in other meshes.
     """
 
     description: str
@@ -283,7 +283,7 @@ class Start(NamedTuple):
     v: Array
     moves: bool
     closed_q: Array | None = None
-    searched: Any = None
+    request: Any = None
 
 
 @read_only_data

@@ -18,7 +18,7 @@ from beamdae.parts.attachments import (
     rotate,
     suggest_point,
 )
-from beamdae.parts.signals import Value
+from beamdae.parts.signals import NO_UNIT, Value, find_unit, require_formula
 from beamdae.symbolic.formula import (
     MAX_SHARED_KERNELS,
     Formula,
@@ -46,22 +46,33 @@ def motion_quantity(attachment: Attachment) -> Quantity:
     return Quantity((*columns, *rates), (attachment.piece,), values, data)
 
 
-def as_quantity(name: str, what: Attachment | Quantity) -> Quantity:
+def as_quantity(name: str, what: Attachment | Quantity | SX, unit: str | None = None) -> Quantity:
     """Return a quantity, or the motion of an attachment, rebuilt for the present beam meshes.
+
+    `unit` is that of a formula of inputs, sensors and states, see `find_unit`.
 
     Raises
     ------
     BeamdaeError
-        If `what` is neither an attachment nor a quantity.
+        If `what` is neither an attachment nor a quantity nor such a formula, or `unit` is invalid
+        or given for something else.
     """
+    if isinstance(what, SX):
+        formula = require_formula(name, "the observed formula", what)
+        variable = Variable("", find_unit(name, formula, unit) or NO_UNIT)
+        return Quantity((variable,), (), lambda local: formula)
+    if unit is not None:
+        raise BeamdaeError(
+            f"{name}: unit is that of a formula, got {short_repr(what)}, which has units; omit it."
+        )
     if isinstance(what, Attachment):
         return motion_quantity(what)
     if isinstance(what, Value):
         return what.quantity
     if not isinstance(what, Quantity):
         raise BeamdaeError(
-            f"{name}: only attachments and quantities such as beam.strain(s=, offset=) can be "
-            f"observed, got {short_repr(what)}{suggest_point(what)}."
+            f"{name}: only attachments, quantities such as beam.strain(s=, offset=) and formulas "
+            f"of sensors can be observed, got {short_repr(what)}{suggest_point(what)}."
         )
     return what.current
 

@@ -297,7 +297,7 @@ def test_modes_about_the_end_of_a_path():
     assert_allclose(on_path.eigenvalues, at_rest.eigenvalues, rtol=1e-9)
     # The pull adds rotational stiffness, so the frequencies differ from those as drawn.
     assert abs(on_path.eigenvalues[0]) > 1.02 * abs(bd.modes(mass_on_bushing()).eigenvalues[0])
-    half = bd.equilibrium(pulled_mass(5.0), loads=["pull"], to=0.5)
+    half = bd.equilibrium(pulled_mass(5.0), loads="pull", to=0.5)
     on_path, at_rest = (
         bd.modes(pulled_mass(5.0), about=half),
         bd.modes(pulled_mass(2.5), about="equilibrium"),

@@ -12,12 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from beamdae.analysis.continuation.counts import (
-    Count,
-    Neighbor,
-    find_hidden_growth,
-    find_hidden_turn,
-)
+from beamdae.analysis.continuation.counts import Count
 from beamdae.analysis.continuation.engine import (
     REGULAR_DISTANCE,
     CurveError,
@@ -44,6 +39,8 @@ _WIDE = 100.0
 # Pairs of critical points that cancel are sought in parts of a segment down to this width, and the
 # derivatives of eigenvalues are differences over this share of the part.
 _HIDDEN_WIDTH, _NEIGHBOR_DISTANCE = 1e-2, 1e-3
+# Positions between two points at which interpolated quantities are examined.
+_SHARES = np.linspace(0.0, 1.0, 101)
 # Largest share of the derivative by the parameter along the critical mode where curves cross: it is
 # larger between two curves that pass each other.
 _MAX_IMPERFECTION = 1e-5
@@ -154,29 +151,47 @@ def _explain(
 
 
 def _find_hidden_change(segment: Segment, low: _Sample, high: _Sample) -> float | None:
-    """Return the share of the way between two samples where counts may differ, or None."""
+    """Return the share of the way between two samples where counts may differ, or None.
+
+    The parameter reverses where its rate, or motions begin to grow where the determinant has
+    another sign than at both samples. They are polynomials with the values at both samples, and
+    with the change of the parameter or the derivatives of the determinant.
+    """
     width = high.position - low.position
     if width <= 2.0 * _HIDDEN_WIDTH:
         return None
-    way = width * segment.reach
-    change = high.point.p - low.point.p
-    share = find_hidden_turn(change, way * low.rate, way * high.rate)
+    way, t = width * segment.reach, _SHARES
+    bubble, line = t * (1.0 - t), (1.0 - t) * low.rate + t * high.rate
+    surplus = (high.point.p - low.point.p) / way - 0.5 * (low.rate + high.rate)
+    share = _find_other_sign(line + 6.0 * surplus * bubble)
     if share is None and low.counts.sign and high.counts.sign == low.counts.sign:
+        unit = max(low.counts.log_size, high.counts.log_size)
         try:
-            neighbors = [_find_neighbor(x, way) for x in (low, high)]
+            (begin, begin_rate), (end, end_rate) = (
+                _differentiate_determinant(x, way, unit) for x in (low, high)
+            )
         except CurveError:
             return None
-        share = find_hidden_growth(low.counts, neighbors[0], high.counts, neighbors[1])
+        slope = end - begin
+        bend = (begin_rate - slope) * (1.0 - t) - (end_rate - slope) * t
+        share = _find_other_sign(begin + slope * t + bubble * bend)
     is_far = share is not None and width * min(share, 1.0 - share) > _HIDDEN_WIDTH
     return share if is_far else None
 
 
-def _find_neighbor(sample: _Sample, way: float) -> Neighbor:
-    """Return the count beside a sample, at a distance relative to a change of the control."""
+def _find_other_sign(values: Array) -> float | None:
+    """Return the position of the value that is most opposed to the first one, or None."""
+    k = int(np.argmin(values * values[0]))
+    return float(_SHARES[k]) if values[k] * values[0] < 0.0 else None
+
+
+def _differentiate_determinant(sample: _Sample, way: float, unit: float) -> tuple[float, float]:
+    """Return the determinant at a sample in units exp(`unit`), and its change along `way`."""
     tangent = way * sample.tangent
-    move, count = sample.point.neighbor(_NEIGHBOR_DISTANCE * tangent)
+    move, beside = sample.point.neighbor(_NEIGHBOR_DISTANCE * tangent)
     largest = int(np.argmax(np.abs(np.append(sample.point.problem.weights, 1.0) * tangent)))
-    return Neighbor(count, float(move[largest] / tangent[largest]))
+    value, near = (x.sign * np.exp(x.log_size - unit) for x in (sample.counts, beside))
+    return value, (near - value) * float(tangent[largest] / move[largest])
 
 
 def _is_between(*samples: _Sample) -> bool:

@@ -59,7 +59,8 @@ def resolve_load_stages(mechanism: Mechanism, loads: Any, caller: str = "equilib
     default += [GRAVITY] * _has_gravity(mechanism)
     if loads is None:
         return (tuple(default),) if default else ()
-    items = require_sequence(caller, "loads", loads, _LOADS_DESCRIPTION)
+    items = [loads] if isinstance(loads, str) else loads
+    items = require_sequence(caller, "loads", items, _LOADS_DESCRIPTION)
     if all(isinstance(name, str) for name in items):
         items = [items] if items else []
     stages = tuple(

@@ -45,6 +45,7 @@ from beamdae.interrupts import (
 )
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.model_checks.contacts import deep_rest_warnings
+from beamdae.model_checks.friction import IGNORED, friction_warnings
 from beamdae.model_checks.strain_limits import describe_meaningless_strain
 from beamdae.model_functions import Model
 from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM, Mechanism, require_start
@@ -52,15 +53,11 @@ from beamdae.parts.rotation import Rotation
 from beamdae.results.equilibrium import UNSTABLE, Equilibrium
 from beamdae.results.outcome import Status
 from beamdae.results.start_changes import drawing_warnings
-from beamdae.simulation import as_equations, skips_result_checks
+from beamdae.simulation import as_equations
 
 Array = np.ndarray
 
 _NAME = "equilibrium"
-_FRICTION_WARNING = (
-    "friction depends on the sliding velocity and is zero at rest, so this "
-    "equilibrium ignores friction."
-)
 
 
 @interruptible
@@ -103,11 +100,11 @@ def equilibrium(
         A model function (with its defaults), a mechanism, a constrained system or equations.
         Constrained systems and equations have no named loads and are solved under all loads.
     loads
-        Names of the loads that mu scales: parts that only apply forces, and "gravity". Defaults to
-        every active `Force`, `Moment`, `DistributedForce` and `MovingForce`, and gravity. A list of
-        lists defines stages, whose load factors are raised from 0 to 1 in turn; `to`, `control`,
-        `step` and `switch` refer to the last stage, and earlier stages are computed with load
-        control. Loads that are not named act in full from the beginning.
+        Name or names of the loads that mu scales: parts that only apply forces, and "gravity".
+        Defaults to every active `Force`, `Moment`, `DistributedForce` and `MovingForce`, and
+        gravity. A list of lists defines stages, whose load factors are raised from 0 to 1 in turn;
+        `to`, `control`, `step` and `switch` refer to the last stage, and earlier stages are
+        computed with load control. Loads that are not named act in full from the beginning.
     to
         Target load factor, or a list of targets to reach in turn; defaults to 1. With `over`, its
         last value, or a list of values. {"tip.y": value} sets one or
@@ -208,7 +205,7 @@ def equilibrium(
         raise Interrupted(result.status.sentence, result, _NAME)
     if not result.status.success:
         warn_of_incomplete_result(_describe_early_end(result))
-    if not (skips_result_checks() or warnings_are_ignored()):
+    if not warnings_are_ignored():
         try:
             sentences = result.warnings
         except KeyboardInterrupt:
@@ -266,7 +263,8 @@ def _trace(
         if parameter is not None and rows["numbers"] is not None:
             last = parameter.equations_at(points[-1].p)
             equations = replace(last, start=equations.start)
-        has_friction = any(term.rows is not None for term in equations.forces)
+        configurations = equations.configurations
+        inactive = () if configurations is None else configurations.initially_inactive
         return Equilibrium(
             equations=equations,
             t=float(rows["times"][-1, 0]),
@@ -279,7 +277,7 @@ def _trace(
             model=information,
             notes=(
                 *start_warnings,
-                *((_FRICTION_WARNING,) if has_friction else ()),
+                *friction_warnings(equations, IGNORED, inactive),
                 *_turning_notes(loading.systems[-1], points[-1].x, points[-1].p),
                 *_describe_deep_contacts(loading, path),
                 *path.notes,

@@ -304,7 +304,7 @@ class StaticProblem(Problem):
                 unloaded=unloaded,
                 loaded=loaded,
                 linear=matrix.make_solver(),
-                saddle=allocate_saddle_point(self.pattern, targets, parts, remainder),
+                saddle=allocate_saddle_point(self.pattern, targets, self.n, remainder),
                 nonzeros=np.zeros(nnz + 1),
                 scaled=matrix.nonzeros,
                 products=np.ones(nnz),
@@ -331,8 +331,13 @@ class StaticProblem(Problem):
         self._point, bordered = (np.nan, b""), plan.bordered
         self._center(begin)
         self._run(self.start(reference.q0), begin, EVALUATE_TANGENT)
-        scales, rigid = reference.part_scales, self.rigid_size
-        run.sizes[:-1] = scale_by_reference(run.saddle, run.nonzeros, scales, rigid)
+        run.sizes[:-1] = scale_by_reference(
+            run.saddle,
+            run.nonzeros[plan.tangent_targets],
+            reference.part_scales,
+            parts,
+            self.rigid_size,
+        )
         run.added[:held] = run.sizes[bordered.indices[plan.added_targets[:held]]] ** -2.0
         self._forget_point()
         run.products[:] = run.sizes[bordered.indices] * run.sizes[column_indices(bordered)]

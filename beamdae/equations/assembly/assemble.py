@@ -19,7 +19,6 @@ from beamdae.equations.assembly.statement_checks import (
     collect_statements,
     require_body_fits,
     require_coordinates_fit,
-    require_pieces_fit,
 )
 from beamdae.equations.equations_of_motion import (
     Configurations,
@@ -163,7 +162,6 @@ def _collect_statements(
             forces = mechanism.gravity_laws.statements(part.forces)
         of_parts.append(PartStatements(part, tuple(constraints), tuple(forces)))
     for name, quantity in snapshot.observables.items():
-        require_pieces_fit(name, quantity.pieces, coordinate_map.sizes)
         _require_load_exists(name, quantity, mechanism)
     return Statements(
         forces=[x for part in of_parts for x in part.forces],

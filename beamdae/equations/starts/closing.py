@@ -54,7 +54,9 @@ _MAX_ROTATION = 0.3  # [rad]
 _MIN_MOBILITY = 1e-13
 _AGREEMENT_TOLERANCE = 1e-11  # of requested values that depend on each other, relative to the scale
 
-_CONVERGED_CHANGE = 1e-10  # in units of `position_scales`
+# In units of `position_scales`. The changes of slender beams stop to shrink at rounding errors.
+_CONVERGED_CHANGE = 1e-10
+_SMALL_CHANGE = 1e-6
 _STRAIN_COLUMN = 1  # of the rows of the energy balance
 
 
@@ -224,7 +226,7 @@ class _Path:
 
         The share that remains is zero unless the path ends before.
         """
-        q, remaining, step = self.drawn, 1.0, 1.0
+        q, remaining, step, relaxes = self.drawn, 1.0, 1.0, True
         if not np.all(np.isfinite(self.drawn_gaps)):
             name = self.evaluator.equations.lam_names[np.argmin(np.isfinite(self.drawn_gaps))]
             raise BeamdaeError(
@@ -240,13 +242,15 @@ class _Path:
             end = max(remaining - step, 0.0)
             is_smallest = step <= _MIN_STEP
             contraction = _MAX_LAST_CONTRACTION if is_smallest else _MAX_CONTRACTION
-            next_q = self._take_step(q, end, contraction)
+            next_q = self._take_step(q, end, contraction, relaxes)
             if next_q is not None:
                 q, remaining, step = next_q, end, step * _STEP_FACTOR
-            elif is_smallest:
-                break
-            else:
+            elif not is_smallest:
                 step /= _STEP_FACTOR
+            elif relaxes:
+                relaxes = False
+            else:
+                break
         return q, remaining
 
     def _gaps(self, q: Array) -> Array:
@@ -274,19 +278,18 @@ class _Path:
         change[np.setdiff1d(self.evaluator.equations.states, self.selected)] = 0.0
         return change
 
-    def _take_step(self, begin: Array, remaining: float, max_contraction: float) -> Array | None:
+    def _take_step(
+        self, begin: Array, remaining: float, max_contraction: float, relaxes: bool
+    ) -> Array | None:
         """Return the positions near `begin` at which this fraction of the gaps remains, or None."""
         gaps = remaining * self.drawn_gaps
         try:
-            closed_q = self._close(begin, gaps, max_contraction)
+            q = self._close(begin, gaps, max_contraction)
+            if q is None or self._rotation(q - begin) > _MAX_ROTATION:
+                return None
+            return self._relax(begin, q, gaps) if relaxes else q
         except (BeamdaeError, np.linalg.LinAlgError):
             return None
-        if closed_q is None or self._rotation(closed_q - begin) > _MAX_ROTATION:
-            return None
-        try:
-            return self._relax(begin, closed_q, gaps)
-        except (BeamdaeError, np.linalg.LinAlgError):
-            return closed_q
 
     def _close(self, begin: Array, remaining_gaps: Array, max_contraction: float) -> Array | None:
         """Return positions with these gaps by Newton's method, or None if it does not contract."""
@@ -308,8 +311,8 @@ class _Path:
             q = q + change
         return None
 
-    def _relax(self, begin: Array, q: Array, remaining_gaps: Array) -> Array:
-        """Return positions with these gaps, and with the least motion and strain energy.
+    def _relax(self, begin: Array, q: Array, remaining_gaps: Array) -> Array | None:
+        """Return positions with these gaps, and with the least motion and strain energy, or None.
 
         Newton's method solves M (q - begin) + T^2 (F(q) - F(drawn)) + R^T mu = 0, where R is the
         derivative of the gaps. The result is used only if it reduces the strain energy.
@@ -317,7 +320,7 @@ class _Path:
         if self._strain_energy(q) == 0.0:
             return q
         e, evaluator = self.evaluator.equations, self.evaluator
-        zeros, best = np.zeros(e.n), q
+        zeros, best, last_size = np.zeros(e.n), q, np.inf
         drawn_force = evaluator.force(self.time, self.drawn, zeros, zeros)
         for _ in range(_MAX_ITERATIONS):
             elastic = evaluator.force(self.time, best, zeros, zeros) - drawn_force
@@ -326,11 +329,12 @@ class _Path:
             change = self._least_change(best, self._gaps(best) - remaining_gaps, force)
             size = float(np.max(np.abs(change) / e.position_scales))
             if not self._rotation(best + change - begin) <= _MAX_ROTATION:
-                return q
+                return None
             best = best + change
-            if size < _CONVERGED_CHANGE:
+            if size < _CONVERGED_CHANGE or last_size <= size < _SMALL_CHANGE:
                 return min(q, best, key=self._strain_energy)
-        return q
+            last_size = size
+        return None
 
     def _strain_energy(self, q: Array) -> float:
         e = self.evaluator.equations

@@ -82,7 +82,11 @@ def _solve_initial_conditions(
         q = ConsistencySolver(independent).close_positions(time, independent.q0, positions)
         v = _project_velocities(independent, time, q, requested_v, list(velocities))
         description = ", ".join(f"{name} = {value:g}" for name, value in start.items())
-        request = Start(description or AS_DRAWN, requested_q, requested_v, bool(positions))
+        rigid = {k for x in equations.parts for k in range(x.rigid.start, x.rigid.stop)}
+        repeated = start if rigid.issuperset((*positions, *velocities)) else None
+        request = Start(
+            description or AS_DRAWN, requested_q, requested_v, bool(positions), None, repeated
+        )
     sentences = equations.build_warnings
     if request.description == EQUILIBRIUM or isinstance(start, Rotation):
         sentences += _warn_of_unused_velocities(equations, request.description)

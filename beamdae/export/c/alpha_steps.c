@@ -29,8 +29,7 @@ static int take_steps(Instance *s) {
     run->branch = s->table->branch;
     run->most = 1;
     run->filled = 0;
-    while ((code = take_fixed_steps(run)) == NEW_PIVOTS)
-        renew_pivots(s, STEP_SOLVER, &run->linear, run->nonzeros);
+    while ((code = take_fixed_steps(run)) == NEW_PIVOTS) renew_pivots(s, &run->linear, 0);
     release_matrices(s);
     return code;
 }
@@ -209,7 +208,7 @@ static void hold_motion(AlphaTable *x, Reals y) {
 static int solve_direction(Instance *s, double t) {
     AlphaWorkspace *run = &table_of(s)->run;
     evaluate_step_matrix(&run->form, t, run->branch, &run->prediction, run->x, run->nonzeros);
-    if (factorize_matrix(s, STEP_SOLVER, &run->linear, run->nonzeros) != DONE)
+    if (factorize_matrix(s, &run->linear, run->nonzeros) != DONE)
         return fail(s, "The matrix is singular at t = %.9g s.", t);
     evaluate_direction(table_of(s), t);
     solve(&run->linear, run->change);

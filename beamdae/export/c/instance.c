@@ -116,24 +116,33 @@ int instance_set_state(Instance *s, const void *state) {
 
 /* Pivots */
 
-void renew_pivots(Instance *s, int solver, LinearSolver *linear, Reals nonzeros) {
+void renew_pivots(Instance *s, LinearSolver *linear, int is_complex) {
+    const int64_t n = linear->plan.scale.size, width = is_complex ? 2 : 1;
     if (!linear->needs_pivots) return;
+    double *numbers = malloc(width * n * n * sizeof(double) + n * sizeof(uint32_t));
     s->pivot_searches++;
-    exchange_rows(&s->exchanges[solver], linear, nonzeros.at, solver == COMPLEX_SOLVER);
+    linear->needs_pivots = 0;
+    linear->singular = !numbers;
+    if (!numbers) return;
+    linear->full = (Reals){numbers, n * n};
+    s->full_solvers[s->n_full_solvers++] = linear;
 }
 
-int factorize_matrix(Instance *s, int solver, LinearSolver *linear, Reals nonzeros) {
+int factorize_matrix(Instance *s, LinearSolver *linear, Reals nonzeros) {
     int code;
-    while ((code = factorize(linear, nonzeros)) == NEW_PIVOTS)
-        renew_pivots(s, solver, linear, nonzeros);
+    while ((code = factorize(linear, nonzeros)) == NEW_PIVOTS) renew_pivots(s, linear, 0);
     linear->singular = 0;
     return code;
 }
 
 void release_matrices(Instance *s) {
-    int released = 0;
-    for (int k = 0; k < N_SOLVERS; k++) released |= release_pivots(&s->exchanges[k]);
-    if (released) method_forget_factors(s);
+    if (!s->n_full_solvers) return;
+    while (s->n_full_solvers) {
+        LinearSolver *linear = s->full_solvers[--s->n_full_solvers];
+        free(linear->full.at);
+        linear->full = (Reals){0};
+    }
+    method_forget_factors(s);
 }
 
 /* Consistent starting values, at the start and at breakpoints */
@@ -161,7 +170,7 @@ int factorize_saddle(Instance *s, Reals q, Reals v, Reals lam, double coefficien
     set_time(&x->saddle, x->t, x->branch);
     set_matrix_factors(&x->saddle, coefficient, 0.0, 1.0, 1.0, 1.0, 1.0);
     evaluate_sum(&x->saddle, x->inputs, x->nonzeros);
-    return factorize_matrix(s, START_SOLVER, &x->linear, x->nonzeros);
+    return factorize_matrix(s, &x->linear, x->nonzeros);
 }
 
 void solve_constraints(Table *x, Reals right, double sign) {

@@ -5,7 +5,6 @@
 #define BEAMDAE_INSTANCE_H
 
 #include "model.h"
-#include "pivots.h"
 #include "stepper.h"
 #include "tables.h"
 
@@ -19,8 +18,8 @@
    errors of positions, divided by the square of the step, are errors of accelerations. */
 #define MIN_STEP_SHARE 1e-2
 
-/* Solvers of the starts, of real and complex matrices of steps, and of jumps. */
-enum { START_SOLVER, STEP_SOLVER, COMPLEX_SOLVER, JUMP_SOLVER, N_SOLVERS };
+/* Those of the starts, of real and complex matrices of steps, and of jumps. */
+#define MAX_SOLVERS 4
 
 /* The table begins the block of all words of the instance. */
 struct Instance {
@@ -29,7 +28,9 @@ struct Instance {
     unsigned long pivot_searches;
     /* End of the experiment [s]; not part of the state. */
     double stop;
-    Exchange exchanges[N_SOLVERS];
+    /* Solvers that eliminate full matrices, because pivots in the fixed order are not suitable. */
+    LinearSolver *full_solvers[MAX_SOLVERS];
+    int n_full_solvers;
     char message[MESSAGE_SIZE];
 };
 
@@ -42,10 +43,10 @@ int report_step(Instance *s, int code);
 void write_addresses(Table *table);
 void clear_addresses(void *table);
 
-/* Exchange rows of the matrix if its solver has requested pivots. */
-void renew_pivots(Instance *s, int solver, LinearSolver *linear, Reals nonzeros);
+/* Let a solver that has requested pivots eliminate the full matrix with row exchanges. */
+void renew_pivots(Instance *s, LinearSolver *linear, int is_complex);
 /* Factorize a matrix, with row exchanges if necessary; return DONE or SINGULAR. */
-int factorize_matrix(Instance *s, int solver, LinearSolver *linear, Reals nonzeros);
+int factorize_matrix(Instance *s, LinearSolver *linear, Reals nonzeros);
 /* Release factors of full matrices after a step: states do not contain them, and steps must not
    depend on whether a state was saved. */
 void release_matrices(Instance *s);

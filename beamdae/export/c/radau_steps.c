@@ -15,7 +15,7 @@
 #define MIN_RELATIVE_STEP 1e-12
 /* Largest number of steps in a communication step. */
 #define MAX_STEPS 1e6
-/* Contacts that a step passes over; see beamdae.integrators.events.contact_onsets. */
+/* Contacts that a step passes over; see beamdae.integrators.events.closings. */
 #define MIN_DEPTH 1e-9
 #define SAMPLES 17
 #define REFINEMENTS 5
@@ -133,10 +133,8 @@ static int passes_contact(RadauTable *x, double t) {
 
 static void renew_step_pivots(Instance *s) {
     Stages *stages = &table_of(s)->run.base;
-    const Complexes nonzeros = stages->complex_nonzeros;
-    renew_pivots(s, STEP_SOLVER, &stages->real_solver, stages->real_nonzeros);
-    renew_pivots(s, COMPLEX_SOLVER, (LinearSolver *)&stages->complex_solver,
-                 (Reals){(double *)nonzeros.at, nonzeros.size});
+    renew_pivots(s, &stages->real_solver, 0);
+    renew_pivots(s, (LinearSolver *)&stages->complex_solver, 1);
 }
 
 /* Derivatives */
@@ -281,8 +279,7 @@ int method_follow_values(Instance *s) {
     restart_prediction(&x->run.base.step_size);
     jump->t = s->table->t;
     jump->branch = s->table->branch;
-    while ((code = solve_jump(jump)) == NEW_PIVOTS)
-        renew_pivots(s, JUMP_SOLVER, &jump->linear, jump->nonzeros);
+    while ((code = solve_jump(jump)) == NEW_PIVOTS) renew_pivots(s, &jump->linear, 0);
     release_matrices(s);
     return report_step(s, code);
 }

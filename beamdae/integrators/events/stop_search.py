@@ -62,17 +62,17 @@ class StopSearch:
         self._arguments = find_distinct(arguments)
         # Imported where they are created: most models have no surfaces and tables.
         watches: list[Watch] = []
-        if gaps := compile_surface_gaps(equations):
-            from beamdae.integrators.events.contact_onsets import ContactWatch
-
-            watches.append(ContactWatch(gaps, equations.length))
+        gaps = compile_surface_gaps(equations)
         limited = [term for term in self._arguments if term.is_limited]
-        calls = [(term,) for term in self._arguments if len(term.constants) == 1]
-        if limited or (is_adaptive and arguments):
-            from beamdae.integrators.events.table_limits import TableWatch
+        if gaps or limited:
+            from beamdae.integrators.events.closings import ClosingWatch
 
-            peaks = [*calls, *group_grids(arguments)] if is_adaptive else []
-            watches.append(TableWatch(limited, peaks))
+            watches.append(ClosingWatch(gaps, limited, equations.length))
+        if is_adaptive and arguments:
+            from beamdae.integrators.events.table_peaks import TablePeakWatch
+
+            calls = [(term,) for term in self._arguments if len(term.constants) == 1]
+            watches.append(TablePeakWatch([*calls, *group_grids(arguments)]))
         self._of_all_parts = self._watches = tuple(watches)
 
     def adapt(self, plan: RunPlan) -> None:

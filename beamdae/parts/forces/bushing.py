@@ -12,7 +12,6 @@ import numpy as np
 from beamdae.errors import require_finite, require_non_negative, set_fields
 from beamdae.parts.attachments import require_angle, rotate
 from beamdae.parts.forces.force_element import (
-    DeformationValues,
     ElementResponse,
     ForceElement,
     LinearLaw,
@@ -134,4 +133,4 @@ class Bushing(ForceElement):
     def displacement(self) -> Quantity:
         """Displacement (x, y) [m] along the axes of the bushing, and relative rotation [rad]."""
         columns = (Variable("x", "m"), Variable("y", "m"), Variable("turn", "rad"))
-        return self.observe(DeformationValues, columns)
+        return self._observe_columns("deformation", columns)

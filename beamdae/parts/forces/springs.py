@@ -12,7 +12,6 @@ import casadi as ca
 from beamdae.errors import BeamdaeError, require_finite, require_non_negative, set_fields
 from beamdae.parts.attachments import require_angle
 from beamdae.parts.forces.force_element import (
-    DeformationValues,
     ElementResponse,
     ForceElement,
     LinearLaw,
@@ -168,7 +167,7 @@ class Spring(_SpringLaw):
     @property
     def elongation(self) -> Quantity:
         """Elongation beyond the free length [m]."""
-        return self.observe(DeformationValues, (Variable("", "m"),))
+        return self._observe_columns("deformation", (Variable("", "m"),))
 
 
 @dataclass(frozen=True, eq=False)
@@ -242,4 +241,4 @@ class TorsionSpring(_SpringLaw):
     @property
     def angle(self) -> Quantity:
         """Relative rotation beyond the free angle [rad]."""
-        return self.observe(DeformationValues, (Variable("", "rad"),))
+        return self._observe_columns("deformation", (Variable("", "rad"),))

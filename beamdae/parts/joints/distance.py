@@ -17,8 +17,8 @@ from beamdae.errors import (
 )
 from beamdae.parts.joints.drivers import DrivenJoint
 from beamdae.parts.joints.joint import meeting_tolerance
-from beamdae.parts.joints.kinematic_constraint import PlacedPoint
 from beamdae.parts.laws import Law
+from beamdae.parts.point_parts import PlacedPoint
 from beamdae.symbolic.statements import SX, Variable
 
 

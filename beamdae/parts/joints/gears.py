@@ -11,7 +11,7 @@ from beamdae.errors import BeamdaeError, require_finite, set_fields
 from beamdae.parts.attachments import Attachment, require_angle, require_attachment, rotate
 from beamdae.parts.joints.guides import project_along, require_direction
 from beamdae.parts.joints.joint import Joint
-from beamdae.parts.joints.kinematic_constraint import PlacedPoint
+from beamdae.parts.point_parts import PlacedPoint
 from beamdae.symbolic.statements import SX, Variable
 
 

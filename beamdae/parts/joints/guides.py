@@ -11,7 +11,7 @@ import numpy as np
 from beamdae.errors import BeamdaeError, require_point, set_fields
 from beamdae.parts.attachments import Attachment, rotate
 from beamdae.parts.joints.joint import Joint, meeting_tolerance
-from beamdae.parts.joints.kinematic_constraint import PlacedPoint
+from beamdae.parts.point_parts import PlacedPoint
 from beamdae.symbolic.statements import SX, Variable
 
 

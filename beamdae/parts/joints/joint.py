@@ -15,7 +15,8 @@ from beamdae.parts.attachments import (
     require_angle,
     require_attachment,
 )
-from beamdae.parts.joints.kinematic_constraint import KinematicConstraint, PlacedPoint
+from beamdae.parts.joints.kinematic_constraint import KinematicConstraint
+from beamdae.parts.point_parts import PlacedPoint
 from beamdae.symbolic.statements import SX, Variable
 
 # Relative to the size of the bodies; allows for coordinates rounded by hand.

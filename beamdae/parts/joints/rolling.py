@@ -24,7 +24,8 @@ from beamdae.parts.attachments import (
 )
 from beamdae.parts.joints.guides import left_normal
 from beamdae.parts.joints.joint import Joint
-from beamdae.parts.joints.kinematic_constraint import KinematicConstraint, MovingPoint, PlacedPoint
+from beamdae.parts.joints.kinematic_constraint import KinematicConstraint, MovingPoint
+from beamdae.parts.point_parts import PlacedPoint
 from beamdae.symbolic.statements import SX, Quantity, Variable
 
 # Relative to the radius; allows for coordinates rounded by hand.

@@ -121,7 +121,7 @@ def pack_run(run: RunData) -> PackedRun:
         event_signs=run.event_signs,
         resume_warnings=list(run.resume_warnings),
         versions=run.versions,
-        start=None if e.start is None else e.start._replace(searched=None),
+        start=None if e.start is None else e.start._replace(request=None),
         derivatives=derivatives,
     )
     return PackedRun(arrays, plain)

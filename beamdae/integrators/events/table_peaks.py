@@ -1,8 +1,7 @@
-"""Detection of arguments that leave a table, and of steps that pass over a peak of a table.
+"""Detection of steps that pass over a peak of a table.
 
-Adaptive methods pass single kinks of tables without loss of accuracy, because the error test sees
-them (see the decisions in the developer pages). A peak between the places at which the method
-evaluates the table is not seen; the run then restarts where the peak begins.
+A peak between the places at which the method evaluates the table is not seen by the error test; the
+run then restarts where the peak begins.
 """
 
 from __future__ import annotations
@@ -20,28 +19,22 @@ from beamdae.results.trajectory import Interval
 
 Array = np.ndarray
 
-# Relative tolerance of the time at which an argument passes a row.
-_TIME_TOLERANCE = 1e-14
 # A step passes over a peak if the values of rows inside the step differ by this fraction of the
 # range of all values from those at both ends and in the middle of the step.
 _MIN_PEAK = 0.05
 
 
 @dataclass(frozen=True)
-class TableWatch:
-    """Watch of arguments that leave tables, and of steps that pass over their peaks.
+class TablePeakWatch:
+    """Watch of peaks of tables that steps passed over.
 
     Attributes
     ----------
-    limited
-        Arguments whose tables end a run where it leaves them.
     calls
-        Arguments of each call of a table whose peaks are detected, for adaptive methods: their
-        error test does not see a peak between the places at which they evaluate the table.
+        Arguments of each call of a table.
     """
 
-    limited: Sequence[TableArgumentTerm]
-    calls: Sequence[Sequence[TableArgumentTerm]] = ()
+    calls: Sequence[Sequence[TableArgumentTerm]]
 
     def find_first(self, segment: RunSegment, row: int) -> Stop | None:
         """Return the first stop in the rows from `row` on, see `Watch`."""
@@ -51,28 +44,9 @@ class TableWatch:
         interval, begin = tail
         first = int(np.searchsorted(interval.t, begin))
         t, state = interval.t[first:], State(*(x[first:] for x in interval.state))
-        if len(t) < 2:
-            return None
-        stops = [
-            *(_find_end(x, interval, t, state) for x in self.limited if _is_active(x, interval)),
-            *(_find_peak(x, interval, t, state) for x in self.calls if _is_active(x[0], interval)),
-        ]
-        return min((stop for stop in stops if stop is not None), default=None)
-
-
-def _is_active(term: TableArgumentTerm, interval: Interval) -> bool:
-    return term.part not in interval.inactive
-
-
-def _find_end(term: TableArgumentTerm, interval: Interval, t: Array, state: State) -> Stop | None:
-    values = term.evaluate(t, interval.branch, state)
-    (outside,) = np.nonzero(term.distance_outside(values) > 0.0)
-    if not len(outside):
-        return None
-    k = max(int(outside[0]), 1)
-    level = term.limits[int(values[k] > term.limits[0])]
-    when = _locate(term, interval, float(t[k - 1]), float(t[k]), level)
-    return Stop(when, when, term.describe(float(values[k])))
+        active = (x for x in self.calls if x[0].part not in interval.inactive)
+        peaks = (_find_peak(x, interval, t, state) for x in active)
+        return min((peak for peak in peaks if peak is not None), default=None)
 
 
 def _find_peak(
@@ -127,7 +101,7 @@ def _evaluate_call(
     """Return all arguments of a call at times `t` [s]."""
     arguments = [np.full(len(t), np.nan if x is None else x) for x in call[0].constants]
     for term in call:
-        arguments[term.axis] = term.evaluate(t, interval.branch, state)
+        arguments[term.axis] = term.argument.values(interval.with_branch(t), state)
     return arguments
 
 
@@ -136,10 +110,7 @@ def _locate(
 ) -> float:
     """Return the time between two times [s] at which an argument passes a level."""
 
-    def difference(times: Array) -> Array:
-        return term.evaluate(times, interval.branch, interval.at(times)) - level
+    def difference(t: Array) -> Array:
+        return term.argument.values(interval.with_branch(t), interval.at(t)) - level
 
-    before, after = difference(np.array([start]))[0], difference(np.array([end]))[0]
-    if before * after >= 0.0:
-        return end if abs(after) < abs(before) else start
-    return locate_root(difference, start, end, _TIME_TOLERANCE)
+    return locate_root(difference, start, end)
