@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -115,16 +115,15 @@ def _measure(
     start = run.equations.start
     request = AS_DRAWN if start is None or start.request is None else start.request
 
-    def repeat_values(strains: bool | None) -> tuple[_Values, Refined]:
+    def repeat_values(causes: Collection[str]) -> tuple[_Values, Refined]:
         refined = Refined()
 
         def change(mechanism: Any) -> Any:
             nonlocal refined
-            if strains is None or not isinstance(mechanism, Mechanism):
-                return mechanism
-            finer, refined = refine_mechanism(mechanism, request, strains=strains)
-            refined = refined.with_steps(run.made_by)
-            return finer
+            if isinstance(mechanism, Mechanism):
+                mechanism, refined = refine_mechanism(mechanism, request, causes)
+                refined = refined.with_steps(run.made_by)
+            return mechanism
 
         with hold_messages(), unchecked():
             return evaluate(repeat(change, method)), refined
@@ -133,7 +132,7 @@ def _measure(
         return _compare(headers, first, second, refined, relative_to)
 
     failed = Errors.unchecked(headers, peaks, "a refined repetition fails", has_failed=True)
-    return measure_errors(failed, values, repeat_values, compare)
+    return measure_errors(failed, values, repeat_values, compare, has_accuracy=False)
 
 
 def _compare(

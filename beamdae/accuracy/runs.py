@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -69,8 +69,8 @@ def measure_run(
     run = twin
     method = refine_method(run, time_limit)
 
-    def repeat(strains: bool | None) -> tuple[Solution, Refined]:
-        refinement, motion = refine_equations(run, strains)
+    def repeat(causes: Collection[str]) -> tuple[Solution, Refined]:
+        refinement, motion = refine_equations(run, causes)
         companion = _repeat(run, method, refinement.equations, motion, progress)
         return companion, refinement.refined.with_steps(run.made_by)
 
@@ -219,11 +219,11 @@ def refine_method(
     return replace(method, **{x: y for x, y in changes.items() if hasattr(method, x)})
 
 
-def refine_equations(run: Solution, strains: bool | None) -> tuple[Refinement, Trajectory]:
+def refine_equations(run: Solution, causes: Collection[str]) -> tuple[Refinement, Trajectory]:
     """Return refined equations with the start of the run, and its motion in their coordinates."""
     start = run.equations.start
     request = None if start is None else start.request
-    refinement = refine(run.equations, request or AS_DRAWN, strains=strains)
+    refinement = refine(run.equations, request or AS_DRAWN, causes)
     if refinement.equations is run.equations:
         return refinement, run.trajectory
     matrix = refinement.prolongation

@@ -327,7 +327,8 @@ def campbell(
 
     def solve(speed: float) -> Modes:
         about, total = rotation(speed, center), count + _EXTRA_MODES
-        return compute_modes(model, about, total, damping, assessed=count * (speed == fastest))
+        assessed = count * (speed == fastest)
+        return compute_modes(model, about, total, damping, assessed=assessed, has_accuracy=False)
 
     all_modes = [solve(speed) for speed in values]
     order = np.arange(min(count, *map(len, all_modes)))

@@ -22,7 +22,6 @@ from beamdae.analysis.eigenproblems.slow_motions import MasslessError
 from beamdae.analysis.eigenproblems.turning import find_turning
 from beamdae.analysis.statics.load_scaling import (
     LoadedEquations,
-    Loading,
     active_stage,
     build_loading,
 )
@@ -44,12 +43,12 @@ from beamdae.equations.starts.steady_rotation import (
 from beamdae.equations.table_arguments import list_arguments_outside
 from beamdae.errors import (
     BeamdaeError,
-    list_first,
     plain_text,
     short_repr,
     suggest,
 )
 from beamdae.linear.saddle_point import factorize_saddle_point
+from beamdae.model_checks.friction import DAMPING, friction_warnings
 from beamdae.model_checks.strain_limits import strain_warnings
 from beamdae.model_functions import Model
 from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM, Mechanism, require_start
@@ -64,7 +63,6 @@ _RPM = np.pi / 30.0  # rad/s
 TangentFunction = Callable[..., Tangent]
 
 REFERENCE = "reference"
-_MAX_NAMES = 3  # of parts with friction in a warning
 # Net forces above rounding and above this fraction of the largest force mean that the state is not
 # an equilibrium.
 _UNBALANCED_FORCE_RATIO = 1e-6
@@ -118,7 +116,7 @@ class Linearization:
     zero_square: float = 0.0
     tangent_at: TangentFunction | None = field(default=None, compare=False, repr=False)
     rotation: Rotation | None = None
-    companions: dict[bool, Any] = field(default_factory=dict, compare=False, repr=False)
+    companions: dict[tuple[str, ...], Any] = field(default_factory=dict, compare=False, repr=False)
 
     @cached_property
     def linearized_equations(self) -> LinearizedEquations:
@@ -173,7 +171,7 @@ def linearize_about(name: str, model: Any, about: Any = REFERENCE, t: float = 0.
     elif isinstance(about, Rotation):
         lin = _linearize_rotation(full_equations, about, t)
     else:
-        lin = _linearize_rest(name, model, full_equations, about, t)
+        lin = _linearize_rest(name, full_equations, about, t)
     q, v = lin.state[:2]
     # The slope of a table is zero where its value is held.
     outside = list_arguments_outside(lin.equations, lin.time, q[None], v[None], includes_held=True)
@@ -185,24 +183,15 @@ def linearize_about(name: str, model: Any, about: Any = REFERENCE, t: float = 0.
         f"so the linear model contains no feedback through it; {_NO_LIMIT}",
         f"so the linear model contains half of the feedback through it; {_NO_LIMIT}",
     )
-    whole = lin.full_equations
+    whole, inactive = lin.full_equations, frozenset[str]()
     if whole.configurations is not None:
         now = about.configuration if isinstance(about, Instant) else None
         inactive = whole.configurations.initially_inactive if now is None else now.inactive
         whole = whole.without_loads_of(inactive)
     warnings = (*lin.equations.build_warnings, *lin.warnings, *outside, *limits)
-    if lin.equations.frictions and not np.any(v):
-        warnings += (_describe_friction(lin.equations),)
+    if not np.any(v):
+        warnings += (*friction_warnings(whole, DAMPING, inactive),)
     return replace(lin, full_equations=whole, warnings=warnings)
-
-
-def _describe_friction(equations: EquationsOfMotion) -> str:
-    names = list_first([*equations.frictions], _MAX_NAMES)
-    return (
-        f"{names}: about a state at rest, friction acts as a damper, which friction_speed "
-        "determines, and damps small motions only; omit it from linear analyses, or choose an "
-        "instant of sliding."
-    )
 
 
 def searched_start(name: str, about: Any, accuracy: Any) -> Any:
@@ -241,12 +230,17 @@ def _linearize_rotation(
 
 
 def _linearize_rest(
-    name: str, model: Any, full_equations: EquationsOfMotion, about: Any, t: float
+    name: str, full_equations: EquationsOfMotion, about: Any, t: float
 ) -> Linearization:
     word = about if isinstance(about, str) else ""
     if isinstance(about, Equilibrium):
-        full_equations = about.to_checkpoint().start_equations(full_equations)
-        description = f"equilibrium at load factor {about.factor:g}" if about.loads else EQUILIBRIUM
+        end = about.to_checkpoint()
+        full_equations = end.start_equations(full_equations)
+        if about.numbers is not None:
+            full_equations = end.start_equations(about.end_equations)
+        is_varied = about.loads or about.over
+        description = f"{EQUILIBRIUM} at {about.quantity} {about.factor:g}" * bool(is_varied)
+        description = description or EQUILIBRIUM
     elif isinstance(about, Mapping) or word == EQUILIBRIUM:
         require_start("about", about)
         full_equations = apply_initial_conditions(full_equations, about, t)
@@ -261,7 +255,7 @@ def _linearize_rest(
             "name, bd.rotation(...), solution.at(t) or a result of bd.equilibrium, "
             f"got {short_repr(about)}{hint}."
         )
-    lin = linearize_at_rest(frame_of(full_equations, about, t, model), full_equations, description)
+    lin = linearize_at_rest(frame_of(full_equations, about, t), full_equations, description)
     note = ""
     if isinstance(about, Equilibrium):
         note = about.end_warning
@@ -320,22 +314,15 @@ def linearize_motion(full_equations: EquationsOfMotion, instant: Instant) -> Lin
     return Linearization(equations, full_equations, description, time, state, tangent, warnings)
 
 
-def load_path_end(
-    model: Any, full_equations: EquationsOfMotion, path: Equilibrium
-) -> tuple[Loading, LoadedEquations, float]:
-    """Return the load stages of a path, the equations of that at its end, and the load factor."""
-    if path.over:
-        if path.numbers is not None:
-            raise BeamdaeError(
-                f"the path varies {path.over}, so its end is that of another model than the given "
-                "one; build the model with this value, and pass its equilibrium."
-            )
-        loading = build_loading(model, full_equations, [], path.t)
-        return loading, loading.systems[0], 1.0
-    stages = [list(stage) for stage in path.loads] or None
-    loading = build_loading(model, full_equations, stages, path.t)
-    stage, factors = active_stage(path.factors[-1]), path.factors[-1].tolist() or [1.0]
-    return loading, loading.systems[stage], factors[stage]
+def _load_path_end(
+    full_equations: EquationsOfMotion, path: Equilibrium
+) -> tuple[LoadedEquations, float]:
+    """Return the equations of the last load stage of a path, and its load factor."""
+    mechanism = full_equations.mechanism
+    loads = None if mechanism is None else [list(stage) for stage in path.loads]
+    systems = build_loading(mechanism or full_equations, full_equations, loads, path.t).systems
+    stage = active_stage(path.factors[-1])
+    return systems[stage], float(path.factors[-1, stage]) if path.loads else 1.0
 
 
 class Frame(NamedTuple):
@@ -359,14 +346,10 @@ class Frame(NamedTuple):
     rotation: Rotation | None = None
 
 
-def frame_of(full_equations: EquationsOfMotion, about: Any, t: float, model: Any = None) -> Frame:
-    """Return the equations of a model for the state `about`, see `modes`.
-
-    `model` is that of the equations; it defaults to their mechanism.
-    """
+def frame_of(full_equations: EquationsOfMotion, about: Any, t: float) -> Frame:
+    """Return the equations of a model for the state `about`, see `modes`."""
     if isinstance(about, Equilibrium):
-        source = model or full_equations.mechanism or full_equations
-        _, system, factor = load_path_end(source, full_equations, about)
+        system, factor = _load_path_end(full_equations, about)
         equations = replace(system.equations, q0=full_equations.q0, v0=full_equations.v0)
         return Frame(equations, system.loaded.time, partial(system.motion_tangent, factor))
     equations, time = active_equations(full_equations, None, t)
