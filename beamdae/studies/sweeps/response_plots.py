@@ -117,9 +117,11 @@ def list_response_plots(
     plots = {"response.png": plot_curves}
     if len(study.varied) == 2:
         plots["map.png"] = plot_maps
-    return {
-        name: lambda plot=plot: plot(study, table, panels).figure for name, plot in plots.items()
-    }
+
+    def create(plot: Callable[..., Plot]) -> Callable[[], Figure]:
+        return lambda: plot(study, table, panels).figure
+
+    return {name: create(plot) for name, plot in plots.items()}
 
 
 def plot_curves(

@@ -8,7 +8,7 @@ from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from beamdae import deferred
 from beamdae.errors import (
@@ -59,10 +59,6 @@ from beamdae.studies.run_values import MEASURED_ERROR_COLUMN, WALL_TIME_COLUMN
 from beamdae.studies.store.fingerprints import FingerprintError, digest
 from beamdae.studies.sweeps.parameter_grid import GridAxis, ParameterGrid
 from beamdae.studies.tasks import Task
-
-# Results of sweeps import this module.
-if TYPE_CHECKING:
-    from beamdae.studies.sweeps.sweep_results import SweepResults
 
 Output = Callable[[Solution], Any]
 # Function of a model whose defaults are the parameters of the case.
@@ -199,8 +195,8 @@ class Sweep(Study):
         progress: Callable[[StudyProgress], None] | None = None,
         *,
         partial: PartialResult = "raise",
-    ) -> SweepResults:
-        """Run all cases that are not yet stored in `folder`, and return the results.
+    ) -> Any:
+        """Run all cases that are not yet stored in `folder`, and return the `SweepResults`.
 
         Parameters
         ----------
@@ -247,10 +243,10 @@ class Sweep(Study):
     __call__ = run
 
 
-def _create_results(results: StudyResults, folder: Path | None) -> SweepResults:
-    """Return the results of a sweep, whose table is written to `folder`."""
+def _create_results(results: StudyResults, folder: Path | None) -> Any:
+    """Return the `SweepResults`, whose module imports this one; `folder` receives their table."""
     sweep_results = deferred.module("studies.sweeps.sweep_results")
-    swept: SweepResults = sweep_results.create_sweep_results(results)
+    swept = sweep_results.create_sweep_results(results)
     if folder is None:
         return replace(swept, table=swept.table.drop(columns=TRAJECTORY))
     swept.to_csv(folder / sweep_results.TABLE_FILE)
