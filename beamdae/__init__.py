@@ -22,7 +22,6 @@ import lazy_loader
 from beamdae.argument_names import explain_arguments
 from beamdae.catalog import NAMES, PACKAGES, attributes_by_module
 from beamdae.errors import suggest
-from beamdae.garbage_collection import paused_collection
 from beamdae.interrupts import interruptible
 
 _load, __dir__, __all__ = lazy_loader.attach(
@@ -35,8 +34,7 @@ _import = interruptible(_load)
 
 def __getattr__(name: str) -> Any:
     if name in __all__:
-        with paused_collection():
-            value = explain_arguments(_import(name))
+        value = explain_arguments(_import(name))
         # Later accesses do not call this function.
         globals()[name] = value
         return value

@@ -21,55 +21,49 @@ from beamdae.errors import (
 )
 
 _STANDARD_GRAVITY = Fraction("9.80665")  # m/s^2, ISO 80000-3
-_ACCELERATION: Mapping[str, int] = {"m": 1, "s": -2}
-# Factor and exponents of base units. The factor is exact; angles in degrees have a factor of pi.
-_UNITS: Mapping[str, tuple[Fraction | float, Mapping[str, int]]] = {
-    "m": (Fraction(1), {"m": 1}),
-    "s": (Fraction(1), {"s": 1}),
-    "g": (Fraction(1, 1000), {"kg": 1}),
-    "N": (Fraction(1), {"kg": 1, "m": 1, "s": -2}),
-    "Nm": (Fraction(1), {"kg": 1, "m": 2, "s": -2}),
-    "J": (Fraction(1), {"kg": 1, "m": 2, "s": -2}),
-    "W": (Fraction(1), {"kg": 1, "m": 2, "s": -3}),
-    "Pa": (Fraction(1), {"kg": 1, "m": -1, "s": -2}),
-    "Hz": (Fraction(1), {"s": -1}),
-    "K": (Fraction(1), {"K": 1}),
-    "A": (Fraction(1), {"A": 1}),
-    "V": (Fraction(1), {"kg": 1, "m": 2, "s": -3, "A": -1}),
-    "rad": (Fraction(1), {"rad": 1}),
-    "deg": (math.pi / 180.0, {"rad": 1}),
-    "°": (math.pi / 180.0, {"rad": 1}),
-    "rev": (2.0 * math.pi, {"rad": 1}),
-    "rpm": (math.pi / 30.0, {"rad": 1, "s": -1}),
-    "sec": (Fraction(1), {"s": 1}),
-    "min": (Fraction(60), {"s": 1}),
-    "h": (Fraction(3600), {"s": 1}),
-    "in": (Fraction("0.0254"), {"m": 1}),
-    "ft": (Fraction("0.3048"), {"m": 1}),
-    "lb": (Fraction("0.45359237"), {"kg": 1}),
-    "lbf": (Fraction("4.4482216152605"), {"kg": 1, "m": 1, "s": -2}),
-    "kgf": (_STANDARD_GRAVITY, {"kg": 1, "m": 1, "s": -2}),
-    "psi": (Fraction("6894.757293168361"), {"kg": 1, "m": -1, "s": -2}),
-    "ksi": (Fraction("6894757.293168361"), {"kg": 1, "m": -1, "s": -2}),
-    "kip": (Fraction("4448.2216152605"), {"kg": 1, "m": 1, "s": -2}),
-    "klbf": (Fraction("4448.2216152605"), {"kg": 1, "m": 1, "s": -2}),
-    "bar": (Fraction(10**5), {"kg": 1, "m": -1, "s": -2}),
-    "Ncm": (Fraction(1, 100), {"kg": 1, "m": 2, "s": -2}),
-    "Nmm": (Fraction(1, 1000), {"kg": 1, "m": 2, "s": -2}),
-    "gn": (_STANDARD_GRAVITY, dict(_ACCELERATION)),
-    "ε": (Fraction(1), {}),
-    "strain": (Fraction(1), {}),
-    "microstrain": (Fraction(1, 10**6), {}),
-    "ue": (Fraction(1, 10**6), {}),  # as files without Greek letters write microstrain
-    "µe": (Fraction(1, 10**6), {}),
-    "μe": (Fraction(1, 10**6), {}),
-    "ppm": (Fraction(1, 10**6), {}),
-    "‰": (Fraction(1, 1000), {}),
-    "%": (Fraction(1, 100), {}),
-    "1": (Fraction(1), {}),
-    "-": (Fraction(1), {}),
+# Factor and unit by symbol; base units are their own, and numbers have none. Factors are exact, but
+# for those of angles, which contain pi.
+_UNITS: Mapping[str, tuple[Fraction | float, str]] = {
+    **{unit: (Fraction(1), unit) for unit in ("m", "s", "rad", "K", "A")},
+    **{number: (Fraction(1), "") for number in ("1", "-", "ε", "strain")},
+    "g": (Fraction(1, 1000), "kg"),
+    "N": (Fraction(1), "kg m/s^2"),
+    "Nm": (Fraction(1), "N m"),
+    "J": (Fraction(1), "N m"),
+    "W": (Fraction(1), "J/s"),
+    "Pa": (Fraction(1), "N/m^2"),
+    "Hz": (Fraction(1), "s^-1"),
+    "V": (Fraction(1), "W/A"),
+    "deg": (math.pi / 180.0, "rad"),
+    "°": (math.pi / 180.0, "rad"),
+    "rev": (2.0 * math.pi, "rad"),
+    "rpm": (math.pi / 30.0, "rad/s"),
+    "sec": (Fraction(1), "s"),
+    "min": (Fraction(60), "s"),
+    "h": (Fraction(3600), "s"),
+    "in": (Fraction("0.0254"), "m"),
+    "ft": (Fraction("0.3048"), "m"),
+    "lb": (Fraction("0.45359237"), "kg"),
+    "lbf": (Fraction("4.4482216152605"), "N"),
+    "kgf": (_STANDARD_GRAVITY, "N"),
+    "psi": (Fraction("6894.757293168361"), "Pa"),
+    "ksi": (Fraction("6894757.293168361"), "Pa"),
+    "kip": (Fraction("4448.2216152605"), "N"),
+    "klbf": (Fraction("4448.2216152605"), "N"),
+    "bar": (Fraction(10**5), "Pa"),
+    "Ncm": (Fraction(1, 100), "N m"),
+    "Nmm": (Fraction(1, 1000), "N m"),
+    "gn": (_STANDARD_GRAVITY, "m/s^2"),
+    "microstrain": (Fraction(1, 10**6), ""),
+    "ue": (Fraction(1, 10**6), ""),  # as files without Greek letters write microstrain
+    "µe": (Fraction(1, 10**6), ""),
+    "μe": (Fraction(1, 10**6), ""),
+    "ppm": (Fraction(1, 10**6), ""),
+    "‰": (Fraction(1, 1000), ""),
+    "%": (Fraction(1, 100), ""),
 }
 _PREFIXES = {
+    "": Fraction(1),
     "G": Fraction(10**9),
     "M": Fraction(10**6),
     "k": Fraction(10**3),
@@ -83,11 +77,18 @@ _PREFIXES = {
 _WITHOUT_PREFIX = {"deg", "°", "rev", "rpm", "sec", "min", "h", "in", "ft", "lb", "lbf", "kgf"}
 _WITHOUT_PREFIX |= {"psi", "ksi", "kip", "klbf", "microstrain", "ue", "µe", "μe", "ppm"}
 _WITHOUT_PREFIX |= {"‰", "%", "1", "-"}
+_SYMBOLS = {
+    prefix + symbol: (size * factor, unit)
+    for symbol, (factor, unit) in _UNITS.items()
+    for prefix, size in _PREFIXES.items()
+    if not (prefix and symbol in _WITHOUT_PREFIX)
+}
 _FACTOR = re.compile(r"([^\W\d]+|°|‰|%|1|-)(?:\^?(-?[1-9]))?")
 _PRODUCT = re.compile(r"[ *·⋅.]+|(?<=[^\W\d])-(?=[^\W\d])")
 _SUPERSCRIPTS = str.maketrans("²³⁻¹", "23-1")
 # Units that readers would take for others: "in" may be a word, and ms^-1 may be m/s.
 _MISLEADING = re.compile(r"in\s+[\w°%].*|.*(?<![^\W\d])(?:ms|[^\W\d]?N[cm]?m)\^?-[1-9].*")
+_ACCELERATION: Mapping[str, int] = {"m": 1, "s": -2}
 _DENSITY: Mapping[str, int] = {"kg": 1, "m": -3}
 _INERTIA: Mapping[str, int] = {"kg": 1, "m": 2}
 # Spellings of rpm. A frequency per minute is a number of revolutions in practice.
@@ -378,13 +379,13 @@ def _is_weight(symbols: Set[str], exponents: Mapping[str, int]) -> bool:
 
 
 def _parse_symbol(text: str) -> tuple[Fraction | float, Mapping[str, int]] | None:
-    if text in _UNITS:
-        return _UNITS[text]
-    prefix, symbol = _PREFIXES.get(text[0]), text[1:]
-    if prefix is None or symbol not in _UNITS or symbol in _WITHOUT_PREFIX:
+    if text not in _SYMBOLS:
         return None
-    factor, exponents = _UNITS[symbol]
-    return prefix * factor, exponents
+    factor, unit = _SYMBOLS[text]
+    if unit in ("", text):
+        return factor, {unit: 1} if unit else {}
+    parsed = parse_unit(unit)
+    return parsed and (factor * parsed[0], parsed[1])
 
 
 def conversion_factor(unit: str, target: str) -> Fraction | float | None:
@@ -418,11 +419,9 @@ def suggest_unit(unit: str, target: str = "") -> str:
 def _spellings() -> dict[str, list[str]]:
     """Return the usual symbols with and without a prefix by their lower-case spelling."""
     spellings: dict[str, list[str]] = {}
-    for symbol in _UNITS:
-        prefixes = ("",) if symbol in _WITHOUT_PREFIX else ("", *_PREFIXES)
-        for text in (prefix + symbol for prefix in prefixes):
-            # Of units that differ in upper and lower case only, all are listed.
-            spellings.setdefault(text.casefold(), []).append(text)
+    for symbol in _SYMBOLS:
+        # Of units that differ in upper and lower case only, all are listed.
+        spellings.setdefault(symbol.casefold(), []).append(symbol)
     return spellings
 
 

@@ -120,7 +120,7 @@ def simulate(
         sensitivities of the run are not available.
     accuracy
         Largest error of a required column [-], from 1e-6 to 0.1, see `Errors`. The run is repeated,
-        up to four times, with smaller steps, finer meshes and exact strains, by what contributes,
+        up to six times, with smaller steps, finer meshes and exact strains, by what contributes,
         until its measured errors are small enough; `errors.status` says what was reached.
         `time_limit` of the integrator applies to all runs together. The run must begin at t = 0.
     accuracy_columns
@@ -537,26 +537,22 @@ def compute_output_times(name: str, t_end: Any, output_step: Any, begin: float =
     return np.append(begin, times[times > begin * (1.0 + SAME_TIME)])
 
 
-_skips_checks: ContextVar[bool] = ContextVar("_skips_checks", default=False)
+_is_unchecked: ContextVar[bool] = ContextVar("is_unchecked", default=False)
 
 
 @contextmanager
-def skip_result_checks() -> Iterator[None]:
-    """Let runs, equilibria and modes issue no warnings about their results.
-
-    The checks take as long as a short run. `Solution.warnings` evaluates those of a run later;
-    equilibria and modes are not compared with more accurate beams.
-    """
-    token = _skips_checks.set(True)
+def unchecked() -> Iterator[None]:
+    """Within the context, errors of results are measured only if these are asked for them."""
+    token = _is_unchecked.set(True)
     try:
         yield
     finally:
-        _skips_checks.reset(token)
+        _is_unchecked.reset(token)
 
 
-def skips_result_checks() -> bool:
-    """Return True in `with skip_result_checks()`."""
-    return _skips_checks.get()
+def is_unchecked() -> bool:
+    """Return True in `with unchecked()`."""
+    return _is_unchecked.get()
 
 
 def _collect_warnings(name: str, solution: Solution) -> tuple[Solution, tuple[str, ...]]:
@@ -564,7 +560,7 @@ def _collect_warnings(name: str, solution: Solution) -> tuple[Solution, tuple[st
     sentences: tuple[str, ...] = ()
     try:
         # After an interrupt, no further evaluations delay the return.
-        is_checked = not (skips_result_checks() or warnings_are_ignored())
+        is_checked = not warnings_are_ignored()
         if solution.status.kind != "interrupted" and is_checked:
             sentences = solution.warnings
     except KeyboardInterrupt:

@@ -148,3 +148,19 @@ def driven_blade(speed=10.0, rise_time=0.0, hub=0.1, elements=2, section=None, *
     mech.observe("tip", blade.end)
     mech.observe("clamp", clamp.reaction)
     return mech
+
+
+def balance_wheel(thickness=3e-5, **settings):
+    """A balance wheel of a watch, on a spiral spring of five turns."""
+    turns, inner, outer = 5, 0.5e-3, 3e-3
+    angle = np.linspace(0.0, 2 * np.pi * turns, 1001)
+    radius = inner + (outer - inner) * angle / angle[-1]
+    spiral = bd.Curve(points=np.column_stack([radius * np.cos(angle), radius * np.sin(angle)]))
+    mech = bd.Mechanism(**settings)
+    spring = mech.add(bd.Beam("spring", spiral, strip(thickness, width=1.5e-4)))
+    wheel = mech.add(bd.RigidBody("wheel", mass=1e-4, inertia=2e-9))
+    mech.add(bd.Revolute("pivot", mech.ground.at(0.0, 0.0), wheel.at(0.0, 0.0)))
+    mech.add(bd.Weld("collet", wheel.at(inner, 0.0), spring.start))
+    mech.add(bd.Weld("stud", mech.ground.at(outer, 0.0), spring.end))
+    mech.observe("wheel", wheel.at(0.0, 0.0))
+    return mech

@@ -76,6 +76,8 @@ def test_misspelled_public_names_have_one_suggestion():
     with pytest.raises(AttributeError) as caught:
         _ = bd.Revolut
     assert str(caught.value).endswith("no attribute 'Revolut' (did you mean 'Revolute'?)")
+    with pytest.raises(AttributeError, match=r"no attribute 'Damper'$"):
+        _ = bd.Damper  # a taper is not similar
     (line,) = traceback.format_exception_only(caught.value)
     assert line.endswith("'Revolute'?)\n")
     assert not hasattr(bd, "__wrapped__")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -14,14 +14,13 @@ from beamdae.accuracy.runs import (
     RTOL_BESIDE_ACCURATE_STEPS,
     check_result,
     refine_method,
-    unchecked,
 )
 from beamdae.analysis.gradients.gradients import Gradient
 from beamdae.analysis.sensitivities.sensitivities import Sensitivities
 from beamdae.errors import hold_messages
 from beamdae.parts.mechanism import AS_DRAWN, Mechanism
 from beamdae.results.columns import largest_of_kind
-from beamdae.simulation import skip_result_checks
+from beamdae.simulation import unchecked
 
 Array = np.ndarray
 
@@ -116,25 +115,24 @@ def _measure(
     start = run.equations.start
     request = AS_DRAWN if start is None or start.request is None else start.request
 
-    def repeat_values(strains: bool | None) -> tuple[_Values, Refined]:
+    def repeat_values(causes: Collection[str]) -> tuple[_Values, Refined]:
         refined = Refined()
 
         def change(mechanism: Any) -> Any:
             nonlocal refined
-            if strains is None or not isinstance(mechanism, Mechanism):
-                return mechanism
-            finer, refined = refine_mechanism(mechanism, request, strains=strains)
-            refined = refined.with_steps(run.made_by)
-            return finer
+            if isinstance(mechanism, Mechanism):
+                mechanism, refined = refine_mechanism(mechanism, request, causes)
+                refined = refined.with_steps(run.made_by)
+            return mechanism
 
-        with hold_messages(), unchecked(), skip_result_checks():
+        with hold_messages(), unchecked():
             return evaluate(repeat(change, method)), refined
 
     def compare(first: _Values, second: _Values, refined: Refined) -> Errors:
         return _compare(headers, first, second, refined, relative_to)
 
     failed = Errors.unchecked(headers, peaks, "a refined repetition fails", has_failed=True)
-    return measure_errors(failed, values, repeat_values, compare)
+    return measure_errors(failed, values, repeat_values, compare, has_accuracy=False)
 
 
 def _compare(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 import numpy as np
 
 from beamdae.accuracy.errors import Errors, Refined, measure_errors
@@ -36,8 +38,8 @@ def measure_design(search: SearchResult) -> Errors:
     bounds = np.array([0.0, *(abs(x.bound) for x in problem.limits)])
     sizes = np.maximum(np.abs(values), np.where(bounds > 0.0, bounds, np.abs(first.values)))
 
-    def repeat(strains: bool | None) -> tuple[Array, Refined]:
-        refinement = refine(equations, start, strains=strains)
+    def repeat(causes: Collection[str]) -> tuple[Array, Refined]:
+        refinement = refine(equations, start, causes)
         found = ratios * problem.repeat(best.numbers, refinement.equations.mechanism, method)
         refined = refinement.refined
         return found, refined if run is None else refined.with_steps(run.made_by)
@@ -46,4 +48,4 @@ def measure_design(search: SearchResult) -> Errors:
         return Errors.of_values(headers, one, other, refined, sizes)
 
     unchecked = Errors.unchecked(headers, values, "the refined design cannot be analyzed")
-    return measure_errors(unchecked, values, repeat, compare)
+    return measure_errors(unchecked, values, repeat, compare, has_accuracy=False)

@@ -28,12 +28,13 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 
-CAUSES = ("time", "mesh", "theory")
-_NAMES_OF_CAUSES = {"time": "steps", "mesh": "elements", "theory": "strains"}
+# Names of what is refined by cause, in the order in which it is refined one after the other.
+CAUSES = {"time": "steps", "friction": "friction speed", "mesh": "elements", "theory": "strains"}
 _MAX_NAMES = 6
 # Recommended elements are at most so often halved: larger errors do not decrease by their order.
 _MAX_HALVINGS = 2
 UNREQUIRED = Status("ok", "")
+_ARRAYS = ("values", "companions", "total", "rows")  # of `Errors`
 
 
 class Refined(NamedTuple):
@@ -73,9 +74,11 @@ class Refined(NamedTuple):
     mesh_order: int = 2
 
     @property
-    def has_mesh(self) -> bool:
-        """True if meshes or friction speeds, which count among them, are refined."""
-        return bool(self.elements or self.degrees or self.friction_speeds)
+    def causes(self) -> tuple[str, ...]:
+        """Causes of errors that the companion reduces, of `CAUSES`."""
+        meshes = self.elements or self.degrees
+        refined = self.accuracy[0], self.friction_speeds, meshes, self.inexact
+        return tuple(compress(CAUSES, refined))
 
     def with_steps(self, method: Any) -> Refined:
         """Return the description with the steps of an integrator."""
@@ -126,6 +129,8 @@ class Errors(HasTable):
         True if the companion does not reach the end.
     relative_to
         What the errors of each column are relative to, for sentences (columns,).
+    has_accuracy
+        True if the analysis has an argument `accuracy`.
     _split
         Function that returns `causes`, if there may be several.
     status
@@ -134,7 +139,7 @@ class Errors(HasTable):
 
     Notes
     -----
-    With `accuracy=`, an analysis is repeated, up to four times, with smaller steps, finer meshes
+    With `accuracy=`, an analysis is repeated, up to six times, with smaller steps, finer meshes
     and exact strains until the errors of the required columns are small enough; `status` says what
     was reached.
     """
@@ -148,6 +153,7 @@ class Errors(HasTable):
     relative_to: tuple[str, ...]
     reason: str = ""
     has_failed: bool = False
+    has_accuracy: bool = True
     _split: Callable[[], Mapping[str, Array]] | None = None
     status: Status = UNREQUIRED
 
@@ -156,10 +162,9 @@ class Errors(HasTable):
         cls, headers: Sequence[str], values: Array, reason: str, has_failed: bool = False
     ) -> Errors:
         """Return the errors of a result that cannot be checked."""
-        missing = np.full(len(headers), np.nan)
-        rows = (missing, missing, missing)
-        nothing = ("",) * len(headers)
-        return cls(tuple(headers), values, *rows, Refined(), nothing, reason, has_failed)
+        missing, nothing = np.full(len(headers), np.nan), ("",) * len(headers)
+        arrays = values, missing, missing, missing
+        return cls(tuple(headers), *arrays, Refined(), nothing, reason, has_failed)
 
     @classmethod
     def of_values(
@@ -173,13 +178,14 @@ class Errors(HasTable):
     ) -> Errors:
         """Return the errors of single values (columns,), such as frequencies or loads.
 
-        They are relative to `scales` or, by default, to the magnitudes of the companion's values;
-        `companions` that are not a number have no counterpart. Of several values of a column
-        (columns, places), the first one is its headline, and the largest change counts.
+        They are relative to `scales` or, by default, to the largest magnitudes of the companion's
+        values; `companions` that are not a number have no counterpart. Of several values of a
+        column (columns, places), which may be complex, the first one is its headline, and the
+        largest change counts.
         """
         places, others = (np.atleast_2d(np.transpose(x)).T for x in (values, companions))
-        values, companions = places[:, 0], others[:, 0]
-        sizes = np.abs(companions if scales is None else scales)
+        values, companions = np.real(places[:, 0]), np.real(others[:, 0])
+        sizes = np.abs(others).max(axis=1, initial=0.0) if scales is None else np.abs(scales)
         changes = np.abs(places - others)
         changes = np.where(np.isnan(companions), np.nan, np.fmax.reduce(changes, axis=1))
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -192,24 +198,20 @@ class Errors(HasTable):
     def join(cls, parts: Sequence[Errors]) -> Errors:
         """Return the errors of several results, refined in the same way, as those of one."""
 
+        def collect(name: str) -> Any:
+            return np.concatenate([getattr(part, name) for part in parts])
+
         def split() -> dict[str, Array]:
             return {x: np.concatenate([part.causes[x] for part in parts]) for x in CAUSES}
 
-        def collect(name: str) -> Array:
-            return np.concatenate([getattr(part, name) for part in parts])
-
-        failed = [x for x in parts if x.reason]
-        return cls(
-            tuple(header for x in parts for header in x.headers),
-            collect("values"),
-            collect("companions"),
-            collect("total"),
-            collect("rows"),
-            parts[0].refined,
-            tuple(text for x in parts for text in x.relative_to),
-            failed[0].reason if failed else "",
-            any(x.has_failed for x in parts),
-            split,
+        return replace(
+            parts[0],
+            headers=tuple(header for x in parts for header in x.headers),
+            relative_to=tuple(text for x in parts for text in x.relative_to),
+            reason=next((x.reason for x in parts if x.reason), ""),
+            has_failed=any(x.has_failed for x in parts),
+            _split=split,
+            **{x: collect(x) for x in _ARRAYS},
         )
 
     def __getstate__(self) -> dict[str, Any]:
@@ -228,17 +230,15 @@ class Errors(HasTable):
 
     @cached_property
     def causes(self) -> Mapping[str, Array]:
-        """Errors by cause (columns,): "time", "mesh" and "theory" of the strains.
+        """Errors by cause (columns,): "time", "friction", "mesh" and "theory" of the strains.
 
-        If there are several causes, the result is repeated once more, with refined steps only, and
-        again, with original strains.
+        They add up to the total; errors of different signs compensate each other. If there are
+        several causes, the result is repeated with one refinement after the other.
         """
-        x = self.refined
-        is_possible = bool(x.accuracy[0]), x.has_mesh, bool(x.inexact)
-        possible = dict(zip(CAUSES, is_possible, strict=True))
-        if sum(possible.values()) < 2 or self._split is None:
-            return {x: self.total if possible[x] else np.zeros_like(self.total) for x in CAUSES}
-        return self._split()
+        possible = self.refined.causes
+        if len(possible) > 1 and self._split is not None:
+            return self._split()
+        return {x: self.total if x in possible else np.zeros_like(self.total) for x in CAUSES}
 
     def table(self) -> pd.DataFrame:
         """Return one row per column of the result.
@@ -247,9 +247,9 @@ class Errors(HasTable):
         -------
         pandas.DataFrame
             Indexed by header: "value" and "companion", the headlines [unit of the column]; "rows",
-            "total", "time", "mesh" and "theory", the errors [-]; and "status", "measured" (with the
-            beams that are not refined), "not converged" (the companion differs by more than the
-            motion itself) or "not checked" with the reason.
+            "total", "time", "friction", "mesh" and "theory", the errors [-]; and "status",
+            "measured" (with the beams that are not refined), "not converged" (the companion differs
+            by more than the motion itself) or "not checked" with the reason.
         """
         import pandas as pd
 
@@ -280,7 +280,7 @@ class Errors(HasTable):
         def split() -> dict[str, Array]:
             return {cause: errors[here] for cause, errors in self.causes.items()}
 
-        selected = {x: getattr(self, x)[here] for x in ("values", "companions", "total", "rows")}
+        selected = {x: getattr(self, x)[here] for x in _ARRAYS}
         headers = tuple(compress(self.headers, here))
         relative_to = tuple(compress(self.relative_to, here))
         return replace(self, headers=headers, relative_to=relative_to, _split=split, **selected)
@@ -303,8 +303,11 @@ class Errors(HasTable):
             for k in wrong
         )
         least = AIM * self.total[wrong[0]]
-        causes = {x: y[wrong[0]] for x, y in self.causes.items() if y[wrong[0]] > least}
-        parts = ", ".join(f"{_NAMES_OF_CAUSES[x]} {_format_error(y)}" for x, y in causes.items())
+        causes = {x: y[wrong[0]] for x, y in self.causes.items() if abs(y[wrong[0]]) > least}
+        parts = ", ".join(
+            f"{'less ' if y < 0.0 else ''}{CAUSES[x]} {_format_error(abs(y))}"
+            for x, y in sorted(causes.items(), key=lambda cause: -cause[1])
+        )
         by = f", by {parts}" if len(causes) > 1 else ""
         of = self.relative_to[wrong[0]]
         text = name_with_others(f"{largest} of {of}{by}", others, _MAX_NAMES)
@@ -313,7 +316,7 @@ class Errors(HasTable):
 
     def recommend(self, aim: float = AIM) -> str:
         """Return settings that reduce all errors to about `aim` [-], or an empty text."""
-        of_cause = {x: float(np.nanmax(y, initial=0.0)) for x, y in self.causes.items()}
+        of_cause = {x: float(np.nanmax(np.abs(y), initial=0.0)) for x, y in self.causes.items()}
         needed = {x: y for x, y in of_cause.items() if y > 2.0 * aim}
         texts, refined = [], self.refined
         if "theory" in needed:
@@ -321,18 +324,16 @@ class Errors(HasTable):
             if needed["theory"] >= of_cause["mesh"]:
                 # Meshes of wrong strains do not show the errors of meshes of exact ones.
                 needed.pop("mesh", None)
-        if "mesh" in needed and (refined.elements or refined.degrees):
-            ratio = min(needed["mesh"], 1.0) / aim
-            halvings = int(np.ceil(np.log2(ratio) / refined.mesh_order))
-            if refined.degrees or halvings > _MAX_HALVINGS:
+        if "mesh" in needed:
+            halvings = int(np.ceil(np.log2(min(needed["mesh"], 1.0) / aim) / refined.mesh_order))
+            if self.has_accuracy and (refined.degrees or halvings > _MAX_HALVINGS):
                 return join_names([*texts, f"accuracy={aim:g}"])
             counts = [f"{2**halvings * x} elements of {y}" for y, x in refined.elements.items()]
+            counts += [f"more elements= of {x}" for x in refined.degrees]
             texts.append(list_first(counts, _MAX_NAMES))
-        if "mesh" in needed and refined.friction_speeds:
-            texts.append(
-                f"a friction_speed of {list_first(refined.friction_speeds, _MAX_NAMES)} ten times "
-                "smaller"
-            )
+        if "friction" in needed:
+            names = list_first(refined.friction_speeds, _MAX_NAMES)
+            texts.append(f"a friction_speed of {names} ten times smaller")
         if "time" in needed:
             name, value = refined.accuracy
             ratio = aim / min(needed["time"], 1.0)
@@ -347,38 +348,39 @@ class Split:
 
     result: Any
     companion: Any
-    repeat: Callable[[bool | None], tuple[Any, Refined]]
+    repeat: Callable[[Collection[str]], tuple[Any, Refined]]
     compare: Callable[[Any, Any], Errors]
     failures: tuple[type[Exception], ...]
 
-    @cached_property
-    def timed(self) -> Any:
-        """The result repeated with refined steps only; None if this fails."""
-        return self._repeat_or_none(None)
-
-    def _repeat_or_none(self, strains: bool | None) -> Any:
-        try:
-            return self.repeat(strains)[0]
-        except self.failures:
-            return None
-
     @single_threaded
     def __call__(self) -> dict[str, Array]:
-        """Return the errors of the columns by cause."""
-        timed, companion = self.timed, self.companion
-        whole = self.compare(self.result, companion)
-        if timed is None:
-            return dict.fromkeys(CAUSES, np.full_like(whole.total, np.nan))
-        by_time = self.compare(self.result, timed).total
-        by_mesh = self.compare(timed, companion).total
-        by_theory = np.zeros_like(by_mesh)
-        largest_of_steps, of_mesh = (np.nanmax(x, initial=0.0) for x in (by_time, by_mesh))
-        if whole.refined.inexact and of_mesh >= min(AIM, largest_of_steps):
-            meshed = self._repeat_or_none(False)
-            if meshed is not None:
-                by_mesh = self.compare(timed, meshed).total
-                by_theory = self.compare(meshed, companion).total
-        return dict(zip(CAUSES, (by_time, by_mesh, by_theory), strict=True))
+        """Return the errors of the columns by cause.
+
+        With the differences d_k of the result and a repetition in which the first k causes are
+        refined, and D = d_n of the companion, the errors of cause k are the part of its difference
+        along D, (d_k - d_(k-1)) . D / |D|. The products follow from the sizes of the differences:
+        2 d_k . D = |d_k|^2 + |D|^2 - |D - d_k|^2.
+        """
+        whole = self.compare(self.result, self.companion)
+        total, possible = whole.total, whole.refined.causes
+        shares = {}
+        for k, cause in enumerate(possible[:-1], 1):
+            try:
+                stage, _ = self.repeat(possible[:k])
+            except self.failures:
+                return dict.fromkeys(CAUSES, np.full_like(total, np.nan))
+            before = self.compare(self.result, stage).total
+            after = self.compare(stage, self.companion).total
+            with np.errstate(divide="ignore", invalid="ignore"):
+                share = 0.5 * (1.0 + (before**2 - after**2) / total**2)
+            shares[cause] = np.where(total > 0.0, share, 0.0)
+            # Small errors of the further causes are not separated.
+            if np.nanmax(after, initial=0.0) < min(AIM, np.nanmax(before, initial=0.0)):
+                break
+        ends = np.array([np.zeros_like(total), *shares.values(), np.ones_like(total)])
+        parts = np.diff(ends, axis=0) * total
+        causes = dict(zip(possible, parts, strict=False))
+        return {x: causes.get(x, np.zeros_like(total)) for x in CAUSES}
 
 
 class MissingStateError(BeamdaeError):
@@ -388,9 +390,10 @@ class MissingStateError(BeamdaeError):
 def measure_errors(
     unchecked: Errors,
     result: Any,
-    repeat: Callable[[bool | None], tuple[Any, Refined]],
+    repeat: Callable[[Collection[str]], tuple[Any, Refined]],
     compare: Callable[[Any, Any, Refined], Errors],
     failures: tuple[type[Exception], ...] = (BeamdaeError,),
+    has_accuracy: bool = True,
 ) -> Errors:
     """Return the errors of a result, measured by one repetition with everything refined together.
 
@@ -401,17 +404,18 @@ def measure_errors(
     result
         The result, or what is compared of it.
     repeat
-        Function that repeats the result with refined steps, and returns it with the description of
-        what was refined: with finer meshes and exact strains if its argument is True, with finer
-        meshes if False, and with neither if None. True comes first.
+        Function that repeats the result with some of `CAUSES` refined, all of them at first, and
+        returns it with the description of what was refined.
     compare
         Function that returns the errors of its first argument relative to its second, with the
         description of the companion.
     failures
         Exceptions of repetitions that fail.
+    has_accuracy
+        See `Errors`.
     """
     try:
-        companion, refined = repeat(True)
+        companion, refined = repeat(CAUSES)
     except failures as problem:
         has_failed = unchecked.has_failed or isinstance(problem, MissingStateError)
         reason = f"{unchecked.reason}: {problem}".rstrip(".")
@@ -421,7 +425,8 @@ def measure_errors(
         return compare(first, second, refined)
 
     split = Split(result, companion, repeat, compare_refined, failures)
-    return replace(compare_refined(result, companion), _split=split)
+    errors = compare_refined(result, companion)
+    return replace(errors, has_accuracy=has_accuracy, _split=split)
 
 
 def _describe(error: float) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import Any
 
 import numpy as np
@@ -34,13 +35,13 @@ def measure_fit(problem: FitProblem, evaluation: Evaluation) -> Errors:
     run = next(iter(evaluation.runs.values())).solution
     method = refine_method(run, None, RTOL_BESIDE_ACCURATE_STEPS)
 
-    def repeat(strains: bool | None) -> tuple[Array, Refined]:
+    def repeat(causes: Collection[str]) -> tuple[Array, Refined]:
         """Return the change of the residuals."""
         refined = Refined()
 
         def change(equations: EquationsOfMotion) -> Any:
             nonlocal refined
-            refinement = refine(equations, problem.start_of(equations), strains=strains)
+            refinement = refine(equations, problem.start_of(equations), causes)
             refined = refinement.refined.with_steps(run.made_by)
             return refinement.equations.mechanism
 
@@ -68,4 +69,4 @@ def measure_fit(problem: FitProblem, evaluation: Evaluation) -> Errors:
 
     none = np.zeros(len(problem.weights))
     unchecked = Errors.unchecked(headers, np.append(values, peaks), "a refined run fails")
-    return measure_errors(unchecked, none, repeat, compare)
+    return measure_errors(unchecked, none, repeat, compare, has_accuracy=False)

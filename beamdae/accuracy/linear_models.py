@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from beamdae.accuracy.errors import AIM, Errors
-from beamdae.accuracy.modes import measure_about_state, pair_modes
+from beamdae.accuracy.modes import FURTHER_MODES, measure_about_state, pair_modes
 from beamdae.accuracy.refinement import Refinement
 from beamdae.analysis.eigenproblems.eigensolution import EigenSolution, solve_eigenproblem
 from beamdae.analysis.linear_dynamics.bode_diagram import divide_units
@@ -24,7 +22,7 @@ _MIN_CURVE_SIZE = 20
 # A companion has twice as many states and takes eight times as long for each frequency.
 _COMPARED_SHARE, _MIN_COMPARED = 0.125, 20
 _FIRST_MODES = 10  # to begin with
-_REACH = 1.5  # of the modes of the companion beyond the band, whose frequencies may be higher
+_FULL_TURN = 2.0 * np.pi
 
 
 def measure_frequencies(model: LinearModel, count: int = _SLOWEST) -> Errors:
@@ -32,7 +30,7 @@ def measure_frequencies(model: LinearModel, count: int = _SLOWEST) -> Errors:
 
     They are magnitudes of eigenvalues, without damping unless the model has first-order states.
     """
-    return _measure(model, _Band(count), np.zeros(1), np.zeros((1, 0, 0)))
+    return _measure(model, np.zeros(1), np.zeros((1, 0, 0)), count)
 
 
 def measure_response(model: LinearModel, frequencies: Array, response: Array) -> Errors:
@@ -42,13 +40,13 @@ def measure_response(model: LinearModel, frequencies: Array, response: Array) ->
     frequencies are columns as well, and responses are compared at equal ratios to them, so that a
     shifted peak is an error of its frequency only. Fewer frequencies are columns of their own.
     """
-    count = max(int(_COMPARED_SHARE * len(frequencies)), min(_MIN_COMPARED, len(frequencies)))
+    if len(frequencies) < _MIN_CURVE_SIZE:
+        return _measure(model, frequencies, response, 0)
+    count = max(int(_COMPARED_SHARE * len(frequencies)), _MIN_COMPARED)
     peaks = np.argmax(np.abs(response), axis=0).ravel()
     rows = np.linspace(0, len(frequencies) - 1, count).astype(int)
     rows = np.unique(np.append(rows, peaks))
-    is_curve = _is_curve(frequencies)
-    band = _Band(limit=float(np.max(np.abs(frequencies))) if is_curve else 0.0)
-    return _measure(model, band, frequencies[rows], response[rows])
+    return _measure(model, frequencies[rows], response[rows])
 
 
 def find_resolved_frequency(model: LinearModel, highest: float) -> float:
@@ -64,32 +62,27 @@ def find_resolved_frequency(model: LinearModel, highest: float) -> float:
     return float(min(highest, np.exp(np.mean(np.log(between)))))
 
 
-def _is_curve(frequencies: Array) -> bool:
-    """Return False for single values rather than a curve whose peaks are read."""
-    return len(frequencies) >= _MIN_CURVE_SIZE
-
-
-class _Band(NamedTuple):
-    """Largest number of vibrations, and their largest frequency [Hz]."""
-
-    most: float = np.inf
-    limit: float = np.inf
-
-
 @single_threaded
-def _measure(model: LinearModel, band: _Band, frequencies: Array, response: Array) -> Errors:
+def _measure(
+    model: LinearModel, frequencies: Array, response: Array, count: int | None = None
+) -> Errors:
+    """Return the errors of responses and of the slowest `count` natural frequencies.
+
+    If it is None, they are those up to the largest frequency, and responses are curves.
+    """
     lin, request = model._linearization, model._request
     if request is None:
         return Errors.unchecked((), np.zeros(0), "the model is not a mechanism")
-    vibrations = _find_vibrations(lin, band)
-    rates = np.abs(vibrations.values) / (2.0 * np.pi)
+    limit = float(np.max(np.abs(frequencies))) if count is None else np.inf
+    vibrations, solved = _find_vibrations(lin, count, limit)
+    rates = np.abs(vibrations.values) / _FULL_TURN
+    places = [""] if count is None else [f" at {f:.6g} Hz" for f in frequencies]
     headers = [f"frequency {k} [Hz]" for k in range(1, len(rates) + 1)]
-    is_curve = _is_curve(frequencies)
     headers += [
         f"{output.name} / {source.name}{place} [{divide_units(output, source)}]"
         for output in model.outputs[: response.shape[1]]
         for source in model.inputs
-        for place in ([""] if is_curve else [f" at {f:.6g} Hz" for f in frequencies])
+        for place in places
     ]
     is_noise = np.zeros(response.shape, bool)
     if is_noise.size:
@@ -97,15 +90,17 @@ def _measure(model: LinearModel, band: _Band, frequencies: Array, response: Arra
         is_noise = np.abs(response) <= model.bound_rounding(middle)
 
     def join(rates: Array, response: Array) -> Array:
-        """Return the samples of all columns."""
-        responses = np.where(is_noise, 0.0, response).reshape(len(response), -1).T
-        columns = responses if is_curve else responses.reshape(-1, 1)
-        return np.vstack([np.tile(rates[:, None], columns.shape[1]), columns])
+        """Return the largest magnitudes of all columns, and their samples."""
+        columns = np.where(is_noise, 0.0, response).reshape(len(response), -1).T
+        if count is not None:
+            columns = columns.reshape(-1, 1)
+        samples = np.vstack([np.tile(rates[:, None], columns.shape[1]), columns])
+        return np.column_stack([np.abs(samples).max(axis=1), samples])
 
     def solve(refinement: Refinement, finer: Linearization) -> Array:
-        others = _find_vibrations(finer, _Band(band.most + _FIRST_MODES, _REACH * band.limit))
+        others = _solve(finer, solved + FURTHER_MODES)
         pairs = pair_modes(refinement, finer, vibrations.shapes, others)
-        finer_rates = np.append(np.abs(others.values), np.nan)[pairs] / (2.0 * np.pi)
+        finer_rates = np.append(np.abs(others.values), np.nan)[pairs] / _FULL_TURN
         if not response.size:
             return join(finer_rates, response)
         known = np.isfinite(finer_rates)
@@ -121,29 +116,28 @@ def _measure(model: LinearModel, band: _Band, frequencies: Array, response: Arra
             raise BeamdaeError("the refined model has other inputs")
         return join(finer_rates, fine.evaluate_response((ratios * frequencies).tolist()))
 
-    samples = join(rates, response)
     eigenvalues = vibrations.values if len(rates) else model.poles
-    return measure_about_state(
-        lin, request.about, request.t, headers, samples, _find_peaks, eigenvalues, solve
-    )
+    state = lin, request.about, request.t, eigenvalues
+    return measure_about_state(*state, headers, join(rates, response), solve)
 
 
-def _find_peaks(samples: Array) -> Array:
-    return np.abs(samples).max(axis=1)
+def _solve(lin: Linearization, count: int) -> EigenSolution:
+    return solve_eigenproblem(lin.linearized_equations, count, len(lin.equations.states) > 0)
 
 
-def _find_vibrations(lin: Linearization, band: _Band) -> EigenSolution:
-    """Return the vibrations in a band in ascending order of their frequencies."""
+def _find_vibrations(
+    lin: Linearization, most: int | None, limit: float
+) -> tuple[EigenSolution, int]:
+    """Return the vibrations up to a frequency [Hz], and the number of modes that contain them.
+
+    They ascend; at most `most` are returned.
+    """
     e, count = lin.equations, _FIRST_MODES
-    largest = 2.0 * np.pi * band.limit
     while True:
-        solution = solve_eigenproblem(lin.linearized_equations, count, len(e.states) > 0)
-        rates = np.abs(solution.values)
-        order = np.argsort(rates, kind="stable")
-        order = order[(solution.values.imag[order] > 0.0) & (rates[order] <= largest)]
-        is_complete = len(order) >= band.most or np.max(rates, initial=0.0) > largest
+        solution = _solve(lin, count)
+        rates = np.abs(solution.values) / _FULL_TURN
+        order = np.flatnonzero((solution.values.imag > 0.0) & (rates <= limit))[:most]
+        is_complete = len(order) == most or np.max(rates, initial=0.0) > limit
         if is_complete or count >= e.n - e.m:
-            break
+            return EigenSolution(solution.values[order], solution.shapes[:, order]), count
         count *= 2
-    order = order[: int(min(band.most, len(order)))]
-    return EigenSolution(solution.values[order], solution.shapes[:, order])

@@ -2,28 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import partial
 from typing import Any
 
 import numpy as np
+from scipy.optimize import linear_sum_assignment
 
 from beamdae.accuracy.errors import Errors, MissingStateError, Refined, measure_errors
 from beamdae.accuracy.refinement import Refinement, refine
-from beamdae.analysis.continuation.engine import CurveError, prescribe_parameter
+from beamdae.accuracy.statics import refine_end
+from beamdae.analysis.continuation.engine import CurveError
 from beamdae.analysis.eigenproblems.eigensolution import EigenSolution, solve_eigenproblem
-from beamdae.analysis.eigenproblems.linearized_equations import quadratic_forms
-from beamdae.analysis.linear_dynamics.linearization import (
-    Frame,
-    Linearization,
-    linearize_about,
-    linearize_at_rest,
-    load_path_end,
-)
-from beamdae.analysis.linear_dynamics.natural_modes import Modes
-from beamdae.analysis.statics.neutral_motions import hold_neutral_motions
-from beamdae.analysis.statics.static_problem import StaticProblem
+from beamdae.analysis.linear_dynamics.linearization import Linearization, linearize_about
+from beamdae.analysis.linear_dynamics.natural_modes import Modes, compare_shapes
 from beamdae.beams.beam import beams_of
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.tangents import compute_tangent
@@ -38,7 +30,8 @@ from beamdae.results.trajectory import Instant
 
 Array = np.ndarray
 
-_FURTHER_MODES = 4  # of the companion, because the order of modes may differ
+_FULL_TURN = 2.0 * np.pi
+FURTHER_MODES = 4  # of the companion, because the order of modes may differ
 _MIN_MAC = 0.5  # larger ones belong to one pair of orthogonal shapes only
 # Rates at which positions at an instant change, relative to the slowest motion: slow, so that beams
 # are in equilibrium with the accelerations, but not free motions.
@@ -53,8 +46,7 @@ def measure_modes(modes: Modes) -> Errors:
     eigenvalue.
     """
     lin, request = modes._linearization, modes._request
-    count = len(modes) if request is None else request.assessed
-    rows = np.flatnonzero(modes.eigenvalues[:count])
+    rows = np.flatnonzero(modes.eigenvalues[: request.assessed])
     values, shapes = modes.eigenvalues[rows], modes.shapes[rows].T
     is_vibration = values.imag != 0.0
     headers = [
@@ -62,23 +54,21 @@ def measure_modes(modes: Modes) -> Errors:
         for k, x in zip(rows.tolist(), is_vibration, strict=True)
     ]
 
-    def summarize(samples: Array) -> Array:
-        return np.where(is_vibration, samples[:, 0].imag / (2.0 * np.pi), samples[:, 0].real)
+    def tabulate(values: Array) -> Array:
+        return np.stack([np.where(is_vibration, values.imag / _FULL_TURN, values.real), values], 1)
 
     def solve(refinement: Refinement, finer: Linearization) -> Array:
-        assert request is not None
         problem = finer.linearized_equations
-        solution = solve_eigenproblem(problem, len(modes) + _FURTHER_MODES, request.damping)
+        solution = solve_eigenproblem(problem, len(modes) + FURTHER_MODES, request.damping)
         pairs = pair_modes(refinement, finer, shapes, solution)
-        return np.append(solution.values, np.nan)[pairs, None]
+        return tabulate(np.append(solution.values, np.nan)[pairs])
 
-    samples = values[:, None]
-    if request is None:
-        reason = "the model is not a mechanism"
-        return Errors.unchecked(headers, summarize(samples), reason)
-    return measure_about_state(
-        lin, request.about, request.t, headers, samples, summarize, modes.eigenvalues, solve
-    )
+    if modes.mechanism is None:
+        return Errors.unchecked(
+            headers, tabulate(values)[:, 0].real, "the model is not a mechanism"
+        )
+    state = lin, request.about, request.t, modes.eigenvalues
+    return measure_about_state(*state, headers, tabulate(values), solve, request.has_accuracy)
 
 
 @single_threaded
@@ -86,13 +76,13 @@ def measure_about_state(
     lin: Linearization,
     about: Any,
     t: float,
+    eigenvalues: Array,
     headers: Sequence[str],
     samples: Array,
-    summarize: Callable[[Array], Array],
-    eigenvalues: Array,
     solve: Callable[[Refinement, Linearization], Array],
+    has_accuracy: bool = True,
 ) -> Errors:
-    """Return the errors of samples of a linearized mechanism (columns, k).
+    """Return the errors of samples of a linearized mechanism.
 
     Parameters
     ----------
@@ -100,38 +90,32 @@ def measure_about_state(
         The linearized mechanism.
     about, t
         State and time [s] of the linearization; see `modes`.
+    eigenvalues
+        Eigenvalues of the mechanism [1/s].
     headers
         Headers of the columns.
     samples
-        Complex values of the columns; the error of a column is the largest change of its samples,
-        relative to their largest magnitude.
-    summarize
-        Function of samples that returns the headlines of the columns.
-    eigenvalues
-        Eigenvalues of the mechanism [1/s].
+        Values of the columns (columns, k), see `Errors.of_values`.
     solve
         Function that returns the samples of the companion.
+    has_accuracy
+        See `Errors`.
     """
-    values = summarize(samples)
     beams = beams_of(lin.full_equations.mechanism)
 
-    def repeat(strains: bool | None) -> tuple[Array, Refined]:
-        if strains is None or not beams:
+    def repeat(causes: Collection[str]) -> tuple[Array, Refined]:
+        if not beams:
             return samples, Refined()
-        companion = _find_companion(lin, about, t, strains, eigenvalues)
+        companion = _find_companion(lin, about, t, causes, eigenvalues)
         refined = companion[0].refined
-        if not refined.has_mesh:
+        if not refined.causes:
             raise BeamdaeError("no beam can be refined")
         orders = (2 * x.mesh.nodes - 2 for x in beams if x.name in refined.elements)
         return solve(*companion), refined._replace(mesh_order=min(orders, default=2))
 
-    def compare(first: Array, second: Array, refined: Refined) -> Errors:
-        sizes = np.max(np.abs(second), axis=1, initial=0.0)
-        errors = Errors.of_values(headers, first, second, refined, sizes)
-        return replace(errors, values=summarize(first), companions=summarize(second))
-
-    unchecked = Errors.unchecked(headers, values, "no refined model")
-    return measure_errors(unchecked, samples, repeat, compare)
+    compare = partial(Errors.of_values, headers)
+    unchecked = Errors.unchecked(headers, samples[:, 0].real, "no refined model")
+    return measure_errors(unchecked, samples, repeat, compare, has_accuracy=has_accuracy)
 
 
 def pair_modes(
@@ -141,18 +125,11 @@ def pair_modes(
 
     Shapes without a similar one are paired with the remaining modes in ascending order.
     """
-    mass, prolonged = finer.tangent.mass, refinement.prolongation @ shapes
-    masses, others = (quadratic_forms(mass, x).real for x in (prolonged, solution.shapes))
-    mac = np.abs(prolonged.conj().T @ (mass @ solution.shapes)) ** 2 / np.outer(masses, others)
+    mac = compare_shapes(finer.tangent.mass, refinement.prolongation @ shapes, solution.shapes)
+    rows, matches = linear_sum_assignment(-mac)
+    is_similar = mac[rows, matches] > _MIN_MAC
     pairs = np.full(len(mac), -1)
-    if not mac.size:
-        return pairs
-    for k, row in enumerate(mac):
-        # Motions at equal rates may have nearly the same shape.
-        row[pairs[pairs >= 0]] = 0.0
-        best = int(np.argmax(row))
-        if row[best] > _MIN_MAC:
-            pairs[k] = best
+    pairs[rows[is_similar]] = matches[is_similar]
     rest = np.setdiff1d(np.flatnonzero(solution.values), pairs)
     rows = np.flatnonzero(pairs < 0)[: len(rest)]
     pairs[rows] = rest[: len(rows)]
@@ -160,58 +137,35 @@ def pair_modes(
 
 
 def _find_companion(
-    lin: Linearization, about: Any, t: float, strains: bool, eigenvalues: Array
+    lin: Linearization, about: Any, t: float, causes: Collection[str], eigenvalues: Array
 ) -> tuple[Refinement, Linearization]:
-    """Return the refined mechanism linearized about the same state."""
-    if strains not in lin.companions:
+    """Return the refined mechanism, linearized about the same state.
+
+    The beams are in equilibrium with the loads at the end of a path, and with the accelerations at
+    an instant of a run. Other states are searched for by their request.
+    """
+    # Friction is a damper about a state at rest; a sharper one damps more.
+    refined = tuple(x for x in causes if x != "friction")
+    if refined not in lin.companions:
         start = about if isinstance(about, Mapping) else AS_DRAWN
         with hold_messages():
-            refinement = refine(lin.full_equations, start, strains=strains, friction=False)
+            refinement, finer = refine(lin.full_equations, start, refined), lin
             try:
-                finer = lin
-                if refinement.refined.has_mesh:
-                    finer = _linearize_refined(lin, refinement, about, t, eigenvalues)
+                if refinement.refined.causes:
+                    if isinstance(about, Equilibrium):
+                        about = refine_end(about, refinement)
+                    elif isinstance(about, Instant):
+                        slowest = np.min(np.abs(eigenvalues[eigenvalues != 0.0]), initial=np.inf)
+                        rate = _RATE_RATIO * float(slowest) if np.isfinite(slowest) else 1.0
+                        about = _prolong_instant(lin, refinement, about, rate)
+                    finer = linearize_about("modes", refinement.equations, about, t)
             except (BeamdaeError, CurveError, SingularMatrixError) as problem:
                 raise MissingStateError(
                     f"the state is not found with halved elements ({str(problem).rstrip('.')})"
                 ) from problem
-        lin.companions[strains] = refinement, finer
-    companion: tuple[Refinement, Linearization] = lin.companions[strains]
+        lin.companions[refined] = refinement, finer
+    companion: tuple[Refinement, Linearization] = lin.companions[refined]
     return companion
-
-
-def _linearize_refined(
-    lin: Linearization, refinement: Refinement, about: Any, t: float, eigenvalues: Array
-) -> Linearization:
-    """Linearize about the same state, searched for by its request.
-
-    The beams are in equilibrium with the loads at the end of a path, and with the accelerations at
-    an instant of a run.
-    """
-    if isinstance(about, Equilibrium):
-        return _linearize_path_end(lin, refinement, about)
-    if isinstance(about, Instant):
-        slowest = np.min(np.abs(eigenvalues[eigenvalues != 0.0]), initial=np.inf)
-        rate = _RATE_RATIO * float(slowest) if np.isfinite(slowest) else 1.0
-        about = _prolong_instant(lin, refinement, about, rate)
-    return linearize_about("modes", refinement.equations, about, t)
-
-
-def _linearize_path_end(
-    lin: Linearization, refinement: Refinement, path: Equilibrium
-) -> Linearization:
-    q = refinement.prolong(lin.state.q)
-    fine = replace(refinement.equations, q0=q, v0=np.zeros(len(q)))
-    _, system, factor = load_path_end(fine.mechanism, fine, path)
-    e = system.equations
-    multipliers = dict(zip(lin.equations.lam_names, lin.state.lam, strict=True))
-    x = np.append(q, [multipliers.get(name, 0.0) for name in e.lam_names])
-    problem = StaticProblem(system)
-    start = hold_neutral_motions(problem.point(problem.start(x), factor))
-    x = start.problem.correct(prescribe_parameter, factor, start.x, factor).x[: len(x)]
-    e = replace(e, q0=x[: e.n], v0=np.zeros(e.n))
-    frame = Frame(e, system.loaded.time, partial(system.motion_tangent, factor))
-    return linearize_at_rest(frame, fine, lin.about)
 
 
 def _prolong_instant(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import replace
 from functools import partial
 
@@ -51,8 +51,8 @@ def measure_motion(motion: PeriodicMotion, time_limit: float | None = None) -> E
         return leave_unchecked(run, "the motion was loaded from a file")
     method = refine_method(run, time_limit, RTOL_BESIDE_ACCURATE_STEPS)
 
-    def repeat(strains: bool | None) -> tuple[PeriodicMotion, Refined]:
-        refinement = refine(run.equations, strains=strains)
+    def repeat(causes: Collection[str]) -> tuple[PeriodicMotion, Refined]:
+        refinement = refine(run.equations, causes=causes)
         companion = _find_motion(motion, method, refinement)
         return companion, refinement.refined.with_steps(run.made_by)
 

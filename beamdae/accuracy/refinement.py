@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Collection
 from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.accuracy.errors import Refined
+from beamdae.accuracy.errors import CAUSES, Refined
 from beamdae.beams.beam import Beam
 from beamdae.beams.mesh import Mesh
 from beamdae.beams.prolongation import prolong_coordinates
 from beamdae.beams.remeshing import divide_meshes, list_fixed_beams, replace_beams
 from beamdae.equations.assembly.assemble import equations_of_motion
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.errors import hold_messages
+from beamdae.errors import hold_messages, set_fields
 from beamdae.parts.mechanism import AS_DRAWN, Mechanism
 from beamdae.parts.part import Part
 
@@ -55,9 +55,9 @@ class Refinement(NamedTuple):
         return np.asarray(offset + self.prolongation @ q)
 
 
-def refine_mesh(beam: Beam, mesh: Mesh) -> Mesh:
+def _refine_mesh(beam: Beam, mesh: Mesh) -> Mesh:
     """Return a mesh with halved elements, or of a higher degree if the program chose the mesh."""
-    if not beam.has_chosen_mesh:
+    if not beam._has_chosen_mesh:
         return mesh.with_divided_elements(2)
     degree = mesh.nodes - 1 + _MORE_DEGREES
     if degree <= _MAX_DEGREE:
@@ -66,14 +66,11 @@ def refine_mesh(beam: Beam, mesh: Mesh) -> Mesh:
 
 
 def refine_mechanism(
-    mechanism: Mechanism,
-    start: Any = AS_DRAWN,
-    change_mesh: Callable[[Beam, Mesh], Mesh] = refine_mesh,
-    *,
-    strains: bool = True,
-    friction: bool = True,
+    mechanism: Mechanism, start: Any = AS_DRAWN, causes: Collection[str] = CAUSES
 ) -> tuple[Mechanism, Refined]:
     """Return a copy with other meshes, exact strains and sharper friction, and what is refined.
+
+    If only steps are refined, the mechanism itself is returned.
 
     Beams keep their elements and strains if the start names their coordinates, an observable or
     event refers to them, or their kinematics are custom ones.
@@ -84,32 +81,34 @@ def refine_mechanism(
         The mechanism.
     start
         Its start, see `Mechanism`.
-    change_mesh
-        Function of a beam and of its mesh, after its first assembly, that returns the mesh of the
-        copy.
-    strains, friction
-        False to keep the strains, or the friction speeds.
+    causes
+        Causes of errors that are reduced: others than "mesh", "theory" and "friction" are not those
+        of mechanisms.
 
     Raises
     ------
     BeamdaeError
         If a part cannot be copied.
     """
+    if {*causes} == {"time"}:
+        return mechanism, Refined()
     kept = list_fixed_beams(mechanism, start)
     elements, degrees, finer, inexact = {}, {}, {}, []
-    for beam, mesh in divide_meshes(mechanism, kept):
-        other = beam.with_exact_strains() if strains else beam
+    for beam, mesh in divide_meshes(mechanism, kept) if "mesh" in causes else ():
+        other = beam._with_exact_strains() if "theory" in causes else beam
         if other is not beam:
             inexact.append(beam.name)
-        if beam.has_chosen_mesh:
+        if beam._has_chosen_mesh:
             degrees[beam.name] = mesh.nodes - 1
         else:
             elements[beam.name] = mesh.elements
-        finer[beam.name] = other.with_mesh(change_mesh(beam, mesh), mesh)
+        finer[beam.name] = other._with_mesh(_refine_mesh(beam, mesh), mesh)
     sharpened = []
 
     def sharpen(part: Part) -> None:
-        if friction and part.sharpen_friction(SPEED_RATIO):
+        if "friction" in causes and part.regularized_friction is not None:
+            speed = SPEED_RATIO * part.regularized_friction.speed
+            set_fields(part, friction_speed=speed)
             sharpened.append(part.name)
 
     with hold_messages():  # Warnings about these beams do not concern the user.
@@ -118,11 +117,7 @@ def refine_mechanism(
 
 
 def refine(
-    equations: EquationsOfMotion,
-    start: Any = AS_DRAWN,
-    *,
-    strains: bool | None = True,
-    friction: bool = True,
+    equations: EquationsOfMotion, start: Any = AS_DRAWN, causes: Collection[str] = CAUSES
 ) -> Refinement:
     """Return equations with finer meshes, exact strains and sharper friction.
 
@@ -132,10 +127,8 @@ def refine(
         Equations of motion of the mechanism.
     start
         Start of the refined equations, see `Mechanism`.
-    strains
-        False to keep the strains, None to refine nothing.
-    friction
-        False to keep the friction speeds.
+    causes
+        See `refine_mechanism`.
 
     Raises
     ------
@@ -143,13 +136,9 @@ def refine(
         If a part cannot be copied, or the start fails.
     """
     mechanism, refined = equations.mechanism, Refined()
-    if mechanism is not None and strains is None:
-        refined = Refined(kept=list_fixed_beams(mechanism))
-    elif mechanism is not None:
-        other, refined = refine_mechanism(
-            mechanism, start, strains=bool(strains), friction=friction
-        )
-    if mechanism is None or not refined.has_mesh:
+    if mechanism is not None:
+        other, refined = refine_mechanism(mechanism, start, causes)
+    if mechanism is None or not refined.causes:
         identity = sp.eye_array(equations.n, format="csc")
         return Refinement(equations, refined, identity, np.zeros(equations.n))
     with hold_messages():

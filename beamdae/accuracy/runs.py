@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from contextvars import ContextVar
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -28,11 +26,9 @@ from beamdae.linear.blas_threads import single_threaded
 from beamdae.parts.mechanism import AS_DRAWN
 from beamdae.results.solution import Solution
 from beamdae.results.trajectory import Trajectory
-from beamdae.simulation import skips_result_checks
+from beamdae.simulation import is_unchecked
 
 Array = np.ndarray
-
-_are_checked: ContextVar[bool] = ContextVar("are_checked", default=True)
 
 _RTOL_RATIO = 1.0 / 3.0
 # Fixed steps share blind spots with half their length: another method takes their place.
@@ -43,16 +39,6 @@ _MAX_STEPS_RATIO, _MIN_MAX_STEPS = 8, 3000
 _MIN_RTOL = 1e-10
 # Runs are checked by themselves up to this time [s], or this multiple of their own.
 _MIN_TIME_LIMIT, _MAX_TIME_RATIO = 2.0, 8.0
-
-
-@contextmanager
-def unchecked() -> Iterator[None]:
-    """Within the context, runs are not checked by themselves."""
-    token = _are_checked.set(False)
-    try:
-        yield
-    finally:
-        _are_checked.reset(token)
 
 
 @single_threaded
@@ -83,8 +69,8 @@ def measure_run(
     run = twin
     method = refine_method(run, time_limit)
 
-    def repeat(strains: bool | None) -> tuple[Solution, Refined]:
-        refinement, motion = refine_equations(run, strains)
+    def repeat(causes: Collection[str]) -> tuple[Solution, Refined]:
+        refinement, motion = refine_equations(run, causes)
         companion = _repeat(run, method, refinement.equations, motion, progress)
         return companion, refinement.refined.with_steps(run.made_by)
 
@@ -160,7 +146,7 @@ def check_run(run: Solution, progress: Progress | None = None) -> Iterator[str]:
 
 def find_companion(run: Solution) -> Solution | None:
     """Return the run with everything refined that `Solution.errors` compares, or None."""
-    if "errors" not in vars(run) and (skips_result_checks() or not _are_checked.get()):
+    if "errors" not in vars(run) and is_unchecked():
         return None
     split: Any = run.errors._split
     return None if split is None else split.companion
@@ -178,7 +164,7 @@ def check_result(result: Any, run: Solution, measure: Callable[[float], Errors])
     measure
         Function that measures the errors; its argument limits the time of a run [s].
     """
-    if not _are_checked.get():
+    if is_unchecked():
         return
     if "errors" not in vars(result):
         spent = run.statistics.setup_time + run.statistics.wall_time
@@ -233,11 +219,11 @@ def refine_method(
     return replace(method, **{x: y for x, y in changes.items() if hasattr(method, x)})
 
 
-def refine_equations(run: Solution, strains: bool | None) -> tuple[Refinement, Trajectory]:
+def refine_equations(run: Solution, causes: Collection[str]) -> tuple[Refinement, Trajectory]:
     """Return refined equations with the start of the run, and its motion in their coordinates."""
     start = run.equations.start
     request = None if start is None else start.request
-    refinement = refine(run.equations, request or AS_DRAWN, strains=strains)
+    refinement = refine(run.equations, request or AS_DRAWN, causes)
     if refinement.equations is run.equations:
         return refinement, run.trajectory
     matrix = refinement.prolongation

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from itertools import takewhile
@@ -49,7 +49,7 @@ from beamdae.results.equilibrium import UNSTABLE, Equilibrium
 from beamdae.results.noise import mark_resting_columns, rounding_limits
 from beamdae.results.outcome import REACHED_END
 from beamdae.results.section_forces.section_forces import SectionForces
-from beamdae.simulation import skips_result_checks
+from beamdae.simulation import is_unchecked
 
 Array = np.ndarray
 Values = dict[str, float]
@@ -108,7 +108,7 @@ def measure_equilibrium(path: Equilibrium) -> Errors:
 
 def find_companion(path: Equilibrium) -> Equilibrium | None:
     """Return the refined path, of which the end may be the only row, or None; see `errors`."""
-    if "errors" not in vars(path) and skips_result_checks():
+    if "errors" not in vars(path) and is_unchecked():
         return None
     split: Any = path.errors._split
     return None if split is None else split.companion.path
@@ -166,16 +166,14 @@ def _measure(
     headlines = np.atleast_2d(values.T)[0]
     sizes, result = np.abs(headlines), _Repetition(values)
 
-    def repeat_values(strains: bool | None) -> tuple[_Repetition, Refined]:
+    def repeat_values(causes: Collection[str]) -> tuple[_Repetition, Refined]:
         nonlocal sizes
-        if strains is None:
-            return result, Refined()
         with hold_messages(), single_threaded:
-            refinement = refine(equations, strains=strains)
-            if not refinement.refined.has_mesh:
+            refinement = refine(equations, causes=causes)
+            if not refinement.refined.causes:
                 raise BeamdaeError("no beam can be refined.")
             others = repeat(refinement)
-        if strains:
+        if "theory" in causes:
             refined_values = np.atleast_2d(others.values.T)[0]
             sizes = np.abs(np.where(np.isnan(refined_values), headlines, refined_values))
             sizes = np.array([scales.get(x, y) for x, y in zip(headers, sizes, strict=True)])
@@ -272,16 +270,31 @@ def _measure_sections(path: Equilibrium) -> Iterator[tuple[str, float]]:
 
     for name, observed in mechanism.observables.items():
         quantity, names = measured_quantity(observed)
-        beam = Beam.of_strains(quantity)
+        beam = Beam._of_strains(quantity)
         if beam is None:
             continue
         forces = forces_along(beam)
         rows = np.concatenate([forces.N, forces.Q, forces.M])
-        values = Beam.values_of_section_forces(quantity, rows, forces.s.tolist())
+        values = Beam._values_of_section_forces(quantity, rows, forces.s.tolist())
         largest = np.abs(values).max(axis=-1)
         of_column = dict(zip((x.name for x in quantity.columns), largest.tolist(), strict=True))
         for header, column in zip(format_headers(name, observed.columns), names, strict=True):
             yield header, of_column[column]
+
+
+def refine_end(path: Equilibrium, refinement: Refinement) -> Equilibrium:
+    """Return the refined equilibrium near the end of a path.
+
+    Raises
+    ------
+    MissingStateError
+        If it is not found.
+    """
+    refined_path = _RefinedPath(path, refinement)
+    end = refined_path._correct_row(-1)
+    if end is None:
+        raise MissingStateError("there is no such equilibrium with refined beams.")
+    return refined_path._as_equilibrium([end])
 
 
 @dataclass(frozen=True, eq=False)

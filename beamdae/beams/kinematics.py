@@ -27,8 +27,9 @@ from beamdae.beams.strains import BENDING, slice_column
 from beamdae.curves.plane_curves import ARC_LENGTH_TOLERANCE, PlaneCurve
 from beamdae.errors import (
     BeamdaeError,
+    choice_of,
+    convert_fields,
     format_exception,
-    require_choice,
     set_fields,
     short_repr,
 )
@@ -330,7 +331,7 @@ class FormulationKinematics(Kinematics):
 
     def __post_init__(self) -> None:
         set_fields(self, frame=resolve_frame(self.name, self.mesh.curve, self.frame))
-        require_choice(self.name, "quadrature", self.quadrature, ("reduced", "full"))
+        convert_fields(self, quadrature=choice_of("reduced", "full"))
         _ = self.frame_angle
         if self.free_curve is not None:
             require_free_curve(self.name, self.free_curve, self.mesh.curve)
@@ -370,9 +371,10 @@ class FormulationKinematics(Kinematics):
 
     @cached_property
     def _half_heights(self) -> Array:
-        s = self.mesh.gauss_arc_lengths(self.stiffness_points).tolist()
-        ratios = [x.EI / x.EA for x in map(self.section.at, s)]
-        return np.sqrt(3.0 * np.array(ratios)).reshape(-1, self.stiffness_points)
+        """Half heights of the sections, of a rectangle with the same EI / EA if not known."""
+        sections = map(self.section.at, self.mesh.gauss_arc_lengths(self.stiffness_points).tolist())
+        heights = [0.5 * x.height if x.height else np.sqrt(3.0 * x.EI / x.EA) for x in sections]
+        return np.array(heights).reshape(-1, self.stiffness_points)
 
     def largest_strain(self, q: Array) -> float:
         """Return the largest axial strain of outer fibers [-] in the states q (k, n)."""

@@ -19,16 +19,12 @@ import scipy.sparse as sp
 
 from beamdae.beams.beam import Beam, require_beam
 from beamdae.curves.plane_curves import PlaneCurve
-from beamdae.errors import BeamdaeError, require_choice, require_name, set_fields
+from beamdae.errors import BeamdaeError, choice_of, convert_fields, require_choice
 from beamdae.parts.attachments import Attachment, require_attachment, rotate
 from beamdae.parts.events import Event
-from beamdae.parts.forces.load_observables import FORCE
 from beamdae.parts.joints.joint import meeting_tolerance
-from beamdae.parts.joints.kinematic_constraint import (
-    KinematicConstraint,
-    PlacedPoint,
-    PointFunction,
-)
+from beamdae.parts.joints.kinematic_constraint import GapFormula, KinematicConstraint
+from beamdae.parts.point_parts import FORCE, PlacedPoint
 from beamdae.symbolic.formula import Formula, FormulaExpression
 from beamdae.symbolic.statements import (
     SX,
@@ -133,17 +129,17 @@ class _TrackGap:
         return a.position - interpolate_track(points, along.position[0] / length, self.nodes)
 
 
-class _ReactionOnBeam(PointFunction):
+@dataclass(frozen=True)
+class _ReactionOnBeam:
     """Reaction on the beam at the contact point, in "inertial" axes or those of the track."""
 
-    def __call__(self, local: Local, *functions: Any) -> SX:
-        return local.lam
+    gap: GapFormula
+    axes: str
 
-
-class _ReactionAlongTrack(PointFunction):
-    def __call__(self, local: Local, *functions: Any) -> SX:
-        gap = self.evaluate(local, self.place_points(local, functions), functions)
-        slope = -ca.jacobian(gap, local.q[-1])
+    def __call__(self, local: Local, *arguments: Any) -> SX:
+        if self.axes == "inertial":
+            return local.lam
+        slope = -ca.jacobian(self.gap(local, *arguments), local.q[-1])
         return rotate(-ca.atan2(slope[1], slope[0]), local.lam)
 
 
@@ -208,10 +204,9 @@ class SlidingOnBeam(KinematicConstraint):
     ends: str = "record"
 
     def __post_init__(self) -> None:
-        set_fields(self, name=require_name("SlidingOnBeam", self.name))
-        require_choice(self.name, "ends", self.ends, ("record", "stop"))
+        convert_fields(self, ends=choice_of("record", "stop"))
         require_attachment(self.name, "first attachment", self.a)
-        require_beam(self.name, self.beam).has_moving_load = True
+        require_beam(self.name, self.beam)._has_moving_load = True
         if self.a.body is self.beam:
             raise BeamdaeError(
                 f"{self.name}: the point must belong to a body other than the beam, got {self.a}."
@@ -292,8 +287,9 @@ class SlidingOnBeam(KinematicConstraint):
         if place == "a":
             return super().reaction_on("a", axes)
         require_choice(self.name, "axes", axes, ("inertial", "body"))
-        kind = _ReactionOnBeam if axes == "inertial" else _ReactionAlongTrack
-        return self.observe(kind(self._sizes, len(self.gap_parameters), self.gap), FORCE)
+        gap = self._gap_formula
+        assert gap is not None
+        return self._observe(_ReactionOnBeam(gap, axes), FORCE)
 
     @property
     def events(self) -> tuple[Event, ...]:

@@ -26,8 +26,6 @@ from beamdae.report.option_names import use_options
 
 # Exit code of a usage or model error; a failed run ends with 1.
 USAGE_ERROR = 2
-# Exit code of a study with runs that are missing because processes or a cluster failed.
-NOT_RUN_CODE = 3
 EXIT_CODES = (
     "Exit codes: 0 success, 1 failure (partial results are written), 2 usage or model error, "
     "3 study incomplete because processes or a cluster failed (run it again to resume), "

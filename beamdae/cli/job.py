@@ -22,7 +22,7 @@ from beamdae.cli.options import (
     parse_start,
     split_names,
 )
-from beamdae.cli.results import ResultFiles, run_analysis
+from beamdae.cli.results import Report, ResultFiles, run_analysis
 from beamdae.errors import BeamdaeError
 
 if TYPE_CHECKING:
@@ -158,11 +158,45 @@ class Job:
         title: str,
         analyze: Callable[[], Any],
         write_tables: Callable[[Any], Sequence[Path]] | None = None,
-        **more: Any,
+        names: Sequence[str] = (),
+        x: str | None = None,
+        further: Callable[[Any], None] | None = None,
+        complete: Callable[[Any, Report], Report] = lambda result, report: report,
     ) -> None:
-        """Analyze the model and write and print its results; see `run_analysis`."""
+        """Analyze the model and write and print its results; see `run_analysis`.
+
+        Tables are those of the method `to_csv` by default, `names` and `x` the columns of the
+        picture, and `complete` returns the report on a result with additions.
+        """
         name = self.model.name
-        run_analysis(files, name, f"{name}, {title}", analyze, write_tables, **more)
+
+        def describe_result(result: Any) -> Report:
+            from beamdae.report.descriptions import describe
+
+            warnings = result.warnings  # These may measure errors, which the description contains.
+            status = getattr(result, "status", None)
+            return complete(result, Report(name, describe(result), status, warnings))
+
+        def write_page(result: Any, path: Path, title: str) -> Path:
+            from beamdae.report.result_pages import write_analysis_page
+
+            return write_analysis_page(result, path, title)
+
+        def draw(result: Any, title: str) -> Any:
+            from beamdae.report.pictures.result_figures import create_result_figure
+
+            return create_result_figure(result, title, names, x)
+
+        run_analysis(
+            files,
+            f"{name}, {title}",
+            analyze,
+            write_tables or (lambda result: [result.to_csv(files.table)]),
+            describe_result,
+            write_page,
+            draw,
+            further,
+        )
 
 
 class AccurateJob(Job):

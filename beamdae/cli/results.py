@@ -7,7 +7,8 @@ the sequence of the analyses.
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -24,15 +25,21 @@ from beamdae.cli.output import (
     show,
 )
 from beamdae.cli.output_paths import require_writable
-from beamdae.errors import BeamdaeError, format_exception
-from beamdae.garbage_collection import paused_collection
+from beamdae.errors import BeamdaeError, format_count, format_exception
 from beamdae.input_files import is_input
+from beamdae.interrupts import acknowledge
 from beamdae.report.option_names import name_options
 from beamdae.report.text import make_printable
+
+# Exit code of a study with runs that are missing because processes or a cluster failed.
+NOT_RUN_CODE = 3
 
 if TYPE_CHECKING:
     from beamdae.report.descriptions import Description
     from beamdae.results.outcome import Status
+
+
+MAX_SCREEN_ROWS = 24
 
 
 @dataclass(frozen=True)
@@ -53,6 +60,12 @@ class Report:
         Text that follows the reason of the status.
     source
         What shows columns of tables that do not fit into the terminal.
+    max_rows
+        Most rows of a table; longer ones are complete in files and on pages.
+    command
+        Options that continue with the result, on one line.
+    failures
+        Sentences on failures that are printed last.
     """
 
     name: str
@@ -61,6 +74,9 @@ class Report:
     warnings: Sequence[str] = ()
     cost: str = ""
     source: str = "the CSV file"
+    max_rows: int = MAX_SCREEN_ROWS
+    command: str = ""
+    failures: Sequence[str] = ()
 
     def print(self, accuracy: Status | None = None) -> None:
         """Print the report, with what was reached of a required accuracy, or record its data."""
@@ -82,6 +98,10 @@ class Report:
         # The reason of a failure is the last line of a command.
         reason = "" if status is None or status.success else status.sentence
         print_warnings(console, (x for x in self.warnings if not reason or reason not in x))
+        if self.command:
+            console.print(self.command, style="dim", soft_wrap=True)
+        for sentence in self.failures:
+            print_error(f"failed: {sentence}")
 
     def _status_data(self, accuracy: Status | None) -> dict[str, Any]:
         statuses = (self.status, accuracy)
@@ -100,12 +120,16 @@ class Report:
 
         if isinstance(content, str):
             show(console, content, "dim")
-        elif hasattr(content, "texts"):
-            show(console, content)
-        elif len(content):
-            table = table_of(content, self.source)
-            rows = [list(map(name_options, row)) for row in table.rows]
-            show(console, replace(table, rows=rows))
+            return
+        is_ready = hasattr(content, "texts")
+        if not is_ready and not len(content):
+            return
+        table = content if is_ready else table_of(content, self.source)
+        rows = [list(map(name_options, row)) for row in table.rows[: self.max_rows]]
+        show(console, replace(table, rows=rows))
+        if n_more := len(table.rows) - len(rows):
+            text = f"not shown: {format_count(n_more, 'row')}; see {table.source}"
+            show(console, text, "dim")
 
 
 @dataclass
@@ -157,7 +181,7 @@ class ResultFiles:
 
     def add(self, *paths: Path) -> None:
         """Add written tables, and remove the page and the picture of earlier ones."""
-        self.paths += paths
+        self.paths = [*paths, *self.paths]
         for suffix in (".html", ".png"):
             self.remove(self.table.with_suffix(suffix))
 
@@ -180,9 +204,7 @@ class ResultFiles:
         # Flush, so that the reader of a pipe gets the tables before the files are written.
         sys.stdout.flush()
         try:
-            # Importing Matplotlib and drawing create no garbage to speak of.
-            with paused_collection():
-                self.paths += write()
+            self.paths += write()
             return
         except BeamdaeError as problem:
             print_error(f"failed: {problem}")
@@ -215,74 +237,97 @@ class ResultFiles:
         """
         self.print_paths()
         failures = [(prefix, x) for prefix, x in outcomes if x is not None and not x.success]
+        reasons = [x.sentence for _, x in failures if x.kind == "interrupted"]
+        if reasons or signals.is_interrupted():
+            reason = (*reasons, "interrupted after the tables were written")[0]
+            print_error(f"{reason}; the results so far are in {self.paths[0]}")
+            raise typer.Exit(signals.exit_code())
         for prefix, status in failures:
-            if status.kind == "interrupted":
-                print_error(f"{status.sentence}; the results so far are in {self.paths[0]}")
-                raise typer.Exit(signals.exit_code())
             print_error(f"{prefix}: {name_options(status.sentence)}")
+        if any(x.kind == "not run" for _, x in failures):
+            raise typer.Exit(NOT_RUN_CODE)
         if failures or self.failed:
             raise typer.Exit(1)
 
 
+@contextmanager
+def continue_after_interrupt() -> Iterator[None]:
+    """Suppress an interrupt of the `with` block, after the tables have been written."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        acknowledge()
+
+
 def run_analysis(
     files: ResultFiles,
-    name: str,
     title: str,
     analyze: Callable[[], Any],
-    write_tables: Callable[[Any], Sequence[Path]] | None = None,
-    names: Sequence[str] = (),
-    x: str | None = None,
+    write_tables: Callable[[Any], Sequence[Path]],
+    describe: Callable[[Any], Report],
+    write_page: Callable[[Any, Path, str], Path],
+    draw: Callable[[Any, str], Any],
     further: Callable[[Any], None] | None = None,
-    complete: Callable[[Any, Report], Report] = lambda result, report: report,
 ) -> None:
     """Analyze a model, write tables, print the result, write page and picture, and end the command.
 
-    After the first interrupt of an analysis that returns what it has, its tables are written before
-    a further one is raised; page and picture are skipped.
+    An interrupt of an analysis that returns what it has, or a later one, ends only the present
+    step; SIGTERM skips page and picture.
 
     Parameters
     ----------
     files
         Paths of the files.
-    name, title
-        Name of the model, and title of page and picture.
+    title
+        Title of page and picture.
     analyze
         Function that returns the result.
     write_tables
-        Function that writes the tables of a result; by default, its method `to_csv`.
-    names, x
-        Columns and horizontal axis of the picture.
+        Function that writes the tables of a result.
+    describe
+        Function that returns the report on a result, and measures its errors unless `unchecked`.
+    write_page, draw
+        Functions of a result and a title that write the page, and that return the picture.
     further
         Function that writes further files, after page and picture.
-    complete
-        Function that returns the report on a result with additions.
     """
-    with signals.defer_interrupts(immediate=1):
-        result = analyze()
-        files.add(*(write_tables(result) if write_tables else [result.to_csv(files.table)]))
-    from beamdae.report.descriptions import describe
-    from beamdae.report.result_pages import write_analysis_page
+    try:
+        with signals.defer_interrupts(immediate=1):
+            result = analyze()
+            files.add(*write_tables(result))
+    except KeyboardInterrupt:
+        if not files.paths:
+            raise
+        acknowledge()
     from beamdae.results.outcome import accuracy_of
+    from beamdae.simulation import unchecked
 
-    status, accuracy = getattr(result, "status", None), accuracy_of(result)
-    warnings = result.warnings  # These may measure errors, which the description contains.
-    report = Report(name, describe(result), status, warnings)
-    complete(result, report).print(accuracy)
+    report = None
+    if not signals.is_interrupted():
+        with continue_after_interrupt():
+            report = describe(result)
+    if report is None:
+        with unchecked():
+            report = describe(result)
+    status, accuracy = report.status, accuracy_of(result)
+    report.print(accuracy)
 
-    def draw(path: Path) -> list[Path]:
+    def draw_to(path: Path) -> list[Path]:
         from beamdae.report.pictures.figures import save_figure
-        from beamdae.report.pictures.result_figures import create_result_figure
 
         suffix = "" if status is None or status.success else f", ended early ({status.kind})"
-        figure = create_result_figure(result, f"{title}{suffix}", names, x)
+        if accuracy is not None and not accuracy.success:
+            suffix += ", accuracy not reached"
+        figure = draw(result, f"{title}{suffix}")
         return [] if figure is None else [save_figure(figure, path)]
 
     page, picture = files.page, files.picture
-    if status is None or status.kind != "interrupted":
-        if page is not None:
-            files.write(page.name, lambda: [write_analysis_page(result, page, title)])
-        if picture is not None:
-            files.write(picture.name, lambda: draw(picture))
-        if further is not None:
-            further(result)
+    with continue_after_interrupt():
+        if not signals.is_terminated():
+            if page is not None:
+                files.write(page.name, lambda: [write_page(result, page, title)])
+            if picture is not None:
+                files.write(picture.name, lambda: draw_to(picture))
+            if further is not None:
+                further(result)
     files.finish(("failed", status), ("the accuracy is not reached", accuracy))

@@ -8,21 +8,17 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import typer
-
 from beamdae.cli import signals
-from beamdae.cli.command_wrapper import NOT_RUN_CODE
 from beamdae.cli.options import parse_start, split_names
-from beamdae.cli.output import print_error
 from beamdae.cli.output_paths import require_writable
 from beamdae.cli.progress import show_study_progress
-from beamdae.cli.results import Report, ResultFiles
-from beamdae.errors import format_count, require_positive
-from beamdae.interrupts import Interrupted, acknowledge
+from beamdae.cli.results import MAX_SCREEN_ROWS, Report, ResultFiles, run_analysis
+from beamdae.errors import require_positive
+from beamdae.interrupts import Interrupted
 
 # NumPy and CasADi are imported inside functions, so that --help responds quickly.
 if TYPE_CHECKING:
-    from beamdae.report.terminal.responsive_table import ResponsiveTable
+    from beamdae.results.outcome import Status
     from beamdae.studies import Study
     from beamdae.studies.execution.study_progress import StudyProgress
     from beamdae.studies.execution.study_run import StudyResults
@@ -33,8 +29,6 @@ if TYPE_CHECKING:
 # Statuses of runs that are computed when the study resumes.
 MISSING_KINDS = ("interrupted", "not run")
 PAGE_FILE = "report.html"
-# Longer tables are only written to files and the page.
-MAX_SCREEN_ROWS = 16
 _MAX_FOLDER_NAME = 100  # characters
 _FILE_SUFFIXES = {".csv", ".html", ".png"}
 _RESUME_HINT = "run the same command again to resume"
@@ -90,18 +84,22 @@ class StudyReport:
 
     Attributes
     ----------
+    results
+        The results.
     report
         What the command prints.
-    failures
-        Lines about failures besides those of the cases.
-    tables, page, pictures
-        Functions that write the tables besides those of every study, the page and the pictures.
+    tables
+        Paths of the tables.
+    write_page
+        Function that writes the page.
+    pictures
+        Functions that write the pictures, by name.
     """
 
+    results: StudyResults
     report: Report
-    failures: list[str]
-    tables: FileWriters
-    page: FileWriters
+    tables: list[Path]
+    write_page: Callable[[Path], Path]
     pictures: FileWriters
 
 
@@ -124,7 +122,7 @@ def run_and_write(
     command, study, folder
         Name of the command, the study, and the folder of its results.
     create_report
-        Function that returns the report on the results.
+        Function that returns the report on the results, after writing further tables.
     executor
         Values of --jobs and --scheduler.
     files
@@ -140,15 +138,17 @@ def run_and_write(
     existing = [path for path in folder.glob("*.*") if path.suffix in _FILE_SUFFIXES]
     planned = [*existing, folder / "cases.csv", folder / "outcomes" / "record.json"]
     require_writable(("--out", dict.fromkeys(planned)))
-    written, report, n_runs = ResultFiles(), None, 0
-    try:
-        # The exception may have been swallowed, for example by a callback of other code.
-        if signals.is_interrupted():
-            raise KeyboardInterrupt
-        from beamdae.studies.execution.executors import create_executor
-        from beamdae.studies.execution.study_run import run_study
+    page = folder / PAGE_FILE
+    written, n_runs = ResultFiles(table=planned[-2], page=page if has_page else None), 0
 
-        with signals.defer_interrupts(immediate=1):
+    def analyze() -> StudyReport:
+        try:
+            # The exception may have been swallowed, for example by a callback of other code.
+            if signals.is_interrupted():
+                raise KeyboardInterrupt
+            from beamdae.studies.execution.executors import create_executor
+            from beamdae.studies.execution.study_run import run_study
+
             with show_study_progress() as show_progress:
 
                 def update(progress: StudyProgress) -> None:
@@ -157,62 +157,60 @@ def run_and_write(
                     show_progress(progress)
 
                 runner = create_executor(command, "--", *executor)
-                results = run_study(study, folder, runner, update)
-            written.paths += [results.folder / name for name in results.tables]
-            report = create_report(results)
-            for name in (*report.page, *(f"{x}.png" for x in report.pictures)):
-                written.remove(results.folder / name)
-            _write(written, report.tables)
-    except KeyboardInterrupt:
-        if report is None:
+                return create_report(run_study(study, folder, runner, update))
+        except KeyboardInterrupt:
             reason = f"interrupted before any table was written; {_RESUME_HINT}"
             raise Interrupted(reason) from None
-        acknowledge()
-    report.report.print()
-    print_failures(results, report.failures)
-    try:
-        if not signals.is_terminated():
-            _write(written, report.page if has_page else {})
-            _write(written, report.pictures if has_pictures else {})
-    except KeyboardInterrupt:
-        acknowledge()
-    written.print_paths()
-    missing = results.not_run
+
+    def write_tables(study: StudyReport) -> list[Path]:
+        for path in (page, *(folder / f"{name}.png" for name in study.pictures)):
+            written.remove(path)
+        return study.tables
+
+    def describe(study: StudyReport) -> Report:
+        written.failed |= study.results.failed
+        failures = [*study.report.failures, *list_failures(study.results)]
+        status = _describe_end(study.results, n_runs)
+        return replace(study.report, failures=failures, status=status)
+
+    def write_pictures(study: StudyReport) -> None:
+        for name, write in study.pictures.items() if has_pictures else ():
+            written.write(name, write)
+
+    run_analysis(
+        written,
+        study.name,
+        analyze,
+        write_tables,
+        describe,
+        lambda study, path, _: study.write_page(path),
+        lambda *_: None,
+        write_pictures,
+    )
+
+
+def _describe_end(results: StudyResults, n_runs: int) -> Status | None:
+    """Return the status of a study with missing runs, which resumes with them."""
+    from beamdae.results.outcome import Status
+
     if results.interrupted or signals.is_interrupted():
         n_done = sum(x.status.kind not in MISSING_KINDS for x in results.outcomes.values())
-        print_error(f"interrupted, {n_done} of {n_runs} runs done; {_RESUME_HINT}")
-        raise typer.Exit(signals.exit_code())
-    if missing:
-        reason = missing[0].status.sentence
-        print_error(f"not run: {len(missing)} of {n_runs} runs, because {reason}; {_RESUME_HINT}")
-        raise typer.Exit(NOT_RUN_CODE)
-    if results.failed or written.failed:
-        raise typer.Exit(1)
+        reason = f"interrupted, {n_done} of {n_runs} runs done; {_RESUME_HINT}"
+        return Status("interrupted", reason)
+    if missing := results.not_run:
+        reason = f"because {missing[0].status.sentence}; {_RESUME_HINT}"
+        return Status("not run", f"{len(missing)} of {n_runs} runs are missing, {reason}")
+    return None
 
 
-def _write(files: ResultFiles, writers: FileWriters) -> None:
-    for name, write in writers.items():
-        files.write(name, write)
-
-
-def first_cases(name: str, table: ResponsiveTable) -> dict[str, Any]:
-    """Return a table of cases by its title, and the number of cases beyond the first 16."""
-    rows, n_more = table.rows[:MAX_SCREEN_ROWS], len(table.rows) - MAX_SCREEN_ROWS
-    more = {f"more {name}": f"not shown: {format_count(n_more, 'case')}; see {table.source}"}
-    return {name: replace(table, rows=rows), **(more if n_more > 0 else {})}
-
-
-def print_failures(results: StudyResults, failures: list[str]) -> None:
-    """Print a line for each of the first 16 unsuccessful cases, and the number of further ones.
+def list_failures(results: StudyResults) -> list[str]:
+    """Return a sentence for each of the first unsuccessful cases, and the number of others.
 
     Interrupted cases and cases that were not run are omitted.
     """
     from beamdae.report.terminal import text_tables
 
-    reasons = text_tables.failure_sentences(
-        results.table[~results.table["status"].isin(MISSING_KINDS)]
-    )
-    for reason in [*failures[:MAX_SCREEN_ROWS], *reasons[:MAX_SCREEN_ROWS]]:
-        print_error(f"failed: {reason}")
-    if len(reasons) > MAX_SCREEN_ROWS:
-        print_error(f"further failures: {len(reasons) - MAX_SCREEN_ROWS}; see cases.csv")
+    rows = results.table[~results.table["status"].isin(MISSING_KINDS)]
+    reasons = text_tables.failure_sentences(rows)
+    further = [f"{len(reasons) - MAX_SCREEN_ROWS} further cases; see cases.csv"]
+    return [*reasons[:MAX_SCREEN_ROWS], *further * (len(reasons) > MAX_SCREEN_ROWS)]

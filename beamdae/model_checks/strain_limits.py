@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
@@ -48,8 +48,13 @@ def strain_warnings(
     q: Array,
     remedy: str = "reduce the loads, or check section and units",
 ) -> Iterator[str]:
-    """Yield a warning of the beams whose strains at q (k, n) are beyond linear elasticity."""
-    if clause := describe_meaningless_strain(equations, q, 1.0):
+    """Yield a warning of the beams whose strains at q (k, n) are beyond linear elasticity.
+
+    The limit of linear elasticity is the yield stress of the material, if it is known.
+    """
+    strains = _find_strains(equations, q)
+    clause = _describe_meaningless(strains, 1.0) or _describe_yielding(strains)
+    if clause:
         yield f"{clause}; {remedy}."
 
 
@@ -61,15 +66,23 @@ def names_strains(status: Status) -> bool:
 def describe_meaningless_strain(
     equations: EquationsOfMotion, q: Array, ratio: float = _MEANINGLESS_STRAIN_RATIO
 ) -> str:
-    """Return the clause of `strain_warnings` for strains at q (k, n), or "".
+    """Return a clause about strains at q (k, n) that are meaningless for any material, or "".
 
     Strains of up to `ratio` times those with a warning have none.
     """
+    return _describe_meaningless(_find_strains(equations, q), ratio)
+
+
+def _find_strains(equations: EquationsOfMotion, q: Array) -> dict[Beam, float]:
+    """Return the largest strain of each beam."""
     rows = {part.name: part.rows for part in equations.parts}
-    strains = {
+    return {
         beam: float(beam.kinematics.largest_strain(q[:, rows[beam.name]]))
         for beam in beams_of(equations.mechanism)
     }
+
+
+def _describe_meaningless(strains: Mapping[Beam, float], ratio: float) -> str:
     clauses = (
         (
             beam.name,
@@ -80,6 +93,18 @@ def describe_meaningless_strain(
         for beam, strain in strains.items()
         if strain > ratio * _strain_limit(beam)
     )
+    return next(merge_parts(clauses, _MAX_NAMES), "")
+
+
+def _describe_yielding(strains: Mapping[Beam, float]) -> str:
+    clauses = []
+    for beam, strain in strains.items():
+        material = beam.section.at(0.0).material
+        stress, limit = material.E * strain, material.yield_stress
+        if limit is not None and stress > limit:
+            text = f"{beam.name}: the largest stress is {stress:.4g} Pa, beyond the yield stress "
+            text += f"{limit:.4g} Pa of its material, so the deformation is not elastic"
+            clauses.append((beam.name, stress / limit, text))
     return next(merge_parts(clauses, _MAX_NAMES), "")
 
 

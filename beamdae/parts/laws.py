@@ -16,7 +16,9 @@ import numpy as np
 from beamdae.errors import (
     BeamdaeError,
     as_real,
+    convert_fields,
     format_exception,
+    optional,
     require_finite,
     require_pair,
     require_positive,
@@ -29,6 +31,7 @@ from beamdae.native.instructions import read_operations
 from beamdae.parts.forces.formula_checks import JUMP_OPERATIONS
 from beamdae.parts.tables import Table, locked_pieces
 from beamdae.symbolic.formula import Formula
+from beamdae.symbolic.scalar_expression import FormulaError, as_scalar
 from beamdae.symbolic.signals import Signal, as_expression, find_other_symbols, with_references
 from beamdae.symbolic.statements import SX
 from beamdae.symbolic.table_calls import TableCall, record_calls
@@ -131,8 +134,7 @@ class Law:
             )
         if any(b <= a for a, b in pairwise(self.breakpoints)):
             raise BeamdaeError(f"Law: breakpoints must ascend, got {self.breakpoints} s.")
-        if self.time_scale is not None:
-            set_fields(self, time_scale=require_positive("Law", "time_scale", self.time_scale))
+        convert_fields(self, time_scale=optional(require_positive))
         ranges = self.ranges
         if not isinstance(ranges, tuple) or not all(isinstance(x, TableRange) for x in ranges):
             raise BeamdaeError(
@@ -147,18 +149,16 @@ class Law:
                 f"Law: a law cannot be called like a function, got {short_repr(time)}; use "
                 "law.at(t) for its value at a number t [s], and pass the law itself to parts."
             )
-        if (function := _common_function(self.pieces)) is not None:
-            # One expression for all pieces, however many rows its tables have.
-            return _evaluate_locked(function, time[0], time[1])
         return _select_piece(self.pieces, self.breakpoints, time)
 
     def __add__(self, other: Any) -> Law:
         """Return the sum with another law: a number, a function of t or a `Law`."""
         laws = self, as_law("Law", other)
         breakpoints = sorted({time for law in laws for time in law.breakpoints})
-        pieces = tuple(
-            _add_pieces(*(x._piece_at(t) for x in laws)) for t in (-math.inf, *breakpoints)
-        )
+        pairs = [tuple(x._piece_at(t) for x in laws) for t in (-math.inf, *breakpoints)]
+        # Equal pairs have one sum, so that the pieces of tables remain one function.
+        sums = {pair: _add_pieces(*pair) for pair in pairs}
+        pieces = tuple(sums[pair] for pair in pairs)
         scales = [law.time_scale for law in laws if law.time_scale is not None]
         ranges = self.ranges + laws[1].ranges
         return Law(pieces, tuple(breakpoints), min(scales, default=None), ranges)
@@ -199,19 +199,29 @@ class Law:
 
 
 def _select_piece(pieces: Sequence[Callable[[Any], Any]], breakpoints: Any, time: SX) -> SX:
-    value = _evaluate_piece(pieces[-1], time[0])
+    t, branch = time[0], time[1]
+    value = _evaluate_locked(pieces[-1], t, branch)
     for k in range(len(pieces) - 2, -1, -1):
-        value = ca.if_else(time[1] < breakpoints[k], _evaluate_piece(pieces[k], time[0]), value)
+        # One expression for all pieces of a table, however many rows it has.
+        if pieces[k] is not pieces[k + 1]:
+            piece = _evaluate_locked(pieces[k], t, branch)
+            value = ca.if_else(branch < breakpoints[k], piece, value)
     return value
+
+
+def _evaluate_locked(piece: Callable[[Any], Any], t: SX, branch: SX) -> Any:
+    """Return the value of a piece at t; its tables are continued smoothly from t = `branch`."""
+    if isinstance(piece, Formula):
+        return _evaluate_piece(piece, t)
+    symbol = SX.sym("t")
+    with locked_pieces(symbol, branch):
+        value = _evaluate_piece(piece, symbol)
+    return ca.substitute(value, symbol, t) if isinstance(value, SX) else value
 
 
 def _evaluate_piece(piece: Callable[[Any], Any], t: SX) -> Any:
     """Return the value of a piece at the symbol t; numbers and expressions become SX."""
-    with warnings.catch_warnings():
-        # CasADi 3.8 warns that NumPy functions of its symbols will change. Scalar expressions
-        # such as np.sin(t) stay the same.
-        warnings.simplefilter("ignore", FutureWarning)
-        value = as_expression(piece(t))
+    value = as_expression(piece(as_scalar(t)))
     number = as_real(value)
     if number is not None:
         return SX(number)
@@ -288,35 +298,19 @@ class _ShiftedKind:
 
 def shift_law(law: Law, since: float) -> Law:
     """Return the law whose value at t is the value of `law` at t - `since` [s]."""
-    shifted_functions: dict[int, _ShiftedFunction] = {}
 
     def shift_piece(piece: Callable[[Any], Any]) -> Callable[[Any], Any]:
         if isinstance(piece, Formula):
             return Formula(_ShiftedKind(piece.kind), (since, *piece.numbers))
-        if isinstance(piece, _LockedPiece):
-            function = shifted_functions.setdefault(
-                id(piece.function), _ShiftedFunction(piece.function, since)
-            )
-            return _LockedPiece(function, since + piece.at)
         return lambda t: piece(t - since)
 
-    pieces = tuple(shift_piece(piece) for piece in law.pieces)
+    shifted = {piece: shift_piece(piece) for piece in law.pieces}
+    pieces = tuple(shifted[piece] for piece in law.pieces)
     ranges = tuple(
         x._replace(offset=x.offset - x.rate * since, since=x.since + since, until=x.until + since)
         for x in law.ranges
     )
     return Law(pieces, tuple(since + b for b in law.breakpoints), law.time_scale, ranges)
-
-
-@dataclass(frozen=True)
-class _ShiftedFunction:
-    """The function of t whose value is that of `function` at t - `since` [s]."""
-
-    function: Callable[[Any], Any]
-    since: float
-
-    def __call__(self, t: Any) -> Any:
-        return self.function(t - self.since)
 
 
 def as_law(part: str, value: Any, start: float = 0.0) -> Law:
@@ -357,8 +351,7 @@ def as_law(part: str, value: Any, start: float = 0.0) -> Law:
         initial_value = law.at(start)
     else:
         time = SX.sym("t", 2)
-        is_table = _common_function(law.pieces) is not None
-        for piece in law.pieces[:1] if is_table else law.pieces:
+        for piece in dict.fromkeys(law.pieces):
             _require_formula_in_time(part, piece, time[0], start)
         function = ca.Function("law", [time], [with_references(law(time))])
         if law is not value:
@@ -602,10 +595,8 @@ def _split_at_rows(
             if table.outside == "error":
                 times.update(row_times[:: len(row_times) - 1])
                 ranges.append(TableRange(table, axis, rate, offset))
-    breakpoints = tuple(sorted(times))
-    bounds = [breakpoints[0] - 1.0, *breakpoints, breakpoints[-1] + 1.0] if times else [0.0, 0.0]
-    pieces = tuple(_LockedPiece(function, 0.5 * (a + b)) for a, b in pairwise(bounds))
-    return Law(pieces, breakpoints, min(time_scales, default=None), tuple(ranges))
+    pieces = (function,) * (len(times) + 1)
+    return Law(pieces, tuple(sorted(times)), min(time_scales, default=None), tuple(ranges))
 
 
 def _as_line(part: str, table: Table, argument: SX, t: SX) -> tuple[float, float]:
@@ -618,42 +609,6 @@ def _as_line(part: str, table: Table, argument: SX, t: SX) -> tuple[float, float
             "and b."
         )
     return float(ca.evalf(rate)), float(ca.evalf(ca.substitute(argument, t, 0.0)))
-
-
-@dataclass(frozen=True)
-class _LockedPiece:
-    """Function of t whose tables are continued smoothly from their pieces at one time.
-
-    Attributes
-    ----------
-    function
-        Function of t that contains tables.
-    at
-        Time [s] at which the pieces are selected.
-    """
-
-    function: Callable[[Any], Any]
-    at: float
-
-    def __call__(self, t: Any) -> Any:
-        if not isinstance(t, SX):
-            return self.function(t)
-        return _evaluate_locked(self.function, t, SX(self.at))
-
-
-def _common_function(pieces: Sequence[Callable[[Any], Any]]) -> Callable[[Any], Any] | None:
-    """Return the function of which all pieces are locked pieces, or None."""
-    functions = [piece.function for piece in pieces if isinstance(piece, _LockedPiece)]
-    is_common = len(functions) == len(pieces) and all(f is functions[0] for f in functions)
-    return functions[0] if is_common else None
-
-
-def _evaluate_locked(function: Callable[[Any], Any], t: SX, at: SX) -> Any:
-    """Return the value at t of a function whose tables are continued from t = `at`."""
-    symbol = SX.sym("t")
-    with locked_pieces(symbol, at):
-        value = _evaluate_piece(function, symbol)
-    return ca.substitute(SX(value), symbol, t)
 
 
 def _law_label(piece: Callable[[Any], Any]) -> str:
@@ -672,10 +627,12 @@ def _require_formula_in_time(part: str, piece: Callable[[Any], Any], t: SX, star
     """Raise BeamdaeError if a piece does not return one expression of the symbol t."""
     requirement = f"{part}: {_law_label(piece)} must be a formula in t"
     try:
-        value = _evaluate_piece(piece, t)
+        value = _evaluate_locked(piece, t, t)
     except Exception:
         try:
             _evaluate_number(piece, start)
+        except FormulaError as problem:
+            raise BeamdaeError(f"{requirement} {problem.rule}.") from None
         except Exception as numeric_error:
             raise BeamdaeError(
                 f"{requirement} that returns a number, but the call failed at t = "

@@ -29,6 +29,7 @@ from beamdae.errors import (
 from beamdae.model_functions import HasOrigin
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.bodies.rigid_body import Ground
+from beamdae.parts.event_actions import deactivate
 from beamdae.parts.events import Event, select_impacts, select_switches
 from beamdae.parts.gravity import GravityLaws
 from beamdae.parts.laws import Law, as_law
@@ -429,8 +430,8 @@ class Mechanism(HasOrigin):
             other.inputs[name] = Input(name, value, self.inputs[name].unit)
         return other
 
-    def observe(self, name: str, what: Attachment | Quantity) -> None:
-        """Add columns to the results: the motion of an attachment, or a quantity.
+    def observe(self, name: str, what: Attachment | Quantity | SX, unit: str | None = None) -> None:
+        """Add columns to the results: motion of an attachment, a quantity, or a formula of sensors.
 
         The motion of an attachment has the columns name.x [m], name.y [m], name.angle [rad] (not
         for particles and points of the ground) and their rates.
@@ -440,14 +441,30 @@ class Mechanism(HasOrigin):
         name
             Prefix of the columns.
         what
-            An attachment such as `beam.end`, or a quantity such as `joint.reaction`.
+            An attachment such as `beam.end`, a quantity such as `joint.reaction`, or a formula of
+            inputs, sensors and states.
+        unit
+            Unit of a formula. Defaults to that of its signals if the formula is their sum or
+            difference and they have one unit, otherwise to "-".
 
         Raises
         ------
         BeamdaeError
             If the name is invalid, in use or reserved ("t", and names that are "energy" or start
-            with "energy."), `what` is neither an attachment nor a quantity, or a part to which it
-            refers has not been added.
+            with "energy."), `what` is neither an attachment nor a quantity nor a formula, `unit` is
+            invalid or given without a formula, or a part to which `what` refers has not been added.
+
+        Examples
+        --------
+        >>> import beamdae as bd
+        >>> import numpy as np
+        >>> mech = bd.Mechanism()
+        >>> ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0), velocity=(3.0, 4.0)))
+        >>> vx, vy = (mech.sensor(x, ball.point, x) for x in ("x_dot", "y_dot"))
+        >>> mech.observe("speed", np.hypot(vx, vy), unit="m/s")
+        >>> run = bd.simulate(mech, bd.Radau(), t_end=1.0)
+        >>> print(f"{run['speed'].iloc[-1]:.3f} m/s")
+        5.000 m/s
         """
         name = require_name("Mechanism.observe", name)
         if name == "t" or name.split(".")[0] == "energy":
@@ -460,7 +477,7 @@ class Mechanism(HasOrigin):
             raise BeamdaeError(
                 f"Mechanism: the observable name {name!r} is in use; choose another name."
             )
-        quantity = as_quantity(name, what)
+        quantity = as_quantity(name, what, unit)
         self._require_members_of(name, quantity)
         self.observables[name] = quantity
 
@@ -540,17 +557,8 @@ class Mechanism(HasOrigin):
         BeamdaeError
             If there is no argument, or an argument is not a part of this mechanism.
         """
-        if not parts:
-            raise BeamdaeError(
-                "Mechanism.deactivate: expected joints and forces, got none; pass at least one "
-                "part."
-            )
-        for part in parts:
-            if not isinstance(part, Part):
-                raise BeamdaeError(
-                    f"Mechanism.deactivate: expected joints and forces, got {short_repr(part)}."
-                )
-            self._require_member("Mechanism.deactivate", part)
+        for part in deactivate(*parts).parts:
+            self._require_member("deactivate", part)
             self.inactive.add(part.name)
 
     def part(self, name: str) -> Part:

@@ -194,30 +194,12 @@ class Part:
 
     @property
     def inputs(self) -> tuple[Variable, ...]:
-        """Name and unit of each input of linearized models; empty if the part has no inputs."""
+        """Name and unit of each input of linearized models; empty if the part has no inputs.
+
+        Otherwise, the field `law` of the part, a dataclass, is the law of its only input, or a pair
+        of laws.
+        """
         return ()
-
-    def sharpen_friction(self, ratio: float) -> bool:
-        """Multiply the speed of regularized friction, in a part of a new copy of a mechanism.
-
-        Returns False, without effect, for parts without such friction.
-        """
-        return False
-
-    def with_constant_laws(self, values: Sequence[float]) -> Part:
-        """Return a copy of the part with constant laws.
-
-        Parameters
-        ----------
-        values
-            One value per entry of `inputs`, in the unit of the entry.
-
-        Raises
-        ------
-        NotImplementedError
-            If the part has no inputs.
-        """
-        raise NotImplementedError
 
     def forces(self, gravity: Array) -> Sequence[ForceStatement]:
         """Return the forces of the part: inertia, elasticity, damping, weight, loads.
@@ -254,7 +236,7 @@ class Part:
 
     @property
     def regularized_friction(self) -> RegularizedFriction | None:
-        """Friction of the part; None (default) without friction."""
+        """Friction of the part, with its speed in the field `friction_speed`; None without it."""
         return None
 
     @property
@@ -275,14 +257,16 @@ class Part:
         """
         return False
 
-    def prolongation_to(self, fine: Part) -> sp.csc_array:
+    def _prolongation_to(self, fine: Part) -> sp.csc_array:
         """Return the matrix that maps changes of coordinates to those of a copy, (n', n).
 
         Copies may refer to beams with finer meshes. By default, coordinates stay the same.
         """
         return sp.eye_array(len(self.coordinates), format="csc")
 
-    def prepare(self, attached: Sequence[AttachedPart], has_fixed_coordinates: bool) -> bool | None:
+    def _prepare(
+        self, attached: Sequence[AttachedPart], has_fixed_coordinates: bool
+    ) -> bool | None:
         """Adapt the coordinates to the parts attached to this part, before an assembly.
 
         Return False if the coordinates did not change; otherwise, quantities are rebuilt.

@@ -8,14 +8,15 @@ from functools import cached_property
 from inspect import Parameter, signature
 from typing import Any
 
+import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 
 from beamdae.errors import (
     BeamdaeError,
     as_real,
+    convert_fields,
     require_finite,
-    require_name,
     require_positive,
     require_unit,
     set_fields,
@@ -24,7 +25,7 @@ from beamdae.errors import (
 from beamdae.parts.laws import Law, as_law
 from beamdae.parts.part import Part
 from beamdae.symbolic.local_symbols import SX, Local
-from beamdae.symbolic.signals import Signal, as_expression, find_other_symbols
+from beamdae.symbolic.signals import Signal, as_expression, find_other_symbols, find_signals
 from beamdae.symbolic.statements import (
     LOAD_UNITS,
     ForceKernel,
@@ -35,6 +36,7 @@ from beamdae.symbolic.statements import (
     rebuilt_for_mesh,
 )
 
+NO_UNIT = "-"
 _ONE_ROW = sp.csr_array(np.eye(1))
 _STATE_AND_TIME = 2  # parameters of the rate of a state that depends on itself
 _NO_DATA = np.zeros((0, 1))
@@ -254,13 +256,8 @@ class State(Part, Value):
     laws: tuple[Law, ...] = field(init=False, default=())
 
     def __post_init__(self) -> None:
-        set_fields(
-            self,
-            name=require_name("State", self.name),
-            start=require_finite(self.name, "start", self.start),
-            scale=require_positive(self.name, "scale", self.scale),
-            unit=require_unit(self.name, self.unit),
-        )
+        convert_fields(self, start=require_finite, scale=require_positive)
+        set_fields(self, unit=require_unit(self.name, self.unit))
         if self.rate is not None:
             self.follows(self.rate)
 
@@ -287,7 +284,7 @@ class State(Part, Value):
         """
         law = rate
         if callable(rate) and not isinstance(rate, (Law, Signal)) and _takes_two(rate):
-            law = Law((lambda t: rate(self.value_symbol, t),))
+            law = Law((lambda t: rate(self, t),))
         set_fields(self, rate=rate, laws=(as_law(self.name, law),))
 
     @property
@@ -371,3 +368,17 @@ def require_formula(part: str, name: str, value: Any) -> SX:
             f"{short_repr(value)}."
         )
     return expression
+
+
+def find_unit(name: str, value: SX, unit: str | None) -> str | None:
+    """Return the given unit, or the one of the signals of which `value` is a sum, or None."""
+    if unit is not None:
+        return require_unit(name, unit)
+    signals = [x for x in find_signals(value) if isinstance(x, Value)]
+    # Inputs and states have no unit by default, but sensors of strains are dimensionless.
+    units = {x.unit for x in signals if x.unit != NO_UNIT or isinstance(x, Sensor)}
+    if len(units) != 1:
+        return None
+    factors = ca.jacobian(value, ca.vertcat(*(x.value_symbol for x in signals)))
+    is_sum = factors.is_constant() and np.all(np.abs(ca.DM(factors).full()) == 1.0)
+    return units.pop() if is_sum else None

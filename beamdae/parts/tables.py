@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -24,8 +24,9 @@ from beamdae.errors import (
     short_repr,
     warn_user,
 )
+from beamdae.symbolic.functions.compiled import RowFunction
 from beamdae.symbolic.functions.table_lookups import find_row, pick_numbers
-from beamdae.symbolic.scalar_expression import ScalarExpression, as_scalar
+from beamdae.symbolic.scalar_expression import as_scalar
 from beamdae.symbolic.signals import Signal, as_expression, find_signals
 from beamdae.symbolic.statements import SX, Local
 from beamdae.symbolic.table_calls import (
@@ -229,9 +230,7 @@ class Table:
             )
         values = [as_expression(x) for x in arguments]
         if any(isinstance(x, (ca.SX, ca.DM)) for x in values):
-            value = self._express(tuple(SX(x) for x in values))
-            is_entry = any(isinstance(x, ScalarExpression) for x in values)
-            return as_scalar(value) if is_entry else value
+            return as_scalar(self._express(tuple(SX(x) for x in values)))
         try:
             arrays = [np.asarray(x) for x in values]
             if any(x.dtype == object for x in arrays):
@@ -261,32 +260,17 @@ class Table:
                         f"{self.name}: {self.describe_argument(axis, first)}; extend the table or "
                         "pass outside='hold'."
                     )
-        if self.is_repeated:
-            center, period = self._period
-            arguments = [x - period * np.rint((x - center) / period) for x in arguments]
-        pairs = zip(arguments, self.axes, strict=True)
-        inside = [np.clip(x, knots[0], knots[-1]) for x, knots in pairs]
-        return np.asarray(self._interpolation(*inside))
+        rows = np.broadcast_arrays(*arguments)
+        values = self._function(np.stack([x.ravel() for x in rows], axis=-1))
+        return values.reshape(rows[0].shape)
 
     @cached_property
-    def _interpolation(self) -> Any:
-        """Function of arguments within the table."""
-        # Imported here because the import takes as long as a short run, and few models have tables.
-        from scipy.interpolate import RectBivariateSpline
-
-        if len(self.axes) == 1:
-            (knots,) = self.axes
-            if self.kind == "previous":
-                return self._row_before
-            if self.kind == "linear":
-                return partial(np.interp, xp=knots, fp=self.values)
-            return _interpolate_rows(knots, self.values, self.kind, self.is_repeated)
-        degrees = [min(self.degree, len(knots) - 1) for knots in self.axes]
-        spline = RectBivariateSpline(*self.axes, self.values, kx=degrees[0], ky=degrees[1], s=0)
-        return spline.ev
-
-    def _row_before(self, x: Array) -> Array:
-        return self.values[np.searchsorted(self.axes[0], x, side="right") - 1]
+    def _function(self) -> RowFunction:
+        """Function of rows of arguments."""
+        x, numbers = SX.sym("x", len(self.axes)), self._split_numbers(SX(self._signal.data))
+        t = SX.sym("t")
+        value = self._express_piece(numbers, tuple(ca.vertsplit(x)), t, t)
+        return RowFunction(ca.Function("table", [x], [value]))
 
     def _express(self, arguments: tuple[SX, ...]) -> SX:
         lock = _LOCK.get()
@@ -443,20 +427,15 @@ class Table:
         jumps = jumps.reshape(len(knots), -1).max(axis=1)
         return knots[jumps > _MIN_SLOPE_JUMP * np.max(np.abs(slopes), initial=0.0)]
 
-    def list_rows(self, low: float, high: float) -> tuple[Array, Array]:
-        """Return arguments and values of the rows of the only argument, (k,) each.
-
-        Repeated tables have the rows of all periods from the argument `low` to `high`.
-        """
-        (knots,) = self.axes
+    def list_knots(self, axis: int, low: float, high: float) -> Array:
+        """Return the arguments at the rows; of repeated tables, those from `low` to `high`."""
+        knots = self.axes[axis]
         if not self.is_repeated:
-            return knots, self.values
+            return knots
         _, period = self._period
         first, last = (int(np.floor((x - knots[0]) / period)) for x in (low, high))
         starts = period * np.arange(first, last + 1)
-        rows = np.append((starts[:, None] + knots[:-1]).ravel(), starts[-1] + knots[-1])
-        values = np.append(np.tile(self.values[:-1], len(starts)), self.values[-1])
-        return rows, values
+        return np.append((starts[:, None] + knots[:-1]).ravel(), starts[-1] + knots[-1])
 
     def describe_argument(self, axis: int, value: float) -> str:
         """Return a phrase about an argument outside the table."""

@@ -19,6 +19,7 @@ from beamdae.report.linear_page import build_linear_page
 from beamdae.report.optimization_page import build_optimization_page
 from beamdae.report.page.page_content import Content
 from beamdae.report.page.page_file import write_page
+from beamdae.report.run_page import build_run_page
 
 
 def write_analysis_page(result: Any, path: Path, title: str | None = None) -> Path:
@@ -40,5 +41,6 @@ _PAGES: dict[str, tuple[Callable[[Any, str], Content], Callable[[Any], str]]] = 
     "LinearModel": (build_linear_page, lambda x: f"linear model about {x.about}"),
     "Modes": (build_modes_page, lambda x: f"modes about {x.about}"),
     "Optimization": (build_optimization_page, lambda x: f"Design of {x.model['name']}"),
+    "Solution": (build_run_page, lambda x: str(x.model.get("name") or "run")),
     "PeriodicMotion": (build_periodic_page, lambda _: "periodic motion"),
 }

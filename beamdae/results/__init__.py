@@ -1,6 +1,6 @@
 """Results of runs and analyses: solution, section forces, equilibria, files.
 
-May import: equations and the layers below; drawing code only through `displays.load_views`.
+May import: equations and the layers below; drawing code only through `deferred`.
 To extend: add quantities of a run as methods of `Solution`.
 
 The classes that functions of beamdae return are `bd.results.<name>`, see `catalog`.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
 from beamdae import deferred
 from beamdae.results.storage.files import require_file_path, write_escaped_table
@@ -54,7 +54,11 @@ class Plot:
         BeamdaeError
             If the suffix is missing or not supported, or the file cannot be written.
         """
-        return load_views().save_plot(self, path)
+        figures = deferred.module("report.pictures.figures")
+        written: Path = figures.save_figure(
+            self.figure, figures.require_picture_path("Plot.save", path)
+        )
+        return written
 
 
 @dataclass(frozen=True)
@@ -123,7 +127,9 @@ class HasPage:
         BeamdaeError
             If the file cannot be written.
         """
-        return load_views().write_analysis_page(self, require_file_path("page", path))
+        return deferred.module("report.result_pages").write_analysis_page(
+            self, require_file_path("page", path)
+        )
 
 
 class HasModeShapes(HasTable, HasPage):
@@ -139,7 +145,7 @@ class HasModeShapes(HasTable, HasPage):
         BeamdaeError
             If there are no modes, or no mechanism with parts that can be drawn.
         """
-        return load_views().draw_modes(self)
+        return deferred.module("report.pictures.result_figures").draw_result(self)
 
     def animate(
         self, mode: int, path: str | Path | None = None, frames: int = 32
@@ -167,12 +173,4 @@ class HasModeShapes(HasTable, HasPage):
             If an argument is invalid, the mode does not exist, there is no mechanism with parts
             that can be drawn, ffmpeg is required but missing, or the file cannot be written.
         """
-        return load_views().animate_mode(self, mode, path, frames)
-
-
-def load_views() -> Any:
-    """Import and return `beamdae.views`, which displays results.
-
-    Result classes do not import drawing code; their display methods call this function instead.
-    """
-    return deferred.module("views")
+        return deferred.module("report.pictures.mode_shapes").animate_mode(self, mode, path, frames)

@@ -19,7 +19,7 @@ from beamdae.errors import format_count, require_count
 from beamdae.interrupts import interruptible
 from beamdae.read_only import read_only_data
 from beamdae.results.columns import Header
-from beamdae.results.displays import HasPage, Plot, load_views
+from beamdae.results.displays import HasPage, Plot
 from beamdae.results.outcome import Status
 from beamdae.results.section_forces.balance import RowGroup
 from beamdae.results.section_forces.recovery import SectionSampler, find_beam
@@ -357,7 +357,7 @@ class Equilibrium(HasColumns, HasPage):
         BeamdaeError
             If a name selects no column, or `x` selects several columns.
         """
-        return load_views().plot_equilibrium_path(self, names, x)
+        return deferred.module("report.pictures.result_figures").draw_result(self, *names, x=x)
 
     def coordinate_columns(self) -> dict[str, Array]:
         """Return the columns of `coordinates`, one value per point of the path, by header."""
@@ -522,6 +522,11 @@ class Equilibrium(HasColumns, HasPage):
     def _checked_positions(self) -> Array:
         """Positions of the rows whose numbers are those of `equations`."""
         return self.q if self.numbers is None else self.q[-1:]
+
+    @property
+    def end_equations(self) -> EquationsOfMotion:
+        """Equations with the numbers of the end of the path."""
+        return self._equations_of_row(-1)
 
     def _equations_of_row(self, row: int) -> EquationsOfMotion:
         if self.numbers is None:

@@ -17,7 +17,7 @@ from beamdae.results.columns import (
     largest_by,
     select_column,
 )
-from beamdae.results.displays import HasPage, HasTable, Plot, load_views
+from beamdae.results.displays import HasPage, HasTable, Plot
 from beamdae.results.noise import mark_resting_columns
 from beamdae.results.outcome import Status
 from beamdae.results.periodic_motion import PeriodicMotion, largest_modulus, run_warnings
@@ -194,7 +194,7 @@ class FrequencyResponse(HasTable, HasPage):
         BeamdaeError
             If no observed column has this name.
         """
-        return load_views().plot_frequency_response(self, column, x)
+        return deferred.module("report.pictures.result_figures").draw_result(self, column, x=x)
 
     @property
     def folds(self) -> list[float]:

@@ -30,11 +30,11 @@ from beamdae.linear.blas_threads import single_threaded
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.mechanism import AS_DRAWN
 from beamdae.read_only import read_only_data
-from beamdae.results.displays import Animation, Plot, load_views
+from beamdae.results.displays import Animation, HasPage, Plot
 from beamdae.results.event_records import tabulate_events
 from beamdae.results.provenance import describe_provenance
 from beamdae.results.run_data import RunData, coordinate_headers
-from beamdae.results.storage.files import require_file_path, write_result
+from beamdae.results.storage.files import write_result
 from beamdae.results.time_series import TimeSeries
 from beamdae.results.trajectory import Instant, Trajectory
 from beamdae.symbolic.signal_pickling import pickle_with_signals
@@ -52,7 +52,7 @@ Array = np.ndarray
 
 @read_only_data
 @dataclass(frozen=True, repr=False)
-class Solution(RunData, TimeSeries):
+class Solution(RunData, TimeSeries, HasPage):
     """Result of a run, see `simulate`.
 
     `solution["tip.y"]` returns one column over time, and `solution.table()` returns all columns. A
@@ -111,7 +111,7 @@ class Solution(RunData, TimeSeries):
         )
 
     def _repr_html_(self) -> str:
-        return load_views().summarize_as_html(self)
+        return deferred.module("report.run_summary").summarize_as_html(self)
 
     @property
     def observed(self) -> pd.DataFrame:
@@ -162,8 +162,6 @@ class Solution(RunData, TimeSeries):
         The `model_warnings` are followed by a sentence on the `errors` of columns above 4 %, which
         are measured unless this takes more than 2 s and eight times the run.
         """
-        if self._is_at_rest:
-            return self.model_warnings
         check = deferred.module("accuracy.runs").check_run
         return (*self.model_warnings, *check(self))
 
@@ -340,22 +338,9 @@ class Solution(RunData, TimeSeries):
             If an argument is invalid, the run has no mechanism, the color quantity or a traced
             point does not exist, ffmpeg is required but missing, or the file cannot be written.
         """
-        return load_views().animate(self, path, speed, frames, color, trail, scale)
-
-    def page(self, path: str | Path) -> Path:
-        """Write an HTML page with the motion of the mechanism, charts and tables.
-
-        Parameters
-        ----------
-        path
-            Path of the file.
-
-        Raises
-        ------
-        BeamdaeError
-            If the file cannot be written.
-        """
-        return load_views().write_run_page(self, require_file_path("page", path))
+        return deferred.module("report.pictures.run_animation").animate(
+            self, path, speed, frames, color, trail, scale
+        )
 
     @interruptible
     def section_forces(self, beam: Any, t: Any = None, s: Any = None) -> SectionForces:

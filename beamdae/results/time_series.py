@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from beamdae import deferred
 from beamdae.equations import measures
 from beamdae.errors import (
     BeamdaeError,
@@ -17,7 +18,7 @@ from beamdae.errors import (
     short_repr,
 )
 from beamdae.results.columns import observed_columns
-from beamdae.results.displays import Plot, load_views
+from beamdae.results.displays import Plot
 from beamdae.results.selection import HasColumns
 
 # Imported by the methods that return tables: importing pandas takes as long as a short run.
@@ -242,7 +243,7 @@ class TimeSeries(HasColumns):
             If a name selects no column, `x` selects several columns, or the data cannot be read or
             contain none of the plotted columns.
         """
-        return load_views().plot_time_series(
+        return deferred.module("report.pictures.time_plots").plot(
             self, *names, x=x, data=data, data_columns=data_columns
         )
 

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,18 +12,14 @@ import pandas as pd
 from beamdae.analysis.fit.problem import FitProblem, Scaling
 from beamdae.analysis.fit.search import search
 from beamdae.errors import BeamdaeError, as_real, require_progress
-from beamdae.integrators import Integrator
 from beamdae.interrupts import Interrupted, attach_partial
 from beamdae.model_functions import Model
-from beamdae.read_only import read_only_data
-from beamdae.studies.case import FINGERPRINT_LENGTH, Case, DigestCache
-from beamdae.studies.definition import Study
+from beamdae.studies.case import Case
 from beamdae.studies.execution.executors import SerialPool, create_executor
 from beamdae.studies.execution.study_run import StudyResults, run_study
 from beamdae.studies.run_values import format_output_column
-from beamdae.studies.store.fingerprints import FingerprintError, digest
+from beamdae.studies.sweeps.parameter_study import ParameterStudy
 from beamdae.studies.sweeps.sweep import require_folder
-from beamdae.studies.tasks import Task
 
 Array = np.ndarray
 
@@ -33,16 +28,22 @@ _OUTPUT = "search"
 
 @dataclass(frozen=True, eq=False)
 class StartSearch:
-    """Measure of a case that runs a search from the variables `first`."""
+    """Measure of a model that runs a search from its parameters.
+
+    `shifts` are the first delays of sensors (s,) by the first values of the parameters, if there
+    are such delays.
+    """
 
     problem: FitProblem
     scaling: Scaling
     max_evaluations: int
-    first: Array
+    shifts: dict[tuple[float, ...], Array]
 
     def __call__(self, model: Model) -> str:
         """Return the end of the search as JSON."""
-        result = search(self.problem, self.scaling, self.first, self.max_evaluations)
+        values = tuple(model.parameters[name] for name in self.problem.names)
+        first = self.scaling.variables(np.array([*values, *self.shifts.get(values, ())]))
+        result = search(self.problem, self.scaling, first, self.max_evaluations)
         return json.dumps(
             {
                 "values": result.evaluation.values.tolist(),
@@ -52,39 +53,6 @@ class StartSearch:
                 "evaluations": result.evaluations,
             }
         )
-
-
-@read_only_data
-@dataclass(frozen=True)
-class StartStudy(Study):
-    """Searches of one problem, each from the parameters of a case.
-
-    Attributes
-    ----------
-    searches
-        Search of each case.
-    """
-
-    references: tuple[Integrator, ...] | None = ()
-    searches: tuple[StartSearch, ...] = ()
-
-    def task(self, case: Case, reference: bool = False, digests: DigestCache | None = None) -> Task:
-        """Return the task of a case, with its search as output; see `Study.task`."""
-        task = super().task(case, reference, digests)
-        own = self.searches[next(k for k, x in enumerate(self.cases) if x is case)]
-        key = digest([task.key, self._problem_digest, own.first.tolist()])
-        return replace(task, key=key[:FINGERPRINT_LENGTH], outputs={_OUTPUT: own}, is_measured=True)
-
-    @cached_property
-    def _problem_digest(self) -> str:
-        first = self.searches[0]
-        try:
-            return digest([first.problem, first.scaling, first.max_evaluations])
-        except FingerprintError as problem:
-            raise BeamdaeError(
-                f"fit: several starts need arguments that another process can reproduce, but "
-                f"{problem.location} has the type {problem.kind}; create it inside the model."
-            ) from None
 
 
 def run_starts(
@@ -121,13 +89,15 @@ def run_starts(
         for name, value in problem.parameters.items()
         if name not in problem.names and value is not defaults[name]
     }
-    study = StartStudy(
+    count = len(problem.names)
+    shifts = {tuple(x[:count].tolist()): x[count:] for x in starts if len(x) > count}
+    study = ParameterStudy(
         f"{problem.model.name}_fit",
         tuple(Case(problem.model, changed | x, problem.integrator) for x in settings),
         time_limit=None,
-        searches=tuple(
-            StartSearch(problem, scaling, max_evaluations, scaling.variables(x)) for x in starts
-        ),
+        outputs={_OUTPUT: StartSearch(problem, scaling, max_evaluations, shifts)},
+        is_measured=True,
+        settings=tuple(settings),
     )
     try:
         results = run_study(study, path, executor, progress)

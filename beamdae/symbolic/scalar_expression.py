@@ -1,49 +1,122 @@
-"""Scalar expressions in formulas of users, which NumPy arrays multiply to arrays."""
+"""Scalars in formulas of users: expressions and signals, with the operators of numbers."""
 
 from __future__ import annotations
 
+import math
+import warnings
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
+from beamdae.errors import BeamdaeError
 from beamdae.symbolic.local_symbols import SX
 
-_OPERATORS = {
-    "add": np.add,
-    "sub": np.subtract,
-    "mul": np.multiply,
-    "truediv": np.true_divide,
-    "pow": np.power,
-}
 # NumPy calls these methods of the entries of an array.
 _METHODS = (
     *("sin", "cos", "tan", "arcsin", "arccos", "arctan", "sinh", "cosh", "tanh"),
     *("arcsinh", "arccosh", "arctanh", "exp", "expm1", "log", "log10", "log1p", "sqrt"),
     *("fabs", "fmin", "fmax", "hypot"),
 )
+SMOOTH_ALTERNATIVES = (
+    "bd.positive_part(x) for one-sided terms and bd.smooth_sign(x, scale) for signs"
+)
+_MAX_TEXT_LENGTH = 60  # of an expression in a message
 
 
-class ScalarExpression(SX):
-    """Scalar expression, which NumPy treats as a number.
+class FormulaError(BeamdaeError):
+    """A formula needs the value of an expression, which is unknown before a run.
+
+    Attributes
+    ----------
+    rule
+        How to write the formula.
+    """
+
+    def __init__(self, rule: str) -> None:
+        super().__init__(f"formula: it must be written {rule}.")
+        self.rule = rule
+
+
+def _forward(ufunc: np.ufunc) -> tuple[Callable[..., Any], Callable[..., Any]]:
+    """Return the methods of a binary operator, with the scalar as its first and second operand."""
+    return lambda x, y: ufunc(x, y), lambda x, y: ufunc(y, x)
+
+
+class Scalar:
+    """Operators and NumPy functions of scalars, whose results are expressions.
 
     CasADi converts an array that is multiplied by an `SX` to a matrix, which has no products with
-    other arrays. Operations of these expressions with arrays return arrays of them.
+    other arrays. Operations of scalars with arrays return arrays of expressions.
     """
+
+    def __SX__(self) -> SX:
+        # CasADi converts an operand by this method.
+        raise NotImplementedError
 
     def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **options: Any) -> Any:
         if any(isinstance(x, np.ndarray) and x.ndim for x in inputs):
             by_entry = np.frompyfunc(lambda *entries: ufunc(*entries), ufunc.nin, ufunc.nout)
             return by_entry(*map(_as_array, inputs))
-        return as_scalar(getattr(ufunc, method)(*map(_as_plain, inputs), **options))
+        return _call_numpy(getattr(ufunc, method), inputs, options)
 
     def __array_function__(self, function: Any, types: Any, inputs: Any, options: Any) -> Any:
-        return as_scalar(function(*map(_as_plain, inputs), **options))
+        return _call_numpy(function, inputs, options)
+
+    __add__, __radd__ = _forward(np.add)
+    __sub__, __rsub__ = _forward(np.subtract)
+    __mul__, __rmul__ = _forward(np.multiply)
+    __truediv__, __rtruediv__ = _forward(np.true_divide)
+    __mod__, __rmod__ = _forward(np.remainder)
+    __pow__, __rpow__ = _forward(np.power)
+    __lt__, __gt__ = _forward(np.less)
+    __le__, __ge__ = _forward(np.less_equal)
 
     def __neg__(self) -> Any:
-        return as_scalar(SX.__neg__(self))
+        return as_scalar(-self.__SX__())
+
+    def __pos__(self) -> Any:
+        return as_scalar(self.__SX__())
 
     def __abs__(self) -> Any:
-        return as_scalar(SX.fabs(self))
+        return as_scalar(self.__SX__().fabs())
+
+    def __bool__(self) -> bool:
+        value = self.__SX__()
+        if value.is_constant():
+            return bool(value)
+        raise FormulaError(
+            f"without branches on {_describe(value)} (if, while, and, or, min, max); use "
+            f"{SMOOTH_ALTERNATIVES}"
+        )
+
+    def __float__(self) -> float:
+        value = self.__SX__()
+        if value.is_constant():
+            return float(value)
+        raise FormulaError(
+            f"without conversions of {_describe(value)} to a number (float, int, functions of "
+            "math); use numpy functions such as np.sin"
+        )
+
+    def __int__(self) -> int:
+        return math.trunc(float(self))
+
+    def __round__(self, *digits: Any) -> Any:
+        return round(float(self), *digits)
+
+
+class ScalarExpression(Scalar, SX):
+    """Scalar expression, which NumPy treats as a number."""
+
+    __hash__ = SX.__hash__
+    # Signals are compared as objects.
+    __eq__ = _forward(np.equal)[0]
+    __ne__ = _forward(np.not_equal)[0]
+
+    def __SX__(self) -> SX:
+        # Methods of `SX` call its operators, which must not be those of `Scalar`.
+        return SX(self)
 
 
 def as_scalar(value: Any) -> Any:
@@ -51,9 +124,23 @@ def as_scalar(value: Any) -> Any:
     return ScalarExpression(value) if type(value) is SX and value.is_scalar(True) else value
 
 
+def _describe(value: SX) -> str:
+    text = str(value)
+    return text if len(text) <= _MAX_TEXT_LENGTH else f"{text[:_MAX_TEXT_LENGTH]}..."
+
+
+def _call_numpy(function: Any, inputs: Any, options: Any) -> Any:
+    with warnings.catch_warnings():
+        # CasADi 3.8 warns that NumPy functions of its symbols will change. Those of scalars stay
+        # the same.
+        warnings.simplefilter("ignore", FutureWarning)
+        return as_scalar(function(*map(_as_plain, inputs), **options))
+
+
 def _as_plain(value: Any) -> Any:
-    # Methods of `SX` call its operators, which must not be those of `ScalarExpression`.
-    return SX(value) if isinstance(value, ScalarExpression) else value
+    if isinstance(value, (list, tuple)):
+        return [_as_plain(x) for x in value]
+    return value.__SX__() if isinstance(value, Scalar) else value
 
 
 def _as_array(value: Any) -> Any:
@@ -64,13 +151,10 @@ def _as_array(value: Any) -> Any:
     return array
 
 
-def _define_operations() -> None:
-    for name, ufunc in _OPERATORS.items():
-        setattr(ScalarExpression, f"__{name}__", lambda x, y, f=ufunc: f(x, y))
-        setattr(ScalarExpression, f"__r{name}__", lambda x, y, f=ufunc: f(y, x))
+def _define_methods() -> None:
     for name in _METHODS:
         method = getattr(SX, name)
         setattr(ScalarExpression, name, lambda *x, f=method: as_scalar(f(*x)))
 
 
-_define_operations()
+_define_methods()

@@ -8,7 +8,6 @@ further code.
 
 from __future__ import annotations
 
-import operator
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -19,20 +18,13 @@ import numpy as np
 
 from beamdae.errors import BeamdaeError
 from beamdae.symbolic.local_symbols import SX, Local
+from beamdae.symbolic.scalar_expression import Scalar
 
 # Signals by the hash of their symbols.
 _SIGNALS: WeakValueDictionary[int, Signal] = WeakValueDictionary()
 
 
-def _forward(operation: Callable[[Any, Any], Any]) -> tuple[Callable[..., Any], Callable[..., Any]]:
-    """Return the methods of a binary operator, with the signal as its first and second operand."""
-    return (
-        lambda self, other: operation(self.value_symbol, as_expression(other)),
-        lambda self, other: operation(as_expression(other), self.value_symbol),
-    )
-
-
-class Signal:
+class Signal(Scalar):
     """Scalar symbol in the formulas of parts; operators and NumPy functions return expressions.
 
     Attributes
@@ -87,7 +79,6 @@ class Signal:
         raise NotImplementedError
 
     def __SX__(self) -> SX:
-        # CasADi converts an operand by this method.
         return self.value_symbol
 
     def __reduce__(self) -> Any:
@@ -95,27 +86,6 @@ class Signal:
         # before the other fields, because laws among these may contain it.
         fields = {name: value for name, value in vars(self).items() if name != "value_symbol"}
         return _create_signal, (type(self), self.name, self.size), fields
-
-    def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **options: Any) -> Any:
-        return getattr(ufunc, method)(*map(as_expression, inputs), **options)
-
-    __add__, __radd__ = _forward(operator.add)
-    __sub__, __rsub__ = _forward(operator.sub)
-    __mul__, __rmul__ = _forward(operator.mul)
-    __truediv__, __rtruediv__ = _forward(operator.truediv)
-    __pow__, __rpow__ = _forward(operator.pow)
-    # Comparisons return expressions, whose truth value raises CasADi's error about branches.
-    __lt__, __gt__ = _forward(operator.lt)
-    __le__, __ge__ = _forward(operator.le)
-
-    def __neg__(self) -> SX:
-        return -self.value_symbol
-
-    def __pos__(self) -> SX:
-        return self.value_symbol
-
-    def __abs__(self) -> SX:
-        return ca.fabs(self.value_symbol)
 
 
 def _create_symbol(signal: Signal, name: str, size: int) -> SX:
@@ -223,7 +193,7 @@ def bind_signals(local: Local, outputs: Sequence[SX], signals: Sequence[Signal])
     expressions, numbers = [], []
     for signal in signals:
         end, last = row + signal.rows, first + len(signal.data)
-        expressions.append(signal.express(_LocalView(whole, slice(row, end), slice(first, last))))
+        expressions.append(signal.express(LocalView(whole, slice(row, end), slice(first, last))))
         numbers.append(SignalNumbers(signal, slice(first, last)))
         row, first = end, last
     n = local.size
@@ -256,7 +226,7 @@ def _add_measured_signals(signals: Sequence[Signal]) -> list[Signal]:
     return every
 
 
-class _LocalView(Local):
+class LocalView(Local):
     """Some of the coordinates and data of a local statement, for the expression of a signal."""
 
     def __init__(self, whole: Local, rows: slice, data: slice) -> None:

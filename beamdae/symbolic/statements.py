@@ -23,6 +23,7 @@ from beamdae.symbolic.force_kernel import ForceKernel, PointForce
 from beamdae.symbolic.functions.compiled import RowFunction
 from beamdae.symbolic.local_symbols import SX, Local
 from beamdae.symbolic.signals import (
+    LocalView,
     SignalBinding,
     SignalNumbers,
     bind_laws,
@@ -46,6 +47,7 @@ __all__ = [
     "Quantity",
     "QuantityKernel",
     "Variable",
+    "add_quantities",
     "forget_meshes",
     "rebuilt_for_mesh",
 ]
@@ -313,6 +315,23 @@ class Quantity:
                 set_fields(rebuilt, _built_for=_present_meshes)
             set_fields(self, _rebuilt=rebuilt)
         return rebuilt
+
+
+def add_quantities(quantities: Sequence[Quantity], columns: tuple[Variable, ...]) -> Quantity:
+    """Return the sum of the first columns of quantities with one source, without multipliers."""
+    views, row, first = [], 0, 0
+    for x in quantities:
+        end, last = row + sum(p.operator.shape[0] for p in x.pieces), first + len(x.data)
+        views.append((x.expression, slice(row, end), slice(first, last)))
+        row, first = end, last
+
+    def add(local: Local) -> SX:
+        values = [expression(LocalView(local, *rows)) for expression, *rows in views]
+        return sum((x[: len(columns)] for x in values), SX.zeros(len(columns)))
+
+    pieces = tuple(piece for x in quantities for piece in x.pieces)
+    data = np.concatenate([x.data for x in quantities])
+    return Quantity(columns, pieces, add, data, load_of=quantities[0].load_of)
 
 
 class _Recipe(NamedTuple):

@@ -89,7 +89,7 @@ def test_causes_are_elements_and_strains():
     assert causes["mesh"][2] > 0.2
     table = strained.errors.table()
     assert list(table) == [
-        "value", "companion", "rows", "total", "time", "mesh", "theory", "status",
+        "value", "companion", "rows", "total", "time", "friction", "mesh", "theory", "status",
     ]  # fmt: skip
     assert np.all(table["mesh"] < 1e-3)
     assert_allclose(table["theory"], table["total"], atol=1e-3)

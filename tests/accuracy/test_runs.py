@@ -98,6 +98,35 @@ def test_regularized_friction_is_an_error_like_others():
     assert "friction_speed of rubbing" in errors.recommend()
 
 
+def test_causes_of_errors_are_named_and_add_up_to_the_total():
+    """Without beams, the elements were named; the parts of other errors exceeded the total."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mass = mech.add(bd.PointMass("mass", 1.0, at=(0.0, 0.0), velocity=(0.5, 0.0)))
+    guide = mech.add(bd.PointOnLine("guide", mech.ground.at(0.0, 0.0), mass.point, (1.0, 0.0)))
+    mech.add(bd.Spring("spring", mech.ground.at(-1.0, 0.0), mass.point, 40.0, free_length=1.0))
+    mech.add(bd.Friction("rubbing", guide, coefficient=0.1, friction_speed=0.2))
+    mech.observe("mass", mass.point)
+    errors = simulate(mech, bd.GeneralizedAlpha(0.05), 2.0).errors
+    (sentence,) = errors.sentences()
+    assert "steps " in sentence
+    assert "friction speed " in sentence
+    assert "elements" not in sentence
+    parts = np.array(list(errors.causes.values()))
+    np.testing.assert_allclose(parts.sum(axis=0), errors.total, rtol=1e-12, atol=1e-12)
+    assert np.abs(errors.causes["friction"]).max() > 0.04
+    assert not errors.causes["mesh"].any()
+
+
+def test_runs_that_step_over_a_pulse_have_warnings():
+    """The nodes of all steps are zeros of the pulse: at rest, errors of 120 % had no warning."""
+    mech = beam_pendulum(elements=2)
+    mech.gravity = np.zeros(2)
+    pulse = bd.half_sine(100.0, duration=1e-3)
+    mech.add(bd.Force("hit", mech.parts["beam"].end, (0.0, pulse)))
+    with pytest.warns(bd.BeamdaeWarning, match="the error is more than 100 % of half its range"):
+        bd.simulate(mech, bd.GeneralizedAlpha(1e-3), t_end=0.02)
+
+
 def test_the_recommended_settings_remove_the_error():
     solution = simulate(beam_pendulum(elements=1), bd.Radau(1e-4), 1.0)
     before = solution.errors

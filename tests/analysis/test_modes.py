@@ -155,6 +155,41 @@ def test_effective_masses_add_up_to_the_moving_mass():
     assert_allclose(modes.mac(modes), np.eye(len(modes)), atol=1e-7)
 
 
+@pytest.mark.parametrize("damping", [3.0, 300.0])
+def test_effective_masses_of_complex_modes_are_those_of_state_space_residues(damping):
+    """A damper on one mass of two: magnitudes of complex shapes added up to a wrong mass."""
+    mech, wall = bd.Mechanism(), (0.0, 0.0)
+    masses = [mech.add(bd.PointMass(f"mass {k}", 3.0 - k, at=(k, 0.0))) for k in (1, 2)]
+    for mass in masses:
+        mech.add(
+            bd.PointOnLine(f"rail of {mass.name}", mech.ground.at(*wall), mass.point, (1.0, 0.0))
+        )
+    mech.add(bd.Spring("left", mech.ground.at(*wall), masses[0].point, 30.0, damping))
+    mech.add(bd.Spring("right", masses[0].point, masses[1].point, 40.0))
+    modes = bd.modes(mech, n=None)
+    mass, stiffness = np.diag([2.0, 1.0]), np.array([[70.0, -40.0], [-40.0, 40.0]])
+    matrix = np.block(
+        [[np.zeros((2, 2)), np.eye(2)], [-stiffness / [[2.0], [1.0]], np.zeros((2, 2))]]
+    )
+    matrix[2, 2] = -0.5 * damping
+    values, right = np.linalg.eig(matrix)
+    left, unit = np.linalg.inv(right), np.ones(2)
+    parts = np.real(values * (unit @ mass @ right[:2]) * (left[:, 2:] @ unit))
+    for value, found in zip(modes.eigenvalues, modes.effective_masses[:, 0], strict=True):
+        expected = parts[int(np.argmin(np.abs(values - value)))] * (2.0 if value.imag else 1.0)
+        assert_allclose(found, expected, rtol=1e-9)
+    assert_allclose(modes.effective_masses.sum(axis=0), [3.0, 0.0], rtol=1e-9)
+
+
+def test_effective_masses_in_rotations_are_not_stated():
+    mech = bd.Mechanism()
+    rotor = mech.add(bd.RigidBody("rotor", 2.0, 0.1, center=(0.0, 0.0)))
+    ends = mech.ground.at(0.0, 0.0), rotor.at(0.0, 0.0)
+    mech.add(bd.Bushing("bearing", *ends, kx=200.0, ky=200.0, ktheta=0.0))
+    assert np.isnan(bd.modes(mech, bd.rotation(0.0)).effective_masses).sum() == 0
+    assert np.isnan(bd.modes(mech, bd.rotation(3.0)).effective_masses).all()
+
+
 @pytest.mark.slow(reason="256 elements")
 def test_light_damping_of_a_fine_mesh_is_resolved():
     """Rounding of the stiffness exceeds this damping of the lowest mode."""

@@ -53,6 +53,47 @@ def test_compressed_column_frequency_falls_linearly_with_load(formulation):
         assert_allclose(-(eigenvalue**2).real / first, 1.0 - load, rtol=0.0, atol=2e-4)
 
 
+@bd.model(t_end=1.0)
+def driven_crank(angle=0.0, stiffness=200.0):
+    """Return a pendulum on a driven crank, and a spring that its angle stretches."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    crank = mech.add(bd.RigidBody("crank", 1.0, 0.02, center=(0.1, 0.0)))
+    shaft = mech.ground.at(0.0, 0.0), crank.at(0.0, 0.0)
+    mech.add(bd.Revolute("bearing", *shaft))
+    mech.add(bd.Driver("motor", *shaft, angle))
+    section = bd.Section.rectangle(STEEL, width=0.03, height=0.002)
+    line = bd.Line((0.2, 0.0), (0.2, -0.5))
+    rod = mech.add(bd.Beam("rod", line, section, elements=2))
+    mech.add(bd.Revolute("pin", crank.at(0.2, 0.0), rod.start))
+    mech.add(bd.Spring("spring", mech.ground.at(0.5, -0.9), rod.end, stiffness, free_length=0.4))
+    push = mech.input("push", unit="N")
+    mech.add(bd.Force("push on rod", rod.end, (push, 0.0)))
+    mech.observe("tip", rod.end)
+    return mech
+
+
+@pytest.mark.parametrize(("over", "value"), [("motor", 0.6), ("push", 30.0), ("stiffness", 500.0)])
+def test_ends_of_paths_over_a_quantity_are_those_of_the_model_with_its_value(over, value):
+    """Paths over a driver, an input or a parameter were refused as states of linear analyses."""
+    path = bd.equilibrium(driven_crank, over=over, to=value)
+    if over == "motor":
+        fixed = driven_crank(angle=value)
+    elif over == "push":
+        fixed = driven_crank().with_inputs({"push": value})
+    else:
+        fixed = driven_crank(stiffness=value)
+    given = driven_crank if over == "stiffness" else driven_crank()
+    modes, expected = bd.modes(given, path, n=3), bd.modes(fixed, "equilibrium", n=3)
+    assert_allclose(modes.eigenvalues, expected.eigenvalues, rtol=1e-7)
+    assert abs(modes.frequencies[0] / bd.modes(given, path.at(0), n=1).frequencies[0] - 1.0) > 1e-3
+    assert_allclose(modes.errors.total, expected.errors.total, rtol=1e-3, atol=1e-9)
+    names = {"inputs": ["push"], "outputs": ["tip.x"]}
+    linear, other = bd.linearize(given, path, **names), bd.linearize(fixed, "equilibrium", **names)
+    one, another = (x.frequency_response([0.3, 2.0]) for x in (linear, other))
+    assert_allclose(one, another, rtol=1e-6)
+    assert over in modes.about
+
+
 def test_path_of_another_model_is_rejected():
     path = bd.equilibrium(truss(), to=0.5)
     other = bd.Mechanism()

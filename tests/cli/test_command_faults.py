@@ -136,8 +136,12 @@ MOMENTS = {
         RESUMABLE_FILES,
         "interrupted at t = 0",
     ),
-    "writing": (WHILE_WRITING, ALL_FILES, "interrupted after the run"),
-    "drawing": (WHILE_DRAWING, ALL_FILES - {"arm.png"}, "interrupted after the run"),
+    "writing": (WHILE_WRITING, ALL_FILES, "interrupted after the tables were written"),
+    "drawing": (
+        WHILE_DRAWING,
+        ALL_FILES - {"arm.png"},
+        "interrupted after the tables were written",
+    ),
     "integrating, then drawing": (
         AT_STEP.format(at="{100}") + WHILE_DRAWING,
         RESUMABLE_FILES - {"arm.png"},
@@ -225,7 +229,8 @@ runs._repeat = interrupt
     command = process("run", "model.py")
     output, errors = command.communicate(timeout=60)
     assert command.returncode == 130, errors
-    assert "interrupted after the run; the results so far are in results/arm.csv" in errors
+    assert "interrupted after the tables were written" in errors
+    assert "the results so far are in results/arm.csv" in errors
     assert "error" not in output.split("observed")[1].splitlines()[0]
     assert Path("results/arm.png").exists()
 

@@ -73,7 +73,7 @@ def test_an_interrupted_path_is_written(static):
     assert read_metadata("interrupted")["status"] == "interrupted"
     assert "interrupted" in result.stderr
     assert "the results so far are in results/interrupted_static.csv" in result.stderr
-    assert not Path("results/interrupted_static.png").exists()
+    assert Path("results/interrupted_static.png").exists()
 
 
 def read_metadata(name="truss"):

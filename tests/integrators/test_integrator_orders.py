@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from benchmarks.cases import AREVALO, CYCLOID, KNIFE_EDGE, ROTATING_ROD, pendulum, pendulum_motion
+from mechanisms import balance_wheel
 from numpy.testing import assert_allclose
 
 import beamdae as bd
@@ -130,6 +131,21 @@ def test_radau_is_of_order_five_in_positions_and_velocities_three_in_multipliers
         values = {"q": solution.q, "v": solution.v, "lam": solution.lam}
         errors.append([np.max(np.abs(values[name] - exact[name])) for name in ("q", "v", "lam")])
     assert_allclose(np.log2(np.divide(*errors)), [5.0, 5.0, order], rtol=0.0, atol=0.1)
+
+
+@pytest.mark.slow(reason="two seconds")
+def test_long_steps_of_slender_beams_are_of_second_order():
+    """Corrections of a step grow until the coils, which the prediction stretches, are bent."""
+    wheel, step, start = balance_wheel(), 1e-3, {"wheel.angle": 3.0}
+
+    def angles(integrator):
+        run = bd.simulate(wheel, integrator, 0.3, step, start=start)
+        assert run.status.success, run.status.sentence
+        return run["wheel.angle"]
+
+    exact = angles(bd.Radau(1e-6))
+    coarse, fine = (angles(bd.GeneralizedAlpha(h)) - exact for h in (step, step / 2))
+    assert_allclose(np.linalg.norm(coarse) / np.linalg.norm(fine), 4.0, rtol=0.1)
 
 
 @pytest.mark.slow(reason="a hundred thousand steps of order 1")

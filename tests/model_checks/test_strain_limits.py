@@ -51,3 +51,22 @@ def test_regression_stiff_materials_are_not_strained_by_several_percent(modulus,
         mech.add(bd.Force("pull", beam.end, (factor * strain * section.EA, 0.0)))
         sentences = [x for x in bd.equilibrium(mech).warnings if "linear elasticity" in x]
         assert bool(sentences) == is_reported
+
+
+@pytest.mark.parametrize("height", [0.001, 0.02])
+@pytest.mark.parametrize("profile", ["rectangle", "i_profile"])
+def test_a_yield_stress_is_the_limit_of_linear_elasticity(profile, height):
+    steel = bd.Material(2.1e11, 0.3, 7850.0, yield_stress=250e6)
+    more = {"flange": 0.1 * height, "web": 1e-3} if profile == "i_profile" else {}
+    section = getattr(bd.Section, profile)(steel, width=0.01, height=height, **more)
+    for utilization in (0.98, 1.02):
+        mech = bd.Mechanism()
+        beam = mech.add(bd.Beam("leaf", LINE, section, elements=2))
+        mech.add(bd.Weld("clamp", mech.ground.at(*LINE.start), beam.start))
+        moment = utilization * steel.yield_stress * section.EI / (0.5 * height * steel.E)
+        mech.add(bd.Moment("bend", beam.end, moment))
+        path = bd.equilibrium(mech)
+        sentences = [x for x in path.warnings if "yield stress" in x]
+        assert bool(sentences) == (utilization > 1.0)
+        assert (path.section_forces(beam).safety().factor < 1.0) == bool(sentences)
+        assert all(x.startswith("leaf: the largest stress is 2.55e+08 Pa, ") for x in sentences)

@@ -14,7 +14,8 @@ from support import ARC, EXACT_VARIANT, UNEVEN_ELEMENTS, VARIANTS, NumericEquati
 
 import beamdae as bd
 from beamdae.equations.measures import ObservedRows
-from beamdae.parts.forces.load_observables import ObservableBeamLoad, ObservableLoad
+from beamdae.parts.forces.load_observables import ObservableBeamLoad
+from beamdae.parts.forces.point_force import PointForce
 
 CHORD = VARIANTS[2]
 TIME = (0.7, 0.7)
@@ -91,7 +92,7 @@ def test_power_is_the_rate_of_work_in_the_energy_ledger(name):
     assert power != 0.0
 
 
-POINT_LOADS = [name for name in NAMES if isinstance(mechanism(name)[1], ObservableLoad)]
+POINT_LOADS = [name for name in NAMES if isinstance(mechanism(name)[1], PointForce)]
 
 
 @pytest.mark.parametrize("name", POINT_LOADS)
@@ -99,9 +100,9 @@ def test_loads_on_all_points_are_equivalent_to_the_generalized_forces(name):
     mech, load = mechanism(name)
     numeric, q, v = random_state(mech, 1)
     expected, total = generalized_force(mech, numeric, load, q, v), np.zeros(numeric.n)
-    for place, point in load.loaded_points.items():
-        if point.at.size:
-            total += jacobian(point.at, mech, q).T @ observe(mech, load.load_on(place), q, v)
+    for place, point in load.points.items():
+        if point.size:
+            total += jacobian(point, mech, q).T @ observe(mech, load.load_on(place), q, v)
     assert np.any(total)
     # Rounding errors of forces up to 100.
     assert_allclose(total, expected, rtol=1e-9, atol=1e-11)
@@ -226,10 +227,31 @@ def test_motors_within_a_rigid_body_do_nothing_and_those_on_the_ground_are_momen
     motor = mech.add(bd.Moment("motor", on, 2.0, reaction_on=ground))
     v = np.array([0.1, 0.2, 0.4])
     assert_allclose(observe(mech, motor.power, np.zeros(3), v), 0.8, rtol=1e-15)
-    with pytest.raises(bd.BeamdaeError, match=r"'reaction_on' belongs to the ground"):
-        motor.load_on("reaction_on")
+    load = observe(mech, motor.load_on("reaction_on"), np.zeros(3), v)
+    assert_allclose(load, (0.0, 0.0, -2.0), rtol=1e-15)
     inside = mech.add(bd.Moment("inside", on, 2.0, reaction_on=body.at(0.1, 0.0)))
     assert observe(mech, inside.power, np.zeros(3), v) == 0.0
+
+
+BETWEEN_POINTS = [
+    name
+    for name in POINT_LOADS
+    if (load := mechanism(name)[1]).acts_between_attachments and len(load.points) == 2
+]
+
+
+@pytest.mark.parametrize("name", BETWEEN_POINTS)
+def test_loads_on_both_points_also_of_the_ground_are_in_equilibrium(name):
+    mech, load = mechanism(name)
+    _, q, v = random_state(mech, 3)
+    total = np.zeros(3)
+    for place, point in load.points.items():
+        x, y = observe(mech, point, q, v)[:2]
+        force = np.zeros(3)
+        columns = observe(mech, load.load_on(place), q, v)
+        force[: len(columns)] = columns
+        total += (*force[:2], force[2] + x * force[1] - y * force[0])
+    assert_allclose(total, 0.0, atol=1e-11)
 
 
 def test_law_on_several_points_has_numbered_columns():

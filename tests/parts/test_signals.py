@@ -1,5 +1,7 @@
 """Inputs and sensors in laws and formulas, in all integrators, linear models and observables."""
 
+import math
+
 import numpy as np
 import pytest
 
@@ -52,6 +54,82 @@ def test_run_replaces_the_value_of_an_input(driven, value, expected):
     run = bd.simulate(driven, bd.Radau(rtol=1e-9), t_end=T_END, inputs={"torque": value})
     assert run["wheel.angle_dot"].iloc[-1] == pytest.approx(expected, rel=1e-8)
     assert bd.simulate(driven, bd.Radau(), t_end=T_END)["torque"].iloc[0] == 2.0
+
+
+def test_formula_of_sensors_is_observed():
+    mech = bd.Mechanism()
+    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0), velocity=(3.0, 4.0)))
+    vx, vy = (mech.sensor(x, ball.point, x) for x in ("x_dot", "y_dot"))
+    mech.observe("speed", np.hypot(vx, vy), unit="m/s")
+    mech.observe("sum", vx + vy)
+    passing = mech.when("speed", 4.0, "down", name="slow")
+    mech.add(bd.ForceLaw("brake", ball.point, lambda p, t: -p.velocity, dissipative=True))
+    run = bd.simulate(mech, bd.Radau(), t_end=1.0)
+    assert list(run.table().columns[3:5]) == ["speed [m/s]", "sum [m/s]"]
+    np.testing.assert_allclose(run["speed"], 5.0 * np.exp(-run.t), rtol=1e-5)
+    assert run.events["t [s]"].iloc[0] == pytest.approx(np.log(1.25), rel=1e-5)
+    assert passing.name == "slow"
+
+
+def test_formula_of_sensors_of_another_mechanism_is_refused():
+    mech, wheel = build_wheel()
+    rate = mech.sensor("rate", wheel.at(0.0, 0.0), "angle_dot")
+    other, _ = build_wheel()
+    other.observe("twice", 2.0 * rate)
+    with pytest.raises(bd.BeamdaeError, match=r"^twice: 'wheel' is not part of this mechanism"):
+        bd.simulate(other, t_end=0.1)
+    with pytest.raises(bd.BeamdaeError, match=r"^hub: unit is that of a formula"):
+        mech.observe("hub", wheel.at(0.0, 0.0), unit="m")
+
+
+@pytest.mark.parametrize(
+    "formula",
+    [
+        *(np.sin, np.sqrt, abs, bd.positive_part, lambda x: bd.smooth_sign(x, 0.1)),
+        *(lambda x: x % 2.0, lambda x: np.clip(x, 0.0, 1.0), lambda x: np.maximum(x, x**2)),
+        lambda x: (np.array([1.0, 2.0]) * x) @ np.array([x, 3.0]),
+    ],
+)
+def test_formulas_outside_laws_have_the_values_of_numbers(formula, recwarn):
+    mech, _ = build_wheel()
+    angle = mech.input("angle", 0.7)
+    for name, argument in (("signal", angle), ("expression", 1.0 * angle)):
+        mech.observe(name, formula(argument))
+    run = bd.simulate(mech, bd.Radau(), t_end=0.1)
+    np.testing.assert_allclose(run[["signal", "expression"]], formula(0.7), rtol=1e-15)
+    assert not recwarn.list
+
+
+@pytest.mark.parametrize(
+    ("formula", "sentence"),
+    [
+        (lambda x: 1.0 if x > 0 else 2.0, r"without branches on \(0<x\) \(if, .*bd.positive_part"),
+        (lambda x: max(x, 0.0), "without branches on"),
+        (lambda x: x or 1.0, "without branches on x"),
+        (lambda x: 1.0 if 2 * x == 1.0 else 2.0, "without branches on"),
+        (math.sin, "without conversions of x to a number .* np.sin"),
+        (lambda x: math.sin(2 * x), r"without conversions of \(2.\*x\) to a number"),
+        (int, "without conversions of x"),
+        (round, "without conversions of x"),
+    ],
+)
+def test_branches_and_numbers_of_signals_end_in_a_sentence(formula, sentence):
+    mech, wheel = build_wheel()
+    x = mech.input("x", 0.3)
+    with pytest.raises(bd.BeamdaeError, match=f"^formula: it must be written {sentence}"):
+        formula(x)
+    calls = {
+        "hub: the law must be a formula in t": lambda: bd.Moment(
+            "hub", wheel.at(0.0, 0.0), lambda t: formula(x)
+        ),
+        "lag: the law must be a formula in t": lambda: mech.state("lag", lambda y, t: formula(x)),
+        "pull: law must be a formula": lambda: bd.ForceLaw(
+            "pull", wheel.at(0.0, 0.0), lambda p, t: (formula(x), 0.0)
+        ),
+    }
+    for start, call in calls.items():
+        with pytest.raises(bd.BeamdaeError, match=f"^{start} {sentence}"):
+            call()
 
 
 def test_signals_act_in_force_laws_springs_and_drivers():

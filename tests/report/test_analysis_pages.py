@@ -124,7 +124,7 @@ def test_the_page_of_a_path_in_a_browser(path, show):
     assert tab.inner_text("#time") == "point = 0"
     # The guided coordinate, which stays zero, is not the first one.
     assert "crown.y [m]" in tab.locator("[data-panel=observed] option").first.inner_text()
-    tab.get_by_label("x axis of the curve").select_option("load factor [-]")
+    tab.get_by_label("Curve: horizontal axis").select_option("load factor [-]")
     assert "load factor [-]" in tab.locator("[data-chart=portrait] text").all_text_contents()
 
 

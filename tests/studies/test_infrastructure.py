@@ -143,7 +143,6 @@ def test_regression_workers_end_with_a_killed_study(tmp_path):
     _, err = resumed.communicate(timeout=120.0)
     assert resumed.returncode == 0, err
     assert "1 stored before" in err
-    assert not list(tmp_path.rglob(".lock"))
 
 
 # Folders --------------------------------------------------------------------------------------
@@ -152,11 +151,11 @@ def test_regression_workers_end_with_a_killed_study(tmp_path):
 @pytest.mark.slow(reason="half a second")
 def test_results_folder_is_locked_while_a_study_runs(tmp_path):
     def start_another(progress):
-        with pytest.raises(bd.BeamdaeError, match=rf"process {os.getpid()} on .* is running a"):
+        with pytest.raises(bd.BeamdaeError, match=r"another process is running a study"):
             run_study(STUDY, tmp_path, SerialPool())
 
     run_study(STUDY, tmp_path, SerialPool(), start_another)
-    assert not (tmp_path / ".lock").exists()
+    run_study(STUDY, tmp_path, SerialPool())
 
 
 @pytest.mark.slow(reason="half a second")

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from numpy.testing import assert_allclose
-from pan_liu_2012 import run, table_1, table_2
+from pan_liu_2012 import readings, run, table_2
 from pan_liu_2012.claims import UNDECIDED, VERDICTS, summarize_claims
 from pan_liu_2012.dynamic_stiffening import (
     EXACT,
@@ -90,7 +90,7 @@ def assert_same_rows(name, table):
 
 
 def test_models_have_the_data_of_table_1():
-    table = table_1.compare_data()["table_1"]
+    table = readings.compare_data()["table_1"]
     pd.testing.assert_frame_equal(table, stored("table_1"), rtol=1e-7)
     used = table.set_index(["system", "quantity"])["used"]
     printed = {
@@ -104,7 +104,7 @@ def test_models_have_the_data_of_table_1():
         "tip mass [kg]": 0.060,
     }
     for quantity, value in printed.items():
-        assert_allclose(used[table_1.PENDULUM, quantity], value, rtol=1e-12)
+        assert_allclose(used[readings.PENDULUM, quantity], value, rtol=1e-12)
 
 
 @pytest.mark.slow(reason="half a second and more")

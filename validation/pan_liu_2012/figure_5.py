@@ -40,7 +40,6 @@ from pan_liu_2012.runs import (
     format_range,
     measure_deviation,
     observe_run,
-    run_to_end,
 )
 
 # The paper does not state its damping coefficients. Ours: drag of a flat strip (C_d = 2) of
@@ -48,13 +47,6 @@ from pan_liu_2012.runs import (
 # first bending mode (8.8 Hz).
 DAMPED = {"damping": 1e-4, "air_drag": 0.036}
 UNDAMPED = {"damping": 0.0}
-DAMPING_LAWS = {
-    "undamped": UNDAMPED,
-    "Kelvin-Voigt": {"damping": 1e-4},
-    "Rayleigh, mass": {"damping": 0.0, "mass_damping": 0.1},
-    "Rayleigh, stiffness": {"damping": 0.0, "stiffness_damping": 1e-4},
-    "air drag": {"damping": 0.0, "air_drag": 0.036},
-}
 OUTPUT_STEP = 1e-2  # s
 REST_DAMPING = 8.0  # 1/s, mass-proportional damping that brings the strip to rest
 REST_TIME = 8.0  # s
@@ -100,18 +92,6 @@ def compute_figure_5() -> dict[str, pd.DataFrame]:
             for column in ("gauge 1, lower [-]", "gauge 2, lower [-]", FRAME_RATE)
         }
     )
-
-
-def compare_damping_laws() -> dict[str, pd.DataFrame]:
-    """Compute angular velocity, gauge 1 and energy lost over 6 s for each damping law."""
-    columns = {}
-    for name, parameters in DAMPING_LAWS.items():
-        solution = run_to_end(pendulum(**parameters), PENDULUM_T_END, OUTPUT_STEP, SCHEME)
-        table = solution.table().set_index("t [s]")
-        columns[f"angular velocity, {name} [rad/s]"] = table[FRAME_RATE]
-        columns[f"gauge 1, {name} [-]"] = table["gauge 1 [-]"]
-        columns[f"energy lost, {name} [J]"] = table["energy.dissipated [J]"]
-    return {"damping": pd.DataFrame(columns)}
 
 
 RADIUS = pendulum.parameters["radius"]

@@ -36,8 +36,6 @@ from pan_liu_2012 import (
     figures_9_10,
     readings,
     steps,
-    strain_reach,
-    table_1,
     table_2,
 )
 from pan_liu_2012.claims import summarize_claims
@@ -80,7 +78,6 @@ def list_jobs() -> list[Job]:
             for name in table_2.INTEGRATORS
             for subtended, shape in table_2.BEAMS
         ),
-        Job("damping", figure_5.compare_damping_laws),
         Job("figure 5", figure_5.compute_figure_5),
         *(Job("gauge scan", figure_5.scan_gauges, (x,)) for x in figure_5.ORIENTATIONS),
         *(
@@ -92,11 +89,6 @@ def list_jobs() -> list[Job]:
             for speed in dynamic_stiffening.SPEEDS
         ),
         *(Job("steps", steps.compute_step_errors, (system,)) for system in steps.SYSTEMS),
-        *(
-            Job("reach", strain_reach.compute_hub_beam_reach, (factor,))
-            for factor in strain_reach.TORQUE_FACTORS
-        ),
-        Job("reach", strain_reach.compute_slider_crank_reach),
         *(Job("readings", readings.compute_hub_readings, (x,)) for x in readings.HUB_READINGS),
         *(Job("readings", readings.compute_crank_readings, (x,)) for x in readings.CRANK_READINGS),
         *(
@@ -104,7 +96,7 @@ def list_jobs() -> list[Job]:
             for angle in (60.0, 30.0)
         ),
         Job("spin-up", dynamic_stiffening.compute_spin_up),
-        Job("table 1", table_1.compare_data),
+        Job("table 1", readings.compare_data),
         Job("appendix", appendix.compare_terms),
     ]
 

@@ -1,9 +1,10 @@
-"""Stored references of the cases, computed by two methods, and their disagreement."""
+"""Stored references by two methods, their disagreement, and errors of runs against them."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from functools import cache
 from itertools import chain
 from time import process_time
 
@@ -12,23 +13,41 @@ import pandas as pd
 from stored_columns import write_columns
 
 import beamdae as bd
-from tolerances.modal import solve_small_vibrations
-from tolerances.tolerance_case import (
-    FOLDER,
+from tolerances.cases import (
     REFERENCES,
     STORED_DIGITS,
     ToleranceCase,
     load_references,
     relative_deviations,
 )
+from tolerances.modal import solve_small_vibrations
 
-SUMMARY = FOLDER / "summary.csv"
+SUMMARY = REFERENCES.with_name("summary.csv")
 RTOLS = tuple(10.0**-k for k in range(7, 13))
 STEPS = tuple(2000 * 2**k for k in range(10))
 # Rates and reactions converge later than positions, and their errors are only listed.
 DERIVATIVE_WEIGHT = 0.01
 # Wall time limit of a run over its longest expected processor time, for runs whose steps collapse.
 TIME_LIMIT_RATIO = 4.0
+
+
+@cache
+def reference_uncertainties() -> pd.Series:
+    """Return the disagreement of the two reference methods by case and column."""
+    table = pd.read_csv(SUMMARY)
+    compared = table[table["method 1"] != "stored reference"]
+    return compared.set_index(["case", "column"])["disagreement"]
+
+
+def measure_errors(case: ToleranceCase, solution: bd.results.Solution) -> pd.DataFrame:
+    """Return error and uncertainty of the guaranteed columns, relative to their amplitudes.
+
+    The uncertainty of the reference includes the rounding of its stored values.
+    """
+    columns = list(case.columns + case.deflections)
+    uncertainty = reference_uncertainties()[case.name][columns] + case.reference_rounding(columns)
+    errors = case.errors(solution, columns=columns)
+    return pd.DataFrame({"error": errors, "uncertainty": uncertainty}, index=columns)
 
 
 @dataclass(frozen=True)
@@ -88,7 +107,7 @@ def compute_reference(case: ToleranceCase, effort: Effort) -> tuple[pd.DataFrame
         # Radau may fail in a singular position, which fixed steps pass over.
         others = iter(results[-1:]) if results else _extrapolated_results(case, effort)
         second = _select_nearest(case, first, others, effort)
-    elif case.small:
+    elif case.modal:
         first, second = _modal_result(case), results[-1]
     else:
         first = results[-1]
@@ -108,7 +127,7 @@ def compute_reference(case: ToleranceCase, effort: Effort) -> tuple[pd.DataFrame
 
 def _compare_with_published(case: ToleranceCase, table: pd.DataFrame) -> pd.DataFrame:
     """Return the deviations of the end of a reference from published numbers, if any."""
-    end_values = case.published or {}
+    end_values = case.published
     columns = table[list(end_values)]
     deviations = np.abs(columns.iloc[-1] - pd.Series(end_values, dtype=float)) / (
         0.5 * np.ptp(columns, axis=0)

@@ -39,7 +39,7 @@ from beamdae.errors import BeamdaeError, BeamdaeWarning, require_mapping, requir
 from beamdae.integrators import Integrator
 from beamdae.integrators.integrator import require_integrator
 from beamdae.results.solution import Solution
-from beamdae.simulation import as_equations, simulate, skip_result_checks
+from beamdae.simulation import as_equations, simulate, unchecked
 
 Array = np.ndarray
 
@@ -391,7 +391,7 @@ class FitProblem:
 @contextmanager
 def _without_warnings() -> Any:
     """Skip the warnings and the checks of runs."""
-    with warnings.catch_warnings(), skip_result_checks():
+    with warnings.catch_warnings(), unchecked():
         warnings.simplefilter("ignore", BeamdaeWarning)
         yield
 

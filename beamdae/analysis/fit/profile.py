@@ -14,11 +14,12 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
+from beamdae import deferred
 from beamdae.analysis.fit.problem import Evaluation, FitProblem, Scaling
 from beamdae.analysis.fit.search import SearchResult, local_search
 from beamdae.errors import format_message, require_count
 from beamdae.read_only import read_only_data
-from beamdae.results.displays import HasTable, Plot, load_views
+from beamdae.results.displays import HasTable, Plot
 
 Array = np.ndarray
 
@@ -113,7 +114,7 @@ class ProfileLikelihood(HasTable):
         Plot
             The figure, displayed by a notebook; `Plot.save` writes it to a file.
         """
-        return load_views().plot_profile(self)
+        return deferred.module("report.pictures.result_figures").draw_result(self)
 
 
 def trace_profile(

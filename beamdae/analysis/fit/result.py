@@ -33,7 +33,7 @@ from beamdae.errors import BeamdaeError, kind_of_message, require_choice, warn_u
 from beamdae.interrupts import acknowledge
 from beamdae.read_only import read_only_data
 from beamdae.results.columns import require_one_column, select_observed_columns
-from beamdae.results.displays import HasPage, Plot, load_views
+from beamdae.results.displays import HasPage, Plot
 from beamdae.results.outcome import Status
 from beamdae.results.solution import Solution
 from beamdae.results.storage.files import write_escaped_table
@@ -452,7 +452,7 @@ class Fit(HasPage):
             The figure, displayed by a notebook; `Plot.save` writes it to a file. At most six
             columns of experiments are drawn.
         """
-        return load_views().plot_fit(self)
+        return deferred.module("report.pictures.result_figures").draw_result(self)
 
     def sensor_of(self, number: int) -> tuple[float, float, float]:
         """Return the estimated shift [s], scale and offset of a row of `residual_table`.

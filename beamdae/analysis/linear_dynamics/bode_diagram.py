@@ -31,7 +31,7 @@ from beamdae.interrupts import interruptible
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.read_only import read_only_data
 from beamdae.results.columns import largest_by
-from beamdae.results.displays import HasPage, HasTable, Plot, load_views
+from beamdae.results.displays import HasPage, HasTable, Plot
 from beamdae.symbolic.statements import Variable
 
 if TYPE_CHECKING:
@@ -211,7 +211,7 @@ class Bode(HasTable, HasPage):
 
     def plot(self) -> Plot:
         """Draw magnitudes and phases over the frequency, of up to six transfer functions."""
-        return load_views().plot_bode(self)
+        return deferred.module("report.pictures.result_figures").draw_result(self)
 
     def _short_name(self, x: TransferFunction) -> str:
         return f"{self.model.outputs[x.output].name} / {self.model.inputs[x.input].name}"

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import scipy
 
+from beamdae import deferred
 from beamdae.analysis.eigenproblems.eigensolution import DECAY
 from beamdae.analysis.linear_dynamics.natural_modes import Modes, compute_modes
 from beamdae.errors import (
@@ -26,7 +27,7 @@ from beamdae.model_functions import Model
 from beamdae.model_parameters import conversion_factor
 from beamdae.parts.rotation import rotation
 from beamdae.read_only import read_only_data
-from beamdae.results.displays import HasPage, HasTable, Plot, load_views
+from beamdae.results.displays import HasPage, HasTable, Plot
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -152,7 +153,7 @@ class Campbell(HasTable, HasPage):
         Circles mark the resonances where they are equal, see `resonances`. The picture ends above
         the first mode beyond the multiples; a note names modes of higher frequencies.
         """
-        return load_views().draw_campbell(self)
+        return deferred.module("report.pictures.result_figures").draw_result(self)
 
     def table(self) -> pd.DataFrame:
         """Return a table with one row per speed [rad/s]: frequencies [Hz], growth rates [1/s]."""
@@ -326,7 +327,8 @@ def campbell(
 
     def solve(speed: float) -> Modes:
         about, total = rotation(speed, center), count + _EXTRA_MODES
-        return compute_modes(model, about, total, damping, assessed=count * (speed == fastest))
+        assessed = count * (speed == fastest)
+        return compute_modes(model, about, total, damping, assessed=assessed, has_accuracy=False)
 
     all_modes = [solve(speed) for speed in values]
     order = np.arange(min(count, *map(len, all_modes)))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 import scipy.linalg as la
@@ -552,7 +552,8 @@ def _part_residual(
 ) -> Array:
     """Return the residual of one part with constant laws, (n + m,)."""
     coordinate_map, e = map_coordinates(mechanism), lin.equations
-    part = part.with_constant_laws(laws)
+    law = laws[0] if len(laws) == 1 else tuple(laws)
+    part = replace(cast(Any, part), law=law)
     forces, constraints = collect_statements(part, mechanism.gravity, coordinate_map.sizes)
     terms = build_terms(Statements(forces, constraints), e.coordinates, e.parts, coordinate_map)
     equations = EquationsOfMotion(

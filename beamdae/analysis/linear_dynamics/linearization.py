@@ -22,7 +22,6 @@ from beamdae.analysis.eigenproblems.slow_motions import MasslessError
 from beamdae.analysis.eigenproblems.turning import find_turning
 from beamdae.analysis.statics.load_scaling import (
     LoadedEquations,
-    Loading,
     active_stage,
     build_loading,
 )
@@ -117,7 +116,7 @@ class Linearization:
     zero_square: float = 0.0
     tangent_at: TangentFunction | None = field(default=None, compare=False, repr=False)
     rotation: Rotation | None = None
-    companions: dict[bool, Any] = field(default_factory=dict, compare=False, repr=False)
+    companions: dict[tuple[str, ...], Any] = field(default_factory=dict, compare=False, repr=False)
 
     @cached_property
     def linearized_equations(self) -> LinearizedEquations:
@@ -172,7 +171,7 @@ def linearize_about(name: str, model: Any, about: Any = REFERENCE, t: float = 0.
     elif isinstance(about, Rotation):
         lin = _linearize_rotation(full_equations, about, t)
     else:
-        lin = _linearize_rest(name, model, full_equations, about, t)
+        lin = _linearize_rest(name, full_equations, about, t)
     q, v = lin.state[:2]
     # The slope of a table is zero where its value is held.
     outside = list_arguments_outside(lin.equations, lin.time, q[None], v[None], includes_held=True)
@@ -231,12 +230,17 @@ def _linearize_rotation(
 
 
 def _linearize_rest(
-    name: str, model: Any, full_equations: EquationsOfMotion, about: Any, t: float
+    name: str, full_equations: EquationsOfMotion, about: Any, t: float
 ) -> Linearization:
     word = about if isinstance(about, str) else ""
     if isinstance(about, Equilibrium):
-        full_equations = about.to_checkpoint().start_equations(full_equations)
-        description = f"equilibrium at load factor {about.factor:g}" if about.loads else EQUILIBRIUM
+        end = about.to_checkpoint()
+        full_equations = end.start_equations(full_equations)
+        if about.numbers is not None:
+            full_equations = end.start_equations(about.end_equations)
+        is_varied = about.loads or about.over
+        description = f"{EQUILIBRIUM} at {about.quantity} {about.factor:g}" * bool(is_varied)
+        description = description or EQUILIBRIUM
     elif isinstance(about, Mapping) or word == EQUILIBRIUM:
         require_start("about", about)
         full_equations = apply_initial_conditions(full_equations, about, t)
@@ -251,7 +255,7 @@ def _linearize_rest(
             "name, bd.rotation(...), solution.at(t) or a result of bd.equilibrium, "
             f"got {short_repr(about)}{hint}."
         )
-    lin = linearize_at_rest(frame_of(full_equations, about, t, model), full_equations, description)
+    lin = linearize_at_rest(frame_of(full_equations, about, t), full_equations, description)
     note = ""
     if isinstance(about, Equilibrium):
         note = about.end_warning
@@ -310,22 +314,15 @@ def linearize_motion(full_equations: EquationsOfMotion, instant: Instant) -> Lin
     return Linearization(equations, full_equations, description, time, state, tangent, warnings)
 
 
-def load_path_end(
-    model: Any, full_equations: EquationsOfMotion, path: Equilibrium
-) -> tuple[Loading, LoadedEquations, float]:
-    """Return the load stages of a path, the equations of that at its end, and the load factor."""
-    if path.over:
-        if path.numbers is not None:
-            raise BeamdaeError(
-                f"the path varies {path.over}, so its end is that of another model than the given "
-                "one; build the model with this value, and pass its equilibrium."
-            )
-        loading = build_loading(model, full_equations, [], path.t)
-        return loading, loading.systems[0], 1.0
-    stages = [list(stage) for stage in path.loads] or None
-    loading = build_loading(model, full_equations, stages, path.t)
-    stage, factors = active_stage(path.factors[-1]), path.factors[-1].tolist() or [1.0]
-    return loading, loading.systems[stage], factors[stage]
+def _load_path_end(
+    full_equations: EquationsOfMotion, path: Equilibrium
+) -> tuple[LoadedEquations, float]:
+    """Return the equations of the last load stage of a path, and its load factor."""
+    mechanism = full_equations.mechanism
+    loads = None if mechanism is None else [list(stage) for stage in path.loads]
+    systems = build_loading(mechanism or full_equations, full_equations, loads, path.t).systems
+    stage = active_stage(path.factors[-1])
+    return systems[stage], float(path.factors[-1, stage]) if path.loads else 1.0
 
 
 class Frame(NamedTuple):
@@ -349,14 +346,10 @@ class Frame(NamedTuple):
     rotation: Rotation | None = None
 
 
-def frame_of(full_equations: EquationsOfMotion, about: Any, t: float, model: Any = None) -> Frame:
-    """Return the equations of a model for the state `about`, see `modes`.
-
-    `model` is that of the equations; it defaults to their mechanism.
-    """
+def frame_of(full_equations: EquationsOfMotion, about: Any, t: float) -> Frame:
+    """Return the equations of a model for the state `about`, see `modes`."""
     if isinstance(about, Equilibrium):
-        source = model or full_equations.mechanism or full_equations
-        _, system, factor = load_path_end(source, full_equations, about)
+        system, factor = _load_path_end(full_equations, about)
         equations = replace(system.equations, q0=full_equations.q0, v0=full_equations.v0)
         return Frame(equations, system.loaded.time, partial(system.motion_tangent, factor))
     equations, time = active_equations(full_equations, None, t)

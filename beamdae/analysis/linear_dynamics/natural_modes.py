@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+import scipy.sparse as sp
 
 from beamdae import deferred
 from beamdae.analysis.eigenproblems.eigensolution import (
@@ -17,7 +18,10 @@ from beamdae.analysis.eigenproblems.eigensolution import (
     classify_modes,
     solve_eigenproblem,
 )
-from beamdae.analysis.eigenproblems.linearized_equations import quadratic_forms
+from beamdae.analysis.eigenproblems.linearized_equations import (
+    is_symmetric_matrix,
+    quadratic_forms,
+)
 from beamdae.analysis.linear_dynamics.linearization import (
     REFERENCE,
     Linearization,
@@ -43,7 +47,7 @@ from beamdae.linear.blas_threads import single_threaded
 from beamdae.parts.mechanism import Mechanism
 from beamdae.read_only import read_only_data
 from beamdae.results.displays import HasModeShapes
-from beamdae.simulation import skips_result_checks
+from beamdae.simulation import is_unchecked
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -65,7 +69,7 @@ _REPR_FREQUENCIES = 5
 class _Request(NamedTuple):
     """State and time [s] of modes, see `modes`, and the number of modes whose errors are measured.
 
-    If `is_checked` is set, warnings contain these errors.
+    If `is_checked` is set, warnings contain these errors. `has_accuracy` is that of `Errors`.
     """
 
     about: Any
@@ -73,6 +77,7 @@ class _Request(NamedTuple):
     damping: bool
     assessed: int
     is_checked: bool
+    has_accuracy: bool
 
 
 @read_only_data
@@ -109,7 +114,7 @@ class Modes(HasModeShapes):
     q: Array = field(repr=False)
     mechanism: Mechanism | None = field(repr=False)
     _linearization: Linearization = field(repr=False)
-    _request: _Request | None = None
+    _request: _Request = field(repr=False)
 
     def __len__(self) -> int:
         return len(self.eigenvalues)
@@ -144,7 +149,7 @@ class Modes(HasModeShapes):
         there are no modes, that rounding errors of the stiffness hide slow modes, that friction is
         a damper about a state at rest, or that `errors` of eigenvalues exceed 4 %.
         """
-        is_checked = self._request is not None and self._request.is_checked
+        is_checked = self.mechanism is not None and self._request.is_checked
         sentences = self._linearization.warnings
         return (*sentences, *(self.errors.sentences() if is_checked else ()))
 
@@ -192,17 +197,29 @@ class Modes(HasModeShapes):
 
     @cached_property
     def effective_masses(self) -> Array:
-        """Effective modal masses |x^H M r|^2 along x and y [kg], (k, 2).
+        """Effective modal masses along x and y [kg], (k, 2).
 
-        r is the unit translation of all points along the axis. For undamped modes, the effective
-        masses add up to at most r^T M r, the mass of the moving parts.
+        r is the unit translation of all points along the axis; m, k = x^T M x, x^T K x. The modes
+        have the parts Re(l^2 (x^T M r)^2 / (l^2 m - k)), twice for those that stand for a pair, of
+        r^T M r: (x^T M r)^2 / m without damping. All modes add up to the mass of the moving parts,
+        without the mass that joints hold. Parts of single decays may be negative. They are not a
+        number if the matrices are not symmetric, as in rotations, with friction, controllers and
+        follower loads: shapes then do not determine them.
         """
-        lin = self._linearization
-        coordinates, mass = RotatingCoordinates.from_equations(lin.equations), lin.tangent.mass
-        translations = np.stack([coordinates.translation_vector(axis) for axis in (0, 1)], axis=1)
-        masses = np.abs(self.shapes.conj() @ (mass @ translations)) ** 2
+        lin, problem = self._linearization, self._linearization.linearized_equations
+        mass, x, values = lin.tangent.mass, self.shapes.T, self.eigenvalues[:, None]
+        is_undamped = problem.is_conservative or not self._request.damping
+        if not (is_undamped or (problem.is_symmetric and is_symmetric_matrix(lin.tangent.damping))):
+            return np.full((len(self), 2), np.nan)
+        translations = RotatingCoordinates.from_equations(lin.equations).translations
+        inertia = np.einsum("ij,ij->j", x, mass @ x)[:, None]
+        slopes = values**2 * inertia - problem.energies(x)[0][:, None]
+        is_free, is_pair = values == 0.0, is_undamped | (values.imag != 0.0)
+        shares = np.where(is_pair, 2.0, 1.0) * values**2 / np.where(is_free, 1.0, slopes)
+        shares = np.where(is_free, 1.0 / inertia, shares)
+        masses = np.real(shares * (x.T @ (mass @ translations)) ** 2)
         total = quadratic_forms(mass, translations)
-        return np.where(masses > _MASS_ROUNDING * total, masses, 0.0)
+        return np.where(np.abs(masses) > _MASS_ROUNDING * total, masses, 0.0)
 
     def table(self) -> pd.DataFrame:
         """Return a table with one row per mode.
@@ -250,16 +267,19 @@ class Modes(HasModeShapes):
             raise BeamdaeError(
                 f"mac: other must be modes of the same mechanism, got {short_repr(other)}."
             )
-        mass = self._linearization.tangent.mass
-        products = np.abs(self.shapes.conj() @ (mass @ other.shapes.T)) ** 2
-        masses = (quadratic_forms(mass, x.T).real for x in (self.shapes, other.shapes))
-        return products / np.outer(*masses)
+        return compare_shapes(self._linearization.tangent.mass, self.shapes.T, other.shapes.T)
 
     def _describe_shares(self, k: int) -> str:
         shares = {name: float(share[k]) for name, share in self.shares.items()}
         significant = (x for x in shares.items() if x[1] >= _MIN_NAMED_SHARE)
         ordered = sorted(significant, key=lambda x: -x[1])
         return ", ".join(f"{name} {100.0 * share:.0f} %" for name, share in ordered)
+
+
+def compare_shapes(mass: sp.csc_array, x: Array, y: Array) -> Array:
+    """Return the modal assurance criterion (MAC) of shapes (n, k) and (n, j), (k, j)."""
+    masses = (quadratic_forms(mass, shapes).real for shapes in (x, y))
+    return np.asarray(np.abs(x.conj().T @ (mass @ y)) ** 2 / np.outer(*masses))
 
 
 @interruptible
@@ -294,7 +314,8 @@ def modes(
         - positions by name, such as {"crank.angle": 0.3}: at rest at these positions.
         - `rotation(speed)`: steady rotation of the whole mechanism.
         - `solution.at(time)`: an instant of a run, with its velocities frozen.
-        - an `Equilibrium`: at rest at the end of its path, under the loads at this point.
+        - an `Equilibrium`: at rest at the end of its path, under the loads at this point, with the
+          value of the driver, the input or the parameter that the path varies.
     n
         Number of modes to return, those with the smallest |eigenvalue|. None returns all modes,
         computed with dense matrices. Material damping gives each fast mode a decay at the rate
@@ -355,10 +376,12 @@ def compute_modes(
     assessed: int | None = None,
     accuracy: float | None = None,
     accuracy_columns: Sequence[str] | str | None = None,
+    has_accuracy: bool = True,
 ) -> Modes:
     """Compute natural modes as `modes` does, without issuing the warnings of the result.
 
     Errors are measured for the first `assessed` modes; None means all, or ten if `n` is None.
+    `has_accuracy` is that of `Errors`.
     """
     until = deferred.module("accuracy.until")
     count = None if n is None else require_count("modes", "n", n)
@@ -368,8 +391,8 @@ def compute_modes(
         assessed = _ASSESSED if count is None else count
 
     def solve(model: Any, _: Any) -> Modes:
-        is_checked = assessed > 0 and not skips_result_checks()
-        request = _Request(about, time, is_damped, assessed, is_checked)
+        is_checked = assessed > 0 and not is_unchecked()
+        request = _Request(about, time, is_damped, assessed, is_checked, has_accuracy)
         return _solve(model, linearize_about("modes", model, about, time), count, request)
 
     start = searched_start("modes", about, accuracy)
@@ -405,7 +428,7 @@ def _solve(model: Any, lin: Linearization, count: int | None, request: _Request)
         lin.state.q,
         mechanism,
         replace(lin, warnings=tuple(warnings)),
-        None if mechanism is None else request,
+        request,
     )
 
 

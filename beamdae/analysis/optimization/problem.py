@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from beamdae.analysis.gradients.gradients import DEFAULT_METHOD, flatten_model
-from beamdae.analysis.gradients.number_derivatives import FlatModel
+from beamdae.analysis.gradients.flat_model import FlatModel, flatten_model
+from beamdae.analysis.gradients.gradients import DEFAULT_METHOD
 from beamdae.analysis.gradients.objectives import AnalysisQuantity, ColumnObjective, Quantity
 from beamdae.analysis.optimization.analyses import (
     Analysis,
@@ -35,7 +35,7 @@ from beamdae.errors import (
 )
 from beamdae.integrators.integrator import Integrator
 from beamdae.model_parameters import parse_unit, split_unit
-from beamdae.simulation import skip_result_checks
+from beamdae.simulation import unchecked
 
 Array = np.ndarray
 
@@ -79,7 +79,7 @@ class Design:
     @cached_property
     def gradients(self) -> Array:
         """Gradients (1 + C, k) of the values with respect to the numbers of the model."""
-        with _muted_warnings(), skip_result_checks():
+        with _muted_warnings(), unchecked():
             return np.array([self._gradient(weights) for weights in self.weights])
 
     def _gradient(self, weights: Mapping[AnalysisQuantity, float]) -> Array:
@@ -334,7 +334,7 @@ class DesignProblem:
     def _analyze(self, flat: FlatModel) -> Design:
         model, analyses = DesignModel(flat), dict[tuple[str, ...], Analysis]()
         results: dict[AnalysisQuantity, float] = {}
-        with _muted_warnings(), skip_result_checks():
+        with _muted_warnings(), unchecked():
             for key, group in group_by_analysis(self.leaves).items():
                 analyses[key] = create_analysis(model, group, self.settings)
                 results |= {leaf: analyses[key].value(leaf) for leaf in group}

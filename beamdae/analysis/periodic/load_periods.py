@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from beamdae.equations.equations_of_motion import EquationsOfMotion, State
-from beamdae.equations.formulations.first_order import formulate_first_order
+from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.starts.state_evaluator import StateEvaluator, plan_motion
 from beamdae.errors import BeamdaeError
 
 Array = np.ndarray
@@ -31,10 +32,11 @@ _TEST_PERIODS = (0.29, 0.618)
 _LATER_PERIODS = 2.0 ** np.arange(1.0, 41.0)
 
 
+@dataclass(frozen=True)
 class Loads:
-    """Residuals of the equations of motion with loads and drivers, for one state at all times.
+    """Loads and drivers at all times, in the forces and constraints of one state.
 
-    Parameters
+    Attributes
     ----------
     equations
         The equations of motion.
@@ -42,34 +44,42 @@ class Loads:
         Start and duration of the period [s].
     """
 
-    def __init__(self, equations: EquationsOfMotion, begin: float, period: float) -> None:
-        e = self.equations = equations
-        self.times, self.period = begin + period * _FRACTIONS, period
-        self._form = formulate_first_order(e, "ggl")
-        step = _DISPLACEMENT * e.position_scales * np.cos(np.arange(e.n) ** 2.0)
-        state = State(e.q0 + step, e.v0 + step / period, np.zeros(e.n), np.zeros(e.m))
-        self._state = self._form.pack(state)
+    equations: EquationsOfMotion
+    begin: float
+    period: float
+
+    @property
+    def _times(self) -> Array:
+        return self.begin + self.period * _FRACTIONS
+
+    @cached_property
+    def _evaluator(self) -> StateEvaluator:
+        return StateEvaluator(self.equations)
 
     def _at(self, times: Array) -> Array:
-        return np.array([self._form.residual(np.full(2, t), *self._state).copy() for t in times])
+        """Return the forces, the constraints and their rates (times, n + 2 m)."""
+        e = self.equations
+        step = _DISPLACEMENT * e.position_scales * np.cos(np.arange(e.n) ** 2.0)
+        state, size = (e.q0 + step, e.v0 + step / self.period, None, None), e.n + 3 * e.m
+        rows = (self._evaluator.evaluate(plan_motion, np.full(2, t), state, size) for t in times)
+        return np.array([row[: e.n + 2 * e.m] for row in rows])
 
     @cached_property
     def _now(self) -> Array:
-        return self._at(self.times)
+        return self._at(self._times)
 
     @cached_property
     def _sizes(self) -> Array:
         """Natural sizes: the range of all forces, and the size of the mechanism or 1 rad."""
-        forces = self._now[:, self.equations.n : 2 * self.equations.n]
+        e, forces = self.equations, self._now[:, : self.equations.n]
         ranges = np.ptp(forces, axis=0) + _ROUNDING * np.max(np.abs(forces), initial=0.0)
-        sizes = np.full(self._form.size, min(1.0, self.equations.length))
-        sizes[self.equations.n : 2 * self.equations.n] = np.max(ranges, initial=0.0)
-        return np.maximum(sizes, np.finfo(float).tiny)
+        largest = np.full(e.n, np.max(ranges, initial=np.finfo(float).tiny))
+        return np.append(largest, np.full(2 * e.m, min(1.0, e.length)))
 
     def _changes_after(self, period: float) -> Array:
-        """Return the changes after a period relative to their sizes, (times, rows)."""
-        changes = self._at(self.times + period) - self._now
-        angles = 2 * self.equations.n + np.flatnonzero(self.equations.constraint_is_angle)
+        """Return the changes after a period relative to their sizes, (times, n + 2 m)."""
+        changes = self._at(self._times + period) - self._now
+        angles = self.equations.n + np.flatnonzero(self.equations.constraint_is_angle)
         changes[:, angles] -= FULL_TURN * np.round(changes[:, angles] / FULL_TURN)
         return np.abs(changes / self._sizes)
 
@@ -77,7 +87,7 @@ class Loads:
     def _changes(self) -> Array:
         """Changes after the period, or later for loads that do not change within it."""
         changes, now = self._changes_after(self.period), self._now
-        later = np.abs(self._at(self.times[0] + self.period * _LATER_PERIODS) - now[0])
+        later = np.abs(self._at(self._times[0] + self.period * _LATER_PERIODS) - now[0])
         is_constant = np.ptp(now, axis=0) <= _TOLERANCE * self._sizes
         latest = np.fmax(changes[0], np.max(later, axis=0) / self._sizes)
         changes[0] = np.where(is_constant, latest, changes[0])
@@ -89,15 +99,11 @@ class Loads:
         return bool(np.max(self._changes) <= _TOLERANCE)
 
     @cached_property
-    def _all_changes(self) -> Array:
-        """Changes after any time."""
-        others = [self._changes_after(x * self.period) for x in _TEST_PERIODS]
-        return np.vstack([self._changes, *others])
-
-    @property
-    def are_constant(self) -> bool:
-        """True if loads and drivers do not depend on time."""
-        return bool(np.max(self._all_changes) <= _TOLERANCE)
+    def varying(self) -> str:
+        """Name of a driver, or a coordinate on which loads act, that depends on time; or ""."""
+        others = (self._changes_after(x * self.period) for x in _TEST_PERIODS)
+        largest = np.max(np.vstack([self._changes, *others]), axis=0)
+        return self._name(int(np.argmax(largest))) if np.max(largest) > _TOLERANCE else ""
 
     def require_constant(self) -> None:
         """Reject loads and drivers that depend on time.
@@ -107,11 +113,9 @@ class Loads:
         BeamdaeError
             If one does; the message names the driver or the coordinate on which loads act.
         """
-        if not self.are_constant:
-            row = int(np.argmax(np.max(self._all_changes, axis=0)))
+        if self.varying:
             raise BeamdaeError(
-                f"{self._name(row)}: loads or drivers depend on time; pass their period with "
-                "period=."
+                f"{self.varying}: loads or drivers depend on time; pass their period with period=."
             )
 
     def require_repeating(self) -> None:
@@ -128,19 +132,20 @@ class Loads:
         e, changes = self.equations, self._changes
         k, row = map(int, np.unravel_index(np.argmax(changes), changes.shape))
         difference = f"{changes[k, row]:.2g} times their range"
-        if row >= 2 * e.n:
-            unit = "rad" if np.tile(e.constraint_is_angle, 2)[row - 2 * e.n] else "m"
-            rate = "/s" * (row >= 2 * e.n + e.m)
+        if row >= e.n:
+            unit = "rad" if np.tile(e.constraint_is_angle, 2)[row - e.n] else "m"
+            rate = "/s" * (row >= e.n + e.m)
             difference = f"{changes[k, row] * self._sizes[row]:.3g} {unit}{rate}"
         raise BeamdaeError(
             f"{self._name(row)}: loads or drivers do not repeat after the period of "
-            f"{self.period:g} s, they differ by {difference} at t = {self.times[k]:.6g} s; pass "
+            f"{self.period:g} s, they differ by {difference} at t = {self._times[k]:.6g} s; pass "
             "their period with period=, or t_start= from which on they repeat."
         )
 
     def _name(self, row: int) -> str:
         """Return the driver of a row, or the coordinate on which loads act."""
-        mechanism = self.equations.mechanism
-        name = self._form.names[row].removeprefix("velocity of ").removeprefix("correction of ")
-        part = name.rpartition(".")[0] if row >= 2 * self.equations.n else ""
-        return part if mechanism is not None and part in mechanism.parts else name
+        e = self.equations
+        if row < e.n:
+            return e.q_names[row]
+        name = e.lam_names[(row - e.n) % e.m]
+        return name if e.mechanism is None else name.rpartition(".")[0]

@@ -295,7 +295,7 @@ def _describe_outcome(linear: PeriodLinearization, limits: Tolerance, is_free: b
         "use a more accurate integrator"
     )
     at = run.period_map
-    if not is_free and Loads(at.equations, at.begin, at.period).are_constant:
+    if not is_free and not Loads(at.equations, at.begin, at.period).varying:
         sentence += ", or omit period= to find the period of the free motion"
     elif not is_free:
         sentence += f", pass a multiple of the period of the loads as period=, or {DAMPING_REMEDY}"

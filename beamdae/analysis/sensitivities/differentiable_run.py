@@ -27,7 +27,7 @@ from beamdae.integrators import Auto, GeneralizedAlpha, Integrator, Radau
 from beamdae.interrupts import keep_result
 from beamdae.parts.mechanism import AS_DRAWN, require_start
 from beamdae.results.solution import Solution
-from beamdae.simulation import as_equations, simulate, skips_result_checks
+from beamdae.simulation import as_equations, is_unchecked, simulate, unchecked
 
 Result = TypeVar("Result")
 
@@ -152,7 +152,6 @@ def assess_derivatives(estimate_error: Any, compute: Callable[[], Result]) -> Re
     """
     call = derivative_call()
     require_choice(call, "estimate_error", estimate_error, (True, False))
-    unchecked = deferred.module("accuracy.runs").unchecked
     with nullcontext() if estimate_error else unchecked():
         result = compute()
     if estimate_error:
@@ -163,7 +162,7 @@ def assess_derivatives(estimate_error: Any, compute: Callable[[], Result]) -> Re
 
 def warn_of_errors(result: Any) -> None:
     """Measure the errors of `Sensitivities` or a `Gradient`, unless this takes long, and warn."""
-    if skips_result_checks() or warnings_are_ignored():
+    if is_unchecked() or warnings_are_ignored():
         return
     for sentence in deferred.module("accuracy.derivatives").check_derivatives(result):
         warn_user(f"{derivative_call()}: {sentence}")

@@ -37,6 +37,7 @@ from beamdae.linear.blas_threads import single_threaded
 from beamdae.model_functions import Model
 from beamdae.parts.mechanism import AS_DRAWN
 from beamdae.read_only import read_only_data
+from beamdae.results.equilibrium import Equilibrium
 from beamdae.results.trajectory import Instant
 from beamdae.simulation import as_equations
 
@@ -201,7 +202,12 @@ def mode_sensitivities(
             f"{_NAME}: about must be a state at rest or in steady rotation, got "
             f"{short_repr(about)}; use differences of modes for moving states."
         )
-    result = compute_modes(model(), about, n, damping, t)
+    if isinstance(about, Equilibrium) and about.numbers is not None:
+        raise BeamdaeError(
+            f"{_NAME}: the path varies {about.quantity}, so its end is that of another model than "
+            "the given one; pass an equilibrium of this model."
+        )
+    result = compute_modes(model(), about, n, damping, t, has_accuracy=False)
     derivatives = differentiate_modes(model, names, result, about, damping, t)
     result._issue_warnings()
     return derivatives
@@ -235,7 +241,7 @@ def differentiate_modes(
     state = _State.of(result, damping)
     pairs = _simple_pairs(model.name, result, state.select(state.full), damping)
     eigenvalues, shapes = {}, {}
-    known = {} if difference_all is None else difference_all(model, base, assemble)
+    known = {} if difference_all is None else difference_all(model, names, base, assemble)
     for name in names:
         difference = known.get(name) or difference_model(model, name, base, assemble)
         frames = [frame_of(e, about, t) for e in difference.models]

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from beamdae import deferred
 from beamdae.analysis.continuation.critical import BRANCH, FLUTTER, LIMIT, explain_counts
 from beamdae.analysis.continuation.engine import (
     CurveError,
@@ -47,7 +48,7 @@ from beamdae.errors import (
 from beamdae.interrupts import interruptible
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.parts.mechanism import AS_DRAWN
-from beamdae.results.displays import HasPage, HasTable, Plot, load_views
+from beamdae.results.displays import HasPage, HasTable, Plot
 from beamdae.results.equilibrium import UNSTABLE
 from beamdae.results.outcome import REACHED_END, Status
 
@@ -147,7 +148,7 @@ class Boundary(HasTable, HasPage):
 
     def plot(self) -> Plot:
         """Plot the critical load factor over the parameter, with the special points."""
-        return load_views().plot_critical_loads(self)
+        return deferred.module("report.pictures.result_figures").draw_result(self)
 
     def table(self) -> pd.DataFrame:
         """Return a table with the values of the parameter, the load factors and `unstable`."""

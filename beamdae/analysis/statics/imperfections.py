@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from beamdae import deferred
 from beamdae.analysis.statics.linear_buckling import Buckling
 from beamdae.analysis.statics.static_equilibrium import trace_critical_points
 from beamdae.beams.beam import CUSTOM_FORMULATION, Beam, beams_of
@@ -29,7 +30,7 @@ from beamdae.errors import (
 )
 from beamdae.interrupts import interruptible
 from beamdae.parts.mechanism import AS_DRAWN, Mechanism
-from beamdae.results.displays import HasPage, HasTable, Plot, load_views
+from beamdae.results.displays import HasPage, HasTable, Plot
 from beamdae.results.section_forces.section_motions import (
     evaluate_sections,
     position_and_angle,
@@ -82,7 +83,7 @@ def _deviate(beam: Beam, slope: _Slope, amplitude: float) -> Beam:
         return (ratio_before * float(before.curvature(ratio_before * at)) + change) / ratio
 
     angle_before = float(before.tangent_angle(0.0))
-    return beam.with_free_curve(IntrinsicCurve(curvature, length, angle=angle_before))
+    return beam._with_free_curve(IntrinsicCurve(curvature, length, angle=angle_before))
 
 
 def imperfect(model: Any, shape: Any, amplitude: float | None = None) -> Mechanism:
@@ -212,7 +213,7 @@ class KnockDown(HasTable, HasPage):
 
     def plot(self) -> Plot:
         """Plot the critical load factor over the amplitude of the imperfection."""
-        return load_views().plot_critical_loads(self)
+        return deferred.module("report.pictures.result_figures").draw_result(self)
 
     def table(self) -> pd.DataFrame:
         """Return a table with amplitude, load factor, its ratio to the perfect structure, kind."""

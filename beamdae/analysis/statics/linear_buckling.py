@@ -39,7 +39,7 @@ from beamdae.linear.blas_threads import single_threaded
 from beamdae.model_functions import Model
 from beamdae.parts.mechanism import Mechanism
 from beamdae.results.displays import HasModeShapes
-from beamdae.simulation import skips_result_checks
+from beamdae.simulation import is_unchecked
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -254,7 +254,7 @@ def buckling(
     analysis = until.Analysis(_NAME, solve, start=start)
     result = until.reach_accuracy(analysis, model, accuracy, accuracy_columns)
     warn_of_result(result.notes, result.equations.build_warnings)
-    if not (skips_result_checks() or warnings_are_ignored()):
+    if not (is_unchecked() or warnings_are_ignored()):
         warn_of_result(list(result.errors.sentences()))
     return result
 

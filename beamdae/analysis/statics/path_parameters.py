@@ -180,4 +180,8 @@ def _vary_numbers(
         return lru_cache(maxsize=4)(build)
     begin = build(first)
     slope = (build(first + size).p - begin.p) / size
-    return lru_cache(maxsize=4)(lambda value: replace(begin, p=begin.p + (value - first) * slope))
+
+    def move(value: float) -> EquationsOfMotion:
+        return replace(begin, p=begin.p + (value - first) * slope, mechanism=rebuild(value))
+
+    return lru_cache(maxsize=4)(move)

@@ -53,7 +53,7 @@ from beamdae.parts.rotation import Rotation
 from beamdae.results.equilibrium import UNSTABLE, Equilibrium
 from beamdae.results.outcome import Status
 from beamdae.results.start_changes import drawing_warnings
-from beamdae.simulation import as_equations, skips_result_checks
+from beamdae.simulation import as_equations
 
 Array = np.ndarray
 
@@ -205,7 +205,7 @@ def equilibrium(
         raise Interrupted(result.status.sentence, result, _NAME)
     if not result.status.success:
         warn_of_incomplete_result(_describe_early_end(result))
-    if not (skips_result_checks() or warnings_are_ignored()):
+    if not warnings_are_ignored():
         try:
             sentences = result.warnings
         except KeyboardInterrupt:

@@ -21,13 +21,10 @@ from beamdae.cli.options import (
     TimeLimit,
     parse_assignments,
 )
-from beamdae.cli.results import Report
+from beamdae.cli.results import MAX_SCREEN_ROWS, Report
 from beamdae.cli.study_outputs import (
-    MAX_SCREEN_ROWS,
-    PAGE_FILE,
     StudyReport,
     apply_run_options,
-    first_cases,
     results_folder_name,
     run_and_write,
 )
@@ -73,12 +70,11 @@ def _create_report(results: StudyResults) -> StudyReport:
     from beamdae.report.text import make_printable
     from beamdae.studies.study_pictures import list_plots
 
-    def write_page() -> list[Path]:
+    def write_page(path: Path) -> Path:
         from beamdae.report.page.page_file import write_page as write
         from beamdae.studies.study_page import create_study_page
 
-        path = results.folder / PAGE_FILE
-        return [write(path, create_study_page(results))]
+        return write(path, create_study_page(results))
 
     table, groups = results.table, list(results.references)
     ungrouped = [results.study.cases[row] for row in table.index[~table["group"].isin(groups)]]
@@ -89,11 +85,12 @@ def _create_report(results: StudyResults) -> StudyReport:
         reference = results.references[group].sentence
         shown[f"reference {group}"] = make_printable(f"{group}: {reference}")
         cases = text_tables.comparison_table(table[table["group"] == group])
-        shown |= first_cases(f"cases {group}", cases)
+        shown[f"cases {group}"] = cases
     if len(groups) > MAX_SCREEN_ROWS:
         n_more = len(groups) - MAX_SCREEN_ROWS
         shown["more"] = f"{n_more} more groups, see summary.csv and report.html"
     failures = [f"{k}: {x.sentence}" for k, x in results.references.items() if x.table is None]
+    failures = [] if results.interrupted else failures[:MAX_SCREEN_ROWS]
     data = {
         "study": results.study.name,
         "folder": results.folder,
@@ -103,15 +100,16 @@ def _create_report(results: StudyResults) -> StudyReport:
         "summary": results.summary,
     }
     return StudyReport(
+        results,
         Report(
             results.study.name,
             Description({}, shown, lambda: data),
             warnings=results.describe_warnings(),
+            failures=failures,
         ),
-        [] if results.interrupted else failures,
-        tables={},
-        page={PAGE_FILE: write_page},
-        pictures=list_plots(results),
+        [results.folder / name for name in results.tables],
+        write_page,
+        list_plots(results),
     )
 
 

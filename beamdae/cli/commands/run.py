@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from beamdae.cli import run_outputs, signals
+from beamdae.cli import run_outputs
 from beamdae.cli.job import AccurateJob
 from beamdae.cli.options import (
     DataColumns,
@@ -29,8 +29,8 @@ from beamdae.cli.options import (
     parse_assignments,
     split_names,
 )
-from beamdae.cli.output import create_console, record_results
-from beamdae.cli.run_outputs import Run
+from beamdae.cli.output import record_results
+from beamdae.cli.results import Report, run_analysis
 from beamdae.errors import BeamdaeError
 
 # NumPy and CasADi are imported inside functions, so that --help responds quickly.
@@ -132,54 +132,63 @@ def run_command(
     files = job.plan("", job.path(".json"), others=checkpoints)
     columns = parse_assignments(data_columns, "--data-column")
     charts = run_outputs.select_charts(job, job.split(plot) or [], x, data, columns)
-    run = Run(job, method, files, *charts, str(data))
     earlier = None
     if resume_from is not None:
         earlier = run_outputs.load_earlier_run(resume_from, job.model)
     initial_state = job.start(start) if resume_from is None else resume_from
+    saved = checkpoint or files.table.with_suffix(".run")
+    warnings: list[str] = []
 
-    # The tables are written before anything is printed; the page and the picture are last, because
-    # they take longer than most runs.
-    with run.continue_after_interrupt(), signals.defer_interrupts(immediate=1):
+    def analyze() -> Solution:
         solution = run_outputs.integrate_run(
-            run,
-            t_end,
-            output_step,
-            initial_state,
-            accept_changes,
+            job,
+            method,
+            t_end=t_end,
+            output_step=output_step,
+            start=initial_state,
+            accept_changes=accept_changes,
             sensitivities=names,
-            **job.accuracy,
         )
-        solution = solution if earlier is None else earlier.followed_by(solution)
-        run_outputs.write_tables(run, solution, checkpoint)
+        return solution if earlier is None else earlier.followed_by(solution)
 
-    has_estimate = estimate or verify or accuracy is not None
-    if not run.interrupted and solution.status.kind != "interrupted" and has_estimate:
-        with run.continue_after_interrupt():
-            run_outputs.estimate_errors(run, solution, verify)
-    run_outputs.describe_run(run, solution).print(run.reached)
-    with run.continue_after_interrupt():
-        if not signals.is_terminated():
-            run_outputs.write_views(run, solution)
-    _finish(run, solution)
+    def can_resume(solution: Solution) -> bool:
+        return accuracy is None and run_outputs.can_resume(solution)
+
+    def write_tables(solution: Solution) -> list[Path]:
+        from beamdae.simulation import unchecked
+
+        with unchecked():
+            written = [solution.to_csv(files.table), files.table.with_suffix(".json")]
+        if checkpoint is not None or can_resume(solution):
+            files.write(saved.name, lambda: [solution.save(saved)])
+        return written
+
+    def describe(solution: Solution) -> Report:
+        from beamdae.simulation import is_unchecked
+
+        sentences: tuple[str, ...] = ()
+        has_estimate = estimate or verify or accuracy is not None
+        if has_estimate and solution.columns and not is_unchecked():
+            sentences = run_outputs.measure_errors(solution, verify)
+        warnings[:] = [*sentences, *solution.model_warnings]
+        comparisons = run_outputs.compare_with_data(solution, charts[0], data)
+        resume = ""
+        if can_resume(solution) and saved in files.paths:
+            record_results(lambda: {"continue": saved})
+            resume = shlex.join(["--continue", str(saved), *job.selection])
+        return run_outputs.describe_run(job, files.table, solution, sentences, comparisons, resume)
+
+    def write_page(solution: Solution, path: Path, title: str) -> Path:
+        return run_outputs.write_page(solution, path, job.model.name, warnings, charts[0])
+
+    def draw(solution: Solution, title: str) -> Any:
+        return run_outputs.draw(solution, title, charts[1])
+
+    title = f"{job.model.name}, {method.label}"
+    run_analysis(files, title, analyze, write_tables, describe, write_page, draw)
 
 
 def _reject_combinations(option: str, value: Any, others: Mapping[str, Any]) -> None:
     """Reject other options that cannot be combined with one, if it has a value."""
     for other in (x for x, given in others.items() if value and given is not None):
         raise BeamdaeError(f"run: {option} and {other} are mutually exclusive; omit one.")
-
-
-def _finish(run: Run, solution: Solution) -> None:
-    """Print the written files and, if the run is incomplete, the reason; set the exit code."""
-    from beamdae.results.outcome import Status
-
-    status = solution.status
-    if run.checkpoint is not None and run_outputs.can_resume(solution):
-        record_results(lambda: {"continue": run.checkpoint})
-        options = shlex.join(["--continue", str(run.checkpoint), *run.job.selection])
-        create_console().print(f"to resume: {options}", style="dim", soft_wrap=True)
-    if status.kind != "interrupted" and (run.interrupted or signals.is_interrupted()):
-        status = Status("interrupted", "interrupted after the run")
-    accuracy = run.job.accuracy["accuracy"]
-    run.files.finish(("failed", status), (f"accuracy {accuracy} is not reached", run.reached))

@@ -83,8 +83,7 @@ def static_command(
 
     Exits with 0 if the path reached its target (and --accuracy), 1 if it did not (partial results
     are written) or the page or picture failed, 2 for a usage or model error, 130 after Ctrl-C, and
-    143 after SIGTERM; an interrupt ends the path, writes the points so far and skips page and
-    picture.
+    143 after SIGTERM; an interrupt ends the path and writes the points so far.
     """
     model = job.model
     plotted, abscissa = job.select_columns(plot, x, _list_headers)

@@ -32,10 +32,8 @@ from beamdae.cli.options import (
 from beamdae.cli.ranges import SPACED_FORMS, parse_spaced_values
 from beamdae.cli.results import Report
 from beamdae.cli.study_outputs import (
-    PAGE_FILE,
     StudyReport,
     apply_run_options,
-    first_cases,
     results_folder_name,
     run_and_write,
 )
@@ -244,7 +242,7 @@ def _create_report(results: StudyResults) -> StudyReport:
     shown: dict[str, Any] = {"completion": results.describe_completion(sweep.cases)}
     responses = [list(panel.lines.values()) for panel in swept.panels()]
     cases = text_tables.sweep_table(table, swept.parameters, responses)
-    shown |= first_cases("cases", cases)
+    shown["cases"] = cases
     data = {
         "sweep": sweep.name,
         "folder": folder,
@@ -252,9 +250,9 @@ def _create_report(results: StudyResults) -> StudyReport:
         "cases": table,
     }
     return StudyReport(
+        results,
         Report(sweep.name, Description({}, shown, lambda: data), warnings=swept.warnings),
-        [],
-        tables={TABLE_FILE: lambda: [swept.to_csv(folder / TABLE_FILE)]},
-        page={PAGE_FILE: lambda: [swept.page(folder / PAGE_FILE)]},
-        pictures=list_response_plots(sweep, table, swept.panels(), folder),
+        [*(folder / name for name in results.tables), swept.to_csv(folder / TABLE_FILE)],
+        swept.page,
+        list_response_plots(sweep, table, swept.panels(), folder),
     )

@@ -19,7 +19,6 @@ from beamdae.equations.assembly.statement_checks import (
     collect_statements,
     require_body_fits,
     require_coordinates_fit,
-    require_pieces_fit,
 )
 from beamdae.equations.equations_of_motion import (
     Configurations,
@@ -163,7 +162,6 @@ def _collect_statements(
             forces = mechanism.gravity_laws.statements(part.forces)
         of_parts.append(PartStatements(part, tuple(constraints), tuple(forces)))
     for name, quantity in snapshot.observables.items():
-        require_pieces_fit(name, quantity.pieces, coordinate_map.sizes)
         _require_load_exists(name, quantity, mechanism)
     return Statements(
         forces=[x for part in of_parts for x in part.forces],
@@ -285,7 +283,7 @@ def _prepare_parts(mechanism: Mechanism, start: Any) -> None:
         is_requested = any(name in requested or f"{name}_dot" in requested for name in names)
         is_fixed = id(part) in fixed or is_requested
         # Functions of users may return None.
-        has_changed |= part.prepare(attached.get(id(part), []), is_fixed) is not False
+        has_changed |= part._prepare(attached.get(id(part), []), is_fixed) is not False
     if has_changed:
         forget_meshes()
 

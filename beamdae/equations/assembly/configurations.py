@@ -173,7 +173,7 @@ class MechanismConfigurations:
         """Return `gap` with the offsets of joint `name` at `time` = (t, branch) and `q`."""
         joint, law = self.mechanism.part(name), self._event_law(name, gap)
         assert isinstance(joint, KinematicConstraint)
-        pieces = joint.pieces
+        pieces = [point.piece for point in joint.points.values()]
         local = np.concatenate([x.operator @ q[self.coordinates.slice_of(x.owner)] for x in pieces])
         # A law that begins here is evaluated on its first branch.
         law_time = time if law is None else time[[0, 0]]
@@ -203,7 +203,7 @@ class MechanismConfigurations:
                 parts[name] = part
                 continue
             gap = frozen_gaps[name]
-            if not isinstance(part, KinematicConstraint) or part.n_gap_rows != len(gap.offsets):
+            if not isinstance(part, KinematicConstraint) or part._n_gap_rows != len(gap.offsets):
                 raise BeamdaeError(
                     f"{name}: an earlier event froze this joint with offsets "
                     f"{short_repr(gap.offsets)}, which do not fit the part of this name; use "

@@ -22,6 +22,7 @@ from beamdae.equations.equations_of_motion import (
     EquationsOfMotion,
     Observable,
     PartStatements,
+    State,
     format_headers,
 )
 from beamdae.equations.measures import LEDGER_COLUMNS, TIME
@@ -92,6 +93,7 @@ class ObservableBuilder:
                 if statement.part.name == quantity.load_of:
                     quantity = load_values.use_statements(quantity, statement.forces)
         lam_rows = slice(0, 0) if quantity.joint is None else self.rows[quantity.joint]
+        require_pieces_fit(name, quantity.pieces, self.coordinate_map.sizes)
         operator = self.coordinate_map.global_operator(quantity.pieces)
         data = np.asarray(quantity.data, float)
         signal_numbers: tuple[SignalNumbers, ...] = ()
@@ -111,6 +113,7 @@ class ObservableBuilder:
                 signal_numbers, local = binding.numbers, binding.local
                 data = np.append(data, binding.data)
                 (values,) = bind_laws(local, binding.outputs, signal_numbers, self.laws)
+                require_pieces_fit(name, binding.pieces, self.coordinate_map.sizes)
                 operator = self.coordinate_map.global_operator([*quantity.pieces, *binding.pieces])
             kernel, more = generalize_quantity(kernel_type(local, values))
         if kernel.values.shape != (len(quantity.columns), 1):
@@ -155,6 +158,10 @@ class CompiledQuantity:
         no_multipliers = np.zeros((len(times), 0))
         return self.observable.evaluate(self.numbers, times, q, v, no_multipliers)
 
+    def values(self, times: Array, state: State) -> Array:
+        """Return the only column, (rows,), at rows (t, branch) and states in rows."""
+        return self.rows(times, state.q, state.v)[:, 0]
+
 
 def compile_quantities(
     mechanism: Mechanism, quantities: Iterable[tuple[str, Quantity]]
@@ -193,7 +200,6 @@ def add_observable(
                 f"{name}: {piece.owner.name!r} is not part of the mechanism that ran; "
                 "observe a part of that mechanism."
             )
-    require_pieces_fit(name, quantity.pieces, coordinate_map.sizes)
     switched_parts = () if e.configurations is None else e.configurations.switched_parts
     numbers = NumberStore(e.p, switched_parts)
     numbers.activities |= e.activities

@@ -1,4 +1,4 @@
-"""Mass, center of mass, inertia and outline of plane shapes of rigid bodies."""
+"""Area, center of mass, inertia and outline of plane shapes of rigid bodies."""
 
 from __future__ import annotations
 
@@ -6,7 +6,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from beamdae.errors import BeamdaeError, require_point, require_positive, require_sequence
+from beamdae.errors import (
+    BeamdaeError,
+    require_finite,
+    require_point,
+    require_positive,
+    require_sequence,
+)
 
 Array = np.ndarray
 
@@ -17,99 +23,89 @@ _MIN_AREA_RATIO = 1e-12
 
 
 class Shape(NamedTuple):
-    """Mass [kg], inertia about the center of mass [kg m^2], center of mass [m] and outline [m]."""
+    """Plane shape of a rigid body.
 
-    mass: float
-    inertia: float
+    Attributes
+    ----------
+    area
+        Area [m^2]; for a rod, the length [m].
+    gyration2
+        Inertia about the center of mass, divided by the mass [m^2].
+    center
+        Center of mass [m].
+    outline
+        Points of the outline [m].
+    """
+
+    area: float
+    gyration2: float
     center: tuple[float, float]
     outline: tuple[tuple[float, float], ...]
 
+    def mass_of(
+        self, part: str, mass: Any, density: Any, thickness: Any, name: str = "thickness"
+    ) -> float:
+        """Return `mass` [kg], or the density [kg/m^3] times the volume.
 
-def resolve_mass(
-    part: str,
-    mass: Any,
-    density: Any,
-    thickness: Any,
-    area: float,
-    dimension_name: str = "thickness",
-) -> float:
-    """Return `mass`, or density times volume.
+        Parameters
+        ----------
+        part
+            Name of the body, for messages.
+        mass, density, thickness
+            None if not given. For a rod, `thickness` is the area of the cross-section [m^2].
+        name
+            Name of the argument `thickness` in messages.
 
-    Parameters
-    ----------
-    part
-        Name of the body, for messages.
-    mass, density, thickness
-        Mass [kg], density [kg/m^3] and thickness [m]; None if not given. For a rod, `thickness` is
-        the area of the cross-section [m^2].
-    area
-        Area of the shape [m^2]; for a rod, the length [m].
-    dimension_name
-        Name of the argument `thickness` in messages.
-
-    Raises
-    ------
-    BeamdaeError
-        If the values are neither the mass alone nor both density and thickness, or a value is not
-        positive.
-    """
-    if (mass is None) == (density is None) or (density is None) != (thickness is None):
-        raise BeamdaeError(f"{part}: pass either mass=, or both density= and {dimension_name}=.")
-    if mass is not None:
-        return require_positive(part, "mass", mass)
-    return (
-        require_positive(part, "density", density)
-        * require_positive(part, dimension_name, thickness)
-        * area
-    )
+        Raises
+        ------
+        BeamdaeError
+            If the values are neither the mass alone nor both density and thickness, or a value is
+            not positive.
+        """
+        if (mass is None) == (density is None) or (density is None) != (thickness is None):
+            raise BeamdaeError(f"{part}: pass either mass=, or both density= and {name}=.")
+        if mass is not None:
+            return require_positive(part, "mass", mass)
+        return (
+            require_positive(part, "density", density)
+            * require_positive(part, name, thickness)
+            * self.area
+        )
 
 
-def rod(part: str, a: Any, b: Any, mass: float | None, density: Any, area: Any) -> Shape:
+def rod(part: str, a: Any, b: Any) -> Shape:
     """Return a thin straight rod from `a` to `b`, of length l and inertia m l^2 / 12.
 
     Raises
     ------
     BeamdaeError
-        If the points coincide or a value is invalid; see `resolve_mass`.
+        If the points coincide or a value is invalid.
     """
     start, end = require_point(part, "a", a), require_point(part, "b", b)
     length = float(np.hypot(*np.subtract(end, start)))
     if length == 0.0:
         raise BeamdaeError(f"{part}: a and b must differ, but both are {start} m.")
-    total_mass = resolve_mass(part, mass, density, area, length, "area")
     center = 0.5 * (start[0] + end[0]), 0.5 * (start[1] + end[1])
-    return Shape(total_mass, total_mass * length**2 / 12.0, center, (start, end))
+    return Shape(length, length**2 / 12.0, center, (start, end))
 
 
-def disk(
-    part: str, center: Any, radius: Any, mass: float | None, density: Any, thickness: Any
-) -> Shape:
+def disk(part: str, center: Any, radius: Any) -> Shape:
     """Return a solid disk; mass m and radius r give the inertia m r^2 / 2.
 
     Raises
     ------
     BeamdaeError
-        If a value is invalid; see `resolve_mass`.
+        If a value is invalid.
     """
     (x, y), radius = require_point(part, "center", center), require_positive(part, "radius", radius)
-    total_mass = resolve_mass(part, mass, density, thickness, np.pi * radius**2)
     angle = 2.0 * np.pi * np.arange(_CIRCLE_SEGMENTS) / _CIRCLE_SEGMENTS
     rim = np.stack([x + radius * np.cos(angle), y + radius * np.sin(angle)], axis=-1)
     # The radius to the first corner shows the rotation of the disk.
     outline = ((x, y), *map(tuple, rim.tolist()), tuple(rim[0].tolist()))
-    return Shape(total_mass, 0.5 * total_mass * radius**2, (x, y), outline)
+    return Shape(np.pi * radius**2, 0.5 * radius**2, (x, y), outline)
 
 
-def plate(
-    part: str,
-    center: Any,
-    width: Any,
-    height: Any,
-    angle: float,
-    mass: float | None,
-    density: Any,
-    thickness: Any,
-) -> Shape:
+def plate(part: str, center: Any, width: Any, height: Any, angle: Any) -> Shape:
     """Return a rectangular plate rotated by `angle` [rad].
 
     Mass m, width w and height h give the inertia m (w^2 + h^2) / 12.
@@ -117,21 +113,21 @@ def plate(
     Raises
     ------
     BeamdaeError
-        If a value is invalid; see `resolve_mass`.
+        If a value is invalid.
     """
+    angle = require_finite(part, "angle", angle)
     (x, y), width = require_point(part, "center", center), require_positive(part, "width", width)
     height = require_positive(part, "height", height)
-    total_mass = resolve_mass(part, mass, density, thickness, width * height)
     c, s = np.cos(angle), np.sin(angle)
     corners = 0.5 * np.array(
         [(-width, -height), (width, -height), (width, height), (-width, height)]
     )
     rotated = corners @ np.array([(c, s), (-s, c)]) + (x, y)
     outline = tuple(map(tuple, rotated.tolist()))
-    return Shape(total_mass, total_mass * (width**2 + height**2) / 12.0, (x, y), outline)
+    return Shape(width * height, (width**2 + height**2) / 12.0, (x, y), outline)
 
 
-def polygon(part: str, points: Any, mass: float | None, density: Any, thickness: Any) -> Shape:
+def polygon(part: str, points: Any) -> Shape:
     """Return a polygonal plate with corners in either orientation.
 
     The mass properties follow from Green's theorem.
@@ -140,7 +136,7 @@ def polygon(part: str, points: Any, mass: float | None, density: Any, thickness:
     ------
     BeamdaeError
         If the corners are fewer than 3, enclose no area, repeat or are not in order around the
-        polygon, or a value is invalid; see `resolve_mass`.
+        polygon.
     """
     entries = require_sequence(part, "points", points, "at least 3 pairs (x, y)")
     if len(entries) < 3:
@@ -158,10 +154,9 @@ def polygon(part: str, points: Any, mass: float | None, density: Any, thickness:
     _require_simple(part, corners)
     center = np.array([((x + nx) * cross).sum(), ((y + ny) * cross).sum()]) / (6.0 * area)
     polar = float(((x * x + x * nx + nx * nx + y * y + y * ny + ny * ny) * cross).sum()) / 12.0
-    total_mass = resolve_mass(part, mass, density, thickness, abs(area))
-    inertia = total_mass * (polar / area - float(center @ center))
+    gyration2 = polar / area - float(center @ center)
     cx, cy = (center + middle).tolist()
-    return Shape(total_mass, inertia, (cx, cy), tuple(map(tuple, corners.tolist())))
+    return Shape(abs(area), gyration2, (cx, cy), tuple(map(tuple, corners.tolist())))
 
 
 def _require_simple(part: str, corners: Array) -> None:

@@ -12,8 +12,8 @@ import scipy.sparse as sp
 
 from beamdae.errors import (
     BeamdaeError,
-    optional_finite,
-    optional_point,
+    convert_fields,
+    optional,
     require_finite,
     require_name,
     require_point,
@@ -139,17 +139,19 @@ class RigidBody(Part):
 
     def __post_init__(self) -> None:
         corners = require_sequence(self.name, "shape", self.shape, "points (x, y)")
+        convert_fields(
+            self,
+            mass=require_positive,
+            inertia=require_positive,
+            center=require_point,
+            velocity=optional(require_point),
+            angular_velocity=optional(require_finite),
+        )
         set_fields(
             self,
             shape=tuple(
                 require_point(self.name, f"shape point {k}", x) for k, x in enumerate(corners)
             ),
-            name=require_name("RigidBody", self.name),
-            mass=require_positive(self.name, "mass", self.mass),
-            inertia=require_positive(self.name, "inertia", self.inertia),
-            center=require_point(self.name, "center", self.center),
-            velocity=optional_point(self.name, "velocity", self.velocity),
-            angular_velocity=optional_finite(self.name, "angular_velocity", self.angular_velocity),
         )
 
     @classmethod
@@ -187,7 +189,8 @@ class RigidBody(Part):
             arguments are neither the mass alone nor both density and area.
         """
         name = require_name("RigidBody.rod", name)
-        return cls._from_shape(name, plane_shapes.rod(name, a, b, mass, density, area), start)
+        shape = plane_shapes.rod(name, a, b)
+        return cls._from_shape(name, shape, shape.mass_of(name, mass, density, area, "area"), start)
 
     @classmethod
     def disk(
@@ -226,8 +229,8 @@ class RigidBody(Part):
             mass alone nor both density and thickness.
         """
         name = require_name("RigidBody.disk", name)
-        shape = plane_shapes.disk(name, center, radius, mass, density, thickness)
-        return cls._from_shape(name, shape, start)
+        shape = plane_shapes.disk(name, center, radius)
+        return cls._from_shape(name, shape, shape.mass_of(name, mass, density, thickness), start)
 
     @classmethod
     def plate(
@@ -272,9 +275,8 @@ class RigidBody(Part):
             mass alone nor both density and thickness.
         """
         name = require_name("RigidBody.plate", name)
-        angle = require_finite(name, "angle", angle)
-        shape = plane_shapes.plate(name, center, width, height, angle, mass, density, thickness)
-        return cls._from_shape(name, shape, start)
+        shape = plane_shapes.plate(name, center, width, height, angle)
+        return cls._from_shape(name, shape, shape.mass_of(name, mass, density, thickness), start)
 
     @classmethod
     def polygon(
@@ -319,20 +321,20 @@ class RigidBody(Part):
         [3.5325, 0.1, 0.1]
         """
         name = require_name("RigidBody.polygon", name)
-        return cls._from_shape(
-            name, plane_shapes.polygon(name, points, mass, density, thickness), start
-        )
+        shape = plane_shapes.polygon(name, points)
+        return cls._from_shape(name, shape, shape.mass_of(name, mass, density, thickness), start)
 
     @classmethod
-    def _from_shape(cls, name: str, shape: plane_shapes.Shape, start: dict[str, Any]) -> RigidBody:
+    def _from_shape(
+        cls, name: str, shape: plane_shapes.Shape, mass: float, start: dict[str, Any]
+    ) -> RigidBody:
         unknown = sorted(start.keys() - {"velocity", "angular_velocity"})
         if unknown:
             raise BeamdaeError(
                 f"{name}: a shape accepts only velocity and angular_velocity besides "
                 f"the dimensions, got {', '.join(unknown)}."
             )
-        mass, inertia, center, outline = shape
-        return cls(name, mass, inertia, center, shape=outline, **start)
+        return cls(name, mass, mass * shape.gyration2, shape.center, shape=shape.outline, **start)
 
     @property
     def coordinates(self) -> tuple[Variable, ...]:

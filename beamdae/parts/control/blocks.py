@@ -17,15 +17,12 @@ from beamdae.errors import (
     require_pair,
     require_positive,
     require_sequence,
-    require_unit,
     short_repr,
 )
 from beamdae.parts.mechanism import Mechanism
-from beamdae.parts.signals import Sensor, State, Value, require_formula
+from beamdae.parts.signals import NO_UNIT, State, find_unit, require_formula
 from beamdae.symbolic.local_symbols import SX
-from beamdae.symbolic.signals import find_signals
 
-_NO_UNIT = "-"
 _SECONDS = re.compile(r"s(?:\^(-?\d+))?")  # factor of a unit, with its exponent
 
 
@@ -79,28 +76,14 @@ def low_pass(
     name = require_name("low_pass", name)
     value = require_formula(name, "value", value)
     time = require_positive(name, "time_constant", time_constant)
-    unit = _find_unit(name, value, unit) or _NO_UNIT
+    unit = find_unit(name, value, unit) or NO_UNIT
     return mechanism.state(name, lambda y, t: (value - y) / time, start, unit, scale)
-
-
-def _find_unit(name: str, value: SX, unit: str | None) -> str | None:
-    """Return the given unit, or the one of the signals of which `value` is a sum, or None."""
-    if unit is not None:
-        return require_unit(name, unit)
-    signals = [x for x in find_signals(value) if isinstance(x, Value)]
-    # Inputs and states have no unit by default, but sensors of strains are dimensionless.
-    units = {x.unit for x in signals if x.unit != _NO_UNIT or isinstance(x, Sensor)}
-    if len(units) != 1:
-        return None
-    factors = ca.jacobian(value, ca.vertcat(*(x.value_symbol for x in signals)))
-    is_sum = factors.is_constant() and np.all(np.abs(ca.DM(factors).full()) == 1.0)
-    return units.pop() if is_sum else None
 
 
 def _integrate_unit(unit: str | None, count: int = 1) -> str:
     """Return the unit of the value integrated `count` times over time; "-" if it is unknown."""
     if unit is None:
-        return _NO_UNIT
+        return NO_UNIT
     # All factors behind a slash divide: N/m s is N/(m s).
     above, *below = unit.split("/")
     factors = [(x, 1) for x in above.split()] + [(x, -1) for x in " ".join(below).split()]
@@ -109,14 +92,14 @@ def _integrate_unit(unit: str | None, count: int = 1) -> str:
     for factor, sign in factors:
         if match := _SECONDS.fullmatch(factor):
             power_of_seconds += sign * int(match[1] or 1)
-        elif factor not in ("1", _NO_UNIT):
+        elif factor not in ("1", NO_UNIT):
             others[sign].append(factor)
     if power_of_seconds:
         size = abs(power_of_seconds)
         others[int(np.sign(power_of_seconds))].append("s" if size == 1 else f"s^{size}")
     numerator, denominator = (" ".join(x) for x in others.values())
     if not denominator:
-        return numerator or _NO_UNIT
+        return numerator or NO_UNIT
     return f"{numerator or 1}/{denominator}"
 
 
@@ -216,7 +199,7 @@ def transfer_function(
     (nonzero,) = np.nonzero(a)
     rate = max(1.0, abs(float(a[nonzero[-1]])) ** (1.0 / max(nonzero[-1], 1)))
     sizes = [rate ** float(k - count) for k in range(count)]
-    unit, scale = _find_unit(name, value, unit), require_positive(name, "scale", scale)
+    unit, scale = find_unit(name, value, unit), require_positive(name, "scale", scale)
     with _all_or_no_states(mechanism):
         states = [
             mechanism.state(
@@ -335,7 +318,7 @@ def pid(
             )
         time = require_positive(name, "filter_time", filter_time)
     integral = None
-    unit = _find_unit(name, error, unit)
+    unit = find_unit(name, error, unit)
     with _all_or_no_states(mechanism):
         if kd and rate is None:
             filtered = low_pass(mechanism, f"{name} filter", error, time, unit=unit, scale=scale)

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import casadi as ca
-import numpy as np
 
 from beamdae.errors import (
     BeamdaeError,
     NumberWithUnit,
+    convert_fields,
     format_distinct,
+    optional,
     require_finite,
-    require_name,
     require_non_negative,
     require_positive,
     set_fields,
@@ -23,16 +23,16 @@ from beamdae.errors import (
 )
 from beamdae.model_parameters import conversion_factor
 from beamdae.parts.attachments import Attachment, require_angle, require_attachment
-from beamdae.parts.forces.load_observables import LoadedPoint, ObservableLoad
+from beamdae.parts.forces.point_force import ForceFormula, PointForce
 from beamdae.parts.forces.smooth import positive_part, require_stribeck, smooth_sign
 from beamdae.parts.forces.surfaces import CircleSurface, LineSurface, perpendicular
 from beamdae.parts.laws import MIN_STEPS_PER_TIME_SCALE, Law, as_law
 from beamdae.parts.part import RegularizedFriction, SurfaceGap
-from beamdae.symbolic.formula import FormulaExpression, build_formula_kernel, constant_formula
+from beamdae.parts.point_parts import PlacedPoint
+from beamdae.symbolic.formula import constant_formula
 from beamdae.symbolic.statements import (
     SX,
     ForceKernel,
-    ForceStatement,
     Local,
     Quantity,
     Variable,
@@ -57,13 +57,11 @@ _MAX_BISECTIONS = 200
 
 
 @dataclass(frozen=True)
-class _ContactLaw:
-    """Gap, slip velocity and contact forces in the local coordinates of a point and a surface.
+class _ContactFormula:
+    """Formula of a contact, and the values "normal", "friction" and "slip".
 
     Attributes
     ----------
-    size
-        Number of local coordinates of the point; the local coordinates of the surface follow.
     surface
         Function (rotation, vector from the attachment to the point, numbers) -> (gap, tangent).
     has_friction
@@ -72,60 +70,36 @@ class _ContactLaw:
         True if the coefficient of friction depends on the sliding velocity.
     """
 
-    size: int
     surface: Callable[..., tuple[SX, SX]]
     has_friction: bool
     has_stribeck: bool
 
-    def gap_and_slip(self, local: Local, a: Any, b: Any, surface_numbers: Any) -> tuple[SX, SX]:
-        """Return the gap [m], and the tangential velocity relative to the surface [m/s]."""
-        position, _ = a(local.q[: self.size])
-        root, rotation = b(local.q[self.size :])
+    def __call__(
+        self, local: Local, points: Sequence[PlacedPoint], surface_numbers: Any, numbers: Any
+    ) -> tuple[ForceKernel, Mapping[str, SX]]:
+        (position, _), (root, rotation) = points
         arm = position - root
-        gap, tangent = self.surface(SX(rotation), arm, surface_numbers())
-        surface_velocity = local.dot(root) + local.dot(SX(rotation)) * perpendicular(arm)
-        return gap, ca.dot(tangent, local.dot(position) - surface_velocity)
-
-    def forces(self, local: Local, gap: SX, slip: SX, numbers: Any) -> tuple[SX, SX, SX]:
-        """Return the elastic normal force, the total normal force and the friction force [N]."""
+        gap, tangent = self.surface(rotation, arm, surface_numbers())
+        surface_velocity = local.dot(root) + local.dot(rotation) * perpendicular(arm)
+        slip = ca.dot(tangent, local.dot(position) - surface_velocity)
         stiffness, exponent, hysteresis = (numbers()[k] for k in range(3))
         elastic_force = stiffness * positive_part(-gap) ** exponent
         normal_force = elastic_force * positive_part(1 - hysteresis * local.dot(gap))
-        if not self.has_friction:
-            return elastic_force, normal_force, SX(0)
-        coefficient, regularization = numbers()[3], numbers()[4]
-        friction = coefficient * normal_force * smooth_sign(slip, regularization)
-        if self.has_stribeck:
-            peak, stribeck = numbers()[5], numbers()[6]
-            friction *= 1 + peak * ca.exp(-((slip / stribeck) ** 2))
-        return elastic_force, normal_force, friction
-
-
-@dataclass(frozen=True)
-class _ContactKernel(_ContactLaw):
-    def __call__(
-        self, local: Local, a: Any, b: Any, surface_numbers: Any, numbers: Any
-    ) -> ForceKernel:
-        gap, slip = self.gap_and_slip(local, a, b, surface_numbers)
-        elastic_force, normal_force, friction = self.forces(local, gap, slip, numbers)
+        friction = self._friction(slip, normal_force, numbers()) if self.has_friction else SX(0)
         force = ca.jtimes(slip, local.v, friction, True) - ca.jtimes(
             gap, local.q, normal_force, True
         )
-        energy = elastic_force * positive_part(-gap) / (numbers()[1] + 1)
+        energy = elastic_force * positive_part(-gap) / (exponent + 1)
         dissipated = (elastic_force - normal_force) * local.dot(gap) + friction * slip
-        return ForceKernel(local, force, ca.vertcat(0, energy, 0), powers=ca.vertcat(0, dissipated))
+        energies, powers = ca.vertcat(0, energy, 0), ca.vertcat(0, dissipated)
+        values = {"normal": normal_force, "friction": -friction, "slip": slip}
+        return ForceKernel(local, force, energies, powers=powers), values
 
-
-@dataclass(frozen=True)
-class _ContactValues(_ContactLaw):
-    """Normal force on the point, and the friction force on it or the slip velocity."""
-
-    with_slip: bool
-
-    def __call__(self, local: Local, a: Any, b: Any, surface_numbers: Any, numbers: Any) -> SX:
-        gap, slip = self.gap_and_slip(local, a, b, surface_numbers)
-        _, normal_force, friction = self.forces(local, gap, slip, numbers)
-        return ca.vertcat(normal_force, slip if self.with_slip else -friction)
+    def _friction(self, slip: SX, normal_force: SX, numbers: Any) -> SX:
+        friction = numbers[3] * normal_force * smooth_sign(slip, numbers[4])
+        if self.has_stribeck:
+            friction *= 1 + numbers[5] * ca.exp(-((slip / numbers[6]) ** 2))
+        return friction
 
 
 def require_unit_of_stiffness(
@@ -168,7 +142,7 @@ def hysteresis_factor(restitution: float, speed: float) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class Contact(ObservableLoad):
+class Contact(PointForce):
     """Contact of a point with a surface, modeled by a penalty force that never pulls.
 
     At a penetration d, the normal force is N = stiffness d^exponent max(0, 1 + X d') (Hunt and
@@ -196,7 +170,7 @@ class Contact(ObservableLoad):
         With 1, the force is linear and has a kink at the onset of contact.
     restitution
         Coefficient of restitution of an impact at `impact_speed`, 0.05 to 1; slower impacts lose a
-        smaller fraction of their speed. If omitted, the contact is elastic as with 1: without
+        smaller fraction of their speed. With 1 (default), the contact is elastic: without
         dissipation, bodies do not come to rest.
     impact_speed
         Relative speed before the impact [m/s]; required if the restitution is less than 1.
@@ -240,7 +214,7 @@ class Contact(ObservableLoad):
     surface: LineSurface | CircleSurface
     stiffness: float
     exponent: float = 1.5
-    restitution: float | None = None
+    restitution: float = 1.0
     impact_speed: float | None = None
     friction: float = 0.0
     friction_speed: float | None = None
@@ -249,8 +223,7 @@ class Contact(ObservableLoad):
     stribeck: float | None = None
 
     def __post_init__(self) -> None:
-        set_fields(self, name=require_name("Contact", self.name))
-        require_attachment(self.name, "point", self.point)
+        convert_fields(self, point=require_attachment)
         if not isinstance(self.surface, (LineSurface, CircleSurface)):
             raise BeamdaeError(
                 f"{self.name}: surface must be a LineSurface or a CircleSurface, "
@@ -261,13 +234,9 @@ class Contact(ObservableLoad):
                 f"{self.name}: neither the point nor the surface can move; attach one of them to "
                 "a body."
             )
-        set_fields(self, exponent=require_finite(self.name, "exponent", self.exponent))
+        convert_fields(self, exponent=require_finite)
         require_unit_of_stiffness(self.name, self.stiffness, self.exponent)
-        set_fields(
-            self,
-            stiffness=require_positive(self.name, "stiffness", self.stiffness),
-            friction=require_non_negative(self.name, "friction", self.friction),
-        )
+        convert_fields(self, stiffness=require_positive, friction=require_non_negative)
         static, stribeck = require_stribeck(
             self.name, "friction", self.friction, self.static, self.stribeck
         )
@@ -283,33 +252,21 @@ class Contact(ObservableLoad):
         if not _MIN_EXPONENT <= self.exponent <= _MAX_EXPONENT:
             least, most, given = format_distinct(_MIN_EXPONENT, _MAX_EXPONENT, self.exponent)
             raise BeamdaeError(f"{self.name}: exponent must lie in [{least}, {most}], got {given}.")
-        if self.restitution is not None:
-            set_fields(self, restitution=require_finite(self.name, "restitution", self.restitution))
-        restitution = self.restitution_or_elastic
+        convert_fields(self, restitution=require_finite)
+        restitution = self.restitution
         if not _MIN_RESTITUTION <= restitution <= 1.0:
             least, most, given = format_distinct(_MIN_RESTITUTION, 1.0, restitution)
             raise BeamdaeError(
                 f"{self.name}: restitution must lie in [{least}, {most}], got {given}."
             )
-        if self.max_step is not None:
-            set_fields(self, max_step=require_positive(self.name, "max_step", self.max_step))
-        if self.impact_speed is not None:
-            set_fields(
-                self, impact_speed=require_positive(self.name, "impact_speed", self.impact_speed)
-            )
-        elif restitution < 1.0:
+        convert_fields(
+            self, max_step=optional(require_positive), impact_speed=optional(require_positive)
+        )
+        if self.impact_speed is None and restitution < 1.0:
             raise BeamdaeError(
                 f"{self.name}: restitution={restitution:g} requires "
                 "impact_speed=; pass the impact speed [m/s] at which this restitution holds."
             )
-
-    def sharpen_friction(self, ratio: float) -> bool:
-        """Multiply the friction speed, see `Part`."""
-        if not self.friction:
-            return False
-        assert self.friction_speed is not None
-        set_fields(self, friction_speed=ratio * self.friction_speed)
-        return True
 
     @property
     def attachments(self) -> tuple[Attachment, ...]:
@@ -325,55 +282,34 @@ class Contact(ObservableLoad):
         return (replace(as_law(self.name, 0.0), time_scale=time_scale),)
 
     @property
-    def restitution_or_elastic(self) -> float:
-        """The coefficient of restitution, 1 if none is given."""
-        return 1.0 if self.restitution is None else self.restitution
-
-    @property
     def hysteresis(self) -> float:
         """Hysteresis factor X [s/m], zero if no impact speed is given; see `hysteresis_factor`."""
         if self.impact_speed is None:
             return 0.0
-        return hysteresis_factor(self.restitution_or_elastic, self.impact_speed)
+        return hysteresis_factor(self.restitution, self.impact_speed)
 
     @property
-    def _law_arguments(self) -> tuple[int, Any, bool, bool]:
+    def _formula(self) -> ForceFormula:
         kind, has_friction = type(self.surface).kind, self.friction > 0.0
-        return (self.point.size, kind, has_friction, self.static is not None)
+        return _ContactFormula(kind, has_friction, self.static is not None)
 
     @property
-    def _functions(self) -> tuple[Any, ...]:
+    def _functions(self) -> tuple[Callable[..., Any], ...]:
         numbers = (self.stiffness, self.exponent, self.hysteresis)
         friction = (self.friction, self.friction_speed) if self.friction else ()
         if self.static is not None and self.stribeck is not None:
             friction = (*friction, self.static / self.friction - 1.0, self.stribeck)
-        return (
-            self.point.checked_kinematics,
-            self.surface.on.checked_kinematics,
-            constant_formula(*self.surface.numbers),
-            constant_formula(*numbers, *friction),
-        )
+        return constant_formula(*self.surface.numbers), constant_formula(*numbers, *friction)
 
     @property
-    def _pieces(self) -> tuple[Any, Any]:
-        return (self.point.piece, self.surface.on.piece)
-
-    @property
-    def loaded_points(self) -> dict[str, LoadedPoint]:
+    def points(self) -> dict[str, Attachment]:
         """The point and the attachment of the surface, by the names "point" and "surface"."""
-        return {"point": LoadedPoint(self.point, 0), "surface": LoadedPoint(self.surface.on, 1)}
+        return {"point": self.point, "surface": self.surface.on}
 
     @property
-    def observed_points(self) -> tuple[str, ...]:
+    def _observed_points(self) -> tuple[str, ...]:
         """Name of the point."""
         return ("point",)
-
-    def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
-        """Return the normal force and the friction force as one statement."""
-        kind = _ContactKernel(*self._law_arguments)
-        size = self.point.size + self.surface.on.size
-        kernel, data = build_formula_kernel(kind, self._functions, size)
-        return [ForceStatement(self.name, kernel, self._pieces, data)]
 
     @property
     @rebuilt_for_mesh
@@ -383,7 +319,7 @@ class Contact(ObservableLoad):
         Positive T points along the direction of a line, or counter-clockwise around the center of a
         circle.
         """
-        return self._observe_values(Variable("T", "N"), with_slip=False)
+        return self._observe_values({"normal": Variable("N", "N"), "friction": Variable("T", "N")})
 
     @property
     @rebuilt_for_mesh
@@ -393,13 +329,7 @@ class Contact(ObservableLoad):
         v is positive in the direction in which `force` counts T as positive, so that T v is the
         power of the friction.
         """
-        return self._observe_values(Variable("v", "m/s"), with_slip=True)
-
-    def _observe_values(self, second: Variable, with_slip: bool) -> Quantity:
-        kind = _ContactValues(*self._law_arguments, with_slip=with_slip)
-        values, data = FormulaExpression.of(kind, self._functions)
-        columns = (Variable("N", "N"), second)
-        return Quantity(columns, self._pieces, values, data, load_of=self.name)
+        return self._observe_values({"normal": Variable("N", "N"), "slip": Variable("v", "m/s")})
 
     @property
     def regularized_friction(self) -> RegularizedFriction | None:

@@ -6,7 +6,7 @@ oppose an increase of the deformation.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, ClassVar, NamedTuple
@@ -14,7 +14,7 @@ from typing import Any, ClassVar, NamedTuple
 import casadi as ca
 import numpy as np
 
-from beamdae.errors import BeamdaeError, require_name, set_fields
+from beamdae.errors import BeamdaeError, convert_fields
 from beamdae.parts.attachments import Attachment, require_attachment
 from beamdae.parts.forces.formula_checks import (
     as_vector,
@@ -23,20 +23,18 @@ from beamdae.parts.forces.formula_checks import (
     require_continuous_formula,
     require_function,
 )
-from beamdae.parts.forces.load_observables import LoadedPoint, ObservableLoad
+from beamdae.parts.forces.point_force import ForceFormula, PointForce
+from beamdae.parts.point_parts import PlacedPoint
 from beamdae.parts.tables import Table
 from beamdae.symbolic.force_kernel import CompliantForm
 from beamdae.symbolic.formula import (
     Formula,
-    FormulaExpression,
-    build_formula_kernel,
     constant_formula,
 )
 from beamdae.symbolic.statements import (
     SX,
     ConstraintKernel,
     ForceKernel,
-    ForceStatement,
     Local,
     Quantity,
     Variable,
@@ -193,49 +191,45 @@ class UserLaw:
 
 
 @dataclass(frozen=True)
-class _ElementExpression:
-    """Deformation and response in the local coordinates of two points.
+class _ElementFormula:
+    """Formula of the force between two points.
 
     Attributes
     ----------
-    size
-        Number of local coordinates of the first point; the coordinates of the second point follow.
     deformation
-        Function (placement of first point, placement of second point, numbers) -> deformation.
+        Function (first point, second point, numbers) -> deformation.
     law
         Function (deformation, rate, numbers) -> response.
     rows
         Number of columns of the observed force.
     """
 
-    size: int
     deformation: Callable[..., SX]
     law: Callable[..., ElementResponse]
     rows: int
 
-    def evaluate(
-        self, local: Local, a: Any, b: Any, law_numbers: Any, deformation_numbers: Any
-    ) -> tuple[SX, ElementResponse]:
-        placement_a, placement_b = a(local.q[: self.size]), b(local.q[self.size :])
-        x = self.deformation(placement_a, placement_b, deformation_numbers())
-        return x, self.law(x, local.dot(x), law_numbers())
-
-    def observe(self, column: SX) -> SX:
-        """Return the column, or its norm if the column has more rows than the observed force."""
-        return column if column.numel() == self.rows else ca.norm_2(column)
-
-
-@dataclass(frozen=True)
-class _ElementKernel(_ElementExpression):
-    def __call__(self, local: Local, *functions: Any) -> ForceKernel:
-        x, response = self.evaluate(local, *functions)
-        return ForceKernel(
+    def __call__(
+        self,
+        local: Local,
+        points: Sequence[PlacedPoint],
+        law_numbers: Formula,
+        deformation_numbers: Formula,
+    ) -> tuple[ForceKernel, Mapping[str, SX]]:
+        x = self.deformation(*points, deformation_numbers())
+        response = self.law(x, local.dot(x), law_numbers())
+        kernel = ForceKernel(
             local,
             ca.jtimes(x, local.q, response.force, True),
             energies=ca.vertcat(0, response.energy, 0),
             powers=ca.vertcat(response.power, response.dissipated),
-            compliant=self._compliant_form(local, x, *functions[2:]),
+            compliant=self._compliant_form(local, x, law_numbers, deformation_numbers),
         )
+        values: dict[str, SX] = {}
+        for name, column in (("deformation", x), ("force", response.force)):
+            # Deformations of springs without a free length are vectors.
+            entries = column if column.numel() == self.rows else ca.norm_2(column)
+            values |= {f"{name}{k}": entries[k] for k in range(self.rows)}
+        return kernel, values
 
     def _compliant_form(
         self, local: Local, x: SX, law_numbers: Formula, deformation_numbers: Formula
@@ -268,26 +262,8 @@ def _split_numbers(
     return rest, points.T[:, None], times, np.zeros_like(times)
 
 
-@dataclass(frozen=True)
-class DeformationValues(_ElementExpression):
-    """Values of the deformation of a force element."""
-
-    def __call__(self, local: Local, *functions: Any) -> SX:
-        """Return the observed deformation as an expression."""
-        return self.observe(self.evaluate(local, *functions)[0])
-
-
-@dataclass(frozen=True)
-class ForceValues(_ElementExpression):
-    """Values of the force of a force element."""
-
-    def __call__(self, local: Local, *functions: Any) -> SX:
-        """Return the observed force as an expression."""
-        return self.observe(self.evaluate(local, *functions)[1].force)
-
-
 @dataclass(frozen=True, eq=False)
-class ForceElement(ObservableLoad):
+class ForceElement(PointForce):
     """Force between two attachments that depends on a deformation and its rate.
 
     A subclass defines the deformation and the law.
@@ -313,7 +289,7 @@ class ForceElement(ObservableLoad):
     _force_columns: ClassVar[tuple[Variable, ...]]
 
     def __post_init__(self) -> None:
-        set_fields(self, name=require_name(type(self).__name__, self.name))
+        convert_fields(self)
         require_attachment(self.name, "first attachment", self.a)
         require_attachment(self.name, "second attachment", self.b)
         if not self.a.size + self.b.size:
@@ -350,51 +326,33 @@ class ForceElement(ObservableLoad):
         raise NotImplementedError
 
     @property
-    def _expression(self) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
-        """Arguments that create an `_ElementExpression`, and functions to pass to it."""
-        law, law_numbers = self._law
-        functions = (
-            self.a.checked_kinematics,
-            self.b.checked_kinematics,
-            constant_formula(*law_numbers),
-            constant_formula(*self._deformation_numbers),
-        )
-        return (self.a.size, self._deformation, law, len(type(self)._force_columns)), functions
+    def points(self) -> dict[str, Attachment]:
+        """Both points, by the names "a" and "b"."""
+        return {"a": self.a, "b": self.b}
 
     @property
-    def loaded_points(self) -> dict[str, LoadedPoint]:
-        """Both points, by the names "a" and "b"."""
-        return {"a": LoadedPoint(self.a, 0), "b": LoadedPoint(self.b, 1)}
+    def _formula(self) -> ForceFormula:
+        return _ElementFormula(self._deformation, self._law[0], len(type(self)._force_columns))
 
-    def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
-        """Return the forces on both bodies."""
-        arguments, functions = self._expression
-        size = self.a.size + self.b.size
-        shared = self.is_elastic
-        kernel, data = build_formula_kernel(
-            _ElementKernel(*arguments), functions, size, shared=shared
-        )
-        return [ForceStatement(self.name, kernel, (self.a.piece, self.b.piece), data)]
+    @property
+    def _functions(self) -> tuple[Callable[..., Any], ...]:
+        return constant_formula(*self._law[1]), constant_formula(*self._deformation_numbers)
 
-    @rebuilt_for_mesh
-    def observe(
-        self, kind: type[DeformationValues] | type[ForceValues], columns: tuple[Variable, ...]
-    ) -> Quantity:
-        """Return the deformation or the force as a quantity."""
-        arguments, functions = self._expression
-        values, data = FormulaExpression.of(kind(*arguments), functions)
-        pieces = (self.a.piece, self.b.piece)
-        if not self.is_elastic:
-            # User functions are not cached for other models.
-            return Quantity(columns, pieces, lambda local: values(local), data, load_of=self.name)
-        return Quantity(columns, pieces, values, data, load_of=self.name)
+    @property
+    def _is_shared(self) -> bool:
+        return self.is_elastic
 
     @property
     def is_elastic(self) -> bool:
         """True unless the force is a function of the user."""
         return not isinstance(self._law[0], UserLaw)
 
+    @rebuilt_for_mesh
+    def _observe_columns(self, what: str, columns: tuple[Variable, ...]) -> Quantity:
+        """Return the "deformation" or the "force" as a quantity."""
+        return self._observe_values({f"{what}{k}": x for k, x in enumerate(columns)})
+
     @property
     def force(self) -> Quantity:
         """Forces [N] and moments [N m], positive if they oppose an increase of the deformation."""
-        return self.observe(ForceValues, type(self)._force_columns)
+        return self._observe_columns("force", type(self)._force_columns)

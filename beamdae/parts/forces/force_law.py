@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, NamedTuple
 
 import casadi as ca
-import numpy as np
 
-from beamdae.errors import BeamdaeError, require_name, require_sequence, set_fields, short_repr
+from beamdae.errors import (
+    BeamdaeError,
+    convert_fields,
+    require_sequence,
+    set_fields,
+    short_repr,
+)
 from beamdae.parts.attachments import Attachment, require_attachment
 from beamdae.parts.forces.formula_checks import (
     as_vector,
@@ -20,13 +24,12 @@ from beamdae.parts.forces.formula_checks import (
     require_continuous_formula,
     require_function,
 )
-from beamdae.parts.forces.load_observables import LoadedPoint, ObservableLoad
-from beamdae.symbolic.formula import FormulaExpression, build_formula_kernel
+from beamdae.parts.forces.point_force import ForceFormula, PointForce
+from beamdae.parts.point_parts import LOAD, PlacedPoint
 from beamdae.symbolic.scalar_expression import as_scalar
 from beamdae.symbolic.statements import (
     SX,
     ForceKernel,
-    ForceStatement,
     Local,
     Quantity,
     Variable,
@@ -56,66 +59,50 @@ class PointMotion(NamedTuple):
 
 
 @dataclass(frozen=True)
-class _AttachedLaw:
-    """Law and energy in the local coordinates of the attachments.
+class _LawFormula:
+    """Formula of the loads of a law, and their values by "Fx1", "Fy1", "M1", "Fx2", ...
 
     Attributes
     ----------
     part
         Name of the part, for messages.
-    on
-        Attachments, whose local coordinates are concatenated.
+    inclinations
+        Angle of the section or body at each point in the reference configuration [rad].
     law, energy, dissipative
         As in `ForceLaw`.
     """
 
     part: str
-    on: tuple[Attachment, ...]
+    inclinations: tuple[float, ...]
     law: Callable[..., Any]
     energy: Callable[..., Any] | None
     dissipative: bool
 
-    def evaluate(self, local: Local, *kinematics: Any) -> tuple[SX, SX, SX]:
-        """Return placements (x, y, rotation) and loads (Fx, Fy, M) of all points, and the energy.
-
-        Placements and loads are columns.
-        """
-        placements, motions, first = [], [], 0
-        for on, place in zip(self.on, kinematics, strict=True):
-            position, rotation = place(local.q[first : first + on.size])
-            first += on.size
-            motions.append(_point_motion(local, on, position, rotation))
-            placements += [position, rotation]
+    def __call__(
+        self, local: Local, points: Sequence[PlacedPoint]
+    ) -> tuple[ForceKernel, Mapping[str, SX]]:
+        motions = [
+            _motion_of(x.position, x.rotation + angle, local.dot(x.position), local.dot(x.rotation))
+            for x, angle in zip(points, self.inclinations, strict=True)
+        ]
         loads = evaluate_loads(self.part, self.law, motions, local.time[0])
         energy = SX(0)
         if self.energy is not None:
             value = evaluate_formula(self.part, "energy", self.energy, *motions)
             energy = require_column(self.part, "energy", value, 1)
-        return ca.vertcat(*placements), loads, energy
-
-
-@dataclass(frozen=True)
-class _LoadKernel(_AttachedLaw):
-    def __call__(self, local: Local, *kinematics: Any) -> ForceKernel:
-        placements, loads, energy = self.evaluate(local, *kinematics)
-        power = ca.dot(loads, local.dot(placements))
+        placements = ca.vertcat(*(x for point in points for x in point))
         # Power that is not stored in the energy.
-        net_power = power + local.dot(energy)
+        net_power = ca.dot(loads, local.dot(placements)) + local.dot(energy)
         powers = ca.vertcat(0, -net_power) if self.dissipative else ca.vertcat(net_power, 0)
         force = -ca.jtimes(placements, local.q, loads, True)
-        return ForceKernel(local, force, ca.vertcat(0, energy, 0), powers)
+        kernel = ForceKernel(local, force, ca.vertcat(0, energy, 0), powers)
+        return kernel, dict(zip(_load_columns(len(points)), ca.vertsplit(loads), strict=True))
 
 
-@dataclass(frozen=True)
-class _LoadValues(_AttachedLaw):
-    def __call__(self, local: Local, *kinematics: Any) -> SX:
-        return self.evaluate(local, *kinematics)[1]
-
-
-def _point_motion(local: Local, on: Attachment, position: SX, rotation: SX) -> PointMotion:
-    velocity = local.dot(position)
-    angle, rate = SX(rotation) + on.inclination, local.dot(SX(rotation))
-    return _motion_of(position, angle, velocity, rate)
+def _load_columns(count: int) -> dict[str, Variable]:
+    """Return the columns of the loads on points, by the names of their values."""
+    numbered = {f"{x.name}{k + 1}": x for k in range(count) for x in LOAD}
+    return {x: Variable(x if count > 1 else y.name, y.unit) for x, y in numbered.items()}
 
 
 def _motion_of(position: SX, angle: SX, velocity: SX, rate: SX) -> PointMotion:
@@ -155,7 +142,7 @@ def _load_column(part: str, load: Any) -> SX:
 
 
 @dataclass(frozen=True, eq=False)
-class ForceLaw(ObservableLoad):
+class ForceLaw(PointForce):
     """Forces and moments on attachments as a formula of their motion and of time.
 
     In the energy balance, the law is a load, unless `energy` or `dissipative` is given.
@@ -210,7 +197,7 @@ class ForceLaw(ObservableLoad):
     dissipative: bool = False
 
     def __post_init__(self) -> None:
-        set_fields(self, name=require_name("ForceLaw", self.name))
+        convert_fields(self)
         if isinstance(self.on, Attachment):
             attachments: tuple[Any, ...] = (self.on,)
         else:
@@ -254,42 +241,28 @@ class ForceLaw(ObservableLoad):
             what = "positions and angles"
             require_continuous_formula(self.name, "energy", energy, placements, what)
 
-    @cached_property
-    def _arguments(self) -> tuple[Any, ...]:
-        return (self.name, self.on, self.law, self.energy, self.dissipative)
-
     @property
-    def loaded_points(self) -> dict[str, LoadedPoint]:
+    def points(self) -> dict[str, Attachment]:
         """The attachments, by the name "on" or, if there are several, "1", "2", ..."""
-        if len(self.on) == 1:
-            return {"on": LoadedPoint(self.on[0], 0)}
-        return {str(k + 1): LoadedPoint(at, k) for k, at in enumerate(self.on)}
+        names = ["on"] if len(self.on) == 1 else [str(k + 1) for k in range(len(self.on))]
+        return dict(zip(names, self.on, strict=True))
 
     @property
-    def observed_points(self) -> tuple[str, ...]:
+    def _observed_points(self) -> tuple[str, ...]:
         """Names of all points."""
-        return tuple(self.loaded_points)
+        return tuple(self.points)
 
-    def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
-        """Return the loads of the law as one statement."""
-        functions, size = [one.checked_kinematics for one in self.on], sum(x.size for x in self.on)
-        kernel, data = build_formula_kernel(
-            _LoadKernel(*self._arguments), functions, size, shared=False
-        )
-        return [ForceStatement(self.name, kernel, tuple(one.piece for one in self.on), data)]
+    @property
+    def _formula(self) -> ForceFormula:
+        inclinations = tuple(x.inclination for x in self.on)
+        return _LawFormula(self.name, inclinations, self.law, self.energy, self.dissipative)
+
+    @property
+    def _is_shared(self) -> bool:
+        return False
 
     @property
     @rebuilt_for_mesh
     def load(self) -> Quantity:
         """Load Fx, Fy [N] and M [N m]; with several attachments, Fx1, Fy1, M1, Fx2, ..."""
-        count = len(self.on)
-        columns = tuple(
-            Variable(f"{what}{k + 1}" if count > 1 else what, unit)
-            for k in range(count)
-            for what, unit in (("Fx", "N"), ("Fy", "N"), ("M", "N m"))
-        )
-        values, data = FormulaExpression.of(
-            _LoadValues(*self._arguments), [one.checked_kinematics for one in self.on]
-        )
-        pieces = tuple(one.piece for one in self.on)
-        return Quantity(columns, pieces, lambda local: values(local), data, load_of=self.name)
+        return self._observe_values(_load_columns(len(self.on)))

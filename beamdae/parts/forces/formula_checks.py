@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -12,12 +11,11 @@ import numpy as np
 from beamdae.errors import (
     CASADI_MISMATCH,
     BeamdaeError,
-    exception_text,
     format_exception,
     short_repr,
 )
 from beamdae.native.instructions import read_instructions
-from beamdae.symbolic.scalar_expression import as_scalar
+from beamdae.symbolic.scalar_expression import SMOOTH_ALTERNATIVES, FormulaError, as_scalar
 from beamdae.symbolic.signals import as_expression, find_other_symbols
 from beamdae.symbolic.statements import SX
 from beamdae.symbolic.table_calls import inside_formula
@@ -34,9 +32,6 @@ JUMP_OPERATIONS = {
     ca.OP_FMOD: "np.fmod",
     ca.OP_SIGN: "np.sign",
 }
-_SMOOTH_ALTERNATIVES = (
-    "bd.positive_part(x) for one-sided terms and bd.smooth_sign(x, scale) for signs"
-)
 _PERIODIC_ALTERNATIVE = (
     "for values that repeat with an angle or time, a sum of np.sin and np.cos or a table with "
     "outside='repeat'"
@@ -81,19 +76,13 @@ def evaluate_formula(part: str, what: str, function: Callable[..., Any], *symbol
     `what` is the name of the function in messages.
     """
     try:
-        with warnings.catch_warnings():
-            # CasADi 3.8 warns about NumPy functions of its symbols; see `beamdae.parts.laws`.
-            warnings.simplefilter("ignore", FutureWarning)
-            with inside_formula():
-                return function(*map(as_scalar, symbols))
+        with inside_formula():
+            return function(*map(as_scalar, symbols))
+    except FormulaError as problem:
+        raise BeamdaeError(f"{part}: {what} must be a formula {problem.rule}.") from None
     except BeamdaeError:
         raise
     except Exception as problem:
-        if "truth value" in exception_text(problem):
-            raise BeamdaeError(
-                f"{part}: {what} must be a formula without branches on arguments (if, "
-                f"while, and, or, min, max); use {_SMOOTH_ALTERNATIVES}."
-            ) from None
         is_mismatch = CASADI_MISMATCH in format_exception(problem)
         advice = f" {_VECTOR_ADVICE}" if is_mismatch else ""
         raise BeamdaeError(
@@ -124,19 +113,15 @@ def require_continuous_formula(
         )
     formula = ca.Function("formula", [ca.vertcat(*ca.symvar(value))], [value])
     instructions = read_instructions(formula)
-    # float() of a symbol is nan.
     if any(code == ca.OP_CONST and np.isnan(operands[0]) for code, operands, _ in instructions):
-        raise BeamdaeError(
-            f"{part}: {what} must be a formula of numpy functions such as np.sin, "
-            "without nan, float, int or functions of math."
-        )
+        raise BeamdaeError(f"{part}: {what} must be a formula without nan.")
     operations = [code for code, _, _ in instructions]
     jumps = [name for operation, name in JUMP_OPERATIONS.items() if operation in operations]
     if jumps:
         is_periodic = any(x in jumps for x in _PERIODIC_OPERATIONS)
         raise BeamdaeError(
             f"{part}: {what} must be continuous, but uses {', '.join(jumps)}; use "
-            f"{_PERIODIC_ALTERNATIVE if is_periodic else _SMOOTH_ALTERNATIVES}."
+            f"{_PERIODIC_ALTERNATIVE if is_periodic else SMOOTH_ALTERNATIVES}."
         )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,26 +11,23 @@ import numpy as np
 
 from beamdae.errors import (
     BeamdaeError,
-    require_name,
+    convert_fields,
+    optional,
     require_non_negative,
     require_positive,
     set_fields,
     short_repr,
 )
-from beamdae.parts.attachments import require_angle, rotate
-from beamdae.parts.forces.load_observables import LoadedPoint, ObservableLoad
+from beamdae.parts.attachments import Attachment, require_angle, rotate
+from beamdae.parts.forces.point_force import ForceFormula, PointForce
 from beamdae.parts.forces.smooth import require_stribeck
 from beamdae.parts.joints.joint import Joint, Revolute
 from beamdae.parts.part import RegularizedFriction
-from beamdae.symbolic.formula import (
-    FormulaExpression,
-    build_formula_kernel,
-    constant_formula,
-)
+from beamdae.parts.point_parts import MOMENT, PlacedPoint
+from beamdae.symbolic.formula import constant_formula
 from beamdae.symbolic.statements import (
     SX,
     ForceKernel,
-    ForceStatement,
     Local,
     Quantity,
     Variable,
@@ -63,64 +60,42 @@ def _smooth_magnitude(values: SX, eps: Any) -> SX:
 
 
 @dataclass(frozen=True)
-class _FrictionLaw:
-    """Travel, sliding velocity and friction force in the local coordinates of a joint.
+class _FrictionFormula:
+    """Formula of friction, and the values "force", "moment" (of a bearing) and "velocity".
 
     Attributes
     ----------
-    size
-        Number of local coordinates of the first point; the coordinates of the second point follow.
     travel
-        Function (placement of first point, placement of second point, numbers) -> travel [m].
+        Function (first point, second point, numbers) -> travel [m].
     forces, moments
         Indices of the multipliers that are forces, and of the multipliers that are moments.
     """
 
-    size: int
-    travel: Callable[[Any, Any, Any], SX]
+    travel: Callable[..., SX]
     forces: tuple[int, ...]
     moments: tuple[int, ...]
 
-    def evaluate(self, local: Local, a: Any, b: Any, geometry: Any, law: Any) -> tuple[SX, SX, SX]:
-        """Return the travel [m], the sliding velocity [m/s] and the opposing friction force [N]."""
-        travel = self.travel(a(local.q[: self.size]), b(local.q[self.size :]), geometry())
+    def __call__(
+        self, local: Local, points: Sequence[PlacedPoint], geometry: Any, law: Any
+    ) -> tuple[ForceKernel, Mapping[str, SX]]:
+        travel, radius = self.travel(*points, geometry()), geometry()[0]
         coefficient, peak, stribeck, friction_speed, smoothing = (law()[k] for k in range(5))
         velocity = local.dot(travel)
         normal_force = _smooth_magnitude(local.lam[list(self.forces)], smoothing)
         if self.moments:
-            radius = geometry()[0]
             moments = local.lam[list(self.moments)]
             normal_force += _smooth_magnitude(moments, smoothing * radius) / radius
         shape = ca.tanh(velocity / friction_speed) * (
             1.0 + peak * ca.exp(-((velocity / stribeck) ** 2))
         )
-        return travel, velocity, coefficient * normal_force * shape
-
-
-@dataclass(frozen=True)
-class _FrictionKernel:
-    law: _FrictionLaw
-
-    def __call__(self, local: Local, *functions: Any) -> ForceKernel:
-        travel, velocity, friction = self.law.evaluate(local, *functions)
+        friction = coefficient * normal_force * shape
         force = ca.jtimes(travel, local.q, friction, True)
-        return ForceKernel(local, force, powers=ca.vertcat(0, friction * velocity))
-
-
-@dataclass(frozen=True)
-class _FrictionReaction:
-    """Friction force of a guide, or friction moment of a bearing, and sliding velocity."""
-
-    law: _FrictionLaw
-    is_bearing: bool
-
-    def __call__(self, local: Local, a: Any, b: Any, geometry: Any, law: Any) -> SX:
-        _, velocity, friction = self.law.evaluate(local, a, b, geometry, law)
-        return ca.vertcat(-friction * (geometry()[0] if self.is_bearing else 1.0), velocity)
+        values = {"force": -friction, "moment": -friction * radius, "velocity": velocity}
+        return ForceKernel(local, force, powers=ca.vertcat(0, friction * velocity)), values
 
 
 @dataclass(frozen=True, eq=False)
-class Friction(ObservableLoad):
+class Friction(PointForce):
     """Regularized Coulomb friction in a hinge or a guide, with Stribeck effect.
 
     F = coefficient |N| tanh(v / friction_speed) (1 + (static / coefficient - 1)
@@ -183,7 +158,7 @@ class Friction(ObservableLoad):
     smoothing: float = _DEFAULT_SMOOTHING
 
     def __post_init__(self) -> None:
-        set_fields(self, name=require_name("Friction", self.name))
+        convert_fields(self)
         name = self.name
         is_joint = isinstance(self.joint, Joint)
         if not (is_joint and (self._is_bearing or self.joint.slide_direction is not None)):
@@ -195,22 +170,17 @@ class Friction(ObservableLoad):
             # A particle does not rotate, so that a moment would have no effect on it.
             require_angle(name, self.joint.a)
             require_angle(name, self.joint.b)
-        set_fields(
+        convert_fields(
             self,
-            friction_speed=require_positive(name, "friction_speed", self.friction_speed),
-            smoothing=require_positive(name, "smoothing", self.smoothing),
-            coefficient=require_non_negative(name, "coefficient", self.coefficient),
+            friction_speed=require_positive,
+            smoothing=require_positive,
+            coefficient=require_non_negative,
         )
         static, stribeck = require_stribeck(
             name, "coefficient", self.coefficient, self.static, self.stribeck
         )
         set_fields(self, static=static, stribeck=stribeck)
         self._check_radius()
-
-    def sharpen_friction(self, ratio: float) -> bool:
-        """Multiply the friction speed, see `Part`."""
-        set_fields(self, friction_speed=ratio * self.friction_speed)
-        return True
 
     def _check_radius(self) -> None:
         needs_radius = self._is_bearing or bool(self._multipliers_in("N m"))
@@ -226,8 +196,7 @@ class Friction(ObservableLoad):
                 f"{self.name}: radius does not apply to {self.joint.name}, which "
                 "carries no moment; omit radius."
             )
-        if self.radius is not None:
-            set_fields(self, radius=require_positive(self.name, "radius", self.radius))
+        convert_fields(self, radius=optional(require_positive))
 
     @property
     def _is_bearing(self) -> bool:
@@ -237,10 +206,9 @@ class Friction(ObservableLoad):
         return tuple(k for k, x in enumerate(self.joint.multipliers) if x.unit == unit)
 
     @property
-    def _law(self) -> _FrictionLaw:
+    def _formula(self) -> ForceFormula:
         travel = _rim_travel if self._is_bearing else _guide_travel
-        forces, moments = self._multipliers_in("N"), self._multipliers_in("N m")
-        return _FrictionLaw(self.joint.a.size, travel, forces, moments)
+        return _FrictionFormula(travel, self._multipliers_in("N"), self._multipliers_in("N m"))
 
     @property
     def _functions(self) -> tuple[Callable[..., Any], ...]:
@@ -252,8 +220,6 @@ class Friction(ObservableLoad):
             peak, stribeck = self.static / self.coefficient - 1.0, self.stribeck
         law = (self.coefficient, peak, stribeck, self.friction_speed, self.smoothing)
         return (
-            self.joint.a.checked_kinematics,
-            self.joint.b.checked_kinematics,
             constant_formula(1.0 if self.radius is None else self.radius, tx, ty),
             constant_formula(*law),
         )
@@ -265,18 +231,8 @@ class Friction(ObservableLoad):
 
         The unit of v is m/s.
         """
-        first = Variable("M", "N m") if self._is_bearing else Variable("F", "N")
-        kind = _FrictionReaction(self._law, self._is_bearing)
-        values, data = FormulaExpression.of(kind, self._functions)
-        return Quantity(
-            (first, Variable("v", "m/s")),
-            (self.joint.a.piece, self.joint.b.piece),
-            values,
-            data,
-            self.joint.name,
-            self.joint,
-            load_of=self.name,
-        )
+        kind, first = ("moment", MOMENT) if self._is_bearing else ("force", Variable("F", "N"))
+        return self._observe_values({kind: first, "velocity": Variable("v", "m/s")})
 
     @property
     def regularized_friction(self) -> RegularizedFriction | None:
@@ -284,22 +240,10 @@ class Friction(ObservableLoad):
         return RegularizedFriction(self.friction_speed, self.radius) if self.coefficient else None
 
     @property
-    def loaded_points(self) -> dict[str, LoadedPoint]:
+    def points(self) -> dict[str, Attachment]:
         """Both points of the joint, by the names "a" and "b"."""
-        return {"a": LoadedPoint(self.joint.a, 0), "b": LoadedPoint(self.joint.b, 1)}
+        return {"a": self.joint.a, "b": self.joint.b}
 
     @property
     def _joint(self) -> Joint:
         return self.joint
-
-    def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
-        """Return the friction force as one statement."""
-        joint = self.joint
-        kernel, data = build_formula_kernel(
-            _FrictionKernel(self._law),
-            self._functions,
-            joint.a.size + joint.b.size,
-            len(joint.multipliers),
-        )
-        pieces = (joint.a.piece, joint.b.piece)
-        return [ForceStatement(self.name, kernel, pieces, data, joint.name)]

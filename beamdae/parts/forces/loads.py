@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import casadi as ca
-import numpy as np
 
-from beamdae.errors import require_choice, require_name, require_pair, set_fields
+from beamdae.errors import choice_of, convert_fields, optional, require_pair, set_fields
 from beamdae.parts.attachments import (
     Attachment,
     require_angle,
@@ -18,10 +17,10 @@ from beamdae.parts.attachments import (
     require_movable,
     rotate,
 )
-from beamdae.parts.forces.load_observables import LoadedPoint, ObservableLoad
+from beamdae.parts.forces.point_force import ForceFormula, PointForce
 from beamdae.parts.laws import Law, as_law
-from beamdae.symbolic.formula import build_formula_kernel
-from beamdae.symbolic.statements import SX, ForceKernel, ForceStatement, Local, Variable
+from beamdae.parts.point_parts import PlacedPoint
+from beamdae.symbolic.statements import SX, ForceKernel, Local, Variable
 
 
 def load_kernel(local: Local, placement: SX, load: SX) -> ForceKernel:
@@ -31,47 +30,42 @@ def load_kernel(local: Local, placement: SX, load: SX) -> ForceKernel:
     return ForceKernel(local, force, powers=ca.vertcat(power, 0))
 
 
-def dead_load(local: Local, on: Any, *laws: Callable[[SX], SX]) -> ForceKernel:
-    """Return the kernel of a force whose components in inertial axes follow the laws."""
-    position, _ = on(local.q)
-    return load_kernel(local, position, ca.vertcat(*(law(local.time) for law in laws)))
-
-
-def _follower_load(local: Local, on: Any, *laws: Callable[[SX], SX]) -> ForceKernel:
-    position, rotation = on(local.q)
-    return load_kernel(
-        local, position, rotate(rotation, ca.vertcat(*(law(local.time) for law in laws)))
-    )
-
-
-def _moment_load(local: Local, on: Any, law: Callable[[SX], SX]) -> ForceKernel:
-    return load_kernel(local, on(local.q)[1], law(local.time))
-
-
 @dataclass(frozen=True)
-class _MotorLoad:
-    """Moment between two points, of which the first has `size` local coordinates."""
+class _ForceFormula:
+    """Force with components in `axes` that follow the laws."""
 
-    size: int
+    axes: str
 
     def __call__(
-        self, local: Local, on: Any, reaction_on: Any, law: Callable[[SX], SX]
-    ) -> ForceKernel:
-        rotation = on(local.q[: self.size])[1] - reaction_on(local.q[self.size :])[1]
-        return load_kernel(local, rotation, law(local.time))
+        self, local: Local, points: Sequence[PlacedPoint], *laws: Callable[[SX], SX]
+    ) -> tuple[ForceKernel, Mapping[str, SX]]:
+        (on,) = points
+        load = ca.vertcat(*(law(local.time) for law in laws))
+        load = rotate(on.rotation, load) if self.axes == "body" else load
+        return load_kernel(local, on.position, load), {}
 
 
-def load_statement(
-    part: str, on: Sequence[Attachment], kind: Callable[..., ForceKernel], laws: Sequence[Law]
-) -> ForceStatement:
-    """Return the statement of a load on attachments; `kind` builds the kernel from the laws."""
-    functions = (*(x.checked_kinematics for x in on), *(law.formula for law in laws))
-    kernel, data = build_formula_kernel(kind, functions, sum(x.size for x in on))
-    return ForceStatement(part, kernel, tuple(x.piece for x in on), data)
+def _moment_formula(
+    local: Local, points: Sequence[PlacedPoint], law: Callable[[SX], SX]
+) -> tuple[ForceKernel, Mapping[str, SX]]:
+    rotation = points[0].rotation - sum(point.rotation for point in points[1:])
+    return load_kernel(local, rotation, law(local.time)), {}
+
+
+class _Load(PointForce):
+    """Load that follows time laws."""
+
+    is_load = True
+    name: str
+    law: Any
+
+    @property
+    def _functions(self) -> tuple[Callable[..., Any], ...]:
+        return tuple(law.formula for law in self.laws)
 
 
 @dataclass(frozen=True, eq=False)
-class Force(ObservableLoad):
+class Force(_Load):
     """Force on an attachment with components (Fx, Fy) [N] that follow time laws.
 
     Parameters
@@ -101,20 +95,15 @@ class Force(ObservableLoad):
     """
 
     symbol = "force"
-    is_load = True
     name: str
     on: Attachment
     law: Any
     axes: str = "inertial"
 
     def __post_init__(self) -> None:
-        set_fields(self, name=require_name("Force", self.name))
-        require_movable(self.name, require_attachment(self.name, "on", self.on))
-        set_fields(
-            self,
-            law=require_pair(self.name, "law", self.law, "a pair of laws (Fx, Fy)"),
-            axes=require_choice(self.name, "axes", self.axes, ("inertial", "body")),
-        )
+        convert_fields(self, on=require_movable, axes=choice_of("inertial", "body"))
+        law = require_pair(self.name, "law", self.law, "a pair of laws (Fx, Fy)")
+        set_fields(self, law=law)
         _ = self.laws
 
     @cached_property
@@ -127,26 +116,18 @@ class Force(ObservableLoad):
         """Names and units of both components."""
         return (Variable("Fx", "N"), Variable("Fy", "N"))
 
-    def with_constant_laws(self, values: Sequence[float]) -> Force:
-        """Return a copy of the force with constant components [N]."""
-        return replace(self, law=tuple(values))
-
     @property
-    def loaded_points(self) -> dict[str, LoadedPoint]:
+    def points(self) -> dict[str, Attachment]:
         """The attachment, by the name "on"."""
-        return {"on": LoadedPoint(self.on, 0)}
-
-    def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
-        """Return the force as one statement."""
-        return [load_statement(self.name, (self.on,), self._kind, self.laws)]
+        return {"on": self.on}
 
     @property
-    def _kind(self) -> Callable[..., ForceKernel]:
-        return {"inertial": dead_load, "body": _follower_load}[self.axes]
+    def _formula(self) -> ForceFormula:
+        return _ForceFormula(self.axes)
 
 
 @dataclass(frozen=True, eq=False)
-class Moment(ObservableLoad):
+class Moment(_Load):
     """Moment [N m] on a body, or between two bodies; counter-clockwise is positive.
 
     Parameters
@@ -178,24 +159,22 @@ class Moment(ObservableLoad):
     """
 
     symbol = "moment"
-    is_load = True
     name: str
     on: Attachment
     law: Any
     reaction_on: Attachment | None = None
 
     def __post_init__(self) -> None:
-        set_fields(self, name=require_name("Moment", self.name))
-        require_movable(self.name, require_attachment(self.name, "on", self.on))
-        if self.reaction_on is not None:
-            require_attachment(self.name, "reaction_on", self.reaction_on)
-        for attachment in self._points:
+        convert_fields(self, on=require_movable, reaction_on=optional(require_attachment))
+        for attachment in self.points.values():
             require_angle(self.name, attachment)
         _ = self.laws
 
     @property
-    def _points(self) -> tuple[Attachment, ...]:
-        return (self.on,) if self.reaction_on is None else (self.on, self.reaction_on)
+    def points(self) -> dict[str, Attachment]:
+        """The attachments, by the names "on" and "reaction_on"."""
+        on = {"on": self.on}
+        return on if self.reaction_on is None else {**on, "reaction_on": self.reaction_on}
 
     @property
     def acts_between_attachments(self) -> bool:
@@ -212,28 +191,11 @@ class Moment(ObservableLoad):
         """Name and unit of the moment."""
         return (Variable("M", "N m"),)
 
-    def with_constant_laws(self, values: Sequence[float]) -> Moment:
-        """Return a copy of the load with a constant moment [N m]."""
-        return replace(self, law=values[0])
-
     @property
-    def loaded_points(self) -> dict[str, LoadedPoint]:
-        """The attachments, by the names "on" and "reaction_on"."""
-        names = ("on", "reaction_on")
-        return {
-            name: LoadedPoint(x, k)
-            for k, (name, x) in enumerate(zip(names, self._points, strict=False))
-        }
-
-    @property
-    def observed_points(self) -> tuple[str, ...]:
+    def _observed_points(self) -> tuple[str, ...]:
         """The point "on"."""
         return ("on",)
 
-    def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
-        """Return the moment, and the opposite one, as one statement."""
-        return [load_statement(self.name, self._points, self._kind, self.laws)]
-
     @property
-    def _kind(self) -> Callable[..., ForceKernel]:
-        return _moment_load if self.reaction_on is None else _MotorLoad(self.on.size)
+    def _formula(self) -> ForceFormula:
+        return _moment_formula

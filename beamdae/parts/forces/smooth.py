@@ -14,6 +14,8 @@ from beamdae.errors import (
     require_positive,
     short_repr,
 )
+from beamdae.symbolic.scalar_expression import as_scalar
+from beamdae.symbolic.signals import as_expression
 
 
 def positive_part(x: Any) -> Any:
@@ -44,7 +46,7 @@ def positive_part(x: Any) -> Any:
     array([0., 2.])
     """
     x = _require_numeric("positive_part", x)
-    return x.fmax(0.0) if isinstance(x, ca.SX) else np.maximum(x, 0.0)
+    return np.maximum(x, 0.0)
 
 
 def smooth_sign(x: Any, scale: Any) -> Any:
@@ -68,11 +70,10 @@ def smooth_sign(x: Any, scale: Any) -> Any:
         If `x` is not a number, an array of numbers or a symbol, or `scale` is neither a positive
         number nor a symbol.
     """
-    x = _require_numeric("smooth_sign", x)
+    x, scale = _require_numeric("smooth_sign", x), as_expression(scale)
     if not isinstance(scale, ca.SX):
         scale = require_positive("smooth_sign", "scale", scale)
-    is_symbolic = isinstance(x, ca.SX) or isinstance(scale, ca.SX)
-    return (x / scale).tanh() if is_symbolic else np.tanh(x / scale)
+    return np.tanh(x / as_scalar(scale))
 
 
 def require_stribeck(
@@ -104,6 +105,7 @@ def require_stribeck(
 
 
 def _require_numeric(name: str, x: Any) -> Any:
+    x = as_scalar(as_expression(x))
     if isinstance(x, ca.SX):
         return x
     try:

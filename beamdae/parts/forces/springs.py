@@ -9,10 +9,15 @@ from typing import Any
 
 import casadi as ca
 
-from beamdae.errors import BeamdaeError, require_finite, require_non_negative, set_fields
+from beamdae.errors import (
+    BeamdaeError,
+    convert_fields,
+    require_finite,
+    require_non_negative,
+    set_fields,
+)
 from beamdae.parts.attachments import require_angle
 from beamdae.parts.forces.force_element import (
-    DeformationValues,
     ElementResponse,
     ForceElement,
     LinearLaw,
@@ -53,11 +58,11 @@ class _SpringLaw(ForceElement):
 
     def _check_law(self, size: float) -> None:
         """Check the coefficients or the law; `size` is the typical size of the deformation."""
-        set_fields(
+        convert_fields(
             self,
-            stiffness=require_non_negative(self.name, "stiffness", self.stiffness),
-            damping=require_non_negative(self.name, "damping", self.damping),
-            preload=require_finite(self.name, "preload", self.preload),
+            stiffness=require_non_negative,
+            damping=require_non_negative,
+            preload=require_finite,
         )
         self._require_law(1, size, ("stiffness", "damping", "preload"))
 
@@ -168,7 +173,7 @@ class Spring(_SpringLaw):
     @property
     def elongation(self) -> Quantity:
         """Elongation beyond the free length [m]."""
-        return self.observe(DeformationValues, (Variable("", "m"),))
+        return self._observe_columns("deformation", (Variable("", "m"),))
 
 
 @dataclass(frozen=True, eq=False)
@@ -228,7 +233,7 @@ class TorsionSpring(_SpringLaw):
         super().__post_init__()
         require_angle(self.name, self.a)
         require_angle(self.name, self.b)
-        set_fields(self, free_angle=require_finite(self.name, "free_angle", self.free_angle))
+        convert_fields(self, free_angle=require_finite)
         self._check_law(1.0)
 
     @property
@@ -242,4 +247,4 @@ class TorsionSpring(_SpringLaw):
     @property
     def angle(self) -> Quantity:
         """Relative rotation beyond the free angle [rad]."""
-        return self.observe(DeformationValues, (Variable("", "rad"),))
+        return self._observe_columns("deformation", (Variable("", "rad"),))

@@ -2,37 +2,40 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar
 
 import casadi as ca
 
-from beamdae.errors import BeamdaeError, set_fields
-from beamdae.parts.attachments import rotate
-from beamdae.parts.joints.guides import project_along, require_direction
+from beamdae.errors import BeamdaeError, convert_fields
+from beamdae.parts.attachments import require_direction, rotate
+from beamdae.parts.joints.guides import project_along
 from beamdae.parts.joints.joint import Joint
-from beamdae.parts.joints.kinematic_constraint import PlacedPoint, PointFunction
+from beamdae.parts.joints.kinematic_constraint import GapFormula
 from beamdae.parts.laws import Law, as_law
+from beamdae.parts.point_parts import PlacedPoint
 from beamdae.symbolic.signals import find_signals, with_references
 from beamdae.symbolic.statements import SX, Local, Quantity, Variable, rebuilt_for_mesh
 
 
 @dataclass(frozen=True)
-class _ReactionAndPower(PointFunction):
+class _ReactionAndPower:
     """Reaction of a driver, and power supplied by the driver.
 
     Attributes
     ----------
+    gap
+        The gap.
     law_may_change
         True if an event may replace the law; the power is then computed from the motion.
     """
 
+    gap: GapFormula
     law_may_change: bool
 
-    def __call__(self, local: Local, *functions: Any) -> SX:
-        g = self.evaluate(local, self.place_points(local, functions), functions)
+    def __call__(self, local: Local, *arguments: Any) -> SX:
+        g = self.gap(local, *arguments)
         if self.law_may_change:
             rate = -ca.jtimes(g, local.q, local.v)
         else:
@@ -47,40 +50,37 @@ class DrivenJoint(Joint):
     is_relative: ClassVar[bool] = True
     _driven: ClassVar[tuple[Variable, ...]] = ()
 
+    law: Any
+
     @property
-    def law_argument(self) -> Any:
+    def _law_argument(self) -> Any:
         """Law as passed by the user: a number, a function of t or a `Law`."""
-        raise NotImplementedError
+        return self.law
 
     @cached_property
     def laws(self) -> tuple[Law, ...]:
         """Time law of the joint, as a tuple of one entry."""
-        return (as_law(self.name, self.law_argument),)
+        return (as_law(self.name, self._law_argument),)
 
     @property
     @rebuilt_for_mesh
     def drive(self) -> Quantity:
         """Reaction (force [N] or moment [N m]) and power [W] supplied by the driver."""
-        assert self.gap is not None
-        gap = self._point_function(self.gap)
+        gap = self._gap_formula
+        assert gap is not None
         # The law of an input is not part of the formula.
         law_may_change = self.is_relative or bool(find_signals(self.laws[0](SX.zeros(2))))
-        build = _ReactionAndPower(gap.sizes, gap.n_parameters, gap.function, law_may_change)
-        return self.observe(build, (*self.reaction.columns, Variable("power", "W")))
+        build = _ReactionAndPower(gap, law_may_change)
+        return self._observe(build, (*self.reaction.columns, Variable("power", "W")))
 
     @property
     def inputs(self) -> tuple[Variable, ...]:
         """Name and unit of the driven value; empty if the law is not relative."""
         return self._driven
 
-    def with_constant_laws(self, values: Sequence[float]) -> DrivenJoint:
-        """Return a copy of the driver with a constant value."""
-        changed: Any = self
-        return replace(changed, law=values[0])
-
     def _require_law(self) -> None:
         (driven,) = self._driven
-        if self.law_argument is None:
+        if self._law_argument is None:
             raise BeamdaeError(
                 f"{self.name}: law= is missing; pass the {driven.name} [{driven.unit}] as a "
                 "function of time."
@@ -144,11 +144,6 @@ class Driver(DrivenJoint):
         """Return the relative rotation minus the prescribed angle [rad]."""
         return b.rotation - a.rotation - angle
 
-    @property
-    def law_argument(self) -> Any:
-        """Law of the angle [rad], as passed by the user."""
-        return self.law
-
 
 @dataclass(frozen=True, eq=False)
 class TranslationalDriver(DrivenJoint):
@@ -189,7 +184,7 @@ class TranslationalDriver(DrivenJoint):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        set_fields(self, direction=require_direction(self.name, self.direction))
+        convert_fields(self, direction=require_direction)
         self._require_law()
 
     @property
@@ -204,8 +199,3 @@ class TranslationalDriver(DrivenJoint):
         """Return the travel minus the prescribed travel [m]."""
         distance = ca.dot(rotate(a.rotation, (ex, ey)), b.position - a.position)
         return distance - reference_distance - travel
-
-    @property
-    def law_argument(self) -> Any:
-        """Law of the travel [m], as passed by the user."""
-        return self.law

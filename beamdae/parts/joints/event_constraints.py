@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -11,9 +11,14 @@ import casadi as ca
 import numpy as np
 
 from beamdae.parts.attachments import Attachment, rotate
-from beamdae.parts.joints.kinematic_constraint import KinematicConstraint, PointFunction
+from beamdae.parts.joints.kinematic_constraint import (
+    GapFormula,
+    KinematicConstraint,
+    list_functions,
+)
 from beamdae.parts.laws import Law
 from beamdae.parts.part import Part
+from beamdae.parts.point_parts import PlacedPoint
 from beamdae.symbolic.formula import MAX_SHARED_KERNELS, FormulaExpression
 from beamdae.symbolic.functions.compiled import RowFunction
 from beamdae.symbolic.signals import with_references
@@ -37,7 +42,7 @@ class FrozenGap:
     ----------
     offsets
         Values of the gap function at the event [m or rad]; the first two are components in the axes
-        of the `offset_carrier` of the joint, if there is one.
+        of the `_offset_carrier` of the joint, if there is one.
     event
         Name of the event whose law the joint follows, or "" if the joint keeps its original law.
     since
@@ -54,7 +59,7 @@ FrozenGaps = Mapping[str, FrozenGap]  # by name of the joint
 
 def _carrier_index(joint: KinematicConstraint) -> int | None:
     """Return the index of the point whose axes carry the first two offsets, or None."""
-    carrier = joint.offset_carrier
+    carrier = joint._offset_carrier
     return None if carrier is None else list(joint.points).index(carrier)
 
 
@@ -89,14 +94,14 @@ class _OffsetGap:
 
 
 @dataclass(frozen=True)
-class _GapOffsets(PointFunction):
+class _GapOffsets:
     """Offsets that close the gap at the current positions."""
 
+    gap: GapFormula
     carrier: int | None
 
-    def __call__(self, local: Local, *functions: Any) -> SX:
-        points = self.place_points(local, functions)
-        gap = self.evaluate(local, points, functions)
+    def __call__(self, local: Local, points: Sequence[PlacedPoint], *functions: Any) -> SX:
+        gap = self.gap(local, points, *functions)
         if self.carrier is None:
             return gap
         return ca.vertcat(rotate(-points[self.carrier].rotation, gap), gap[2:])
@@ -128,9 +133,9 @@ def evaluate_frozen_gap(
     """
     assert joint.gap is not None
     parameters, laws = joint.gap_parameters, joint.laws if law is None else (law,)
-    sizes = tuple(point.size for point in joint.points.values())
-    build = _GapOffsets(sizes, len(parameters), joint.gap, _carrier_index(joint))
-    expression, data = FormulaExpression.of(build, joint.argument_functions(parameters, laws))
+    build = _GapOffsets(GapFormula(joint.gap, len(parameters)), _carrier_index(joint))
+    arguments = joint._arguments(build, list_functions(parameters, laws))
+    expression, data = FormulaExpression.of(*arguments)
     values = _offset_function(expression, len(local), len(data))(time[None], local[None], data)
     return tuple(values[0].tolist())
 
@@ -169,7 +174,7 @@ class FrozenConstraint(Part):
         parameters, offsets = joint.gap_parameters, self.offsets
         n_arguments = len(joint.points) + len(parameters)
         gap = _OffsetGap(joint.gap, n_arguments, len(offsets), _carrier_index(joint))
-        return joint.state_constraints(gap, (*parameters, *offsets), self.laws)
+        return joint._state_constraints(gap, (*parameters, *offsets), self.laws)
 
 
 @dataclass(frozen=True, eq=False)

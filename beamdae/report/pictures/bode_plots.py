@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from beamdae.analysis.linear_dynamics.bode_diagram import Bode
 from beamdae.report.pictures.figures import COLORS, Panel, draw_panels
 from beamdae.report.pictures.tick_labels import format_ticks
-from beamdae.results.displays import Plot
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -20,12 +19,7 @@ _PHASE_STEPS = [1.0, 1.5, 3.0, 4.5, 9.0, 10.0]  # of ticks; 4.5 is that of 45 de
 _MIN_MAGNITUDE_RATIO, _MIN_PHASE_RANGE = 10.0, 20.0
 
 
-def plot_bode(diagram: Bode) -> Plot:
-    """Draw magnitudes and phases of the transfer functions; see `Bode.plot`."""
-    return Plot(create_bode_figure(diagram))
-
-
-def create_bode_figure(diagram: Bode, title: str = "") -> Figure:
+def create_bode_figure(diagram: Bode, title: str = "", *_: Any) -> Figure:
     """Draw the magnitudes on the left and the phases on the right, one transfer function a row.
 
     Transfer functions that are zero but for rounding errors are omitted.

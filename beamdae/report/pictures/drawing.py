@@ -45,6 +45,12 @@ def draw(mechanism: Mechanism) -> Plot:
     return Plot(create_drawing(mechanism))
 
 
+def create_design_figure(result: Any, *_: Any) -> Figure | None:
+    """Return the drawing of the best design of an `Optimization`; None if it has no shape."""
+    best = result.mechanism()
+    return create_drawing(best) if isinstance(best, Mechanism) else None
+
+
 def create_drawing(mechanism: Mechanism, size: tuple[float, float] | None = None) -> Figure:
     """Return the drawing of a mechanism as a figure.
 

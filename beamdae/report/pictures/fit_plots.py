@@ -14,9 +14,10 @@ from beamdae.report.pictures.figures import (
     draw_panels,
 )
 from beamdae.results.columns import Header, remove_unit
-from beamdae.results.displays import Plot
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from beamdae.analysis.fit.profile import ProfileLikelihood
     from beamdae.analysis.fit.result import Fit
 
@@ -25,7 +26,7 @@ _PROFILE_SIZE = (5.6, 3.6)  # [inch]
 _BAND = 1.96
 
 
-def plot_fit(fit: Fit) -> Plot:
+def create_fit_figure(fit: Fit, title: str = "", *_: Any) -> Figure:
     """Plot data and model, and the residuals in standard deviations; see `Fit.plot`."""
     data: dict[str, Any] = {"color": COLORS[0], "ls": "", "marker": "o", "ms": 2.5}
     model: dict[str, Any] = {"color": COLORS[3], "lw": 1.2}
@@ -42,10 +43,10 @@ def plot_fit(fit: Fit) -> Plot:
         panels += [Panel(label, f"[{unit}]", curves)]
         panels += [Panel(f"residuals of {label}", "[sigma]", residuals)]
     entries = {"data": data, "model": model, "95 % of residuals": band}
-    return Plot(draw_panels(panels, "", entries))
+    return draw_panels(panels, title, entries)
 
 
-def plot_profile(profile: ProfileLikelihood) -> Plot:
+def create_profile_figure(profile: ProfileLikelihood, *_: Any) -> Figure:
     """Plot the increase of the sum of squares over the parameter; see `ProfileLikelihood.plot`."""
     # Imported here because importing Matplotlib takes longer than some commands.
     from matplotlib.figure import Figure
@@ -61,4 +62,4 @@ def plot_profile(profile: ProfileLikelihood) -> Plot:
     axis.set_ylabel("increase of chi-square")
     draw_grid(axis)
     disable_math_text(figure)
-    return Plot(figure)
+    return figure

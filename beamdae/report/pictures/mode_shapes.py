@@ -12,7 +12,7 @@ import numpy as np
 from beamdae.analysis.linear_dynamics.campbell_diagram import Campbell
 from beamdae.analysis.linear_dynamics.natural_modes import Modes
 from beamdae.analysis.statics.linear_buckling import Buckling
-from beamdae.errors import BeamdaeError, require_count, short_repr
+from beamdae.errors import BeamdaeError, require_count
 from beamdae.parts.mechanism import Mechanism
 from beamdae.report.page.motion_player import build_motion_player
 from beamdae.report.pictures.animation_files import save_animation
@@ -40,7 +40,7 @@ from beamdae.report.scene.mechanism_scene import (
 )
 from beamdae.report.scene.poses import CoordinatePoses, Poses, VibrationPoses
 from beamdae.report.scene.scene import Scene
-from beamdae.results.displays import Animation, Plot
+from beamdae.results.displays import Animation
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -110,11 +110,6 @@ def export_modes(
 
 
 def _require_drawable(name: str, modes: Any) -> Mechanism:
-    if not isinstance(modes, Modes | Buckling):
-        raise BeamdaeError(
-            f"{name}: modes must be a result of beamdae.modes or beamdae.buckling, "
-            f"got {short_repr(modes)}."
-        )
     if modes.mechanism is None or not len(modes):
         raise BeamdaeError(
             f"{name}: there are no modes, or the modes belong to a system without a mechanism; "
@@ -125,14 +120,11 @@ def _require_drawable(name: str, modes: Any) -> Mechanism:
     return modes.mechanism
 
 
-def draw_modes(modes: Modes | Buckling) -> Plot:
-    """Draw up to twelve mode shapes; see `HasModeShapes.plot`."""
-    return Plot(create_modes_figure(modes))
-
-
-def create_modes_figure(modes: Modes | Buckling, title: str = "") -> Figure:
-    """Create a figure with up to twelve mode shapes; see `draw_modes`."""
-    scenes = ModeScenes("draw_modes", modes)
+def create_modes_figure(modes: Modes | Buckling, title: str = "", *_: Any) -> Figure | None:
+    """Create a figure with up to twelve mode shapes; see `HasModeShapes.plot`."""
+    if modes.mechanism is None or not len(modes):
+        return None
+    scenes = ModeScenes("plot", modes)
     panels = [scenes.vibrating(k, np.ones(1)) for k in range(min(len(modes), MAX_PANELS))]
     corners = low, high = padded_extent([scenes.rest, *panels])
     columns = min(len(panels), _MAX_COLUMNS)
@@ -181,11 +173,6 @@ def animate_mode(
     return save_animation("animate", path, figure, artists.show, number, rate)
 
 
-def draw_campbell(diagram: Campbell) -> Plot:
-    """Plot a Campbell diagram; see `Campbell.plot`."""
-    return Plot(create_campbell_figure(diagram))
-
-
 def choose_frequency_limit(diagram: Campbell) -> float:
     """Return the largest frequency [Hz] that pictures of a Campbell diagram show.
 
@@ -219,7 +206,7 @@ def describe_hidden_modes(diagram: Campbell) -> str:
     return f"mode{'s' * (len(numbers) > 1)} {', '.join(map(str, numbers))}"
 
 
-def create_campbell_figure(diagram: Campbell, title: str = "Campbell diagram") -> Figure:
+def create_campbell_figure(diagram: Campbell, title: str = "", *_: Any) -> Figure:
     """Create the figure of a Campbell diagram."""
     order = np.argsort(diagram.speeds)
     speeds = diagram.speeds[order] / diagram.speed_factor
@@ -249,7 +236,7 @@ def create_campbell_figure(diagram: Campbell, title: str = "Campbell diagram") -
         lines,
         (f"speed [{diagram.speed_unit}]", ""),
     )
-    heading = f"{title}; dashed: multiples of the speed, circles: resonances"
+    heading = f"{title or 'Campbell diagram'}; dashed: multiples of the speed, circles: resonances"
     figure = draw_panels([panel], heading, entries, x_label=None)
     figure.set_size_inches(_CAMPBELL_SIZE)
     (axis,) = figure.axes

@@ -23,7 +23,6 @@ from beamdae.results.columns import (
     select_column,
     select_columns,
 )
-from beamdae.results.displays import Plot
 from beamdae.results.equilibrium import Equilibrium
 from beamdae.results.frequency_response import FrequencyResponse
 
@@ -39,15 +38,10 @@ _UNSTABLE_DASHES = (0, (3, 2))
 _MARKERS = {"limit point": "o", "branch point": "s", "flutter point": "^", "stopped": "x"}
 
 
-def plot_path(equilibrium: Equilibrium, names: Sequence[str], x: str | None = None) -> Plot:
-    """Plot the load factor over the named columns, or these over `x`; see `Equilibrium.plot`."""
-    return Plot(create_path_figure(equilibrium, "", names, x))
-
-
 def create_path_figure(
     equilibrium: Equilibrium, title: str, names: Sequence[str], x: str | None
 ) -> Figure:
-    """Plot the load factor over columns, or columns over the column `x`.
+    """Plot the load factor over columns, or columns over the column `x`; see `Equilibrium.plot`.
 
     Without names, the columns are up to six that vary; if only `x` varies, the load
     factor is plotted over it. The path is dashed where it is unstable.
@@ -122,7 +116,7 @@ def _is_varying(equilibrium: Equilibrium, column: str) -> bool:
     return is_path and float(np.ptp(equilibrium.columns[column])) > limit
 
 
-def plot_critical_loads(result: Boundary | KnockDown) -> Plot:
+def create_critical_loads_figure(result: Boundary | KnockDown, title: str = "", *_: Any) -> Figure:
     """Plot critical load factors over the parameter or over the amplitude of the imperfection."""
     table = result.table()
     name, factor = map(str, table.columns[:2])
@@ -131,24 +125,18 @@ def plot_critical_loads(result: Boundary | KnockDown) -> Plot:
     lines: list[tuple[Any, Any, dict[str, Any]]] = [(table[name], table[factor], style)]
     special = result.special if isinstance(result, Boundary) else ()
     lines += [([x.value], [x.factor], _PEAK) for x in special]
-    return Plot(draw_panels([Panel("", factor, lines, (name, factor))], x_label=None))
-
-
-def plot_response(response: FrequencyResponse, column: str, x: str | None = None) -> Plot:
-    """Plot the half range of a column over the parameter or over that of another column.
-
-    See `FrequencyResponse.plot`.
-    """
-    return Plot(create_response_figure(response, "", [column], x))
+    return draw_panels([Panel("", factor, lines, (name, factor))], title, x_label=None)
 
 
 def create_response_figure(
     response: FrequencyResponse, title: str, names: Sequence[str] = (), x: str | None = None
-) -> Figure:
-    """Plot half ranges of observed columns over the parameter.
+) -> Figure | None:
+    """Plot half ranges of observed columns over the parameter or over that of another column.
 
-    Without names, the columns are up to six that vary.
+    Without names, the columns are up to six that vary. See `FrequencyResponse.plot`.
     """
+    if not response.points:
+        return None
     if not names:
         curves = {c: response.curve(c)[1] for c in response.points[0].solution.columns}
         moving = {c: y for c, y in curves.items() if c not in response.resting_columns}
@@ -178,8 +166,6 @@ def _create_response_panel(response: FrequencyResponse, column: str, x: str | No
 
 
 def _label_half_range(response: FrequencyResponse, name: str) -> str:
-    if not response.points:
-        return f"{name}, half range"
     header = select_column("frequency_response", response.points[0].solution.columns, name)
     unit = Header.of(header).unit
     return f"{header.removesuffix(f' [{unit}]')}, half range [{unit}]"

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from beamdae.errors import BeamdaeError, require_count, require_positive, short_repr
+from beamdae.errors import require_count, require_positive
 from beamdae.report.page.motion_player import build_motion_player
 from beamdae.report.pictures.animation_files import save_animation
 from beamdae.report.pictures.scene_artists import (
@@ -49,10 +49,6 @@ def animate(
     scale: float | None = None,
 ) -> Animation | Path:
     """Return the animation of a run, or write it; see `Solution.animate`."""
-    if not isinstance(solution, Solution):
-        raise BeamdaeError(
-            f"animate: solution must be a Solution of a run, got {short_repr(solution)}."
-        )
     t = frame_times(solution, 2)
     speed = require_positive("animate", "speed", speed)
     duration = float(t[-1] - t[0]) / speed

@@ -319,6 +319,16 @@ def _require_labels(runs: Sequence[TimeSeries], labels: Any) -> list[str]:
     return texts
 
 
+def create_motion_figure(
+    motion: Any, title: str, names: Sequence[str] = (), *_: Any
+) -> Figure | None:
+    """Plot columns of one period of a `PeriodicMotion`; without names, those that vary."""
+    columns = motion.solution.all_columns()
+    if names:
+        return create_figure({"run": columns}, select_plot(columns, columns, names), columns, title)
+    return create_run_figure(columns, title) if motion.solution.columns else None
+
+
 def create_run_figure(table: Columns, title: str) -> Figure:
     """Plot observed positions, deformations and forces over time.
 

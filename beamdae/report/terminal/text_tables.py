@@ -29,6 +29,7 @@ ERROR_DIGITS = 2
 ERROR_HEADER = "error [-]"
 _CAUSES = {
     "time": "by steps",
+    "friction": "by friction speed",
     "mesh": "by elements",
     "theory": "by strains",
 }

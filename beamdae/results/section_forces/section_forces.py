@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from beamdae import deferred
 from beamdae.beams.beam import Beam
 from beamdae.equations.measures import TIME
 from beamdae.errors import BeamdaeError, require_positive, warn_user
 from beamdae.read_only import read_only_data
 from beamdae.results.columns import FACTOR
-from beamdae.results.displays import HasTable, Plot, load_views
+from beamdae.results.displays import HasTable, Plot
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -442,7 +443,9 @@ class SectionForces(HasTable):
         BeamdaeError
             If `what` is invalid, or `t` is too far from the nearest available time.
         """
-        return load_views().plot_section_forces(self, what, t)
+        return deferred.module("report.pictures.section_diagrams").plot_section_diagram(
+            self, what, t
+        )
 
 
 def _excess(values: Array, others: Array) -> float:

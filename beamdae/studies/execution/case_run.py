@@ -13,7 +13,6 @@ from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
-from beamdae.accuracy.runs import unchecked
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import BeamdaeError, BeamdaeWarning, KernelWarning, working_folder
 from beamdae.report.page.page_data import encode
@@ -21,7 +20,7 @@ from beamdae.report.scene.frame_export import export_run_frames
 from beamdae.results.outcome import Status
 from beamdae.results.solution import Solution
 from beamdae.results.storage.files import is_in_deleted_folder
-from beamdae.simulation import as_equations, simulate
+from beamdae.simulation import as_equations, simulate, unchecked
 from beamdae.studies.case import Case
 from beamdae.studies.column_measures import measure_rows
 from beamdae.studies.run_values import (

@@ -3,25 +3,22 @@
 from __future__ import annotations
 
 import os
-import platform
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 
 from beamdae.errors import BeamdaeError
 from beamdae.results.storage.files import describe_write_error
 
 _LOCK_FILE = ".lock"
-_OPEN_FLAGS = os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_CLOEXEC", 0)
-_MAX_OWNER_BYTES = 300
 
 
 @contextmanager
 def lock_folder(folder: Path) -> Iterator[None]:
     """Hold the lock of a results folder, which is created if needed.
 
-    The lock is a file that the system unlocks when the process ends, even if the process is killed,
-    so the file of a killed process can be reused. File systems without locks are not protected.
+    The lock is a file that the system unlocks when the process ends, even if the process is killed;
+    the file remains. File systems without locks are not protected.
 
     Raises
     ------
@@ -31,13 +28,16 @@ def lock_folder(folder: Path) -> Iterator[None]:
     """
     path = folder / _LOCK_FILE
     try:
-        descriptor = _acquire_lock(path)
+        folder.mkdir(parents=True, exist_ok=True)
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
     except OSError as problem:
         raise describe_write_error(path, problem) from problem
     try:
-        with suppress(OSError):  # Only messages need the name of the owner; the disk may be full.
-            os.ftruncate(descriptor, 0)
-            os.write(descriptor, f"process {os.getpid()} on {platform.node()}".encode())
+        if not _lock_file(descriptor):
+            raise BeamdaeError(
+                f"{folder}: another process is running a study in this folder; wait until it ends, "
+                "or choose another folder."
+            )
         yield
     except FileNotFoundError as problem:
         # Any operation of the study may be the first to miss the folder.
@@ -45,35 +45,6 @@ def lock_folder(folder: Path) -> Iterator[None]:
             raise
         raise describe_write_error(path, problem) from problem
     finally:
-        if os.name == "nt":  # Windows cannot remove open files.
-            os.close(descriptor)
-        with suppress(OSError):
-            path.unlink()
-        if os.name != "nt":
-            os.close(descriptor)
-
-
-def _acquire_lock(path: Path) -> int:
-    """Return the descriptor of the locked file at `path`."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    while True:
-        descriptor = os.open(path, _OPEN_FLAGS, 0o666)
-        try:
-            if not _lock_file(descriptor):
-                raise BeamdaeError(
-                    f"{path.parent}: {_read_owner(descriptor)} is running a study in this folder; "
-                    "wait until it ends, or choose another folder."
-                )
-            if os.fstat(descriptor).st_nlink > 1:
-                raise BeamdaeError(
-                    f"{path}: the lock is also a file of another name (hard link); remove the link."
-                )
-            # The previous owner may have removed the file in the meantime.
-            if path.exists() and os.path.samestat(path.stat(), os.fstat(descriptor)):
-                return descriptor
-        except BaseException:
-            os.close(descriptor)
-            raise
         os.close(descriptor)
 
 
@@ -105,11 +76,3 @@ def _lock_file_on_windows(descriptor: int) -> bool:
     except OSError:
         return False
     return True
-
-
-def _read_owner(descriptor: int) -> str:
-    try:
-        owner = os.read(descriptor, _MAX_OWNER_BYTES).decode(errors="replace")
-    except OSError:  # Windows locks the content, too.
-        owner = ""
-    return owner if owner.isprintable() and owner else "another process"

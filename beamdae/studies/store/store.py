@@ -42,9 +42,13 @@ class StoredRows:
 
 @dataclass(frozen=True)
 class Record:
-    """Outcome of a task on disk; for the fields, see `Outcome` and `Task`."""
+    """Outcome of a task on disk; for the fields, see `Outcome` and `Task`.
+
+    `counts` are the `values` in the columns of counts of the case table.
+    """
 
     status: Status
+    counts: dict[str, int | None]
     values: dict[str, float | int | str | bool | None]
     rows: StoredRows | None
     frames: dict[str, Any] | None
@@ -53,7 +57,7 @@ class Record:
     repetitions: int
 
 
-_FORMAT = Format(FileKind("record", "run the case again"), 6, Record)
+_FORMAT = Format(FileKind("record", "run the case again"), 7, Record)
 
 
 @dataclass(frozen=True)
@@ -88,7 +92,8 @@ class Store:
             rows = asdict(StoredRows(task.file, digest, outcome.rows.headers, outcome.measures))
         content = {
             "status": asdict(outcome.status),
-            "values": outcome.values,
+            "counts": {k: x for k, x in outcome.values.items() if k in COUNT_COLUMNS},
+            "values": {k: x for k, x in outcome.values.items() if k not in COUNT_COLUMNS},
             "rows": rows,
             "frames": outcome.frames,
             "read": outcome.read,
@@ -118,7 +123,13 @@ class Store:
             return None
         measures, file = ({}, "") if stored is None else (stored.measures, stored.file)
         return Outcome(
-            record.status, record.values, rows, measures, record.frames, record.read, file
+            record.status,
+            record.counts | record.values,
+            rows,
+            measures,
+            record.frames,
+            record.read,
+            file,
         )
 
     def remove_scratch_files(self) -> None:
@@ -139,9 +150,6 @@ def format_trajectory(columns: Sequence[str], numbers: Array) -> bytes:
 
 def _is_usable(task: Task, record: Record) -> bool:
     if changed_files(record.read, task.case.model.home):
-        return False
-    counts = (record.values.get(column) for column in COUNT_COLUMNS)
-    if not all(x is None or isinstance(x, int) for x in counts):
         return False
     if not record.status.success:
         return record.time_limit == task.time_limit

@@ -73,7 +73,7 @@ class ParameterStudy(Study):
     """
 
     references: tuple[Integrator, ...] | None = ()
-    outputs: Mapping[str, Output] = field(default_factory=dict)
+    outputs: Mapping[str, Output | Measure] = field(default_factory=dict)
     is_measured: bool = False
     settings: tuple[Mapping[str, Any], ...] = ()
 
@@ -225,7 +225,7 @@ def _check_value(model: Model, name: str, value: Any, label: str | None = None) 
     return ParameterValue(checked, checked if plain else format_parameter(checked))
 
 
-def _require_outputs(part: str, value: Any, columns: Collection[str]) -> dict[str, Output]:
+def _require_outputs(part: str, value: Any, columns: Collection[str]) -> dict[str, Any]:
     allowed = "a dict of functions of a solution by name"
     outputs = require_entries(part, "outputs", value, allowed)
     for name, function in outputs.items():

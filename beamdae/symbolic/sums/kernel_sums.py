@@ -14,7 +14,7 @@ import ctypes
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, cast
 
 import casadi as ca
 import numpy as np
@@ -253,6 +253,48 @@ class Batch(NamedTuple):
     copies: int
 
 
+class Inputs(NamedTuple):
+    """Inputs local[targets] = weights x[sources] of all batches, summed over repeated targets."""
+
+    targets: Array
+    sources: Array
+    weights: Array
+
+
+class Entries(NamedTuple):
+    """Entries result[rows] += weights out[sources] of the outputs of batches.
+
+    Attributes
+    ----------
+    rows
+        Rows of the result.
+    batches
+        Batch of each entry; the number of batches for entries of `shared` and the 1.
+    sources
+        Positions in the outputs of the batch.
+    weights
+        Weights.
+    is_plain
+        True for weights that are 1 in all models of a structure.
+    """
+
+    rows: Array
+    batches: Array
+    sources: Array
+    weights: Array
+    is_plain: Array
+
+
+def join(*parts: Any) -> Any:
+    """Join `Inputs` or `Entries`."""
+    return type(parts[0])(*map(np.concatenate, zip(*parts, strict=True)))
+
+
+def select(part: Any, which: Array) -> Any:
+    """Return some of `Inputs` or `Entries`, by mask or indices."""
+    return type(part)(*(column[which] for column in part))
+
+
 @dataclass(frozen=True)
 class SumPlan:
     """A sum without buffers and model data; all its `Sum`s share the constant arrays.
@@ -280,6 +322,110 @@ class SumPlan:
     # Of `SumEvaluator`: buffers for the next evaluator, and hashes of the numbers of models so far.
     idle_buffers: list[Any] = field(default_factory=list, init=False, compare=False, repr=False)
     models: set[int] = field(default_factory=set, init=False, compare=False, repr=False)
+
+    @classmethod
+    def of(
+        cls,
+        n_shared: int,
+        batches: Sequence[tuple[Kernel, int, int]],
+        data: tuple[Array, Array],
+        inputs: Inputs,
+        entries: Entries,
+    ) -> SumPlan:
+        """Return the plan of a sum; inputs and entries are sorted by batch and grouped as in `Sum`.
+
+        Parameters
+        ----------
+        n_shared
+            Number of inputs that all copies share.
+        batches
+            Kernel, number of lanes and number of copies of each batch.
+        data
+            Targets and sources of the data of the model.
+        inputs, entries
+            Inputs of the copies, and entries of the result.
+        """
+        n_batches = len(batches)
+        in_sizes, out_sizes = (
+            np.array([getattr(kernel, size) * lanes for kernel, lanes, _ in batches], np.intp)
+            for size in ("n_local", "n_out")
+        )
+        starts = np.cumsum(in_sizes) - in_sizes
+        by_batch = np.lexsort((entries.rows, entries.batches))
+        plain, weighted = _partition(by_batch, entries.is_plain)
+        target = inputs.targets
+        is_single = np.bincount(target, minlength=1)[target] == 1
+        by_target = np.argsort(target, kind="stable")
+        picks, gathers = _partition(by_target, (inputs.weights == 1.0) & is_single)
+        input_batch = np.searchsorted(starts, target, "right") - 1
+        sorted_batches = (
+            *(input_batch[order] for order in (picks, gathers)),
+            *(entries.batches[order] for order in (plain, weighted)),
+        )
+        table = [starts, [lanes for _, lanes, _ in batches]]
+        table += [np.searchsorted(x, np.arange(n_batches), "right") for x in sorted_batches]
+        kernels = zip(batches, starts.tolist(), strict=True)
+        return cls(
+            n_shared=n_shared,
+            n_local=int(in_sizes.sum()),
+            n_out=int(max([n_shared + 1, *out_sizes])),
+            data_targets=_to_unsigned(data[0]),
+            data_sources=_to_unsigned(data[1]),
+            batches=tuple(Batch(kernel, start, *sizes) for (kernel, *sizes), start in kernels),
+            batch_table=np.ascontiguousarray(np.array(table, np.int64).reshape(6, -1).T),
+            pick_targets=_to_unsigned(target[picks]),
+            pick_sources=_to_unsigned(inputs.sources[picks]),
+            gather_targets=_to_unsigned(target[gathers]),
+            gather_sources=_to_unsigned(inputs.sources[gathers]),
+            gather_weights=inputs.weights[gathers],
+            add_targets=_to_unsigned(entries.rows[plain]),
+            add_sources=_to_unsigned(entries.sources[plain]),
+            weighted_targets=_to_unsigned(entries.rows[weighted]),
+            weighted_sources=_to_unsigned(entries.sources[weighted]),
+            weights=entries.weights[weighted],
+        )
+
+    @property
+    def sizes(self) -> tuple[Array, Array]:
+        """Numbers of local inputs and of outputs of each batch."""
+        sizes = [(b.kernel.n_local * b.lanes, b.kernel.n_out * b.lanes) for b in self.batches]
+        n_local, n_out = np.array(sizes, np.intp).reshape(-1, 2).T
+        return n_local, n_out
+
+    def batch_of(self, targets: Array) -> Array:
+        """Return the batch of positions in `Sum.local`."""
+        return np.searchsorted(self.batch_table[:, START], targets, "right") - 1
+
+    @property
+    def inputs(self) -> Inputs:
+        """Inputs of the copies: those that are picked, then those that are gathered."""
+        targets, sources = (
+            np.concatenate(x).astype(np.intp)
+            for x in (
+                (self.pick_targets, self.gather_targets),
+                (self.pick_sources, self.gather_sources),
+            )
+        )
+        ones = np.ones(len(self.pick_targets))
+        return Inputs(targets, sources, np.concatenate([ones, self.gather_weights]))
+
+    @property
+    def entries(self) -> Entries:
+        """Entries of the outputs of batches, without `shared` and the 1: plain ones come first."""
+        ends = self.batch_table[:, [ADD_END, WEIGHTED_END]].T
+        columns = (
+            (self.add_targets, self.add_sources, np.ones(len(self.add_targets))),
+            (self.weighted_targets, self.weighted_sources, self.weights),
+        )
+        parts = []
+        for is_plain, end, (rows, sources, weights) in zip(
+            (True, False), ends, columns, strict=True
+        ):
+            count = int(end[-1]) if len(end) else 0
+            batches = np.searchsorted(end, np.arange(count), "right")
+            row, source = (x[:count].astype(np.intp) for x in (rows, sources))
+            parts.append(Entries(row, batches, source, weights[:count], np.full(count, is_plain)))
+        return cast("Entries", join(*parts))
 
     def load_native(self, compiles: bool) -> bool:
         """Return True if there is machine code of all kernels, in the cache or compiled."""
@@ -374,13 +520,11 @@ class SumPlan:
         outputs = [BatchRows(x.kernel.n_out, x.lanes, x.copies) for x in self.batches]
         targets, sources = (x.astype(np.intp) for x in (self.pick_targets, self.pick_sources))
         picks = find_tiles(inputs, targets, sources, fills_padding=True)
-        n_add = int(self.batch_table[-1, ADD_END]) if len(self.batches) else 0
-        batch = _entry_batches(self.batch_table[:, ADD_END], n_add)
-        sizes = np.array([x.height * x.lanes for x in outputs], np.intp)
-        starts = np.cumsum(sizes) - sizes
-        positions = starts[batch] + self.add_sources[:n_add].astype(np.intp)
-        rows = self.add_targets[:n_add].astype(np.intp)
-        adds = find_tiles(outputs, positions, rows, fills_padding=False)
+        entries = self.entries
+        adds_of = select(entries, entries.is_plain)
+        starts = np.cumsum(self.sizes[1]) - self.sizes[1]
+        positions = starts[adds_of.batches] + adds_of.sources
+        adds = find_tiles(outputs, positions, adds_of.rows, fills_padding=False)
         for tiles, first in ((picks, self.batch_table[:, START]), (adds, starts)):
             counts = np.diff(tiles.ends, prepend=0)
             tiles.table[:, 0] -= np.repeat(first, counts)
@@ -392,40 +536,31 @@ class SumPlan:
 
         Batches are in order, (component, copy) within each of them. Shared numbers are not added.
         """
-        picks = (np.ones(len(self.pick_targets)), self.pick_targets, self.pick_sources)
-        gathers = (self.gather_weights, self.gather_targets, self.gather_sources)
-        sizes = np.array([b.kernel.n_out * b.lanes for b in self.batches], np.intp)
-        starts = np.cumsum(sizes) - sizes
-        ends = self.batch_table[:, [ADD_END, WEIGHTED_END]].T
-        entries = (
-            (self.add_targets, self.add_sources, np.ones(len(self.add_targets))),
-            (self.weighted_targets, self.weighted_sources, self.weights),
-        )
-        adds = []
-        for end, (targets, sources, weights) in zip(ends, entries, strict=True):
-            count = int(end[-1]) if len(end) else 0
-            columns = starts[_entry_batches(end, count)] + sources[:count].astype(np.intp)
-            adds.append((weights[:count], targets[:count], columns))
+        inputs, entries, (_, sizes) = self.inputs, self.entries, self.sizes
+        columns = (np.cumsum(sizes) - sizes)[entries.batches] + entries.sources
         return (
-            _matrix(picks, gathers, height=self.n_local),
-            _matrix(*adds, width=int(sizes.sum())),
+            _matrix(inputs.weights, inputs.targets, inputs.sources, height=self.n_local),
+            _matrix(entries.weights, entries.rows, columns, width=int(sizes.sum())),
         )
 
 
 def _matrix(
-    *entries: tuple[Array, Array, Array], height: int | None = None, width: int | None = None
+    values: Array, rows: Array, columns: Array, height: int | None = None, width: int | None = None
 ) -> sp.csr_array:
-    """Return the sum of entries (values, rows, columns), as large as necessary by default."""
-    values, rows, columns = map(np.concatenate, zip(*entries, strict=True))
-    rows, columns = rows.astype(np.intp), columns.astype(np.intp)
+    """Return the sum of entries, as large as necessary by default."""
     height = int(rows.max(initial=-1)) + 1 if height is None else height
     width = int(columns.max(initial=-1)) + 1 if width is None else width
     return sp.csr_array((values, (rows, columns)), shape=(height, width))
 
 
-def _entry_batches(ends: Array, count: int) -> Array:
-    """Return the batch of each of the first `count` entries, from the ends of all batches."""
-    return np.searchsorted(ends, np.arange(count), "right")
+def _partition(order: Array, condition: Array) -> tuple[Array, Array]:
+    """Split indices by a condition: those that satisfy it and the rest, in the given order."""
+    return order[condition[order]], order[~condition[order]]
+
+
+def _to_unsigned(numbers: Array) -> Array:
+    # Compiled loops check signed indices for wrap-around from the end.
+    return numbers.astype(np.uint32)
 
 
 def _find_code(batch: Batch) -> LaneKernel | None:

@@ -10,7 +10,7 @@ import scipy.sparse as sp
 
 from beamdae.native.lane_kernels import pad_copies
 from beamdae.symbolic.sparse_operators import column_indices, pair_entries, row_indices
-from beamdae.symbolic.sums.kernel_sums import Batch, Kernel, SumPlan
+from beamdae.symbolic.sums.kernel_sums import Entries, Inputs, Kernel, SumPlan
 
 Array = np.ndarray
 
@@ -70,7 +70,7 @@ class SumBuilder:
     _n_local: int = 0
     _n_out: int = 0
     _data: list[tuple[Array, Array]] = field(default_factory=list)
-    _batches: list[Batch] = field(default_factory=list)
+    _batches: list[tuple[Kernel, int, int]] = field(default_factory=list)
     _batch_starts: list[int] = field(default_factory=list)
     _inputs: list[tuple[Array, Array, Array]] = field(default_factory=list)
     _entries: list[tuple[Array, Array, Array, Array, Array, Array]] = field(default_factory=list)
@@ -114,7 +114,7 @@ class SumBuilder:
         for first in range(0, count, _MAX_BATCH_COPIES):
             batch_copies = min(count - first, _MAX_BATCH_COPIES)
             lanes = pad_copies(batch_copies)
-            self._batches.append(Batch(kernel, self._n_local, lanes, batch_copies))
+            self._batches.append((kernel, lanes, batch_copies))
             self._batch_starts.append(self._n_out)
             # Padding lanes repeat the data of the last copy, which cannot cause invalid operations.
             copy = first + np.minimum(np.arange(lanes), batch_copies - 1)
@@ -214,66 +214,22 @@ class SumBuilder:
         return _concatenate_columns(self._entries, "lllddd")
 
     def _plan(self, rows: Array, source: Array, left: Array, right: Array, scale: Array) -> SumPlan:
-        """Return the plan, with inputs and entries sorted by batch and grouped as in `Sum`.
-
-        The weight of an entry is the product of `left`, `right` and `scale`.
-        """
-        weight = left * right * scale
-        n_batches = len(self._batches)
+        """Return the plan; the weight of an entry is the product of `left`, `right` and `scale`."""
         ends = np.array([*self._batch_starts, self._n_out])
         # Shared numbers and the 1 have negative sources and follow the last batch.
         is_shared = source < 0
-        batch = np.where(is_shared, n_batches, np.searchsorted(ends, source, "right") - 1)
+        batch = np.searchsorted(ends, source, "right") - 1
+        batch = np.where(is_shared, len(self._batches), batch)
         column = np.where(is_shared, source + self.n_shared + 1, source - ends[batch])
-        by_batch = np.lexsort((rows, batch))
-        plain, weighted = _partition(by_batch, (left * right == 1.0) & (scale == 1.0))
-        target, input_source, input_weight = _concatenate_columns(self._inputs, "lld")
-        is_single = np.bincount(target, minlength=self._n_local)[target] == 1
-        by_target = np.argsort(target, kind="stable")
-        pick_order, gather_order = _partition(by_target, (input_weight == 1.0) & is_single)
-        starts = np.array([batch.start for batch in self._batches], int)
-        input_batch = np.searchsorted(starts, target, "right") - 1
-        sorted_batches = (
-            input_batch[pick_order],
-            input_batch[gather_order],
-            batch[plain],
-            batch[weighted],
-        )
-        table = [starts, [batch.lanes for batch in self._batches]]
-        table += [np.searchsorted(x, np.arange(n_batches), "right") for x in sorted_batches]
+        is_plain = (left * right == 1.0) & (scale == 1.0)
+        entries = Entries(rows, batch, column, left * right * scale, is_plain)
+        inputs = Inputs(*_concatenate_columns(self._inputs, "lld"))
         data_target, data_source = _concatenate_columns(self._data, "ll")
-        return SumPlan(
-            n_shared=self.n_shared,
-            n_local=self._n_local,
-            n_out=max([self.n_shared + 1, *np.diff(ends)]),
-            data_targets=_to_unsigned(data_target),
-            data_sources=_to_unsigned(data_source),
-            batches=tuple(self._batches),
-            batch_table=np.ascontiguousarray(np.array(table, np.int64).reshape(6, -1).T),
-            pick_targets=_to_unsigned(target[pick_order]),
-            pick_sources=_to_unsigned(input_source[pick_order]),
-            gather_targets=_to_unsigned(target[gather_order]),
-            gather_sources=_to_unsigned(input_source[gather_order]),
-            gather_weights=input_weight[gather_order],
-            add_targets=_to_unsigned(rows[plain]),
-            add_sources=_to_unsigned(column[plain]),
-            weighted_targets=_to_unsigned(rows[weighted]),
-            weighted_sources=_to_unsigned(column[weighted]),
-            weights=weight[weighted],
-        )
+        data = data_target, data_source
+        return SumPlan.of(self.n_shared, self._batches, data, inputs, entries)
 
 
 def _concatenate_columns(parts: Sequence[tuple[Array, ...]], kinds: str) -> tuple[Array, ...]:
     """Concatenate the columns of all parts; empty columns have the dtypes `kinds`."""
     empty = tuple(np.zeros(0, kind) for kind in kinds)
     return tuple(np.concatenate(x) for x in zip(empty, *parts, strict=True))
-
-
-def _partition(order: Array, condition: Array) -> tuple[Array, Array]:
-    """Split indices by a condition: those that satisfy it and the rest, in the given order."""
-    return order[condition[order]], order[~condition[order]]
-
-
-def _to_unsigned(numbers: Array) -> Array:
-    # Compiled loops check signed indices for wrap-around from the end.
-    return numbers.astype(np.uint32)

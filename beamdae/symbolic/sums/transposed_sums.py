@@ -17,15 +17,22 @@ import numpy as np
 
 from beamdae.native.instructions import expand_powers
 from beamdae.symbolic.functions.table_lookups import has_lookups, weighted_derivative
-from beamdae.symbolic.sums.directional_sums import group_by_batch
-from beamdae.symbolic.sums.kernel_sums import ADD_END, LANES, WEIGHTED_END, Batch, Kernel, SumPlan
+from beamdae.symbolic.sums.kernel_sums import (
+    START,
+    Entries,
+    Inputs,
+    Kernel,
+    SumPlan,
+    join,
+    select,
+)
 from beamdae.symbolic.sums.vector_sines import expand_sines
 
 Array = np.ndarray
 SX = ca.SX
 
 
-def transposed_plan(plan: SumPlan, n_inputs: int, min_base: float = 0.0) -> SumPlan:
+def transposed_plan(plan: SumPlan, n_inputs: int) -> SumPlan:
     """Return the plan of the gradient of y . r with respect to the inputs and the numbers.
 
     Parameters
@@ -34,8 +41,6 @@ def transposed_plan(plan: SumPlan, n_inputs: int, min_base: float = 0.0) -> SumP
         The sum r, with inputs x of size `n_inputs`.
     n_inputs
         Size of x.
-    min_base
-        See `expand_powers`.
 
     Returns
     -------
@@ -43,112 +48,53 @@ def transposed_plan(plan: SumPlan, n_inputs: int, min_base: float = 0.0) -> SumP
         Sum with the inputs (x, y) and the result (dx, dp), where p are the numbers of the model.
         `SumPlan.sum` of the result takes p, as the original sum does.
     """
-    kernels = {id(b.kernel): _transposed_kernel(b.kernel, min_base) for b in plan.batches}
-    starts = np.array([b.start for b in plan.batches], int)
-    local_sizes = np.array([b.kernel.n_local * b.lanes for b in plan.batches], int)
-    out_sizes = np.array([b.kernel.n_out * b.lanes for b in plan.batches], int)
+    kernels = [_transposed_kernel(b.kernel) for b in plan.batches]
+    inputs, entries, (local_sizes, out_sizes) = plan.inputs, plan.entries, plan.sizes
     # The weights of the outputs of a batch follow its local inputs.
     shifts = np.cumsum(out_sizes) - out_sizes
+    starts = plan.batch_table[:, START]
     weight_starts = starts + shifts + local_sizes
-    batches = tuple(
-        Batch(kernels[id(b.kernel)], int(b.start + shift), b.lanes, b.copies)
-        for b, shift in zip(plan.batches, shifts, strict=True)
-    )
-    count = len(batches)
-
-    def locate(targets: Array) -> tuple[Array, Array, Array]:
-        """Return the batch of local inputs, their new positions, and those among its outputs."""
-        targets = targets.astype(np.intp)
-        batch = np.searchsorted(starts, targets, "right") - 1
-        return batch, targets + shifts[batch], targets - starts[batch]
-
-    pick_batch, pick_value, pick_output = locate(plan.pick_targets)
-    gather_batch, gather_value, gather_output = locate(plan.gather_targets)
-    data_batch, data_value, data_output = locate(plan.data_targets)
-    pick_source, gather_source, data_source = (
-        x.astype(np.intp) for x in (plan.pick_sources, plan.gather_sources, plan.data_sources)
-    )
-    # Rows of y per output. Entries beyond the last batch add shared numbers, which are constant.
-    n_add, n_weighted = plan.batch_table[-1, [ADD_END, WEIGHTED_END]] if count else (0, 0)
-    row = np.concatenate([plan.add_targets[:n_add], plan.weighted_targets[:n_weighted]])
-    output = np.concatenate([plan.add_sources[:n_add], plan.weighted_sources[:n_weighted]])
-    weight = np.concatenate([np.ones(n_add), plan.weights[:n_weighted]])
-    row_batch = np.concatenate(
-        [
-            np.searchsorted(plan.batch_table[:, column], np.arange(size), "right")
-            for column, size in ((ADD_END, n_add), (WEIGHTED_END, n_weighted))
-        ]
-    )
-    row, target = row.astype(np.intp) + n_inputs, output + weight_starts[row_batch]
-    is_plain = (weight == 1.0) & (np.bincount(target, minlength=1)[target] == 1)
-    rest = ~is_plain
-
-    picks = (
-        np.concatenate([pick_batch, row_batch[is_plain]]),
-        np.concatenate([pick_value, target[is_plain]]),
-        np.concatenate([pick_source, row[is_plain]]),
-    )
-    gathers = (
-        np.concatenate([gather_batch, row_batch[rest]]),
-        np.concatenate([gather_value, target[rest]]),
-        np.concatenate([gather_source, row[rest]]),
-        np.concatenate([plan.gather_weights, weight[rest]]),
+    data_targets, data_sources = (x.astype(np.intp) for x in (plan.data_targets, plan.data_sources))
+    batch, data_batch = map(plan.batch_of, (inputs.targets, data_targets))
+    all_inputs = join(
+        inputs._replace(targets=inputs.targets + shifts[batch]),
+        Inputs(
+            entries.sources + weight_starts[entries.batches],
+            entries.rows + n_inputs,
+            entries.weights,
+        ),
     )
     # Lanes beyond the copies also have data, but no weights, and their outputs are not defined.
-    lanes = np.array([b.lanes for b in plan.batches], int)[data_batch]
-    is_copy = data_output % lanes < np.array([b.copies for b in plan.batches], int)[data_batch]
-    adds = (
-        np.concatenate([pick_batch, data_batch[is_copy]]),
-        np.concatenate([pick_source, data_source[is_copy] + n_inputs]),
-        np.concatenate([pick_output, data_output[is_copy]]),
+    positions = data_targets - starts[data_batch]
+    lanes, copies = np.array([b[-2:] for b in plan.batches], np.intp).reshape(-1, 2).T
+    is_copy = positions % lanes[data_batch] < copies[data_batch]
+    ones = np.ones(len(data_targets))
+    of_data = Entries(data_sources + n_inputs, data_batch, positions, ones, ones == 1.0)
+    is_picked = np.arange(len(batch)) < len(plan.pick_targets)
+    of_inputs = Entries(
+        inputs.sources, batch, inputs.targets - starts[batch], inputs.weights, is_picked
     )
-    weighted = (gather_batch, gather_source, gather_output, plan.gather_weights)
-    ends, sorted_columns = [], []
-    for batch, *columns in (picks, gathers, adds, weighted):
-        order, end = group_by_batch(count, batch)
-        ends.append(end)
-        sorted_columns.append([column[order] for column in columns])
-    (pick_at, pick_of), (gather_at, gather_of, gather_by), (add_at, add_of), by_weight = (
-        sorted_columns
-    )
-    table = np.stack([starts + shifts, plan.batch_table[:, LANES], *ends], axis=1)
-    return SumPlan(
-        n_shared=plan.n_shared,
-        n_local=int(plan.n_local + out_sizes.sum()),
-        n_out=int(max([plan.n_shared + 1, *local_sizes])),
-        data_targets=_to_unsigned(data_value),
-        data_sources=plan.data_sources,
-        batches=batches,
-        batch_table=np.ascontiguousarray(table, np.int64),
-        pick_targets=_to_unsigned(pick_at),
-        pick_sources=_to_unsigned(pick_of),
-        gather_targets=_to_unsigned(gather_at),
-        gather_sources=_to_unsigned(gather_of),
-        gather_weights=gather_by,
-        add_targets=_to_unsigned(add_at),
-        add_sources=_to_unsigned(add_of),
-        weighted_targets=_to_unsigned(by_weight[0]),
-        weighted_sources=_to_unsigned(by_weight[1]),
-        weights=by_weight[2],
+    batches = [(x, b.lanes, b.copies) for x, b in zip(kernels, plan.batches, strict=True)]
+    # Entries beyond the last batch add shared numbers, which are constant.
+    return SumPlan.of(
+        plan.n_shared,
+        batches,
+        (data_targets + shifts[data_batch], plan.data_sources),
+        all_inputs,
+        join(of_inputs, select(of_data, is_copy)),
     )
 
 
-def _to_unsigned(numbers: Array) -> Array:
-    # Compiled loops check signed indices for wrap-around from the end.
-    return np.ascontiguousarray(numbers, np.uint32)
-
-
-def _transposed_kernel(kernel: Kernel, min_base: float) -> Kernel:
+def _transposed_kernel(kernel: Kernel) -> Kernel:
     """Return the kernel of (shared, (local, weights)) for the gradient of weights . outputs."""
-    key = "transposed", min_base
-    return kernel.derive(key, partial(_build_transposed_kernel, kernel, min_base))
+    return kernel.derive("transposed", partial(_build_transposed_kernel, kernel))
 
 
-def _build_transposed_kernel(kernel: Kernel, min_base: float) -> Kernel:
+def _build_transposed_kernel(kernel: Kernel) -> Kernel:
     function = kernel.function
     shared = SX.sym("shared", function.numel_in(0))
     local, weights = SX.sym("local", kernel.n_local), SX.sym("weights", kernel.n_out)
-    value = expand_powers(function, shared, local, min_base=min_base)
+    value = expand_powers(function, shared, local)
     if has_lookups(function):
         gradient = weighted_derivative(value, local, weights)
     else:

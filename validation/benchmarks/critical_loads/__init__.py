@@ -2,5 +2,5 @@
 
 The references do not use beamdae: `frame_stability.py` (stability functions), `column_dynamics.py`
 (characteristic equations), `rings.py` and `shooting.py` (Reissner's equations). The
-scoreboard runs all cases. To extend: add a `CriticalLoadCase` to the cases of its kind.
+scoreboard runs all cases. To extend: add a row to cases.csv.
 """

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 import beamdae as bd
-from benchmarks.critical_loads.case import EXACT_STRAINS, CriticalLoad, CriticalLoadCase
+from benchmarks.critical_loads.case import EXACT_STRAINS, CriticalLoad
 from benchmarks.critical_loads.shooting import (
     BRANCH,
     LIMIT,
@@ -272,75 +272,45 @@ def truss_loads(rise: float, slenderness: float, strain: str) -> tuple[CriticalL
     return tuple(CriticalLoad(kind, load(slope)) for slope, kind in sorted(points, reverse=True))
 
 
-def chain_case(
-    group: str,
-    name: str,
-    source: str,
-    structure: BentStructure,
-    published: float | None = None,
-    digits: float = 1e-3,
-    **settings: Any,
-) -> CriticalLoadCase:
-    """Return the case of a chain, followed as `structure` says."""
+def _chain(structure: BentStructure, **fields: Any) -> dict[str, Any]:
+    """Return the fields of the case of a chain, followed as `structure` says."""
     longest = max(one.length for one in structure.chain(1e2).segments)
-    defaults: dict[str, Any] = {
+    return {
+        "build": partial(_build, structure),
+        "path": structure.path,
         "reference": partial(_reference, structure),
         # Arches: the error of the interpolated tangent angle.
         "order": 4,
         "mesh_constant": 2e-4,
         "phase": lambda load: longest * np.sqrt(abs(load) + 1.0),
+        "formulations": EXACT_STRAINS,
+        **fields,
     }
-    return CriticalLoadCase(
-        group,
-        name,
-        source,
-        build=partial(_build, structure),
-        path=structure.path,
-        published=published,
-        digits=digits,
-        formulations=EXACT_STRAINS,
-        **{**defaults, **settings},
-    )
 
 
-def _pressure_case(
-    degrees: float,
-    start: str,
-    end: str,
-    last: float,
-    published: float | None,
-    source: str,
-    dead: bool = False,
-    **settings: Any,
-) -> CriticalLoadCase:
-    half_angle = np.deg2rad(degrees)
-    chain = pressed_arch(half_angle, start, end, dead)
-    name = f"{2.0 * degrees:g} degrees, {start}, {end}, {'dead' if dead else 'fluid'} pressure"
-    structure = BentStructure(lambda s: chain, last)
-    return chain_case("arch", name, source, structure, published, **settings)
+def _dropped(chain: Chain, drop: float, **fields: Any) -> dict[str, Any]:
+    return _chain(BentStructure(lambda s: chain, drop=lambda s: drop), **fields)
 
 
-def _crown_case(
-    name: str,
-    source: str,
-    chain: Chain,
-    drop: float,
-    published: float | None,
-    group: str = "arch",
-    **settings: Any,
-) -> CriticalLoadCase:
-    structure = BentStructure(lambda s: chain, drop=lambda s: drop)
-    return chain_case(group, name, source, structure, published, **settings)
+def _pressed(
+    end: float, degrees: float, ends: tuple[str, str], dead: bool = False
+) -> dict[str, Any]:
+    """Low arches of R / h = 10 snap through in the range of loads of the cases as well."""
+    chain = pressed_arch(np.deg2rad(degrees), *ends, dead)
+    return _chain(BentStructure(lambda s: chain, end))
 
 
-def _sine_case(rise: float) -> CriticalLoadCase:
+def _crown(
+    end: None, degrees: float, ends: tuple[str, str], drop: float, **load: float
+) -> dict[str, Any]:
+    return _dropped(arch(np.deg2rad(degrees), *ends, **load), drop)
+
+
+def _sine(end: None, rise: float) -> dict[str, Any]:
     structure = BentStructure(
         partial(sine_arch, rise=rise), drop=lambda s: 2.0 * rise / (np.sqrt(12.0) * s)
     )
-    return chain_case(
-        "shallow arch",
-        f"sine, rise of {rise:g} radii of gyration",
-        "Y. C. Fung, A. Kaplan, NACA TN 2840 (1952)",
+    return _chain(
         structure,
         reference=lambda slenderness, strain: sine_arch_loads(slenderness, rise),
         # Squares of slopes up to pi rise / (sqrt(12) s).
@@ -350,122 +320,26 @@ def _sine_case(rise: float) -> CriticalLoadCase:
     )
 
 
-def _truss_case(rise: float) -> CriticalLoadCase:
-    return CriticalLoadCase(
-        "truss",
-        f"von Mises, rise of {rise:g} heights",
-        "R. von Mises, ZAMM 3 (1923) 406: closed form",
-        build=partial(build_truss, rise),
-        reference=partial(truss_loads, rise),
-        path=lambda s: {"to": {"load.y": -1.2 * rise / s * LENGTH}, "control": "arc length"},
+def _truss(end: None, rise: float) -> dict[str, Any]:
+    return {
+        "build": partial(build_truss, rise),
+        "reference": partial(truss_loads, rise),
+        "path": lambda s: {"to": {"load.y": -1.2 * rise / s * LENGTH}, "control": "arc length"},
         # Bars of a rise of 4 heights buckle in up to three half waves, near the largest force.
-        phase=lambda load: 3.0 * np.pi,
-        mesh_constant=1e-4,
-        axial_force=lambda load: 1.0,
-        formulations=EXACT_STRAINS,
-    )
+        "phase": lambda load: 3.0 * np.pi,
+        "mesh_constant": 1e-4,
+        "axial_force": lambda load: 1.0,
+        "formulations": EXACT_STRAINS,
+    }
 
 
-_HINGED, _CLAMPED = "hinged", "clamped"
-_TIMOSHENKO = "Timoshenko & Gere (1961)"
-_SHOOTING = "Reissner's equations by shooting"
-_RIGHT = np.deg2rad(90.0)
-
-ARCH_CASES = (
-    # Low arches of R / h = 10 snap through in this range of loads as well.
-    _pressure_case(
-        30.0,
-        _HINGED,
-        _HINGED,
-        45.0,
-        35.0,
-        f"{_TIMOSHENKO}: pi^2 / a^2 - 1",
+BENT = {
+    "pressed arch": _pressed,
+    "arch": _crown,
+    "sine arch": _sine,
+    "truss": _truss,
+    "Lee frame": lambda end, drop: _dropped(lee_frame(), drop, order=6),
+    "Roorda frame": lambda end, drop, eccentricity: _dropped(
+        roorda_frame(eccentricity), drop, order=6
     ),
-    _pressure_case(60.0, _HINGED, _HINGED, 12.0, 8.0, f"{_TIMOSHENKO}: pi^2 / a^2 - 1"),
-    _pressure_case(90.0, _HINGED, _HINGED, 7.0, 3.0, f"{_TIMOSHENKO}: pi^2 / a^2 - 1"),
-    _pressure_case(120.0, _HINGED, _HINGED, 2.5, 1.25, f"{_TIMOSHENKO}: pi^2 / a^2 - 1"),
-    _pressure_case(
-        60.0,
-        _CLAMPED,
-        _CLAMPED,
-        24.0,
-        18.14,
-        f"{_TIMOSHENKO}: k tan a cot k a = 1",
-    ),
-    _pressure_case(90.0, _CLAMPED, _CLAMPED, 11.0, 8.0, f"{_TIMOSHENKO}: k tan a cot k a = 1"),
-    _pressure_case(90.0, _HINGED, _HINGED, 7.0, 3.27, "A. N. Dinnik; shooting", True),
-    _pressure_case(60.0, _HINGED, _HINGED, 12.0, None, _SHOOTING, True),
-    _pressure_case(90.0, _CLAMPED, _CLAMPED, 12.0, None, _SHOOTING, True),
-    _crown_case(
-        "215 degrees, clamped, hinged, load at the crown",
-        "D. A. DaDeppo, R. Schmidt, J. Appl. Mech. 42 (1975) 894",
-        arch(np.deg2rad(107.5), _CLAMPED, _HINGED),
-        1.2,
-        8.97,
-    ),
-    _crown_case(
-        "180 degrees, hinged, load at the crown",
-        "D. A. DaDeppo, R. Schmidt, J. Appl. Mech. 36 (1969) 325",
-        arch(_RIGHT, _HINGED, _HINGED),
-        1.0,
-        5.86,
-    ),
-    _crown_case(
-        "215 degrees, hinged, load at the crown",
-        _SHOOTING,
-        arch(np.deg2rad(107.5), _HINGED, _HINGED),
-        1.2,
-        None,
-    ),
-    _crown_case(
-        "180 degrees, clamped, load at the crown",
-        _SHOOTING,
-        arch(_RIGHT, _CLAMPED, _CLAMPED),
-        0.8,
-        None,
-    ),
-    _crown_case(
-        "180 degrees, hinged, load off the crown (imperfect)",
-        _SHOOTING,
-        arch(_RIGHT, _HINGED, _HINGED, 0.49),
-        0.5,
-        None,
-    ),
-    _crown_case(
-        "180 degrees, hinged, couple at the crown (imperfect)",
-        _SHOOTING,
-        arch(_RIGHT, _HINGED, _HINGED, couple=0.02),
-        0.5,
-        None,
-    ),
-)
-SHALLOW_CASES = (_sine_case(3.0), _sine_case(5.0), _truss_case(1.0), _truss_case(4.0))
-BENT_FRAME_CASES = (
-    _crown_case(
-        "Lee",
-        "S.-L. Lee, F. S. Manuel, E. C. Rossow, ASCE J. Eng. Mech. 94 (1968) 521: 18.55",
-        lee_frame(),
-        0.75,
-        18.55,
-        "bent frame",
-        order=6,
-    ),
-    _crown_case(
-        "Roorda, load toward the column's outer side (imperfect)",
-        "J. Roorda, J. Mech. Phys. Solids 13 (1965) 267; shooting",
-        roorda_frame(-0.01),
-        0.05,
-        None,
-        "bent frame",
-        order=6,
-    ),
-    _crown_case(
-        "Roorda, load toward the beam (imperfect)",
-        "J. Roorda, J. Mech. Phys. Solids 13 (1965) 267; shooting",
-        roorda_frame(0.01),
-        0.05,
-        None,
-        "bent frame",
-        order=6,
-    ),
-)
+}

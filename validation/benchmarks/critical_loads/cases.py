@@ -1,24 +1,47 @@
-"""All cases of critical loads."""
+"""All cases of critical loads, which `cases.csv` lists with their sources."""
 
-from benchmarks.critical_loads.arches import ARCH_CASES, BENT_FRAME_CASES, SHALLOW_CASES
-from benchmarks.critical_loads.columns import COLUMN_CASES, FRAME_CASES
-from benchmarks.critical_loads.discrete import DISCRETE_CASES
-from benchmarks.critical_loads.rings import RING_CASES
-from benchmarks.critical_loads.straight_columns import (
-    FOLLOWER_CASES,
-    TAPERED_CASES,
-    WEIGHT_CASES,
-)
+from __future__ import annotations
 
-CASES = (
-    *DISCRETE_CASES,
-    *COLUMN_CASES,
-    *FRAME_CASES,
-    *WEIGHT_CASES,
-    *TAPERED_CASES,
-    *FOLLOWER_CASES,
-    *RING_CASES,
-    *ARCH_CASES,
-    *SHALLOW_CASES,
-    *BENT_FRAME_CASES,
-)
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from benchmarks.critical_loads.arches import BENT
+from benchmarks.critical_loads.case import CriticalLoadCase
+from benchmarks.critical_loads.columns import FRAMES, frame
+from benchmarks.critical_loads.discrete import bars
+from benchmarks.critical_loads.rings import ring
+from benchmarks.critical_loads.straight_columns import divergence, flutter, tapered
+
+# Functions of the end of the path and of parameters that return fields of a `CriticalLoadCase`.
+STRUCTURES: dict[str, Callable[..., dict[str, Any]]] = {
+    "bars": bars,
+    "divergence": divergence,
+    "tapered": tapered,
+    "flutter": flutter,
+    "ring": ring,
+    **BENT,
+}
+
+
+def _read_case(row: dict[str, str]) -> CriticalLoadCase:
+    end, published = (float(row[x]) if row[x] else None for x in ("end", "published"))
+    parameters = {x: _freeze(y) for x, y in json.loads(row["parameters"] or "{}").items()}
+    if row["structure"] in FRAMES:
+        fields = frame(FRAMES[row["structure"]](**parameters), end)
+    else:
+        fields = STRUCTURES[row["structure"]](end, **parameters)
+    names = (row[x] for x in ("group", "case", "source"))
+    return CriticalLoadCase(*names, published=published, digits=float(row["digits"]), **fields)
+
+
+def _freeze(value: Any) -> Any:
+    """Return tuples in place of lists: references are cached by their parameters."""
+    return tuple(map(_freeze, value)) if isinstance(value, list) else value
+
+
+_TABLE = pd.read_csv(Path(__file__).with_name("cases.csv"), dtype=str, keep_default_na=False)
+CASES = tuple(_read_case(row) for row in _TABLE.to_dict("records"))

@@ -2,11 +2,14 @@
 
 const MAX_LOG_DECADES = 9; // decades below the largest value on logarithmic axes
 const MAX_DATA_POINTS = 150; // of a column; more are smaller, so that they do not hide each other
-const POINT_REACH = 14; // size of the area around a point of a curve that reacts to the pointer [px]
+// Points of a curve over another column, in an area [px] that reacts to the pointer.
+const POINTS_OF_CURVE = { silent: false, symbolSize: 14, itemStyle: { opacity: 0 } };
 const CROSS = "M-4-5L0-1L4-5L5-4L1 0L5 4L4 5L0 1L-4 5L-5 4L-1 0L-5-4Z";
 const PHASE_STEP = 45; // [deg]
 const LINE_WIDTH = 1.6; // [px]
+// A panel shows the curves called `key`, or those called `source`, over time or, with `isOver`, over another column.
 const PANELS = [
+  { key: "portrait", source: "observed", title: "Curve", section: "portrait", isOver: true },
   { key: "observed", title: "Observed", section: "panels" },
   { key: "energy", title: "Energy [J]", section: "panels", unit: "J", log: ["imbalance"] },
   { key: "magnitude", title: "Magnitude", section: "panels", log: true },
@@ -17,6 +20,7 @@ const PANELS = [
 
 function drawPanels() {
   const panels = PANELS.map((panel) => ({ ...panel, choices: listChoices(panel) }));
+  byId("portrait").hidden = !page.portrait;
   const isEmpty = !panels.some(({ choices }) => choices.length) || !selectedCases().length;
   for (const { section } of PANELS) byId(section).replaceChildren();
   for (const panel of panels) {
@@ -37,39 +41,48 @@ function unitOf(title) {
 }
 
 // Choices of a panel: each column, those that characterize the motion first, and all columns with the same unit together.
-function listChoices({ key, unit, log = [] }) {
+function listChoices({ key, source = key, unit, log = [], isOver }) {
+  if (isOver && !page.portrait) return [];
   const rank = (name) => (page.featured.includes(name) ? page.featured.indexOf(name) : Infinity);
-  const names = removeDuplicates(groupCases().flatMap((run) => Object.keys(run.curves?.[key] ?? {})));
+  const names = removeDuplicates(groupCases().flatMap((run) => Object.keys(run.curves?.[source] ?? {})));
   names.sort((a, b) => (rank(a) === rank(b) ? 0 : rank(a) - rank(b)));
   const single = names.map((name) => ({ label: name, names: [name], title: name, log: log === true || log.includes(name) }));
   const together = single.filter((choice) => !choice.log).map(({ label }) => [label, unit ?? unitOf(label)]);
   const units = removeDuplicates(removeMissing(together.map(([, of]) => of)));
   const combined = units.map((of) => ({ label: `all in ${of}`, names: together.filter((pair) => pair[1] === of).map(([name]) => name), title: `[${of}]`, log: false }));
+  if (isOver) return single;
   return [...single, ...combined.filter((choice) => choice.names.length > 1)];
 }
 
-function drawPanel({ key, title, section, choices, step }) {
+function drawPanel(panel) {
+  const { key, title, section, choices } = panel;
   // All energies of a single run share a chart.
   const runs = page.cases.filter((run) => !run.points);
   const together = runs.length === 1 && key === "energy" && choices.find(({ names }) => names.length > 1);
-  const choice = choices.find(({ label }) => label === state.choices[key]) ?? (together || choices[0]);
-  const choose = ({ label }) => {
-    state.choices[key] = label;
-    drawPanels();
-    resetView(state.charts.get(key), 1);
+  const find = (name) => choices.find(({ label }) => label === name);
+  const choice = find(state.choices[key]) ?? (together || choices[0]);
+  const over = panel.isOver ? (find(state.choices.over) ?? choices[0]) : null;
+  const createChoice = (entry, name, selected) => {
+    const choose = ({ label }) => {
+      state.choices[entry] = label;
+      drawPanels();
+      resetView(state.charts.get(key), ...(panel.isOver ? [0, 1] : [1]));
+    };
+    return createSelect(`${title}: ${name}`, choices, selected, choose);
   };
-  const select = choices.length > 1 ? [createSelect(`${title}: quantity`, choices, choice, choose)] : [];
+  const selects = choices.length > 1 ? [createChoice(key, "quantity", choice)] : [];
+  if (over) selects.push(" over ", createChoice("over", "horizontal axis", over));
   const holder = html("div");
-  const heading = html("div", { class: "heading" }, html("h3", {}, title), ...select);
+  const heading = html("div", { class: "heading" }, html("h3", {}, title), ...selects);
   byId(section).append(html("div", { class: "panel", "data-panel": key }, heading, holder));
-  if (collectLines(key, choice).length) return createChart(key, () => describeCurves(key, title, choice, step), holder);
+  if (collectLines(panel, choice, over).length) return createChart(key, () => describeCurves(panel, choice, over), holder);
   removeChart(key);
   holder.append(createPlaceholder("None of the selected cases has this curve."));
 }
 
 // One line per selected case and name. Color distinguishes cases and dashes distinguish names. With a single
 // case besides measured data, both distinguish names; with a single name, both distinguish cases.
-function collectLines(key, { names, log }) {
+function collectLines({ key, source = key }, { names, log }, over) {
   const cases = selectedCases();
   const [hasCases, hasNames] = [cases.filter(({ run }) => !run.points).length > 1, names.length > 1];
   const usable = (value) => (log && !(value > 0) ? null : value);
@@ -82,37 +95,58 @@ function collectLines(key, { names, log }) {
         color: themeColor(hasCases || !hasNames ? color : `color-${k % COLOR_COUNT}`),
         dash: DASHES[(hasNames ? k : number - 1) % DASHES.length],
         t: run.curves?.t,
-        values: getOwn(run.curves?.[key], name)?.map(usable),
+        x: over ? getOwn(run.curves?.[source], over.label) : run.curves?.t,
+        values: getOwn(run.curves?.[source], name)?.map(usable),
       })),
     )
-    .filter(({ values }) => values && removeMissing(values).length);
+    .filter(({ x, values }) => x && values && removeMissing(values).length);
 }
 
-function describeCurves(key, title, choice, step) {
-  const lines = collectLines(key, choice);
+function describeCurves(panel, choice, over) {
+  const { key, title, step } = panel;
+  const lines = collectLines(panel, choice, over);
   const { log } = choice;
   const lowest = log ? findExtent(lines.map(({ values }) => values))[1] / 10 ** MAX_LOG_DECADES : -Infinity;
   const y = { title: choice.title, log, step };
+  for (const line of lines) {
+    line.data = line.t.map((time, k) => [line.x[k], line.values[k] === null ? null : Math.max(line.values[k], lowest), line.run.id, time]);
+  }
   const series = lines.map((line) => {
-    const data = line.t.map((time, k) => [time, line.values[k] === null ? null : Math.max(line.values[k], lowest)]);
-    return line.run.points ? describePoints(line, data) : { ...describeLine(line, data), symbol: (_, { dataIndex }) => (hasFailed(line.run) && dataIndex === data.length - 1 ? PATH + CROSS : "none") };
+    const { run, data } = line;
+    if (run.points) return describePoints(line, data);
+    const end = { symbol: (_, { dataIndex }) => (hasFailed(run) && dataIndex === data.length - 1 ? PATH + CROSS : "none") };
+    return { ...describeLine(line, data), ...(over ? POINTS_OF_CURVE : end) };
   });
+  if (over) series.push(createMarks(page.portrait.marks.map(({ t, label }) => [...pointAt(lines[0], t).slice(0, 2), undefined, label]).filter(isKnown)));
+  if (key === "error") series.push(createResolutionLine(y));
   return {
-    name: choice.title,
+    name: over ? `${choice.title} over ${over.title}` : choice.title,
     label: `${title}, ${choice.label}: press the arrow keys to read values`,
-    x: { title: timeTitle(), log: Boolean(timeAxis.log), isTime: true },
+    x: over ? { title: over.title } : { title: timeTitle(), log: Boolean(timeAxis.log), isTime: true },
     y,
-    hasCursor: true,
-    series: key === "error" ? [...series, createResolutionLine(y)] : series,
+    hasCursor: !over,
+    series,
     legend: choice.names.length > 1 && lines.map(({ label }) => label),
     height: (width) => clamp(0.36 * width, 225, 330),
-    read: (entries) => readLines(entries, y),
-    marks: (time) => [[time, null]],
+    read: (entries) => (over ? readPoint(entries.value, choice.title, over.title) : readLines(entries, y)),
+    marks: (time) => (over ? lines.map((line) => pointAt(line, time)).filter(isKnown) : [[time, null]]),
     rows: () => [
-      ["case", "quantity", timeTitle(), "value"],
-      ...lines.flatMap(({ run, name, t, values }) => t.map((time, k) => [run.label, name, time, values[k]]).filter((row) => row[3] !== null)),
+      ["case", "quantity", timeTitle(), ...(over ? [over.title] : []), "value"],
+      ...lines.flatMap(({ run, name, data }) => data.map(([x, value, , time]) => [run.label, name, time, ...(over ? [x] : []), value]).filter((row) => row.at(-1) !== null)),
     ],
   };
+}
+
+function pointAt({ data }, time) {
+  return data.findLast((point) => point[3] <= time) ?? data[0];
+}
+
+function isKnown([x, y]) {
+  return Number.isFinite(x) && Number.isFinite(y);
+}
+
+function readPoint([x, y, , time], yTitle, xTitle) {
+  return [html("strong", {}, formatTime(time)), createReadings([[yTitle, formatValue(y)], [xTitle, formatValue(x)]])];
 }
 
 function describeLine({ label, color, dash }, data) {
@@ -142,50 +176,6 @@ function createReadings(rows) {
 
 function timeTitle() {
   return timeAxis.unit ? `${timeAxis.name} [${timeAxis.unit}]` : timeAxis.name;
-}
-
-// Chart of one column over another, such as the load factor over a displacement. A dot follows the motion.
-function drawPortrait() {
-  const choices = listChoices(PANELS[0]).filter(({ names }) => names.length === 1);
-  const holder = byId("portrait");
-  holder.hidden = !page.portrait || choices.length < 2 || !selectedCases().some(({ run }) => run.curves);
-  if (holder.hidden) return removeChart("portrait");
-  const selects = ["y", "x"].map((axis) => {
-    const choose = ({ label }) => {
-      page.portrait[axis] = label;
-      drawPortrait();
-      resetView(state.charts.get("portrait"), 0, 1);
-    };
-    const selected = choices.find(({ label }) => label === page.portrait[axis]);
-    return html("label", {}, `${axis} `, createSelect(`${axis} axis of the curve`, choices, selected, choose));
-  });
-  createChart("portrait", describePortrait, holder, html("div", { class: "heading" }, html("h3", {}, "Curve"), ...selects));
-}
-
-function describePortrait() {
-  const { x: xName, y: yName, marks } = page.portrait;
-  const lines = selectedCases().filter(({ run }) => run.curves).map(({ run, color, number }) => {
-    const [x, y] = [xName, yName].map((name) => getOwn(run.curves.observed, name) ?? []);
-    const data = run.curves.t.map((time, k) => [x[k], y[k], run.id, time]);
-    return { run, data, label: run.label, color: themeColor(color), dash: DASHES[(number - 1) % DASHES.length] };
-  });
-  const pointAt = ({ data }, time) => data.findLast((point) => point[3] <= time) ?? data[0];
-  const isKnown = ([x, y]) => Number.isFinite(x) && Number.isFinite(y);
-  const special = marks.map(({ t, label }) => [...pointAt(lines[0], t).slice(0, 2), undefined, label]).filter(isKnown);
-  return {
-    name: `${yName} over ${xName}`,
-    label: `${yName} over ${xName}`,
-    x: { title: xName },
-    y: { title: yName },
-    series: [
-      ...lines.map((line) => ({ ...describeLine(line, line.data), silent: false, symbolSize: POINT_REACH, itemStyle: { opacity: 0 } })),
-      createMarks(special),
-    ],
-    height: (width) => clamp(0.4 * width, 230, 340),
-    read: ({ value: [x, y, , time] }) => [html("strong", {}, formatTime(time)), createReadings([[yName, formatValue(y)], [xName, formatValue(x)]])],
-    marks: (time) => lines.map((line) => pointAt(line, time)).filter(isKnown),
-    rows: () => [["case", timeTitle(), xName, yName], ...lines.flatMap(({ label, data }) => data.map(([x, y, , time]) => [label, time, x, y]))],
-  };
 }
 
 // Circles with labels that avoid each other.

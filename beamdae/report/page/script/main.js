@@ -14,7 +14,7 @@ const state = {
   texts: null, // searchable texts by id of the case
   order: null, // sorting column and direction of the case table
   axes: {}, // keys of the quantities of the scatter plot
-  choices: {}, // label of the selected choice, by panel
+  choices: { portrait: page.portrait?.y, over: page.portrait?.x }, // label of the selected choice, by panel
   charts: new Map(), // by id
 };
 

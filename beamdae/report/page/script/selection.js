@@ -53,7 +53,6 @@ function showSelection() {
   byId("selection").replaceChildren(...(page.cases.length > 1 ? selectedCases().map(createSelectionEntry) : []));
   explainMissingCurves();
   drawScatter();
-  drawPortrait();
   drawPanels();
 }
 
