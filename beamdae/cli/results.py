@@ -253,9 +253,11 @@ class ResultFiles:
             reason = (*reasons, "interrupted after the tables were written")[0]
             print_error(f"{reason}; the results so far are in {self.paths[0]}")
             raise typer.Exit(signals.exit_code())
+        is_incomplete = any(x.kind == "not run" for _, x in failures)
         for prefix, status in failures:
+            prefix = "not run" if is_incomplete else prefix
             print_error(f"{prefix}: {name_options(status.sentence)}")
-        if any(x.kind == "not run" for _, x in failures):
+        if is_incomplete:
             raise typer.Exit(NOT_RUN_CODE)
         if failures or self.failed:
             raise typer.Exit(1)

@@ -196,7 +196,7 @@ def _describe_end(results: StudyResults, n_runs: int) -> Status | None:
         return Status("interrupted", reason)
     if missing := results.not_run:
         reason = f"because {missing[0].status.sentence}; {_RESUME_HINT}"
-        return Status("not run", f"{len(missing)} of {n_runs} runs are missing, {reason}")
+        return Status("not run", f"{len(missing)} of {n_runs} runs, {reason}")
     return None
 
 
