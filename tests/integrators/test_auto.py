@@ -66,7 +66,7 @@ def test_regression_long_runs_keep_the_bound(integrator):
     """A pendulum was wrong by 273 rtol after 80 periods."""
     periods, rtol = 80, 1e-4
     (pendulum,) = (case for case in ALL if case.name == "period_two")
-    case = replace(pendulum, t_end=2.0 * periods, rows=4001)
+    case = replace(pendulum, duration=2.0 * periods, rows=4001)
     solution = case.run(integrator(rtol))
     if integrator is bd.Auto:
         assert solution.integrator["method"] == "Radau"
@@ -80,7 +80,7 @@ def test_regression_incomplete_pilot_runs_count_the_periods(integrator, monkeypa
     monkeypatch.setattr(pilot_run, "_MAX_PILOT_STEPS", 1000)
     periods, rtol = 80, 1e-3
     (pendulum,) = (case for case in ALL if case.name == "period_two")
-    case = replace(pendulum, t_end=2.0 * periods, rows=4001)
+    case = replace(pendulum, duration=2.0 * periods, rows=4001)
     solution = case.run(integrator(rtol))
     assert "amplitudes" not in solution.integrator
     if integrator is bd.Auto:
