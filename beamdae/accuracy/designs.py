@@ -32,7 +32,7 @@ def measure_design(search: SearchResult) -> Errors:
         return Errors.unchecked(headers, values, "no quantity depends on steps or beams")
     equations = results[0].equations
     run = next((x for x in results if isinstance(x, Solution)), None)
-    method = None if run is None else refine_method(run, None)
+    method = None if run is None else refine_method(run)
 
     start = problem.start_of(equations)
     bounds = np.array([0.0, *(abs(x.bound) for x in problem.limits)])
