@@ -145,11 +145,11 @@ def verify(
     return _compare(solution, other, refined, factor=1.0)
 
 
-def find_companion(run: Solution) -> Solution | None:
-    """Return the run with everything refined that `Solution.errors` compares, or None."""
-    if "errors" not in vars(run) and is_unchecked():
+def find_companion(result: Any) -> Any:
+    """Return what is compared by the `errors` of a result, such as a refined run, or None."""
+    if "errors" not in vars(result) and is_unchecked():
         return None
-    split: Any = run.errors._split
+    split: Any = result.errors._split
     return None if split is None else split.companion
 
 

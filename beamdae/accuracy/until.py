@@ -37,7 +37,6 @@ from beamdae.results.columns import (
     require_observed,
 )
 from beamdae.results.outcome import Status, replace_with_errors
-from beamdae.results.solution import Solution
 
 Array = np.ndarray
 
@@ -87,18 +86,6 @@ class Analysis(NamedTuple):
     observed: Callable[[Any], Collection[str]] = lambda result: ()
     is_run: bool = False
     progress: Progress | None = None
-
-    @classmethod
-    def of_runs(
-        cls,
-        name: str,
-        integrate: Callable[[Any, Any], Solution],
-        method: Integrator,
-        start: Any,
-        progress: Progress | None,
-    ) -> Analysis:
-        """Return the analysis of runs, whose companions call `progress`, too."""
-        return cls(name, integrate, method, start, lambda run: run.columns, True, progress)
 
 
 def require_columns(name: str, columns: Any, headers: Sequence[str]) -> None:
