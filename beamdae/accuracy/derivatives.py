@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -110,15 +111,13 @@ def _measure(
         with hold_messages(), unchecked():
             return evaluate(repeat(change, method)), refined
 
-    def compare(first: _Values, second: _Values, refined: Refined) -> Errors:
-        return _compare(headers, first, second, refined, relative_to)
-
+    compare = partial(_compare, headers, relative_to)
     failed = Errors.unchecked(headers, peaks, "a refined repetition fails", has_failed=True)
     return measure_errors(failed, values, repeat_values, compare, has_accuracy=False)
 
 
 def _compare(
-    headers: tuple[str, ...], first: _Values, second: _Values, refined: Refined, relative_to: str
+    headers: tuple[str, ...], relative_to: str, first: _Values, second: _Values, refined: Refined
 ) -> Errors:
     peaks, others = (np.abs(x.rows).max(axis=0) for x in (first, second))
     differences = np.sort(np.abs(first.rows - second.rows), axis=0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
+from functools import partial
 
 import numpy as np
 
@@ -44,8 +45,6 @@ def measure_design(search: SearchResult) -> Errors:
         refined = refinement.refined
         return found, refined if run is None else refined.with_steps(run.made_by)
 
-    def compare(one: Array, other: Array, refined: Refined) -> Errors:
-        return Errors.of_values(headers, one, other, refined, sizes)
-
+    compare = partial(Errors.of_values, headers, scales=sizes)
     unchecked = Errors.unchecked(headers, values, "the refined design cannot be analyzed")
     return measure_errors(unchecked, values, repeat, compare, has_accuracy=False)
