@@ -57,7 +57,7 @@ class Refinement(NamedTuple):
 
 def _refine_mesh(beam: Beam, mesh: Mesh) -> Mesh:
     """Return a mesh with halved elements, or of a higher degree if the program chose the mesh."""
-    if not beam.has_chosen_mesh:
+    if not beam._has_chosen_mesh:
         return mesh.with_divided_elements(2)
     degree = mesh.nodes - 1 + _MORE_DEGREES
     if degree <= _MAX_DEGREE:
@@ -95,14 +95,14 @@ def refine_mechanism(
     kept = list_fixed_beams(mechanism, start)
     elements, degrees, finer, inexact = {}, {}, {}, []
     for beam, mesh in divide_meshes(mechanism, kept) if "mesh" in causes else ():
-        other = beam.with_exact_strains() if "theory" in causes else beam
+        other = beam._with_exact_strains() if "theory" in causes else beam
         if other is not beam:
             inexact.append(beam.name)
-        if beam.has_chosen_mesh:
+        if beam._has_chosen_mesh:
             degrees[beam.name] = mesh.nodes - 1
         else:
             elements[beam.name] = mesh.elements
-        finer[beam.name] = other.with_mesh(_refine_mesh(beam, mesh), mesh)
+        finer[beam.name] = other._with_mesh(_refine_mesh(beam, mesh), mesh)
     sharpened = []
 
     def sharpen(part: Part) -> None:
