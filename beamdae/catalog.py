@@ -8,7 +8,9 @@ read by `beamdae.__init__` (lazy imports), `python beamdae/catalog.py` (the type
 from __future__ import annotations
 
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 
 @dataclass(frozen=True)
@@ -429,6 +431,14 @@ def attributes_by_module(package: str = "") -> dict[str, list[str]]:
         if public.package == package:
             names.setdefault(public.module.removeprefix("beamdae."), []).append(public.name)
     return names
+
+
+def load_name(package: str, name: str) -> Any:
+    """Return a public object of a package; AttributeError if there is none of this name."""
+    public = NAMES.get(name)
+    if public is None or public.package != package:
+        raise AttributeError(f"module 'beamdae.{package}' has no attribute {name!r}")
+    return getattr(import_module(public.module), name)
 
 
 def stub_text(package: str = "") -> str:

@@ -9,15 +9,17 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import cache
 from importlib.util import source_from_cache
+from typing import Any
 
 from beamdae.errors import BeamdaeError
 
 CHECKPOINT = "checkpoint"
-_WRITING = frozenset("wax+")
+_WRITE_MODES = frozenset("wax+")
+_WRITE_FLAGS = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
 
 # Global state, because other code of the process may write the files. Absolute paths of inputs with
 # their kinds, and of outputs, which may be read and then written again.
@@ -70,7 +72,7 @@ def is_input(path: str | os.PathLike[str], kind: str = "") -> bool:
 @contextmanager
 def reading_inputs(folder: str | os.PathLike[str]) -> Iterator[None]:
     """Register the files, and the modules of a folder, that are opened in this block."""
-    _watch_files()
+    watch_files(_register_opened_file)
     _active_folders.append(os.path.join(folder, ""))
     try:
         yield
@@ -78,18 +80,46 @@ def reading_inputs(folder: str | os.PathLike[str]) -> Iterator[None]:
         _active_folders.pop()
 
 
-@cache
-def _watch_files() -> None:
-    sys.addaudithook(_handle_event)
-
-
-def _handle_event(event: str, arguments: tuple[object, ...]) -> None:
-    if event != "open" or not _active_folders:
+def _register_opened_file(path: str, mode: str | None, flags: int) -> None:
+    if not _active_folders or is_written(mode, flags):
         return
-    path, mode, *_ = arguments
-    if isinstance(path, str) and isinstance(mode, str) and _WRITING.isdisjoint(mode):
-        if not path.endswith(".pyc"):
-            register_input(path)
-        elif path.startswith(tuple(_active_folders)):
-            with suppress(ValueError, NotImplementedError):
-                register_input(source_from_cache(path))
+    if not path.endswith(".pyc"):
+        register_input(path)
+    elif path.startswith(tuple(_active_folders)):
+        register_input(find_source(path))
+
+
+# Functions of the path, the mode and the flags of each file that Python opens.
+_listeners: list[Callable[[str, str | None, int], None]] = []
+
+
+def watch_files(listener: Callable[[str, str | None, int], None]) -> None:
+    """Call a function with path, mode and flags of each file that Python opens from now on."""
+    if not _listeners:
+        sys.addaudithook(_handle_event)  # It cannot be removed.
+    if listener not in _listeners:
+        _listeners.append(listener)
+
+
+def _handle_event(event: str, arguments: tuple[Any, ...]) -> None:
+    if event != "open" or not isinstance(arguments[0], (str, bytes)):
+        return
+    path, mode, flags = arguments
+    for listener in _listeners:
+        # Paths that cannot be resolved cannot be opened either.
+        with suppress(OSError, ValueError):
+            listener(os.fsdecode(path), mode, flags or 0)
+
+
+def is_written(mode: str | None, flags: int) -> bool:
+    """Return True if a file is opened for writing."""
+    return bool((mode and set(mode) & _WRITE_MODES) or flags & _WRITE_FLAGS)
+
+
+@cache
+def find_source(compiled: str) -> str:
+    """Return the path of the source of a compiled module."""
+    try:
+        return source_from_cache(compiled)
+    except (ValueError, NotImplementedError):
+        return compiled

@@ -103,7 +103,7 @@ def simulate(
         - "equilibrium": at rest under the loads at t = 0;
         - a steady `rotation` of the whole mechanism, for turning beams;
         - positions and velocities by name, such as {"crank.angle": 0.3, "crank.angle_dot": 5.0};
-        - a `Solution` of the same model, or the path of a checkpoint (see `Solution.checkpoint`):
+        - a `Solution` of the same model, or the path of a saved one (see `Solution.save`):
           the run resumes from the last state, and `Solution.followed_by` joins the two runs;
         - an `Equilibrium`: at rest at the end of its path, under the loads of the model.
     accept_changes
@@ -205,7 +205,7 @@ def simulate(
     require_progress("simulate", progress)
     checkpoint = _read_checkpoint(start)
     if checkpoint is None and start is not None:
-        require_start("simulate", start, ", a solution, an equilibrium or the path of a checkpoint")
+        require_start("simulate", start, ", a solution, an equilibrium or the path of a run")
     if accuracy is not None and checkpoint is not None:
         raise BeamdaeError(
             "simulate: accuracy requires a run that does not resume another one, got start = "

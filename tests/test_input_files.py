@@ -211,7 +211,6 @@ def test_no_method_replaces_an_input(folder):
         "svg": (solution.plot("tip").save, "a.svg"),
         "page": (solution.page, "a.html"),
         "gif": (solution.animate, "a.gif"),
-        "checkpoint": (solution.checkpoint, "a.json"),
         "fit table": (fit.to_csv, "a.csv"),
         "fit page": (fit.page, "a.html"),
         "fit plot": (fit.plot().save, "a.png"),

@@ -106,7 +106,7 @@ def test_new_with_a_long_name(tmp_path):
 
 
 def test_checkpoints_without_a_suffix(tmp_path):
-    path = run().checkpoint(tmp_path / "state")
+    path = run().save(tmp_path / "state")
     later = bd.simulate(falling(), t_end=0.2, start=str(path))
     assert later.t[0] == 0.1
     with pytest.raises(bd.BeamdaeError, match="start must be 'as drawn', 'equilibrium'"):

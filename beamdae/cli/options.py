@@ -564,7 +564,7 @@ def parse_start(
                 return text
             raise BeamdaeError(
                 f"--start {text}: the start must be {', '.join(map(repr, _STATES))}, "
-                "rotation=SPEED, PART.COORDINATE=VALUE or the path of a checkpoint"
+                "rotation=SPEED, PART.COORDINATE=VALUE or the path of a saved run"
                 f"{suggest(text, _STATES)}."
             )
     if states:

@@ -212,6 +212,17 @@ class ResultFiles:
             print_error(f"failed: {name}: the file cannot be created: {format_exception(problem)}.")
         self.failed = True
 
+    def draw(self, path: Path, create: Callable[[], Any]) -> None:
+        """Write the figure that `create` returns, unless it is None, as a picture."""
+
+        def write() -> list[Path]:
+            from beamdae.report.pictures.figures import save_figure
+
+            figure = create()
+            return [] if figure is None else [save_figure(figure, path)]
+
+        self.write(path.name, write)
+
     def print_paths(self) -> None:
         """Print the paths of the written files, and add them to the JSON document."""
         console = create_console()
@@ -242,9 +253,11 @@ class ResultFiles:
             reason = (*reasons, "interrupted after the tables were written")[0]
             print_error(f"{reason}; the results so far are in {self.paths[0]}")
             raise typer.Exit(signals.exit_code())
+        is_incomplete = any(x.kind == "not run" for _, x in failures)
         for prefix, status in failures:
+            prefix = "not run" if is_incomplete else prefix
             print_error(f"{prefix}: {name_options(status.sentence)}")
-        if any(x.kind == "not run" for _, x in failures):
+        if is_incomplete:
             raise typer.Exit(NOT_RUN_CODE)
         if failures or self.failed:
             raise typer.Exit(1)
@@ -312,14 +325,11 @@ def run_analysis(
     status, accuracy = report.status, accuracy_of(result)
     report.print(accuracy)
 
-    def draw_to(path: Path) -> list[Path]:
-        from beamdae.report.pictures.figures import save_figure
-
+    def draw_result() -> Any:
         suffix = "" if status is None or status.success else f", ended early ({status.kind})"
         if accuracy is not None and not accuracy.success:
             suffix += ", accuracy not reached"
-        figure = draw(result, f"{title}{suffix}")
-        return [] if figure is None else [save_figure(figure, path)]
+        return draw(result, f"{title}{suffix}")
 
     page, picture = files.page, files.picture
     with continue_after_interrupt():
@@ -327,7 +337,7 @@ def run_analysis(
             if page is not None:
                 files.write(page.name, lambda: [write_page(result, page, title)])
             if picture is not None:
-                files.write(picture.name, lambda: draw_to(picture))
+                files.draw(picture, draw_result)
             if further is not None:
                 further(result)
     files.finish(("failed", status), ("the accuracy is not reached", accuracy))

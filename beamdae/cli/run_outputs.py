@@ -52,16 +52,15 @@ def select_charts(
 
 
 def load_earlier_run(path: Path, model: Model) -> Solution | None:
-    """Return the run in the file of --continue; None for a checkpoint or a changed model."""
+    """Return the run in the file of --continue; None for a changed model."""
     from beamdae.results.storage.checkpoint import Checkpoint
-    from beamdae.results.storage.reader import is_archive
     from beamdae.results.storage.saved_run import load_saved_run
     from beamdae.simulation import as_equations
 
     equations = as_equations("run", model)
     checkpoint = Checkpoint.read(path)
     checkpoint.start_equations(equations, f"--continue {path}")
-    if not is_archive(path) or checkpoint.describe_changes(equations, {}):
+    if checkpoint.describe_changes(equations, {}):
         return None
     earlier: Any = load_saved_run(path, equations)
     return earlier
@@ -149,29 +148,6 @@ def _errors_by_column(solution: Solution) -> dict[str, Any]:
         column: {name: x[k] if math.isfinite(x[k]) else None for name, x in columns.items()}
         for k, column in enumerate(solution.columns)
     }
-
-
-def write_page(
-    solution: Solution, path: Path, name: str, warnings: Sequence[str], charts: PlotSelection | None
-) -> Path:
-    """Write the page of a run with its `warnings`; `charts` are the columns that it shows first."""
-    from beamdae.report.page import page_file
-    from beamdae.report.run_page import build_run_page
-
-    content = build_run_page(solution, name, solution.all_columns(), None, warnings, charts)
-    return page_file.write_page(path, content)
-
-
-def draw(solution: Solution, title: str, charts: PlotSelection | None) -> Any:
-    """Return the picture of a run; without `charts`, of the columns that vary."""
-    from beamdae.report.pictures.time_plots import create_figure, create_run_figure
-    from beamdae.results.columns import merge_columns
-
-    columns = solution.all_columns()
-    if charts is None:
-        return create_run_figure(columns, title)
-    merged = merge_columns(columns, solution.coordinate_columns())
-    return create_figure({"run": merged}, charts, list(columns), title)
 
 
 def describe_run(

@@ -23,9 +23,6 @@ if TYPE_CHECKING:
     from beamdae.studies.execution.study_progress import StudyProgress
     from beamdae.studies.execution.study_run import StudyResults
 
-    # Functions that write files and return their paths, by name.
-    FileWriters = dict[str, Callable[[], list[Path]]]
-
 # Statuses of runs that are computed when the study resumes.
 MISSING_KINDS = ("interrupted", "not run")
 PAGE_FILE = "report.html"
@@ -93,14 +90,14 @@ class StudyReport:
     write_page
         Function that writes the page.
     pictures
-        Functions that write the pictures, by name.
+        Functions that return the pictures, or None, by file name.
     """
 
     results: StudyResults
     report: Report
     tables: list[Path]
     write_page: Callable[[Path], Path]
-    pictures: FileWriters
+    pictures: Mapping[str, Callable[[], Any]]
 
 
 def run_and_write(
@@ -163,7 +160,7 @@ def run_and_write(
             raise Interrupted(reason) from None
 
     def write_tables(study: StudyReport) -> list[Path]:
-        for path in (page, *(folder / f"{name}.png" for name in study.pictures)):
+        for path in (page, *map(folder.joinpath, study.pictures)):
             written.remove(path)
         return study.tables
 
@@ -174,8 +171,8 @@ def run_and_write(
         return replace(study.report, failures=failures, status=status)
 
     def write_pictures(study: StudyReport) -> None:
-        for name, write in study.pictures.items() if has_pictures else ():
-            written.write(name, write)
+        for name, create in study.pictures.items() if has_pictures else ():
+            written.draw(folder / name, create)
 
     run_analysis(
         written,
@@ -199,7 +196,7 @@ def _describe_end(results: StudyResults, n_runs: int) -> Status | None:
         return Status("interrupted", reason)
     if missing := results.not_run:
         reason = f"because {missing[0].status.sentence}; {_RESUME_HINT}"
-        return Status("not run", f"{len(missing)} of {n_runs} runs are missing, {reason}")
+        return Status("not run", f"{len(missing)} of {n_runs} runs, {reason}")
     return None
 
 

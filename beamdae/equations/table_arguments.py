@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -101,7 +101,7 @@ class TableArgumentTerm:
 
 @cache_on_owner
 def compile_table_arguments(equations: EquationsOfMotion) -> tuple[TableArgumentTerm, ...]:
-    """Return the arguments of the tables of all parts, active or not."""
+    """Return the distinct arguments of the tables of all parts, active or not."""
     mechanism = equations.mechanism
     arguments = [
         argument
@@ -117,12 +117,19 @@ def compile_table_arguments(equations: EquationsOfMotion) -> tuple[TableArgument
         for axis, quantity in _list_quantities(argument)
     ]
     compiled = compile_quantities(mechanism, [(x.part, quantity) for x, _, quantity in places])
-    return tuple(
-        TableArgumentTerm(
-            argument.part, argument.call.table, axis, value, _depends_on_motion(argument, axis)
+    distinct: dict[Any, TableArgumentTerm] = {}
+    for (argument, axis, _), value in zip(places, compiled, strict=True):
+        o, table = value.observable, argument.call.table
+        operator, numbers = o.operator.tocsr(), value.numbers[o.data]
+        key = (
+            *(argument.part, id(table), axis, id(o.function)),
+            *(x.tobytes() for x in (operator.indices, operator.data, numbers)),
         )
-        for (argument, axis, _), value in zip(places, compiled, strict=True)
-    )
+        term = TableArgumentTerm(
+            argument.part, table, axis, value, _depends_on_motion(argument, axis)
+        )
+        distinct.setdefault(key, term)
+    return tuple(distinct.values())
 
 
 def _depends_on_motion(argument: TableArgument, axis: int) -> bool:
@@ -149,24 +156,6 @@ def _list_quantities(argument: TableArgument) -> Iterator[tuple[int, Quantity]]:
         yield axis, Quantity(column, argument.pieces, express, argument.data[:, 0])
 
 
-def find_distinct(terms: Sequence[TableArgumentTerm]) -> tuple[TableArgumentTerm, ...]:
-    """Return one term for each distinct argument of each table."""
-    distinct: dict[Any, TableArgumentTerm] = {}
-    for term in terms:
-        o = term.argument.observable
-        operator = o.operator.tocsr()
-        key = (
-            id(term.table),
-            term.axis,
-            id(o.function),
-            operator.indices.tobytes(),
-            operator.data.tobytes(),
-            term.argument.numbers[o.data].tobytes(),
-        )
-        distinct.setdefault(key, term)
-    return tuple(distinct.values())
-
-
 def list_arguments_outside(
     equations: EquationsOfMotion,
     time: Array,
@@ -183,7 +172,7 @@ def list_arguments_outside(
     phrases = []
     rest = np.zeros_like(q)
     rows = State(q, rest if v is None else v, rest, np.zeros((len(q), 0)))
-    for term in find_distinct(compile_table_arguments(equations)):
+    for term in compile_table_arguments(equations):
         if term.is_limited or includes_held:
             times = np.tile(time, (len(q), 1))
             values = term.argument.values(times, rows)

@@ -53,10 +53,10 @@ def _start(run: RunData) -> Iterator[str]:
 
 def _balance(run: RunData) -> Iterator[str]:
     ledger = run._energy_ledger
-    ratio = ledger.energy.ratio
+    ratio = ledger.quality.energy_imbalance
     # `not <=` rather than `>`, so that an imbalance of nan is reported.
     if not ratio <= _MAX_ENERGY_IMBALANCE and not has_rounding_forces(
-        run.equations, run.trajectory, ledger.force.scale
+        run.equations, run.trajectory, ledger.largest_force
     ):
         yield (
             f"energy: the energy imbalance is {format_percent(ratio, 3)} of the energy exchanged, "

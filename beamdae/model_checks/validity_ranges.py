@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from beamdae.equations.assembly.coordinate_map import map_coordinates
-from beamdae.equations.table_arguments import compile_table_arguments, find_distinct
+from beamdae.equations.table_arguments import compile_table_arguments
 from beamdae.errors import format_percent
 from beamdae.model_checks.strain_limits import sample_times
 
@@ -25,7 +25,7 @@ def table_range_warnings(run: RunData) -> Iterator[str]:
     Tables over time are exempt, because they usually hold their last value, and so are sides at
     which the table is zero or constant: one-sided forces and limits continue there as they should.
     """
-    for term in find_distinct(compile_table_arguments(run.equations)):
+    for term in compile_table_arguments(run.equations):
         intervals = [x for x in run.trajectory.intervals if term.part not in x.inactive]
         is_exempt = term.is_limited or term.table.is_repeated or not term.depends_on_motion
         if is_exempt or not intervals:

@@ -558,7 +558,7 @@ class Mechanism(HasOrigin):
             If there is no argument, or an argument is not a part of this mechanism.
         """
         for part in deactivate(*parts).parts:
-            self._require_member("deactivate", part)
+            self._require_member("Mechanism.deactivate", part)
             self.inactive.add(part.name)
 
     def part(self, name: str) -> Part:

@@ -4,10 +4,13 @@ May import: nothing; the names are imported when they are first used, see `catal
 To extend: add an entry with the package "quantities" to `catalog`.
 """
 
-import lazy_loader
+from functools import partial
 
-from beamdae.catalog import attributes_by_module
+from beamdae.catalog import NAMES, load_name
 
-__getattr__, __dir__, __all__ = lazy_loader.attach(
-    "beamdae", submod_attrs=attributes_by_module("quantities")
-)
+__all__ = [public.name for public in NAMES.values() if public.package == "quantities"]
+__getattr__ = partial(load_name, "quantities")
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from datetime import datetime
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +18,7 @@ from beamdae.results.outcome import accuracy_of
 from beamdae.results.solution import Solution
 
 if TYPE_CHECKING:
-    from beamdae.accuracy.errors import Errors
+    pass
 
 _ID = "run"  # id of the case of the run and of its group
 _HASH_DIGITS = 12  # displayed digits of the equation hash, enough to distinguish runs
@@ -28,8 +28,6 @@ _PARAMETER_DIGITS = 6
 def build_run_page(
     solution: Solution,
     title: str,
-    columns: Mapping[str, Any] | None = None,
-    errors: Errors | None = None,
     warnings: Sequence[str] | None = None,
     charts: PlotSelection | None = None,
 ) -> Content:
@@ -41,24 +39,16 @@ def build_run_page(
         The run.
     title
         Title of the page.
-    columns
-        Table columns by header, for example the combined table of a run and its continuation.
-        Defaults to the table of the run.
-    errors
-        Error columns with one row per observed column. The first column is not shown.
     warnings
         Warnings to show. Defaults to those of the run.
     charts
         Columns that the charts show first, with measured values over time. Defaults to the columns
         that vary.
     """
-    table = solution.all_columns() if columns is None else dict(columns)
-    # The drift is available only for the rows of this run.
-    if len(solution.t) == len(table[TIME]):
-        table |= solution.drift_columns
+    table = solution.all_columns() | solution.drift_columns
     status = solution.status
     method = str(solution.integrator.get("integrator", ""))
-    tables = [x for x in _build_tables(solution, table, errors) if x["rows"]]
+    tables = [x for x in _build_tables(solution) if x["rows"]]
     limit = compute_row_limit(len(table))
     measured = [] if charts is None else _list_measured(charts, limit)
     return {
@@ -101,9 +91,7 @@ def _list_measured(charts: PlotSelection, limit: int) -> list[Content]:
     ]
 
 
-def _build_tables(
-    solution: Solution, columns: Mapping[str, Any], errors: Errors | None
-) -> list[Content]:
+def _build_tables(solution: Solution) -> list[Content]:
     facts = run_facts(solution)
     if (reached := accuracy_of(solution)) is not None:
         facts["accuracy"] = reached.sentence
@@ -119,9 +107,9 @@ def _build_tables(
         "equations": metadata["equations"]["identity"][:_HASH_DIGITS],
         "written": datetime.now().astimezone().isoformat(" ", "seconds"),
     }
-    # Errors that take long are not measured.
-    known = vars(solution).get("errors") if errors is None else errors
+    columns = solution.all_columns()
     observed = {name: columns[name] for name in observed_columns(columns)}
+    known = vars(solution).get("errors")  # Those that take long are not measured.
     return [
         export_table("Observed", range_rows(observed, known, solution.step_extremes)),
         fact_table("Parameters", parameters, "motion"),

@@ -6,10 +6,13 @@ To extend: add quantities of a run as methods of `Solution`.
 The classes that functions of beamdae return are `bd.results.<name>`, see `catalog`.
 """
 
-import lazy_loader
+from functools import partial
 
-from beamdae.catalog import attributes_by_module
+from beamdae.catalog import NAMES, load_name
 
-__getattr__, __dir__, __all__ = lazy_loader.attach(
-    "beamdae", submod_attrs=attributes_by_module("results")
-)
+__all__ = [public.name for public in NAMES.values() if public.package == "results"]
+__getattr__ = partial(load_name, "results")
+
+
+def __dir__() -> list[str]:
+    return __all__

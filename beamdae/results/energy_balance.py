@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 
@@ -47,29 +46,6 @@ class Quality:
     max_position_drift: float
     max_velocity_drift: float
     energy_imbalance: float
-
-
-class Imbalance(NamedTuple):
-    """Largest imbalance of energies or forces over all steps.
-
-    Attributes
-    ----------
-    value
-        Largest absolute value of the sum that is zero for an exact solution.
-    scale
-        Reference value: the energy exchanged or the largest force.
-    largest_term
-        Largest absolute term of the sum.
-    """
-
-    value: float
-    scale: float
-    largest_term: float
-
-    @property
-    def ratio(self) -> float:
-        """`value` divided by `scale` [-]."""
-        return self.value / max(self.scale, _TINY)
 
 
 @read_only_data
@@ -165,12 +141,15 @@ class EnergyLedger:
         works = interval.integrate_to(times, self.powers[k], self.works[k])
         return np.hstack([interval.interpolate(self.energies[k], times), works])
 
-    @cached_property
-    def energy(self) -> Imbalance:
-        """Largest energy imbalance over the steps [J].
+    @property
+    def largest_force(self) -> float:
+        """Largest absolute entry of G^T lam and of F at a = 0."""
+        _, reaction, force, _, _ = self._largest_norms
+        return max(reaction, force)
 
-        The scale is the energy exchanged, but at least the rounding noise; see `Quality`.
-        """
+    @cached_property
+    def quality(self) -> Quality:
+        """Largest residual, drift and energy imbalance over the steps."""
         rows = self._step_rows
         # The datum of a potential is arbitrary, and an attractive potential is negative. For
         # potentials, the energy exchanged is therefore the range.
@@ -178,37 +157,23 @@ class EnergyLedger:
         # One column at a time: NumPy takes ten times as long along rows of two numbers.
         potentials = np.max([np.ptp(rows[:, k]) for k in (1, 2)])
         exchanged = float(max(np.max(kinetic), potentials, np.max(np.abs(works))))
-        imbalance = float(np.max(np.abs(self._step_imbalances)))
-        largest = float(np.max(np.abs(rows)))
+        imbalance = float(np.max(np.abs(_sum_balance(rows, rows[0]))))
         rounding = (
-            _ROUNDING_OF_FORCES * self.force.scale * self.length + _ROUNDING_OF_ENERGIES * largest
+            _ROUNDING_OF_FORCES * self.largest_force * self.length
+            + _ROUNDING_OF_ENERGIES * float(np.max(np.abs(rows)))
         )
-        return Imbalance(imbalance, max(exchanged, rounding), largest)
-
-    @property
-    def force(self) -> Imbalance:
-        """Largest absolute entry of the residual F + G^T lam over the steps.
-
-        The scale is the largest absolute entry of G^T lam and of F at a = 0.
-        """
-        residual, reaction, force, _, _ = self._largest_norms
-        scale = max(reaction, force)
-        return Imbalance(residual, scale, scale)
-
-    @property
-    def quality(self) -> Quality:
-        """Largest residual, drift and energy imbalance."""
-        *_, position, velocity = self._largest_norms
-        return Quality(self.force.ratio, position, velocity, self.energy.ratio)
+        residual, _, _, position, velocity = self._largest_norms
+        return Quality(
+            residual / max(self.largest_force, _TINY),
+            position,
+            velocity,
+            imbalance / max(exchanged, rounding, _TINY),
+        )
 
     @cached_property
     def _step_rows(self) -> Array:
         """Energies and works (steps + 1, 6) [J] at all steps."""
         return np.hstack([self._select_steps(self.energies), np.concatenate(self.works)])
-
-    @cached_property
-    def _step_imbalances(self) -> Array:
-        return _sum_balance(self._step_rows, self._step_rows[0])
 
     @cached_property
     def _largest_norms(self) -> list[float]:

@@ -277,7 +277,7 @@ class RunData:
 
     @cached_property
     def _is_at_rest(self) -> bool:
-        return is_at_rest(self.equations, self.trajectory, self._energy_ledger.force.scale)
+        return is_at_rest(self.equations, self.trajectory, self._energy_ledger.largest_force)
 
     def _observe_at(self, times: Array) -> Array:
         """Return rows of the observed columns at ascending times [s]."""

@@ -457,6 +457,7 @@ class Solution(RunData, TimeSeries, HasPage):
         """Write all data of the run to one file and return the path; `load` reads the file.
 
         The file is a zip archive of NumPy arrays and JSON. Loading the file does not execute code.
+        `simulate(..., start=path)` resumes from the last state of the run.
 
         Parameters
         ----------
@@ -470,25 +471,6 @@ class Solution(RunData, TimeSeries, HasPage):
         """
         written: Path = deferred.module("results.storage.saved_run").save_run(self, path)
         return written
-
-    def checkpoint(self, path: str | Path) -> Path:
-        """Write the last state to a JSON file and return the path.
-
-        `simulate(..., start=path)` resumes from this state.
-
-        Parameters
-        ----------
-        path
-            Path of the file, for example with the suffix .json.
-
-        Raises
-        ------
-        BeamdaeError
-            If the file cannot be written.
-        """
-        from beamdae.results.storage.checkpoint import Checkpoint
-
-        return Checkpoint.of(self).write(path)
 
     def followed_by(self, later: Solution) -> Solution:
         """Return this run and a later run that resumed from the end of this run as one solution.

@@ -18,8 +18,7 @@ from beamdae.studies.case import Case
 from beamdae.studies.execution.executors import SerialPool, create_executor
 from beamdae.studies.execution.study_run import StudyResults, run_study
 from beamdae.studies.run_values import format_output_column
-from beamdae.studies.sweeps.parameter_study import ParameterStudy
-from beamdae.studies.sweeps.sweep import require_folder
+from beamdae.studies.sweeps.sweep import Sweep, require_folder
 
 Array = np.ndarray
 
@@ -91,7 +90,7 @@ def run_starts(
     }
     count = len(problem.names)
     shifts = {tuple(x[:count].tolist()): x[count:] for x in starts if len(x) > count}
-    study = ParameterStudy(
+    study = Sweep(
         f"{problem.model.name}_fit",
         tuple(Case(problem.model, changed | x, problem.integrator) for x in settings),
         time_limit=None,

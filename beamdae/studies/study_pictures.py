@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from functools import partial
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -16,7 +15,6 @@ from beamdae.report.pictures.figures import (
     MAX_DRAWABLE,
     Panel,
     draw_panels,
-    save_figure,
 )
 from beamdae.studies.case_table import ACCURACY_COLUMNS, BOUND_COLUMN, ERROR_COLUMN
 from beamdae.studies.execution.study_run import StudyResults
@@ -26,28 +24,30 @@ from beamdae.studies.run_values import (
     WALL_TIME_COLUMN,
 )
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 _MARKERS = "osD^vPX"
 _ERROR_LABEL = "error / amplitude [-]"
 
-Plot = Callable[[], list[Path]]
 Style = dict[str, Any]
 Line = tuple[Any, Any, Style]
 
 
-def list_plots(results: StudyResults) -> dict[str, Plot]:
-    """Return the functions that draw the figures of a study, by name.
+def list_plots(results: StudyResults) -> dict[str, Callable[[], Figure | None]]:
+    """Return the functions that create the figures of a study, by file name.
 
-    Each function writes image files and returns their paths; if the study lacks the data for the
-    figure, it returns []. The dict is empty if no errors are computed.
+    They return None if the study lacks the data for the figure. The dict is empty if no errors are
+    computed.
     """
     if ERROR_COLUMN not in results.table:
         return {}
     if results.study.over is None:
-        return {"work_precision": partial(_draw_work_precision, results)}
-    return {"mesh_convergence": partial(_draw_mesh_convergence, results)}
+        return {"work_precision.png": partial(_draw_work_precision, results)}
+    return {"mesh_convergence.png": partial(_draw_mesh_convergence, results)}
 
 
-def _draw_work_precision(results: StudyResults) -> list[Path]:
+def _draw_work_precision(results: StudyResults) -> Figure | None:
     """Plot the error over the wall time, with one panel per group.
 
     Markers of errors that the reference does not resolve are hollow, at its dotted line. Thin lines
@@ -76,26 +76,22 @@ def _draw_work_precision(results: StudyResults) -> list[Path]:
         lines.append((times, np.array([0.3 * low, 3.0 * high]), {"ls": ""}))
         axes = WALL_TIME_COLUMN, _ERROR_LABEL
         panels.append(Panel(str(group), _ERROR_LABEL, lines, axes, ("log", "log")))
-    if not panels:
-        return []
-    figure = draw_panels(panels, "", styles, "groups", x_label=None)
-    return [save_figure(figure, results.folder / "work_precision.png")]
+    return draw_panels(panels, "", styles, "groups", x_label=None) if panels else None
 
 
-def _draw_mesh_convergence(results: StudyResults) -> list[Path]:
+def _draw_mesh_convergence(results: StudyResults) -> Figure | None:
     """Plot the error over the refined parameter, with one line per group."""
     over = str(results.study.over_header)
     rows = _select_drawable(results.table, over, ERROR_COLUMN).sort_values(over)
     if rows.empty:
-        return []
+        return None
     styles = _assign_styles(rows["group"])
     lines = [
         (runs[over], runs[ERROR_COLUMN], styles[str(group)])
         for group, runs in rows.groupby("group", sort=False)
     ]
     panel = Panel("", _ERROR_LABEL, lines, (over, _ERROR_LABEL), ("log", "log"))
-    figure = draw_panels([panel], "", styles, x_label=None)
-    return [save_figure(figure, results.folder / "mesh_convergence.png")]
+    return draw_panels([panel], "", styles, x_label=None)
 
 
 def _select_drawable(table: pd.DataFrame, *columns: str) -> pd.DataFrame:

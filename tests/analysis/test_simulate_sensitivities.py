@@ -94,7 +94,7 @@ def test_tables_files_and_pages_contain_derivatives(solution, tmp_path):
     csv = solution.to_csv(tmp_path / "run.csv").read_text().partition("\n")[0].split(",")
     assert HEADER in csv
     assert csv.index(HEADER) < csv.index("energy.kinetic [J]")
-    page = build_run_page(solution, "run", errors=solution.errors)
+    page = build_run_page(solution, "run")
     assert HEADER in page["cases"][0]["curves"]["observed"]
     assert any(HEADER in row for x in page["tables"] for row in x["rows"])
     assert not any(x.startswith("d(") for x in characteristic_columns(solution.all_columns()))

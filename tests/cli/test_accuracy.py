@@ -64,7 +64,7 @@ def test_an_accuracy_that_is_not_reached_writes_the_run_and_exits_with_1(columns
     limits = "--t-end", "20", "--time-limit", "1e-3", "--no-page", "--no-picture"
     result = run("--accuracy", "1%", *columns, *limits)
     assert result.exit_code == 1
-    assert "accuracy 0.01 is not reached" in result.stderr
+    assert "the accuracy is not reached" in result.stderr
     assert "time limit" in result.stderr
     assert Path("results/arm.csv").exists()
     assert not list(Path("results").glob("*.run"))

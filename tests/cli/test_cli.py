@@ -425,6 +425,7 @@ def test_public_names_can_be_imported():
     assert set(bd.__all__) <= set(dir(bd))
     with pytest.raises(AttributeError, match="module 'beamdae' has no attribute 'Beem'"):
         _ = bd.Beem
+    assert bd.results.Modes is not None  # and makes no other name known
     with pytest.raises(AttributeError, match=r"no attribute 'Modes' \(it is results\.Modes\)"):
         _ = bd.Modes
 

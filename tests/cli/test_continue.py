@@ -101,17 +101,6 @@ def test_a_file_can_be_resumed_twice(run):
     assert table["t [s]"].iloc[[0, -1]].tolist() == [0.0, 0.6]
 
 
-@pytest.mark.slow(reason="half a second")
-def test_a_checkpoint_of_python_starts_a_run_without_its_earlier_part(run):
-    model = bd.load_model("ball.py")
-    bd.simulate(model, t_end=0.3).checkpoint("end.json")
-    assert run("--t-end", "0.5", "--continue", "end.json").exit_code == 0
-    table, _ = read("ball")
-    assert_allclose(table["t [s]"].iloc[[0, -1]], [0.3, 0.5])
-    end = bd.simulate(model, t_end=0.5, start=Path("end.json"))["ball.y"].iloc[-1]
-    assert_allclose(table["ball.y [m]"].iloc[-1], end, atol=1e-9)
-
-
 def test_the_hint_to_resume_selects_the_model(run):
     limited = "--integrator", "radau", "--time-limit", "1e-9", "--set", "push=0.25"
     result = run(*limited, "--model", "ball")

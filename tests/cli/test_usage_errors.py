@@ -346,7 +346,7 @@ ERRORS = {
             (
                 "sweep --over speed=1,2 --start equilibrum",
                 "--start equilibrum: the start must be 'as drawn', 'equilibrium', rotation=SPEED, "
-                "PART.COORDINATE=VALUE or the path of a checkpoint (did you mean 'equilibrium'?).",
+                "PART.COORDINATE=VALUE or the path of a saved run (did you mean 'equilibrium'?).",
             ),
             ("compare --start equilibrum", "--start equilibrum: the start must be "),
         ],

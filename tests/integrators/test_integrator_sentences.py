@@ -122,14 +122,14 @@ SENTENCES = [
         lambda: simulate(start=3),
         "simulate: start must be 'as drawn', 'equilibrium', bd.rotation(...) or a dict of "
         "positions and velocities by name such as {'crank.angle': 0.3, 'crank.angle_dot': 5.0},"
-        " a solution, an equilibrium or the path of a checkpoint, got 3.",
+        " a solution, an equilibrium or the path of a run, got 3.",
     ),
     (
         lambda: simulate(start="none.json"),
-        "none.json: the checkpoint cannot be read: No such file or directory; run the model "
-        "again from the start.",
+        "none.json: the saved run cannot be read: No such file or directory; simulate and save "
+        "the run again.",
     ),
-    (lambda: simulate().checkpoint(3), "checkpoint: path must be the path of a file, got 3."),
+    (lambda: simulate().save(3), "save: path must be the path of a file, got 3."),
     (lambda: simulate().followed_by(3), "followed_by: later must be a solution, got 3."),
     (
         lambda: event(what="ball.z"),

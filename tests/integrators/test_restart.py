@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import re
-
 import numpy as np
 import pytest
 from conformance import integrators
@@ -49,7 +47,7 @@ def test_interrupted_run_continues():
 
 def test_run_continues_after_a_stop_event(tmp_path):
     stopped = bd.simulate(falling(HIT), bd.Ida(1e-6), 5.0)
-    path = stopped.checkpoint(tmp_path / "impact.json")
+    path = stopped.save(tmp_path / "impact.json")
     for start in (stopped, path):
         later = bd.simulate(falling(HIT), bd.Ida(1e-6), 1.0, start=start)
         assert later.status.sentence == "reached the end"
@@ -76,7 +74,7 @@ def pushed_beyond_a_line():
 def test_event_at_the_end_of_a_run_happens_once(integrator, off, tmp_path):
     """At the end of the first run the quantity is on its value up to rounding, on either side."""
     first = bd.simulate(pushed_beyond_a_line(), integrator, 1.0 + off)
-    start = first.checkpoint(tmp_path / "end.json") if off == 0.0 else first
+    start = first.save(tmp_path / "end.json") if off == 0.0 else first
     later = bd.simulate(pushed_beyond_a_line(), integrator, 2.0, start=start)
     both = first.followed_by(later)
     assert sorted(one.name for one in both.event_records) == ["pushed", "seen"]
@@ -97,7 +95,7 @@ def test_run_stopped_right_after_its_start(integrator):
 
 def test_checkpoint_of_another_model_is_rejected(tmp_path):
     first = bd.simulate(slider(), bd.Radau(), 0.1)
-    path = first.checkpoint(tmp_path / "end.json")
+    path = first.save(tmp_path / "end.json")
     with pytest.raises(bd.BeamdaeError, match="begins at t = 0 s"):
         first.followed_by(first)
     with pytest.raises(bd.BeamdaeError, match=r"coordinate 1 is 'bar\..*' in the start and 'x' in"):
@@ -106,17 +104,12 @@ def test_checkpoint_of_another_model_is_rejected(tmp_path):
         bd.simulate(slider(), bd.Radau(), 0.1, start=path)
 
 
-INCOMPLETE = "the file is not a complete checkpoint"
+INCOMPLETE = "the file is not a complete saved run"
 
 
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [
-        (
-            lambda text: text.replace('"version": 4', '"version": 1'),
-            "version must be 4, got 1;",
-        ),
-        (lambda text: re.sub('"t": [0-9.]+', '"t": 0.05', text), r"since it was .*wrong checksum"),
         (lambda text: "[1]", INCOMPLETE),
         (lambda text: "", INCOMPLETE),
         (lambda text: text[: len(text) // 2], INCOMPLETE),
@@ -125,9 +118,9 @@ INCOMPLETE = "the file is not a complete checkpoint"
         (lambda text: bytes(range(256)).decode("latin1"), INCOMPLETE),
     ],
 )
-def test_damaged_checkpoint_is_rejected(tmp_path, change, sentence):
-    path = bd.simulate(slider(), bd.Radau(), 0.1).checkpoint(tmp_path / "end.json")
-    text = path.read_text()
+def test_damaged_run_is_rejected(tmp_path, change, sentence):
+    path = bd.simulate(slider(), bd.Radau(), 0.1).save(tmp_path / "end.run")
+    text = path.read_bytes().decode("latin1")
     assert change(text) != text
     path.write_bytes(change(text).encode("latin1"))
     with pytest.raises(bd.BeamdaeError, match=sentence):
@@ -160,7 +153,7 @@ def test_end_of_a_failed_or_pilot_run_causes_a_warning(tmp_path):
     assert failed_run.status.kind == "failed"
     stopped_pilot = bd.simulate(pendulum(), bd.Radau(), 2.0, progress=halted, partial="return")
     for first, model in ((failed_run, mech), (stopped_pilot, pendulum())):
-        path = first.checkpoint(tmp_path / "end.json")
+        path = first.save(tmp_path / "end.json")
         for start in (first, path):
             end = first.trajectory.end + 1e-3
             with pytest.warns(bd.BeamdaeWarning, match="the run resumes from an unreliable state"):
@@ -184,7 +177,7 @@ def test_other_parameters_are_rejected_or_reported(tmp_path):
         return falling(gravity=gravity)
 
     first = bd.simulate(falling_model, bd.Radau(), 0.5)
-    path = first.checkpoint(tmp_path / "end.json")
+    path = first.save(tmp_path / "end.json")
     other = r"other parameters \(gravity was -9\.81\)"
     with pytest.raises(
         bd.BeamdaeError, match=f"thrown_on_the_moon: the start belongs to a run with {other}"
@@ -216,7 +209,7 @@ def driven_ball(law, mass=1.0):
 )
 def test_other_formulas_and_numbers_are_rejected(tmp_path, other):
     first = bd.simulate(driven_ball(lambda t: np.sin(t)), bd.Radau(), 0.5)
-    path = first.checkpoint(tmp_path / "end.json")
+    path = first.save(tmp_path / "end.json")
     watched = driven_ball(lambda t: np.sin(t))
     watched.observe("ball", watched.part("ball").point)
     for same in (driven_ball(lambda t: np.sin(t)), watched):

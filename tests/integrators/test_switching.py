@@ -415,7 +415,7 @@ def locked(t_end, **more):
 )
 def test_checkpoints_store_the_effects_of_events(run, stop, end, tmp_path):
     whole, first = run(end, output_step=0.02), run(stop, output_step=0.02)
-    path = first.checkpoint(tmp_path / "end.json")
+    path = first.save(tmp_path / "end.json")
     for start in (first, path):
         both = first.followed_by(run(end, start=start, output_step=0.02))
         assert [x.name for x in both.event_records] == [x.name for x in whole.event_records]
@@ -428,7 +428,7 @@ def test_failed_event_is_due_when_the_run_continues(tmp_path):
     """The lock is open in the first run; in the second one it keeps the gap."""
     with pytest.warns(bd.BeamdaeWarning, match="activate.*as_is=True"):
         first = caught(1.0, angle=0.7)
-    path = first.checkpoint(tmp_path / "end.json")
+    path = first.save(tmp_path / "end.json")
     for start in (first, path):
         later = caught(1.0, angle=0.7, as_is=True, start=start)
         assert_allclose(later.columns["bar.angle [rad]"], 0.5, rtol=1e-6)
@@ -438,8 +438,8 @@ def test_failed_event_is_due_when_the_run_continues(tmp_path):
 
 @pytest.mark.slow(reason="a fifth of a second")
 def test_checkpoints_of_other_events_are_rejected(tmp_path):
-    frozen = locked(1.5).checkpoint(tmp_path / "frozen.json")
-    changed = cycled(CYCLES[0], 0.9).checkpoint(tmp_path / "changed.json")
+    frozen = locked(1.5).save(tmp_path / "frozen.json")
+    changed = cycled(CYCLES[0], 0.9).save(tmp_path / "changed.json")
 
     mech, bar = spinning(angular_velocity=0.0)
     ends = mech.ground.at(0.0, 0.0), bar.at(0.0, 0.0)

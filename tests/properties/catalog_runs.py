@@ -82,7 +82,7 @@ def check_resumption(entry: str) -> None:
     exact = reference_run(entry)
     with TemporaryDirectory() as folder:
         first = completed(exact.equations, bd.Radau(RTOL), 0.6 * T_END)
-        starts = (first, first.checkpoint(Path(folder) / "end.json"))
+        starts = (first, first.save(Path(folder) / "end.json"))
         later = [completed(exact.equations, bd.Radau(RTOL), start=start) for start in starts]
     assert_array_equal(later[0].table(), later[1].table())
     require_agreement(first.followed_by(later[0]), exact)

@@ -208,17 +208,11 @@ def study(tmp_path, rows, over=None, uncertainty=1e-6):
 
 
 @pytest.fixture
-def figure_of(monkeypatch):
-    """Return a function that draws a plot of a study and returns its figure without saving it."""
+def figure_of():
+    """Return a function that draws a plot of a study."""
 
     def draw(results, name):
-        collected = []
-        with monkeypatch.context() as patch:
-            patch.setattr(
-                study_pictures, "save_figure", lambda figure, path: collected.append(figure) or path
-            )
-            study_pictures.list_plots(results)[name]()
-        return collected[0]
+        return study_pictures.list_plots(results)[f"{name}.png"]()
 
     return draw
 
@@ -235,11 +229,10 @@ NOTHING = {
 @pytest.mark.parametrize("rows", NOTHING.values(), ids=NOTHING)
 def test_a_study_without_data_has_no_plots(tmp_path, rows):
     rows = [{"elements": n} | row for n in (4, 8) for row in rows]
-    assert study_pictures.list_plots(study(tmp_path, rows))["work_precision"]() == []
+    assert study_pictures.list_plots(study(tmp_path, rows))["work_precision.png"]() is None
     if "wall time [s]" not in rows[0]:
-        assert (
-            study_pictures.list_plots(study(tmp_path, rows, "elements"))["mesh_convergence"]() == []
-        )
+        plots = study_pictures.list_plots(study(tmp_path, rows, "elements"))
+        assert plots["mesh_convergence.png"]() is None
 
 
 def test_a_group_without_a_success_has_no_panel(tmp_path, figure_of):
@@ -255,7 +248,10 @@ def test_work_precision_shows_errors_below_the_resolution(tmp_path, figure_of):
     results = study(tmp_path, rows)
     low, high = figure_of(results, "work_precision").axes[0].get_ylim()
     assert 1e-7 < low < 1e-5 < high < 1e-3
-    assert colored_share(study_pictures.list_plots(results)["work_precision"]()[0]) > 1e-4
+    assert (
+        colored_share(figures.save_figure(figure_of(results, "work_precision"), tmp_path / "a.png"))
+        > 1e-4
+    )
 
 
 def test_lines_connect_runs_by_setting_and_show_the_range_of_times(tmp_path, figure_of):
@@ -307,7 +303,12 @@ def test_of_many_groups_with_long_names_12_are_drawn(tmp_path, figure_of):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         results = study(tmp_path, rows)
-        assert colored_share(study_pictures.list_plots(results)["work_precision"]()[0]) > 1e-3
+        assert (
+            colored_share(
+                figures.save_figure(figure_of(results, "work_precision"), tmp_path / "a.png")
+            )
+            > 1e-3
+        )
         figure = figure_of(results, "work_precision")
         figure.canvas.draw()
         assert len(figure.axes) == 12

@@ -79,14 +79,10 @@ def test_the_page_of_equations_has_no_animation(tmp_path):
 
 
 def test_curves_of_long_runs_are_thinned(run):
-    columns = run.all_columns()
-    long = {name: np.repeat(x, 100) for name, x in columns.items()}
-    page = build_run_page(run, "arm", long)
-    curves = page["cases"][0]["curves"]
+    long = run.at_times(np.linspace(run.t[0], run.t[-1], 5000))
+    curves = build_run_page(long, "arm")["cases"][0]["curves"]
     assert len(curves["t"]) == 2000
     assert curves["t"][-1] == run.t[-1]
-    # The drift is known for the rows of this run only.
-    assert curves["drift"] == {}
 
 
 def test_the_page_of_a_run_in_a_browser(run, show):
@@ -124,7 +120,8 @@ def test_the_page_of_a_failed_run_shows_its_status_and_last_time(run, show):
 @pytest.mark.slow(reason="axe-core tests two pages")
 @pytest.mark.parametrize(("scheme", "size"), [("light", (1366, 768)), ("dark", (390, 844))])
 def test_the_page_has_no_violations(run, open_page, size, scheme):
-    page = build_run_page(run, "arm", None, run.errors, ["A warning."])
+    assert run.errors.headers
+    page = build_run_page(run, "arm", warnings=["A warning."])
     width, height = size
     tab = open_page(page, viewport={"width": width, "height": height}, color_scheme=scheme)
     assert find_violations(tab) == []

@@ -92,7 +92,7 @@ def test_arrays_are_not_larger_than_their_header_says(tmp_path):
 def test_files_of_other_content_are_refused(tmp_path, text):
     path = tmp_path / "end.json"
     path.write_bytes(text)
-    with pytest.raises(FileContentError, match="the file is not a complete checkpoint; run the"):
+    with pytest.raises(FileContentError, match="the file is not a complete saved run; simulate"):
         Checkpoint.read(path)
 
 
@@ -169,16 +169,22 @@ def test_regression_checkpoints_with_wrong_content_are_refused(tmp_path, name):
     push = mech.add(bd.Force("push", mech.parts["ball"].point, (1.0, 0.0)))
     mech.when("ball.y", 1.9, "down", bd.deactivate(push), "passed")
     run = bd.simulate(mech, bd.Radau(1e-3), 0.1)
-    path = run.checkpoint(tmp_path / "end.json")
-    content = json.loads(path.read_text()) | change
+    path = run.save(tmp_path / "end.run")
+    with np.load(path) as archive:
+        arrays = {key: archive[key] for key in archive.files}
+    content = json.loads(arrays.pop("document").tobytes())
+    content["checkpoint"] |= change
     content.pop("checksum")
-    path.write_text(json.dumps(content | {"checksum": checksum(content)}))
+    content["checksum"] = checksum(content, arrays)
+    document = np.frombuffer(json.dumps(content).encode(), np.uint8)
+    with open(path, "wb") as stream:
+        np.savez(stream, document=document, **arrays)
     with pytest.raises(bd.BeamdaeError, match=words):
         bd.simulate(mech, bd.Radau(1e-3), 0.2, start=path)
 
 
 def test_checkpoints_that_were_read_cannot_be_changed(tmp_path, run):
-    checkpoint = Checkpoint.read(run.checkpoint(tmp_path / "end.json"))
+    checkpoint = Checkpoint.read(run.save(tmp_path / "end.json"))
     with pytest.raises(bd.BeamdaeError, match="it is read-only"):
         checkpoint.q["ball.x"] = 1.0
     assert checkpoint == Checkpoint.of(run)

@@ -70,27 +70,6 @@ def _forge(content: Any, arrays: dict[str, np.ndarray] | None = None) -> str:
     return json.dumps(content)
 
 
-# Checkpoints ---------------------------------------------------------------------------------
-
-
-@cache
-def _checkpoint_content() -> dict[str, Any]:
-    path = Path(mkdtemp()) / "end.json"
-    return json.loads(_solution().checkpoint(path).read_text())
-
-
-def write_checkpoint(folder: Path, change: str, rng: random.Random) -> Path:
-    content = copy.deepcopy(_checkpoint_content())
-    mutations.JSON_MUTATIONS[change](content, rng)
-    path = folder / "end.json"
-    path.write_text(_forge(content))
-    return path
-
-
-def use_checkpoint(path: Path) -> None:
-    bd.simulate(caught, _METHOD, _LATER, output_step=0.05, start=path, accept_changes=True)
-
-
 # Saved runs ----------------------------------------------------------------------------------
 
 
@@ -210,7 +189,6 @@ class Kind:
 
 _JSON = tuple(mutations.JSON_MUTATIONS)
 KINDS = {
-    "checkpoint": Kind(write_checkpoint, use_checkpoint, _JSON, 0.3),
     "saved run": Kind(write_run, use_run, (*_JSON, "arrays", "shapes", "members"), 0.45),
     "record": Kind(write_record, use_record, (*_JSON, "tables", "tables"), 0.25),
 }

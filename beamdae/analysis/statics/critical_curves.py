@@ -43,9 +43,10 @@ CHANGE_SIZE = 0.05
 _RELATIVE_CHANGE = 0.2 * CHANGE_SIZE
 # Smallest motion, in natural sizes, to which others are relative: rounding errors are not measured.
 _MIN_MOTION = 1e-6
-# Differences of the tangent along a motion, in natural sizes. They, and the grid of shares of the
-# range on which the equations are differenced, affect the convergence only, not the result.
-_DIFFERENCE = 1e-4
+# Differences of the tangent along a motion, in natural sizes: near the cube root of rounding, since
+# places where the curve turns have relative errors of its square.
+_DIFFERENCE = 1e-5
+# Grid of shares of the range on which the equations are differenced, for the convergence only.
 _GRID = 2.0**-10
 # Work of the load in a mode, relative to its largest value, above which a mode has a limit.
 _MIN_WORK = 1e-6

@@ -159,8 +159,6 @@ class LoadedEquations:
     unloaded, loaded
         Static equations without and with the loads of the stage, or those at the first and last
         value of the parameter; the same object if no load is scaled.
-    held_coordinates
-        Indices of the coordinates that springs in the tangent hold, see `neutral_motions`.
     parameter, at
         The parameter, and the function that returns the equations at a value of it. They differ in
         numbers and time only.
@@ -168,7 +166,6 @@ class LoadedEquations:
 
     unloaded: StaticEquations
     loaded: StaticEquations
-    held_coordinates: tuple[int, ...] = ()
     parameter: PathParameter | None = None
     at: Callable[[float], StaticEquations] | None = None
 

@@ -7,8 +7,6 @@ along them.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import scipy.linalg as la
 
@@ -42,16 +40,15 @@ def hold_neutral_motions(point: Point) -> Point:
     sizes = motions.T.round(_DECIMALS) * prefer_angles(system.equations)
     order = la.qr(sizes, mode="r", pivoting=True)[1]
     held = tuple(sorted(order[: motions.shape[1]].tolist()))
-    return StaticProblem(replace(system, held_coordinates=held)).point(point.x, point.p)
+    return StaticProblem(system, held).point(point.x, point.p)
 
 
 def are_neutral(point: Point) -> bool:
     """Return True if loads do no work in the held motions: their springs resist no load."""
-    problem, held = point.problem, list(point.problem.system.held_coordinates)
-    sizes = problem.system.equations.position_scales
-    forces = point.tangent(prescribe_parameter)[held] / problem.scales[held] ** 2
-    loads = sizes * point.linearization.by_parameter[: len(sizes)]
-    return _size(sizes[held] * forces) <= _ROUNDING_OF_MOTIONS * float(np.sum(np.abs(loads)))
+    held, scales = list(point.problem.held), point.problem.scales
+    forces = point.tangent(prescribe_parameter)[held] / scales[held]
+    loads = scales * point.linearization.by_parameter
+    return _size(forces) <= _ROUNDING_OF_MOTIONS * float(np.sum(np.abs(loads)))
 
 
 def prefer_angles(e: EquationsOfMotion) -> Array:

@@ -318,7 +318,7 @@ def _follow_stage(path: StagePath) -> None:
 
 def _may_move_far(path: StagePath) -> bool:
     """Return True at the begin of a path, and where a motion is held that may become stiff."""
-    is_held = bool(path.end.problem.system.held_coordinates)
+    is_held = bool(path.end.problem.held)
     return len(path.points) == 1 or (is_held and len(path.points) < path.settings.max_points)
 
 
@@ -461,7 +461,7 @@ def free_coordinate(point: Point) -> str:
     The name is "" if there is no such motion.
     """
     problem = point.problem
-    e, held = problem.system.equations, problem.system.held_coordinates
+    e, held = problem.system.equations, problem.held
     if held:
         return e.q_names[held[0]]
     if not point.monitor.free:

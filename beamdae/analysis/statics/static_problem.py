@@ -242,10 +242,12 @@ class StaticProblem(Problem):
     ----------
     system
         The load stage.
+    held
+        Indices of the coordinates that springs in the tangent hold, see `neutral_motions`.
 
     Attributes
     ----------
-    system
+    system, held
         See above.
     pattern
         CSC pattern of the tangent F_x, (n + m, n + m).
@@ -253,10 +255,9 @@ class StaticProblem(Problem):
         Numbers of coordinates, and of unknowns before the forces of beams and springs.
     """
 
-    def __init__(self, system: LoadedEquations) -> None:
-        self.system = system
-        pair, held = (system.unloaded, system.loaded), system.held_coordinates
-        self._idle = None
+    def __init__(self, system: LoadedEquations, held: tuple[int, ...] = ()) -> None:
+        self.system, self.held = system, held
+        self._idle, pair = None, (system.unloaded, system.loaded)
         if not system.is_linear:
             # The stiffness of a spring may begin or end at zero.
             self._idle = find_idle_forces(pair[0]) | find_idle_forces(pair[1])
@@ -283,7 +284,7 @@ class StaticProblem(Problem):
         """
         plan, size, nnz = self._plan, self.pattern.shape[0], self._plan.bordered.nnz
         reference, ends = self._mixed.equations, (self._mixed.unloaded, self._mixed.loaded)
-        held, begin = len(self.system.held_coordinates), self.system.ends[0]
+        held, begin = len(self.held), self.system.ends[0]
         matrix = FactorizedMatrix.from_pattern(plan.bordered)
         starts = np.array([part.rows.start for part in reference.parts], np.intp)
         parts = starts[np.searchsorted(starts, np.arange(self.n), "right") - 1]

@@ -179,10 +179,22 @@ def run_command(
         return run_outputs.describe_run(job, files.table, solution, sentences, comparisons, resume)
 
     def write_page(solution: Solution, path: Path, title: str) -> Path:
-        return run_outputs.write_page(solution, path, job.model.name, warnings, charts[0])
+        from beamdae.report.page import page_file
+        from beamdae.report.run_page import build_run_page
+
+        of_page, name = charts[0], job.model.name
+        content = build_run_page(solution, name, warnings=warnings, charts=of_page)
+        return page_file.write_page(path, content)
 
     def draw(solution: Solution, title: str) -> Any:
-        return run_outputs.draw(solution, title, charts[1])
+        from beamdae.report.pictures.time_plots import create_figure, create_run_figure
+        from beamdae.results.columns import merge_columns
+
+        columns = solution.all_columns()
+        if charts[1] is None:
+            return create_run_figure(columns, title)
+        merged = merge_columns(columns, solution.coordinate_columns())
+        return create_figure({"run": merged}, charts[1], list(columns), title)
 
     title = f"{job.model.name}, {method.label}"
     run_analysis(files, title, analyze, write_tables, describe, write_page, draw)

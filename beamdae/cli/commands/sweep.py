@@ -254,5 +254,5 @@ def _create_report(results: StudyResults) -> StudyReport:
         Report(sweep.name, Description({}, shown, lambda: data), warnings=swept.warnings),
         [*(folder / name for name in results.tables), swept.to_csv(folder / TABLE_FILE)],
         swept.page,
-        list_response_plots(sweep, table, swept.panels(), folder),
+        list_response_plots(sweep, table, swept.panels()),
     )

@@ -20,7 +20,7 @@ from beamdae.equations.equations_of_motion import State
 from beamdae.equations.formula_forces import FormulaForceTerm
 from beamdae.equations.table_arguments import TableArgumentTerm
 from beamdae.integrators.error_control import motion_rate
-from beamdae.integrators.events.watches import Stop
+from beamdae.integrators.events.watches import Stop, locate_minima
 from beamdae.integrators.run_plan import RunPlan
 from beamdae.integrators.step_history import RunSegment
 from beamdae.results.trajectory import Interval
@@ -46,8 +46,6 @@ _MIN_COARSE_WEIGHT = 1e-2
 # Peaks are located by repeated sampling between the neighbors of the highest sample.
 _REFINEMENTS = 3
 _REFINED_SAMPLES = 33
-# Places at which arguments turn are located to (2 / 32)^4 = 1.5e-5 of the distance of the samples.
-_TURN_REFINEMENTS = 4
 # Corrections of the times at which arguments pass rows of tables, which are interpolated linearly.
 _ROW_CORRECTIONS = 3
 # Arguments that change by smaller factors between two samples need no further samples.
@@ -98,9 +96,10 @@ class ForcePeakWatch:
         active = (x for x in self.arguments if x.part not in interval.inactive)
         rows = [_locate_rows(x, interval, first) for x in active]
         t = np.unique(np.concatenate([t, *turns, *rows]))
+        t = t[t > interval.nodes[first]]
         if not len(t):
             return None
-        samples = _Samples(interval, t[t > interval.nodes[first]])
+        samples = _Samples(interval, t)
         gap = np.searchsorted(interval.nodes, samples.t) - 1
         peaks = (self._find_first_of_force(x, samples, first, gap) for x in self.terms)
         return min((peak for peak in peaks if peak is not None), default=None)
@@ -275,21 +274,18 @@ def _locate_turns(
     samples = _Samples(interval, np.union1d(interval.nodes[first:], t))
     turns = [_Turns.find(samples.t, np.nan_to_num(samples.evaluate_arguments(x))) for x in terms]
     left, right, column, sign = map(np.concatenate, zip(*turns, strict=True))
-    center, sign, places = left, sign[:, None], np.arange(len(left))
     ends = np.cumsum([0, *(len(x.left) for x in turns)]).tolist()
-    for _ in range(_TURN_REFINEMENTS if len(left) else 0):
-        near = np.linspace(left, right, _REFINED_SAMPLES, axis=1)
-        samples, values = _Samples(interval, near.ravel()), np.empty_like(near)
+
+    def distances(near: Array) -> Array:
+        values, count = np.empty_like(near), near.shape[1]
+        samples = _Samples(interval, near.ravel())
         for term, (begin, end) in zip(terms, pairwise(ends), strict=True):
-            rows = slice(begin * _REFINED_SAMPLES, end * _REFINED_SAMPLES)
-            arguments = samples.evaluate_arguments(term, rows)
-            arguments = arguments.reshape(end - begin, _REFINED_SAMPLES, arguments.shape[1])
+            arguments = samples.evaluate_arguments(term, slice(begin * count, end * count))
+            arguments = arguments.reshape(end - begin, count, arguments.shape[1])
             values[begin:end] = arguments[np.arange(end - begin), :, column[begin:end]]
-        lowest = np.argmin(np.where(sign == 0.0, np.abs(values), sign * values), axis=1)
-        left, center, right = (
-            near[places, np.clip(lowest + k, 0, _REFINED_SAMPLES - 1)] for k in (-1, 0, 1)
-        )
-    return center
+        return np.where(sign[:, None] == 0.0, np.abs(values), sign[:, None] * values)
+
+    return locate_minima(left, right, distances) if len(left) else left
 
 
 def _locate_rows(term: TableArgumentTerm, interval: Interval, first: int) -> Array:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.formula_forces import compile_formula_forces
 from beamdae.equations.surface_gaps import compile_surface_gaps
-from beamdae.equations.table_arguments import compile_table_arguments, find_distinct
+from beamdae.equations.table_arguments import compile_table_arguments
 from beamdae.integrators.events.watches import Stop, Watch
 from beamdae.integrators.run_plan import RunPlan
 from beamdae.integrators.step_history import RunSegment
@@ -54,7 +54,7 @@ class StopSearch:
             self.detector = EventDetector(equations)
             if self.detector.may_stop:
                 self.longest_batch = _STEPS_PER_EVENT_SEARCH
-        self._arguments = find_distinct(compile_table_arguments(equations))
+        self._arguments = compile_table_arguments(equations)
         # Imported where they are created: most models have no surfaces and tables.
         watches: list[Watch] = []
         gaps = compile_surface_gaps(equations)

@@ -7,7 +7,7 @@ event, or where the error test sees what the step has passed over.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import NamedTuple, Protocol
 
@@ -27,10 +27,9 @@ _BRENT_RTOL = 1e-15
 # Fraction of the first and last step at which scalars are sampled, too, so that dips in these steps
 # lie between three samples.
 _EDGE_SHARE = 2.5e-4
-# A dip is located by repeated sampling between the neighbors of the smallest sample, to
-# (2 / 16)^12 = 1.5e-11 of the distance of the first neighbors.
-_DIP_SAMPLES = 17
-_DIP_REFINEMENTS = 12
+# Minima are located to (2 / 32)^5 = 1e-6 of the first distance of their neighbors.
+_REFINED_SAMPLES = 33
+_REFINEMENTS = 5
 
 
 class Stop(NamedTuple):
@@ -111,23 +110,37 @@ def evaluate_inside(scalar: Scalar, interval: Interval, t: Array) -> Array:
     return scalar(t, interval.at(t))
 
 
-def find_dips(t: Array, values: Array, evaluate: Callable[[Array], Array]) -> Iterator[float]:
-    """Yield a time [s] beyond zero of each passage to the other side of zero between two samples.
+def find_dips(t: Array, values: Array, evaluate: Callable[[Array], Array]) -> Array:
+    """Return times [s] at which a function has passed to the other side of zero between samples.
 
     `evaluate` is the function of times that has the `values` at the times `t`.
     """
-    for k in _list_possible_dips(t, values):
-        sign, times = float(np.sign(values[k])), t[k - 1 : k + 2]
-        for _ in range(_DIP_REFINEMENTS):
-            times = np.linspace(times[0], times[-1], _DIP_SAMPLES)
-            distances = sign * evaluate(times)
-            lowest = int(np.argmin(distances))
-            if distances[lowest] < 0.0:
-                yield float(times[lowest])
-                break
-            if lowest not in _list_possible_dips(times, distances):
-                break
-            times = times[lowest - 1 : lowest + 2]
+    k = _list_possible_dips(t, values)
+    if not len(k):
+        return k
+    signs = np.sign(values[k])
+
+    def distances(times: Array) -> Array:
+        return signs[:, None] * evaluate(times.ravel()).reshape(times.shape)
+
+    dips = locate_minima(t[k - 1], t[k + 1], distances)
+    return dips[signs * evaluate(dips) < 0.0]
+
+
+def locate_minima(left: Array, right: Array, evaluate: Callable[[Array], Array]) -> Array:
+    """Return the times [s] of the minima of functions between times [s], (k,) each.
+
+    `evaluate` returns the values of function i at the times [i, :]. The minima are located by
+    repeated sampling between the neighbors of the smallest sample.
+    """
+    center, functions = left, np.arange(len(left))
+    for _ in range(_REFINEMENTS):
+        times = np.linspace(left, right, _REFINED_SAMPLES, axis=1)
+        lowest = np.argmin(evaluate(times), axis=1)
+        left, center, right = (
+            times[functions, np.clip(lowest + k, 0, _REFINED_SAMPLES - 1)] for k in (-1, 0, 1)
+        )
+    return center
 
 
 def _list_possible_dips(t: Array, values: Array) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +18,7 @@ from beamdae.read_only import read_only_data
 from beamdae.results.outcome import PILOT_RUN_SUFFIX
 from beamdae.results.run_data import RunData
 from beamdae.results.storage.documents import Format
-from beamdae.results.storage.files import require_file_path, write_bytes
-from beamdae.results.storage.reader import FileKind, is_archive
+from beamdae.results.storage.reader import FileKind
 
 # Files of runs, whose last states are checkpoints.
 SAVED_RUN, SAVED_RUN_VERSION = FileKind("saved run", "simulate and save the run again"), 4
@@ -97,32 +96,18 @@ class Checkpoint:
             doubt=run.status.sentence if may_be_wrong else "",
         )
 
-    def write(self, path: str | Path) -> Path:
-        """Write the checkpoint to a JSON file atomically and return the path.
-
-        Raises
-        ------
-        BeamdaeError
-            If the file cannot be written.
-        """
-        file = require_file_path("checkpoint", path)
-        return write_bytes(file, _FORMAT.write(asdict(self), indent=2), kind=CHECKPOINT)
-
     @classmethod
     def read(cls, path: str | Path) -> Checkpoint:
-        """Read a checkpoint written by `write`, or the last state of a saved run.
+        """Read the last state of a saved run.
 
         Raises
         ------
         BeamdaeError
-            If the file cannot be read, or is neither a valid checkpoint nor a saved run of the
-            current version.
+            If the file cannot be read, or is not a saved run of the current version.
         """
         path = Path(path)
-        if is_archive(path):
-            checkpoint = _LAST_STATE.read_archive(path)[0].checkpoint
-        else:
-            checkpoint = _FORMAT.read(path)
+        # Decoding does not make data read-only.
+        checkpoint = replace(_FORMAT.read_archive(path)[0].checkpoint)
         for values in ({"t": checkpoint.t}, checkpoint.q, checkpoint.v):
             for name, value in values.items():
                 require_finite(str(path), name, value)
@@ -199,5 +184,4 @@ class _LastState:
     checkpoint: Checkpoint
 
 
-_FORMAT = Format(FileKind("checkpoint", "run the model again from the start"), 4, Checkpoint)
-_LAST_STATE = Format(SAVED_RUN, SAVED_RUN_VERSION, _LastState)
+_FORMAT = Format(SAVED_RUN, SAVED_RUN_VERSION, _LastState)

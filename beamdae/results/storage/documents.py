@@ -26,7 +26,7 @@ from beamdae.results.storage.reader import ContentError, FileKind, open_result, 
 Array = np.ndarray
 _T = TypeVar("_T")
 
-# A checkpoint of 100 000 coordinates has 10 MB.
+# A record with an animation of 100 000 sections has 10 MB.
 _MAX_JSON_BYTES = 100_000_000
 # Control characters would be executed by a terminal; line breaks and tabs are part of messages.
 _CONTROL_CHARACTER = re.compile(r"\x7f|(?<!\\)(?:\\\\)*\\(?:u00[0189][0-9a-f]|[bf])")
@@ -52,9 +52,9 @@ class Format(Generic[_T]):
     version: int
     content: type[_T]
 
-    def write(self, content: Mapping[str, Any], indent: int | None = None) -> bytes:
+    def write(self, content: Mapping[str, Any]) -> bytes:
         """Return the text of a document; `content` has the fields of the type."""
-        return self._format(content, {}, indent)
+        return self._format(content, {})
 
     def read(self, path: Path) -> _T:
         """Return the content of the document at `path`.
@@ -91,13 +91,11 @@ class Format(Generic[_T]):
                 arrays = {name: archive[name] for name in archive.files}
             return self._parse(arrays.pop(_CONTENT).tobytes(), arrays), arrays
 
-    def _format(
-        self, content: Mapping[str, Any], arrays: Mapping[str, Array], indent: int | None = None
-    ) -> bytes:
+    def _format(self, content: Mapping[str, Any], arrays: Mapping[str, Array]) -> bytes:
         plain = {"format": self.kind.name, "version": self.version, **content}
         plain = json.loads(json.dumps(plain, default=_as_plain))
         document = {**plain, _CHECKSUM: checksum(plain, arrays)}
-        return f"{json.dumps(document, indent=indent)}\n".encode()
+        return f"{json.dumps(document)}\n".encode()
 
     def _parse(self, raw: bytes, arrays: Mapping[str, Array]) -> _T:
         plain = json.loads(raw)

@@ -23,7 +23,6 @@ from pathlib import Path
 from beamdae.errors import BeamdaeError, FileContentError, require_valid_path
 
 _MAX_BYTES = 4_000_000_000
-_ARCHIVE_SIGNATURE = b"PK\x03\x04"
 # Exceptions of NumPy, zipfile, JSON and of functions that evaluate damaged content.
 _CONTENT_ERRORS = (
     *(ArithmeticError, AttributeError, EOFError, LookupError, MemoryError, OSError),
@@ -43,7 +42,7 @@ class FileKind:
     Attributes
     ----------
     name
-        Name of the kind, such as "checkpoint".
+        Name of the kind, such as "saved run".
     remedy
         Advice if the file cannot be used, such as "run the model again from the start".
     """
@@ -91,15 +90,6 @@ def _require_regular(mode: int) -> None:
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
     if not stat.S_ISREG(mode):
         raise OSError(errno.EINVAL, "not a regular file")
-
-
-def is_archive(path: Path) -> bool:
-    """Return True for a regular file that begins like a zip archive, such as a saved run."""
-    try:
-        with open_regular_file(path) as stream:
-            return stream.read(len(_ARCHIVE_SIGNATURE)) == _ARCHIVE_SIGNATURE
-    except (OSError, ValueError):
-        return False
 
 
 @contextmanager

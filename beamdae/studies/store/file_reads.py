@@ -6,17 +6,15 @@ A Python audit hook reports opened files. The hook misses files that libraries o
 
 from __future__ import annotations
 
-import importlib.util
 import os
 import sys
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from functools import cache, lru_cache
+from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 from beamdae.errors import working_folder
-from beamdae.input_files import register_input
+from beamdae.input_files import find_source, is_written, register_input, watch_files
 from beamdae.studies.store.file_hashes import (
     FileSignature,
     digest_file,
@@ -24,8 +22,6 @@ from beamdae.studies.store.file_hashes import (
     is_installed,
 )
 
-_WRITE_FLAGS = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
-_WRITE_MODES = frozenset("wax+")
 # Replaces the hash of a file that changed after it was read; differs from every hash.
 _CHANGED_WHILE_READ = "changed while it was read"
 _HOOK_FRAMES = 3  # frames between `_is_read_by_module` and the code that opens the file
@@ -35,31 +31,25 @@ FileReads = dict[str, FileSignature]
 
 
 class _FileWatcher:
-    """Audit hook for opened files; one per process, because hooks cannot be removed."""
+    """Recorder of opened files."""
 
     def __init__(self) -> None:
-        self.is_started = False
         self.recordings: list[FileReads] = []
         # Files read by modules. Modules stay loaded, so all later runs depend on these files.
         self.module_reads: FileReads = {}
         self.written: set[str] = set()
         self.folder = Path()
 
-    def start(self) -> None:
-        if not self.is_started:
-            self.is_started = True
-            sys.addaudithook(_handle_event)
-
     def record(self, path: str, mode: str | None, flags: int) -> None:
         absolute = _absolute(path)
         if is_installed(absolute):
             return
-        if (mode and set(mode) & _WRITE_MODES) or (flags or 0) & _WRITE_FLAGS:
+        if is_written(mode, flags):
             self.written.add(absolute)
             return
         is_code = path.endswith((".py", ".pyc"))
         if path.endswith(".pyc"):
-            absolute = path = _source_path(absolute)
+            absolute = path = find_source(absolute)
         is_relative = not os.path.isabs(path) and working_folder() == self.folder
         name = f"./{os.path.normpath(path)}" if is_relative else absolute
         for reads in [self.module_reads] if is_code or _is_read_by_module() else self.recordings:
@@ -69,28 +59,8 @@ class _FileWatcher:
 _WATCHER = _FileWatcher()
 
 
-# Calling a method as audit hook would take four times as long, and a short run causes a thousand
-# events.
-def _handle_event(event: str, arguments: tuple[Any, ...]) -> None:
-    if event != "open" or not isinstance(arguments[0], (str, bytes)):
-        return
-    try:
-        _WATCHER.record(os.fsdecode(arguments[0]), *arguments[1:])
-    except (OSError, ValueError):
-        # Paths that cannot be resolved cannot be opened either.
-        return
-
-
 def _absolute(path: str | Path) -> str:
     return os.path.normpath(working_folder() / path)
-
-
-@cache
-def _source_path(compiled: str) -> str:
-    try:
-        return importlib.util.source_from_cache(compiled)
-    except ValueError:
-        return compiled
 
 
 def _is_read_by_module() -> bool:
@@ -115,7 +85,7 @@ def record_file_reads() -> Iterator[FileReads]:
 
     The yielded dict maps names to signatures; it is complete at the end of the block.
     """
-    _WATCHER.start()
+    watch_files(_WATCHER.record)
     reads: FileReads = {}
     _WATCHER.folder = working_folder()
     _WATCHER.recordings.append(reads)

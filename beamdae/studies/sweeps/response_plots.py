@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -14,12 +12,12 @@ from beamdae.errors import BeamdaeError
 from beamdae.report.pictures import figures
 from beamdae.report.text import shorten_text
 from beamdae.results.displays import Plot
-from beamdae.studies.sweeps.parameter_study import STATUS, ParameterStudy
 from beamdae.studies.sweeps.responses import (
     Panel,
     choose_axis,
     group_rows,
 )
+from beamdae.studies.sweeps.sweep import STATUS, Sweep
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -69,7 +67,7 @@ class ParameterScale(NamedTuple):
     scale: str = "linear"
 
     @classmethod
-    def of(cls, study: ParameterStudy, name: str) -> ParameterScale:
+    def of(cls, study: Sweep, name: str) -> ParameterScale:
         """Return the scale of a parameter of the cases."""
         axis, unit = study.axes[name], study.units.get(name, "")
         label = shorten_text(name, figures.MAX_LABEL_LETTERS)
@@ -107,30 +105,27 @@ def _is_geometric(values: Array) -> bool:
 
 
 def list_response_plots(
-    study: ParameterStudy, table: pd.DataFrame, panels: Sequence[Panel], folder: Path
-) -> dict[str, Callable[[], list[Path]]]:
-    """Return functions that write the response plots of a sweep by name.
+    study: Sweep, table: pd.DataFrame, panels: Sequence[Panel]
+) -> dict[str, Callable[[], Figure]]:
+    """Return functions that create the response plots of a sweep by file name.
 
     There are none if no parameter varies or there are no responses.
     """
     if not study.varied or not panels:
         return {}
     panels = choose_panels(study, table, panels)
-    functions: dict[str, Callable[..., Plot]] = {"response": plot_curves}
+    plots = {"response.png": plot_curves}
     if len(study.varied) == 2:
-        functions["map"] = plot_maps
-    return {
-        name: partial(_save_files, partial(plot, study, table, panels), folder / name)
-        for name, plot in functions.items()
-    }
+        plots["map.png"] = plot_maps
 
+    def create(plot: Callable[..., Plot]) -> Callable[[], Figure]:
+        return lambda: plot(study, table, panels).figure
 
-def _save_files(draw: Callable[[], Plot], path: Path) -> list[Path]:
-    return [figures.save_figure(draw().figure, path.with_suffix(".png"))]
+    return {name: create(plot) for name, plot in plots.items()}
 
 
 def plot_curves(
-    study: ParameterStudy, table: pd.DataFrame, panels: Sequence[Panel], x: str | None = None
+    study: Sweep, table: pd.DataFrame, panels: Sequence[Panel], x: str | None = None
 ) -> Plot:
     """Plot each panel over one parameter, with a curve per combination of other parameters.
 
@@ -210,9 +205,7 @@ def _remove_empty(table: pd.DataFrame, panels: Sequence[Panel]) -> list[Panel]:
     return [x for x in panels if any(drawable[c] for c in x.lines.values())]
 
 
-def choose_panels(
-    study: ParameterStudy, table: pd.DataFrame, panels: Sequence[Panel]
-) -> list[Panel]:
+def choose_panels(study: Sweep, table: pd.DataFrame, panels: Sequence[Panel]) -> list[Panel]:
     """Return the panels that are plotted by default: those of responses that differ between runs.
 
     Responses whose range is below 1e-6 of their largest magnitude, or of 1e-6 of the largest one of
@@ -256,7 +249,7 @@ def _list_entries(styles: dict[str, dict[str, Any]], any_failed: bool) -> dict[s
 
 
 def plot_maps(
-    study: ParameterStudy, table: pd.DataFrame, panels: Sequence[Panel], x: str | None = None
+    study: Sweep, table: pd.DataFrame, panels: Sequence[Panel], x: str | None = None
 ) -> Plot:
     """Plot each response as a color map over the two varied parameters.
 

@@ -30,12 +30,12 @@ from beamdae.studies.run_values import (
     WALL_TIME_COLUMN,
     format_output_column,
 )
-from beamdae.studies.sweeps.parameter_study import (
+from beamdae.studies.sweeps.sweep import (
     REASON,
     STATUS,
     TRAJECTORY,
     WARNINGS,
-    ParameterStudy,
+    Sweep,
 )
 from beamdae.studies.tasks import Outcome
 
@@ -48,7 +48,7 @@ def measure_columns(header: str) -> dict[str, str]:
     return {x: f"{quantity} {x}{header.removeprefix(quantity)}" for x in MEASURES}
 
 
-def select_headers(results: StudyResults, study: ParameterStudy) -> list[str]:
+def select_headers(results: StudyResults, study: Sweep) -> list[str]:
     """Return the observed columns to tabulate, collected from all runs.
 
     If no run has observed columns, the list is empty.
@@ -65,7 +65,7 @@ def select_headers(results: StudyResults, study: ParameterStudy) -> list[str]:
     return select_observed_columns(study.name, study.columns, list(headers))
 
 
-def tabulate_responses(results: StudyResults, study: ParameterStudy) -> pd.DataFrame:
+def tabulate_responses(results: StudyResults, study: Sweep) -> pd.DataFrame:
     """Return one row per case: parameters, status, outputs, measures, wall time and messages.
 
     Measures are NaN for unsuccessful runs and for columns that a run does not observe.
@@ -102,7 +102,7 @@ def _measure_run(outcome: Outcome, headers: list[str]) -> list[float]:
     return [value for header in headers for value in measures.get(header, missing)]
 
 
-def select_characteristic(results: StudyResults, study: ParameterStudy) -> list[str]:
+def select_characteristic(results: StudyResults, study: Sweep) -> list[str]:
     """Return the responses shown by default.
 
     These are the outputs of the study or, without outputs, the selected columns or, without a
@@ -149,7 +149,7 @@ class Panel(NamedTuple):
         ]
 
 
-def select_panels(study: ParameterStudy, headers: list[str], name: Any) -> list[Panel]:
+def select_panels(study: Sweep, headers: list[str], name: Any) -> list[Panel]:
     """Return the panels of the output, the observed columns or the measure called `name`.
 
     Raises
@@ -185,7 +185,7 @@ def _parse_unit(header: str) -> str:
     return Header.of(header).unit
 
 
-def choose_axis(study: ParameterStudy, name: Any = None) -> str:
+def choose_axis(study: Sweep, name: Any = None) -> str:
     """Return the parameter of the horizontal axis.
 
     Defaults to the numeric parameter with the most distinct values or, without numeric parameters,
@@ -215,7 +215,7 @@ def choose_axis(study: ParameterStudy, name: Any = None) -> str:
     return max(varied, key=lambda x: (study.axes[x].is_numeric, len(study.axes[x].values)))
 
 
-def group_rows(study: ParameterStudy, x: str) -> dict[str, Array]:
+def group_rows(study: Sweep, x: str) -> dict[str, Array]:
     """Return table row indices, grouped by the values of all varied parameters except `x`.
 
     The names of groups have units: "thickness = 0.003 m".

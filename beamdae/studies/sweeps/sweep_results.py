@@ -28,13 +28,6 @@ from beamdae.studies.execution.study_run import StudyResults
 from beamdae.studies.run_values import MEASURED_ERROR_COLUMN
 from beamdae.studies.study_page import MAX_CURVES, create_study_page, extra_column_key
 from beamdae.studies.sweeps.parameter_grid import ParameterGrid
-from beamdae.studies.sweeps.parameter_study import (
-    REASON,
-    STATUS,
-    TRAJECTORY,
-    WARNINGS,
-    ParameterStudy,
-)
 from beamdae.studies.sweeps.response_plots import (
     choose_panels,
     choose_response,
@@ -50,6 +43,13 @@ from beamdae.studies.sweeps.responses import (
     select_headers,
     select_panels,
     tabulate_responses,
+)
+from beamdae.studies.sweeps.sweep import (
+    REASON,
+    STATUS,
+    TRAJECTORY,
+    WARNINGS,
+    Sweep,
 )
 
 Array = np.ndarray
@@ -127,7 +127,7 @@ class SweepResults:
         successful, its warnings and, if results are stored, the file of its rows.
     """
 
-    sweep: ParameterStudy
+    sweep: Sweep
     results: StudyResults
     table: pd.DataFrame
 
@@ -140,6 +140,21 @@ class SweepResults:
     def warnings(self) -> tuple[str, ...]:
         """Sentences on idle parameters, and on each of the first five kinds of warnings of runs."""
         return (*idle_parameter_warnings(self), *self.results.describe_warnings())
+
+    @property
+    def all_warnings(self) -> tuple[str, ...]:
+        """The `warnings`, and a sentence about unsuccessful runs."""
+        rows = self.table[self.table[STATUS] != "ok"]
+        if not len(rows):
+            return self.warnings
+        tag = self.sweep.tag(self.sweep.cases[int(rows.index[0])])
+        reason = str(rows[REASON].iloc[0]).removesuffix(".")
+        problem = "cases failed" if self.sweep.is_measured else "runs did not reach the end time"
+        return (
+            *self.warnings,
+            f"{self.sweep.name}: {len(rows)} of {len(self.table)} {problem}, for example {tag}: "
+            f"{reason}; see the table for all.",
+        )
 
     @cached_property
     def _runs_by_row(self) -> dict[int, SweepRun]:
@@ -340,7 +355,7 @@ class SweepResults:
 
 def create_sweep_results(results: StudyResults) -> SweepResults:
     """Return the results of a sweep from the results of its study."""
-    assert isinstance(results.study, ParameterStudy)
+    assert isinstance(results.study, Sweep)
     return SweepResults(results.study, results, tabulate_responses(results, results.study))
 
 
@@ -364,20 +379,6 @@ def idle_parameter_warnings(swept: SweepResults) -> Iterator[str]:
                 f"{sweep.name}: all responses are equal for all values of {name}; the model may "
                 "not use this parameter, or no observed column depends on it."
             )
-
-
-def list_warnings(swept: SweepResults) -> Iterator[str]:
-    """Yield `SweepResults.warnings` and a message about unsuccessful runs."""
-    yield from swept.warnings
-    rows = swept.table[swept.table[STATUS] != "ok"]
-    if len(rows):
-        tag = swept.sweep.tag(swept.sweep.cases[int(rows.index[0])])
-        reason = str(rows[REASON].iloc[0]).removesuffix(".")
-        problem = "cases failed" if swept.sweep.is_measured else "runs did not reach the end time"
-        yield (
-            f"{swept.sweep.name}: {len(rows)} of {len(swept.table)} {problem}, for example {tag}: "
-            f"{reason}; see the table for all."
-        )
 
 
 def _matches(setting: Mapping[str, Any], parameters: Mapping[str, Any]) -> bool:
