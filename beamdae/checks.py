@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from beamdae.accuracy.errors import Errors
-from beamdae.accuracy.runs import check_run
+from beamdae.accuracy.runs import check_errors
 from beamdae.analysis.eigenproblems.frequency_range import (
     FrequencyRange,
     compute_frequency_range,
@@ -334,7 +334,7 @@ def check(
         prediction, run = _predict_run(equations, end)
         # The errors of runs that were stopped are not those of the motion.
         is_measured = run is not None and run.status.success
-        stated = tuple(check_run(run)) if run is not None and is_measured else ()
+        stated = tuple(check_errors(run, run)) if run is not None and is_measured else ()
         errors = vars(run).get("errors") if is_measured else None
         sentences = (
             *findings.warnings,

@@ -341,8 +341,14 @@ def _reach_accuracy(
     until = deferred.module("accuracy.until")
     if accuracy is not None:
         request = replace(request, require_columns=bind(until.require_columns, "simulate", columns))
-    runs = until.Analysis.of_runs(
-        "simulate", request.integrate, method, request.start, request.progress
+    runs = until.Analysis(
+        "simulate",
+        request.integrate,
+        method,
+        request.start,
+        observed=lambda run: run.columns,
+        is_run=True,
+        progress=request.progress,
     )
     solution: Solution = until.reach_accuracy(runs, model, accuracy, columns)
     return solution

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -12,7 +12,6 @@ from beamdae.accuracy.errors import FACTOR, Errors, Refined, measure_errors
 from beamdae.accuracy.refinement import refine_mechanism
 from beamdae.accuracy.runs import (
     RTOL_BESIDE_ACCURATE_STEPS,
-    check_result,
     refine_method,
 )
 from beamdae.analysis.gradients.gradients import Gradient
@@ -40,23 +39,8 @@ class _Values(NamedTuple):
     sizes: Array
 
 
-def check_derivatives(result: Sensitivities | Gradient) -> Iterator[str]:
-    """Yield the sentences of the errors of derivatives, unless their measurement takes long."""
-    is_gradient = isinstance(result, Gradient)
-    measure: Callable[..., Errors] = measure_gradient if is_gradient else measure_sensitivities
-    yield from check_result(result, result.solution, partial(measure, result))
-
-
-def measure_sensitivities(result: Sensitivities, time_limit: float | None = None) -> Errors:
-    """Return the errors of the derivatives of observed columns over time.
-
-    Parameters
-    ----------
-    result
-        The derivatives.
-    time_limit
-        Largest time of the run of the companion [s].
-    """
+def measure_sensitivities(result: Sensitivities) -> Errors:
+    """Return the errors of the derivatives of observed columns over time."""
     headers = tuple(result.columns.columns())
     if not headers:
         return Errors.unchecked((), np.zeros(0), "no column is observed")
@@ -69,10 +53,10 @@ def measure_sensitivities(result: Sensitivities, time_limit: float | None = None
         rows = np.concatenate([rows, np.repeat(rows[-1:], np.sum(~is_reached), axis=0)])
         return _Values(rows, _measure_effects(other))
 
-    return _measure(result, headers, result._repeat, evaluate, "its mean size", time_limit)
+    return _measure(result, headers, result._repeat, evaluate, "its mean size")
 
 
-def measure_gradient(result: Gradient, time_limit: float | None = None) -> Errors:
+def measure_gradient(result: Gradient) -> Errors:
     """Return the errors of an objective and of its derivatives.
 
     Those of derivatives are relative to the largest derivative by relative changes of parameters.
@@ -94,7 +78,7 @@ def measure_gradient(result: Gradient, time_limit: float | None = None) -> Error
 
     headers = ("objective [-]", *(f"d(objective)/d({x}) [per unit of {x}]" for x in names))
     relative_to = "the largest effect of a parameter"
-    return _measure(result, headers, result._repeat, evaluate, relative_to, time_limit)
+    return _measure(result, headers, result._repeat, evaluate, relative_to)
 
 
 def _measure(
@@ -103,7 +87,6 @@ def _measure(
     repeat: Callable[[Callable[[Any], Any], Any], Any] | None,
     evaluate: Callable[[Any], _Values],
     relative_to: str,
-    time_limit: float | None,
 ) -> Errors:
     """Return the errors of a result that `repeat` computes with other mechanisms and methods."""
     run, values = result.solution, evaluate(result)
@@ -111,7 +94,7 @@ def _measure(
     if repeat is None:
         reason = "the derivatives come from another process"
         return Errors.unchecked(headers, peaks, reason)
-    method = refine_method(run, time_limit, RTOL_BESIDE_ACCURATE_STEPS)
+    method = refine_method(run, RTOL_BESIDE_ACCURATE_STEPS)
     start = run.equations.start
     request = AS_DRAWN if start is None or start.request is None else start.request
 
@@ -128,15 +111,13 @@ def _measure(
         with hold_messages(), unchecked():
             return evaluate(repeat(change, method)), refined
 
-    def compare(first: _Values, second: _Values, refined: Refined) -> Errors:
-        return _compare(headers, first, second, refined, relative_to)
-
+    compare = partial(_compare, headers, relative_to)
     failed = Errors.unchecked(headers, peaks, "a refined repetition fails", has_failed=True)
     return measure_errors(failed, values, repeat_values, compare, has_accuracy=False)
 
 
 def _compare(
-    headers: tuple[str, ...], first: _Values, second: _Values, refined: Refined, relative_to: str
+    headers: tuple[str, ...], relative_to: str, first: _Values, second: _Values, refined: Refined
 ) -> Errors:
     peaks, others = (np.abs(x.rows).max(axis=0) for x in (first, second))
     differences = np.sort(np.abs(first.rows - second.rows), axis=0)

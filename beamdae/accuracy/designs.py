@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
+from functools import partial
 
 import numpy as np
 
@@ -32,7 +33,7 @@ def measure_design(search: SearchResult) -> Errors:
         return Errors.unchecked(headers, values, "no quantity depends on steps or beams")
     equations = results[0].equations
     run = next((x for x in results if isinstance(x, Solution)), None)
-    method = None if run is None else refine_method(run, None)
+    method = None if run is None else refine_method(run)
 
     start = problem.start_of(equations)
     bounds = np.array([0.0, *(abs(x.bound) for x in problem.limits)])
@@ -44,8 +45,6 @@ def measure_design(search: SearchResult) -> Errors:
         refined = refinement.refined
         return found, refined if run is None else refined.with_steps(run.made_by)
 
-    def compare(one: Array, other: Array, refined: Refined) -> Errors:
-        return Errors.of_values(headers, one, other, refined, sizes)
-
+    compare = partial(Errors.of_values, headers, scales=sizes)
     unchecked = Errors.unchecked(headers, values, "the refined design cannot be analyzed")
     return measure_errors(unchecked, values, repeat, compare, has_accuracy=False)

@@ -33,7 +33,7 @@ def measure_fit(problem: FitProblem, evaluation: Evaluation) -> Errors:
     measured = problem.data.table["value"].to_numpy()
     half_ranges = np.array([0.5 * np.ptp(measured[x]) for x in rows])
     run = next(iter(evaluation.runs.values())).solution
-    method = refine_method(run, None, RTOL_BESIDE_ACCURATE_STEPS)
+    method = refine_method(run, RTOL_BESIDE_ACCURATE_STEPS)
 
     def repeat(causes: Collection[str]) -> tuple[Array, Refined]:
         """Return the change of the residuals."""

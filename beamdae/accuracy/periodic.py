@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
@@ -12,7 +11,6 @@ from beamdae.accuracy.errors import Errors, Refined, measure_errors
 from beamdae.accuracy.refinement import Refinement, refine
 from beamdae.accuracy.runs import (
     RTOL_BESIDE_ACCURATE_STEPS,
-    check_result,
     leave_unchecked,
     refine_method,
 )
@@ -34,22 +32,14 @@ _STRIDE = 20  # of the checked motions of a curve, besides its ends and its larg
 
 
 @single_threaded
-def measure_motion(motion: PeriodicMotion, time_limit: float | None = None) -> Errors:
-    """Return the errors of the columns, of a free period and of the largest multiplier of a motion.
-
-    Parameters
-    ----------
-    motion
-        The motion.
-    time_limit
-        Largest time of each run of the companion [s].
-    """
+def measure_motion(motion: PeriodicMotion) -> Errors:
+    """Return the errors of the columns, of a free period and of the largest multiplier."""
     run = motion.solution
     if not motion.status.success:
         return leave_unchecked(run, "no periodic motion was found")
     if not isinstance(run.made_by, Integrator):
         return leave_unchecked(run, "the motion was loaded from a file")
-    method = refine_method(run, time_limit, RTOL_BESIDE_ACCURATE_STEPS)
+    method = refine_method(run, RTOL_BESIDE_ACCURATE_STEPS)
 
     def repeat(causes: Collection[str]) -> tuple[PeriodicMotion, Refined]:
         refinement = refine(run.equations, causes=causes)
@@ -61,32 +51,19 @@ def measure_motion(motion: PeriodicMotion, time_limit: float | None = None) -> E
     return measure_errors(unchecked, motion, repeat, _compare, _FAILURES)
 
 
-def measure_response(response: FrequencyResponse, time_limit: float | None = None) -> Errors:
+def measure_response(response: FrequencyResponse) -> Errors:
     """Return the errors of motions along a curve: its ends, largest motions and every 20th one."""
     points = response.points
     numbers = {*range(0, len(points), _STRIDE), len(points) - 1}
     numbers |= {int(np.argmax(response.curve(x)[1])) for x in response.varying_columns}
     parts = []
     for point in (points[k] for k in sorted(numbers) if k >= 0):
-        motion = PeriodicMotion(point.solution, point.period, point.multipliers)
-        errors = measure_motion(motion, time_limit)
+        errors = point.errors
         at = f"at {response.parameter} = {point.parameter:.6g}"
         names = (split_unit(x) for x in errors.headers)
         headers = tuple(f"{name} {at} [{unit}]" for name, unit in names)
         parts.append(replace(errors, headers=headers))
     return Errors.join(parts) if parts else Errors.unchecked((), np.zeros(0), "no motion was found")
-
-
-def check_motion(motion: PeriodicMotion) -> Iterator[str]:
-    """Yield the sentences of the errors of a motion, unless its companion takes too long."""
-    yield from check_result(motion, motion.solution, partial(measure_motion, motion))
-
-
-def check_response(response: FrequencyResponse) -> Iterator[str]:
-    """Yield the sentences of the errors along a curve, unless a companion takes too long."""
-    if response.points:
-        first = response.points[0].solution
-        yield from check_result(response, first, partial(measure_response, response))
 
 
 def _find_motion(

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import replace
 from typing import Any
 
@@ -41,20 +43,25 @@ _MIN_RTOL = 1e-10
 _MIN_TIME_LIMIT, _MAX_TIME_RATIO = 2.0, 8.0
 
 
-@single_threaded
-def measure_run(
-    run: Solution, time_limit: float | None = None, progress: Progress | None = None
-) -> Errors:
-    """Return the errors of the observed columns of a run.
+# Largest time of a companion [s], and its progress function; None without.
+_limits: ContextVar[tuple[float | None, Progress | None]] = ContextVar(
+    "limits", default=(None, None)
+)
 
-    Parameters
-    ----------
-    run
-        The run.
-    time_limit
-        Largest time of the companion [s].
-    progress
-        Progress function of the companion and of the runs that separate causes; see `simulate`.
+
+@contextmanager
+def limit_companions(time: float | None, progress: Progress | None = None) -> Iterator[None]:
+    """Within the context, each companion run ends after this time [s] and calls `progress`."""
+    token = _limits.set((time, progress))
+    try:
+        yield
+    finally:
+        _limits.reset(token)
+
+
+@single_threaded
+def measure_run(run: Solution) -> Errors:
+    """Return the errors of the observed columns of a run.
 
     Raises
     ------
@@ -67,7 +74,7 @@ def measure_run(
     twin = replace(run)
     vars(twin).update(vars(run))
     run = twin
-    method = refine_method(run, time_limit)
+    method, (_, progress) = refine_method(run), _limits.get()
 
     def repeat(causes: Collection[str]) -> tuple[Solution, Refined]:
         refinement, motion = refine_equations(run, causes)
@@ -138,45 +145,40 @@ def verify(
     return _compare(solution, other, refined, factor=1.0)
 
 
-def check_run(run: Solution, progress: Progress | None = None) -> Iterator[str]:
-    """Yield the sentences of the errors of a run."""
-    if run.columns:
-        yield from check_result(run, run, lambda limit: measure_run(run, limit, progress))
-
-
-def find_companion(run: Solution) -> Solution | None:
-    """Return the run with everything refined that `Solution.errors` compares, or None."""
-    if "errors" not in vars(run) and is_unchecked():
+def find_companion(result: Any) -> Any:
+    """Return what is compared by the `errors` of a result, such as a refined run, or None."""
+    if "errors" not in vars(result) and is_unchecked():
         return None
-    split: Any = run.errors._split
+    split: Any = result.errors._split
     return None if split is None else split.companion
 
 
-def check_result(result: Any, run: Solution, measure: Callable[[float], Errors]) -> Iterator[str]:
-    """Yield the sentences of the errors of a result, and store them as its `errors`.
+def check_errors(result: Any, run: Solution, progress: Progress | None = None) -> Iterator[str]:
+    """Yield the sentences of the errors of a result, which are measured unless this takes long.
 
     Parameters
     ----------
     result
-        The result.
+        The result; runs without observed columns have no sentences.
     run
         The result, or a typical run of it.
-    measure
-        Function that measures the errors; its argument limits the time of a run [s].
+    progress
+        Progress function of companions.
     """
-    if is_unchecked():
+    if is_unchecked() or (result is run and not run.columns):
         return
     if "errors" not in vars(result):
         spent = run.statistics.setup_time + run.statistics.wall_time
         limit = max(_MIN_TIME_LIMIT, _MAX_TIME_RATIO * spent)
-        errors = measure(limit)
+        with limit_companions(limit, progress):
+            errors = result.errors
         if errors.has_failed and "time limit" in errors.reason:
+            del vars(result)["errors"]
             yield (
                 f"errors: not checked, because a refined repetition takes more than {limit:.2g} s; "
                 "use the errors of the result."
             )
             return
-        vars(result)["errors"] = errors
     yield from result.errors.sentences()
 
 
@@ -205,14 +207,13 @@ def _compare(run: Solution, other: Solution, refined: Refined, factor: float = F
     return compare_columns(run, other, refined, factor)
 
 
-def refine_method(
-    run: Solution, time_limit: float | None, rtol_beside_steps: float = _RTOL_BESIDE_STEPS
-) -> Integrator:
+def refine_method(run: Solution, rtol_beside_steps: float = _RTOL_BESIDE_STEPS) -> Integrator:
     """Return the integrator of a companion run: a third of the tolerance, or `Radau`."""
     method: Any = run.made_by
     name, value = method.accuracy
     max_steps = max(_MAX_STEPS_RATIO * run.trajectory.steps, _MIN_MAX_STEPS)
-    changes = {"rtol": _RTOL_RATIO * value, "max_steps": max_steps, "time_limit": time_limit}
+    changes: dict[str, Any] = {"rtol": _RTOL_RATIO * value, "max_steps": max_steps}
+    changes["time_limit"], _ = _limits.get()
     if name == "step":
         method = integrators.Radau(max_step=_STEP_RATIO * value)
         changes["rtol"] = rtol_beside_steps

@@ -7,7 +7,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from itertools import takewhile
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -49,7 +49,6 @@ from beamdae.results.equilibrium import UNSTABLE, Equilibrium
 from beamdae.results.noise import mark_resting_columns, rounding_limits
 from beamdae.results.outcome import REACHED_END
 from beamdae.results.section_forces.section_forces import SectionForces
-from beamdae.simulation import is_unchecked
 
 Array = np.ndarray
 Values = dict[str, float]
@@ -104,14 +103,6 @@ def measure_equilibrium(path: Equilibrium) -> Errors:
 
     at_rows = [(x, place, path.columns[x][row]) for x, place, row in extremes]
     return _measure(path.equations, headers, _place(headers, values, at_rows), repeat, scales)
-
-
-def find_companion(path: Equilibrium) -> Equilibrium | None:
-    """Return the refined path, of which the end may be the only row, or None; see `errors`."""
-    if "errors" not in vars(path) and is_unchecked():
-        return None
-    split: Any = path.errors._split
-    return None if split is None else split.companion.path
 
 
 def _place(

@@ -12,7 +12,7 @@ import numpy as np
 
 from beamdae.accuracy.errors import CAUSES, Errors
 from beamdae.accuracy.refinement import refine_mechanism
-from beamdae.accuracy.runs import measure_run
+from beamdae.accuracy.runs import limit_companions
 from beamdae.beams.beam import beams_of
 from beamdae.beams.remeshing import list_fixed_beams
 from beamdae.errors import (
@@ -37,7 +37,6 @@ from beamdae.results.columns import (
     require_observed,
 )
 from beamdae.results.outcome import Status, replace_with_errors
-from beamdae.results.solution import Solution
 
 Array = np.ndarray
 
@@ -73,12 +72,11 @@ class Analysis(NamedTuple):
     observed
         Function of a result that returns its columns of which, by default, only positions, angles
         and deflections must be accurate. All other values must.
-    measure
-        Function of a result and of a limit of time [s] that returns its errors. Defaults to the
-        errors of the result.
     is_run
         True for runs, whose companions are runs as well. The limit of time of the integrator
         applies to all of them together.
+    progress
+        Progress function of companions.
     """
 
     name: str
@@ -86,28 +84,8 @@ class Analysis(NamedTuple):
     method: Integrator | None = None
     start: Any = None
     observed: Callable[[Any], Collection[str]] = lambda result: ()
-    measure: Callable[[Any, float | None], Errors] = lambda result, limit: result.errors
     is_run: bool = False
-
-    @classmethod
-    def of_runs(
-        cls,
-        name: str,
-        integrate: Callable[[Any, Any], Solution],
-        method: Integrator,
-        start: Any,
-        progress: Progress | None,
-    ) -> Analysis:
-        """Return the analysis of runs, whose companions call `progress`, too."""
-        return cls(
-            name,
-            integrate,
-            method,
-            start,
-            lambda run: run.columns,
-            lambda run, limit: measure_run(run, limit, progress),
-            True,
-        )
+    progress: Progress | None = None
 
 
 def require_columns(name: str, columns: Any, headers: Sequence[str]) -> None:
@@ -217,12 +195,11 @@ def _refine_results(analysis: Analysis, request: _Request, model: Any) -> Iterat
     yield known
     description, reason, count = "errors are not known", "", 1
     while not reason:
-        errors = analysis.measure(step.result, request.remaining_time)
+        with limit_companions(request.remaining_time, analysis.progress):
+            errors = step.result.errors
         required = _mark_required(analysis, request, step.result, errors)
         totals = np.where(required, np.nan_to_num(errors.total, nan=np.inf), 0.0)
         if errors.reason or not required.any() or not np.isfinite(totals.max()):
-            if count == 1:
-                vars(known)["errors"] = errors
             names = [remove_unit(x) for x in np.array(errors.headers)[~np.isfinite(totals)]]
             reason = errors.reason or f"{list_first(names, _MAX_NAMES) or 'nothing'} is not finite"
             break

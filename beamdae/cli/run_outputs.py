@@ -123,7 +123,7 @@ def measure_errors(solution: Solution, verify: bool) -> tuple[str, ...]:
     with show_run_progress(float(solution.t[-1]), task) as show_progress:
         progress = partial(show_progress, solution.label)
         if not verify:
-            return tuple(runs.check_run(solution, progress))
+            return tuple(runs.check_errors(solution, solution, progress))
         vars(solution)["errors"] = errors = runs.verify(solution, progress=progress)
         return tuple(errors.sentences())
 

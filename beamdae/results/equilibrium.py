@@ -385,8 +385,8 @@ class Equilibrium(HasColumns, HasPage):
         sampler = self._sample_sections(beam)
 
         def refine() -> SectionSampler | None:
-            other = deferred.module("accuracy.statics").find_companion(self)
-            return other and other._sample_sections(sampler.beam.name)
+            other = deferred.module("accuracy.runs").find_companion(self)
+            return other and other.path._sample_sections(sampler.beam.name)
 
         return sampler.recover(np.full(1, self.t), s, np.zeros(0), refine)
 

@@ -134,8 +134,9 @@ class FrequencyResponse(HasTable, HasPage):
         first: dict[str, str] = {}
         if not self.status.success:
             first[""] = f"frequency_response: {self.status.sentence}."
-        about_errors = deferred.module("accuracy.periodic").check_response(self)
-        first |= {x: x for x in about_errors}
+        if self.points:
+            check = deferred.module("accuracy.runs").check_errors
+            first |= {x: x for x in check(self, self.points[0].solution)}
         for point in self.points:
             solution = point.solution
             # Sizes of columns do not depend on rows.

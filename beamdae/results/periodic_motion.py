@@ -80,7 +80,7 @@ class PeriodicMotion(HasTable, HasPage):
     @cached_property
     def warnings(self) -> tuple[str, ...]:
         """Sentences on `errors`, warnings of `solution` and, after a failure, the reason."""
-        about_errors = deferred.module("accuracy.periodic").check_motion(self)
+        about_errors = deferred.module("accuracy.runs").check_errors(self, self.solution)
         outcome = () if self.status.success else (f"periodic: {self.status.sentence}.",)
         return (*about_errors, *run_warnings(self.solution), *outcome)
 

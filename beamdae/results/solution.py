@@ -162,8 +162,8 @@ class Solution(RunData, TimeSeries, HasPage):
         The `model_warnings` are followed by a sentence on the `errors` of columns above 4 %, which
         are measured unless this takes more than 2 s and eight times the run.
         """
-        check = deferred.module("accuracy.runs").check_run
-        return (*self.model_warnings, *check(self))
+        check = deferred.module("accuracy.runs").check_errors
+        return (*self.model_warnings, *check(self, self))
 
     @cached_property
     def model_warnings(self) -> tuple[str, ...]:

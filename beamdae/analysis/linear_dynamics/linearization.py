@@ -238,9 +238,9 @@ def _linearize_rest(
         full_equations = end.start_equations(full_equations)
         if about.numbers is not None:
             full_equations = end.start_equations(about.end_equations)
-        is_varied = about.loads or about.over
-        description = f"{EQUILIBRIUM} at {about.quantity} {about.factor:g}" * bool(is_varied)
-        description = description or EQUILIBRIUM
+        description = EQUILIBRIUM
+        if about.loads or about.over:
+            description = f"{EQUILIBRIUM} at {about.quantity} {about.factor:g}"
     elif isinstance(about, Mapping) or word == EQUILIBRIUM:
         require_start("about", about)
         full_equations = apply_initial_conditions(full_equations, about, t)

@@ -164,5 +164,5 @@ def warn_of_errors(result: Any) -> None:
     """Measure the errors of `Sensitivities` or a `Gradient`, unless this takes long, and warn."""
     if is_unchecked() or warnings_are_ignored():
         return
-    for sentence in deferred.module("accuracy.derivatives").check_derivatives(result):
+    for sentence in deferred.module("accuracy.runs").check_errors(result, result.solution):
         warn_user(f"{derivative_call()}: {sentence}")
