@@ -169,7 +169,8 @@ def test_failed_search_is_a_result_with_a_reason():
         )
     assert (response.points, response.folds, response.peaks("mass.x [m]")) == ((), [], [])
     assert response.table().empty
-    assert not response.plot("mass.x [m]").figure.axes[0].lines
+    with pytest.raises(bd.BeamdaeError, match=r"^plot: there is nothing to draw in .*failed"):
+        response.plot("mass.x [m]")
 
 
 @bd.model(t_end=1.0)
