@@ -414,7 +414,7 @@ class _RefinedPath:
                 PrescribedColumn.from_name(e, settings.column, system.loaded.time)
                 for e in (refinement.equations, path.equations)
             )
-            target = coarse.value(path.q[-1])
+            target = coarse(path.q[-1], mu).value
         try:
             return problem.correct(control, target, x, mu)
         except CurveError:
