@@ -61,13 +61,14 @@ from beamdae.parts.attachments import Attachment
 from beamdae.parts.mechanism import Mechanism
 from beamdae.parts.observables import relative_displacement
 from beamdae.parts.part import AttachedPart, Drawing, Part
-from beamdae.symbolic.formula import FormulaExpression, constant_formula
+from beamdae.symbolic.formula import constant_formula
 from beamdae.symbolic.statements import (
     SX,
     ForceStatement,
     Piece,
     Quantity,
     Variable,
+    formula_quantity,
     rebuilt_for_mesh,
 )
 
@@ -578,8 +579,8 @@ class Beam(Part):
         require_choice(self.name, "axes", axes, ("inertial", "frame", "local"))
         deformation = self.kinematics.deformation(self._require_arc_length(s), axes)
         columns = (Variable("u", "m"), Variable("v", "m"), Variable("phi", "rad"))
-        values, data = FormulaExpression.of(identity, (deformation.values,))
-        return Quantity(columns, (Piece(self, deformation.operator),), values, data)
+        pieces = [Piece(self, deformation.operator)]
+        return formula_quantity(columns, pieces, identity, [deformation.values])
 
     @rebuilt_for_mesh
     def deflection(self, s: float, reference: float = 0.0) -> Quantity:
@@ -761,11 +762,10 @@ class Beam(Part):
             levers = (self.stress_lever(s, "top"), self.stress_lever(s, "bottom"))
             functions += [forces.values, constant_formula(*levers, x.EA, x.EI, x.material.E)]
         kind = LargestStress(tuple(places), exponent)
-        pieces = tuple(Piece(self, x) for x in operators.values())
-        values, data = FormulaExpression.of(kind, functions)
+        pieces = [Piece(self, x) for x in operators.values()]
         names = ("largest",) if exponent is None else ("largest", "bound")
-        columns = tuple(Variable(x, "Pa") for x in names)
-        return Quantity(columns, pieces, values, data, is_magnitude=True)
+        columns = [Variable(x, "Pa") for x in names]
+        return formula_quantity(columns, pieces, kind, functions, is_magnitude=True)
 
     def _stress_sections(self, arc_lengths: tuple[float, ...] | None) -> tuple[float, ...]:
         """Return the arc lengths [m] of `largest_stress` on both sides of element ends.
@@ -903,8 +903,8 @@ class Beam(Part):
         s = self._require_arc_length(s)
         forces = self.kinematics.section_forces(s)
         constants = [constant_formula(*numbers)] if numbers else []
-        values, data = FormulaExpression.of(kind, [forces.values, *constants])
-        return Quantity(columns, (Piece(self, forces.operator),), values, data)
+        pieces = [Piece(self, forces.operator)]
+        return formula_quantity(columns, pieces, kind, [forces.values, *constants])
 
 
 class BeamAttachment(Attachment):

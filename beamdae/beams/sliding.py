@@ -25,7 +25,7 @@ from beamdae.parts.events import Event
 from beamdae.parts.joints.joint import meeting_tolerance
 from beamdae.parts.joints.kinematic_constraint import GapFormula, KinematicConstraint
 from beamdae.parts.point_parts import FORCE, PlacedPoint
-from beamdae.symbolic.formula import Formula, FormulaExpression
+from beamdae.symbolic.formula import Formula
 from beamdae.symbolic.statements import (
     SX,
     ConstraintStatement,
@@ -33,6 +33,7 @@ from beamdae.symbolic.statements import (
     Piece,
     Quantity,
     Variable,
+    formula_quantity,
     rebuilt_for_mesh,
 )
 
@@ -257,8 +258,7 @@ class SlidingOnBeam(KinematicConstraint):
     def s(self) -> Quantity:
         """Arc length s of the point [m], and its rate [m/s]."""
         columns = (Variable("", "m"), Variable("rate", "m/s"))
-        values, _ = FormulaExpression.of(_arc_length_and_rate, ())
-        return Quantity(columns, (Piece(self, _SLIDER_OPERATOR),), values)
+        return formula_quantity(columns, [Piece(self, _SLIDER_OPERATOR)], _arc_length_and_rate)
 
     @rebuilt_for_mesh
     def reaction_on(self, place: str = "a", axes: str = "inertial") -> Quantity:
@@ -294,8 +294,8 @@ class SlidingOnBeam(KinematicConstraint):
     @property
     def events(self) -> tuple[Event, ...]:
         """Events that occur when the point passes an end of the beam."""
-        values, _ = FormulaExpression.of(_slider_arc_length, ())
-        s = Quantity((Variable("", "m"),), (Piece(self, _SLIDER_OPERATOR),), values)
+        pieces = [Piece(self, _SLIDER_OPERATOR)]
+        s = formula_quantity([Variable("", "m")], pieces, _slider_arc_length)
         ends = {"start": 0.0, "end": self.beam.length}
         return tuple(
             Event(s, crosses, "both", self.ends, f"{self.name} at the {end} of {self.beam.name}")

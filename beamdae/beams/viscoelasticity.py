@@ -25,7 +25,7 @@ from beamdae.beams.strains import AXIAL, SHEAR, STRAIN_SIZE, identity
 from beamdae.errors import convert_fields, require_positive
 from beamdae.parts.forces.load_observables import ObservablePower
 from beamdae.parts.part import Part
-from beamdae.symbolic.formula import Formula, FormulaExpression, cache_kernels
+from beamdae.symbolic.formula import Formula, cache_kernels
 from beamdae.symbolic.sparse_operators import select_rows
 from beamdae.symbolic.statements import (
     SX,
@@ -36,6 +36,7 @@ from beamdae.symbolic.statements import (
     PointForce,
     Quantity,
     Variable,
+    formula_quantity,
     rebuilt_for_mesh,
 )
 
@@ -179,8 +180,7 @@ class StandardLinearSolid(ObservablePower):
         """
         columns = self.beam.section_forces(s).columns
         pieces, formula = self._forces_at(float(s))
-        values, data = FormulaExpression.of(identity, [formula])
-        return Quantity(columns, pieces, values, data)
+        return formula_quantity(columns, pieces, identity, [formula])
 
     def _point_values(self, s: float) -> PointValues:
         """Return the function for the `section_forces` at s [m].

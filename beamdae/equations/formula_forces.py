@@ -11,6 +11,7 @@ from beamdae.equations.assembly.numbers import select_input_laws
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.symbolic.force_kernel import ForceKernel
 from beamdae.symbolic.kernel_groups import group_by_kernel
+from beamdae.symbolic.statements import apply_laws
 
 Array = np.ndarray
 
@@ -60,7 +61,7 @@ def name_copies(equations: EquationsOfMotion) -> list[list[str]]:
     Equations of a `ConstrainedSystem` have no statements: their forces are called "force".
     """
     laws = select_input_laws({} if equations.mechanism is None else equations.mechanism.inputs)
-    forces = [x.with_laws(laws) for part in equations.statements for x in part.forces]
+    forces = [apply_laws(x, laws) for part in equations.statements for x in part.forces]
     if not forces:
         return [["force"] * term.count for term in equations.forces]
     return [

@@ -29,7 +29,6 @@ from beamdae.errors import (
 from beamdae.model_functions import HasOrigin
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.bodies.rigid_body import Ground
-from beamdae.parts.event_actions import deactivate
 from beamdae.parts.events import Event, select_impacts, select_switches
 from beamdae.parts.gravity import GravityLaws
 from beamdae.parts.laws import Law, as_law
@@ -557,6 +556,9 @@ class Mechanism(HasOrigin):
         BeamdaeError
             If there is no argument, or an argument is not a part of this mechanism.
         """
+        # Imported here: most mechanisms have no events, whose module imports all joints.
+        from beamdae.parts.event_actions import deactivate
+
         for part in deactivate(*parts).parts:
             self._require_member("Mechanism.deactivate", part)
             self.inactive.add(part.name)

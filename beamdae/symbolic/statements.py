@@ -20,6 +20,7 @@ from beamdae.errors import BeamdaeError, set_fields
 from beamdae.read_only import read_only_data
 from beamdae.symbolic.constraint_kernel import ConstraintKernel, NonholonomicKernel
 from beamdae.symbolic.force_kernel import ForceKernel, PointForce
+from beamdae.symbolic.formula import FormulaExpression
 from beamdae.symbolic.functions.compiled import RowFunction
 from beamdae.symbolic.local_symbols import SX, Local
 from beamdae.symbolic.signals import (
@@ -48,7 +49,9 @@ __all__ = [
     "QuantityKernel",
     "Variable",
     "add_quantities",
+    "apply_laws",
     "forget_meshes",
+    "formula_quantity",
     "rebuilt_for_mesh",
 ]
 
@@ -133,10 +136,6 @@ class ForceStatement:
         if (binding := self.kernel.signal_binding) is not None:
             _set_binding(self, *binding)
 
-    def with_laws(self, laws: Mapping[str, Callable[[SX], SX]]) -> ForceStatement:
-        """Return the statement with these laws of inputs, by name of the input."""
-        return _with_laws(self, laws)
-
     @property
     def count(self) -> int:
         """Number of copies of the kernel."""
@@ -181,10 +180,6 @@ class ConstraintStatement:
         kernel = type(self.kernel).from_outputs(binding.local, binding.outputs)
         _set_binding(self, binding, kernel)
 
-    def with_laws(self, laws: Mapping[str, Callable[[SX], SX]]) -> ConstraintStatement:
-        """Return the statement with these laws of inputs, by name of the input."""
-        return _with_laws(self, laws)
-
 
 _Statement = TypeVar("_Statement", ForceStatement, ConstraintStatement)
 
@@ -221,7 +216,8 @@ def _select_copy(pieces: Sequence[Piece], k: int, count: int) -> list[Piece]:
     ]
 
 
-def _with_laws(statement: _Statement, laws: Mapping[str, Callable[[SX], SX]]) -> _Statement:
+def apply_laws(statement: _Statement, laws: Mapping[str, Callable[[SX], SX]]) -> _Statement:
+    """Return a statement with these laws of inputs, by name of the input."""
     kernel = statement.kernel
     if not any(one.signal.name in laws for one in statement.signals):
         return statement
@@ -315,6 +311,18 @@ class Quantity:
                 set_fields(rebuilt, _built_for=_present_meshes)
             set_fields(self, _rebuilt=rebuilt)
         return rebuilt
+
+
+def formula_quantity(
+    columns: Sequence[Variable],
+    pieces: Sequence[Piece],
+    build: Callable[..., SX],
+    functions: Sequence[Callable[..., Any]] = (),
+    **source: Any,
+) -> Quantity:
+    """Return the quantity of a `FormulaExpression`; `source` are further fields."""
+    values, data = FormulaExpression.of(build, functions)
+    return Quantity(tuple(columns), tuple(pieces), values, data, **source)
 
 
 def add_quantities(quantities: Sequence[Quantity], columns: tuple[Variable, ...]) -> Quantity:

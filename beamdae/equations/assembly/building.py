@@ -41,6 +41,7 @@ from beamdae.symbolic.statements import (
     Local,
     Quantity,
     Variable,
+    apply_laws,
 )
 from beamdae.symbolic.sums.rotations import RotatedOperator, factor_operator
 
@@ -117,8 +118,8 @@ def build_terms(
     """
     laws = select_input_laws(statements.inputs)
     numbers = NumberStore(switched_parts=statements.switched_parts)
-    forces = [x.with_laws(laws) for x in statements.forces]
-    constraints = [x.with_laws(laws) for x in statements.constraints]
+    forces = [apply_laws(x, laws) for x in statements.forces]
+    constraints = [apply_laws(x, laws) for x in statements.constraints]
     multipliers = tuple(
         Variable(f"{s.part}.{x.name}", x.unit) for s in constraints for x in s.multipliers
     )
@@ -249,7 +250,7 @@ def remove_forces(e: EquationsOfMotion, parts: Collection[str]) -> EquationsOfMo
     """
     laws_of_inputs = select_input_laws({} if e.mechanism is None else e.mechanism.inputs)
     owned = [
-        (s.part.name, force.with_laws(laws_of_inputs)) for s in e.statements for force in s.forces
+        (s.part.name, apply_laws(force, laws_of_inputs)) for s in e.statements for force in s.forces
     ]
     forces = []
     groups = group_by_kernel([force for _, force in owned])

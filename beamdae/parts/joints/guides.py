@@ -44,7 +44,23 @@ def project_across(
 
 
 @dataclass(frozen=True, eq=False)
-class PointOnLine(Joint):
+class _Guide(Joint):
+    """Joint of a point that slides along `direction`, which is fixed to the body of `a`."""
+
+    direction: tuple[float, float] = (1.0, 0.0)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        convert_fields(self, direction=require_direction)
+
+    @property
+    def slide_direction(self) -> tuple[float, float]:
+        """Direction in the reference configuration."""
+        return self.direction
+
+
+@dataclass(frozen=True, eq=False)
+class PointOnLine(_Guide):
     """Point `b` stays on the line through `a` along `direction`: g = n . (r_b - r_a).
 
     The line is fixed to the body of `a` and rotates with it; n is its left normal, and r_a and r_b
@@ -68,7 +84,6 @@ class PointOnLine(Joint):
         reference configuration (with a tolerance of 1e-6 times the size of the bodies).
     """
 
-    direction: tuple[float, float] = (1.0, 0.0)
     _with_angle = ("a",)
     symbol = "slot"
     multipliers = (Variable("normal", "N"),)
@@ -76,7 +91,6 @@ class PointOnLine(Joint):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        convert_fields(self, direction=require_direction)
         *_, offset = project_across(self.direction, self.a, self.b)
         gap = abs(offset)
         if gap > meeting_tolerance(self.a, self.b):
@@ -85,11 +99,6 @@ class PointOnLine(Joint):
                 f"configuration, but {self.b} is {gap:.6g} m off the line through "
                 f"{self.a}."
             )
-
-    @property
-    def slide_direction(self) -> tuple[float, float]:
-        """Direction of the line in the reference configuration."""
-        return self.direction
 
     @property
     def gap_parameters(self) -> tuple[float, ...]:
@@ -103,7 +112,7 @@ class PointOnLine(Joint):
 
 
 @dataclass(frozen=True, eq=False)
-class Prismatic(Joint):
+class Prismatic(_Guide):
     """Slider on an axis of a body: g = (n . (r_b - r_a) - offset, rotation_b - rotation_a).
 
     The axis passes through `a` along `direction`, is fixed to the body of `a` and rotates with it;
@@ -135,20 +144,10 @@ class Prismatic(Joint):
     >>> way = bd.Prismatic("way", mech.ground.at(0.0, 0.6), ram.at(0.5, 0.6), direction=(1.0, 0.0))
     """
 
-    direction: tuple[float, float] = (1.0, 0.0)
     _with_angle = ("a", "b")
     symbol = "slider"
     multipliers = (Variable("normal", "N"), Variable("angle", "N m"))
     reactions = ("F", "M")
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        convert_fields(self, direction=require_direction)
-
-    @property
-    def slide_direction(self) -> tuple[float, float]:
-        """Direction of the axis in the reference configuration."""
-        return self.direction
 
     @property
     def gap_parameters(self) -> tuple[float, ...]:

@@ -140,7 +140,21 @@ class Joint(KinematicConstraint):
 
 
 @dataclass(frozen=True, eq=False)
-class Revolute(Joint):
+class _MeetingJoint(Joint):
+    """Joint of two points that coincide in the reference configuration."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require_meeting(self.name, self.a, self.b)
+
+    @property
+    def _offset_carrier(self) -> str:
+        """Name of point `a`, or of `b` if `a` belongs to a particle, which has no axes."""
+        return "a" if self.a.has_angle else "b"
+
+
+@dataclass(frozen=True, eq=False)
+class Revolute(_MeetingJoint):
     """Hinge: a common point of two bodies that rotate freely, g = r_b - r_a.
 
     r_a and r_b are the positions of the points. The reactions Fx and Fy are the components of the
@@ -173,23 +187,14 @@ class Revolute(Joint):
     multipliers = (Variable("x", "N"), Variable("y", "N"))
     reactions = ("Fx", "Fy")
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        require_meeting(self.name, self.a, self.b)
-
     @staticmethod
     def gap(t: SX, a: PlacedPoint, b: PlacedPoint) -> SX:
         """Return the gap r_b - r_a [m]."""
         return b.position - a.position
 
-    @property
-    def _offset_carrier(self) -> str:
-        """Name of point `a`, or of `b` if `a` belongs to a particle, which has no axes."""
-        return "a" if self.a.has_angle else "b"
-
 
 @dataclass(frozen=True, eq=False)
-class Weld(Joint):
+class Weld(_MeetingJoint):
     """Rigid connection of two bodies, g = (r_b - r_a, rotation_b - rotation_a).
 
     r_a and r_b are the positions of the points. Rotations are measured from the reference
@@ -217,16 +222,7 @@ class Weld(Joint):
     multipliers = (Variable("x", "N"), Variable("y", "N"), Variable("angle", "N m"))
     reactions = ("Fx", "Fy", "M")
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        require_meeting(self.name, self.a, self.b)
-
     @staticmethod
     def gap(t: SX, a: PlacedPoint, b: PlacedPoint) -> SX:
         """Return the gap r_b - r_a [m] and the relative rotation [rad]."""
         return ca.vertcat(b.position - a.position, b.rotation - a.rotation)
-
-    @property
-    def _offset_carrier(self) -> str:
-        """Name of point `a`, whose axes carry the offset of a frozen gap."""
-        return "a"

@@ -13,7 +13,7 @@ import casadi as ca
 from beamdae.errors import BeamdaeError
 from beamdae.parts.laws import Law
 from beamdae.parts.point_parts import PointPart
-from beamdae.symbolic.formula import FormulaExpression, constant_formula
+from beamdae.symbolic.formula import constant_formula
 from beamdae.symbolic.statements import (
     SX,
     ConstraintKernel,
@@ -22,6 +22,7 @@ from beamdae.symbolic.statements import (
     NonholonomicKernel,
     Quantity,
     Variable,
+    formula_quantity,
     rebuilt_for_mesh,
 )
 
@@ -179,12 +180,11 @@ class KinematicConstraint(PointPart):
                 f"{self.name}: reactions must have one name per multiplier, got "
                 f"{len(self.reactions)} for {len(self.multipliers)}."
             )
-        columns = tuple(
+        columns = [
             Variable(name, multiplier.unit)
             for name, multiplier in zip(self.reactions, self.multipliers, strict=True)
-        )
-        values, _ = FormulaExpression.of(_negative_multipliers, ())
-        return Quantity(columns, (), values, joint=self.name, joint_part=self)
+        ]
+        return formula_quantity(columns, (), _negative_multipliers, **self._source)
 
     @rebuilt_for_mesh
     def reaction_on(self, place: str = "b", axes: str = "inertial") -> Quantity:

@@ -319,9 +319,8 @@ class SumPlan:
     weighted_targets: Array
     weighted_sources: Array
     weights: Array
-    # Of `SumEvaluator`: buffers for the next evaluator, and hashes of the numbers of models so far.
+    # Of `SumEvaluator`: buffers for the next evaluator.
     idle_buffers: list[Any] = field(default_factory=list, init=False, compare=False, repr=False)
-    models: set[int] = field(default_factory=set, init=False, compare=False, repr=False)
 
     @classmethod
     def of(

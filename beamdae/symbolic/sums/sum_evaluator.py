@@ -2,8 +2,8 @@
 
 For one state, CasADi's virtual machine evaluates the kernels of these sums sooner than their
 machine code is loaded, unless they are large. Later evaluators with the same plan, as after events
-or in studies, reuse the buffers and use machine code if it is in the cache; it is compiled after
-many models. Results have the same bits in any case.
+or in studies, reuse the buffers and use machine code if it is in the cache. Results have the same
+bits in any case.
 """
 
 from __future__ import annotations
@@ -19,8 +19,6 @@ from beamdae.symbolic.sums.kernel_sums import Sum, SumPlan, evaluate_plainly
 
 Array = np.ndarray
 
-# Number of models, with different numbers, that takes about as long as compiling the kernels.
-_MODELS_BEFORE_COMPILING = 50
 # Largest inputs of sums that are kept for later models.
 _MAX_IDLE_NUMBERS = 100_000
 
@@ -39,16 +37,13 @@ class SumEvaluator:
     """Evaluates a sum at single states for one model; only one thread may use it at a time."""
 
     def __init__(self, plan: SumPlan, p: Array) -> None:
-        if len(plan.models) <= _MODELS_BEFORE_COMPILING:
-            plan.models.add(hash(p.tobytes()))
         try:
             # Not a test of the length, because a concurrent thread may take the last one.
             buffers = plan.idle_buffers.pop()
         except IndexError:
             buffers = _Buffers(plan.sum(False, p))
         else:
-            compiles = len(plan.models) > _MODELS_BEFORE_COMPILING
-            if not buffers.is_native and plan.load_native(compiles):
+            if not buffers.is_native and plan.load_native(False):
                 buffers = _Buffers(plan.sum(True, p), True)
             plan.set_data(buffers.total, p)
         self._buffers = buffers
