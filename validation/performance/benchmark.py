@@ -28,16 +28,18 @@ import pandas as pd
 from hub_beam import hub_beam
 from measurement import (
     RESULTS,
-    TimeSamples,
+    Worker,
     environment_of_users,
+    has_exudyn,
     processor_time_of_children,
+    start_checkout,
+    start_exudyn,
     time_in_turns,
     time_integration,
     write_table,
 )
 from pendulum import pendulum
 from slider_crank import slider_crank
-from workers import Worker, has_exudyn, start_checkout, start_exudyn
 
 import beamdae as bd
 
@@ -113,12 +115,13 @@ def compare_with_checkout(folder: Path, rounds: int, systems: Systems = SYSTEMS)
     return pd.DataFrame(rows)
 
 
-def _ratio_columns(samples: dict[str, TimeSamples], one: str, other: str) -> dict[str, float]:
+def _ratio_columns(samples: dict[str, np.ndarray], one: str, other: str) -> dict[str, float]:
+    ours, theirs = samples[one], samples[other]
     return {
-        f"{one} [s]": samples[one].least,
-        f"{other} [s]": samples[other].least,
-        "ratio": samples[one].least / samples[other].least,
-        "of medians": samples[one].median / samples[other].median,
+        f"{one} [s]": ours.min(),
+        f"{other} [s]": theirs.min(),
+        "ratio": ours.min() / theirs.min(),
+        "of medians": np.median(ours) / np.median(theirs),
     }
 
 

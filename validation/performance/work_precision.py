@@ -29,8 +29,7 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "models"))
 import numpy as np
 import pandas as pd
 from hub_beam import hub_beam
-from measurement import RESULTS, time_integration, write_table
-from workers import Worker, start_exudyn
+from measurement import RESULTS, Worker, start_exudyn, time_integration, write_table
 
 import beamdae as bd
 

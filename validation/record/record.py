@@ -1,7 +1,6 @@
 """Benchmark of record for flexible planar mechanisms: solve, score, rebuild, validate.
 
 python record.py validate
-python record.py quick
 python record.py solve plain hub_beam_60 --setting fine
 python record.py solve beamdae all --setting Auto
 python record.py score
@@ -15,7 +14,6 @@ import json
 import os
 import subprocess
 import sys
-import tempfile
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from copy import deepcopy
@@ -94,7 +92,6 @@ INTEGRATORS = ("Ida", "Radau", "GeneralizedAlpha")
 UNSCORED = ("plain_fine",)
 # First columns of scores.md.
 FIRST = ("beamdae_Auto", "beamdae_refine_0.01", "beamdae_refine_0.001")
-QUICK = ("rod_pendulum", "two_link_chain", "princeton_cantilever")
 
 app = typer.Typer(add_completion=False, no_args_is_help=True, help=__doc__)
 Names = Annotated[list[str], typer.Argument(help="Names of mechanisms, or all.")]
@@ -372,25 +369,6 @@ def run_solve(arguments: list[str], exudyn_python: str) -> None:
     command = [python, str(HERE / "record.py"), "solve", *arguments]
     limits = {f"{x}_NUM_THREADS": "1" for x in ("OPENBLAS", "OMP", "MKL")}
     subprocess.run(command, check=False, env=os.environ | limits)
-
-
-@app.command()
-def quick() -> None:
-    """Validate and solve three mechanisms with the plain code and beamdae, and score them."""
-    with tempfile.TemporaryDirectory() as folder:
-        results = Path(folder)
-        for tool, setting in (("plain", "coarse"), ("beamdae", "Radau 1e-8 exact")):
-            solve(tool, list(QUICK), setting, results=results)
-        scores = scorer.score_all(scorer.read_references(REFERENCES), results)
-    messages = check(QUICK)
-    messages += [
-        f"{row.mechanism}, {row.tool}: error {row.error:.1e} {row.reason}"
-        for row in scores.itertuples()
-        if not (row.success and row.error <= 2.0 * max(row.uncertainty, 1e-6))
-    ]
-    for message in messages:
-        typer.echo(message)
-    raise typer.Exit(bool(messages))
 
 
 @app.command()
