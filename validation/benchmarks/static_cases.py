@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
 import numpy as np
 
 import beamdae as bd
-from benchmarks.comparison import Comparison
+from benchmarks.reference_case import ReferenceCase, beam_case
 from benchmarks.static_closed_forms import elastica, pinched_ring, quarter_circle
 
 # Displacements of the central differences, relative to the radius; their error is the square.
@@ -39,35 +38,7 @@ FORMULATIONS: dict[str, dict[str, Any]] = {
 SLENDERNESS = (4, 20, 100, 500, 2500, 100_000)
 
 
-@dataclass(frozen=True, eq=False)
-class StaticCase:
-    """A beam in equilibrium and its reference results.
-
-    Attributes
-    ----------
-    source
-        Publication or closed form.
-    reference
-        Reference values by name.
-    tolerance
-        Largest relative error allowed with `elements` elements.
-    compute
-        Maps the number of elements and the settings of the formulation to the computed values.
-    """
-
-    name: str
-    source: str
-    elements: int
-    reference: Mapping[str, float]
-    tolerance: float
-    compute: Callable[[int, Mapping[str, Any]], Mapping[str, float]]
-
-    def compare(self) -> Iterator[Comparison]:
-        """Yield each reference value beside those of all formulations."""
-        for label, settings in FORMULATIONS.items():
-            values = self.compute(self.elements, settings)
-            for quantity, reference in self.reference.items():
-                yield Comparison(f"{quantity}, {label}", reference, values[quantity])
+static_case = partial(beam_case, formulations=FORMULATIONS)
 
 
 def section_from_stiffness(EI: float, EA: float, GA: float) -> bd.Section:
@@ -115,7 +86,7 @@ def _solve_roll_up(turns: int, elements: int, settings: Mapping[str, Any]) -> di
     return {"tip u": x - 10.0, "angle of the tip": angle, "y of a quarter of it": rise}
 
 
-def _roll_up_case(turns: int) -> StaticCase:
+def _roll_up_case(turns: int) -> ReferenceCase:
     radius = 5.0 / (np.pi * turns)
     reference = {
         "tip u": -10.0,
@@ -123,7 +94,7 @@ def _roll_up_case(turns: int) -> StaticCase:
         "y of a quarter of it": radius * (1.0 - np.cos(0.5 * np.pi * turns)),
     }
     name, source = f"roll-up, circles: {turns}", "M = 2 pi n EI / L"
-    return StaticCase(name, source, 8 * turns, reference, 1e-6, partial(_solve_roll_up, turns))
+    return static_case(name, source, 8 * turns, reference, 1e-6, partial(_solve_roll_up, turns))
 
 
 def _solve_elastica(elements: int, settings: Mapping[str, Any]) -> dict[str, float]:
@@ -226,7 +197,7 @@ def _solve_pinched_ring(
 
 STATIC_CASES = (
     *(_roll_up_case(turns) for turns in (1, 2)),
-    StaticCase(
+    static_case(
         "elastica",
         "K. Mattiasson, Int. J. Numer. Methods Eng. 17 (1981) 145, by elliptic integrals",
         8,
@@ -238,7 +209,7 @@ STATIC_CASES = (
         2e-6,
         _solve_elastica,
     ),
-    StaticCase(
+    static_case(
         "Exudyn cantilever",
         "Exudyn, pythonDev/Examples/ANCFcantileverTest.py, converged; the same by shooting",
         48,
@@ -246,7 +217,7 @@ STATIC_CASES = (
         1e-12,
         _extrapolate_bernoulli,
     ),
-    StaticCase(
+    static_case(
         "Exudyn cantilever with shear",
         "by shooting",
         48,
@@ -254,7 +225,7 @@ STATIC_CASES = (
         1e-12,
         partial(_solve_timoshenko, _GA),
     ),
-    StaticCase(
+    static_case(
         "Geradin & Cardona cantilever",
         "M. Geradin, A. Cardona, Flexible Multibody Dynamics (Wiley 2001); SHARPy, tests/xbeam",
         8,
@@ -262,7 +233,7 @@ STATIC_CASES = (
         1e-3,
         _solve_thick_cantilever,
     ),
-    StaticCase(
+    static_case(
         "Geradin & Cardona cantilever, more digits",
         "by shooting",
         16,
@@ -271,7 +242,7 @@ STATIC_CASES = (
         _solve_thick_cantilever,
     ),
     *(
-        StaticCase(
+        static_case(
             f"quarter circle, R/h {slenderness}",
             "Castigliano's theorem",
             8,
@@ -282,7 +253,7 @@ STATIC_CASES = (
         for slenderness in SLENDERNESS
     ),
     *(
-        StaticCase(
+        static_case(
             f"pinched ring, R/h {slenderness}",
             "Castigliano's theorem",
             8,
