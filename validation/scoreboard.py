@@ -130,7 +130,7 @@ def _try_structure(name: str) -> Outcome:
     verdicts = {"missed": MISSED, "ended": MISSED, "invented": FALSE, "ok": RIGHT}
     departures = [row for row in rows if row["verdict"] != "ok"]
     worst = [verdicts.get(row["verdict"], WRONG) for row in rows]
-    digits = [count_digits(float(row["relative"])) for row in rows if "relative" in row]
+    digits = [count_digits(row["relative"]) for row in rows if "relative" in row]
     verdict = next((x for x in (MISSED, FALSE, WRONG) if x in worst), RIGHT)
     reason = str(departures[0]) if departures else ""
     return Outcome(name, verdict, min(digits, default=np.nan), len(rows), reason=reason)
