@@ -70,14 +70,6 @@ SETTINGS = {
     "casadi": {"idas": 2},
     "scipy": {"Radau": 2},
 }
-# Modules that a tool needs, imported before the first run of a rebuild.
-MODULES = {
-    "plain": "plain_beams",
-    "exudyn": "adapters.exudyn_adapter",
-    "beamdae": "adapters.beamdae_adapter",
-    "casadi": "adapters.equations_adapter",
-    "scipy": "adapters.equations_adapter",
-}
 CONFIRMING = {"beamdae": "Radau 1e-8 exact", "exudyn": "fine"}
 # Factors of the elements above for short elements between attachments, and for waves.
 CONFIRMING_FACTORS = {
@@ -324,6 +316,8 @@ def rebuild(
     """Run all tools, then write references, scores and tables."""
     chosen = expand(names)
     kept = ("exudyn",) if without_exudyn else ()
+    if not without_exudyn:
+        require_exudyn(exudyn_python)
     commands = [
         [tool, name, "--setting", setting]
         for setting in SETTINGS["plain"]
@@ -335,8 +329,6 @@ def rebuild(
         if tool not in ("plain", *kept)
         for setting in SETTINGS[tool]
     ]
-    # A tool that cannot be imported would replace its stored results by failures.
-    require_tools(dict.fromkeys(x[0] for x in commands), exudyn_python)
     with ThreadPoolExecutor(workers) as pool:
         list(pool.map(lambda x: run_solve(x, exudyn_python), commands))
     for name in chosen:
@@ -344,23 +336,15 @@ def rebuild(
     score(RESULTS)
 
 
-def require_tools(tools: Iterable[str], exudyn_python: str) -> None:
-    """Raise an error if a tool cannot be imported."""
-    for tool in tools:
-        python = exudyn_python if tool == "exudyn" else sys.executable
-        statement = f"import sys; sys.path.insert(0, {str(HERE)!r}); import record, {MODULES[tool]}"
-        try:
-            command = [python, "-c", statement]
-            run = subprocess.run(command, capture_output=True, text=True, check=False)
-        except OSError as error:
-            failure = str(error)
-        else:
-            failure = run.stderr.strip().rpartition("\n")[2] if run.returncode else ""
-        if failure:
-            remedy = f"install it for {python}"
-            if tool == "exudyn":
-                remedy = "set --exudyn-python, or keep its stored results by --without-exudyn"
-            raise typer.BadParameter(f"{tool}: cannot be imported ({failure}); {remedy}.")
+def require_exudyn(python: str) -> None:
+    """Raise an error if Exudyn cannot be imported: failures would replace its stored results."""
+    try:
+        subprocess.run([python, "-c", "import exudyn"], capture_output=True, check=True)
+    except (OSError, subprocess.CalledProcessError):
+        raise typer.BadParameter(
+            f"exudyn: {python} cannot import it; set --exudyn-python, or keep its stored results "
+            "by --without-exudyn."
+        ) from None
 
 
 def run_solve(arguments: list[str], exudyn_python: str) -> None:
