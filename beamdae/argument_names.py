@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import inspect
 import sys
+import sysconfig
 from collections.abc import Callable
 from functools import wraps
+from pathlib import Path
+from types import TracebackType
 from typing import Any
 
-from beamdae.errors import ArgumentError, join_names, short_repr, suggest
+from beamdae.errors import ArgumentError, BeamdaeError, join_names, short_repr, suggest
 
 
 def explain_arguments(value: Any) -> Any:
@@ -40,13 +43,42 @@ def _explain(part: str, function: Callable[..., Any], bound: int) -> Callable[..
     def call(*arguments: Any, **settings: Any) -> Any:
         try:
             return function(*arguments, **settings)
-        except TypeError:
-            problem = _describe_misuse(inspect.signature(function), bound, arguments, settings)
-            if not problem:
-                raise
-            raise ArgumentError(f"{part}: {problem}.") from None
+        except Exception as problem:
+            if isinstance(problem, TypeError):
+                signature = inspect.signature(function)
+                if misuse := _describe_misuse(signature, bound, arguments, settings):
+                    raise ArgumentError(f"{part}: {misuse}.") from None
+            problem.__traceback__ = _select_frames(problem)
+            raise
 
     return call
+
+
+def _select_frames(problem: Exception) -> TracebackType | None:
+    """Return the traceback of an error without frames of this package, which users cannot mend.
+
+    Unexpected errors inside the package keep theirs.
+    """
+    paths, package = sysconfig.get_paths(), str(Path(__file__).parent)
+    libraries = tuple(paths[x] for x in ("stdlib", "purelib", "platlib"))
+    entries, entry = list[tuple[bool, TracebackType]](), problem.__traceback__
+    while entry is not None:
+        code = entry.tb_frame.f_code
+        is_own = code.co_filename.startswith(package)
+        # Constructors of dataclasses have no file.
+        is_library = code.co_filename.startswith(libraries) or code.co_qualname.startswith(
+            "__create_fn__"
+        )
+        if is_own or not is_library:
+            entries.append((is_own, entry))
+        entry = entry.tb_next
+    if not isinstance(problem, BeamdaeError) and entries[-1][0]:
+        return problem.__traceback__
+    selected: TracebackType | None = None
+    for is_own, x in reversed(entries):
+        if not is_own:
+            selected = TracebackType(selected, x.tb_frame, x.tb_lasti, x.tb_lineno)
+    return selected
 
 
 def _describe_misuse(

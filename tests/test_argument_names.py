@@ -97,3 +97,33 @@ def test_regression_missing_and_surplus_arguments_are_named(call, message):
     with pytest.raises(TypeError, match=re.escape(message)) as caught:
         call()
     assert isinstance(caught.value, bd.BeamdaeError)
+
+
+@bd.model(t_end=1.0)
+def weightless_ball():
+    mech = bd.Mechanism()
+    mech.add(bd.PointMass("ball", -1.0, at=(0.0, 0.0)))
+    return mech
+
+
+@bd.model(t_end=1.0)
+def misspelled_ball():
+    mech = bd.Mechanism()
+    return mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0))).pointt
+
+
+@pytest.mark.parametrize("model", [weightless_ball, misspelled_ball], ids=lambda x: x.name)
+def test_tracebacks_of_mistakes_in_model_functions_end_in_the_model(model):
+    """They had nine frames of beamdae besides those of the user."""
+    with pytest.raises((bd.BeamdaeError, AttributeError)) as caught:
+        bd.simulate(model)
+    frames = [x.name for x in caught.traceback]
+    assert frames[-1] == model.name
+    assert len(frames) <= 3
+
+
+def test_unexpected_errors_keep_their_traceback(monkeypatch):
+    monkeypatch.setattr("beamdae.simulation.as_equations", len)
+    with pytest.raises(TypeError) as caught:
+        bd.simulate(press)
+    assert "simulate" in [x.name for x in caught.traceback][2:]

@@ -257,8 +257,68 @@ static int NAME(refactorize)(const EliminationPlan *plan, const NAME(Factors) *f
     return NAME(eliminate_columns)(plan, factors) && NAME(find_refinements)(plan, factors);
 }
 
+/* Full matrices, for which no plan is suitable: n rows of `full`, followed by the rows of the pivots,
+   which are found with partial pivoting and scaled rows. */
+
+static uint32_t *NAME(pivot_rows)(const NAME(Solver) *linear) {
+    return (uint32_t *)(linear->full.at + linear->full.size);
+}
+
+static int NAME(factorize_full)(NAME(Solver) *linear, const NUMBER *nonzeros) {
+    const EliminationPlan *plan = &linear->plan;
+    const int64_t n = plan->scale.size;
+    NUMBER *full = linear->full.at;
+    double *sizes = linear->factors.terms.at;
+    uint32_t *rows = NAME(pivot_rows)(linear);
+    memset(full, 0, n * n * sizeof(NUMBER));
+    for (int64_t i = 0; i < n; i++) rows[i] = (uint32_t)i, sizes[i] = 0.0;
+    for (int64_t j = 0; j < n; j++)
+        for (uint32_t e = plan->matrix_starts.at[j]; e < plan->matrix_starts.at[j + 1]; e++) {
+            const uint32_t i = plan->matrix_rows.at[e];
+            full[i * n + j] = nonzeros[e];
+            sizes[i] = largest_of(sizes[i], NAME(modulus)(nonzeros[e]));
+        }
+    for (int64_t k = 0; k < n; k++) {
+        int64_t best = k;
+        double largest = 0.0;
+        for (int64_t i = k; i < n; i++) {
+            const double size = NAME(modulus)(full[rows[i] * n + k]) / sizes[rows[i]];
+            if (size > largest) best = i, largest = size;
+        }
+        if (!(largest > 0.0) || !isfinite(largest)) return SINGULAR;
+        const uint32_t row = rows[best];
+        rows[best] = rows[k], rows[k] = row;
+        const NUMBER inverse = NAME(invert)(full[row * n + k]);
+        for (int64_t i = k + 1; i < n; i++) {
+            NUMBER *target = full + rows[i] * n;
+            const NUMBER factor = target[k] = NAME(product)(target[k], inverse);
+            if (factor == 0.0) continue;
+            for (int64_t j = k + 1; j < n; j++)
+                target[j] -= NAME(product)(factor, full[row * n + j]);
+        }
+    }
+    return DONE;
+}
+
+static void NAME(solve_full)(const NAME(Solver) *linear, NUMBER *right) {
+    const int64_t n = linear->plan.scale.size;
+    const uint32_t *rows = NAME(pivot_rows)(linear);
+    NUMBER *x = linear->factors.solution.at;
+    for (int64_t i = 0; i < n; i++) {
+        const NUMBER *row = linear->full.at + rows[i] * n;
+        x[i] = right[rows[i]];
+        for (int64_t j = 0; j < i; j++) x[i] -= NAME(product)(row[j], x[j]);
+    }
+    for (int64_t i = n - 1; i >= 0; i--) {
+        const NUMBER *row = linear->full.at + rows[i] * n;
+        for (int64_t j = i + 1; j < n; j++) x[i] -= NAME(product)(row[j], x[j]);
+        right[i] = x[i] = NAME(product)(x[i], NAME(invert)(row[i]));
+    }
+}
+
 int NAME(factorize)(NAME(Solver) *linear, ARRAY nonzeros) {
     if (linear->singular == 1) return SINGULAR;
+    if (linear->full.size > 0) return NAME(factorize_full)(linear, nonzeros.at);
     if (linear->plan.rows.size == 0 ||
         !NAME(refactorize)(&linear->plan, &linear->factors, nonzeros.at)) {
         linear->needs_pivots = 1;
@@ -275,6 +335,10 @@ void NAME(solve)(NAME(Solver) *linear, ARRAY right) {
     NUMBER *solution = factors->solution.at;
     const int64_t size = plan->scale.size;
     linear->solves++;
+    if (linear->full.size > 0) {
+        NAME(solve_full)(linear, right.at);
+        return;
+    }
     for (int64_t i = 0; i < size; i++) solution[i] = plan->scale.at[i] * right.at[i];
     if (factors->refinements.at[0] > 0)
         for (int64_t i = 0; i < size; i++) factors->right.at[i] = solution[i];

@@ -50,17 +50,12 @@ class Command:
         """True if there are two finite limits."""
         return bool(np.isfinite([self.low, self.high]).all())
 
-    def evaluate(self, times: Array, state: State) -> Array:
-        """Return the command (k,) before its limits at rows (t, branch) and states."""
-        return self.value.rows(times, state.q, state.v)[:, 0]
-
     def excess(self, time: Array, q: Array, v: Array) -> tuple[float, float, float]:
         """Return the command in a state, the nearest limit, and the distance beyond this limit.
 
         Distances that are rounding errors are zero.
         """
-        none = np.zeros((1, 0))
-        value = float(self.evaluate(time[None], State(q[None], v[None], none, none))[0])
+        value = float(self.value.rows(time[None], q[None], v[None])[0, 0])
         distances = {self.low: self.low - value, self.high: value - self.high}
         limit = max(distances, key=lambda x: distances[x])
         is_rounding = abs(distances[limit]) <= _ROUNDING * (self.high - self.low)

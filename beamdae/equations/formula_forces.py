@@ -42,15 +42,16 @@ class FormulaForceTerm:
     to_local: sp.csr_array
     numbers: Array
 
-    def evaluate(self, t: Array, branch: float, q: Array, v: Array) -> Array:
-        """Return generalized forces (rows, size) at times `t` [s] and q and v, (rows, n) each."""
-        return self.evaluate_local(t, branch, q[:, self.columns], v[:, self.columns])
+    def evaluate(self, times: Array, q: Array, v: Array) -> Array:
+        """Return generalized forces (rows, size) at rows (t, branch), q and v of `columns`."""
+        return self.kernel.load_function(times, *self._to_local(q, v), self.numbers)
 
-    def evaluate_local(self, t: Array, branch: float, q: Array, v: Array) -> Array:
-        """Return generalized forces, given the coordinates `columns` and their velocities."""
-        times = np.column_stack([t, np.full(len(t), branch)])
-        local = (np.asarray(self.to_local @ x.T).T for x in (q, v))
-        return self.kernel.load_function(times, *local, self.numbers)
+    def evaluate_arguments(self, times: Array, q: Array, v: Array) -> Array:
+        """Return the values of `ForceKernel.peak_arguments`, (rows, k), as `evaluate`."""
+        return self.kernel.peak_arguments(times, *self._to_local(q, v), self.numbers)
+
+    def _to_local(self, *rows: Array) -> list[Array]:
+        return [np.asarray(self.to_local @ x.T).T for x in rows]
 
 
 def name_copies(equations: EquationsOfMotion) -> list[list[str]]:
@@ -72,7 +73,7 @@ def compile_formula_forces(equations: EquationsOfMotion) -> tuple[FormulaForceTe
     """Return the forces that may have narrow peaks over time or over the motion."""
     terms = []
     for term, names in zip(equations.forces, name_copies(equations), strict=True):
-        if not term.kernel.may_have_peaks:
+        if term.rotation is not None or not term.kernel.may_have_peaks:
             continue
         size = term.kernel.local.size
         numbers = equations.p[term.data].reshape(term.count, -1)

@@ -37,9 +37,6 @@ class TableArgumentTerm:
         The table, and the index of its argument.
     argument
         The compiled argument.
-    call, constants
-        Number of the call in the formulas of the model, and the arguments of the call that are
-        numbers; None for the others.
     depends_on_motion
         False if the argument depends on time and inputs only.
     """
@@ -48,8 +45,6 @@ class TableArgumentTerm:
     table: Any
     axis: int
     argument: CompiledQuantity
-    call: int
-    constants: tuple[float | None, ...]
     depends_on_motion: bool
 
     @property
@@ -75,24 +70,29 @@ class TableArgumentTerm:
         rounding = max(_ROUNDING_OF_RANGE * float(np.ptp(rows)), _ROUNDING_OF_VALUES)
         return rows[side], rows[1 if side == 0 else -2], rounding
 
-    def evaluate(self, t: Array, branch: float, state: State) -> Array:
-        """Return the argument, (rows,), at times `t` (rows,) on one branch."""
-        times = np.column_stack([t, np.full(len(t), branch)])
-        return self.argument.rows(times, state.q, state.v)[:, 0]
-
-    def distance_outside(self, values: Array) -> Array:
-        """Return distances from the table beyond rounding errors; negative values are inside."""
+    @property
+    def rounding(self) -> float:
+        """Distance from the end of the table that is a rounding error."""
         low, high = self.limits
+        return _ROUNDING * (high - low)
+
+    def clearance(self, times: Array, state: State) -> Array:
+        """Return distances from the ends of the table at rows (t, branch) and of states, (rows,).
+
+        They are negative outside.
+        """
+        values, (low, high) = self.argument.values(times, state), self.limits
         if self.table.is_repeated:
-            return np.full(values.shape, low - high)
-        return np.maximum(low - values, values - high) - _ROUNDING * (high - low)
+            return np.full(values.shape, high - low)
+        return np.minimum(values - low, high - values)
 
     def reason_to_stop(self, t: float, branch: float, state: State) -> str:
         """Return the reason why a run cannot continue from a state at `t` [s]; "" if it can."""
         if not self.is_limited:
             return ""
-        value = self.evaluate(np.array([t]), branch, State(*(x[None] for x in state)))
-        return self.describe(float(value[0])) if self.distance_outside(value)[0] > 0.0 else ""
+        time, row = np.array([[t, branch]]), State(*(x[None] for x in state))
+        is_outside = self.clearance(time, row)[0] < -self.rounding
+        return self.describe(float(self.argument.values(time, row)[0])) if is_outside else ""
 
     def describe(self, value: float) -> str:
         """Return a phrase about a value outside the table."""
@@ -112,27 +112,17 @@ def compile_table_arguments(equations: EquationsOfMotion) -> tuple[TableArgument
     if mechanism is None or not arguments:
         return ()
     places = [
-        (call, argument, axis, quantity)
-        for call, argument in enumerate(arguments)
+        (argument, axis, quantity)
+        for argument in arguments
         for axis, quantity in _list_quantities(argument)
     ]
-    compiled = compile_quantities(mechanism, [(x.part, quantity) for _, x, _, quantity in places])
+    compiled = compile_quantities(mechanism, [(x.part, quantity) for x, _, quantity in places])
     return tuple(
         TableArgumentTerm(
-            argument.part,
-            argument.call.table,
-            axis,
-            value,
-            call,
-            _list_constants(argument),
-            _depends_on_motion(argument, axis),
+            argument.part, argument.call.table, axis, value, _depends_on_motion(argument, axis)
         )
-        for (call, argument, axis, _), value in zip(places, compiled, strict=True)
+        for (argument, axis, _), value in zip(places, compiled, strict=True)
     )
-
-
-def _list_constants(argument: TableArgument) -> tuple[float | None, ...]:
-    return tuple(None if ca.symvar(x) else float(x) for x in argument.call.arguments)
 
 
 def _depends_on_motion(argument: TableArgument, axis: int) -> bool:
@@ -177,15 +167,6 @@ def find_distinct(terms: Sequence[TableArgumentTerm]) -> tuple[TableArgumentTerm
     return tuple(distinct.values())
 
 
-def group_grids(terms: Sequence[TableArgumentTerm]) -> tuple[tuple[TableArgumentTerm, ...], ...]:
-    """Return the arguments of each call of a table of two arguments."""
-    calls: dict[int, list[TableArgumentTerm]] = {}
-    for term in terms:
-        if len(term.constants) > 1:
-            calls.setdefault(term.call, []).append(term)
-    return tuple(map(tuple, calls.values()))
-
-
 def list_arguments_outside(
     equations: EquationsOfMotion,
     time: Array,
@@ -204,8 +185,9 @@ def list_arguments_outside(
     rows = State(q, rest if v is None else v, rest, np.zeros((len(q), 0)))
     for term in find_distinct(compile_table_arguments(equations)):
         if term.is_limited or includes_held:
-            values = term.evaluate(np.full(len(q), time[0]), float(time[1]), rows)
-            outside = term.distance_outside(values) > 0.0
+            times = np.tile(time, (len(q), 1))
+            values = term.argument.values(times, rows)
+            outside = term.clearance(times, rows) < -term.rounding
             if not term.is_limited:
                 is_low = values < term.limits[0]
                 outside &= ~np.where(is_low, *map(term.continues_as_constant, (0, -1)))

@@ -73,12 +73,11 @@ from beamdae.simulation import as_equations, unpack_model
 
 PART = "export_fmu"
 C_FOLDER = Path(__file__).parent / "c"
-_SHARED_SOURCES = ("instance.c", "pivots.c", "points.c", "variables.c")
+_SHARED_SOURCES = ("instance.c", "points.c", "variables.c")
 _SHARED_HEADERS = (
     "stepper.h",
     "instance.h",
     "tables.h",
-    "pivots.h",
     "points.h",
     "variables.h",
     "model.h",

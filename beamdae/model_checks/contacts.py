@@ -155,7 +155,7 @@ def deep_contact_warnings(run: RunData) -> Iterator[str]:
     e, depths = run.equations, {}
     for gap in compile_surface_gaps(e):
         values = [
-            gap.evaluate(x.t, x.branch, x.state.q)
+            gap.distance.values(x.with_branch(x.t), x.state)
             for x in run.trajectory.intervals
             if gap.part not in x.inactive
         ]

@@ -31,7 +31,7 @@ def table_range_warnings(run: RunData) -> Iterator[str]:
         if is_exempt or not intervals:
             continue
         t = np.concatenate([x.t for x in intervals])
-        x = np.concatenate([term.evaluate(i.t, i.branch, i.state) for i in intervals])
+        x = np.concatenate([term.argument.values(i.with_branch(i.t), i.state) for i in intervals])
         low, high = term.limits
         sides = {0: low - x, -1: x - high}
         held = [beyond for side, beyond in sides.items() if not term.continues_as_constant(side)]

@@ -18,8 +18,6 @@ Instruction = tuple[Any, tuple[Any, ...], tuple[int, ...]]
 Operate = Callable[[Any, list[SX], int], Sequence[SX]]
 # Replaces a base of zero in powers; powers with exponents above 1.1 are zero.
 _TINY_BASE = 1e-300
-# Bases with a derivative of zero are rounded to multiples of this number.
-_BASE_RESOLUTION = 2.0**-80
 
 
 def read_instructions(function: ca.Function) -> list[Instruction]:
@@ -148,7 +146,7 @@ def rebuild_output(
     return output
 
 
-def expand_powers(function: ca.Function, *arguments: SX, min_base: float = 0.0) -> SX:
+def expand_powers(function: ca.Function, *arguments: SX) -> SX:
     """Return the value (n,) of a function at symbols, prepared for differentiation.
 
     The derivative of x^n with respect to n is x^n log x. At x = 0, for example for an open contact,
@@ -156,7 +154,7 @@ def expand_powers(function: ca.Function, *arguments: SX, min_base: float = 0.0) 
 
     The derivative of x^n with respect to x is infinite at x = 0 if n < 1, such as that of the
     stiffness of a contact at first touch. There, the derivative from the side on which the contact
-    is open, zero, replaces it. With `min_base`, it does so up to this size of x.
+    is open, zero, replaces it.
     """
     if ca.OP_POW not in read_operations(function):
         return ca.densify(ca.vec(function(*arguments)))
@@ -164,17 +162,13 @@ def expand_powers(function: ca.Function, *arguments: SX, min_base: float = 0.0) 
     def operate(operation: Any, operands: list[SX], count: int) -> Sequence[SX]:
         if operation == ca.OP_POW:
             base, exponent = operands
-            operands = [_limit_slope(base, exponent, min_base), exponent]
+            operands = [_limit_slope(base, exponent), exponent]
         return repeat_operation(operation, operands, count)
 
     return ca.densify(ca.vec(rebuild_output(function, arguments, operate)))
 
 
-def _limit_slope(base: SX, exponent: SX, min_base: float) -> SX:
+def _limit_slope(base: SX, exponent: SX) -> SX:
     """Return a nonzero base whose derivative is zero where that of the power is not bounded."""
-    is_steep = (ca.fabs(base) <= min_base) * (exponent < 1.0)
-    result = (1.0 - is_steep) * base
-    if min_base > 0.0:
-        # The derivative of `floor` is zero.
-        result += is_steep * _BASE_RESOLUTION * ca.floor(base / _BASE_RESOLUTION)
+    result = (1.0 - (base == 0.0) * (exponent < 1.0)) * base
     return result + _TINY_BASE * (result == 0.0)

@@ -63,6 +63,7 @@ def build_path_page(equilibrium: Equilibrium, title: str) -> Content:
             "kind": x.kind,
             equilibrium.quantity: f"{x.factor:.7g}",
             "point": x.row,
+            "modes": x.multiplicity,
             "moves most": x.moves,
         }
         for x in critical

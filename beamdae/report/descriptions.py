@@ -116,6 +116,8 @@ def _describe_buckling(buckling: Any) -> Description:
     table = _table_of_modes(buckling)
     data = {"loads": list(buckling.loads), "modes": buckling.table()}
     facts = {"loads": _describe_loads([buckling.loads], buckling.mechanism)}
+    if buckling.reason:
+        facts["buckling loads"] = f"none; {buckling.reason}"
     return Description(facts, {"Buckling": table}, lambda: data)
 
 
@@ -221,7 +223,7 @@ def _describe_path(path: Any) -> Description:
         path.quantity: " to ".join(f"{x:.7g}" for x in dict.fromkeys([*begin, path.factor])),
         "equilibrium": stability,
         "critical points": "; ".join(
-            f"{x.kind} at {x.factor:.7g}{f', {x.moves} moves most' if x.moves else ''}"
+            f"{x.description} at {x.factor:.7g}{f', {x.moves} moves most' if x.moves else ''}"
             for x in path.critical
         )
         or "none",

@@ -68,12 +68,23 @@ class CriticalPoint(NamedTuple):
     moves
         Name of the coordinate that moves most in the critical mode. At limit and branch points,
         this mode has no stiffness.
+    multiplicity
+        Number of modes that become critical together, such as 2 for two equal columns. Each of them
+        is a critical point of the path.
     """
 
     kind: str
     row: int
     factor: float
     moves: str
+    multiplicity: int = 1
+
+    @property
+    def description(self) -> str:
+        """Kind of the point, with the number of its modes if there are several."""
+        if self.multiplicity == 1:
+            return self.kind
+        return f"{self.kind} of {self.multiplicity} modes"
 
 
 @read_only_data

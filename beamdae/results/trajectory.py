@@ -182,7 +182,11 @@ class Interval:
     @property
     def times(self) -> Array:
         """Rows (t, branch) of the nodes, (k, 2): the time argument of compiled functions."""
-        return _with_branch(self.nodes, self.branch)
+        return self.with_branch(self.nodes)
+
+    def with_branch(self, t: Array) -> Array:
+        """Return the rows (t, branch) of times inside the interval (j,) [s]."""
+        return _with_branch(t, self.branch)
 
     def find_steps(self, t: Array) -> Array | None:
         """Return the index in `t` of this interval of each time (j,), or None if one is no step."""

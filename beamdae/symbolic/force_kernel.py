@@ -5,12 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable, Container, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
 
-from beamdae.native.instructions import read_operations, trace_dependence
+from beamdae.native.instructions import (
+    evaluate_instructions,
+    read_instructions,
+    read_operations,
+    repeat_operation,
+    trace_dependence,
+)
 from beamdae.symbolic.constraint_kernel import ConstraintKernel
 from beamdae.symbolic.functions.compiled import RowFunction
 from beamdae.symbolic.local_symbols import SX, Local, describe_column_error
@@ -238,10 +244,42 @@ class ForceKernel:
     @cached_property
     def load_function(self) -> RowFunction:
         """F in (time, q, v, data), without accelerations and multipliers."""
+        return RowFunction(self._load)
+
+    @cached_property
+    def _load(self) -> ca.Function:
         x = self.local
         zeros = [SX.zeros(x.a.shape), SX.zeros(x.lam.shape)]
         force = ca.substitute(self.force, ca.vertcat(x.a, x.lam), ca.vertcat(*zeros))
-        return RowFunction(ca.Function("load", [x.time, x.q, x.v, x.data], [ca.densify(force)]))
+        return ca.Function("load", [x.time, x.q, x.v, x.data], [ca.densify(force)])
+
+    @cached_property
+    def peak_arguments(self) -> RowFunction:
+        """Arguments in `load_function` of the operations by which a formula may have peaks.
+
+        Functions in (time, q, v, data). Of operations on two moving arguments, they include the
+        difference.
+        """
+        inputs, arguments = self._load.sx_in(), [SX(0, 1)]
+
+        # Values are expressions, and whether they depend on time, q or v.
+        def read(code: int, operands: tuple[Any, ...]) -> tuple[SX, bool]:
+            if code == ca.OP_CONST:
+                return SX(*operands), False
+            is_moving = operands == (0, 0) or operands[0] in (1, 2)
+            return inputs[operands[0]].nz[operands[1]], is_moving
+
+        def operate(
+            operation: Any, operands: list[tuple[SX, bool]], count: int
+        ) -> list[tuple[SX, bool]]:
+            moving = [x for x, is_moving in operands if is_moving]
+            if operation not in _BROAD_OPERATIONS:
+                arguments.extend([*moving, moving[0] - moving[1]] if moving[1:] else moving)
+            results = repeat_operation(operation, [x for x, _ in operands], count)
+            return [(x, bool(moving)) for x in results]
+
+        evaluate_instructions(read_instructions(self._load), read, operate, lambda *x: None)
+        return RowFunction(ca.Function("arguments", inputs, [ca.vertcat(*arguments)]))
 
     @cached_property
     def has_accelerations(self) -> bool:

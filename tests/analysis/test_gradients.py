@@ -10,9 +10,10 @@ from quick_return import quick_return
 from slider_crank import slider_crank
 
 import beamdae as bd
-from beamdae.analysis.gradients import number_derivatives
-from beamdae.analysis.gradients.number_derivatives import FlatModel, differentiate_numbers
+from beamdae.analysis.gradients.flat_model import FlatModel
 from beamdae.analysis.gradients.objectives import SampleGrid, read_column
+from beamdae.analysis.sensitivities import many_parameters
+from beamdae.analysis.sensitivities.many_parameters import difference_models
 from beamdae.equations.formulations.step_equations import formulate_step
 from beamdae.native.object_code import is_native_enabled
 from beamdae.symbolic.sums.directional_sums import directional_plan
@@ -248,16 +249,18 @@ def test_few_parameters_are_changed_together():
         builds.append(1)
         return bd.equations_of_motion(mechanism)
 
-    number_derivatives._latest_effects.pop(leaf.build, None)
-    first, second = (
-        (differentiate_numbers(model, base, assemble, np.zeros(2)).p, len(builds)) for _ in range(2)
-    )
+    def differentiate(model):
+        differences = difference_models(model, list(model.entries), base, assemble)
+        return np.array([x.along(lambda e: e.p) for x in differences.values()])
+
+    many_parameters._latest_effects.pop(leaf.build, None)
+    first, second = ((differentiate(model), len(builds)) for _ in range(2))
     # The search is not repeated: two groups of differences, and two models that verify them.
     assert second[1] - first[1] == 4 * 2 + 2
     np.testing.assert_array_equal(first[0], second[0])
     for k, height in enumerate(heights):
         one = FlatModel(tapered, {f"height[{k}]": ("height", k)})
-        (alone,) = differentiate_numbers(one, base, assemble, np.zeros(2)).p
+        (alone,) = differentiate(one)
         assert np.all(np.abs(first[0][k] - alone) <= 1e-9 * np.abs(first[0]).max(axis=0)), height
 
 
@@ -288,16 +291,17 @@ def test_regression_heights_are_changed_together_although_stiffnesses_keep_their
             builds.append(1)
             return bd.equations_of_motion(mechanism)
 
-        result = differentiate_numbers(model, base, assemble, np.zeros(2))
-        assert result.irregular == ()
+        result = difference_models(model, list(entries), base, assemble)
+        assert all(x.is_regular for x in result.values())
         assert len(builds) <= 24
         step = 1e-6 * heights[3]
         ahead, behind = (
             bd.equations_of_motion(model(**{"height[3]": heights[3] + x})).p for x in (step, -step)
         )
         derivative = (ahead - behind) / (2.0 * step)
-        assert np.all(np.abs(result.p[3] - derivative) <= 1e-7 * np.max(np.abs(derivative)))
-        assert np.count_nonzero(result.p[3]) == np.count_nonzero(derivative)
+        actual = result["height[3]"].along(lambda e: e.p)
+        assert np.all(np.abs(actual - derivative) <= 1e-7 * np.max(np.abs(derivative)))
+        assert np.count_nonzero(actual) == np.count_nonzero(derivative)
 
 
 @bd.model(t_end=0.1)

@@ -132,6 +132,13 @@ def test_tension_does_not_buckle():
     assert "factor 2.467" in warning
 
 
+def test_zero_loads_are_the_reason_for_no_buckling_loads():
+    with pytest.warns(bd.BeamdaeWarning, match="0 of 2 buckling loads; all scaled loads are zero"):
+        result = bd.buckling(column(sign=0.0), n=2)
+    assert result.reason.startswith("all scaled loads are zero at t = 0 s")
+    assert bd.buckling(column(), n=2).reason == ""
+
+
 def test_displacements_before_buckling_are_warned_of():
     # A transverse force bends the column before it buckles.
     mech = column()

@@ -12,7 +12,7 @@ from scipy.optimize import OptimizeResult, linprog
 
 import beamdae as bd
 from beamdae.analysis.fit.problem import FitProblem, Scaling
-from beamdae.analysis.gradients.number_derivatives import FlatModel
+from beamdae.analysis.gradients.flat_model import FlatModel
 from beamdae.analysis.optimization import analyses, solvers
 from beamdae.analysis.optimization.analyses import DesignModel, RunSettings, create_analysis
 from beamdae.analysis.optimization.problem import DesignProblem, create_problem

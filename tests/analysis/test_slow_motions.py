@@ -266,3 +266,19 @@ def test_slow_decays_of_stiff_parts_with_strong_dampers_are_found():
     expected = roots[np.argsort(np.abs(roots))][:12]
     assert np.sum(expected.imag == 0.0) == 7
     assert_allclose(bd.modes(system, n=12).eigenvalues, expected, rtol=1e-9, atol=1e-12)
+
+
+def test_regression_large_models_of_few_motions_have_no_other_modes():
+    """A request for more modes than motions of more than 300 coordinates had spurious zeros."""
+    mech, last = bd.Mechanism(gravity=(0.0, -9.81)), None
+    for k in range(101):
+        body = mech.add(bd.RigidBody(f"body {k}", 1.0, 0.1, (0.0, -k - 1.0)))
+        if last is None:
+            mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), body.at(0.0, 0.0)))
+        else:
+            mech.add(bd.Weld(f"weld {k}", last.at(0.0, -k), body.at(0.0, -k)))
+        last = body
+    depths = np.arange(1.0, 102.0)
+    square = 9.81 * np.sum(depths) / np.sum(depths**2 + 0.1)
+    modes = bd.modes(mech, n=4)
+    assert_allclose(modes.eigenvalues, [1j * np.sqrt(square)], rtol=1e-9)

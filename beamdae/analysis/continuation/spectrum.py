@@ -120,7 +120,7 @@ def find_slow_space(
                 return SlowSpace(basis, images, True)
             continue
         inverses = la.eigvals(basis.T @ images)
-        missing = int(np.ceil(find_missing(inverses, (1.0 - tolerance) * bound)))
+        missing = int(np.ceil(find_missing(inverses[inverses != 0.0], (1.0 - tolerance) * bound)))
         if missing <= 0:
             return SlowSpace(basis, images, True)
         number = EXTRA_VALUES + (2 * missing if k else 0)

@@ -124,6 +124,8 @@ def _choose_shift(lin: LinearizedEquations) -> float:
             basis = la.orth(block)
             block = invert(scales * basis) / scales
         inverses, vectors = la.eig(basis.T @ block)
+        # Motions without inertia are infinitely fast.
+        inverses, vectors = inverses[inverses != 0.0], vectors[:, inverses != 0.0]
         sizes, shapes = np.abs(1.0 / inverses - square), scales * (basis @ vectors.real)
         is_zero = sizes <= np.maximum(_bound_rounding(lin, shapes, square), _SLOW_RATIO * square)
         slowest = float(np.min(sizes[~is_zero], initial=np.inf))
@@ -228,8 +230,10 @@ def _find_motions(
         return np.vstack([x - free @ (momenta @ x) for x in parts])
 
     scales = _find_scales(lin, s)
-    if count is not None and n > MAX_DENSE and 2 * count + 6 < n:
-        number = (1 + lin.has_rates) * count + EXTRA_VALUES
+    # Others than admissible motions are lost in the flexibility.
+    admissible = (1 + lin.has_rates) * (n - lin.equations.m)
+    number = (1 + lin.has_rates) * (count or n) + EXTRA_VALUES
+    if n > MAX_DENSE and 2 * number < admissible:
         sizes = scales[:, None]
         space = find_slow_space(
             lambda y: apply(sizes * y) / sizes, len(scales), number, find_missing

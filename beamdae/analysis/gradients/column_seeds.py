@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -13,11 +13,12 @@ from beamdae.analysis.gradients.objectives import (
     SampleGrid,
     select_column,
 )
+from beamdae.analysis.sensitivities.neighbors import Difference
 from beamdae.analysis.sensitivities.observable_derivatives import (
     ColumnPoints,
+    group_times,
     join_points,
     split_points,
-    split_times,
 )
 from beamdae.equations.equations_of_motion import EquationsOfMotion, Observable, State
 from beamdae.equations.structure import cache_on_owner
@@ -25,7 +26,6 @@ from beamdae.errors import BeamdaeError
 from beamdae.results.columns import remove_unit
 from beamdae.results.elastic_columns import is_elastic
 from beamdae.results.run_data import coordinate_headers
-from beamdae.results.solution import Solution
 from beamdae.results.trajectory import Interval, Trajectory
 
 Array = np.ndarray
@@ -37,59 +37,77 @@ class ColumnSeeds:
 
     Attributes
     ----------
-    value
-        Value of the objective.
+    values
+        Values of the terms of the objective.
     states
         Derivatives with respect to (q, v, lam) at the nodes of each interval, (nodes, 2n + m).
     numbers
         Derivatives with respect to the numbers p in the formulas of observables, (n_p,).
     operators
-        Derivatives with respect to the non-zeros of `Observable.operator`, by observable.
+        Derivatives with respect to the entries of `Observable.operator`, by number of the
+        observable.
     """
 
-    value: float
+    values: list[float]
     states: list[Array]
     numbers: Array
-    operators: list[Array]
+    operators: dict[int, Array]
 
-    @classmethod
-    def empty(cls, equations: EquationsOfMotion, states: list[Array]) -> ColumnSeeds:
-        """Return derivatives that are zero."""
-        operators = [np.zeros(x.operator.nnz) for x in equations.observables]
-        return cls(0.0, states, np.zeros(len(equations.p)), operators)
+    def objective_value(self, objective: Objective) -> float:
+        """Return the value of the objective."""
+        return sum(x * y for (x, _), y in zip(objective.terms, self.values, strict=True))
+
+    def contract(self, difference: Difference, along: Trajectory | None = None) -> float:
+        """Return the derivative with respect to a parameter at constant states of the run.
+
+        `along` are the derivatives of the states if these change.
+        """
+        result = float(self.numbers @ difference.along(lambda e: e.p))
+        for k, by in self.operators.items():
+            change = difference.along(lambda e, k=k: e.observables[k].operator)
+            result += float(change.multiply(by).sum())
+        for by, interval in zip(self.states, along.intervals if along else (), strict=False):
+            q, v, _, lam = interval.rows
+            result += float(np.sum(by * np.hstack([q, v, lam])))
+        return result
 
 
-def differentiate_objective(objective: Objective, solution: Solution) -> ColumnSeeds:
-    """Return the value of an objective and its derivatives by the states of the run.
-
-    All parts are active during the run.
-    """
-    equations, trajectory = solution.equations, solution.trajectory
+def differentiate_objective(
+    objective: Objective, equations: EquationsOfMotion, trajectory: Trajectory
+) -> ColumnSeeds:
+    """Return the values of the terms of an objective, and its derivatives by states of a run."""
     size = 2 * equations.n + equations.m
     # By columns: most objectives depend on few of them, and only these need memory.
     states = [np.zeros((len(x.nodes), size), order="F") for x in trajectory.intervals]
-    result, grid = ColumnSeeds.empty(equations, states), SampleGrid.of(trajectory)
-    points_at: dict[tuple[bytes, bool], Any] = {}
+    result = ColumnSeeds([], states, np.zeros(len(equations.p)), {})
+    grid, points_at = SampleGrid.of(trajectory), dict[tuple[bytes, bool], Any]()
     for factor, term in objective.terms:
         times, column = term.sample_times(grid), _Column.of(equations, term.column)
         key = times.tobytes(), column.is_elastic
         if key not in points_at:
-            sampled = split_times(trajectory, times, column.is_elastic)
-            points_at[key] = sampled, *join_points(sampled, trajectory, limited=True)
-        points, rows, at = points_at[key]
-        values, arguments = column.evaluate(rows, at)
-        parts = zip(points, split_points(points, values), strict=True)
-        samples = [_values_at_times(x, trajectory, part) for x, part in parts]
-        value, by_samples = term.evaluate(np.concatenate(samples), grid.weights)
-        result.value += factor * value
-        by_values = [
-            factor * (by_samples[x.here] if x.weights is None else x.weights.T @ by_samples[x.here])
-            for x in points
-        ]
-        for columns, by in column.gradient(result, arguments, at, np.concatenate(by_values)):
-            for x, part in zip(points, split_points(points, by), strict=True):
-                interval = trajectory.intervals[x.interval]
-                _add_to_nodes(x, interval, states[x.interval], columns, part)
+            points_at[key] = [
+                (inactive, points, *join_points(points, trajectory, limited=True))
+                for inactive, points in group_times(trajectory, times, column.is_elastic)
+            ]
+        samples, arguments = np.zeros(len(times)), []
+        for inactive, points, rows, at in points_at[key]:
+            active = equations.without_loads_of(inactive)
+            values, inputs = column._replace(equations=active).evaluate(rows, at)
+            arguments.append(inputs)
+            for x, part in zip(points, split_points(points, values), strict=True):
+                samples[x.here] = _values_at_times(x, trajectory, part)
+        value, by_samples = term.evaluate(samples, grid.weights)
+        result.values.append(value)
+        for (_, points, _, at), inputs in zip(points_at[key], arguments, strict=True):
+            by_values = [
+                by_samples[x.here] if x.weights is None else x.weights.T @ by_samples[x.here]
+                for x in points
+            ]
+            by = factor * np.concatenate(by_values)
+            for columns, by_states in column.gradient(result, inputs, at, by):
+                for x, part in zip(points, split_points(points, by_states), strict=True):
+                    interval = trajectory.intervals[x.interval]
+                    _add_to_nodes(x, interval, result.states[x.interval], columns, part)
     return result
 
 
@@ -165,33 +183,15 @@ class _Column(NamedTuple):
         ends = np.cumsum([arguments[1].shape[1], arguments[2].shape[1], arguments[3].shape[-1]])
         *by_motion, by_p, by_lam = np.split(gradient, ends, axis=1)
         seeds.numbers[o.data] += by_p.sum(axis=0)
-        row = np.repeat(np.arange(o.operator.shape[0]), np.diff(o.operator.indptr))
         acting, operator = o.active_columns
         for first, part, x in zip((0, n), by_motion, (at.q, at.v), strict=True):
             # Most columns depend either on positions or on velocities.
             if part.any():
-                change = np.einsum("ti,ti->i", part[:, row], x[:, o.operator.indices])
-                seeds.operators[self.number] += change
+                by_operator = seeds.operators.setdefault(self.number, np.zeros(o.operator.shape))
+                by_operator += part.T @ x
                 yield first + acting, part @ operator
         if by_lam.size:
             yield 2 * n + np.arange(self.equations.m)[o.rows], by_lam
-
-
-def differentiate_state(
-    equations: EquationsOfMotion, factors: Iterable[tuple[str, float]], time: Array, at: State
-) -> ColumnSeeds:
-    """Return the derivatives of a sum of factor * column at a state, by this state.
-
-    `time` and `at` are rows of (t, branch) and of the state.
-    """
-    by_state = np.zeros((len(time), 2 * equations.n + equations.m))
-    result = ColumnSeeds.empty(equations, [by_state])
-    for name, factor in factors:
-        column = _Column.of(equations, name)
-        _, arguments = column.evaluate(time, at)
-        for columns, by in column.gradient(result, arguments, at, np.full(len(time), factor)):
-            by_state[:, columns] += by
-    return result
 
 
 @cache_on_owner

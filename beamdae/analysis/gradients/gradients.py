@@ -15,11 +15,7 @@ from beamdae.analysis.gradients.column_seeds import (
     differentiate_objective,
     locate_column,
 )
-from beamdae.analysis.gradients.number_derivatives import (
-    FlatModel,
-    NumberDerivatives,
-    differentiate_numbers,
-)
+from beamdae.analysis.gradients.flat_model import FlatModel, flatten_model
 from beamdae.analysis.gradients.objectives import (
     ColumnObjective,
     Objective,
@@ -31,14 +27,11 @@ from beamdae.analysis.sensitivities.differentiable_run import (
     require_differentiable_method,
 )
 from beamdae.analysis.sensitivities.linear_steps import Matrices, transpose_steps
-from beamdae.analysis.sensitivities.neighbors import Difference, derivative_call
-from beamdae.analysis.sensitivities.observable_derivatives import (
-    differentiate_run_columns,
-    time_derivative,
-)
+from beamdae.analysis.sensitivities.many_parameters import difference_models, is_regular
+from beamdae.analysis.sensitivities.neighbors import Difference, derivative_call, equations_key
+from beamdae.analysis.sensitivities.observable_derivatives import time_derivative
 from beamdae.analysis.sensitivities.restart_times import differentiate_event_time, find_stop
 from beamdae.analysis.sensitivities.run_chain import RunDerivative, node_state
-from beamdae.analysis.sensitivities.sensitivity_result import select_parameters
 from beamdae.analysis.sensitivities.start_derivatives import (
     StartDerivatives,
     start_adds_velocities,
@@ -242,21 +235,6 @@ def _evaluate(
     )
 
 
-def flatten_model(caller: str, model: Any, by: Any, parameters: Any) -> FlatModel:
-    """Return the model as a function of the numbers in the parameters named in `by`.
-
-    `caller` is the calling function, for messages.
-    """
-    names, model = select_parameters(caller, model, by, parameters, allows_lists=True)
-    entries: dict[str, tuple[str, int | None]] = {}
-    for name in names:
-        if isinstance(model.parameters[name], float):
-            entries[name] = (name, None)
-        else:
-            entries |= {f"{name}[{k}]": (name, k) for k in range(len(model.parameters[name]))}
-    return FlatModel(model, entries)
-
-
 @dataclass(eq=False)
 class AdjointRun(DifferentiableRun):
     """Run of a model of numbers, from which gradients of several objectives can be computed.
@@ -268,8 +246,8 @@ class AdjointRun(DifferentiableRun):
     """
 
     model: FlatModel
-    # Derivatives of the numbers, once they are known: they serve all objectives.
-    _numbers: NumberDerivatives | None = field(default=None, init=False)
+    # Models around the values of the numbers, once they are known: they serve all objectives.
+    _differences: dict[str, Difference] = field(default_factory=dict, init=False)
 
     def __post_init__(self) -> None:
         self.require_end()
@@ -291,9 +269,12 @@ class AdjointRun(DifferentiableRun):
         """Return the value and the gradient (k,) of an objective."""
         names = list(self.model.entries)
         with single_threaded:
-            return self._transpose(objective, names) or self._contract(objective, names)
+            value, result = self._transpose(objective, names) or self._contract(objective, names)
+        return value, np.array([result[x] for x in names])
 
-    def _transpose(self, objective: Objective, names: list[str]) -> tuple[float, Array] | None:
+    def _transpose(
+        self, objective: Objective, names: list[str]
+    ) -> tuple[float, dict[str, float]] | None:
         """Return the value and the gradient by one backward sweep; None if it does not apply.
 
         The sweep serves the numbers on which the equations depend through p and the requested start
@@ -309,32 +290,36 @@ class AdjointRun(DifferentiableRun):
         is_drawn = np.array_equal(at.q, e.q0) and not start_adds_velocities(e, time)
         if equilibrium is None and not is_drawn:
             return None
-        seeds, by_q, by_v, by_p = transpose_run(objective, self.solution, self.method)
+        seeds, by_q, by_v = transpose_run(objective, self.solution, self.method)
         if equilibrium is not None:
-            by_p = by_p + start.gradient(equilibrium, np.append(by_q, 0.0 * at.lam))[1]
+            seeds.numbers += start.gradient(equilibrium, np.append(by_q, 0.0 * at.lam))[1]
             by_q, by_v = np.zeros_like(by_q), np.zeros_like(by_v)
-        if self._numbers is None:
+        if not self._differences:
             # The equilibrium of neighboring models is not needed if its adjoint is known.
             request = self.settings["start"] if equilibrium is None else AS_DRAWN
             assemble = partial(as_equations, derivative_call(), start=request)
             base = e if equilibrium is None else assemble(self.model())
-            self._numbers = differentiate_numbers(self.model, base, assemble, time)
-        numbers = self._numbers
-        result = numbers.contract(by_p, seeds.operators, by_q, by_v)
-        if irregular := list(numbers.irregular):
-            others = [names[k] for k in irregular]
-            result[irregular] = self._contract(objective, others)[1]
-        return seeds.value, result
+            self._differences = difference_models(self.model, names, base, assemble)
+        result = {
+            name: seeds.contract(x)
+            + float(by_q @ x.along(lambda e: e.q0) + by_v @ x.along(lambda e: e.v0))
+            for name, x in self._differences.items()
+            if is_regular(x, e)
+        }
+        if others := [x for x in names if x not in result]:
+            result |= self._contract(objective, others)[1]
+        return seeds.objective_value(objective), result
 
-    def _contract(self, objective: Objective, names: Sequence[str]) -> tuple[float, Array]:
+    def _contract(
+        self, objective: Objective, names: Sequence[str]
+    ) -> tuple[float, dict[str, float]]:
         """Return the value and derivatives of an objective along those of the run."""
-        value, changes = differentiate_along(objective, self.solution, *self.differentiate(names))
-        return value, np.array([changes[x] for x in names])
+        return differentiate_along(objective, self.solution, *self.differentiate(names))
 
 
 def transpose_run(
     objective: Objective, solution: Solution, method: GeneralizedAlpha | Radau
-) -> tuple[ColumnSeeds, Array, Array, Array]:
+) -> tuple[ColumnSeeds, Array, Array]:
     """Sweep backwards over all intervals of a run.
 
     Between two intervals, a law has a breakpoint: positions and velocities are continuous.
@@ -342,8 +327,8 @@ def transpose_run(
     Returns
     -------
     tuple
-        Value with the derivatives through the columns, and derivatives by the requested initial
-        coordinates and velocities, (n,) each, and by the numbers p, (n_p,).
+        Values with the derivatives by the numbers p, through columns and steps, and derivatives by
+        the requested initial coordinates and velocities, (n,) each.
 
     Raises
     ------
@@ -353,8 +338,8 @@ def transpose_run(
     solution = bound_reactions(solution)
     equations, intervals = solution.equations, solution.trajectory.intervals
     start, n = StartDerivatives(ConsistencySolver(equations)), equations.n
-    seeds = differentiate_objective(objective, solution)
-    numbers, matrices = seeds.numbers.copy(), Matrices()
+    seeds = differentiate_objective(objective, equations, solution.trajectory)
+    matrices = Matrices()
     for k in reversed(range(len(intervals))):
         interval, by_nodes = intervals[k], seeds.states[k]
         by_start, by_p = transpose_steps(method, start, interval, by_nodes[1:], matrices)
@@ -364,10 +349,10 @@ def transpose_run(
         by_state, by_numbers = start.gradient(
             start.start_map(*node_state(interval, 0), v), by_start
         )
-        numbers += by_p + by_numbers
+        seeds.numbers += by_p + by_numbers
         if k:
             seeds.states[k - 1][-1, : 2 * n] += by_state[: 2 * n]
-    return seeds, by_state[:n], by_state[n : 2 * n], numbers
+    return seeds, by_state[:n], by_state[n : 2 * n]
 
 
 def differentiate_along(
@@ -386,47 +371,40 @@ def differentiate_along(
         Models at neighboring values, and derivatives of the run, by parameter.
     """
     solution = bound_reactions(solution)
-    equations, trajectory = solution.equations, solution.trajectory
-    along = {name: x.trajectory for name, x in derivatives.items()}
-    shifts = np.array([x.shifts for x in derivatives.values()])
-    moved = np.flatnonzero(shifts.any(axis=0)).tolist()
+    trajectory, groups = solution.trajectory, dict[Any, list[str]]()
+    for name, x in differences.items():
+        groups.setdefault(equations_key(x.base), []).append(name)
+    result = {}
+    for names in groups.values():
+        base = differences[names[0]].base
+        seeds = differentiate_objective(objective, base, trajectory)
+        for name in names:
+            result[name] = seeds.contract(differences[name], derivatives[name].trajectory)
+    shifts = np.array([derivatives[x].shifts for x in result])
     ends = _differentiate_end_time(solution, differences, derivatives)
-    value, result = 0.0, np.zeros(len(derivatives))
-    for factor, term, run, weights in objective.sample(solution):
-        header, column = read_column(run, term.column)
-        number, index = locate_column(equations, header)
-        term_value, by_samples = term.evaluate(column, weights)
-        value += factor * term_value
-        if number is None:
-            states = (x.at(run.t)[1] for x in along.values())
-            changes = [np.hstack([x.q, x.v, x.lam]) for x in states]
-        else:
-            by_name = differentiate_run_columns(
-                equations, trajectory, run.t, along, differences, [number]
-            )
-            changes = list(by_name.values())
-        result += factor * (np.array([x[:, index] for x in changes]) @ by_samples)
-        for k in moved:
-            t = float(trajectory.intervals[k].t[0])
-            result += factor * shifts[:, k] * _restart_rate(term, term_value, solution, t)
-        if ends.any():
-            result += factor * ends * _end_rate(term, term_value, solution)
-    return value, dict(zip(derivatives, result.tolist(), strict=True))
+    for (factor, term), value in zip(objective.terms, seeds.values, strict=True):
+        for k in np.flatnonzero(shifts.any(axis=0)).tolist():
+            rate = _restart_rate(term, value, solution, float(trajectory.intervals[k].t[0]))
+            for name, shift in zip(result, shifts[:, k].tolist(), strict=True):
+                result[name] += factor * shift * rate
+        if any(ends.values()):
+            rate = _end_rate(term, value, solution)
+            result = {name: x + factor * ends[name] * rate for name, x in result.items()}
+    return seeds.objective_value(objective), result
 
 
 def _differentiate_end_time(
     solution: Solution,
     differences: Mapping[str, Difference],
     derivatives: Mapping[str, RunDerivative],
-) -> Array:
-    """Return the derivatives of the end of the run by parameter, (k,); zero without a stop."""
+) -> dict[str, float]:
+    """Return the derivatives of the end of the run by parameter; zero without a stop."""
     stop, trajectory = find_stop(solution), solution.trajectory
     if stop is None:
-        return np.zeros(len(derivatives))
+        return dict.fromkeys(derivatives, 0.0)
     along = {name: x.trajectory.intervals[-1] for name, x in derivatives.items()}
     last, end = trajectory.intervals[-1], trajectory.end
-    ends = differentiate_event_time(solution.equations, stop, last, end, along, differences)
-    return np.array(list(ends.values()))
+    return differentiate_event_time(solution.equations, stop, last, end, along, differences)
 
 
 def _restart_rate(term: ColumnObjective, value: float, solution: Solution, t: float) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, NoReturn, TypeAlias
 
@@ -214,22 +214,11 @@ class Objective(Quantity):
             raise BeamdaeError(
                 f"{type(self).__name__}: value needs a Solution, got {short_repr(solution)}."
             )
-        return sum(
-            factor * term.evaluate(read_column(run, term.column)[1], weights)[0]
-            for factor, term, run, weights in self.sample(solution)
-        )
-
-    def sample(
-        self, solution: Solution
-    ) -> Iterator[tuple[float, ColumnObjective, Solution, Array]]:
-        """Yield all terms with their factors, the run at their times, and weights of integrals."""
-        grid, runs = SampleGrid.of(solution.trajectory), dict[bytes, Solution]()
+        grid, result = SampleGrid.of(solution.trajectory), 0.0
         for factor, term in self.terms:
-            times = term.sample_times(grid)
-            key = times.tobytes()
-            if key not in runs:
-                runs[key] = solution.at_times(times)
-            yield factor, term, runs[key], grid.weights
+            run = solution.at_times(term.sample_times(grid))
+            result += factor * term.evaluate(read_column(run, term.column)[1], grid.weights)[0]
+        return result
 
 
 class WeightedSum(QuantitySum, Objective):

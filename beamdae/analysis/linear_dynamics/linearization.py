@@ -43,12 +43,12 @@ from beamdae.equations.starts.steady_rotation import (
 from beamdae.equations.table_arguments import list_arguments_outside
 from beamdae.errors import (
     BeamdaeError,
-    list_first,
     plain_text,
     short_repr,
     suggest,
 )
 from beamdae.linear.saddle_point import factorize_saddle_point
+from beamdae.model_checks.friction import DAMPING, friction_warnings
 from beamdae.model_checks.strain_limits import strain_warnings
 from beamdae.model_functions import Model
 from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM, Mechanism, require_start
@@ -63,7 +63,6 @@ _RPM = np.pi / 30.0  # rad/s
 TangentFunction = Callable[..., Tangent]
 
 REFERENCE = "reference"
-_MAX_NAMES = 3  # of parts with friction in a warning
 # Net forces above rounding and above this fraction of the largest force mean that the state is not
 # an equilibrium.
 _UNBALANCED_FORCE_RATIO = 1e-6
@@ -184,24 +183,15 @@ def linearize_about(name: str, model: Any, about: Any = REFERENCE, t: float = 0.
         f"so the linear model contains no feedback through it; {_NO_LIMIT}",
         f"so the linear model contains half of the feedback through it; {_NO_LIMIT}",
     )
-    whole = lin.full_equations
+    whole, inactive = lin.full_equations, frozenset[str]()
     if whole.configurations is not None:
         now = about.configuration if isinstance(about, Instant) else None
         inactive = whole.configurations.initially_inactive if now is None else now.inactive
         whole = whole.without_loads_of(inactive)
     warnings = (*lin.equations.build_warnings, *lin.warnings, *outside, *limits)
-    if lin.equations.frictions and not np.any(v):
-        warnings += (_describe_friction(lin.equations),)
+    if not np.any(v):
+        warnings += (*friction_warnings(whole, DAMPING, inactive),)
     return replace(lin, full_equations=whole, warnings=warnings)
-
-
-def _describe_friction(equations: EquationsOfMotion) -> str:
-    names = list_first([*equations.frictions], _MAX_NAMES)
-    return (
-        f"{names}: about a state at rest, friction acts as a damper, which friction_speed "
-        "determines, and damps small motions only; omit it from linear analyses, or choose an "
-        "instant of sliding."
-    )
 
 
 def searched_start(name: str, about: Any, accuracy: Any) -> Any:

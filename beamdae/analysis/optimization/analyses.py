@@ -11,18 +11,14 @@ from typing import Any
 import numpy as np
 
 from beamdae.analysis.eigenproblems.eigensolution import RIGID
-from beamdae.analysis.gradients.column_seeds import differentiate_state
+from beamdae.analysis.gradients.column_seeds import differentiate_objective
+from beamdae.analysis.gradients.flat_model import FlatModel
 from beamdae.analysis.gradients.gradients import DEFAULT_METHOD, AdjointRun
-from beamdae.analysis.gradients.number_derivatives import (
-    FlatModel,
-    NumberDerivatives,
-    difference_numbers,
-    differentiate_numbers,
-)
 from beamdae.analysis.gradients.objectives import (
     RUN,
     AnalysisQuantity,
     ColumnObjective,
+    EndValue,
     SampleGrid,
     SmoothMaximum,
     read_column,
@@ -43,9 +39,11 @@ from beamdae.analysis.optimization.quantities import (
     ParameterFunction,
 )
 from beamdae.analysis.sensitivities.differentiable_run import require_differentiable_method
+from beamdae.analysis.sensitivities.many_parameters import difference_models, is_regular
 from beamdae.analysis.sensitivities.modes import differentiate_modes
 from beamdae.analysis.sensitivities.neighbors import (
     STENCILS,
+    Difference,
     Neighbors,
     first_difference,
 )
@@ -61,6 +59,7 @@ from beamdae.integrators import Integrator
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM
 from beamdae.results.columns import require_one_column
+from beamdae.results.trajectory import Interval, Trajectory
 from beamdae.simulation import as_equations
 
 Array = np.ndarray
@@ -102,6 +101,11 @@ class DesignModel:
     def equations(self) -> EquationsOfMotion:
         """Equations of the model as drawn."""
         return as_drawn(self.mechanism)
+
+    @cached_property
+    def differences(self) -> dict[str, Difference]:
+        """Models around the value of each number, by its name."""
+        return difference_models(self.flat, list(self.flat.entries), self.equations, as_drawn)
 
 
 class Analysis:
@@ -235,30 +239,29 @@ class PathAnalysis(Analysis):
         e = path.equations
         available = {x.partition(" [")[0] for x in (*path.columns, *path.coordinate_columns())}
         is_full_load = len(path.loads) == 1 and path.factor == 1.0 and not path.free
-        is_regular = e.configurations is None and not e.redundant
+        has_all_parts = e.configurations is None and not e.redundant
         is_end = all(
             isinstance(x, EquilibriumValue) and x.column.partition(" [")[0] in available
             for x in weights
         )
-        if not (is_full_load and is_regular and is_end):
+        if not (is_full_load and has_all_parts and is_end):
             return None
-        rest, times = np.zeros((1, e.n)), np.full((1, 2), path.t)
-        at = State(path.q[-1:], rest, rest, path.lam[-1:])
+        q, lam = (np.repeat(x[-1:], 2, axis=0) for x in (path.q, path.lam))
+        rest = State(q, np.zeros_like(q), np.zeros_like(q), lam)
+        end, time = State(*(x[-1] for x in rest)), np.full(2, path.t)
+        # A run that ends with the equilibrium.
+        run = Trajectory((Interval(np.array([path.t - 1.0, path.t]), rest, path.t),))
+        objective = sum(EndValue(x.column) * w for x, w in weights.items())
         with single_threaded:
-            seeds = differentiate_state(e, [(x.column, w) for x, w in weights.items()], times, at)
-            (by_state,) = seeds.states
-            start, end = StartDerivatives(ConsistencySolver(e)), State(*(x[0] for x in at))
-            operator = start.equilibrium_map(times[0], end)
-            if operator is None or self._numbers.irregular:
+            seeds = differentiate_objective(objective, e, run)
+            by_q, _, by_lam = np.split(seeds.states[0][-1], [e.n, 2 * e.n])
+            start = StartDerivatives(ConsistencySolver(e))
+            operator = start.equilibrium_map(time, end)
+            differences = self._model.differences.values()
+            if operator is None or not all(is_regular(x, e) for x in differences):
                 return None
-            by_end = np.append(by_state[0, : e.n], by_state[0, 2 * e.n :])
-            numbers = start.gradient(operator, by_end)[1]
-        return self._numbers.contract(numbers + seeds.numbers, seeds.operators)
-
-    @cached_property
-    def _numbers(self) -> NumberDerivatives:
-        model, time = self._model, np.full(2, self.result.t)
-        return differentiate_numbers(model.flat, model.equations, as_drawn, time)
+            seeds.numbers += start.gradient(operator, np.append(by_q, by_lam))[1]
+            return np.array([seeds.contract(x) for x in differences])
 
 
 class ModeAnalysis(Analysis):
@@ -308,7 +311,7 @@ class ModeAnalysis(Analysis):
                 "Frequency(number, about='equilibrium')."
             )
         names, settings = list(self._flat.entries), (self._about, False, 0.0)
-        return differentiate_modes(self._flat, names, self.result, *settings, difference_numbers)
+        return differentiate_modes(self._flat, names, self.result, *settings, difference_models)
 
 
 class MassAnalysis(Analysis):
@@ -325,8 +328,7 @@ class MassAnalysis(Analysis):
 
     def gradient(self, weights: Mapping[Mass, float]) -> Array:
         """See `Analysis`."""
-        differences = difference_numbers(self._model.flat, self._model.equations, as_drawn)
-        rates = [x.along(compute_mass) for x in differences.values()]
+        rates = [x.along(compute_mass) for x in self._model.differences.values()]
         return sum(weights.values()) * np.array(rates)
 
 
@@ -403,6 +405,6 @@ def list_vibrations(modes: Modes) -> list[int]:
 
 def compute_mass(equations: EquationsOfMotion) -> float:
     """Return the mass of the moving parts [kg], r^T M r for a unit translation r."""
-    translation = RotatingCoordinates.from_equations(equations).translation_vector(0)
+    translation = RotatingCoordinates.from_equations(equations).translations[:, 0]
     matrix = StateEvaluator(equations).mass_matrix(np.zeros(2), equations.q0)
     return float(translation @ (matrix @ translation))

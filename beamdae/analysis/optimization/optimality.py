@@ -21,7 +21,7 @@ Array = np.ndarray
 
 # Decrease of the violation within a step of length 1, relative to the violation, below which no
 # step reduces it.
-_MIN_RELATIVE_DECREASE = 1e-3
+_MIN_RELATIVE_DECREASE = 1e-2
 _MIN_SHARE = 1e-3  # of the multiplier of a limit that blocks in the sum of all
 _FAR = 1e3  # distance of bounds in steps of length 1
 

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from beamdae.analysis.gradients.gradients import DEFAULT_METHOD, flatten_model
-from beamdae.analysis.gradients.number_derivatives import FlatModel
+from beamdae.analysis.gradients.flat_model import FlatModel, flatten_model
+from beamdae.analysis.gradients.gradients import DEFAULT_METHOD
 from beamdae.analysis.gradients.objectives import AnalysisQuantity, ColumnObjective, Quantity
 from beamdae.analysis.optimization.analyses import (
     Analysis,

@@ -35,10 +35,6 @@ Array = np.ndarray
 # constraints and bounds, up to which a design is an optimum, and smallest decrease of the scaled
 # objective to which it is relative: gradients of minima in the interior vanish.
 _OPTIMALITY_TOLERANCE, _MIN_DECREASE = 0.05, 0.1
-# A search ends if this number of designs in a row failed or brought no progress.
-_MAX_IDLE_DESIGNS = 20
-# Relative decrease of the violation that is progress.
-_MIN_PROGRESS = 1e-3
 # Relative difference of the maximum over a run from its assumed ratio to the smooth maximum.
 _RATIO_TOLERANCE = 1e-3
 _MAX_ROUNDS = 6  # of searches with other ratios of maxima
@@ -150,10 +146,8 @@ class Search:
         self._trials: list[Trial] = []
         # Designs by the variables of the search.
         self._known: dict[bytes, Trial] = {}
-        # Violations and objectives of designs that were progress of the present solver, and the
-        # number of designs since the last one.
-        self._progress: list[tuple[float, float]] = []
-        self._idle = 0
+        # Variables and functions of the design with the latest gradients of the present solver.
+        self._latest: tuple[Array, Linearization] | None = None
         self._minimizes_violation = False
         self._end: Trial | None = None  # design at which the present solver converged
 
@@ -210,8 +204,7 @@ class Search:
     def _solve(self, minimizes_violation: bool = False) -> Status:
         """Minimize the objective or the violation from the best design; return why it ended."""
         problem, settings, best = self._problem, self._settings, self._best()
-        self._minimizes_violation, self._progress, self._idle = minimizes_violation, [], 0
-        self._end = None
+        self._minimizes_violation, self._latest, self._end = minimizes_violation, None, None
         points = [problem.variables.variables(best.numbers), *problem.variables.limits]
         if minimizes_violation:
             # The violation is the last variable.
@@ -246,6 +239,7 @@ class Search:
         if trial.failure:
             raise _SearchEndError("ok", "analyses fail")
         point = self._linearize(trial, not self._minimizes_violation)
+        self._latest = x[: len(self._problem.names)].copy(), point
         if np.all(point.margins >= -FEASIBILITY_TOLERANCE):
             if self._minimizes_violation or point.measure_decrease()[0] <= self._settings.tolerance:
                 self._end = trial
@@ -263,32 +257,28 @@ class Search:
         if count >= self._settings.max_evaluations:
             sentence = f"stopped after {format_count(count, 'evaluation')}"
             raise _SearchEndError("limited", f"{sentence}; increase max_evaluations=")
-        if self._idle >= _MAX_IDLE_DESIGNS:
-            raise _SearchEndError("ok", f"{self._idle} designs brought no progress")
+        if self._is_within_noise(x):
+            raise _SearchEndError("ok", "values change by less than their errors")
         numbers = problem.variables.values(x)
-        self._idle += 1
         try:
             trial = Trial(numbers, problem.design(numbers).values)
         except (ValueError, ArithmeticError) as failure:
             # BeamdaeError, or an error of the model function at extreme values.
             nothing = np.full(1 + len(problem.ratios), np.nan)
             return self._keep(Trial(numbers, nothing, describe_failure(failure)), x)
-        objective, violation = problem.scaled_objective(trial.values), self._violation(trial)
-        noise = max(self._settings.tolerance, float(problem.noise[0]))
-        # Progress is a design that is not dominated: the filter of Fletcher & Leyffer, Math.
-        # Program. 91 (2002) 239, doi:10.1007/s101070100244.
-        if all(
-            violation < (1.0 - _MIN_PROGRESS) * other
-            or (
-                not self._minimizes_violation
-                and objective < lowest - max(noise, _MIN_PROGRESS * other)
-            )
-            for other, lowest in self._progress
-        ):
-            self._progress.append((violation, objective))
-            self._idle = 0
         self._report(self._keep(trial, x))
         return trial
+
+    def _is_within_noise(self, x: Array) -> bool:
+        """Return True if a step changes the linearized functions by less than their noise.
+
+        Line searches of values that jump between designs would only compare these jumps.
+        """
+        if self._latest is None or self._minimizes_violation:
+            return False
+        here, point = self._latest
+        changes = np.abs(np.vstack([point.gradient, point.jacobian]) @ (x - here))
+        return bool(np.all(changes <= np.maximum(self._problem.noise, self._settings.tolerance)))
 
     def _adopt_best(self) -> bool:
         """Let further designs have the maxima of the best one.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -71,8 +71,11 @@ def _solve_by_slsqp(problem: SmoothProblem, tolerance: float, iterations: int) -
 
 
 def _solve_by_ipopt(problem: SmoothProblem, tolerance: float, iterations: int) -> Array:
-    functions = _Functions(problem, [])
-    x = ca.MX.sym("x", len(problem.begin))
+    size, count, errors = len(problem.begin), problem.count, list[BaseException]()
+    outputs = (1, 1), (count, 1)
+    jacobian = _Function(problem.gradients, [size, 1, count], [(1, size), (count, size)], errors)
+    functions = _Function(problem.values, [size], outputs, errors, jacobian)
+    x = ca.MX.sym("x", size)
     objective, margins = functions(x)
     options: dict[str, Any] = {
         "ipopt.hessian_approximation": "limited-memory",
@@ -91,51 +94,54 @@ def _solve_by_ipopt(problem: SmoothProblem, tolerance: float, iterations: int) -
     statement: dict[str, Any] = {"x": x, "f": objective, "g": margins}
     solver = ca.nlpsol("search", "ipopt", statement, options)
     result = solver(x0=problem.begin, lbx=problem.lower, ubx=problem.upper, lbg=0.0, ubg=np.inf)
-    if functions.errors:
-        raise functions.errors[0]
+    if errors:
+        raise errors[0]
     return np.asarray(result["x"]).ravel()
 
 
-class _Functions(ca.Callback):
-    """Objective and margins for CasADi, or their derivatives.
+class _Function(ca.Callback):
+    """Function of x with two results for CasADi, and the function of its derivatives.
 
     CasADi discards exceptions of its callbacks: the first one is kept in `errors`, and all further
     values are NaN, so that the solver ends.
     """
 
-    def __init__(self, problem: SmoothProblem, errors: list[BaseException], name: str = "") -> None:
+    def __init__(
+        self,
+        call: Callable[[Array], tuple[Any, Any]],
+        inputs: Sequence[int],
+        outputs: Sequence[tuple[int, int]],
+        errors: list[BaseException],
+        jacobian: _Function | None = None,
+    ) -> None:
         super().__init__()
-        self.problem, self.errors, self.is_jacobian = problem, errors, bool(name)
-        self.jacobians: list[_Functions] = []  # CasADi does not keep them alive
-        self.construct(name or "functions", {})
+        self.call_, self.inputs, self.outputs, self.errors = call, inputs, outputs, errors
+        self.jacobian_ = jacobian
+        self.construct("functions" if jacobian else "derivatives", {})
 
     def get_n_in(self) -> int:
-        return 3 if self.is_jacobian else 1
+        return len(self.inputs)
 
     def get_n_out(self) -> int:
         return 2
 
     def get_sparsity_in(self, k: int) -> Any:
-        return ca.Sparsity.dense((len(self.problem.begin), 1, self.problem.count)[k], 1)
+        return ca.Sparsity.dense(self.inputs[k], 1)
 
     def get_sparsity_out(self, k: int) -> Any:
-        columns = len(self.problem.begin) if self.is_jacobian else 1
-        return ca.Sparsity.dense((1, self.problem.count)[k], columns)
+        return ca.Sparsity.dense(*self.outputs[k])
 
     def has_jacobian(self) -> bool:
-        return not self.is_jacobian
+        return self.jacobian_ is not None
 
-    def get_jacobian(self, name: str, *others: Any) -> Any:
-        self.jacobians.append(_Functions(self.problem, self.errors, name))
-        return self.jacobians[-1]
+    def get_jacobian(self, *names: Any) -> Any:
+        return self.jacobian_
 
     def eval(self, arguments: Any) -> list[Any]:
-        function = self.problem.gradients if self.is_jacobian else self.problem.values
         if not self.errors:
             try:
-                first, others = function(np.asarray(arguments[0]).ravel())
+                first, others = self.call_(np.asarray(arguments[0]).ravel())
                 return [ca.DM(np.atleast_2d(first)), ca.DM(np.asarray(others))]
             except BaseException as error:
                 self.errors.append(error)
-        shapes = (self.get_sparsity_out(k).shape for k in range(2))
-        return [ca.DM(np.full(shape, np.nan)) for shape in shapes]
+        return [ca.DM(np.full(shape, np.nan)) for shape in self.outputs]

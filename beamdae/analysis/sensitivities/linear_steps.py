@@ -391,7 +391,7 @@ def transpose_steps(
     """
     e = start.equations
     steps = _Steps(method, e, interval, matrices)
-    plan = plan_transpose(e.structure, steps.residual, steps.n_inputs, 0.0)
+    plan = plan_transpose(e.structure, steps.residual, steps.n_inputs)
 
     loop = steps.make_loop(
         "backward",

@@ -241,7 +241,7 @@ def differentiate_modes(
     state = _State.of(result, damping)
     pairs = _simple_pairs(model.name, result, state.select(state.full), damping)
     eigenvalues, shapes = {}, {}
-    known = {} if difference_all is None else difference_all(model, base, assemble)
+    known = {} if difference_all is None else difference_all(model, names, base, assemble)
     for name in names:
         difference = known.get(name) or difference_model(model, name, base, assemble)
         frames = [frame_of(e, about, t) for e in difference.models]

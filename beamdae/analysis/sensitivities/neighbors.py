@@ -131,6 +131,10 @@ class NumericModel(Protocol):
     def parameters(self) -> Mapping[str, Any]:
         """Values of the parameters."""
 
+    @property
+    def build(self) -> Callable[..., Any]:
+        """Function of the user."""
+
     def __call__(self, **values: Any) -> Any:
         """Return the mechanism for other values of some parameters."""
 
@@ -194,10 +198,13 @@ class Difference(Neighbors):
         Name of the parameter.
     base
         Equations at the value of the parameter, with the structure of the neighboring models.
+    is_regular
+        True if the models are known to differ only in their numbers and start.
     """
 
     name: str
     base: EquationsOfMotion
+    is_regular: bool = False
 
     @property
     def moves_operators(self) -> bool:
@@ -262,7 +269,11 @@ def difference_model(
     """
     value = float(model.parameters[name])
     delta = first_difference(value)
-    build = partial(try_step, model, name, base, assemble)
+
+    def change(x: float) -> dict[str, float]:
+        return {name: value + x}
+
+    build = partial(try_step, model, name, change, base, assemble)
     best: Trial | None = None
     for _ in range(_MAX_TRIALS):
         try:
@@ -315,14 +326,19 @@ def has_effect(base: EquationsOfMotion, other: EquationsOfMotion) -> bool:
 
     Models with events may always differ: actions of events are not compared.
     """
-    pairs = zip(base.observables, other.observables, strict=True)
     return bool(
         base.events
         or base.structure != other.structure
         or base.breakpoints != other.breakpoints
         or not np.array_equal(numbers_and_start(base), numbers_and_start(other))
-        or any(not np.array_equal(x.operator.data, y.operator.data) for x, y in pairs)
+        or not has_same_operators(base, other)
     )
+
+
+def has_same_operators(base: EquationsOfMotion, other: EquationsOfMotion) -> bool:
+    """Return True if observables of both models depend on the same coordinates."""
+    pairs = zip(base.observables, other.observables, strict=True)
+    return all(np.array_equal(x.operator.data, y.operator.data) for x, y in pairs)
 
 
 def warn_without_effect(model: str, name: str) -> None:
@@ -372,17 +388,20 @@ class Trial(NamedTuple):
 def try_step(
     model: NumericModel,
     name: str,
+    change: Callable[[float], Mapping[str, float]],
     base: EquationsOfMotion,
     assemble: Callable[[Any], EquationsOfMotion],
     delta: float,
     stencils: Sequence[Stencil],
 ) -> Trial:
-    """Return the difference with a step `delta` of the parameter, and its accuracy."""
-    value = float(model.parameters[name])
+    """Return the difference with a step `delta` of a parameter x, and its accuracy.
+
+    `change` returns values of parameters of the model at a distance of x; `name` is that of x.
+    """
     for stencil in stencils:
         try:
             neighbors = tuple(
-                assemble(build_neighbor(model, name, value + x * delta)) for x in stencil.steps
+                assemble(build_neighbor(model, change(x * delta))) for x in stencil.steps
             )
         except BeamdaeError as problem:
             rejection = problem
@@ -394,13 +413,13 @@ def try_step(
         here, n_p = numbers_and_start(base), len(base.p)
         sizes, rounding = sizes_and_rounding(base)
         changes = np.array([numbers_and_start(e) for e in neighbors]) - here
-        error, change = stencil.assess(changes, sizes, rounding), np.abs(changes).max(axis=0)
+        error, largest = stencil.assess(changes, sizes, rounding), np.abs(changes).max(axis=0)
         # A parameter with a tiny value may be added to coordinates, such as 1e-8 m to 1 m.
-        is_lost = (change[n_p:] > 0.0) & (change[n_p:] <= rounding[n_p:])
+        is_lost = (largest[n_p:] > 0.0) & (largest[n_p:] <= rounding[n_p:])
         if np.any(is_lost) and delta < _ROUNDING * np.max(sizes[n_p:]):
             error = math.inf
         kinks = stencil.find_kinks(changes[:, :n_p], rounding[:n_p])
-        relative_change = float(np.max(change / np.maximum(sizes, 1.0)))
+        relative_change = float(np.max(largest / np.maximum(sizes, 1.0)))
         return Trial(difference, error, relative_change, bool(np.any(kinks)))
     raise _RejectedError(str(rejection))
 
@@ -419,10 +438,10 @@ def sizes_and_rounding(equations: EquationsOfMotion) -> tuple[Array, Array]:
     return size, _ROUNDING * magnitudes + _ROUNDING_OF_KIND * np.maximum(size, 1.0)
 
 
-def build_neighbor(model: NumericModel, name: str, value: float) -> Any:
+def build_neighbor(model: NumericModel, values: Mapping[str, float]) -> Any:
     """Return the mechanism; errors of formulas reject parameters as those of parts do."""
     try:
-        return model(**{name: value})
+        return model(**values)
     except (ArithmeticError, ValueError) as problem:
         raise BeamdaeError(format_exception(problem)) from problem
 

@@ -93,7 +93,6 @@ def differentiate_run_columns(
     times: Array,
     trajectories: Mapping[str, Trajectory],
     differences: Mapping[str, Difference],
-    numbers: Sequence[int] | None = None,
 ) -> dict[str, Array]:
     """Return the derivatives of observed columns of a run, (rows, columns), by parameter.
 
@@ -109,23 +108,17 @@ def differentiate_run_columns(
         Derivatives of the states by parameter.
     differences
         Models at neighboring values, by parameter.
-    numbers
-        Indices of the observables; None for all.
     """
-    numbers = range(len(equations.observables)) if numbers is None else numbers
-    observables = [equations.observables[k] for k in numbers]
+    observables = equations.observables
     ends = np.cumsum([0, *(len(x.columns) for x in observables)])
     result = {name: np.zeros((len(times), ends[-1])) for name in trajectories}
     are_elastic = np.array([is_elastic(equations, x) for x in observables], bool)
     for kind in np.unique(are_elastic):
-        groups: dict[frozenset[str], list[ColumnPoints]] = {}
-        for x in split_times(trajectory, times, kind):
-            groups.setdefault(trajectory.intervals[x.interval].inactive, []).append(x)
-        for inactive, points in groups.items():
+        for inactive, points in group_times(trajectory, times, kind):
             rows, at = join_points(points, trajectory)
             along = {name: join_points(points, x)[1] for name, x in trajectories.items()}
             for k in np.flatnonzero(are_elastic == kind).tolist():
-                select = partial(observable_of, numbers[k])
+                select = partial(observable_of, k)
                 changes = differentiate_columns(select, rows, at, along, differences, inactive)
                 for name, change in changes.items():
                     for x, part in zip(points, split_points(points, change), strict=True):
@@ -160,16 +153,20 @@ class ColumnPoints(NamedTuple):
     weights: sp.csr_array | None
 
 
-def split_times(trajectory: Trajectory, times: Array, elastic: bool) -> list[ColumnPoints]:
-    """Return the points of each interval; elastic forces are interpolated between nodes."""
-    index, points = trajectory.interval_index(times), []
+def group_times(
+    trajectory: Trajectory, times: Array, elastic: bool
+) -> list[tuple[frozenset[str], list[ColumnPoints]]]:
+    """Return the points of each interval, by the names of the inactive parts.
+
+    Elastic forces are interpolated between nodes.
+    """
+    index, groups = trajectory.interval_index(times), dict[frozenset[str], list[ColumnPoints]]()
     for k in np.unique(index).tolist():
-        here = slice(*np.searchsorted(index, [k, k + 1]))
-        at_nodes = (
-            trajectory.intervals[k].force_weights_at(times[here]) if elastic else (None, None)
-        )
-        points.append(ColumnPoints(k, here, times[here], *at_nodes))
-    return points
+        here, interval = slice(*np.searchsorted(index, [k, k + 1])), trajectory.intervals[k]
+        at_nodes = interval.force_weights_at(times[here]) if elastic else (None, None)
+        points = ColumnPoints(k, here, times[here], *at_nodes)
+        groups.setdefault(interval.inactive, []).append(points)
+    return list(groups.items())
 
 
 def join_points(

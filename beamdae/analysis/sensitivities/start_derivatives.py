@@ -57,35 +57,22 @@ Array = np.ndarray
 _EQUILIBRATION_STEPS = 8  # each takes the square root of the ratios of the largest entries
 # Difference of time for partial derivatives with respect to time, relative to the step.
 _STEP_FRACTION = 1e-3
-# Stiffnesses of contacts are proportional to the square root of the penetration, whose slope has no
-# bound. Up to this penetration [m], starting values are differentiated with constant stiffnesses:
-# a slope at a penetration of 1e-15 m, due to rounding, would dominate the derivatives of the run.
-# From this penetration on, the effect of the slopes was less than 1e-3 of a derivative.
-MIN_STIFF_PENETRATION = 1e-6
+# Motion over which derivatives of forces are differenced, relative to that in a stiff time.
+_MOTION_FRACTION = 0.1
 # Stored factors of states, which several maps need.
 _MAX_STATES = 8
 _MAX_MATRICES = 256  # that select parts of vectors
 
 
 @cache_on_owner
-def _plan_change(structure: Structure) -> SumPlan:
-    """Return the plan of the derivative of `plan_balance` along a change of the state."""
-    return directional_plan(plan_balance(structure), 3 * structure.n + structure.m)
+def _plan_direction(structure: Structure, plan: PlanFunction, n_inputs: int) -> SumPlan:
+    return directional_plan(plan(structure), n_inputs)
 
 
 @cache_on_owner
-def _plan_direction(
-    structure: Structure, plan: PlanFunction, n_inputs: int, min_base: float
-) -> SumPlan:
-    return directional_plan(plan(structure), n_inputs, min_base=min_base)
-
-
-@cache_on_owner
-def plan_transpose(
-    structure: Structure, plan: PlanFunction, n_inputs: int, min_base: float = 0.0
-) -> SumPlan:
+def plan_transpose(structure: Structure, plan: PlanFunction, n_inputs: int) -> SumPlan:
     """Return `transposed_plan` of a sum; `plan` is a function of a module."""
-    return transposed_plan(plan(structure), n_inputs, min_base)
+    return transposed_plan(plan(structure), n_inputs)
 
 
 def invert_statics(equations: EquationsOfMotion, time: Array, at: State) -> LinearOperator | None:
@@ -170,7 +157,7 @@ def _take(operator: LinearOperator, size: int) -> LinearOperator:
 class _Sum:
     """Sum of kernels with inputs of size `n_inputs`, its directional derivative and gradient.
 
-    `min_base` is the limit of `expand_powers`; see `StartDerivatives` for `moving`.
+    See `StartDerivatives` for `moving`.
     """
 
     equations: EquationsOfMotion
@@ -178,19 +165,18 @@ class _Sum:
     n_inputs: int
     size: int
     moving: Difference | None
-    min_base: float
 
     @cached_property
     def along(self) -> StackedSum:
         """Directional derivatives, with the inputs (x, dx, dp)."""
-        plan = plan_along(self.equations, self.moving, self.plan, self.n_inputs, self.min_base)
+        plan = plan_along(self.equations, self.moving, self.plan, self.n_inputs)
         return StackedSum(plan, self.equations.p)
 
     @cached_property
     def transposed(self) -> SumEvaluator:
         """Derivatives of weights . sum by x and p, with the inputs (x, weights)."""
         e = self.equations
-        plan = plan_transpose(e.structure, self.plan, self.n_inputs, self.min_base)
+        plan = plan_transpose(e.structure, self.plan, self.n_inputs)
         return SumEvaluator(plan, e.p)
 
     @cached_property
@@ -205,7 +191,6 @@ def plan_along(
     moving: Difference | None,
     plan: PlanFunction,
     n_inputs: int,
-    min_base: float = 0.0,
 ) -> SumPlan:
     """Return `directional_plan` of a sum; `plan` is a function of a module.
 
@@ -217,8 +202,8 @@ def plan_along(
             moving.along(lambda e: plan(e.structure).gather_weights),
             moving.along(lambda e: plan(e.structure).weights),
         )
-        return directional_plan(plan(equations.structure), n_inputs, changes, min_base)
-    return _plan_direction(equations.structure, plan, n_inputs, min_base)
+        return directional_plan(plan(equations.structure), n_inputs, changes)
+    return _plan_direction(equations.structure, plan, n_inputs)
 
 
 class _SumDerivative(LinearOperator):
@@ -433,14 +418,14 @@ class StartDerivatives:
         return self.differentiate(plan, time, x, size, h)
 
     def differentiate(
-        self, plan: PlanFunction, time: Array, x: Array, size: int, h: float, min_base: float = 0.0
+        self, plan: PlanFunction, time: Array, x: Array, size: int, h: float
     ) -> _SumDerivative:
         """Return the derivative of a sum (size,) at its inputs `x` and a time, see the class.
 
-        `h` is the step of the run, and `min_base` that of `directional_plan`.
+        `h` is the step of the run.
         """
         if plan not in self._sums:
-            self._sums[plan] = _Sum(self.equations, plan, len(x), size, self.moving, min_base)
+            self._sums[plan] = _Sum(self.equations, plan, len(x), size, self.moving)
         return _SumDerivative(self._sums[plan], time, x, _STEP_FRACTION * h)
 
     def _rows(
@@ -454,17 +439,6 @@ class StartDerivatives:
         """Return the derivative of F + G^T lam and of a level of the constraints."""
         return self._rows(self._derivative(plan_balance, time, at, h), level, with_force=True)
 
-    def _change(self, time: Array, at: State, change: Sequence[Array], h: float) -> LinearOperator:
-        """Return the derivative by (q, v, p, t) of that of (F, ...) along a constant change."""
-        e = self.equations
-        x = np.concatenate([at.q, at.v, 0.0 * at.a, at.lam, *change, np.zeros(len(e.p))])
-        size = 2 * e.n + 3 * e.m
-        operator = self.differentiate(_plan_change, time, x, size, h, MIN_STIFF_PENETRATION)
-        size, inner, n, rest = operator.shape[1], self._slices["t"].stop, 2 * e.n, len(e.p) + 1
-        place = _pick(size, 0, n).T @ _pick(inner, 0, n)
-        place = place + _pick(size, size - rest, size).T @ _pick(inner, inner - rest, inner)
-        return operator @ place
-
     def _solution(
         self,
         time: Array,
@@ -475,10 +449,11 @@ class StartDerivatives:
     ) -> LinearOperator:
         """Return the derivative of the x of [[M, G^T], [G, 0]] (x, mu) = right, given (x, mu)."""
         if any(x.any() for x in solution):
-            rest = State(at.q, at.v, 0.0 * at.a, 0.0 * at.lam)
-            none = np.zeros_like(at.q)
-            change = self._change(time, rest, (none, none, *solution), h)
-            right = right - self._rows(change, 2, with_force=True)
+            # M x and G^T mu are odd functions of (x, mu), other forces are even ones.
+            for sign in (-1.0, 1.0):
+                there = State(at.q, at.v, sign * solution[0], sign * solution[1])
+                balance = self._balance(time, there, h, 2) @ self._without_forces
+                right = right - 0.5 * sign * balance
         return self._head @ self._saddle(time, at.q, at.v, MASS_COEFFICIENTS) @ right
 
     def jerk_map(
@@ -514,8 +489,12 @@ class StartDerivatives:
         there = State(q, v, a, lam)
         residual = self._balance(time, there, h, 2)
         zeros, moving = np.zeros(e.n), e.without_states(np.ones(e.n))
-        stiff = (stiff_time**2 * a, zeros, zeros, 0.0 * lam)
-        force = _take(self._change(time, there, stiff, h), e.n)
+        # The derivative of K T^2 a is the rate of that of the forces along T^2 a.
+        force = 0.0 * _take(residual, e.n)
+        for share in (-_MOTION_FRACTION, _MOTION_FRACTION):
+            near = State(q + share * stiff_time**2 * a, v, zeros, lam)
+            total = self._derivative(plan_balance, time, near, h) @ self._without_forces
+            force = force + 0.5 / share * _take(total, e.n)
         for factor, shift in ((1.0, stiff_time), (-2.0, 0.0), (1.0, -stiff_time)):
             near = State(q + shift * moving * v, v, zeros, 0.0 * lam)
             total = self._derivative(plan_smooth_motion, time, near, h)

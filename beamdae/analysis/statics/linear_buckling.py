@@ -18,6 +18,7 @@ from beamdae.analysis.eigenproblems.eigensolution import locate_largest
 from beamdae.analysis.eigenproblems.linearized_equations import is_symmetric_matrix
 from beamdae.analysis.statics.load_scaling import build_loading, require_one_stage
 from beamdae.analysis.statics.paths import (
+    describe_zero_loads,
     dominant_coordinate,
     find_unloaded_equilibrium,
     follow_to_critical_point,
@@ -93,6 +94,8 @@ class Buckling(HasModeShapes):
     notes
         Warnings of the model, and warnings that displacements before buckling are not negligible,
         that the loads have no potential, or that there are no factors.
+    reason
+        Why there are no factors; "" if there are.
     """
 
     factors: Array
@@ -103,6 +106,7 @@ class Buckling(HasModeShapes):
     equations: EquationsOfMotion = field(repr=False)
     t: float
     notes: tuple[str, ...]
+    reason: str = ""
 
     def __len__(self) -> int:
         return len(self.factors)
@@ -271,16 +275,23 @@ def _compute_buckling(model: Any, count: int, loads: Any, t: float, start: Any) 
     solution = _solve(begin, count)
     e, factors, shapes = begin.problem.system.equations, solution.factors, solution.shapes
     notes = [*e.build_warnings, *_check_prebuckling(begin, solution)]
-    if solution.has_potential and not len(factors):
-        # The direction of the loads may be wrong.
-        text = f"{_NAME}: the structure has 0 of {count} buckling loads"
-        if np.isfinite(solution.reversed_factor):
-            text += (
-                f"; under reversed loads, it buckles at the factor {-solution.reversed_factor:g}"
-            )
-        notes.append(text + ".")
+    reason = "" if len(factors) else _explain_no_factors(begin, solution)
+    if reason and solution.has_potential:
+        notes.append(f"{_NAME}: the structure has 0 of {count} buckling loads; {reason}.")
     moves = tuple(dominant_coordinate(e, shape) for shape in shapes)
-    return Buckling(factors, shapes, moves, loads, begin.x[: e.n], equations, t, tuple(notes))
+    return Buckling(
+        factors, shapes, moves, loads, begin.x[: e.n], equations, t, tuple(notes), reason
+    )
+
+
+def _explain_no_factors(begin: Point, solution: _Solution) -> str:
+    """Return why a structure has no positive load factors."""
+    if cause := describe_zero_loads(begin):
+        return cause
+    if np.isfinite(solution.reversed_factor):
+        # The direction of the loads may be wrong.
+        return f"under reversed loads, it buckles at the factor {-solution.reversed_factor:g}"
+    return "these loads do not reduce its stiffness, in either direction"
 
 
 def repeat_buckling(result: Buckling, equations: EquationsOfMotion, q: Array) -> Array:

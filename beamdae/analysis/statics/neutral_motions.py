@@ -1,7 +1,8 @@
-"""Motions that no force, joint or load resists, such as those of a cart on a rail.
+"""Motions without stiffness, such as those of a cart on a rail.
 
-The tangent stiffness is singular along the whole path. Such motions are held by springs that act on
-the tangent alone, so that Newton's method does not move the mechanism along them.
+If loads do no work in them, the tangent stiffness is singular along the whole path. Springs that
+act on the tangent alone hold such motions, so that Newton's method does not move the mechanism
+along them.
 """
 
 from __future__ import annotations
@@ -11,39 +12,57 @@ from dataclasses import replace
 import numpy as np
 import scipy.linalg as la
 
+from beamdae.analysis.continuation.engine import Point, prescribe_parameter
+from beamdae.analysis.eigenproblems.eigensolution import EQUAL_SIZE_TOLERANCE
 from beamdae.analysis.statics.load_scaling import LoadedEquations
-from beamdae.equations.starts.rigid_motions import compute_rigid_motions, move_rigidly
+from beamdae.analysis.statics.static_problem import StaticProblem
+from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.starts.rigid_motions import compute_rigid_motions
 
 Array = np.ndarray
 
-# Forces up to the first fraction of their sizes are rounding errors, and powers and gaps of joints
-# up to the second one: motions contain parts of soft ones.
+# Forces up to the first fraction of their sizes are rounding errors, and work of loads up to the
+# second one: motions contain parts of soft ones.
 _ROUNDING, _ROUNDING_OF_MOTIONS = 1e-12, 1e-9
-# Displacements, in natural sizes, after which the mechanism must still be in equilibrium.
-_DISPLACEMENTS = (0.0, 0.13, -0.07)
 # Decimals of motions that are not rounding errors.
 _DECIMALS = 9
-# Step of central differences, which have the direction of a finite rotation.
-_STEP = 0.01
 
 
-def hold_neutral_motions(system: LoadedEquations, x: Array, mu: float) -> LoadedEquations:
-    """Return the system with its neutral motions held at x = (q, lam), near an equilibrium at `mu`.
+def hold_neutral_motions(point: Point) -> Point:
+    """Return the point of the equations whose motions without stiffness are held, if there are any.
 
-    Neutral motions are rigid motions of bodies along which the mechanism stays in equilibrium, and
-    on which loads do no work. Each is held by a spring on one of its coordinates, but none if there
-    is another motion without stiffness.
+    Each is held by a spring on one of its coordinates, whose position is then arbitrary.
     """
-    motions = _find_motions_without_stiffness(system, x, mu)
-    if not all(_is_neutral(system, x, mu, motion) for motion in motions.T):
-        return system
+    system, count = point.problem.system, point.monitor.free
+    if not count:
+        return point
+    x = point.x[: system.loaded.size]
+    motions = _find_motions_without_stiffness(system, x, point.p, count)
     # Of coordinates that move equally but for rounding, the first one is held.
-    order = la.qr(motions.T.round(_DECIMALS), mode="r", pivoting=True)[1]
-    return replace(system, held_coordinates=tuple(sorted(order[: motions.shape[1]].tolist())))
+    sizes = motions.T.round(_DECIMALS) * prefer_angles(system.equations)
+    order = la.qr(sizes, mode="r", pivoting=True)[1]
+    held = tuple(sorted(order[: motions.shape[1]].tolist()))
+    return StaticProblem(replace(system, held_coordinates=held)).point(point.x, point.p)
 
 
-def _find_motions_without_stiffness(system: LoadedEquations, x: Array, mu: float) -> Array:
-    """Return the rigid motions that joints allow without a change of forces, (n, k).
+def are_neutral(point: Point) -> bool:
+    """Return True if loads do no work in the held motions: their springs resist no load."""
+    problem, held = point.problem, list(point.problem.system.held_coordinates)
+    sizes = problem.system.equations.position_scales
+    forces = point.tangent(prescribe_parameter)[held] / problem.scales[held] ** 2
+    loads = sizes * point.linearization.by_parameter[: len(sizes)]
+    return _size(sizes[held] * forces) <= _ROUNDING_OF_MOTIONS * float(np.sum(np.abs(loads)))
+
+
+def prefer_angles(e: EquationsOfMotion) -> Array:
+    """Return weights (n,) of motions: angles describe them better than points that move equally."""
+    return np.where(e.is_angle, 1.0 + 3.0 * EQUAL_SIZE_TOLERANCE, 1.0)
+
+
+def _find_motions_without_stiffness(
+    system: LoadedEquations, x: Array, mu: float, count: int
+) -> Array:
+    """Return at most `count` rigid motions that joints allow without a change of forces, (n, k).
 
     Columns are orthonormal after division by `position_scales`; reactions may change.
     """
@@ -58,43 +77,10 @@ def _find_motions_without_stiffness(system: LoadedEquations, x: Array, mu: float
         [[stiffness @ rigid, gradients.T], [gradients @ rigid, np.zeros((len(x) - n,) * 2)]]
     )
     _, values, right = la.svd(changes)
-    free = right[int(np.sum(values > _ROUNDING)) :, : rigid.shape[1]]
+    first = max(int(np.sum(values > _ROUNDING)), len(right) - count)
+    free = right[first:, : rigid.shape[1]]
     return la.qr(rigid @ free.T, mode="economic")[0]
 
 
 def _size(entries: Array) -> float:
     return float(np.max(np.abs(entries), initial=0.0))
-
-
-def _without_reactions(gradients: Array, forces: Array) -> Array:
-    """Return the part of forces (n, ...) that no reactions balance, given the gradients (m, n)."""
-    return forces - gradients.T @ la.lstsq(gradients.T, forces)[0]
-
-
-def _is_neutral(system: LoadedEquations, x: Array, mu: float, motion: Array) -> bool:
-    """Return True if forces stay in equilibrium, and loads do no work, along a scaled motion."""
-    e, n = system.equations, system.equations.n
-    here, scale, lam = system.at_factor(mu), e.position_scales, np.zeros(len(x) - n)
-
-    def move(displacement: float) -> Array:
-        return move_rigidly(e, x[:n], displacement * scale * motion)
-
-    for displacement in _DISPLACEMENTS:
-        moved = move(displacement)
-        velocity = move(displacement + _STEP) - move(displacement - _STEP)
-        tangent = here.matrix(moved, lam)
-        gradients = (tangent[n:, :n] * scale).toarray()
-        forces, load = here.residual(moved, lam), here.by_factor(moved, lam)
-        unbalanced = _without_reactions(gradients, scale * forces[:n])
-        stiffness = _size((tangent[:n, :n] * scale * scale[:, None]).data)
-        power, largest = abs(velocity @ load[:n]), _size(velocity / scale)
-        if displacement == 0.0:
-            # Components of forces that turn with the mechanism change.
-            bound = max(2.0 * float(la.norm(unbalanced)), _ROUNDING * stiffness)
-        if (
-            _size(forces[n:]) > _ROUNDING_OF_MOTIONS * e.length
-            or _size(unbalanced) > bound
-            or power > _ROUNDING_OF_MOTIONS * largest * float(np.sum(np.abs(scale * load[:n])))
-        ):
-            return False
-    return True

@@ -26,9 +26,14 @@ from beamdae.analysis.continuation.engine import (
     prescribe_parameter,
     switch,
 )
-from beamdae.analysis.eigenproblems.eigensolution import EQUAL_SIZE_TOLERANCE, locate_largest
+from beamdae.analysis.eigenproblems.eigensolution import locate_largest
 from beamdae.analysis.statics.load_scaling import Loading
-from beamdae.analysis.statics.neutral_motions import hold_neutral_motions
+from beamdae.analysis.statics.neutral_motions import (
+    are_neutral,
+    hold_neutral_motions,
+    prefer_angles,
+)
+from beamdae.analysis.statics.path_parameters import PathParameter
 from beamdae.analysis.statics.path_settings import ARC_LENGTH, DISPLACEMENT, LOAD, PathSettings
 from beamdae.analysis.statics.prescribed_column import PrescribedColumn
 from beamdae.analysis.statics.static_problem import StaticProblem
@@ -57,8 +62,8 @@ _MIN_REACH = 1e-12
 # Largest accepted motion, in natural sizes, to an equilibrium found by Newton's method; beyond it,
 # relaxation is used.
 _MAX_INITIAL_MOTION = 0.05
-# Smallest part of a load step with which a path from a motion without stiffness begins.
-_MIN_FIRST_LOAD = 1e-6
+# Parts of a load step with which a path from a motion without stiffness may begin.
+_FIRST_LOADS = 1.0, 1e-2, 1e-4, 1e-6
 # Distance, relative to the largest step, within which two branch points are equal.
 _SAME_POINT_RATIO = 1e-2
 _MAX_CHECK_POINTS = 100
@@ -80,6 +85,8 @@ class StagePath:
 
     Attributes
     ----------
+    problem
+        Equations without held motions.
     points
         Equilibria in order along the path, including critical points.
     settings, control
@@ -94,6 +101,7 @@ class StagePath:
         True if the path ended because no step converges.
     """
 
+    problem: StaticProblem
     points: list[Point]
     settings: PathSettings
     control: Control = prescribe_parameter
@@ -172,11 +180,10 @@ def trace_path(loading: Loading, q: Array, settings: PathSettings) -> Equilibriu
         else:
             begin = problem.point(points.pop().x, system.ends[0])
             stages.pop()
-        path = StagePath([begin], PathSettings(max_points=settings.max_points))
+        path = StagePath(problem, [begin], PathSettings(max_points=settings.max_points))
         if k == len(loading.systems) - 1:
             path.settings, path.control = settings, control
         if system.has_scaled_loads:
-            path.points[0] = _hold_neutral_motions(begin)
             try:
                 _follow_stage(path)
             except KeyboardInterrupt:
@@ -184,10 +191,14 @@ def trace_path(loading: Loading, q: Array, settings: PathSettings) -> Equilibriu
                 path.status = Status("interrupted", "interrupted")
         for row, one in path.critical.items():
             moves = dominant_coordinate(system.equations, one.mode)
-            critical.append(CriticalPoint(one.kind, len(points) + row, float(one.point.p), moves))
+            count = sum(x.point is one.point for x in path.critical.values())
+            place = len(points) + row, float(one.point.p)
+            critical.append(CriticalPoint(one.kind, *place, moves, count))
         points += path.points
         stages += [k] * len(path.points)
-        notes += _zero_load_notes(path, loading)
+        causes = [describe_zero_loads(point, loading.parameter) for point in path.points]
+        if len(causes) > 1 and all(causes):
+            notes.append(f"equilibrium: all points of the path are equal, because {causes[-1]}.")
         status = path.status
         if not status.success:
             sentence = f"{status.sentence} (last converged {loading.quantity}: {path.end.p:.6g})"
@@ -213,20 +224,17 @@ def tabulate_points(loading: Loading, points: Sequence[Point]) -> dict[str, Any]
     return {"q": q, "lam": lam, "times": times, "numbers": numbers}
 
 
-def _zero_load_notes(path: StagePath, loading: Loading) -> list[str]:
-    """Return a remark if nothing depends on the load factor along the path of a stage."""
-    if path.end is path.points[0] or not all(map(_is_unloaded, path.points)):
-        return []
-    t, parameter = path.end.problem.system.loaded.time[0], loading.parameter
-    cause = f"all scaled loads are zero at t = {t:g} s"
-    remedy = "pass another time t=, other loads=, or other values of inputs"
+def describe_zero_loads(point: Point, parameter: PathParameter | None = None) -> str:
+    """Return a clause if nothing depends on the load factor, or on a parameter, or ""."""
+    if np.any(point.linearization.by_parameter):
+        return ""
     if parameter is not None:
-        cause, remedy = f"nothing depends on {parameter.name}", "choose another quantity with over="
-    return [f"equilibrium: {cause}, so all points of the path are equal; {remedy}."]
-
-
-def _is_unloaded(point: Point) -> bool:
-    return not np.any(point.linearization.by_parameter)
+        return f"nothing depends on {parameter.name}; choose another quantity with over="
+    t = point.problem.system.loaded.time[0]
+    return (
+        f"all scaled loads are zero at t = {t:g} s; pass another time t=, other loads=, or other "
+        "values of inputs"
+    )
 
 
 def find_unloaded_equilibrium(
@@ -251,7 +259,7 @@ def _relax(problem: StaticProblem, q: Array, mu: float, passed: list[Array] | No
     x = problem.start(np.append(q, lam))
     point = problem.point(x, mu)
     # Rounding would move the mechanism along motions without stiffness.
-    held = _hold_neutral_motions(point).problem
+    held = hold_neutral_motions(point).problem
     try:
         corrected = held.correct(prescribe_parameter, mu, x, mu)
     except CurveError:
@@ -266,30 +274,20 @@ def follow_to_critical_point(begin: Point, targets: tuple[float, ...]) -> StageP
     critical point, and earlier with a status that is no success if it cannot be followed.
     """
     settings = PathSettings(targets=targets, control=ARC_LENGTH, max_points=_MAX_CHECK_POINTS)
-    path = StagePath([begin], settings)
+    path = StagePath(begin.problem, [begin], settings)
     _follow(path, targets, _choose_steps(path), 1, (LIMIT, BRANCH, FLUTTER))
     return path
-
-
-def _hold_neutral_motions(point: Point) -> Point:
-    """Return the point of the equations whose neutral motions are held, if there are any."""
-    system = point.problem.system
-    if not point.monitor.free:
-        return point
-    held = hold_neutral_motions(system, point.x[: system.loaded.size], point.p)
-    return StaticProblem(held).point(point.x, point.p) if held.held_coordinates else point
 
 
 def _follow_stage(path: StagePath) -> None:
     """Extend the path of one stage to the targets; switch branches as the settings request."""
     begin, settings, targets = path.end, path.settings, list(path.settings.targets)
-    if settings.column and _is_unloaded(begin):
-        t = begin.problem.system.loaded.time[0]
-        path.fail(f"all scaled loads are zero at t = {t:g} s; pass another time t= or other loads=")
+    if settings.column and (cause := describe_zero_loads(begin)):
+        path.fail(cause)
         return
-    steps = _choose_steps(path)
     if begin.monitor.free and not _leave_free_position(path, targets):
         return
+    steps = _choose_steps(path)
     for number in settings.switch:
         count = _follow(path, targets, steps, abs(number))
         if path.status.success and count < abs(number):
@@ -308,13 +306,20 @@ def _follow_stage(path: StagePath) -> None:
             return
         path.points.append(first)
     _follow(path, targets, steps)
-    if path.is_stuck and path.end is begin and path.by_load:
-        # The mechanism moves far under the smallest load, until it is stretched or rests.
+    while path.is_stuck and path.by_load and _may_move_far(path):
+        # The mechanism moves far under a small load, until it is stretched or rests.
         stuck, path.status, path.is_stuck = path.status, REACHED_END, False
+        count = len(path.points)
         if _begin_under_load(path, targets):
             _follow(path, targets, _choose_steps(path))
-        elif path.end is begin:
+        elif len(path.points) == count:
             path.status, path.is_stuck = stuck, True
+
+
+def _may_move_far(path: StagePath) -> bool:
+    """Return True at the begin of a path, and where a motion is held that may become stiff."""
+    is_held = bool(path.end.problem.system.held_coordinates)
+    return len(path.points) == 1 or (is_held and len(path.points) < path.settings.max_points)
 
 
 def _follow(
@@ -378,7 +383,8 @@ def _choose_steps(path: StagePath) -> Steps:
     """Return the steps of a stage, with default sizes where none are set."""
     begin, settings = path.end, path.settings
     row = path.control(begin.x, begin.p)
-    reach = max(*(abs(target - row.value) for target in settings.targets), _MIN_REACH)
+    origin = path.problem.system.ends[0] if path.by_load else row.value
+    reach = max(*(abs(target - origin) for target in settings.targets), _MIN_REACH)
     ratio = _PARAMETER_STEP_RATIO if settings.varies else _LOAD_STEP_RATIO
     load_step = ratio * (reach if path.by_load else 1.0)
     if settings.control != ARC_LENGTH:
@@ -403,51 +409,50 @@ def _choose_steps(path: StagePath) -> Steps:
     return Steps(step, True, weight, first=min(1.0, weight * load_step / step))
 
 
-def _leave_free_position(path: StagePath, targets: list[float]) -> bool:
+def _leave_free_position(path: StagePath, targets: Sequence[float]) -> bool:
     """Begin a path where a motion has no stiffness; return True if it can be followed.
 
-    The motion may get stiffness by a small load, near the begin; otherwise the mechanism moves far
-    under it.
+    The motion may get stiffness by a small load, near the begin, or none by the largest load near
+    the begin, so that it is held; otherwise, the mechanism moves far under the load.
     """
-    begin, problem = path.end, path.end.problem
+    begin, problem = path.end, path.problem
     reach = float(np.clip(targets[0] - begin.p, -1.0, 1.0)) if path.by_load else 1.0
-    small = _MIN_FIRST_LOAD * _LOAD_STEP_RATIO * reach
-    with suppress(CurveError):
-        point = problem.correct(prescribe_parameter, begin.p + small, begin.x, begin.p + small)
-        motion = problem.measure(point.x - begin.x)
-        if motion <= _MAX_INITIAL_MOTION and not point.monitor.free:
-            path.tangent = point.tangent(prescribe_parameter) * (float(np.sign(small)) or 1.0)
-            return True
+    held_begin = hold_neutral_motions(begin)
+    for start, share in ((begin, _FIRST_LOADS[-1]), *((held_begin, x) for x in _FIRST_LOADS)):
+        mu = begin.p + share * _LOAD_STEP_RATIO * reach
+        with suppress(CurveError):
+            loaded = start.problem.correct(prescribe_parameter, mu, begin.x, mu)
+            if problem.measure(loaded.x - begin.x) > _MAX_INITIAL_MOTION:
+                continue
+            if start is begin and not loaded.monitor.free:
+                path.tangent = loaded.tangent(prescribe_parameter) * (float(np.sign(reach)) or 1.0)
+                return True
+            held = hold_neutral_motions(problem.point(loaded.x, mu)).problem
+            first = held.point(begin.x, begin.p)
+            if start is not begin and are_neutral(loaded) and not first.monitor.free:
+                path.points[-1] = first
+                return True
     return _begin_under_load(path, targets)
 
 
-def _begin_under_load(path: StagePath, targets: list[float]) -> bool:
+def _begin_under_load(path: StagePath, targets: Sequence[float]) -> bool:
     """Begin a path at the first load step, found by relaxation; return True if it can be followed.
 
     The position without load is arbitrary if it has a motion without stiffness; the path then
-    begins under load. Targets that are passed are removed.
+    begins under load.
     """
-    begin, problem = path.end, path.end.problem
+    begin, problem = path.end, path.problem
     is_arbitrary = bool(begin.monitor.free)
-    step = _LOAD_STEP_RATIO * (abs(targets[0] - begin.p) if path.by_load else 1.0)
-    loads = list(targets) if path.by_load else [begin.p + step]
+    reach = targets[0] - begin.p if path.by_load else 1.0
+    step = _LOAD_STEP_RATIO * abs(reach)
+    mu = begin.p + float(np.clip(reach, -step, step)) if step else targets[0]
     try:
-        for k, target in enumerate(loads):
-            end = path.end
-            mu = end.p + float(np.clip(target - end.p, -step, step)) if step else target
-            # Loads give motions other than neutral ones a stiffness.
-            point = _hold_neutral_motions(_relax(problem, end.x[: problem.n], mu))
-            if not point.monitor.free:
-                path.points[len(path.points) - is_arbitrary :] = [point]
-                del targets[:k]
-                return True
-            if not path.by_load:
-                path.fail(_describe_freedom(free_coordinate(point)))
-                return False
-            path.points.append(_relax(problem, end.x[: problem.n], target))
+        point = hold_neutral_motions(_relax(problem, begin.x[: problem.n], mu))
     except BeamdaeError as error:
         path.fail(error)
-    return False
+        return False
+    path.points[len(path.points) - is_arbitrary :] = [point]
+    return True
 
 
 def free_coordinate(point: Point) -> str:
@@ -470,12 +475,8 @@ def free_coordinate(point: Point) -> str:
 
 
 def dominant_coordinate(e: EquationsOfMotion, mode: Array) -> str:
-    """Return the name of the coordinate that moves most in a mode, relative to its natural size.
-
-    If amplitudes are equal, an angle describes the mode better than the points it moves.
-    """
-    preference = np.where(e.is_angle, 1.0 + 3.0 * EQUAL_SIZE_TOLERANCE, 1.0)
-    return e.q_names[locate_largest(mode[: e.n] / e.position_scales * preference)]
+    """Return the name of the coordinate that moves most in a mode, relative to its natural size."""
+    return e.q_names[locate_largest(mode[: e.n] / e.position_scales * prefer_angles(e))]
 
 
 def _describe_freedom(coordinate: str) -> str:
@@ -490,7 +491,7 @@ def _find_remedy(path: StagePath) -> str:
     system, end, is_first = path.end.problem.system, path.end, len(path.points) == 1
     first, last = system.ends
     if system.time_at(first)[0] != system.time_at(last)[0]:
-        distance = _MIN_FIRST_LOAD * abs(last - first)
+        distance = _FIRST_LOADS[-1] * abs(last - first)
         for jump in system.equations.breakpoints:
             if abs(jump - end.p) <= distance:
                 return f"the loads jump at t = {jump:g} s, so begin another path there with from_="

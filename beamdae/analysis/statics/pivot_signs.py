@@ -26,10 +26,10 @@ from typing import NamedTuple
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.bounded_cache import array_bytes, bounded_cache
 from beamdae.core.tables import Workspace
 from beamdae.linear.fixed_order import FixedOrder
 from beamdae.linear.orderings import compute_bordered_ordering
+from beamdae.symbolic.sparse_operators import column_indices
 
 Array = np.ndarray
 
@@ -42,8 +42,6 @@ NEGLIGIBLE_STIFFNESS = 1e-22
 # Steps of equilibration: each halves the logarithm of the ratio of rows. Largest compliance, and
 # size of multipliers before.
 _EQUILIBRATIONS, _MAX_COMPLIANCE, _FIRST_SIZE = 10, 0.5, 0.5
-# Memory of the cached index arrays [bytes]: about 3 kB per element of a beam.
-_MAX_CACHED_BYTES = 16 * 2**20
 
 
 class SaddlePattern(NamedTuple):
@@ -64,9 +62,6 @@ class SaddlePattern(NamedTuple):
         Non-zeros of the tangent that are compliances beside G^T G.
     diagonal
         Diagonal entries of the coordinates in the matrix.
-    groups, edges, edge_of_term
-        First coordinate of the part of each coordinate, and multipliers; pairs (2, k) of these
-        groups that share terms, and the index of each term of one factor in them.
     plan
         Elimination in order, each multiplier after the coordinates that it couples.
     """
@@ -79,70 +74,63 @@ class SaddlePattern(NamedTuple):
     shares: Array
     reduced: Array
     diagonal: Array
-    groups: Array
-    edges: Array
-    edge_of_term: Array
     plan: FixedOrder
 
 
-def allocate_saddle_point(
-    pattern: sp.csc_array, positions: Array, parts: Array, remainder: Array
-) -> Workspace:
-    """Return a `SaddlePoint` of the core for tangents with this pattern, without natural sizes.
+def allocate_saddle_point(plan: SaddlePattern, positions: Array) -> Workspace:
+    """Return a `SaddlePoint` of the core, without natural sizes.
 
     The non-zeros of the tangent, and a 1, are at `positions` in the argument of `count_signs`.
-    `parts` contains the first coordinate of the part of each coordinate, (n,). Constraints with a
-    `remainder`, (m,), are beside a stiffness of the same motion.
     """
-    first, starts, indices = (
-        x.astype(np.intp).tobytes() for x in (parts, pattern.indptr, pattern.indices)
-    )
-    saddle = _plan_saddle_point(first, starts, indices, (remainder == 0.0).tobytes())
-    size, plan, positions = pattern.shape[0], saddle.plan, positions.astype(np.uint32)
-    pairs = np.count_nonzero(saddle.shares < 1.0) // 2
+    order, positions = plan.plan, positions.astype(np.uint32)
+    pairs = np.count_nonzero(plan.shares < 1.0) // 2
     factors = Workspace(
         "FixedOrderFactors",
-        plan=plan,
-        lower=np.zeros(len(plan.lower_rows)),
-        pivots=np.zeros(size),
-        first=plan.lower_starts.copy(),
-        x=np.zeros(size),
+        plan=order,
+        lower=np.zeros(len(order.lower_rows)),
+        pivots=np.zeros(len(order.lower_starts) - 1),
+        first=order.lower_starts.copy(),
+        x=np.zeros(len(order.lower_starts) - 1),
     )
     return Workspace(
         "SaddlePoint",
-        pattern=saddle,
+        pattern=plan,
         factors=factors,
-        left=positions[saddle.left],
-        right=positions[saddle.right],
-        weights=saddle.shares.copy(),
-        values=np.zeros(len(saddle.left)),
+        left=positions[plan.left],
+        right=positions[plan.right],
+        weights=plan.shares.copy(),
+        values=np.zeros(len(plan.left)),
         skew=np.zeros(pairs),
-        nonzeros=np.zeros(len(plan.sources)),
+        nonzeros=np.zeros(len(order.sources)),
         ones=np.ones(2 * pairs),
     )
 
 
-def scale_by_reference(run: Workspace, tangent: Array, sizes: Array, rigid: int) -> Array:
+def scale_by_reference(
+    run: Workspace, tangent: Array, sizes: Array, parts: Array, rigid: int
+) -> Array:
     """Return natural sizes (n + m,) for the tangent in the reference configuration, unloaded.
 
-    Sets the weights and `reference` of a `SaddlePoint`. `sizes` are first sizes of the coordinates,
-    (n,); the first `rigid` unknowns have no compliance, that of the others is 1. The final sizes
-    make all parts equally stiff: otherwise, rounding errors of large and stiff parts would exceed
-    the stiffness of small and soft ones (D. Ruiz, A scaling algorithm to equilibrate both rows and
+    Sets the weights and `reference` of a `SaddlePoint`. `tangent` are its non-zeros, `sizes` first
+    sizes of the coordinates, (n,), and `parts` the first coordinate of the part of each, (n,); the
+    first `rigid` unknowns have no compliance, that of the others is 1. The final sizes make all
+    parts equally stiff: otherwise, rounding errors of large and stiff parts would exceed the
+    stiffness of small and soft ones (D. Ruiz, A scaling algorithm to equilibrate both rows and
     columns norms in matrices, RAL-TR-2001-034). Parts without stiffness are as stiff as their
     softest spring or, without springs, as what their joints attach them to. By Sylvester's law of
     inertia, sizes do not change the number of negative eigenvalues.
     """
-    n, pattern = len(sizes), run.pattern
-    count = len(pattern.groups)
+    n, pattern, count = len(sizes), run.pattern, len(run.factors.pivots)
+    groups = np.append(parts, np.arange(n, count))
     scales = np.append(sizes, np.full(count - n, _FIRST_SIZE))
-    _set_weights(run, scales)
-    edges, of_term = pattern.edges, pattern.edge_of_term
-    largest = np.zeros(edges.shape[1])
-    np.maximum.at(largest, of_term, np.abs(run.weights * tangent[run.left])[: len(of_term)])
-    # Edges count in both directions.
-    rows, columns = np.hstack([edges, edges[::-1]])
-    entries, softest, factors = np.tile(largest, 2), np.full(count, np.inf), np.ones(count)
+    is_joint = (pattern.rows < n) != (pattern.columns < n)
+    # Entries count in both directions.
+    is_counted = ~is_joint | (pattern.rows >= n)
+    ends = groups[np.stack([pattern.rows, pattern.columns])[:, is_counted]]
+    rows, columns = np.hstack([ends, ends[::-1]])
+    entries = np.abs(np.where(is_joint, 1.0, 0.5) * _weigh(pattern, scales)[:-1] * tangent)
+    entries = np.tile(entries[is_counted], 2)
+    softest, factors = np.full(count, np.inf), np.ones(count)
     is_stiffness = (rows < n) & (entries > NEGLIGIBLE_STIFFNESS)
     is_spring = (rows >= rigid) & (entries > 0.0)
     np.minimum.at(softest, columns[is_spring], entries[is_spring])
@@ -153,34 +141,30 @@ def scale_by_reference(run: Workspace, tangent: Array, sizes: Array, rigid: int)
         largest = np.zeros(count)
         np.maximum.at(largest, columns, entries * factors[rows] * factors[columns])
         factors /= np.sqrt(np.where(largest > 0.0, largest, 1.0))
-    scales *= factors[pattern.groups]
+    scales *= factors[groups]
     scales[rigid:] = np.minimum(scales[rigid:], math.sqrt(_MAX_COMPLIANCE))
-    _set_weights(run, scales)
-    entries = (run.weights * tangent[run.left])[: 2 * len(run.skew)]
-    run.reference = 2.0 * float(np.max(np.abs(entries), initial=0.0))
+    weights = _weigh(pattern, scales)
+    run.weights[:] = pattern.shares * weights[pattern.left] * weights[pattern.right]
+    run.reference = float(np.max(np.abs(weights[:-1] * tangent)[~is_joint], initial=0.0))
     return scales
 
 
-def _set_weights(run: Workspace, scales: Array) -> None:
-    """Set the weights of the terms for natural sizes of the unknowns."""
-    pattern = run.pattern
+def _weigh(pattern: SaddlePattern, scales: Array) -> Array:
+    """Return the weights of the non-zeros of the tangent, and a 1, for sizes of the unknowns."""
     weights = np.append(scales[pattern.rows] * scales[pattern.columns], 1.0)
     # -C becomes -C / (1 - C).
     weights[pattern.reduced] /= 1.0 - weights[pattern.reduced]
-    run.weights[:] = pattern.shares * weights[pattern.left] * weights[pattern.right]
+    return weights
 
 
-@bounded_cache(_MAX_CACHED_BYTES, array_bytes)
-def _plan_saddle_point(parts: bytes, starts: bytes, indices: bytes, shared: bytes) -> SaddlePattern:
-    """Return the saddle-point matrix of tangents (n + m, n + m) with this CSC pattern.
+def plan_saddle_point(pattern: sp.csc_array, n: int, is_shared: Array) -> SaddlePattern:
+    """Return the saddle-point matrix of tangents (n + m, n + m) with a CSC pattern.
 
-    `parts` are the first coordinates of parts, (n,), `shared` the flags of the constraints in
-    G^T G, (m,).
+    Constraints in G^T G, (m,), are those that have no stiffness of the same motion beside them.
     """
-    first_of_part, indptr, rows = (np.frombuffer(x, np.intp) for x in (parts, starts, indices))
-    n, size, one = len(first_of_part), len(indptr) - 1, len(rows)
-    is_shared = np.append(np.zeros(n, bool), np.frombuffer(shared, bool))
-    columns = np.repeat(np.arange(size), np.diff(indptr))
+    rows, size, one = pattern.indices.astype(np.intp), pattern.shape[0], pattern.nnz
+    is_shared = np.append(np.zeros(n, bool), is_shared)
+    columns = column_indices(pattern).astype(np.intp)
     keys = columns * size + rows
 
     def find(row: Array, column: Array) -> Array:
@@ -209,10 +193,7 @@ def _plan_saddle_point(parts: bytes, starts: bytes, indices: bytes, shared: byte
     position = np.argsort(order)
     # Each pair is assembled below the diagonal.
     targets = np.searchsorted(entries, np.where(position[i] < position[j], *keys_of_terms))
-    groups = np.append(first_of_part, np.arange(n, size))
     single = len(halves) + len(joints)
-    ends = np.sort(groups[np.stack([i, j])[:, :single]], axis=0)
-    edges, edge_of_term = np.unique(ends[0] * size + ends[1], return_inverse=True)
     left = np.concatenate([halves, joints, products[0]])
     return SaddlePattern(
         rows=rows,
@@ -223,9 +204,6 @@ def _plan_saddle_point(parts: bytes, starts: bytes, indices: bytes, shared: byte
         shares=np.where(left == one, 0.0, np.where(np.arange(len(left)) < len(halves), 0.5, 1.0)),
         reduced=np.flatnonzero((rows == columns) & is_shared[rows]),
         diagonal=np.searchsorted(entries, diagonal[:n]).astype(np.uint32),
-        groups=groups,
-        edges=np.stack(np.divmod(edges, max(size, 1))),
-        edge_of_term=edge_of_term.ravel(),
         plan=FixedOrder.of(pattern, order),
     )
 

@@ -45,6 +45,7 @@ from beamdae.interrupts import (
 )
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.model_checks.contacts import deep_rest_warnings
+from beamdae.model_checks.friction import IGNORED, friction_warnings
 from beamdae.model_checks.strain_limits import describe_meaningless_strain
 from beamdae.model_functions import Model
 from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM, Mechanism, require_start
@@ -57,10 +58,6 @@ from beamdae.simulation import as_equations
 Array = np.ndarray
 
 _NAME = "equilibrium"
-_FRICTION_WARNING = (
-    "friction depends on the sliding velocity and is zero at rest, so this "
-    "equilibrium ignores friction."
-)
 
 
 @interruptible
@@ -266,7 +263,8 @@ def _trace(
         if parameter is not None and rows["numbers"] is not None:
             last = parameter.equations_at(points[-1].p)
             equations = replace(last, start=equations.start)
-        has_friction = any(term.rows is not None for term in equations.forces)
+        configurations = equations.configurations
+        inactive = () if configurations is None else configurations.initially_inactive
         return Equilibrium(
             equations=equations,
             t=float(rows["times"][-1, 0]),
@@ -279,7 +277,7 @@ def _trace(
             model=information,
             notes=(
                 *start_warnings,
-                *((_FRICTION_WARNING,) if has_friction else ()),
+                *friction_warnings(equations, IGNORED, inactive),
                 *_turning_notes(loading.systems[-1], points[-1].x, points[-1].p),
                 *_describe_deep_contacts(loading, path),
                 *path.notes,

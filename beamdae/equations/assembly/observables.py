@@ -22,6 +22,7 @@ from beamdae.equations.equations_of_motion import (
     EquationsOfMotion,
     Observable,
     PartStatements,
+    State,
     format_headers,
 )
 from beamdae.equations.measures import LEDGER_COLUMNS, TIME
@@ -156,6 +157,10 @@ class CompiledQuantity:
         """Return the columns, (rows, columns), at rows (t, branch) and rows of states."""
         no_multipliers = np.zeros((len(times), 0))
         return self.observable.evaluate(self.numbers, times, q, v, no_multipliers)
+
+    def values(self, times: Array, state: State) -> Array:
+        """Return the only column, (rows,), at rows (t, branch) and states in rows."""
+        return self.rows(times, state.q, state.v)[:, 0]
 
 
 def compile_quantities(

@@ -109,24 +109,6 @@ def _rigid_motions_of_nodes(e: EquationsOfMotion, q: Array, nodes: Array) -> Arr
     return motions / e.position_scales[:, None]
 
 
-def move_rigidly(e: EquationsOfMotion, q: Array, motion: Array) -> Array:
-    """Return q after a finite rigid motion (n,): bodies rotate about their centers of rotation."""
-    moved = q + motion
-    for body in collect_bodies(e):
-        if body.position is None or body.angle is None:
-            continue
-        points = body.points
-        angle, first, (dx, dy) = motion[body.angle], q[points[0]], motion[points[0]]
-        cos, sin = np.cos(angle), np.sin(angle)
-        # Mean velocities of the first point along and across its first velocity.
-        along = np.sinc(angle / np.pi)
-        across = 0.5 * angle * np.sinc(0.5 * angle / np.pi) ** 2
-        shift = np.array([along * dx - across * dy, along * dy + across * dx])
-        turned = (q[points] - first) @ np.array([[cos, sin], [-sin, cos]])
-        moved[points] = first + shift + turned
-    return moved
-
-
 def _motion_sizes(
     e: EquationsOfMotion, q: Array, body: Body, motion: Array
 ) -> tuple[float, float, float]:

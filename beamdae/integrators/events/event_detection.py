@@ -10,7 +10,12 @@ import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion, EventTerm
 from beamdae.equations.formulations.first_order import State
-from beamdae.integrators.events.watches import Stop
+from beamdae.integrators.events.watches import (
+    Stop,
+    evaluate_inside,
+    locate_root,
+    sample_scalars,
+)
 from beamdae.integrators.step_history import RunSegment
 from beamdae.parts.events import select_impacts
 from beamdae.results.event_records import DOWN, UP, EventRecord
@@ -18,20 +23,10 @@ from beamdae.results.trajectory import Interval
 
 Array = np.ndarray
 
-# Fractions of a step at which quantities are sampled. Between the samples, quantities that pass
-# their threshold and return are found by `_locate_reversal`.
-_SAMPLES = np.array([0.25, 0.5, 0.75, 1.0])
-# Fraction of the first and last sampling intervals at which quantities are sampled, too, so that
-# reversals in these intervals lie between three samples.
-_EDGE_SHARE = 1e-3
-# A reversal is located by repeated sampling, to (2 / 8)^6 = 2e-4 of two sampling intervals.
-_REVERSAL_SAMPLES = 9
-_REVERSAL_REFINEMENTS = 6
+# Fractions of a step at which quantities are sampled besides its ends.
+_SAMPLES = (0.25, 0.5, 0.75)
 # A quantity is at its threshold within this distance, relative to its largest magnitude so far.
 _VALUE_ROUNDING = 1e-13
-# Tolerance of the time of an event, relative to the time and to the step.
-_TIME_ROUNDING = 4.0 * float(np.finfo(float).eps)
-_BRENT_RTOL = 1e-15
 # A quantity that starts at its threshold leaves it beyond this multiple of its initial distance ...
 _LEAVING_FACTOR = 4.0
 # ... and beyond this fraction of its size, because joints may fix it there to the tolerance of the
@@ -266,51 +261,27 @@ class EventDetector:
         if tail is None:
             return None
         interval, begin = tail
-        t, all_differences = self._sample(interval, begin)
+        events = self.equations.events
+        scalars = [partial(self._differences, term, interval) for term in events]
+        t, all_differences = sample_scalars(scalars, interval, begin, _SAMPLES)
         crossings: list[_Crossing] = []
         signs_by_term = []
-        for term, differences in zip(self.equations.events, all_differences, strict=True):
+        for term, scalar, differences in zip(events, scalars, all_differences, strict=True):
             side = self._side(term, float(differences[0]))
             signs = side.signs(differences)
             signs_by_term.append(signs)
-            differences_at = partial(self._dense_differences, term, interval)
+            differences_at = partial(evaluate_inside, scalar, interval)
             located = _locate_crossings(t, differences, signs, side.sign, differences_at)
             crossings += [_Crossing(when, term, direction) for when, direction in located]
         crossings.sort(key=lambda crossing: (crossing.t, crossing.ends_segment))
         end = next((crossing.t for crossing in crossings if crossing.ends_segment), float(t[-1]))
-        for term, signs in zip(self.equations.events, signs_by_term, strict=True):
+        for term, signs in zip(events, signs_by_term, strict=True):
             nonzero_signs = signs[(t <= end) & (signs != 0.0)]
             if len(nonzero_signs):
                 self._sides[term.name].sign = float(nonzero_signs[-1])
         crossings_until_end = [crossing for crossing in crossings if crossing.t <= end]
         event = self._record_crossings(crossings_until_end, end, interval)
         return None if event is None else Stop(end, end, event=event)
-
-    def _sample(self, interval: Interval, begin: float) -> tuple[Array, list[Array]]:
-        """Return sampling times after `begin` [s] and the differences of each event at them.
-
-        Times at which a quantity passes its threshold and returns between two samples are added.
-        """
-        # Quantities may start at their thresholds, where no further sample is taken.
-        t = _sample_times(interval.t[interval.t >= begin], is_start=begin == interval.t[0])
-        terms = self.equations.events
-        state = interval.at(t)
-        sampled = [self._differences(term, interval, t, state) for term in terms]
-        reversals = [
-            time
-            for term, differences in zip(terms, sampled, strict=True)
-            for k in _list_possible_reversals(differences)
-            if (
-                time := _locate_reversal(
-                    t[k - 1], t[k + 1], partial(self._dense_differences, term, interval)
-                )
-            )
-        ]
-        if not reversals:
-            return t, sampled
-        t = np.union1d(t, reversals)
-        state = interval.at(t)
-        return t, [self._differences(term, interval, t, state) for term in terms]
 
     def _record_crossings(
         self, crossings: list[_Crossing], end: float, interval: Interval
@@ -369,62 +340,12 @@ class EventDetector:
 
     def _differences(self, term: EventTerm, interval: Interval, t: Array, state: State) -> Array:
         """Return the quantity minus its threshold at each time of an interval."""
-        times = np.column_stack([t, np.full(len(t), interval.branch)])
         p = self.equations.with_loads_of(interval.configuration).p
+        times = interval.with_branch(t)
         return term.evaluate_difference(p, times, state.q, state.v, state.lam)
 
     def _start_difference(self, term: EventTerm, start: Interval) -> float:
         return float(self._differences(term, start, start.nodes, start.rows)[0])
-
-    def _dense_differences(self, term: EventTerm, interval: Interval, t: Array) -> Array:
-        return self._differences(term, interval, t, interval.at(t))
-
-
-def _sample_times(steps: Array, is_start: bool) -> Array:
-    """Return the ends of the steps and the sampling times between them, ascending.
-
-    `is_start` is True if the first step begins a segment.
-    """
-    inside = steps[:-1, None] + np.diff(steps)[:, None] * _SAMPLES
-    inside[:, -1] = steps[1:]
-    times = np.concatenate([steps[:1], inside.ravel()])
-    first, last = _EDGE_SHARE * np.diff(times)[[0, -1]]
-    edges = [times[-1] - last] if is_start else [times[0] + first, times[-1] - last]
-    return np.sort(np.concatenate([times, edges]))
-
-
-def _list_possible_reversals(differences: Array) -> Array:
-    """Return the indices of samples around which a quantity may pass its threshold and return.
-
-    At these samples and both their neighbors, the differences have equal signs. The distance from
-    the threshold is not larger than at the neighbors, and smaller than its change to one of them.
-    """
-    before, distance, after = (
-        np.abs(x) for x in (differences[:-2], differences[1:-1], differences[2:])
-    )
-    signs = np.sign(differences)
-    is_one_sided = (signs[:-2] == signs[1:-1]) & (signs[1:-1] == signs[2:]) & (signs[1:-1] != 0.0)
-    is_smallest = (distance <= before) & (distance <= after)
-    is_near = distance < np.maximum(before, after) - distance
-    return 1 + np.flatnonzero(is_one_sided & is_smallest & is_near)
-
-
-def _locate_reversal(
-    start: float, end: float, differences_at: Callable[[Array], Array]
-) -> float | None:
-    """Return a time [s] at which a quantity is beyond its threshold, or None.
-
-    The quantity has the same sign at `start` and `end` [s].
-    """
-    sign = float(np.sign(differences_at(np.array([start]))[0]))
-    for _ in range(_REVERSAL_REFINEMENTS):
-        times = np.linspace(start, end, _REVERSAL_SAMPLES)
-        values = differences_at(times)
-        k = int(np.argmin(sign * values))
-        if sign * values[k] < 0.0:
-            return float(times[k])
-        start, end = times[max(k - 1, 0)], times[min(k + 1, len(times) - 1)]
-    return None
 
 
 def _locate_crossings(
@@ -458,14 +379,4 @@ def _locate_crossing(
     # The quantity was already at its threshold, or jumped.
     if not differences[k - 1] * sign < 0.0:
         return begin
-
-    def difference_at(t: float) -> float:
-        return float(differences_at(np.array([t]))[0])
-
-    if difference_at(begin) * sign >= 0.0 or difference_at(end) * sign <= 0.0:
-        return end
-    # Imported here because the import takes as long as a short run.
-    from scipy.optimize import brentq
-
-    xtol = _TIME_ROUNDING * max(abs(end), end - begin)
-    return float(brentq(difference_at, begin, end, xtol=xtol, rtol=_BRENT_RTOL))
+    return locate_root(differences_at, begin, end)

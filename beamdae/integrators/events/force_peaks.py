@@ -12,11 +12,13 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
 from beamdae.equations.equations_of_motion import State
 from beamdae.equations.formula_forces import FormulaForceTerm
+from beamdae.equations.table_arguments import TableArgumentTerm
 from beamdae.integrators.error_control import motion_rate
 from beamdae.integrators.events.watches import Stop
 from beamdae.integrators.run_plan import RunPlan
@@ -42,8 +44,14 @@ _SIGNIFICANT_CHANGE = 10.0
 # examined further.
 _MIN_COARSE_WEIGHT = 1e-2
 # Peaks are located by repeated sampling between the neighbors of the highest sample.
-_REFINEMENTS = 2
-_REFINED_SAMPLES = 17
+_REFINEMENTS = 3
+_REFINED_SAMPLES = 33
+# Places at which arguments turn are located to (2 / 32)^4 = 1.5e-5 of the distance of the samples.
+_TURN_REFINEMENTS = 4
+# Corrections of the times at which arguments pass rows of tables, which are interpolated linearly.
+_ROW_CORRECTIONS = 3
+# Arguments that change by smaller factors between two samples need no further samples.
+_MIN_CHANGE = 2.0
 # Change of a first-order state, relative to its size, for the derivative of its rate.
 _RELATIVE_CHANGE = 1e-6
 
@@ -54,8 +62,8 @@ class ForcePeakWatch:
 
     Attributes
     ----------
-    terms
-        Forces that may have narrow peaks.
+    terms, arguments
+        Forces that may have narrow peaks, and the arguments of their tables.
     spacing
         Largest distance of samples [s].
     weigh_at
@@ -67,6 +75,7 @@ class ForcePeakWatch:
     """
 
     terms: Sequence[FormulaForceTerm]
+    arguments: Sequence[TableArgumentTerm]
     spacing: float
     weigh_at: Callable[[float, float, State], Callable[[Array], float]]
     state_scales: Mapping[int, float]
@@ -74,19 +83,25 @@ class ForcePeakWatch:
     def find_first(self, segment: RunSegment, row: int) -> Stop | None:
         """Return the first peak that a step passed over, see `Watch`."""
         # Between frequent samples of controllers, a search would cost more than the steps.
-        tail = segment.tail(row) if self.spacing <= segment.history.longest_gap(row) else None
+        is_long = self.spacing <= segment.history.longest_gap(row)
+        tail = segment.tail(row) if is_long or self.arguments else None
         if tail is None:
             return None
         interval, begin = tail
         first = int(np.searchsorted(interval.nodes, begin))
         gaps = np.diff(interval.nodes[first:])
         counts = (gaps / self.spacing).astype(int)
-        if not counts.any():
+        inside = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts) + 1
+        spacings = np.repeat(gaps / (counts + 1), counts)
+        t = np.repeat(interval.nodes[first:-1], counts) + inside * spacings
+        turns = [_locate_turns(self.terms, interval, first, t)] if len(t) else []
+        active = (x for x in self.arguments if x.part not in interval.inactive)
+        rows = [_locate_rows(x, interval, first) for x in active]
+        t = np.unique(np.concatenate([t, *turns, *rows]))
+        if not len(t):
             return None
-        gap = first + np.repeat(np.arange(len(gaps)), counts)
-        order = np.arange(len(gap)) - np.repeat(np.cumsum(counts) - counts, counts) + 1
-        t = interval.nodes[gap] + order * np.repeat(gaps / (counts + 1), counts)
-        samples = _Samples(interval, t)
+        samples = _Samples(interval, t[t > interval.nodes[first]])
+        gap = np.searchsorted(interval.nodes, samples.t) - 1
         peaks = (self._find_first_of_force(x, samples, first, gap) for x in self.terms)
         return min((peak for peak in peaks if peak is not None), default=None)
 
@@ -98,7 +113,7 @@ class ForcePeakWatch:
         The steps before this peak are kept: an earlier peak, even a lower one, would be lost.
         """
         interval, t = samples.interval, samples.t
-        at_nodes = term.evaluate(interval.nodes, interval.branch, interval.rows.q, interval.rows.v)
+        at_nodes = term.evaluate(interval.times, *(x[:, term.columns] for x in interval.rows[:2]))
         force = samples.evaluate(term)
         missed = force - samples.interpolate(at_nodes)
         excess = np.abs(missed)
@@ -123,13 +138,13 @@ class ForcePeakWatch:
             at = k - rows.start + 1
             probe, left, right = float(t[k]), times[at - 1], times[at + 1]
             for _ in range(_REFINEMENTS):
-                near = _Samples(interval, np.linspace(left, right, _REFINED_SAMPLES))
+                t_near = np.union1d(np.linspace(left, right, _REFINED_SAMPLES), [probe])
+                near = _Samples(interval, t_near)
                 of_peak = near.evaluate(term) - near.interpolate(at_nodes)
                 highest = int(np.argmax(np.abs(of_peak).max(axis=1)))
-                probe = float(near.t[highest])
-                times, values = np.append(times, near.t), np.concatenate([values, of_peak])
-                left = near.t[max(highest - 1, 0)]
-                right = near.t[min(highest + 1, _REFINED_SAMPLES - 1)]
+                probe = float(t_near[highest])
+                times, values = np.append(times, t_near), np.concatenate([values, of_peak])
+                left, right = t_near[max(highest - 1, 0)], t_near[min(highest + 1, len(t_near) - 1)]
             if weigh(times, values) > 1.0:
                 # Where a smooth peak falls to 1 %, a thousandth of its impulse is still outside.
                 same_step = np.flatnonzero(gap[:k] == gap[k])
@@ -155,8 +170,8 @@ class ForcePeakWatch:
         for i in self.state_scales.keys() & set(term.columns.tolist()):
             change = np.zeros((2, len(state.q)))
             change[1, i] = _RELATIVE_CHANGE * max(self.state_scales[i], abs(state.q[i]))
-            v = np.tile(state.v, (2, 1))
-            values = term.evaluate(np.full(2, t), branch, state.q + change, v)
+            states = (x[:, term.columns] for x in (state.q + change, np.tile(state.v, (2, 1))))
+            values = term.evaluate(np.tile([t, branch], (2, 1)), *states)
             relaxation[i] = abs(term.operator.T @ (values[1] - values[0]))[i] / change[1, i]
 
         def weigh_missed(times: Array, values: Array) -> float:
@@ -194,18 +209,114 @@ class _Samples:
         self._weights = interval.weights_at(t)
 
     def evaluate(self, term: FormulaForceTerm) -> Array:
-        """Return a force (samples, size) on the polynomials of the motion."""
+        """Return a force on the polynomials of the motion, (samples, size)."""
+        return term.evaluate(self.interval.with_branch(self.t), *self._move(term))
+
+    def evaluate_arguments(self, term: FormulaForceTerm, rows: slice = slice(None)) -> Array:
+        """Return `FormulaForceTerm.evaluate_arguments` at some of the samples."""
+        motion = (x[rows] for x in self._move(term))
+        return term.evaluate_arguments(self.interval.with_branch(self.t[rows]), *motion)
+
+    def _move(self, term: FormulaForceTerm) -> tuple[Array, Array]:
         q, v = (x[:, term.columns] for x in self.interval.rows[:2])
         weights = self._weights
         positions = weights.positions @ q + weights.positions_by_velocities @ v
-        return term.evaluate_local(self.t, self.interval.branch, positions, weights.velocities @ v)
+        return positions, weights.velocities @ v
 
     def interpolate(self, values: Array) -> Array:
         """Return the polynomials through values at the nodes, (nodes, size)."""
         return np.asarray(self._weights.velocities @ values)
 
 
-def watch_forces(terms: Sequence[FormulaForceTerm], plan: RunPlan, rtol: float) -> ForcePeakWatch:
+class _Turns(NamedTuple):
+    """Times [s] around turns of arguments of a formula, and its signs there.
+
+    Attributes
+    ----------
+    left, right
+        Times of samples between which an argument turns or passes zero.
+    column
+        Index of the argument.
+    sign
+        Its sign before it turns; 0 if it passes zero.
+    """
+
+    left: Array
+    right: Array
+    column: Array
+    sign: Array
+
+    @classmethod
+    def find(cls, t: Array, arguments: Array) -> _Turns:
+        """Find turns towards zero, and passages, between samples (rows, k) of arguments at `t`."""
+        signs, distances = np.sign(arguments), np.abs(arguments)
+        keeps_sign = signs[1:] == signs[:-1]
+        at, neighbors = distances[1:-1], (distances[:-2], distances[2:])
+        is_turn = keeps_sign[1:] & keeps_sign[:-1] & (at <= np.minimum(*neighbors))
+        # Otherwise, the samples resolve the argument.
+        turns, columns = np.nonzero(is_turn & (_MIN_CHANGE * at < np.maximum(*neighbors)))
+        passages, others = np.nonzero(~keeps_sign)
+        return cls(
+            t[np.concatenate([turns, passages])],
+            t[np.concatenate([turns + 2, passages + 1])],
+            np.concatenate([columns, others]),
+            np.concatenate([signs[turns + 1, columns], np.zeros(len(others))]),
+        )
+
+
+def _locate_turns(
+    terms: Sequence[FormulaForceTerm], interval: Interval, first: int, t: Array
+) -> Array:
+    """Return times [s] near samples at `t` at which arguments of formulas turn or pass zero.
+
+    Peaks may be too narrow for samples, such as those of exp(-(x / w)^2), but these arguments
+    change as slowly as the motion.
+    """
+    samples = _Samples(interval, np.union1d(interval.nodes[first:], t))
+    turns = [_Turns.find(samples.t, np.nan_to_num(samples.evaluate_arguments(x))) for x in terms]
+    left, right, column, sign = map(np.concatenate, zip(*turns, strict=True))
+    center, sign, places = left, sign[:, None], np.arange(len(left))
+    ends = np.cumsum([0, *(len(x.left) for x in turns)]).tolist()
+    for _ in range(_TURN_REFINEMENTS if len(left) else 0):
+        near = np.linspace(left, right, _REFINED_SAMPLES, axis=1)
+        samples, values = _Samples(interval, near.ravel()), np.empty_like(near)
+        for term, (begin, end) in zip(terms, pairwise(ends), strict=True):
+            rows = slice(begin * _REFINED_SAMPLES, end * _REFINED_SAMPLES)
+            arguments = samples.evaluate_arguments(term, rows)
+            arguments = arguments.reshape(end - begin, _REFINED_SAMPLES, arguments.shape[1])
+            values[begin:end] = arguments[np.arange(end - begin), :, column[begin:end]]
+        lowest = np.argmin(np.where(sign == 0.0, np.abs(values), sign * values), axis=1)
+        left, center, right = (
+            near[places, np.clip(lowest + k, 0, _REFINED_SAMPLES - 1)] for k in (-1, 0, 1)
+        )
+    return center
+
+
+def _locate_rows(term: TableArgumentTerm, interval: Interval, first: int) -> Array:
+    """Return times [s] at which an argument passes rows of its table, if a step passes several."""
+    t, motion = interval.nodes[first:], State(*(x[first:] for x in interval.rows))
+    x = term.argument.values(interval.times[first:], motion)
+    knots = term.table.list_knots(term.axis, float(x.min()), float(x.max()))
+    place = np.searchsorted(knots, x)
+    # A peak lies between two other rows.
+    (passed,) = np.nonzero((np.abs(np.diff(place)) > 1) & (np.diff(t) > 0.0))
+    ranges = [np.arange(*sorted(place[k : k + 2])) for k in passed]
+    k = np.repeat(passed, [len(rows) for rows in ranges])
+    levels = knots[np.concatenate([np.zeros(0, int), *ranges])]
+    rates = (x[k + 1] - x[k]) / (t[k + 1] - t[k])
+    times = t[k] + (levels - x[k]) / rates
+    for _ in range(_ROW_CORRECTIONS if len(k) else 0):
+        values = term.argument.values(interval.with_branch(times), interval.at(times))
+        times = np.clip(times + (levels - values) / rates, t[k], t[k + 1])
+    return times
+
+
+def watch_forces(
+    terms: Sequence[FormulaForceTerm],
+    arguments: Sequence[TableArgumentTerm],
+    plan: RunPlan,
+    rtol: float,
+) -> ForcePeakWatch:
     """Return the watch of forces in a run with the tolerance `rtol`.
 
     An impulse matters if it changes a velocity, or a first-order state, by more than ten
@@ -234,7 +345,7 @@ def watch_forces(terms: Sequence[FormulaForceTerm], plan: RunPlan, rtol: float) 
         return math.inf if np.delete(impulse, states).any() else float(np.max(change, initial=0.0))
 
     state_scales = dict(zip(states.tolist(), plan.scales[states].tolist(), strict=True))
-    return ForcePeakWatch(terms, SAMPLE_SPACING * plan.duration, weigh_at, state_scales)
+    return ForcePeakWatch(terms, arguments, SAMPLE_SPACING * plan.duration, weigh_at, state_scales)
 
 
 def _candidates(peak_height: Array, height: Array, gap: Array) -> Iterator[tuple[slice, int]]:

@@ -7,17 +7,30 @@ event, or where the error test sees what the step has passed over.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from beamdae.equations.equations_of_motion import EventTerm
+from beamdae.equations.equations_of_motion import EventTerm, State
 from beamdae.integrators.step_history import RunSegment
+from beamdae.results.trajectory import Interval
 
 Array = np.ndarray
+# Function of times (rows,) [s] and states in rows that returns values (rows,).
+Scalar = Callable[[Array, State], Array]
 
-_ROUNDING = 4.0 * float(np.finfo(float).eps)
+# Tolerance of the time of a root, relative to the time and to the distance of its neighbors.
+_TIME_ROUNDING = 4.0 * float(np.finfo(float).eps)
+_BRENT_RTOL = 1e-15
+# Fraction of the first and last step at which scalars are sampled, too, so that dips in these steps
+# lie between three samples.
+_EDGE_SHARE = 2.5e-4
+# A dip is located by repeated sampling between the neighbors of the smallest sample, to
+# (2 / 16)^12 = 1.5e-11 of the distance of the first neighbors.
+_DIP_SAMPLES = 17
+_DIP_REFINEMENTS = 12
 
 
 class Stop(NamedTuple):
@@ -57,11 +70,95 @@ class Watch(Protocol):
         """Return the first stop in the rows of a segment from `row` on, or None."""
 
 
-def locate_root(
-    evaluate: Callable[[Array], Array], start: float, end: float, rtol: float = _ROUNDING
-) -> float:
-    """Return the time [s] between two times at which a function of times changes its sign."""
+def sample_scalars(
+    scalars: Sequence[Scalar], interval: Interval, begin: float, inside: Sequence[float] = ()
+) -> tuple[Array, list[Array]]:
+    """Return times [s] and the values of scalars at the ends of all steps from `begin` [s] on.
+
+    Further samples are those at the fractions `inside` of each step, one near the first and one
+    near the last end, and one where a scalar passes zero and returns between two other samples.
+    """
+    first = int(np.searchsorted(interval.t, begin))
+    steps, states = interval.t[first:], [x[first:] for x in interval.state]
+    lengths = np.diff(steps)
+    edges = [steps[-1] - _EDGE_SHARE * lengths[-1]]
+    # At the start of a segment, quantities may be zero.
+    if begin > interval.t[0]:
+        edges.append(steps[0] + _EDGE_SHARE * lengths[0])
+    further = np.append((steps[:-1, None] + lengths[:, None] * np.asarray(inside)).ravel(), edges)
+
+    def sample() -> tuple[Array, list[Array]]:
+        t = np.concatenate([steps, further])
+        order = np.argsort(t, kind="stable")
+        pairs = zip(states, interval.at(further), strict=True)
+        state = State(*(np.concatenate(pair)[order] for pair in pairs))
+        return t[order], [scalar(t[order], state) for scalar in scalars]
+
+    t, values_by_scalar = sample()
+    dips = [
+        dip
+        for scalar, values in zip(scalars, values_by_scalar, strict=True)
+        for dip in find_dips(t, values, partial(evaluate_inside, scalar, interval))
+    ]
+    if not dips:
+        return t, values_by_scalar
+    further = np.append(further, dips)
+    return sample()
+
+
+def evaluate_inside(scalar: Scalar, interval: Interval, t: Array) -> Array:
+    """Return the values of a scalar at times (rows,) [s] inside an interval."""
+    return scalar(t, interval.at(t))
+
+
+def find_dips(t: Array, values: Array, evaluate: Callable[[Array], Array]) -> Iterator[float]:
+    """Yield a time [s] beyond zero of each passage to the other side of zero between two samples.
+
+    `evaluate` is the function of times that has the `values` at the times `t`.
+    """
+    for k in _list_possible_dips(t, values):
+        sign, times = float(np.sign(values[k])), t[k - 1 : k + 2]
+        for _ in range(_DIP_REFINEMENTS):
+            times = np.linspace(times[0], times[-1], _DIP_SAMPLES)
+            distances = sign * evaluate(times)
+            lowest = int(np.argmin(distances))
+            if distances[lowest] < 0.0:
+                yield float(times[lowest])
+                break
+            if lowest not in _list_possible_dips(times, distances):
+                break
+            times = times[lowest - 1 : lowest + 2]
+
+
+def _list_possible_dips(t: Array, values: Array) -> Array:
+    """Return the indices of samples beside which a function may pass zero and return.
+
+    These samples and both of their neighbors have equal signs, the distance from zero is not larger
+    than at the neighbors, and lines through two of the samples reach zero before the third one:
+    a convex distance would be above these lines.
+    """
+    distance, signs = np.abs(values), np.sign(values)
+    is_one_sided = (signs[:-2] == signs[1:-1]) & (signs[1:-1] == signs[2:]) & (signs[1:-1] != 0.0)
+    is_smallest = (distance[1:-1] <= distance[:-2]) & (distance[1:-1] <= distance[2:])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        slopes, lengths = np.abs(np.diff(distance) / np.diff(t)), np.diff(t)
+        change = np.maximum(slopes[:-1] * lengths[1:], slopes[1:] * lengths[:-1])
+    return 1 + np.flatnonzero(is_one_sided & is_smallest & (distance[1:-1] < change))
+
+
+def locate_root(evaluate: Callable[[Array], Array], start: float, end: float) -> float:
+    """Return the time [s] between two times [s] at which a function of times changes its sign.
+
+    Without a change, return the time at which the function is closer to zero.
+    """
     # Imported here because the import takes as long as a short run.
     from scipy.optimize import brentq
 
-    return float(brentq(lambda t: float(evaluate(np.array([t]))[0]), start, end, rtol=rtol))
+    def value(t: float) -> float:
+        return float(evaluate(np.array([t]))[0])
+
+    before, after = value(start), value(end)
+    if before * after >= 0.0:
+        return end if abs(after) < abs(before) else start
+    xtol = _TIME_ROUNDING * max(abs(end), end - start)
+    return float(brentq(value, start, end, xtol=xtol, rtol=_BRENT_RTOL))

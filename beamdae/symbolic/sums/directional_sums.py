@@ -29,7 +29,6 @@ def directional_plan(
     plan: SumPlan,
     n_inputs: int,
     weight_changes: tuple[Array, Array] | None = None,
-    min_base: float = 0.0,
 ) -> SumPlan:
     """Return the plan of the directional derivative of a sum.
 
@@ -42,8 +41,6 @@ def directional_plan(
     weight_changes
         Derivatives of `gather_weights` and of `weights` of the plan, if L and S depend on the
         parameter of the direction: dr also contains S dk/dlocal dL x + dS k. None if they do not.
-    min_base
-        See `expand_powers`.
 
     Returns
     -------
@@ -60,9 +57,7 @@ def directional_plan(
         changes[~entries.is_plain] = of_entries[: np.count_nonzero(~entries.is_plain)]
     moving, changed = np.flatnonzero(gather_changes), np.flatnonzero(changes)
     valued = {id(plan.batches[k].kernel) for k in set(entries.batches[changed].tolist())}
-    kernels = [
-        _directional_kernel(b.kernel, id(b.kernel) in valued, min_base) for b in plan.batches
-    ]
+    kernels = [_directional_kernel(b.kernel, id(b.kernel) in valued) for b in plan.batches]
 
     # Each batch has twice as many local inputs: those of the original batch, then their tangents.
     def locate(targets: Array) -> tuple[Array, Array]:
@@ -169,20 +164,20 @@ class StackedSum:
         return result.reshape(*x.shape[:-1], size)
 
 
-def _directional_kernel(kernel: Kernel, with_value: bool, min_base: float) -> Kernel:
+def _directional_kernel(kernel: Kernel, with_value: bool) -> Kernel:
     """Return the kernel of (shared, (local, tangent)) for the derivative along the tangent.
 
     If `with_value`, the outputs of `kernel` follow.
     """
-    key = "directional", with_value, min_base
-    return kernel.derive(key, partial(_build_directional_kernel, kernel, with_value, min_base))
+    key = "directional", with_value
+    return kernel.derive(key, partial(_build_directional_kernel, kernel, with_value))
 
 
-def _build_directional_kernel(kernel: Kernel, with_value: bool, min_base: float) -> Kernel:
+def _build_directional_kernel(kernel: Kernel, with_value: bool) -> Kernel:
     function = kernel.function
     shared = SX.sym("shared", function.numel_in(0))
     local, tangent = SX.sym("local", kernel.n_local), SX.sym("tangent", kernel.n_local)
-    value = expand_powers(function, shared, local, min_base=min_base)
+    value = expand_powers(function, shared, local)
     differentiate = directional_derivative if has_lookups(function) else ca.jtimes
     derivative = ca.densify(differentiate(value, local, tangent))
     results = ca.vertcat(derivative, value) if with_value else derivative

@@ -32,7 +32,7 @@ Array = np.ndarray
 SX = ca.SX
 
 
-def transposed_plan(plan: SumPlan, n_inputs: int, min_base: float = 0.0) -> SumPlan:
+def transposed_plan(plan: SumPlan, n_inputs: int) -> SumPlan:
     """Return the plan of the gradient of y . r with respect to the inputs and the numbers.
 
     Parameters
@@ -41,8 +41,6 @@ def transposed_plan(plan: SumPlan, n_inputs: int, min_base: float = 0.0) -> SumP
         The sum r, with inputs x of size `n_inputs`.
     n_inputs
         Size of x.
-    min_base
-        See `expand_powers`.
 
     Returns
     -------
@@ -50,7 +48,7 @@ def transposed_plan(plan: SumPlan, n_inputs: int, min_base: float = 0.0) -> SumP
         Sum with the inputs (x, y) and the result (dx, dp), where p are the numbers of the model.
         `SumPlan.sum` of the result takes p, as the original sum does.
     """
-    kernels = [_transposed_kernel(b.kernel, min_base) for b in plan.batches]
+    kernels = [_transposed_kernel(b.kernel) for b in plan.batches]
     inputs, entries, (local_sizes, out_sizes) = plan.inputs, plan.entries, plan.sizes
     # The weights of the outputs of a batch follow its local inputs.
     shifts = np.cumsum(out_sizes) - out_sizes
@@ -87,17 +85,16 @@ def transposed_plan(plan: SumPlan, n_inputs: int, min_base: float = 0.0) -> SumP
     )
 
 
-def _transposed_kernel(kernel: Kernel, min_base: float) -> Kernel:
+def _transposed_kernel(kernel: Kernel) -> Kernel:
     """Return the kernel of (shared, (local, weights)) for the gradient of weights . outputs."""
-    key = "transposed", min_base
-    return kernel.derive(key, partial(_build_transposed_kernel, kernel, min_base))
+    return kernel.derive("transposed", partial(_build_transposed_kernel, kernel))
 
 
-def _build_transposed_kernel(kernel: Kernel, min_base: float) -> Kernel:
+def _build_transposed_kernel(kernel: Kernel) -> Kernel:
     function = kernel.function
     shared = SX.sym("shared", function.numel_in(0))
     local, weights = SX.sym("local", kernel.n_local), SX.sym("weights", kernel.n_out)
-    value = expand_powers(function, shared, local, min_base=min_base)
+    value = expand_powers(function, shared, local)
     if has_lookups(function):
         gradient = weighted_derivative(value, local, weights)
     else:
