@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 import beamdae as bd
-from benchmarks.static_cases import static_case
+from benchmarks.static_cases import build_pinched_ring, static_case
 
 STEEL = bd.Material(E=2.1e11, nu=0.3, rho=7850.0)
 BAR = bd.Section.rectangle(STEEL, width=0.1, height=0.1)
@@ -187,13 +187,8 @@ def _solve_pinched_ring(elements: int, settings: Mapping[str, Any]) -> dict[str,
     """Return the forces of a quarter ring on two guides; the load bends it by 1e-6 of R."""
     section = bd.Section.rectangle(STEEL, width=THICKNESS, height=THICKNESS)
     load = 1e-5 * section.EI / RADIUS**2
-    mech = bd.Mechanism()
-    axis = bd.Arc(RADIUS, 0.5 * np.pi * RADIUS, start=(RADIUS, 0.0), angle=0.5 * np.pi)
-    beam = mech.add(bd.Beam("ring", axis, section, elements, **settings))
-    mech.add(bd.Prismatic("side", mech.ground.at(RADIUS, 0.0), beam.start, (1.0, 0.0)))
-    mech.add(bd.Prismatic("top", mech.ground.at(0.0, RADIUS), beam.end, (0.0, 1.0)))
-    mech.add(bd.Force("load", beam.end, (0.0, -0.5 * load)))
-    forces = bd.equilibrium(mech, step=1.0).section_forces(beam, s=[0.0, axis.length])
+    mech, beam = build_pinched_ring(RADIUS, section, load, elements, settings)
+    forces = bd.equilibrium(mech, step=1.0).section_forces(beam, s=[0.0, beam.length])
     (side, top), N, Q = forces.M[0] / (load * RADIUS), forces.N[0] / load, forces.Q[0] / load
     return {
         "M / P R under the load": abs(top),

@@ -174,18 +174,26 @@ def _solve_quarter_circle(
     return values
 
 
+def build_pinched_ring(
+    radius: float, section: bd.Section, load: float, elements: int, settings: Mapping[str, Any]
+) -> tuple[bd.Mechanism, bd.Beam]:
+    """Return a quarter of a ring on two guides, and its beam."""
+    mech = bd.Mechanism()
+    axis = bd.Arc(radius, 0.5 * np.pi * radius, start=(radius, 0.0), angle=0.5 * np.pi)
+    beam = mech.add(bd.Beam("ring", axis, section, elements, **settings))
+    mech.add(bd.Prismatic("side", mech.ground.at(radius, 0.0), beam.start, (1.0, 0.0)))
+    mech.add(bd.Prismatic("top", mech.ground.at(0.0, radius), beam.end, (0.0, 1.0)))
+    mech.add(bd.Force("load", beam.end, (0.0, -0.5 * load)))
+    return mech, beam
+
+
 def _solve_pinched_ring(
     slenderness: float, elements: int, settings: Mapping[str, Any]
 ) -> dict[str, float]:
-    """Return the deformation of a ring from a quarter of it on two guides."""
+    """Return the deformation of a ring."""
     section = _square_section(2.0, slenderness)
     force = _SMALL_DISPLACEMENT * section.EI / 2.0**2
-    mech = bd.Mechanism()
-    axis = bd.Arc(2.0, np.pi, start=(2.0, 0.0), angle=0.5 * np.pi)
-    beam = mech.add(bd.Beam("ring", axis, section, elements, **settings))
-    mech.add(bd.Prismatic("side", mech.ground.at(2.0, 0.0), beam.start, (1.0, 0.0)))
-    mech.add(bd.Prismatic("top", mech.ground.at(0.0, 2.0), beam.end, (0.0, 1.0)))
-    mech.add(bd.Force("load", beam.end, (0.0, -0.5 * force)))
+    mech, beam = build_pinched_ring(2.0, section, force, elements, settings)
     mech.observe("top", beam.end)
     mech.observe("side", beam.start)
     change = solve_small_displacements(mech)

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import json
 import os
-import resource
 import subprocess
 import sys
 import time
@@ -33,17 +32,6 @@ def time_in_turns(actions: Mapping[str, Callable[[], float]], rounds: int) -> di
         action()
     turns = [{name: action() for name, action in actions.items()} for _ in range(rounds)]
     return {name: np.array([turn[name] for turn in turns]) for name in actions}
-
-
-def environment_of_users() -> dict[str, str]:
-    """Return the environment for measured processes, in which Python caches its bytecode."""
-    return {k: x for k, x in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
-
-
-def processor_time_of_children() -> float:
-    """Return the processor time of all child processes that have ended [s]."""
-    used = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return used.ru_utime + used.ru_stime
 
 
 def time_integration(

@@ -43,11 +43,10 @@ def exact_hub_beam(
     bodies: int, elements: int, damping: float, formulation: str = "floating frame"
 ) -> bd.Mechanism:
     """Return the hub beam whose limit, with many bodies or elements, is the exact beam."""
-    if formulation == "exact":
-        return hub_beam(elements=elements, bodies=bodies, damping=damping, formulation=formulation)
-    return hub_beam(
-        elements=elements, bodies=bodies, frame="chord", strain="green", damping=damping
-    )
+    kind = {"formulation": formulation}
+    if formulation != "exact":
+        kind = {"frame": "chord", "strain": "green"}
+    return hub_beam(elements=elements, bodies=bodies, damping=damping, **kind)
 
 
 def exact_pendulum(
