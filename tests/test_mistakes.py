@@ -5,7 +5,7 @@ import traceback
 import casadi as ca
 import pytest
 from command_line import invoke
-from robustness.inputs.bad_values import _HOSTILE_VALUES as HOSTILE_VALUES
+from robustness.inputs.bad_values import HOSTILE_VALUES
 from robustness.judge import check_sentence
 
 import beamdae as bd

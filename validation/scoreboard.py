@@ -130,7 +130,7 @@ def _try_structure(name: str) -> Outcome:
     verdicts = {"missed": MISSED, "ended": MISSED, "invented": FALSE, "ok": RIGHT}
     departures = [row for row in rows if row["verdict"] != "ok"]
     worst = [verdicts.get(row["verdict"], WRONG) for row in rows]
-    digits = [count_digits(float(row["relative"])) for row in rows if "relative" in row]
+    digits = [count_digits(row["relative"]) for row in rows if "relative" in row]
     verdict = next((x for x in (MISSED, FALSE, WRONG) if x in worst), RIGHT)
     reason = str(departures[0]) if departures else ""
     return Outcome(name, verdict, min(digits, default=np.nan), len(rows), reason=reason)
@@ -260,102 +260,25 @@ def _load_benchmarks(board: str) -> dict[str, Any]:
 
 def _try_benchmark(board: str, name: str) -> Outcome:
     case = _load_benchmarks(board)[name]
-    comparisons = list(case.compare())
-    worst = max(comparisons, key=lambda x: x.relative_error)
-    error = worst.relative_error
+    errors = case.errors()
+    quantity, error = max(errors.items(), key=lambda item: item[1])
     verdict = RIGHT if error <= case.tolerance else WRONG
-    reason = f"{worst.quantity}: {error:.1e} instead of {case.tolerance:g}"
-    return Outcome(name, verdict, count_digits(error), len(comparisons), reason=reason)
+    reason = f"{quantity}: {error:.1e} instead of {case.tolerance:g}"
+    return Outcome(name, verdict, count_digits(error), len(errors), reason=reason)
 
 
-# Errors of fitted values in standard deviations: one of 40 values exceeds 3.5 by chance in 2 %.
-_MAX_DEVIATION = 3.5
-# Largest deviation of a design from its path relative to that of the first design.
-_MAX_DESIGN_SHARE = 0.05
-_FITS = tuple(f"twin of a pendulum, noise {seed}" for seed in range(5))
-_DESIGN = "compliant four-bar"
+@cache
+def _load_fits() -> dict[str, Any]:
+    import fits
 
-
-def _list_fits() -> list[str]:
-    return [*_FITS, *_SMALL_DESIGNS, _DESIGN]
+    return fits.CASES
 
 
 def _try_fit(name: str) -> Outcome:
-    if name in _SMALL_DESIGNS:
-        return _SMALL_DESIGNS[name](name)
-    if name == _DESIGN:
-        from design.compliant_four_bar import optimize_heights
-
-        design = optimize_heights()
-        deviation, stress = design.measure(design.result.solution)
-        first, _ = design.measure(design.first)
-        is_right = deviation < _MAX_DESIGN_SHARE * first and stress <= design.limit
-        digits = count_digits(deviation / first)
-        reason = f"{design.result.status.sentence}, deviation {deviation:.2g} m"
-        return Outcome(
-            name, RIGHT if is_right else WRONG, digits, design.evaluations, reason=reason
-        )
-    from calibration import twin
-
-    fit = twin.fit(twin.noisy_record(twin.exact_record(), _FITS.index(name)))
-    truth = np.array([*twin.TRUE.values(), twin.SHIFT, twin.SCALE, twin.OFFSET])
-    deviation = float(np.max(np.abs(fit.values - truth) / fit.standard_deviations))
-    verdict = RIGHT if deviation <= _MAX_DEVIATION else WRONG
-    if not fit.status.success:
-        verdict = MISSED
-    reason = f"{fit.status.sentence}, {deviation:.2g} standard deviations"
-    return Outcome(name, verdict, count=fit.evaluations, reason=reason)
-
-
-@bd.model(t_end=1.0)
-def _oscillator(stiffness=30.0, damping=0.5, mass=1.0):
-    mech = bd.Mechanism()
-    body = mech.add(bd.PointMass("body", mass, at=(1.0, 0.0)))
-    base = mech.ground.at(0.0, 0.0)
-    mech.add(bd.PointOnLine("guide", base, body.point, direction=(1.0, 0.0)))
-    spring = bd.Spring("spring", base, body.point, stiffness, damping, free_length=0.8)
-    mech.add(spring)
-    mech.observe("body", body.point)
-    return mech
-
-
-def _oscillate(t: np.ndarray, stiffness: float, damping: float) -> np.ndarray:
-    """Return the position of the oscillator of 1 kg, released 0.2 m from its equilibrium."""
-    decay = 0.5 * damping
-    omega = np.sqrt(stiffness - decay**2)
-    return 0.8 + 0.2 * np.exp(-decay * t) * (np.cos(omega * t) + decay / omega * np.sin(omega * t))
-
-
-def _fit_oscillator(name: str) -> Outcome:
-    times, truth = np.linspace(0.0, 1.0, 51), np.array([37.0, 0.8])
-    data = {"t [s]": times, "body.x [m]": _oscillate(times, *truth)}
-    names, method = ["stiffness", "damping"], bd.Radau(1e-9)
-    fit = bd.fit(_oscillator, data, names, method, sigma=1e-4)
-    error = float(np.max(np.abs(fit.values / truth - 1.0)))
-    verdict = RIGHT if error < 1e-5 else WRONG
-    return Outcome(name, verdict, count_digits(error), fit.evaluations, reason=fit.status.sentence)
-
-
-def _design_oscillator(name: str) -> Outcome:
-    times = np.linspace(0.1, 1.0, 19)
-    goal = bd.quantities.SquaredErrors("body.x", times, _oscillate(times, 24.0, 0.5), 1e-3)
-    result = bd.optimize(
-        _oscillator,
-        goal,
-        ["stiffness"],
-        bounds={"stiffness": (10.0, 60.0)},
-        integrator=bd.Radau(1e-9),
-    )
-    error = abs(result.parameters["stiffness"] / 24.0 - 1.0)
-    verdict = RIGHT if error < 1e-4 else WRONG
-    reason = result.status.sentence
-    return Outcome(name, verdict, count_digits(error), result.evaluations, reason=reason)
-
-
-_SMALL_DESIGNS = {
-    "oscillator: stiffness and damping": _fit_oscillator,
-    "oscillator: stiffness of a motion": _design_oscillator,
-}
+    result = _load_fits()[name]()
+    verdict = MISSED if not result.success else RIGHT if result.is_right else WRONG
+    digits = np.nan if np.isnan(result.error) else count_digits(result.error)
+    return Outcome(name, verdict, digits, result.evaluations, reason=result.reason)
 
 
 def _list_studies() -> list[str]:
@@ -473,7 +396,7 @@ BOARDS = (
     _benchmark_board("modes", quick=4),
     _benchmark_board("periodic motions", quick=3),
     _benchmark_board("section forces", quick=4),
-    Board("fits and designs", _list_fits, _try_fit, quick=3, time_limit=1800.0),
+    Board("fits and designs", _load_fits, _try_fit, quick=3, time_limit=1800.0),
     Board("claims of the paper", _list_studies, _try_study, quick=2, time_limit=3600.0),
     _trial_board("bad inputs", "inputs.catalog", 300, 60, 60.0, _draw_inputs),
     _trial_board("hostile files", "files", 160, 40, 60.0),

@@ -9,11 +9,23 @@ import pytest
 from hub_beam import hub_beam
 from numpy.testing import assert_allclose
 from slider_crank import slider_crank
-from tolerance_cases import every_case, every_case_by_duration
-from tolerances.cases import ALL
+from tolerances.cases import ALL, CASES
 from tolerances.flexible_mechanisms import exact_pendulum
 
 import beamdae as bd
+
+# All but the shortest case, which checks the same in a tenth of the time.
+_SLOW = {case.name for case in CASES} - {"hub_beam"}
+
+every_case = pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
+# Long cases are slow tests.
+every_case_by_duration = pytest.mark.parametrize(
+    "case",
+    [
+        pytest.param(case, id=case.name, marks=[pytest.mark.slow] if case.name in _SLOW else [])
+        for case in CASES
+    ],
+)
 
 adaptive = pytest.mark.parametrize("integrator", [bd.Ida, bd.Radau])
 

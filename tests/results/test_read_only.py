@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from robustness.handed_out import RESULTS, STRIP, list_changes, run
+from handed_out import RESULTS, STRIP, list_changes, run
 
 import beamdae as bd
 

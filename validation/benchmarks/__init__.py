@@ -1,5 +1,5 @@
 """Published and closed-form cases for integrators and analyses.
 
-Tests and boards of the scoreboard run the cases. To extend: add a `PublishedCase`, `StaticCase`,
-`ModeCase` or `PeriodicCase` to the tuple of cases in the module of its kind.
+Tests and boards of the scoreboard run the cases. To extend: add a `PublishedCase` or a
+`ReferenceCase` to the tuple of cases in the module of its kind.
 """

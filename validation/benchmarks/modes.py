@@ -2,50 +2,42 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
 import beamdae as bd
 from benchmarks import mode_closed_forms as closed_forms
-from benchmarks.comparison import Comparison
+from benchmarks.reference_case import ReferenceCase, beam_case
 
 Array = np.ndarray
 
 FORMULATIONS = {"elements": "floating frame", "exact elements": "exact"}
 
 
-@dataclass(frozen=True, eq=False)
-class ModeCase:
-    """A structure and its reference frequencies.
+def mode_case(
+    name: str,
+    source: str,
+    elements: int,
+    reference: Sequence[float],
+    tolerance: float,
+    compute: Callable[[int, str], Array],
+) -> ReferenceCase:
+    """Return the case of the frequencies that `compute` returns by elements and formulation."""
 
-    Attributes
-    ----------
-    source
-        Publication or closed form.
-    reference
-        Reference values in order.
-    tolerance
-        Largest relative error allowed with `elements` elements.
-    compute
-        Maps the number of elements and the formulation to the computed values.
-    """
+    def by_number(frequencies: Sequence[float] | Array) -> dict[str, float]:
+        return {f"frequency {k}": float(x) for k, x in enumerate(frequencies, 1)}
 
-    name: str
-    source: str
-    elements: int
-    reference: tuple[float, ...]
-    tolerance: float
-    compute: Callable[[int, str], Array]
-
-    def compare(self) -> Iterator[Comparison]:
-        """Yield each reference value beside that of both formulations."""
-        for label, formulation in FORMULATIONS.items():
-            values = self.compute(self.elements, formulation)
-            for k, pair in enumerate(zip(self.reference, values, strict=True), 1):
-                yield Comparison(f"frequency {k}, {label}", *pair)
+    return beam_case(
+        name,
+        source,
+        elements,
+        by_number(reference),
+        tolerance,
+        lambda elements, settings: by_number(compute(elements, settings["formulation"])),
+        {label: {"formulation": x} for label, x in FORMULATIONS.items()},
+    )
 
 
 def ring(
@@ -215,7 +207,7 @@ def _campbell_case(
     tolerance: float,
     build: Callable[[int, str], bd.Mechanism],
     center: tuple[float, float] = (0.0, 0.0),
-) -> ModeCase:
+) -> ReferenceCase:
     """Return a case whose values are those of a Campbell diagram nearest to each reference."""
 
     def compute(elements: int, formulation: str) -> Array:
@@ -230,13 +222,13 @@ def _campbell_case(
         return np.concatenate(values)
 
     references = tuple(np.concatenate([reference(speed) for speed in speeds]).tolist())
-    return ModeCase(name, source, 16, references, tolerance, compute)
+    return mode_case(name, source, 16, references, tolerance, compute)
 
 
 # w L^2 sqrt(rho A / EI), to the printed digits.
 EISENBERGER = (29.280, 33.305, 67.124, 79.971, 107.851, 143.618, 156.666, 190.477, 225.361, 234.524)
 MODE_CASES = (
-    ModeCase(
+    mode_case(
         "free ring, thick",
         "NAFEMS R0015 Test 6, 53.382 and 150.99 Hz by the formula of thin rings; closed form with "
         "stretch, shear and rotary inertia",
@@ -245,7 +237,7 @@ MODE_CASES = (
         1e-4,
         _ring_frequencies(_round_section(), 1.0, range(2, 4)),
     ),
-    ModeCase(
+    mode_case(
         "free ring, thick, four waves",
         "NAFEMS R0015 Test 6, 289.51 Hz by the formula of thin rings; closed form as above",
         20,
@@ -253,7 +245,7 @@ MODE_CASES = (
         1e-4,
         _ring_frequencies(_round_section(), 1.0, range(4, 5)),
     ),
-    ModeCase(
+    mode_case(
         "free ring, SDLL11",
         "AFNOR SDLL11, Code_Aster V2.02.011, 318.36 and 900.46 Hz by the formula of thin rings; "
         "closed form with stretch, shear and rotary inertia",
@@ -262,7 +254,7 @@ MODE_CASES = (
         1e-4,
         _ring_frequencies(_sdll11_section(), 0.1, range(2, 4)),
     ),
-    ModeCase(
+    mode_case(
         "free ring, thin",
         "closed form: Love; Blevins 1979",
         16,
@@ -270,7 +262,7 @@ MODE_CASES = (
         1e-4,
         _ring_frequencies(_thin_section(), 1.0, range(2, 4)),
     ),
-    ModeCase(
+    mode_case(
         "hinged arch",
         "Eisenberger & Efraim, IJNME 52 (2001) 1221: circular, 90 degrees, shear flexible",
         24,
@@ -278,7 +270,7 @@ MODE_CASES = (
         1e-4,
         solve_hinged_arch,
     ),
-    ModeCase(
+    mode_case(
         "supported beam",
         "closed form of Timoshenko; Nachbagauer et al. 2013, EXUDYN ANCFBeam3DeigTest.py "
         "(95.635645, 280.322475, 332.254249, 635.769143 rad/s of 256 elements)",
@@ -288,7 +280,7 @@ MODE_CASES = (
         _supported_frequencies,
     ),
     *(
-        ModeCase(
+        mode_case(
             f"rotating arm, speed {speed:g}",
             "Wright, Smith, Thresher & Wang, J. Appl. Mech. 49 (1982) 197: uniform, without offset",
             16,

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
-from functools import cached_property, partial
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import casadi as ca
@@ -14,43 +13,9 @@ from scipy.optimize import minimize_scalar
 from scipy.special import ellipk, mathieu_a, mathieu_b
 
 import beamdae as bd
-from benchmarks.comparison import Comparison
+from benchmarks.reference_case import ReferenceCase
 
 Array = np.ndarray
-
-
-@dataclass(frozen=True, eq=False)
-class PeriodicCase:
-    """A mechanism and the reference results of its periodic motion.
-
-    Attributes
-    ----------
-    source
-        Publication or closed form.
-    compute_reference
-        Returns the reference values by name.
-    tolerance
-        Largest relative error allowed.
-    compute
-        Returns the values computed by shooting.
-    """
-
-    name: str
-    source: str
-    compute_reference: Callable[[], Mapping[str, float]]
-    tolerance: float
-    compute: Callable[[], Mapping[str, float]]
-
-    @cached_property
-    def reference(self) -> Mapping[str, float]:
-        """Reference values by name."""
-        return self.compute_reference()
-
-    def compare(self) -> Iterator[Comparison]:
-        """Yield each reference value beside the computed one."""
-        values = self.compute()
-        for quantity, reference in self.reference.items():
-            yield Comparison(quantity, reference, values[quantity])
 
 
 # A slender cantilever under a sinusoidal tip force, with strong material damping.
@@ -311,55 +276,55 @@ def _reference_peak() -> dict[str, float]:
 
 
 PERIODIC_CASES = (
-    PeriodicCase(
+    ReferenceCase(
         "shaken cantilever",
         "Bernoulli's beam with viscous damping of the material",
+        1e-4,
         lambda: {
             _amplitude_label(frequency): abs(tip_receptance(frequency)) for frequency in FREQUENCIES
         },
-        1e-4,
         _solve_shaken_cantilever,
     ),
-    PeriodicCase(
+    ReferenceCase(
         "Mathieu",
         "characteristic values b_1(q) of Mathieu's equation",
-        lambda: {f"sum of multipliers, q = {q:g}": -2.0 for q in (0.2, 1.0, 5.0)},
         1e-5,
+        lambda: {f"sum of multipliers, q = {q:g}": -2.0 for q in (0.2, 1.0, 5.0)},
         _solve_mathieu,
     ),
-    PeriodicCase(
+    ReferenceCase(
         "Mathieu, undamped boundaries",
         "characteristic values a_0, a_1, b_2 and a_2 of Mathieu's equation",
-        lambda: {name: sign for name, (_, _, sign) in BOUNDARIES.items()},
         1e-5,
+        lambda: {name: sign for name, (_, _, sign) in BOUNDARIES.items()},
         _solve_boundaries,
     ),
-    PeriodicCase(
+    ReferenceCase(
         "Hill, undamped",
         "trace of the fundamental matrix by scipy's DOP853",
-        _reference_hill,
         1e-5,
+        _reference_hill,
         _solve_hill,
     ),
-    PeriodicCase(
+    ReferenceCase(
         "Duffing backbone",
         "elliptic integral of the first kind",
-        lambda: {_backbone_label(amplitude): 1.0 for amplitude in BACKBONE_AMPLITUDES},
         1e-6,
+        lambda: {_backbone_label(amplitude): 1.0 for amplitude in BACKBONE_AMPLITUDES},
         _solve_backbone,
     ),
-    PeriodicCase(
+    ReferenceCase(
         "van der Pol",
         "time between zero crossings by scipy's DOP853",
-        _reference_cycles,
         1e-7,
+        _reference_cycles,
         _solve_self_excited,
     ),
-    PeriodicCase(
+    ReferenceCase(
         "peak of a slider-crank over its speed",
         "modes of the rod between hinges, of a short crank",
-        _reference_peak,
         1e-3,
+        _reference_peak,
         _solve_slider_crank,
     ),
 )

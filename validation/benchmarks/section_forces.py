@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 import beamdae as bd
-from benchmarks.static_cases import StaticCase
+from benchmarks.static_cases import build_pinched_ring, static_case
 
 STEEL = bd.Material(E=2.1e11, nu=0.3, rho=7850.0)
 BAR = bd.Section.rectangle(STEEL, width=0.1, height=0.1)
@@ -187,13 +187,8 @@ def _solve_pinched_ring(elements: int, settings: Mapping[str, Any]) -> dict[str,
     """Return the forces of a quarter ring on two guides; the load bends it by 1e-6 of R."""
     section = bd.Section.rectangle(STEEL, width=THICKNESS, height=THICKNESS)
     load = 1e-5 * section.EI / RADIUS**2
-    mech = bd.Mechanism()
-    axis = bd.Arc(RADIUS, 0.5 * np.pi * RADIUS, start=(RADIUS, 0.0), angle=0.5 * np.pi)
-    beam = mech.add(bd.Beam("ring", axis, section, elements, **settings))
-    mech.add(bd.Prismatic("side", mech.ground.at(RADIUS, 0.0), beam.start, (1.0, 0.0)))
-    mech.add(bd.Prismatic("top", mech.ground.at(0.0, RADIUS), beam.end, (0.0, 1.0)))
-    mech.add(bd.Force("load", beam.end, (0.0, -0.5 * load)))
-    forces = bd.equilibrium(mech, step=1.0).section_forces(beam, s=[0.0, axis.length])
+    mech, beam = build_pinched_ring(RADIUS, section, load, elements, settings)
+    forces = bd.equilibrium(mech, step=1.0).section_forces(beam, s=[0.0, beam.length])
     (side, top), N, Q = forces.M[0] / (load * RADIUS), forces.N[0] / load, forces.Q[0] / load
     return {
         "M / P R under the load": abs(top),
@@ -204,7 +199,7 @@ def _solve_pinched_ring(elements: int, settings: Mapping[str, Any]) -> dict[str,
 
 
 SECTION_FORCE_CASES = (
-    StaticCase(
+    static_case(
         "cantilever under its weight",
         "w (L - s), w (L - s)^2 / 2",
         4,
@@ -217,7 +212,7 @@ SECTION_FORCE_CASES = (
         1e-7,
         _solve_heavy_cantilever,
     ),
-    StaticCase(
+    static_case(
         "rotating rod",
         "EA (cos k s / cos k L - 1)",
         4,
@@ -225,7 +220,7 @@ SECTION_FORCE_CASES = (
         1e-6,
         _solve_rotating_rod,
     ),
-    StaticCase(
+    static_case(
         "rotating ring",
         "rho v^2, corrected for the expansion",
         4,
@@ -233,7 +228,7 @@ SECTION_FORCE_CASES = (
         2e-5,
         _solve_rotating_ring,
     ),
-    StaticCase(
+    static_case(
         "stresses of curved bars",
         "Winkler and Bach",
         4,
@@ -241,7 +236,7 @@ SECTION_FORCE_CASES = (
         1e-6,
         _solve_bent_hooks,
     ),
-    StaticCase(
+    static_case(
         "stresses of curved bars by plane elasticity",
         "Golovin 1881; Timoshenko & Goodier, Theory of Elasticity, section 29",
         4,
@@ -249,7 +244,7 @@ SECTION_FORCE_CASES = (
         6e-3,  # error of the theory at R / h = 2
         _solve_bent_hooks,
     ),
-    StaticCase(
+    static_case(
         "impact wave",
         "E v / c",
         16,
@@ -261,7 +256,7 @@ SECTION_FORCE_CASES = (
         1e-3,
         _solve_impact,
     ),
-    StaticCase(
+    static_case(
         "falling chimney",
         "m g L sin / 27 at L / 3, m g sin / 4",
         4,
@@ -269,7 +264,7 @@ SECTION_FORCE_CASES = (
         1e-4,
         _solve_falling_chimney,
     ),
-    StaticCase(
+    static_case(
         "ring under a diametral load",
         "Castigliano's theorem: 1 / pi, 1 / 2 - 1 / pi",
         4,

@@ -2,16 +2,69 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
 import numpy as np
+from scipy.optimize import brentq
+from scipy.special import ellipe, ellipeinc, ellipk, ellipkinc
 
 import beamdae as bd
-from benchmarks.comparison import Comparison
-from benchmarks.static_closed_forms import elastica, pinched_ring, quarter_circle
+from benchmarks.reference_case import ReferenceCase, beam_case
+
+# Closed forms ---------------------------------------------------------------------------------
+
+
+def elastica(load: float) -> tuple[float, float, float, float]:
+    """Return u / L, w / L, the slope of the tip [rad] and M L / EI at the clamp.
+
+    The cantilever is inextensible, under a transverse dead force P: `load` = P L^2 / EI =
+    (K(k) - F(d, k))^2 with the amplitude d = asin(1 / (k sqrt(2))).
+    """
+
+    def residual(k: float) -> float:
+        return (ellipk(k**2) - ellipkinc(_amplitude(k), k**2)) ** 2 - load
+
+    k = brentq(residual, np.sqrt(0.5) + 1e-12, 1.0 - 1e-12, xtol=1e-15)
+    slope = 2.0 * (0.25 * np.pi - np.arccos(k))
+    lever = np.sqrt(2.0 * np.sin(slope) / load)
+    arc = ellipe(k**2) - ellipeinc(_amplitude(k), k**2)
+    return 1.0 - lever, 1.0 - 2.0 * arc / np.sqrt(load), slope, load * lever
+
+
+def _amplitude(k: float) -> float:
+    return float(np.arcsin(np.sqrt(0.5) / k))
+
+
+def quarter_circle(radius: float, section: bd.Section) -> dict[str, float]:
+    """Return tip displacements of a clamped quarter circle under unit tip loads (Castigliano)."""
+    R, EI, EA, GA = radius, section.EI, section.EA, section.GA
+    stretch = np.pi * R / 4.0 * (1.0 / EA + 1.0 / GA)
+    across = -(R**3) / (2.0 * EI) + R / 2.0 * (1.0 / EA - 1.0 / GA)
+    along = R**2 / EI * (0.5 * np.pi - 1.0)
+    return {
+        "radial by radial": np.pi * R**3 / (4.0 * EI) + stretch,
+        "tangential by radial": across,
+        "turn by radial": -(R**2) / EI,
+        "radial by tangential": across,
+        "tangential by tangential": R**3 / EI * (0.75 * np.pi - 2.0) + stretch,
+        "turn by tangential": along,
+        "radial by moment": -(R**2) / EI,
+        "tangential by moment": along,
+        "turn by moment": np.pi * R / (2.0 * EI),
+    }
+
+
+def pinched_ring(radius: float, section: bd.Section) -> dict[str, float]:
+    """Return the approach of the loaded points of a pinched ring and its transverse growth."""
+    R, EI, EA, GA = radius, section.EI, section.EA, section.GA
+    approach = R**3 / EI * (0.25 * np.pi - 2.0 / np.pi) + 0.25 * np.pi * R * (1.0 / EA + 1.0 / GA)
+    growth = R**3 / EI * (2.0 / np.pi - 0.5) - 0.5 * R / EA + 0.5 * R / GA
+    return {"approach": approach, "growth": growth}
+
+
+# Cases ----------------------------------------------------------------------------------------
 
 # Displacements of the central differences, relative to the radius; their error is the square.
 _SMALL_DISPLACEMENT = 1e-5
@@ -39,35 +92,7 @@ FORMULATIONS: dict[str, dict[str, Any]] = {
 SLENDERNESS = (4, 20, 100, 500, 2500, 100_000)
 
 
-@dataclass(frozen=True, eq=False)
-class StaticCase:
-    """A beam in equilibrium and its reference results.
-
-    Attributes
-    ----------
-    source
-        Publication or closed form.
-    reference
-        Reference values by name.
-    tolerance
-        Largest relative error allowed with `elements` elements.
-    compute
-        Maps the number of elements and the settings of the formulation to the computed values.
-    """
-
-    name: str
-    source: str
-    elements: int
-    reference: Mapping[str, float]
-    tolerance: float
-    compute: Callable[[int, Mapping[str, Any]], Mapping[str, float]]
-
-    def compare(self) -> Iterator[Comparison]:
-        """Yield each reference value beside those of all formulations."""
-        for label, settings in FORMULATIONS.items():
-            values = self.compute(self.elements, settings)
-            for quantity, reference in self.reference.items():
-                yield Comparison(f"{quantity}, {label}", reference, values[quantity])
+static_case = partial(beam_case, formulations=FORMULATIONS)
 
 
 def section_from_stiffness(EI: float, EA: float, GA: float) -> bd.Section:
@@ -115,7 +140,7 @@ def _solve_roll_up(turns: int, elements: int, settings: Mapping[str, Any]) -> di
     return {"tip u": x - 10.0, "angle of the tip": angle, "y of a quarter of it": rise}
 
 
-def _roll_up_case(turns: int) -> StaticCase:
+def _roll_up_case(turns: int) -> ReferenceCase:
     radius = 5.0 / (np.pi * turns)
     reference = {
         "tip u": -10.0,
@@ -123,7 +148,7 @@ def _roll_up_case(turns: int) -> StaticCase:
         "y of a quarter of it": radius * (1.0 - np.cos(0.5 * np.pi * turns)),
     }
     name, source = f"roll-up, circles: {turns}", "M = 2 pi n EI / L"
-    return StaticCase(name, source, 8 * turns, reference, 1e-6, partial(_solve_roll_up, turns))
+    return static_case(name, source, 8 * turns, reference, 1e-6, partial(_solve_roll_up, turns))
 
 
 def _solve_elastica(elements: int, settings: Mapping[str, Any]) -> dict[str, float]:
@@ -203,18 +228,26 @@ def _solve_quarter_circle(
     return values
 
 
+def build_pinched_ring(
+    radius: float, section: bd.Section, load: float, elements: int, settings: Mapping[str, Any]
+) -> tuple[bd.Mechanism, bd.Beam]:
+    """Return a quarter of a ring on two guides, and its beam."""
+    mech = bd.Mechanism()
+    axis = bd.Arc(radius, 0.5 * np.pi * radius, start=(radius, 0.0), angle=0.5 * np.pi)
+    beam = mech.add(bd.Beam("ring", axis, section, elements, **settings))
+    mech.add(bd.Prismatic("side", mech.ground.at(radius, 0.0), beam.start, (1.0, 0.0)))
+    mech.add(bd.Prismatic("top", mech.ground.at(0.0, radius), beam.end, (0.0, 1.0)))
+    mech.add(bd.Force("load", beam.end, (0.0, -0.5 * load)))
+    return mech, beam
+
+
 def _solve_pinched_ring(
     slenderness: float, elements: int, settings: Mapping[str, Any]
 ) -> dict[str, float]:
-    """Return the deformation of a ring from a quarter of it on two guides."""
+    """Return the deformation of a ring."""
     section = _square_section(2.0, slenderness)
     force = _SMALL_DISPLACEMENT * section.EI / 2.0**2
-    mech = bd.Mechanism()
-    axis = bd.Arc(2.0, np.pi, start=(2.0, 0.0), angle=0.5 * np.pi)
-    beam = mech.add(bd.Beam("ring", axis, section, elements, **settings))
-    mech.add(bd.Prismatic("side", mech.ground.at(2.0, 0.0), beam.start, (1.0, 0.0)))
-    mech.add(bd.Prismatic("top", mech.ground.at(0.0, 2.0), beam.end, (0.0, 1.0)))
-    mech.add(bd.Force("load", beam.end, (0.0, -0.5 * force)))
+    mech, beam = build_pinched_ring(2.0, section, force, elements, settings)
     mech.observe("top", beam.end)
     mech.observe("side", beam.start)
     change = solve_small_displacements(mech)
@@ -226,7 +259,7 @@ def _solve_pinched_ring(
 
 STATIC_CASES = (
     *(_roll_up_case(turns) for turns in (1, 2)),
-    StaticCase(
+    static_case(
         "elastica",
         "K. Mattiasson, Int. J. Numer. Methods Eng. 17 (1981) 145, by elliptic integrals",
         8,
@@ -238,7 +271,7 @@ STATIC_CASES = (
         2e-6,
         _solve_elastica,
     ),
-    StaticCase(
+    static_case(
         "Exudyn cantilever",
         "Exudyn, pythonDev/Examples/ANCFcantileverTest.py, converged; the same by shooting",
         48,
@@ -246,7 +279,7 @@ STATIC_CASES = (
         1e-12,
         _extrapolate_bernoulli,
     ),
-    StaticCase(
+    static_case(
         "Exudyn cantilever with shear",
         "by shooting",
         48,
@@ -254,7 +287,7 @@ STATIC_CASES = (
         1e-12,
         partial(_solve_timoshenko, _GA),
     ),
-    StaticCase(
+    static_case(
         "Geradin & Cardona cantilever",
         "M. Geradin, A. Cardona, Flexible Multibody Dynamics (Wiley 2001); SHARPy, tests/xbeam",
         8,
@@ -262,7 +295,7 @@ STATIC_CASES = (
         1e-3,
         _solve_thick_cantilever,
     ),
-    StaticCase(
+    static_case(
         "Geradin & Cardona cantilever, more digits",
         "by shooting",
         16,
@@ -271,7 +304,7 @@ STATIC_CASES = (
         _solve_thick_cantilever,
     ),
     *(
-        StaticCase(
+        static_case(
             f"quarter circle, R/h {slenderness}",
             "Castigliano's theorem",
             8,
@@ -282,7 +315,7 @@ STATIC_CASES = (
         for slenderness in SLENDERNESS
     ),
     *(
-        StaticCase(
+        static_case(
             f"pinched ring, R/h {slenderness}",
             "Castigliano's theorem",
             8,

@@ -1,21 +1,16 @@
-"""Time runs relative to Exudyn and to another version, and whole commands.
+"""Time runs relative to Exudyn and to another version.
 
     python validation/performance/benchmark.py --peer PYTHON --before PATH
     python validation/performance/benchmark.py --quick
 
 PYTHON is an interpreter with Exudyn (`pip install exudyn`), and PATH is a checkout of beamdae; the
-tables of a missing tool are omitted. All times except "wall" are processor times, the smallest of
-several turns where actions take turns.
+tables of a missing tool are omitted. Times are processor times, the smallest of several turns.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
-import subprocess
 import sys
-import tempfile
-import time
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -28,16 +23,15 @@ import pandas as pd
 from hub_beam import hub_beam
 from measurement import (
     RESULTS,
-    TimeSamples,
-    environment_of_users,
-    processor_time_of_children,
+    Worker,
+    start_checkout,
+    start_exudyn,
     time_in_turns,
     time_integration,
     write_table,
 )
 from pendulum import pendulum
 from slider_crank import slider_crank
-from workers import Worker, has_exudyn, start_checkout, start_exudyn
 
 import beamdae as bd
 
@@ -48,20 +42,6 @@ SYSTEMS: Systems = (
     ("pendulum", {"damping": 0.0}),
     ("slider_crank", {"frame": "chord"}),
 )
-# Options of `beamdae run`.
-RUN_OPTIONS = ((), ("--no-estimate",), ("--no-picture",), ("--no-estimate", "--no-picture"))
-# The same run as a script that writes the table.
-SCRIPT = f"""import sys
-
-import beamdae as bd
-
-sys.path.insert(0, {str(MODELS_FOLDER)!r})
-from hub_beam import hub_beam
-
-bd.simulate(hub_beam).to_csv("hub_beam.csv")
-"""
-# Run of Exudyn with errors of 0.1 mm, whose path of the tip is printed.
-EXUDYN_RUN = {"system": "hub beam", "elements": 6, "nodes": 3, "step": 2e-3}
 
 
 def compare_with_exudyn(peer: Worker, rounds: int) -> pd.DataFrame:
@@ -113,61 +93,13 @@ def compare_with_checkout(folder: Path, rounds: int, systems: Systems = SYSTEMS)
     return pd.DataFrame(rows)
 
 
-def _ratio_columns(samples: dict[str, TimeSamples], one: str, other: str) -> dict[str, float]:
+def _ratio_columns(samples: dict[str, np.ndarray], one: str, other: str) -> dict[str, float]:
+    ours, theirs = samples[one], samples[other]
     return {
-        f"{one} [s]": samples[one].least,
-        f"{other} [s]": samples[other].least,
-        "ratio": samples[one].least / samples[other].least,
-        "of medians": samples[one].median / samples[other].median,
-    }
-
-
-def time_commands(rounds: int, peer: str) -> pd.DataFrame:
-    """Return times of commands and of a script with warm caches, from the shell to their end.
-
-    "table after" is the time of the first output: `beamdae run` prints the table before it writes
-    the page and the picture. The processes, and one of Exudyn if it is installed, take turns.
-    """
-    best: dict[str, dict[str, float]] = {}
-    with tempfile.TemporaryDirectory() as folder:
-        model, script = str(MODELS_FOLDER / "hub_beam.py"), Path(folder, "script.py")
-        script.write_text(SCRIPT)
-        processes = {"python script.py": [sys.executable, str(script)]}
-        for options in RUN_OPTIONS:
-            name = " ".join(["run hub_beam.py", *options])
-            processes[name] = [sys.executable, "-m", "beamdae", "run", model, *options]
-        for name in ("check", "draw", "list"):
-            processes[f"{name} hub_beam.py"] = [sys.executable, "-m", "beamdae", name, model]
-        if has_exudyn(peer):
-            peer_script = str(Path(__file__).with_name("exudyn_peer.py"))
-            processes["Exudyn"] = [peer, peer_script, json.dumps(EXUDYN_RUN)]
-        for k in range(rounds + 1):
-            for name, command in processes.items():
-                times = _time_process(command, folder)
-                if k:  # the first turn fills the caches
-                    row = best.setdefault(name, times)
-                    row.update({x: min(time, times[x]) for x, time in row.items()})
-    table = pd.DataFrame([{"process": name} | times for name, times in best.items()])
-    if "Exudyn" in best:
-        table["processor / Exudyn"] = table["processor [s]"] / best["Exudyn"]["processor [s]"]
-    return table
-
-
-def _time_process(command: list[str], folder: str) -> dict[str, float]:
-    used, begin = processor_time_of_children(), time.perf_counter()
-    process = subprocess.Popen(
-        command, cwd=folder, env=environment_of_users(), stdout=subprocess.PIPE
-    )
-    assert process.stdout is not None
-    process.stdout.read1()
-    to_table = time.perf_counter() - begin
-    process.communicate()
-    if process.returncode:
-        raise subprocess.CalledProcessError(process.returncode, process.args)
-    return {
-        "table after [s]": to_table,
-        "wall [s]": time.perf_counter() - begin,
-        "processor [s]": processor_time_of_children() - used,
+        f"{one} [s]": ours.min(),
+        f"{other} [s]": theirs.min(),
+        "ratio": ours.min() / theirs.min(),
+        "of medians": np.median(ours) / np.median(theirs),
     }
 
 
@@ -185,7 +117,6 @@ def main() -> None:
             write_table(options.out, "beside_exudyn", compare_with_exudyn(peer, 2 * rounds))
     if options.before is not None:
         write_table(options.out, "beside_before", compare_with_checkout(options.before, rounds))
-    write_table(options.out, "commands", time_commands(rounds, options.peer))
 
 
 if __name__ == "__main__":

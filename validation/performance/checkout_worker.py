@@ -1,4 +1,4 @@
-"""Worker that runs models of the checkout in PYTHONPATH; see `workers.start_checkout`."""
+"""Worker that runs models of the checkout in PYTHONPATH; see `measurement.start_checkout`."""
 
 from __future__ import annotations
 

@@ -3,7 +3,7 @@
     python validation/performance/exudyn_peer.py '{"system": "hub beam", "elements": 8}'
 
 prints times, counts and the path of the tip. Without an argument, the script is a worker that reads
-such runs from standard input, one per line (`workers.start_exudyn`).
+such runs from standard input, one per line (`measurement.start_exudyn`).
 
 Beams consist of geometrically exact 2D elements of 2 or 3 nodes, curved and free of stress at the
 start. The torque is a symbolic function. Runs use one thread, write no files and reuse

@@ -1,6 +1,6 @@
 """Equilibria of the structures in `static_systems` in Exudyn 1.13 or later (`pip install exudyn`).
 
-A worker that reads runs from standard input, one per line (`workers.start_exudyn`). Elements are
+A worker that reads runs from standard input (`measurement.start_exudyn`). Elements are
 geometrically exact and have 2 nodes. Newton's method computes a new matrix in each iteration, load
 steps are adaptive, one thread is used, and no files are written.
 """

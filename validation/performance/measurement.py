@@ -1,17 +1,22 @@
-"""Processor times of actions that take turns, and output of tables.
+"""Processor times of actions that take turns, worker processes, and output of tables.
 
 Processor times exclude time taken by other processes, but caches and clock rates are shared.
-Therefore, actions take turns, and ratios are computed from the smallest time of each action.
+Therefore, actions take turns, and ratios are computed from the smallest time of each action. A
+worker reads one job per line, as a JSON object of keyword arguments, and answers each job with one
+line of JSON.
 """
 
 from __future__ import annotations
 
+import json
 import os
-import resource
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
 from pathlib import Path
+from types import TracebackType
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -21,45 +26,12 @@ import beamdae as bd
 Array = np.ndarray
 
 
-@dataclass
-class TimeSamples:
-    """Times of one action, in turns [s]."""
-
-    all: list[float] = field(default_factory=list)
-
-    @property
-    def least(self) -> float:
-        """Smallest time [s]."""
-        return float(np.min(self.all))
-
-    @property
-    def median(self) -> float:
-        """Median time [s]."""
-        return float(np.median(self.all))
-
-
-def time_in_turns(
-    actions: Mapping[str, Callable[[], float]], rounds: int
-) -> dict[str, TimeSamples]:
-    """Return times that the actions measure, after one turn to warm up."""
+def time_in_turns(actions: Mapping[str, Callable[[], float]], rounds: int) -> dict[str, Array]:
+    """Return times that the actions measure in turns [s], after one turn to warm up."""
     for action in actions.values():
         action()
-    times = {name: TimeSamples() for name in actions}
-    for _ in range(rounds):
-        for name, action in actions.items():
-            times[name].all.append(action())
-    return times
-
-
-def environment_of_users() -> dict[str, str]:
-    """Return the environment for measured processes, in which Python caches its bytecode."""
-    return {k: x for k, x in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
-
-
-def processor_time_of_children() -> float:
-    """Return the processor time of all child processes that have ended [s]."""
-    used = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return used.ru_utime + used.ru_stime
+    turns = [{name: action() for name, action in actions.items()} for _ in range(rounds)]
+    return {name: np.array([turn[name] for turn in turns]) for name in actions}
 
 
 def time_integration(
@@ -84,3 +56,65 @@ def write_table(folder: Path, name: str, table: pd.DataFrame) -> None:
     table.to_csv(folder / f"{name}.csv", index=False, float_format="%.4g")
     text = table.to_string(index=False, na_rep="", float_format=lambda x: f"{x:.3g}")
     print(text, end="\n\n", flush=True)
+
+
+HERE = Path(__file__).parent
+EXUDYN_MISSING = (
+    "{python}: exudyn cannot be imported, so its runs are skipped; run pip install exudyn."
+)
+
+
+class Worker:
+    """Process that runs a script of this folder."""
+
+    def __init__(self, python: str, script: str, environment: Mapping[str, str] | None = None):
+        self._process = subprocess.Popen(
+            [python, str(HERE / script)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            env={**os.environ, **(environment or {})},
+        )
+
+    def __call__(self, **run: Any) -> dict[str, Any]:
+        """Return the answer of the script to a job."""
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        print(json.dumps(run), file=self._process.stdin, flush=True)
+        answer = self._process.stdout.readline()
+        if not answer:
+            raise RuntimeError(f"the process of {self._process.args} ended at {run}")
+        return json.loads(answer)
+
+    def __enter__(self) -> Worker:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        problem: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._process.communicate()
+
+
+def has_exudyn(python: str) -> bool:
+    """Return True if Exudyn is installed in this interpreter; otherwise, print a message."""
+    command = [python, "-c", "import exudyn"]
+    try:
+        subprocess.run(command, capture_output=True, check=True)
+    except (OSError, subprocess.CalledProcessError):
+        print(EXUDYN_MISSING.format(python=python), file=sys.stderr)
+        return False
+    return True
+
+
+def start_exudyn(python: str, script: str = "exudyn_peer.py") -> Worker | None:
+    """Start Exudyn in this interpreter; return None, with a message, if it is not installed."""
+    return Worker(python, script) if has_exudyn(python) else None
+
+
+def start_checkout(folder: Path) -> Worker:
+    """Start this interpreter with the beamdae and the models of a checkout."""
+    paths = os.pathsep.join((str(folder), str(folder / "models")))
+    return Worker(sys.executable, "checkout_worker.py", {"PYTHONPATH": paths})

@@ -26,9 +26,8 @@ from unittest.mock import patch
 
 import numpy as np
 import pandas as pd
-from measurement import RESULTS, write_table
+from measurement import RESULTS, Worker, start_exudyn, write_table
 from static_systems import POISSON, RHO, STRUCTURES, WIDTH, E, Structure
-from workers import Worker, start_exudyn
 
 import beamdae as bd
 from beamdae.analysis.statics import static_equilibrium, static_problem

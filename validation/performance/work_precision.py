@@ -29,8 +29,7 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "models"))
 import numpy as np
 import pandas as pd
 from hub_beam import hub_beam
-from measurement import RESULTS, time_integration, write_table
-from workers import Worker, start_exudyn
+from measurement import RESULTS, Worker, start_exudyn, time_integration, write_table
 
 import beamdae as bd
 
@@ -44,11 +43,10 @@ def exact_hub_beam(
     bodies: int, elements: int, damping: float, formulation: str = "floating frame"
 ) -> bd.Mechanism:
     """Return the hub beam whose limit, with many bodies or elements, is the exact beam."""
-    if formulation == "exact":
-        return hub_beam(elements=elements, bodies=bodies, damping=damping, formulation=formulation)
-    return hub_beam(
-        elements=elements, bodies=bodies, frame="chord", strain="green", damping=damping
-    )
+    kind = {"formulation": formulation}
+    if formulation != "exact":
+        kind = {"frame": "chord", "strain": "green"}
+    return hub_beam(elements=elements, bodies=bodies, damping=damping, **kind)
 
 
 def exact_pendulum(

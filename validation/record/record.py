@@ -1,7 +1,6 @@
 """Benchmark of record for flexible planar mechanisms: solve, score, rebuild, validate.
 
 python record.py validate
-python record.py quick
 python record.py solve plain hub_beam_60 --setting fine
 python record.py solve beamdae all --setting Auto
 python record.py score
@@ -15,7 +14,6 @@ import json
 import os
 import subprocess
 import sys
-import tempfile
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from copy import deepcopy
@@ -72,14 +70,6 @@ SETTINGS = {
     "casadi": {"idas": 2},
     "scipy": {"Radau": 2},
 }
-# Modules that a tool needs, imported before the first run of a rebuild.
-MODULES = {
-    "plain": "plain_beams",
-    "exudyn": "adapters.exudyn_adapter",
-    "beamdae": "adapters.beamdae_adapter",
-    "casadi": "adapters.equations_adapter",
-    "scipy": "adapters.equations_adapter",
-}
 CONFIRMING = {"beamdae": "Radau 1e-8 exact", "exudyn": "fine"}
 # Factors of the elements above for short elements between attachments, and for waves.
 CONFIRMING_FACTORS = {
@@ -94,7 +84,6 @@ INTEGRATORS = ("Ida", "Radau", "GeneralizedAlpha")
 UNSCORED = ("plain_fine",)
 # First columns of scores.md.
 FIRST = ("beamdae_Auto", "beamdae_refine_0.01", "beamdae_refine_0.001")
-QUICK = ("rod_pendulum", "two_link_chain", "princeton_cantilever")
 
 app = typer.Typer(add_completion=False, no_args_is_help=True, help=__doc__)
 Names = Annotated[list[str], typer.Argument(help="Names of mechanisms, or all.")]
@@ -327,6 +316,8 @@ def rebuild(
     """Run all tools, then write references, scores and tables."""
     chosen = expand(names)
     kept = ("exudyn",) if without_exudyn else ()
+    if not without_exudyn:
+        require_exudyn(exudyn_python)
     commands = [
         [tool, name, "--setting", setting]
         for setting in SETTINGS["plain"]
@@ -338,8 +329,6 @@ def rebuild(
         if tool not in ("plain", *kept)
         for setting in SETTINGS[tool]
     ]
-    # A tool that cannot be imported would replace its stored results by failures.
-    require_tools(dict.fromkeys(x[0] for x in commands), exudyn_python)
     with ThreadPoolExecutor(workers) as pool:
         list(pool.map(lambda x: run_solve(x, exudyn_python), commands))
     for name in chosen:
@@ -347,23 +336,15 @@ def rebuild(
     score(RESULTS)
 
 
-def require_tools(tools: Iterable[str], exudyn_python: str) -> None:
-    """Raise an error if a tool cannot be imported."""
-    for tool in tools:
-        python = exudyn_python if tool == "exudyn" else sys.executable
-        statement = f"import sys; sys.path.insert(0, {str(HERE)!r}); import record, {MODULES[tool]}"
-        try:
-            command = [python, "-c", statement]
-            run = subprocess.run(command, capture_output=True, text=True, check=False)
-        except OSError as error:
-            failure = str(error)
-        else:
-            failure = run.stderr.strip().rpartition("\n")[2] if run.returncode else ""
-        if failure:
-            remedy = f"install it for {python}"
-            if tool == "exudyn":
-                remedy = "set --exudyn-python, or keep its stored results by --without-exudyn"
-            raise typer.BadParameter(f"{tool}: cannot be imported ({failure}); {remedy}.")
+def require_exudyn(python: str) -> None:
+    """Raise an error if Exudyn cannot be imported: failures would replace its stored results."""
+    try:
+        subprocess.run([python, "-c", "import exudyn"], capture_output=True, check=True)
+    except (OSError, subprocess.CalledProcessError):
+        raise typer.BadParameter(
+            f"exudyn: {python} cannot import it; set --exudyn-python, or keep its stored results "
+            "by --without-exudyn."
+        ) from None
 
 
 def run_solve(arguments: list[str], exudyn_python: str) -> None:
@@ -372,25 +353,6 @@ def run_solve(arguments: list[str], exudyn_python: str) -> None:
     command = [python, str(HERE / "record.py"), "solve", *arguments]
     limits = {f"{x}_NUM_THREADS": "1" for x in ("OPENBLAS", "OMP", "MKL")}
     subprocess.run(command, check=False, env=os.environ | limits)
-
-
-@app.command()
-def quick() -> None:
-    """Validate and solve three mechanisms with the plain code and beamdae, and score them."""
-    with tempfile.TemporaryDirectory() as folder:
-        results = Path(folder)
-        for tool, setting in (("plain", "coarse"), ("beamdae", "Radau 1e-8 exact")):
-            solve(tool, list(QUICK), setting, results=results)
-        scores = scorer.score_all(scorer.read_references(REFERENCES), results)
-    messages = check(QUICK)
-    messages += [
-        f"{row.mechanism}, {row.tool}: error {row.error:.1e} {row.reason}"
-        for row in scores.itertuples()
-        if not (row.success and row.error <= 2.0 * max(row.uncertainty, 1e-6))
-    ]
-    for message in messages:
-        typer.echo(message)
-    raise typer.Exit(bool(messages))
 
 
 @app.command()

@@ -23,6 +23,8 @@ from tolerances.cases import (
 from tolerances.modal import solve_small_vibrations
 
 SUMMARY = REFERENCES.with_name("summary.csv")
+CONVERGED = 1e-7  # Refinement stops at a smaller change, relative to the amplitude.
+PATIENCE = 15.0  # longest expected processor time of the next refinement [s]
 RTOLS = tuple(10.0**-k for k in range(7, 13))
 STEPS = tuple(2000 * 2**k for k in range(10))
 # Rates and reactions converge later than positions, and their errors are only listed.
@@ -51,22 +53,6 @@ def measure_errors(case: ToleranceCase, solution: bd.results.Solution) -> pd.Dat
 
 
 @dataclass(frozen=True)
-class Effort:
-    """Limits of the refinement of references.
-
-    Attributes
-    ----------
-    converged
-        Refinement stops at a smaller change, relative to the amplitude.
-    patience
-        Longest expected processor time of the next refinement [s].
-    """
-
-    converged: float = 1e-7
-    patience: float = 15.0
-
-
-@dataclass(frozen=True)
 class MethodResult:
     """Rows of all compared columns by one method, and a description of the method."""
 
@@ -74,9 +60,9 @@ class MethodResult:
     rows: np.ndarray
 
 
-def store_reference(case: ToleranceCase, effort: Effort) -> pd.DataFrame:
+def store_reference(case: ToleranceCase) -> pd.DataFrame:
     """Store the reference of a case, update the summary and return its rows there."""
-    table, rows = compute_reference(case, effort)
+    table, rows = compute_reference(case)
     write_reference(case.name, table, rows)
     return rows
 
@@ -91,7 +77,7 @@ def write_reference(name: str, reference: pd.DataFrame, rows: pd.DataFrame) -> N
     pd.concat([others, rows]).to_csv(SUMMARY, index=False, float_format="%.2g")
 
 
-def compute_reference(case: ToleranceCase, effort: Effort) -> tuple[pd.DataFrame, pd.DataFrame]:
+def compute_reference(case: ToleranceCase) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Return the rows of the first method and the disagreement of the second by column.
 
     Raises
@@ -99,20 +85,20 @@ def compute_reference(case: ToleranceCase, effort: Effort) -> tuple[pd.DataFrame
     SystemExit
         If no run of one of the methods reaches the end.
     """
-    results = _refine_until_converged(case, _radau_results(case, effort), effort)
+    results = _refine_until_converged(case, _radau_results(case))
     if not results and not case.exact:
         raise SystemExit(f"{case.name}: Radau did not reach the end")
     if case.exact:
         first = MethodResult("closed form", case.exact(case.times))
         # Radau may fail in a singular position, which fixed steps pass over.
-        others = iter(results[-1:]) if results else _extrapolated_results(case, effort)
-        second = _select_nearest(case, first, others, effort)
+        others = iter(results[-1:]) if results else _extrapolated_results(case)
+        second = _select_nearest(case, first, others)
     elif case.modal:
         first, second = _modal_result(case), results[-1]
     else:
         first = results[-1]
-        others = chain(_bdf_results(case, effort), _extrapolated_results(case, effort))
-        second = _select_nearest(case, first, others, effort)
+        others = chain(_bdf_results(case), _extrapolated_results(case))
+        second = _select_nearest(case, first, others)
     headers = list(case.compared)
     table = pd.DataFrame(first.rows, columns=headers)
     table.insert(0, "t [s]", case.times)
@@ -151,19 +137,19 @@ def _max_deviation(case: ToleranceCase, first: MethodResult, second: MethodResul
 
 
 def _refine_until_converged(
-    case: ToleranceCase, results: Iterable[MethodResult], effort: Effort
+    case: ToleranceCase, results: Iterable[MethodResult]
 ) -> list[MethodResult]:
     """Return successively refined results up to the first that has converged."""
     refined: list[MethodResult] = []
     for result in results:
         refined.append(result)
-        if len(refined) > 1 and _max_deviation(case, result, refined[-2]) < effort.converged:
+        if len(refined) > 1 and _max_deviation(case, result, refined[-2]) < CONVERGED:
             break
     return refined
 
 
 def _select_nearest(
-    case: ToleranceCase, reference: MethodResult, results: Iterable[MethodResult], effort: Effort
+    case: ToleranceCase, reference: MethodResult, results: Iterable[MethodResult]
 ) -> MethodResult:
     """Return the result nearest to the reference, or the first within the convergence limit."""
     nearest = None
@@ -171,7 +157,7 @@ def _select_nearest(
         deviation = _max_deviation(case, reference, result)
         if nearest is None or deviation < _max_deviation(case, reference, nearest):
             nearest = result
-        if _max_deviation(case, reference, nearest) < effort.converged:
+        if _max_deviation(case, reference, nearest) < CONVERGED:
             break
     if nearest is None:
         raise SystemExit(f"{case.name}: the second method did not reach the end")
@@ -188,19 +174,19 @@ def _run(case: ToleranceCase, integrator: bd.Integrator) -> tuple[np.ndarray | N
     return rows, process_time() - start
 
 
-def _radau_results(case: ToleranceCase, effort: Effort) -> Iterator[MethodResult]:
+def _radau_results(case: ToleranceCase) -> Iterator[MethodResult]:
     last_time = 0.0
     for rtol in RTOLS:
         # At order 5 a tenth of the tolerance takes 1.6 times the steps.
-        if 1.6 * last_time > effort.patience:
+        if 1.6 * last_time > PATIENCE:
             return
-        rows, last_time = _run(case, bd.Radau(rtol, time_limit=TIME_LIMIT_RATIO * effort.patience))
+        rows, last_time = _run(case, bd.Radau(rtol, time_limit=TIME_LIMIT_RATIO * PATIENCE))
         if rows is None:
             return
         yield MethodResult(f"Radau({rtol:.0e})", rows)
 
 
-def _bdf_results(case: ToleranceCase, effort: Effort) -> Iterator[MethodResult]:
+def _bdf_results(case: ToleranceCase) -> Iterator[MethodResult]:
     """Yield results of Ida where damping or the absence of fast modes permits order 5."""
     first_step = bd.simulate(case.build(), bd.Ida(max_steps=1), case.duration)
     if first_step.integrator["max_order"] < 5:
@@ -208,9 +194,9 @@ def _bdf_results(case: ToleranceCase, effort: Effort) -> Iterator[MethodResult]:
     last_time = 0.0
     for rtol in (1e-8, 1e-9, 1e-10, 1e-11):
         # At order 5 a tenth of the tolerance takes 1.6 times the steps.
-        if 1.6 * last_time > effort.patience:
+        if 1.6 * last_time > PATIENCE:
             return
-        time_limit = TIME_LIMIT_RATIO * effort.patience
+        time_limit = TIME_LIMIT_RATIO * PATIENCE
         settings = bd.Ida(rtol, error_control="velocities", time_limit=time_limit)
         rows, last_time = _run(case, settings)
         if rows is None:
@@ -218,11 +204,11 @@ def _bdf_results(case: ToleranceCase, effort: Effort) -> Iterator[MethodResult]:
         yield MethodResult(f"Ida({rtol:.0e}, velocities tested)", rows)
 
 
-def _extrapolated_results(case: ToleranceCase, effort: Effort) -> Iterator[MethodResult]:
+def _extrapolated_results(case: ToleranceCase) -> Iterator[MethodResult]:
     """Yield Richardson extrapolations of generalized-alpha with steps 2 h and h."""
     coarse, last_time = None, 0.0
     for steps in STEPS:
-        if 2.0 * last_time > effort.patience:
+        if 2.0 * last_time > PATIENCE:
             return
         step = case.duration / steps
         fine, last_time = _run(case, bd.GeneralizedAlpha(step, 0.9, newton_tolerance=1e-9))

@@ -21,7 +21,7 @@ import pandas as pd
 
 import beamdae as bd
 from tolerances.cases import ALL, ToleranceCase
-from tolerances.references import Effort, measure_errors, store_reference
+from tolerances.references import measure_errors, store_reference
 
 TIME_LIMIT = 10.0  # wall time of a run [s]
 INTEGRATORS: dict[str, Callable[[float], bd.Integrator]] = {
@@ -59,7 +59,7 @@ def main() -> None:
         if options.case and case.name not in options.case:
             continue
         if options.references:
-            table = store_reference(case, Effort())
+            table = store_reference(case)
         else:
             names, rtols = options.integrator or list(INTEGRATORS), options.rtol or list(RTOLS)
             table = pd.DataFrame(tabulate_errors(case, names, rtols))

@@ -31,7 +31,7 @@ class Column:
     Attributes
     ----------
     start, end
-        "clamped", "hinged" or, at the end, "free" or "guided" (no rotation, free deflection).
+        "clamped", "hinged" or, at the end, "free".
     end_load
         Compression at the end per unit load.
     distributed
@@ -46,10 +46,8 @@ class Column:
         fixed direction.
     foundation
         Lateral stiffness per length [EI / L^4].
-    end_spring, end_torsion_spring
-        Stiffness of springs at the end [EI / L^3, EI / L].
-    end_mass, end_inertia
-        Mass and moment of inertia at the end.
+    end_mass
+        Mass at the end.
     damping
         Retardation time of Kelvin and Voigt.
     bending
@@ -65,10 +63,7 @@ class Column:
     line_of_action: bool = False
     cable: float = np.inf
     foundation: float = 0.0
-    end_spring: float = 0.0
-    end_torsion_spring: float = 0.0
     end_mass: float = 0.0
-    end_inertia: float = 0.0
     damping: float = 0.0
     bending: Callable[[float], tuple[float, float, float]] | None = None
 
@@ -106,15 +101,12 @@ class Column:
             w, theta, Q, M = expm(rates(0.0)) @ first
         P = load * self.end_load
         lateral = Q - (1.0 - self.follower_end) * P * theta
-        lateral = lateral + (self.end_mass * inertia + self.end_spring) * w
+        lateral = lateral + self.end_mass * inertia * w
         # The end descends by P / EA before it buckles.
         lateral = lateral + P / (self.cable - P / beam.EA) * w
-        turning = M + (self.end_inertia * inertia + self.end_torsion_spring) * theta
-        if self.line_of_action:
-            turning = turning + P * w
+        turning = M + P * w if self.line_of_action else M
         conditions = {
             "free": (lateral, turning),
-            "guided": (lateral, theta),
             "hinged": (w, turning),
             "clamped": (w, theta),
         }[self.end]

@@ -47,8 +47,6 @@ class Segment:
         Force per length and unit load to the left of the section, which follows it.
     dead
         Function of arc length that returns a dead load (x, y) per length and unit load, or None.
-    stiffness
-        Bending, axial and shear stiffness relative to the reference section.
     """
 
     length: float
@@ -58,7 +56,6 @@ class Segment:
     couple: float = 0.0
     pressure: float = 0.0
     dead: Callable[[float], tuple[float, float]] | None = None
-    stiffness: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -124,7 +121,7 @@ class Chain:
 def _integrate_segment(
     segment: Segment, beam: BeamStiffness, state: Array, load: complex, bending: float
 ) -> Array:
-    EA, GA, EI = beam.EA * segment.stiffness, beam.GA * segment.stiffness, segment.stiffness
+    EA, GA = beam.EA, beam.GA
     curvature = segment.curvature if callable(segment.curvature) else None
     constant = 0.0 if curvature else float(segment.curvature)  # type: ignore[arg-type]
 
@@ -140,7 +137,7 @@ def _integrate_segment(
         if segment.dead is not None:
             dead = segment.dead(s)
             px, py = px + load * dead[0], py + load * dead[1]
-        turn = (curvature(s) if curvature else constant) + bending * z[5] / EI
+        turn = (curvature(s) if curvature else constant) + bending * z[5]
         zero = 0.0 * z[0]
         rates = [along, up, turn + zero, zero - px, zero - py, up * fx - along * fy]
         return np.ravel(rates)

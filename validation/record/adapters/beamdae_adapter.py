@@ -163,16 +163,16 @@ def make_integrator(setting: str) -> Any:
 
 
 def select_columns(
-    problem: dict[str, Any], solution: Any, inclinations: dict[str, float]
+    problem: dict[str, Any], times: np.ndarray, columns: Any, inclinations: dict[str, float]
 ) -> pd.DataFrame:
     """Return the columns of the problem; angles are rotations from the reference configuration."""
-    table, columns = solution.table(), {"t [s]": solution.t}
+    table = {"t [s]": times}
     for output in problem["outputs"]:
         for quantity in output["quantities"]:
             name = f"{output['name']}.{quantity} [{'rad' if quantity == 'angle' else 'm'}]"
             angle0 = inclinations[output["name"]] if quantity == "angle" else 0.0
-            columns[name] = table[name].to_numpy() - angle0
-    return pd.DataFrame(columns)
+            table[name] = columns[name] - angle0
+    return pd.DataFrame(table)
 
 
 def solve_static(
@@ -208,15 +208,11 @@ def solve_static(
             columns = {key: value[rows] for key, value in path.columns.items()}
             columns[f"{control['load']}.factor [-]"] = path.factors[rows, -1]
     notes = sorted({str(x.message) for x in issued})
-    table = {"t [s]": times}
-    for output in problem["outputs"]:
-        for quantity in output["quantities"]:
-            name = f"{output['name']}.{quantity} [{'rad' if quantity == 'angle' else 'm'}]"
-            angle0 = inclinations[output["name"]] if quantity == "angle" else 0.0
-            table[name] = columns[name] - angle0
-    table |= {key: value for key, value in columns.items() if key.endswith(".factor [-]")}
+    table = select_columns(problem, times, columns, inclinations)
+    for key in (x for x in columns if x.endswith(".factor [-]")):
+        table[key] = columns[key]
     status = {"success": path.status.success, "reason": path.status.sentence, "warnings": notes}
-    return pd.DataFrame(table), status
+    return table, status
 
 
 def refine_static(
@@ -275,4 +271,4 @@ def solve(
         "energy_imbalance": float(solution.quality.energy_imbalance),
         "warnings": list(solution.warnings),
     }
-    return select_columns(problem, solution, inclinations), information
+    return select_columns(problem, solution.t, solution.columns, inclinations), information

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import casadi as ca
+from handed_out import shaken
 
 import beamdae as bd
-from robustness.handed_out import shaken
 from robustness.inputs.sandbox import (
     KNEE,
     OUTPUT_STEP,

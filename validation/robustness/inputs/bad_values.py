@@ -37,7 +37,7 @@ def _hostile(base: type, names: Iterable[str], *arguments: Any, **members: Any) 
     return type("Hostile", (base,), members)(*arguments)
 
 
-_HOSTILE_VALUES: dict[str, Callable[[Any], Any]] = {
+HOSTILE_VALUES: dict[str, Callable[[Any], Any]] = {
     "object whose methods raise": lambda box: _hostile(
         object, (*_METHODS_OF_OBJECTS, *_METHODS_OF_NUMBERS, *_METHODS_OF_CONTAINERS)
     ),
@@ -131,4 +131,4 @@ BAD_VALUES: dict[str, Callable[[Any], Any]] = {
     "a class": lambda box: int,
     "a module": lambda box: np,
     "Ellipsis": lambda box: ...,
-} | _HOSTILE_VALUES
+} | HOSTILE_VALUES

@@ -67,61 +67,9 @@ WORKING_CALLS: dict[str, WorkingCall] = (
     | CONTROL_CALLS
 )
 
-# Public names without a working call, with the reason. Bad values replace results where these are
-# arguments of other calls.
-NOT_CALLABLE = {
-    "Animation": "result of animate",
-    "Boundary": "result of boundary",
-    "BoundaryPoint": "entry of Boundary.special",
-    "Buckling": "result of buckling",
-    "BeamdaeError": "exception",
-    "BeamdaeWarning": "warning category",
-    "Interrupted": "raised by interrupts",
-    "Bode": "result of bode",
-    "Crossover": "entry of StabilityMargins",
-    "StabilityMargins": "result of margins",
-    "Check": "result of check",
-    "CriticalPoint": "row of Equilibrium.critical",
-    "Errors": "result of verify, and of the errors of results",
-    "EquationsOfMotion": "result of equations_of_motion",
-    "ExportedFmu": "result of export_fmu",
-    "Gradient": "result of gradient",
-    "Objective": "base class of objectives, whose calls are covered",
-    "ProfileLikelihood": "result of Fit.profile",
-    "Frame": "result of frame",
-    "Input": "result of Mechanism.input",
-    "Joint": "base class of joints",
-    "LiveView": "result of view",
-    "KnockDown": "result of knock_down",
-    "PeriodicMotion": "result of periodic",
-    "Plot": "result of plot",
-    "Quantity": "base class of quantities of designs",
-    "ResponsePoint": "point of FrequencyResponse",
-    "Sample": "argument of the law of a Controller",
-    "SavedRun": "result of load",
-    "Sensor": "result of Mechanism.sensor",
-    "StepResponse": "result of Solution.step_response",
-    "Sweep": "result of the decorator sweep",
-    "SweepResults": "result of sweep",
-}
-# Result classes whose methods are tested, but not their constructors.
-RESULT_CLASSES = frozenset(
-    {
-        "Campbell",
-        "Equilibrium",
-        "EquilibriumSensitivities",
-        "Fit",
-        "FrequencyResponse",
-        "LinearModel",
-        "ModeSensitivities",
-        "Modes",
-        "Optimization",
-        "PeriodicSensitivities",
-        "SectionForces",
-        "Sensitivities",
-        "Solution",
-    }
-)
+# Public names without a working call: exceptions, warnings and a base class. Bad values replace
+# results where these are arguments of other calls.
+NOT_CALLABLE = frozenset({"BeamdaeError", "BeamdaeWarning", "Interrupted", "Joint"})
 # Base classes for users; the arguments of their calls are members that a subclass overrides.
 USER_BASE_CLASSES = frozenset({"Integrator", "Part"})
 _MAX_CELL_LENGTH = 200  # characters
@@ -134,14 +82,20 @@ def public_name_of(key: str) -> str:
 
 
 def list_uncovered_names() -> list[str]:
-    """Return public names without a working call, and arguments that no such call passes."""
+    """Return public names without a working call, and arguments that no such call passes.
+
+    Classes of results may have calls of their methods alone.
+    """
     missing = []
     for name, public in catalog.NAMES.items():
-        calls = [call for key, call in WORKING_CALLS.items() if public_name_of(key) == name]
+        calls = {key: call for key, call in WORKING_CALLS.items() if public_name_of(key) == name}
+        is_called = any(key.split(" ")[0] == name for key in calls)
+        if not is_called and public.path.startswith("results."):
+            continue
         if not calls and name not in NOT_CALLABLE:
             missing.append(name)
-        elif calls and name not in RESULT_CLASSES | USER_BASE_CLASSES:
-            passed = {argument for call in calls for argument in call.arguments(Sandbox())}
+        elif calls and name not in USER_BASE_CLASSES:
+            passed = {x for call in calls.values() for x in call.arguments(Sandbox())}
             parameters = inspect.signature(attrgetter(public.path)(bd)).parameters.values()
             named = {p.name for p in parameters if p.kind not in (p.VAR_POSITIONAL, p.VAR_KEYWORD)}
             missing += [f"{name}({argument}=)" for argument in sorted(named - passed)]

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import beamdae as bd
+from robustness.inputs.command_line import GOOD_MODEL
 from robustness.inputs.sandbox import (
     KNEE,
     OUTPUT_STEP,
@@ -220,7 +221,8 @@ def _study_listing(cases: Any) -> bd.results.Study:
 
 
 def _load_written_model(sandbox: Sandbox, path: Any, name: Any) -> bd.results.Model:
-    sandbox.write_model()
+    sandbox.folder.mkdir(exist_ok=True)
+    (sandbox.folder / "swing.py").write_text(GOOD_MODEL)
     return bd.load_model(path, name)
 
 

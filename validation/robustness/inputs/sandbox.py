@@ -115,15 +115,6 @@ class Sandbox(SampleMechanism):
             "v0": [0.0, 0.0],
         }
 
-    def write_model(self) -> None:
-        """Write the model file swing.py."""
-        self.folder.mkdir(exist_ok=True)
-        (self.folder / "swing.py").write_text(
-            "import beamdae as bd\n\n@bd.model(t_end=0.01)\ndef swing(mass=1.0):\n"
-            "    mech = bd.Mechanism()\n    mech.add(bd.RigidBody('bob', mass, 0.1))\n"
-            "    return mech\n"
-        )
-
     @property
     def names(self) -> set[str]:
         """Names that a message may contain."""

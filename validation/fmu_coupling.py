@@ -1,31 +1,26 @@
-"""Co-simulate a mechanism FMU with a controller FMU, and measure the error of their coupling.
+"""Co-simulate the FMU of a mechanism with a controller, and measure the error of their coupling.
 
-    python validation/fmus/coupling.py
+    python validation/fmu_coupling.py
 
-An elastic arm is turned to a target angle by a PID controller, which is a separate FMU written in C
-by hand. The two FMUs exchange angle, rate and torque every communication step (Jacobi scheme). The
-reference is one run of the mechanism with the same controller as formulas and a first-order state.
+An elastic arm is turned to a target angle by a PID controller outside the FMU. Both exchange angle,
+rate and torque every communication step (Jacobi scheme). The reference is one run of the mechanism
+with the same controller as formulas and a first-order state.
 """
 
 from __future__ import annotations
 
 import tempfile
-import zipfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 import beamdae as bd
-from beamdae.core.compilers import current_platform, find_compiler, run_compiler
 
-FOLDER = Path(__file__).parent
-HEADERS = Path(bd.__file__).parent / "export" / "c"
 GAINS = {"target": 0.5, "KP": 60.0, "KI": 40.0, "KD": 12.0}
 T_END = 1.0
 STEPS = (4e-3, 2e-3, 1e-3, 5e-4)
 REFERENCE_STEP = 1.25e-4
-_NAMES = ("angle", "rate", "target", "KP", "KI", "KD", "torque")
 
 
 def _arm(torque: Any = None) -> bd.Mechanism:
@@ -51,36 +46,8 @@ def _arm(torque: Any = None) -> bd.Mechanism:
     return mech
 
 
-def write_controller(folder: Path) -> Path:
-    """Compile the controller FMU for this machine; return its path."""
-    here = current_platform()
-    assert here is not None
-    library, file = folder / f"controller{here.suffix}", folder / "controller.fmu"
-    source, flags = str(FOLDER / "controller.c"), ["-O1", "-shared", "-fPIC", "-I", str(HEADERS)]
-    run_compiler("coupling", [*find_compiler("coupling", here), *flags, source, "-o", str(library)])
-    starts = (' start="0"', "")
-    variables = "".join(
-        f'<ScalarVariable name="{name}" valueReference="{k}" '
-        f'causality="{"output" if name == "torque" else "input"}" variability="continuous">'
-        f"<Real{starts[name == 'torque']}/></ScalarVariable>"
-        for k, name in enumerate(_NAMES)
-    )
-    description = (
-        '<?xml version="1.0" encoding="UTF-8"?><fmiModelDescription fmiVersion="2.0" '
-        'modelName="controller" guid="controller"><CoSimulation modelIdentifier="controller" '
-        'canHandleVariableCommunicationStepSize="true"/>'
-        f"<ModelVariables>{variables}</ModelVariables><ModelStructure><Outputs>"
-        '<Unknown index="7"/></Outputs><InitialUnknowns><Unknown index="7"/></InitialUnknowns>'
-        "</ModelStructure></fmiModelDescription>"
-    )
-    with zipfile.ZipFile(file, "w") as archive:
-        archive.writestr("modelDescription.xml", description)
-        archive.write(library, f"binaries/{here.fmi2_name}/{library.name}")
-    return file
-
-
 class _Instance:
-    def __init__(self, path: Path, **values: float) -> None:
+    def __init__(self, path: Path) -> None:
         from fmpy import extract, read_model_description
         from fmpy.fmi2 import FMU2Slave
 
@@ -95,7 +62,6 @@ class _Instance:
         self._fmu.instantiate()
         self._fmu.setupExperiment(startTime=0.0)
         self._fmu.enterInitializationMode()
-        self.set(**values)
         self._fmu.exitInitializationMode()
 
     def set(self, **values: float) -> None:
@@ -108,16 +74,15 @@ class _Instance:
         self._fmu.doStep(currentCommunicationPoint=t, communicationStepSize=step)
 
 
-def couple(arm: Path, controller: Path, step: float, t_end: float = T_END) -> np.ndarray:
+def couple(arm: Path, step: float, t_end: float = T_END) -> np.ndarray:
     """Return the angles of the hub [rad] at all communication points after the start."""
-    plant, law = _Instance(arm), _Instance(controller, **GAINS)
-    angles = []
+    plant, angles, integral = _Instance(arm), [], 0.0
     for k in range(round(t_end / step)):
         angle, rate = plant.get("hub.angle", "hub.angle_dot")
-        law.set(angle=angle, rate=rate)
-        plant.set(torque=law.get("torque")[0])
+        error = GAINS["target"] - angle
+        plant.set(torque=GAINS["KP"] * error + GAINS["KI"] * integral - GAINS["KD"] * rate)
         plant.step(k * step, step)
-        law.step(k * step, step)
+        integral += step * error
         angles.append(plant.get("hub.angle")[0])
     return np.array(angles)
 
@@ -137,12 +102,11 @@ def export_arm(folder: Path) -> Path:
 
 def main() -> None:
     with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        arm, controller = export_arm(folder), write_controller(folder)
+        arm = export_arm(Path(name))
         print("communication step [s]  largest error of the angle / range")
         for step in STEPS:
             exact = reference_angles(step)
-            angles = couple(arm, controller, step)
+            angles = couple(arm, step)
             print(f"{step:22g}  {np.max(np.abs(angles - exact)) / np.ptp(exact):.2e}")
 
 
