@@ -77,7 +77,7 @@ class Recorder:
         """Return the machine code of a source, as `object_code.load_object` does."""
         source = replace(source, ir=cache(source.module))
         code = object_code.load_object(source, is_correct)
-        if code is not None and source.identity is not None:
+        if code is not None:
             self.sources.setdefault(source.name + source.identity, source)
         return code
 

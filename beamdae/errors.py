@@ -31,6 +31,10 @@ _MAX_NAME_LENGTH = 100  # characters of the name of a part
 _NUMBER_WITH_UNIT = re.compile(r"\s*[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?\s*(?:[^\W\d_]|[°%])")
 
 
+# Function (name of the part, name of the argument, value) that returns the valid value.
+Converter = Callable[[str, str, Any], Any]
+
+
 class BeamdaeError(ValueError):
     """Error in a model, a setting, a file or a command.
 
@@ -660,14 +664,14 @@ def require_point(part: str, name: str, value: Any) -> tuple[float, float]:
     return require_finite(part, f"{name} x", x), require_finite(part, f"{name} y", y)
 
 
-def optional_point(part: str, name: str, value: Any) -> tuple[float, float] | None:
-    """Return `value` as a pair (x, y) of finite numbers, None as None, or raise BeamdaeError."""
-    return None if value is None else require_point(part, name, value)
+def optional(convert: Converter) -> Converter:
+    """Return a converter of values that may be None."""
+    return lambda part, name, value: None if value is None else convert(part, name, value)
 
 
-def optional_finite(part: str, name: str, value: Any) -> float | None:
-    """Return `value` as a finite number, None as None, or raise BeamdaeError."""
-    return None if value is None else require_finite(part, name, value)
+def choice_of(*choices: Any) -> Converter:
+    """Return a converter that requires one of the choices."""
+    return lambda part, name, value: require_choice(part, name, value, choices)
 
 
 def require_progress(part: str, progress: Any, count: int = 1) -> None:
@@ -775,6 +779,20 @@ def set_fields(instance: Any, **values: Any) -> None:
     """Set attributes of an instance, even of a frozen dataclass."""
     for name, value in values.items():
         object.__setattr__(instance, name, value)
+
+
+def convert_fields(instance: Any, **converters: Converter) -> None:
+    """Replace fields of an instance, even of a frozen dataclass, by valid values.
+
+    The field `name`, if there is one, is checked first; messages begin with it, otherwise with the
+    name of the class. `converters` are functions such as `require_positive`, by field.
+    """
+    part = type(instance).__name__
+    if hasattr(instance, "name"):
+        part = require_name(part, instance.name)
+        set_fields(instance, name=part)
+    for field, convert in converters.items():
+        set_fields(instance, **{field: convert(part, field, getattr(instance, field))})
 
 
 def require_name(kind: str, name: Any) -> str:

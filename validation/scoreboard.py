@@ -4,6 +4,7 @@
     python validation/scoreboard.py --quick        a fixed sample of each (about three minutes)
     python validation/scoreboard.py --only modes   one board; may be repeated
     python validation/scoreboard.py --store        renew the values of the cases that were run
+    python validation/scoreboard.py --seed 7       other samples of robustness; --all: all trials
 
 The exit code is 1 if a line is worse than its cases in scoreboard.csv: one has a worse verdict (one
 that is not stored, if it is not right), the worst digits are less by more than 0.3, or a case
@@ -92,6 +93,8 @@ class Board:
         Processor time limit of a case [s].
     label
         Label of the line; defaults to the name.
+    draw
+        Function of a seed that returns the names to run in place of all cases, or None.
     """
 
     name: str
@@ -100,10 +103,11 @@ class Board:
     quick: int
     time_limit: float = 600.0
     label: str = ""
+    draw: Callable[[int], Sequence[str]] | None = None
 
-    def select(self, quick: bool) -> list[str]:
-        """Return the names of all cases, or of the sample."""
-        names = list(self.cases())
+    def select(self, quick: bool, seed: int | None = 0) -> list[str]:
+        """Return the names to run; without a seed, those of all cases."""
+        names = list(self.cases() if self.draw is None or seed is None else self.draw(seed))
         if not quick or len(names) <= self.quick:
             return names
         return [names[(2 * k + 1) * len(names) // (2 * self.quick)] for k in range(self.quick)]
@@ -377,25 +381,50 @@ def _try_study(name: str) -> list[Outcome]:
     ]
 
 
-_SAMPLES = {"inputs": 300, "files": 160}
+def _load_trials(module: str) -> ModuleType:
+    return import_module(f"robustness.{module}")
 
 
-def _list_trials(name: str) -> list[str]:
-    from robustness.trial_class import load_class
+def _list_trials(module: str) -> list[str]:
+    names: list[str] = _load_trials(module).list_names()
+    return names
 
-    return load_class(name).sample(_SAMPLES[name], seed=0)
+
+def _draw_inputs(seed: int) -> list[str]:
+    names: list[str] = _load_trials("inputs.catalog").draw_names(300, seed)
+    return names
 
 
-def _try_trial(class_name: str, name: str) -> list[Outcome]:
-    from robustness.trial_class import HOPELESS, SKIPPED, load_class
+def _draw_faults(seed: int) -> list[str]:
+    faults = list(_load_trials("faults").list_faults(slow=False))
+    return isolation.draw_sample(faults, 6, seed)
 
-    trial_class = load_class(class_name)
-    rows = trial_class.rows_of(name, trial_class.attempt(name))
-    counted = [row for row in rows if not row["ended"].startswith((HOPELESS, SKIPPED))]
+
+def _try_trial(module: str, name: str) -> list[Outcome]:
+    """Return the outcomes of a trial; those that cannot be judged are left out."""
+    complaints = _load_trials(module).try_name(name)
     return [
-        Outcome(name, WRONG if row["complaint"] else RIGHT, reason=row["complaint"])
-        for row in counted
+        Outcome(name, WRONG if complaint else RIGHT, reason=complaint)
+        for complaint in complaints
+        if complaint is not None
     ]
+
+
+def _trial_board(
+    name: str,
+    module: str,
+    size: int,
+    quick: int,
+    time_limit: float,
+    draw: Callable[[int], Sequence[str]] | None = None,
+) -> Board:
+    """Return the board of the trials of a module, of which samples of `size` are run."""
+
+    def draw_names(seed: int) -> list[str]:
+        return isolation.draw_sample(_list_trials(module), size, seed)
+
+    cases, attempt = partial(_list_trials, module), partial(_try_trial, module)
+    return Board(name, cases, attempt, quick, time_limit, draw=draw or draw_names)
 
 
 def _has_peer() -> bool:
@@ -446,8 +475,11 @@ BOARDS = (
     _benchmark_board("section forces", quick=4),
     Board("fits and designs", _list_fits, _try_fit, quick=3, time_limit=1800.0),
     Board("claims of the paper", _list_studies, _try_study, quick=2, time_limit=3600.0),
-    Board("bad inputs", partial(_list_trials, "inputs"), partial(_try_trial, "inputs"), 60, 60.0),
-    Board("hostile files", partial(_list_trials, "files"), partial(_try_trial, "files"), 40, 60.0),
+    _trial_board("bad inputs", "inputs.catalog", 300, 60, 60.0, _draw_inputs),
+    _trial_board("hostile files", "files", 160, 40, 60.0),
+    _trial_board("random mechanisms", "mechanisms", 6, 2, 600.0),
+    _trial_board("faults", "faults", 6, 3, 600.0, _draw_faults),
+    _trial_board("interrupts", "interrupts", 6, 3, 400.0),
     Board(
         "times beside peer",
         _list_peer_runs,
@@ -472,9 +504,11 @@ def run_case(attempt: Callable[[str], Outcome | list[Outcome]], name: str) -> li
     return [replace(outcome, seconds=share) for outcome in outcomes]
 
 
-def run_board(board: Board, pool: isolation.ProcessPool, quick: bool) -> list[Outcome]:
+def run_board(
+    board: Board, pool: isolation.ProcessPool, quick: bool, seed: int | None
+) -> list[Outcome]:
     """Return the outcomes of a board in the order of its cases."""
-    names, answers = board.select(quick), {}
+    names, answers = board.select(quick, seed), {}
     attempt = partial(run_case, board.attempt)
     for name, answer in pool.run_trials(attempt, names, board.time_limit):
         if answer is None or answer is ...:
@@ -561,14 +595,14 @@ def store(rows: pd.DataFrame, stored: pd.DataFrame, path: Path, quick: bool) -> 
 
 
 def run_boards(
-    boards: Iterable[Board], quick: bool, workers: int
+    boards: Iterable[Board], quick: bool, workers: int, seed: int | None = 0
 ) -> Iterator[tuple[Board, pd.DataFrame | str]]:
     """Yield the rows of each board, or the reason why it failed."""
     with isolation.ProcessPool(workers) as pool, warnings.catch_warnings():
         warnings.simplefilter("ignore", bd.BeamdaeWarning)
         for board in boards:
             try:
-                yield board, tabulate(board.name, run_board(board, pool, quick))
+                yield board, tabulate(board.name, run_board(board, pool, quick, seed))
             except Exception as error:  # A board that fails is a line, not the end.
                 yield board, f"failed: {type(error).__name__}: {error}"
 
@@ -582,11 +616,14 @@ def main() -> int:
     parser.add_argument("--store", action="store_true", help="renew the stored values")
     parser.add_argument("--cases", action="store_true", help="print each case that is not right")
     parser.add_argument("--workers", type=int, default=1, help="number of processes")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the samples of robustness")
+    parser.add_argument("--all", action="store_true", help="all trials of robustness")
     options = parser.parse_args()
     boards = [board for board in BOARDS if not options.only or board.name in options.only]
     losses: list[str] = []
+    seed = None if options.all else options.seed
     print(_HEADER, flush=True)
-    for board, rows in run_boards(boards, options.quick, options.workers):
+    for board, rows in run_boards(boards, options.quick, options.workers, seed):
         label = board.label or board.name
         if isinstance(rows, str):
             print(f"{label:<20}{rows}", flush=True)

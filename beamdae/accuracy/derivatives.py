@@ -121,7 +121,7 @@ def _measure(
         def change(mechanism: Any) -> Any:
             nonlocal refined
             if isinstance(mechanism, Mechanism):
-                mechanism, refined = refine_mechanism(mechanism, request, causes=causes)
+                mechanism, refined = refine_mechanism(mechanism, request, causes)
                 refined = refined.with_steps(run.made_by)
             return mechanism
 

@@ -139,7 +139,7 @@ class Errors(HasTable):
 
     Notes
     -----
-    With `accuracy=`, an analysis is repeated, up to four times, with smaller steps, finer meshes
+    With `accuracy=`, an analysis is repeated, up to six times, with smaller steps, finer meshes
     and exact strains until the errors of the required columns are small enough; `status` says what
     was reached.
     """
@@ -304,7 +304,10 @@ class Errors(HasTable):
         )
         least = AIM * self.total[wrong[0]]
         causes = {x: y[wrong[0]] for x, y in self.causes.items() if abs(y[wrong[0]]) > least}
-        parts = ", ".join(f"{CAUSES[x]} {_format_error(y)}" for x, y in causes.items())
+        parts = ", ".join(
+            f"{'less ' if y < 0.0 else ''}{CAUSES[x]} {_format_error(abs(y))}"
+            for x, y in sorted(causes.items(), key=lambda cause: -cause[1])
+        )
         by = f", by {parts}" if len(causes) > 1 else ""
         of = self.relative_to[wrong[0]]
         text = name_with_others(f"{largest} of {of}{by}", others, _MAX_NAMES)

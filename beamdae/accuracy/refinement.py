@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Collection
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -55,9 +55,9 @@ class Refinement(NamedTuple):
         return np.asarray(offset + self.prolongation @ q)
 
 
-def refine_mesh(beam: Beam, mesh: Mesh) -> Mesh:
+def _refine_mesh(beam: Beam, mesh: Mesh) -> Mesh:
     """Return a mesh with halved elements, or of a higher degree if the program chose the mesh."""
-    if not beam.has_chosen_mesh:
+    if not beam._has_chosen_mesh:
         return mesh.with_divided_elements(2)
     degree = mesh.nodes - 1 + _MORE_DEGREES
     if degree <= _MAX_DEGREE:
@@ -66,10 +66,7 @@ def refine_mesh(beam: Beam, mesh: Mesh) -> Mesh:
 
 
 def refine_mechanism(
-    mechanism: Mechanism,
-    start: Any = AS_DRAWN,
-    change_mesh: Callable[[Beam, Mesh], Mesh] = refine_mesh,
-    causes: Collection[str] = CAUSES,
+    mechanism: Mechanism, start: Any = AS_DRAWN, causes: Collection[str] = CAUSES
 ) -> tuple[Mechanism, Refined]:
     """Return a copy with other meshes, exact strains and sharper friction, and what is refined.
 
@@ -84,9 +81,6 @@ def refine_mechanism(
         The mechanism.
     start
         Its start, see `Mechanism`.
-    change_mesh
-        Function of a beam and of its mesh, after its first assembly, that returns the mesh of the
-        copy.
     causes
         Causes of errors that are reduced: others than "mesh", "theory" and "friction" are not those
         of mechanisms.
@@ -101,14 +95,14 @@ def refine_mechanism(
     kept = list_fixed_beams(mechanism, start)
     elements, degrees, finer, inexact = {}, {}, {}, []
     for beam, mesh in divide_meshes(mechanism, kept) if "mesh" in causes else ():
-        other = beam.with_exact_strains() if "theory" in causes else beam
+        other = beam._with_exact_strains() if "theory" in causes else beam
         if other is not beam:
             inexact.append(beam.name)
-        if beam.has_chosen_mesh:
+        if beam._has_chosen_mesh:
             degrees[beam.name] = mesh.nodes - 1
         else:
             elements[beam.name] = mesh.elements
-        finer[beam.name] = other.with_mesh(change_mesh(beam, mesh), mesh)
+        finer[beam.name] = other._with_mesh(_refine_mesh(beam, mesh), mesh)
     sharpened = []
 
     def sharpen(part: Part) -> None:
@@ -143,7 +137,7 @@ def refine(
     """
     mechanism, refined = equations.mechanism, Refined()
     if mechanism is not None:
-        other, refined = refine_mechanism(mechanism, start, causes=causes)
+        other, refined = refine_mechanism(mechanism, start, causes)
     if mechanism is None or not refined.causes:
         identity = sp.eye_array(equations.n, format="csc")
         return Refinement(equations, refined, identity, np.zeros(equations.n))

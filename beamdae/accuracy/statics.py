@@ -270,12 +270,12 @@ def _measure_sections(path: Equilibrium) -> Iterator[tuple[str, float]]:
 
     for name, observed in mechanism.observables.items():
         quantity, names = measured_quantity(observed)
-        beam = Beam.of_strains(quantity)
+        beam = Beam._of_strains(quantity)
         if beam is None:
             continue
         forces = forces_along(beam)
         rows = np.concatenate([forces.N, forces.Q, forces.M])
-        values = Beam.values_of_section_forces(quantity, rows, forces.s.tolist())
+        values = Beam._values_of_section_forces(quantity, rows, forces.s.tolist())
         largest = np.abs(values).max(axis=-1)
         of_column = dict(zip((x.name for x in quantity.columns), largest.tolist(), strict=True))
         for header, column in zip(format_headers(name, observed.columns), names, strict=True):
@@ -414,7 +414,7 @@ class _RefinedPath:
                 PrescribedColumn.from_name(e, settings.column, system.loaded.time)
                 for e in (refinement.equations, path.equations)
             )
-            target = coarse.value(path.q[-1])
+            target = coarse(path.q[-1], mu).value
         try:
             return problem.correct(control, target, x, mu)
         except CurveError:

@@ -10,11 +10,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from beamdae.accuracy.errors import CAUSES, Errors, Refined
-from beamdae.accuracy.refinement import refine_mechanism, refine_mesh
+from beamdae.accuracy.errors import CAUSES, Errors
+from beamdae.accuracy.refinement import refine_mechanism
 from beamdae.accuracy.runs import measure_run
-from beamdae.beams.beam import Beam, beams_of
-from beamdae.beams.mesh import Mesh
+from beamdae.beams.beam import beams_of
 from beamdae.beams.remeshing import list_fixed_beams
 from beamdae.errors import (
     BeamdaeError,
@@ -32,7 +31,6 @@ from beamdae.linear.blas_threads import single_threaded
 from beamdae.model_functions import Model
 from beamdae.parts.mechanism import AS_DRAWN, Mechanism
 from beamdae.results.columns import (
-    is_position,
     mark_required_columns,
     remove_unit,
     require_accurate_columns,
@@ -44,7 +42,7 @@ from beamdae.results.solution import Solution
 Array = np.ndarray
 
 _MIN_ACCURACY, _MAX_ACCURACY = 1e-6, 0.1
-_MAX_RUNS = 4
+_MAX_RUNS = 6
 _MAX_UNKNOWNS = 4000  # of beams
 _MIN_RTOL, _MIN_STEP_RATIO = 1e-10, 0.01
 # Part of the accuracy at which the errors of steps and of elements and strains aim, each.
@@ -52,10 +50,7 @@ _SHARE = 0.4
 # Stated errors are up to a fifth too small where errors decrease slowly.
 _SAFE_PART = 2.0 * _SHARE
 _MIN_TIME_LIMIT = 1e-3  # of a run after the deadline [s]
-# A companion has about this part of the errors of steps, and of those of elements and strains.
-_TIME_RATIO, _MODEL_RATIO = 1.0 / 3.0, 1.0 / 8.0
-# Orders of errors by the length of elements: of positions, and of other columns of any mesh.
-_POSITION_ORDER, _MAX_HALVINGS = 4, 3
+_TIME_RATIO = 1.0 / 3.0  # a companion has about this part of the errors of steps
 # A refinement that does not reduce the largest error by this factor is a stagnation.
 _MIN_REDUCTION, _MAX_STAGNATIONS = 1.5, 2
 _MAX_NAMES = 6
@@ -294,8 +289,7 @@ def _improve(
         changed: Any = method
         method = replace(changed, **{name: value})
     if by_model > min(target, by_time):
-        column = errors.headers[int(np.argmax(totals))]
-        model = _refine_beams(analysis, step, errors.refined, column, by["mesh"] / target)
+        model = _refine_beams(analysis, model)
     return _analyze(analysis, request, model, method)
 
 
@@ -317,54 +311,32 @@ def _reuse(step: _Step, run: Any) -> _Step:
     return _Step(model, method, run)
 
 
-def _refine_beams(
-    analysis: Analysis, step: _Step, refined: Refined, column: str, ratio: float
-) -> Any:
-    """Return a model whose beams reduce the error of a column by a ratio.
-
-    Elements are halved; meshes that the program chose have higher degrees, see `refine_mesh`.
+def _refine_beams(analysis: Analysis, model: Any) -> Any:
+    """Return the model with the meshes, strains and friction of its companion.
 
     Raises
     ------
     BeamdaeError
         If no beam can be refined, or the mesh is too fine.
     """
-    model = step.model
-    mechanism = model() if isinstance(model, Model) else model
-    if not isinstance(mechanism, Mechanism):
-        raise BeamdaeError("the beams of this model are not refined; pass a mechanism")
-    order = max(refined.mesh_order, _POSITION_ORDER if is_position(column) else 1)
-    halvings = min(int(np.ceil(np.log2(max(ratio, 1.0)) / order)), _MAX_HALVINGS)
-    refinements = int(np.ceil(np.log(max(ratio, 1.0)) / np.log(1.0 / _MODEL_RATIO)))
     start = AS_DRAWN if analysis.start is None else analysis.start
+    causes = CAUSES if analysis.method is not None else {"mesh", "theory"}
 
-    def refine(coarse: Mechanism, halvings: int) -> Mechanism:
-        def change(beam: Beam, mesh: Mesh) -> Mesh:
-            if not beam.has_chosen_mesh:
-                return mesh.with_divided_elements(2**halvings) if halvings else mesh
-            for _ in range(min(refinements, _MAX_HALVINGS)):
-                mesh = refine_mesh(beam, mesh)
-            return mesh
-
-        causes = CAUSES if analysis.method is not None else {"mesh", "theory"}
-        finer, made = refine_mechanism(coarse, start, change, causes)
-        if not made.causes:
+    def refine(mechanism: Any) -> Mechanism:
+        if not isinstance(mechanism, Mechanism):
+            raise BeamdaeError("the beams of this model are not refined; pass a mechanism")
+        finer, refined = refine_mechanism(mechanism, start, causes)
+        if not refined.causes:
             raise BeamdaeError("no beam can be refined")
-        return finer
-
-    while (finer := refine(mechanism, halvings)) and _count_unknowns(finer) > _MAX_UNKNOWNS:
-        halvings -= 1
-        if halvings <= 0:
+        if sum(len(x.coordinates) for x in beams_of(finer)) > _MAX_UNKNOWNS:
             raise BeamdaeError(f"the next mesh has more than {_MAX_UNKNOWNS} unknowns")
-    if not isinstance(model, Model):
         return finer
-    build, count = model.build, halvings
-    finer_build = wraps(build)(lambda **parameters: refine(build(**parameters), count))
-    return replace(model, build=finer_build)
 
-
-def _count_unknowns(mechanism: Mechanism) -> int:
-    return sum(len(x.coordinates) for x in beams_of(mechanism))
+    if not isinstance(model, Model):
+        return refine(model)
+    build = model.build
+    refine(model())
+    return replace(model, build=wraps(build)(lambda **parameters: refine(build(**parameters))))
 
 
 def _mark_required(

@@ -45,12 +45,12 @@ from beamdae.errors import (
     as_real,
     format_count,
     format_distinct,
-    optional_finite,
-    optional_point,
+    optional,
     require_choice,
     require_count,
     require_finite,
     require_name,
+    require_point,
     require_sequence,
     set_fields,
     short_repr,
@@ -260,15 +260,15 @@ class Beam(Part):
         self.name = require_name("Beam", name)
         self.curve = require_curve(name, curve)
         self.section: Section | VaryingSection = require_section(name, section, curve.length)
-        self.velocity = optional_point(name, "velocity", velocity)
-        self.angular_velocity = optional_finite(name, "angular_velocity", angular_velocity)
+        self.velocity = optional(require_point)(name, "velocity", velocity)
+        self.angular_velocity = optional(require_finite)(name, "angular_velocity", angular_velocity)
         require_choice(name, "elements_shape", elements_shape, ("curved", "straight"))
         # Long elements are curved, and custom kinematics may assume cubic elements.
         is_special = elements_shape == "straight" or continuity == "local" or kinematics is not None
-        self.has_moving_load = False  # set by parts that move along the beam
-        self.has_chosen_mesh = elements is None and nodes is None and not is_special
-        if self.has_chosen_mesh:
-            self._requested_mesh = self.divide_mesh(())
+        self._has_moving_load = False  # set by parts that move along the beam
+        self._has_chosen_mesh = elements is None and nodes is None and not is_special
+        if self._has_chosen_mesh:
+            self._requested_mesh = self._divide_mesh(())
         else:
             count, bounds = _parse_elements(name, elements, curve.length)
             nodes = require_count(name, "nodes", _DEFAULT_NODES if nodes is None else nodes)
@@ -316,7 +316,7 @@ class Beam(Part):
 
     @cached_property
     def _has_final_mesh(self) -> bool:
-        if self.has_chosen_mesh:
+        if self._has_chosen_mesh:
             return False
         # The mesh of custom kinematics is not changed, because they may assume equal elements.
         return self._requested_mesh.bounds is not None or self._make_kinematics is not None
@@ -326,7 +326,7 @@ class Beam(Part):
         """Mesh that determines the sections of `largest_stress`; None for the present mesh."""
         return None
 
-    def divide_mesh(self, arc_lengths: Iterable[float]) -> Mesh:
+    def _divide_mesh(self, arc_lengths: Iterable[float]) -> Mesh:
         """Return the mesh after the first assembly with attachments at `arc_lengths` [m].
 
         Elements also end at kinks of a taper and, if the program chooses the mesh, at jumps of the
@@ -336,22 +336,22 @@ class Beam(Part):
             return self.mesh
         kinks = self.section.kinks if isinstance(self.section, VaryingSection) else ()
         stops = {*arc_lengths, *(kinks or ())}
-        if self.has_chosen_mesh:
-            stops |= {*self.section_jumps, *curve_breaks(self.curve)}
-            return intern_mesh(choose_mesh(self.curve, sorted(stops), self.has_moving_load))
+        if self._has_chosen_mesh:
+            stops |= {*self._section_jumps, *curve_breaks(self.curve)}
+            return intern_mesh(choose_mesh(self.curve, sorted(stops), self._has_moving_load))
         return intern_mesh(self.mesh.with_ends_at(sorted(stops)))
 
     @property
-    def section_breaks(self) -> tuple[float, ...]:
+    def _section_breaks(self) -> tuple[float, ...]:
         """Arc lengths [m] of kinks, jumps and narrow places of the section."""
         return self.section.breaks if isinstance(self.section, VaryingSection) else ()
 
     @property
-    def section_jumps(self) -> tuple[float, ...]:
+    def _section_jumps(self) -> tuple[float, ...]:
         """Arc lengths [m] just beyond jumps of the section, if it is a function."""
         return self.section.jumps if isinstance(self.section, VaryingSection) else ()
 
-    def prepare(self, attached: Sequence[AttachedPart], has_fixed_coordinates: bool) -> bool:
+    def _prepare(self, attached: Sequence[AttachedPart], has_fixed_coordinates: bool) -> bool:
         """Place element ends at attachments and kinks of the section, and make the mesh final.
 
         The mesh does not change if it is final already (after an earlier assembly, with given
@@ -363,7 +363,7 @@ class Beam(Part):
         sections = [x for x in attached if x.attachment.s is not None]
         last = self.mesh
         if not has_fixed_coordinates:
-            mesh = self.divide_mesh(float(x.attachment.s or 0.0) for x in sections)
+            mesh = self._divide_mesh(float(x.attachment.s or 0.0) for x in sections)
             if mesh is not self.mesh:
                 set_fields(self, mesh=mesh)
                 vars(self).pop("kinematics", None)
@@ -376,7 +376,7 @@ class Beam(Part):
         """Formulation of the kinematics; "custom" for custom kinematics."""
         return CUSTOM_FORMULATION if self._make_kinematics is not None else self._formulation
 
-    def with_mesh(self, mesh: Mesh, stress_mesh: Mesh | None = None) -> Beam:
+    def _with_mesh(self, mesh: Mesh, stress_mesh: Mesh | None = None) -> Beam:
         """Return a copy of the beam with another mesh.
 
         Assembly does not change this mesh if it has `bounds`, or the program chose that of this
@@ -387,7 +387,7 @@ class Beam(Part):
         mesh
             Mesh on the curve of the beam, in inertial axes.
         stress_mesh
-            Mesh of this beam after its first assembly, see `divide_mesh`. Defaults to its present
+            Mesh of this beam after its first assembly, see `_divide_mesh`. Defaults to its present
             mesh.
         """
         other = copy(self)
@@ -396,18 +396,18 @@ class Beam(Part):
         for name in ("mesh", "kinematics", "_has_final_mesh"):
             vars(other).pop(name, None)
         other._requested_mesh = mesh
-        if other.has_chosen_mesh:
+        if other._has_chosen_mesh:
             other._has_final_mesh = True
         return other
 
-    def prolongation_to(self, fine: Part) -> sp.csc_array:
+    def _prolongation_to(self, fine: Part) -> sp.csc_array:
         """Return the matrix that maps changes of coordinates to those on another mesh."""
         assert isinstance(fine, Beam)
         if fine.mesh is self.mesh:
-            return super().prolongation_to(fine)
+            return super()._prolongation_to(fine)
         return prolongation_matrix(self.kinematics, fine.kinematics)
 
-    def with_exact_strains(self) -> Beam:
+    def _with_exact_strains(self) -> Beam:
         """Return a copy with strain="exact" and the same coordinates.
 
         Beams that have them, and those with custom kinematics, are returned unchanged.
@@ -422,7 +422,7 @@ class Beam(Part):
         other._settings = {**self._settings, "strain": "exact"}
         return other
 
-    def with_free_curve(self, free_curve: PlaneCurve) -> Beam:
+    def _with_free_curve(self, free_curve: PlaneCurve) -> Beam:
         """Return a copy of the beam with another stress-free shape, see `free_curve`.
 
         Raises
@@ -464,10 +464,6 @@ class Beam(Part):
     def frame_follows_section(self) -> bool:
         """True if the body has a floating frame that moves with one of its sections."""
         return self.kinematics.frame_follows_section
-
-    def rigid_motions(self, q: SX) -> SX:
-        """Return the rates of the coordinates in rigid motions, see `Kinematics.rigid_motions`."""
-        return self.kinematics.rigid_motions(q)
 
     @property
     def initial_position(self) -> Array:
@@ -785,11 +781,11 @@ class Beam(Part):
         intervals = max(2, math.ceil(least / mesh.elements))
         places = mesh.with_divided_elements(intervals).element_bounds.copy()
         inner = np.arange(len(places)) % intervals > 0
-        breaks = [s for s in self.section_breaks if not mesh.has_end_at(s)]
+        breaks = [s for s in self._section_breaks if not mesh.has_end_at(s)]
         for s in breaks[: np.count_nonzero(inner)]:
             nearest = int(np.argmin(np.where(inner, np.abs(places - s), np.inf)))
             places[nearest], inner[nearest] = s, False
-        before = mesh.just_before(np.array(self.section_jumps)).tolist()
+        before = mesh.just_before(np.array(self._section_jumps)).tolist()
         at_sides = (x for s in places.tolist() for x in mesh.sides_of(s))
         return tuple(sorted({*at_sides, *before}))
 
@@ -847,20 +843,20 @@ class Beam(Part):
         return self.section.at(self._require_arc_length(s))
 
     @staticmethod
-    def of_strains(quantity: Quantity) -> Beam | None:
+    def _of_strains(quantity: Quantity) -> Beam | None:
         """Return the beam if a quantity was computed from its strains."""
         recipe = quantity.recipe
         builds = Beam._evaluate_strains, Beam._evaluate_largest_stress
         return recipe.arguments[0] if recipe is not None and recipe.build in builds else None
 
     @staticmethod
-    def values_of_section_forces(quantity: Quantity, forces: Array, s: Sequence[float]) -> Array:
+    def _values_of_section_forces(quantity: Quantity, forces: Array, s: Sequence[float]) -> Array:
         """Return the columns of a quantity of strains for given section forces.
 
         Parameters
         ----------
         quantity
-            A quantity of strains, see `of_strains`.
+            A quantity of strains, see `_of_strains`.
         forces
             N [N], Q [N] and M [N m], (3, ..., sections).
         s
@@ -877,11 +873,11 @@ class Beam(Part):
         if section_forces in settings:
             return forces
         if quantity.recipe.build is Beam._evaluate_largest_stress:
-            return np.array([beam.largest_fiber_stresses(forces, s)] * len(quantity.columns))
+            return np.array([beam._largest_fiber_stresses(forces, s)] * len(quantity.columns))
         _, kind, lever, *_ = settings
         return beam._fiber_values(forces, s, lever, kind is fiber_stress)[None]
 
-    def largest_fiber_stresses(
+    def _largest_fiber_stresses(
         self, forces: Array, s: Sequence[float], is_stress: bool = True
     ) -> Array:
         """Return the largest stress magnitudes [Pa], or strains, of the outer fibers of sections.

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
-import casadi as ca
 import numpy as np
 
 from beamdae.beams.beam import Beam, require_beam
@@ -26,11 +24,8 @@ from beamdae.parts.forces.load_observables import ObservablePower
 from beamdae.parts.forces.surfaces import CircleSurface, LineSurface
 from beamdae.parts.part import RegularizedFriction, SurfaceGap
 from beamdae.parts.point_parts import FORCE
-from beamdae.symbolic.formula import FormulaExpression, constant_formula
 from beamdae.symbolic.statements import (
-    SX,
     ForceStatement,
-    Local,
     Quantity,
     Variable,
     add_quantities,
@@ -44,22 +39,6 @@ _LAW = (
     *("exponent", "restitution", "impact_speed", "friction", "friction_speed"),
     *("static", "stribeck"),
 )
-
-
-@dataclass(frozen=True)
-class _SmallestGap:
-    """Smallest distance of points with `sizes` local coordinates from a surface."""
-
-    sizes: tuple[int, ...]
-    surface: Callable[..., tuple[SX, SX]]
-
-    def __call__(self, local: Local, *functions: Any) -> SX:
-        *points, on, numbers = functions
-        *parts, of_surface = ca.vertsplit(local.q, [0, *np.cumsum(self.sizes).tolist(), local.size])
-        root, rotation = on(of_surface)
-        positions = (motion(q)[0] for motion, q in zip(points, parts, strict=True))
-        gaps = [self.surface(SX(rotation), x - root, numbers())[0] for x in positions]
-        return ca.mmin(ca.vertcat(*gaps))
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +90,7 @@ class BeamContact(ObservablePower):
     start: float = 0.0
     end: float | None = None
     exponent: float = 1.5
-    restitution: float | None = None
+    restitution: float = 1.0
     impact_speed: float | None = None
     friction: float = 0.0
     friction_speed: float | None = None
@@ -141,7 +120,7 @@ class BeamContact(ObservablePower):
             )
         # Defaults of the law are resolved, and numbers are converted.
         set_fields(self, **{x: getattr(law, x) for x in _LAW})
-        beam.has_moving_load = True
+        beam._has_moving_load = True
 
     def _contact_at(self, s: float, weight: float) -> Contact:
         """Return the contact of a section at s [m] with the stiffness of a length `weight` [m]."""
@@ -182,13 +161,7 @@ class BeamContact(ObservablePower):
     @rebuilt_for_mesh
     def gap(self) -> Quantity:
         """Smallest distance of the contact points from the surface [m], negative in contact."""
-        points, on = [x.point for x in self._contacts], self.surface.on
-        motions = [x.checked_kinematics for x in (*points, on)]
-        kind = _SmallestGap(tuple(x.size for x in points), type(self.surface).kind)
-        functions: list[Callable[..., Any]] = [*motions, constant_formula(*self.surface.numbers)]
-        values, data = FormulaExpression.of(kind, functions)
-        pieces = tuple(x.piece for x in (*points, on))
-        return Quantity((Variable("", "m"),), pieces, values, data, is_magnitude=True)
+        return self.surface.smallest_gap([x.point for x in self._contacts])
 
     @property
     def gaps(self) -> tuple[SurfaceGap, ...]:

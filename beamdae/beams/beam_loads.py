@@ -15,9 +15,9 @@ from beamdae.beams.elements import NODE_SIZE, PointElement
 from beamdae.beams.shape_functions import node_positions
 from beamdae.errors import (
     BeamdaeError,
-    require_choice,
+    choice_of,
+    convert_fields,
     require_finite,
-    require_name,
     require_pair,
     require_point,
     set_fields,
@@ -51,42 +51,34 @@ _MAX_PASSAGE_TIME = 1e30
 
 @dataclass(frozen=True)
 class _LineLoad:
-    """Line load at a quadrature point, with components in `axes` given by time laws.
+    """Line load at a quadrature point.
 
-    `numbers` are the quadrature weight [m], the inclination of the section [rad] and the arc
-    length [m].
+    Attributes
+    ----------
+    axes
+        Axes of the components.
+    part, law
+        Name of the part, and function of (s, x, y, t) of the user; None if time laws give the
+        components.
     """
 
     axes: str
+    part: str = ""
+    law: Callable[..., Any] | None = None
 
-    def load(self, local: Local, rotation: SX, numbers: Any, components: SX) -> SX:
-        weight, inclination = numbers[0], numbers[1]
+    def __call__(
+        self, local: Local, motion: Any, numbers: Callable[[], Any], *laws: Any
+    ) -> ForceKernel:
+        position, rotation = motion(local.q)
+        # Quadrature weight [m], inclination of the section [rad] and arc length [m].
+        weight, inclination, s = (numbers()[k] for k in range(3))
+        if self.law is None:
+            load = ca.vertcat(*(law(local.time) for law in laws))
+        else:
+            load = _evaluate_law(self.part, self.law, s, *ca.vertsplit(position), local.time[0])
         if self.axes == "section":
-            components = rotate(inclination + rotation, components)
-        return weight * components
-
-    def __call__(
-        self, local: Local, motion: Any, numbers: Callable[[], Any], *laws: Any
-    ) -> ForceKernel:
-        position, rotation = motion(local.q)
-        components = ca.vertcat(*(law(local.time) for law in laws))
-        return load_kernel(local, position, self.load(local, rotation, numbers(), components))
-
-
-@dataclass(frozen=True)
-class _FormulaLineLoad(_LineLoad):
-    """Line load at a quadrature point, given by a user function of (s, x, y, t)."""
-
-    part: str
-    law: Callable[..., Any]
-
-    def __call__(
-        self, local: Local, motion: Any, numbers: Callable[[], Any], *laws: Any
-    ) -> ForceKernel:
-        position, rotation = motion(local.q)
-        _, _, s = (numbers()[k] for k in range(3))
-        components = _evaluate_law(self.part, self.law, s, position[0], position[1], local.time[0])
-        return load_kernel(local, position, self.load(local, rotation, numbers(), components))
+            load = rotate(inclination + rotation, load)
+        return load_kernel(local, position, weight * load)
 
 
 def _evaluate_law(part: str, law: Callable[..., Any], *arguments: SX) -> SX:
@@ -134,9 +126,9 @@ class DistributedForce(ObservableBeamLoad):
     axes: str = "inertial"
 
     def __post_init__(self) -> None:
-        set_fields(self, name=require_name("DistributedForce", self.name))
+        convert_fields(self)
         require_beam(self.name, self.beam)
-        set_fields(self, axes=require_choice(self.name, "axes", self.axes, ("inertial", "section")))
+        convert_fields(self, axes=choice_of("inertial", "section"))
         if callable(self.law) and not isinstance(self.law, Law):
             arguments = [SX.sym(x) for x in ("s", "x", "y", "t")]
             components = _evaluate_law(self.name, self.law, *arguments)
@@ -161,11 +153,8 @@ class DistributedForce(ObservableBeamLoad):
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
         """Return the loads at the inertia points of all elements."""
         mesh, kinematics = self.beam.mesh, self.beam.kinematics
-        kind = (
-            _FormulaLineLoad(self.axes, self.name, self.law)
-            if callable(self.law)
-            else _LineLoad(self.axes)
-        )
+        of_user = (self.name, self.law) if callable(self.law) else ()
+        kind = _LineLoad(self.axes, *of_user)
         laws = [law.formula for law in self.laws]
         arc_lengths, (weights, _) = mesh.gauss_arc_lengths(mesh.nodes), mesh.gauss(mesh.nodes)
         sections = [kinematics.placement(s) for s in arc_lengths.tolist()]
@@ -270,14 +259,9 @@ class MovingForce(ObservablePower):
     start: float = 0.0
 
     def __post_init__(self) -> None:
-        set_fields(self, name=require_name("MovingForce", self.name))
-        require_beam(self.name, self.beam).has_moving_load = True
-        set_fields(
-            self,
-            force=require_point(self.name, "force", self.force),
-            speed=require_finite(self.name, "speed", self.speed),
-            start=require_finite(self.name, "start", self.start),
-        )
+        convert_fields(self)
+        require_beam(self.name, self.beam)._has_moving_load = True
+        convert_fields(self, force=require_point, speed=require_finite, start=require_finite)
         if self.speed == 0.0:
             raise BeamdaeError(
                 f"{self.name}: speed must not be zero; for a force at rest, use a Force on "

@@ -14,7 +14,7 @@ import numpy as np
 
 from beamdae.beams.beam import Beam, beams_of, require_beam
 from beamdae.beams.elements import NODE_SIZE, PointElement, PointMotion, stiffness_kernel
-from beamdae.errors import require_name, require_non_negative, set_fields
+from beamdae.errors import convert_fields, require_non_negative
 from beamdae.parts.forces.load_observables import ObservableBeamLoad
 from beamdae.parts.mechanism import Mechanism
 from beamdae.symbolic.formula import cache_kernels
@@ -68,13 +68,9 @@ class RayleighDamping(ObservableBeamLoad):
     stiffness: float = 0.0
 
     def __post_init__(self) -> None:
-        set_fields(self, name=require_name("RayleighDamping", self.name))
+        convert_fields(self)
         require_beam(self.name, self.beam)
-        set_fields(
-            self,
-            mass=require_non_negative(self.name, "mass", self.mass),
-            stiffness=require_non_negative(self.name, "stiffness", self.stiffness),
-        )
+        convert_fields(self, mass=require_non_negative, stiffness=require_non_negative)
 
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
         """Return the damping forces of all elements."""
@@ -118,11 +114,9 @@ class AirDrag(ObservableBeamLoad):
     coefficient: float
 
     def __post_init__(self) -> None:
-        set_fields(self, name=require_name("AirDrag", self.name))
+        convert_fields(self)
         require_beam(self.name, self.beam)
-        set_fields(
-            self, coefficient=require_non_negative(self.name, "coefficient", self.coefficient)
-        )
+        convert_fields(self, coefficient=require_non_negative)
 
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
         """Return the drag forces on all elements."""

@@ -27,8 +27,9 @@ from beamdae.beams.strains import BENDING, slice_column
 from beamdae.curves.plane_curves import ARC_LENGTH_TOLERANCE, PlaneCurve
 from beamdae.errors import (
     BeamdaeError,
+    choice_of,
+    convert_fields,
     format_exception,
-    require_choice,
     set_fields,
     short_repr,
 )
@@ -330,7 +331,7 @@ class FormulationKinematics(Kinematics):
 
     def __post_init__(self) -> None:
         set_fields(self, frame=resolve_frame(self.name, self.mesh.curve, self.frame))
-        require_choice(self.name, "quadrature", self.quadrature, ("reduced", "full"))
+        convert_fields(self, quadrature=choice_of("reduced", "full"))
         _ = self.frame_angle
         if self.free_curve is not None:
             require_free_curve(self.name, self.free_curve, self.mesh.curve)

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 from beamdae.errors import (
     BeamdaeError,
+    convert_fields,
+    optional,
     require_finite,
     require_positive,
-    set_fields,
     short_repr,
     suggest,
     warn_user,
@@ -80,16 +81,13 @@ class Material:
     yield_stress: float | None = None
 
     def __post_init__(self) -> None:
-        set_fields(
+        convert_fields(
             self,
-            E=require_positive("Material", "E", self.E),
-            nu=require_finite("Material", "nu", self.nu),
-            rho=require_positive("Material", "rho", self.rho),
+            E=require_positive,
+            nu=require_finite,
+            rho=require_positive,
+            yield_stress=optional(require_positive),
         )
-        if self.yield_stress is not None:
-            set_fields(
-                self, yield_stress=require_positive("Material", "yield_stress", self.yield_stress)
-            )
         if not -1.0 < self.nu <= 0.5:
             raise BeamdaeError(f"Material: nu must lie in (-1, 0.5], got {self.nu:g}.")
         self._warn_of_units()

@@ -82,7 +82,7 @@ def prolong_coordinates(
         rows = [new[f"{name}.{c.name}"] for c in fine.coordinates]
         columns = [old[f"{name}.{c.name}"] for c in coarse.coordinates]
         if rows:
-            block = coarse.prolongation_to(fine)
+            block = coarse._prolongation_to(fine)
             prolongation[np.ix_(rows, columns)] = block.toarray()
             start[rows] = fine.initial_position - block @ coarse.initial_position
     return sp.csc_array(prolongation), start

@@ -35,7 +35,7 @@ def replace_beams(
     mechanism
         The mechanism.
     beams
-        The new beams by name, see `Beam.with_mesh`.
+        The new beams by name, see `Beam._with_mesh`.
     caller
         Beginning of the message of an error.
     alter
@@ -90,9 +90,9 @@ def resolve_modes(mechanism: Mechanism, start: Any = None) -> Mechanism:
     the start of the mechanism.
     """
     beams = {
-        beam.name: beam.with_mesh(mesh_of_modes(mesh), mesh)
+        beam.name: beam._with_mesh(mesh_of_modes(mesh), mesh)
         for beam, mesh in divide_meshes(mechanism, list_fixed_beams(mechanism, start))
-        if beam.has_chosen_mesh
+        if beam._has_chosen_mesh
     }
     if not beams:
         return mechanism
@@ -107,7 +107,7 @@ def divide_meshes(mechanism: Mechanism, fixed: Container[str]) -> Iterator[tuple
     sections = _attached_sections(mechanism)
     for beam in beams_of(mechanism):
         if beam.name not in fixed:
-            yield beam, beam.divide_mesh(sections[id(beam)])
+            yield beam, beam._divide_mesh(sections[id(beam)])
 
 
 def _attached_sections(mechanism: Mechanism) -> dict[int, set[float]]:

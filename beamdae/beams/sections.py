@@ -14,6 +14,7 @@ from beamdae.beams.materials import Material, require_material
 from beamdae.errors import (
     BeamdaeError,
     as_real,
+    convert_fields,
     format_distinct,
     format_exception,
     require_choice,
@@ -136,7 +137,7 @@ class Section:
             value = getattr(self, name)
             if (number := require_positive("Section", name, value)) is not value:
                 set_fields(self, **{name: number})
-        set_fields(self, damping=require_non_negative("Section", "damping", self.damping))
+        convert_fields(self, damping=require_non_negative)
         if not (
             isinstance(self.shapes, tuple)
             and all(isinstance(shape, CenteredShape) for shape in self.shapes)

@@ -19,7 +19,7 @@ import scipy.sparse as sp
 
 from beamdae.beams.beam import Beam, require_beam
 from beamdae.curves.plane_curves import PlaneCurve
-from beamdae.errors import BeamdaeError, require_choice, require_name, set_fields
+from beamdae.errors import BeamdaeError, choice_of, convert_fields, require_choice
 from beamdae.parts.attachments import Attachment, require_attachment, rotate
 from beamdae.parts.events import Event
 from beamdae.parts.joints.joint import meeting_tolerance
@@ -204,10 +204,9 @@ class SlidingOnBeam(KinematicConstraint):
     ends: str = "record"
 
     def __post_init__(self) -> None:
-        set_fields(self, name=require_name("SlidingOnBeam", self.name))
-        require_choice(self.name, "ends", self.ends, ("record", "stop"))
+        convert_fields(self, ends=choice_of("record", "stop"))
         require_attachment(self.name, "first attachment", self.a)
-        require_beam(self.name, self.beam).has_moving_load = True
+        require_beam(self.name, self.beam)._has_moving_load = True
         if self.a.body is self.beam:
             raise BeamdaeError(
                 f"{self.name}: the point must belong to a body other than the beam, got {self.a}."

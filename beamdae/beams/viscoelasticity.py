@@ -22,7 +22,7 @@ from beamdae.beams.elements import NODE_SIZE, InterpolatedForces, PointElement
 from beamdae.beams.kinematics import PointValues
 from beamdae.beams.shape_functions import gauss_points, lagrange_weights
 from beamdae.beams.strains import AXIAL, SHEAR, STRAIN_SIZE, identity
-from beamdae.errors import require_name, require_positive, set_fields
+from beamdae.errors import convert_fields, require_positive
 from beamdae.parts.forces.load_observables import ObservablePower
 from beamdae.parts.part import Part
 from beamdae.symbolic.formula import Formula, FormulaExpression, cache_kernels
@@ -93,13 +93,9 @@ class StandardLinearSolid(ObservablePower):
     load_distribution = "none"
 
     def __post_init__(self) -> None:
-        set_fields(self, name=require_name("StandardLinearSolid", self.name))
+        convert_fields(self)
         require_beam(self.name, self.beam)
-        set_fields(
-            self,
-            ratio=require_positive(self.name, "ratio", self.ratio),
-            relaxation_time=require_positive(self.name, "relaxation_time", self.relaxation_time),
-        )
+        convert_fields(self, ratio=require_positive, relaxation_time=require_positive)
 
     @property
     def is_state(self) -> bool:
@@ -109,12 +105,12 @@ class StandardLinearSolid(ObservablePower):
     @property
     def scale(self) -> float:
         """States of axial springs with a typical strain."""
-        return _STRAIN_SCALE * float(np.mean(self.state_sizes[AXIAL]))
+        return _STRAIN_SCALE * float(np.mean(self._state_sizes[AXIAL]))
 
     @property
     def coordinates(self) -> tuple[Variable, ...]:
         """Three states at each stiffness point."""
-        points = range(self.state_sizes[AXIAL].size)
+        points = range(self._state_sizes[AXIAL].size)
         return tuple(Variable(f"{name}{k}", _STATE_UNIT) for k in points for name in _STATE_NAMES)
 
     @property
@@ -124,10 +120,10 @@ class StandardLinearSolid(ObservablePower):
         element = kinematics.element
         columns = (kinematics.operator @ kinematics.initial_position).reshape(-1, element.size, 1)
         strains = element.strains_on_copies(columns, self._element_data)[..., 0]
-        return np.moveaxis(self.state_sizes * strains, 0, -1).ravel()
+        return np.moveaxis(self._state_sizes * strains, 0, -1).ravel()
 
     @property
-    def state_sizes(self) -> Array:
+    def _state_sizes(self) -> Array:
         """States per strain of the dampers, (3, elements, points)."""
         layout = self.beam.kinematics.element.layout
         values = np.moveaxis(layout.stiffness_values(self._element_data), -1, 0)
@@ -186,7 +182,7 @@ class StandardLinearSolid(ObservablePower):
         values, data = FormulaExpression.of(identity, [formula])
         return Quantity(columns, pieces, values, data)
 
-    def point_values(self, s: float) -> PointValues:
+    def _point_values(self, s: float) -> PointValues:
         """Return the function for the `section_forces` at s [m].
 
         The operator applies to the coordinates of the beam, followed by the states.
@@ -202,7 +198,7 @@ class StandardLinearSolid(ObservablePower):
         numbers = (*weights, *np.hstack([points, own]).ravel().tolist())
         return self._pieces(number), Formula(_MaxwellForces(element), numbers)
 
-    def prolongation_to(self, fine: Part) -> sp.csc_array:
+    def _prolongation_to(self, fine: Part) -> sp.csc_array:
         """Return the matrix that maps states to those on another mesh, see `Part`.
 
         The strains of the dampers are interpolated between the stiffness points of coarse elements.
@@ -214,7 +210,7 @@ class StandardLinearSolid(ObservablePower):
         for k, (element, xi) in enumerate(map(mesh.locate, s.tolist())):
             at[k, element] = lagrange_weights(gauss_points(points)[0], xi)
         strains = sp.kron(at.reshape(len(s), -1), np.eye(STRAIN_SIZE))
-        old, new = (np.moveaxis(x.state_sizes, 0, -1).ravel() for x in (self, fine))
+        old, new = (np.moveaxis(x._state_sizes, 0, -1).ravel() for x in (self, fine))
         return sp.csc_array(sp.diags_array(new) @ strains @ sp.diags_array(1.0 / old))
 
 

@@ -25,7 +25,7 @@ from beamdae.cli.output import (
     show,
 )
 from beamdae.cli.output_paths import require_writable
-from beamdae.errors import BeamdaeError, format_exception
+from beamdae.errors import BeamdaeError, format_count, format_exception
 from beamdae.input_files import is_input
 from beamdae.interrupts import acknowledge
 from beamdae.report.option_names import name_options
@@ -37,6 +37,9 @@ NOT_RUN_CODE = 3
 if TYPE_CHECKING:
     from beamdae.report.descriptions import Description
     from beamdae.results.outcome import Status
+
+
+MAX_SCREEN_ROWS = 24
 
 
 @dataclass(frozen=True)
@@ -57,6 +60,8 @@ class Report:
         Text that follows the reason of the status.
     source
         What shows columns of tables that do not fit into the terminal.
+    max_rows
+        Most rows of a table; longer ones are complete in files and on pages.
     command
         Options that continue with the result, on one line.
     failures
@@ -69,6 +74,7 @@ class Report:
     warnings: Sequence[str] = ()
     cost: str = ""
     source: str = "the CSV file"
+    max_rows: int = MAX_SCREEN_ROWS
     command: str = ""
     failures: Sequence[str] = ()
 
@@ -114,12 +120,16 @@ class Report:
 
         if isinstance(content, str):
             show(console, content, "dim")
-        elif hasattr(content, "texts"):
-            show(console, content)
-        elif len(content):
-            table = table_of(content, self.source)
-            rows = [list(map(name_options, row)) for row in table.rows]
-            show(console, replace(table, rows=rows))
+            return
+        is_ready = hasattr(content, "texts")
+        if not is_ready and not len(content):
+            return
+        table = content if is_ready else table_of(content, self.source)
+        rows = [list(map(name_options, row)) for row in table.rows[: self.max_rows]]
+        show(console, replace(table, rows=rows))
+        if n_more := len(table.rows) - len(rows):
+            text = f"not shown: {format_count(n_more, 'row')}; see {table.source}"
+            show(console, text, "dim")
 
 
 @dataclass

@@ -243,7 +243,7 @@ def describe_run(
         f"{solution.integrator.get('method', solution.label)} in "
         f"{statistics.setup_time + statistics.wall_time:.2g} s",
         "--json",
-        f"to resume: {resume}" if resume else "",
+        command=f"to resume: {resume}" if resume else "",
     )
 
 

@@ -12,13 +12,12 @@ from beamdae.cli import signals
 from beamdae.cli.options import parse_start, split_names
 from beamdae.cli.output_paths import require_writable
 from beamdae.cli.progress import show_study_progress
-from beamdae.cli.results import Report, ResultFiles, run_analysis
-from beamdae.errors import format_count, require_positive
+from beamdae.cli.results import MAX_SCREEN_ROWS, Report, ResultFiles, run_analysis
+from beamdae.errors import require_positive
 from beamdae.interrupts import Interrupted
 
 # NumPy and CasADi are imported inside functions, so that --help responds quickly.
 if TYPE_CHECKING:
-    from beamdae.report.terminal.responsive_table import ResponsiveTable
     from beamdae.results.outcome import Status
     from beamdae.studies import Study
     from beamdae.studies.execution.study_progress import StudyProgress
@@ -30,8 +29,6 @@ if TYPE_CHECKING:
 # Statuses of runs that are computed when the study resumes.
 MISSING_KINDS = ("interrupted", "not run")
 PAGE_FILE = "report.html"
-# Longer tables are only written to files and the page.
-MAX_SCREEN_ROWS = 16
 _MAX_FOLDER_NAME = 100  # characters
 _FILE_SUFFIXES = {".csv", ".html", ".png"}
 _RESUME_HINT = "run the same command again to resume"
@@ -206,15 +203,8 @@ def _describe_end(results: StudyResults, n_runs: int) -> Status | None:
     return None
 
 
-def first_cases(name: str, table: ResponsiveTable) -> dict[str, Any]:
-    """Return a table of cases by its title, and the number of cases beyond the first 16."""
-    rows, n_more = table.rows[:MAX_SCREEN_ROWS], len(table.rows) - MAX_SCREEN_ROWS
-    more = {f"more {name}": f"not shown: {format_count(n_more, 'case')}; see {table.source}"}
-    return {name: replace(table, rows=rows), **(more if n_more > 0 else {})}
-
-
 def list_failures(results: StudyResults) -> list[str]:
-    """Return a sentence for each of the first 16 unsuccessful cases, and the number of others.
+    """Return a sentence for each of the first unsuccessful cases, and the number of others.
 
     Interrupted cases and cases that were not run are omitted.
     """

@@ -322,39 +322,20 @@ int take_fixed_steps(AlphaWorkspace *run) {
 
 /* Adaptive steps */
 
-/* g_ddot at t + delta for constant acceleration. */
-static void evaluate_constraint_accelerations(JerkBuffers *jerk, double t, double branch,
-                                              const Motion *at, double delta, Reals result) {
-    const int64_t n = at->q.size;
-    combine3(part(jerk->motion, 0, n), 1.0, at->q, delta, at->v, 0.5 * delta * delta, at->ddq);
-    combine2(part(jerk->motion, n, 2 * n), 1.0, at->v, delta, at->ddq);
-    copy(part(jerk->motion, 2 * n, 3 * n), at->ddq);
-    fill(from(jerk->motion, 3 * n), 0.0);
-    set_time(&jerk->accelerations, t + delta, branch);
-    evaluate_sum(&jerk->accelerations, jerk->motion, result);
-}
-
-/* Jerk P q''' prescribed by holonomic constraints, in `jerk->unknowns`: d(g_ddot)/dt at constant
-   acceleration is a central difference over +-interval. See
+/* Jerk P q''' prescribed by holonomic constraints, the first part of `jerk.solution`; see
    `ConsistencySolver.evaluate_normal_jerk`. */
-static int evaluate_normal_jerk(JerkBuffers *jerk, double t, double branch, const Motion *at,
-                                double interval) {
-    const int64_t n = at->q.size;
-    evaluate_constraint_accelerations(jerk, t, branch, at, interval, jerk->ahead);
-    evaluate_constraint_accelerations(jerk, t, branch, at, -interval, jerk->behind);
-    copy(part(jerk->motion, 0, n), at->q);
-    copy(part(jerk->motion, n, 2 * n), at->v);
-    fill(from(jerk->motion, 2 * n), 0.0);
-    set_time(&jerk->saddle, t, branch);
-    set_matrix_factors(&jerk->saddle, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0);
-    evaluate_sum(&jerk->saddle, jerk->motion, jerk->nonzeros);
-    const int code = factorize(&jerk->linear, jerk->nonzeros);
-    if (code != DONE) return code;
-    const double factor = 0.5 / interval;
-    fill(part(jerk->unknowns, 0, n), 0.0);
-    combine2(from(jerk->unknowns, n), -factor, jerk->ahead, factor, jerk->behind);
-    solve(&jerk->linear, jerk->unknowns);
-    return DONE;
+static int evaluate_normal_jerk(AlphaWorkspace *run, double interval) {
+    MotionBuffers *jerk = &run->jerk;
+    const Motion *at = &run->accepted_motion;
+    const Integers velocity_rows = run->form.velocity_rows;
+    jerk->t = run->t, jerk->branch = run->branch;
+    jerk->q = at->q, jerk->v = at->v;
+    evaluate_constraint_rate(jerk, at->ddq, interval, run->constraint_rate);
+    for (int64_t k = 0; k < velocity_rows.size; k++)
+        run->constraint_rate.at[velocity_rows.at[k] - jerk->n] = 0.0;
+    const int code = factorize_saddle(jerk, jerk->v, (Reals){0}, 0.0);
+    if (code == DONE) solve_constraints(jerk, run->constraint_rate);
+    return code;
 }
 
 /* Convert the motion to the step length h, preserving second order.
@@ -373,15 +354,13 @@ static int change_step(AlphaWorkspace *run, double h) {
     const double h_n = accepted->h, ratio = h / h_n;
     copy_motion(current, accepted);
     if (run->corrects_velocities && h != h_n) {
-        const int code =
-            evaluate_normal_jerk(&run->jerk, run->t, run->branch, accepted, JERK_INTERVAL * h);
+        const int code = evaluate_normal_jerk(run, JERK_INTERVAL * h);
         if (code != DONE) {
-            run->jerk.linear.singular = 0;
             current->h = 0.0;
             return code == NEW_PIVOTS ? NEW_PIVOTS : STEP_NOT_CHANGED;
         }
         combine2(current->v, 1.0, accepted->v, (h * h - h_n * h_n) * run->defect,
-                 run->jerk.unknowns);
+                 run->jerk.solution);
     }
     combine2(current->a, 1.0 - ratio, accepted->ddq, ratio, accepted->a);
     set_step(run, h);

@@ -174,31 +174,37 @@ void reduce_unknowns(const KinematicReduction *at, int64_t n, Reals full, Reals 
 double clip_step(double step, double remaining);
 void lower_weights(Reals weights, double tolerance, Reals values);
 
+/* Motion at `q` and `v`. `motion` evaluates F and the constraints at three levels, `saddle` the
+   matrix [[M + stiffness K, G^T + dF/dlam], [G, 0]], both at `inputs` = (q, v, a, lam). */
 typedef struct {
-    FirstOrderBuffers form;
-    Sum saddle; /* [[M, G^T + dF/dlam], [G, 0]] at `motion` = (q, v, a, lam) */
-    LinearSolver linear;
-    Reals nonzeros, y, yp, residual, motion, change, weights; /* changes of (a, lam), and ones */
-    Integers states;                                          /* first-order states */
-    int64_t has_impulses, max_iterations;                     /* 1 if y' contains the multipliers */
+    int64_t n, m, has_friction;
     double t, branch;
-} InputJumpWorkspace;
+    Reals q, v, lam; /* forces of friction are those of `lam` */
+    Integers states; /* first-order states */
+    Sum motion, saddle;
+    LinearSolver linear;
+    Reals inputs, levels, nonzeros;
+    Reals solution; /* accelerations, then multipliers */
+} MotionBuffers;
 
-int solve_jump(InputJumpWorkspace *run);
+/* Evaluate (F, g, g', g'') of `total` at (q, v, a, lam), zeros if they are empty, in `levels`. */
+void evaluate_motion(MotionBuffers *x, Sum *total, double t, Reals q, Reals v, Reals a, Reals lam);
+/* Also factorize the saddle-point matrix. */
+int factorize_saddle(MotionBuffers *x, Reals v, Reals lam, double stiffness);
+/* Solve [[M, G^T], [G, 0]] (x, mu) = (0, -right) with the last factors, in `solution`. */
+void solve_constraints(MotionBuffers *x, Reals right);
+/* Time derivative of g'' at constant accelerations a, a difference over +-interval, in `rate`. */
+void evaluate_constraint_rate(MotionBuffers *x, Reals a, double interval, Reals rate);
+/* Accelerations and multipliers with the stiffness, and the forces `change` (empty for none). */
+int solve_accelerations(MotionBuffers *x, double stiffness, Reals change);
+/* The same, and consistent rates of states, after a jump of held inputs. */
+int solve_jump(MotionBuffers *x);
 
 /* State after a step of length h; a is the algorithmic acceleration. */
 typedef struct {
     Reals q, v, ddq, a, lam;
     double h;
 } Motion;
-
-/* Jerk that corrects velocities when the step changes: g_ddot shortly `ahead` and `behind` of the
-   current time, and `unknowns`, the jerk followed by its multipliers. */
-typedef struct {
-    Sum accelerations, saddle;
-    LinearSolver linear;
-    Reals motion, ahead, behind, nonzeros, unknowns;
-} JerkBuffers;
 
 typedef struct {
     StepBuffers form;
@@ -231,7 +237,8 @@ typedef struct {
     double max_error, error; /* of these steps and of the last one, relative to the tolerance */
     int64_t residuals, jacobians, failures, rejections;
     /* Adaptive steps */
-    JerkBuffers jerk;
+    MotionBuffers jerk; /* normal to the constraints: it corrects velocities if the step changes */
+    Reals constraint_rate;
     int64_t corrects_velocities;
     Reals multiplier_weights; /* see `MultiplierTolerances` */
     double multiplier_tolerance, shortest_tested_step;

@@ -12,11 +12,11 @@ import numpy as np
 from beamdae.curves.plane_curves import ARC_LENGTH_GAUSS, ARC_LENGTH_INTERVALS, HasEnd
 from beamdae.errors import (
     BeamdaeError,
+    convert_fields,
     format_exception,
     require_finite,
     require_point,
     require_positive,
-    set_fields,
     short_repr,
 )
 
@@ -61,12 +61,7 @@ class IntrinsicCurve(HasEnd):
     angle: float = 0.0
 
     def __post_init__(self) -> None:
-        set_fields(
-            self,
-            length=require_positive("IntrinsicCurve", "length", self.length),
-            start=require_point("IntrinsicCurve", "start", self.start),
-            angle=require_finite("IntrinsicCurve", "angle", self.angle),
-        )
+        convert_fields(self, length=require_positive, start=require_point, angle=require_finite)
         if not callable(self.law):
             raise BeamdaeError(
                 f"IntrinsicCurve: law must be a function of s, got {short_repr(self.law)}."

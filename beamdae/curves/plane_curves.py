@@ -11,12 +11,12 @@ import numpy as np
 
 from beamdae.errors import (
     BeamdaeError,
+    convert_fields,
     format_distinct,
     is_instance,
     require_finite,
     require_point,
     require_positive,
-    set_fields,
     short_repr,
     warn_of_degrees,
 )
@@ -121,11 +121,7 @@ class Line:
     end: tuple[float, float]
 
     def __post_init__(self) -> None:
-        set_fields(
-            self,
-            start=require_point("Line", "start", self.start),
-            end=require_point("Line", "end", self.end),
-        )
+        convert_fields(self, start=require_point, end=require_point)
         if self.length == 0.0:
             raise BeamdaeError(f"Line: start and end must differ, but both are {self.start} m.")
 
@@ -190,12 +186,12 @@ class Arc(HasEnd):
     angle: float = 0.0
 
     def __post_init__(self) -> None:
-        set_fields(
+        convert_fields(
             self,
-            radius=require_finite("Arc", "radius", self.radius),
-            length=require_positive("Arc", "length", self.length),
-            start=require_point("Arc", "start", self.start),
-            angle=require_finite("Arc", "angle", self.angle),
+            radius=require_finite,
+            length=require_positive,
+            start=require_point,
+            angle=require_finite,
         )
         if self.radius == 0.0:
             raise BeamdaeError("Arc: radius must not be zero; use a Line for a straight curve.")
@@ -258,11 +254,7 @@ class Segment:
 
     def __post_init__(self) -> None:
         require_curve("Segment", self.curve)
-        set_fields(
-            self,
-            start=require_finite("Segment", "start", self.start),
-            end=require_finite("Segment", "end", self.end),
-        )
+        convert_fields(self, start=require_finite, end=require_finite)
         whole, slack = self.curve.length, ARC_LENGTH_TOLERANCE
         if not -slack * whole <= self.start < self.end <= whole * (1.0 + slack):
             raise BeamdaeError(

@@ -21,12 +21,12 @@ from beamdae.curves.plane_curves import (
 from beamdae.errors import (
     BeamdaeError,
     as_real,
+    convert_fields,
     format_exception,
     require_finite,
     require_point,
     require_positive,
     require_sequence,
-    set_fields,
     short_repr,
     warn_user,
 )
@@ -204,12 +204,12 @@ class Parabola(_SplineCurve):
     angle: float = 0.0
 
     def __post_init__(self) -> None:
-        set_fields(
+        convert_fields(
             self,
-            span=require_positive("Parabola", "span", self.span),
-            rise=require_finite("Parabola", "rise", self.rise),
-            start=require_point("Parabola", "start", self.start),
-            angle=require_finite("Parabola", "angle", self.angle),
+            span=require_positive,
+            rise=require_finite,
+            start=require_point,
+            angle=require_finite,
         )
         self._require_regular("Parabola")
 
@@ -271,7 +271,7 @@ class Curve(_SplineCurve):
                 "Curve: either function or points must be given; pass function and x, or points."
             )
         if self.noise is not None:
-            set_fields(self, noise=require_positive("Curve", "noise", self.noise))
+            convert_fields(self, noise=require_positive)
             if self.points is None:
                 raise BeamdaeError(
                     "Curve: noise applies only to points; omit noise with a function."

@@ -73,7 +73,7 @@ def compile_formula_forces(equations: EquationsOfMotion) -> tuple[FormulaForceTe
     """Return the forces that may have narrow peaks over time or over the motion."""
     terms = []
     for term, names in zip(equations.forces, name_copies(equations), strict=True):
-        if not term.kernel.may_have_peaks:
+        if term.rotation is not None or not term.kernel.may_have_peaks:
             continue
         size = term.kernel.local.size
         numbers = equations.p[term.data].reshape(term.count, -1)

@@ -37,9 +37,6 @@ class TableArgumentTerm:
         The table, and the index of its argument.
     argument
         The compiled argument.
-    call, constants
-        Number of the call in the formulas of the model, and the arguments of the call that are
-        numbers; None for the others.
     depends_on_motion
         False if the argument depends on time and inputs only.
     """
@@ -48,8 +45,6 @@ class TableArgumentTerm:
     table: Any
     axis: int
     argument: CompiledQuantity
-    call: int
-    constants: tuple[float | None, ...]
     depends_on_motion: bool
 
     @property
@@ -117,27 +112,17 @@ def compile_table_arguments(equations: EquationsOfMotion) -> tuple[TableArgument
     if mechanism is None or not arguments:
         return ()
     places = [
-        (call, argument, axis, quantity)
-        for call, argument in enumerate(arguments)
+        (argument, axis, quantity)
+        for argument in arguments
         for axis, quantity in _list_quantities(argument)
     ]
-    compiled = compile_quantities(mechanism, [(x.part, quantity) for _, x, _, quantity in places])
+    compiled = compile_quantities(mechanism, [(x.part, quantity) for x, _, quantity in places])
     return tuple(
         TableArgumentTerm(
-            argument.part,
-            argument.call.table,
-            axis,
-            value,
-            call,
-            _list_constants(argument),
-            _depends_on_motion(argument, axis),
+            argument.part, argument.call.table, axis, value, _depends_on_motion(argument, axis)
         )
-        for (call, argument, axis, _), value in zip(places, compiled, strict=True)
+        for (argument, axis, _), value in zip(places, compiled, strict=True)
     )
-
-
-def _list_constants(argument: TableArgument) -> tuple[float | None, ...]:
-    return tuple(None if ca.symvar(x) else float(x) for x in argument.call.arguments)
 
 
 def _depends_on_motion(argument: TableArgument, axis: int) -> bool:
@@ -180,15 +165,6 @@ def find_distinct(terms: Sequence[TableArgumentTerm]) -> tuple[TableArgumentTerm
         )
         distinct.setdefault(key, term)
     return tuple(distinct.values())
-
-
-def group_grids(terms: Sequence[TableArgumentTerm]) -> tuple[tuple[TableArgumentTerm, ...], ...]:
-    """Return the arguments of each call of a table of two arguments."""
-    calls: dict[int, list[TableArgumentTerm]] = {}
-    for term in terms:
-        if len(term.constants) > 1:
-            calls.setdefault(term.call, []).append(term)
-    return tuple(map(tuple, calls.values()))
 
 
 def list_arguments_outside(

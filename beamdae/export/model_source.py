@@ -36,7 +36,7 @@ from beamdae.export.c_code import (
 )
 from beamdae.export.elimination_order import plan_elimination
 from beamdae.export.image import Image
-from beamdae.integrators.input_jumps import InputJump
+from beamdae.integrators.input_jumps import make_motion_buffers
 from beamdae.integrators.radau.stepper import STABILIZED_FORM
 from beamdae.linear.elimination import EliminationPlan
 from beamdae.native.lane_code import LANE_WIDTH
@@ -214,37 +214,34 @@ class _SourceWriter:
         x, e = self._exported, self._exported.equations
         n, m, values = e.n, e.m, x.numbers.values
         sums, outputs = plan_state_sums(e.structure), plan_outputs(e, x.outputs)
-        solver = _make_solver(plan_elimination(sums.saddle_pattern, n), float)
+        starter, _ = make_motion_buffers(e)
+        starter.motion, starter.saddle = self._sum(plan_motion(e.structure)), self._sum(sums.saddle)
+        starter.linear = _make_solver(plan_elimination(sums.saddle_pattern, n), float)
+        inputs = np.zeros(2 * (3 * n + m) + len(e.p))
+        starter.q[:], starter.v[:], starter.inputs = x.state.q, x.state.v, inputs[: 3 * n + m]
         direction = directional_plan(outputs, 3 * n + m) if values else None
         return {
             "n": n,
             "m": m,
-            "has_friction": int(any(term.rows is not None for term in e.forces)),
             "length": e.length,
             "values": np.array([value.start for value in values]),
             "breakpoints": np.array([b for b in e.breakpoints if b > 0.0]),
             "min_values": np.array([value.low for value in values]),
             "max_values": np.array([value.high for value in values]),
-            "states": np.array(e.states, np.int64),
             "number_targets": x.numbers.targets.astype(np.uint32),
-            "q": x.state.q.copy(),
-            "v": x.state.v.copy(),
+            "q": starter.q,
+            "v": starter.v,
             "ddq": np.zeros(n),
             "lam": np.zeros(m),
-            "inputs": np.zeros(2 * (3 * n + m) + len(e.p)),
-            "levels": np.zeros(n + 3 * m),
+            "starter": starter,
+            "inputs": inputs,
             "rate": np.zeros(m),
-            "solution": np.zeros(n + m),
             "outputs": np.zeros(len(x.outputs)),
             "direction": np.zeros(2 * len(values)),
             "numbers": np.zeros(LANE_WIDTH * len(x.numbers.targets)),
             "zeros": np.zeros(2 * (n + m)),
-            "motion": self._sum(plan_motion(e.structure)),
-            "saddle": self._sum(sums.saddle),
             "output": self._sum(outputs),
             "output_direction": self._sum(direction),
-            "linear": solver,
-            "nonzeros": np.zeros(sums.saddle_pattern.nnz),
         }
 
     def _add_alpha(self, table: SimpleNamespace, run: Workspace) -> None:
@@ -259,6 +256,7 @@ class _SourceWriter:
         run.rows = run.rows[:1].copy()  # one step per call
         current.q[:], current.v[:] = table.q, table.v
         table.q, table.v, table.ddq, table.lam = current.q, current.v, current.ddq, current.lam
+        table.starter.q, table.starter.v = current.q, current.v
         table.run = run
         table.residual_direction = self._direction(residual, 3 * e.n + e.m)
         table.smooth_motion = self._sum(plan_smooth_motion(e.structure))
@@ -277,10 +275,6 @@ class _SourceWriter:
         run.rows = run.rows[:3].copy()  # one step per call
         run.real_solver, run.complex_solver = (_make_solver(order, x) for x in (float, complex))
         table.run = run
-        table.jump = InputJump(form).workspace
-        table.jump.form, table.jump.saddle = run.form, table.saddle
-        table.jump.linear = _make_solver(table.linear.plan, float)
-        table.jump.y, table.jump.yp = run.y, run.yp
         table.start_rate = self._exported.start_rate
         table.residual_direction = self._direction(form.sums[0], 2 * form.size)
         table.gap_sum = self._sum(plan_gaps(gaps) if gaps else None)

@@ -35,7 +35,7 @@ class RepeatedSample(NamedTuple):
     controller
         The controller.
     arguments, result
-        Arguments and result of `Controller.next_values`.
+        Arguments and result of `Controller._next_values`.
     """
 
     controller: Controller
@@ -44,7 +44,7 @@ class RepeatedSample(NamedTuple):
 
     def repeat(self) -> None:
         """Take the sample again; raise BeamdaeError unless the result is the same."""
-        self.controller.require_repeatable(*self.arguments, self.result)
+        self.controller._require_repeatable(*self.arguments, self.result)
 
 
 def describe_growth(samples: Sequence[RepeatedSample]) -> str:
@@ -130,7 +130,7 @@ class Sampler:
             index = round(ratio)
             if abs(ratio - index) <= _SAME_SAMPLE:
                 reads, before = read(t, branch, state.q, state.v), state.q[rows]
-                q[rows] = values = controller.next_values(t, index, reads, before, k)
+                q[rows] = values = controller._next_values(t, index, reads, before, k)
                 count = self._counts[k]
                 if count & (count - 1) == 0:
                     arguments = t, index, reads.copy(), before.copy(), k

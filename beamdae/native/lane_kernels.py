@@ -88,32 +88,12 @@ class LaneKernel:
     def __call__(self, shared: Array, local: Array, out: Array | None = None) -> Array:
         """Return values (n_out, padded) for `shared` (n_shared,) and `local` (n_local, padded).
 
-        The values are written into `out` if it is given.
-
-        Raises
-        ------
-        ValueError
-            If a shape does not fit, or `out` is not a writable C-contiguous array of float64.
+        They are written into `out`, a C-contiguous array of float64, if it is given. Shapes are not
+        checked.
         """
-        shared = np.ascontiguousarray(shared, dtype=np.float64)
-        local = np.ascontiguousarray(local, dtype=np.float64)
+        shared, local = (np.ascontiguousarray(x, np.float64) for x in (shared, local))
         count = local.shape[-1]
-        if shared.shape != (self.n_shared,):
-            raise ValueError(
-                f"{self.name}: shared must have shape {(self.n_shared,)}, got {shared.shape}."
-            )
-        if local.shape != (self.n_local, count) or count % LANE_WIDTH:
-            raise ValueError(
-                f"{self.name}: local must have shape ({self.n_local}, a multiple of {LANE_WIDTH}), "
-                f"got {local.shape}."
-            )
-        if out is None:
-            out = np.empty((self.n_out, count))
-        if out.shape != (self.n_out, count) or out.dtype != float or not out.flags.carray:
-            raise ValueError(
-                f"{self.name}: out must be a writable C-contiguous float64 array of shape "
-                f"{(self.n_out, count)}, got {out.dtype} {out.shape}."
-            )
+        out = np.empty((self.n_out, count)) if out is None else out
         self.bind(shared, local, out)(count)
         return out
 
@@ -166,13 +146,13 @@ def build_lane_kernel(
     text = "\n".join([function.serialize(), *map(_describe_rewrite, rewrites), describe_writer()])
     source = ObjectSource(
         name=name,
-        text=f"{text}\ncasadi {installed_version('casadi')}",
+        text=text,
         symbols=(name,),
         imports=library_imports(),
         level=_OPTIMIZATION_LEVEL,
         ir=lambda: write_lane_module(rewrite(function, rewrites)),
-        # Without the version of CasADi: before use, objects are checked against CasADi.
-        portable_text=lambda: text,
+        # Prebuilt objects are checked against the installed CasADi before use.
+        version=f"casadi {installed_version('casadi')}",
     )
     try:
         code = load_object(
@@ -212,7 +192,6 @@ def build_loop_kernel(
         symbols=(name,),
         imports={symbol: kernel.address for symbol, kernel in called.items()},
         level=_OPTIMIZATION_LEVEL_OF_LOOPS,
-        portable_text=lambda: text,
     )
     code = load_object(source, is_correct, compiles)
     return None if code is None else wrap_code(code)

@@ -32,7 +32,8 @@ class ObjectSource:
     name
         Prefix of the file name in the cache: letters, digits and underscores.
     text
-        Module of LLVM IR or, if `ir` is given, text that determines the module returned by `ir`.
+        Module of LLVM IR or, if `ir` is given, text that determines the module returned by `ir`. It
+        is the same for all versions of Python and of compilers: prebuilt objects are found by it.
     symbols
         Exported symbols of the module.
     imports
@@ -41,10 +42,8 @@ class ObjectSource:
         Optimization level, as in O1; 0 for IR that needs no passes.
     ir
         Function that returns the module of LLVM IR. If None, the module is `text`.
-    portable_text
-        Function that returns a text that determines what the object computes, and is the same for
-        all versions of Python and of compilers; prebuilt objects are found by it. If the
-        function or its result is None, the object is never prebuilt.
+    version
+        Version of a program that wrote the text, on which compiled objects in the cache depend.
     """
 
     name: str
@@ -53,18 +52,17 @@ class ObjectSource:
     imports: Mapping[str, int] = field(default_factory=dict)
     level: int = 1
     ir: Callable[[], str] | None = None
-    portable_text: Callable[[], str | None] | None = None
+    version: str = ""
 
     @property
-    def identity(self) -> str | None:
-        """Text that identifies the object among those installed with the package, or None."""
-        text = self.portable_text() if self.portable_text else None
-        return None if text is None else f"{text}\nO{self.level}"
+    def identity(self) -> str:
+        """Text that identifies the object among those installed with the package."""
+        return f"{self.text}\nO{self.level}"
 
     @property
     def recipe(self) -> str:
         """Text that determines the object: source, optimization level and target."""
-        return "\n".join([self.text, f"O{self.level}", *llvm.describe_target()])
+        return "\n".join([self.identity, self.version, *llvm.describe_target()])
 
     def compile(self) -> bytes:
         """Return the object for this machine."""
@@ -79,8 +77,7 @@ class ObjectSource:
         target = llvm.host_target()
         if not has_prebuilt_objects(target):
             return None
-        identity = self.identity
-        return None if identity is None else read_prebuilt_object(target, identity, self.name)
+        return read_prebuilt_object(target, self.identity, self.name)
 
     def load(self, content: bytes) -> LoadedObject:
         """Load `content`, the object compiled from this source, into memory."""

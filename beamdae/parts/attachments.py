@@ -178,13 +178,21 @@ def require_angle(part: str, attachment: Attachment) -> None:
         )
 
 
-def require_movable(part: str, attachment: Attachment) -> None:
-    """Raise BeamdaeError if an attachment cannot move, so that a load would have no effect."""
-    if not attachment.size:
+def require_movable(part: str, name: str, value: Any) -> Attachment:
+    """Return `value` if it is an attachment that can move, so that a load has an effect on it."""
+    if not require_attachment(part, name, value).size:
         raise BeamdaeError(
-            f"{part}: {attachment} belongs to the ground; choose an attachment on a body "
-            "that can move."
+            f"{part}: {value} belongs to the ground; choose an attachment on a body that can move."
         )
+    return value
+
+
+def require_direction(part: str, name: str, value: Any) -> tuple[float, float]:
+    """Return `value` as floats (x, y), or raise BeamdaeError if it is not a nonzero vector."""
+    direction = require_point(part, name, value)
+    if np.hypot(*direction) == 0.0:
+        raise BeamdaeError(f"{part}: {name} must not be zero, got (0, 0).")
+    return direction
 
 
 def rotate(angle: Any, vector: Any) -> SX:

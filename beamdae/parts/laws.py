@@ -16,7 +16,9 @@ import numpy as np
 from beamdae.errors import (
     BeamdaeError,
     as_real,
+    convert_fields,
     format_exception,
+    optional,
     require_finite,
     require_pair,
     require_positive,
@@ -132,8 +134,7 @@ class Law:
             )
         if any(b <= a for a, b in pairwise(self.breakpoints)):
             raise BeamdaeError(f"Law: breakpoints must ascend, got {self.breakpoints} s.")
-        if self.time_scale is not None:
-            set_fields(self, time_scale=require_positive("Law", "time_scale", self.time_scale))
+        convert_fields(self, time_scale=optional(require_positive))
         ranges = self.ranges
         if not isinstance(ranges, tuple) or not all(isinstance(x, TableRange) for x in ranges):
             raise BeamdaeError(

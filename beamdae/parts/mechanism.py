@@ -29,6 +29,7 @@ from beamdae.errors import (
 from beamdae.model_functions import HasOrigin
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.bodies.rigid_body import Ground
+from beamdae.parts.event_actions import deactivate
 from beamdae.parts.events import Event, select_impacts, select_switches
 from beamdae.parts.gravity import GravityLaws
 from beamdae.parts.laws import Law, as_law
@@ -556,16 +557,7 @@ class Mechanism(HasOrigin):
         BeamdaeError
             If there is no argument, or an argument is not a part of this mechanism.
         """
-        if not parts:
-            raise BeamdaeError(
-                "Mechanism.deactivate: expected joints and forces, got none; pass at least one "
-                "part."
-            )
-        for part in parts:
-            if not isinstance(part, Part):
-                raise BeamdaeError(
-                    f"Mechanism.deactivate: expected joints and forces, got {short_repr(part)}."
-                )
+        for part in deactivate(*parts).parts:
             self._require_member("Mechanism.deactivate", part)
             self.inactive.add(part.name)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -18,11 +18,11 @@ from beamdae.parts.attachments import (
     rotate,
     suggest_point,
 )
+from beamdae.parts.point_parts import PlacedPoint, observe_points
 from beamdae.parts.signals import NO_UNIT, Value, find_unit, require_formula
 from beamdae.symbolic.formula import (
     MAX_SHARED_KERNELS,
     Formula,
-    FormulaExpression,
     constant_formula,
 )
 from beamdae.symbolic.statements import SX, Local, Quantity, Variable, rebuilt_for_mesh
@@ -37,13 +37,9 @@ def motion_quantity(attachment: Attachment) -> Quantity:
     """
     has_rotation = _has_rotation(attachment)
     columns = [Variable("x", "m"), Variable("y", "m"), *([Variable("angle", "rad")] * has_rotation)]
-    functions: list[Callable[..., Any]] = [attachment.checked_kinematics]
-    if has_rotation:
-        functions.append(constant_formula(attachment.inclination))
-    kind = _section_motion if has_rotation else _point_motion
-    values, data = FormulaExpression.of(kind, functions)
-    rates = [column.rate for column in columns]
-    return Quantity((*columns, *rates), (attachment.piece,), values, data)
+    functions = [constant_formula(attachment.inclination)] if has_rotation else []
+    columns += [column.rate for column in columns]
+    return observe_points([attachment], _motion, columns, functions)
 
 
 def as_quantity(name: str, what: Attachment | Quantity | SX, unit: str | None = None) -> Quantity:
@@ -94,14 +90,9 @@ def _depends_on_coordinates(kinematics: Callable[[SX], tuple[SX, SX]], size: int
     return not SX(rotation).is_constant()
 
 
-def _point_motion(local: Local, on: Any) -> SX:
-    position, _ = on(local.q)
-    return ca.vertcat(position, local.dot(position))
-
-
-def _section_motion(local: Local, on: Any, inclination: Callable[[], Any]) -> SX:
-    position, rotation = on(local.q)
-    placement = ca.vertcat(position, inclination()[0] + rotation)
+def _motion(local: Local, points: Sequence[PlacedPoint], *inclination: Callable[[], Any]) -> SX:
+    (position, rotation), *_ = points
+    placement = ca.vertcat(position, *(angle()[0] + rotation for angle in inclination))
     return ca.vertcat(placement, local.dot(placement))
 
 
@@ -112,8 +103,10 @@ class _Acceleration:
     axes: str
     has_rotation: bool
 
-    def __call__(self, local: Local, of: Any, inclination: Callable[[], Any]) -> SX:
-        position, rotation = of(local.q)
+    def __call__(
+        self, local: Local, points: Sequence[PlacedPoint], inclination: Callable[[], Any]
+    ) -> SX:
+        ((position, rotation),) = points
         values = local.ddot(position)
         if self.axes == "section":
             values = rotate(-(inclination()[0] + rotation), values)
@@ -172,57 +165,24 @@ def acceleration(of: Attachment, axes: str = "inertial") -> Quantity:
     has_rotation = _has_rotation(of)
     columns = [Variable("ax", "m/s^2"), Variable("ay", "m/s^2")]
     columns += [Variable("angle_ddot", "rad/s^2")] * has_rotation
-    values, data = FormulaExpression.of(
-        _Acceleration(axes, has_rotation),
-        (of.checked_kinematics, constant_formula(of.inclination)),
-    )
-    return Quantity(tuple(columns), (of.piece,), values, data, has_accelerations=True)
-
-
-@dataclass(frozen=True)
-class _RelativeDisplacement:
-    """Displacement and rotation of a point relative to the end of an arm.
-
-    The arm is fixed to the body or section of a reference point. With an angle, the axes rotate
-    with this point, and the angle is that of the axes in the reference configuration.
-
-    Attributes
-    ----------
-    size
-        Number of local coordinates of the displaced point; the local coordinates of the reference
-        point follow.
-    """
-
-    size: int
-
-    def __call__(self, local: Local, of: Any, on: Any, arm: Callable[[], Any], *angle: Any) -> SX:
-        position, rotation = of(local.q[: self.size])
-        root, root_rotation = on(local.q[self.size :])
-        displacement = position - (root + rotate(root_rotation, arm()))
-        for inclination in angle:
-            displacement = rotate(-(inclination()[0] + root_rotation), displacement)
-        return ca.vertcat(displacement, rotation - root_rotation)
+    functions = [constant_formula(of.inclination)]
+    build = _Acceleration(axes, has_rotation)
+    return observe_points([of], build, columns, functions, has_accelerations=True)
 
 
 def express_displacement(
-    size: int, of: Callable[..., Any], on: Callable[..., Any], arm: np.ndarray, *angle: float
-) -> tuple[FormulaExpression, np.ndarray]:
-    """Return (u, v, phi) of a point relative to a reference point, and the data of the expression.
+    local: Local, points: Sequence[PlacedPoint], arm: Callable[[], Any], *angle: Callable[[], Any]
+) -> SX:
+    """Return displacement and rotation (u, v, phi) of a point relative to the end of an arm.
 
-    Parameters
-    ----------
-    size
-        Number of local coordinates of the displaced point, which precede those of the other point.
-    of, on
-        Kinematics of both points, see `Attachment`.
-    arm
-        Vector (x, y) [m] from the reference point to the other in the reference configuration.
-    angle
-        Angle [rad] in the reference configuration of axes that rotate with the reference point;
-        without it, the axes are inertial.
+    The arm is fixed to the body or section of a reference point, the second one. With an angle, the
+    axes rotate with this point, and the angle is that of the axes in the reference configuration.
     """
-    numbers = [constant_formula(*arm.tolist()), *map(constant_formula, angle)]
-    return FormulaExpression.of(_RelativeDisplacement(size), (of, on, *numbers))
+    (position, rotation), (root, root_rotation) = points
+    displacement = position - (root + rotate(root_rotation, arm()))
+    for inclination in angle:
+        displacement = rotate(-(inclination()[0] + root_rotation), displacement)
+    return ca.vertcat(displacement, rotation - root_rotation)
 
 
 @rebuilt_for_mesh
@@ -258,12 +218,11 @@ def relative_displacement(of: Attachment, on: Attachment, axes: str = "inertial"
     require_angle("relative_displacement", of)
     require_angle("relative_displacement", on)
     require_choice("relative_displacement", "axes", axes, ("inertial", "section"))
-    arm, angle = np.subtract(of.point, on.point), (on.inclination,) * (axes == "section")
+    functions = [constant_formula(*np.subtract(of.point, on.point).tolist())]
+    if axes == "section":
+        functions.append(constant_formula(on.inclination))
     columns = (Variable("u", "m"), Variable("v", "m"), Variable("phi", "rad"))
-    values, data = express_displacement(
-        of.size, of.checked_kinematics, on.checked_kinematics, arm, *angle
-    )
-    return Quantity(columns, (of.piece, on.piece), values, data)
+    return observe_points([of, on], express_displacement, columns, functions)
 
 
 @dataclass(frozen=True)
@@ -272,22 +231,19 @@ class _RelativeMotion:
 
     Attributes
     ----------
-    size
-        Number of local coordinates of the observed point; the local coordinates of the reference
-        point follow.
     axes
         As in `relative_motion`.
     has_angle
         True if the relative angle is a column.
     """
 
-    size: int
     axes: str
     has_angle: bool
 
-    def __call__(self, local: Local, of: Any, on: Any, angles: Callable[[], Any]) -> SX:
-        position, rotation = of(local.q[: self.size])
-        root, root_rotation = on(local.q[self.size :])
+    def __call__(
+        self, local: Local, points: Sequence[PlacedPoint], angles: Callable[[], Any]
+    ) -> SX:
+        (position, rotation), (root, root_rotation) = points
         placement = position - root
         if self.axes == "section":
             placement = rotate(-(angles()[1] + root_rotation), placement)
@@ -342,10 +298,6 @@ def relative_motion(of: Attachment, on: Attachment, axes: str = "section") -> Qu
         require_angle("relative_motion", on)
     has_angle = of.has_angle and on.has_angle
     columns = [Variable("x", "m"), Variable("y", "m"), *([Variable("angle", "rad")] * has_angle)]
+    columns += [column.rate for column in columns]
     angles = constant_formula(of.inclination, on.inclination)
-    values, data = FormulaExpression.of(
-        _RelativeMotion(of.size, axes, has_angle),
-        (of.checked_kinematics, on.checked_kinematics, angles),
-    )
-    rates = [column.rate for column in columns]
-    return Quantity((*columns, *rates), (of.piece, on.piece), values, data)
+    return observe_points([of, on], _RelativeMotion(axes, has_angle), columns, [angles])

@@ -257,14 +257,16 @@ class Part:
         """
         return False
 
-    def prolongation_to(self, fine: Part) -> sp.csc_array:
+    def _prolongation_to(self, fine: Part) -> sp.csc_array:
         """Return the matrix that maps changes of coordinates to those of a copy, (n', n).
 
         Copies may refer to beams with finer meshes. By default, coordinates stay the same.
         """
         return sp.eye_array(len(self.coordinates), format="csc")
 
-    def prepare(self, attached: Sequence[AttachedPart], has_fixed_coordinates: bool) -> bool | None:
+    def _prepare(
+        self, attached: Sequence[AttachedPart], has_fixed_coordinates: bool
+    ) -> bool | None:
         """Adapt the coordinates to the parts attached to this part, before an assembly.
 
         Return False if the coordinates did not change; otherwise, quantities are rebuilt.

@@ -69,6 +69,27 @@ class PointFormula:
         return self.build(local, points, *functions[len(points) :])
 
 
+def observe_points(
+    points: Sequence[Attachment],
+    build: Callable[..., SX],
+    columns: Sequence[Variable],
+    functions: Sequence[Callable[..., Any]] = (),
+    is_shared: bool = True,
+    **source: Any,
+) -> Quantity:
+    """Return a quantity of points; see `PointFormula` for `build` and the other `functions`.
+
+    Formulas that are not shared contain functions of the user, which are not cached for other
+    models. `source` are further fields of the quantity.
+    """
+    formula = PointFormula(tuple(point.size for point in points), build)
+    places = [point.checked_kinematics for point in points]
+    values, data = FormulaExpression.of(formula, [*places, *functions])
+    expression = values if is_shared else lambda local: values(local)
+    pieces = tuple(point.piece for point in points)
+    return Quantity(tuple(columns), pieces, expression, data, **source)
+
+
 @dataclass(frozen=True)
 class _Loads:
     """Loads on some of the points.
@@ -168,9 +189,10 @@ class PointPart(Part):
 
     def _observe(self, build: Callable[..., SX], columns: tuple[Variable, ...]) -> Quantity:
         """Return a quantity of the points; see `PointFormula` for `build`."""
-        values, data = FormulaExpression.of(*self._arguments(build, self._functions))
-        expression = values if self._is_shared else lambda local: values(local)
-        return Quantity(columns, self._pieces, expression, data, **self._source)
+        points = tuple(self.points.values())
+        return observe_points(
+            points, build, columns, self._functions, self._is_shared, **self._source
+        )
 
     def _observe_load(self, place: str, axes: str) -> Quantity:
         """Return force Fx, Fy [N] and moment M [N m] on the body of a point, acting there."""

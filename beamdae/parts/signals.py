@@ -15,8 +15,8 @@ import scipy.sparse as sp
 from beamdae.errors import (
     BeamdaeError,
     as_real,
+    convert_fields,
     require_finite,
-    require_name,
     require_positive,
     require_unit,
     set_fields,
@@ -256,13 +256,8 @@ class State(Part, Value):
     laws: tuple[Law, ...] = field(init=False, default=())
 
     def __post_init__(self) -> None:
-        set_fields(
-            self,
-            name=require_name("State", self.name),
-            start=require_finite(self.name, "start", self.start),
-            scale=require_positive(self.name, "scale", self.scale),
-            unit=require_unit(self.name, self.unit),
-        )
+        convert_fields(self, start=require_finite, scale=require_positive)
+        set_fields(self, unit=require_unit(self.name, self.unit))
         if self.rate is not None:
             self.follows(self.rate)
 

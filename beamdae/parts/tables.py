@@ -427,20 +427,15 @@ class Table:
         jumps = jumps.reshape(len(knots), -1).max(axis=1)
         return knots[jumps > _MIN_SLOPE_JUMP * np.max(np.abs(slopes), initial=0.0)]
 
-    def list_rows(self, low: float, high: float) -> tuple[Array, Array]:
-        """Return arguments and values of the rows of the only argument, (k,) each.
-
-        Repeated tables have the rows of all periods from the argument `low` to `high`.
-        """
-        (knots,) = self.axes
+    def list_knots(self, axis: int, low: float, high: float) -> Array:
+        """Return the arguments at the rows; of repeated tables, those from `low` to `high`."""
+        knots = self.axes[axis]
         if not self.is_repeated:
-            return knots, self.values
+            return knots
         _, period = self._period
         first, last = (int(np.floor((x - knots[0]) / period)) for x in (low, high))
         starts = period * np.arange(first, last + 1)
-        rows = np.append((starts[:, None] + knots[:-1]).ravel(), starts[-1] + knots[-1])
-        values = np.append(np.tile(self.values[:-1], len(starts)), self.values[-1])
-        return rows, values
+        return np.append((starts[:, None] + knots[:-1]).ravel(), starts[-1] + knots[-1])
 
     def describe_argument(self, axis: int, value: float) -> str:
         """Return a phrase about an argument outside the table."""

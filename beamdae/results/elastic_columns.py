@@ -46,7 +46,7 @@ def is_elastic(equations: EquationsOfMotion, observable: Observable) -> bool:
     quantity, _ = measured_quantity(observed)
     if quantity.is_magnitude:
         return False
-    if Beam.of_strains(quantity) is not None:
+    if Beam._of_strains(quantity) is not None:
         return True
     part = mechanism.parts.get(quantity.load_of or "")
     is_force = all(column.unit in LOAD_UNITS for column in observable.columns)

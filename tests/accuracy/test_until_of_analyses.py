@@ -197,7 +197,7 @@ def test_interrupts_keep_the_last_modes(monkeypatch):
         return ()
 
     mech = cantilever(elements=1)
-    monkeypatch.setattr(bd.Beam, "with_exact_strains", lambda self: interrupt(self) or self)
+    monkeypatch.setattr(bd.Beam, "_with_exact_strains", lambda self: interrupt(self) or self)
     with pytest.raises(bd.Interrupted) as caught:
         bd.modes(mech, n=6, accuracy=1e-5)
     assert len(caught.value.partial) == 6

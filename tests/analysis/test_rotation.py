@@ -68,6 +68,39 @@ def test_internal_damping_is_unstable_above_the_critical_speed():
     assert growth(4.99) < 0.0 < growth(5.01)
 
 
+def damped_rotor(stiffness=3000.0):
+    """Return a disk on a damped shaft, on a hub in a damped bearing."""
+    mech, at = bd.Mechanism(), (0.0, 0.0)
+    hub = mech.add(bd.RigidBody("hub", 0.5, 0.01, center=at))
+    disk = mech.add(bd.RigidBody("disk", 2.0, 0.1, center=at))
+    mech.add(bd.Bushing("shaft", hub.at(*at), disk.at(*at), 800.0, 800.0, 50.0, 6.0, 6.0, 1.0))
+    bearing = mech.ground.at(*at), hub.at(*at)
+    mech.add(bd.Bushing("bearing", *bearing, stiffness, stiffness, 0.0, 10.0, 10.0))
+    return mech
+
+
+@pytest.mark.parametrize("speed", [10.0, 50.0, -50.0])
+def test_dampers_on_the_ground_act_on_absolute_velocities(speed):
+    """Poles of modes contained no force c W x of the bearing, those of runs and matrices do."""
+    mass, shaft = np.diag([0.5, 2.0]), np.array([[1.0, -1.0], [-1.0, 1.0]])
+    bearing = np.diag([1.0, 0.0])
+    # z = x + i y in the rotating frame, where absolute velocities are z' + i W z.
+    damping = 2j * speed * mass + 6.0 * shaft + 10.0 * bearing
+    stiffness = -(speed**2) * mass + 800.0 * shaft + (3000.0 + 10j * speed) * bearing
+    inverse = np.linalg.inv(mass)
+    lower = [-inverse @ stiffness, -inverse @ damping]
+    expected = np.linalg.eigvals(np.block([[np.zeros((2, 2)), np.eye(2)], lower]))
+    expected = np.sort_complex(expected.real + 1j * np.abs(expected.imag))
+    mech = damped_rotor()
+    modes = bd.modes(mech, bd.rotation(speed), n=None).eigenvalues
+    distances = np.abs(np.subtract.outer(expected, modes)).min(axis=1)
+    assert_allclose(distances, 0.0, atol=1e-7)
+    linear = bd.linearize(mech, bd.rotation(speed))
+    poles = np.linalg.eigvals(linear.A)
+    distances = np.abs(np.subtract.outer(linear.poles, poles)).min(axis=1)
+    assert_allclose(distances, 0.0, atol=1e-4)
+
+
 def test_rotating_free_body_drifts():
     """In the rotating frame a straight motion is a spiral: l = +- i W; the angle is free."""
     mech = bd.Mechanism()

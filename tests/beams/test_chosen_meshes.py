@@ -143,7 +143,7 @@ def test_cubic_elements_where_the_setting_or_load_excludes_long_ones():
     ):
         beam = bd.Beam("arm", ARC, THIN, **settings)
         assert shape_of(beam) == (8, settings.get("nodes", 4) - 1)
-        assert not beam.has_chosen_mesh
+        assert not beam._has_chosen_mesh
     mech, beam = clamp(LINE, THIN)
     mech.add(bd.MovingForce("load", beam, (0.0, -1.0), speed=1.0))
     bd.equilibrium(mech)

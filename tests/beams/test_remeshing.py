@@ -72,7 +72,7 @@ def test_regression_copies_contain_their_own_signals(add):
     """
     mech, beam = build(add)
     before = bd.simulate(mech, METHOD, t_end=0.02)
-    copy = replace_beams(mech, {"rod": beam.with_mesh(beam.mesh)}, "test")
+    copy = replace_beams(mech, {"rod": beam._with_mesh(beam.mesh)}, "test")
     assert all(copy.parts[name] is not part for name, part in mech.parts.items())
     run = bd.simulate(copy, METHOD, t_end=0.02)
     assert list(run.columns) == list(before.columns)
@@ -83,7 +83,7 @@ def test_regression_copies_contain_their_own_signals(add):
     assert_allclose(again["tip.y"], before["tip.y"], rtol=1e-9)
     finer = replace(beam.mesh, elements=4)
     run = bd.simulate(
-        replace_beams(mech, {"rod": beam.with_mesh(finer)}, "test"), METHOD, t_end=0.02
+        replace_beams(mech, {"rod": beam._with_mesh(finer)}, "test"), METHOD, t_end=0.02
     )
     assert_allclose(run["tip.y"], before["tip.y"], atol=1e-3 * np.ptp(before["tip.y"]))
 
@@ -112,7 +112,7 @@ def test_regression_laws_with_locks_and_variables_without_a_value():
             mech.add(bd.Controller("law", 5e-3, [mech.sensor("y", tip, "y")], [u], law))
 
         mech, beam = build(add)
-        return replace_beams(mech, {"rod": beam.with_mesh(beam.mesh)}, "test")
+        return replace_beams(mech, {"rod": beam._with_mesh(beam.mesh)}, "test")
 
     with pytest.raises(bd.BeamdaeError, match=r"cannot pickle .*lock.*in global variables\.$"):
         copy_with(law_with_lock)
@@ -146,7 +146,7 @@ def test_regression_laws_without_a_module_are_copied():
     law = eval("lambda point, t: (0.0, 2.0 * t)", {"__builtins__": {}})
     assert law.__module__ is None
     mech.add(bd.ForceLaw("law", beam.end, law))
-    copied = replace_beams(mech, {"beam": beam.with_mesh(beam.mesh)}, "test")
+    copied = replace_beams(mech, {"beam": beam._with_mesh(beam.mesh)}, "test")
     assert bd.equations_of_motion(copied).n == bd.equations_of_motion(mech).n
 
 
@@ -167,8 +167,8 @@ def test_motions_on_both_meshes_are_equal(options, degree):
     curve, section = bd.Arc(0.5, 1.0, angle=1.0), bd.Section.rectangle(ALLOY, 0.02, 2e-3)
     coarse = bd.Beam("arch", curve, section, elements, **options)
     mesh = coarse.mesh.with_degree(degree) if degree else coarse.mesh.with_divided_elements(2)
-    fine = coarse.with_mesh(mesh)
-    matrix = coarse.prolongation_to(fine)
+    fine = coarse._with_mesh(mesh)
+    matrix = coarse._prolongation_to(fine)
     # The neglected angles between axes are up to 0.05 for straight elements, times the amplitude.
     amplitude = 1e-3
     rng = np.random.default_rng(1)

@@ -70,7 +70,7 @@ def test_sweep_writes_a_table_plots_and_a_page(tmp_path):
     assert "6 cases, 4 reached the end time" in result.output
     assert "too fast" in result.output
     folder = tmp_path / "swing_sweep_speed_turns"
-    files = {file.name for file in folder.iterdir() if file.is_file()}
+    files = {file.name for file in folder.glob("[!.]*") if file.is_file()}
     assert files == {"cases.csv", "sweep.csv", "report.html", "response.png", "map.png"}
     table = pd.read_csv(folder / "sweep.csv")
     assert list(table["speed"]) == [1.0, 1.0, 5.0, 5.0, 9.0, 9.0]
@@ -128,17 +128,17 @@ def test_studies_start_from_a_state(command, tmp_path):
     assert rows["bob.y [m]"][0] == pytest.approx(1.0)
 
 
-@pytest.mark.slow(reason="a sweep of twenty cases")
+@pytest.mark.slow(reason="a sweep of 28 cases")
 def test_long_sweeps_print_their_first_cases(tmp_path):
     """They printed no value."""
     path = tmp_path / "model.py"
     path.write_text(MODEL)
-    arguments = ["--over", "speed=0.5:1.5:20", "--of", "bob.x,bob.y", "--t-end", "0.01"]
+    arguments = ["--over", "speed=0.5:1.5:28", "--of", "bob.x,bob.y", "--t-end", "0.01"]
     arguments += ["--jobs", "1", "--no-page", "--no-picture", "--out", str(tmp_path)]
     result = invoke("sweep", path, *arguments, env={"COLUMNS": "80"})
     assert result.exit_code == 0, result.output
-    assert "not shown: 4 cases; see sweep.csv" in result.stdout
-    assert len(re.findall(r"^ [01]\.\d", result.stdout, re.MULTILINE)) == 16
+    assert "not shown: 4 rows; see sweep.csv" in result.stdout
+    assert len(re.findall(r"^ [01]\.\d", result.stdout, re.MULTILINE)) == 24
     assert re.search(r"bob\.[xy] +bob\.[yx] ", result.stdout)
     (file,) = tmp_path.rglob("sweep.csv")
     assert "reason" not in pd.read_csv(file)

@@ -9,7 +9,7 @@ import pytest
 from numpy.testing import assert_array_equal
 from test_object_cache import FUNCTION, OTHER
 
-from beamdae.native import lane_kernels, llvm, object_code, prebuilt_objects
+from beamdae.native import lane_kernels, llvm, prebuilt_objects
 from beamdae.native.lane_kernels import LANE_WIDTH, build_lane_kernel
 
 POINT = np.tile([[0.3], [1.7], [2.9]], LANE_WIDTH)
@@ -148,9 +148,3 @@ def test_systems_have_separate_objects():
     triples = ["x86_64-unknown-linux-gnu", "x86_64-apple-darwin", "x86_64-pc-windows-msvc"]
     folders = {prebuilt_objects.target_folder(llvm.Target(x, "x86-64-v3")) for x in triples}
     assert len(folders) == 3
-
-
-def test_source_tree_does_not_identify_objects(monkeypatch):
-    """Without prebuilt objects, looking for them costs nothing."""
-    source = object_code.ObjectSource("loop", "", (), portable_text=lambda: 1 / 0)
-    assert source.read_prebuilt() is None

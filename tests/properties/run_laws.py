@@ -23,18 +23,25 @@ INTEGRATORS = (
 )
 
 
-def build_with_observations(drawing: Drawing) -> bd.Mechanism:
-    """Build the mechanism and observe a distant point of each body."""
-    mech = drawing.mechanism()
+def distant_points(drawing: Drawing, mech: bd.Mechanism) -> dict[str, bd.results.Attachment]:
+    """Return a distant point of each body."""
+    points = {}
     for body in drawing.bodies:
         part = mech.part(body.name)
         if body.kind == "particle":
-            place = part.point
+            points[body.name] = part.point
         elif body.kind == "reduced":
-            place = part.at(body.node(1.0))
+            points[body.name] = part.at(body.node(1.0))
         else:
-            place = part.end if body.is_beam else part.at(*body.point(1.0))
-        mech.observe(body.name, place)
+            points[body.name] = part.end if body.is_beam else part.at(*body.point(1.0))
+    return points
+
+
+def build_with_observations(drawing: Drawing) -> bd.Mechanism:
+    """Build the mechanism and observe a distant point of each body."""
+    mech = drawing.mechanism()
+    for name, point in distant_points(drawing, mech).items():
+        mech.observe(name, point)
     return mech
 
 

@@ -3,7 +3,7 @@
 from functools import cache
 
 import pytest
-from robustness.faults import catalog as fault_catalog
+from robustness import faults
 from robustness.inputs import catalog as input_catalog
 from robustness.inputs.bad_input import MODEL_GROUPS
 
@@ -25,9 +25,9 @@ def test_no_group_of_inputs_is_missing_from_the_sample():
     assert {bad_input.group for bad_input in sample()} == set(GROUPS)
 
 
-@pytest.mark.parametrize("name", list(fault_catalog.collect_faults(slow=False)))
+@pytest.mark.parametrize("name", list(faults.list_faults(slow=False)))
 def test_faults_have_the_right_outcome(name):
-    row = fault_catalog.try_fault(name)
-    if row.ended.startswith("skipped"):
-        pytest.skip(row.ended)
-    assert row.ended == "right", f"{row.complaint}; right: {row.right}"
+    (complaint,) = faults.try_name(name)
+    if complaint is None:
+        pytest.skip("not permitted on this machine")
+    assert not complaint, f"{complaint}; right: {faults.list_faults()[name].__doc__}"

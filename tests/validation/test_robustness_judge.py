@@ -88,10 +88,8 @@ def test_process_that_dies_or_hangs_is_replaced():
     ],
 )
 def test_run_balances_its_energy_and_is_accurate_or_warns(row, complaint):
-    right = {"ended": "ok", "error": 50.0, "column": "tip.x [m]", "imbalance": 1e-3}
-    message = mechanisms.find_run_complaint(
-        mechanisms.MechanismRow("0", "ball", "Auto", **{**right, **row})
-    )
+    right = {"ended": "ok", "error": 50.0, "imbalance": 1e-3}
+    message = mechanisms.find_run_complaint(mechanisms.Run(**{**right, **row}))
     assert complaint in message
     assert bool(message) == bool(complaint)
 

@@ -1,5 +1,5 @@
-"""Robustness trials: bad inputs, random mechanisms, faults of the environment and other classes.
+"""Robustness: bad inputs, hostile files, random mechanisms, faults of the machine, interrupts.
 
-`run.py` runs the trials, and `judge.py` states which outcomes are accepted.
-To extend: add a module with a `TrialClass` and its place to `trial_class.CLASSES`.
+Each module has functions that list names of trials and try one; `judge.py` states which outcomes
+are accepted. The scoreboard runs samples of them.
 """

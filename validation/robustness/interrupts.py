@@ -14,10 +14,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from dataclasses import dataclass
 from pathlib import Path
-
-from robustness.trial_class import TrialClass
 
 ROOT = Path(__file__).parents[2]
 
@@ -62,13 +59,11 @@ _DATA = "t [s],tip.y [m]\n0,0\n0.1,-0.001\n0.2,-0.002\n"
 _RESULTS = "the results so far are in "
 # Moments of the interrupts after the start of a call. A cold start takes one to three seconds.
 _INTERVAL, _LAST_MOMENT = 0.005, 3.0  # s
-INTERRUPT_TIME_LIMIT = 400.0  # s
-INTERRUPT_COUNT, QUICK_INTERRUPT_COUNT = 500, 6
 # An interrupt is lost if its call goes on for longer; machines may be busy.
 _MAX_TIME_AFTER_INTERRUPT = 10.0  # s
 # Calls that end within this time of the interrupt have ended by themselves.
 _SIMULTANEOUS = 0.05  # s
-_PROCESS_TIME_LIMIT = 300.0  # s, less than INTERRUPT_TIME_LIMIT
+_PROCESS_TIME_LIMIT = 300.0  # s
 
 MODEL = """
 import beamdae as bd
@@ -115,26 +110,7 @@ print(json.dumps({{"ended": ended, "after": end - sent[0] if sent else None}}))
 """
 
 
-@dataclass(frozen=True)
-class InterruptOutcome:
-    """Outcome of one trial.
-
-    Attributes
-    ----------
-    trial
-        Call or command, and the time of the interrupt after its start.
-    ended
-        "raised", "finished" if the call ended before the interrupt, or another description.
-    complaint
-        Reason why the outcome is not right, otherwise empty.
-    """
-
-    trial: str
-    ended: str
-    complaint: str
-
-
-def collect_interrupts() -> list[str]:
+def list_names() -> list[str]:
     """Return the names of all trials: each call and command at each moment."""
     count = round(_LAST_MOMENT / _INTERVAL)
     return [
@@ -144,8 +120,8 @@ def collect_interrupts() -> list[str]:
     ]
 
 
-def try_interrupt(trial: str) -> InterruptOutcome:
-    """Interrupt a call or command in a process with an empty cache."""
+def try_name(trial: str) -> list[str]:
+    """Interrupt a call or command in a process with an empty cache, and return the complaint."""
     name, _, moment = trial.rpartition(" at ")
     with tempfile.TemporaryDirectory(prefix="robustness-") as scratch:
         folder = Path(scratch)
@@ -158,13 +134,10 @@ def try_interrupt(trial: str) -> InterruptOutcome:
             "XDG_CACHE_HOME": str(folder / "cache"),
         }
         attempt = _try_call if name in CALLS else _try_command
-        ended, complaint = attempt(name, float(moment.split()[0]), folder, environment)
-    return InterruptOutcome(trial, ended, complaint)
+        return [attempt(name, float(moment.split()[0]), folder, environment)]
 
 
-def _try_call(
-    name: str, delay: float, folder: Path, environment: dict[str, str]
-) -> tuple[str, str]:
+def _try_call(name: str, delay: float, folder: Path, environment: dict[str, str]) -> str:
     program = _PROGRAM.format(delay=delay, call=CALLS[name])
     try:
         process = subprocess.run(
@@ -176,24 +149,22 @@ def _try_call(
             timeout=_PROCESS_TIME_LIMIT,
         )
     except subprocess.TimeoutExpired:
-        return ("hung", "the call went on")
+        return "the call went on"
     lines = process.stdout.splitlines()
     if not lines:
-        return ("crashed", process.stderr[-200:])
+        return f"it crashed: {process.stderr[-200:]}"
     result = json.loads(lines[-1])
     ended, after = result["ended"], result["after"]
     if ended == "returned":
         is_lost = after is not None and after > _SIMULTANEOUS
-        return ("finished", "lost" if is_lost else "")
+        return "lost" if is_lost else ""
     if ended != "raised":
-        return (ended, "another exception")
+        return f"another exception: {ended}"
     is_late = after > _MAX_TIME_AFTER_INTERRUPT
-    return ("raised", f"{after:.1f} s later" if is_late else "")
+    return f"{after:.1f} s later" if is_late else ""
 
 
-def _try_command(
-    name: str, delay: float, folder: Path, environment: dict[str, str]
-) -> tuple[str, str]:
+def _try_command(name: str, delay: float, folder: Path, environment: dict[str, str]) -> str:
     command, _, signal_name = name.rpartition(", ")
     number = signal.Signals[signal_name]
     process = subprocess.Popen(
@@ -216,33 +187,23 @@ def _try_command(
     except subprocess.TimeoutExpired:
         process.kill()
         process.communicate()
-        return ("hung", "the command went on")
+        return "the command went on"
     after, code = time.monotonic() - sent, process.returncode
     if not is_running or (code == 0 and after < _SIMULTANEOUS):
-        return ("finished", "")
+        return ""
     # The interrupt may hit the start of Python and the import of the package, which precede the
     # command line.
     is_early = code in (-number, 1) and "beamdae/cli/" not in errors
     if code != 128 + number and not is_early:
-        return (f"code {code}", errors[-200:] or "lost")
+        return f"code {code}: {errors[-200:] or 'lost'}"
     if "Traceback" in errors and not is_early:
-        return ("raised", f"traceback: {errors[-200:]}")
+        return f"traceback: {errors[-200:]}"
     if remains := [x.name for x in folder.rglob("*.scratch")]:
-        return ("raised", f"unfinished files: {remains}")
+        return f"unfinished files: {remains}"
     if _RESULTS in errors:
         file = folder / errors.rpartition(_RESULTS)[2].strip()
         tables = [file] if file.suffix == ".csv" else [*file.glob("*.csv")]
         if not tables or not all("\n" in x.read_text() for x in tables):
-            return ("raised", f"no results in {file.name}")
+            return f"no results in {file.name}"
     is_late = after > _MAX_TIME_AFTER_INTERRUPT
-    return ("raised", f"{after:.1f} s later" if is_late else "")
-
-
-TRIALS = TrialClass(
-    "interrupts",
-    collect=collect_interrupts,
-    attempt=try_interrupt,
-    time_limit=INTERRUPT_TIME_LIMIT,
-    quick_size=QUICK_INTERRUPT_COUNT,
-    size=INTERRUPT_COUNT,
-)
+    return f"{after:.1f} s later" if is_late else ""

@@ -1,8 +1,9 @@
-"""Isolated trials: worker processes, scratch folders and captured output."""
+"""Isolated trials: samples, worker processes, scratch folders and captured output."""
 
 from __future__ import annotations
 
 import os
+import random
 import resource
 import shutil
 import sys
@@ -10,7 +11,7 @@ import tempfile
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from multiprocessing import get_context
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
@@ -26,9 +27,10 @@ _CPU_FIELDS = slice(11, 13)  # utime and stime after the name in /proc/PID/stat
 _MAX_CAPTURED_OUTPUT = 20_000  # bytes
 
 
-def count_cores() -> int:
-    """Return the number of processor cores available to this process."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+def draw_sample(names: Sequence[str], size: int, seed: int) -> list[str]:
+    """Return a random sample in the order of `names`; all of them if there are fewer."""
+    chosen = set(random.Random(seed).sample(range(len(names)), min(size, len(names))))
+    return [name for k, name in enumerate(names) if k in chosen]
 
 
 class ProcessPool:

@@ -34,7 +34,7 @@ _RESOLUTION = 1e-6
 _TURN_RESOLUTION = 1e-2
 # Largest number of samples for a root.
 _MAX_SAMPLES = 60
-# Wider brackets, relative to this distance, are bisected at times.
+# Wider brackets, relative to this distance, are bisected if a point is not found.
 _WIDE = 100.0
 # Pairs of critical points that cancel are sought in parts of a segment down to this width, and the
 # derivatives of eigenvalues are differences over this share of the part.
@@ -90,18 +90,12 @@ def explain_counts(segment: Segment, resolution: float = _RESOLUTION) -> list[Cr
 
 
 def _point_between(
-    segment: Segment, low: tuple[float, Point], high: tuple[float, Point], share: float
-) -> tuple[float, Point]:
-    """Return a position and point between two others, or nearby if Newton's method fails there."""
+    segment: Segment, low: tuple[float, Point], high: tuple[float, Point], position: float
+) -> Point:
+    """Return the point at a position between two others."""
     (left, first), (right, last) = low, high
     part = segment.part(first, last, left, right)
-    for shift in (0.0, 0.2, -0.2, 0.35, -0.35):
-        shifted = share + shift * min(share, 1.0 - share)
-        try:
-            return left + shifted * (right - left), part.at(shifted)
-        except CurveError as problem:
-            error = problem
-    raise error
+    return part.at((position - left) / (right - left))
 
 
 def _explain(
@@ -112,18 +106,17 @@ def _explain(
     change, flutter, doublings = np.subtract(high.counts.growing, low.counts.growing).tolist()
     changes = change or flutter or doublings
 
-    def split(share: float) -> list[CriticalPoint] | None:
-        """Return the points of both parts; None if rounding lets counts change back and forth."""
-        position, point = _point_between(segment, low[:2], high[:2], share)
+    def split(share: float) -> list[CriticalPoint]:
+        """Return the points of both parts."""
+        position = low.position + share * width
+        point = _point_between(segment, low[:2], high[:2], position)
         middle = _Sample(position, point, segment.tangent_at(point))
-        if changes and width <= REGULAR_DISTANCE and not _is_between(middle, low, high):
-            return None
         parts = ((low, middle), (middle, high))
         return [x for one, other in parts for x in _explain(segment, one, other, resolution)]
 
     if not (turns or changes):
         share = _find_hidden_change(segment, low, high)
-        return [] if share is None else split(share) or []
+        return [] if share is None else split(share)
     # The critical motion itself does not grow.
     stable = min(low, high, key=lambda x: x.counts.unstable).point
     is_single = abs(change) + abs(doublings) == 1 and not flutter and not (doublings and turns)
@@ -134,9 +127,7 @@ def _explain(
             kind = DOUBLING if doublings else LIMIT if turns else BRANCH
             return [CriticalPoint(position, kind, replace(point, beside=stable), mode)]
     if width > (resolution if changes else _TURN_RESOLUTION):
-        points = split(0.5)
-        if points is not None:
-            return points
+        return split(0.5)
     if not changes:
         return [_find_turn(segment, low, high)]
     mode = critical_mode(low.point)
@@ -194,11 +185,6 @@ def _differentiate_determinant(sample: _Sample, way: float, unit: float) -> tupl
     return value, (near - value) * float(tangent[largest] / move[largest])
 
 
-def _is_between(*samples: _Sample) -> bool:
-    triples = zip(*(x.counts.growing for x in samples), strict=True)
-    return all(min(pair) <= x <= max(pair) for x, *pair in triples)
-
-
 def _find_turn(segment: Segment, low: _Sample, high: _Sample) -> CriticalPoint:
     """Return the point where the parameter has an extremum, which is a parabola between samples."""
     share, width = low.rate / (low.rate - high.rate), high.position - low.position
@@ -215,7 +201,7 @@ def _find_root(
 
     The root of the test function is interpolated between samples at a distance, because rounding
     moves points closer to a crossing along the critical mode. The result is None without a sign
-    change, at a pole, or if the samples do not suffice.
+    change, or if the samples do not suffice.
     """
 
     def test(point: Point) -> tuple[float, Array]:
@@ -226,64 +212,42 @@ def _find_root(
         linear = point.linearization
         return replace(point, linearization=linear.alternating) if alternates else point
 
-    for point in (low.point, high.point):
-        border = point.problem.mode_weights**2 * critical_mode(select(point))
-        (first, _), (last, mode) = test(low.point), test(high.point)
-        if first * last < 0.0:
-            break
-    else:
+    border = low.point.problem.mode_weights**2 * critical_mode(select(low.point))
+    (first, _), (last, mode) = test(low.point), test(high.point)
+    if first * last >= 0.0:
         return None
     values, points = {low.position: first, high.position: last}, dict([low[:2], high[:2]])
     left, right = low.position, high.position
 
-    def sample(begin: float, end: float, at: float) -> float:
-        """Add a sample near a position between two others; return its position."""
-        nonlocal mode
-        ends = (begin, points[begin]), (end, points[end])
-        position, point = _point_between(segment, *ends, (at - begin) / (end - begin))
-        points[position] = point
-        values[position], mode = test(point)
-        return position
-
-    for k in range(_MAX_SAMPLES):
+    for _ in range(_MAX_SAMPLES):
         root = _interpolate_root(values, left, right)
         # Long steps may pass a critical point at their very beginning.
         distance = REGULAR_DISTANCE * min(1.0, 4.0 * min(root, 1.0 - root) + _RESOLUTION)
         is_left_far, is_right_far = (abs(x - root) > 2.0 * distance for x in (left, right))
         if not (is_left_far or is_right_far):
             break
-        is_wide = right - left > _WIDE * distance
         aimed = root - distance if is_left_far else root + distance
-        if k % 3 == 2 and is_wide:
-            aimed = 0.5 * (left + right)  # interpolation may converge slowly
         aimed = min(max(aimed, left + 0.5 * distance), right - 0.5 * distance)
         try:
-            position = sample(left, right, aimed)
+            point = _point_between(segment, (left, points[left]), (right, points[right]), aimed)
         except CurveError:
-            if not is_wide:
+            if right - left <= _WIDE * distance:
                 break
-            position = sample(left, right, 0.5 * (left + right))
-        if abs(values[position]) > max(abs(first), abs(last)):
-            return None
-        left, right = (position, right) if values[position] * first > 0.0 else (left, position)
+            aimed = 0.5 * (left + right)
+            point = _point_between(segment, (left, points[left]), (right, points[right]), aimed)
+        points[aimed] = point
+        values[aimed], mode = test(point)
+        left, right = (aimed, right) if values[aimed] * first > 0.0 else (left, aimed)
     else:
         return None
-    # Samples on both sides, so that the cubic is that of the neighborhood.
-    critical = mode
-    for begin, end, at in (
-        (low.position, left, left - 2.0 * distance),
-        (right, high.position, right + 2.0 * distance),
-    ):
-        if begin < at < end:
-            sample(begin, end, at)
     root = _interpolate_root(values, left, right)
     if low.rate * high.rate < 0.0:
         part = segment.part(points[left], points[right], left, right)
-        return root, part.at((root - left) / (right - left)), critical
+        return root, part.at((root - left) / (right - left)), mode
     point = interpolate(points, root)
     if not alternates and _opposes(point, border) > _MAX_IMPERFECTION:
         raise CurveError("the stability changes abruptly")
-    return root, point, critical
+    return root, point, mode
 
 
 def _interpolate_root(values: dict[float, float], left: float, right: float) -> float:

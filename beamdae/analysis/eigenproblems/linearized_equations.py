@@ -22,6 +22,7 @@ from beamdae.equations.formulations.tangents import (
     Tangent,
     compute_residual,
 )
+from beamdae.equations.starts.steady_rotation import RotatingCoordinates
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.linear.saddle_point import SaddlePencil
 
@@ -39,6 +40,7 @@ _HOLDING_RATIO = 1e-10
 # matrices, and of matrices with finite differences. The first is small because a follower load is
 # small compared with the axial stiffness of a thin beam.
 _EXACT_TOLERANCE, _DIFFERENCE_TOLERANCE = 1e-13, 1e-9
+_ROTATION_ROUNDING = 1e-9  # of deformations by a translation
 # Deviation of the directions of reactions from the gradients of the constraints, relative to the
 # largest gradient.
 _REACTION_TOLERANCE = 1e-12
@@ -209,20 +211,25 @@ class LinearizedEquations:
 
     @single_threaded
     def introduce_forces(
-        self, time: Array, state: State, tangent_at: Callable[[State, Convert], Tangent]
+        self,
+        time: Array,
+        state: State,
+        tangent_at: Callable[[State, Convert], Tangent],
+        idle: Array | None = None,
     ) -> LinearizedEquations:
         """Return the equations in mixed form about a `state` whose strains are constant.
 
-        `tangent_at` returns the tangent of converted equations at a state.
+        `tangent_at` returns the tangent of converted equations at a state; see
+        `introduce_resultants` for `idle`.
         """
         e, m = self.equations, self.equations.m
-        form = introduce_resultants(e)
+        form = introduce_resultants(e, idle)
         retardation = form.retardation[m:]
         if not len(retardation):
             return self
 
         def evaluate(lam: Array) -> LinearizedEquations:
-            lin = linearize_in_mixed_form(e, state._replace(lam=lam), tangent_at)
+            lin = linearize_in_mixed_form(e, state._replace(lam=lam), tangent_at, idle)
             unmixed = self.tangent._replace(residual=lin.tangent.residual[: e.n + m])
             return replace(self, tangent=unmixed, mixed=lin.mixed)
 
@@ -231,6 +238,14 @@ class LinearizedEquations:
         lam[m:] = compute_residual(form.equations, time, state._replace(lam=lam))[e.n + m :]
         # Rounding of the positions hides small strains: forces follow from equilibrium.
         lin = evaluate(lam)
+        if idle is None and np.any(state.v) and np.any(retardation):
+            # In a rotating frame, the rates of deformations of dampers on the ground depend on
+            # positions, too, unlike those of others, which turn with the frame.
+            assert lin.mixed is not None
+            moved = np.abs(lin.mixed.rows @ RotatingCoordinates.from_equations(e).translations)
+            grounded = (retardation > 0.0) & (moved.max(axis=1) > _ROTATION_ROUNDING * moved.max())
+            if grounded.any():
+                return self.introduce_forces(time, state, tangent_at, grounded)
         scales, pencil = e.position_scales, lin.symmetrized().pencil
         inertia = float(scales @ (self.tangent.mass @ scales))
         square = _HOLDING_RATIO * float(scales @ (abs(lin.stiffness) @ scales)) / inertia

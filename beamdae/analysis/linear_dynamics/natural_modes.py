@@ -211,8 +211,7 @@ class Modes(HasModeShapes):
         is_undamped = problem.is_conservative or not self._request.damping
         if not (is_undamped or (problem.is_symmetric and is_symmetric_matrix(lin.tangent.damping))):
             return np.full((len(self), 2), np.nan)
-        coordinates = RotatingCoordinates.from_equations(lin.equations)
-        translations = np.stack([coordinates.translation_vector(axis) for axis in (0, 1)], axis=1)
+        translations = RotatingCoordinates.from_equations(lin.equations).translations
         inertia = np.einsum("ij,ij->j", x, mass @ x)[:, None]
         slopes = values**2 * inertia - problem.energies(x)[0][:, None]
         is_free, is_pair = values == 0.0, is_undamped | (values.imag != 0.0)

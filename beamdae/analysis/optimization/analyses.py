@@ -405,6 +405,6 @@ def list_vibrations(modes: Modes) -> list[int]:
 
 def compute_mass(equations: EquationsOfMotion) -> float:
     """Return the mass of the moving parts [kg], r^T M r for a unit translation r."""
-    translation = RotatingCoordinates.from_equations(equations).translation_vector(0)
+    translation = RotatingCoordinates.from_equations(equations).translations[:, 0]
     matrix = StateEvaluator(equations).mass_matrix(np.zeros(2), equations.q0)
     return float(translation @ (matrix @ translation))

@@ -19,7 +19,12 @@ from beamdae.analysis.continuation.engine import (
     prescribe_parameter,
 )
 from beamdae.analysis.parameter_range import ParameterRange
-from beamdae.analysis.statics.critical_curves import CHANGE_SIZE, CriticalCurve, Family
+from beamdae.analysis.statics.critical_curves import (
+    CHANGE_SIZE,
+    CriticalCurve,
+    Family,
+    create_family,
+)
 from beamdae.analysis.statics.load_scaling import (
     LoadedEquations,
     build_loading,
@@ -270,9 +275,9 @@ def boundary(
 
     points, special, status = list[_CurvePoint](), list[BoundaryPoint](), REACHED_END
     with single_threaded:
-        family = Family(load_model)
+        family = create_family(load_model)
         row = rows[number - 1]
-        first = family.at(0.0)[0].point_at(path.q[row], float(path.factors[row, -1]))
+        first = family(0.0)[0].point_at(path.q[row], float(path.factors[row, -1]))
         follow_points = _follow_flutter if kind == FLUTTER else _follow_curve
         try:
             for point, passed in follow_points(family, kind, first, step):
@@ -361,9 +366,9 @@ def _follow_curve(family: Family, kind: str, first: Point, step: float) -> _Poin
 
 def _follow_flutter(family: Family, kind: str, first: Point, step: float) -> _Points:
     """Yield flutter points for values of the parameter in equal steps."""
-    near, (_, last) = first, family.at(0.0)
+    near, (_, last) = first, family(0.0)
     for share in np.linspace(0.0, 1.0, int(np.ceil(1.0 / step)) + 1).tolist():
-        problem, reference = family.at(share)
+        problem, reference = family(share)
         near, count = _locate_flutter(problem, reference + near.x - last, near.p)
         yield _CurvePoint(share, near.p, near.x, count), []
         last = reference

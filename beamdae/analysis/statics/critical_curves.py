@@ -63,36 +63,28 @@ class _Equations(NamedTuple):
     stiffness: sp.csc_array
 
 
-class Family:
-    """Static equations for shares of the range of a parameter.
+# Static equations, and the unknowns (n + m,) of the drawing, for shares of a range.
+Family = Callable[[float], tuple[StaticProblem, Array]]
 
-    Parameters
-    ----------
-    build
-        Function of the share that returns the equations.
+
+def create_family(build: Callable[[float], LoadedEquations]) -> Family:
+    """Return static equations as a function of the share of the range of a parameter.
+
+    It raises CurveError if a model cannot be built, or has another number of unknowns.
     """
 
-    def __init__(self, build: Callable[[float], LoadedEquations]) -> None:
-        self._build, self._size = build, 0
-        self.at = lru_cache(_MAX_MODELS)(self._resolve)
-
-    def _resolve(self, share: float) -> tuple[StaticProblem, Array]:
-        """Return the equations, and the unknowns (n + m,) of the drawing.
-
-        Raises
-        ------
-        CurveError
-            If the model cannot be built, or has another number of unknowns.
-        """
+    @lru_cache(_MAX_MODELS)
+    def at(share: float) -> tuple[StaticProblem, Array]:
         try:
-            problem = StaticProblem(self._build(share))
+            problem = StaticProblem(build(share))
         except BeamdaeError as error:
             raise CurveError(f"the model cannot be built ({error})") from None
         reference = problem.start(problem.system.equations.q0)
-        self._size = self._size or len(reference)
-        if len(reference) != self._size:
+        if share and len(reference) != len(at(0.0)[1]):
             raise CurveError("the parameter changes the number of coordinates or joints")
         return problem, reference
+
+    return at
 
 
 class CriticalCurve(Problem):
@@ -113,7 +105,7 @@ class CriticalCurve(Problem):
 
     def __init__(self, family: Family, kind: str, first: Point) -> None:
         self.family, self.kind = family, kind
-        problem, reference = family.at(0.0)
+        problem, reference = family(0.0)
         self._scales, self._n, self._size = problem.scales, problem.n, len(reference)
         self._energy = abs(problem.matrix(first.x, first.p)).max()
         self._first_mode = (critical_mode(first) / self._scales)[: self._n]
@@ -132,10 +124,10 @@ class CriticalCurve(Problem):
     def state(self, x: Array, share: float) -> tuple[Array, float]:
         """Return the static unknowns (n + m,) and the load factor."""
         u = x[: self._size]
-        return self.family.at(share)[1] + self._scales * u, float(x[self._size])
+        return self.family(share)[1] + self._scales * u, float(x[self._size])
 
     def _evaluate(self, x: Array, share: float) -> _Equations:
-        problem, _ = self.family.at(share)
+        problem, _ = self.family(share)
         state, sizes = self.state(x, share), self._scales / self._energy
         residual, by_factor = problem.residual(*state)
         own = self._scales / problem.scales
@@ -219,6 +211,6 @@ class CriticalCurve(Problem):
         """
         if self.kind == BRANCH and abs(point.x[-1]) > _MAX_FORCE:
             raise CurveError("the structure loses its symmetry, and the branch point vanishes")
-        signs = self.family.at(point.p)[0].count_signs(*self.state(point.x, point.p))
+        signs = self.family(point.p)[0].count_signs(*self.state(point.x, point.p))
         has_potential = signs.asymmetry <= ASYMMETRY_TOLERANCE * signs.size
         return Count(self._second_mode(point)[0] if has_potential else -1, 0)

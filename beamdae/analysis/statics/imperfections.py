@@ -83,7 +83,7 @@ def _deviate(beam: Beam, slope: _Slope, amplitude: float) -> Beam:
         return (ratio_before * float(before.curvature(ratio_before * at)) + change) / ratio
 
     angle_before = float(before.tangent_angle(0.0))
-    return beam.with_free_curve(IntrinsicCurve(curvature, length, angle=angle_before))
+    return beam._with_free_curve(IntrinsicCurve(curvature, length, angle=angle_before))
 
 
 def imperfect(model: Any, shape: Any, amplitude: float | None = None) -> Mechanism:

@@ -26,10 +26,10 @@ from typing import NamedTuple
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.bounded_cache import array_bytes, bounded_cache
 from beamdae.core.tables import Workspace
 from beamdae.linear.fixed_order import FixedOrder
 from beamdae.linear.orderings import compute_bordered_ordering
+from beamdae.symbolic.sparse_operators import column_indices
 
 Array = np.ndarray
 
@@ -42,8 +42,6 @@ NEGLIGIBLE_STIFFNESS = 1e-22
 # Steps of equilibration: each halves the logarithm of the ratio of rows. Largest compliance, and
 # size of multipliers before.
 _EQUILIBRATIONS, _MAX_COMPLIANCE, _FIRST_SIZE = 10, 0.5, 0.5
-# Memory of the cached index arrays [bytes]: about 3 kB per element of a beam.
-_MAX_CACHED_BYTES = 16 * 2**20
 
 
 class SaddlePattern(NamedTuple):
@@ -79,36 +77,31 @@ class SaddlePattern(NamedTuple):
     plan: FixedOrder
 
 
-def allocate_saddle_point(
-    pattern: sp.csc_array, positions: Array, n: int, remainder: Array
-) -> Workspace:
-    """Return a `SaddlePoint` of the core for tangents with this pattern, without natural sizes.
+def allocate_saddle_point(plan: SaddlePattern, positions: Array) -> Workspace:
+    """Return a `SaddlePoint` of the core, without natural sizes.
 
     The non-zeros of the tangent, and a 1, are at `positions` in the argument of `count_signs`.
-    Constraints with a `remainder`, (m,), are beside a stiffness of the same motion.
     """
-    starts, indices = (x.astype(np.intp).tobytes() for x in (pattern.indptr, pattern.indices))
-    saddle = _plan_saddle_point(n, starts, indices, (remainder == 0.0).tobytes())
-    size, plan, positions = pattern.shape[0], saddle.plan, positions.astype(np.uint32)
-    pairs = np.count_nonzero(saddle.shares < 1.0) // 2
+    order, positions = plan.plan, positions.astype(np.uint32)
+    pairs = np.count_nonzero(plan.shares < 1.0) // 2
     factors = Workspace(
         "FixedOrderFactors",
-        plan=plan,
-        lower=np.zeros(len(plan.lower_rows)),
-        pivots=np.zeros(size),
-        first=plan.lower_starts.copy(),
-        x=np.zeros(size),
+        plan=order,
+        lower=np.zeros(len(order.lower_rows)),
+        pivots=np.zeros(len(order.lower_starts) - 1),
+        first=order.lower_starts.copy(),
+        x=np.zeros(len(order.lower_starts) - 1),
     )
     return Workspace(
         "SaddlePoint",
-        pattern=saddle,
+        pattern=plan,
         factors=factors,
-        left=positions[saddle.left],
-        right=positions[saddle.right],
-        weights=saddle.shares.copy(),
-        values=np.zeros(len(saddle.left)),
+        left=positions[plan.left],
+        right=positions[plan.right],
+        weights=plan.shares.copy(),
+        values=np.zeros(len(plan.left)),
         skew=np.zeros(pairs),
-        nonzeros=np.zeros(len(plan.sources)),
+        nonzeros=np.zeros(len(order.sources)),
         ones=np.ones(2 * pairs),
     )
 
@@ -164,16 +157,14 @@ def _weigh(pattern: SaddlePattern, scales: Array) -> Array:
     return weights
 
 
-@bounded_cache(_MAX_CACHED_BYTES, array_bytes)
-def _plan_saddle_point(n: int, starts: bytes, indices: bytes, shared: bytes) -> SaddlePattern:
-    """Return the saddle-point matrix of tangents (n + m, n + m) with this CSC pattern.
+def plan_saddle_point(pattern: sp.csc_array, n: int, is_shared: Array) -> SaddlePattern:
+    """Return the saddle-point matrix of tangents (n + m, n + m) with a CSC pattern.
 
-    `shared` are the flags of the constraints in G^T G, (m,).
+    Constraints in G^T G, (m,), are those that have no stiffness of the same motion beside them.
     """
-    indptr, rows = (np.frombuffer(x, np.intp) for x in (starts, indices))
-    size, one = len(indptr) - 1, len(rows)
-    is_shared = np.append(np.zeros(n, bool), np.frombuffer(shared, bool))
-    columns = np.repeat(np.arange(size), np.diff(indptr))
+    rows, size, one = pattern.indices.astype(np.intp), pattern.shape[0], pattern.nnz
+    is_shared = np.append(np.zeros(n, bool), is_shared)
+    columns = column_indices(pattern).astype(np.intp)
     keys = columns * size + rows
 
     def find(row: Array, column: Array) -> Array:

@@ -65,20 +65,12 @@ class PrescribedColumn:
     def _position_derivative(self):  # type: ignore[no-untyped-def]
         return self.observable.function.derivative(1)
 
-    def _arguments(self, x: Array) -> tuple[Array, ...]:
-        o = self.observable
-        local = np.asarray(o.operator @ x[: self.equations.n])[None]
-        reactions = np.zeros((1, o.rows.stop - o.rows.start))
-        return self.time[None], local, np.zeros_like(local), self.equations.p[o.data], reactions
-
-    def value(self, x: Array) -> float:
-        """Return the value of the column at x = (q, lam), in the unit of the column."""
-        return float(self.observable.function(*self._arguments(x))[0, self.column])
-
     def __call__(self, x: Array, p: float) -> Row:
-        """Return the column at x = (q, lam) as a control of the curve engine."""
-        gradient = np.zeros(len(x) + 1)
-        rows = self._position_derivative(*self._arguments(x))
-        by_local = rows.reshape(-1, len(self.observable.columns))[:, self.column]
-        gradient[: self.equations.n] = self.observable.operator.T @ by_local
-        return Row(self.value(x), gradient)
+        """Return the column, in its unit, at x = (q, ...) as a control of the curve engine."""
+        o, gradient = self.observable, np.zeros(len(x) + 1)
+        local = np.asarray(o.operator @ x[: self.equations.n])[None]
+        numbers, no_reactions = self.equations.p[o.data], np.zeros((1, 0))
+        arguments = self.time[None], local, np.zeros_like(local), numbers, no_reactions
+        rows = self._position_derivative(*arguments).reshape(-1, len(o.columns))
+        gradient[: self.equations.n] = o.operator.T @ rows[:, self.column]
+        return Row(float(o.function(*arguments)[0, self.column]), gradient)

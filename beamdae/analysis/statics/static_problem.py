@@ -38,7 +38,9 @@ from beamdae.analysis.statics.load_scaling import LoadedEquations
 from beamdae.analysis.statics.pivot_signs import (
     ASYMMETRY_TOLERANCE,
     NEGLIGIBLE_STIFFNESS,
+    SaddlePattern,
     allocate_saddle_point,
+    plan_saddle_point,
     scale_by_reference,
 )
 from beamdae.core.return_codes import (
@@ -96,6 +98,8 @@ class SystemPlan(NamedTuple):
     tangent_targets, added_targets, row_targets
         Indices of the non-zeros of `pattern`, of added constants and of the last row in the
         non-zeros of `bordered`.
+    saddle
+        Matrix for the signs of pivots.
     evaluations
         Number of interpreted evaluations in this process, (1,).
     """
@@ -106,6 +110,7 @@ class SystemPlan(NamedTuple):
     tangent_targets: Array
     added_targets: Array
     row_targets: Array
+    saddle: SaddlePattern
     evaluations: Array
 
 
@@ -115,6 +120,7 @@ def _plan_system(
     unloaded: Structure,
     loaded: Structure,
     added: tuple[int, ...],
+    is_shared: bytes,
 ) -> SystemPlan:
     parts = [plan_static_sums(structure) for structure in (common, unloaded, loaded)]
     size = parts[0].pattern.shape[0]
@@ -145,6 +151,7 @@ def _plan_system(
         tangent_targets=np.flatnonzero((rows < size) & (columns < size)),
         added_targets=np.searchsorted(keys, np.array(added) * (size + 2)).astype(np.uint32),
         row_targets=np.flatnonzero(rows == size).astype(np.uint32),
+        saddle=plan_saddle_point(pattern, common.n, np.frombuffer(is_shared, bool)),
         evaluations=np.zeros(1, int),
     )
 
@@ -262,7 +269,9 @@ class StaticProblem(Problem):
             none = _select_terms(last.structure, (False,) * len(_term_keys(last.structure)))
             structures = none, last.structure, last.structure
         added = (*held, *range(self.rigid_size, last.n + last.m))
-        self._plan = _plan_system(*structures, added)
+        remainder = introduce_resultants(self.system.equations, self._idle).remainder
+        self._plan = _plan_system(*structures, added, (remainder == 0.0).tobytes())
+        self._remainder = remainder
         self.pattern = self._plan.pattern
         self._weights = np.append(1.0 / last.group_scales, np.zeros(last.m))
         self._prepare_loop(compiles=False)
@@ -274,12 +283,10 @@ class StaticProblem(Problem):
         """
         plan, size, nnz = self._plan, self.pattern.shape[0], self._plan.bordered.nnz
         reference, ends = self._mixed.equations, (self._mixed.unloaded, self._mixed.loaded)
-        remainder = introduce_resultants(self.system.equations, self._idle).remainder
         held, begin = len(self.system.held_coordinates), self.system.ends[0]
         matrix = FactorizedMatrix.from_pattern(plan.bordered)
         starts = np.array([part.rows.start for part in reference.parts], np.intp)
         parts = starts[np.searchsorted(starts, np.arange(self.n), "right") - 1]
-        targets = np.append(plan.tangent_targets, nnz)
 
         def make_part(plans: tuple[SumPlan, SumPlan], k: int, native: bool) -> Workspace:
             p = ends[k].equations.p
@@ -304,7 +311,7 @@ class StaticProblem(Problem):
                 unloaded=unloaded,
                 loaded=loaded,
                 linear=matrix.make_solver(),
-                saddle=allocate_saddle_point(self.pattern, targets, self.n, remainder),
+                saddle=allocate_saddle_point(plan.saddle, np.append(plan.tangent_targets, nnz)),
                 nonzeros=np.zeros(nnz + 1),
                 scaled=matrix.nonzeros,
                 products=np.ones(nnz),
@@ -316,7 +323,7 @@ class StaticProblem(Problem):
                 row_targets=plan.row_targets,
                 counting=np.arange(size + 1, dtype=np.uint32),
                 right=np.zeros(size + 1),
-                remainder=remainder,
+                remainder=self._remainder,
                 added_targets=plan.added_targets,
                 added=np.append(np.zeros(held), -np.ones(size - self.rigid_size)),
                 weights=self._weights,

@@ -27,8 +27,9 @@ from beamdae.beams.shape_functions import gauss_points, shape_functions
 from beamdae.beams.strains import slice_column
 from beamdae.parts.attachments import rotate
 from beamdae.parts.observables import express_displacement
+from beamdae.parts.point_parts import PointFormula
 from beamdae.read_only import read_only_data
-from beamdae.symbolic.formula import Formula
+from beamdae.symbolic.formula import Formula, FormulaExpression, constant_formula
 from beamdae.symbolic.sparse_operators import build_selection
 from beamdae.symbolic.statements import SX, Variable
 
@@ -204,8 +205,10 @@ class GeometricallyExact(FormulationKinematics):
         frame, section = self.floating_frame, self.material_point(s)
         arm = np.subtract(section.reference_position, frame.reference_position)
         angle = {"inertial": (), "frame": (frame.inclination,), "local": (section.inclination,)}
-        values, data = express_displacement(
-            section.operator.shape[0], section.motion, frame.motion, arm, *angle[axes]
+        sizes = section.operator.shape[0], frame.operator.shape[0]
+        numbers = [constant_formula(*arm.tolist()), *map(constant_formula, angle[axes])]
+        values, data = FormulaExpression.of(
+            PointFormula(sizes, express_displacement), (section.motion, frame.motion, *numbers)
         )
         operator = sp.csr_array(sp.vstack([section.operator, frame.operator]))
         return PointValues(operator, Formula(values, tuple(data.tolist())))

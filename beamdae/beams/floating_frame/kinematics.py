@@ -40,7 +40,7 @@ from beamdae.beams.shape_functions import (
 )
 from beamdae.beams.strains import slice_column
 from beamdae.curves.plane_curves import rotate_points
-from beamdae.errors import BeamdaeError, require_choice
+from beamdae.errors import BeamdaeError, choice_of, convert_fields
 from beamdae.parts.attachments import rotate
 from beamdae.read_only import read_only_data
 from beamdae.symbolic.formula import Formula
@@ -117,8 +117,7 @@ class FloatingFrame(FormulationKinematics):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        require_choice(self.name, "strain", self.strain, STRAINS)
-        require_choice(self.name, "continuity", self.continuity, ("cartesian", "local"))
+        convert_fields(self, strain=choice_of(*STRAINS), continuity=choice_of("cartesian", "local"))
         has_kinks = self.mesh.shape == "straight" or self.mesh.nodes == 2
         if has_kinks and self.continuity == "local":
             raise BeamdaeError(

@@ -14,7 +14,7 @@ from beamdae.cli.job import AccurateJob
 from beamdae.cli.options import About, LoadTime, as_bad_parameter, find_state
 from beamdae.cli.ranges import SPACED_FORMS, parse_ends, parse_spaced_values
 from beamdae.cli.results import Report
-from beamdae.errors import BeamdaeError, format_count, short_repr
+from beamdae.errors import BeamdaeError, short_repr
 
 if TYPE_CHECKING:
     from beamdae.analysis.linear_dynamics.bode_diagram import Bode
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from beamdae.analysis.linear_dynamics.stability_margins import StabilityMargins
 
 _COUNTS = (1, 100_000)  # of frequencies
-_MAX_SHOWN_PEAKS = 10  # of each transfer function in the terminal
 _FORMS = f"FIRST:LAST, {SPACED_FORMS}"
 
 
@@ -129,22 +128,14 @@ def _compute_margins(
 
 
 def _add_margins(controllers: Iterable[str], diagram: Bode, report: Report) -> Report:
-    """Add the margins of control loops, and omit peaks beyond the largest ones."""
+    """Add the margins of control loops."""
     loops, notes = _compute_margins(diagram.model, controllers)
-    x, peaks = report.description, report.description.tables["Peaks"]
-    ranks = peaks.groupby("output / input")["magnitude"].rank("first", ascending=False)
-    shown = peaks[ranks <= _MAX_SHOWN_PEAKS]
-    tables: dict[str, Any] = {"Peaks": shown}
-    if len(shown) < len(peaks):
-        tables["Omitted"] = (
-            f"not shown: {format_count(len(peaks) - len(shown), 'peak')} beyond the "
-            f"{_MAX_SHOWN_PEAKS} largest of a transfer function; --json shows them"
-        )
+    x = report.description
     margins = {loop: margin.table() for loop, margin in loops.items()}
     description = replace(
         x,
         facts={**x.facts, **{f"loop of {loop}": str(margin) for loop, margin in loops.items()}},
-        tables=tables,
         data=lambda: {**x.data(), "margins": margins},
     )
-    return replace(report, description=description, warnings=[*report.warnings, *notes])
+    warnings = [*report.warnings, *notes]
+    return replace(report, description=description, warnings=warnings, source="--json")

@@ -21,12 +21,10 @@ from beamdae.cli.options import (
     TimeLimit,
     parse_assignments,
 )
-from beamdae.cli.results import Report
+from beamdae.cli.results import MAX_SCREEN_ROWS, Report
 from beamdae.cli.study_outputs import (
-    MAX_SCREEN_ROWS,
     StudyReport,
     apply_run_options,
-    first_cases,
     results_folder_name,
     run_and_write,
 )
@@ -87,7 +85,7 @@ def _create_report(results: StudyResults) -> StudyReport:
         reference = results.references[group].sentence
         shown[f"reference {group}"] = make_printable(f"{group}: {reference}")
         cases = text_tables.comparison_table(table[table["group"] == group])
-        shown |= first_cases(f"cases {group}", cases)
+        shown[f"cases {group}"] = cases
     if len(groups) > MAX_SCREEN_ROWS:
         n_more = len(groups) - MAX_SCREEN_ROWS
         shown["more"] = f"{n_more} more groups, see summary.csv and report.html"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -73,7 +74,7 @@ def list_command(
     for each in () if path.is_dir() else models:
         tables[f"parameters of {each['name']}"] = _tabulate_parameters(each)
     data = {"models": models, "studies": studies, "problems": problems}
-    Report("", Description({}, tables, lambda: data), source="--json").print()
+    Report("", Description({}, tables, lambda: data), source="--json", max_rows=sys.maxsize).print()
     if problems:
         raise typer.Exit(1)
 

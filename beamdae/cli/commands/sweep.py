@@ -34,7 +34,6 @@ from beamdae.cli.results import Report
 from beamdae.cli.study_outputs import (
     StudyReport,
     apply_run_options,
-    first_cases,
     results_folder_name,
     run_and_write,
 )
@@ -243,7 +242,7 @@ def _create_report(results: StudyResults) -> StudyReport:
     shown: dict[str, Any] = {"completion": results.describe_completion(sweep.cases)}
     responses = [list(panel.lines.values()) for panel in swept.panels()]
     cases = text_tables.sweep_table(table, swept.parameters, responses)
-    shown |= first_cases("cases", cases)
+    shown["cases"] = cases
     data = {
         "sweep": sweep.name,
         "folder": folder,

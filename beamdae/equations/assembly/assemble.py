@@ -283,7 +283,7 @@ def _prepare_parts(mechanism: Mechanism, start: Any) -> None:
         is_requested = any(name in requested or f"{name}_dot" in requested for name in names)
         is_fixed = id(part) in fixed or is_requested
         # Functions of users may return None.
-        has_changed |= part.prepare(attached.get(id(part), []), is_fixed) is not False
+        has_changed |= part._prepare(attached.get(id(part), []), is_fixed) is not False
     if has_changed:
         forget_meshes()
 

@@ -203,7 +203,7 @@ class MechanismConfigurations:
                 parts[name] = part
                 continue
             gap = frozen_gaps[name]
-            if not isinstance(part, KinematicConstraint) or part.n_gap_rows != len(gap.offsets):
+            if not isinstance(part, KinematicConstraint) or part._n_gap_rows != len(gap.offsets):
                 raise BeamdaeError(
                     f"{name}: an earlier event froze this joint with offsets "
                     f"{short_repr(gap.offsets)}, which do not fit the part of this name; use "

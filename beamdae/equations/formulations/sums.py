@@ -159,15 +159,6 @@ def assemble_motion(
     return total
 
 
-def assemble_accelerations(structure: Structure, layout: InputLayout) -> SumBuilder:
-    """Return the sum that evaluates g_ddot, with zeros for nonholonomic constraints."""
-    total = SumBuilder(TIME_SIZE)
-    for joint in select_holonomic(structure):
-        copies = _add_joint(total, joint, layout, (2,), False)
-        total.add_column(copies, 1, joint.rows, 0)
-    return total
-
-
 def assemble_reactions(
     structure: Structure, layout: InputLayout, holonomic_only: bool = False
 ) -> SumBuilder:

@@ -114,11 +114,12 @@ class RotatingCoordinates:
         vector[self.angles] = 1.0
         return vector
 
-    def translation_vector(self, axis: int) -> Array:
-        """Return the change of coordinates (n,) in a unit translation along x (0) or y (1)."""
-        vector = np.zeros(self.n)
-        vector[(self.x, self.y)[axis]] = 1.0
-        return vector
+    @property
+    def translations(self) -> Array:
+        """Changes of coordinates in unit translations along x and y, (n, 2)."""
+        changes = np.zeros((self.n, 2))
+        changes[self.x, 0] = changes[self.y, 1] = 1.0
+        return changes
 
 
 def find_steady_rotation(

@@ -66,21 +66,6 @@ static void pack_motion(const Table *x, Reals y) {
 
 /* Starting values */
 
-/* Time derivative of g'' at constant acceleration, by a central difference, in `rate`. */
-static void evaluate_constraint_rate(Table *x, double delta) {
-    const int64_t n = x->n, m = x->m;
-    StepPrediction *at = &((AlphaTable *)x)->run.prediction;
-    const Reals levels = part(x->levels, n + 2 * m, n + 3 * m);
-    fill(x->rate, 0.0);
-    for (int side = 1; side >= -1; side -= 2) {
-        const double d = side * delta;
-        combine3(at->q, 1.0, x->q, d, x->v, 0.5 * d * d, x->ddq);
-        combine2(at->v, 1.0, x->v, d, x->ddq);
-        evaluate_motion(x, &x->motion, x->t + d, at->q, at->v, x->ddq, (Reals){0});
-        add_to(x->rate, 0.5 / d, levels);
-    }
-}
-
 /* Second difference of the forces along the velocities; see StateEvaluator. */
 static void evaluate_force_change(AlphaTable *x, double delta, Reals change) {
     Table *base = &x->base;
@@ -90,8 +75,8 @@ static void evaluate_force_change(AlphaTable *x, double delta, Reals change) {
     fill(change, 0.0);
     for (int shift = -1; shift <= 1; shift++) {
         combine2(shifted, 1.0, base->q, shift, step);
-        evaluate_motion(base, &x->smooth_motion, base->t, shifted, base->v, none, none);
-        add_to(change, shift == 0 ? -2.0 : 1.0, base->levels);
+        evaluate_motion(&base->starter, &x->smooth_motion, base->t, shifted, base->v, none, none);
+        add_to(change, shift == 0 ? -2.0 : 1.0, base->starter.levels);
     }
     clear_states(base, change);
 }
@@ -101,7 +86,8 @@ int method_restart(Instance *s) {
     AlphaTable *x = table_of(s);
     Table *base = s->table;
     AlphaWorkspace *run = &x->run;
-    const Reals none = {0}, change = part(run->change, 0, base->n);
+    MotionBuffers *start = &base->starter;
+    const Reals change = part(run->change, 0, base->n);
     const double h = run->current.h, ratio = fmin(h / model.step, 1.0);
     run->has_started = run->has_jumped = x->follows_jump = 0;
     run->accepted_motion.h = 0.0;
@@ -111,20 +97,20 @@ int method_restart(Instance *s) {
     fill(x->jerk, 0.0);
     fill(x->velocity_error, 0.0);
     if (base->m > 0) {
-        evaluate_constraint_rate(base, JERK_INTERVAL * h);
-        if (factorize_saddle(s, base->q, base->v, none, 0.0) != DONE) return SINGULAR;
-        solve_constraints(base, base->rate, -1.0);
-        copy(x->jerk, base->solution);
+        evaluate_constraint_rate(start, base->ddq, JERK_INTERVAL * h, base->rate);
+        if (factorize_start(s, base->v, 0.0) != DONE) return SINGULAR;
+        solve_constraints(start, base->rate);
+        copy(x->jerk, start->solution);
         /* The jerk of holonomic constraints alone. */
         for (int64_t k = 0; k < run->form.velocity_rows.size; k++)
             base->rate.at[run->form.velocity_rows.at[k] - base->n] = 0.0;
-        solve_constraints(base, base->rate, -1.0);
-        copy(x->velocity_error, base->solution);
+        solve_constraints(start, base->rate);
+        copy(x->velocity_error, start->solution);
     }
     evaluate_force_change(x, STIFF_TIME * h, change);
-    code = solve_accelerations(s, STIFF_TIME * h * STIFF_TIME * h, change);
+    code = solve_start(s, STIFF_TIME * h * STIFF_TIME * h, change);
     if (code != DONE) return code;
-    copy(base->ddq, base->solution);
+    copy(base->ddq, start->solution);
     combine2(run->current.a, 1.0, base->ddq, x->shift * h, x->jerk);
     add_to(base->v, h * h * run->defect, x->velocity_error);
     for (int64_t i = 0; i < base->n; i++)
@@ -208,7 +194,11 @@ static void hold_motion(AlphaTable *x, Reals y) {
 static int solve_direction(Instance *s, double t) {
     AlphaWorkspace *run = &table_of(s)->run;
     evaluate_step_matrix(&run->form, t, run->branch, &run->prediction, run->x, run->nonzeros);
-    if (factorize_matrix(s, &run->linear, run->nonzeros) != DONE)
+    int code;
+    while ((code = factorize(&run->linear, run->nonzeros)) == NEW_PIVOTS)
+        renew_pivots(s, &run->linear, 0);
+    run->linear.singular = 0;
+    if (code != DONE)
         return fail(s, "The matrix is singular at t = %.9g s.", t);
     evaluate_direction(table_of(s), t);
     solve(&run->linear, run->change);
@@ -230,10 +220,10 @@ int method_derivative(Instance *s, const double *direction, Reals result) {
     /* Accelerations at the beginning of the step. */
     run->branch = base->branch;
     hold_motion(x, x->start);
-    if (base->states.size) {
+    if (base->starter.states.size) {
         evaluate_direction(x, base->t - h);
-        for (int64_t k = 0; k < base->states.size; k++)
-            dv.at[base->states.at[k]] = -dx.at[base->states.at[k]] / c[2];
+        for (int64_t k = 0; k < base->starter.states.size; k++)
+            dv.at[base->starter.states.at[k]] = -dx.at[base->starter.states.at[k]] / c[2];
     }
     if (solve_direction(s, base->t - h)) return -1;
     clear_states(base, dx);

@@ -7,12 +7,10 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Positions and friction; see beamdae.equations.starts.consistent_start. */
+/* Positions; see beamdae.equations.starts.consistent_start. */
 #define POSITION_TOLERANCE 1e-12
 #define RIGID_TIME 1.0
 #define MAX_POSITION_ITERATIONS 50
-#define MAX_FRICTION_ITERATIONS 50
-#define FRICTION_TOLERANCE 1e-10
 /* Largest communication step, relative to the step of the model. */
 #define MAX_STEPS 1e9
 /* Rounding errors of the stop time, relative to the step of the model. */
@@ -59,6 +57,7 @@ static void set_branch(Table *x) {
     const int64_t k = x->interval;
     const double *times = x->breakpoints.at, start = k > 0 ? times[k - 1] : 0.0;
     x->branch = k < x->breakpoints.size ? 0.5 * (start + times[k]) : start + 1.0;
+    x->starter.branch = x->branch;
 }
 
 static void load_model(Instance *s) {
@@ -128,13 +127,6 @@ void renew_pivots(Instance *s, LinearSolver *linear, int is_complex) {
     s->full_solvers[s->n_full_solvers++] = linear;
 }
 
-int factorize_matrix(Instance *s, LinearSolver *linear, Reals nonzeros) {
-    int code;
-    while ((code = factorize(linear, nonzeros)) == NEW_PIVOTS) renew_pivots(s, linear, 0);
-    linear->singular = 0;
-    return code;
-}
-
 void release_matrices(Instance *s) {
     if (!s->n_full_solvers) return;
     while (s->n_full_solvers) {
@@ -147,119 +139,73 @@ void release_matrices(Instance *s) {
 
 /* Consistent starting values, at the start and at breakpoints */
 
-static void copy_or_clear(Reals out, Reals x) {
-    if (x.size)
-        copy(out, x);
-    else
-        fill(out, 0.0);
+int factorize_start(Instance *s, Reals v, double stiffness) {
+    MotionBuffers *start = &s->table->starter;
+    int code;
+    start->t = s->table->t;
+    while ((code = factorize_saddle(start, v, (Reals){0}, stiffness)) == NEW_PIVOTS)
+        renew_pivots(s, &start->linear, 0);
+    return code;
 }
 
-void evaluate_motion(Table *x, Sum *total, double t, Reals q, Reals v, Reals a, Reals lam) {
-    const int64_t n = x->n, m = x->m;
-    copy_or_clear(part(x->inputs, 0, n), q);
-    copy_or_clear(part(x->inputs, n, 2 * n), v);
-    copy_or_clear(part(x->inputs, 2 * n, 3 * n), a);
-    copy_or_clear(part(x->inputs, 3 * n, 3 * n + m), lam);
-    set_time(total, t, x->branch);
-    evaluate_sum(total, x->inputs, x->levels);
+int solve_start(Instance *s, double stiffness, Reals change) {
+    MotionBuffers *start = &s->table->starter;
+    int code;
+    start->t = s->table->t;
+    while ((code = solve_accelerations(start, stiffness, change)) == NEW_PIVOTS)
+        renew_pivots(s, &start->linear, 0);
+    return code;
 }
 
-int factorize_saddle(Instance *s, Reals q, Reals v, Reals lam, double coefficient) {
-    Table *x = s->table;
-    evaluate_motion(x, &x->motion, x->t, q, v, (Reals){0}, lam);
-    set_time(&x->saddle, x->t, x->branch);
-    set_matrix_factors(&x->saddle, coefficient, 0.0, 1.0, 1.0, 1.0, 1.0);
-    evaluate_sum(&x->saddle, x->inputs, x->nonzeros);
-    return factorize_matrix(s, &x->linear, x->nonzeros);
-}
-
-void solve_constraints(Table *x, Reals right, double sign) {
-    fill(part(x->solution, 0, x->n), 0.0);
-    scale(from(x->solution, x->n), sign, right);
-    solve(&x->linear, x->solution);
+int follow_jump(Instance *s) {
+    MotionBuffers *start = &s->table->starter;
+    int code;
+    start->t = s->table->t;
+    while ((code = solve_jump(start)) == NEW_PIVOTS) renew_pivots(s, &start->linear, 0);
+    return code;
 }
 
 void clear_states(const Table *x, Reals vector) {
-    for (int64_t k = 0; k < x->states.size; k++) vector.at[x->states.at[k]] = 0.0;
+    for (int64_t k = 0; k < x->starter.states.size; k++) vector.at[x->starter.states.at[k]] = 0.0;
 }
 
 /* Close the gaps that the steps have left; see ConsistencySolver. */
 static int close_joints(Instance *s, double ratio) {
     Table *x = s->table;
-    const Reals none = {0}, gaps = part(x->levels, x->n, x->n + x->m);
+    MotionBuffers *start = &x->starter;
+    const Reals none = {0}, gaps = part(start->levels, x->n, x->n + x->m);
     const double tolerance = POSITION_TOLERANCE * fmax(1.0, x->length);
     double previous = INFINITY;
     for (int k = 0; k < MAX_POSITION_ITERATIONS && x->m > 0; k++) {
         double gap = 0.0;
-        evaluate_motion(x, &x->motion, x->t, x->q, none, none, none);
+        evaluate_motion(start, &start->motion, x->t, x->q, none, none, none);
         for (int64_t i = 0; i < x->m; i++) gap = fmax(gap, fabs(gaps.at[i]));
         if (gap <= tolerance * ratio || (gap <= tolerance && gap > 0.5 * previous)) break;
         previous = gap;
-        if (factorize_saddle(s, x->q, none, none, RIGID_TIME * RIGID_TIME) != DONE) return SINGULAR;
-        solve_constraints(x, gaps, -1.0);
-        clear_states(x, x->solution);
-        add_to(x->q, 1.0, x->solution);
+        if (factorize_start(s, none, RIGID_TIME * RIGID_TIME) != DONE) return SINGULAR;
+        solve_constraints(start, gaps);
+        clear_states(x, start->solution);
+        add_to(x->q, 1.0, start->solution);
     }
     return DONE;
-}
-
-/* See ConsistencySolver.acceleration. */
-int solve_accelerations(Instance *s, double coefficient, Reals change) {
-    Table *x = s->table;
-    const int64_t n = x->n, m = x->m;
-    const Reals lam = x->rate, forces = part(x->solution, 0, n), found = from(x->solution, n);
-    const uint32_t *starts = x->linear.plan.matrix_starts.at, *rows = x->linear.plan.matrix_rows.at;
-    fill(lam, 0.0);
-    for (int k = 0; k < MAX_FRICTION_ITERATIONS; k++) {
-        if (factorize_saddle(s, x->q, x->v, lam, coefficient) != DONE) return SINGULAR;
-        scale(forces, -1.0, x->levels);
-        if (change.size) add_to(forces, -1.0, change);
-        scale(found, -1.0, from(x->levels, n + 2 * m));
-        if (!x->has_friction) {
-            solve(&x->linear, x->solution);
-            return DONE;
-        }
-        /* dF/dlam is the difference between the upper right block and G^T. */
-        for (int64_t j = 0; j < n + m; j++)
-            for (uint32_t e = starts[j]; e < starts[j + 1]; e++) {
-                const int64_t row = rows[e];
-                const double value = x->nonzeros.at[e];
-                if (j >= n && row < n) forces.at[row] += value * lam.at[j - n];
-                if (j < n && row >= n) forces.at[j] -= value * lam.at[row - n];
-            }
-        solve(&x->linear, x->solution);
-        double correction = 0.0, size = 0.0;
-        for (int64_t i = 0; i < m; i++) {
-            correction = fmax(correction, fabs(found.at[i] - lam.at[i]));
-            size = fmax(size, fabs(found.at[i]));
-        }
-        copy(lam, found);
-        if (correction <= FRICTION_TOLERANCE * size) return DONE;
-    }
-    return NOT_CONVERGED;
 }
 
 int make_consistent(Instance *s, double tolerance) {
     Table *x = s->table;
     const int64_t n = x->n, m = x->m;
-    const Reals none = {0};
     int code = close_joints(s, tolerance);
     if (code != DONE) return code;
     /* Velocities projected in the metric of the mass matrix. */
-    if (factorize_saddle(s, x->q, x->v, none, 0.0) != DONE) return SINGULAR;
+    if (factorize_start(s, x->v, 0.0) != DONE) return SINGULAR;
     if (m > 0) {
-        solve_constraints(x, part(x->levels, n + m, n + 2 * m), -1.0);
-        add_to(x->v, 1.0, x->solution);
+        solve_constraints(&x->starter, part(x->starter.levels, n + m, n + 2 * m));
+        add_to(x->v, 1.0, x->starter.solution);
     }
-    if (x->states.size) { /* The rows of first-order states x are x' - f. */
-        evaluate_motion(x, &x->motion, x->t, x->q, x->v, none, none);
-        for (int64_t i = 0; i < x->states.size; i++)
-            x->v.at[x->states.at[i]] -= x->levels.at[x->states.at[i]];
-    }
-    code = solve_accelerations(s, 0.0, none);
+    fill(x->starter.lam, 0.0);
+    code = follow_jump(s);
     if (code != DONE) return code;
-    copy(x->ddq, x->solution);
-    copy(x->lam, from(x->solution, n));
+    copy(x->ddq, x->starter.solution);
+    copy(x->lam, from(x->starter.solution, n));
     return DONE;
 }
 

@@ -18,8 +18,8 @@
    errors of positions, divided by the square of the step, are errors of accelerations. */
 #define MIN_STEP_SHARE 1e-2
 
-/* Those of the starts, of real and complex matrices of steps, and of jumps. */
-#define MAX_SOLVERS 4
+/* Those of the starts, and of real and complex matrices of steps. */
+#define MAX_SOLVERS 3
 
 /* The table begins the block of all words of the instance. */
 struct Instance {
@@ -45,8 +45,6 @@ void clear_addresses(void *table);
 
 /* Let a solver that has requested pivots eliminate the full matrix with row exchanges. */
 void renew_pivots(Instance *s, LinearSolver *linear, int is_complex);
-/* Factorize a matrix, with row exchanges if necessary; return DONE or SINGULAR. */
-int factorize_matrix(Instance *s, LinearSolver *linear, Reals nonzeros);
 /* Release factors of full matrices after a step: states do not contain them, and steps must not
    depend on whether a state was saved. */
 void release_matrices(Instance *s);
@@ -62,18 +60,13 @@ int advance(Instance *s, double end);
 
 /* Set the entries of first-order states to zero. */
 void clear_states(const Table *x, Reals vector);
-/* Evaluate (F, g, g', g'') of `total` at (q, v, a, lam), zeros if they are empty, in `levels`. */
-void evaluate_motion(Table *x, Sum *total, double t, Reals q, Reals v, Reals a, Reals lam);
-/* Also factorize the saddle-point matrix with mass M + coefficient K. */
-int factorize_saddle(Instance *s, Reals q, Reals v, Reals lam, double coefficient);
-/* Solve [[M, G^T], [G, 0]] (x, mu) = (0, sign right) with the last factors, in `solution`. */
-void solve_constraints(Table *x, Reals right, double sign);
+/* The functions of the core, with row exchanges if necessary, at the present time. */
+int factorize_start(Instance *s, Reals v, double stiffness);
+int solve_start(Instance *s, double stiffness, Reals change);
+int follow_jump(Instance *s);
 /* Close joints whose gaps exceed `tolerance` times that of the start, correct velocities, and set
    `ddq` and `lam`. */
 int make_consistent(Instance *s, double tolerance);
-/* Accelerations and multipliers in `solution`, with mass M + coefficient K and the forces `change`
-   (empty for none) in addition. */
-int solve_accelerations(Instance *s, double coefficient, Reals change);
 
 /* Method of the exported model. Functions that return int return 0, or -1 after an error. */
 

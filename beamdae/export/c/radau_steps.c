@@ -75,10 +75,10 @@ static void evaluate_polynomials(const RadauTable *x, double u, Reals start, Rea
 /* Write (q, v, a, lam) at u of the last step; `levels` are lost. */
 static void evaluate_step(const RadauTable *x, double u, Reals start, Reals2 w, Reals motion) {
     const int64_t n = x->base.n, m = x->base.m;
-    const Reals unused = part(x->base.levels, 0, n);
+    const Reals unused = part(x->base.starter.levels, 0, n);
     evaluate_polynomials(x, u, start, w, 0, part(motion, 0, n), unused);
     evaluate_polynomials(x, u, start, w, n, part(motion, n, 2 * n), part(motion, 2 * n, 3 * n));
-    evaluate_polynomials(x, u, start, w, 2 * n, part(x->base.levels, 0, m),
+    evaluate_polynomials(x, u, start, w, 2 * n, part(x->base.starter.levels, 0, m),
                          part(motion, 3 * n, 3 * n + m));
 }
 
@@ -95,7 +95,7 @@ static void evaluate_gaps(RadauTable *x, double t, Reals q) {
    start at t; the neighbors of the smallest sample replace *left and *right. */
 static double sample_gap(RadauTable *x, double t, int64_t k, double *left, double *right) {
     const double first = *left, spacing = (*right - *left) / (SAMPLES - 1);
-    const Reals q = part(x->base.solution, 0, x->base.n), rates = part(x->base.levels, 0, q.size);
+    const Reals q = part(x->base.starter.solution, 0, x->base.n), rates = part(x->base.starter.levels, 0, q.size);
     double lowest = INFINITY;
     for (int i = 0; i < SAMPLES; i++) {
         const double u = first + i * spacing;
@@ -274,14 +274,23 @@ int method_prepare_change(Instance *s) {
 
 int method_follow_values(Instance *s) {
     RadauTable *x = table_of(s);
-    InputJumpWorkspace *jump = &x->jump;
-    int code;
+    MotionBuffers *start = &x->base.starter;
+    const int64_t n = start->n, m = start->m;
+    const Reals y = x->run.base.y, yp = x->run.base.yp;
     restart_prediction(&x->run.base.step_size);
-    jump->t = s->table->t;
-    jump->branch = s->table->branch;
-    while ((code = solve_jump(jump)) == NEW_PIVOTS) renew_pivots(s, &jump->linear, 0);
+    copy(start->q, y);
+    copy(start->v, from(y, n));
+    copy(start->lam, from(yp, 2 * n));
+    const int code = follow_jump(s);
     release_matrices(s);
-    return report_step(s, code);
+    if (code != DONE) return report_step(s, code);
+    for (int64_t i = 0; i < start->states.size; i++) { /* Their accelerations are continuous. */
+        const int64_t k = start->states.at[i];
+        y.at[n + k] = yp.at[k] = start->v.at[k];
+        start->solution.at[k] = yp.at[n + k];
+    }
+    copy(part(yp, n, 2 * n + m), start->solution);
+    return 0;
 }
 
 int method_restart(Instance *s) {

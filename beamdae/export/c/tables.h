@@ -11,19 +11,17 @@
 typedef struct {
     double t, offset, branch;
     int64_t interval, mode, is_initialized, has_stepped, has_jumped;
-    int64_t n, m, has_friction;
+    int64_t n, m;
     double length;
     Reals values, breakpoints, min_values, max_values;
-    Integers states;
     Indices number_targets;
     /* Motion at a start; with generalized-alpha, the current motion. */
     Reals q, v, ddq, lam;
+    MotionBuffers starter;
     /* Work arrays. `inputs` are (q, v, a, lam), their derivatives, and those of the numbers p;
        `direction` are the values and their derivatives. */
-    Reals inputs, direction, levels, rate, solution, outputs, numbers, zeros;
-    Sum motion, saddle, output, residual_direction, output_direction;
-    LinearSolver linear;
-    Reals nonzeros;
+    Reals inputs, direction, rate, outputs, numbers, zeros;
+    Sum output, residual_direction, output_direction;
 } Table;
 
 /* Generalized-alpha. `start` is the motion for which the accelerations at the beginning of the last
@@ -31,7 +29,7 @@ typedef struct {
 typedef struct {
     Table base;
     AlphaWorkspace run;
-    Sum smooth_motion; /* Of `motion`, without forces with kinks over the motion. */
+    Sum smooth_motion; /* Of `starter.motion`, without forces with kinks over the motion. */
     double shift;
     int64_t follows_jump;
     Reals start, jump, jerk, velocity_error;
@@ -44,7 +42,6 @@ typedef struct {
 typedef struct {
     Table base;
     RadauWorkspace run;
-    InputJumpWorkspace jump;
     double h, start_rate;
     int64_t is_quiet, has_tangent;
     Sum gap_sum;

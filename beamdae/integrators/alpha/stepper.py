@@ -18,15 +18,14 @@ from beamdae.core.return_codes import (
     STEP_NOT_CHANGED,
 )
 from beamdae.core.tables import Workspace
-from beamdae.equations.equations_of_motion import EquationsOfMotion, State
+from beamdae.equations.equations_of_motion import State
 from beamdae.equations.formulations.step_equations import StepEquations, StepPrediction
-from beamdae.equations.formulations.sums import InputLayout, assemble_accelerations
-from beamdae.equations.starts.state_evaluator import plan_state_sums
-from beamdae.equations.structure import Structure, cache_on_owner
+from beamdae.equations.starts.state_evaluator import plan_constraint_levels
 from beamdae.errors import BeamdaeError
 from beamdae.integrators.alpha.family import AlphaStart, Motion
 from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
 from beamdae.integrators.error_control import UNTESTED_MULTIPLIERS, MultiplierTolerances
+from beamdae.integrators.input_jumps import make_motion_buffers
 from beamdae.integrators.method import (
     FIXED_STEPS_PER_CHECK,
     STEPS_PER_CHECK,
@@ -35,7 +34,6 @@ from beamdae.integrators.method import (
     count_equal_steps,
 )
 from beamdae.results.outcome import Statistics
-from beamdae.symbolic.sums.kernel_sums import SumPlan
 
 Array = np.ndarray
 
@@ -62,30 +60,6 @@ _FAILURES = {
     ERROR_TOO_LARGE: "the error test failed",
     STEP_NOT_CHANGED: "the constraints have become dependent",
 }
-
-
-@cache_on_owner
-def _plan_accelerations(structure: Structure) -> SumPlan:
-    n = structure.n
-    return assemble_accelerations(structure, InputLayout(q=0, v=n, a=2 * n, lam=3 * n)).vector()
-
-
-def make_jerk_buffers(equations: EquationsOfMotion) -> tuple[Workspace, FactorizedMatrix]:
-    """Return the work arrays for the jerk normal to the constraint manifold, and their matrix."""
-    sums, n, m, p = plan_state_sums(equations.structure), equations.n, equations.m, equations.p
-    matrix = FactorizedMatrix.from_pattern(sums.saddle_pattern)
-    buffers = Workspace(
-        "JerkBuffers",
-        accelerations=_plan_accelerations(equations.structure).sum(True, p),
-        saddle=sums.saddle.sum(True, p),
-        linear=matrix.make_solver(),
-        motion=np.zeros(3 * n + m),
-        ahead=np.zeros(m),
-        behind=np.zeros(m),
-        nonzeros=matrix.nonzeros,
-        unknowns=np.zeros(n + m),
-    )
-    return buffers, matrix
 
 
 class AlphaStepper:
@@ -287,7 +261,7 @@ class AdaptiveAlphaStepper(AlphaStepper):
         tolerance: float,
         multipliers: MultiplierTolerances = UNTESTED_MULTIPLIERS,
     ) -> None:
-        jerk, matrix = make_jerk_buffers(form.equations)
+        jerk, matrix = make_motion_buffers(form.equations, plan_constraint_levels)
         super().__init__(
             form,
             start,
@@ -297,6 +271,7 @@ class AdaptiveAlphaStepper(AlphaStepper):
             max_step=largest,
             min_step=_MIN_STEP_SHARE * duration,
             jerk=jerk,
+            constraint_rate=np.zeros(form.equations.m),
             corrects_velocities=int(start.index3 and form.equations.m > 0),
             multiplier_weights=multipliers.weights.copy(),
             multiplier_tolerance=multipliers.tolerance,

@@ -18,6 +18,7 @@ import numpy as np
 
 from beamdae.equations.equations_of_motion import State
 from beamdae.equations.formula_forces import FormulaForceTerm
+from beamdae.equations.table_arguments import TableArgumentTerm
 from beamdae.integrators.error_control import motion_rate
 from beamdae.integrators.events.watches import Stop
 from beamdae.integrators.run_plan import RunPlan
@@ -47,6 +48,8 @@ _REFINEMENTS = 3
 _REFINED_SAMPLES = 33
 # Places at which arguments turn are located to (2 / 32)^4 = 1.5e-5 of the distance of the samples.
 _TURN_REFINEMENTS = 4
+# Corrections of the times at which arguments pass rows of tables, which are interpolated linearly.
+_ROW_CORRECTIONS = 3
 # Arguments that change by smaller factors between two samples need no further samples.
 _MIN_CHANGE = 2.0
 # Change of a first-order state, relative to its size, for the derivative of its rate.
@@ -59,8 +62,8 @@ class ForcePeakWatch:
 
     Attributes
     ----------
-    terms
-        Forces that may have narrow peaks.
+    terms, arguments
+        Forces that may have narrow peaks, and the arguments of their tables.
     spacing
         Largest distance of samples [s].
     weigh_at
@@ -72,6 +75,7 @@ class ForcePeakWatch:
     """
 
     terms: Sequence[FormulaForceTerm]
+    arguments: Sequence[TableArgumentTerm]
     spacing: float
     weigh_at: Callable[[float, float, State], Callable[[Array], float]]
     state_scales: Mapping[int, float]
@@ -79,19 +83,23 @@ class ForcePeakWatch:
     def find_first(self, segment: RunSegment, row: int) -> Stop | None:
         """Return the first peak that a step passed over, see `Watch`."""
         # Between frequent samples of controllers, a search would cost more than the steps.
-        tail = segment.tail(row) if self.spacing <= segment.history.longest_gap(row) else None
+        is_long = self.spacing <= segment.history.longest_gap(row)
+        tail = segment.tail(row) if is_long or self.arguments else None
         if tail is None:
             return None
         interval, begin = tail
         first = int(np.searchsorted(interval.nodes, begin))
         gaps = np.diff(interval.nodes[first:])
         counts = (gaps / self.spacing).astype(int)
-        if not counts.any():
-            return None
         inside = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts) + 1
         spacings = np.repeat(gaps / (counts + 1), counts)
         t = np.repeat(interval.nodes[first:-1], counts) + inside * spacings
-        t = np.union1d(t, _locate_turns(self.terms, interval, first, t))
+        turns = [_locate_turns(self.terms, interval, first, t)] if len(t) else []
+        active = (x for x in self.arguments if x.part not in interval.inactive)
+        rows = [_locate_rows(x, interval, first) for x in active]
+        t = np.unique(np.concatenate([t, *turns, *rows]))
+        if not len(t):
+            return None
         samples = _Samples(interval, t[t > interval.nodes[first]])
         gap = np.searchsorted(interval.nodes, samples.t) - 1
         peaks = (self._find_first_of_force(x, samples, first, gap) for x in self.terms)
@@ -284,7 +292,31 @@ def _locate_turns(
     return center
 
 
-def watch_forces(terms: Sequence[FormulaForceTerm], plan: RunPlan, rtol: float) -> ForcePeakWatch:
+def _locate_rows(term: TableArgumentTerm, interval: Interval, first: int) -> Array:
+    """Return times [s] at which an argument passes rows of its table, if a step passes several."""
+    t, motion = interval.nodes[first:], State(*(x[first:] for x in interval.rows))
+    x = term.argument.values(interval.times[first:], motion)
+    knots = term.table.list_knots(term.axis, float(x.min()), float(x.max()))
+    place = np.searchsorted(knots, x)
+    # A peak lies between two other rows.
+    (passed,) = np.nonzero((np.abs(np.diff(place)) > 1) & (np.diff(t) > 0.0))
+    ranges = [np.arange(*sorted(place[k : k + 2])) for k in passed]
+    k = np.repeat(passed, [len(rows) for rows in ranges])
+    levels = knots[np.concatenate([np.zeros(0, int), *ranges])]
+    rates = (x[k + 1] - x[k]) / (t[k + 1] - t[k])
+    times = t[k] + (levels - x[k]) / rates
+    for _ in range(_ROW_CORRECTIONS if len(k) else 0):
+        values = term.argument.values(interval.with_branch(times), interval.at(times))
+        times = np.clip(times + (levels - values) / rates, t[k], t[k + 1])
+    return times
+
+
+def watch_forces(
+    terms: Sequence[FormulaForceTerm],
+    arguments: Sequence[TableArgumentTerm],
+    plan: RunPlan,
+    rtol: float,
+) -> ForcePeakWatch:
     """Return the watch of forces in a run with the tolerance `rtol`.
 
     An impulse matters if it changes a velocity, or a first-order state, by more than ten
@@ -313,7 +345,7 @@ def watch_forces(terms: Sequence[FormulaForceTerm], plan: RunPlan, rtol: float) 
         return math.inf if np.delete(impulse, states).any() else float(np.max(change, initial=0.0))
 
     state_scales = dict(zip(states.tolist(), plan.scales[states].tolist(), strict=True))
-    return ForcePeakWatch(terms, SAMPLE_SPACING * plan.duration, weigh_at, state_scales)
+    return ForcePeakWatch(terms, arguments, SAMPLE_SPACING * plan.duration, weigh_at, state_scales)
 
 
 def _candidates(peak_height: Array, height: Array, gap: Array) -> Iterator[tuple[slice, int]]:

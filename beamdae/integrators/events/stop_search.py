@@ -7,11 +7,7 @@ from typing import TYPE_CHECKING
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.formula_forces import compile_formula_forces
 from beamdae.equations.surface_gaps import compile_surface_gaps
-from beamdae.equations.table_arguments import (
-    compile_table_arguments,
-    find_distinct,
-    group_grids,
-)
+from beamdae.equations.table_arguments import compile_table_arguments, find_distinct
 from beamdae.integrators.events.watches import Stop, Watch
 from beamdae.integrators.run_plan import RunPlan
 from beamdae.integrators.step_history import RunSegment
@@ -49,7 +45,7 @@ class StopSearch:
     """
 
     def __init__(self, equations: EquationsOfMotion, rtol: float | None) -> None:
-        self._rtol, is_adaptive = rtol, rtol is not None
+        self._rtol = rtol
         self.detector: EventDetector | None = None
         self.longest_batch, self.row, self._steps = _STEPS_PER_SEARCH, 1, 0
         if equations.events:
@@ -58,8 +54,7 @@ class StopSearch:
             self.detector = EventDetector(equations)
             if self.detector.may_stop:
                 self.longest_batch = _STEPS_PER_EVENT_SEARCH
-        arguments = compile_table_arguments(equations)
-        self._arguments = find_distinct(arguments)
+        self._arguments = find_distinct(compile_table_arguments(equations))
         # Imported where they are created: most models have no surfaces and tables.
         watches: list[Watch] = []
         gaps = compile_surface_gaps(equations)
@@ -68,11 +63,6 @@ class StopSearch:
             from beamdae.integrators.events.closings import ClosingWatch
 
             watches.append(ClosingWatch(gaps, limited, equations.length))
-        if is_adaptive and arguments:
-            from beamdae.integrators.events.table_peaks import TablePeakWatch
-
-            calls = [(term,) for term in self._arguments if len(term.constants) == 1]
-            watches.append(TablePeakWatch([*calls, *group_grids(arguments)]))
         self._of_all_parts = self._watches = tuple(watches)
 
     def adapt(self, plan: RunPlan) -> None:
@@ -81,7 +71,7 @@ class StopSearch:
         if self._rtol is not None and (terms := compile_formula_forces(plan.equations)):
             from beamdae.integrators.events.force_peaks import watch_forces
 
-            self._watches += (watch_forces(terms, plan, self._rtol),)
+            self._watches += (watch_forces(terms, self._arguments, plan, self._rtol),)
 
     def begin(self, steps: int) -> None:
         """Begin a segment after this number of steps of the run."""

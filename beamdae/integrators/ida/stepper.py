@@ -143,18 +143,19 @@ class IdaStepper:
         if self._t != start:
             return None
         y, yp, _ = self._ida.last_point
-        if np.array_equal(q, y[: len(q)]):
+        before = State(*(x.copy() for x in self._form.unpack(y, yp)))
+        if np.array_equal(q, before.q):
             self._end = end
             self._ida.extend(end)
-            return State(*(x.copy() for x in self._form.unpack(y, yp)))
-        state = self._input_jump.apply(start, self._branch, q, y, yp)
+            return before
+        state = self._input_jump.apply(start, self._branch, q, before)
         if state is not None:
             self.begin(start, end, self._branch, state)
         return state
 
     @cached_property
     def _input_jump(self) -> InputJump:
-        return InputJump(self._form)
+        return InputJump(self._form.equations)
 
     def _start(self, first_step: float, state: State) -> None:
         self._first_step = first_step

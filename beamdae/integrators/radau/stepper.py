@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
-import scipy.sparse as sp
 
 from beamdae.core.return_codes import (
     ERROR_TOO_LARGE,
@@ -23,16 +21,12 @@ from beamdae.equations.formulations.first_order import (
     formulate_first_order,
 )
 from beamdae.equations.formulations.kinematic_reduction import (
-    KinematicReduction,
     reduce_kinematics,
 )
 from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
 from beamdae.integrators.error_control import (
     POSITION_ROUNDING,
     STIFF_RATIO_RADAU,
-    UNTESTED_MULTIPLIERS,
-    MotionScales,
-    MultiplierTolerances,
     motion_scales,
     plan_multiplier_tolerances,
     reduce_tolerance,
@@ -96,69 +90,6 @@ _ITERATION_FRACTION_OF_ROOT = 3.0
 _MAX_STAGNATION_FRACTION = 0.1
 
 
-@dataclass(frozen=True)
-class StepTolerance:
-    """Tolerances of positions and velocities in one step.
-
-    Attributes
-    ----------
-    local
-        Tolerance relative to the scales of the motion.
-    scales
-        Scales of the motion.
-    tested
-        Mask of the velocities in the error test, (n,).
-    """
-
-    local: float
-    scales: MotionScales
-    tested: Array
-
-    @cached_property
-    def weights(self) -> Array:
-        """Reciprocal tolerances of (q, v), (2 n,).
-
-        Far from the origin, rounding errors of positions may exceed the tolerances of deformations.
-        The tolerances of velocities do not grow with them: those of parts that are fixed to the
-        ground would allow longer steps than near the origin.
-        """
-        positions = self.scales.tolerances(self.local)
-        velocities = self.scales.rate * positions
-        return 1.0 / np.concatenate([np.maximum(positions, self.rounding), velocities])
-
-    @property
-    def test_weights(self) -> Array:
-        """Reciprocal tolerances of (q, v) in the error test, (2 n,), 0 for untested velocities."""
-        return self.weights * np.concatenate([np.ones_like(self.tested), self.tested])
-
-    @property
-    def iteration_fraction(self) -> float:
-        """Largest permitted Newton error, relative to the local tolerance."""
-        root = float(np.sqrt(self.local))
-        return min(_MAX_ITERATION_FRACTION, _ITERATION_FRACTION_OF_ROOT * root)
-
-    @property
-    def iteration_weights(self) -> tuple[Array, Array]:
-        """Reciprocal tolerances of Newton's iteration for q, and for v in long steps, (n,) each.
-
-        Tolerances of q are not smaller than rounding errors. Velocities are included even if the
-        error test excludes them: the next step starts from them, and in short steps positions do
-        not reveal their errors.
-        """
-        positions, velocities = np.split(self.weights / self.iteration_fraction, 2)
-        return np.minimum(positions, 1.0 / self.rounding), velocities
-
-    @property
-    def rounding_weights(self) -> Array:
-        """Reciprocal rounding errors of q near the origin, (n,)."""
-        return 1.0 / (POSITION_ROUNDING * self.scales.size)
-
-    @property
-    def rounding(self) -> Array:
-        """Rounding errors of q [m or rad], (n,)."""
-        return self.scales.rounding_ratio / self.rounding_weights
-
-
 class RadauStepper:
     """Stepper of Radau IIA: up to 8 steps per call, with one row per stage."""
 
@@ -183,29 +114,85 @@ class RadauStepper:
             STIFF_RATIO_RADAU,
             plan.fastest_modes,
         )
-        tested = self._control.tested_velocities(plan.equations, tangent_frames=True)
         self._local = _local_tolerance(rtol, self._control.policy, self._scales.periods, form)
-        tolerance = StepTolerance(self._local, self._scales, tested)
-        longest = plan.longest_step("Radau", max_step)
         pattern, jacobian, reduction = reduce_kinematics(form)
         real = plan.matrix("Radau", pattern)
         complex_ = FactorizedMatrix.from_pattern(pattern, complex, pivot_source=real)
-
         buffers = form.buffers()
         buffers.jacobian = jacobian.sum(True, plan.equations.p)
-        self._run = run = make_workspace(
-            form,
-            buffers,
-            pattern,
-            reduction,
-            (real.make_solver(), real.nonzeros),
-            (complex_.make_solver(), complex_.nonzeros),
-            tolerance,
-            longest,
-            plan_multiplier_tolerances(plan, self._scales, rtol),
+        multipliers = plan_multiplier_tolerances(plan, self._scales, rtol)
+        n, m, size, reduced_size = plan.equations.n, plan.equations.m, form.size, pattern.shape[0]
+        self._run = run = Workspace(
+            "RadauWorkspace",
+            tableau=TABLEAU,
+            form=buffers,
+            real_solver=real.make_solver(),
+            complex_solver=complex_.make_solver(),
+            reduction=reduction,
+            step_size=Workspace("StepSizeState", longest=plan.longest_step("Radau", max_step)),
+            y=np.zeros(size),
+            yp=np.zeros(size),
+            last_w=np.zeros((3, size)),
+            w=np.zeros((3, size)),
+            stages=np.zeros((3, size)),
+            rates=np.zeros((3, size)),
+            stage_residuals=np.zeros((3, size)),
+            real_change=np.zeros(size),
+            complex_change=np.zeros(size, complex),
+            complex_real=np.zeros(size),
+            complex_imaginary=np.zeros(size),
+            right=np.zeros(reduced_size),
+            complex_right=np.zeros(reduced_size, complex),
+            extrapolation=np.zeros((3, 3)),
+            velocities=np.zeros(n),
+            jacobian=np.zeros(3 * pattern.nnz + 1),
+            real_nonzeros=real.nonzeros,
+            complex_nonzeros=complex_.nonzeros,
+            entry_rows=pattern.indices.astype(np.intp),
+            entry_columns=np.repeat(np.arange(reduced_size), np.diff(pattern.indptr)),
+            error=np.zeros(size),
+            difference=np.zeros(size),
+            vector=np.zeros(reduced_size),
+            product=np.zeros(reduced_size),
+            constraint_errors=np.zeros(reduced_size),
+            multiplier_weights=multipliers.weights.copy(),
+            multiplier_tolerance=multipliers.tolerance,
+            shortest_tested_step=multipliers.shortest_step,
+            rows=np.zeros((_STAGES * _STEPS_PER_CHECK, 1 + 3 * n + m)),
+            rate=1.0,
+            failure_code=TOO_SMALL,
+            **self._weights(),
         )
         pairs = (run.real_solver, real), (run.complex_solver, complex_)
         self._step_loop = StepLoop("take_radau_steps", run, *pairs)
+
+    def _weights(self) -> dict[str, Any]:
+        """Return the weights of the error test and of Newton's iteration, by field.
+
+        Far from the origin, rounding errors of positions may exceed the tolerances of deformations.
+        The tolerances of velocities do not grow with them: those of parts that are fixed to the
+        ground would allow longer steps than near the origin.
+
+        Newton's iteration includes velocities even if the error test excludes them: the next step
+        starts from them, and in short steps positions do not reveal their errors.
+        """
+        scales, local = self._scales, self._local
+        tolerances, near_origin = scales.tolerances(local), POSITION_ROUNDING * scales.size
+        rounding = scales.rounding_ratio * near_origin
+        positions = 1.0 / np.maximum(tolerances, rounding)
+        velocities = 1.0 / (scales.rate * tolerances)
+        tested = self._control.tested_velocities(self._form.equations, tangent_frames=True)
+        fraction = min(_MAX_ITERATION_FRACTION, _ITERATION_FRACTION_OF_ROOT * np.sqrt(local))
+        iterated = np.minimum(positions / fraction, 1.0 / rounding)
+        return {
+            "test_weights": np.concatenate([positions, velocities * tested]),
+            "tested_velocity_weights": velocities * tested,
+            "iteration_weights": np.concatenate([iterated, velocities / fraction]),
+            "velocity_weights": velocities / fraction,
+            "velocity_rounding_weights": 1.0 / near_origin,
+            "rounding_ratio": scales.rounding_ratio,
+            "stagnation_limit": _MAX_STAGNATION_FRACTION / fraction,
+        }
 
     @property
     def workspace(self) -> Workspace:
@@ -264,9 +251,10 @@ class RadauStepper:
         if run.t != start:
             return None
         has_jumped = not np.array_equal(q, run.y[: len(q)])
-        state: State | None = State(*(x.copy() for x in self._form.unpack(run.y, run.yp)))
+        before = State(*(x.copy() for x in self._form.unpack(run.y, run.yp)))
+        state: State | None = before
         if has_jumped:
-            state = self._input_jump.apply(start, run.branch, q, run.y, run.yp)
+            state = self._input_jump.apply(start, run.branch, q, before)
             if state is None:
                 return None
             run.y[:], run.yp[:] = self._form.pack(state)
@@ -287,7 +275,7 @@ class RadauStepper:
         # Models without sampled inputs start faster without this import.
         from beamdae.integrators.input_jumps import InputJump
 
-        return InputJump(self._form)
+        return InputJump(self._form.equations)
 
     def advance(self, most: int) -> Array:
         """Take 1 to `most` steps, but at most 8; return rows (t, q, v, a, lam) of all stages.
@@ -315,67 +303,3 @@ def _local_tolerance(rtol: float, policy: str, periods: float, form: FirstOrderF
     factor, exponent = _ONE_SIDED_LAW if is_one_sided else _TOLERANCE_LAWS[policy]
     by_period = _PERIOD_EXPONENT_VELOCITIES if policy == "velocities" else _PERIOD_EXPONENT
     return factor * rtol**exponent * reduce_tolerance(periods, by_period, _PERIOD_EXPONENT_LONG)
-
-
-def make_workspace(
-    form: FirstOrderForm,
-    buffers: Workspace,
-    pattern: sp.csc_array,
-    reduction: KinematicReduction,
-    real: tuple[Any, Array],
-    complex_: tuple[Any, Array],
-    tolerance: StepTolerance,
-    longest: float,
-    multipliers: MultiplierTolerances = UNTESTED_MULTIPLIERS,
-) -> Workspace:
-    """Return the work arrays; `real` and `complex_` are pairs (solver, non-zeros)."""
-    n, m, size = form.equations.n, form.equations.m, form.size
-    reduced_size = pattern.shape[0]
-    positions, velocities = tolerance.iteration_weights
-    return Workspace(
-        "RadauWorkspace",
-        tableau=TABLEAU,
-        form=buffers,
-        real_solver=real[0],
-        complex_solver=complex_[0],
-        reduction=reduction,
-        step_size=Workspace("StepSizeState", longest=longest),
-        y=np.zeros(size),
-        yp=np.zeros(size),
-        last_w=np.zeros((3, size)),
-        w=np.zeros((3, size)),
-        stages=np.zeros((3, size)),
-        rates=np.zeros((3, size)),
-        stage_residuals=np.zeros((3, size)),
-        real_change=np.zeros(size),
-        complex_change=np.zeros(size, complex),
-        complex_real=np.zeros(size),
-        complex_imaginary=np.zeros(size),
-        right=np.zeros(reduced_size),
-        complex_right=np.zeros(reduced_size, complex),
-        extrapolation=np.zeros((3, 3)),
-        velocities=np.zeros(n),
-        jacobian=np.zeros(3 * pattern.nnz + 1),
-        real_nonzeros=real[1],
-        complex_nonzeros=complex_[1],
-        entry_rows=pattern.indices.astype(np.intp),
-        entry_columns=np.repeat(np.arange(reduced_size), np.diff(pattern.indptr)),
-        error=np.zeros(size),
-        difference=np.zeros(size),
-        vector=np.zeros(reduced_size),
-        product=np.zeros(reduced_size),
-        constraint_errors=np.zeros(reduced_size),
-        test_weights=tolerance.test_weights,
-        tested_velocity_weights=tolerance.test_weights[n:].copy(),
-        multiplier_weights=multipliers.weights.copy(),
-        multiplier_tolerance=multipliers.tolerance,
-        shortest_tested_step=multipliers.shortest_step,
-        iteration_weights=np.concatenate([positions, velocities]),
-        velocity_weights=velocities,
-        velocity_rounding_weights=tolerance.rounding_weights,
-        rows=np.zeros((_STAGES * _STEPS_PER_CHECK, 1 + 3 * n + m)),
-        rounding_ratio=tolerance.scales.rounding_ratio,
-        stagnation_limit=_MAX_STAGNATION_FRACTION / tolerance.iteration_fraction,
-        rate=1.0,
-        failure_code=TOO_SMALL,
-    )

@@ -12,14 +12,13 @@ import scipy.sparse as sp
 
 from beamdae.errors import (
     BeamdaeError,
-    optional_point,
-    require_name,
+    convert_fields,
+    optional,
     require_non_negative,
     require_point,
     require_positive,
-    set_fields,
 )
-from beamdae.parts.attachments import Attachment, require_attachment, require_movable
+from beamdae.parts.attachments import Attachment, require_movable
 from beamdae.parts.part import Drawing, Part
 from beamdae.read_only import read_only
 from beamdae.symbolic.formula import Formula, build_formula_kernel, constant_formula
@@ -89,23 +88,18 @@ class PointMass(Part):
     point_syntax = "its .point, if it is free"
 
     def __post_init__(self) -> None:
-        set_fields(
-            self,
-            name=require_name("PointMass", self.name),
-            mass=require_non_negative(self.name, "mass", self.mass),
-            velocity=optional_point(self.name, "velocity", self.velocity),
-        )
+        convert_fields(self, mass=require_non_negative, velocity=optional(require_point))
         if (self.on is None) == (self.at is None):
             raise BeamdaeError(f"{self.name}: pass either on= (an attachment) or at=(x, y).")
         if self.on is not None:
-            require_movable(self.name, require_attachment(self.name, "on", self.on))
+            convert_fields(self, on=require_movable)
             if self.velocity is not None:
                 raise BeamdaeError(
                     f"{self.name}: a mass on {self.on} has no velocity of its own; pass velocity= "
                     "of the part that carries it, or start= of the run with velocities by name."
                 )
         else:
-            set_fields(self, at=require_point(self.name, "at", self.at))
+            convert_fields(self, at=require_point)
             require_positive(self.name, "mass", self.mass)
 
     @property

@@ -13,12 +13,14 @@ import scipy.sparse as sp
 
 from beamdae.errors import (
     BeamdaeError,
-    optional_finite,
-    optional_point,
+    convert_fields,
+    optional,
     require_count,
+    require_finite,
     require_name,
     require_names,
     require_non_negative,
+    require_point,
     require_sequence,
     require_unit,
     set_fields,
@@ -109,17 +111,13 @@ class ReducedBody(Part):
                 f"{name}: shapes must be an array of shape ({mass.shape[0]}, k) with k > 0, got "
                 f"{shapes.shape}."
             )
-        set_fields(
+        convert_fields(
             self,
-            name=name,
-            mass=mass,
-            stiffness=stiffness,
-            nodes=nodes,
-            shapes=shapes,
-            damping=require_non_negative(name, "damping", self.damping),
-            velocity=optional_point(name, "velocity", self.velocity),
-            angular_velocity=optional_finite(name, "angular_velocity", self.angular_velocity),
+            damping=require_non_negative,
+            velocity=optional(require_point),
+            angular_velocity=optional(require_finite),
         )
+        set_fields(self, name=name, mass=mass, stiffness=stiffness, nodes=nodes, shapes=shapes)
         motions = np.hstack([rigid_motions(nodes, mass.shape[0], self.center), shapes])
         sizes = np.linalg.norm(motions, axis=0)
         if not np.all(sizes) or np.linalg.matrix_rank(motions / sizes) < len(sizes):

@@ -12,8 +12,9 @@ import scipy.sparse as sp
 
 from beamdae.errors import (
     BeamdaeError,
-    optional_finite,
-    optional_point,
+    convert_fields,
+    optional,
+    require_finite,
     require_name,
     require_point,
     require_positive,
@@ -138,17 +139,19 @@ class RigidBody(Part):
 
     def __post_init__(self) -> None:
         corners = require_sequence(self.name, "shape", self.shape, "points (x, y)")
+        convert_fields(
+            self,
+            mass=require_positive,
+            inertia=require_positive,
+            center=require_point,
+            velocity=optional(require_point),
+            angular_velocity=optional(require_finite),
+        )
         set_fields(
             self,
             shape=tuple(
                 require_point(self.name, f"shape point {k}", x) for k, x in enumerate(corners)
             ),
-            name=require_name("RigidBody", self.name),
-            mass=require_positive(self.name, "mass", self.mass),
-            inertia=require_positive(self.name, "inertia", self.inertia),
-            center=require_point(self.name, "center", self.center),
-            velocity=optional_point(self.name, "velocity", self.velocity),
-            angular_velocity=optional_finite(self.name, "angular_velocity", self.angular_velocity),
         )
 
     @classmethod

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, ClassVar
 from weakref import WeakKeyDictionary
 
@@ -16,6 +16,7 @@ from beamdae.errors import (
     MAX_MAGNITUDE,
     BeamdaeError,
     as_real,
+    convert_fields,
     format_exception,
     require_count,
     require_finite,
@@ -169,15 +170,18 @@ class Controller(Part):
         if not drives:
             raise BeamdaeError(f"{name}: drives must contain at least one input.")
         state = require_sequence(name, "state", self.state, "a list of numbers")
+        convert_fields(
+            self,
+            every=require_positive,
+            delay=partial(require_count, least=0, most=_MAX_DELAY),
+            seed=partial(require_count, least=0),
+        )
         set_fields(
             self,
             name=name,
-            every=require_positive(name, "every", self.every),
             reads=tuple(reads),
             drives=tuple(drives),
             state=tuple(require_finite(name, "state", x) for x in state),
-            delay=require_count(name, "delay", self.delay, least=0, most=_MAX_DELAY),
-            seed=require_count(name, "seed", self.seed, least=0),
         )
 
     @property
@@ -245,7 +249,7 @@ class Controller(Part):
         piece = Piece(self, sp.csr_array(np.eye(n)))
         return [ForceStatement(self.name, ForceKernel(local, local.v), (piece,), np.zeros((0, 1)))]
 
-    def next_values(
+    def _next_values(
         self, t: float, index: int, reads: Array, values: Array, stream: int = 0
     ) -> Array:
         """Return the coordinates after sample number `index` at time `t` [s].
@@ -272,15 +276,15 @@ class Controller(Part):
         # The first values of the queue are in effect.
         return np.array([*values[n_driven:n_queue].tolist(), *numbers, *state])
 
-    def require_repeatable(
+    def _require_repeatable(
         self, t: float, index: int, reads: Array, values: Array, stream: int, result: Array
     ) -> None:
-        """Raise BeamdaeError if the law fails or `next_values` does not return `result` again.
+        """Raise BeamdaeError if the law fails or `_next_values` does not return `result` again.
 
         The same is raised in later runs, whose samples would agree if the memory acts from the
         start.
         """
-        repeated = self.next_values(t, index, reads, values, stream)
+        repeated = self._next_values(t, index, reads, values, stream)
         if not np.array_equal(repeated, result):
             differs = repeated != result
             sentence = (

@@ -9,7 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from beamdae.errors import require_finite, require_non_negative, set_fields
+from beamdae.errors import convert_fields, require_finite, require_non_negative, set_fields
 from beamdae.parts.attachments import require_angle, rotate
 from beamdae.parts.forces.force_element import (
     ElementResponse,
@@ -105,8 +105,7 @@ class Bushing(ForceElement):
         super().__post_init__()
         require_angle(self.name, self.a)
         require_angle(self.name, self.b)
-        for name in _COEFFICIENTS:
-            set_fields(self, **{name: require_non_negative(self.name, name, getattr(self, name))})
+        convert_fields(self, **dict.fromkeys(_COEFFICIENTS, require_non_negative))
         angle = self.a.inclination if self.angle is None else self.angle
         set_fields(self, angle=require_finite(self.name, "angle", angle))
         self._require_law(3, _TYPICAL_DEFORMATION, _COEFFICIENTS)

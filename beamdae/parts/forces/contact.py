@@ -12,9 +12,10 @@ import casadi as ca
 from beamdae.errors import (
     BeamdaeError,
     NumberWithUnit,
+    convert_fields,
     format_distinct,
+    optional,
     require_finite,
-    require_name,
     require_non_negative,
     require_positive,
     set_fields,
@@ -169,7 +170,7 @@ class Contact(PointForce):
         With 1, the force is linear and has a kink at the onset of contact.
     restitution
         Coefficient of restitution of an impact at `impact_speed`, 0.05 to 1; slower impacts lose a
-        smaller fraction of their speed. If omitted, the contact is elastic as with 1: without
+        smaller fraction of their speed. With 1 (default), the contact is elastic: without
         dissipation, bodies do not come to rest.
     impact_speed
         Relative speed before the impact [m/s]; required if the restitution is less than 1.
@@ -213,7 +214,7 @@ class Contact(PointForce):
     surface: LineSurface | CircleSurface
     stiffness: float
     exponent: float = 1.5
-    restitution: float | None = None
+    restitution: float = 1.0
     impact_speed: float | None = None
     friction: float = 0.0
     friction_speed: float | None = None
@@ -222,8 +223,7 @@ class Contact(PointForce):
     stribeck: float | None = None
 
     def __post_init__(self) -> None:
-        set_fields(self, name=require_name("Contact", self.name))
-        require_attachment(self.name, "point", self.point)
+        convert_fields(self, point=require_attachment)
         if not isinstance(self.surface, (LineSurface, CircleSurface)):
             raise BeamdaeError(
                 f"{self.name}: surface must be a LineSurface or a CircleSurface, "
@@ -234,13 +234,9 @@ class Contact(PointForce):
                 f"{self.name}: neither the point nor the surface can move; attach one of them to "
                 "a body."
             )
-        set_fields(self, exponent=require_finite(self.name, "exponent", self.exponent))
+        convert_fields(self, exponent=require_finite)
         require_unit_of_stiffness(self.name, self.stiffness, self.exponent)
-        set_fields(
-            self,
-            stiffness=require_positive(self.name, "stiffness", self.stiffness),
-            friction=require_non_negative(self.name, "friction", self.friction),
-        )
+        convert_fields(self, stiffness=require_positive, friction=require_non_negative)
         static, stribeck = require_stribeck(
             self.name, "friction", self.friction, self.static, self.stribeck
         )
@@ -256,21 +252,17 @@ class Contact(PointForce):
         if not _MIN_EXPONENT <= self.exponent <= _MAX_EXPONENT:
             least, most, given = format_distinct(_MIN_EXPONENT, _MAX_EXPONENT, self.exponent)
             raise BeamdaeError(f"{self.name}: exponent must lie in [{least}, {most}], got {given}.")
-        if self.restitution is not None:
-            set_fields(self, restitution=require_finite(self.name, "restitution", self.restitution))
-        restitution = self.restitution_or_elastic
+        convert_fields(self, restitution=require_finite)
+        restitution = self.restitution
         if not _MIN_RESTITUTION <= restitution <= 1.0:
             least, most, given = format_distinct(_MIN_RESTITUTION, 1.0, restitution)
             raise BeamdaeError(
                 f"{self.name}: restitution must lie in [{least}, {most}], got {given}."
             )
-        if self.max_step is not None:
-            set_fields(self, max_step=require_positive(self.name, "max_step", self.max_step))
-        if self.impact_speed is not None:
-            set_fields(
-                self, impact_speed=require_positive(self.name, "impact_speed", self.impact_speed)
-            )
-        elif restitution < 1.0:
+        convert_fields(
+            self, max_step=optional(require_positive), impact_speed=optional(require_positive)
+        )
+        if self.impact_speed is None and restitution < 1.0:
             raise BeamdaeError(
                 f"{self.name}: restitution={restitution:g} requires "
                 "impact_speed=; pass the impact speed [m/s] at which this restitution holds."
@@ -290,16 +282,11 @@ class Contact(PointForce):
         return (replace(as_law(self.name, 0.0), time_scale=time_scale),)
 
     @property
-    def restitution_or_elastic(self) -> float:
-        """The coefficient of restitution, 1 if none is given."""
-        return 1.0 if self.restitution is None else self.restitution
-
-    @property
     def hysteresis(self) -> float:
         """Hysteresis factor X [s/m], zero if no impact speed is given; see `hysteresis_factor`."""
         if self.impact_speed is None:
             return 0.0
-        return hysteresis_factor(self.restitution_or_elastic, self.impact_speed)
+        return hysteresis_factor(self.restitution, self.impact_speed)
 
     @property
     def _formula(self) -> ForceFormula:
@@ -320,7 +307,7 @@ class Contact(PointForce):
         return {"point": self.point, "surface": self.surface.on}
 
     @property
-    def observed_points(self) -> tuple[str, ...]:
+    def _observed_points(self) -> tuple[str, ...]:
         """Name of the point."""
         return ("point",)
 

@@ -14,7 +14,7 @@ from typing import Any, ClassVar, NamedTuple
 import casadi as ca
 import numpy as np
 
-from beamdae.errors import BeamdaeError, require_name, set_fields
+from beamdae.errors import BeamdaeError, convert_fields
 from beamdae.parts.attachments import Attachment, require_attachment
 from beamdae.parts.forces.formula_checks import (
     as_vector,
@@ -289,7 +289,7 @@ class ForceElement(PointForce):
     _force_columns: ClassVar[tuple[Variable, ...]]
 
     def __post_init__(self) -> None:
-        set_fields(self, name=require_name(type(self).__name__, self.name))
+        convert_fields(self)
         require_attachment(self.name, "first attachment", self.a)
         require_attachment(self.name, "second attachment", self.b)
         if not self.a.size + self.b.size:

@@ -8,7 +8,13 @@ from typing import Any, NamedTuple
 
 import casadi as ca
 
-from beamdae.errors import BeamdaeError, require_name, require_sequence, set_fields, short_repr
+from beamdae.errors import (
+    BeamdaeError,
+    convert_fields,
+    require_sequence,
+    set_fields,
+    short_repr,
+)
 from beamdae.parts.attachments import Attachment, require_attachment
 from beamdae.parts.forces.formula_checks import (
     as_vector,
@@ -191,7 +197,7 @@ class ForceLaw(PointForce):
     dissipative: bool = False
 
     def __post_init__(self) -> None:
-        set_fields(self, name=require_name("ForceLaw", self.name))
+        convert_fields(self)
         if isinstance(self.on, Attachment):
             attachments: tuple[Any, ...] = (self.on,)
         else:
@@ -242,7 +248,7 @@ class ForceLaw(PointForce):
         return dict(zip(names, self.on, strict=True))
 
     @property
-    def observed_points(self) -> tuple[str, ...]:
+    def _observed_points(self) -> tuple[str, ...]:
         """Names of all points."""
         return tuple(self.points)
 

@@ -11,7 +11,8 @@ import numpy as np
 
 from beamdae.errors import (
     BeamdaeError,
-    require_name,
+    convert_fields,
+    optional,
     require_non_negative,
     require_positive,
     set_fields,
@@ -157,7 +158,7 @@ class Friction(PointForce):
     smoothing: float = _DEFAULT_SMOOTHING
 
     def __post_init__(self) -> None:
-        set_fields(self, name=require_name("Friction", self.name))
+        convert_fields(self)
         name = self.name
         is_joint = isinstance(self.joint, Joint)
         if not (is_joint and (self._is_bearing or self.joint.slide_direction is not None)):
@@ -169,11 +170,11 @@ class Friction(PointForce):
             # A particle does not rotate, so that a moment would have no effect on it.
             require_angle(name, self.joint.a)
             require_angle(name, self.joint.b)
-        set_fields(
+        convert_fields(
             self,
-            friction_speed=require_positive(name, "friction_speed", self.friction_speed),
-            smoothing=require_positive(name, "smoothing", self.smoothing),
-            coefficient=require_non_negative(name, "coefficient", self.coefficient),
+            friction_speed=require_positive,
+            smoothing=require_positive,
+            coefficient=require_non_negative,
         )
         static, stribeck = require_stribeck(
             name, "coefficient", self.coefficient, self.static, self.stribeck
@@ -195,8 +196,7 @@ class Friction(PointForce):
                 f"{self.name}: radius does not apply to {self.joint.name}, which "
                 "carries no moment; omit radius."
             )
-        if self.radius is not None:
-            set_fields(self, radius=require_positive(self.name, "radius", self.radius))
+        convert_fields(self, radius=optional(require_positive))
 
     @property
     def _is_bearing(self) -> bool:

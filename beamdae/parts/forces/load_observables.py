@@ -181,7 +181,7 @@ class ObservablePower(Part):
 class ObservableBeamLoad(ObservablePower):
     """Load distributed over a beam, whose resultant and power can be observed."""
 
-    # Beam with a method `rigid_motions`, see `beamdae.beams.kinematics.Kinematics`.
+    # A beam, whose kinematics have a method `rigid_motions`.
     beam: Any
 
     @property
@@ -200,7 +200,7 @@ class ObservableBeamLoad(ObservablePower):
         statements = self.forces(np.zeros(2))
 
         def combine(copies: list[_Copy], local: Local) -> SX:
-            motions = self.beam.rigid_motions(local.q)[:, rows]
+            motions = self.beam.kinematics.rigid_motions(local.q)[:, rows]
             operator = _stack_operators(statements)
             forces = ca.vertcat(*(copy.force for copy in copies))
             order = [row for copy in copies for row in copy.rows]

@@ -9,7 +9,7 @@ from typing import Any
 
 import casadi as ca
 
-from beamdae.errors import require_choice, require_name, require_pair, set_fields
+from beamdae.errors import choice_of, convert_fields, optional, require_pair, set_fields
 from beamdae.parts.attachments import (
     Attachment,
     require_angle,
@@ -101,13 +101,9 @@ class Force(_Load):
     axes: str = "inertial"
 
     def __post_init__(self) -> None:
-        set_fields(self, name=require_name("Force", self.name))
-        require_movable(self.name, require_attachment(self.name, "on", self.on))
-        set_fields(
-            self,
-            law=require_pair(self.name, "law", self.law, "a pair of laws (Fx, Fy)"),
-            axes=require_choice(self.name, "axes", self.axes, ("inertial", "body")),
-        )
+        convert_fields(self, on=require_movable, axes=choice_of("inertial", "body"))
+        law = require_pair(self.name, "law", self.law, "a pair of laws (Fx, Fy)")
+        set_fields(self, law=law)
         _ = self.laws
 
     @cached_property
@@ -169,10 +165,7 @@ class Moment(_Load):
     reaction_on: Attachment | None = None
 
     def __post_init__(self) -> None:
-        set_fields(self, name=require_name("Moment", self.name))
-        require_movable(self.name, require_attachment(self.name, "on", self.on))
-        if self.reaction_on is not None:
-            require_attachment(self.name, "reaction_on", self.reaction_on)
+        convert_fields(self, on=require_movable, reaction_on=optional(require_attachment))
         for attachment in self.points.values():
             require_angle(self.name, attachment)
         _ = self.laws
@@ -199,7 +192,7 @@ class Moment(_Load):
         return (Variable("M", "N m"),)
 
     @property
-    def observed_points(self) -> tuple[str, ...]:
+    def _observed_points(self) -> tuple[str, ...]:
         """The point "on"."""
         return ("on",)
 

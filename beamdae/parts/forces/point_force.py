@@ -71,7 +71,7 @@ class PointForce(PointPart):
         return None
 
     @property
-    def observed_points(self) -> tuple[str, ...]:
+    def _observed_points(self) -> tuple[str, ...]:
         """Names of the points to which `force` and `moment` refer; by default the last one."""
         return tuple(self.points)[-1:]
 
@@ -137,7 +137,7 @@ class PointForce(PointPart):
 
         With several loaded points, the columns are Fx1, Fy1, Fx2, ...
         """
-        return self._observe_components((0, 1), FORCE, self.observed_points)
+        return self._observe_components((0, 1), FORCE, self._observed_points)
 
     @property
     @rebuilt_for_mesh
@@ -151,7 +151,7 @@ class PointForce(PointPart):
         BeamdaeError
             If the part acts on particles only, which have no angle.
         """
-        points = {place: self.points[place] for place in self.observed_points}
+        points = {place: self.points[place] for place in self._observed_points}
         places = tuple(place for place, point in points.items() if point.has_angle)
         if not places:
             first = next(iter(points.values()))
@@ -164,7 +164,7 @@ class PointForce(PointPart):
     def _observe_components(
         self, rows: tuple[int, ...], columns: tuple[Variable, ...], places: tuple[str, ...]
     ) -> Quantity:
-        is_numbered = len(self.observed_points) > 1
+        is_numbered = len(self._observed_points) > 1
         names = [(place if is_numbered else "", x) for place in places for x in columns]
         numbered = tuple(Variable(f"{x.name}{number}", x.unit) for number, x in names)
         return self._observe_loads(dict.fromkeys(places, rows), numbered)

@@ -9,7 +9,13 @@ from typing import Any
 
 import casadi as ca
 
-from beamdae.errors import BeamdaeError, require_finite, require_non_negative, set_fields
+from beamdae.errors import (
+    BeamdaeError,
+    convert_fields,
+    require_finite,
+    require_non_negative,
+    set_fields,
+)
 from beamdae.parts.attachments import require_angle
 from beamdae.parts.forces.force_element import (
     ElementResponse,
@@ -52,11 +58,11 @@ class _SpringLaw(ForceElement):
 
     def _check_law(self, size: float) -> None:
         """Check the coefficients or the law; `size` is the typical size of the deformation."""
-        set_fields(
+        convert_fields(
             self,
-            stiffness=require_non_negative(self.name, "stiffness", self.stiffness),
-            damping=require_non_negative(self.name, "damping", self.damping),
-            preload=require_finite(self.name, "preload", self.preload),
+            stiffness=require_non_negative,
+            damping=require_non_negative,
+            preload=require_finite,
         )
         self._require_law(1, size, ("stiffness", "damping", "preload"))
 
@@ -227,7 +233,7 @@ class TorsionSpring(_SpringLaw):
         super().__post_init__()
         require_angle(self.name, self.a)
         require_angle(self.name, self.b)
-        set_fields(self, free_angle=require_finite(self.name, "free_angle", self.free_angle))
+        convert_fields(self, free_angle=require_finite)
         self._check_law(1.0)
 
     @property

@@ -3,15 +3,26 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import casadi as ca
 
-from beamdae.errors import BeamdaeError, require_choice, require_point, require_positive, set_fields
-from beamdae.parts.attachments import Attachment, require_angle, require_attachment, rotate
-from beamdae.symbolic.formula import FormulaExpression, constant_formula
+from beamdae.errors import (
+    choice_of,
+    convert_fields,
+    require_positive,
+)
+from beamdae.parts.attachments import (
+    Attachment,
+    require_angle,
+    require_attachment,
+    require_direction,
+    rotate,
+)
+from beamdae.parts.point_parts import PlacedPoint, observe_points
+from beamdae.symbolic.formula import constant_formula
 from beamdae.symbolic.statements import SX, Local, Quantity, Variable, rebuilt_for_mesh
 
 # Length added under the square root of the distance from the center, relative to the radius. It
@@ -45,15 +56,16 @@ def _circle_gap(rotation: SX, arm: SX, numbers: Any) -> tuple[SX, SX]:
 
 @dataclass(frozen=True)
 class _SurfaceGap:
-    """Distance from a surface to a point with `size` local coordinates."""
+    """Smallest distance from a surface, to which the last point belongs, to the other points."""
 
-    size: int
     surface: Callable[..., tuple[SX, SX]]
 
-    def __call__(self, local: Local, a: Any, b: Any, surface_numbers: Any) -> SX:
-        position, _ = a(local.q[: self.size])
-        root, rotation = b(local.q[self.size :])
-        return self.surface(SX(rotation), position - root, surface_numbers())[0]
+    def __call__(
+        self, local: Local, points: Sequence[PlacedPoint], numbers: Callable[[], Any]
+    ) -> SX:
+        *others, (root, rotation) = points
+        gaps = [self.surface(rotation, x.position - root, numbers())[0] for x in others]
+        return ca.mmin(ca.vertcat(*gaps))
 
 
 class _Surface:
@@ -91,14 +103,15 @@ class _Surface:
         BeamdaeError
             If `point` is not an attachment.
         """
-        require_attachment("gap", "point", point)
-        functions = (
-            point.checked_kinematics,
-            self.on.checked_kinematics,
-            constant_formula(*self.numbers),
+        return self.smallest_gap([require_attachment("gap", "point", point)])
+
+    def smallest_gap(self, points: Sequence[Attachment]) -> Quantity:
+        """Return the smallest distance of points from the surface [m]."""
+        functions, columns = [constant_formula(*self.numbers)], (Variable("", "m"),)
+        build, is_smallest = _SurfaceGap(type(self).kind), len(points) > 1
+        return observe_points(
+            [*points, self.on], build, columns, functions, is_magnitude=is_smallest
         )
-        values, data = FormulaExpression.of(_SurfaceGap(point.size, type(self).kind), functions)
-        return Quantity((Variable("", "m"),), (point.piece, self.on.piece), values, data)
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,10 +139,7 @@ class LineSurface(_Surface):
     kind: ClassVar[Callable[..., tuple[SX, SX]]] = _line_gap
 
     def __post_init__(self) -> None:
-        require_attachment("LineSurface", "on", self.on)
-        set_fields(self, direction=require_point("LineSurface", "direction", self.direction))
-        if not math.hypot(*self.direction) > 0.0:
-            raise BeamdaeError("LineSurface: direction must not be zero, got (0, 0).")
+        convert_fields(self, on=require_attachment, direction=require_direction)
         require_angle("LineSurface", self.on)
 
     @property
@@ -175,12 +185,8 @@ class CircleSurface(_Surface):
     kind: ClassVar[Callable[..., tuple[SX, SX]]] = _circle_gap
 
     def __post_init__(self) -> None:
-        require_attachment("CircleSurface", "on", self.on)
-        set_fields(
-            self,
-            radius=require_positive("CircleSurface", "radius", self.radius),
-            side=require_choice("CircleSurface", "side", self.side, ("outside", "inside")),
-        )
+        side = choice_of("outside", "inside")
+        convert_fields(self, on=require_attachment, radius=require_positive, side=side)
 
     @property
     def size(self) -> float:

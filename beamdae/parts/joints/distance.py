@@ -94,7 +94,7 @@ class Distance(DrivenJoint):
         return abs(length - math.sqrt(max(length**2 - 2.0 * length * gap, 0.0)))
 
     @property
-    def law_argument(self) -> Any:
+    def _law_argument(self) -> Any:
         """Length [m], a number or a time law."""
         return self._reference_length if self.length is None else self.length
 

@@ -8,9 +8,9 @@ from typing import Any, ClassVar
 
 import casadi as ca
 
-from beamdae.errors import BeamdaeError, set_fields
-from beamdae.parts.attachments import rotate
-from beamdae.parts.joints.guides import project_along, require_direction
+from beamdae.errors import BeamdaeError, convert_fields
+from beamdae.parts.attachments import require_direction, rotate
+from beamdae.parts.joints.guides import project_along
 from beamdae.parts.joints.joint import Joint
 from beamdae.parts.joints.kinematic_constraint import GapFormula
 from beamdae.parts.laws import Law, as_law
@@ -50,15 +50,17 @@ class DrivenJoint(Joint):
     is_relative: ClassVar[bool] = True
     _driven: ClassVar[tuple[Variable, ...]] = ()
 
+    law: Any
+
     @property
-    def law_argument(self) -> Any:
+    def _law_argument(self) -> Any:
         """Law as passed by the user: a number, a function of t or a `Law`."""
-        raise NotImplementedError
+        return self.law
 
     @cached_property
     def laws(self) -> tuple[Law, ...]:
         """Time law of the joint, as a tuple of one entry."""
-        return (as_law(self.name, self.law_argument),)
+        return (as_law(self.name, self._law_argument),)
 
     @property
     @rebuilt_for_mesh
@@ -78,7 +80,7 @@ class DrivenJoint(Joint):
 
     def _require_law(self) -> None:
         (driven,) = self._driven
-        if self.law_argument is None:
+        if self._law_argument is None:
             raise BeamdaeError(
                 f"{self.name}: law= is missing; pass the {driven.name} [{driven.unit}] as a "
                 "function of time."
@@ -142,11 +144,6 @@ class Driver(DrivenJoint):
         """Return the relative rotation minus the prescribed angle [rad]."""
         return b.rotation - a.rotation - angle
 
-    @property
-    def law_argument(self) -> Any:
-        """Law of the angle [rad], as passed by the user."""
-        return self.law
-
 
 @dataclass(frozen=True, eq=False)
 class TranslationalDriver(DrivenJoint):
@@ -187,7 +184,7 @@ class TranslationalDriver(DrivenJoint):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        set_fields(self, direction=require_direction(self.name, self.direction))
+        convert_fields(self, direction=require_direction)
         self._require_law()
 
     @property
@@ -202,8 +199,3 @@ class TranslationalDriver(DrivenJoint):
         """Return the travel minus the prescribed travel [m]."""
         distance = ca.dot(rotate(a.rotation, (ex, ey)), b.position - a.position)
         return distance - reference_distance - travel
-
-    @property
-    def law_argument(self) -> Any:
-        """Law of the travel [m], as passed by the user."""
-        return self.law

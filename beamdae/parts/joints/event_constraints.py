@@ -42,7 +42,7 @@ class FrozenGap:
     ----------
     offsets
         Values of the gap function at the event [m or rad]; the first two are components in the axes
-        of the `offset_carrier` of the joint, if there is one.
+        of the `_offset_carrier` of the joint, if there is one.
     event
         Name of the event whose law the joint follows, or "" if the joint keeps its original law.
     since
@@ -59,7 +59,7 @@ FrozenGaps = Mapping[str, FrozenGap]  # by name of the joint
 
 def _carrier_index(joint: KinematicConstraint) -> int | None:
     """Return the index of the point whose axes carry the first two offsets, or None."""
-    carrier = joint.offset_carrier
+    carrier = joint._offset_carrier
     return None if carrier is None else list(joint.points).index(carrier)
 
 
@@ -174,7 +174,7 @@ class FrozenConstraint(Part):
         parameters, offsets = joint.gap_parameters, self.offsets
         n_arguments = len(joint.points) + len(parameters)
         gap = _OffsetGap(joint.gap, n_arguments, len(offsets), _carrier_index(joint))
-        return joint.state_constraints(gap, (*parameters, *offsets), self.laws)
+        return joint._state_constraints(gap, (*parameters, *offsets), self.laws)
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,9 +7,15 @@ from typing import Any
 
 import casadi as ca
 
-from beamdae.errors import BeamdaeError, require_finite, set_fields
-from beamdae.parts.attachments import Attachment, require_angle, require_attachment, rotate
-from beamdae.parts.joints.guides import project_along, require_direction
+from beamdae.errors import BeamdaeError, convert_fields, optional, require_finite
+from beamdae.parts.attachments import (
+    Attachment,
+    require_angle,
+    require_attachment,
+    require_direction,
+    rotate,
+)
+from beamdae.parts.joints.guides import project_along
 from beamdae.parts.joints.joint import Joint
 from beamdae.parts.point_parts import PlacedPoint
 from beamdae.symbolic.statements import SX, Variable
@@ -67,14 +73,12 @@ class Gear(Joint):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        set_fields(self, ratio=_require_nonzero(self.name, "ratio", self.ratio))
-        if self.carrier is not None:
-            require_attachment(self.name, "carrier", self.carrier)
-            if self.carrier.body in (self.a.body, self.b.body):
-                raise BeamdaeError(
-                    f"{self.name}: the carrier must be a body other than the wheels, "
-                    f"got {self.carrier}."
-                )
+        convert_fields(self, ratio=_require_nonzero, carrier=optional(require_attachment))
+        if self.carrier is not None and self.carrier.body in (self.a.body, self.b.body):
+            raise BeamdaeError(
+                f"{self.name}: the carrier must be a body other than the wheels, "
+                f"got {self.carrier}."
+            )
         for point in self.points.values():
             require_angle(self.name, point)
 
@@ -136,11 +140,7 @@ class RackAndPinion(Joint):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        set_fields(
-            self,
-            radius=_require_nonzero(self.name, "radius", self.radius),
-            direction=require_direction(self.name, self.direction),
-        )
+        convert_fields(self, radius=_require_nonzero, direction=require_direction)
 
     @property
     def gap_parameters(self) -> tuple[float, ...]:

@@ -8,24 +8,16 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from beamdae.errors import BeamdaeError, require_point, set_fields
-from beamdae.parts.attachments import Attachment, rotate
+from beamdae.errors import BeamdaeError, convert_fields
+from beamdae.parts.attachments import Attachment, require_direction, rotate
 from beamdae.parts.joints.joint import Joint, meeting_tolerance
 from beamdae.parts.point_parts import PlacedPoint
 from beamdae.symbolic.statements import SX, Variable
 
 
-def require_direction(part: str, value: Any) -> tuple[float, float]:
-    """Return `value` as floats (x, y), or raise BeamdaeError if it is not a nonzero vector."""
-    direction = require_point(part, "direction", value)
-    if np.hypot(*direction) == 0.0:
-        raise BeamdaeError(f"{part}: direction must not be zero, got (0, 0).")
-    return direction
-
-
 def left_normal(part: str, direction: Any) -> tuple[float, float]:
     """Return the unit normal to the left of a direction; see `require_direction` for errors."""
-    dx, dy = require_direction(part, direction)
+    dx, dy = require_direction(part, "direction", direction)
     length = float(np.hypot(dx, dy))
     return -dy / length, dx / length
 
@@ -84,7 +76,7 @@ class PointOnLine(Joint):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        set_fields(self, direction=require_direction(self.name, self.direction))
+        convert_fields(self, direction=require_direction)
         *_, offset = project_across(self.direction, self.a, self.b)
         gap = abs(offset)
         if gap > meeting_tolerance(self.a, self.b):
@@ -151,7 +143,7 @@ class Prismatic(Joint):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        set_fields(self, direction=require_direction(self.name, self.direction))
+        convert_fields(self, direction=require_direction)
 
     @property
     def slide_direction(self) -> tuple[float, float]:

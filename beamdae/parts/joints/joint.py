@@ -8,7 +8,7 @@ from typing import ClassVar
 import casadi as ca
 import numpy as np
 
-from beamdae.errors import BeamdaeError, require_name, set_fields
+from beamdae.errors import BeamdaeError, convert_fields
 from beamdae.parts.attachments import (
     Attachment,
     largest_distance,
@@ -114,8 +114,7 @@ class Joint(KinematicConstraint):
     b: Attachment
 
     def __post_init__(self) -> None:
-        kind = type(self).__name__
-        set_fields(self, name=require_name(kind, self.name))
+        convert_fields(self)
         require_attachment(self.name, "first attachment", self.a)
         require_attachment(self.name, "second attachment", self.b)
         if self.a.body is self.b.body:
@@ -184,7 +183,7 @@ class Revolute(Joint):
         return b.position - a.position
 
     @property
-    def offset_carrier(self) -> str:
+    def _offset_carrier(self) -> str:
         """Name of point `a`, or of `b` if `a` belongs to a particle, which has no axes."""
         return "a" if self.a.has_angle else "b"
 
@@ -228,6 +227,6 @@ class Weld(Joint):
         return ca.vertcat(b.position - a.position, b.rotation - a.rotation)
 
     @property
-    def offset_carrier(self) -> str:
+    def _offset_carrier(self) -> str:
         """Name of point `a`, whose axes carry the offset of a frozen gap."""
         return "a"

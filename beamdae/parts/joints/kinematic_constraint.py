@@ -158,7 +158,7 @@ class KinematicConstraint(PointPart):
         )
 
     @property
-    def offset_carrier(self) -> str | None:
+    def _offset_carrier(self) -> str | None:
         """Name of the point in whose axes the first two offsets of a frozen gap are constant.
 
         If None, the offsets are used without rotation. For frozen gaps, see `activate`.
@@ -210,9 +210,9 @@ class KinematicConstraint(PointPart):
 
     def constraints(self) -> list[ConstraintStatement]:
         """Return the constraints of the joint: rows of the gap, then rows of the slip."""
-        return self.state_constraints(self.gap, self.gap_parameters, self.laws)
+        return self._state_constraints(self.gap, self.gap_parameters, self.laws)
 
-    def state_constraints(
+    def _state_constraints(
         self, gap: Callable[..., Any] | None, parameters: Sequence[float], laws: Sequence[Law]
     ) -> list[ConstraintStatement]:
         """Return the constraints of the joint with another gap; the slip is unchanged.
@@ -233,7 +233,7 @@ class KinematicConstraint(PointPart):
             raise BeamdaeError(
                 f"{self.name}: {type(self).__name__} has no constraint; define gap or slip."
             )
-        rows, statements = self.n_gap_rows, []
+        rows, statements = self._n_gap_rows, []
         if gap is not None:
             formula = GapFormula(gap, len(parameters))
             functions = list_functions(parameters, laws)
@@ -270,14 +270,14 @@ class KinematicConstraint(PointPart):
 
     @property
     def _generalized_force(self) -> Callable[..., SX]:
-        return _GeneralizedForce(self._gap_formula, self._slip_formula, self.n_gap_rows)
+        return _GeneralizedForce(self._gap_formula, self._slip_formula, self._n_gap_rows)
 
     @property
     def _source(self) -> dict[str, Any]:
         return {"joint": self.name, "joint_part": self}
 
     @cached_property
-    def n_gap_rows(self) -> int:
+    def _n_gap_rows(self) -> int:
         """Number of gap multipliers, which precede the slip multipliers."""
         if self.slip is None:
             return len(self.multipliers)

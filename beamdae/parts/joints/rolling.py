@@ -9,8 +9,8 @@ import numpy as np
 
 from beamdae.errors import (
     BeamdaeError,
+    convert_fields,
     format_distinct,
-    require_name,
     require_pair,
     require_positive,
     set_fields,
@@ -18,7 +18,6 @@ from beamdae.errors import (
 from beamdae.parts.attachments import (
     Attachment,
     require_angle,
-    require_attachment,
     require_movable,
     rotate,
 )
@@ -83,7 +82,7 @@ class RollingOnLine(_RollingJoint):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        set_fields(self, radius=require_positive(self.name, "radius", self.radius))
+        convert_fields(self, radius=require_positive)
         height = abs(float(self._reference_arm @ left_normal(self.name, self.direction)))
         if abs(height - self.radius) > _CONTACT_TOLERANCE * self.radius:
             distance, radius = format_distinct(height, self.radius)
@@ -224,8 +223,7 @@ class Skate(KinematicConstraint):
     reactions = ("F",)
 
     def __post_init__(self) -> None:
-        set_fields(self, name=require_name("Skate", self.name))
-        require_movable(self.name, require_attachment(self.name, "on", self.on))
+        convert_fields(self, on=require_movable)
         require_angle(self.name, self.on)
         _ = left_normal(self.name, self.direction)
 

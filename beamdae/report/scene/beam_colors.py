@@ -146,5 +146,5 @@ def _compute_quantity(what: str, forces: _BeamForces) -> Array:
         k = "NQM".index(what)
         return np.asarray(elastic[k] + viscous[k] + rest[0] * (what == "N"))
     if what == "strain":
-        return beam.largest_fiber_stresses(elastic, places, is_stress=False)
-    return beam.largest_fiber_stresses(elastic + viscous, places)
+        return beam._largest_fiber_stresses(elastic, places, is_stress=False)
+    return beam._largest_fiber_stresses(elastic + viscous, places)

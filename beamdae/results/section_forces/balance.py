@@ -102,7 +102,7 @@ def balanced_and_elastic_forces(
         if part.load_distribution == "none" and beam in part.bodies:
             pairs = zip(of_beam, state[:3], strict=True)
             both = [np.hstack([x, y[:, coordinates.slice_of(part)]]) for x, y in pairs]
-            forces += evaluate_sections(identity, [*map(part.point_values, sides)], *both)
+            forces += evaluate_sections(identity, [*map(part._point_values, sides)], *both)
     return np.stack([axial, shear, moment]), np.moveaxis(forces, -1, 0)
 
 

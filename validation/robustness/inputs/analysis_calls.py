@@ -18,8 +18,6 @@ from robustness.inputs.sandbox import (
     T_END,
     Sandbox,
     WorkingCall,
-    return_result,
-    write_two_folders_down,
 )
 
 
@@ -51,7 +49,7 @@ MODE_CALLS: dict[str, WorkingCall] = {
     "modes about": WorkingCall(
         lambda box: {"about": {"bar.angle": -1.0}},
         lambda box, result: result.table(),
-        lambda box, about: bd.modes(box.mech, about=about),
+        model=lambda box: box.mech,
     ),
     "rotation": WorkingCall(
         lambda box: {"speed": 1.0, "center": (0.0, 0.0)},
@@ -60,12 +58,11 @@ MODE_CALLS: dict[str, WorkingCall] = {
     "Solution.at": WorkingCall(
         lambda box: {"t": 0.005},
         lambda box, at: bd.modes(box.mech, at),
-        lambda box, t: box.solution.at(t),
+        on=lambda box: box.solution,
     ),
     "Modes.mac": WorkingCall(
         lambda box: {"other": bd.modes(box.mech, about="equilibrium")},
-        return_result,
-        lambda box, other: bd.modes(box.mech, about="equilibrium").mac(other),
+        on=lambda box: bd.modes(box.mech, about="equilibrium"),
     ),
     "campbell": WorkingCall(
         lambda box: {
@@ -85,18 +82,13 @@ MODE_CALLS: dict[str, WorkingCall] = {
             "inputs": ["push"],
             "outputs": ["knee"],
             "t": 0.0,
-        },
-        return_result,
+        }
     ),
     "LinearModel.frequency_response": WorkingCall(
-        lambda box: {"frequencies": [0.0, 1.0]},
-        return_result,
-        lambda box, frequencies: bd.linearize(_pushed_bar(box)).frequency_response(frequencies),
+        lambda box: {"frequencies": [0.0, 1.0]}, on=lambda box: bd.linearize(_pushed_bar(box))
     ),
     "LinearModel.state_space": WorkingCall(
-        lambda box: {"every": 0.01},
-        return_result,
-        lambda box, every: bd.linearize(_pushed_bar(box)).state_space(every),
+        lambda box: {"every": 0.01}, on=lambda box: bd.linearize(_pushed_bar(box))
     ),
     "bode": WorkingCall(
         lambda box: {"model": bd.linearize(_pushed_bar(box)), "frequencies": [1.0, 2.0]},
@@ -105,7 +97,7 @@ MODE_CALLS: dict[str, WorkingCall] = {
     "bode between": WorkingCall(
         lambda box: {"between": (0.5, 2.0)},
         lambda box, result: result.plot(),
-        lambda box, between: bd.bode(bd.linearize(_pushed_bar(box)), between=between),
+        model=lambda box: bd.linearize(_pushed_bar(box)),
     ),
     "margins": WorkingCall(
         lambda box: {"model": _pushed_bar_angle(box), "at": "push.Fy", "controller": [2.0]},
@@ -114,19 +106,16 @@ MODE_CALLS: dict[str, WorkingCall] = {
     "margins every": WorkingCall(
         lambda box: {"every": 0.01, "delay": 1},
         lambda box, result: result.table(),
-        lambda box, every, delay: bd.margins(
+        call=lambda box, every, delay: bd.margins(
             _pushed_bar_angle(box), "push.Fy", every=every, delay=delay
         ),
     ),
     "Modes.animate": WorkingCall(
         lambda box: {"mode": 1, "path": Path("out/mode.gif"), "frames": 2},
-        return_result,
-        lambda box, **settings: bd.modes(box.mech, about="equilibrium").animate(**settings),
+        on=lambda box: bd.modes(box.mech, about="equilibrium"),
     ),
     "Campbell.plot": WorkingCall(
-        lambda box: {},
-        return_result,
-        lambda box: bd.campbell(_spinning_disk(box), [0.0, 1.0]).plot(),
+        lambda box: {}, on=lambda box: bd.campbell(_spinning_disk(box), [0.0, 1.0])
     ),
 }
 
@@ -182,7 +171,7 @@ PERIODIC_CALLS: dict[str, WorkingCall] = {
     "periodic of unknown period": WorkingCall(
         lambda box: {"period_guess": 6.0},
         lambda box, motion: motion.amplitudes(),
-        lambda box, **arguments: bd.periodic(_self_excited(box), **arguments),
+        model=_self_excited,
     ),
     "frequency_response": WorkingCall(
         lambda box: {
@@ -206,17 +195,15 @@ PERIODIC_CALLS: dict[str, WorkingCall] = {
     ),
     "FrequencyResponse.plot": WorkingCall(
         lambda box: {"column": "bob.x [m]", "x": "bob.x_dot"},
-        return_result,
-        lambda box, **arguments: bd.frequency_response(
+        on=lambda box: bd.frequency_response(
             _shaken_model(box), "frequency", (100.0, 101.0), step=0.5, settle=1
-        ).plot(**arguments),
+        ),
     ),
     "FrequencyResponse.peaks": WorkingCall(
         lambda box: {"column": "bob.x [m]"},
-        return_result,
-        lambda box, column: bd.frequency_response(
+        on=lambda box: bd.frequency_response(
             _shaken_model(box), "frequency", (100.0, 101.0), step=0.5, settle=1
-        ).peaks(column),
+        ),
     ),
 }
 
@@ -286,7 +273,7 @@ STATIC_CALLS: dict[str, WorkingCall] = {
     "imperfect measured": WorkingCall(
         lambda box: {"shape": {"column": bd.Arc(100.0, 1.0, angle=0.5 * math.pi)}},
         lambda box, result: bd.equations_of_motion(result),
-        lambda box, shape: bd.imperfect(_column(), shape),
+        model=lambda box: _column(),
     ),
     "knock_down": WorkingCall(
         lambda box: {
@@ -295,7 +282,7 @@ STATIC_CALLS: dict[str, WorkingCall] = {
             "amplitudes": [1e-3],
         },
         lambda box, result: result.table(),
-        lambda box, **arguments: bd.knock_down(to=0.5, step=0.5, **arguments),
+        call=lambda box, **arguments: bd.knock_down(to=0.5, step=0.5, **arguments),
     ),
     "boundary": WorkingCall(
         lambda box: {
@@ -309,40 +296,33 @@ STATIC_CALLS: dict[str, WorkingCall] = {
             "parameters": {},
         },
         lambda box, result: result.table(),
-        lambda box, **arguments: bd.boundary(to={"crown.y": 0.0}, **arguments),
+        call=lambda box, **arguments: bd.boundary(to={"crown.y": 0.0}, **arguments),
     ),
     "equilibrium displaced": WorkingCall(
         lambda box: {"to": {"knee.x": 0.1}, "switch": 0},
         lambda box, result: result.table(),
-        lambda box, **arguments: bd.equilibrium(_bar_on_torsion_spring(box), **arguments),
+        model=_bar_on_torsion_spring,
     ),
-    "Equilibrium.at": WorkingCall(
-        lambda box: {"row": 0}, return_result, lambda box, row: bd.equilibrium(box.mech).at(row)
-    ),
+    "Equilibrium.at": WorkingCall(lambda box: {"row": 0}, on=lambda box: bd.equilibrium(box.mech)),
     "equilibrium switched": WorkingCall(
         lambda box: {"to": {"knee.x": 0.1}, "switch": [1, -1], "max_points": 20},
         lambda box, result: result.table(),
-        lambda box, **arguments: bd.equilibrium(_bar_on_torsion_spring(box), **arguments),
+        model=_bar_on_torsion_spring,
     ),
     "equilibrium over the time": WorkingCall(
         lambda box: {"over": "t", "from_": 0.0, "to": 1.0},
         lambda box, result: result.table(),
-        lambda box, **arguments: bd.equilibrium(box.mech, **arguments),
+        model=lambda box: box.mech,
     ),
     "Equilibrium.__getitem__": WorkingCall(
-        lambda box: {"name": "knee.x"},
-        return_result,
-        lambda box, name: bd.equilibrium(box.mech)[name],
+        lambda box: {"name": "knee.x"}, on=lambda box: bd.equilibrium(box.mech)
     ),
     "Equilibrium.plot": WorkingCall(
         lambda box: {"name": "knee", "x": "knee.x"},
-        return_result,
-        lambda box, name, x: bd.equilibrium(box.mech).plot(name, x=x),
+        call=lambda box, name, x: bd.equilibrium(box.mech).plot(name, x=x),
     ),
     "modes about a path": WorkingCall(
-        lambda box: {"about": bd.equilibrium(box.mech)},
-        return_result,
-        lambda box, about: bd.modes(box.mech, about=about),
+        lambda box: {"about": bd.equilibrium(box.mech)}, model=lambda box: box.mech
     ),
 }
 
@@ -370,37 +350,24 @@ SECTION_FORCE_CALLS: dict[str, WorkingCall] = {
     "Solution.section_forces": WorkingCall(
         lambda box: {"beam": "beam", "t": [0.0, OUTPUT_STEP], "s": [0.0, 0.5]},
         lambda box, forces: forces.table(),
-        lambda box, **arguments: _section_forces(box, **arguments),
+        call=lambda box, **arguments: _section_forces(box, **arguments),
     ),
     "Solution.diagram": WorkingCall(
         lambda box: {"beam": "beam", "what": "M", "t": OUTPUT_STEP},
-        return_result,
-        lambda box, **arguments: (box.beam, box.run())[1].diagram(**arguments),
+        on=lambda box: (box.beam, box.run())[1],
     ),
     "Equilibrium.section_forces": WorkingCall(
         lambda box: {"beam": "beam", "s": [0.0, 0.5]},
         lambda box, forces: forces.table(),
-        lambda box, **arguments: _loaded_cantilever(box).section_forces(**arguments),
+        on=_loaded_cantilever,
     ),
     "Equilibrium.diagram": WorkingCall(
-        lambda box: {"beam": "beam", "what": "M"},
-        return_result,
-        lambda box, **arguments: _loaded_cantilever(box).diagram(**arguments),
+        lambda box: {"beam": "beam", "what": "M"}, on=_loaded_cantilever
     ),
-    "SectionForces.stress": WorkingCall(
-        lambda box: {"offset": "top"},
-        return_result,
-        lambda box, offset: _section_forces(box).stress(offset),
-    ),
-    "SectionForces.safety": WorkingCall(
-        lambda box: {"yield_stress": 235e6},
-        return_result,
-        lambda box, yield_stress: _section_forces(box).safety(yield_stress),
-    ),
+    "SectionForces.stress": WorkingCall(lambda box: {"offset": "top"}, on=_section_forces),
+    "SectionForces.safety": WorkingCall(lambda box: {"yield_stress": 235e6}, on=_section_forces),
     "SectionForces.diagram": WorkingCall(
-        lambda box: {"what": "M", "t": OUTPUT_STEP},
-        return_result,
-        lambda box, **arguments: _section_forces(box).diagram(**arguments),
+        lambda box: {"what": "M", "t": OUTPUT_STEP}, on=_section_forces
     ),
 }
 
@@ -455,16 +422,8 @@ def _fit(sandbox: Sandbox) -> bd.results.Fit:
     )
 
 
-def _fit_from_several_starts(sandbox: Sandbox, folder: Any, **options: Any) -> bd.results.Fit:
-    results: list[bd.results.Fit] = []
-
-    def write(path: Any) -> None:
-        method = _SENSITIVITY_METHOD
-        fit = bd.fit(sandbox.swing, _FIT_DATA, "mass", method, sigma=1e-3, folder=path, **options)
-        results.append(fit)
-
-    write_two_folders_down(sandbox, write, folder)
-    return results[0]
+def _fit_from_several_starts(sandbox: Sandbox, **options: Any) -> bd.results.Fit:
+    return bd.fit(sandbox.swing, _FIT_DATA, "mass", _SENSITIVITY_METHOD, sigma=1e-3, **options)
 
 
 EXPORT_CALLS: dict[str, WorkingCall] = {
@@ -487,10 +446,7 @@ EXPORT_CALLS: dict[str, WorkingCall] = {
             "real_time": None,
             "timed_steps": 0,
         },
-        return_result,
-        lambda box, path, **arguments: write_two_folders_down(
-            box, lambda at: bd.export_fmu(path=at, **arguments), path
-        ),
+        writes=True,
     ),
 }
 
@@ -509,19 +465,13 @@ SENSITIVITY_CALLS: dict[str, WorkingCall] = {
         lambda box, result: result.table(),
     ),
     "Sensitivities.to_csv": WorkingCall(
-        lambda box: {"path": "derivatives.csv"},
-        return_result,
-        lambda box, path: write_two_folders_down(box, _sensitivities(box).to_csv, path),
+        lambda box: {"path": "derivatives.csv"}, on=_sensitivities, writes=True
     ),
     "Sensitivities.sensitivity": WorkingCall(
-        lambda box: {"column": "bob.y", "parameter": "mass"},
-        return_result,
-        lambda box, **names: _sensitivities(box).sensitivity(**names),
+        lambda box: {"column": "bob.y", "parameter": "mass"}, on=_sensitivities
     ),
     "Sensitivities.at_times": WorkingCall(
-        lambda box: {"times": [0.0, 0.005]},
-        lambda box, result: result.table(),
-        lambda box, times: _sensitivities(box).at_times(times),
+        lambda box: {"times": [0.0, 0.005]}, lambda box, result: result.table(), on=_sensitivities
     ),
     "equilibrium_sensitivities": WorkingCall(
         lambda box: {
@@ -540,19 +490,14 @@ SENSITIVITY_CALLS: dict[str, WorkingCall] = {
         lambda box, result: (result.table(), result.critical_table()),
     ),
     "EquilibriumSensitivities.sensitivity": WorkingCall(
-        lambda box: {"column": "bob.y", "parameter": "mass"},
-        return_result,
-        lambda box, **names: _equilibrium_sensitivities(box).sensitivity(**names),
+        lambda box: {"column": "bob.y", "parameter": "mass"}, on=_equilibrium_sensitivities
     ),
     "EquilibriumSensitivities.derivative": WorkingCall(
         lambda box: {"function": lambda path: path.factors[-1], "parameter": "mass"},
-        return_result,
-        lambda box, **arguments: _equilibrium_sensitivities(box).derivative(**arguments),
+        on=_equilibrium_sensitivities,
     ),
     "EquilibriumSensitivities.to_csv": WorkingCall(
-        lambda box: {"path": "derivatives.csv"},
-        return_result,
-        lambda box, path: write_two_folders_down(box, _equilibrium_sensitivities(box).to_csv, path),
+        lambda box: {"path": "derivatives.csv"}, on=_equilibrium_sensitivities, writes=True
     ),
     "mode_sensitivities": WorkingCall(
         lambda box: {
@@ -567,14 +512,10 @@ SENSITIVITY_CALLS: dict[str, WorkingCall] = {
         lambda box, result: result.table(),
     ),
     "ModeSensitivities.sensitivity": WorkingCall(
-        lambda box: {"column": "frequency", "parameter": "mass"},
-        return_result,
-        lambda box, **names: _mode_sensitivities(box).sensitivity(**names),
+        lambda box: {"column": "frequency", "parameter": "mass"}, on=_mode_sensitivities
     ),
     "ModeSensitivities.to_csv": WorkingCall(
-        lambda box: {"path": "derivatives.csv"},
-        return_result,
-        lambda box, path: write_two_folders_down(box, _mode_sensitivities(box).to_csv, path),
+        lambda box: {"path": "derivatives.csv"}, on=_mode_sensitivities, writes=True
     ),
     "periodic_sensitivities": WorkingCall(
         lambda box: {
@@ -593,13 +534,12 @@ SENSITIVITY_CALLS: dict[str, WorkingCall] = {
     ),
     "PeriodicSensitivities.sensitivity": WorkingCall(
         lambda box: {"column": "bob.x", "parameter": "stiffness"},
-        return_result,
-        lambda box, **names: _periodic_sensitivities().sensitivity(**names),
+        on=lambda box: _periodic_sensitivities(),
     ),
     "PeriodicSensitivities.to_csv": WorkingCall(
         lambda box: {"path": "derivatives.csv"},
-        return_result,
-        lambda box, path: write_two_folders_down(box, _periodic_sensitivities().to_csv, path),
+        on=lambda box: _periodic_sensitivities(),
+        writes=True,
     ),
     "fit": WorkingCall(
         lambda box: {
@@ -635,27 +575,14 @@ SENSITIVITY_CALLS: dict[str, WorkingCall] = {
             "progress": lambda standing: None,
         },
         lambda box, result: result.table(),
-        _fit_from_several_starts,
+        call=_fit_from_several_starts,
+        writes=True,
     ),
-    "Fit.to_csv": WorkingCall(
-        lambda box: {"path": "fit.csv"},
-        return_result,
-        lambda box, path: write_two_folders_down(box, _fit(box).to_csv, path),
-    ),
-    "Fit.page": WorkingCall(
-        lambda box: {"path": "fit.html"},
-        return_result,
-        lambda box, path: write_two_folders_down(box, _fit(box).page, path),
-    ),
-    "Fit.prediction": WorkingCall(
-        lambda box: {"column": "bob.y", "experiment": ""},
-        return_result,
-        lambda box, **names: _fit(box).prediction(**names),
-    ),
+    "Fit.to_csv": WorkingCall(lambda box: {"path": "fit.csv"}, on=_fit, writes=True),
+    "Fit.page": WorkingCall(lambda box: {"path": "fit.html"}, on=_fit, writes=True),
+    "Fit.prediction": WorkingCall(lambda box: {"column": "bob.y", "experiment": ""}, on=_fit),
     "Fit.profile": WorkingCall(
-        lambda box: {"name": "mass", "max_points": 1},
-        lambda box, result: result.table(),
-        lambda box, **options: _fit(box).profile(**options),
+        lambda box: {"name": "mass", "max_points": 1}, lambda box, result: result.table(), on=_fit
     ),
     "gradient": WorkingCall(
         lambda box: {
@@ -693,14 +620,10 @@ SENSITIVITY_CALLS: dict[str, WorkingCall] = {
         lambda box, result: (result.table(), result.history()),
     ),
     "Optimization.page": WorkingCall(
-        lambda box: {"path": "designs.html"},
-        return_result,
-        lambda box, path: write_two_folders_down(box, _optimization(box).page, path),
+        lambda box: {"path": "designs.html"}, on=_optimization, writes=True
     ),
     "Optimization.to_csv": WorkingCall(
-        lambda box: {"path": "designs.csv"},
-        return_result,
-        lambda box, path: write_two_folders_down(box, _optimization(box).to_csv, path),
+        lambda box: {"path": "designs.csv"}, on=_optimization, writes=True
     ),
     "at_most": WorkingCall(
         lambda box: {"quantity": bd.quantities.Frequency(1), "limit": 2.0},
@@ -722,9 +645,7 @@ SENSITIVITY_CALLS: dict[str, WorkingCall] = {
 
 
 REFINEMENT_CALLS: dict[str, WorkingCall] = {
-    "simulate accuracy": WorkingCall(
-        _refine_arguments, return_result, lambda box, **arguments: bd.simulate(**arguments)
-    ),
+    "simulate accuracy": WorkingCall(_refine_arguments),
     "simulate accuracy beam": WorkingCall(
         lambda box: {
             "accuracy": _ACCURACY,
@@ -734,14 +655,12 @@ REFINEMENT_CALLS: dict[str, WorkingCall] = {
             "output_step": OUTPUT_STEP,
             "start": {"bar.angle": -1.0},
         },
-        return_result,
-        lambda box, **arguments: bd.simulate(_cantilever(box), **arguments),
+        model=_cantilever,
     ),
     **{
         f"{name} accuracy": WorkingCall(
             lambda box, columns=columns: {"accuracy": 0.05, "accuracy_columns": columns},
-            return_result,
-            call,
+            call=call,
         )
         for name, columns, call in (
             ("equilibrium", "knee", lambda box, **x: bd.equilibrium(box.mech, **x)),

@@ -6,9 +6,8 @@ import inspect
 import random
 import re
 import zlib
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
-from functools import partial
+from collections.abc import Callable, Iterator
+from functools import cache
 from operator import attrgetter
 from pathlib import Path
 from typing import Any
@@ -44,8 +43,8 @@ from robustness.inputs.run_calls import (
 )
 from robustness.inputs.sandbox import Sandbox, WorkingCall
 from robustness.inputs.situations import situation_inputs
-from robustness.judge import TrialOutcome, escape_unprintable
-from robustness.trial_class import TrialClass, draw_sample
+from robustness.isolation import draw_sample
+from robustness.judge import escape_unprintable
 
 WORKING_CALLS: dict[str, WorkingCall] = (
     PART_CALLS
@@ -125,9 +124,6 @@ RESULT_CLASSES = frozenset(
 )
 # Base classes for users; the arguments of their calls are members that a subclass overrides.
 USER_BASE_CLASSES = frozenset({"Integrator", "Part"})
-INPUT_TIME_LIMIT = 20.0  # s
-INPUT_COUNT = 10_000  # of a normal run
-QUICK_INPUT_COUNT = 300
 _MAX_CELL_LENGTH = 200  # characters
 _MAX_REPLACED_ENTRIES = 4  # bad values replace each entry of tuples and lists up to this length
 
@@ -197,11 +193,7 @@ def _make_attempt(
                 text = str.__str__(bad)
                 words |= {text, repr(text).strip("'")}
             words |= {str(bad)} if isinstance(bad, Path) else set()
-        if call.call:
-            function = partial(call.call, sandbox)
-        else:
-            function = attrgetter(catalog.NAMES[public_name_of(key)].path)(bd)
-        return call.use(sandbox, function(**arguments))
+        return call.make(key, sandbox, arguments)
 
     return attempt
 
@@ -223,58 +215,25 @@ def sample_inputs(inputs: dict[str, BadInput], seed: int) -> list[str]:
     return [rng.choice(names) for names in names_by_kind.values()]
 
 
-_inputs_by_name: dict[str, BadInput] = {}
+@cache
+def _inputs_by_name() -> dict[str, BadInput]:
+    return collect_inputs()
 
 
-def try_input_by_name(name: str) -> tuple[TrialOutcome, str]:
-    """Try an input in a worker process, to which only names can be sent."""
-    if not _inputs_by_name:
-        _inputs_by_name.update(collect_inputs())
-    return try_input(_inputs_by_name[name])
+def list_names() -> list[str]:
+    """Return the names of all inputs to which a program can respond."""
+    return [name for name, bad_input in _inputs_by_name().items() if not bad_input.hopeless]
 
 
-@dataclass(frozen=True)
-class InputRow:
-    """Row of a bad input; `seen` are its messages and output."""
-
-    place: str
-    value: str
-    ended: str
-    complaint: str
-    seen: str
+def draw_names(size: int, seed: int) -> list[str]:
+    """Return names of a sample, with each value of each group if it is large enough."""
+    inputs = _inputs_by_name()
+    names = draw_sample(sample_inputs(inputs, seed), size, seed)
+    return [name for name in names if not inputs[name].hopeless]
 
 
-def attempt_input(name: str) -> InputRow:
-    """Try an input and return its row."""
-    outcome, complaint = try_input_by_name(name)
-    bad_input = _inputs_by_name[name]
+def try_name(name: str) -> list[str]:
+    """Try an input in a worker process, to which only names can be sent; return the complaint."""
+    outcome, complaint = try_input(_inputs_by_name()[name])
     seen = escape_unprintable(f"{outcome.text} {outcome.output}".strip()[:_MAX_CELL_LENGTH])
-    return InputRow(bad_input.place, bad_input.value, outcome.ended, complaint, seen)
-
-
-def _draw_inputs(names: Sequence[str], size: int, seed: int) -> list[str]:
-    """Return a sample that contains each value of each group if it is large enough."""
-    inputs = collect_inputs()
-    first = sample_inputs({name: inputs[name] for name in names}, seed)
-    if size <= len(first):
-        return draw_sample(first, size, seed)
-    rest = sorted(set(names) - set(first))
-    return first + draw_sample(rest, size - len(first), seed)
-
-
-def _hopeless_reason(name: str) -> str:
-    if not _inputs_by_name:
-        _inputs_by_name.update(collect_inputs())
-    return _inputs_by_name[name].hopeless
-
-
-TRIALS = TrialClass(
-    "inputs",
-    collect=lambda: list(collect_inputs()),
-    attempt=attempt_input,
-    time_limit=INPUT_TIME_LIMIT,
-    quick_size=QUICK_INPUT_COUNT,
-    size=INPUT_COUNT,
-    draw=_draw_inputs,
-    hopeless=_hopeless_reason,
-)
+    return [f"{complaint}: {seen}" if complaint else ""]

@@ -9,7 +9,6 @@ from robustness.inputs.sandbox import (
     KNEE,
     Sandbox,
     WorkingCall,
-    return_result,
     run_with_law,
     run_with_part,
 )
@@ -87,32 +86,28 @@ def _read_table(sandbox: Sandbox, **arguments: Any) -> Any:
 
 CONTROL_CALLS: dict[str, WorkingCall] = {
     "Controller": WorkingCall(_controller_arguments, run_with_part),
-    "Controller.law answer": WorkingCall(
-        lambda box: {"answer": 0.5}, return_result, _run_with_answer
-    ),
-    "Controller.law state": WorkingCall(
-        lambda box: {"state": [1.0]}, return_result, _run_with_kept
-    ),
+    "Controller.law answer": WorkingCall(lambda box: {"answer": 0.5}, call=_run_with_answer),
+    "Controller.law state": WorkingCall(lambda box: {"state": [1.0]}, call=_run_with_kept),
     "Mechanism.input": WorkingCall(
         lambda box: {"name": "drive", "default": 0.5, "unit": "N m"},
         run_with_law,
-        lambda box, **arguments: box.mech.input(**arguments),
+        on=lambda box: box.mech,
     ),
     "Mechanism.sensor": WorkingCall(
         lambda box: {"name": "tilt", "what": box.bar.at(*KNEE), "column": "angle"},
         run_with_law,
-        lambda box, **arguments: box.mech.sensor(**arguments),
+        on=lambda box: box.mech,
     ),
     "Mechanism.state": WorkingCall(
         lambda box: {"name": "lag", "rate": _sense(box), "start": 0.1, "unit": "rad", "scale": 1.0},
         run_with_law,
-        lambda box, **arguments: box.mech.state(**arguments),
+        on=lambda box: box.mech,
     ),
     "State": WorkingCall(
         lambda box: {"name": "lag", "rate": _sense(box), "start": 0.1, "unit": "rad", "scale": 1.0},
         run_with_part,
     ),
-    "State.follows": WorkingCall(lambda box: {"rate": _sense(box)}, return_result, _follow),
+    "State.follows": WorkingCall(lambda box: {"rate": _sense(box)}, call=_follow),
     "low_pass": WorkingCall(
         lambda box: {
             "mechanism": box.mech,
@@ -163,12 +158,9 @@ CONTROL_CALLS: dict[str, WorkingCall] = {
             "filter_time": 0.01,
         },
         run_with_law,
-        lambda box, **arguments: bd.pid(**arguments),
     ),
-    "simulate inputs": WorkingCall(_input_values, return_result, _simulate_inputs),
-    "simulate value of an input": WorkingCall(
-        lambda box: {"value": 1.0}, return_result, _simulate_value
-    ),
+    "simulate inputs": WorkingCall(_input_values, call=_simulate_inputs),
+    "simulate value of an input": WorkingCall(lambda box: {"value": 1.0}, call=_simulate_value),
     "table_from_csv": WorkingCall(
         lambda box: {
             "path": box.folder / "pulse.csv",
@@ -179,6 +171,6 @@ CONTROL_CALLS: dict[str, WorkingCall] = {
             "name": "pulse",
         },
         run_with_law,
-        _read_table,
+        call=_read_table,
     ),
 }

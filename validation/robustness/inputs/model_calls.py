@@ -19,7 +19,6 @@ from robustness.inputs.sandbox import (
     KNEE,
     Sandbox,
     WorkingCall,
-    return_result,
     run_with_curve,
     run_with_law,
     run_with_mass_at,
@@ -75,28 +74,22 @@ VARIANT_CALLS: dict[str, WorkingCall] = {
     "Attachment": WorkingCall(_attachment_members, run_with_mass_at),
     "activate": WorkingCall(
         lambda box: {"part": box.mech.part("hinge"), "as_is": True},
-        return_result,
-        lambda box, part, as_is: bd.activate(part, as_is=as_is),
+        call=lambda box, part, as_is: bd.activate(part, as_is=as_is),
     ),
     "deactivate": WorkingCall(
         lambda box: {"part": bd.Moment("load", box.bar.at(*KNEE), 1.0)},
-        return_result,
-        lambda box, part: bd.deactivate(part),
+        call=lambda box, part: bd.deactivate(part),
     ),
     "change_law": WorkingCall(
         lambda box: {
             "driver": bd.Driver("driver", box.mech.ground.at(*KNEE), box.bar.at(*KNEE), 0.0),
             "law": 1.0,
-        },
-        return_result,
+        }
     ),
-    "impact": WorkingCall(
-        lambda box: {"on": box.mech.part("hinge"), "restitution": 0.5}, return_result
-    ),
-    "Part": WorkingCall(_part_members, run_with_part, _make_part),
+    "impact": WorkingCall(lambda box: {"on": box.mech.part("hinge"), "restitution": 0.5}),
+    "Part": WorkingCall(_part_members, run_with_part, call=_make_part),
     "PointMass on": WorkingCall(
-        lambda box: {"name": "mass", "mass": 0.1, "on": box.bar.at(*KNEE)},
-        run_with_part,
+        lambda box: {"name": "mass", "mass": 0.1, "on": box.bar.at(*KNEE)}, run_with_part
     ),
     "RigidBody.rod": WorkingCall(
         lambda box: {
@@ -107,7 +100,6 @@ VARIANT_CALLS: dict[str, WorkingCall] = {
             "area": 1e-4,
         },
         run_with_part,
-        lambda box, **arguments: bd.RigidBody.rod(**arguments),
     ),
     "welded_beams": WorkingCall(
         lambda box: {
@@ -142,27 +134,23 @@ NUMBER_CALLS: dict[str, WorkingCall] = {
     "Section.rectangle": WorkingCall(
         lambda box: {"material": box.material, "width": 0.02, "height": 0.004, "damping": 0.0},
         run_with_section,
-        lambda box, **arguments: bd.Section.rectangle(**arguments),
     ),
     "Section.circle": WorkingCall(
-        lambda box: {"material": box.material, "diameter": 0.01, "damping": 0.0},
-        run_with_section,
-        lambda box, **arguments: bd.Section.circle(**arguments),
+        lambda box: {"material": box.material, "diameter": 0.01, "damping": 0.0}, run_with_section
     ),
     "Section.pipe": WorkingCall(
         lambda box: {"material": box.material, "diameter": 0.01, "wall": 0.001, "damping": 0.0},
         run_with_section,
-        lambda box, **arguments: bd.Section.pipe(**arguments),
     ),
     "piecewise": WorkingCall(
         lambda box: {"end": 0.005, "law": 1.0, "last": 0.0},
         run_with_law,
-        lambda box, end, law, last: bd.piecewise((end, law), last),
+        call=lambda box, end, law, last: bd.piecewise((end, law), last),
     ),
     "piecewise entry": WorkingCall(
         lambda box: {"piece": (0.005, 1.0)},
         run_with_law,
-        lambda box, piece: bd.piecewise(piece, 0.0),
+        call=lambda box, piece: bd.piecewise(piece, 0.0),
     ),
 }
 
@@ -174,47 +162,36 @@ MECHANISM_CALLS: dict[str, WorkingCall] = {
     "Mechanism.add": WorkingCall(
         lambda box: {"part": bd.RigidBody("disk", 1.0, 0.1)},
         lambda box, result: box.run(),
-        lambda box, part: box.mech.add(part),
+        on=lambda box: box.mech,
     ),
     "Mechanism.observe": WorkingCall(
         lambda box: {"name": "watched", "what": box.bar.at(0.0, 0.0)},
-        return_result,
-        lambda box, name, what: _run_with_observable_named(box, name, what),
+        call=_run_with_observable_named,
     ),
-    "Mechanism.part": WorkingCall(
-        lambda box: {"name": "bar"}, return_result, lambda box, name: box.mech.part(name)
-    ),
+    "Mechanism.part": WorkingCall(lambda box: {"name": "bar"}, on=lambda box: box.mech),
     "ground.at": WorkingCall(
-        lambda box: {"x": 3.0, "y": 0.0},
-        _run_with_pin_at,
-        lambda box, x, y: box.mech.ground.at(x, y),
+        lambda box: {"x": 3.0, "y": 0.0}, _run_with_pin_at, on=lambda box: box.mech.ground
     ),
     "RigidBody.at": WorkingCall(
-        lambda box: {"x": 1.0, "y": 0.0}, run_with_mass_at, lambda box, x, y: box.bar.at(x, y)
+        lambda box: {"x": 1.0, "y": 0.0}, run_with_mass_at, on=lambda box: box.bar
     ),
-    "Beam.at": WorkingCall(lambda box: {"s": 0.5}, run_with_mass_at, lambda box, s: box.beam.at(s)),
+    "Beam.at": WorkingCall(lambda box: {"s": 0.5}, run_with_mass_at, on=lambda box: box.beam),
     "Beam.strain": WorkingCall(
-        lambda box: {"s": 0.5, "offset": 1e-3},
-        run_with_observable,
-        lambda box, **arguments: box.beam.strain(**arguments),
+        lambda box: {"s": 0.5, "offset": 1e-3}, run_with_observable, on=lambda box: box.beam
     ),
     "Beam.largest_stress": WorkingCall(
         lambda box: {"s": [0.2, 0.5], "exponent": 50.0},
         run_with_observable,
-        lambda box, **arguments: box.beam.largest_stress(**arguments),
+        on=lambda box: box.beam,
     ),
     "Beam.section_forces": WorkingCall(
-        lambda box: {"s": 0.5}, run_with_observable, lambda box, s: box.beam.section_forces(s)
+        lambda box: {"s": 0.5}, run_with_observable, on=lambda box: box.beam
     ),
     "Beam.deflection": WorkingCall(
-        lambda box: {"s": 1.0, "reference": 0.0},
-        run_with_observable,
-        lambda box, **arguments: box.beam.deflection(**arguments),
+        lambda box: {"s": 1.0, "reference": 0.0}, run_with_observable, on=lambda box: box.beam
     ),
     "Beam.deformation": WorkingCall(
-        lambda box: {"s": 0.5, "axes": "local"},
-        run_with_observable,
-        lambda box, **arguments: box.beam.deformation(**arguments),
+        lambda box: {"s": 0.5, "axes": "local"}, run_with_observable, on=lambda box: box.beam
     ),
     "equations_of_motion": WorkingCall(
         lambda box: {"mechanism": box.mech, "start": "as drawn"}, lambda box, e: box.run(e)
@@ -245,15 +222,15 @@ _USES: dict[str, Callable[[Sandbox, Any], Any]] = {
     "Gradients": evaluate_objective,
     "Optimization": lambda sandbox, quantity: (2.0 * quantity).label,
 }
-_OTHER_USES: dict[str, Callable[[Sandbox, Any], Any]] = {
+_OTHER_USES: dict[str, Callable[[Sandbox, Any], Any] | None] = {
     "Beam": run_with_part,
-    "CircleSurface": return_result,
-    "LineSurface": return_result,
+    "CircleSurface": None,
+    "LineSurface": None,
     "Material": lambda sandbox, material: run_with_section(
         sandbox, bd.Section(material, 8e-5, 1e-10)
     ),
-    "positive_part": return_result,
-    "smooth_sign": return_result,
+    "positive_part": None,
+    "smooth_sign": None,
 }
 
 
@@ -286,7 +263,7 @@ def _bushing_energy(x: Any) -> Any:
 
 PART_CALLS: dict[str, WorkingCall] = {
     public.name: WorkingCall(
-        SAMPLES[public.name], _OTHER_USES.get(public.name) or _USES[group.heading or group.page]
+        SAMPLES[public.name], _OTHER_USES.get(public.name, _USES.get(group.heading or group.page))
     )
     for group in catalog.GROUPS
     for public in group.names
@@ -304,17 +281,12 @@ PART_CALLS: dict[str, WorkingCall] = {
     "Bushing of a law": WorkingCall(
         lambda box: _spring_arguments(box, law=_bushing_force, energy=_bushing_energy),
         run_with_part,
-        lambda box, **arguments: bd.Bushing(**arguments),
     ),
     "Spring of a law": WorkingCall(
-        lambda box: _spring_arguments(box, law=_force, energy=_energy),
-        run_with_part,
-        lambda box, **arguments: bd.Spring(**arguments),
+        lambda box: _spring_arguments(box, law=_force, energy=_energy), run_with_part
     ),
     "TorsionSpring of a law": WorkingCall(
-        lambda box: _spring_arguments(box, law=_force, energy=_energy),
-        run_with_part,
-        lambda box, **arguments: bd.TorsionSpring(**arguments),
+        lambda box: _spring_arguments(box, law=_force, energy=_energy), run_with_part
     ),
 }
 
@@ -364,11 +336,12 @@ def _make_system_with_parameter(sandbox: Sandbox, m: Any) -> bd.ConstrainedSyste
 SYSTEM_CALLS: dict[str, WorkingCall] = {
     "ConstrainedSystem": WorkingCall(_system_arguments, lambda box, system: box.run(system)),
     "ConstrainedSystem of velocities": WorkingCall(
-        _sleigh_arguments,
-        lambda box, system: box.run(system),
+        _sleigh_arguments, lambda box, system: box.run(system)
     ),
     "ConstrainedSystem of a parameter": WorkingCall(
-        lambda box: {"m": 2.0}, lambda box, system: box.run(system), _make_system_with_parameter
+        lambda box: {"m": 2.0},
+        lambda box, system: box.run(system),
+        call=_make_system_with_parameter,
     ),
     "Event": WorkingCall(
         lambda box: {"what": "x", "crosses": 5.0, "direction": "up", "do": "stop", "name": "event"},

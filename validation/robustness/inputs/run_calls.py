@@ -13,10 +13,8 @@ from robustness.inputs.sandbox import (
     T_END,
     Sandbox,
     WorkingCall,
-    return_result,
     run_study,
     run_with_integrator,
-    write_two_folders_down,
 )
 
 
@@ -35,14 +33,6 @@ def _run_decorated_sweep(sandbox: Sandbox, over: Any) -> bd.results.SweepResults
 
 def _run_sweep(sandbox: Sandbox) -> bd.results.SweepResults:
     return bd.sweep(sandbox.swing, {"mass": [1.0, 2.0]}, integrator=sandbox.integrator, t_end=T_END)
-
-
-def _sweep_into_folder(sandbox: Sandbox, folder: Any, **arguments: Any) -> bd.results.SweepResults:
-    results: list[bd.results.SweepResults] = []
-    write_two_folders_down(
-        sandbox, lambda path: results.append(bd.sweep(**arguments, folder=path)), folder
-    )
-    return results[0]
 
 
 def _get_table(sandbox: Sandbox, result: bd.results.SweepResults) -> Any:
@@ -73,95 +63,26 @@ SWEEP_CALLS: dict[str, WorkingCall] = {
             "partial": "raise",
         },
         _get_table,
-        _sweep_into_folder,
+        writes=True,
     ),
     "sweep measure": WorkingCall(
         lambda box: {"measure": {"parts": lambda model: len(model().parts)}, "jobs": 1},
         _get_table,
-        lambda box, **arguments: bd.sweep(box.swing, {"mass": [1.0, 2.0]}, **arguments),
+        call=lambda box, **arguments: bd.sweep(box.swing, {"mass": [1.0, 2.0]}, **arguments),
     ),
     "sweep values": WorkingCall(
         lambda box: {"mass": [1.0, 2.0], "spin": (1,)},
         _get_table,
-        lambda box, **over: bd.sweep(box.swing, over, t_end=T_END, integrator=box.integrator),
+        call=lambda box, **over: bd.sweep(box.swing, over, t_end=T_END, integrator=box.integrator),
     ),
     "sweep combinations": WorkingCall(
-        lambda box: {"over": [{"mass": 1.0}]}, _get_table, _run_decorated_sweep
+        lambda box: {"over": [{"mass": 1.0}]}, _get_table, call=_run_decorated_sweep
     ),
     "sweep.plot": WorkingCall(
-        lambda box: {"names": "bob.x max", "x": "mass"}, lambda box, _: None, _plot_sweep
+        lambda box: {"names": "bob.x max", "x": "mass"}, lambda box, _: None, call=_plot_sweep
     ),
     "sweep.run": WorkingCall(
-        lambda box: {"mass": 2.0},
-        lambda box, run: run.table(),
-        lambda box, **arguments: _run_sweep(box).run(**arguments),
-    ),
-}
-
-
-SOLUTION_CALLS: dict[str, WorkingCall] = {
-    "verify": WorkingCall(
-        lambda box: {
-            "solution": box.solution,
-            "integrator": bd.Radau(1e-4),
-            "progress": lambda standing: None,
-        },
-        return_result,
-    ),
-    "load": WorkingCall(
-        lambda box: {"path": "run.beamdae", "model": box.mech},
-        return_result,
-        lambda box, **arguments: _save_and_load(box, **arguments),
-    ),
-    "Solution.save": WorkingCall(
-        lambda box: {"path": "run.beamdae"},
-        return_result,
-        lambda box, path: write_two_folders_down(box, box.solution.save, path),
-    ),
-    "Solution.difference": WorkingCall(
-        lambda box: {"other": box.solution},
-        return_result,
-        lambda box, other: box.solution.difference(other),
-    ),
-    "plot": WorkingCall(
-        lambda box: {
-            "solutions": [box.solution],
-            "labels": ["run"],
-            "x": "knee.x",
-            "data": {"t [s]": [0.0, 0.1], "knee.x [mm]": [0.0, 1.0], "height": [0.0, 1.0]},
-            "data_columns": {"height": "knee.y"},
-        },
-        return_result,
-    ),
-    "Solution.animate": WorkingCall(
-        lambda box: {
-            "path": box.folder / "run.gif",
-            "speed": 1.0,
-            "frames": 3,
-            "color": "M",
-            "trail": True,
-            "scale": 2.0,
-        },
-        return_result,
-        lambda box, **settings: (box.beam, box.solution)[1].animate(**settings),
-    ),
-    "Solution.observe": WorkingCall(
-        lambda box: {"name": "middle", "what": box.bar.at(*KNEE)},
-        return_result,
-        lambda box, **arguments: box.solution.observe(**arguments),
-    ),
-    "Solution.__getitem__": WorkingCall(
-        lambda box: {"name": "bar.angle"}, return_result, lambda box, name: box.solution[name]
-    ),
-    "Solution.step_response": WorkingCall(
-        lambda box: {"name": "knee.x", "target": 1.5, "t": 0.0, "band": 0.02},
-        return_result,
-        lambda box, **arguments: box.solution.step_response(**arguments),
-    ),
-    "Solution.to_csv": WorkingCall(
-        lambda box: {"path": Path("run.csv")},
-        return_result,
-        lambda box, path: write_two_folders_down(box, box.solution.to_csv, path),
+        lambda box: {"mass": 2.0}, lambda box, run: run.table(), on=_run_sweep
     ),
 }
 
@@ -172,6 +93,59 @@ def _save_and_load(sandbox: Sandbox, path: Any, model: Any) -> Any:
         return bd.load(path, model)
     finally:
         file.unlink()
+
+
+SOLUTION_CALLS: dict[str, WorkingCall] = {
+    "verify": WorkingCall(
+        lambda box: {
+            "solution": box.solution,
+            "integrator": bd.Radau(1e-4),
+            "progress": lambda standing: None,
+        }
+    ),
+    "load": WorkingCall(
+        lambda box: {"path": "run.beamdae", "model": box.mech}, call=_save_and_load
+    ),
+    "Solution.save": WorkingCall(
+        lambda box: {"path": "run.beamdae"}, on=lambda box: box.solution, writes=True
+    ),
+    "Solution.difference": WorkingCall(
+        lambda box: {"other": box.solution}, on=lambda box: box.solution
+    ),
+    "plot": WorkingCall(
+        lambda box: {
+            "solutions": [box.solution],
+            "labels": ["run"],
+            "x": "knee.x",
+            "data": {"t [s]": [0.0, 0.1], "knee.x [mm]": [0.0, 1.0], "height": [0.0, 1.0]},
+            "data_columns": {"height": "knee.y"},
+        }
+    ),
+    "Solution.animate": WorkingCall(
+        lambda box: {
+            "path": box.folder / "run.gif",
+            "speed": 1.0,
+            "frames": 3,
+            "color": "M",
+            "trail": True,
+            "scale": 2.0,
+        },
+        on=lambda box: (box.beam, box.solution)[1],
+    ),
+    "Solution.observe": WorkingCall(
+        lambda box: {"name": "middle", "what": box.bar.at(*KNEE)}, on=lambda box: box.solution
+    ),
+    "Solution.__getitem__": WorkingCall(
+        lambda box: {"name": "bar.angle"}, on=lambda box: box.solution
+    ),
+    "Solution.step_response": WorkingCall(
+        lambda box: {"name": "knee.x", "target": 1.5, "t": 0.0, "band": 0.02},
+        on=lambda box: box.solution,
+    ),
+    "Solution.to_csv": WorkingCall(
+        lambda box: {"path": Path("run.csv")}, on=lambda box: box.solution, writes=True
+    ),
+}
 
 
 _LIMITS = {"max_step": None, "max_steps": 1000, "time_limit": RUN_TIME_LIMIT}
@@ -268,7 +242,7 @@ MODEL_CALLS: dict[str, WorkingCall] = {
     "Model of": WorkingCall(
         lambda box: {"mass": 1.0, "spin": 1, "stiff": True, "name": "bob", "at": (1.0, 0.0)},
         _run_model,
-        lambda box, **arguments: box.swing(**arguments),
+        call=lambda box, **arguments: box.swing(**arguments),
     ),
     "model": WorkingCall(
         lambda box: {"t_end": T_END, "data": (__file__,)},
@@ -277,17 +251,17 @@ MODEL_CALLS: dict[str, WorkingCall] = {
     "model defaults": WorkingCall(
         lambda box: {"mass": 1.0, "spin": 1, "name": "bob", "at": (1.0, 0.0)},
         _run_model,
-        lambda box, **defaults: bd.results.Model(
+        call=lambda box, **defaults: bd.results.Model(
             box.swing.build, T_END, {"stiff": True, **defaults}
         ),
     ),
     "model returning": WorkingCall(
         lambda box: {"mechanism": box.mech},
         _run_model,
-        lambda box, mechanism: _model_returning(mechanism),
+        call=lambda box, mechanism: _model_returning(mechanism),
     ),
     "load_model": WorkingCall(
-        lambda box: {"path": "out/swing.py", "name": "swing"}, _run_model, _load_written_model
+        lambda box: {"path": "out/swing.py", "name": "swing"}, _run_model, call=_load_written_model
     ),
     "simulate": WorkingCall(
         lambda box: {
@@ -301,17 +275,14 @@ MODEL_CALLS: dict[str, WorkingCall] = {
             "partial": "raise",
             "keep_steps": True,
             "sensitivities": None,
-        },
-        return_result,
+        }
     ),
     "simulate sensitivities": WorkingCall(
         lambda box: {"sensitivities": ("mass",), "output_step": OUTPUT_STEP},
-        return_result,
-        lambda box, **arguments: bd.simulate(box.swing, bd.Radau(1e-6), **arguments),
+        call=lambda box, **arguments: bd.simulate(box.swing, bd.Radau(1e-6), **arguments),
     ),
     "param": WorkingCall(
-        lambda box: {"default": 1.0, "unit": "m", "description": "length of the rope"},
-        return_result,
+        lambda box: {"default": 1.0, "unit": "m", "description": "length of the rope"}
     ),
     "Model.view": WorkingCall(
         lambda box: {
@@ -322,7 +293,7 @@ MODEL_CALLS: dict[str, WorkingCall] = {
             "browser": False,
         },
         _close_view,
-        lambda box, **settings: box.swing.view(**settings),
+        on=lambda box: box.swing,
     ),
     "check": WorkingCall(
         lambda box: {
@@ -330,13 +301,10 @@ MODEL_CALLS: dict[str, WorkingCall] = {
             "t_end": T_END,
             "predict": False,
             "start": "as drawn",
-        },
-        return_result,
+        }
     ),
     "Equilibrium.to_csv": WorkingCall(
-        lambda box: {"path": Path("path.csv")},
-        return_result,
-        lambda box, path: write_two_folders_down(box, bd.equilibrium(box.mech).to_csv, path),
+        lambda box: {"path": Path("path.csv")}, on=lambda box: bd.equilibrium(box.mech), writes=True
     ),
 }
 
@@ -357,7 +325,6 @@ INTEGRATOR_CALLS: dict[str, WorkingCall] = {
     "GeneralizedAlpha adaptive": WorkingCall(
         lambda box: {"rtol": 1e-3, "max_steps": 1000, "time_limit": RUN_TIME_LIMIT, "step": 1e-3},
         run_with_integrator,
-        lambda box, **arguments: bd.GeneralizedAlpha(**arguments),
     ),
     "Ida": WorkingCall(
         lambda box: {
@@ -369,7 +336,7 @@ INTEGRATOR_CALLS: dict[str, WorkingCall] = {
         },
         run_with_integrator,
     ),
-    "Integrator": WorkingCall(_integrator_members, run_with_integrator, _make_integrator),
+    "Integrator": WorkingCall(_integrator_members, run_with_integrator, call=_make_integrator),
     "Radau": WorkingCall(
         lambda box: {
             "rtol": 1e-3,
@@ -393,7 +360,7 @@ STUDY_CALLS: dict[str, WorkingCall] = {
     "Case parameters": WorkingCall(
         lambda box: {"mass": 2.0, "spin": 1, "at": (1.0, 0.0)},
         lambda box, case: run_study(box, bd.results.Study("few", (case,), output_step=OUTPUT_STEP)),
-        lambda box, **values: box.case(**values),
+        call=lambda box, **values: box.case(**values),
     ),
     "Study": WorkingCall(
         lambda box: (
@@ -412,12 +379,11 @@ STUDY_CALLS: dict[str, WorkingCall] = {
     "study listing": WorkingCall(
         lambda box: {"cases": [box.case(mass=2.0)]},
         run_study,
-        lambda box, cases: _study_listing(cases),
+        call=lambda box, cases: _study_listing(cases),
     ),
-    "compare": WorkingCall(_compare_arguments, return_result),
+    "compare": WorkingCall(_compare_arguments),
     "grid": WorkingCall(
         lambda box: {"mass": [1.0, 2.0]},
         lambda box, rows: bd.compare([box.case(**row) for row in rows]),
-        lambda box, **lists: bd.grid(**lists),
     ),
 }

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import chdir
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ import casadi as ca
 from sample_parts import SampleMechanism
 
 import beamdae as bd
+from beamdae import catalog
 from beamdae.studies.execution import study_run as study_execution
 from beamdae.studies.execution.executors import SerialPool
 
@@ -28,36 +30,10 @@ INTEGRATORS: tuple[Callable[[], bd.Integrator], ...] = (
 )
 KNEE = (1.0, 0.0)  # m, observed point of the bar
 # Further names that messages may contain: functions, and objects created outside the sandbox.
-_OTHER_NAMES = frozenset(
-    {
-        "beam",
-        "bob",
-        "compare",
-        "constraint",
-        "disk",
-        "drive",
-        "end",
-        "event",
-        "few",
-        "ground",
-        "joint",
-        "lag",
-        "Law",
-        "mass",
-        "odd",
-        "pin",
-        "place",
-        "simulate",
-        "spring",
-        "start",
-        "Study",
-        "swing",
-        "system",
-        "torque",
-        "watched",
-        "x",
-        "y",
-    }
+_OTHER_NAMES = (
+    *("beam", "bob", "compare", "constraint", "disk", "drive", "end", "event", "few", "ground"),
+    *("joint", "lag", "Law", "mass", "odd", "pin", "place", "simulate", "spring", "start", "Study"),
+    *("swing", "system", "torque", "watched", "x", "y"),
 )
 
 
@@ -163,25 +139,39 @@ class WorkingCall:
     arguments
         Function that returns the arguments by name.
     use
-        Function that uses the result of the call; what it returns is judged.
+        Function that uses the result of the call; what it returns is judged. None: the result.
     call
-        Function to call with the arguments, None for the public name itself.
+        Function to call with the sandbox and the arguments; None: the one that the key names.
+    on
+        Function that returns the object whose method the key names.
+    model
+        Function that returns the first argument, which no bad value replaces.
+    writes
+        True if the call writes files: it is made two folders down, because a path may lead up.
     """
 
     arguments: Callable[[Sandbox], dict[str, Any]]
-    use: Callable[[Sandbox, Any], Any]
+    use: Callable[[Sandbox, Any], Any] | None = None
     call: Callable[..., Any] | None = None
+    on: Callable[[Sandbox], Any] | None = None
+    model: Callable[[Sandbox], Any] | None = None
+    writes: bool = False
 
-
-def write_two_folders_down(sandbox: Sandbox, write: Callable[[Any], object], path: Any) -> None:
-    """Write from two folders down, because a relative path may lead up."""
-    (sandbox.folder / "deep").mkdir(parents=True)
-    with chdir(sandbox.folder / "deep"):
-        write(path)
-
-
-def return_result(sandbox: Sandbox, result: Any) -> Any:
-    return result
+    def make(self, key: str, sandbox: Sandbox, arguments: dict[str, Any]) -> Any:
+        """Make the call of a key, such as "Fit.page" or "fit of several starts"."""
+        if self.call:
+            function = partial(self.call, sandbox)
+        else:
+            name, _, method = key.split(" ")[0].partition(".")
+            owner = self.on(sandbox) if self.on else attrgetter(catalog.NAMES[name].path)(bd)
+            function = getattr(owner, method) if method else owner
+        if self.model:
+            function = partial(function, self.model(sandbox))
+        folder = sandbox.folder / "deep" if self.writes else Path()
+        folder.mkdir(parents=True, exist_ok=True)
+        with chdir(folder):
+            result = function(**arguments)
+        return self.use(sandbox, result) if self.use else result
 
 
 def run_with_part(sandbox: Sandbox, part: Any) -> bd.results.Solution:

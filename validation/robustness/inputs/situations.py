@@ -294,7 +294,6 @@ _SITUATION_WORDS = (
     *("q0", "q1", "system", "constraint", "law", "torque", "beam", "rotor", "top", "shot", "dust"),
     *("study", "again", "own", "far", "pin", "swing", "bob", "few", "grid", "compare", "simulate"),
 )
-_UNFIXABLE = {"grid that does not end": "an endless iterator looks like a long one"}
 _UNITS = ("length", "mass", "time")
 _UNIT_EXPONENTS = (-12, -9, -6, -3, 3, 6, 9, 12)  # powers of ten of a unit
 
@@ -332,4 +331,4 @@ def _make_input(place: str, name: str, situation: Situation, integrator: int) ->
             words |= sandbox.names
 
     where = place if place == "study of" else f"{place} by {INTEGRATORS[integrator]().label}"
-    return BadInput(where, name, attempt, _SITUATION_WORDS, _UNFIXABLE.get(name, ""))
+    return BadInput(where, name, attempt, _SITUATION_WORDS)

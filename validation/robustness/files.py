@@ -1,4 +1,4 @@
-"""Kinds of result files: a valid example, its mutation, and its use.
+"""Hostile files: valid files with mutated content and correct checksums, read and used.
 
 A use ends, or raises BeamdaeError. Forged files may contain any numbers.
 """
@@ -10,6 +10,7 @@ import hashlib
 import json
 import random
 import shutil
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
@@ -21,11 +22,13 @@ import numpy as np
 
 import beamdae as bd
 from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.errors import BeamdaeError, BeamdaeWarning, KernelWarning
 from beamdae.results.storage.documents import checksum
 from beamdae.simulation import as_equations
 from beamdae.studies.execution.executors import SerialPool
 from beamdae.studies.execution.study_run import run_study
-from robustness.files import mutations
+from robustness import judge, mutations
+from robustness.isolation import ScratchFolder
 
 _T_END = 0.4  # s
 _LATER = 0.5  # s, end of resumed runs
@@ -182,9 +185,6 @@ def use_record(path: Path) -> None:
     run_study(_study(), path.parents[1], SerialPool())
 
 
-# Tables of continued runs --------------------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class Kind:
     """Kind of a file.
@@ -214,3 +214,34 @@ KINDS = {
     "saved run": Kind(write_run, use_run, (*_JSON, "arrays", "shapes", "members"), 0.45),
     "record": Kind(write_record, use_record, (*_JSON, "tables", "tables"), 0.25),
 }
+
+FILE_COUNT = 2000
+
+
+def list_names() -> list[str]:
+    """Return the names of files, "KIND: CHANGE: NUMBER", in proportion to the shares of kinds."""
+    return [
+        f"{name}: {kind.changes[k % len(kind.changes)]}: {k}"
+        for name, kind in KINDS.items()
+        for k in range(round(FILE_COUNT * kind.share))
+    ]
+
+
+def try_name(name: str) -> list[str]:
+    """Write, read and use a hostile file, and return the complaint."""
+    kind, change, _ = name.split(": ")
+    with ScratchFolder() as scratch, warnings.catch_warnings():
+        # Warnings of NumPy would be printed on standard error.
+        warnings.simplefilter("error")
+        warnings.simplefilter("ignore", BeamdaeWarning)
+        warnings.simplefilter("ignore", KernelWarning)
+        path = KINDS[kind].write(scratch.folder, change, random.Random(name))
+        try:
+            KINDS[kind].use(path)
+            outcome = judge.TrialOutcome("ran")
+        except BeamdaeError as error:
+            outcome = judge.TrialOutcome("refused", str(error))
+        except Exception as error:
+            outcome = judge.outcome_of_exception(error)
+    complaint = judge.find_complaint(outcome)
+    return [f"{complaint}: {outcome.text}" if complaint else ""]
