@@ -71,17 +71,15 @@ def check_residuals(problem: FitProblem, search: SearchResult, residuals: Array)
     """
     left, is_known = float(residuals @ residuals), problem.data.is_sigma_known
     square, freedom = search.evaluation.chi_square, problem.count - len(problem.estimated)
-    outliers = [_find_outliers(residuals[rows]) for _, rows in problem.data.rows]
+    is_outlier = _find_outliers(problem, residuals)
     if is_known and freedom > 0 and chdtrc(freedom, left) < _MIN_PROBABILITY:
         sentence = (
             f"The model does not explain the data: the residuals are {np.sqrt(left / freedom):.3g} "
             "times as large as the given sigma, and the standard deviations do not apply"
         )
-        pairs = zip(problem.data.rows, outliers, strict=True)
-        of_outliers = sum(float(np.sum(residuals[rows][x] ** 2)) for (_, rows), x in pairs)
-        if of_outliers > _MIN_OUTLIERS_SHARE * left:
+        if np.sum(residuals[is_outlier] ** 2) > _MIN_OUTLIERS_SHARE * left:
             yield f"{sentence}; most of their squares are outliers."
-            yield from _name_outliers(problem, outliers)
+            yield from _name_outliers(problem, is_outlier)
             return
         yield (
             f"{sentence}; {suggest_causes(problem, search.evaluation, search.first)}check the unit "
@@ -104,7 +102,7 @@ def check_residuals(problem: FitProblem, search: SearchResult, residuals: Array)
         parts = [residuals[rows] for _, rows in problem.data.rows]
         alike = find_correlation(parts)
         if not alike:
-            yield from _name_outliers(problem, outliers)
+            yield from _name_outliers(problem, is_outlier)
             return
         yield (
             f"Residuals are alike over about {alike:.2g} consecutive data, so the standard "
@@ -115,20 +113,24 @@ def check_residuals(problem: FitProblem, search: SearchResult, residuals: Array)
         )
 
 
-def _find_outliers(residuals: Array) -> Array:
-    """Return the indices of the outliers among the residuals of a column, if these are few."""
-    deviation = _NORMAL_DEVIATION * float(np.median(np.abs(residuals)))
-    rows = np.flatnonzero(np.abs(residuals) > _OUTLIER_DISTANCE * deviation)
-    are_few = len(rows) <= _MAX_OUTLIER_SHARE * len(residuals) and deviation > 0.0
-    return rows if are_few else rows[:0]
+def _find_outliers(problem: FitProblem, residuals: Array) -> Array:
+    """Return True (N,) for the outliers among the residuals of columns in which these are few."""
+    result = np.zeros(len(residuals), bool)
+    for _, rows in problem.data.rows:
+        sizes = np.abs(residuals[rows])
+        limit = _OUTLIER_DISTANCE * _NORMAL_DEVIATION * np.median(sizes)
+        are_few = np.mean(sizes > limit) <= _MAX_OUTLIER_SHARE and limit > 0.0
+        result[rows] = (sizes > limit) & are_few
+    return result
 
 
-def _name_outliers(problem: FitProblem, outliers: list[Array]) -> Iterator[str]:
+def _name_outliers(problem: FitProblem, is_outlier: Array) -> Iterator[str]:
     """Yield a sentence on the outliers of each column."""
     times = problem.data.table[TIME].to_numpy()
-    for (source, rows), at in zip(problem.data.rows, outliers, strict=True):
+    for source, rows in problem.data.rows:
+        at = times[rows][is_outlier[rows]]
         if len(at):
-            named = list_first([f"{x:g} s" for x in times[rows][at]], _MAX_NAMED_OUTLIERS)
+            named = list_first([f"{x:g} s" for x in at], _MAX_NAMED_OUTLIERS)
             yield (
                 f"{source.label} has outliers at t = {named}, more than {_OUTLIER_DISTANCE:g} "
                 "robust standard deviations from the model, which may shift the estimates; if more "

@@ -37,8 +37,8 @@ class ColumnSeeds:
 
     Attributes
     ----------
-    values
-        Values of the terms of the objective.
+    value, terms
+        Value of the objective, and those of its terms.
     states
         Derivatives with respect to (q, v, lam) at the nodes of each interval, (nodes, 2n + m).
     numbers
@@ -48,14 +48,11 @@ class ColumnSeeds:
         observable.
     """
 
-    values: list[float]
+    value: float
+    terms: list[float]
     states: list[Array]
     numbers: Array
     operators: dict[int, Array]
-
-    def objective_value(self, objective: Objective) -> float:
-        """Return the value of the objective."""
-        return sum(x * y for (x, _), y in zip(objective.terms, self.values, strict=True))
 
     def contract(self, difference: Difference, along: Trajectory | None = None) -> float:
         """Return the derivative with respect to a parameter at constant states of the run.
@@ -79,7 +76,7 @@ def differentiate_objective(
     size = 2 * equations.n + equations.m
     # By columns: most objectives depend on few of them, and only these need memory.
     states = [np.zeros((len(x.nodes), size), order="F") for x in trajectory.intervals]
-    result = ColumnSeeds([], states, np.zeros(len(equations.p)), {})
+    result = ColumnSeeds(0.0, [], states, np.zeros(len(equations.p)), {})
     grid, points_at = SampleGrid.of(trajectory), dict[tuple[bytes, bool], Any]()
     for factor, term in objective.terms:
         times, column = term.sample_times(grid), _Column.of(equations, term.column)
@@ -97,7 +94,8 @@ def differentiate_objective(
             for x, part in zip(points, split_points(points, values), strict=True):
                 samples[x.here] = _values_at_times(x, trajectory, part)
         value, by_samples = term.evaluate(samples, grid.weights)
-        result.values.append(value)
+        result.value += factor * value
+        result.terms.append(value)
         for (_, points, _, at), inputs in zip(points_at[key], arguments, strict=True):
             by_values = [
                 by_samples[x.here] if x.weights is None else x.weights.T @ by_samples[x.here]

@@ -308,7 +308,7 @@ class AdjointRun(DifferentiableRun):
         }
         if others := [x for x in names if x not in result]:
             result |= self._contract(objective, others)[1]
-        return seeds.objective_value(objective), result
+        return seeds.value, result
 
     def _contract(
         self, objective: Objective, names: Sequence[str]
@@ -382,7 +382,7 @@ def differentiate_along(
             result[name] = seeds.contract(differences[name], derivatives[name].trajectory)
     shifts = np.array([derivatives[x].shifts for x in result])
     ends = _differentiate_end_time(solution, differences, derivatives)
-    for (factor, term), value in zip(objective.terms, seeds.values, strict=True):
+    for (factor, term), value in zip(objective.terms, seeds.terms, strict=True):
         for k in np.flatnonzero(shifts.any(axis=0)).tolist():
             rate = _restart_rate(term, value, solution, float(trajectory.intervals[k].t[0]))
             for name, shift in zip(result, shifts[:, k].tolist(), strict=True):
@@ -390,7 +390,7 @@ def differentiate_along(
         if any(ends.values()):
             rate = _end_rate(term, value, solution)
             result = {name: x + factor * ends[name] * rate for name, x in result.items()}
-    return seeds.objective_value(objective), result
+    return seeds.value, result
 
 
 def _differentiate_end_time(

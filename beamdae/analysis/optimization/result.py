@@ -282,9 +282,7 @@ class Optimization(HasPage):
     @property
     def best_number(self) -> int:
         """Number of the best design in `history`, from 1."""
-        best = self._search.best.numbers
-        rows = [np.array_equal(x.numbers, best) for x in self._search.trials]
-        return len(rows) - rows[::-1].index(True)
+        return 1 + self._search.trials.index(self._search.best)
 
     def mechanism(self, is_best: bool = True) -> Mechanism:
         """Return the mechanism of the best or of the first design."""

@@ -143,8 +143,7 @@ class Search:
 
     def __init__(self, problem: DesignProblem, settings: SearchSettings) -> None:
         self._problem, self._settings = problem, settings
-        self._trials: list[Trial] = []
-        # Designs by the variables of the search.
+        # Evaluated designs by the variables of the search, in their order.
         self._known: dict[bytes, Trial] = {}
         # Variables and functions of the design with the latest gradients of the present solver.
         self._latest: tuple[Array, Linearization] | None = None
@@ -176,14 +175,14 @@ class Search:
             status = self._conclude(status, units, point, facts["residual"])
         except KeyboardInterrupt:
             acknowledge()
-            sentence = f"interrupted after {format_count(len(self._trials), 'evaluation')}"
+            sentence = f"interrupted after {format_count(len(self._known), 'evaluation')}"
             status = Status("interrupted", sentence)
         except ProgressError as failure:
             status = Status("failed", str(failure))
             facts["progress_error"] = failure.problem
         except _SearchEndError as end:
             status = self._conclude(end.status, units)
-        trials, most = tuple(self._trials), self._settings.max_evaluations
+        trials, most = tuple(self._known.values()), self._settings.max_evaluations
         best = self._best()
         return SearchResult(
             self._problem, best, trials, status, first.results, units, most, **facts
@@ -253,7 +252,7 @@ class Search:
 
     def _evaluate(self, x: Array) -> Trial:
         """Analyze a design that is not known, unless the search has to end."""
-        count, problem = len(self._trials), self._problem
+        count, problem = len(self._known), self._problem
         if count >= self._settings.max_evaluations:
             sentence = f"stopped after {format_count(count, 'evaluation')}"
             raise _SearchEndError("limited", f"{sentence}; increase max_evaluations=")
@@ -317,7 +316,7 @@ class Search:
         residual: float = np.inf,
     ) -> Status:
         """Return the status of the best design, with its linearization and `residual` if known."""
-        failures, sentence = [x.failure for x in self._trials if x.failure], status.sentence
+        failures, sentence = [x.failure for x in self._known.values() if x.failure], status.sentence
         if self._violation(self._best()):
             sentence = self._describe_violation(status, units, point)
         elif status.success and residual <= _OPTIMALITY_TOLERANCE:
@@ -371,12 +370,11 @@ class Search:
         """Store a design with the variables x."""
         key = self._problem.variables.variables(trial.numbers) if x is None else x
         self._known[key.tobytes()] = trial
-        self._trials.append(trial)
         return trial
 
     def _report(self, trial: Trial) -> None:
         if self._settings.progress is not None:
-            count = self._settings.earlier_designs + len(self._trials)
+            count = self._settings.earlier_designs + len(self._known)
             facts = float(trial.values[0]), self._violation(trial)
             call_progress(self._settings.progress, count, *facts)
 

@@ -100,12 +100,6 @@ def invert_statics(equations: EquationsOfMotion, time: Array, at: State) -> Line
     return _inverse(factors, len(scales)) if factors.is_regular else None
 
 
-def has_unique_equilibrium(equations: EquationsOfMotion, time: Array) -> bool:
-    """Return True if derivatives of the equilibrium at the start follow from static equations."""
-    at = ConsistencySolver(equations).state(time, equations.q0, np.zeros(equations.n))
-    return invert_statics(equations, time, at) is not None
-
-
 def _operator(size: int, matmat: Callable[..., Array], rmatmat: Callable[..., Array]) -> Any:
     """Return a square operator, given its products, and those with its transpose."""
     shape = size, size
@@ -606,7 +600,7 @@ def assemble_neighbors(base: EquationsOfMotion, start: Any) -> Callable[[Any], E
     def assemble(mechanism: Any) -> EquationsOfMotion:
         return as_equations(derivative_call(), mechanism, start)
 
-    time = time_on_branch(base.breakpoints, 0.0)
+    time, rest = time_on_branch(base.breakpoints, 0.0), np.zeros(base.n)
     if (
         base.start is None
         or base.start.description != EQUILIBRIUM
@@ -614,7 +608,7 @@ def assemble_neighbors(base: EquationsOfMotion, start: Any) -> Callable[[Any], E
         or base.redundant
         or len(base.states)
         or start_adds_velocities(base, time)
-        or not has_unique_equilibrium(base, time)
+        or invert_statics(base, time, ConsistencySolver(base).state(time, base.q0, rest)) is None
     ):
         return assemble
 
