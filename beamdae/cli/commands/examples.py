@@ -31,15 +31,15 @@ import beamdae as bd
 
 
 @bd.model(t_end=2.0)
-def NAME(length=1.0, push=0.5, elements=4):
+def NAME(length=1.0, push=0.5, thickness=0.002):
     """Strip of `length` [m] on a hinge, with its weight and a force `push` [N] at its tip."""
     # Set the parameters on the command line: beamdae run NAME.py --set push=2
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     steel = bd.Material(E=210e9, nu=0.3, rho=7850.0)
-    strip = bd.Section.rectangle(steel, width=0.02, height=0.002, damping=1e-4)
+    strip = bd.Section.rectangle(steel, width=0.02, height=thickness, damping=1e-4)
     # Parts are placed where they are at t = 0, in meters and radians.
     curve = bd.Arc(radius=length, length=length, start=(0.0, 0.0), angle=-0.5)
-    beam = mech.add(bd.Beam("beam", curve, strip, elements))
+    beam = mech.add(bd.Beam("beam", curve, strip))
     mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), beam.start))
     mech.add(bd.Force("push", beam.end, (lambda t: push * np.sin(6.0 * t), 0.0)))
     # Each observed quantity becomes columns of the results.
