@@ -377,3 +377,18 @@ def test_regression_positions_that_a_driver_prescribes_are_refused_with_the_time
         bd.BeamdaeError, match=r"if a driver moves the mechanism, set t= to the time"
     ):
         bd.equilibrium(mech, to={"slider.x": 1.05})
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.5])
+def test_a_mass_that_hangs_on_a_spring_is_stable(angle):
+    """Without load, it swings freely; the stretched spring is stiff sideways."""
+    length, mass, stiffness = 0.5, 2.0, 300.0
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    at = length * np.array([np.sin(angle), -np.cos(angle)])
+    bob = mech.add(bd.PointMass("bob", mass, at=tuple(at)))
+    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), bob.point, stiffness))
+    mech.observe("bob", bob.point)
+    path = bd.equilibrium(mech)
+    assert (path.status.success, path.stable, path.warnings) == (True, True, ())
+    assert_allclose(path["bob.x"].iloc[-1], 0.0, atol=1e-9)
+    assert_allclose(path["bob.y"].iloc[-1], -length - mass * 9.81 / stiffness, rtol=1e-12)

@@ -255,13 +255,12 @@ def find_unloaded_equilibrium(
 
 
 def _relax(problem: StaticProblem, q: Array, mu: float, passed: list[Array] | None = None) -> Point:
-    q, lam = relax_to_equilibrium(problem.system.at_factor(mu), q, passed)
-    x = problem.start(np.append(q, lam))
-    point = problem.point(x, mu)
+    q, _ = relax_to_equilibrium(problem.system.at_factor(mu), q, passed)
+    point = problem.point_at(q, mu)
     # Rounding would move the mechanism along motions without stiffness.
     held = hold_neutral_motions(point).problem
     try:
-        corrected = held.correct(prescribe_parameter, mu, x, mu)
+        corrected = held.correct(prescribe_parameter, mu, point.x, mu)
     except CurveError:
         return point
     return problem.point(corrected.x, mu, corrected.iterations)
@@ -444,8 +443,9 @@ def _begin_under_load(path: StagePath, targets: Sequence[float]) -> bool:
     begin, problem = path.end, path.problem
     is_arbitrary = bool(begin.monitor.free)
     reach = targets[0] - begin.p if path.by_load else 1.0
-    step = _LOAD_STEP_RATIO * abs(reach)
-    mu = begin.p + float(np.clip(reach, -step, step)) if step else targets[0]
+    # Steps of equal length reach the target.
+    step = _LOAD_STEP_RATIO * (abs(targets[0] - problem.system.ends[0]) if path.by_load else 1.0)
+    mu = begin.p + float(np.clip(reach, -step, step))
     try:
         point = hold_neutral_motions(_relax(problem, begin.x[: problem.n], mu))
     except BeamdaeError as error:
