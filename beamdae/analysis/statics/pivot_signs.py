@@ -127,9 +127,13 @@ def scale_by_reference(
     # Entries count in both directions.
     is_counted = ~is_joint | (pattern.rows >= n)
     ends = groups[np.stack([pattern.rows, pattern.columns])[:, is_counted]]
-    rows, columns = np.hstack([ends, ends[::-1]])
-    entries = np.abs(np.where(is_joint, 1.0, 0.5) * _weigh(pattern, scales)[:-1] * tangent)
-    entries = np.tile(entries[is_counted], 2)
+    keys = np.hstack([ends[1] * count + ends[0], ends[0] * count + ends[1]])
+    blocks, of_entry = np.unique(keys, return_inverse=True)
+    columns, rows = np.divmod(blocks, count)
+    values = np.abs(np.where(is_joint, 1.0, 0.5) * _weigh(pattern, scales)[:-1] * tangent)
+    # Small entries of a block may be rounding errors.
+    entries = np.zeros(len(blocks))
+    np.maximum.at(entries, of_entry, np.tile(values[is_counted], 2))
     softest, factors = np.full(count, np.inf), np.ones(count)
     is_stiffness = (rows < n) & (entries > NEGLIGIBLE_STIFFNESS)
     is_spring = (rows >= rigid) & (entries > 0.0)
