@@ -307,7 +307,8 @@ def run_analysis(
     try:
         with signals.defer_interrupts(immediate=1):
             result = analyze()
-            files.add(*write_tables(result))
+            with signals.defer_interrupts():
+                files.add(*write_tables(result))
     except KeyboardInterrupt:
         if not files.paths:
             raise
