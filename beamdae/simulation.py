@@ -120,7 +120,7 @@ def simulate(
         sensitivities of the run are not available.
     accuracy
         Largest error of a required column [-], from 1e-6 to 0.1, see `Errors`. The run is repeated,
-        up to six times, with smaller steps, finer meshes and exact strains, by what contributes,
+        up to five times, with smaller steps, finer meshes and exact strains, by what contributes,
         until its measured errors are small enough; `errors.status` says what was reached.
         `time_limit` of the integrator applies to all runs together. The run must begin at t = 0.
     accuracy_columns
@@ -548,7 +548,7 @@ _is_unchecked: ContextVar[bool] = ContextVar("is_unchecked", default=False)
 
 @contextmanager
 def unchecked() -> Iterator[None]:
-    """Within the context, errors of results are measured only if these are asked for them."""
+    """Within the context, the errors of results are measured only when they are read."""
     token = _is_unchecked.set(True)
     try:
         yield

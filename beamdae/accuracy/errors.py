@@ -139,7 +139,7 @@ class Errors(HasTable):
 
     Notes
     -----
-    With `accuracy=`, an analysis is repeated, up to six times, with smaller steps, finer meshes
+    With `accuracy=`, an analysis is repeated, up to five times, with smaller steps, finer meshes
     and exact strains until the errors of the required columns are small enough; `status` says what
     was reached.
     """

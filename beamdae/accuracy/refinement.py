@@ -82,8 +82,7 @@ def refine_mechanism(
     start
         Its start, see `Mechanism`.
     causes
-        Causes of errors that are reduced: others than "mesh", "theory" and "friction" are not those
-        of mechanisms.
+        Causes of errors that are reduced: "mesh", "theory" and "friction"; others are ignored.
 
     Raises
     ------

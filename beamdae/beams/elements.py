@@ -17,7 +17,7 @@ from beamdae.beams.strains import SHEAR, STRAIN_SIZE, slice_column
 from beamdae.symbolic.force_kernel import CompliantForm
 from beamdae.symbolic.formula import cache_kernels
 from beamdae.symbolic.functions.compiled import RowFunction
-from beamdae.symbolic.statements import SX, ConstraintKernel, ForceKernel, Local, PointForce
+from beamdae.symbolic.statements import SX, ConstraintKernel, ForceAtPoint, ForceKernel, Local
 
 Array = np.ndarray
 
@@ -171,16 +171,18 @@ class PointElement(ABC):
         strains = function.on_copies(copies, points.reshape(len(copies), -1).T)
         return strains.reshape(STRAIN_SIZE, *z.shape[:2], -1)
 
-    def mass_points(self, kernel: ForceKernel, numbers: Sequence[SX]) -> list[PointForce]:
+    def mass_points(self, kernel: ForceKernel, numbers: Sequence[SX]) -> list[ForceAtPoint]:
         """Return the forces of a kernel at the inertia points, with the numbers of each point."""
         eye = ca.DM.eye(self.size)
         pairs = zip(self.mass_weights, numbers, strict=True)
-        return [PointForce(eye, weights, kernel, values) for weights, values in pairs]
+        return [ForceAtPoint(eye, weights, kernel, values) for weights, values in pairs]
 
-    def stiffness_points(self, kernel: ForceKernel, numbers: Sequence[SX]) -> list[PointForce]:
+    def stiffness_points(self, kernel: ForceKernel, numbers: Sequence[SX]) -> list[ForceAtPoint]:
         """Return the forces of a kernel at the stiffness points, with the numbers of each point."""
         pairs = zip(self.stiffness_weights, numbers, strict=True)
-        return [PointForce(self.differences, weights, kernel, values) for weights, values in pairs]
+        return [
+            ForceAtPoint(self.differences, weights, kernel, values) for weights, values in pairs
+        ]
 
     def kernel(self) -> ForceKernel:
         """Return the kernel of the forces of inertia, elasticity, material damping and weight.
@@ -294,7 +296,7 @@ class InterpolatedForces:
         self,
         local: Local,
         numbers: Any,
-        points_of: Callable[[list[SX]], list[PointForce]],
+        points_of: Callable[[list[SX]], list[ForceAtPoint]],
         function_of: Callable[[PointElement], ca.Function],
     ) -> SX:
         """Return the interpolated values of a function of (q, v, data) of the points."""

@@ -29,11 +29,11 @@ from beamdae.symbolic.formula import Formula, cache_kernels
 from beamdae.symbolic.sparse_operators import select_rows
 from beamdae.symbolic.statements import (
     SX,
+    ForceAtPoint,
     ForceKernel,
     ForceStatement,
     Local,
     Piece,
-    PointForce,
     Quantity,
     Variable,
     formula_quantity,
@@ -266,13 +266,13 @@ def _point_kernel(element: PointElement) -> ForceKernel:
     return ForceKernel(local, force, ca.vertcat(0, energy, 0), ca.vertcat(0, ca.sumsqr(rates)))
 
 
-def _maxwell_points(element: PointElement, numbers: Sequence[SX]) -> list[PointForce]:
+def _maxwell_points(element: PointElement, numbers: Sequence[SX]) -> list[ForceAtPoint]:
     """Return the forces at the stiffness points with the numbers of each point."""
     kernel, count = _point_kernel(element.of_point), STRAIN_SIZE * element.quadrature
     differences = ca.diagcat(element.differences, ca.DM.eye(count))
     states = ca.vertsplit(ca.DM.eye(count), STRAIN_SIZE)
     triples = zip(element.stiffness_weights, states, numbers, strict=True)
-    return [PointForce(differences, ca.diagcat(w, x), kernel, data) for w, x, data in triples]
+    return [ForceAtPoint(differences, ca.diagcat(w, x), kernel, data) for w, x, data in triples]
 
 
 @cache_kernels

@@ -57,20 +57,18 @@ def as_quantity(name: str, what: Attachment | Quantity | SX, unit: str | None = 
         formula = require_formula(name, "the observed formula", what)
         variable = Variable("", find_unit(name, formula, unit) or NO_UNIT)
         return Quantity((variable,), (), lambda local: formula)
-    if unit is not None:
-        raise BeamdaeError(
-            f"{name}: unit is that of a formula, got {short_repr(what)}, which has units; omit it."
-        )
-    if isinstance(what, Attachment):
-        return motion_quantity(what)
-    if isinstance(what, Value):
-        return what.quantity
-    if not isinstance(what, Quantity):
+    if not isinstance(what, Attachment | Value | Quantity):
         raise BeamdaeError(
             f"{name}: only attachments, quantities such as beam.strain(s=, offset=) and formulas "
             f"of sensors can be observed, got {short_repr(what)}{suggest_point(what)}."
         )
-    return what.current
+    if unit is not None:
+        raise BeamdaeError(
+            f"{name}: unit is that of a formula, but {short_repr(what)} has units; omit it."
+        )
+    if isinstance(what, Attachment):
+        return motion_quantity(what)
+    return what.quantity if isinstance(what, Value) else what.current
 
 
 def _has_rotation(attachment: Attachment) -> bool:

@@ -109,7 +109,7 @@ class ForceKernel:
     powers: SX = field(default_factory=lambda: SX.zeros(_N_POWERS))
     reused: bool = False
     table_calls: tuple[TableCall, ...] = ()
-    points: tuple[PointForce, ...] = field(default=(), repr=False)
+    points: tuple[ForceAtPoint, ...] = field(default=(), repr=False)
     compliant: CompliantForm | None = field(default=None, repr=False)
     _tangents: dict[Tangents, Kernel] = field(default_factory=dict, init=False, repr=False)
     _tangent_functions: dict[tuple[int, ...], ca.Function] = field(
@@ -135,7 +135,7 @@ class ForceKernel:
 
     @classmethod
     def of_points(
-        cls, local: Local, points: Sequence[PointForce], compliant: CompliantForm | None = None
+        cls, local: Local, points: Sequence[ForceAtPoint], compliant: CompliantForm | None = None
     ) -> ForceKernel:
         """Return the reused kernel of the sum of the forces, energies and powers of points."""
         force, energies, powers = SX.zeros(local.size), SX.zeros(_N_ENERGIES), SX.zeros(_N_POWERS)
@@ -401,7 +401,7 @@ class CompliantForm(NamedTuple):
     split: Callable[..., tuple[Array, ...]]
 
 
-class PointForce(NamedTuple):
+class ForceAtPoint(NamedTuple):
     """Force B^T f(t, B q, B v, B a, data) of a point on local coordinates, for example of elements.
 
     Attributes

@@ -19,7 +19,7 @@ import scipy.sparse as sp
 from beamdae.errors import BeamdaeError, set_fields
 from beamdae.read_only import read_only_data
 from beamdae.symbolic.constraint_kernel import ConstraintKernel, NonholonomicKernel
-from beamdae.symbolic.force_kernel import ForceKernel, PointForce
+from beamdae.symbolic.force_kernel import ForceAtPoint, ForceKernel
 from beamdae.symbolic.formula import FormulaExpression
 from beamdae.symbolic.functions.compiled import RowFunction
 from beamdae.symbolic.local_symbols import SX, Local
@@ -39,12 +39,12 @@ __all__ = [
     "AccelerationKernel",
     "ConstraintKernel",
     "ConstraintStatement",
+    "ForceAtPoint",
     "ForceKernel",
     "ForceStatement",
     "Local",
     "NonholonomicKernel",
     "Piece",
-    "PointForce",
     "Quantity",
     "QuantityKernel",
     "Variable",

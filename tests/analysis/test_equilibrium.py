@@ -379,6 +379,22 @@ def test_regression_positions_that_a_driver_prescribes_are_refused_with_the_time
         bd.equilibrium(mech, to={"slider.x": 1.05})
 
 
+def test_a_load_that_no_spring_carries_ends_a_path_of_a_free_mass():
+    """The force of the spring is largest, 4.29 N, at y = 0.707 m; nothing resists along x."""
+    mech = bd.Mechanism()
+    bob = mech.add(bd.PointMass("bob", 1.0, at=(0.0, 0.0)))
+
+    def soften(a, t):
+        return 0.0, -10.0 * a.position[1] * np.exp(-(a.position[1] ** 2))
+
+    mech.add(bd.ForceLaw("spring", bob.point, soften))
+    mech.add(bd.Force("pull", bob.point, (0.0, 10.0)))
+    with pytest.warns(bd.BeamdaeWarning):
+        path = bd.equilibrium(mech, loads="pull")
+    assert not path.status.success
+    assert_allclose(path.factor, np.sqrt(0.5 / np.e), rtol=1e-4)
+
+
 @pytest.mark.parametrize("angle", [0.0, 0.5])
 def test_a_mass_that_hangs_on_a_spring_is_stable(angle):
     """Without load, it swings freely; the stretched spring is stiff sideways."""

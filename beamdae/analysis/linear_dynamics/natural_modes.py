@@ -199,12 +199,13 @@ class Modes(HasModeShapes):
     def effective_masses(self) -> Array:
         """Effective modal masses along x and y [kg], (k, 2).
 
-        r is the unit translation of all points along the axis; m, k = x^T M x, x^T K x. The modes
-        have the parts Re(l^2 (x^T M r)^2 / (l^2 m - k)), twice for those that stand for a pair, of
-        r^T M r: (x^T M r)^2 / m without damping. All modes add up to the mass of the moving parts,
-        without the mass that joints hold. Parts of single decays may be negative. They are not a
-        number if the matrices are not symmetric, as in rotations, with friction, controllers and
-        follower loads: shapes then do not determine them.
+        That of a mode with the eigenvalue l and the shape x is Re(l^2 (x^T M r)^2 / (l^2 m - k)),
+        with m = x^T M x, k = x^T K x and the unit translation r of all points along the axis; it is
+        twice as large if the mode stands for a pair. Without damping, it is (x^T M r)^2 / m. Those
+        of all modes add up to r^T M r, the mass of the moving parts without the mass that joints
+        hold; those of single decays may be negative. They are NaN if the matrices are not
+        symmetric, as in rotations, with friction, controllers and follower loads: shapes then do
+        not determine them.
         """
         lin, problem = self._linearization, self._linearization.linearized_equations
         mass, x, values = lin.tangent.mass, self.shapes.T, self.eigenvalues[:, None]

@@ -308,11 +308,10 @@ def _follow_stage(path: StagePath) -> None:
     while path.is_stuck and path.by_load and _may_move_far(path):
         # The mechanism moves far under a small load, until it is stretched or rests.
         stuck, path.status, path.is_stuck = path.status, REACHED_END, False
-        count = len(path.points)
-        if _begin_under_load(path, targets):
-            _follow(path, targets, _choose_steps(path))
-        elif len(path.points) == count:
+        if not _begin_under_load(path, targets):
             path.status, path.is_stuck = stuck, True
+            return
+        _follow(path, targets, _choose_steps(path))
 
 
 def _may_move_far(path: StagePath) -> bool:
@@ -411,8 +410,9 @@ def _choose_steps(path: StagePath) -> Steps:
 def _leave_free_position(path: StagePath, targets: Sequence[float]) -> bool:
     """Begin a path where a motion has no stiffness; return True if it can be followed.
 
-    The motion may get stiffness by a small load, near the begin, or none by the largest load near
-    the begin, so that it is held; otherwise, the mechanism moves far under the load.
+    If a small load makes the motion stiff, the path is followed from its first point. If loads do
+    no work in the motion, it is held. Otherwise, the mechanism moves far under the load, and the
+    path begins at the first load step.
     """
     begin, problem = path.end, path.problem
     reach = float(np.clip(targets[0] - begin.p, -1.0, 1.0)) if path.by_load else 1.0
@@ -451,7 +451,9 @@ def _begin_under_load(path: StagePath, targets: Sequence[float]) -> bool:
     except BeamdaeError as error:
         path.fail(error)
         return False
-    path.points[len(path.points) - is_arbitrary :] = [point]
+    if is_arbitrary:
+        path.points.pop()
+    path.points.append(point)
     return True
 
 

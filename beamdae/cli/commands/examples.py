@@ -32,7 +32,7 @@ import beamdae as bd
 
 @bd.model(t_end=2.0)
 def NAME(length=1.0, push=0.5, thickness=0.002):
-    """Strip of `length` [m] on a hinge, with its weight and a force `push` [N] at its tip."""
+    """Strip of `length` [m] and `thickness` [m] on a hinge, with a force `push` [N] at its tip."""
     # Set the parameters on the command line: beamdae run NAME.py --set push=2
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     steel = bd.Material(E=210e9, nu=0.3, rho=7850.0)

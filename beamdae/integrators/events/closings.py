@@ -64,11 +64,10 @@ class ClosingWatch:
         clearances = [*(x.distance.values for x in gaps), *(x.clearance for x in arguments)]
         scalars = [partial(_evaluate, x, interval) for x in clearances]
         t, values = sample_scalars(scalars, interval, begin)
-        stops = [
-            self._find_onset(interval, scalar, t, distances)
-            for scalar, distances in zip(scalars, values[: len(gaps)], strict=False)
-        ]
-        ends = zip(arguments, scalars[len(gaps) :], values[len(gaps) :], strict=True)
+        count = len(gaps)
+        onsets = zip(scalars[:count], values[:count], strict=True)
+        ends = zip(arguments, scalars[count:], values[count:], strict=True)
+        stops = [self._find_onset(interval, gap, t, distances) for gap, distances in onsets]
         stops += [_find_end(interval, *end, t) for end in ends]
         return min((x for x in stops if x is not None), default=None)
 
