@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import os
 import sys
 import sysconfig
 from collections.abc import Callable
@@ -59,7 +60,7 @@ def _select_frames(problem: Exception) -> TracebackType | None:
 
     Unexpected errors inside the package keep theirs.
     """
-    paths, package = sysconfig.get_paths(), str(Path(__file__).parent)
+    paths, package = sysconfig.get_paths(), str(Path(__file__).parent) + os.sep
     libraries = tuple(paths[x] for x in ("stdlib", "purelib", "platlib"))
     entries, entry = list[tuple[bool, TracebackType]](), problem.__traceback__
     while entry is not None:

@@ -149,8 +149,8 @@ def simulate(
     ------
     BeamdaeError
         If the model or a setting is invalid, the run cannot begin (for example, because the joints
-        cannot be closed), a checkpoint does not fit the model, or the run needs more memory than is
-        available.
+        cannot be closed), the run that is resumed does not fit the model, or the run needs more
+        memory than is available.
     Interrupted
         If Ctrl-C ends the run; `Interrupted.solution` is the solution so far. It is None if the run
         had not started.

@@ -30,6 +30,8 @@ Array = np.ndarray
 
 # Names of what is refined by cause, in the order in which it is refined one after the other.
 CAUSES = {"time": "steps", "friction": "friction speed", "mesh": "elements", "theory": "strains"}
+# About a state at rest, friction is zero or a damper, which a sharper one only enlarges.
+CAUSES_AT_REST = frozenset({"mesh", "theory"})
 _MAX_NAMES = 6
 # Recommended elements are at most so often halved: larger errors do not decrease by their order.
 _MAX_HALVINGS = 2
@@ -100,7 +102,7 @@ class Refined(NamedTuple):
         name, _ = self.accuracy
         if name:
             texts.append("a third of rtol" if name == "rtol" else "short steps of Radau")
-        return f"a repetition with {join_names(texts)}"
+        return f"a repetition with {join_names(texts)}" if texts else "nothing is refined"
 
 
 @read_only_data

@@ -9,7 +9,13 @@ from typing import Any
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from beamdae.accuracy.errors import Errors, MissingStateError, Refined, measure_errors
+from beamdae.accuracy.errors import (
+    CAUSES_AT_REST,
+    Errors,
+    MissingStateError,
+    Refined,
+    measure_errors,
+)
 from beamdae.accuracy.refinement import Refinement, refine
 from beamdae.accuracy.statics import refine_end
 from beamdae.analysis.continuation.engine import CurveError
@@ -144,8 +150,7 @@ def _find_companion(
     The beams are in equilibrium with the loads at the end of a path, and with the accelerations at
     an instant of a run. Other states are searched for by their request.
     """
-    # Friction is a damper about a state at rest; a sharper one damps more.
-    refined = tuple(x for x in causes if x != "friction")
+    refined = CAUSES_AT_REST.intersection(causes)
     if refined not in lin.companions:
         start = about if isinstance(about, Mapping) else AS_DRAWN
         with hold_messages():

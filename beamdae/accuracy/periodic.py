@@ -58,7 +58,9 @@ def measure_response(response: FrequencyResponse) -> Errors:
     numbers |= {int(np.argmax(response.curve(x)[1])) for x in response.varying_columns}
     parts = []
     for point in (points[k] for k in sorted(numbers) if k >= 0):
-        errors = point.errors
+        # Not `point.errors`, which would keep errors within a limit of time.
+        motion = PeriodicMotion(point.solution, point.period, point.multipliers)
+        errors = measure_motion(motion)
         at = f"at {response.parameter} = {point.parameter:.6g}"
         names = (split_unit(x) for x in errors.headers)
         headers = tuple(f"{name} {at} [{unit}]" for name, unit in names)

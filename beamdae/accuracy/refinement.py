@@ -70,7 +70,8 @@ def refine_mechanism(
 ) -> tuple[Mechanism, Refined]:
     """Return a copy with other meshes, exact strains and sharper friction, and what is refined.
 
-    If only steps are refined, the mechanism itself is returned.
+    Strains are exact on refined meshes only. If neither meshes nor friction are refined, the
+    mechanism itself is returned.
 
     Beams keep their elements and strains if the start names their coordinates, an observable or
     event refers to them, or their kinematics are custom ones.
@@ -89,7 +90,7 @@ def refine_mechanism(
     BeamdaeError
         If a part cannot be copied.
     """
-    if {*causes} == {"time"}:
+    if not {"mesh", "friction"}.intersection(causes):
         return mechanism, Refined()
     kept = list_fixed_beams(mechanism, start)
     elements, degrees, finer, inexact = {}, {}, {}, []

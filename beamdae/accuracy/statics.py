@@ -11,7 +11,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from beamdae.accuracy.errors import FACTOR, Errors, MissingStateError, Refined, measure_errors
+from beamdae.accuracy.errors import (
+    CAUSES_AT_REST,
+    FACTOR,
+    Errors,
+    MissingStateError,
+    Refined,
+    measure_errors,
+)
 from beamdae.accuracy.refinement import Refinement, refine
 from beamdae.analysis.continuation.engine import (
     ArcLength,
@@ -160,7 +167,7 @@ def _measure(
     def repeat_values(causes: Collection[str]) -> tuple[_Repetition, Refined]:
         nonlocal sizes
         with hold_messages(), single_threaded:
-            refinement = refine(equations, causes=causes)
+            refinement = refine(equations, causes=CAUSES_AT_REST.intersection(causes))
             if not refinement.refined.causes:
                 raise BeamdaeError("no beam can be refined.")
             others = repeat(refinement)

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from beamdae.accuracy.errors import CAUSES, Errors
+from beamdae.accuracy.errors import CAUSES, CAUSES_AT_REST, Errors
 from beamdae.accuracy.refinement import refine_mechanism
 from beamdae.accuracy.runs import limit_companions
 from beamdae.beams.beam import beams_of
@@ -297,7 +297,7 @@ def _refine_beams(analysis: Analysis, model: Any) -> Any:
         If no beam can be refined, or the mesh is too fine.
     """
     start = AS_DRAWN if analysis.start is None else analysis.start
-    causes = CAUSES if analysis.method is not None else {"mesh", "theory"}
+    causes = CAUSES if analysis.method is not None else CAUSES_AT_REST
 
     def refine(mechanism: Any) -> Mechanism:
         if not isinstance(mechanism, Mechanism):

@@ -189,7 +189,7 @@ class Job:
 
         run_analysis(
             files,
-            f"{name}, {title}",
+            lambda _: f"{name}, {title}",
             analyze,
             write_tables or (lambda result: [result.to_csv(files.table)]),
             describe_result,

@@ -274,7 +274,7 @@ def continue_after_interrupt() -> Iterator[None]:
 
 def run_analysis(
     files: ResultFiles,
-    title: str,
+    title: Callable[[Any], str],
     analyze: Callable[[], Any],
     write_tables: Callable[[Any], Sequence[Path]],
     describe: Callable[[Any], Report],
@@ -292,7 +292,7 @@ def run_analysis(
     files
         Paths of the files.
     title
-        Title of page and picture.
+        Function of the result that returns the title of page and picture.
     analyze
         Function that returns the result.
     write_tables
@@ -330,13 +330,13 @@ def run_analysis(
         suffix = "" if status is None or status.success else f", ended early ({status.kind})"
         if accuracy is not None and not accuracy.success:
             suffix += ", accuracy not reached"
-        return draw(result, f"{title}{suffix}")
+        return draw(result, f"{title(result)}{suffix}")
 
     page, picture = files.page, files.picture
     with continue_after_interrupt():
         if not signals.is_terminated():
             if page is not None:
-                files.write(page.name, lambda: [write_page(result, page, title)])
+                files.write(page.name, lambda: [write_page(result, page, title(result))])
             if picture is not None:
                 files.draw(picture, draw_result)
             if further is not None:

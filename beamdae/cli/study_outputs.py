@@ -176,7 +176,7 @@ def run_and_write(
 
     run_analysis(
         written,
-        study.name,
+        lambda study: study.name,
         analyze,
         write_tables,
         describe,

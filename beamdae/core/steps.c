@@ -6,6 +6,7 @@
 #define LAST_STEP_MARGIN (1.0 - 1e-9)
 #define MAX_FRICTION_ITERATIONS 50
 #define FRICTION_TOLERANCE 1e-10
+#define MAX_FRICTION_ROUNDING 1e-6
 
 /* The next step [s]: the rest of the interval if `step` covers it, otherwise at most half of it, so
    that the last step is not much shorter than those before it. */
@@ -70,11 +71,13 @@ void evaluate_constraint_rate(MotionBuffers *x, Reals a, double interval, Reals 
     }
 }
 
-/* The equations are linear but for friction, whose forces depend on reactions. */
+/* The equations are linear but for friction, whose forces depend on reactions. The criteria are
+   those of `ConsistencySolver`: reactions may be rounding errors beside the accelerations. */
 int solve_accelerations(MotionBuffers *x, double stiffness, Reals change) {
     const int64_t n = x->n, m = x->m;
     const Reals lam = x->lam, forces = part(x->solution, 0, n), found = from(x->solution, n);
     const uint32_t *starts = x->linear.plan.matrix_starts.at, *rows = x->linear.plan.matrix_rows.at;
+    double last = INFINITY;
     for (int k = 0; k < MAX_FRICTION_ITERATIONS; k++) {
         const int code = factorize_saddle(x, x->v, lam, stiffness);
         if (code != DONE) return code;
@@ -91,12 +94,14 @@ int solve_accelerations(MotionBuffers *x, double stiffness, Reals change) {
             }
         solve(&x->linear, x->solution);
         double correction = 0.0, size = 0.0;
-        for (int64_t i = 0; i < m; i++) {
+        for (int64_t i = 0; i < m; i++)
             correction = largest_of(correction, fabs(found.at[i] - lam.at[i]));
-            size = largest_of(size, fabs(found.at[i]));
-        }
+        for (int64_t i = 0; i < n + m; i++) size = largest_of(size, fabs(x->solution.at[i]));
         copy(lam, found);
-        if (!x->has_friction || correction <= FRICTION_TOLERANCE * size) return DONE;
+        const double change = correction > 0.0 ? correction / size : 0.0;
+        const int is_rounding = last <= change && change <= MAX_FRICTION_ROUNDING;
+        if (!x->has_friction || change <= FRICTION_TOLERANCE || is_rounding) return DONE;
+        last = change;
     }
     return NOT_CONVERGED;
 }

@@ -349,7 +349,6 @@ def _make_solver(plan: EliminationPlan, dtype: type) -> LinearSolver:
     """Return a solver with these pivots."""
     solver = LinearSolver.empty(dtype)
     solver.set_plan(plan)
-    solver.is_untried = 0
     return solver
 
 

@@ -43,7 +43,7 @@ def activate(*parts: Part, as_is: bool = False) -> Switch:
         If there is no argument or an argument is not a part, `as_is` is not a bool, or `as_is` is
         True and a part has no gap.
     """
-    names = _part_names("activate", parts)
+    names = name_parts("activate", parts)
     if require_choice("activate", "as_is", as_is, (True, False)):
         for part in parts:
             if not isinstance(part, KinematicConstraint) or part.gap is None or part.coordinates:
@@ -73,7 +73,7 @@ def deactivate(*parts: Part) -> Switch:
     BeamdaeError
         If there is no argument, or an argument is not a part.
     """
-    return Switch(off=_part_names("deactivate", parts), parts=parts)
+    return Switch(off=name_parts("deactivate", parts), parts=parts)
 
 
 def change_law(driver: Driver | TranslationalDriver, law: Any) -> Switch:
@@ -177,7 +177,8 @@ def impact(on: Joint | Quantity, restitution: float = 1.0) -> Impact:
     return Impact(on, restitution)
 
 
-def _part_names(call: str, parts: tuple[Any, ...]) -> tuple[str, ...]:
+def name_parts(call: str, parts: tuple[Any, ...]) -> tuple[str, ...]:
+    """Return the names of joints and forces, the arguments of `call`."""
     if not parts:
         raise BeamdaeError(f"{call}: expected joints and forces, got none; pass at least one part.")
     for part in parts:

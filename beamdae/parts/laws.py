@@ -157,8 +157,8 @@ class Law:
         breakpoints = sorted({time for law in laws for time in law.breakpoints})
         pairs = [tuple(x._piece_at(t) for x in laws) for t in (-math.inf, *breakpoints)]
         # Equal pairs have one sum, so that the pieces of tables remain one function.
-        sums = {pair: _add_pieces(*pair) for pair in pairs}
-        pieces = tuple(sums[pair] for pair in pairs)
+        sums = {_identify(*pair): _add_pieces(*pair) for pair in pairs}
+        pieces = tuple(sums[_identify(*pair)] for pair in pairs)
         scales = [law.time_scale for law in laws if law.time_scale is not None]
         ranges = self.ranges + laws[1].ranges
         return Law(pieces, tuple(breakpoints), min(scales, default=None), ranges)
@@ -296,6 +296,11 @@ class _ShiftedKind:
         return self.kind(t - numbers[0], numbers[1:])
 
 
+def _identify(*pieces: Any) -> tuple[int, ...]:
+    """Return a key of pieces, which may be objects without a hash."""
+    return tuple(map(id, pieces))
+
+
 def shift_law(law: Law, since: float) -> Law:
     """Return the law whose value at t is the value of `law` at t - `since` [s]."""
 
@@ -304,8 +309,8 @@ def shift_law(law: Law, since: float) -> Law:
             return Formula(_ShiftedKind(piece.kind), (since, *piece.numbers))
         return lambda t: piece(t - since)
 
-    shifted = {piece: shift_piece(piece) for piece in law.pieces}
-    pieces = tuple(shifted[piece] for piece in law.pieces)
+    shifted = {_identify(piece): shift_piece(piece) for piece in law.pieces}
+    pieces = tuple(shifted[_identify(piece)] for piece in law.pieces)
     ranges = tuple(
         x._replace(offset=x.offset - x.rate * since, since=x.since + since, until=x.until + since)
         for x in law.ranges
@@ -351,7 +356,7 @@ def as_law(part: str, value: Any, start: float = 0.0) -> Law:
         initial_value = law.at(start)
     else:
         time = SX.sym("t", 2)
-        for piece in dict.fromkeys(law.pieces):
+        for piece in {_identify(x): x for x in law.pieces}.values():
             _require_formula_in_time(part, piece, time[0], start)
         function = ca.Function("law", [time], [with_references(law(time))])
         if law is not value:

@@ -291,7 +291,13 @@ class Mechanism(HasOrigin):
         self.inputs[name] = value
         return value
 
-    def sensor(self, name: str, what: Quantity, column: str | None = None) -> Sensor:
+    def sensor(
+        self,
+        name: str,
+        what: Attachment | Quantity | SX,
+        column: str | None = None,
+        unit: str | None = None,
+    ) -> Sensor:
         """Add a sensor and return it: a measured value that laws and formulas can contain.
 
         The value is that of the quantity at the same time, without delay. It is observed under its
@@ -302,11 +308,13 @@ class Mechanism(HasOrigin):
         name
             Unique name.
         what
-            Quantity such as `spring.elongation` or `beam.strain(s=0.1, offset=0.01)`, or an
-            attachment; not a reaction.
+            Quantity such as `spring.elongation` or `beam.strain(s=0.1, offset=0.01)`, an
+            attachment, or a formula of inputs, sensors and states; not a reaction.
         column
             Name of the column of the quantity, such as "angle" of an attachment. May be omitted if
             there is only one column.
+        unit
+            Unit of a formula, see `observe`.
 
         Returns
         -------
@@ -316,12 +324,12 @@ class Mechanism(HasOrigin):
         Raises
         ------
         BeamdaeError
-            If the name is invalid or in use, `what` is neither an attachment nor a quantity or is a
-            reaction, or there is no such column.
+            If the name or the unit is invalid or the name is in use, `what` has none of these types
+            or is a reaction, or there is no such column.
         """
         name = require_name("Mechanism.sensor", name)
         self._require_free(name)
-        quantity = as_quantity(name, what)
+        quantity = as_quantity(name, what, unit)
         names = [x.name for x in quantity.columns]
         header = names[0] if column is None and len(names) == 1 else as_text(column)
         if header not in names:
@@ -557,9 +565,10 @@ class Mechanism(HasOrigin):
             If there is no argument, or an argument is not a part of this mechanism.
         """
         # Imported here: most mechanisms have no events, whose module imports all joints.
-        from beamdae.parts.event_actions import deactivate
+        from beamdae.parts.event_actions import name_parts
 
-        for part in deactivate(*parts).parts:
+        name_parts("Mechanism.deactivate", parts)
+        for part in parts:
             self._require_member("Mechanism.deactivate", part)
             self.inactive.add(part.name)
 

@@ -8,7 +8,7 @@ also those on the ground, which has no coordinates.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -18,8 +18,15 @@ import numpy as np
 from beamdae.errors import require_choice
 from beamdae.parts.attachments import Attachment, rotate
 from beamdae.parts.part import Part
-from beamdae.symbolic.formula import FormulaExpression, build_formula_kernel
-from beamdae.symbolic.statements import SX, Local, Piece, Quantity, Variable
+from beamdae.symbolic.formula import build_formula_kernel
+from beamdae.symbolic.statements import (
+    SX,
+    Local,
+    Piece,
+    Quantity,
+    Variable,
+    formula_quantity,
+)
 
 FORCE = (Variable("Fx", "N"), Variable("Fy", "N"))
 MOMENT = Variable("M", "N m")
@@ -84,10 +91,11 @@ def observe_points(
     """
     formula = PointFormula(tuple(point.size for point in points), build)
     places = [point.checked_kinematics for point in points]
-    values, data = FormulaExpression.of(formula, [*places, *functions])
-    expression = values if is_shared else lambda local: values(local)
-    pieces = tuple(point.piece for point in points)
-    return Quantity(tuple(columns), pieces, expression, data, **source)
+    pieces = [point.piece for point in points]
+    quantity = formula_quantity(columns, pieces, formula, [*places, *functions], **source)
+    if is_shared:
+        return quantity
+    return replace(quantity, expression=lambda local: quantity.expression(local))
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from datetime import datetime
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from beamdae.equations.measures import TIME
 from beamdae.report.page.page_content import Content
@@ -16,9 +16,6 @@ from beamdae.report.terminal.text_tables import format_number, range_rows, run_f
 from beamdae.results.columns import observed_columns
 from beamdae.results.outcome import accuracy_of
 from beamdae.results.solution import Solution
-
-if TYPE_CHECKING:
-    pass
 
 _ID = "run"  # id of the case of the run and of its group
 _HASH_DIGITS = 12  # displayed digits of the equation hash, enough to distinguish runs

@@ -38,7 +38,7 @@ from beamdae.results.storage.files import write_result
 from beamdae.results.time_series import TimeSeries
 from beamdae.results.trajectory import Instant, Trajectory
 from beamdae.symbolic.signal_pickling import pickle_with_signals
-from beamdae.symbolic.statements import Quantity
+from beamdae.symbolic.statements import SX, Quantity
 
 # Imported by the methods that need them: importing pandas takes as long as a short run.
 if TYPE_CHECKING:
@@ -198,21 +198,23 @@ class Solution(RunData, TimeSeries, HasPage):
         rows = np.hstack([self.t[:, None], self.q, self.v, self.lam])
         return dict(zip(coordinate_headers(self.equations), rows.T, strict=True))
 
-    def observe(self, name: str, what: Attachment | Quantity) -> Solution:
+    def observe(
+        self, name: str, what: Attachment | Quantity | SX, unit: str | None = None
+    ) -> Solution:
         """Return the solution with an additional observable, without integrating again.
 
         Parameters
         ----------
-        name, what
+        name, what, unit
             See `Mechanism.observe`.
 
         Raises
         ------
         BeamdaeError
-            If the name is invalid or a column of this name exists, the attachment or quantity does
-            not belong to the mechanism, or the solution has no mechanism.
+            If the name or the unit is invalid, a column of this name exists, `what` does not belong
+            to the mechanism, or the solution has no mechanism.
         """
-        return replace(self, equations=add_observable(self.equations, name, what))
+        return replace(self, equations=add_observable(self.equations, name, what, unit))
 
     def sensitivity(self, column: str, parameter: str) -> pd.Series:
         """Return the derivative of a column with respect to a parameter, over time.

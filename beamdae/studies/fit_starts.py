@@ -18,11 +18,12 @@ from beamdae.studies.case import Case
 from beamdae.studies.execution.executors import SerialPool, create_executor
 from beamdae.studies.execution.study_run import StudyResults, run_study
 from beamdae.studies.run_values import format_output_column
+from beamdae.studies.store.fingerprints import FingerprintError, digest
 from beamdae.studies.sweeps.sweep import Sweep, require_folder
 
 Array = np.ndarray
 
-_OUTPUT = "search"
+_OUTPUT = "end of the search"  # no name of a parameter
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +42,8 @@ class StartSearch:
     def __call__(self, model: Model) -> str:
         """Return the end of the search as JSON."""
         values = tuple(model.parameters[name] for name in self.problem.names)
-        first = self.scaling.variables(np.array([*values, *self.shifts.get(values, ())]))
+        shifts = self.shifts[values] if self.shifts else ()
+        first = self.scaling.variables(np.array([*values, *shifts]))
         result = search(self.problem, self.scaling, first, self.max_evaluations)
         return json.dumps(
             {
@@ -90,6 +92,13 @@ def run_starts(
     }
     count = len(problem.names)
     shifts = {tuple(x[:count].tolist()): x[count:] for x in starts if len(x) > count}
+    try:
+        digest([problem, scaling, max_evaluations])
+    except FingerprintError as failure:
+        raise BeamdaeError(
+            "fit: several starts need arguments that another process can reproduce, but "
+            f"{failure.location} has the type {failure.kind}; create it inside the model."
+        ) from None
     study = Sweep(
         f"{problem.model.name}_fit",
         tuple(Case(problem.model, changed | x, problem.integrator) for x in settings),

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from beamdae.errors import BeamdaeError
+from beamdae.errors import BeamdaeError, short_repr
 from beamdae.symbolic.local_symbols import SX
 
 # NumPy calls these methods of the entries of an array.
@@ -58,7 +58,8 @@ class Scalar:
         if any(isinstance(x, np.ndarray) and x.ndim for x in inputs):
             by_entry = np.frompyfunc(lambda *entries: ufunc(*entries), ufunc.nin, ufunc.nout)
             return by_entry(*map(_as_array, inputs))
-        return _call_numpy(getattr(ufunc, method), inputs, options)
+        function = ufunc if method == "__call__" else getattr(ufunc, method)
+        return _call_numpy(function, inputs, options)
 
     def __array_function__(self, function: Any, types: Any, inputs: Any, options: Any) -> Any:
         return _call_numpy(function, inputs, options)
@@ -134,7 +135,14 @@ def _call_numpy(function: Any, inputs: Any, options: Any) -> Any:
         # CasADi 3.8 warns that NumPy functions of its symbols will change. Those of scalars stay
         # the same.
         warnings.simplefilter("ignore", FutureWarning)
-        return as_scalar(function(*map(_as_plain, inputs), **options))
+        try:
+            return as_scalar(function(*map(_as_plain, inputs), **options))
+        except TypeError:
+            others = ", ".join(short_repr(x) for x in inputs if not isinstance(x, Scalar))
+            raise FormulaError(
+                "with NumPy functions of signals and numbers, which do not include "
+                f"{function.__name__} of {others or 'signals'}"
+            ) from None
 
 
 def _as_plain(value: Any) -> Any:
@@ -154,7 +162,7 @@ def _as_array(value: Any) -> Any:
 def _define_methods() -> None:
     for name in _METHODS:
         method = getattr(SX, name)
-        setattr(ScalarExpression, name, lambda *x, f=method: as_scalar(f(*x)))
+        setattr(Scalar, name, lambda *x, f=method: as_scalar(f(*map(_as_plain, x))))
 
 
 _define_methods()

@@ -234,3 +234,21 @@ def test_limits_hold_with_frequent_samples(options, reason):
     stopped = bd.simulate(mech, bd.Radau(), 1.0, progress=lambda t: "enough" if t > 0.3 else None)
     assert stopped.status.sentence.endswith("enough")
     assert 0.3 < stopped.trajectory.end < 0.4
+
+
+@pytest.mark.parametrize("angle", [1.0, 2.2])
+def test_jumps_of_inputs_do_not_restart_runs_with_friction_without_reactions(angle):
+    """Reactions of rounding errors beside accelerations of 1 m/s^2 counted as not converged."""
+    mech, direction = bd.Mechanism(), np.array([np.cos(angle), np.sin(angle)])
+    slider = mech.add(bd.RigidBody("slider", mass=1.0, inertia=0.1))
+    center = slider.at(0.0, 0.0)
+    guide = bd.Prismatic("guide", mech.ground.at(0.0, 0.0), center, direction=tuple(direction))
+    mech.add(bd.Friction("friction", mech.add(guide), 0.3, 0.01, radius=0.05))
+    force = mech.input("force", unit="N")
+    mech.add(bd.Force("push", center, tuple(force * direction)))
+    travel = mech.sensor("travel", center, "x")
+    law = lambda sample: np.sin(20.0 * sample.t)  # noqa: E731
+    mech.add(bd.Controller("servo", 0.01, [travel], [force], law))
+    run = bd.simulate(mech, bd.Radau(1e-4), t_end=1.5)
+    assert run.status.success
+    assert len(run.trajectory.intervals) == 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cache
 
 import casadi as ca
@@ -163,3 +164,20 @@ def test_time_scales():
 def test_numbers_and_numpy_formulas_are_laws(law, t, expected):
     expected_value = float(law(t)) if expected is None else expected
     assert_allclose(value(law, t), expected_value, rtol=1e-15)
+
+
+def test_laws_are_objects_without_a_hash():
+    @dataclass
+    class Ramp:
+        rate: float
+
+        def __call__(self, t):
+            return self.rate * t
+
+    mech = bd.Mechanism()
+    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0)))
+    mech.add(bd.Force("push", ball.point, (Ramp(2.0), bd.piecewise((1.0, 0.0), 3.0) + Ramp(3.0))))
+    mech.observe("ball", ball.point)
+    run = bd.simulate(mech, bd.Radau(1e-8), t_end=2.0)
+    assert_allclose(run["ball.x"].iloc[-1], 2.0 * 2.0**3 / 6.0, rtol=1e-6)
+    assert_allclose(run["ball.y"].iloc[-1], 3.0 * 2.0**3 / 6.0 + 1.5, rtol=1e-6)

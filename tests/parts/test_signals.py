@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 import beamdae as bd
 
@@ -262,3 +263,21 @@ def test_regression_sensors_of_reactions_name_the_work_of_drivers():
         bd.BeamdaeError, match=r"reaction of a joint.*energy\.work_of_drivers \[J\]"
     ):
         mech.sensor("power", motor.drive, "power")
+
+
+def test_functions_of_arrays_of_signals_are_formulas():
+    mech = bd.Mechanism()
+    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0), velocity=(3.0, 4.0)))
+    v = np.array([mech.sensor(x, ball.point, x) for x in ("x_dot", "y_dot")])
+    mech.observe("speed", np.sqrt(v @ v), unit="m/s")
+    mech.observe("roots", np.sqrt(v)[1])
+    mech.state("lag", lambda lag, t: np.sin(np.array([lag, 2.0 * lag]))[0], start=0.5)
+    run = bd.simulate(mech, bd.Radau(1e-6), t_end=0.1)
+    seen = run.observe("twice", 2.0 * v[0], unit="m/s")
+    assert_allclose([run[x].iloc[-1] for x in ("speed", "roots")], [5.0, 2.0], rtol=1e-12)
+    assert_allclose(seen["twice [m/s]"].iloc[-1], 6.0, rtol=1e-12)
+    # tan(x / 2) grows by e^t.
+    expected = 2.0 * np.arctan(np.tan(0.25) * np.exp(0.1))
+    assert_allclose(run["lag"].iloc[-1], expected, rtol=1e-6)
+    with pytest.raises(bd.BeamdaeError, match=r"numbers, which do not include add of None\.$"):
+        v[0] + None

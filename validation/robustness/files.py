@@ -210,7 +210,6 @@ def change_csv(text: str, rng: random.Random) -> str:
 # Examples -------------------------------------------------------------------------------------
 
 _T_END = 0.4  # s
-_LATER = 0.5  # s, end of resumed runs
 _METHOD = bd.Radau(1e-4)
 
 

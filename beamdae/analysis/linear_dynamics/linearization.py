@@ -116,7 +116,7 @@ class Linearization:
     zero_square: float = 0.0
     tangent_at: TangentFunction | None = field(default=None, compare=False, repr=False)
     rotation: Rotation | None = None
-    companions: dict[tuple[str, ...], Any] = field(default_factory=dict, compare=False, repr=False)
+    companions: dict[frozenset[str], Any] = field(default_factory=dict, compare=False, repr=False)
 
     @cached_property
     def linearized_equations(self) -> LinearizedEquations:

@@ -196,7 +196,9 @@ def run_command(
         merged = merge_columns(columns, solution.coordinate_columns())
         return create_figure({"run": merged}, charts[1], list(columns), title)
 
-    title = f"{job.model.name}, {method.label}"
+    def title(solution: Solution) -> str:
+        return f"{job.model.name}, {solution.label}"
+
     run_analysis(files, title, analyze, write_tables, describe, write_page, draw)
 
 

@@ -177,9 +177,11 @@ def compile_quantities(
 
 
 def add_observable(
-    e: EquationsOfMotion, name: str, what: Attachment | Quantity
+    e: EquationsOfMotion, name: str, what: Attachment | Quantity | SX, unit: str | None = None
 ) -> EquationsOfMotion:
     """Return the equations of motion of a mechanism with one more observable.
+
+    See `Mechanism.observe` for `what` and `unit`.
 
     Raises
     ------
@@ -193,7 +195,7 @@ def add_observable(
             f"{name}: the run has no mechanism; for a ConstrainedSystem, define the column with "
             "its parameter observe."
         )
-    quantity, coordinate_map = as_quantity(name, what), map_coordinates(mechanism)
+    quantity, coordinate_map = as_quantity(name, what, unit), map_coordinates(mechanism)
     for piece in quantity.pieces:
         if id(piece.owner) not in coordinate_map.sizes:
             raise BeamdaeError(

@@ -17,6 +17,7 @@ from beamdae.parts.forces.force_element import (
     LinearLaw,
     UserLaw,
 )
+from beamdae.parts.point_parts import LOAD
 from beamdae.symbolic.statements import SX, Quantity, Variable
 
 # Typical deformation at which a user's energy and law are compared [m] or [rad].
@@ -99,7 +100,7 @@ class Bushing(ForceElement):
     law: Callable[..., Any] | None = None
     energy: Callable[..., Any] | None = None
 
-    _force_columns = (Variable("Fx", "N"), Variable("Fy", "N"), Variable("M", "N m"))
+    _force_columns = LOAD
 
     def __post_init__(self) -> None:
         super().__post_init__()

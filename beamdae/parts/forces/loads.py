@@ -19,7 +19,7 @@ from beamdae.parts.attachments import (
 )
 from beamdae.parts.forces.point_force import ForceFormula, PointForce
 from beamdae.parts.laws import Law, as_law
-from beamdae.parts.point_parts import PlacedPoint
+from beamdae.parts.point_parts import FORCE, MOMENT, PlacedPoint
 from beamdae.symbolic.statements import SX, ForceKernel, Local, Variable
 
 
@@ -114,7 +114,7 @@ class Force(_Load):
     @property
     def inputs(self) -> tuple[Variable, ...]:
         """Names and units of both components."""
-        return (Variable("Fx", "N"), Variable("Fy", "N"))
+        return FORCE
 
     @property
     def points(self) -> dict[str, Attachment]:
@@ -189,7 +189,7 @@ class Moment(_Load):
     @property
     def inputs(self) -> tuple[Variable, ...]:
         """Name and unit of the moment."""
-        return (Variable("M", "N m"),)
+        return (MOMENT,)
 
     @property
     def _observed_points(self) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""Files of results: CSV tables with JSON metadata, saved runs and checkpoints.
+"""Files of results: CSV tables with JSON metadata, and saved runs.
 
 May import: results, but results.solution only in `saved_run` and inside functions; equations
 and the layers below.
