@@ -176,7 +176,7 @@ def run_and_write(
 
     run_analysis(
         written,
-        lambda study: study.name,
+        lambda _: study.name,
         analyze,
         write_tables,
         describe,
