@@ -21,17 +21,19 @@ import scipy.sparse as sp
 from scipy.linalg.lapack import dpstrf
 from scipy.sparse.linalg import splu
 
-from beamdae.equations.equations_of_motion import State
 from beamdae.equations.formulations.compliant_equations import (
     CompliantEquations,
     introduce_resultants,
 )
-from beamdae.equations.formulations.tangents import Tangent, compute_tangent
+from beamdae.equations.formulations.sums import InputLayout, add_saddle_point, create_matrix_sum
 from beamdae.equations.starts.dependent_constraints import require_independent_constraints
 from beamdae.equations.starts.rigid_motions import DisplacementMeasure
 from beamdae.equations.starts.state_evaluator import StateEvaluator
+from beamdae.equations.structure import Structure, cache_on_owner
 from beamdae.errors import BeamdaeError
-from beamdae.symbolic.sparse_operators import build_selection
+from beamdae.symbolic.force_kernel import DAMPING, MASS, STIFFNESS
+from beamdae.symbolic.sums.kernel_sums import SumPlan, set_matrix_factors, set_time
+from beamdae.symbolic.sums.sum_evaluator import SumEvaluator
 
 Array = np.ndarray
 
@@ -110,8 +112,27 @@ def closing_matrix(evaluator: StateEvaluator, time: Array, q: Array) -> sp.csc_a
 
     Rows and columns are those of the coordinates, (n,), of the joints, (m,), and of stiff parts.
     """
-    path = _Path(evaluator, time, q, np.zeros(0, int), np.zeros(0))
-    return path.matrix(path.tangent(path.begin))
+    path = _Path(evaluator, time, q, evaluator.equations.states, q[evaluator.equations.states])
+    return path.matrix(path.begin)
+
+
+@cache_on_owner
+def _plan_matrix(
+    structure: Structure, joint_count: int, held: tuple[int, ...]
+) -> tuple[sp.csc_array, SumPlan]:
+    """Return the pattern and plan of `_Path.matrix`, with inputs (q, 0, lam)."""
+    n, m, total = structure.n, structure.m, create_matrix_sum()
+    layout = InputLayout(q=0, v=n, a=n, lam=2 * n)
+    # As in the Jacobians of Radau, so that both use the same kernels.
+    sums = ((STIFFNESS,), (DAMPING,), (MASS,))
+    add_saddle_point(total, structure, layout, sums, with_reaction_stiffness=True)
+    first = n + joint_count
+    total.add_diagonal(m - joint_count, (first, first), None, -1.0)
+    for row, column in enumerate(held, n + m):
+        total.add_diagonal(1, (row, column), None, 1.0)
+        total.add_diagonal(1, (column, row), None, 1.0)
+    size = n + m + len(held)
+    return total.matrix((size, size))
 
 
 def close_joints(
@@ -142,7 +163,8 @@ def close_joints(
     targets = q.copy()
     targets[selected] = values
     leading = select_independent(evaluator, time, q, None, selected)
-    path = _Path(evaluator, time, q, leading, targets[leading])
+    held = np.append(leading, np.setdiff1d(evaluator.equations.states, leading))
+    path = _Path(evaluator, time, q, held, targets[held])
     closed_q, remaining = path.follow()
     if remaining:
         raise _describe_failure(path, selected, values, closed_q, remaining)
@@ -172,7 +194,7 @@ def _describe_failure(
             f"a gap of {remaining * gap:.6g} (m or rad) remains of {gap:.6g}; check the dimensions "
             "of the parts and the start values."
         )
-    k = path.selected[worst - e.m]
+    k = path.held[worst - e.m]
     reason = f"{e.q_names[k]} can be led only to {q[k]:.6g} on the branch of the drawing"
     return _create_start_error(path.evaluator, selected, values, reason)
 
@@ -189,16 +211,16 @@ def _create_start_error(
 
 
 class _Point(NamedTuple):
-    """Positions (n,), forces of joints and of stiff parts, and forces on requested coordinates."""
+    """Positions (n,), forces of joints and of stiff parts, and forces on held coordinates."""
 
     q: Array
     lam: Array
-    requested: Array
+    holding: Array
 
 
 @dataclass(frozen=True)
 class _Path:
-    """Path on which the gaps of the joints and of selected coordinates shrink in proportion.
+    """Path on which the gaps of the joints and of held coordinates shrink in proportion.
 
     Attributes
     ----------
@@ -207,14 +229,15 @@ class _Path:
     drawn
         Positions (n,) at which the path begins, and whose forces F (elastic forces, weight and
         loads) are subtracted in the strain energy.
-    selected, values
-        Indices of independent coordinates and their values at the end.
+    held, values
+        Indices of independent coordinates, with all first-order states, and their values at the
+        end.
     """
 
     evaluator: StateEvaluator
     time: Array
     drawn: Array
-    selected: Array
+    held: Array
     values: Array
 
     @cached_property
@@ -224,7 +247,7 @@ class _Path:
     @cached_property
     def scales(self) -> Array:
         e = self.evaluator.equations
-        return np.concatenate([e.constraint_scales, e.position_scales[self.selected]])
+        return np.concatenate([e.constraint_scales, e.position_scales[self.held]])
 
     @cached_property
     def drawn_gaps(self) -> Array:
@@ -265,30 +288,31 @@ class _Path:
         return introduce_resultants(self.evaluator.equations)
 
     @cached_property
+    def _mixed(self) -> StateEvaluator:
+        """Evaluator of the equations with the forces of stiff parts as unknowns."""
+        return StateEvaluator(self._form.equations)
+
+    @cached_property
     def begin(self) -> _Point:
         """The drawing, with the forces of its strains."""
-        point = _Point(self.drawn, np.zeros(self._form.equations.m), np.zeros(len(self.selected)))
-        return point._replace(lam=self._strain_errors(point, self.tangent(point)))
-
-    def _strain_errors(self, point: _Point, tangent: Tangent) -> Array:
-        """Return the forces of stiff parts due to their strains, less those of the point, (m,)."""
-        errors = tangent.residual[len(point.q) :] - point.lam
-        errors[: self._form.joint_count] = 0.0
-        return errors
+        none = _Point(self.drawn, np.zeros(self._form.equations.m), np.zeros(len(self.held)))
+        return none._replace(lam=self._unbalance(none)[1])
 
     @cached_property
     def _drawn_force(self) -> Array:
-        return self.tangent(self.begin).residual[: len(self.drawn)]
+        return self._unbalance(self.begin)[0]
 
-    def tangent(self, point: _Point) -> Tangent:
-        """Return the tangent of the equations with the forces of stiff parts as unknowns."""
-        rest = np.zeros(len(point.q))
-        state = State(point.q, rest, rest, point.lam)
-        return compute_tangent(self._form.equations, self.time, state)
+    def _unbalance(self, point: _Point) -> tuple[Array, Array]:
+        """Return F + R^T lam, (n,), and the strains of stiff parts less their forces, (m,)."""
+        force, (strains, *_) = self._mixed.balance(self.time, point.q, None, None, point.lam)
+        force[self.held] += point.holding
+        errors = strains - point.lam
+        errors[: self._form.joint_count] = 0.0
+        return force, errors
 
     def _gaps(self, q: Array) -> Array:
         joint_gaps = self.evaluator.position_gaps(self.time, q)
-        return np.concatenate([joint_gaps, q[self.selected] - self.values])
+        return np.concatenate([joint_gaps, q[self.held] - self.values])
 
     def _size(self, gaps: Array) -> float:
         return float(np.max(np.abs(gaps) / self.scales, initial=0.0))
@@ -333,47 +357,37 @@ class _Path:
 
         R are the derivatives of the gaps. First-order states that are not selected do not change.
         """
-        tangent, n, joints = self.tangent(point), len(point.q), self._form.joint_count
-        force = self._drawn_force - tangent.residual[:n]
-        force[self.selected] -= point.requested
-        errors = self._strain_errors(point, tangent)
-        errors[:joints] = gaps[:joints]
-        right = np.concatenate([self._moving * force, -errors, -gaps[joints:]])
-        solution = splu(self.matrix(tangent)).solve(right)
-        return _Point(*np.split(solution, [n, n + len(errors)]))
-
-    def matrix(self, tangent: Tangent) -> sp.csc_array:
-        """Return [[M / T^2 + K, R^T], [R, -D]], where D is one for stiff parts, otherwise zero."""
-        weight = sp.diags_array(1.0 - self._moving)
-        weight += self._restrict(tangent.stiffness + self._inertia_factor * tangent.mass)
-        gradients = tangent.position_jacobian + tangent.velocity_jacobian
-        rows = sp.vstack([gradients, build_selection(self.selected, len(self.drawn))])
-        compliance = np.zeros(rows.shape[0])
-        compliance[self._form.joint_count : self._form.equations.m] = -1.0
-        return sp.csc_array(sp.block_array([[weight, rows.T], [rows, sp.diags_array(compliance)]]))
+        (force, errors), joints = self._unbalance(point), self._form.joint_count
+        right = [self._drawn_force - force, -gaps[:joints], -errors[joints:], -gaps[joints:]]
+        solution = splu(self.matrix(point)).solve(np.concatenate(right))
+        return _Point(*np.split(solution, np.cumsum([len(force), len(errors)])))
 
     @cached_property
-    def _moving(self) -> Array:
-        e = self.evaluator.equations
-        return e.without_states(np.ones(e.n))
+    def _plan(self) -> tuple[sp.csc_array, SumEvaluator]:
+        e = self._form.equations
+        pattern, plan = _plan_matrix(e.structure, self._form.joint_count, tuple(self.held.tolist()))
+        return pattern, SumEvaluator(plan, e.p)
 
-    def _restrict(self, matrix: sp.csc_array) -> sp.csc_array:
-        """Return a matrix without rows and columns of first-order states."""
-        moving = sp.diags_array(self._moving)
-        return moving @ matrix @ moving
+    def matrix(self, point: _Point) -> sp.csc_array:
+        """Return [[M / T^2 + K, R^T], [R, -D]], where D is one for stiff parts, otherwise zero."""
+        return self._matrix(point, 1.0, self._inertia_factor)
+
+    def _matrix(self, point: _Point, stiffness: float, inertia: float) -> sp.csc_array:
+        pattern, total = self._plan
+        set_matrix_factors(total, stiffness, 0.0, inertia, 1.0, 1.0, 1.0)
+        set_time(total, *self.time)
+        values = total(np.concatenate([point.q, np.zeros(len(point.q)), point.lam]), pattern.nnz)
+        return sp.csc_array((values, pattern.indices, pattern.indptr), pattern.shape)
 
     @cached_property
     def _inertia_factor(self) -> float:
         """The 1 / T^2 of `matrix`; 1 without stiffness."""
-        tangent = self.tangent(self.begin)
-        scale = sp.diags_array(self.evaluator.equations.position_scales)
-        inertia, stiffness = (
-            _largest_entry(scale @ self._restrict(x) @ scale)
-            for x in (tangent.mass, tangent.stiffness)
+        e = self.evaluator.equations
+        squares = e.without_states(e.position_scales**2)
+        elastic, inertial = (self._matrix(self.begin, *x) for x in ((1.0, 0.0), (0.0, 1.0)))
+        stiffness, inertia = (
+            np.max(squares * np.abs(x.diagonal()[: e.n])) for x in (elastic, inertial)
         )
-        strains = tangent.position_jacobian[self._form.joint_count :] @ scale
-        return _INERTIA_SHARE * (stiffness or _largest_entry(strains) ** 2) / inertia or 1.0
-
-
-def _largest_entry(matrix: sp.sparray) -> float:
-    return float(np.max(np.abs(matrix.data), initial=0.0))
+        stiff = slice(e.n + e.m, e.n + self._form.equations.m)
+        strains = np.max(elastic.power(2)[stiff, : e.n] @ squares, initial=0.0)
+        return float(_INERTIA_SHARE * (stiffness or strains) / inertia) or 1.0
