@@ -179,6 +179,7 @@ def describe_run(
     from beamdae.report.descriptions import Description
     from beamdae.report.terminal.text_tables import column_extremes, range_rows, run_facts
     from beamdae.results.columns import remove_unit
+    from beamdae.results.outcome import REACHED_END
     from beamdae.results.storage.files import write_metadata
 
     required = _required_accuracy(solution, job.accuracy["accuracy"])
@@ -210,12 +211,14 @@ def describe_run(
         return data | required | ({"data": comparisons} if comparisons else {})
 
     statistics = solution.statistics
+    # The sentences of other ends contain their time.
+    end = f"t = {solution.trajectory.end:.6g} s, " if solution.status == REACHED_END else ""
     return Report(
         job.model.name,
         Description(facts, tables, create_data, details),
         solution.status,
         warnings,
-        f"t = {solution.trajectory.end:.6g} s, {format_count(statistics.steps, 'step')} of "
+        f"{end}{format_count(statistics.steps, 'step')} of "
         f"{solution.integrator.get('method', solution.label)} in "
         f"{statistics.setup_time + statistics.wall_time:.2g} s",
         "--json",

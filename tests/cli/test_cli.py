@@ -145,6 +145,16 @@ def test_run_writes_table_settings_picture_and_page(command):
     assert "arm.html" in result.stdout
 
 
+def test_the_first_line_of_a_stopped_run_states_its_end_once(command):
+    """It was "stopped by event early at t = 0.01 s, t = 0.01 s, 10 steps"."""
+    source = with_line("mech.when('t', crosses=0.01, do='stop', name='early')")
+    line = command("run", source, "--no-estimate", "--no-page", "--no-picture").stdout.split("\n")[
+        0
+    ]
+    assert line.startswith("arm: stopped by event early at t = 0.01 s, ")
+    assert line.count("t = ") == 1
+
+
 @pytest.mark.slow(reason="runs a model several times")
 def test_run_resumes_from_a_checkpoint(command):
     result = command("run", ARM, "--no-estimate", "--t-end", "0.01", "--checkpoint", "at/end.json")

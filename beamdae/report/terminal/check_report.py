@@ -44,7 +44,8 @@ def describe_check(check: Any) -> dict[str, str]:
     if check.errors is not None and not check.errors.reason:
         total = dict(zip(check.errors.headers, check.errors.total.tolist(), strict=True))
         named = sorted((name for name in total if total[name] > 0.0), key=lambda x: -total[x])
-        facts["errors"] = list_first([f"{total[x]:.2g} ({x})" for x in named], _MAX_ERRORS)
+        if named:
+            facts["errors"] = list_first([f"{total[x]:.2g} ({x})" for x in named], _MAX_ERRORS)
     if check.prediction is not None:
         p = check.prediction
         facts["predicted cost"] = (
