@@ -201,12 +201,13 @@ function shareTimes(chart) {
 // Marks at the time of the motion lie above the chart, which is not drawn again.
 function markTime({ instance, spec, marks }, time) {
   const points = (motion.frames && spec.marks?.(time)) || [];
+  const axes = instance.getModel().getComponent("grid").coordinateSystem.getRect();
   const elements = points.flatMap(([x, y]) => {
-    const finder = y === null ? { xAxisIndex: 0 } : { xAxisIndex: 0, yAxisIndex: 0 };
-    const value = y === null ? fromValue(spec.x, x) : [fromValue(spec.x, x), fromValue(spec.y, y)];
-    const [left, top] = [instance.convertToPixel(finder, value)].flat();
-    if (!instance.containPixel("grid", [left, top ?? (MARGINS.top + instance.getHeight()) / 2])) return [];
-    return [html("span", { class: y === null ? "time-line" : "time-dot", style: `left: ${left}px; top: ${top ?? MARGINS.top}px` })];
+    const left = instance.convertToPixel({ xAxisIndex: 0 }, fromValue(spec.x, x));
+    const top = y === null ? axes.y : instance.convertToPixel({ yAxisIndex: 0 }, fromValue(spec.y, y));
+    if (!axes.contain(left, top)) return [];
+    const style = `left: ${left}px; top: ${top}px`;
+    return [y === null ? html("span", { class: "time-line", style: `${style}; height: ${axes.height}px` }) : html("span", { class: "time-dot", style })];
   });
   marks.replaceChildren(...elements);
 }
