@@ -72,8 +72,6 @@ from .parts.forces.force_law import ForceLaw as ForceLaw
 from .parts.forces.friction import Friction as Friction
 from .parts.forces.loads import Force as Force
 from .parts.forces.loads import Moment as Moment
-from .parts.forces.smooth import positive_part as positive_part
-from .parts.forces.smooth import smooth_sign as smooth_sign
 from .parts.forces.springs import Spring as Spring
 from .parts.forces.springs import TorsionSpring as TorsionSpring
 from .parts.forces.surfaces import CircleSurface as CircleSurface

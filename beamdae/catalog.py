@@ -167,8 +167,6 @@ GROUPS = (
         AirDrag beams.damping
         StandardLinearSolid beams.viscoelasticity
         ForceLaw parts.forces.force_law
-        positive_part parts.forces.smooth
-        smooth_sign parts.forces.smooth
         """,
     ),
     _create_group(

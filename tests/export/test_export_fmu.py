@@ -461,7 +461,7 @@ def test_regression_reactions_of_driven_mechanisms_are_resolved(tmp_path, compil
         return amplitude * (ca.cos(rate * t) - 1.0)
 
     def push(point, t):
-        return 0.0, force * (1.0 - bd.smooth_sign(point.velocity[1], speed))
+        return 0.0, force * (1.0 - np.tanh(point.velocity[1] / speed))
 
     drive = mech.add(bd.TranslationalDriver("drive", base, slide, law, direction=up))
     mech.add(bd.ForceLaw("push", slide, push))

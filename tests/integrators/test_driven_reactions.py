@@ -21,7 +21,7 @@ def build_slide(force=FORCE, speed=SPEED, law=None, scale=1.0):
     drive = mech.add(bd.TranslationalDriver("drive", base, slide.point, law, direction=(0.0, 1.0)))
 
     def push(point, t):
-        return 0.0, scale * force * (1.0 - bd.smooth_sign(point.velocity[1], speed))
+        return 0.0, scale * force * (1.0 - np.tanh(point.velocity[1] / speed))
 
     mech.add(bd.ForceLaw("push", slide.point, push))
     mech.observe("drive", drive.reaction)
