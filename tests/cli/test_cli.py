@@ -507,14 +507,3 @@ def test_a_new_model_runs_and_is_not_overwritten(tmp_path, monkeypatch):
         )
     assert_usage_error(invoke("new", "b.py", "--like", "nothing"), "there is no example 'nothing'")
     assert not Path("b.py").exists()
-
-
-@pytest.mark.parametrize(
-    ("statement", "warns"), [("unread", False), ("pass", True), ("locals()", False)]
-)
-def test_set_warns_of_parameters_that_the_model_does_not_read(command, statement, warns):
-    source = ARM.replace("def arm(", "def arm(unread=1.0, ", 1)
-    source = source.replace("    mech = ", f"    {statement}\n    mech = ", 1)
-    result = command("draw", source, "--set", "unread=3")
-    assert result.exit_code == 0, result.output
-    assert ("--set unread: arm does not read this parameter" in result.stderr) == warns
