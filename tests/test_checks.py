@@ -217,6 +217,14 @@ def test_pendulums_and_bodies_with_a_velocity_are_not_in_the_verdict(gravity, ve
     assert len(mech.check(t_end=1.0, predict=False).unheld_motions) == count
 
 
+def test_rods_of_constant_length_are_no_drivers():
+    """A stone on a rope, which its weight moves, had no load along its free motion."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    stone = mech.add(bd.PointMass("stone", 1.0, at=(1.0, 0.0)))
+    mech.add(bd.Distance("rope", mech.ground.at(0.0, 0.0), stone.point))
+    assert mech.check(t_end=1.0, predict=False).unheld_motions == ()
+
+
 def test_regression_verdicts_name_motions_that_grow_from_the_start():
     """The head of a column without its guide was listed as unstable, and ready to run."""
     mech = bd.Mechanism(gravity=(0.0, -9.81))
