@@ -187,8 +187,7 @@ def describe_run(
     if errors or sentences:
         with signals.defer_interrupts():
             write_metadata(table, solution.metadata(errors=errors, warnings=warnings) | required)
-    details = run_facts(solution)
-    facts = {topic: details.pop(topic) for topic in ("events",) if topic in details}
+    facts = {topic: x for topic, x in run_facts(solution).items() if topic == "events"}
     for name, x in comparisons.items():
         unit = split_unit(name)[1]
         rms, largest = (format_with_unit(float(f"{x[k]:.3g}"), unit) for k in ("RMS", "largest"))
@@ -215,7 +214,7 @@ def describe_run(
     end = f"t = {solution.trajectory.end:.6g} s, " if solution.status == REACHED_END else ""
     return Report(
         job.model.name,
-        Description(facts, tables, create_data, details),
+        Description(facts, tables, create_data),
         solution.status,
         warnings,
         f"{end}{format_count(statistics.steps, 'step')} of "

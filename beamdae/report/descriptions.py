@@ -42,7 +42,7 @@ class Description:
     data
         Function that returns the entries of the JSON document beside status and reason.
     details
-        Facts that are shown on request.
+        Further facts, which pages show.
     """
 
     facts: Mapping[str, str] = field(default_factory=dict)
