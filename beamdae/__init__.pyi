@@ -57,7 +57,6 @@ from .model_parameters import param as param
 from .parts.bodies.point_mass import PointMass as PointMass
 from .parts.bodies.reduced_body import ReducedBody as ReducedBody
 from .parts.bodies.rigid_body import RigidBody as RigidBody
-from .parts.control.blocks import low_pass as low_pass
 from .parts.control.blocks import pid as pid
 from .parts.control.blocks import transfer_function as transfer_function
 from .parts.control.controller import Controller as Controller

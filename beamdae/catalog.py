@@ -198,7 +198,6 @@ GROUPS = (
         results.Input parts.signals
         results.Sensor parts.signals
         results.State parts.signals
-        low_pass parts.control.blocks
         transfer_function parts.control.blocks
         pid parts.control.blocks
         Controller parts.control.controller

@@ -173,10 +173,6 @@ CALLS = {
         {"name": "x", "rate": 0.5, "start": 0.0, "unit": "m", "scale": 1.0},
     ),
     "Controller": (add_controller, {"every": 0.1, "law": failing_law, "state": [0.0], "seed": 1}),
-    "low_pass": (
-        lambda **x: bd.low_pass(**({"mechanism": bd.Mechanism()} | x)),
-        {"name": "y", "value": 1.0, "time_constant": 0.1, "start": 0.0},
-    ),
     "transfer_function": (
         lambda **x: bd.transfer_function(**({"mechanism": bd.Mechanism()} | x)),
         {"name": "y", "value": 1.0, "numerator": [1.0], "denominator": [1.0, 1.0], "scale": 1.0},

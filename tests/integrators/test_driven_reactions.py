@@ -105,7 +105,7 @@ def test_regression_reactions_of_driven_mechanisms_with_filters_are_resolved(tim
     """
     mech = build_slide()
     y = mech.sensor("y", mech.parts["slide"].point, "y")
-    bd.low_pass(mech, "filter", y, time_constant)
+    mech.state("filter", lambda x, t: (y - x) / time_constant, unit="m")
     run, found = simulate(mech, method(1e-5))
     assert run.status.kind == "ok"
     assert relative_error(run) < 1e-3
@@ -120,7 +120,7 @@ def test_regression_reactions_are_resolved_by_generalized_alpha(speed, rtol, tim
     mech = build_slide(speed=speed)
     if time_constant is not None:
         y = mech.sensor("y", mech.parts["slide"].point, "y")
-        bd.low_pass(mech, "filter", y, time_constant)
+        mech.state("filter", lambda x, t: (y - x) / time_constant, unit="m")
     run, found = simulate(mech, bd.GeneralizedAlpha(rtol=rtol))
     assert run.status.kind == "ok"
     assert relative_error(run, speed=speed) < 100.0 * rtol

@@ -93,7 +93,7 @@ def add_signals(mech, disk, beam, x):
     speed = mech.sensor("speed", place, "x_dot")
     lag = mech.state("lag", scale=0.1)
     lag.follows((speed - lag) / (0.05 * x))
-    smooth = bd.low_pass(mech, "smooth", speed, 0.03 * x)
+    smooth = mech.state("smooth", lambda y, t: (speed - y) / (0.03 * x))
     mech.add(bd.Force("jet", place, (thrust - 0.3 * lag, -2.0 * smooth)))
 
 
@@ -182,7 +182,6 @@ ENTRIES = {
     "Input": add_signals,
     "Sensor": add_signals,
     "State": add_signals,
-    "low_pass": add_signals,
     "transfer_function": add_control(
         lambda m, e, x: bd.transfer_function(m, "filter", e, [5.0 * x, 3.0], [0.01, 0.2, 1.0])
     ),
