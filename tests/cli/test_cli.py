@@ -265,8 +265,8 @@ def test_check_reports_size_and_start(command):
     assert result.exit_code == 0
     lines = [line.split("  ", 1) for line in result.stdout.splitlines() if "  " in line]
     rows = {topic.strip(): text.strip() for topic, text in lines}
-    assert rows["size"].startswith("12 coordinates, 2 constraints")
-    assert rows["mobility"].startswith("10 =")
+    assert "12 coordinates - 2 independent constraints" in rows["mobility"]
+    assert rows["mobility"].startswith("1 with rigid beams and fixed drivers; 10 = ")
     assert "as drawn" in rows["start"]
     assert "dependent constraints" not in rows, "rows without a finding are omitted"
 
