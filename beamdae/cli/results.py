@@ -94,6 +94,8 @@ class Report:
         for table in tables[: self.max_rows]:
             self._show_table(console, table)
         self._show_omission(console, len(tables), "table", self.source)
+        if current_output().verbose:
+            self._show_facts(console, self.description.details)
         if accuracy is not None and accuracy.success:
             show(console, f"accuracy reached: {name_options(accuracy.sentence)}", "dim")
         # The reason of a failure is the last line of a command.

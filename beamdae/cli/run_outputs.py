@@ -187,7 +187,8 @@ def describe_run(
     if errors or sentences:
         with signals.defer_interrupts():
             write_metadata(table, solution.metadata(errors=errors, warnings=warnings) | required)
-    facts = {topic: x for topic, x in run_facts(solution).items() if topic == "events"}
+    details = run_facts(solution)
+    facts = {topic: details.pop(topic) for topic in ("events",) if topic in details}
     for name, x in comparisons.items():
         unit = split_unit(name)[1]
         rms, largest = (format_with_unit(float(f"{x[k]:.3g}"), unit) for k in ("RMS", "largest"))
@@ -214,7 +215,7 @@ def describe_run(
     end = f"t = {solution.trajectory.end:.6g} s, " if solution.status == REACHED_END else ""
     return Report(
         job.model.name,
-        Description(facts, tables, create_data),
+        Description(facts, tables, create_data, details),
         solution.status,
         warnings,
         f"{end}{format_count(statistics.steps, 'step')} of "

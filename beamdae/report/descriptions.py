@@ -42,7 +42,7 @@ class Description:
     data
         Function that returns the entries of the JSON document beside status and reason.
     details
-        Further facts, which pages show.
+        Facts that are shown on request.
     """
 
     facts: Mapping[str, str] = field(default_factory=dict)

@@ -128,7 +128,7 @@ def test_model_error_is_one_line(command, source, arguments, words):
 
 @pytest.mark.slow(reason="half a second")
 def test_run_writes_table_settings_picture_and_page(command):
-    options = "--set", "elements=2", "--out", "there/here", "--rtol", "1e-4"
+    options = "--set", "elements=2", "--out", "there/here", "--rtol", "1e-4", "--verbose"
     result = command("run", ARM, *options)
     assert result.exit_code == 0
     assert result.stderr == ""
@@ -140,7 +140,7 @@ def test_run_writes_table_settings_picture_and_page(command):
     assert sidecar["integrator"]["rtol"] == 1e-4
     assert Path("there/here/arm.png").read_bytes().startswith(b"\x89PNG")
     assert "tip.y [m]" in Path("there/here/arm.html").read_text()
-    for word in ("reached the end", "tip.y [m]", "arm.csv"):
+    for word in ("reached the end", "error_control", "method", "drift", "tip.y [m]", "arm.csv"):
         assert word in result.stdout
     assert "arm.html" in result.stdout
 
