@@ -173,7 +173,7 @@ def _create_load(
     if load.kind == "distributed":
         return bd.DistributedForce(name, beam, similar.way(x, y, "N/m"))
     if load.kind == "moment":
-        return bd.Moment(name, at, similar.turn(x, "N m"))
+        return bd.Moment(name, at, similar.turn(y, "N m"))
     axes = "body" if load.kind == "follower" else "inertial"
     return bd.Force(name, at, similar.way(x, y, "N"), axes=axes)
 
