@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -30,12 +30,13 @@ from beamdae.analysis.sensitivities.linear_steps import Matrices, transpose_step
 from beamdae.analysis.sensitivities.many_parameters import difference_models, is_regular
 from beamdae.analysis.sensitivities.neighbors import Difference, derivative_call, equations_key
 from beamdae.analysis.sensitivities.observable_derivatives import time_derivative
+from beamdae.analysis.sensitivities.requested_start import (
+    assemble_neighbors,
+    differentiate_start,
+)
 from beamdae.analysis.sensitivities.restart_times import differentiate_event_time, find_stop
 from beamdae.analysis.sensitivities.run_chain import RunDerivative, node_state
-from beamdae.analysis.sensitivities.start_derivatives import (
-    StartDerivatives,
-    start_adds_velocities,
-)
+from beamdae.analysis.sensitivities.start_derivatives import StartDerivatives
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.errors import (
     BeamdaeError,
@@ -48,10 +49,8 @@ from beamdae.interrupts import interruptible
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.memory import require_memory
 from beamdae.model_functions import Model, transform_mechanisms
-from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM
 from beamdae.read_only import read_only_data
 from beamdae.results.solution import Solution
-from beamdae.simulation import as_equations
 
 Array = np.ndarray
 
@@ -246,8 +245,6 @@ class AdjointRun(DifferentiableRun):
     """
 
     model: FlatModel
-    # Models around the values of the numbers, once they are known: they serve all objectives.
-    _differences: dict[str, Difference] = field(default_factory=dict, init=False)
 
     def __post_init__(self) -> None:
         self.require_end()
@@ -283,28 +280,15 @@ class AdjointRun(DifferentiableRun):
         e = self.solution.equations
         if e.configurations is not None or e.redundant or find_stop(self.solution) is not None:
             return None
-        time, at = node_state(self.solution.trajectory.intervals[0], 0)
-        start, equilibrium = StartDerivatives(ConsistencySolver(e)), None
-        if e.start is not None and e.start.description == EQUILIBRIUM:
-            equilibrium = start.equilibrium_map(time, at)
-        is_drawn = np.array_equal(at.q, e.q0) and not start_adds_velocities(e, time)
-        if equilibrium is None and not is_drawn:
-            return None
-        seeds, by_q, by_v = transpose_run(objective, self.solution, self.method)
-        if equilibrium is not None:
-            seeds.numbers += start.gradient(equilibrium, np.append(by_q, 0.0 * at.lam))[1]
-            by_q, by_v = np.zeros_like(by_q), np.zeros_like(by_v)
-        if not self._differences:
-            # The equilibrium of neighboring models is not needed if its adjoint is known.
-            request = self.settings["start"] if equilibrium is None else AS_DRAWN
-            assemble = partial(as_equations, derivative_call(), start=request)
-            base = e if equilibrium is None else assemble(self.model())
-            self._differences = difference_models(self.model, names, base, assemble)
+        if not self.neighbors:
+            assemble = assemble_neighbors(e, self.settings["start"])
+            self.neighbors |= difference_models(self.model, names, e, assemble)
+        seeds, *by_start = transpose_run(objective, self.solution, self.method)
+        first = node_state(self.solution.trajectory.intervals[0], 0)
         result = {
-            name: seeds.contract(x)
-            + float(by_q @ x.along(lambda e: e.q0) + by_v @ x.along(lambda e: e.v0))
-            for name, x in self._differences.items()
-            if is_regular(x, e)
+            name: seeds.contract(x) + float(np.hstack(by_start) @ np.hstack(start))
+            for name, x in self.neighbors.items()
+            if is_regular(x, e) and (start := differentiate_start(x, *first))
         }
         if others := [x for x in names if x not in result]:
             result |= self._contract(objective, others)[1]

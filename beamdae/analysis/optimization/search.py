@@ -143,10 +143,10 @@ class Search:
 
     def __init__(self, problem: DesignProblem, settings: SearchSettings) -> None:
         self._problem, self._settings = problem, settings
-        # Evaluated designs by the variables of the search, in their order.
-        self._known: dict[bytes, Trial] = {}
         # Variables and functions of the design with the latest gradients of the present solver.
         self._latest: tuple[Array, Linearization] | None = None
+        # Evaluated designs by the variables of the search, in their order.
+        self._known: dict[bytes, Trial] = {}
         self._minimizes_violation = False
         self._end: Trial | None = None  # design at which the present solver converged
 
@@ -165,12 +165,11 @@ class Search:
         trial = self._keep(Trial(problem.first, first.values))
         facts: dict[str, Any] = {"multipliers": np.full(len(problem.limits), np.nan)}
         try:
-            self._problem = self._problem.scaled_by(first)
+            self._problem = problem.scaled_by(first)
             self._report(trial)
-            # Errors of the first gradient concern the model rather than a design.
-            self._problem.linearize(trial.numbers, trial.values, False)
             status = self._search()
-            point = self._linearize(self._best(), False)
+            best = self._best()
+            point = self._problem.linearize(best.numbers, best.values, False)
             facts = self._judge(point)
             status = self._conclude(status, units, point, facts["residual"])
         except KeyboardInterrupt:
@@ -180,8 +179,10 @@ class Search:
         except ProgressError as failure:
             status = Status("failed", str(failure))
             facts["progress_error"] = failure.problem
-        except _SearchEndError as end:
-            status = self._conclude(end.status, units)
+        except (BeamdaeError, ArithmeticError) as failure:
+            if self._problem is problem:
+                raise  # Errors of the first gradient concern the model rather than a design.
+            status = self._conclude(Status("failed", describe_failure(failure)), units)
         trials, most = tuple(self._known.values()), self._settings.max_evaluations
         best = self._best()
         return SearchResult(
@@ -214,6 +215,8 @@ class Search:
             x = solve(smooth, settings.method, settings.tolerance, settings.max_evaluations)
         except _SearchEndError as end:
             return end.status
+        except (BeamdaeError, ArithmeticError) as failure:
+            return Status("failed", describe_failure(failure))
         self._end = self._known.get(x[: len(problem.names)].tobytes())
         return Status("ok", "the solver ended")
 
@@ -237,7 +240,8 @@ class Search:
         trial = self._known[x[: len(self._problem.names)].tobytes()]
         if trial.failure:
             raise _SearchEndError("ok", "analyses fail")
-        point = self._linearize(trial, not self._minimizes_violation)
+        is_logarithmic = not self._minimizes_violation
+        point = self._problem.linearize(trial.numbers, trial.values, is_logarithmic)
         self._latest = x[: len(self._problem.names)].copy(), point
         if np.all(point.margins >= -FEASIBILITY_TOLERANCE):
             if self._minimizes_violation or point.measure_decrease()[0] <= self._settings.tolerance:
@@ -285,12 +289,9 @@ class Search:
         Return False if these are the present ones.
         """
         problem, best, limits = self._problem, self._best(), self._problem.limits
-        try:
-            design = problem.design(best.numbers)
-            rows = zip(limits, design.values[1:].tolist(), strict=True)
-            ratios = np.array([design.maximum_ratio(limit, value) for limit, value in rows])
-        except (BeamdaeError, ArithmeticError) as failure:
-            raise _SearchEndError("failed", describe_failure(failure)) from failure
+        design = problem.design(best.numbers)
+        rows = zip(limits, design.values[1:].tolist(), strict=True)
+        ratios = np.array([design.maximum_ratio(limit, value) for limit, value in rows])
         is_off = np.abs(ratios - problem.ratios) > _RATIO_TOLERANCE * problem.ratios
         # Maxima that do not reach their limit need no further search.
         largest = np.maximum(ratios, problem.ratios) * np.abs(design.values[1:])
@@ -359,12 +360,6 @@ class Search:
             + "the search is local, start it from other values (parameters={name: value}) or "
             "increase starts="
         )
-
-    def _linearize(self, trial: Trial, is_logarithmic: bool) -> Linearization:
-        try:
-            return self._problem.linearize(trial.numbers, trial.values, is_logarithmic)
-        except (BeamdaeError, ArithmeticError) as failure:
-            raise _SearchEndError("failed", describe_failure(failure)) from failure
 
     def _keep(self, trial: Trial, x: Array | None = None) -> Trial:
         """Store a design with the variables x."""

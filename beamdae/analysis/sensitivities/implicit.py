@@ -50,6 +50,7 @@ from beamdae.analysis.continuation.engine import (
     Point,
     RefinedFactors,
     factorize_bordered,
+    prescribe_parameter,
 )
 from beamdae.analysis.eigenproblems.eigensolution import solve_eigenproblem
 from beamdae.analysis.eigenproblems.linearized_equations import (
@@ -62,7 +63,7 @@ from beamdae.analysis.sensitivities.neighbors import (
     Neighbors,
 )
 from beamdae.analysis.sensitivities.start_derivatives import plan_along
-from beamdae.analysis.statics.load_scaling import LoadedEquations
+from beamdae.analysis.statics.load_scaling import LoadedEquations, build_loading
 from beamdae.analysis.statics.static_problem import StaticProblem
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations import tangents
@@ -72,7 +73,7 @@ from beamdae.equations.formulations.static_equations import (
     plan_static_sums,
 )
 from beamdae.equations.starts.steady_rotation import rotating_state
-from beamdae.equations.structure import Structure
+from beamdae.equations.structure import Structure, cache_on_owner
 from beamdae.linear.orderings import invert_to_power_of_two
 from beamdae.parts.rotation import Rotation
 from beamdae.symbolic.sums.directional_sums import StackedSum
@@ -396,6 +397,36 @@ class RegularPoint:
             self.point.linearization.by_parameter,
         )
         return self.point.bordered(column, row.gradient[:-1], row.gradient[-1])
+
+
+@dataclass(frozen=True, eq=False)
+class UniqueEquilibrium(RegularPoint):
+    """Equilibrium under all loads at the start of a run, with a stiffness of all motions."""
+
+    system: MixedStatics
+
+    def derivative_along(self, difference: Difference) -> Array:
+        """Return the derivatives of the positions with respect to a parameter."""
+        here = self.system
+        models = [MixedStatics(_all_loads(e), self.control, here.idle) for e in difference.models]
+        forces = ParameterDirection(difference, here, models).forces(self.point)
+        return self.respond(np.append(forces, 0.0)).x[: difference.base.n]
+
+
+@cache_on_owner
+def find_unique_equilibrium(equations: EquationsOfMotion, q: bytes) -> UniqueEquilibrium | None:
+    """Return the equilibrium at positions `q`; None if it is not unique."""
+    system, control = _all_loads(equations), prescribe_parameter
+    try:
+        point = find_regular_point(StaticProblem(system), np.frombuffer(q), 1.0, control)
+        result = UniqueEquilibrium(point, control, MixedStatics(system, control))
+        return result if result._factors.is_regular else None
+    except CurveError:
+        return None
+
+
+def _all_loads(equations: EquationsOfMotion) -> LoadedEquations:
+    return build_loading(equations, equations, None, 0.0).systems[0]
 
 
 class SingularPoint:
