@@ -16,7 +16,7 @@ from beamdae.analysis.gradients.gradients import DEFAULT_METHOD, AdjointRun
 from beamdae.analysis.gradients.objectives import (
     RUN,
     AnalysisQuantity,
-    ColumnObjective,
+    Objective,
     SampleGrid,
     SmoothMaximum,
     read_column,
@@ -136,22 +136,22 @@ class RunAnalysis(Analysis):
         self._run = AdjointRun.of(model.flat, method, settings.start, t_end=settings.t_end)
         self.result = self._run.solution
 
-    def value(self, quantity: ColumnObjective) -> float:
+    def value(self, quantity: Objective) -> float:
         """See `Analysis`."""
-        return quantity.value(self.result)
+        return quantity.evaluate_run(self.result)
 
-    def maximum(self, quantity: ColumnObjective) -> float:
+    def maximum(self, quantity: Objective) -> float:
         """See `Analysis`."""
         if not isinstance(quantity, SmoothMaximum):
             return self.value(quantity)
         samples = self.result.at_times(SampleGrid.of(self.result.trajectory).t)
         return float(np.max(np.abs(read_column(samples, quantity.column)[1])))
 
-    def gradient(self, weights: Mapping[ColumnObjective, float]) -> Array:
+    def gradient(self, weights: Mapping[Objective, float]) -> Array:
         """See `Analysis`."""
         if self.result.equations.start is None:
             self._run.neighbors |= self._model.differences
-        return self._run.gradient(sum(x * w for x, w in weights.items()))[1]
+        return self._run.gradient(weights)
 
 
 class PathAnalysis(Analysis):

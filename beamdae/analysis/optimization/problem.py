@@ -12,7 +12,7 @@ import numpy as np
 
 from beamdae.analysis.gradients.flat_model import FlatModel, flatten_model
 from beamdae.analysis.gradients.gradients import DEFAULT_METHOD
-from beamdae.analysis.gradients.objectives import AnalysisQuantity, ColumnObjective, Quantity
+from beamdae.analysis.gradients.objectives import AnalysisQuantity, Objective, Quantity
 from beamdae.analysis.optimization.analyses import (
     Analysis,
     DesignModel,
@@ -198,7 +198,7 @@ class DesignProblem:
         Values of runs with adaptive steps jump where the steps of two designs differ.
         """
         name, value = (self.settings.integrator or DEFAULT_METHOD).accuracy
-        has_runs = [any(isinstance(y, ColumnObjective) for y in x.leaves) for x in self.quantities]
+        has_runs = [any(isinstance(y, Objective) for y in x.leaves) for x in self.quantities]
         return np.where(has_runs, value if name == "rtol" else 0.0, 0.0)
 
     @cached_property
