@@ -260,7 +260,7 @@ class DesignProblem:
         logarithms = (least - 1.0 + margins).clip(0.0) / least - np.log(ratio)
         return np.where(is_magnitude, logarithms, margins), np.where(is_magnitude, 1 / ratio, 1.0)
 
-    def linearize(self, numbers: Array, values: Array, is_logarithmic: bool) -> Linearization:
+    def linearize(self, numbers: Array, values: Array) -> Linearization:
         """Return the functions of a design, linearized in the variables of the search.
 
         Raises
@@ -268,9 +268,7 @@ class DesignProblem:
         BeamdaeError
             If quantities have no derivatives.
         """
-        margins, slopes = self.margins(values), np.ones(len(self.ratios))
-        if is_logarithmic:
-            margins, slopes = self.log_margins(margins)
+        margins, slopes = self.log_margins(self.margins(values))
         scales, here = self.variables, self.variables.variables(numbers)
         rows = self.design(numbers).gradients * scales.derivatives(here) / self.scales[:, None]
         bounds = (limit - here for limit in scales.limits)
