@@ -11,9 +11,10 @@ from slider_crank import slider_crank
 
 import beamdae as bd
 from beamdae.analysis.gradients.flat_model import FlatModel
-from beamdae.analysis.gradients.objectives import SampleGrid, read_column
+from beamdae.analysis.gradients.objectives import SampleGrid
 from beamdae.analysis.sensitivities import many_parameters
 from beamdae.analysis.sensitivities.many_parameters import difference_models
+from beamdae.analysis.sensitivities.observable_derivatives import read_column
 from beamdae.equations.formulations.step_equations import formulate_step
 from beamdae.native.object_code import is_native_enabled
 from beamdae.symbolic.sums.directional_sums import directional_plan

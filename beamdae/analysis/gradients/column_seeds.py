@@ -11,13 +11,13 @@ import numpy as np
 from beamdae.analysis.gradients.objectives import (
     Objective,
     SampleGrid,
-    select_column,
 )
 from beamdae.analysis.sensitivities.neighbors import Difference
 from beamdae.analysis.sensitivities.observable_derivatives import (
     ColumnPoints,
     group_times,
     join_points,
+    select_column,
     split_points,
 )
 from beamdae.equations.equations_of_motion import EquationsOfMotion, Observable, State

@@ -13,13 +13,11 @@ from beamdae import deferred
 from beamdae.analysis.gradients.column_seeds import (
     ColumnSeeds,
     differentiate_objective,
-    locate_column,
 )
 from beamdae.analysis.gradients.flat_model import FlatModel, flatten_model
 from beamdae.analysis.gradients.objectives import (
     Objective,
     Quantity,
-    read_column,
 )
 from beamdae.analysis.sensitivities.differentiable_run import (
     DifferentiableRun,
@@ -29,7 +27,10 @@ from beamdae.analysis.sensitivities.differentiable_run import (
 from beamdae.analysis.sensitivities.linear_steps import Matrices, transpose_steps
 from beamdae.analysis.sensitivities.many_parameters import difference_models, is_regular
 from beamdae.analysis.sensitivities.neighbors import Difference, derivative_call, equations_key
-from beamdae.analysis.sensitivities.observable_derivatives import time_derivative
+from beamdae.analysis.sensitivities.observable_derivatives import (
+    differentiate_column,
+    read_column,
+)
 from beamdae.analysis.sensitivities.requested_start import (
     assemble_neighbors,
     differentiate_start,
@@ -410,16 +411,8 @@ def _restart_rate(term: Objective, value: float, solution: Solution, t: float) -
 
 def _end_rate(term: Objective, value: float, solution: Solution) -> float:
     """Return the derivative of a term with respect to the end time of the run."""
-    interval, trajectory = solution.trajectory.intervals[-1], solution.trajectory
-    end = np.array([trajectory.end])
+    trajectory = solution.trajectory
+    end, duration = np.array([trajectory.end]), trajectory.end - trajectory.start
     header, (y,) = read_column(solution.at_times(end), term.column)
-    number, index = locate_column(solution.equations, header)
-    lam_rates, at = interval.derivative_at(end).lam, interval.at(end)
-    if number is None:
-        rates = np.hstack([at.v, at.a, lam_rates])
-    else:
-        equations = solution.equations.with_loads_of(interval.configuration)
-        times = np.array([[trajectory.end, interval.branch]])
-        rates = time_derivative(equations.observables[number], equations, times, at, lam_rates)
-    duration = trajectory.end - trajectory.start
-    return term.end_derivative(value, float(y), float(rates[0, index]), duration)
+    (rate,) = differentiate_column(solution, header, end)
+    return term.end_derivative(value, float(y), float(rate), duration)

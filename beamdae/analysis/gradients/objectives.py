@@ -8,6 +8,7 @@ from typing import Any, NamedTuple, NoReturn, TypeAlias
 
 import numpy as np
 
+from beamdae.analysis.sensitivities.observable_derivatives import read_column
 from beamdae.beams.shape_functions import gauss_points
 from beamdae.errors import (
     BeamdaeError,
@@ -21,8 +22,6 @@ from beamdae.errors import (
     short_repr,
 )
 from beamdae.read_only import read_only_data
-from beamdae.results.columns import require_one_column, select_columns
-from beamdae.results.run_data import coordinate_headers
 from beamdae.results.solution import Solution
 from beamdae.results.trajectory import Interval, Trajectory
 
@@ -500,33 +499,6 @@ def _interval_grid(interval: Interval, is_restart: bool) -> tuple[Array, Array]:
     points, weights = gauss_points(_POINTS_PER_STEP)
     half = 0.5 * np.diff(t)[:, None]
     return (t[:-1, None] + half * (1.0 + points)).ravel(), (half * weights).ravel()
-
-
-def read_column(run: Solution, name: str) -> tuple[str, Array]:
-    """Return the header and the values of a column at the output times of a run.
-
-    Raises
-    ------
-    BeamdaeError
-        If the name selects no column or several columns.
-    """
-    headers = coordinate_headers(run.equations)
-    header = select_column(name, headers[1:], list(run.columns))
-    if header in run.columns:
-        return header, run.columns[header]
-    return header, run.coordinate_columns()[header]
-
-
-def select_column(name: str, coordinates: list[str], observed: list[str]) -> str:
-    """Return the header of the column with this name; observed columns take precedence.
-
-    Raises
-    ------
-    BeamdaeError
-        If the name selects no column or several columns.
-    """
-    selected = select_columns([*coordinates, *observed], name, observed=observed)
-    return require_one_column("Objective", name, selected)
 
 
 def read_numbers(

@@ -19,7 +19,6 @@ from beamdae.analysis.gradients.objectives import (
     Objective,
     SampleGrid,
     SmoothMaximum,
-    read_column,
 )
 from beamdae.analysis.linear_dynamics.linearization import REFERENCE
 from beamdae.analysis.linear_dynamics.natural_modes import Modes, compute_modes
@@ -44,6 +43,7 @@ from beamdae.analysis.sensitivities.neighbors import (
     Neighbors,
     first_difference,
 )
+from beamdae.analysis.sensitivities.observable_derivatives import read_column
 from beamdae.analysis.sensitivities.statics import differentiate_path
 from beamdae.analysis.statics.static_equilibrium import equilibrium
 from beamdae.equations.equations_of_motion import EquationsOfMotion
