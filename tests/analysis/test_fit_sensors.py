@@ -9,8 +9,9 @@ from test_fit import METHOD, NOISE, TRUE, oscillator
 
 import beamdae as bd
 from beamdae.analysis.fit.data import read_fit_data, read_measurements
-from beamdae.analysis.fit.problem import FitProblem, differentiate_column
+from beamdae.analysis.fit.problem import FitProblem
 from beamdae.analysis.fit.sensors import read_sensors
+from beamdae.analysis.sensitivities.observable_derivatives import differentiate_column
 from beamdae.report.descriptions import describe
 
 SLOW = pytest.mark.slow(reason="half a second and more")

@@ -11,9 +11,10 @@ from slider_crank import slider_crank
 
 import beamdae as bd
 from beamdae.analysis.gradients.flat_model import FlatModel
-from beamdae.analysis.gradients.objectives import SampleGrid, read_column
+from beamdae.analysis.gradients.objectives import SampleGrid
 from beamdae.analysis.sensitivities import many_parameters
 from beamdae.analysis.sensitivities.many_parameters import difference_models
+from beamdae.analysis.sensitivities.observable_derivatives import read_column
 from beamdae.equations.formulations.step_equations import formulate_step
 from beamdae.native.object_code import is_native_enabled
 from beamdae.symbolic.sums.directional_sums import directional_plan
@@ -591,3 +592,19 @@ def test_regression_parameters_that_move_different_breakpoints(method):
     """The second derivative was zero: the sweep of the first did not shift its breakpoint."""
     expected = {"first": -2.0 * (0.1 - 0.02), "second": -2.0 * (0.1 - 0.05)}
     assert_derivatives_of_rod("torques", expected, method, 1e-3)
+
+
+def test_gradients_of_the_largest_of_several_objectives():
+    """They follow from the derivatives of the objectives by the chain rule."""
+    quantities = [bd.quantities.EndValue("mass.x"), bd.quantities.TimeIntegral("mass.x", 2)]
+    method = bd.GeneralizedAlpha(step=1e-2)
+
+    def differentiate(objective):
+        return bd.gradient(oscillator, objective, "stiffness", method, estimate_error=False)
+
+    whole = differentiate(bd.quantities.LargestOf(quantities, 3.0))
+    parts = [differentiate(x) for x in quantities]
+    values = np.array([x.value for x in parts])
+    assert whole.value == pytest.approx(np.sum(values**3) ** (1.0 / 3.0))
+    slopes = np.array([x.array[0] for x in parts])
+    assert whole.array[0] == pytest.approx(np.sum(values**2 * slopes) / whole.value**2, rel=1e-9)

@@ -473,29 +473,6 @@ def test_spin_up(formulation):
     assert_agree_with_runs(spin_up, ["speed"], 4.0, {"formulation": formulation}, step=0.02)
 
 
-@pytest.mark.slow(reason="half a second and more")
-def test_energies():
-    names = ["stiffness", "speed"]
-    values = {"stiffness": 40.0, "damping": 0.0, "speed": SPEED}
-    result = bd.sensitivities(
-        oscillator, names, bd.Radau(rtol=1e-10), output_step=0.02, parameters=values
-    )
-    x = result.solution.columns["mass.x [m]"] - 1.0
-    for name in names:
-        kinetic, strain, gravity = (
-            result.energies[f"d(energy.{kind})/d({name}) [J per unit of {name}]"]
-            for kind in ("kinetic", "strain", "gravity")
-        )
-        dx = result.sensitivity("mass.x", name).to_numpy()
-        exact = 40.0 * x * dx + (0.5 * x**2 if name == "stiffness" else 0.0)
-        # Rounding errors of differences of energies along the derivative.
-        np.testing.assert_allclose(strain, exact, rtol=0.0, atol=1e-11)
-        # Without damping, the energy is that of the start, m speed^2 / 2.
-        total = MASS * SPEED if name == "speed" else 0.0
-        np.testing.assert_allclose(kinetic + strain, total, rtol=0.0, atol=1e-8)
-        assert np.all(gravity == 0.0)
-
-
 @bd.model(t_end=0.1)
 def geared(load=3.0):
     """Rod whose motion is prescribed; the load changes only the torque of the driver."""

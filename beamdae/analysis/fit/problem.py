@@ -28,6 +28,7 @@ from beamdae.analysis.parameter_bounds import (
     read_bounds,
 )
 from beamdae.analysis.sensitivities.differentiable_run import DERIVATIVE_METHOD
+from beamdae.analysis.sensitivities.observable_derivatives import differentiate_column
 from beamdae.analysis.sensitivities.sensitivities import Sensitivities, differentiate_run
 from beamdae.analysis.sensitivities.sensitivity_result import (
     complete_parameters,
@@ -51,8 +52,6 @@ MIN_SINGULAR_RATIO = 1e-9
 MIN_RELATIVE_RESIDUAL = 1e-6
 # Residuals with at most this correlation length are noise; neighbors may be correlated by 0.5.
 _MAX_CORRELATION_LENGTH, _LAGS_PER_LENGTH = 3.0, 5.0
-# Step of the differences of columns over time, relative to the mean step of the run.
-_RELATIVE_TIME_STEP = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -440,23 +439,6 @@ def column_lengths(matrix: Array) -> Array:
     """Return the Euclidean lengths of columns; 1 for those that are zero."""
     lengths = np.linalg.norm(matrix, axis=0)
     return np.where(lengths == 0.0, 1.0, lengths)
-
-
-def differentiate_column(run: Solution, header: str, times: Array) -> Array:
-    """Return the time derivatives (k,) of a column of the dense output at times of a run.
-
-    Differences of second order at earlier times, so that at an accepted step they are those of the
-    step that ends there; at later times in the first step.
-    """
-    end = run.trajectory.end
-    times = np.clip(times, 0.0, end)
-    step = _RELATIVE_TIME_STEP * min(run.trajectory.mean_step, end)
-    steps = np.where(times >= 2.0 * step, -step, step)
-    needed = times + np.outer([0.0, 1.0, 2.0], steps)
-    unique = np.unique(needed)
-    column = run.at_times(unique).columns[header]
-    here, next_one, second = column[np.searchsorted(unique, needed)]
-    return np.asarray((4.0 * next_one - 3.0 * here - second) / (2.0 * steps))
 
 
 # Logarithm of the ratio of the first value of a parameter that is not in `log` to those about zero

@@ -249,9 +249,11 @@ class _Part:
         table = np.column_stack([np.zeros((len(rows), 0)), *errors])[rows]
         table = np.vstack([table, np.zeros((count, len(table.T)))])
         residuals = np.append((self.model - self.values)[rows], np.zeros(count))
-        directions, singular, _ = np.linalg.svd(effects / column_lengths(effects), False)
-        directions = directions[:, singular > MIN_SINGULAR_RATIO]
-        own, rest = (x - directions @ (directions.T @ x) for x in (table, residuals))
+        effects = effects / column_lengths(effects)
+        own, rest = (
+            x - effects @ np.linalg.lstsq(effects, x, MIN_SINGULAR_RATIO)[0]
+            for x in (table, residuals)
+        )
         lengths, sizes = column_lengths(own), np.zeros(len(own.T))
         if np.all(lengths >= _MIN_INDEPENDENT_PART * column_lengths(table)):
             sizes = -np.linalg.lstsq(own / lengths, rest, rcond=None)[0] / lengths

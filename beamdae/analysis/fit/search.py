@@ -287,10 +287,9 @@ def _measure_next_step(
     x = scaling.variables(end.values)
     jacobian = np.vstack([end.projected_jacobian * scaling.derivatives(x), attraction])[:, free]
     residuals = np.append(end.residuals, attraction @ (x - 1.0))
-    basis = np.linalg.svd(jacobian, full_matrices=False)
-    directions = basis[0][:, basis[1] > MIN_SINGULAR_RATIO * basis[1][0]]
+    change = jacobian @ np.linalg.lstsq(jacobian, residuals, MIN_SINGULAR_RATIO)[0]
     freedom = max(problem.count - int(np.sum(free)), 1)
-    return float(np.linalg.norm(directions.T @ residuals) * np.sqrt(freedom / end.chi_square))
+    return float(np.linalg.norm(change) * np.sqrt(freedom / end.chi_square))
 
 
 def search(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -11,13 +11,13 @@ import numpy as np
 from beamdae.analysis.gradients.objectives import (
     Objective,
     SampleGrid,
-    select_column,
 )
 from beamdae.analysis.sensitivities.neighbors import Difference
 from beamdae.analysis.sensitivities.observable_derivatives import (
     ColumnPoints,
     group_times,
     join_points,
+    select_column,
     split_points,
 )
 from beamdae.equations.equations_of_motion import EquationsOfMotion, Observable, State
@@ -37,8 +37,6 @@ class ColumnSeeds:
 
     Attributes
     ----------
-    value, terms
-        Value of the objective, and those of its terms.
     states
         Derivatives with respect to (q, v, lam) at the nodes of each interval, (nodes, 2n + m).
     numbers
@@ -48,8 +46,6 @@ class ColumnSeeds:
         observable.
     """
 
-    value: float
-    terms: list[float]
     states: list[Array]
     numbers: Array
     operators: dict[int, Array]
@@ -70,15 +66,15 @@ class ColumnSeeds:
 
 
 def differentiate_objective(
-    objective: Objective, equations: EquationsOfMotion, trajectory: Trajectory
+    weights: Mapping[Objective, float], equations: EquationsOfMotion, trajectory: Trajectory
 ) -> ColumnSeeds:
-    """Return the values of the terms of an objective, and its derivatives by states of a run."""
+    """Return the derivatives of a weighted sum of objectives by the states of a run."""
     size = 2 * equations.n + equations.m
     # By columns: most objectives depend on few of them, and only these need memory.
     states = [np.zeros((len(x.nodes), size), order="F") for x in trajectory.intervals]
-    result = ColumnSeeds(0.0, [], states, np.zeros(len(equations.p)), {})
+    result = ColumnSeeds(states, np.zeros(len(equations.p)), {})
     grid, points_at = SampleGrid.of(trajectory), dict[tuple[bytes, bool], Any]()
-    for factor, term in objective.terms:
+    for term, factor in weights.items():
         times, column = term.sample_times(grid), _Column.of(equations, term.column)
         key = times.tobytes(), column.is_elastic
         if key not in points_at:
@@ -93,9 +89,7 @@ def differentiate_objective(
             arguments.append(inputs)
             for x, part in zip(points, split_points(points, values), strict=True):
                 samples[x.here] = _values_at_times(x, trajectory, part)
-        value, by_samples = term.evaluate(samples, grid.weights)
-        result.value += factor * value
-        result.terms.append(value)
+        by_samples = term.evaluate(samples, grid.weights)[1]
         for (_, points, _, at), inputs in zip(points_at[key], arguments, strict=True):
             by_values = [
                 by_samples[x.here] if x.weights is None else x.weights.T @ by_samples[x.here]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -13,13 +13,11 @@ from beamdae import deferred
 from beamdae.analysis.gradients.column_seeds import (
     ColumnSeeds,
     differentiate_objective,
-    locate_column,
 )
 from beamdae.analysis.gradients.flat_model import FlatModel, flatten_model
 from beamdae.analysis.gradients.objectives import (
-    ColumnObjective,
     Objective,
-    read_column,
+    Quantity,
 )
 from beamdae.analysis.sensitivities.differentiable_run import (
     DifferentiableRun,
@@ -29,13 +27,17 @@ from beamdae.analysis.sensitivities.differentiable_run import (
 from beamdae.analysis.sensitivities.linear_steps import Matrices, transpose_steps
 from beamdae.analysis.sensitivities.many_parameters import difference_models, is_regular
 from beamdae.analysis.sensitivities.neighbors import Difference, derivative_call, equations_key
-from beamdae.analysis.sensitivities.observable_derivatives import time_derivative
+from beamdae.analysis.sensitivities.observable_derivatives import (
+    differentiate_column,
+    read_column,
+)
+from beamdae.analysis.sensitivities.requested_start import (
+    assemble_neighbors,
+    differentiate_start,
+)
 from beamdae.analysis.sensitivities.restart_times import differentiate_event_time, find_stop
 from beamdae.analysis.sensitivities.run_chain import RunDerivative, node_state
-from beamdae.analysis.sensitivities.start_derivatives import (
-    StartDerivatives,
-    start_adds_velocities,
-)
+from beamdae.analysis.sensitivities.start_derivatives import StartDerivatives
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.errors import (
     BeamdaeError,
@@ -48,10 +50,8 @@ from beamdae.interrupts import interruptible
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.memory import require_memory
 from beamdae.model_functions import Model, transform_mechanisms
-from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM
 from beamdae.read_only import read_only_data
 from beamdae.results.solution import Solution
-from beamdae.simulation import as_equations
 
 Array = np.ndarray
 
@@ -115,7 +115,7 @@ class Gradient:
 @record_warnings
 def gradient(
     model: Model,
-    objective: Objective,
+    objective: Quantity,
     by: Sequence[str] | str,
     integrator: Integrator | None = None,
     t_end: float | None = None,
@@ -148,7 +148,8 @@ def gradient(
     model
         Model function.
     objective
-        `EndValue`, `TimeIntegral`, `SmoothMaximum`, `SquaredErrors`, or a weighted sum of these.
+        `EndValue`, `TimeIntegral`, `SmoothMaximum`, `SquaredErrors`, a weighted sum of these, or
+        `LargestOf` several.
     by
         Names of the parameters: floats, or tuples or lists of floats such as the coefficients of a
         thickness.
@@ -202,7 +203,8 @@ def gradient(
     >>> print(f"{result.derivatives['stiffness']:.3e} m per N/m")
     2.481e-03 m per N/m
     """
-    if not isinstance(objective, Objective):
+    leaves = objective.leaves if isinstance(objective, Quantity) else (None,)
+    if not all(isinstance(x, Objective) for x in leaves):
         raise BeamdaeError(
             f"gradient: objective must be an Objective such as EndValue('tip.y'), got "
             f"{short_repr(objective)}."
@@ -214,12 +216,14 @@ def gradient(
 
 
 def _evaluate(
-    flat: FlatModel, objective: Objective, integrator: Any, t_end: float | None, start: Any
+    flat: FlatModel, objective: Quantity, integrator: Any, t_end: float | None, start: Any
 ) -> Gradient:
     """Return the result of `gradient` without a check of its errors."""
     method = require_differentiable_method(integrator, DEFAULT_METHOD)
     run = AdjointRun.of(flat, method, start, t_end=t_end)
-    value, derivatives = run.gradient(objective)
+    values = {x: x.evaluate_run(run.solution) for x in objective.leaves}
+    value, weights = objective.differentiate(values)
+    derivatives = run.gradient(weights)
     shaped = flat.unflatten(derivatives.tolist())
 
     def repeat(change: Callable[[Any], Any], method: Any) -> Gradient:
@@ -246,8 +250,6 @@ class AdjointRun(DifferentiableRun):
     """
 
     model: FlatModel
-    # Models around the values of the numbers, once they are known: they serve all objectives.
-    _differences: dict[str, Difference] = field(default_factory=dict, init=False)
 
     def __post_init__(self) -> None:
         self.require_end()
@@ -265,17 +267,17 @@ class AdjointRun(DifferentiableRun):
             "use longer steps",
         )
 
-    def gradient(self, objective: Objective) -> tuple[float, Array]:
-        """Return the value and the gradient (k,) of an objective."""
+    def gradient(self, weights: Mapping[Objective, float]) -> Array:
+        """Return the gradient (k,) of a weighted sum of objectives."""
         names = list(self.model.entries)
         with single_threaded:
-            value, result = self._transpose(objective, names) or self._contract(objective, names)
-        return value, np.array([result[x] for x in names])
+            result = self._transpose(weights, names) or self._contract(weights, names)
+        return np.array([result[x] for x in names])
 
     def _transpose(
-        self, objective: Objective, names: list[str]
-    ) -> tuple[float, dict[str, float]] | None:
-        """Return the value and the gradient by one backward sweep; None if it does not apply.
+        self, weights: Mapping[Objective, float], names: list[str]
+    ) -> dict[str, float] | None:
+        """Return the gradient by one backward sweep; None if it does not apply.
 
         The sweep serves the numbers on which the equations depend through p and the requested start
         alone.
@@ -283,42 +285,29 @@ class AdjointRun(DifferentiableRun):
         e = self.solution.equations
         if e.configurations is not None or e.redundant or find_stop(self.solution) is not None:
             return None
-        time, at = node_state(self.solution.trajectory.intervals[0], 0)
-        start, equilibrium = StartDerivatives(ConsistencySolver(e)), None
-        if e.start is not None and e.start.description == EQUILIBRIUM:
-            equilibrium = start.equilibrium_map(time, at)
-        is_drawn = np.array_equal(at.q, e.q0) and not start_adds_velocities(e, time)
-        if equilibrium is None and not is_drawn:
-            return None
-        seeds, by_q, by_v = transpose_run(objective, self.solution, self.method)
-        if equilibrium is not None:
-            seeds.numbers += start.gradient(equilibrium, np.append(by_q, 0.0 * at.lam))[1]
-            by_q, by_v = np.zeros_like(by_q), np.zeros_like(by_v)
-        if not self._differences:
-            # The equilibrium of neighboring models is not needed if its adjoint is known.
-            request = self.settings["start"] if equilibrium is None else AS_DRAWN
-            assemble = partial(as_equations, derivative_call(), start=request)
-            base = e if equilibrium is None else assemble(self.model())
-            self._differences = difference_models(self.model, names, base, assemble)
+        if not self.neighbors:
+            assemble = assemble_neighbors(e, self.settings["start"])
+            self.neighbors |= difference_models(self.model, names, e, assemble)
+        seeds, *by_start = transpose_run(weights, self.solution, self.method)
+        first = node_state(self.solution.trajectory.intervals[0], 0)
         result = {
-            name: seeds.contract(x)
-            + float(by_q @ x.along(lambda e: e.q0) + by_v @ x.along(lambda e: e.v0))
-            for name, x in self._differences.items()
-            if is_regular(x, e)
+            name: seeds.contract(x) + float(np.hstack(by_start) @ np.hstack(start))
+            for name, x in self.neighbors.items()
+            if is_regular(x, e) and (start := differentiate_start(x, *first))
         }
         if others := [x for x in names if x not in result]:
-            result |= self._contract(objective, others)[1]
-        return seeds.value, result
+            result |= self._contract(weights, others)
+        return result
 
     def _contract(
-        self, objective: Objective, names: Sequence[str]
-    ) -> tuple[float, dict[str, float]]:
-        """Return the value and derivatives of an objective along those of the run."""
-        return differentiate_along(objective, self.solution, *self.differentiate(names))
+        self, weights: Mapping[Objective, float], names: Sequence[str]
+    ) -> dict[str, float]:
+        """Return the derivatives of a weighted sum of objectives along those of the run."""
+        return differentiate_along(weights, self.solution, *self.differentiate(names))
 
 
 def transpose_run(
-    objective: Objective, solution: Solution, method: GeneralizedAlpha | Radau
+    weights: Mapping[Objective, float], solution: Solution, method: GeneralizedAlpha | Radau
 ) -> tuple[ColumnSeeds, Array, Array]:
     """Sweep backwards over all intervals of a run.
 
@@ -327,7 +316,7 @@ def transpose_run(
     Returns
     -------
     tuple
-        Values with the derivatives by the numbers p, through columns and steps, and derivatives by
+        Derivatives by the numbers p, through columns and steps, and derivatives by
         the requested initial coordinates and velocities, (n,) each.
 
     Raises
@@ -338,7 +327,7 @@ def transpose_run(
     solution = bound_reactions(solution)
     equations, intervals = solution.equations, solution.trajectory.intervals
     start, n = StartDerivatives(ConsistencySolver(equations)), equations.n
-    seeds = differentiate_objective(objective, equations, solution.trajectory)
+    seeds = differentiate_objective(weights, equations, solution.trajectory)
     matrices = Matrices()
     for k in reversed(range(len(intervals))):
         interval, by_nodes = intervals[k], seeds.states[k]
@@ -356,17 +345,17 @@ def transpose_run(
 
 
 def differentiate_along(
-    objective: Objective,
+    weights: Mapping[Objective, float],
     solution: Solution,
     differences: Mapping[str, Difference],
     derivatives: Mapping[str, RunDerivative],
-) -> tuple[float, dict[str, float]]:
-    """Return the value of an objective and its derivatives by parameter.
+) -> dict[str, float]:
+    """Return the derivatives of a weighted sum of objectives by parameter.
 
     Parameters
     ----------
-    objective, solution
-        Objective, and run.
+    weights, solution
+        Weights of the objectives, and run.
     differences, derivatives
         Models at neighboring values, and derivatives of the run, by parameter.
     """
@@ -377,12 +366,13 @@ def differentiate_along(
     result = {}
     for names in groups.values():
         base = differences[names[0]].base
-        seeds = differentiate_objective(objective, base, trajectory)
+        seeds = differentiate_objective(weights, base, trajectory)
         for name in names:
             result[name] = seeds.contract(differences[name], derivatives[name].trajectory)
     shifts = np.array([derivatives[x].shifts for x in result])
     ends = _differentiate_end_time(solution, differences, derivatives)
-    for (factor, term), value in zip(objective.terms, seeds.terms, strict=True):
+    for term, factor in weights.items():
+        value = term.evaluate_run(solution) if shifts.any() or any(ends.values()) else 0.0
         for k in np.flatnonzero(shifts.any(axis=0)).tolist():
             rate = _restart_rate(term, value, solution, float(trajectory.intervals[k].t[0]))
             for name, shift in zip(result, shifts[:, k].tolist(), strict=True):
@@ -390,7 +380,7 @@ def differentiate_along(
         if any(ends.values()):
             rate = _end_rate(term, value, solution)
             result = {name: x + factor * ends[name] * rate for name, x in result.items()}
-    return seeds.value, result
+    return result
 
 
 def _differentiate_end_time(
@@ -407,7 +397,7 @@ def _differentiate_end_time(
     return differentiate_event_time(solution.equations, stop, last, end, along, differences)
 
 
-def _restart_rate(term: ColumnObjective, value: float, solution: Solution, t: float) -> float:
+def _restart_rate(term: Objective, value: float, solution: Solution, t: float) -> float:
     """Return the derivative of a term with respect to the time `t` [s] of a restart.
 
     The states are those at fixed times, so that only integrals of columns that jump have a
@@ -419,18 +409,10 @@ def _restart_rate(term: ColumnObjective, value: float, solution: Solution, t: fl
     return before - after
 
 
-def _end_rate(term: ColumnObjective, value: float, solution: Solution) -> float:
+def _end_rate(term: Objective, value: float, solution: Solution) -> float:
     """Return the derivative of a term with respect to the end time of the run."""
-    interval, trajectory = solution.trajectory.intervals[-1], solution.trajectory
-    end = np.array([trajectory.end])
+    trajectory = solution.trajectory
+    end, duration = np.array([trajectory.end]), trajectory.end - trajectory.start
     header, (y,) = read_column(solution.at_times(end), term.column)
-    number, index = locate_column(solution.equations, header)
-    lam_rates, at = interval.derivative_at(end).lam, interval.at(end)
-    if number is None:
-        rates = np.hstack([at.v, at.a, lam_rates])
-    else:
-        equations = solution.equations.with_loads_of(interval.configuration)
-        times = np.array([[trajectory.end, interval.branch]])
-        rates = time_derivative(equations.observables[number], equations, times, at, lam_rates)
-    duration = trajectory.end - trajectory.start
-    return term.end_derivative(value, float(y), float(rates[0, index]), duration)
+    (rate,) = differentiate_column(solution, header, end)
+    return term.end_derivative(value, float(y), float(rate), duration)

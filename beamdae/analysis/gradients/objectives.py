@@ -8,6 +8,7 @@ from typing import Any, NamedTuple, NoReturn, TypeAlias
 
 import numpy as np
 
+from beamdae.analysis.sensitivities.observable_derivatives import read_column
 from beamdae.beams.shape_functions import gauss_points
 from beamdae.errors import (
     BeamdaeError,
@@ -21,8 +22,6 @@ from beamdae.errors import (
     short_repr,
 )
 from beamdae.read_only import read_only_data
-from beamdae.results.columns import require_one_column, select_columns
-from beamdae.results.run_data import coordinate_headers
 from beamdae.results.solution import Solution
 from beamdae.results.trajectory import Interval, Trajectory
 
@@ -64,7 +63,7 @@ class Quantity:
         """Return the value, and its derivatives, for values (n,) of the parts."""
         raise NotImplementedError
 
-    def differentiate(self, values: Values) -> tuple[float, dict[AnalysisQuantity, float]]:
+    def differentiate(self, values: Values) -> tuple[float, dict[Any, float]]:
         """Return the value and its derivatives with respect to the leaves, given their values."""
         parts = [x.differentiate(values) for x in self.parts]
         value, factors = self.combine(np.array([x for x, _ in parts]))
@@ -73,6 +72,21 @@ class Quantity:
             for leaf, derivative in derivatives.items():
                 weights[leaf] += factor * derivative
         return value, weights
+
+    def value(self, solution: Solution) -> float:
+        """Return the value for a run, if the quantity is a function of objectives.
+
+        Raises
+        ------
+        BeamdaeError
+            If a name selects no column or several columns, a time lies outside the run, or the
+            quantity is not that of a run.
+        """
+        if not isinstance(solution, Solution):
+            raise BeamdaeError(
+                f"{type(self).__name__}: value needs a Solution, got {short_repr(solution)}."
+            )
+        return self.differentiate({x: x.evaluate_run(solution) for x in self.leaves})[0]
 
     def find_unit(self, columns: Mapping[str, str]) -> str:
         """Return the unit of the value, "" if it is unknown; `columns` are units of columns."""
@@ -84,15 +98,10 @@ class Quantity:
         """Factors and terms whose weighted sum is this quantity."""
         return ((1.0, self),)
 
-    @staticmethod
-    def _sum(terms: tuple[tuple[float, Quantity], ...]) -> Quantity:
-        are_objectives = all(isinstance(x, ColumnObjective) for _, x in terms)
-        return WeightedSum(terms) if are_objectives else QuantitySum(terms)
-
     def __add__(self, other: Any) -> Any:
         if not isinstance(other, Quantity):
             return self._reject("+", other)
-        return self._sum((*self.terms, *other.terms))
+        return QuantitySum((*self.terms, *other.terms))
 
     def __radd__(self, other: Any) -> Any:
         # `sum` begins with zero.
@@ -111,7 +120,7 @@ class Quantity:
         if as_real(factor) is None:
             return self._reject("*", factor)
         number = require_finite(type(self).__name__, "a factor", factor)
-        return self._sum(tuple((number * weight, term) for weight, term in self.terms))
+        return QuantitySum(tuple((number * weight, term) for weight, term in self.terms))
 
     __rmul__ = __mul__
 
@@ -186,7 +195,11 @@ class AnalysisQuantity(Quantity):
         """See `Quantity`."""
         return (self,)
 
-    def differentiate(self, values: Values) -> tuple[float, dict[AnalysisQuantity, float]]:
+    def evaluate_run(self, solution: Solution) -> float:
+        """Return the value for a run."""
+        raise BeamdaeError(f"{self.label}: value needs an objective of a run.")
+
+    def differentiate(self, values: Values) -> tuple[float, dict[Any, float]]:
         """See `Quantity`."""
         return values[self], {self: 1.0}
 
@@ -195,38 +208,8 @@ class AnalysisQuantity(Quantity):
         return columns.get(getattr(self, "column", ""), "") if self.unit is None else self.unit
 
 
-class Objective(Quantity):
-    """Scalar function of the columns of a run; base class.
-
-    An objective is a weighted sum of functions of single columns. Objectives can be added,
-    subtracted and multiplied by numbers: `EndValue("tip.y") + 0.1 * TimeIntegral("tip.x", 2)`.
-    """
-
-    def value(self, solution: Solution) -> float:
-        """Return the value for a run.
-
-        Raises
-        ------
-        BeamdaeError
-            If a name selects no column or several columns, or a time lies outside the run.
-        """
-        if not isinstance(solution, Solution):
-            raise BeamdaeError(
-                f"{type(self).__name__}: value needs a Solution, got {short_repr(solution)}."
-            )
-        grid, result = SampleGrid.of(solution.trajectory), 0.0
-        for factor, term in self.terms:
-            run = solution.at_times(term.sample_times(grid))
-            result += factor * term.evaluate(read_column(run, term.column)[1], grid.weights)[0]
-        return result
-
-
-class WeightedSum(QuantitySum, Objective):
-    """Sum of factor * function of a column."""
-
-
-class ColumnObjective(AnalysisQuantity, Objective):
-    """Function of the values of one column at times that it selects.
+class Objective(AnalysisQuantity):
+    """Function of the values of one column at times that it selects; base class.
 
     Derived classes define the attribute `column`, `sample_times` and `evaluate`.
     """
@@ -242,6 +225,12 @@ class ColumnObjective(AnalysisQuantity, Objective):
                 f"{short_repr(self.column)}."
             )
         set_fields(self, column=name, label=f"{type(self).__name__} of {name}")
+
+    def evaluate_run(self, solution: Solution) -> float:
+        """See `Quantity.value`."""
+        grid = SampleGrid.of(solution.trajectory)
+        run = solution.at_times(self.sample_times(grid))
+        return self.evaluate(read_column(run, self.column)[1], grid.weights)[0]
 
     def sample_times(self, grid: SampleGrid) -> Array:
         """Return the ascending times at which the column is evaluated [s]."""
@@ -275,7 +264,7 @@ class ColumnObjective(AnalysisQuantity, Objective):
 
 
 @dataclass(frozen=True)
-class EndValue(ColumnObjective):
+class EndValue(Objective):
     """Value y(t_end) of a column at the end of the run.
 
     Attributes
@@ -288,27 +277,27 @@ class EndValue(ColumnObjective):
     --------
     >>> import beamdae as bd
     >>> bd.quantities.EndValue("tip.y") - 2.0 * bd.quantities.EndValue("tip.x")
-    WeightedSum(weighted_terms=((1.0, EndValue(column='tip.y')), (-2.0, EndValue(column='tip.x'))))
+    QuantitySum(weighted_terms=((1.0, EndValue(column='tip.y')), (-2.0, EndValue(column='tip.x'))))
     """
 
     column: str
     unit = None
 
     def sample_times(self, grid: SampleGrid) -> Array:
-        """See `ColumnObjective`."""
+        """See `Objective`."""
         return np.array([grid.end])
 
     def evaluate(self, y: Array, weights: Array) -> tuple[float, Array]:
-        """See `ColumnObjective`."""
+        """See `Objective`."""
         return float(y[0]), np.ones(1)
 
     def end_derivative(self, value: float, y: float, rate: float, duration: float) -> float:
-        """See `ColumnObjective`."""
+        """See `Objective`."""
         return rate
 
 
 @dataclass(frozen=True)
-class TimeIntegral(ColumnObjective):
+class TimeIntegral(Objective):
     """Integral of y or y^2 over the time of the run.
 
     For `GeneralizedAlpha`, the trapezoidal rule is applied to the values at the steps of the run,
@@ -332,18 +321,18 @@ class TimeIntegral(ColumnObjective):
         set_fields(self, power=require_choice("TimeIntegral", "power", self.power, [1, 2]))
 
     def evaluate(self, y: Array, weights: Array) -> tuple[float, Array]:
-        """See `ColumnObjective`."""
+        """See `Objective`."""
         if self.power == 1:
             return float(weights @ y), weights
         return float(weights @ y**2), 2.0 * weights * y
 
     def end_derivative(self, value: float, y: float, rate: float, duration: float) -> float:
-        """See `ColumnObjective`."""
+        """See `Objective`."""
         return float(y**self.power)
 
 
 @dataclass(frozen=True)
-class SmoothMaximum(ColumnObjective):
+class SmoothMaximum(Objective):
     """Smooth approximation of max |y| over the time of the run, by the p-norm.
 
     With the duration T of the run, the value is
@@ -373,11 +362,11 @@ class SmoothMaximum(ColumnObjective):
         set_fields(self, exponent=require_exponent("SmoothMaximum", self.exponent))
 
     def evaluate(self, y: Array, weights: Array) -> tuple[float, Array]:
-        """See `ColumnObjective`."""
+        """See `Objective`."""
         return measure_norm(y, self.exponent, weights / np.sum(weights))
 
     def end_derivative(self, value: float, y: float, rate: float, duration: float) -> float:
-        """See `ColumnObjective`."""
+        """See `Objective`."""
         if value == 0.0:
             return 0.0
         p = self.exponent
@@ -386,7 +375,7 @@ class SmoothMaximum(ColumnObjective):
 
 @read_only_data
 @dataclass(frozen=True, eq=False)
-class SquaredErrors(ColumnObjective):
+class SquaredErrors(Objective):
     """Sum over samples of ((y(t_i) - value_i) / sigma_i)^2, for a fit to data or a desired path.
 
     Attributes
@@ -430,7 +419,7 @@ class SquaredErrors(ColumnObjective):
         set_fields(self, times=times, values=values, _weights=weights)
 
     def sample_times(self, grid: SampleGrid) -> Array:
-        """See `ColumnObjective`."""
+        """See `Objective`."""
         if self.times[0] < grid.start or self.times[-1] > grid.end:
             ends = (grid.start, grid.end, self.times[0], self.times[-1])
             start, end, first, last = format_distinct(*ends)
@@ -441,7 +430,7 @@ class SquaredErrors(ColumnObjective):
         return np.asarray(self.times)
 
     def evaluate(self, y: Array, weights: Array) -> tuple[float, Array]:
-        """See `ColumnObjective`."""
+        """See `Objective`."""
         errors = np.where(self._weights > 0.0, y - self.values, 0.0)
         weighted = self._weights * errors
         return float(weighted @ errors), 2.0 * weighted
@@ -510,33 +499,6 @@ def _interval_grid(interval: Interval, is_restart: bool) -> tuple[Array, Array]:
     points, weights = gauss_points(_POINTS_PER_STEP)
     half = 0.5 * np.diff(t)[:, None]
     return (t[:-1, None] + half * (1.0 + points)).ravel(), (half * weights).ravel()
-
-
-def read_column(run: Solution, name: str) -> tuple[str, Array]:
-    """Return the header and the values of a column at the output times of a run.
-
-    Raises
-    ------
-    BeamdaeError
-        If the name selects no column or several columns.
-    """
-    headers = coordinate_headers(run.equations)
-    header = select_column(name, headers[1:], list(run.columns))
-    if header in run.columns:
-        return header, run.columns[header]
-    return header, run.coordinate_columns()[header]
-
-
-def select_column(name: str, coordinates: list[str], observed: list[str]) -> str:
-    """Return the header of the column with this name; observed columns take precedence.
-
-    Raises
-    ------
-    BeamdaeError
-        If the name selects no column or several columns.
-    """
-    selected = select_columns([*coordinates, *observed], name, observed=observed)
-    return require_one_column("Objective", name, selected)
 
 
 def read_numbers(

@@ -11,17 +11,14 @@ from typing import Any
 import numpy as np
 
 from beamdae.analysis.eigenproblems.eigensolution import RIGID
-from beamdae.analysis.gradients.column_seeds import differentiate_objective
 from beamdae.analysis.gradients.flat_model import FlatModel
 from beamdae.analysis.gradients.gradients import DEFAULT_METHOD, AdjointRun
 from beamdae.analysis.gradients.objectives import (
     RUN,
     AnalysisQuantity,
-    ColumnObjective,
-    EndValue,
+    Objective,
     SampleGrid,
     SmoothMaximum,
-    read_column,
 )
 from beamdae.analysis.linear_dynamics.linearization import REFERENCE
 from beamdae.analysis.linear_dynamics.natural_modes import Modes, compute_modes
@@ -33,13 +30,12 @@ from beamdae.analysis.optimization.quantities import (
     CriticalLoad,
     EquilibriumErrors,
     EquilibriumQuantity,
-    EquilibriumValue,
     Frequency,
     Mass,
     ParameterFunction,
 )
 from beamdae.analysis.sensitivities.differentiable_run import require_differentiable_method
-from beamdae.analysis.sensitivities.many_parameters import difference_models, is_regular
+from beamdae.analysis.sensitivities.many_parameters import difference_models
 from beamdae.analysis.sensitivities.modes import differentiate_modes
 from beamdae.analysis.sensitivities.neighbors import (
     STENCILS,
@@ -47,19 +43,16 @@ from beamdae.analysis.sensitivities.neighbors import (
     Neighbors,
     first_difference,
 )
-from beamdae.analysis.sensitivities.start_derivatives import StartDerivatives
+from beamdae.analysis.sensitivities.observable_derivatives import read_column
 from beamdae.analysis.sensitivities.statics import differentiate_path
 from beamdae.analysis.statics.static_equilibrium import equilibrium
-from beamdae.equations.equations_of_motion import EquationsOfMotion, State
-from beamdae.equations.starts.consistent_start import ConsistencySolver
+from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.starts.state_evaluator import StateEvaluator
 from beamdae.equations.starts.steady_rotation import RotatingCoordinates
 from beamdae.errors import BeamdaeError, as_real, short_repr
 from beamdae.integrators import Integrator
-from beamdae.linear.blas_threads import single_threaded
 from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM
 from beamdae.results.columns import require_one_column
-from beamdae.results.trajectory import Interval, Trajectory
 from beamdae.simulation import as_equations
 
 Array = np.ndarray
@@ -139,32 +132,30 @@ class RunAnalysis(Analysis):
         self, model: DesignModel, quantities: Sequence[Any], settings: RunSettings
     ) -> None:
         method = require_differentiable_method(settings.integrator, DEFAULT_METHOD)
+        self._model = model
         self._run = AdjointRun.of(model.flat, method, settings.start, t_end=settings.t_end)
         self.result = self._run.solution
 
-    def value(self, quantity: ColumnObjective) -> float:
+    def value(self, quantity: Objective) -> float:
         """See `Analysis`."""
-        return quantity.value(self.result)
+        return quantity.evaluate_run(self.result)
 
-    def maximum(self, quantity: ColumnObjective) -> float:
+    def maximum(self, quantity: Objective) -> float:
         """See `Analysis`."""
         if not isinstance(quantity, SmoothMaximum):
             return self.value(quantity)
         samples = self.result.at_times(SampleGrid.of(self.result.trajectory).t)
         return float(np.max(np.abs(read_column(samples, quantity.column)[1])))
 
-    def gradient(self, weights: Mapping[ColumnObjective, float]) -> Array:
+    def gradient(self, weights: Mapping[Objective, float]) -> Array:
         """See `Analysis`."""
-        return self._run.gradient(sum(x * w for x, w in weights.items()))[1]
+        if self.result.equations.start is None:
+            self._run.neighbors |= self._model.differences
+        return self._run.gradient(weights)
 
 
 class PathAnalysis(Analysis):
-    """An equilibrium path.
-
-    Gradients of end values at the full load are computed by the adjoint of the static equations,
-    with few calls of the model function even for many parameters. Otherwise, the path is
-    differentiated with respect to each parameter, see `equilibrium_sensitivities`.
-    """
+    """An equilibrium path, see `equilibrium_sensitivities`."""
 
     def __init__(
         self, model: DesignModel, quantities: Sequence[EquilibriumQuantity], settings: RunSettings
@@ -177,6 +168,7 @@ class PathAnalysis(Analysis):
                 f"({path.status.sentence})."
             )
         self.result = replace(path, model={"name": flat.name, "parameters": flat.whole.parameters})
+        self._quantities = quantities
 
     def value(self, quantity: EquilibriumQuantity) -> float:
         """See `Analysis`."""
@@ -184,17 +176,14 @@ class PathAnalysis(Analysis):
 
     def gradient(self, weights: Mapping[EquilibriumQuantity, float]) -> Array:
         """See `Analysis`."""
-        adjoint = self._adjoint_gradient(weights)
-        if adjoint is not None:
-            return adjoint
-        result = np.zeros(len(self._model.flat.entries))
+        result, along = np.zeros(len(self._model.flat.entries)), self._sensitivities
         for quantity, weight in weights.items():
             _, rows, factors = self._read(quantity)
             for k, name in enumerate(self._model.flat.entries):
                 if isinstance(quantity, CriticalLoad):
-                    rates = np.sum(self._sensitivities.factors[name], axis=1)
+                    rates = np.sum(along.factors[name], axis=1)
                 else:
-                    rates = self._sensitivities.sensitivity(quantity.column, name).to_numpy()  # type: ignore[attr-defined]
+                    rates = along.sensitivity(quantity.column, name).to_numpy()  # type: ignore[attr-defined]
                 result[k] += weight * float(factors @ rates[rows])
         return result
 
@@ -230,38 +219,9 @@ class PathAnalysis(Analysis):
 
     @cached_property
     def _sensitivities(self) -> Any:
-        flat = self._model.flat
-        return differentiate_path(flat, list(flat.entries), self.result)
-
-    def _adjoint_gradient(self, weights: Mapping[Any, float]) -> Array | None:
-        """Return the gradient by the adjoint, or None if it does not apply."""
-        path = self.result
-        e = path.equations
-        available = {x.partition(" [")[0] for x in (*path.columns, *path.coordinate_columns())}
-        is_full_load = len(path.loads) == 1 and path.factor == 1.0 and not path.free
-        has_all_parts = e.configurations is None and not e.redundant
-        is_end = all(
-            isinstance(x, EquilibriumValue) and x.column.partition(" [")[0] in available
-            for x in weights
-        )
-        if not (is_full_load and has_all_parts and is_end):
-            return None
-        q, lam = (np.repeat(x[-1:], 2, axis=0) for x in (path.q, path.lam))
-        rest = State(q, np.zeros_like(q), np.zeros_like(q), lam)
-        end, time = State(*(x[-1] for x in rest)), np.full(2, path.t)
-        # A run that ends with the equilibrium.
-        run = Trajectory((Interval(np.array([path.t - 1.0, path.t]), rest, path.t),))
-        objective = sum(EndValue(x.column) * w for x, w in weights.items())
-        with single_threaded:
-            seeds = differentiate_objective(objective, e, run)
-            by_q, _, by_lam = np.split(seeds.states[0][-1], [e.n, 2 * e.n])
-            start = StartDerivatives(ConsistencySolver(e))
-            operator = start.equilibrium_map(time, end)
-            differences = self._model.differences.values()
-            if operator is None or not all(is_regular(x, e) for x in differences):
-                return None
-            seeds.numbers += start.gradient(operator, np.append(by_q, by_lam))[1]
-            return np.array([seeds.contract(x) for x in differences])
+        rows = np.unique(np.concatenate([self._read(x)[1] for x in self._quantities])).tolist()
+        names, known = list(self._model.flat.entries), self._model.differences
+        return differentiate_path(self._model.flat, names, self.result, rows, known)
 
 
 class ModeAnalysis(Analysis):

@@ -58,9 +58,9 @@ def optimize(
 ) -> Optimization:
     """Find parameters of a model that minimize a quantity under constraints.
 
-    The search uses exact gradients: of runs and of equilibria under the full load by the adjoint
-    (see `gradient`), of other equilibria, critical loads and natural frequencies by their
-    derivatives (see `equilibrium_sensitivities` and `mode_sensitivities`). Quantities of the same
+    The search uses exact gradients: of runs by the adjoint (see `gradient`), of equilibria,
+    critical loads and natural frequencies by their derivatives (see `equilibrium_sensitivities`
+    and `mode_sensitivities`). Quantities of the same
     run, equilibrium path or modes share one analysis per design. The parameters are scaled by their
     first values or the widths of their bounds, the constraints by their limits, and the objective
     by its first value. To maximize a quantity, minimize -quantity.

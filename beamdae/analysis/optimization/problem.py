@@ -12,7 +12,7 @@ import numpy as np
 
 from beamdae.analysis.gradients.flat_model import FlatModel, flatten_model
 from beamdae.analysis.gradients.gradients import DEFAULT_METHOD
-from beamdae.analysis.gradients.objectives import AnalysisQuantity, ColumnObjective, Quantity
+from beamdae.analysis.gradients.objectives import AnalysisQuantity, Objective, Quantity
 from beamdae.analysis.optimization.analyses import (
     Analysis,
     DesignModel,
@@ -198,7 +198,7 @@ class DesignProblem:
         Values of runs with adaptive steps jump where the steps of two designs differ.
         """
         name, value = (self.settings.integrator or DEFAULT_METHOD).accuracy
-        has_runs = [any(isinstance(y, ColumnObjective) for y in x.leaves) for x in self.quantities]
+        has_runs = [any(isinstance(y, Objective) for y in x.leaves) for x in self.quantities]
         return np.where(has_runs, value if name == "rtol" else 0.0, 0.0)
 
     @cached_property
@@ -260,7 +260,7 @@ class DesignProblem:
         logarithms = (least - 1.0 + margins).clip(0.0) / least - np.log(ratio)
         return np.where(is_magnitude, logarithms, margins), np.where(is_magnitude, 1 / ratio, 1.0)
 
-    def linearize(self, numbers: Array, values: Array, is_logarithmic: bool) -> Linearization:
+    def linearize(self, numbers: Array, values: Array) -> Linearization:
         """Return the functions of a design, linearized in the variables of the search.
 
         Raises
@@ -268,9 +268,7 @@ class DesignProblem:
         BeamdaeError
             If quantities have no derivatives.
         """
-        margins, slopes = self.margins(values), np.ones(len(self.ratios))
-        if is_logarithmic:
-            margins, slopes = self.log_margins(margins)
+        margins, slopes = self.log_margins(self.margins(values))
         scales, here = self.variables, self.variables.variables(numbers)
         rows = self.design(numbers).gradients * scales.derivatives(here) / self.scales[:, None]
         bounds = (limit - here for limit in scales.limits)

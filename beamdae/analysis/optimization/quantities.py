@@ -44,8 +44,8 @@ class LargestOf(Quantity):
 
     With the exponent p, the value is (sum |y_k|^p)^(1/p). It is not less than the largest |y_k| of
     N quantities and exceeds it at most by the factor N^(1/p), 6 % for N = 10 and p = 40. Use it for
-    a limit of the stress at several sections, which is then satisfied at each of them. By the
-    adjoint, the gradient of `LargestOf` takes about as long as that of one stress.
+    a limit of the stress at several sections, which is then satisfied at each of them. The gradient
+    of `LargestOf` takes about as long as that of one stress.
 
     Attributes
     ----------

@@ -14,7 +14,7 @@ from beamdae.analysis.optimization.problem import (
     DesignProblem,
     require_units,
 )
-from beamdae.analysis.optimization.solvers import Method, SmoothProblem, solve
+from beamdae.analysis.optimization.solvers import Method, SmoothProblem, relax_limits, solve
 from beamdae.analysis.parameter_bounds import draw_starts
 from beamdae.errors import (
     BeamdaeError,
@@ -37,6 +37,7 @@ Array = np.ndarray
 _OPTIMALITY_TOLERANCE, _MIN_DECREASE = 0.05, 0.1
 # Relative difference of the maximum over a run from its assumed ratio to the smooth maximum.
 _RATIO_TOLERANCE = 1e-3
+_BLOCKING_SHARE = 0.99  # of the largest violation, of limits that contradict each other
 _MAX_ROUNDS = 6  # of searches with other ratios of maxima
 _MAX_NAMES = 3  # in a sentence
 _INTERRUPTED = Status("interrupted", "interrupted before the end of all searches")
@@ -143,11 +144,10 @@ class Search:
 
     def __init__(self, problem: DesignProblem, settings: SearchSettings) -> None:
         self._problem, self._settings = problem, settings
-        # Evaluated designs by the variables of the search, in their order.
-        self._known: dict[bytes, Trial] = {}
         # Variables and functions of the design with the latest gradients of the present solver.
         self._latest: tuple[Array, Linearization] | None = None
-        self._minimizes_violation = False
+        # Evaluated designs by the variables of the search, in their order.
+        self._known: dict[bytes, Trial] = {}
         self._end: Trial | None = None  # design at which the present solver converged
 
     def run(self) -> SearchResult:
@@ -165,14 +165,12 @@ class Search:
         trial = self._keep(Trial(problem.first, first.values))
         facts: dict[str, Any] = {"multipliers": np.full(len(problem.limits), np.nan)}
         try:
-            self._problem = self._problem.scaled_by(first)
+            self._problem = problem.scaled_by(first)
             self._report(trial)
-            # Errors of the first gradient concern the model rather than a design.
-            self._problem.linearize(trial.numbers, trial.values, False)
             status = self._search()
-            point = self._linearize(self._best(), False)
-            facts = self._judge(point)
-            status = self._conclude(status, units, point, facts["residual"])
+            best = self._best()
+            facts = self._judge(self._problem.linearize(best.numbers, best.values))
+            status = self._conclude(status, units, facts["residual"])
         except KeyboardInterrupt:
             acknowledge()
             sentence = f"interrupted after {format_count(len(self._known), 'evaluation')}"
@@ -180,8 +178,10 @@ class Search:
         except ProgressError as failure:
             status = Status("failed", str(failure))
             facts["progress_error"] = failure.problem
-        except _SearchEndError as end:
-            status = self._conclude(end.status, units)
+        except (BeamdaeError, ArithmeticError) as failure:
+            if self._problem is problem:
+                raise  # Errors of the first gradient concern the model rather than a design.
+            status = self._conclude(Status("failed", describe_failure(failure)), units)
         trials, most = tuple(self._known.values()), self._settings.max_evaluations
         best = self._best()
         return SearchResult(
@@ -191,64 +191,56 @@ class Search:
     def _search(self) -> Status:
         """Search until the maxima of the best design are those assumed."""
         for _ in range(_MAX_ROUNDS):
-            status = self._solve()
+            status = self._solve(self._settings.method)
             if status.success and self._violation(self._best()):
-                status = self._solve(minimizes_violation=True)
+                status = self._solve("SLSQP", relax_limits)
                 if status.success and not self._violation(self._best()):
-                    status = self._solve()
+                    status = self._solve(self._settings.method)
             if not self._adopt_best() or not status.success:
                 break
         return status
 
-    def _solve(self, minimizes_violation: bool = False) -> Status:
-        """Minimize the objective or the violation from the best design; return why it ended."""
+    def _solve(
+        self, method: Method, change: Callable[[SmoothProblem], SmoothProblem] = lambda x: x
+    ) -> Status:
+        """Minimize from the best design, and return why the solver ended."""
         problem, settings, best = self._problem, self._settings, self._best()
-        self._minimizes_violation, self._latest, self._end = minimizes_violation, None, None
+        self._latest = self._end = None
         points = [problem.variables.variables(best.numbers), *problem.variables.limits]
-        if minimizes_violation:
-            # The violation is the last variable.
-            ends = self._violation(best), 0.0, np.inf
-            points = [np.append(x, end) for x, end in zip(points, ends, strict=True)]
         smooth = SmoothProblem(self._values, self._gradients, len(problem.limits), *points)
         try:
-            x = solve(smooth, settings.method, settings.tolerance, settings.max_evaluations)
+            x = solve(change(smooth), method, settings.tolerance, settings.max_evaluations)
         except _SearchEndError as end:
             return end.status
+        except (BeamdaeError, ArithmeticError) as failure:
+            return Status("failed", describe_failure(failure))
         self._end = self._known.get(x[: len(problem.names)].tobytes())
         return Status("ok", "the solver ended")
 
     def _values(self, x: Array) -> tuple[float, Array]:
         """Return the function to minimize, infinite if an analysis fails, and the margins (C,)."""
-        problem, free = self._problem, x[: len(self._problem.names)]
-        trial = self._known.get(free.tobytes()) or self._evaluate(free)
+        problem = self._problem
+        trial = self._known.get(x.tobytes()) or self._evaluate(x)
         if trial.failure:
             return np.inf, np.zeros(len(problem.ratios))
-        margins = problem.margins(trial.values)
-        if self._minimizes_violation:
-            return float(x[-1]), margins + x[-1]
-        return problem.scaled_objective(trial.values), problem.log_margins(margins)[0]
+        margins = problem.log_margins(problem.margins(trial.values))[0]
+        return problem.scaled_objective(trial.values), margins
 
     def _gradients(self, x: Array) -> tuple[Array, Array]:
         """Return the derivatives of the function to minimize and of the margins.
 
-        The search ends at designs that satisfy the conditions of first order, and where no step
-        reduces the violation.
+        The search ends at designs that satisfy the conditions of first order.
         """
-        trial = self._known[x[: len(self._problem.names)].tobytes()]
+        trial = self._known[x.tobytes()]
         if trial.failure:
             raise _SearchEndError("ok", "analyses fail")
-        point = self._linearize(trial, not self._minimizes_violation)
-        self._latest = x[: len(self._problem.names)].copy(), point
-        if np.all(point.margins >= -FEASIBILITY_TOLERANCE):
-            if self._minimizes_violation or point.measure_decrease()[0] <= self._settings.tolerance:
-                self._end = trial
-                raise _SearchEndError("ok", "converged")
-        elif self._violation(trial) and np.any(point.find_blocking()):
-            raise _SearchEndError("ok", "the violation has a local minimum")
-        if not self._minimizes_violation:
-            return point.gradient, point.jacobian
-        ones = np.ones((len(point.margins), 1))
-        return np.append(0.0 * point.gradient, 1.0), np.hstack([point.jacobian, ones])
+        point = self._problem.linearize(trial.numbers, trial.values)
+        self._latest = x.copy(), point
+        is_feasible = np.all(point.margins >= -FEASIBILITY_TOLERANCE)
+        if is_feasible and point.measure_decrease()[0] <= self._settings.tolerance:
+            self._end = trial
+            raise _SearchEndError("ok", "converged")
+        return point.gradient, point.jacobian
 
     def _evaluate(self, x: Array) -> Trial:
         """Analyze a design that is not known, unless the search has to end."""
@@ -273,7 +265,7 @@ class Search:
 
         Line searches of values that jump between designs would only compare these jumps.
         """
-        if self._latest is None or self._minimizes_violation:
+        if self._latest is None:
             return False
         here, point = self._latest
         changes = np.abs(np.vstack([point.gradient, point.jacobian]) @ (x - here))
@@ -285,12 +277,9 @@ class Search:
         Return False if these are the present ones.
         """
         problem, best, limits = self._problem, self._best(), self._problem.limits
-        try:
-            design = problem.design(best.numbers)
-            rows = zip(limits, design.values[1:].tolist(), strict=True)
-            ratios = np.array([design.maximum_ratio(limit, value) for limit, value in rows])
-        except (BeamdaeError, ArithmeticError) as failure:
-            raise _SearchEndError("failed", describe_failure(failure)) from failure
+        design = problem.design(best.numbers)
+        rows = zip(limits, design.values[1:].tolist(), strict=True)
+        ratios = np.array([design.maximum_ratio(limit, value) for limit, value in rows])
         is_off = np.abs(ratios - problem.ratios) > _RATIO_TOLERANCE * problem.ratios
         # Maxima that do not reach their limit need no further search.
         largest = np.maximum(ratios, problem.ratios) * np.abs(design.values[1:])
@@ -308,17 +297,11 @@ class Search:
             "idle": tuple(x for x, y in zip(self._problem.names, has_effect, strict=True) if not y),
         }
 
-    def _conclude(
-        self,
-        status: Status,
-        units: tuple[str, ...],
-        point: Linearization | None = None,
-        residual: float = np.inf,
-    ) -> Status:
-        """Return the status of the best design, with its linearization and `residual` if known."""
+    def _conclude(self, status: Status, units: tuple[str, ...], residual: float = np.inf) -> Status:
+        """Return the status of the best design, with its `residual` if known."""
         failures, sentence = [x.failure for x in self._known.values() if x.failure], status.sentence
         if self._violation(self._best()):
-            sentence = self._describe_violation(status, units, point)
+            sentence = self._describe_violation(status, units)
         elif status.success and residual <= _OPTIMALITY_TOLERANCE:
             return Status("ok", "converged")
         else:
@@ -337,19 +320,17 @@ class Search:
             )
         return Status("limited" if status.success else status.kind, sentence)
 
-    def _describe_violation(
-        self, status: Status, units: tuple[str, ...], point: Linearization | None
-    ) -> str:
+    def _describe_violation(self, status: Status, units: tuple[str, ...]) -> str:
         """Return the limit that the best design violates most, and those that block."""
         problem, best = self._problem, self._best()
         worst = int(np.argmin(problem.margins(best.values)))
         limit, value = problem.limits[worst], problem.ratios[worst] * best.values[1 + worst]
         numbers = format_distinct(limit.bound, float(value), digits=4)
         allowed, actual = (format_with_unit(x, units[1 + worst]) for x in numbers)
-        blocking: list[str] = []
-        if point is not None:
-            pairs = zip(problem.limits, point.find_blocking(), strict=True)
-            blocking = [x.label for x, is_blocking in pairs if is_blocking]
+        # A solver that has converged to the smallest violation leaves the same one of these limits.
+        margins = problem.log_margins(problem.margins(best.values))[0]
+        limits = zip(problem.limits, margins <= _BLOCKING_SHARE * np.min(margins), strict=True)
+        blocking = [x.label for x, blocks in limits if blocks and best is self._end]
         side, names = "most" if limit.sign > 0 else "least", list_first(blocking, _MAX_NAMES)
         return (
             "no evaluated design satisfies the constraints; in the best one "
@@ -359,12 +340,6 @@ class Search:
             + "the search is local, start it from other values (parameters={name: value}) or "
             "increase starts="
         )
-
-    def _linearize(self, trial: Trial, is_logarithmic: bool) -> Linearization:
-        try:
-            return self._problem.linearize(trial.numbers, trial.values, is_logarithmic)
-        except (BeamdaeError, ArithmeticError) as failure:
-            raise _SearchEndError("failed", describe_failure(failure)) from failure
 
     def _keep(self, trial: Trial, x: Array | None = None) -> Trial:
         """Store a design with the variables x."""
@@ -382,11 +357,13 @@ class Search:
         return self._problem.violation(trial.values)
 
     def _best(self) -> Trial:
-        """Return the end of a solver that converged, otherwise the best design."""
-        if self._end is not None and not self._end.failure and not self._violation(self._end):
-            return self._end
-        designs = (x for x in self._known.values() if not x.failure)
-        return min(designs, key=lambda x: (self._violation(x), float(x.values[0])))
+        """Return the end of a solver that converged, or a better design by its limits."""
+        designs = [x for x in self._known.values() if not x.failure]
+        best = min(designs, key=lambda x: (self._violation(x), float(x.values[0])))
+        end = self._end
+        if end is None or end.failure or self._violation(end) > self._violation(best) == 0.0:
+            return best
+        return end
 
 
 def search_from_starts(

@@ -43,6 +43,22 @@ class SmoothProblem:
     upper: Array
 
 
+def relax_limits(problem: SmoothProblem) -> SmoothProblem:
+    """Return the problem of the smallest violation of a limit, which is the last variable."""
+
+    def values(x: Array) -> tuple[float, Array]:
+        value, margins = problem.values(x[:-1])
+        return float(x[-1]) if np.isfinite(value) else np.inf, margins + x[-1]
+
+    def gradients(x: Array) -> tuple[Array, Array]:
+        gradient, jacobian = problem.gradients(x[:-1])
+        return np.append(0.0 * gradient, 1.0), np.insert(jacobian, len(gradient), 1.0, axis=1)
+
+    points = problem.begin, problem.lower, problem.upper
+    ends = np.max(-problem.values(problem.begin)[1]), 0.0, np.inf
+    return SmoothProblem(values, gradients, problem.count, *map(np.append, points, ends))
+
+
 def solve(problem: SmoothProblem, method: Method, tolerance: float, iterations: int) -> Array:
     """Return the variables (k,) at which a solver ends, whether it converged or not."""
     solver = {"SLSQP": _solve_by_slsqp, "IPOPT": _solve_by_ipopt}[method]

@@ -14,8 +14,8 @@ from beamdae.analysis.sensitivities.neighbors import (
     derivative_call,
     difference_model,
 )
+from beamdae.analysis.sensitivities.requested_start import assemble_neighbors
 from beamdae.analysis.sensitivities.run_chain import RunDerivative, differentiate_states
-from beamdae.analysis.sensitivities.start_derivatives import assemble_neighbors
 from beamdae.errors import (
     BeamdaeError,
     require_choice,
@@ -84,13 +84,16 @@ class DifferentiableRun:
         Further arguments of the run, see `simulate`.
     solution
         The run.
+    neighbors
+        Models around the values of parameters, as far as they are known.
     """
 
     model: NumericModel
     method: GeneralizedAlpha | Radau
     settings: dict[str, Any]
     solution: Solution
-    _along: dict[str, tuple[Difference, RunDerivative]] = field(default_factory=dict, init=False)
+    neighbors: dict[str, Difference] = field(default_factory=dict, init=False)
+    _along: dict[str, RunDerivative] = field(default_factory=dict, init=False)
 
     @classmethod
     def of(
@@ -130,16 +133,13 @@ class DifferentiableRun:
         self.require_end()
         equations = self.solution.equations
         assemble = assemble_neighbors(equations, self.settings["start"])
-        missing = {
-            x: difference_model(self.model, x, equations, assemble)
-            for x in names
-            if x not in self._along
-        }
+        for name in names:
+            if name not in self.neighbors:
+                self.neighbors[name] = difference_model(self.model, name, equations, assemble)
+        missing = {x: self.neighbors[x] for x in names if x not in self._along}
         if missing:
-            derivatives = differentiate_states(self.solution, self.method, missing)
-            self._along |= {x: (y, derivatives[x]) for x, y in missing.items()}
-        differences, along = zip(*(self._along[x] for x in names), strict=True)
-        return dict(zip(names, differences, strict=True)), dict(zip(names, along, strict=True))
+            self._along |= differentiate_states(self.solution, self.method, missing)
+        return {x: self.neighbors[x] for x in names}, {x: self._along[x] for x in names}
 
 
 def assess_derivatives(estimate_error: Any, compute: Callable[[], Result]) -> Result:

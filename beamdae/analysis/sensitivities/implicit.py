@@ -49,6 +49,7 @@ from beamdae.analysis.continuation.engine import (
     Point,
     RefinedFactors,
     factorize_bordered,
+    prescribe_parameter,
 )
 from beamdae.analysis.eigenproblems.eigensolution import solve_eigenproblem
 from beamdae.analysis.eigenproblems.linearized_equations import (
@@ -61,15 +62,17 @@ from beamdae.analysis.sensitivities.neighbors import (
     Neighbors,
 )
 from beamdae.analysis.sensitivities.start_derivatives import plan_along
+from beamdae.analysis.statics.load_scaling import build_loading
 from beamdae.analysis.statics.static_problem import StaticProblem
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations import tangents
 from beamdae.equations.formulations.static_equations import (
     StaticEquations,
+    find_idle_forces,
     plan_static_sums,
 )
 from beamdae.equations.starts.steady_rotation import rotating_state
-from beamdae.equations.structure import Structure
+from beamdae.equations.structure import Structure, cache_on_owner
 from beamdae.linear.orderings import invert_to_power_of_two
 from beamdae.parts.rotation import Rotation
 from beamdae.symbolic.sums.directional_sums import StackedSum
@@ -344,6 +347,35 @@ class RegularPoint:
             self.point.linearization.by_parameter,
         )
         return self.point.bordered(column, row.gradient[:-1], row.gradient[-1])
+
+
+class UniqueEquilibrium(RegularPoint):
+    """Equilibrium under all loads at the start of a run, with a stiffness of all motions."""
+
+    def derivative_along(self, difference: Difference) -> Array:
+        """Return the derivatives of the positions with respect to a parameter."""
+        here = self.point.problem
+        assert isinstance(here, StaticProblem)
+        models = [_under_all_loads(e, here.idle) for e in difference.models]
+        direction = ParameterDirection(difference, here, models, [self.control] * len(models))
+        return self.respond(np.append(direction.forces(self.point), 0.0))[: difference.base.n]
+
+
+@cache_on_owner
+def find_unique_equilibrium(equations: EquationsOfMotion, q: bytes) -> UniqueEquilibrium | None:
+    """Return the equilibrium at positions `q`; None if it is not unique."""
+    problem, control = _under_all_loads(equations), prescribe_parameter
+    try:
+        x = problem.point_at(np.frombuffer(q), 1.0).x
+        result = UniqueEquilibrium(problem.correct(control, 1.0, x, 1.0), control)
+        return result if result._factors.is_regular else None
+    except CurveError:
+        return None
+
+
+def _under_all_loads(equations: EquationsOfMotion, idle: Array | None = None) -> StaticProblem:
+    system = build_loading(equations, equations, None, 0.0).systems[0]
+    return StaticProblem(system, idle=find_idle_forces(system.loaded) if idle is None else idle)
 
 
 class SingularPoint:

@@ -33,7 +33,7 @@ from beamdae.analysis.sensitivities.neighbors import (
     try_step,
     warn_without_effect,
 )
-from beamdae.analysis.sensitivities.start_derivatives import start_adds_velocities
+from beamdae.analysis.sensitivities.requested_start import start_adds_velocities
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.smooth_intervals import time_on_branch
 from beamdae.errors import BeamdaeError

@@ -16,10 +16,16 @@ from beamdae.equations.equations_of_motion import (
     State,
 )
 from beamdae.errors import BeamdaeError
+from beamdae.results.columns import require_one_column, select_columns
 from beamdae.results.elastic_columns import is_elastic
+from beamdae.results.run_data import coordinate_headers
+from beamdae.results.solution import Solution
 from beamdae.results.trajectory import Trajectory
 
 Array = np.ndarray
+
+# Step of the differences of columns over time, relative to the mean step of the run.
+_RELATIVE_TIME_STEP = 1e-3
 
 
 def differentiate_columns(
@@ -222,3 +228,47 @@ def time_derivative(
     clock = np.tile([1.0, 0.0], (len(times), 1))
     rates = (0, clock), (1, arguments[2]), (2, a), (4, lam_rates[:, o.rows])
     return sum(np.einsum("rij,ri->rj", _jacobian(o, k, arguments), x) for k, x in rates)
+
+
+def read_column(run: Solution, name: str) -> tuple[str, Array]:
+    """Return the header and the values of a column at the output times of a run.
+
+    Raises
+    ------
+    BeamdaeError
+        If the name selects no column or several columns.
+    """
+    headers = coordinate_headers(run.equations)
+    header = select_column(name, headers[1:], list(run.columns))
+    if header in run.columns:
+        return header, run.columns[header]
+    return header, run.coordinate_columns()[header]
+
+
+def select_column(name: str, coordinates: list[str], observed: list[str]) -> str:
+    """Return the header of the column with this name; observed columns take precedence.
+
+    Raises
+    ------
+    BeamdaeError
+        If the name selects no column or several columns.
+    """
+    selected = select_columns([*coordinates, *observed], name, observed=observed)
+    return require_one_column("Objective", name, selected)
+
+
+def differentiate_column(run: Solution, header: str, times: Array) -> Array:
+    """Return the time derivatives (k,) of a column of the dense output at times of a run.
+
+    Differences of second order at earlier times, so that at an accepted step they are those of the
+    step that ends there; at later times in the first step.
+    """
+    end = run.trajectory.end
+    times = np.clip(times, 0.0, end)
+    step = _RELATIVE_TIME_STEP * min(run.trajectory.mean_step, end)
+    steps = np.where(times >= 2.0 * step, -step, step)
+    needed = times + np.outer([0.0, 1.0, 2.0], steps)
+    unique = np.unique(needed)
+    column = read_column(run.at_times(unique), header)[1]
+    here, next_one, second = column[np.searchsorted(unique, needed)]
+    return np.asarray((4.0 * next_one - 3.0 * here - second) / (2.0 * steps))

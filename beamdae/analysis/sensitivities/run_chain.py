@@ -24,6 +24,7 @@ from beamdae.analysis.sensitivities.neighbors import (
     Difference,
     derivative_call,
 )
+from beamdae.analysis.sensitivities.requested_start import differentiate_start
 from beamdae.analysis.sensitivities.restart_times import (
     differentiate_breakpoint,
     differentiate_event_time,
@@ -34,7 +35,6 @@ from beamdae.analysis.sensitivities.restart_times import (
 )
 from beamdae.analysis.sensitivities.start_derivatives import (
     Directions,
-    differentiate_start,
     group_directions,
 )
 from beamdae.equations.equations_of_motion import (

@@ -144,36 +144,6 @@ class Sensitivities(SensitivityResult):
         columns = ["event", measures.TIME, *self.parameters]
         return pd.DataFrame(rows, columns=columns).rename(columns=headers)
 
-    @property
-    def energies(self) -> pd.DataFrame:
-        """Table of the derivatives of the kinetic, strain and gravitational energies over time.
-
-        The header of a derivative is "d(energy.kinetic)/d(damping) [J per unit of damping]".
-
-        Raises
-        ------
-        BeamdaeError
-            If parts are inactive during the run.
-        """
-        import pandas as pd
-
-        trajectory = self.solution.trajectory
-        if any(x.inactive for x in trajectory.intervals):
-            raise BeamdaeError(
-                "sensitivities: energies of runs with inactive parts are not differentiated; "
-                "observe the quantities that you need."
-            )
-        times, at = trajectory.at(self.t)
-        columns = {measures.TIME: self.t}
-        for name, along in self.trajectories.items():
-            rows = self._differences[name].along(
-                lambda e, *state: measures.BalanceRows(e)(times, *state),
-                *zip(at, along.at(self.t)[1], strict=True),
-            )[:, : len(measures.ENERGIES)]
-            headers = (derivative_header(x, name) for x in measures.LEDGER_COLUMNS)
-            columns |= dict(zip(headers, rows.T, strict=False))
-        return pd.DataFrame(columns)
-
     def at_times(self, times: Array) -> Sensitivities:
         """Return the result at other times [s], which must ascend and lie within the run."""
         return replace(self, solution=self.solution.at_times(times))

@@ -11,7 +11,7 @@ Operators act on z = (q, v, a, lam, p, t), where p are the numbers of the model.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property, lru_cache, partial, reduce
 from operator import add, matmul
 from typing import Any, NamedTuple
@@ -20,15 +20,11 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import LinearOperator, aslinearoperator, splu
 
-from beamdae.analysis.continuation.engine import RefinedFactors
 from beamdae.analysis.sensitivities.neighbors import (
     Difference,
-    derivative_call,
     equations_key,
 )
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
-from beamdae.equations.formulations.static_equations import StaticEquations
-from beamdae.equations.smooth_intervals import time_on_branch
 from beamdae.equations.starts.closing import closing_matrix
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.starts.state_evaluator import (
@@ -45,8 +41,6 @@ from beamdae.equations.structure import (
     cache_on_owner,
 )
 from beamdae.integrators.alpha.family import JERK_INTERVAL, STIFF_TIME, AlphaParameters
-from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM
-from beamdae.simulation import as_equations
 from beamdae.symbolic.sums.directional_sums import StackedSum, directional_plan
 from beamdae.symbolic.sums.kernel_sums import SumPlan, set_time
 from beamdae.symbolic.sums.sum_evaluator import SumEvaluator
@@ -54,7 +48,6 @@ from beamdae.symbolic.sums.transposed_sums import transposed_plan
 
 Array = np.ndarray
 
-_EQUILIBRATION_STEPS = 8  # each takes the square root of the ratios of the largest entries
 # Difference of time for partial derivatives with respect to time, relative to the step.
 _STEP_FRACTION = 1e-3
 # Motion over which derivatives of forces are differenced, relative to that in a stiff time.
@@ -73,31 +66,6 @@ def _plan_direction(structure: Structure, plan: PlanFunction, n_inputs: int) -> 
 def plan_transpose(structure: Structure, plan: PlanFunction, n_inputs: int) -> SumPlan:
     """Return `transposed_plan` of a sum; `plan` is a function of a module."""
     return transposed_plan(plan(structure), n_inputs)
-
-
-def invert_statics(equations: EquationsOfMotion, time: Array, at: State) -> LinearOperator | None:
-    """Return the inverse of the tangent of static equations, with one refinement of solutions.
-
-    Return None if the equilibrium is not unique: a motion without stiffness makes solutions
-    inaccurate or the matrix singular.
-
-    Condition numbers of static equations reach 1e12, those of scaled ones 1e8: without scales, a
-    steel leaf spring of 8 elements had errors of 5e-6, and 1e-9 with scales. Rows and columns have
-    the same scales, with which the largest entry of each is near 1; D. Ruiz, A scaling algorithm to
-    equilibrate both rows and columns norms in matrices, RAL-TR-2001-034.
-    """
-    matrix = StaticEquations(equations, time).matrix(at.q, at.lam)
-    magnitudes, scales = abs(matrix), np.ones(matrix.shape[0])
-    for _ in range(_EQUILIBRATION_STEPS):
-        scaled = sp.diags_array(scales) @ magnitudes @ sp.diags_array(scales)
-        largest = np.maximum(*(scaled.max(axis=k).toarray().ravel() for k in (0, 1)))
-        scales /= np.sqrt(np.where(largest > 0.0, largest, 1.0))
-    scaled = sp.csc_array(sp.diags_array(scales) @ matrix @ sp.diags_array(scales))
-    try:
-        factors = RefinedFactors(scaled, splu(scaled), scales)
-    except RuntimeError:
-        return None
-    return _inverse(factors, len(scales)) if factors.is_regular else None
 
 
 def _operator(size: int, matmat: Callable[..., Array], rmatmat: Callable[..., Array]) -> Any:
@@ -361,21 +329,6 @@ class StartDerivatives:
         columns = (_pick(4 * n, k * n, (k + 1) * n).T for k in range(4))
         return reduce(add, map(matmul, columns, parts))
 
-    def equilibrium_map(self, time: Array, at: State) -> LinearOperator | None:
-        """Return the map from approximate positions to (q, lam) of the equilibrium `at` a time.
-
-        Its residual along (q, p) corrects the positions: the derivatives solve
-        [[K, G^T + dF/dlam], [G, 0]] (dq, dlam) = -(dF/dp dp + d(G^T lam)/dp dp, dg/dp dp) with
-        K = d(F + G^T lam)/dq. Return None if the equilibrium is not unique.
-        """
-        inverse, n = invert_statics(self.equations, time, at), self.equations.n
-        if inverse is None:
-            return None
-        at_rest = State(at.q, np.zeros(n), np.zeros(n), at.lam)
-        balance = self._balance(time, at_rest, 0.0, 0)
-        start = _pick(n + self.equations.m, 0, n).T @ self._part("q")
-        return start - inverse @ balance
-
     @property
     def _slices(self) -> dict[str, slice]:
         e = self.equations
@@ -559,76 +512,3 @@ def group_directions(differences: Sequence[Difference]) -> list[Directions]:
         )
         for members in groups.values()
     ]
-
-
-def differentiate_start(difference: Difference, time: Array, at: State) -> tuple[Array, Array]:
-    """Return the derivatives of the requested initial positions and velocities.
-
-    `time` and `at` are (t, branch) and the state at the start of the run.
-    """
-    base = difference.base
-    models = (base, *difference.models)
-    if np.array_equal(at.q, base.q0) and not any(start_adds_velocities(e, time) for e in models):
-        dq, dv = difference.along(lambda e: e.q0), difference.along(lambda e: e.v0)
-    else:
-
-        def start(e: EquationsOfMotion) -> Array:
-            return np.concatenate(ConsistencySolver(e).start_state(time, e.q0, e.v0)[:2])
-
-        dq, dv = np.split(difference.along(start), 2)
-    if base.start is not None and base.start.description == EQUILIBRIUM:
-        maps = StartDerivatives.of(difference)
-        operator = maps.equilibrium_map(time, at)
-        if operator is not None:
-            dp = difference.along(lambda e: e.p)
-            dq = maps.along(operator, dq[None], dp[None])[0, : len(dq)]
-    return dq, dv
-
-
-def assemble_neighbors(base: EquationsOfMotion, start: Any) -> Callable[[Any], EquationsOfMotion]:
-    """Return the function that assembles models at neighboring values of parameters.
-
-    If the run starts in a unique equilibrium, that of its neighbors is not searched: they start at
-    that of the run, whose derivative follows from the static equations, see
-    `StartDerivatives.equilibrium_map`.
-
-    Parameters
-    ----------
-    base, start
-        Equations of the run, and its start; None for that of the model.
-    """
-
-    def assemble(mechanism: Any) -> EquationsOfMotion:
-        return as_equations(derivative_call(), mechanism, start)
-
-    time, rest = time_on_branch(base.breakpoints, 0.0), np.zeros(base.n)
-    if (
-        base.start is None
-        or base.start.description != EQUILIBRIUM
-        or base.configurations is not None
-        or base.redundant
-        or len(base.states)
-        or start_adds_velocities(base, time)
-        or invert_statics(base, time, ConsistencySolver(base).state(time, base.q0, rest)) is None
-    ):
-        return assemble
-
-    def assemble_as_drawn(mechanism: Any) -> EquationsOfMotion:
-        neighbor = as_equations(derivative_call(), mechanism, AS_DRAWN)
-        if neighbor.n != base.n:  # Rejected by the caller.
-            return neighbor
-        result = replace(neighbor, q0=base.q0, v0=base.v0, start=base.start)
-        return assemble(mechanism) if start_adds_velocities(result, time) else result
-
-    return assemble_as_drawn
-
-
-def start_adds_velocities(equations: EquationsOfMotion, time: Array) -> bool:
-    """Return True if bodies are set in motion at the start, see `ConsistencySolver.start_state`."""
-    kernels = [joint.kernel for joint in equations.structure.joints]
-    if not np.any(equations.v0) and all(x.is_scleronomic for x in kernels):
-        return False
-    solver = ConsistencySolver(equations)
-    return not np.array_equal(
-        solver.rigid_velocities(time, equations.q0, equations.v0), equations.v0
-    )

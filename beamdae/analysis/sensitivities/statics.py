@@ -17,6 +17,7 @@ from beamdae.analysis.sensitivities.implicit import (
     RegularPoint,
     SingularPoint,
 )
+from beamdae.analysis.sensitivities.many_parameters import difference_models
 from beamdae.analysis.sensitivities.neighbors import (
     Difference,
     NumericModel,
@@ -207,12 +208,15 @@ class _PathPoints:
     loading: Loading
 
     def differentiate(
-        self, differences: Mapping[str, Difference], neighbors: Mapping[str, Sequence[Loading]]
+        self,
+        differences: Mapping[str, Difference],
+        neighbors: Mapping[str, Sequence[Loading]],
+        rows: Sequence[int],
     ) -> dict[str, tuple[Array, Array, Array]]:
         """Return the derivatives of load factors, coordinates and multipliers by parameter.
 
-        `neighbors` are the loadings of the models of `differences`. Derivatives that do not exist
-        are NaN.
+        `neighbors` are the loadings of the models of `differences`. Derivatives that do not exist,
+        and those in other than the given rows, are NaN.
         """
         path, (count, n), m = self.path, self.path.q.shape, len(self.loading.multiplier_rows)
         multipliers = np.zeros((count, m))
@@ -231,8 +235,8 @@ class _PathPoints:
                 )
                 for name, difference in differences.items()
             }
-            for row, free in enumerate(path.free_coordinates):
-                if free or active_stage(path.factors[row]) != stage:
+            for row in rows:
+                if path.free_coordinates[row] or active_stage(path.factors[row]) != stage:
                     continue
                 try:
                     point = self._find_point(row, stage, problem, control)
@@ -392,31 +396,47 @@ def equilibrium_sensitivities(
 
 
 def differentiate_path(
-    model: NumericModel, names: Sequence[str], path: Equilibrium
+    model: NumericModel,
+    names: Sequence[str],
+    path: Equilibrium,
+    rows: Sequence[int] | None = None,
+    known: Mapping[str, Difference] | None = None,
 ) -> EquilibriumSensitivities:
-    """Return the derivatives of a path of a model; see `equilibrium_sensitivities`."""
+    """Return the derivatives of a path of a model; see `equilibrium_sensitivities`.
+
+    `rows` are the differentiated points, and `known` the models around the values of the
+    parameters, as drawn; None for all points, and for models that are to be built.
+    """
     if path.free:
         raise BeamdaeError(
             f"{_NAME}: {path.free} of {model.name} can move without stiffness, so the position of "
             "the equilibrium has no derivative; add a spring or a joint."
         )
+    rows = list(range(len(path.q)) if rows is None else rows)
     stages = [list(stage) for stage in path.loads] or None
+    has_all_loads = path.factors.shape[1] == 1 and bool(np.all(path.factors[rows] == 1.0))
+    is_prescribed = has_all_loads and not isinstance(path.settings["to"], Mapping)
+    if is_prescribed and path.equations.configurations is None:
+        stages = None  # Equations without loads are not needed, and take long to assemble.
 
     assemble = partial(as_equations, _NAME, start=AS_DRAWN)
 
     def load(equations: EquationsOfMotion) -> Loading:
         mechanism = equations.mechanism
-        source = equations if mechanism is None else mechanism
+        source = equations if mechanism is None or stages is None else mechanism
         return build_loading(source, equations, stages, path.t)
 
-    differences = {name: difference_model(model, name, path.equations, assemble) for name in names}
     with single_threaded:
         points = _PathPoints(path, load(path.equations))
+        ends = [x for system in points.loading.systems for x in (system.unloaded, system.loaded)]
+        if not all(np.array_equal(x.equations.p, path.equations.p) for x in ends):
+            known = {x: difference_model(model, x, path.equations, assemble) for x in names}
+        differences = known or difference_models(model, names, path.equations, assemble)
         neighbors = {name: list(map(load, x.models)) for name, x in differences.items()}
         for name in names:
             _require_same_multipliers(name, points.loading, neighbors[name])
         try:
-            derivatives = points.differentiate(differences, neighbors)
+            derivatives = points.differentiate(differences, neighbors, rows)
         except CurveError as error:
             raise BeamdaeError(
                 f"{_NAME}: an equilibrium of the path of {model.name} has no derivative, because "
@@ -425,7 +445,7 @@ def differentiate_path(
     factors, q, lam = ({name: x[k] for name, x in derivatives.items()} for k in range(3))
     for name in names:
         for point in path.critical:
-            if np.any(np.isnan(factors[name][point.row])):
+            if point.row in rows and np.any(np.isnan(factors[name][point.row])):
                 warn_user(
                     f"{_NAME}: {name} does not preserve the {point.kind} at load factor "
                     f"{point.factor:g}, or several modes are critical there, so its derivative "
