@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from conformance import integrators
-from mechanisms import strip
+from mechanisms import clamped_beam, hinged_body, mass_on_rail, rectangle
 from numpy.testing import assert_allclose
 from slider_crank import slider_crank
 
@@ -154,7 +154,7 @@ def test_missing_joint_shows_in_the_free_motions():
 def test_regression_verdicts_name_parts_that_can_move_away(add, is_free):
     """A stage without its welds, moved by its actuator, was ready to run without a word."""
     mech = bd.Mechanism()
-    strip = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=1e-3)
+    strip = rectangle(1e-3)
     leaf = mech.add(bd.Beam("leaf", bd.Line((0.0, 0.0), (0.0, 0.1)), strip, formulation="exact"))
     mech.add(bd.Weld("foot", mech.ground.at(0.0, 0.0), leaf.start))
     # A free body that a spring connects to the stage does not hold it.
@@ -192,7 +192,7 @@ def test_regression_verdicts_name_free_motions_along_which_nothing_acts(add):
     mech.add(bd.Revolute("shaft", ground.at(0.0, 0.0), crank.at(0.0, 0.0)))
     mech.add(bd.Driver("motor", ground.at(0.0, 0.0), crank.at(0.0, 0.0), lambda t: 6.0 * t))
     line = bd.Line((0.0, 0.06), (0.0, -0.24))
-    rod = mech.add(bd.Beam("rod", line, strip(0.05), elements=2))
+    rod = mech.add(bd.Beam("rod", line, rectangle(0.05, 0.03), elements=2))
     ram = mech.add(bd.PointMass("ram", 20.0, at=(0.0, -0.24)))
     mech.add(bd.Revolute("pin", crank.at(0.0, 0.06), rod.start))
     mech.add(bd.Revolute("wrist", rod.end, ram.point))
@@ -211,9 +211,9 @@ def test_regression_verdicts_name_free_motions_along_which_nothing_acts(add):
     ("gravity", "velocity", "count"), [(0.0, 0.0, 1), (0.0, 1.0, 0), (9.81, 0.0, 0)]
 )
 def test_pendulums_and_bodies_with_a_velocity_are_not_in_the_verdict(gravity, velocity, count):
-    mech = bd.Mechanism(gravity=(0.0, -gravity))
-    bar = mech.add(bd.RigidBody("bar", 1.0, 0.1, center=(0.5, 0.0), angular_velocity=velocity))
-    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), bar.at(0.0, 0.0)))
+    mech, _ = hinged_body(
+        1.0, 0.1, (0.5, 0.0), name="bar", gravity=gravity, angular_velocity=velocity
+    )
     assert len(mech.check(t_end=1.0, predict=False).unheld_motions) == count
 
 
@@ -392,10 +392,8 @@ def test_starts_of_checks_are_those_of_runs():
 @pytest.mark.slow(reason="two runs of a beam")
 def test_regression_meshes_are_not_compared_at_rest():
     """Rounding errors of velocities in equilibrium changed by 139 % with halved elements."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    section = bd.Section.rectangle(bd.Material.of("steel"), width=0.01, height=1e-3, damping=1e-4)
-    strip = mech.add(bd.Beam("strip", bd.Line((0.0, 0.0), (0.2, 0.0)), section, elements=3))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), strip.start))
+    section = rectangle(1e-3, 0.01, damping=1e-4)
+    mech, strip = clamped_beam(section, 3, 0.2, name="strip", gravity=9.81)
     stop = bd.LineSurface(mech.ground.at(0.0, -1e-4))
     mech.add(bd.Contact("tip", strip.end, stop, 1e5, exponent=1))
     mech.observe("end", strip.end)
@@ -406,9 +404,7 @@ def test_regression_meshes_are_not_compared_at_rest():
 
 def test_regression_states_and_held_values_are_no_degrees_of_freedom():
     """The mobility of a stage with a filter and a sampled controller was 4 instead of 1."""
-    mech = bd.Mechanism()
-    stage = mech.add(bd.PointMass("stage", 2.0, at=(0.0, 0.0)))
-    mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), stage.point))
+    mech, stage = mass_on_rail(2.0, name="stage")
     force = mech.input("force")
     mech.add(bd.Force("motor", stage.point, (force, 0.0)))
     slow = bd.low_pass(mech, "slow", mech.sensor("x", stage.point, "x"), 0.1)
@@ -430,7 +426,9 @@ def test_rigid_mobility_treats_a_beam_of_nodes_as_one_body():
         ([bd.Weld] * 2, 0),
     ):
         mech = bd.Mechanism()
-        beam = mech.add(bd.Beam("arch", arc, strip(0.01), elements=2, formulation="exact"))
+        beam = mech.add(
+            bd.Beam("arch", arc, rectangle(0.01, 0.03), elements=2, formulation="exact")
+        )
         for k, (joint, end) in enumerate(zip(joints, (beam.start, beam.end), strict=False)):
             mech.add(joint(f"joint {k}", mech.ground.at(*end.point), end))
         findings = bd.check(mech)
@@ -487,7 +485,7 @@ def test_regression_sections_higher_than_their_beams_are_long_cause_a_warning():
 
     def warnings_of(height, bodies=1):
         mech = bd.Mechanism()
-        section = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=height)
+        section = rectangle(height)
         line = bd.Line((0.0, 0.0), (0.3, 0.0))
         beams = bd.welded_beams(mech, "strip", line, section, bodies=bodies, elements=1)
         mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beams[0].start))
@@ -518,10 +516,8 @@ def test_regression_sections_higher_than_their_beams_are_long_cause_a_warning():
 @pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
 def test_regression_flexures_with_width_and_height_exchanged_have_a_warning(height, length, joined):
     """Sections up to three times as high as their beams are long had none in any analysis."""
-    section = strip(height, width=3e-4)
-    mech = bd.Mechanism()
-    flexure = mech.add(bd.Beam("flexure", bd.Line((0.0, 0.0), (length, 0.0)), section, elements=1))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), flexure.start))
+    section = rectangle(height, 3e-4)
+    mech, flexure = clamped_beam(section, 1, length, name="flexure")
     if joined:
         line = bd.Line((length, 0.0), (1.0, 0.0))
         other = mech.add(bd.Beam("bar", line, section, elements=1))
@@ -534,11 +530,8 @@ def test_dampings_that_seem_to_be_damping_ratios_cause_a_warning():
     steel, plastic = bd.Material.of("steel"), bd.Material(E=2.4e9, nu=0.35, rho=1240.0)
 
     def strip(damping, material=steel, length=0.5):
-        mech = bd.Mechanism()
-        section = bd.Section.rectangle(material, 0.02, 0.004, damping)
-        line = bd.Line((0.0, 0.0), (length, 0.0))
-        beam = mech.add(bd.Beam("strip", line, section, elements=2))
-        mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+        section = rectangle(0.004, damping=damping, material=material)
+        mech, _ = clamped_beam(section, 2, length, name="strip")
         return mech
 
     with pytest.warns(bd.BeamdaeWarning, match=r"strip: .* 0\.01 s .*\(13\.4 Hz\).* 0\.42\. For"):
@@ -565,8 +558,7 @@ def test_dampings_that_seem_to_be_damping_ratios_cause_a_warning():
 def bounce(elements, observes=True):
     """A strip that falls on two stops with oblique surfaces."""
     mech = bd.Mechanism(gravity=(0.0, -9.81))
-    steel = bd.Material.of("steel")
-    strip = bd.Section.rectangle(steel, width=0.02, height=0.004, damping=1e-6)
+    strip = rectangle(0.004, damping=1e-6)
     curve = bd.Line((-0.15, 0.001), (0.15, 0.002))
     beam = mech.add(bd.Beam("strip", curve, strip, elements=elements))
     floor = bd.LineSurface(mech.ground.at(0.0, 0.0))
@@ -593,7 +585,7 @@ def test_regression_mesh_errors_of_impacts_are_measured():
 def test_regression_mesh_errors_of_sliding_points_have_a_warning():
     """The force of a bead on an arch of 4 elements was 23 % off without a word."""
     mech = bd.Mechanism(gravity=(0.0, -9.81))
-    section = bd.Section.rectangle(bd.Material.of("steel"), 0.02, 0.006, damping=2e-4)
+    section = rectangle(0.006, damping=2e-4)
     curve = bd.Parabola(span=1.0, rise=0.2, start=(0.0, 0.0))
     arch = mech.add(bd.Beam("arch", curve, section, elements=4))
     for k, end in enumerate((arch.start, arch.end)):

@@ -11,18 +11,17 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from mechanisms import free_ball
 
 import beamdae as bd
 from beamdae.interrupts import DeferredInterrupts, Interrupted, interruptible
 
 
 def pendulum(frequency=0.3, length=1.0):
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    bob = mech.add(bd.PointMass("bob", 1.0, at=(length, 0.0)))
+    mech, bob = free_ball((length, 0.0), name="bob", gravity=9.81)
     mech.add(bd.Distance("rod", mech.ground.at(0.0, 0.0), bob.point))
     mech.add(bd.Spring("air", mech.ground.at(0.0, -9.0), bob.point, 0.1, 0.5))
     mech.add(bd.Force("load", bob.point, (bd.sine(1.0, frequency=frequency), 0.0)))
-    mech.observe("bob", bob.point)
     return mech
 
 

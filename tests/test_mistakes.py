@@ -5,6 +5,7 @@ import traceback
 import casadi as ca
 import pytest
 from command_line import invoke
+from mechanisms import hinged_body, rectangle
 from robustness.inputs.bad_values import HOSTILE_VALUES
 from robustness.judge import check_sentence
 
@@ -23,15 +24,13 @@ def run(name="ball", **settings):
 
 
 def frame_with(**settings):
-    strip = bd.Section.rectangle(bd.Material.of("steel"), width=0.01, height=0.01)
+    strip = rectangle(0.01, 0.01)
     points = {"A": (0.0, 0.0), "B": (1.0, 0.0)}
     return bd.frame(bd.Mechanism(), "portal", points, ["AB"], strip, **settings)
 
 
 def driven(rate):
-    mech = bd.Mechanism()
-    disk = mech.add(bd.RigidBody("disk", 1.0, 1.0))
-    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), disk.at(0.0, 0.0)))
+    mech, disk = hinged_body(1.0, 1.0, name="disk")
     law = lambda t: rate * t  # noqa: E731
     mech.add(bd.Driver("drive", mech.ground.at(0.0, 0.0), disk.at(0.0, 0.0), law))
     return bd.simulate(mech, t_end=0.1)

@@ -3,15 +3,14 @@
 import re
 
 import pytest
+from mechanisms import mass_on_rail
 
 import beamdae as bd
 
 
 @bd.model(t_end=0.1)
 def mass(spring=bd.param(50.0, "N/m"), weight=2.0):
-    mech = bd.Mechanism()
-    bob = mech.add(bd.PointMass("bob", weight, at=(1.0, 0.0)))
-    mech.add(bd.PointOnLine("line", mech.ground.at(0.0, 0.0), bob.point))
+    mech, bob = mass_on_rail(weight, 1.0, name="bob")
     mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), bob.point, spring, free_length=1.0))
     mech.add(bd.Force("push", bob.point, (1.0, 0.0)))
     mech.observe("bob", bob.point)

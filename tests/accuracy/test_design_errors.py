@@ -1,21 +1,18 @@
 """Errors of designs, compared with analyses of exact beams with four times the elements."""
 
 import pytest
+from mechanisms import STEEL, clamped_beam, rectangle
 
 import beamdae as bd
 
 WIDTH = 0.01
-STEEL = bd.Material(E=2.1e11, nu=0.3, rho=7850.0)
 
 
 @bd.model(t_end=1.0)
 def bent_strip(height=2e-3, elements=1, strain="nonlinear"):
     """Return a clamped strip that a force bends far."""
-    mech = bd.Mechanism()
-    section = bd.Section.rectangle(STEEL, width=WIDTH, height=height, damping=1e-3)
-    line = bd.Line((0.0, 0.0), (1.0, 0.0))
-    beam = mech.add(bd.Beam("beam", line, section, elements=elements, strain=strain))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    section = rectangle(height, WIDTH, damping=1e-3)
+    mech, beam = clamped_beam(section, elements, strain=strain)
     mech.add(bd.Force("load", beam.end, (0.0, -0.1 * STEEL.E * WIDTH * 8e-9)))
     mech.observe("tip", beam.end)
     return mech

@@ -2,12 +2,13 @@
 
 import numpy as np
 import pytest
+from mechanisms import clamped_beam, free_ball, rectangle
 from numpy.testing import assert_allclose
 
 import beamdae as bd
 
 ALLOY = bd.Material(E=7.1e10, nu=0.33, rho=2750.0)
-STRIP = bd.Section.rectangle(ALLOY, width=0.025, height=0.002, damping=2e-4)
+STRIP = rectangle(0.002, 0.025, damping=2e-4, material=ALLOY)
 
 
 def pendulum(elements=1, strain="exact"):
@@ -24,10 +25,7 @@ def pendulum(elements=1, strain="exact"):
 
 def pushed_cantilever(elements=1, strain="exact", law=lambda t: 60.0 * t):
     """Return a clamped strip whose end a moment bends by about 1 rad in 0.05 s."""
-    mech = bd.Mechanism()
-    line = bd.Line((0.0, 0.0), (0.4, 0.1))
-    beam = mech.add(bd.Beam("leaf", line, STRIP, elements=elements, strain=strain))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech, beam = clamped_beam(STRIP, elements, bd.Line((0.0, 0.0), (0.4, 0.1)), strain=strain)
     mech.add(bd.Moment("moment", beam.end, law))
     mech.observe("tip", beam.end)
     return mech
@@ -35,12 +33,10 @@ def pushed_cantilever(elements=1, strain="exact", law=lambda t: 60.0 * t):
 
 def sliding_ball(elements=0, strain="", friction_speed=0.2):
     """Return a ball that slides on a rough floor; without a smoothed force, it stops at 0.34 m."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    ball = mech.add(bd.PointMass("ball", 0.4, at=(0.0, 0.0), velocity=(1.0, 0.0)))
+    mech, ball = free_ball(velocity=(1.0, 0.0), mass=0.4, gravity=9.81)
     floor = bd.LineSurface(mech.ground.at(0.0, 0.0), direction=(1.0, 0.0))
     contact = bd.Contact("c", ball.point, floor, 3e4, friction=0.15, friction_speed=friction_speed)
     mech.add(contact)
-    mech.observe("ball", ball.point)
     return mech
 
 

@@ -8,6 +8,7 @@ import warnings
 import numpy as np
 import pytest
 from conformance import integrators
+from mechanisms import rectangle
 from numpy.testing import assert_allclose
 from scipy.integrate import quad
 from support import NumericEquations, random_state
@@ -16,7 +17,7 @@ import beamdae as bd
 
 LENGTH, RADIUS, GRAVITY = 0.3, 0.5, 9.81
 SPRING_STEEL = bd.Material(E=2.1e11, nu=0.3, rho=7850.0)
-STRIP = bd.Section.rectangle(SPRING_STEEL, width=0.02, height=0.0005)
+STRIP = rectangle(0.0005, material=SPRING_STEEL)
 BOUNDS = tuple(np.linspace(0.0, LENGTH, 13).tolist())
 
 
@@ -103,7 +104,7 @@ def test_forces_are_those_of_point_contacts_at_the_gauss_points(formulation):
 def test_friction_stops_a_sliding_strip(integrator):
     speed, friction = 0.4, 0.3
     mech = bd.Mechanism(gravity=(0.0, -GRAVITY))
-    section = bd.Section.rectangle(SPRING_STEEL, width=0.02, height=0.01, damping=1e-4)
+    section = rectangle(0.01, damping=1e-4, material=SPRING_STEEL)
     line = bd.Line((0.0, 0.0), (LENGTH, 0.0))
     beam = bd.Beam("strip", line, section, elements=1, velocity=(speed, 0.0), angular_velocity=0.0)
     mech.add(beam)

@@ -33,6 +33,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from mechanisms import rectangle
 from numpy.testing import assert_allclose
 from support import NumericEquations
 
@@ -57,7 +58,7 @@ def square(slenderness):
     """Return a square section of the height R / slenderness."""
     height = RADIUS / slenderness
     steel = bd.Material(E=2.1e11, nu=0.3, rho=7800.0)
-    return bd.Section.rectangle(steel, width=height, height=height)
+    return rectangle(height, height, material=steel)
 
 
 @cache

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conformance import INTEGRATORS
+from mechanisms import clamped_beam
 from numpy.testing import assert_allclose
 from support import (
     ARC,
@@ -32,9 +33,7 @@ TAPER = bd.taper(bd.Section.rectangle, ALLOY, width=WIDTH, height=HEIGHTS)
 
 
 def cantilever(section, load=-1e-6, curve=LINE, **settings):
-    mech = bd.Mechanism()
-    beam = mech.add(bd.Beam("beam", curve, section, **settings))
-    mech.add(bd.Weld("clamp", mech.ground.at(*beam.start.point), beam.start))
+    mech, beam = clamped_beam(section, curve=curve, **settings)
     if load:
         mech.add(bd.Force("load", beam.end, (0.0, load)))
     mech.observe("tip", beam.end)

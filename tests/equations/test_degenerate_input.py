@@ -5,11 +5,12 @@ import time
 import casadi as ca
 import numpy as np
 import pytest
+from mechanisms import rectangle
 
 import beamdae as bd
 
 ALLOY = bd.Material(E=68.95e9, nu=0.3, rho=2760.0)
-STRIP = bd.Section.rectangle(ALLOY, width=0.03, height=0.0025)
+STRIP = rectangle(0.0025, 0.03, material=ALLOY)
 LINE = bd.Line((0.0, 0.0), (0.8, 0.0))
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from mechanisms import rectangle
 
 import beamdae as bd
 
@@ -50,7 +51,7 @@ def test_regression_beams_keep_a_given_zero(formulation):
     mech = bd.Mechanism()
     crank = bd.RigidBody.rod("crank", (0.0, 0.0), (1.0, 0.0), mass=1.0, angular_velocity=SPEED)
     crank = mech.add(crank)
-    steel = bd.Section.rectangle(bd.Material.of("steel"), 0.02, 0.02)
+    steel = rectangle(0.02)
     line = bd.Line((1.0, 0.0), (2.0, 0.0))
     beam = bd.Beam("rod", line, steel, 2, formulation=formulation, angular_velocity=0.0)
     beam = mech.add(beam)

@@ -7,6 +7,7 @@ import warnings
 
 import numpy as np
 import pytest
+from mechanisms import clamped_beam, rectangle
 from numpy.testing import assert_allclose
 from scipy.optimize import brentq, minimize_scalar
 
@@ -51,10 +52,8 @@ def test_equilibrium_under_gravity():
 
 def test_a_cantilever_starts_in_equilibrium_with_the_analytic_sag():
     steel = bd.Material(E=2e11, nu=0.3, rho=7800.0)
-    section = bd.Section.rectangle(steel, width=0.02, height=0.02)
-    mech = bd.Mechanism(gravity=(0.0, -9.81), start="equilibrium")
-    beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (1.0, 0.0)), section, elements=4))
-    mech.add(bd.Weld("wall", mech.ground.at(0.0, 0.0), beam.start))
+    section = rectangle(0.02, material=steel)
+    mech, beam = clamped_beam(section, 4, gravity=9.81, start="equilibrium")
     mech.observe("tip", beam.end)
     solution = bd.simulate(mech, bd.Radau(1e-6), 0.01)
     y = solution.columns["tip.y [m]"]
@@ -277,10 +276,8 @@ def test_regression_inactive_joints_do_not_act_on_equilibria():
 @pytest.mark.parametrize("travel", [3e-4, 0.1])
 def test_regression_preloads_by_drivers_are_no_gaps_of_the_drawing(travel):
     """A leaf stretched by a driver had "the joints are not closed"; large travels warn."""
-    mech = bd.Mechanism()
-    section = bd.Section.rectangle(bd.Material.of("steel"), width=0.008, height=2.5e-4)
-    leaf = mech.add(bd.Beam("leaf", bd.Line((0.0, 0.0), (0.06, 0.0)), section))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), leaf.start))
+    section = rectangle(2.5e-4, 0.008)
+    mech, leaf = clamped_beam(section, curve=0.06, name="leaf")
     mech.add(bd.Prismatic("slide", mech.ground.at(0.06, 0.0), leaf.end, (1.0, 0.0)))
     mech.add(bd.TranslationalDriver("pull", mech.ground.at(0.06, 0.0), leaf.end, travel))
     mech.observe("middle", leaf.at(0.03))

@@ -8,13 +8,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from mechanisms import swing
+from mechanisms import clamped_beam, hinged_body, rectangle, swing
 
 import beamdae as bd
 
 G = 9.81
 STIFFNESS, EXPONENT = 1e6, 1.5
-STRIP = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=0.004)
+STRIP = rectangle(0.004)
 
 
 def findings(mech, t_end=0.02):
@@ -128,9 +128,7 @@ def test_static_penetration_is_not_reported(stiffness, exponent):
 @pytest.mark.slow(reason="half a second")
 def test_levers_and_springs_press_contacts_into_surfaces():
     """The start is an equilibrium with a contact force of 100 weights."""
-    mech = bd.Mechanism(gravity=(0.0, -G), start="equilibrium")
-    lever = mech.add(bd.RigidBody("lever", 1.0, 0.1, center=(1.0, 0.0)))
-    mech.add(bd.Revolute("pivot", mech.ground.at(0.0, 0.0), lever.at(0.0, 0.0)))
+    mech, lever = hinged_body(1.0, 0.1, (1.0, 0.0), name="lever", gravity=G, start="equilibrium")
     floor = bd.LineSurface(mech.ground.at(0.0, 0.0))
     mech.add(bd.Contact("stop", lever.at(0.01, 0.0), floor, 1e9))
     assert findings(mech) == ()
@@ -287,9 +285,7 @@ def test_inactive_joints_of_impacts_are_stops():
 
 
 def clamped_strip():
-    mech = bd.Mechanism()
-    beam = mech.add(bd.Beam("strip", bd.Line((0.0, 0.0), (1.0, 0.0)), STRIP, elements=1))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech, _ = clamped_beam(STRIP, 1, name="strip")
     return mech
 
 

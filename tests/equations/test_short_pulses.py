@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from mechanisms import free_ball
 
 import beamdae as bd
 
@@ -26,11 +27,9 @@ METHODS = {
 def struck_mass(shape="gauss", width=1e-4, at=0.41237, height=1000.0, base=0.0):
     """A mass of 2 kg that a short pulse accelerates."""
     pulse, _ = SHAPES[shape]
-    mech = bd.Mechanism()
-    mass = mech.add(bd.PointMass("mass", 2.0, at=(0.0, 0.0)))
+    mech, mass = free_ball(mass=2.0, name="mass")
     force = lambda t: base + height * pulse((t - at) / width)  # noqa: E731
     mech.add(bd.Force("blow", mass.point, (0.0, force)))
-    mech.observe("mass", mass.point)
     return mech
 
 
@@ -99,10 +98,8 @@ def test_derivatives_by_height_and_width_of_a_pulse(method):
 @pytest.mark.parametrize("start", [0.0, 0.41237])
 def test_pulses_that_vanish_at_both_ends_have_their_impulse(method, duration, start):
     """The first step of IDA ended at the end of the pulse, so the mass stayed at rest."""
-    mech = bd.Mechanism()
-    mass = mech.add(bd.PointMass("mass", 2.0, at=(0.0, 0.0)))
+    mech, mass = free_ball(mass=2.0, name="mass")
     law = bd.half_sine(1000.0, duration, start)
     mech.add(bd.Force("blow", mass.point, (0.0, law)))
-    mech.observe("mass", mass.point)
     velocity = bd.simulate(mech, METHODS[method], t_end=1.0)["mass.y_dot"].iloc[-1]
     assert velocity == pytest.approx(1000.0 * duration / np.pi, rel=1e-3)

@@ -13,6 +13,7 @@ from xml.etree import ElementTree
 import casadi as ca
 import numpy as np
 import pytest
+from mechanisms import clamped_beam, free_ball, rectangle
 
 import beamdae as bd
 
@@ -34,8 +35,7 @@ def crane(
     """Elastic arm on a hinge with a motor, and a load at its tip; a gust begins at 0.05 s."""
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     torque = mech.input("torque", default=0.0, unit="N m")
-    steel = bd.Material.of("steel")
-    section = bd.Section.rectangle(steel, width=width, height=thickness, damping=damping)
+    section = rectangle(thickness, width, damping=damping)
     line = bd.Line((0.0, 0.0), (length, 0.0))
     arm = mech.add(bd.Beam("arm", line, section, elements=elements))
     hinge = mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), arm.start))
@@ -570,11 +570,8 @@ def test_regression_undamped_beams_have_a_warning_if_inputs_jump(tmp_path):
     """An arm of 64 elements took 4 s per millisecond with Radau, without a warning."""
 
     def build(damping):
-        mech = bd.Mechanism()
-        steel = bd.Material.of("steel")
-        strip = bd.Section.rectangle(steel, width=0.02, height=0.004, damping=damping)
-        arm = mech.add(bd.Beam("arm", bd.Line((0.0, 0.0), (1.0, 0.0)), strip, elements=1))
-        mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), arm.start))
+        strip = rectangle(0.004, damping=damping)
+        mech, arm = clamped_beam(strip, 1, name="arm")
         mech.add(bd.Moment("motor", arm.end, mech.input("torque")))
         mech.observe("tip", arm.end)
         return mech, arm
@@ -596,12 +593,10 @@ def test_regression_undamped_beams_have_a_warning_if_inputs_jump(tmp_path):
 @pytest.mark.parametrize("width", [0.002, 0.1])
 def test_regression_short_peaks_that_an_fmu_passes_over_have_a_warning(tmp_path, width):
     """A force that acts in a narrow region was lost without notice, with both integrators."""
-    mech = bd.Mechanism()
-    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0), velocity=(1.0, 0.0)))
+    mech, ball = free_ball(velocity=(1.0, 0.0))
     x = mech.sensor("x", ball.point, "x")
     push = bd.Force("push", ball.point, (0.0, ca.exp(-(((x - 0.5) / width) ** 2)) / width))
     mech.add(push)
-    mech.observe("ball", ball.point)
     settings = {"t_end": 1.0, "platforms": ()}
     exports = (
         ({"integrator": "alpha", "step": 0.02}, r"in a trial run, ball\.y\S*: the error"),
@@ -653,11 +648,9 @@ def test_regression_outputs_that_steps_do_not_resolve_have_a_warning(tmp_path):
     """Sudden load on an undamped cantilever: reactions were wrong by 10 % of their range."""
 
     def cantilever(damping):
-        mech = bd.Mechanism()
-        steel = bd.Material.of("steel")
-        strip = bd.Section.rectangle(steel, width=0.02, height=0.01, damping=damping)
-        arm = mech.add(bd.Beam("arm", bd.Line((0.0, 0.0), (1.0, 0.0)), strip, elements=8))
-        clamp = mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), arm.start))
+        strip = rectangle(0.01, damping=damping)
+        mech, arm = clamped_beam(strip, 8, name="arm")
+        clamp = mech.part("clamp")
         mech.add(bd.Force("load", arm.end, (0.0, -10.0)))
         mech.observe("tip", arm.end)
         mech.observe("clamp", clamp.reaction)
@@ -1079,11 +1072,9 @@ def test_binaries_of_other_platforms(tmp_path):
 def test_tables_that_end_runs_are_rejected(tmp_path):
     def build(outside):
         table = bd.table([0.0, 1.0, 2.0], [0.0, 1.0, 4.0], kind="linear", outside=outside)
-        mech = bd.Mechanism()
-        ball = mech.add(bd.PointMass("ball", 1.0, at=(1.0, 0.0)))
+        mech, ball = free_ball((1.0, 0.0))
         ground = mech.ground.at(0.0, 0.0)
         mech.add(bd.Spring("spring", ground, ball.point, law=lambda x, rate: table(x)))
-        mech.observe("ball", ball.point)
         return mech
 
     with pytest.raises(bd.BeamdaeError, match="the table of spring ends the run"):
@@ -1109,11 +1100,9 @@ def test_regression_parameters_that_change_the_equilibrium_are_refused_with_the_
 
     @bd.model(t_end=0.1)
     def sagging(load=1.0):
-        mech = bd.Mechanism(start="equilibrium")
-        ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0)))
+        mech, ball = free_ball(start="equilibrium")
         mech.add(bd.Spring("spring", mech.ground.at(0.0, 1.0), ball.point, 100.0, free_length=1.0))
         mech.add(bd.Force("load", ball.point, (0.0, -load)))
-        mech.observe("ball", ball.point)
         return mech
 
     message = "load affect positions or velocities at the start, which is the equilibrium of the"

@@ -4,7 +4,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from conformance import integrators
-from mechanisms import ALLOY, cantilever, strip
+from mechanisms import ALLOY, cantilever, rectangle
 from numpy.testing import assert_allclose
 
 import beamdae as bd
@@ -55,7 +55,10 @@ def test_constrained_system_has_breakpoints_and_time_scale(timing):
 
 def test_strongly_damped_beam_dissipates_its_strain_energy():
     """Sign of the dissipation: all strain energy of a release is dissipated."""
-    line, section = bd.Line((0.0, 0.0), (0.5, 0.0)), strip(0.01, material=ALLOY, damping=0.02)
+    line, section = (
+        bd.Line((0.0, 0.0), (0.5, 0.0)),
+        rectangle(0.01, 0.03, material=ALLOY, damping=0.02),
+    )
     mech = cantilever(2, line, section, load=(0.0, bd.piecewise((1.0, 50.0), 0.0)))
     solution = bd.simulate(mech, bd.Ida(1e-5), t_end=3.0)
     ledger = solution.energies.iloc[-1]

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from mechanisms import ALLOY, beam_pendulum, strip, swing
+from mechanisms import ALLOY, beam_pendulum, rectangle, swing
 from own_method import OwnMethod
 
 import beamdae as bd
@@ -18,7 +18,7 @@ from beamdae.cli import progress
 
 def strip_on_a_hinge(force=None, law=None, damping=1e-4, material=ALLOY, elements=1, **motion):
     """A thin strip, with a force on its end or a moment on its start."""
-    section = strip(0.0025, material=material, damping=damping)
+    section = rectangle(0.0025, 0.03, material=material, damping=damping)
     mech = beam_pendulum(elements, bd.Line((0.0, 0.0), (0.8, 0.0)), section, **motion)
     beam = mech.part("beam")
     if force is not None:

@@ -1,7 +1,7 @@
 """The page of an optimization: the first and the best design, the history, and the tables."""
 
 import pytest
-from mechanisms import rope_swing
+from mechanisms import clamped_beam, rectangle, rope_swing
 from pages import find_violations, list_lines, read_page
 
 import beamdae as bd
@@ -102,14 +102,11 @@ def test_regression_quantities_with_a_sign_keep_their_unit(read):
 @bd.model(t_end=1.0)
 def stepped(height=(0.02,) * 3, widths=(0.02, 0.02), force=-50.0):
     """Cantilever in three steps of `height` [m] under a tip `force` [N]."""
-    steel = bd.Material.of("steel")
 
     def section(s):
-        return bd.Section.rectangle(steel, widths[int(s > 0.5)], height[min(int(3.0 * s), 2)])
+        return rectangle(height[min(int(3.0 * s), 2)], widths[int(s > 0.5)])
 
-    mech = bd.Mechanism()
-    beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (1.0, 0.0)), section, elements=3))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech, beam = clamped_beam(section, 3)
     mech.add(bd.Force("load", beam.end, (0.0, force)))
     mech.observe("tip", beam.end)
     mech.observe("stress", beam.stress(0.01, "top"))

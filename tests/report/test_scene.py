@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from conformance import JOINTS, LOADS, NONHOLONOMIC
 from hub_beam import hub_beam
+from mechanisms import rectangle
 from numpy.testing import assert_allclose
 from pendulum import pendulum
 from slider_crank import slider_crank
@@ -253,11 +254,11 @@ def leaf(heights, width=0.3):
     mech = bd.Mechanism()
 
     def section(s):
-        return bd.Section.rectangle(SOFT_MATERIAL, width=0.02, height=heights[0] + s * heights[1])
+        return rectangle(heights[0] + s * heights[1], material=SOFT_MATERIAL)
 
     line = bd.Line((0.0, 0.0), (0.0, width))
     beam = mech.add(bd.Beam("leaf", line, section, elements=2))
-    strut = bd.Section.rectangle(SOFT_MATERIAL, width=0.02, height=0.005)
+    strut = rectangle(0.005, material=SOFT_MATERIAL)
     mech.add(bd.Beam("strut", bd.Line((0.1, 0.0), (0.1, 0.3)), strut, elements=1))
     mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
     return mech

@@ -10,6 +10,7 @@ import pandas as pd
 import pytest
 from benchmarks.cases import pendulum
 from conformance import integrators
+from mechanisms import free_ball, hinged_body, rectangle
 from numpy.testing import assert_allclose
 
 import beamdae as bd
@@ -41,10 +42,8 @@ def driven_bar(law, inertia=0.3):
 
 def pushed(law):
     """Return a free particle of 2 kg under a force in x."""
-    mech = bd.Mechanism()
-    particle = mech.add(bd.PointMass("particle", 2.0, at=(0.0, 0.0)))
+    mech, particle = free_ball(mass=2.0, name="particle")
     mech.add(bd.Force("push", particle.point, (law, 0.0)))
-    mech.observe("particle", particle.point)
     return mech
 
 
@@ -233,9 +232,7 @@ def test_coordinates_are_named_by_part():
 @bd.model(t_end=0.2)
 def swing_model(mass=2.0):
     """Pendulum with one parameter."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    bob = mech.add(bd.RigidBody("bob", mass=mass, inertia=0.1, center=(1.0, 0.0)))
-    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), bob.at(0.0, 0.0)))
+    mech, bob = hinged_body(mass, 0.1, (1.0, 0.0), name="bob", gravity=9.81)
     mech.observe("bob", bob.at(1.0, 0.0))
     return mech
 
@@ -312,7 +309,7 @@ def test_regression_results_are_freed_without_garbage_collection(integrator):
         bd.Beam(
             "beam",
             bd.Line((1.0, 0.0), (2.0, 0.0)),
-            bd.Section.rectangle(bd.Material.of("steel"), 0.01, 0.02),
+            rectangle(0.02, 0.01),
             elements=2,
         )
     )

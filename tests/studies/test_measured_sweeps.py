@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from command_line import invoke
+from mechanisms import free_ball
 
 import beamdae as bd
 
@@ -19,15 +20,13 @@ def oscillator(mass=2.0, stiffness=50.0, damping=3.0, frequency=1.0, length=1.0)
     """Shake a `mass` [kg] on a spring of `stiffness` [N/m] and `damping` [N s/m]."""
     if mass > 100.0:
         raise ValueError("too heavy")
-    mech = bd.Mechanism()
-    block = mech.add(bd.PointMass("block", mass, at=(1.0, 0.0)))
+    mech, block = free_ball((1.0, 0.0), mass=mass, name="block")
     wall = mech.ground.at(0.0, 0.0)
     mech.add(bd.PointOnLine("guide", wall, block.point, (1.0, 0.0)))
     mech.add(bd.Spring("spring", wall, block.point, stiffness, free_length=length))
     mech.add(bd.Spring("damper", wall, block.point, damping=damping))
     push = bd.sine(amplitude=4.0, frequency=frequency)
     mech.add(bd.Force("push", block.point, (push, 0.0)))
-    mech.observe("block", block.point)
     return mech
 
 

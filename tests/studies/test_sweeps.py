@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from mechanisms import clamped_beam, rectangle
 from numpy.testing import assert_allclose
 from turning import ALPHA, THICK, THIN, run_sweep, turning
 
@@ -221,12 +222,9 @@ def test_regression_warnings_of_runs_are_reported():
     """A strip bent beyond the validity of its strains used to be "ok" without a warning."""
 
     def falling(height=0.05):
-        mech = bd.Mechanism(gravity=(0.0, -9.81))
         rubber = bd.Material(E=5e7, nu=0.3, rho=1000.0)
-        section = bd.Section.rectangle(rubber, width=0.02, height=height, damping=1e-2)
-        line = bd.Line((0.0, 0.0), (1.0, 0.0))
-        beam = mech.add(bd.Beam("strip", line, section, elements=1))
-        mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+        section = rectangle(height, damping=1e-2, material=rubber)
+        mech, beam = clamped_beam(section, 1, name="strip", gravity=9.81)
         mech.observe("tip", beam.end)
         return mech
 
