@@ -3,8 +3,6 @@
 Joints and loads enter with their sample call; further variants are listed here.
 """
 
-from __future__ import annotations
-
 from dataclasses import fields, replace
 from functools import partial
 

@@ -92,7 +92,7 @@ def pytest_collection_modifyitems(config, items):
     for name, variants in tests.items():
         if "browser" in variants[0].fixturenames:
             for item in variants:
-                item.add_marker(pytest.mark.slow(reason="starts a browser"))
+                item.add_marker(pytest.mark.slow)
         elif variants[0].path.name != _DOCTESTS:
             left_out |= _mark_variants(name, variants, config.option.seed)
     sample, touched = config.option.sample, config.option.touched.split()
@@ -117,7 +117,7 @@ def _mark_variants(name, variants, seed):
         fast = [item for item in variants if not item.get_closest_marker("slow")]
         default = _draw(name, seed) % max(len(fast), 1)
         for item in fast[:default] + fast[default + 1 :]:
-            item.add_marker(pytest.mark.slow(reason="a further variant of a law"))
+            item.add_marker(pytest.mark.slow)
         return set()
     numbers = {item: _draw(item.nodeid, seed) for item in variants}
     # At least one variant is run, so that every law is tried.
@@ -126,7 +126,7 @@ def _mark_variants(name, variants, seed):
     )
     for item, number in numbers.items():
         if number % _VARIANTS_PER_DEFAULT_TEST:
-            item.add_marker(pytest.mark.slow(reason="one of many variants of a law"))
+            item.add_marker(pytest.mark.slow)
     if variants[0].path.parent.name in _COMPLETE_FOLDERS:
         return set()
     return {x for x in variants if numbers[x] % _VARIANTS_PER_SLOW_TEST and x is not smallest}

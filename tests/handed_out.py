@@ -5,8 +5,6 @@ entries of these. Tables, arrays, sparse matrices, dictionaries, lists and sets 
 overwritten. Afterwards, all of them are read again.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import inspect
 import warnings

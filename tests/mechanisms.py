@@ -4,8 +4,6 @@ Each builder observes what a user of it would plot. Arguments are the numbers th
 else a test needs it adds to the mechanism, whose parts `mech.part(name)` returns.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 import beamdae as bd

@@ -1,7 +1,5 @@
 """Beam variants, small models, and equations of motion as numpy functions, for the tests."""
 
-from __future__ import annotations
-
 import itertools
 from functools import cached_property, partial
 from typing import NamedTuple

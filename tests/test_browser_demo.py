@@ -85,7 +85,7 @@ def write_distribution(folder, packages):
     return folder
 
 
-@pytest.mark.slow(reason="runs without machine code in a new process")
+@pytest.mark.slow
 def test_models_of_the_page_run_without_packages_that_pyodide_lacks(tmp_path):
     paths = (HIDING, Path(bd.__file__).parents[1])
     env = {
@@ -107,7 +107,7 @@ def test_models_of_the_page_run_without_packages_that_pyodide_lacks(tmp_path):
     assert "install scikit-sundae, or" in message
 
 
-@pytest.mark.slow(reason="a quarter of a second")
+@pytest.mark.slow
 def test_page_contains_packages_with_their_dependencies(tmp_path):
     packages = {
         "casadi": ["numpy"],

@@ -1,7 +1,5 @@
 """Findings of `check` for sound mechanisms and for mechanisms with common mistakes."""
 
-from __future__ import annotations
-
 import re
 from itertools import pairwise
 
@@ -272,7 +270,7 @@ def free_chain(joint):
     return mech
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_parts_with_the_same_motion_are_grouped():
     welded = free_chain(bd.Weld).check().free_motions
     assert len(welded) == 3
@@ -285,7 +283,7 @@ def test_parts_with_the_same_motion_are_grouped():
     assert "; and 6 more" in str(linked)
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 def test_sound_mechanism_has_no_findings():
     findings = slider_crank.check()
     assert findings.ok
@@ -303,7 +301,7 @@ def test_sound_mechanism_has_no_findings():
 # Minimum norm ------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 @integrators(1e-6, 1e-3)
 def test_reactions_of_redundant_bars_are_of_minimum_norm(integrator):
     mech = linkage(3, redundant="minimum norm")
@@ -324,7 +322,7 @@ def test_reactions_of_redundant_bars_are_of_minimum_norm(integrator):
     assert solution.drift.to_numpy().max() < 1e-3
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_two_drivers_share_their_torque():
     mech = doubly_driven_crank(redundant="minimum norm")
     mech.add(bd.Moment("brake", mech.part("crank").at(0.0, 0.0), -2.0))
@@ -389,7 +387,7 @@ def test_starts_of_checks_are_those_of_runs():
         bd.check(linkage(2), start="equilibrum")
 
 
-@pytest.mark.slow(reason="two runs of a beam")
+@pytest.mark.slow
 def test_regression_meshes_are_not_compared_at_rest():
     """Rounding errors of velocities in equilibrium changed by 139 % with halved elements."""
     section = rectangle(1e-3, 0.01, damping=1e-4)
@@ -416,7 +414,7 @@ def test_regression_states_and_held_values_are_no_degrees_of_freedom():
     assert "1 = 5 coordinates - 3 states - 1 independent constraints" in str(findings)
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_rigid_mobility_treats_a_beam_of_nodes_as_one_body():
     arc = bd.Arc(radius=1.0, length=1.0, start=(0.2, -0.3), angle=0.4)
     for joints, mobility in (
@@ -479,7 +477,7 @@ def test_regression_joint_of_the_ground_and_two_bodies_connects_both():
     assert mech.check(predict=False).loose == ()
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_regression_sections_higher_than_their_beams_are_long_cause_a_warning():
     """Only `check` warned, not the run."""
 
@@ -525,7 +523,7 @@ def test_regression_flexures_with_width_and_height_exchanged_have_a_warning(heig
     assert any("m high" in x for x in bd.linearize(mech).warnings) != joined
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_dampings_that_seem_to_be_damping_ratios_cause_a_warning():
     steel, plastic = bd.Material.of("steel"), bd.Material(E=2.4e9, nu=0.35, rho=1240.0)
 
@@ -569,7 +567,7 @@ def bounce(elements, observes=True):
     return mech
 
 
-@pytest.mark.slow(reason="five runs with contacts")
+@pytest.mark.slow
 def test_regression_mesh_errors_of_impacts_are_measured():
     """The mesh was good, and the acceleration 16 % off."""
     coarse, fine = (bd.check(bounce(n), t_end=0.02) for n in (1, 4))
@@ -581,7 +579,7 @@ def test_regression_mesh_errors_of_impacts_are_measured():
     assert bd.check(bounce(1, False), t_end=0.02).errors is None
 
 
-@pytest.mark.slow(reason="two runs with a slider")
+@pytest.mark.slow
 def test_regression_mesh_errors_of_sliding_points_have_a_warning():
     """The force of a bead on an arch of 4 elements was 23 % off without a word."""
     mech = bd.Mechanism(gravity=(0.0, -9.81))

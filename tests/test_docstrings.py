@@ -39,7 +39,7 @@ SLOW_EXAMPLES = (
     "beamdae.analysis.statics.imperfections",
     "beamdae.studies.sweeps.sweep",
 )
-SLOW = pytest.mark.slow(reason="a quarter of a second and more")
+SLOW = pytest.mark.slow
 
 
 @pytest.mark.parametrize(

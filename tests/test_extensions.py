@@ -20,7 +20,7 @@ LAWS = (
 MIN_TESTS = {"rod": 8, "dashpot": 2, "exact": 8, "bathe": 10}
 
 
-@pytest.mark.slow(reason="runs a test session in a separate process")
+@pytest.mark.slow
 def test_printed_extensions_satisfy_every_law_of_their_kind(tmp_path):
     page = (HERE.parent / ".docs" / "develop" / "extend.md").read_text()
     blocks = re.findall(r"```python\n(.*?)```", page, re.S)

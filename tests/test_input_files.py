@@ -1,7 +1,5 @@
 """Inputs are never outputs: no command and no method replaces a file that it has read."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 
@@ -94,7 +92,7 @@ def written_files():
     return {str(x) for x in names}
 
 
-@pytest.mark.slow(reason="up to eight runs")
+@pytest.mark.slow
 @pytest.mark.parametrize("command", COMMANDS)
 def test_no_command_replaces_a_file_that_the_model_reads(command, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -119,7 +117,7 @@ def test_no_command_replaces_a_file_that_the_model_reads(command, tmp_path, monk
         assert "is an input" in result.stderr, name
 
 
-@pytest.mark.slow(reason="several runs")
+@pytest.mark.slow
 @pytest.mark.parametrize("reads", ["open", "table", "numpy", "module", "data", "code"])
 @pytest.mark.parametrize("link", ["", "symbolic", "hard"])
 def test_all_ways_to_read_a_file_protect_it(reads, link, folder):
@@ -182,7 +180,7 @@ def test_named_inputs_are_refused_before_the_run(arguments, folder):
     assert {name: Path(name).read_bytes() for name in written_files()} == before
 
 
-@pytest.mark.slow(reason="two runs")
+@pytest.mark.slow
 def test_a_checkpoint_is_replaced_by_the_next_one_only(folder):
     options = ["--no-estimate", "--no-page", "--no-picture"]
     assert run("run", "swing.py", "--t-end", "0.01", "--checkpoint", "end.json", *options)
@@ -196,7 +194,7 @@ def test_a_checkpoint_is_replaced_by_the_next_one_only(folder):
     assert Path("swing.json").read_bytes() == first
 
 
-@pytest.mark.slow(reason="a run with all its outputs")
+@pytest.mark.slow
 def test_no_method_replaces_an_input(folder):
     model = bd.load_model("swing.py")
     solution = bd.simulate(model)

@@ -85,7 +85,7 @@ class Truncating(bd.Integrator):
             return interrupt.solution
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_interrupts_of_other_integrators_are_raised():
     with pytest.raises(Interrupted) as caught:
         bd.simulate(pendulum(), Truncating(), 50.0)

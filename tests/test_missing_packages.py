@@ -125,7 +125,7 @@ def test_auto_uses_radau_if_ida_cannot_be_imported(monkeypatch):
         bd.simulate(mech, bd.Ida(), t_end=1.0)
 
 
-@pytest.mark.slow(reason="new processes without machine code")
+@pytest.mark.slow
 @pytest.mark.parametrize("hidden", [("llvmlite",), NO_IDA], ids=" ".join)
 def test_all_analyses_work_without_packages(tmp_path, hidden):
     (tmp_path / "analyses.py").write_text(ANALYSES)
@@ -146,7 +146,7 @@ def test_all_analyses_work_without_packages(tmp_path, hidden):
     assert answers["compare"][0] == ["ok"]
 
 
-@pytest.mark.slow(reason="a new process without machine code")
+@pytest.mark.slow
 def test_browser_has_plain_methods_and_names_what_others_require(tmp_path):
     (tmp_path / "analyses.py").write_text(ANALYSES)
     result = run_python(tmp_path, BROWSER, "analyses.py")
@@ -159,7 +159,7 @@ def test_browser_has_plain_methods_and_names_what_others_require(tmp_path):
     assert answers["simulate"].startswith("BeamdaeError: Ida: scikit-sundae cannot be imported")
 
 
-@pytest.mark.slow(reason="commands without machine code")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "command",
     [

@@ -25,7 +25,7 @@ PAGES = [
 ]
 BLOCK = re.compile(r"^```(\{code-cell\} python|python|sh)\n(.*?)^```", re.DOTALL | re.MULTILINE)
 
-slow = pytest.mark.slow(reason="pages simulate, fit and make moving pictures")
+slow = pytest.mark.slow
 # Dask leaves sockets open when a cluster shuts down on a busy machine.
 allow_dask_warnings = pytest.mark.filterwarnings(
     "ignore::DeprecationWarning", "ignore::ResourceWarning"
@@ -252,7 +252,7 @@ class _TensorStub(np.ndarray):
     new_tensor = staticmethod(np.array)
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_example_for_torch_with_a_stub(monkeypatch):
     """PyTorch is not a dependency; without it, only the calls of beamdae are tested."""
     stub, context = types.ModuleType("torch"), types.SimpleNamespace()

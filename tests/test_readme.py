@@ -34,7 +34,7 @@ def run_page(page):
     return names
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_example_runs_and_writes_its_table():
     section = (ROOT / "README.md").read_text().split("## A model")[1].split("\n## ")[0]
     (example,) = code_blocks(section)
@@ -66,7 +66,7 @@ def test_system_of_equations_in_the_guide():
     assert solution.quality.energy_imbalance < 100e-6
 
 
-@pytest.mark.slow(reason="draws and animates modes")
+@pytest.mark.slow
 def test_modes_in_the_guide():
     names = run_page("modes")
     assert names["modes"].kinds == ("vibration",) * 4
@@ -75,7 +75,7 @@ def test_modes_in_the_guide():
     assert names["response"].shape == (2, len(names["model"].outputs), 2)
 
 
-@pytest.mark.slow(reason="two seconds")
+@pytest.mark.slow
 def test_arch_in_the_guide_snaps_through():
     names = run_page("equilibria")
     heights = names["jump"]["crown.y"]
@@ -83,7 +83,7 @@ def test_arch_in_the_guide_snaps_through():
     assert heights.min() < -5e-3
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_forces_in_the_guide():
     names = run_page("forces")
     solution = bd.simulate(names["mech"], bd.Ida(rtol=1e-4), t_end=0.3)
@@ -91,14 +91,14 @@ def test_forces_in_the_guide():
     assert solution.quality.energy_imbalance < 1e-2
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_events_in_the_guide():
     solution = run_page("events")["solution"]
     assert list(solution.events["event"]) == ["low", "tip.x crosses 0", "tip.x crosses -0.3"]
     assert solution.t[-1] == solution.events["t [s]"].iloc[-1] < 2.0
 
 
-@pytest.mark.slow(reason="a run at a tight tolerance")
+@pytest.mark.slow
 def test_section_forces_in_the_guide():
     names = run_page("section_forces")
     # A rod between two hinges has no moment at its ends.
@@ -106,7 +106,7 @@ def test_section_forces_in_the_guide():
     np.testing.assert_allclose(table["M max [N m]"].iloc[[0, -1]], 0.0, atol=1e-6)
 
 
-@pytest.mark.slow(reason="writes animations")
+@pytest.mark.slow
 @pytest.mark.parametrize("page", sorted(EXECUTED_PAGES - TESTED_PAGES))
 def test_page_of_the_guide_runs_as_printed(page):
     assert run_page(page)

@@ -1,7 +1,5 @@
 """No process that beamdae starts imports a module from the working folder."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys
@@ -86,7 +84,7 @@ def require_success(folder, result):
     assert result.returncode == 0, result.stderr
 
 
-@pytest.mark.slow(reason="several processes")
+@pytest.mark.slow
 @pytest.mark.parametrize("command", COMMANDS)
 def test_commands_run_no_file_of_the_working_folder(command, folder):
     # As the installed program does, whose own folder is first on the import path.
@@ -97,14 +95,14 @@ def test_commands_run_no_file_of_the_working_folder(command, folder):
     require_success(folder, run(folder, str(program), *arguments))
 
 
-@pytest.mark.slow(reason="several processes")
+@pytest.mark.slow
 def test_the_module_runs_no_file_of_the_working_folder(folder):
     for name in OF_PYTHON:
         (folder / "work" / f"{name}.py").unlink(missing_ok=True)
     require_success(folder, run(folder, "-m", "beamdae", "list", str(folder / "models")))
 
 
-@pytest.mark.slow(reason="several processes")
+@pytest.mark.slow
 @pytest.mark.parametrize("flags", [[], ["-E"], ["-s"]], ids=str)
 def test_sweeps_of_scripts_run_no_file_of_the_working_folder(flags, folder):
     script = folder / "models" / "ball.py"
@@ -114,7 +112,7 @@ def test_sweeps_of_scripts_run_no_file_of_the_working_folder(flags, folder):
     require_success(folder, run(folder, *flags, str(script)))
 
 
-@pytest.mark.slow(reason="two processes")
+@pytest.mark.slow
 def test_the_packaged_compiler_runs_no_file_of_the_working_folder(folder, monkeypatch):
     monkeypatch.setattr(compilers.importlib.util, "find_spec", lambda name: name)
     command = compilers.find_compiler("export_fmu", compilers.PLATFORMS["aarch64-darwin"])

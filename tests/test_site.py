@@ -44,7 +44,7 @@ def test_words_of_the_search_belong_to_existing_pages():
     assert {*searched.split(), "natural frequency", "initial velocity"} <= set(counts)
 
 
-@pytest.mark.slow(reason="reads the site, which CI builds before the slow tests")
+@pytest.mark.slow
 def test_search_of_the_built_site_finds_the_page_of_each_word():
     if not BUILT_INDEX.exists():
         pytest.skip(f"{BUILT_INDEX} is missing; build the site")
@@ -93,7 +93,7 @@ def test_regression_no_line_of_a_page_is_a_comment_of_myst():
     assert not comments
 
 
-@pytest.mark.slow(reason="simulates three seconds")
+@pytest.mark.slow
 def test_code_of_the_first_screen_runs():
     code = (DOCS / "index.md").read_text("utf-8").partition("```python\n")[2].partition("```")[0]
     lines = [line for line in code.splitlines() if line]

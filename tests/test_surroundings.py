@@ -1,7 +1,5 @@
 """Unusual surroundings: terminals, signals, NumPy settings, pools, limits, files and classes."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import signal
@@ -52,7 +50,7 @@ def process(*arguments, **options):
     return subprocess.Popen([sys.executable, *map(str, arguments)], env=environment, **options)
 
 
-@pytest.mark.slow(reason="two runs and a page each")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "over",
     [
@@ -77,7 +75,7 @@ def test_sweeps_over_every_kind_of_parameter_have_a_page(over, folder):
     assert result.plot().save("plot.png").stat().st_size > 0
 
 
-@pytest.mark.slow(reason="a run of some seconds")
+@pytest.mark.slow
 @pytest.mark.parametrize("quiet", [[], ["-q"]], ids=str)
 def test_a_closed_terminal_keeps_the_results(quiet, folder):
     pty = pytest.importorskip("pty")
@@ -114,7 +112,7 @@ def _drain(master, end):
             os.read(master, 10_000)
 
 
-@pytest.mark.slow(reason="waits for an interrupt")
+@pytest.mark.slow
 @pytest.mark.parametrize("declared", [False, True], ids=["read", "declared"])
 def test_interrupts_end_the_reading_of_stored_records(declared, folder):
     Path("data.bin").write_bytes(b"1")
@@ -136,7 +134,7 @@ def test_interrupts_end_the_reading_of_stored_records(declared, folder):
     assert time.process_time() - begin < 10.0
 
 
-@pytest.mark.slow(reason="a process in a process")
+@pytest.mark.slow
 def test_sweeps_in_a_daemonic_pool_run_in_its_process(folder):
     load()
     Path("pool.py").write_text(
@@ -154,7 +152,7 @@ def test_sweeps_in_a_daemonic_pool_run_in_its_process(folder):
     assert "daemonic processes are not allowed to have children" in errors
 
 
-@pytest.mark.slow(reason="several analyses")
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["pendulum", "four_bar"])
 def test_numpy_settings_of_the_caller_change_nothing(name, folder):
     model = bd.load_model(f"example:{name}")

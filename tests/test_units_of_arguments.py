@@ -79,7 +79,7 @@ def test_regression_stiffnesses_of_nonlinear_contacts_are_not_in_newton_per_mete
         drop()
 
 
-@pytest.mark.slow(reason="a sweep")
+@pytest.mark.slow
 def test_values_of_parameters_may_have_units():
     assert mass.complete({"spring": "5 N/cm"})["spring"] == pytest.approx(500.0)
     swept = bd.sweep(mass, {"spring": ["40 N/m", "0.05 N/mm"]}, t_end=0.01, jobs=1)
@@ -93,7 +93,7 @@ def optimize(*limits, **options):
     return bd.optimize(mass, bd.quantities.Mass(), ["weight"], limits, **options)
 
 
-@pytest.mark.slow(reason="optimizations")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("limit", "bounds"),
     [

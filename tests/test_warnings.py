@@ -149,7 +149,7 @@ def _optimize_stiffness():
     bd.optimize(_mass_with_steep_table, objective, "stiffness", limit, bounds, max_evaluations=2)
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 @pytest.mark.parametrize("search", [_fit_stiffness, _optimize_stiffness])
 def test_regression_searches_show_warnings_of_the_model_function_once(search):
     """The warning of the first model was repeated with the result."""
@@ -179,7 +179,7 @@ def _swing():
     return mech
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("analyze", "text"),
     [
@@ -188,7 +188,7 @@ def _swing():
         pytest.param(
             lambda: bd.periodic(_swing(), 2.0, bd.Radau(1e-3), settle=0),
             "errors: not ",
-            marks=pytest.mark.slow(reason="half a second and more"),
+            marks=pytest.mark.slow,
         ),
     ],
     ids=["buckling", "campbell", "periodic"],
@@ -211,7 +211,7 @@ def issued(mech, t_end):
     return [str(x.message) for x in records], solution
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_regression_searches_of_equilibria_in_checks_issue_no_warnings():
     """A strip that fell on a floor at 1.4 m/s was said not to use its velocity."""
     mech = bd.Mechanism(gravity=(0.0, -9.81))
@@ -230,7 +230,7 @@ def test_regression_searches_of_equilibria_in_checks_issue_no_warnings():
     assert set(messages) == set(solution.warnings)
 
 
-@pytest.mark.slow(reason="a quarter of a second")
+@pytest.mark.slow
 def test_regression_finer_meshes_of_checks_issue_no_warnings():
     """Each of two meshes for the error of fast loads repeated the warning of the damping."""
     section = bd.Section.rectangle(bd.Material.of("steel"), 0.02, 0.02, damping=0.01)

@@ -22,7 +22,7 @@ def bent_strip(load=0.02, height=2e-3, elements=1, strain="nonlinear"):
     return mech
 
 
-@pytest.mark.slow(reason="several runs with sensitivities")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("method", "cause"),
     [(bd.Radau(1e-5), "mesh"), (bd.GeneralizedAlpha(step=0.01), "time")],
@@ -41,7 +41,7 @@ def test_errors_of_sensitivities_contain_those_of_mesh_and_steps(method, cause):
     assert row[cause] > 0.5 * row["total"]
 
 
-@pytest.mark.slow(reason="several runs with gradients")
+@pytest.mark.slow
 def test_errors_of_gradients_contain_those_of_the_mesh():
     objective, method = bd.quantities.EndValue("tip.y"), bd.Radau(1e-6)
     names = ["load", "height"]

@@ -25,7 +25,7 @@ def optimize(limit, **parameters):
     )
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 @pytest.mark.parametrize("limit", [0.5, 0.52])
 def test_errors_of_limited_values_are_true(limit):
     with pytest.warns(bd.BeamdaeWarning, match=r"tip.x.*: the error is about .* of its value"):
@@ -42,7 +42,7 @@ def test_errors_of_limited_values_are_true(limit):
     assert next(design.errors.sentences()) in design.warnings
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 def test_accurate_designs_have_no_sentence():
     limit = bd.quantities.at_least(bd.quantities.EquilibriumValue("tip.y"), -0.5)
     design = optimize(limit, elements=4, strain="exact")

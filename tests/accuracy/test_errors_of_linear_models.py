@@ -28,7 +28,7 @@ def compare(elements, load, formulation, frequencies):
     return diagram, other
 
 
-@pytest.mark.slow(reason="linear models of fine meshes")
+@pytest.mark.slow
 @pytest.mark.parametrize("share", [0.3, 0.8, 1.4])
 @pytest.mark.parametrize(
     ("elements", "load", "formulation"),
@@ -46,7 +46,7 @@ def test_stated_errors_of_single_responses_are_true_errors(elements, load, formu
     assert np.all(stated[accurate] < WRONG)
 
 
-@pytest.mark.slow(reason="linear models of fine meshes")
+@pytest.mark.slow
 def test_peaks_that_shift_are_errors_of_their_frequencies():
     diagram, exact = compare(1, 0.0, "floating frame", np.geomspace(2.0, 200.0, 200))
     errors = dict(zip(diagram.errors.headers, diagram.errors.total, strict=True))
@@ -68,7 +68,7 @@ def test_linear_models_and_responses_warn_of_their_errors():
         model.frequency_response([95.0])
 
 
-@pytest.mark.slow(reason="a default band of frequencies")
+@pytest.mark.slow
 def test_accurate_models_have_no_warning(recwarn):
     model = shaken_strip(8)
     model.frequency_response([1.0, 9.0, 95.0])

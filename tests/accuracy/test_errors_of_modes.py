@@ -47,7 +47,7 @@ def about_instant(mech):
 GREEN, EXACT = {"strain": "green"}, {"formulation": "exact"}
 
 
-@pytest.mark.slow(reason="a run")
+@pytest.mark.slow
 @pytest.mark.parametrize("elements", [1, 4])
 def test_errors_about_an_instant_are_those_about_the_equilibrium_that_it_approaches(elements):
     model = bent_reed(elements, damping=1e-2, **(EXACT if elements == 1 else GREEN))
@@ -58,7 +58,7 @@ def test_errors_about_an_instant_are_those_about_the_equilibrium_that_it_approac
     assert at_end[-1] > WRONG
 
 
-@pytest.mark.slow(reason="modes of several meshes")
+@pytest.mark.slow
 def test_free_motions_at_the_end_of_a_path_are_held():
     mech = bent_reed(2)
     tip = mech.parts["beam"].end
@@ -69,7 +69,7 @@ def test_free_motions_at_the_end_of_a_path_are_held():
     assert_allclose(at_end.errors.total, at_rest.errors.total, rtol=1e-3)
 
 
-@pytest.mark.slow(reason="modes of several meshes")
+@pytest.mark.slow
 def test_motions_at_equal_rates_are_paired():
     """A translation in the rotating frame was paired with a free motion."""
     mech = bd.Mechanism()
@@ -79,7 +79,7 @@ def test_motions_at_equal_rates_are_paired():
     assert modes.errors.largest < ACCURATE
 
 
-@pytest.mark.slow(reason="modes of several meshes")
+@pytest.mark.slow
 def test_causes_are_elements_and_strains():
     coarse, strained = (bd.modes(bent_reed(k, **GREEN), "equilibrium", n=3) for k in (1, 6))
     causes = coarse.errors.causes
@@ -122,7 +122,7 @@ def test_modes_that_cannot_be_refined_are_exact_or_not_checked():
     assert not named.warnings
 
 
-@pytest.mark.slow(reason="modes of several meshes")
+@pytest.mark.slow
 @pytest.mark.filterwarnings("always::beamdae.BeamdaeWarning")
 def test_modes_and_campbell_diagrams_warn_of_requested_modes_only():
     with pytest.warns(bd.BeamdaeWarning, match=r"frequency 2: .* halved elements of blade"):

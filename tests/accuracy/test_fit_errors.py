@@ -28,7 +28,7 @@ def measured(scale=1e-3):
     return pd.DataFrame({"t [s]": run.t, "tip.y [m]": run["tip.y"].to_numpy() + noise})
 
 
-@pytest.mark.slow(reason="fits of a beam")
+@pytest.mark.slow
 def test_errors_of_estimates_are_true():
     """The errors of moderate strains are six standard deviations of the modulus, but only 0.5 %."""
     data, names = measured(), ["E", "damping"]

@@ -59,7 +59,7 @@ def true_errors(motion, other, column):
     return sorted([abs(sizes[0] / sizes[1] - 1.0), float(deviation)])
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 def test_accurate_motions_have_no_sentence():
     motion = bd.periodic(*blade(25.0, 30.0), RUNS)
     assert motion.errors.largest < 0.01
@@ -67,7 +67,7 @@ def test_accurate_motions_have_no_sentence():
     assert motion.errors.table().index[-1] == "largest multiplier [-]"
 
 
-@pytest.mark.slow(reason="two seconds")
+@pytest.mark.slow
 def test_fixed_steps_are_refined():
     """Steps of a fifteenth of the period, and of the first-order method, lose the phase."""
     mech, period = blade(15.0, 40.0, strain="exact", elements=4, damping=1e-3)
@@ -101,7 +101,7 @@ def self_excited(elements=1, strain="nonlinear"):
     return mech
 
 
-@pytest.mark.slow(reason="five seconds")
+@pytest.mark.slow
 def test_free_motions_state_the_error_of_the_period():
     settings = {"period_guess": 0.098, "settle": 4, "integrator": bd.Radau(1e-7)}
     motion = bd.periodic(self_excited(), **settings)
@@ -114,7 +114,7 @@ def test_free_motions_state_the_error_of_the_period():
     assert table["rows"].isna().all()
 
 
-@pytest.mark.slow(reason="one second")
+@pytest.mark.slow
 def test_curves_state_errors_at_their_motions():
     @bd.model(t_end=1.0)
     def shaken(frequency=10.0):
@@ -143,7 +143,7 @@ def test_motions_without_beams_have_errors_of_steps():
     assert (table["time"] == table["total"]).all()
 
 
-@pytest.mark.slow(reason="a second")
+@pytest.mark.slow
 def test_motions_that_are_not_found_are_not_checked():
     mech, period = strut()
     motion = bd.periodic(mech, period, RUNS, settle=0, tolerance=1e-15)

@@ -45,7 +45,7 @@ def assert_is_measured(solution, reference, limit=0.04):
     return solution.errors
 
 
-@pytest.mark.slow(reason="references")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("settings", "method", "cause"),
     [
@@ -87,7 +87,7 @@ def test_errors_of_columns_at_rest_are_those_of_their_values(moment):
     assert (ratios < FACTOR).all()
 
 
-@pytest.mark.slow(reason="references")
+@pytest.mark.slow
 def test_regularized_friction_is_an_error_like_others():
     solution = simulate(quick_return, bd.Radau(1e-5))
     sharp = quick_return(friction_speed=1e-4)

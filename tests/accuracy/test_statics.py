@@ -52,7 +52,7 @@ def test_critical_points_of_coarse_paths():
     assert_stated(result, "branch point 1 [-]", result.critical[0].factor / 20.1907 - 1.0)
 
 
-@pytest.mark.slow(reason="one second")
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::beamdae.errors.BeamdaeWarning")
 @pytest.mark.parametrize("elements", [6, 8, 12])
 def test_stability_beyond_the_figure_eight(elements):
@@ -127,7 +127,7 @@ def test_nothing_is_measured_where_warnings_are_ignored():
         bd.equilibrium(cantilever(LEAF, 0.35, 2, (0.0, -600.0), strain="green"))
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::beamdae.errors.BeamdaeWarning")
 def test_columns_near_their_buckling_load():
     """Deflections were off by 15 %, and by more near a false limit point, beside small strains."""
@@ -218,7 +218,7 @@ def lee_frame(**options):
     [
         pytest.param({"to": 20.0}, id="failed"),
         *(
-            pytest.param(request_, id=name, marks=pytest.mark.slow(reason="hundreds of points"))
+            pytest.param(request_, id=name, marks=pytest.mark.slow)
             for name, request_ in {
                 "limited": {"to": 30.0, "control": "arc length", "max_points": 60},
                 "astray": {"to": {"load.y": 0.5}, "control": "arc length"},

@@ -62,7 +62,7 @@ def true_errors(solution, fine):
     return np.maximum(means, np.maximum(*peaks) / half_range)
 
 
-@pytest.mark.slow(reason="two to four runs and a reference")
+@pytest.mark.slow
 @pytest.mark.parametrize("accuracy", [0.03, 0.002])
 @pytest.mark.parametrize(
     ("build", "t_end", "coarse", "fine"),
@@ -88,7 +88,7 @@ def test_true_errors_are_below_the_accuracy(build, t_end, coarse, fine, accuracy
     assert 0.5 < stated[np.argmax(true)] / true.max() < 2.0
 
 
-@pytest.mark.slow(reason="several runs")
+@pytest.mark.slow
 def test_only_what_is_inaccurate_is_refined():
     settings = {"t_end": 0.3, "output_step": 0.003}
     fine = bd.simulate(pendulum(4), bd.Radau(2e-3), accuracy=0.02, **settings)
@@ -101,7 +101,7 @@ def test_only_what_is_inaccurate_is_refined():
     assert (written.mesh.elements, written.kinematics.strain) == (2, "nonlinear")
 
 
-@pytest.mark.slow(reason="a third of a second")
+@pytest.mark.slow
 def test_named_columns_are_accurate():
     settings = {"t_end": 0.05, "output_step": 1e-4}
     sudden = pushed_cantilever(law=1.0)
@@ -113,7 +113,7 @@ def test_named_columns_are_accurate():
     assert errors[1] <= 0.02 < errors[0]
 
 
-@pytest.mark.slow(reason="a second")
+@pytest.mark.slow
 def test_runs_that_an_event_stops_are_refined():
     mech = double_pendulum(0.5)
     mech.when("lower.x", crosses=0.1, direction="down", do="stop")
@@ -123,7 +123,7 @@ def test_runs_that_an_event_stops_are_refined():
     assert_allclose(solution.trajectory.end, exact, rtol=1e-4)
 
 
-@pytest.mark.slow(reason="runs at rtol down to 1e-9")
+@pytest.mark.slow
 def test_a_chaotic_motion_is_refused():
     with pytest.warns(bd.BeamdaeWarning, match="accuracy: .*; errors do not decrease"):
         solution = bd.simulate(double_pendulum(2.6), accuracy=0.01, t_end=20.0)

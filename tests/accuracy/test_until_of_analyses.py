@@ -46,7 +46,7 @@ def pushed(law=0.0, **settings):
     return mech
 
 
-@pytest.mark.slow(reason="several meshes")
+@pytest.mark.slow
 @pytest.mark.parametrize("accuracy", ACCURACIES)
 @pytest.mark.parametrize("mesh", MESHES)
 def test_equilibria_are_accurate(mesh, accuracy):
@@ -68,7 +68,7 @@ def test_buckling_loads_are_accurate(mesh, accuracy):
     assert_allclose(result.factors, exact, rtol=accuracy)
 
 
-@pytest.mark.slow(reason="several meshes")
+@pytest.mark.slow
 @pytest.mark.parametrize("accuracy", ACCURACIES)
 @pytest.mark.parametrize("mesh", MESHES)
 def test_modes_are_as_many_as_requested_and_accurate(mesh, accuracy):
@@ -86,7 +86,7 @@ def test_fewer_modes_need_fewer_elements():
     assert counts[0] < counts[1]
 
 
-@pytest.mark.slow(reason="several meshes")
+@pytest.mark.slow
 @pytest.mark.parametrize("mesh", MESHES)
 def test_frequency_responses_are_accurate(mesh):
     linear = bd.linearize(pushed(**mesh), inputs=["push.Fy"], outputs=["tip.y"])
@@ -107,7 +107,7 @@ def test_linear_models_are_accurate(mesh):
     assert_allclose(poles[:3], FREQUENCIES, rtol=1e-3)
 
 
-@pytest.mark.slow(reason="periodic motions of several meshes")
+@pytest.mark.slow
 @pytest.mark.parametrize("mesh", MESHES)
 def test_periodic_motions_are_accurate(mesh):
     law = bd.sine(0.02, frequency=3.0)
@@ -119,7 +119,7 @@ def test_periodic_motions_are_accurate(mesh):
     assert_allclose(largest, amplitude, rtol=2e-3)  # of small motions, at discrete times
 
 
-@pytest.mark.slow(reason="several meshes")
+@pytest.mark.slow
 def test_paths_over_a_parameter_refine_the_model():
     @bd.model(t_end=1.0)
     def loaded(moment=0.1):

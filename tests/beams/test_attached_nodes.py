@@ -28,7 +28,7 @@ def arm(elements, formulation="floating frame"):
     return mech
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 @formulations
 def test_regression_an_arm_with_its_pivot_inside_an_element(formulation):
     """With 4 elements of equal length, the motion was off by 0.2 %, now by 2e-6."""
@@ -195,7 +195,7 @@ def test_starts_that_name_coordinates_of_nodes_keep_the_mesh(start, is_divided):
     assert (beam.mesh.bounds is not None) == is_divided
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_impacts_on_gaps_of_beams_divided_later():
     """The gap is a quantity of the coordinates before the beam is divided."""
     mech = bd.Mechanism(gravity=(0.0, -9.81))
@@ -211,7 +211,7 @@ def test_impacts_on_gaps_of_beams_divided_later():
     assert len(solution.events) == 1
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_parts_added_after_the_first_assembly_keep_the_mesh():
     """The equations of earlier runs refer to its coordinates."""
     mech = arm(4)
@@ -224,7 +224,7 @@ def test_parts_added_after_the_first_assembly_keep_the_mesh():
     assert np.isfinite(first.observe("late", beam.strain(0.6, "top")).columns["late [-]"]).all()
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 @pytest.mark.parametrize("nodes", [4, 3, 2])
 @pytest.mark.parametrize(
     ("kind", "elements"), [("force", 4), ("force", 8), ("clamp", 4), ("clamp", 16)]
@@ -254,7 +254,7 @@ def test_errors_of_attachments_inside_given_elements_are_stated(kind, elements, 
     assert error / 3.0 - 1e-4 < stated < 3.0 * error + 1e-4
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 @formulations
 def test_equal_lengths_given_as_ends_or_as_a_number_are_equivalent(formulation):
     columns = [
@@ -266,7 +266,7 @@ def test_equal_lengths_given_as_ends_or_as_a_number_are_equivalent(formulation):
         assert_allclose(*(c[name] for c in columns), atol=1e-5 * np.ptp(columns[0][name]))
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 def test_moving_forces_pass_elements_of_different_lengths():
     """The deflection under a slow force is the static deflection a^2 b^2 / (3 EI L)."""
     mech = bd.Mechanism()

@@ -1,7 +1,5 @@
 """Contact along beams: strips on a cylinder and on a plane, in closed form, and point contacts."""
 
-from __future__ import annotations
-
 import re
 import warnings
 

@@ -1,7 +1,5 @@
 """Loads along a beam: dead loads, pressure, formulas of position, moving forces."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from mechanisms import clamped_beam, rectangle

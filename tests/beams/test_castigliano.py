@@ -27,8 +27,6 @@ Relative errors for the moment load with fewer nodes per element:
     2500         -1.6e-3           -1.0          -6.7e-7         -9.5e-1
 """
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np
@@ -167,7 +165,7 @@ def test_default_quadrature_does_not_lock(nodes, shape, continuity, max_error, f
     assert max(worst) < 1.05 * worst[0] + 1e-6
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", ["curved", "straight"])
 def test_straight_elements_do_not_lock_with_four_points_and_curved_ones_do(shape):
     thick, thin = (errors(r, 8, quadrature="full", shape=shape)[2, 2] for r in (4, 2500))
@@ -179,7 +177,7 @@ def test_straight_elements_do_not_lock_with_four_points_and_curved_ones_do(shape
         assert -5e-3 < thin < -4e-3
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_curved_elements_converge_with_fourth_order():
     # Measured with 1, 2, 4, 8 elements: radial 2.2e-3, 1.7e-4, 1.1e-5, 6.9e-7; tangential 6.4e-3,
     # 8.5e-5, 7.4e-7, 2.4e-8; moment 8.6e-4, 5.7e-5, 3.6e-6, 2.3e-7.
@@ -189,7 +187,7 @@ def test_curved_elements_converge_with_fourth_order():
     assert np.all(orders[1:] > 3.85)
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_quadratic_elements_converge_with_fourth_order():
     # The compliance is an energy, whose order is twice that of the strains: 2 (nodes - 1). Measured
     # with 4, 8, 16 elements: radial 8.9e-5, 5.6e-6, 3.5e-7; tangential 9.3e-5, 6.4e-6, 4.1e-7;
@@ -198,7 +196,7 @@ def test_quadratic_elements_converge_with_fourth_order():
     assert_allclose(np.log2(error[:-1] / error[1:]), 4.0, atol=0.15)
 
 
-@pytest.mark.slow(reason="seven meshes of two elements or one")
+@pytest.mark.slow
 def test_elements_of_high_degree_converge_exponentially():
     # Measured with 5 to 9 nodes in one element: tangential 1.9e-4, 3.8e-6, 4.0e-8, 3.4e-10, 2.6e-11
     # (rounding); the errors under the other loads are smaller.
@@ -210,7 +208,7 @@ def test_elements_of_high_degree_converge_exponentially():
     assert np.all(in_load_directions(20, 2, nodes=5) < error[0] / 100.0)
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 @pytest.mark.parametrize("slenderness", [20, 500])
 def test_local_continuity_converges_with_second_order(slenderness):
     # Measured with 1, 2, 4, 8, 16 elements: radial 2.2e-3, 5.2e-3, 2.1e-3, 6.2e-4, 1.7e-4;

@@ -4,8 +4,6 @@ Closed forms of nonlinear decays follow from averaging over a period (Krylov & B
 Kim, Ku & Yoo, J. Sound Vib. 325 (2009) 722, compare proportional and quadratic damping.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from typing import NamedTuple
@@ -64,7 +62,7 @@ def rotate(angle, x, y):
     return np.cos(angle) * x - np.sin(angle) * y, np.sin(angle) * x + np.cos(angle) * y
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 @every_variant
 def test_rayleigh_forces_are_mass_times_velocities_and_kelvin_voigt_forces(variant):
     damped, viscous, bare = (free(variant, law) for law in ("Rayleigh", "Kelvin-Voigt", None))
@@ -142,7 +140,7 @@ def test_a_falling_strip_reaches_its_terminal_velocity():
     assert_allclose(solution.v[-1, 1], -terminal, rtol=1e-3)  # 1 - tanh(7.1) = 1e-6
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 @pytest.mark.parametrize("frame", ["tangent", "chord"])
 def test_momenta_of_a_free_arc_decay_with_the_mass_coefficient(frame):
     """Internal damping has no resultant; the mass term is -MASS times each momentum."""
@@ -264,7 +262,7 @@ def release_with_internal_damping(law, start, strain):
     return t, eta[:, 0], envelope(eta[:, 0], rate[:, 0], frequency, RATIO)
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 @pytest.mark.parametrize("start", [SMALL, STRIP_RADIUS])
 def test_regression_both_internal_dampings_agree_at_all_amplitudes(start):
     """Rayleigh damping took the shortening of a bent beam as an axial strain.

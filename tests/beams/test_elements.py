@@ -1,7 +1,5 @@
 """Properties of every element variant."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

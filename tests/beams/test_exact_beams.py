@@ -1,7 +1,5 @@
 """Properties of the geometrically exact beam that other kinematics do not share."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from mechanisms import rectangle

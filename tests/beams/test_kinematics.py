@@ -1,7 +1,5 @@
 """Properties of all beam kinematics, independent of the coordinates."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Nodes on the curve, and errors of the interpolated axes."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from mechanisms import rectangle

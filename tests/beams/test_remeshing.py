@@ -122,7 +122,7 @@ def test_regression_laws_with_locks_and_variables_without_a_value():
     assert law_without_value(SimpleNamespace(reads=[1.0])) == -gain
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_mechanisms_with_compiled_gravity_laws_are_copied():
     """Machine code cannot be copied, and kernels are found by their ids."""
     mech = bd.Mechanism(gravity=(0.0, lambda t: -9.81 + 0.0 * t))

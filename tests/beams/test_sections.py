@@ -1,7 +1,5 @@
 """Section stiffness and inertia from materials and shapes."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np
@@ -18,7 +16,7 @@ sizes = st.floats(1e-4, 1.0)
 ROUNDING = {"rtol": 1e-14}
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 @given(width=sizes, height=sizes)
 def test_rectangle(width, height):
     section = bd.Section.rectangle(ALLOY, width=width, height=height)

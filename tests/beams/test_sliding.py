@@ -1,7 +1,5 @@
 """Points sliding along deformed beams: exact solutions, reactions and balances."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from conformance import integrators
@@ -62,7 +60,7 @@ def bead_on_hanging_arc(elements, damping=1e-4):
     return mech
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_element_boundaries_cost_no_steps():
     """Compare eight elements with two in the same motion."""
     few, many = (
@@ -101,7 +99,7 @@ def test_reported_reactions_replace_the_slider():
     assert_allclose(by_loads, numeric.reaction(q, lam=lam)[:-1], atol=1e-12)  # rounding errors
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_reaction_on_the_beam_is_normal_to_its_axis():
     mech = bead_on_hanging_arc(4)
     slide = mech.part("slide")
@@ -126,7 +124,7 @@ def bead_on_short_rail(speed, ends="record"):
     return mech
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 @pytest.mark.parametrize("ends", ["record", "stop"])
 def test_passing_an_end_is_an_event(ends):
     solution = bd.simulate(bead_on_short_rail(2.0, ends), bd.Radau(), t_end=0.5)
@@ -137,7 +135,7 @@ def test_passing_an_end_is_an_event(ends):
     assert_allclose(solution.t[-1], 0.5 if ends == "record" else 0.3, rtol=1e-6)
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("speed", "t_end", "place"),
     [

@@ -1,7 +1,5 @@
 """Frames with rigid corners, closed rings, and beams welded from several bodies."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from mechanisms import rectangle
@@ -129,7 +127,7 @@ def test_bodies_are_parts_of_the_curve_in_order():
     assert_allclose(ends, ARC.point(np.linspace(0.0, ARC.length, 4)), atol=1e-14)
 
 
-@pytest.mark.slow(reason="three equilibria")
+@pytest.mark.slow
 def test_static_deflection_does_not_depend_on_the_number_of_bodies():
     """The load is so small that quadratic strains do not matter."""
     tips = []

@@ -1,7 +1,5 @@
 """Sections that vary along a beam, and beams bent from a stress-free shape."""
 
-from __future__ import annotations
-
 import warnings
 from dataclasses import replace
 
@@ -164,7 +162,7 @@ def test_wire_drawn_too_long_is_in_tension():
     )
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["ida", "radau", "alpha adaptive"])
 def test_released_beam_oscillates_about_its_free_shape(name):
     arc = bd.Arc(radius=5.0, length=1.0)

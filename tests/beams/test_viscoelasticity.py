@@ -1,7 +1,5 @@
 """Standard linear solid: creep, relaxation, complex modulus and section forces in closed form."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -26,7 +26,7 @@ def run(*arguments):
     return invoke("run", "model.py", *arguments)
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 @pytest.mark.parametrize("accuracy", ["1%", "0.01", " 1 %"])
 def test_errors_are_in_json_and_in_the_document(accuracy):
     result = run("--accuracy", accuracy, "--json", "--no-page")
@@ -42,7 +42,7 @@ def test_errors_are_in_json_and_in_the_document(accuracy):
     assert metadata["accuracy"] == document["accuracy"]
 
 
-@pytest.mark.slow(reason="writes a page and a picture")
+@pytest.mark.slow
 def test_errors_are_printed_and_on_the_page():
     result = run("--accuracy", "0.1%")
     assert result.exit_code == 0, result.output
@@ -53,7 +53,7 @@ def test_errors_are_printed_and_on_the_page():
     assert "the largest error" in page
 
 
-@pytest.mark.slow(reason="a quarter of a second")
+@pytest.mark.slow
 @pytest.mark.parametrize("columns", [(), ("--columns", "tip.y_dot")])
 def test_an_accuracy_that_is_not_reached_writes_the_run_and_exits_with_1(columns):
     # The pendulum passes its unstable equilibrium with hardly any speed.

@@ -49,7 +49,7 @@ def loop(kp=1e3):
 """
 
 
-@pytest.mark.slow(reason="a quarter of a second")
+@pytest.mark.slow
 def test_bode_states_margins_of_pid_loops_and_why_one_has_none(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "loop.py").write_text(LOOP)
@@ -85,7 +85,7 @@ def train():
 """
 
 
-@pytest.mark.slow(reason="many modes")
+@pytest.mark.slow
 def test_the_first_of_many_peaks_are_shown(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "train.py").write_text(TRAIN)
@@ -97,7 +97,7 @@ def test_the_first_of_many_peaks_are_shown(tmp_path, monkeypatch):
     assert all(are_shown)
 
 
-@pytest.mark.slow(reason="draws a picture")
+@pytest.mark.slow
 def test_bode_writes_a_picture_and_a_page(bode, tmp_path):
     result = bode("--output", "mass.x,mass.x_dot", "--frequencies", "1Hz:0.01kHz")
     assert result.exit_code == 0, result.output
@@ -109,7 +109,7 @@ def test_bode_writes_a_picture_and_a_page(bode, tmp_path):
     assert_allclose(table["frequency [Hz]"].iloc[[0, -1]], [1.0, 10.0], rtol=1e-9)
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_spaced_frequencies_are_used_as_given(bode, tmp_path):
     result = bode("--frequencies", "1:10:4", "--no-page", "--no-picture")
     assert result.exit_code == 0, result.output

@@ -16,7 +16,7 @@ def buckling(tmp_path, monkeypatch):
     return lambda *arguments: invoke("buckling", "column.py", *arguments)
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_a_table_and_a_picture_are_written(buckling):
     result = buckling("-n", "2", "--set", "height=0.001")
     assert result.exit_code == 0, result.output
@@ -28,7 +28,7 @@ def test_a_table_and_a_picture_are_written(buckling):
     assert Path("results/column_buckling.png").stat().st_size > 1000
 
 
-@pytest.mark.slow(reason="a quarter of a second")
+@pytest.mark.slow
 def test_json_contains_the_factors(buckling):
     result = buckling("-n", "1", "--json")
     document = json.loads(result.stdout)

@@ -126,7 +126,7 @@ def test_model_error_is_one_line(command, source, arguments, words):
     assert not Path("results").exists()
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 def test_run_writes_table_settings_picture_and_page(command):
     options = "--set", "elements=2", "--out", "there/here", "--rtol", "1e-4", "--verbose"
     result = command("run", ARM, *options)
@@ -145,7 +145,7 @@ def test_run_writes_table_settings_picture_and_page(command):
     assert "arm.html" in result.stdout
 
 
-@pytest.mark.slow(reason="runs a model several times")
+@pytest.mark.slow
 def test_run_resumes_from_a_checkpoint(command):
     result = command("run", ARM, "--no-estimate", "--t-end", "0.01", "--checkpoint", "at/end.json")
     assert result.exit_code == 0
@@ -162,7 +162,7 @@ def test_run_resumes_from_a_checkpoint(command):
         assert_usage_error(command("run", ARM, *arguments.split()), sentence)
 
 
-@pytest.mark.slow(reason="runs a model twice")
+@pytest.mark.slow
 def test_run_reports_errors_of_beams_and_warns_once(command):
     bent = with_line('mech.add(bd.Moment("torque", on=beam.end, law=100.0))')
     result = command("run", bent, "--set", "elements=2", "--rtol", "1e-3")
@@ -177,7 +177,7 @@ def test_run_reports_errors_of_beams_and_warns_once(command):
     assert sidecar["errors"][header]["total"] > 0.04
 
 
-@pytest.mark.slow(reason="runs a model")
+@pytest.mark.slow
 def test_run_with_generalized_alpha(command):
     method = "--integrator", "generalized-alpha", "--step", "2e-3", "--option", "rho_inf=0.5"
     result = command("run", ARM, *method, "--t-end", "0.01", "--output-step", "5e-3")
@@ -189,14 +189,14 @@ def test_run_with_generalized_alpha(command):
     assert list(pd.read_csv("results/arm.csv")["t [s]"]) == [0.0, 5e-3, 0.01]
 
 
-@pytest.mark.slow(reason="runs a model")
+@pytest.mark.slow
 def test_model_without_observables_is_drawn_and_written(command):
     result = command("run", ARM.replace('mech.observe("tip", beam.end)', ""))
     assert result.exit_code == 0
     assert Path("results/arm.png").exists()
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 def test_failed_run_keeps_its_results(command):
     result = command("run", with_line(FAILING_LAW), "--integrator", "generalized-alpha")
     assert result.exit_code == 1
@@ -206,7 +206,7 @@ def test_failed_run_keeps_its_results(command):
     assert Path("results/arm.png").exists()
 
 
-@pytest.mark.slow(reason="two seconds")
+@pytest.mark.slow
 @pytest.mark.usefixtures("serial")
 def test_compare_writes_tables_pictures_and_a_page(command):
     result = command("compare", ARM, "--set", "width=0.01")
@@ -224,7 +224,7 @@ def test_compare_writes_tables_pictures_and_a_page(command):
     assert re.search(r"\b(\d+)/\1, 0:00 left$", result.stderr.splitlines()[-1])
 
 
-@pytest.mark.slow(reason="runs a study")
+@pytest.mark.slow
 def test_compare_of_a_study_file(command):
     # With worker processes, which cannot import the model file.
     study = (
@@ -272,7 +272,7 @@ def fall():
 """
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_regression_runs_with_data_print_their_differences(command):
     """Measured points were drawn, but no number compared them with the run."""
     # Differences of 3 and -4 mm; the last row is after the run.
@@ -284,7 +284,7 @@ def test_regression_runs_with_data_print_their_differences(command):
     assert (x["largest"], x["t"], x["count"]) == (pytest.approx(0.004, rel=1e-3), 0.5, 2)
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("rows", "options", "message"),
     [
@@ -354,7 +354,7 @@ def test_regression_check_begins_with_the_verdict(command):
     assert not any("initial angle" in x for x in lines)
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_run_starts_as_requested(command):
     for state, rate in (("beam.theta_dot=2", 2.0), ("beam.theta_dot=30rpm", math.pi)):
         result = command("run", ARM, "--start", state, "--t-end", "0.01", "--no-estimate")
@@ -430,7 +430,7 @@ def test_public_names_can_be_imported():
         _ = bd.Modes
 
 
-@pytest.mark.slow(reason="starts a process that imports everything")
+@pytest.mark.slow
 def test_public_names_exist_whatever_was_imported_first():
     code = (
         "import beamdae.model_functions, beamdae\n"
@@ -446,7 +446,7 @@ def test_version_of_the_package_is_printed():
     assert (result.exit_code, result.stdout) == (0, f"beamdae {bd.__version__}\n")
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_draw_shows_a_model_without_a_run(command):
     result = command("draw", ARM, "--set", "name=$pin")
     assert result.exit_code == 0, result.output
@@ -468,7 +468,7 @@ def test_examples_are_listed_with_their_descriptions(tmp_path, monkeypatch):
     assert "Curved-beam pendulum with a tip mass" in result.output
 
 
-@pytest.mark.slow(reason="takes more than half a second")
+@pytest.mark.slow
 def test_an_example_runs_by_its_name(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     result = invoke("run", "example:spin_up", "--t-end", "0.01", "--set", "elements=1")
@@ -478,7 +478,7 @@ def test_an_example_runs_by_its_name(tmp_path, monkeypatch):
     assert_usage_error(invoke("run", "example:spin"), "no example 'spin'", "mean 'spin_up'?")
 
 
-@pytest.mark.slow(reason="runs a model")
+@pytest.mark.slow
 def test_a_new_model_runs_and_is_not_overwritten(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert invoke("new", "arm.py").exit_code == 0

@@ -57,7 +57,7 @@ CLOSED = {
 }
 
 
-@pytest.mark.slow(reason="starts processes")
+@pytest.mark.slow
 @pytest.mark.parametrize(("streams", "code", "lines"), CLOSED.values(), ids=CLOSED)
 def test_files_are_written_whatever_the_streams(here, streams, code, lines):
     got, _, errors = shell("{beamdae} run model.py " + streams)
@@ -66,7 +66,7 @@ def test_files_are_written_whatever_the_streams(here, streams, code, lines):
     assert {p.name for p in Path("results").iterdir()} == ALL_FILES
 
 
-@pytest.mark.slow(reason="starts processes")
+@pytest.mark.slow
 @pytest.mark.parametrize("command", ["check model.py", "list .", "--help", "--version", "run gone"])
 def test_every_command_exits_quietly_without_a_reader(here, command):
     code = 2 if "gone" in command else 0
@@ -79,7 +79,7 @@ def test_every_command_exits_quietly_without_a_reader(here, command):
     assert len(errors.splitlines()) == 1
 
 
-@pytest.mark.slow(reason="runs a study in processes")
+@pytest.mark.slow
 def test_page_and_pictures_of_a_study_without_a_reader(here):
     code, _, errors = shell("{beamdae} compare model.py | true")
     assert (code, has_no_traceback(errors)) == (0, True), errors
@@ -150,7 +150,7 @@ MOMENTS = {
 }
 
 
-@pytest.mark.slow(reason="starts processes")
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 @pytest.mark.parametrize(("lines", "files", "words"), MOMENTS.values(), ids=MOMENTS)
 def test_an_interrupted_run_keeps_its_results(here, lines, files, words, number):
@@ -171,7 +171,7 @@ def test_an_interrupted_run_keeps_its_results(here, lines, files, words, number)
         assert len(pd.read_csv("results/arm.csv")) >= 1
 
 
-@pytest.mark.slow(reason="starts processes")
+@pytest.mark.slow
 def test_interrupt_while_building_ends_the_run(here):
     Path("model.py").write_text(MODEL.replace("# building", "send_signal()"), encoding="utf-8")
     for name in ("run", "check"):
@@ -197,7 +197,7 @@ Callback()
 """
 
 
-@pytest.mark.slow(reason="starts processes")
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["run", "check"])
 def test_regression_incomplete_objects_do_not_crash_an_interrupted_command(here, name):
     """The exception of an interrupt was discarded with a traceback; objects crashed at the end."""
@@ -207,7 +207,7 @@ def test_regression_incomplete_objects_do_not_crash_an_interrupted_command(here,
     assert (command.returncode, errors) == (130, "interrupted\n")
 
 
-@pytest.mark.slow(reason="starts a process")
+@pytest.mark.slow
 def test_files_that_a_model_left_open_are_complete(here):
     lines = "file = open('log.txt', 'w')\nfile.write('written')"
     Path("model.py").write_text(MODEL.replace("# importing", lines), encoding="utf-8")
@@ -215,7 +215,7 @@ def test_files_that_a_model_left_open_are_complete(here):
     assert Path("log.txt").read_text() == "written"
 
 
-@pytest.mark.slow(reason="starts processes")
+@pytest.mark.slow
 def test_interrupt_in_the_second_run_keeps_the_first(here):
     lines = """
 import beamdae.accuracy.runs as runs
@@ -235,7 +235,7 @@ runs._repeat = interrupt
     assert Path("results/arm.png").exists()
 
 
-@pytest.mark.slow(reason="runs a study in processes")
+@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="groups of processes are POSIX")
 def test_a_study_resumes_after_an_interrupt_of_its_process_group(here):
     command = process("compare", "model.py", "--t-end", "2", start_new_session=True)
@@ -250,7 +250,7 @@ def test_a_study_resumes_after_an_interrupt_of_its_process_group(here):
     assert Path("results/arm_compare/report.html").exists()
 
 
-@pytest.mark.slow(reason="starts worker processes")
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_regression_a_swallowed_interrupt_ends_a_study_before_it_starts(here, number):
     swallowed = f"try:\n    send_signal({int(number)})\nexcept BaseException:\n    pass"
@@ -267,7 +267,7 @@ def test_regression_a_swallowed_interrupt_ends_a_study_before_it_starts(here, nu
 # Options.
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_a_run_at_its_time_limit_keeps_its_results(here):
     result = invoke("run", "model.py", "--t-end", "9", "--time-limit", "1e-9")
     assert result.exit_code == 1, result.output
@@ -275,7 +275,7 @@ def test_a_run_at_its_time_limit_keeps_its_results(here):
     assert Path("results/arm.csv").exists()
 
 
-@pytest.mark.slow(reason="starts processes")
+@pytest.mark.slow
 def test_listing_does_not_execute_scripts(here):
     """`list` executed a script without a guard for 120 s, also after SIGTERM."""
     Path("script.py").write_text(MODEL.replace("# importing", "import time\ntime.sleep(600)"))
@@ -295,7 +295,7 @@ def serial(monkeypatch):
 FAILING = "mech.add(bd.Moment('m', on=bob.at(0.0, 0.0), law=lambda t: t * (0.0105 - t) ** 0.5))"
 
 
-@pytest.mark.slow(reason="runs studies")
+@pytest.mark.slow
 @pytest.mark.usefixtures("serial")
 @pytest.mark.parametrize("over", [None, "elements"])
 def test_a_study_whose_cases_all_fail_has_a_table_and_a_page(here, over):
@@ -326,7 +326,7 @@ LOCALES = {
 }
 
 
-@pytest.mark.slow(reason="starts processes")
+@pytest.mark.slow
 @pytest.mark.parametrize("locale", LOCALES.values(), ids=LOCALES)
 def test_output_in_every_encoding(here, locale):
     source = MODEL.replace("A bob on a hinge", "Ein Bogen µ 梁")

@@ -12,7 +12,7 @@ def here(tmp_path, monkeypatch):
     return tmp_path
 
 
-@pytest.mark.slow(reason="starts a process")
+@pytest.mark.slow
 def test_completion_is_installed_for_the_named_shell(here):
     command = process(
         "--install-completion",

@@ -1,7 +1,5 @@
 """`beamdae run --continue`: results of resumed runs cover their earlier parts."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -45,7 +43,7 @@ def read(name):
     return pd.read_csv(f"results/{name}.csv"), json.loads(Path(f"results/{name}.json").read_text())
 
 
-@pytest.mark.slow(reason="four runs with many bounces")
+@pytest.mark.slow
 def test_three_parts_make_the_table_of_one_run(run):
     end = ("--checkpoint", "end.run")
     assert run("--t-end", "0.305", *end).exit_code == 0
@@ -71,7 +69,7 @@ def test_three_parts_make_the_table_of_one_run(run):
     assert metadata["result"]["steps"] == saved.statistics.steps
 
 
-@pytest.mark.slow(reason="a third of a second")
+@pytest.mark.slow
 def test_runs_ended_by_a_limit_resume_repeatedly(run):
     settings = ("--integrator", "generalized-alpha", "--step", "0.001")
     result = run(*settings, "--time-limit", "1e-9")
@@ -92,7 +90,7 @@ def test_runs_ended_by_a_limit_resume_repeatedly(run):
     assert table["t [s]"].iloc[[0, -1]].tolist() == [0.0, 2.0]
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_a_file_can_be_resumed_twice(run):
     run("--t-end", "0.3", "--checkpoint", "end.run")
     run("--t-end", "0.5", "--continue", "end.run")
@@ -110,7 +108,7 @@ def test_the_hint_to_resume_selects_the_model(run):
     assert result.stderr.startswith("error: --continue results/ball.run: coordinate 1 is 'ball.x' ")
 
 
-@pytest.mark.slow(reason="a quarter of a second")
+@pytest.mark.slow
 def test_changed_parameters_need_accept_changes(run):
     run("--t-end", "0.3", "--checkpoint", "end.run")
     options = ("--set", "push=1.0", "--continue", "end.run")
@@ -122,7 +120,7 @@ def test_changed_parameters_need_accept_changes(run):
     assert result.exit_code == 0
 
 
-@pytest.mark.slow(reason="writes two pictures")
+@pytest.mark.slow
 def test_coordinates_of_resumed_runs_are_plotted(run):
     Path("ball.py").write_text(BALL.replace('observe("ball"', 'observe("spot"'))
     end = ("--checkpoint", "end.run", "--no-page")

@@ -15,7 +15,7 @@ def run(*arguments):
     return invoke(*command)
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 def test_file_and_json(here):
     result = run("--outputs", "mass.x", "--parameters", "stiffness,mass", "--json", "--fmi", "3")
     assert result.exit_code == 0, result.output
@@ -26,7 +26,7 @@ def test_file_and_json(here):
     assert document["size"] == Path("model.fmu").stat().st_size
 
 
-@pytest.mark.slow(reason="a quarter of a second")
+@pytest.mark.slow
 def test_adaptive_steps(here):
     result = run("--integrator", "radau", "--rtol", "1e-4", "--json")
     assert result.exit_code == 0, result.output

@@ -50,7 +50,7 @@ def run(*arguments):
     return invoke(*arguments)
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_files_and_json(here):
     options = ["--scale", "mass.x", "--offset", "mass.x [m]", "--log", "stiffness", "--json"]
     result = run("wide.csv", "--by", "stiffness", *options)
@@ -68,7 +68,7 @@ def test_files_and_json(here):
     assert table.loc["stiffness", "value"] == estimates["stiffness"]["value"]
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_experiments_shifts_and_starts(here):
     options = ["--experiment", "heavy:mass=2", "--shift", "light:mass.x", "--no-page"]
     options += ["--shift", "heavy:mass.x=-0.05:0.05", "--bounds", "stiffness=20:80"]
@@ -90,7 +90,7 @@ def test_experiments_shifts_and_starts(here):
     assert len(list(Path("results/oscillator_fit_starts/outcomes").glob("*.json"))) == 2
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_a_search_that_does_not_converge_ends_with_1(here):
     result = run("wide.csv", "--by", "stiffness", "--max-evaluations", "1", "--no-picture")
     assert result.exit_code == 1
@@ -98,7 +98,7 @@ def test_a_search_that_does_not_converge_ends_with_1(here):
     assert Path("results/oscillator_fit.csv").is_file()
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "options", [[], ["--bounds", "stiffness=20:80", "--starts", "2", "--jobs", "1"]]
 )
@@ -116,7 +116,7 @@ def test_regression_warnings_about_data_are_printed_before_the_search(here, opti
     assert result.stderr.splitlines()[0] == f"warning: {first}"
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_columns_of_data_may_have_other_names(here):
     table = pd.DataFrame({"Zeit [ms]": 1e3 * TIMES, "Laser [mm]": 1e3 * (1.0 + displacement(1.0))})
     table.to_csv("laser.csv", index=False)

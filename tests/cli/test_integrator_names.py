@@ -187,7 +187,7 @@ def test_the_model_file_is_executed_once(run):
     assert run("--integrator", "euler").stdout.count("executed") == 1
 
 
-@pytest.mark.slow(reason="a sweep in worker processes, which get the class of the file")
+@pytest.mark.slow
 def test_sweep_in_processes_with_an_integrator_of_the_model_file(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("model.py").write_text(MODEL, encoding="utf-8")
@@ -199,7 +199,7 @@ def test_sweep_in_processes_with_an_integrator_of_the_model_file(tmp_path, monke
     assert "2 stored before" in again.output
 
 
-@pytest.mark.slow(reason="runs a model twice")
+@pytest.mark.slow
 def test_error_is_estimated_with_an_integrator_of_the_model_file(run):
     result = invoke("run", "model.py", "--integrator", "euler", "--verify", "-v")
     assert result.exit_code == 0, result.output

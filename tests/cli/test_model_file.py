@@ -137,7 +137,7 @@ def test_a_file_named_like_a_module_does_not_hide_it(file, name):
     assert bd.load_model(file(HEAD + uses + MODEL, name))().parts
 
 
-@pytest.mark.slow(reason="starts a process")
+@pytest.mark.slow
 def test_a_model_called_numpy_runs_in_its_folder(file, tmp_path):
     """`python -m` puts the working folder first on the import path."""
     name = file("# coding: latin-1\n" + HEAD + MODEL, "numpy.py")

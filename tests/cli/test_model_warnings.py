@@ -44,7 +44,7 @@ COMMANDS = {
     "compare": ("--jobs", "1"),
 }
 FAST = ("run", "static", "modes", "buckling", "draw")
-SLOW = pytest.mark.slow(reason="several runs or a picture")
+SLOW = pytest.mark.slow
 WITHOUT_PICTURES = ("check", "draw", "optimize")
 
 
@@ -82,14 +82,14 @@ def test_regression_commands_print_the_warnings_of_model_functions(folder, name)
         assert SENTENCE in page.read_text(encoding="utf-8"), page
 
 
-@pytest.mark.slow(reason="a second")
+@pytest.mark.slow
 def test_regression_overshoots_of_tables_are_printed_before_the_run(folder):
     """A run of 17 s gave up before the table that caused it was named."""
     result = run("run")
     assert result.output.index(SENTENCE) < result.output.index("tip.y"), result.output
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 def test_regression_run_compares_with_more_accurate_beams(folder):
     """The command, which estimates errors of time steps itself, also left out those of beams."""
     soft = MODEL.replace("bd.sine(0.1, frequency)", "15.0").replace("t_end=0.02", "t_end=0.3")

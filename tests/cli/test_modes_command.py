@@ -18,7 +18,7 @@ def modes(tmp_path, monkeypatch):
     return lambda *arguments: invoke("modes", "cross.py", *arguments)
 
 
-@pytest.mark.slow(reason="draws pictures")
+@pytest.mark.slow
 def test_modes_writes_a_table_and_pictures(modes, tmp_path):
     result = modes("--set", "stiffness=32", "-n", "2", "--about", "equilibrium", "--animate", "2")
     assert result.exit_code == 0
@@ -38,7 +38,7 @@ def test_warnings_are_printed_once(modes):
     assert result.output.count("warning: ") == result.output.count("not an equilibrium") == 1
 
 
-@pytest.mark.slow(reason="draws a picture")
+@pytest.mark.slow
 def test_several_speeds_make_a_campbell_diagram(modes, tmp_path):
     result = modes("--speed", "0", "--speed", "5.5", "-n", "2")
     assert result.exit_code == 0
@@ -51,7 +51,7 @@ def test_several_speeds_make_a_campbell_diagram(modes, tmp_path):
     assert (tmp_path / "results/cross_modes.html").stat().st_size > 10_000
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_regression_campbell_diagrams_print_and_write_their_resonances(modes, tmp_path):
     """They were only on the page; speeds had three digits, such as 1.26e+03 rad/s for 12000 rpm."""
     speeds = "--speed", "0:120rpm:3", "--multiple", "2", "--multiple", "1", "--no-page"

@@ -1,7 +1,5 @@
 """Option --no-picture of all commands that draw, and the order of their output."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest
@@ -32,7 +30,7 @@ def call(tmp_path, command, *options):
     "command",
     [
         *("run", "static", "modes", "buckling", "bode"),
-        pytest.param("sweep", marks=pytest.mark.slow(reason="starts a process")),
+        pytest.param("sweep", marks=pytest.mark.slow),
     ],
 )
 def test_no_picture_skips_the_pictures_and_keeps_the_tables(tmp_path, command):
@@ -58,7 +56,7 @@ def test_no_picture_skips_the_pictures_and_keeps_the_tables(tmp_path, command):
             "sweep",
             ["--no-picture", "--no-page"],
             ["column_sweep_force/report.html", "column_sweep_force/response.png"],
-            marks=pytest.mark.slow(reason="starts a process"),
+            marks=pytest.mark.slow,
         ),
     ],
 )
@@ -79,7 +77,7 @@ def test_regression_skipped_pictures_of_earlier_results_are_removed(
     assert [Path(x[9:].partition(",")[0]).name for x in removed] == [path.name for path in old]
 
 
-@pytest.mark.slow(reason="starts a process")
+@pytest.mark.slow
 def test_a_study_prints_its_results_before_it_writes_page_and_pictures(tmp_path, monkeypatch):
     def fail(*arguments):
         raise bd.BeamdaeError("this file fails")
@@ -97,7 +95,7 @@ def test_a_study_prints_its_results_before_it_writes_page_and_pictures(tmp_path,
     assert not kinds & {".html", ".png", ".svg"}
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_run_draws_the_selected_columns_over_another_one_and_measured_data(tmp_path):
     path, data = tmp_path / "column.py", tmp_path / "measured.csv"
     path.write_text(MODEL)
@@ -113,7 +111,7 @@ def test_run_draws_the_selected_columns_over_another_one_and_measured_data(tmp_p
     assert "data of tip.x [m]" in (tmp_path / "out/column.html").read_text()
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_static_draws_columns_over_another_one(tmp_path):
     result, kinds = call(tmp_path, "static", "--plot", "tip.y", "--x", "tip.x", "--no-page")
     assert result.exit_code == 0, result.output

@@ -27,7 +27,7 @@ def run(*arguments):
     return invoke("optimize", "model.py", *arguments)
 
 
-@pytest.mark.slow(reason="one second")
+@pytest.mark.slow
 def test_files_and_json(here):
     limits = ["--at-most", "mass=2", "--bounds", "mass=500g:3kg", "--json"]
     result = run("--by", "mass", "--minimize", "frequency:1:equilibrium", *limits)
@@ -44,7 +44,7 @@ def test_files_and_json(here):
     assert len(designs) == document["evaluations"]
 
 
-@pytest.mark.slow(reason="one second")
+@pytest.mark.slow
 def test_regression_results_have_units_and_relative_margins(here):
     """The objective had no unit, and limits that were reached had margins such as -12.4."""
     limits = ["--at-most", "mass=2000 g", "--at-least", "mass=1 kg", "--bounds", "mass=500g:3kg"]
@@ -75,7 +75,7 @@ def leaf(height=bd.param(1e-3, "m")):
 """
 
 
-@pytest.mark.slow(reason="two seconds")
+@pytest.mark.slow
 def test_regression_equilibria_are_at_a_time(here):
     """At t = 0, where the driver is at zero, the search ended at a bound, the stress at 1e-202."""
     Path("model.py").write_text(LEAF, encoding="utf-8")
@@ -116,7 +116,7 @@ def test_regression_bounds_may_have_one_end(here, bounds, expected):
         assert mass == pytest.approx(expected, rel=1e-14)
 
 
-@pytest.mark.slow(reason="a second")
+@pytest.mark.slow
 def test_several_starts_have_a_table(here):
     by = ["--by", "mass,stiffness", "--minimize", "mass", "--at-least", "stiffness=30"]
     bounds = ["--bounds", "mass=500g:3kg", "--bounds", "stiffness=20:50"]
@@ -133,7 +133,7 @@ def test_several_starts_have_a_table(here):
     assert "pass those of mass, stiffness in --bounds NAME=LOW:HIGH" in result.stderr
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 def test_regression_searches_without_a_feasible_design_state_value_and_limit(here):
     """They stated a relative violation only, and the advice named an argument of Python."""
     options = ["--at-most", "frequency:1:equilibrium=0.1 Hz", "--bounds", "mass=500g:3kg"]

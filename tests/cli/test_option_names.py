@@ -85,7 +85,7 @@ def test_regression_notes_of_pages_name_options(tmp_path):
     assert "or reduce --t-end." in path.read_text(encoding="utf-8")
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_regression_errors_of_commands_name_their_options(tmp_path, monkeypatch):
     """`periodic` asked for period=, which is an argument in Python."""
     monkeypatch.chdir(tmp_path)

@@ -22,7 +22,7 @@ def test_values_that_are_not_plain_are_rejected_by_typer(option):
     assert option[0] in result.stderr
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_times_and_speeds_of_commands_may_have_units(tmp_path):
     folder = tmp_path / "out"
     skipped = ["--no-page", "--no-picture", "--out", str(folder)]

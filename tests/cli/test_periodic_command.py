@@ -18,7 +18,7 @@ def periodic(tmp_path, monkeypatch):
     return lambda *arguments: invoke("periodic", "model.py", *arguments)
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_the_period_begins_at_t_start(periodic):
     options = ["--set", "force=1.0", "--set", "growth=0.0", "--period", "4", "--rtol", "1e-6"]
     # A quarter of the period later, the load is a cosine of the time since the start.
@@ -30,7 +30,7 @@ def test_the_period_begins_at_t_start(periodic):
     assert table["mass.x [m]"].iloc[0] == pytest.approx(expected, rel=1e-3)
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_a_self_excited_motion_is_written(periodic):
     result = periodic()
     assert result.exit_code == 0, result.output
@@ -41,7 +41,7 @@ def test_a_self_excited_motion_is_written(periodic):
     assert Path("results/oscillator_periodic.png").stat().st_size > 1000
 
 
-@pytest.mark.slow(reason="a quarter of a second")
+@pytest.mark.slow
 def test_json_of_a_forced_motion(periodic):
     # With growth = 0, the oscillator is linear and undamped.
     options = ["--set", "force=1.0", "--set", "growth=0.0", "--period", "4", "--rtol", "1e-6"]
@@ -53,7 +53,7 @@ def test_json_of_a_forced_motion(periodic):
     assert np.hypot(*document["multipliers"][0]) == pytest.approx(1.0, abs=1e-4)
 
 
-@pytest.mark.slow(reason="a quarter of a second")
+@pytest.mark.slow
 def test_a_failed_search_exits_with_1(periodic):
     # With negative growth, all motions decay.
     result = periodic("--set", "growth=-1.0", "--period-guess", "6")

@@ -25,7 +25,7 @@ def response(tmp_path, monkeypatch):
     return lambda *arguments: invoke("response", "oscillator.py", *arguments)
 
 
-@pytest.mark.slow(reason="a curve and its picture")
+@pytest.mark.slow
 def test_a_table_and_a_picture_are_written(response, monkeypatch):
     clock = itertools.count(0.0, 11.0)
     monkeypatch.setattr("beamdae.cli.progress.monotonic", lambda: next(clock))
@@ -46,7 +46,7 @@ def test_a_table_and_a_picture_are_written(response, monkeypatch):
     assert Path("results/oscillator_response.html").stat().st_size > 10_000
 
 
-@pytest.mark.slow(reason="a curve")
+@pytest.mark.slow
 def test_json_of_an_angular_frequency(response):
     options = ("--over", "frequency=1.9:2.1", "--angular", "--set", "angular=True", "--no-page")
     result = response(*options, "--max-step", "0.4", "--json")
@@ -59,7 +59,7 @@ def test_json_of_an_angular_frequency(response):
     assert first["bob.x half range [m]"] == pytest.approx(amplitude(1.9), rel=1e-5)
 
 
-@pytest.mark.slow(reason="a curve")
+@pytest.mark.slow
 def test_a_constant_period_belongs_to_another_parameter(response):
     result = response("--over", "force=0.1N:200mN", "--period", "5", "--max-step", "1", "--json")
     points = json.loads(result.stdout)["points"]
@@ -67,7 +67,7 @@ def test_a_constant_period_belongs_to_another_parameter(response):
     assert_allclose([point["bob.x half range [m]"] for point in points], expected, rtol=1e-5)
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_a_curve_that_ends_early_is_a_failure_with_partial_results(response):
     result = response("--over", "frequency=0.26:0.36", "--rtol", "1e-6", "--max-points", "2")
     assert result.exit_code == 1
@@ -77,7 +77,7 @@ def test_a_curve_that_ends_early_is_a_failure_with_partial_results(response):
     assert len(pd.read_csv("results/oscillator_response.csv")) == 2
 
 
-@pytest.mark.slow(reason="two analyses")
+@pytest.mark.slow
 def test_columns_of_the_picture_can_be_chosen(response):
     arguments = ["--plot", "bob.x", "--plot", "bob.x_dot", "--no-page", "--settle", "1"]
     over = ["--over", "frequency=0.26:0.36", "--max-points", "2"]
@@ -109,7 +109,7 @@ def duffing(frequency=bd.param(10.0, "Hz")):
 """
 
 
-@pytest.mark.slow(reason="a curve")
+@pytest.mark.slow
 def test_regression_critical_points_have_kinds_and_units(tmp_path, monkeypatch):
     """Only folds were printed, without a unit; period doublings were in Python only."""
     monkeypatch.chdir(tmp_path)

@@ -40,7 +40,7 @@ def here(tmp_path, monkeypatch):
     return tmp_path
 
 
-@pytest.mark.slow(reason="starts processes in terminals")
+@pytest.mark.slow
 @pytest.mark.parametrize("width", WIDTHS)
 def test_run_in_a_terminal(here, width):
     code, lines, _ = in_terminal(width, "run", "model.py", "--verify")
@@ -56,7 +56,7 @@ def test_run_in_a_terminal(here, width):
     assert not any("…" in line for line in table)
 
 
-@pytest.mark.slow(reason="runs studies in terminals")
+@pytest.mark.slow
 @pytest.mark.parametrize("width", WIDTHS)
 def test_study_in_a_terminal(here, width):
     code, lines, _ = in_terminal(width, "compare", "model.py")
@@ -84,7 +84,7 @@ COMMANDS = {
 }
 
 
-@pytest.mark.slow(reason="starts processes in terminals")
+@pytest.mark.slow
 @pytest.mark.parametrize("command", COMMANDS)
 def test_every_command_fits_the_terminal(here, command):
     arguments, words = COMMANDS[command]
@@ -107,12 +107,12 @@ def test_errors_wrap_at_the_width_of_the_terminal(here):
     assert invoke(*arguments).stderr == " ".join(lines) + "\n"
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "width",
     [
         "20",
-        *(pytest.param(width, marks=pytest.mark.slow(reason="as 20")) for width in ("40", "200")),
+        *(pytest.param(width, marks=pytest.mark.slow) for width in ("40", "200")),
     ],
 )
 def test_lists_and_facts_at_extreme_widths(here, width):
@@ -123,7 +123,7 @@ def test_lists_and_facts_at_extreme_widths(here, width):
         assert ("not shown:" in result.stdout) == (command[0] == "list" and width != "200")
 
 
-@pytest.mark.slow(reason="starts a process in a terminal")
+@pytest.mark.slow
 def test_the_progress_bar_restores_the_cursor_and_disappears(here):
     _, _, text = in_terminal(60, "run", "model.py")
     assert text.rindex("\x1b[?25h") > text.rindex("\x1b[?25l")
@@ -131,7 +131,7 @@ def test_the_progress_bar_restores_the_cursor_and_disappears(here):
     assert "/1 s" not in last
 
 
-@pytest.mark.slow(reason="starts processes")
+@pytest.mark.slow
 def test_no_bar_in_a_dumb_terminal_without_a_terminal_or_if_quiet(here):
     for environment, more in (({"TERM": "dumb"}, []), ({}, ["--quiet"]), ({}, ["--json", "-q"])):
         _, lines, text = in_terminal(60, "run", "model.py", *more, environment=environment)
@@ -141,7 +141,7 @@ def test_no_bar_in_a_dumb_terminal_without_a_terminal_or_if_quiet(here):
     assert errors == ""
 
 
-@pytest.mark.slow(reason="starts processes in terminals")
+@pytest.mark.slow
 def test_no_color_is_respected(here):
     _, _, colored = in_terminal(80, "run", "model.py", "--t-end", "0.01")
     _, _, plain = in_terminal(
@@ -152,7 +152,7 @@ def test_no_color_is_respected(here):
     assert not re.search(color, plain)
 
 
-@pytest.mark.slow(reason="starts processes")
+@pytest.mark.slow
 def test_lines_in_a_pipe_are_not_wrapped_unless_columns_is_set(here):
     rows = {}
     for columns in ("", "50"):
@@ -216,7 +216,7 @@ def test_list_of_a_study_omits_models_of_other_files(here):
     assert "swings" not in result.stdout
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 @pytest.mark.parametrize("columns", ["60", "400"])
 def test_regression_help_texts_keep_brackets(monkeypatch, columns):
     """`beamdae run --help` printed 'tip.y ' instead of 'tip.y [mm]'."""
@@ -233,7 +233,7 @@ def test_regression_help_texts_keep_brackets(monkeypatch, columns):
     assert "[mm]" in found
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_help_of_flags_does_not_mention_booleans():
     for command in ([], ["run"], ["compare"]):
         result = invoke(*command, "--help")

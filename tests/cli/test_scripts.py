@@ -65,7 +65,7 @@ def test_json_document_of_each_command(here, command):
         assert "printed by the model" in result.stderr
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 def test_the_guide_lists_the_keys_of_documents(here):
     guide = Path(__file__).parents[2] / ".docs" / "guide" / "commands.md"
     rows = re.findall(r"^\| `(\w+)` \| (.*) \|$", guide.read_text(encoding="utf-8"), re.MULTILINE)
@@ -96,7 +96,7 @@ def test_a_quiet_command_prints_nothing(here, command):
     assert (result.exit_code, result.stdout, result.stderr) == (0, "", "")
 
 
-@pytest.mark.slow(reason="runs a model")
+@pytest.mark.slow
 def test_json_document_of_a_run(here):
     document = parse(invoke("run", "model.py", "--json", "--set", "mass=3").stdout)
     assert document["model"]["parameters"] == {"mass": 3.0}
@@ -107,7 +107,7 @@ def test_json_document_of_a_run(here):
     assert [Path(file).suffix for file in document["files"]][:2] == [".csv", ".json"]
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 @pytest.mark.parametrize("option", ["--json", "--quiet"])
 def test_failures_and_usage_errors_keep_their_code_and_message(here, option):
     Path("failing.py").write_text(MODEL.replace("# more", FAILING), encoding="utf-8")
@@ -142,7 +142,7 @@ def test_a_file_that_cannot_be_parsed_is_a_row_of_the_list(here):
     assert [row["file"] for row in document["problems"]] == ["bad.py"]
 
 
-@pytest.mark.slow(reason="runs a study twice")
+@pytest.mark.slow
 def test_json_document_of_a_study(here, monkeypatch):
     run_serially(monkeypatch)
     result = invoke("compare", "model.py", "--json")
@@ -155,7 +155,7 @@ def test_json_document_of_a_study(here, monkeypatch):
     assert (result.exit_code, result.stderr) == (0, "")
 
 
-@pytest.mark.slow(reason="starts processes")
+@pytest.mark.slow
 def test_standard_output_of_a_process_is_only_the_document(here):
     """Output of other processes and of code below Python goes to standard error."""
     noise = "import os\nos.system('echo below')\n"
@@ -168,7 +168,7 @@ def test_standard_output_of_a_process_is_only_the_document(here):
     assert (code, "standard output cannot be written" in errors) == (2, True)
 
 
-@pytest.mark.slow(reason="starts a process")
+@pytest.mark.slow
 def test_an_interrupted_run_prints_its_document(here):
     strike = "import os, signal\nos.kill(os.getpid(), signal.SIGINT)\n"
     Path("model.py").write_text(strike + MODEL, encoding="utf-8")
@@ -178,7 +178,7 @@ def test_an_interrupted_run_prints_its_document(here):
     assert parse(output)["errors"] == errors.splitlines()
 
 
-@pytest.mark.slow(reason="prints help at several widths")
+@pytest.mark.slow
 def test_help_lists_exit_codes_and_is_wrapped_at_every_width():
     assert "Exit codes: 0 success" in invoke("--help").stdout
     assert invoke("modes", "-h").stdout == invoke("modes", "--help").stdout

@@ -9,7 +9,7 @@ import pytest
 MODEL = Path(__file__).parents[2] / "models" / "hub_beam.py"
 
 
-@pytest.mark.slow(reason="starts a process for each command")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("command", "never"),
     [
@@ -53,7 +53,7 @@ print("imported:", *sys.modules)
     assert not [name for name in imported if name.startswith(never)]
 
 
-@pytest.mark.slow(reason="starts a process")
+@pytest.mark.slow
 def test_regression_the_plot_of_a_run_does_not_import_pandas(tmp_path):
     code = """
 import sys
@@ -68,7 +68,7 @@ assert "pandas" not in sys.modules
     subprocess.run([sys.executable, "-c", code], cwd=tmp_path, check=True)
 
 
-@pytest.mark.slow(reason="starts a process")
+@pytest.mark.slow
 def test_runs_of_scripts_import_no_displays():
     code = """
 import sys

@@ -80,7 +80,7 @@ def read_metadata(name="truss"):
     return json.loads(Path(f"results/{name}_static.json").read_text())
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_a_path_is_written_and_printed(static):
     result = static("--to", "crown.y=0", "--to", "crown.y=-0.25")
     assert result.exit_code == 0, result.output
@@ -95,7 +95,7 @@ def test_a_path_is_written_and_printed(static):
     assert picture.std() > 0.01
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 def test_an_incomplete_path_is_written_with_its_reason(static):
     result = static("--to", "4", "--control", "load")
     assert result.exit_code == 1
@@ -106,7 +106,7 @@ def test_an_incomplete_path_is_written_with_its_reason(static):
     assert Path("results/truss_static.png").exists()
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_paths_pass_limit_points_by_default(static):
     result = static("--to", "4", "--no-page", "--no-picture")
     assert result.exit_code == 0, result.output
@@ -119,7 +119,7 @@ def test_paths_pass_limit_points_by_default(static):
     assert table["load factor [-]"].min() == pytest.approx(-3.019, abs=1e-3)
 
 
-@pytest.mark.slow(reason="takes more than half a second")
+@pytest.mark.slow
 def test_branch_switches_are_made_in_turn(static):
     arguments = ("--set", "rise=3", "--to", "crown.y=-3.5", "--step", "0.3")
     once = static(*arguments, "--switch", "1")
@@ -130,7 +130,7 @@ def test_branch_switches_are_made_in_turn(static):
     assert read_metadata()["settings"]["switch"] == [1, 1]
 
 
-@pytest.mark.slow(reason="one second")
+@pytest.mark.slow
 def test_a_model_without_equilibrium_fails_with_the_coordinate(static):
     result = static(model="falling")
     assert result.exit_code == 1
@@ -138,7 +138,7 @@ def test_a_model_without_equilibrium_fails_with_the_coordinate(static):
     assert read_metadata("falling")["load factor"] == 0.0
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 def test_targets_and_steps_with_units(static):
     result = static("--to", "crown.y=150mm", "--to", "crown.y=10cm", "--step", "20mm")
     assert result.exit_code == 0
@@ -150,7 +150,7 @@ def test_targets_and_steps_with_units(static):
     assert factors.iloc[-1] == 0.5
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 def test_another_quantity_varies(static):
     result = static("--over", "load", "--from", "1", "--to", "2", "--step", "0.25", "-v")
     assert result.exit_code == 0, result.output
@@ -163,7 +163,7 @@ def test_another_quantity_varies(static):
     assert "--over must be 't' or the name" in result.stderr
 
 
-@pytest.mark.slow(reason="a quarter of a second")
+@pytest.mark.slow
 def test_regression_values_of_a_parameter_are_converted_to_its_unit(static):
     """A text with a unit became a value in SI units: 0.25 mm for a height of 0.25 m."""
     result = static("--over", "height", "--to", "0.25m", "--step", "1cm", model="low_truss")

@@ -1,7 +1,5 @@
 """`beamdae sweep`: values on the command line, usage errors, and files."""
 
-from __future__ import annotations
-
 import json
 import re
 
@@ -25,7 +23,7 @@ def mass(speed=1.0, turns=1, color="red", at=(0.0, 0.0), length=bd.param(1.0, "m
 """
 
 
-@pytest.mark.slow(reason="ten sweeps")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("over", "read"),
     [
@@ -59,7 +57,7 @@ def speeds():
 """
 
 
-@pytest.mark.slow(reason="starts worker processes")
+@pytest.mark.slow
 def test_sweep_writes_a_table_plots_and_a_page(tmp_path):
     path = tmp_path / "model.py"
     path.write_text(MODEL)
@@ -77,7 +75,7 @@ def test_sweep_writes_a_table_plots_and_a_page(tmp_path):
     assert_allclose(table["bob.x min [m]"][:4], np.cos([0.1, 0.1, 0.5, 0.5]), atol=1e-6)
 
 
-@pytest.mark.slow(reason="runs two sweeps")
+@pytest.mark.slow
 def test_regression_sweeps_name_the_columns_that_the_terminal_omits(tmp_path):
     """The table contained the first observable only."""
     path = tmp_path / "model.py"
@@ -95,7 +93,7 @@ def test_regression_sweeps_name_the_columns_that_the_terminal_omits(tmp_path):
     assert "max [m]" in one
 
 
-@pytest.mark.slow(reason="starts worker processes")
+@pytest.mark.slow
 def test_sweep_of_a_file_runs_and_resumes(tmp_path):
     path = tmp_path / "sweep.py"
     path.write_text(MODEL + SWEEP)
@@ -114,7 +112,7 @@ def test_sweep_of_a_file_runs_and_resumes(tmp_path):
     assert "speeds is a sweep; use beamdae sweep." in compared.output
 
 
-@pytest.mark.slow(reason="starts worker processes")
+@pytest.mark.slow
 @pytest.mark.parametrize("command", ["sweep", "compare"])
 def test_studies_start_from_a_state(command, tmp_path):
     path = tmp_path / "model.py"
@@ -128,7 +126,7 @@ def test_studies_start_from_a_state(command, tmp_path):
     assert rows["bob.y [m]"][0] == pytest.approx(1.0)
 
 
-@pytest.mark.slow(reason="a sweep of 28 cases")
+@pytest.mark.slow
 def test_long_sweeps_print_their_first_cases(tmp_path):
     """They printed no value."""
     path = tmp_path / "model.py"
@@ -144,7 +142,7 @@ def test_long_sweeps_print_their_first_cases(tmp_path):
     assert "reason" not in pd.read_csv(file)
 
 
-@pytest.mark.slow(reason="starts worker processes")
+@pytest.mark.slow
 def test_modes_of_a_sweep_are_about_a_state(tmp_path):
     path = tmp_path / "cross.py"
     path.write_text(CROSS)

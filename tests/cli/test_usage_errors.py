@@ -500,9 +500,7 @@ ERRORS = {
 }
 
 
-@pytest.mark.parametrize(
-    "names", [["truss"], pytest.param(list(ERRORS), marks=pytest.mark.slow(reason="six seconds"))]
-)
+@pytest.mark.parametrize("names", [["truss"], pytest.param(list(ERRORS), marks=pytest.mark.slow)])
 def test_usage_errors_are_one_line_and_write_nothing(tmp_path, monkeypatch, names):
     for name in names:
         source, errors = ERRORS[name]

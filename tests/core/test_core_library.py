@@ -50,7 +50,7 @@ def run_program(cache, **environment):
     return json.loads(result.stdout)
 
 
-@pytest.mark.slow(reason="compiles the core")
+@pytest.mark.slow
 def test_core_is_compiled_once(tmp_path):
     answers, sentences = run_program(tmp_path)
     assert not sentences
@@ -63,7 +63,7 @@ def test_core_is_compiled_once(tmp_path):
     assert file.read_bytes() == content
 
 
-@pytest.mark.slow(reason="plain Python")
+@pytest.mark.slow
 def test_without_a_compiler_plain_methods_run_with_one_warning(tmp_path):
     answers, (sentence,) = run_program(tmp_path, CC="false", BEAMDAE_NATIVE="off")
     assert sentence.startswith("core: the C compiler false failed")

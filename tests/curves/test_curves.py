@@ -1,7 +1,5 @@
 """Points, angles and curvatures agree with each other and with closed forms."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np
@@ -225,7 +223,7 @@ def assert_same_from(curve, part, s):
         assert_allclose(of_part, of_curve, atol=1e-12 * (1.0 + turning))
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 @given(
     curve=st.sampled_from(list(CURVES.values())),
     percents=st.sets(st.integers(1, 99), max_size=4),

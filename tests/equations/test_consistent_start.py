@@ -1,7 +1,5 @@
 """Consistent initial conditions: closed joints, projected velocities, accelerations, reactions."""
 
-from __future__ import annotations
-
 import casadi as ca
 import numpy as np
 import pytest
@@ -120,14 +118,14 @@ def strain_energy_of_an_offset(variant, height, offset):
     return numeric.energies(state.q)[1] / (0.5 * strip.EI / ARC.length * offset**2)
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 @few_variants
 @pytest.mark.parametrize("offset", [-2.0, 4.7])
 def test_large_offsets_do_not_stretch_beams(variant, offset):
     assert strain_energy_of_an_offset(variant, height=0.03, offset=offset) < 1e-2
 
 
-@pytest.mark.slow(reason="a second")
+@pytest.mark.slow
 @pytest.mark.parametrize("thickness", [3e-5, 3e-7])
 def test_wound_springs_are_only_bent(thickness):
     wheel = balance_wheel(thickness)
@@ -138,7 +136,7 @@ def test_wound_springs_are_only_bent(thickness):
     assert_allclose(wound["energy.strain"].iloc[0], 0.5 * stiffness * 3.0**2, rtol=2e-2)
 
 
-@pytest.mark.slow(reason="a quarter of a second")
+@pytest.mark.slow
 @pytest.mark.parametrize("formulation", ["exact", "floating frame"])
 def test_regression_rods_follow_a_crank_that_starts_far_away(formulation):
     """Rods became twice as long, or turned several times."""
@@ -356,7 +354,7 @@ def test_regression_connected_bodies_follow_a_given_velocity(formulation, given)
     assert not solution.start.warning
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 @pytest.mark.parametrize("formulation", ["floating frame", "exact"])
 def test_velocities_that_a_clamped_beam_stops_are_projected_with_a_warning(formulation):
     mech = bd.Mechanism()

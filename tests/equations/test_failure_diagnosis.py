@@ -1,7 +1,5 @@
 """Failed runs name the parts that are likely to cause the failure."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from conformance import integrators

@@ -1,7 +1,5 @@
 """Velocities that are given as zero differ from velocities that are not given."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from mechanisms import rectangle
@@ -40,7 +38,7 @@ def test_regression_zero_angular_velocity_is_kept():
     assert np.max(np.abs(values)) < 1e-9
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_regression_derivative_by_a_velocity_that_is_zero():
     run = bd.sensitivities(pendulum, "speed", bd.GeneralizedAlpha(2e-3), output_step=1e-2)
     assert run.columns.observed["speed"]["tip.angle_dot [rad/s]"][0] == pytest.approx(1.0)

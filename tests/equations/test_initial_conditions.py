@@ -1,7 +1,5 @@
 """Starts by name and in equilibrium, and changes of the start made by joints."""
 
-from __future__ import annotations
-
 import json
 import warnings
 
@@ -25,7 +23,7 @@ def slider_crank(rod_y=0.0, **start):
     return mech
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_prescribed_positions_and_velocities_are_kept_and_others_follow():
     angle, rate = 0.7, 5.0
     start = {"crank.angle": angle, "crank.angle_dot": rate}
@@ -63,7 +61,7 @@ def test_a_cantilever_starts_in_equilibrium_with_the_analytic_sag():
     assert_allclose(y, y[0], rtol=1e-6)
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 def test_a_coordinate_without_equilibrium_is_named():
     mech = bd.Mechanism(gravity=(0.0, -9.81), start="equilibrium")
     mech.add(bd.RigidBody("stone", 1.0, 1.0))
@@ -238,7 +236,7 @@ def test_regression_gaps_are_reported_by_statics_and_modes(analyze, law):
         analyze(arm(0.2, law, gravity))
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("start", "law"),
     [("equilibrium", 0.5), (bd.rotation(2.0), lambda t: 0.5 + 2.0 * t)],

@@ -1,7 +1,5 @@
 """Matrices of all forms, with nonholonomic constraints and friction that depends on reactions."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from support import ARC, VARIANTS, assert_derivative
@@ -64,7 +62,7 @@ def test_jacobian_of_first_order_forms(equations, form):
     assert_derivative(jacobian, residual, y)
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 @pytest.mark.parametrize("stabilized", [False, True], ids=["index3", "stabilized-index2"])
 def test_jacobian_of_step_equations(equations, stabilized):
     step = formulate_step(equations, stabilized)

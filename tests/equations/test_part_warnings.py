@@ -1,7 +1,5 @@
 """Warnings about starts inside a surface, and parts and actions without effect."""
 
-from __future__ import annotations
-
 import math
 import warnings
 from dataclasses import replace
@@ -56,7 +54,7 @@ def in_circle(at, side):
 # Starts inside a surface --------------------------------------------------------------------------
 
 
-@pytest.mark.slow(reason="a second")
+@pytest.mark.slow
 def test_a_reversed_floor_is_reported_with_part_depth_and_remedy():
     (sentence,) = findings(on_floor(1.0, (-1.0, 0.0)))
     assert sentence.startswith("floor: ball at (0, 1) starts 1 m inside the surface")
@@ -77,7 +75,7 @@ def test_deep_starts_are_reported_at_any_depth_and_stiffness(height, stiffness):
     assert bool(bd.check(mech, predict=False).warnings) == is_deep
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("at", "side", "depth"),
     [((0.0, 0.0), "outside", 1.0), ((0.3, 0.4), "outside", 0.5), ((3.0, 4.0), "inside", 4.0)],
@@ -97,7 +95,7 @@ def test_a_ball_held_between_two_reversed_surfaces_is_reported():
     assert [x.partition(":")[0] for x in findings(mech)] == ["floor", "ceiling"]
 
 
-@pytest.mark.slow(reason="one second")
+@pytest.mark.slow
 @pytest.mark.parametrize("formulation", ["floating frame", "exact"])
 def test_beams_inside_a_surface_are_reported_but_not_resting_beams(formulation):
     def lying(height, direction):
@@ -125,7 +123,7 @@ def test_static_penetration_is_not_reported(stiffness, exponent):
     assert bd.check(mech, predict=False).warnings == ()
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 def test_levers_and_springs_press_contacts_into_surfaces():
     """The start is an equilibrium with a contact force of 100 weights."""
     mech, lever = hinged_body(1.0, 0.1, (1.0, 0.0), name="lever", gravity=G, start="equilibrium")
@@ -152,7 +150,7 @@ def preloaded_lip(length=0.3, depth=0.003, speed=0.5, stiffness=2000.0, **settin
     return mech
 
 
-@pytest.mark.slow(reason="one second")
+@pytest.mark.slow
 @pytest.mark.parametrize("speed", [0.05, 0.5])
 def test_elastic_preloads_are_those_of_an_equilibrium(speed):
     """As drawn, the lip is pressed into the circle by more than it bears."""
@@ -174,7 +172,7 @@ def test_contacts_that_springs_do_not_hold_are_reported():
     )
 
 
-@pytest.mark.slow(reason="a second")
+@pytest.mark.slow
 def test_the_weight_of_a_heavy_carrier_does_not_explain_the_penetration_of_a_light_body():
     for mass, is_reported in ((1e-3, True), (1e3, False)):
         mech = world()

@@ -32,7 +32,7 @@ def rows(method, case):
     return np.hstack([columns, solution.q, solution.v, solution.lam])
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS, ids=lambda method: repr(method)[:24])
 def test_no_number_of_one_model_leaks_into_another(method):
     first = rows(method, 0)
@@ -42,7 +42,7 @@ def test_no_number_of_one_model_leaks_into_another(method):
     assert np.array_equal(rows(method, 1), other)
 
 
-@pytest.mark.slow(reason="many rounds of threads")
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS, ids=lambda method: repr(method)[:24])
 def test_threads_that_share_a_structure_are_independent(method):
     cases = [0, 1, 2, 3] * 2

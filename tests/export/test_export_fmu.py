@@ -106,14 +106,14 @@ def test_contents(tmp_path, fmi):
     assert {"N m", "m", "N"} <= units
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 def test_equal_models_give_equal_files(tmp_path):
     first = export(tmp_path, outputs=["tip.y"]).path.read_bytes()
     assert export(tmp_path, outputs=["tip.y"]).path.read_bytes() == first
     assert export(tmp_path, outputs=["tip.x"]).path.read_bytes() != first
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 def test_unsuitable_models_and_arguments_are_rejected(tmp_path):
     controlled = swing()
     angle = controlled.sensor("angle", controlled.parts["rod"].at(0.0, 0.0), "angle")
@@ -164,7 +164,7 @@ def test_parameters_that_are_not_powers_are_rejected(tmp_path):
         export(tmp_path, ball, parameters=["load"])
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_regression_parameters_end_where_the_model_ends(tmp_path):
     """The FMU accepted values that the model function rejects, such as a negative mass."""
 
@@ -381,7 +381,7 @@ def require_refusals(lines, expected):
     assert all(words in line for words, line in zip(expected, lines, strict=True)), lines
 
 
-@pytest.mark.slow(reason="compiles an FMU")
+@pytest.mark.slow
 def test_equality_with_simulate(fmu):
     from fmpy.validation import validate_fmu
 
@@ -430,7 +430,7 @@ def compare_with_radau(lines, model, t_end, **settings):
         assert error <= limit * np.ptp(expected), (name, error / np.ptp(expected))
 
 
-@pytest.mark.slow(reason="compiles an FMU")
+@pytest.mark.slow
 def test_radau_equals_simulate(radau_fmu):
     from fmpy.validation import validate_fmu
 
@@ -447,7 +447,7 @@ def test_radau_equals_simulate(radau_fmu):
     compare_with_radau(lines, model, T_END, inputs={"torque": 0.1})
 
 
-@pytest.mark.slow(reason="compiles an FMU")
+@pytest.mark.slow
 @pytest.mark.parametrize("time_constant", [None, 1e-3])
 def test_regression_reactions_of_driven_mechanisms_are_resolved(tmp_path, compiled, time_constant):
     """A reaction was wrong by 64 % of half its range, with the filter by 78 %, in silence."""
@@ -486,7 +486,7 @@ def test_regression_reactions_of_driven_mechanisms_are_resolved(tmp_path, compil
     assert np.max(np.abs(json.loads(line) - exact)) < 1e-3 * 0.5 * np.ptp(exact)
 
 
-@pytest.mark.slow(reason="compiles an FMU")
+@pytest.mark.slow
 @pytest.mark.parametrize("communication_step", [STEP, 1e-4, 5e-3])
 def test_radau_steps_do_not_depend_on_communication_steps(radau_fmu, communication_step):
     """Outputs between the ends of steps are those of the polynomial of the step."""
@@ -504,7 +504,7 @@ def test_radau_steps_do_not_depend_on_communication_steps(radau_fmu, communicati
     assert values == pytest.approx(expected, rel=1e-4, abs=1e-5)
 
 
-@pytest.mark.slow(reason="compiles an FMU")
+@pytest.mark.slow
 def test_radau_with_changing_inputs(radau_fmu):
     """Steps that pass over a communication point are repeated if an input changes there."""
     script = """
@@ -538,7 +538,7 @@ def ball_and_pin(height=0.004, radius=0.005):
     return mech
 
 
-@pytest.mark.slow(reason="compiles an FMU")
+@pytest.mark.slow
 def test_radau_finds_contacts_that_steps_pass_over(tmp_path, compiled):
     """Without forces, steps are as long as permitted: the ball passed the pin in one step."""
     fmu = export(tmp_path, ball_and_pin, integrator="radau", rtol=RADAU_RTOL, platforms=None)
@@ -555,7 +555,7 @@ def test_radau_finds_contacts_that_steps_pass_over(tmp_path, compiled):
     assert json.loads(line) == pytest.approx(expected, rel=1e-4)
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 def test_regression_contacts_are_exported_with_radau(tmp_path):
     """Fixed steps passed over contacts without notice."""
     with pytest.warns(bd.BeamdaeWarning, match=r"contacts \(pin\) last only a few steps"):
@@ -565,7 +565,7 @@ def test_regression_contacts_are_exported_with_radau(tmp_path):
     assert export(tmp_path, ball_and_pin, integrator=None).integrator == "radau"
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_regression_undamped_beams_have_a_warning_if_inputs_jump(tmp_path):
     """An arm of 64 elements took 4 s per millisecond with Radau, without a warning."""
 
@@ -589,7 +589,7 @@ def test_regression_undamped_beams_have_a_warning_if_inputs_jump(tmp_path):
     export(tmp_path, mech, integrator="radau", **settings)
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 @pytest.mark.parametrize("width", [0.002, 0.1])
 def test_regression_short_peaks_that_an_fmu_passes_over_have_a_warning(tmp_path, width):
     """A force that acts in a narrow region was lost without notice, with both integrators."""
@@ -611,7 +611,7 @@ def test_regression_short_peaks_that_an_fmu_passes_over_have_a_warning(tmp_path,
         assert bool(texts) == (width < 0.02)
 
 
-@pytest.mark.slow(reason="trial runs")
+@pytest.mark.slow
 def test_regression_default_exports_resolve_vibrations_and_fixed_steps_warn(tmp_path):
     """Default steps of 1 ms changed the period of a vibration by 12 % of its range in silence."""
 
@@ -632,7 +632,7 @@ def test_regression_default_exports_resolve_vibrations_and_fixed_steps_warn(tmp_
         assert any("the error is more than 100 %" in x for x in fixed.warnings)
 
 
-@pytest.mark.slow(reason="20 000 steps")
+@pytest.mark.slow
 def test_regression_fmus_with_very_many_adaptive_steps_have_a_warning(tmp_path):
     """A beam without damping took 300 000 steps in 0.5 s, of which nothing was said."""
     mech = bd.Mechanism()
@@ -643,7 +643,7 @@ def test_regression_fmus_with_very_many_adaptive_steps_have_a_warning(tmp_path):
         export(tmp_path, mech, integrator="radau", t_end=5.0)
 
 
-@pytest.mark.slow(reason="trial runs")
+@pytest.mark.slow
 def test_regression_outputs_that_steps_do_not_resolve_have_a_warning(tmp_path):
     """Sudden load on an undamped cantilever: reactions were wrong by 10 % of their range."""
 
@@ -674,13 +674,13 @@ def test_regression_outputs_that_steps_do_not_resolve_have_a_warning(tmp_path):
     )
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 def test_radau_rejects_parameters_that_change_surfaces(tmp_path):
     with pytest.raises(bd.BeamdaeError, match="the surface of pin changes"):
         export(tmp_path, ball_and_pin, integrator="radau", parameters=["radius"])
 
 
-@pytest.mark.slow(reason="compiles an FMU")
+@pytest.mark.slow
 def test_states_and_derivatives(any_fmu):
     script = """
     a, b = Instance("a", torque=1.0), Instance("b")
@@ -732,7 +732,7 @@ def test_states_and_derivatives(any_fmu):
         assert exact == pytest.approx(difference, rel=1e-4, abs=1e-6 * scale)
 
 
-@pytest.mark.slow(reason="compiles an FMU")
+@pytest.mark.slow
 def test_errors_are_statuses_with_a_sentence(any_fmu):
     script = """
     a = Instance("a")
@@ -753,7 +753,7 @@ def test_errors_are_statuses_with_a_sentence(any_fmu):
     require_refusals(lines, expected)
 
 
-@pytest.mark.slow(reason="compiles an FMU")
+@pytest.mark.slow
 def test_regression_changed_inputs_match_sampled_controllers(fmu):
     """Accelerations did not follow a changed input, which acted half a step too late."""
     stiffness, offset, samples = 40.0, 0.1, 5
@@ -786,7 +786,7 @@ def test_regression_changed_inputs_match_sampled_controllers(fmu):
         assert np.max(np.abs(column - expected)) <= 1e-7 * np.ptp(expected), name
 
 
-@pytest.mark.slow(reason="compiles an FMU")
+@pytest.mark.slow
 def test_regression_very_short_communication_steps(any_fmu):
     """Rounding errors of positions were divided by the square of a communication step of 1 ns."""
     script = """
@@ -815,7 +815,7 @@ def test_regression_very_short_communication_steps(any_fmu):
     assert np.max((np.abs(short - before) / size)[smooth]) < 1e-3
 
 
-@pytest.mark.slow(reason="compiles an FMU")
+@pytest.mark.slow
 def test_regression_late_times_do_not_restart_the_method(fmu):
     """Rounding errors of late times looked like changes of the step."""
     script = """
@@ -844,7 +844,7 @@ def test_regression_late_times_do_not_restart_the_method(fmu):
     assert late == pytest.approx(early, rel=1e-10)
 
 
-@pytest.mark.slow(reason="compiles an FMU")
+@pytest.mark.slow
 def test_regression_wrong_calls_are_errors(any_fmu):
     """Some of these calls ended the process, did not return, or gave wrong results."""
     script = """
@@ -899,7 +899,7 @@ def test_regression_wrong_calls_are_errors(any_fmu):
     require_refusals(lines, expected)
 
 
-@pytest.mark.slow(reason="compiles an FMU")
+@pytest.mark.slow
 def test_regression_times_of_the_experiment_are_enforced(any_fmu):
     """Steps beyond the stop time and values after the end of a run were accepted."""
     script = """
@@ -932,7 +932,7 @@ def test_regression_times_of_the_experiment_are_enforced(any_fmu):
     require_refusals(lines, expected)
 
 
-@pytest.mark.slow(reason="compiles an FMU")
+@pytest.mark.slow
 @pytest.mark.parametrize("integrator", ["alpha", "radau"])
 def test_matrices_that_require_row_exchanges(tmp_path, compiled, integrator):
     """A slider without mass has no pivot on the diagonal, before or after a restored state."""
@@ -975,7 +975,7 @@ def test_matrices_that_require_row_exchanges(tmp_path, compiled, integrator):
         assert np.max(np.abs(column - expected)) <= 1e-5 * np.ptp(expected), name
 
 
-@pytest.mark.slow(reason="compiles an FMU")
+@pytest.mark.slow
 def test_coupling_error_of_an_fmu_and_a_controller_is_of_first_order(tmp_path):
     pytest.importorskip("fmpy")
     import fmu_coupling
@@ -990,7 +990,7 @@ def test_coupling_error_of_an_fmu_and_a_controller_is_of_first_order(tmp_path):
     assert errors[0] / errors[1] == pytest.approx(2.0, rel=0.4)
 
 
-@pytest.mark.slow(reason="compiles an FMU")
+@pytest.mark.slow
 def test_fixed_iterations_are_measured(tmp_path):
     if not any(map(shutil.which, ("cc", "gcc", "clang"))):
         pytest.skip("no C compiler")
@@ -1006,7 +1006,7 @@ def test_fixed_iterations_are_measured(tmp_path):
     assert export(tmp_path, **settings).step_times.error < 1e-6
 
 
-@pytest.mark.slow(reason="compiles an FMU")
+@pytest.mark.slow
 def test_regression_steps_longer_than_the_run_are_measured(tmp_path):
     """The benchmark waited for its time limit, and read times that it had not measured."""
     if not any(map(shutil.which, ("cc", "gcc", "clang"))):
@@ -1017,7 +1017,7 @@ def test_regression_steps_longer_than_the_run_are_measured(tmp_path):
         assert (times.steps, integrator == "radau") == (3, bool(np.isnan(times.error)))
 
 
-@pytest.mark.slow(reason="compiles an FMU")
+@pytest.mark.slow
 def test_communication_step_of_a_million_steps_is_rejected(tmp_path, compiled):
     """A run in one call ends with a sentence, and the FMU can be reset."""
 
@@ -1049,7 +1049,7 @@ def test_communication_step_of_a_million_steps_is_rejected(tmp_path, compiled):
     assert ["more than 1e6 internal steps" in line for line in lines] == [True], lines
 
 
-@pytest.mark.slow(reason="compiles for other platforms")
+@pytest.mark.slow
 def test_binaries_of_other_platforms(tmp_path):
     pytest.importorskip("ziglang")
     names = ["aarch64-linux", "x86_64-windows", "x86_64-darwin", "aarch64-darwin"]
@@ -1068,7 +1068,7 @@ def test_binaries_of_other_platforms(tmp_path):
         assert b"fmi3GetDirectionalDerivative" in binary
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 def test_tables_that_end_runs_are_rejected(tmp_path):
     def build(outside):
         table = bd.table([0.0, 1.0, 2.0], [0.0, 1.0, 4.0], kind="linear", outside=outside)

@@ -55,7 +55,7 @@ def test_fill_is_small_and_solutions_are_accurate(name):
             assert backward_error(pattern, nonzeros, solver.solve(right), right) < 1e-8
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 @pytest.mark.parametrize(("joint", "frame"), [(bd.Revolute, "tangent"), (bd.Weld, "chord")])
 def test_relative_fill_of_a_chain_is_independent_of_its_length(joint, frame):
     fills = []
@@ -66,7 +66,7 @@ def test_relative_fill_of_a_chain_is_independent_of_its_length(joint, frame):
     assert_allclose(fills[1], fills[0], rtol=0.15)
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["Ida", "Radau", "Radau, complex"])
 def test_relative_fill_of_an_undamped_beam_is_independent_of_its_elements(name):
     fills = []

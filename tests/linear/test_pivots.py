@@ -57,7 +57,7 @@ def patterns(draw):
     return dense, rng
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [float, complex])
 @given(given_pattern=patterns())
 @settings(max_examples=80, deadline=None)
@@ -146,7 +146,7 @@ MECHANISMS = {
 }
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 @pytest.mark.parametrize("name", MECHANISMS)
 def test_iteration_matrices_keep_their_pivots_over_steps(name):
     equations = bd.equations_of_motion(MECHANISMS[name]())
@@ -175,7 +175,7 @@ def eliminate_pattern(pattern):
     return full
 
 
-@pytest.mark.slow(reason="a quarter of a second")
+@pytest.mark.slow
 @given(size=st.integers(1, 14), share=st.floats(0.0, 0.6), seed=st.integers(0, 2**32 - 1))
 @settings(max_examples=200, deadline=None)
 def test_fill_is_that_of_gaussian_elimination(size, share, seed):

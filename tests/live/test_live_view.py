@@ -239,7 +239,7 @@ def test_a_used_port_is_an_error(live):
         swing.view(port=live.port)
 
 
-@pytest.mark.slow(reason="starts a process")
+@pytest.mark.slow
 def test_the_command_serves_until_interrupted():
     command = process("view", "example:pendulum", "--no-browser", "--range", "radius=50cm:2m")
     address = command.stdout.readline()
@@ -255,7 +255,7 @@ def test_the_command_serves_until_interrupted():
     assert (command.returncode, errors) == (130, "interrupted\n")
 
 
-@pytest.mark.slow(reason="starts a process")
+@pytest.mark.slow
 def test_python_ends_without_closing_a_view(tmp_path):
     script = tmp_path / "script.py"
     script.write_text(

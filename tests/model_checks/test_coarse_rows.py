@@ -1,7 +1,5 @@
 """Output rows against steps: mechanisms whose rows miss values, and siblings that stay silent."""
 
-from __future__ import annotations
-
 import re
 from functools import partial
 
@@ -182,7 +180,7 @@ SHOWN = {
 }
 
 
-@pytest.mark.slow(reason="seconds for all mechanisms")
+@pytest.mark.slow
 @pytest.mark.parametrize(("column", "compute"), MISSED.values(), ids=MISSED)
 def test_rows_that_miss_values_have_one_sentence(column, compute):
     run = compute()
@@ -202,7 +200,7 @@ def test_rows_that_miss_values_have_one_sentence(column, compute):
     assert sign * missed.value > sign * missed.row_value
 
 
-@pytest.mark.slow(reason="seconds for all mechanisms")
+@pytest.mark.slow
 @pytest.mark.parametrize("compute", SHOWN.values(), ids=SHOWN)
 def test_rows_that_show_the_motion_have_no_sentence(compute):
     run = compute()
@@ -226,7 +224,7 @@ def test_the_sentence_names_value_rows_and_remedy(tmp_path):
     assert re.search(r", where they reach only \S+ m, also in \S+, \S+; ", sentence)
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_regression_missed_extremes_come_before_notes_on_the_model():
     """The head of a page showed notes, and extremes that the rows miss were below them."""
     mech = ball()
@@ -236,7 +234,7 @@ def test_regression_missed_extremes_come_before_notes_on_the_model():
     assert second.startswith("idle: the part is inactive")
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 def test_stresses_of_damping_at_an_impact_have_an_error_by_the_elements():
     """Strain rates at a jump of velocities depend on the length of the element."""
     section = rectangle(0.0012, 0.012, damping=3e-5)

@@ -90,7 +90,7 @@ DEEP_CASES = {
 }
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 @pytest.mark.parametrize(("mech", "t_end", "limit"), DEEP_CASES.values(), ids=DEEP_CASES.keys())
 def test_contacts_deeper_than_a_touching_part_have_a_warning(mech, t_end, limit):
     found = list_warnings(run(mech, t_end))

@@ -103,7 +103,7 @@ def test_regression_an_energy_imbalance_is_reported(model, step, t_end):
     assert solution.quality.energy_imbalance > 0.1
 
 
-@pytest.mark.slow(reason="a second")
+@pytest.mark.slow
 @pytest.mark.parametrize("flywheel", [0.0, 300.0])
 @pytest.mark.parametrize(("step", "is_stated"), [(2e-3, True), (1e-3, True), (2e-4, False)])
 def test_errors_of_impacts_of_few_steps_are_measured(flywheel, step, is_stated):
@@ -172,7 +172,7 @@ def magnet(datum):
     return mech
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 @pytest.mark.parametrize("integrator", [bd.Ida(1e-4), bd.Radau(1e-4)])
 def test_regression_an_attracting_magnet_has_no_false_alarm(integrator):
     """The energy exchanged was the largest sum of kinetic and negative potential energy, zero."""
@@ -187,7 +187,7 @@ def test_regression_an_attracting_magnet_has_no_false_alarm(integrator):
     assert_allclose(list(quality.values()), quality[0.0], rtol=0.0, atol=1e-11)
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_regression_controllers_without_an_actuator_leave_a_stage_at_rest():
     """The integral of the controller moved, so that rounding errors had a warning."""
     mech = bd.Mechanism()
@@ -206,7 +206,7 @@ def test_regression_controllers_without_an_actuator_leave_a_stage_at_rest():
     assert sentence.startswith("pid: its output is used by no part")
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_prestressed_rings_at_rest_have_no_warnings():
     """The strain energy is large and constant; only rounding noise is exchanged."""
     mech = bd.Mechanism()
@@ -323,7 +323,7 @@ def test_regression_formulas_whose_terms_cancel_leave_a_run_at_rest(integrator):
     assert not bd.simulate(mech, integrator, t_end=1.0).warnings
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_regression_causes_in_the_model_precede_their_consequences():
     """The overshoot of a table was the last warning, after peaks of a meaningless deformation."""
     section = rectangle(0.004, damping=1e-3)
@@ -351,7 +351,7 @@ def test_regression_causes_in_the_model_precede_their_consequences():
         pytest.param(
             lambda x: bd.simulate(x, t_end=20.0),
             id="stopped run",
-            marks=pytest.mark.slow(reason="a second and more"),
+            marks=pytest.mark.slow,
         ),
         pytest.param(lambda x: bd.simulate(x, t_end=0.5), id="run"),
     ],

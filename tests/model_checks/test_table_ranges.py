@@ -46,7 +46,7 @@ CASES = {
 }
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 @pytest.mark.parametrize(("mech", "t_end", "words"), CASES.values(), ids=CASES.keys())
 def test_arguments_that_leave_a_table_have_a_warning(mech, t_end, words):
     run = bd.simulate(mech, bd.Radau(1e-4), t_end=t_end)

@@ -31,7 +31,7 @@ def build_column(ratio):
     return mech
 
 
-@pytest.mark.slow(reason="a second")
+@pytest.mark.slow
 @pytest.mark.parametrize(("ratio", "count"), [(0.9, 0), (1.2, 1), (2.2, 1)])
 def test_flutter_from_rest_has_a_warning_above_its_limit(ratio, count):
     found = list_warnings(build_column(ratio), 1.0)
@@ -82,7 +82,7 @@ def add_holding_force(mech):
     return mech
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("mech", "t_end", "is_unstable"),
     [
@@ -114,7 +114,7 @@ def test_runs_that_stay_on_an_unstable_path_have_a_warning(mech, t_end, is_unsta
     assert len(found) == is_unstable
 
 
-@pytest.mark.slow(reason="a second")
+@pytest.mark.slow
 def test_a_bar_that_vibrates_in_flight_is_on_no_unstable_path():
     """Forces of the vibration turn with the bar, whose rotation has a stiffness of either sign."""
     section = rectangle(0.005)

@@ -82,7 +82,7 @@ def test_regression_rounding_errors_of_a_loaded_structure_at_rest_are_no_missed_
     bd.simulate(mech, t_end=5e-3, output_step=5e-4)
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:start. the equilibrium is unstable:beamdae.BeamdaeWarning")
 @pytest.mark.filterwarnings("error:.*(output rows|fast vibrations):beamdae.BeamdaeWarning")
 def test_regression_velocities_of_bodies_at_rest_are_rounding_errors():

@@ -29,7 +29,7 @@ def test_regression_a_driver_whose_slope_jumps_has_a_warning(integrator):
     assert warning.startswith("drive: the slope of its law jumps 2 times, first at t = 0.4 s")
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_a_distance_whose_slope_jumps_has_a_warning():
     law = bd.piecewise((0.5, lambda t: 1.0 + 0.1 * t), 1.05)
     warnings = bd.simulate(crank(law, bd.Distance), t_end=1.0).warnings
@@ -38,7 +38,7 @@ def test_a_distance_whose_slope_jumps_has_a_warning():
     )
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 @pytest.mark.parametrize("integrator", [bd.Auto(), bd.GeneralizedAlpha(step=0.01)])
 @pytest.mark.parametrize(
     "law",
@@ -56,7 +56,7 @@ def test_continuous_slopes_have_no_warning(law, integrator):
     assert not any("slope" in x for x in bd.simulate(crank(law), integrator, t_end=1.2).warnings)
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["linear", "spline"])
 def test_regression_angles_that_a_driver_holds_have_no_jumps(kind):
     """Velocities of 1e-17 rad/s at the rows of the force table were jumps of the constant law."""

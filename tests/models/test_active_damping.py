@@ -51,7 +51,7 @@ def test_closed_loop_is_that_of_python_control():
     assert np.min(ratios[np.abs(poles) < 100.0]) > 0.08
 
 
-@pytest.mark.slow(reason="two runs of many vibrations")
+@pytest.mark.slow
 def test_one_mode_of_a_thin_strip():
     """Static deflection under the end force, with 33/140 of the mass of the strip at its end."""
     bending = SECTION.EI

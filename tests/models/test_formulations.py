@@ -29,7 +29,7 @@ def test_every_model_with_a_beam_is_compared():
 
 
 def slow_beyond(count):
-    marks = pytest.mark.slow(reason="a start in equilibrium, or more steps")
+    marks = pytest.mark.slow
     return [
         pytest.param(name, marks=[marks] if k >= count else []) for k, name in enumerate(COMPARED)
     ]

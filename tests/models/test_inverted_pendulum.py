@@ -26,7 +26,7 @@ def find_upright(mech):
     return bd.equilibrium(mech, loads=[])
 
 
-@pytest.mark.slow(reason="a path of a stiff plant, 1 s")
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:cart.x. this coordinate can move without stiffness")
 def test_regression_path_of_growing_weight_does_not_move_the_cart():
     # The cart has no stiffness. Without a spring that holds it, paths ended at load factors of
@@ -48,7 +48,7 @@ def test_gains_are_those_of_the_regulator():
     assert_allclose(gains[0], GAINS, rtol=0, atol=1e-4)
 
 
-@pytest.mark.slow(reason="equilibria, linear models and modes of two stiff plants, 0.8 s")
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:cart.x. this coordinate can move without stiffness")
 def test_poles_of_the_flexible_pendulum():
     plant = linearize_plant(find_upright)
@@ -84,7 +84,7 @@ def fall(t, state):
     return [velocity, accelerations[0], rate, accelerations[1]]
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 @pytest.mark.parametrize("tilt", [0.1, 0.6])
 def test_rigid_strip(tilt):
     run = bd.simulate(inverted_pendulum(rigid=True, tilt=tilt), bd.Radau(1e-8), 2.0, 0.02)
@@ -94,7 +94,7 @@ def test_rigid_strip(tilt):
     assert_allclose(run["angle"] - tilt, exact.y[2], rtol=0, atol=1e-7)
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_flexible_strip_follows_the_rigid_one():
     run = bd.simulate(inverted_pendulum, bd.Radau(), output_step=0.02)
     exact = solve_ivp(fall, (0.0, 2.0), [0.0, 0.0, -0.1, 0.0], t_eval=run.t, rtol=1e-9)
@@ -127,7 +127,7 @@ def test_sampled_control_is_that_of_the_sampled_linear_pendulum(noise):
         assert_allclose(run[name] - shift, measured[:, k], rtol=0, atol=atol)
 
 
-@pytest.mark.slow(reason="a quarter of a second")
+@pytest.mark.slow
 def test_noise_is_that_of_the_seed():
     runs = [
         bd.simulate(

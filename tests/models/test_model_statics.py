@@ -27,7 +27,7 @@ ENDS = {"sliding_mass": 1, "governor": 2}
 INDIFFERENT = {"inverted_pendulum": "(last converged load factor: 0)"}
 
 
-@pytest.mark.slow(reason="a path and a picture of every model")
+@pytest.mark.slow
 @pytest.mark.parametrize("name", MODELS)
 def test_static_command_finds_equilibrium_or_says_why_not(name, tmp_path):
     result = invoke(
@@ -51,7 +51,7 @@ def test_static_command_finds_equilibrium_or_says_why_not(name, tmp_path):
         assert record["load factor"] == 1.0
 
 
-@pytest.mark.slow(reason="equilibria of every model by two methods")
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
 @pytest.mark.parametrize("name", sorted(set(MODELS) - set(ENDS) - set(INDIFFERENT)))
 def test_relaxation_and_load_steps_give_the_same_equilibrium(name):

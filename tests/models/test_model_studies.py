@@ -28,7 +28,7 @@ def test_a_study_has_at_least_sixty_cases_of_all_integrators(path):
     assert {case.parameters["damping"] > 0.0 for case in study.cases} == {True, False}
 
 
-@pytest.mark.slow(reason="runs a group of each study with its references, half a minute")
+@pytest.mark.slow
 @pytest.mark.parametrize("path", FILES, ids=lambda p: p.stem)
 def test_first_group_of_a_study_shows_the_expected_orders(path, tmp_path):
     (study,) = studies(path).values()
@@ -51,7 +51,7 @@ def test_first_group_of_a_study_shows_the_expected_orders(path, tmp_path):
     assert np.all(ida < 100.0 * tolerances)
 
 
-@pytest.mark.slow(reason="ten runs of the hub beam in worker processes")
+@pytest.mark.slow
 def test_study_of_both_formulations(tmp_path):
     (study,) = studies(FOLDER / "hub_beam_formulations.py").values()
     results = run_study(study, tmp_path, LocalPool())
@@ -70,7 +70,7 @@ def test_a_study_file_may_name_a_model_in_another_folder(tmp_path):
     assert isinstance(study, bd.results.Study)
 
 
-@pytest.mark.slow(reason="six runs of the four-bar linkage")
+@pytest.mark.slow
 def test_crank_speed_sweep_gives_the_stored_torques_and_deflections(tmp_path):
     (sweep,) = studies(FOLDER / "crank_speeds.py").values()
     assert isinstance(sweep, bd.results.Sweep)

@@ -270,7 +270,7 @@ def test_default_run_gives_the_stored_extremes(name, integrator):
         )
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 def test_linear_strain_changes_the_strains_of_the_pendulum_but_not_its_angular_velocity():
     """Claims of Figs. 5a and 5c of the paper."""
     nonlinear, linear = (

@@ -36,7 +36,7 @@ def exact():
     return solve_ivp(accelerate, (0.0, 0.4), [0.0, SPEED], t_eval=t, **options)
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("integrator", "tolerance"),
     [

@@ -36,7 +36,7 @@ def loop(plant):
     return control.interconnect(blocks, inputs="target", outputs="position")
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_poles_of_the_closed_loop(loop):
     linear = bd.linearize(voice_coil_stage(step=0.0), inputs=["target"], outputs=["position"])
     poles, expected = linear.poles, loop.poles()
@@ -51,7 +51,7 @@ def test_poles_of_the_closed_loop(loop):
     assert_allclose(response, loop(2j * np.pi * frequencies), rtol=1e-8)
 
 
-@pytest.mark.slow(reason="a quarter of a second")
+@pytest.mark.slow
 def test_step_response(loop):
     run = bd.simulate(voice_coil_stage, bd.Radau(1e-7), t_end=0.03, output_step=1e-3)
     expected = STEP * control.step_response(loop, run.t).outputs
@@ -60,7 +60,7 @@ def test_step_response(loop):
     assert_allclose(run["position"], expected, rtol=0, atol=3e-4 * STEP)
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_rigid_stage_with_springs():
     """The leaves as massless springs 12 EI / L^3, and 13/35 of their masses at the platform."""
     width, thickness, length = 0.02, 0.3e-3, 0.04
@@ -95,13 +95,13 @@ def test_sampled_control_is_that_of_the_sampled_linear_stage(plant):
     assert_allclose(run["position"], positions, rtol=0, atol=2e-3 * STEP)
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_saturated_coil():
     run = bd.simulate(voice_coil_stage(step=1e-3), bd.Radau(), t_end=0.01)
     assert np.max(run["coil.Fx"]) == 15.0
 
 
-@pytest.mark.slow(reason="half a second each")
+@pytest.mark.slow
 @pytest.mark.parametrize("ki", [1.5e6, 1e5])
 def test_regression_modes_of_a_stiff_stage_with_states_are_accurate(ki):
     # The slow poles were up to 1.6 % off, and that at -3.6 1/s was zero: a free motion.

@@ -1,7 +1,5 @@
 """Every public part runs in machine code: its kernels and the loops are compiled."""
 
-from __future__ import annotations
-
 import pytest
 from properties.catalog_models import ENTRIES, entry_model
 
@@ -40,7 +38,7 @@ def test_native_off_applies_only_while_it_is_set(monkeypatch):
     assert all(plan.load_native(True) for plan in form.sums)
 
 
-@pytest.mark.slow(reason="kernels of all parts for all integrators are compiled")
+@pytest.mark.slow
 @pytest.mark.skipif(not is_native_enabled(), reason="requires machine code")
 @pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
 @pytest.mark.parametrize("name", [*ENTRIES, "switched"])

@@ -112,7 +112,7 @@ def test_all_supported_operations_are_tested(all_operations):
     assert {*UNARY, *BINARY, ca.OP_CONSTPOW, ca.OP_CONST} <= tested
 
 
-@pytest.mark.slow(reason="all pairs of values in all operations")
+@pytest.mark.slow
 def test_operations_have_the_same_bits_at_special_values(all_operations):
     pairs = np.array(list(itertools.product(VALUES, VALUES))).T
     pairs = np.c_[pairs, np.zeros((2, pad_copies(pairs.shape[1]) - pairs.shape[1]))]
@@ -129,7 +129,7 @@ def test_lanes_with_equal_numbers_have_equal_results(all_operations, repeated):
     assert_same(*all_operations, [0.3, -0.0], local)
 
 
-@pytest.mark.slow(reason="thousands of values in all operations")
+@pytest.mark.slow
 @settings(max_examples=300)
 @given(st.lists(EVERYTHING, min_size=2 * LANE_WIDTH + 2, max_size=2 * LANE_WIDTH + 2))
 def test_operations_have_the_same_bits_at_random_values(all_operations, numbers):
@@ -154,7 +154,7 @@ def expressions(draw):
     return ca.Function("random", [s, x], [ca.densify(ca.vertcat(*terms[-8:]))])
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 @settings(max_examples=40)
 @given(expressions(), st.integers(0, 2**32 - 1))
 def test_nested_operations_have_the_same_bits(function, seed):

@@ -95,7 +95,7 @@ def test_functions_called_by_the_compiler_are_available():
     assert target.value == b"x" * 999
 
 
-@pytest.mark.slow(reason="a quarter of a second")
+@pytest.mark.slow
 def test_objects_with_equal_symbols_have_independent_lifetimes():
     codes = [LoadedObject(compile_module(constant_function(k), 0), ["value"]) for k in range(20)]
     for k in range(0, 20, 2):

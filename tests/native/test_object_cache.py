@@ -396,7 +396,7 @@ print(kernel([1.5], np.tile([[0.3], [1.7], [2.9]], 8))[:, 0].tolist())
 """
 
 
-@pytest.mark.slow(reason="starts six processes")
+@pytest.mark.slow
 def test_concurrent_processes_get_the_same_kernel(cache):
     command = [sys.executable, "-c", PROCESS]
     processes = [subprocess.Popen(command, stdout=subprocess.PIPE, text=True) for _ in range(6)]
@@ -406,7 +406,7 @@ def test_concurrent_processes_get_the_same_kernel(cache):
 
 
 @root
-@pytest.mark.slow(reason="mounts a file system, starts processes")
+@pytest.mark.slow
 @pytest.mark.parametrize(("options", "sentences"), [("size=4k", 1), ("ro", 1), ("noexec", 0)])
 def test_full_and_read_only_file_systems_work_without_cache(tmp_path, options, sentences):
     """Full or read-only; noexec does not matter, as nothing is executed from files."""
@@ -441,7 +441,7 @@ print(*(x[0].tobytes().hex() for x in states))
 """
 
 
-@pytest.mark.slow(reason="compiles the core and kernels")
+@pytest.mark.slow
 def test_first_runs_have_the_bits_of_later_ones():
     """Elements of many nodes started in CasADi's virtual machine until their loops were cached."""
     command = [sys.executable, "-W", "ignore", "-c", RUN]

@@ -1,7 +1,5 @@
 """Mass, center and inertia of rigid bodies from their shapes."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

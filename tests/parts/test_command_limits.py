@@ -48,7 +48,7 @@ def test_regression_saturated_loops_have_no_feedback_in_silence(target, size, ki
     assert all(f"{beyond}this equilibrium is that of the limit" in x for x in sentences)
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_linear_models_at_a_limit_contain_half_of_the_feedback():
     model = build_stage(0.0, limits=(0.0, LIMIT), ki=0.0)
     (sentence,) = limit_sentences(bd.linearize, model)

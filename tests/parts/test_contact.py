@@ -1,7 +1,5 @@
 """Contact: times of impact, restitution and friction."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from conformance import integrators
@@ -130,11 +128,11 @@ def block_on_belt(exponent=1.0, **changes):
     return mech
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "method",
     [
-        pytest.param(bd.Radau(1e-8), marks=pytest.mark.slow(reason="2 s")),
+        pytest.param(bd.Radau(1e-8), marks=pytest.mark.slow),
         bd.GeneralizedAlpha(5e-4, rho_inf=0.9),
     ],
     ids=["radau", "alpha"],

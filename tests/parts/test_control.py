@@ -92,7 +92,7 @@ def test_intervals_that_are_not_multiples_of_steps():
     np.testing.assert_allclose(found, angles[: len(found)], atol=1e-9)
 
 
-@pytest.mark.slow(reason="three runs with a restart at each sample")
+@pytest.mark.slow
 def test_discrete_state_and_resumed_runs():
     def law(sample):
         angle, _ = sample.reads
@@ -111,7 +111,7 @@ def test_discrete_state_and_resumed_runs():
     assert state == pytest.approx(expected, rel=1e-9)
 
 
-@pytest.mark.slow(reason="three runs with a restart at each sample")
+@pytest.mark.slow
 def test_noise_is_repeated_and_quantization_acts():
     def law(sample):
         angle, rate = np.round(sample.reads + 1e-3 * sample.random.normal(size=2), 2)
@@ -171,7 +171,7 @@ def test_regression_equilibria_of_loops_with_fast_filters_are_found(rate):
     assert found["servo integral"].iloc[-1] == pytest.approx(1.5 / 4.0, rel=1e-9)
 
 
-@pytest.mark.slow(reason="a quarter of a second")
+@pytest.mark.slow
 @pytest.mark.parametrize("rate", [5.0, 200.0, 2e3, 1e4])
 def test_regression_periodic_motions_of_loops_with_fast_filters_are_found(rate):
     """States of filters are far below their scale: multipliers of 4.1 for 0.33, or no motion."""
@@ -223,7 +223,7 @@ def test_regression_stable_loops_are_not_called_unstable_where_a_limit_stops_the
     assert "unstable" not in run.status.sentence
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_regression_commands_are_no_vibrations_of_the_drawing():
     """The derivative of the first samples was "because the drawing is not in equilibrium"."""
     mass, stiffness, kp, ki, kd, every = 0.8, 15e3, 20e3, 8e5, 2000.0, 5e-4
@@ -297,7 +297,7 @@ def test_regression_laws_whose_memory_acts_late_end_the_run(method, start):
         assert run.status.kind == "failed"
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_regression_laws_whose_memory_an_earlier_run_has_changed_end_later_runs():
     """The second run was "ok", with a latch that was closed from its start."""
     is_closed = False
@@ -328,7 +328,7 @@ def test_analyses_other_than_runs_reject_sampled_controllers():
     assert "inertia" not in str(check)
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_step_response_of_a_transfer_function():
     mech = bd.Mechanism()
     step = mech.input("step", default=1.0)
@@ -350,7 +350,7 @@ def build_stage(goal=0.1, kp=300.0, **options):
     return mech
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 def test_step_response_of_a_pid():
     run = bd.simulate(build_stage(filter_time=0.01), bd.Radau(1e-9), t_end=2.0, output_step=0.05)
     s = control.tf("s")
@@ -359,7 +359,7 @@ def test_step_response_of_a_pid():
     np.testing.assert_allclose(run["x"], 0.1 * response, atol=1e-7)
 
 
-@pytest.mark.slow(reason="two runs with kinks, and a fine reference")
+@pytest.mark.slow
 def test_saturated_pid_does_not_wind_up():
     limits = {"filter_time": 0.01, "limits": (-1.0, 1.0)}
     run = bd.simulate(build_stage(**limits), bd.Radau(1e-8), t_end=4.0, output_step=0.05)

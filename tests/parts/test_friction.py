@@ -1,7 +1,5 @@
 """Friction in joints: closed forms, energy balance and paradoxes."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from conformance import IDA_FORMS, tuned
@@ -111,7 +109,7 @@ def test_regression_the_radius_is_a_possible_cause_of_a_paradox():
         run(mech, bd.Radau(), 1e-3)
 
 
-@pytest.mark.slow(reason="runs of a flexible arm")
+@pytest.mark.slow
 @pytest.mark.parametrize("coefficient", [1e-8, 1e-2, 0.5])
 def test_friction_of_flexible_arms_restarts_at_breakpoints(coefficient):
     """Rounding of stiff beams was above the tolerance of reactions: "Painleve's paradox"."""
@@ -153,7 +151,7 @@ def test_linear_models_about_sliding_contain_its_friction():
     )
 
 
-@pytest.mark.slow(reason="one second")
+@pytest.mark.slow
 def test_regression_equilibria_state_that_friction_does_not_hold():
     """A block on a slope "moved farthest", although its friction seemed to hold it."""
     mech = bd.Mechanism(gravity=(0.0, -GRAVITY))
@@ -166,7 +164,7 @@ def test_regression_equilibria_state_that_friction_does_not_hold():
     assert bd.equilibrium(mech).status.sentence.partition(" (last")[0].endswith(words)
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_ida_converges_for_friction_in_guides_of_fully_driven_bodies():
     """Only Newton's iteration determines these reactions, and the friction depends on them.
 
@@ -193,7 +191,7 @@ def test_ida_converges_for_friction_in_guides_of_fully_driven_bodies():
     assert_allclose(ida.observed["guide.F [N]"], exact, rtol=0, atol=1e-2 * np.ptp(exact))
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 @pytest.mark.parametrize(("frequency", "friction_speed"), [(1.0, 1e-3), (1.0, 1e-4), (4.0, 1e-3)])
 def test_regression_friction_does_not_overshoot_in_the_torque_of_a_driver(
     frequency, friction_speed

@@ -1,7 +1,5 @@
 """Joints: constraint levels along motions and virtual work of reactions."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from conformance import JOINTS, NONHOLONOMIC, TIP

@@ -1,7 +1,5 @@
 """Time laws: values, derivatives and breakpoints."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cache
 

@@ -1,7 +1,5 @@
 """Observed forces, moments and powers of all loads, by the principle of virtual work."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import casadi as ca
@@ -283,7 +281,7 @@ def test_observed_loads_follow_changes_of_inputs():
     assert_allclose(solution.table()["push.Fx [N]"], 15.0, rtol=1e-14)
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_regression_observed_loads_follow_variables_of_laws_in_a_second_run():
     """Observed columns were those of the laws at the call of `observe`, forces those of the run."""
     size = [1.0]

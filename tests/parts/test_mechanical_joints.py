@@ -1,7 +1,5 @@
 """Sliders, links, gears, racks and drivers: closed forms and balanced reactions."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from benchmarks.mechanisms import slider_on_rod

@@ -1,7 +1,5 @@
 """Displacements, motions and accelerations, also relative to another body."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from mechanisms import rectangle
@@ -71,7 +69,7 @@ def test_deflection_is_relative_to_the_section_at_the_reference(variant, referen
         assert (np.linalg.norm(deflection) > 0.05) == (s != reference)
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 @pytest.mark.parametrize("formulation", ["floating frame", "exact"])
 def test_regression_the_tip_of_a_rotating_blade_deflects(formulation):
     """`deformation` at the tip of a chord frame read 1e-3 of the deflection, without a message.
@@ -221,7 +219,7 @@ def test_accelerations_are_outputs_of_linear_models():
         bd.linearize(swing(gravity=0.0), about=bd.rotation(4.0), outputs=["sensor"])
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*not an equilibrium:beamdae.errors.BeamdaeWarning")
 def test_regression_accelerations_of_moving_states_are_refused():
     """The changes of constraints along the motion were missing: -3 instead of -6."""
@@ -232,7 +230,7 @@ def test_regression_accelerations_of_moving_states_are_refused():
     assert bd.linearize(swing(hangs=True), about=path, outputs=["sensor"]).C.shape == (3, 2)
 
 
-@pytest.mark.slow(reason="compiles derivatives")
+@pytest.mark.slow
 def test_regression_accelerations_of_forced_periodic_motions_have_derivatives():
     """They were refused after the analysis, although the period is given."""
 

@@ -1,7 +1,5 @@
 """Tables: interpolation, time laws, force formulas, limits, CSV files and sensitivities."""
 
-from __future__ import annotations
-
 import warnings
 from itertools import product
 
@@ -32,7 +30,7 @@ def compile_formula(table, count=1):
     return ca.Function("table", [x], [table(*ca.vertsplit(x))])
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 @every_kind
 @given(x=st.lists(st.floats(-2.0, 5.0), min_size=1, max_size=20))
 def test_numbers_symbols_and_scipy_agree(kind, x):
@@ -180,7 +178,7 @@ def bilinear_error(integrator):
     )
 
 
-@pytest.mark.slow(reason="three runs with thousands of steps")
+@pytest.mark.slow
 def test_fixed_steps_keep_their_order_across_kinks():
     errors = [bilinear_error(bd.GeneralizedAlpha(step=PERIOD / n)) for n in (100, 200, 400)]
     orders = np.log2(np.divide(errors[:-1], errors[1:]))
@@ -188,7 +186,7 @@ def test_fixed_steps_keep_their_order_across_kinks():
     assert_allclose(orders, 2.0, atol=0.15)
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 @pytest.mark.parametrize("method", [bd.Radau, bd.Ida])
 def test_adaptive_steps_keep_their_accuracy_across_kinks(method):
     errors = [bilinear_error(method(rtol)) for rtol in (1e-4, 1e-6, 1e-8)]
@@ -238,7 +236,7 @@ def test_runs_stop_where_the_argument_leaves_the_table(method):
     assert outside.status.sentence == sentence
 
 
-@pytest.mark.slow(reason="four runs")
+@pytest.mark.slow
 def test_runs_stop_at_the_end_of_a_table_of_time():
     curve = bd.table([0.0, 1.0, 2.0], [0.0, 1.0, 0.0], outside="error", name="pulse")
     solution = run(curve, t_end=3.0, on="time")
@@ -261,7 +259,7 @@ def table_spring(stiffness=40.0, kind="linear", rows=6):
     return mech
 
 
-@pytest.mark.slow(reason="differentiates runs")
+@pytest.mark.slow
 @pytest.mark.parametrize(("kind", "rows"), [("linear", 6), ("spline", 6), ("spline", 300)])
 def test_sensitivities_by_values_of_a_table(kind, rows):
     """Regression: rounding errors of the coefficients of long tables hid their derivatives."""
@@ -430,7 +428,7 @@ def test_messages_about_csv_files(tmp_path):
             bd.table_from_csv(write(tmp_path, text))
 
 
-@pytest.mark.slow(reason="assembles the equations twice")
+@pytest.mark.slow
 def test_tables_begin_when_events_change_a_law():
     mech = bd.Mechanism()
     disk = mech.add(bd.RigidBody("disk", 1.0, 0.1))
@@ -463,7 +461,7 @@ def test_regression_headers_that_differ_in_their_unit_are_ambiguous(tmp_path):
     assert bd.table_from_csv(file, "travel", "force", kind="linear")(1e-3) == 9.0
 
 
-@pytest.mark.slow(reason="several linear models")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("values", "below", "above"),
     [
@@ -569,7 +567,7 @@ def test_repeated_tables_are_those_with_the_rows_of_all_periods(kind):
         assert_allclose(*values, atol=1e-10)
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 @every_kind
 @pytest.mark.filterwarnings("ignore:.*the spline reaches")
 def test_repeated_tables_give_the_runs_of_long_tables(kind):
@@ -582,7 +580,7 @@ def test_repeated_tables_give_the_runs_of_long_tables(kind):
     assert_allclose(repeated.table(), long.table(), atol=1e-7)
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["pchip", "spline"])
 @pytest.mark.filterwarnings("ignore:.*the spline reaches")
 def test_repeated_tables_of_time_are_smooth_laws(kind):

@@ -1,7 +1,5 @@
 """Bodies by Craig-Bampton reduction beside beams of the same bar, and closed forms."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import scipy.linalg as la

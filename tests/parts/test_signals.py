@@ -229,7 +229,7 @@ def build_table_spring(moment=0.5, outside="hold", axis=(-0.2, 0.0, 0.2)):
     return mech
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_regression_sensors_outside_a_table_are_reported():
     """Runs held the last value of the table without a warning."""
     message = r"motor: x = .* leaves the range -0.2 to 0.2 of table"

@@ -1,7 +1,5 @@
 """Springs, dampers and bushings: closed forms and energy balance."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from conformance import integrators
@@ -113,7 +111,7 @@ def test_bushing_in_the_axes_of_its_first_body():
     assert_allclose(numeric.energies(q)[1], 0.05, rtol=1e-12)
 
 
-@pytest.mark.slow(reason="a quarter of a second")
+@pytest.mark.slow
 def test_law_of_a_spring_counts_as_a_load_unless_its_energy_is_given():
     def run(**settings):
         mech = bd.Mechanism()

@@ -123,7 +123,7 @@ def test_poles_of_the_closed_loop():
     assert set(modes.kinds) == {"decay", "vibration"}
 
 
-@pytest.mark.slow(reason="compiles static equations of three models")
+@pytest.mark.slow
 def test_equilibrium_has_zero_rates():
     mech = pid_stage(start=0.7)
     mech.add(bd.Force("weight", mech.parts["stage"].point, (6.0, 0.0)))
@@ -152,7 +152,7 @@ def forced(stiffness=9.0, damping=0.4):
     return mech
 
 
-@pytest.mark.slow(reason="shooting")
+@pytest.mark.slow
 def test_periodic_motion_and_its_multipliers():
     motion = bd.periodic(forced, period=2.5)
     omega = 0.8 * np.pi
@@ -163,7 +163,7 @@ def test_periodic_motion_and_its_multipliers():
     np.testing.assert_allclose(np.sort_complex(found), np.sort_complex(poles), rtol=1e-5)
 
 
-@pytest.mark.slow(reason="compiles static equations")
+@pytest.mark.slow
 def test_loads_are_scaled_but_not_the_forces_of_controllers():
     mech = pid_stage()
     mech.add(bd.Force("weight", mech.parts["stage"].point, (6.0, 0.0)))

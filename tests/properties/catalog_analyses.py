@@ -1,7 +1,5 @@
 """Results of every analysis, as numbers with a unit that do not depend on the drawing."""
 
-from __future__ import annotations
-
 from random import Random
 
 import numpy as np

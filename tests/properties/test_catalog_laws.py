@@ -1,7 +1,5 @@
 """Everything in the catalog satisfies the laws of mechanics, analyses and programs."""
 
-from __future__ import annotations
-
 from itertools import product
 from random import Random
 
@@ -43,7 +41,7 @@ MOTION_LAWS = EQUILIBRIUM_LAWS | MOTIONS
 OUTSIDE = {"momentum": {*EXTERNAL_FORCES}, "ground": {*EXTERNAL_FORCES} - {"skate"}}
 
 
-SLOW = pytest.mark.slow(reason="several mechanisms or runs")
+SLOW = pytest.mark.slow
 
 
 def every(names, laws, default):
@@ -76,7 +74,7 @@ def test_random_mechanisms_with_every_kind(law, name, seed):
         check_drawing(*STATE_LAWS[law], seed, name)
 
 
-@pytest.mark.slow(reason="runs, and paths of equilibria, of many examples")
+@pytest.mark.slow
 @pytest.mark.parametrize("law", MOTION_LAWS)
 @random_examples(3)
 def test_motions_and_equilibria_of_random_mechanisms(law, seed):
@@ -102,7 +100,7 @@ def test_runs_of_every_entry(law, name):
 UNITS_OF_TIME = {"fit": ("mirrored", "mm, g")}
 
 
-@pytest.mark.slow(reason="two or three analyses")
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ANALYSES)
 def test_every_analysis_in_other_places_units_and_orders(name):
     drawn = ANALYSES[name]("drawn")
@@ -114,7 +112,7 @@ def test_every_analysis_in_other_places_units_and_orders(name):
             assert_allclose(values, expected, rtol=0.0, atol=1e-6 * size, err_msg=frame)
 
 
-@pytest.mark.slow(reason="four further analyses")
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FUNCTIONS)
 def test_derivatives_of_every_analysis_are_differences(name):
     expected = difference(lambda x: np.asarray(FUNCTIONS[name](x), float))
@@ -122,7 +120,7 @@ def test_derivatives_of_every_analysis_are_differences(name):
     assert_allclose(actual.ravel(), expected.ravel(), atol=1e-5 * np.max(np.abs(expected)))
 
 
-@pytest.mark.slow(reason="starts processes")
+@pytest.mark.slow
 def test_sweeps_have_the_numbers_of_runs_alone_in_any_order_and_process():
     names = [*ENTRIES][::12]
     for jobs, order in ((1, names), (2, names[::-1])):

@@ -1,7 +1,5 @@
 """Regression tests of errors that random mechanisms revealed."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from conformance import integrators

@@ -69,7 +69,7 @@ def test_the_page_of_a_path_has_its_points_and_critical_points(path, tmp_path):
     assert path.page(tmp_path / "path.html").stat().st_size > 10_000
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_the_page_of_modes_has_a_motion_for_each(column, tmp_path):
     modes = bd.modes(column, n=3)
     page = build_modes_page(modes, "column")
@@ -155,7 +155,7 @@ def response():
     )
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_the_page_of_a_response_has_a_motion_for_each_point(response, tmp_path):
     page = build_response_page(response, "shaken")
     assert page["subtitle"] == "periodic motions over force: reached the end of the range"
@@ -184,7 +184,7 @@ def test_the_page_of_a_response_has_a_motion_for_each_point(response, tmp_path):
     assert page["subtitle"] == "periodic motions over force: no first motion was found"
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 def test_pages_and_pictures_of_responses_have_the_unit_of_the_parameter(response):
     unitless = build_response_page(response, "shaken")
     assert unitless["sliders"][0]["unit"] == ""
@@ -302,7 +302,7 @@ def test_the_page_of_a_linear_model_in_a_browser(damped, show):
     assert not tab.locator("#top").is_visible()
 
 
-@pytest.mark.slow(reason="a quarter of a second")
+@pytest.mark.slow
 def test_regression_transfer_functions_of_rounding_errors_are_not_drawn():
     """The angle of an inclined beam under an axial force had a phase and an axis in rad/N."""
     direction = np.array([np.cos(0.5), np.sin(0.5)])
@@ -363,7 +363,7 @@ def rotor():
     return bd.campbell(mech, [6.0, 1.0, 3.0], n=3)
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_the_page_of_a_campbell_diagram_has_a_motion_for_each_mode(rotor, tmp_path):
     page = build_campbell_page(rotor, "rotor")
     cases = {(case["rank"], case["family"]): case for case in page["cases"]}
@@ -384,7 +384,7 @@ def test_the_page_of_a_campbell_diagram_has_a_motion_for_each_mode(rotor, tmp_pa
     assert page["subtitle"] == "3 modes at 3 speeds"
 
 
-@pytest.mark.slow(reason="two seconds")
+@pytest.mark.slow
 def test_regression_campbell_diagrams_have_the_unit_of_their_speeds(rotor):
     """Speeds that were typed in rpm were drawn in rad/s."""
     diagram = replace(rotor, speed_unit="rpm")
@@ -404,7 +404,7 @@ def test_regression_campbell_diagrams_have_the_unit_of_their_speeds(rotor):
         assert_allclose(line.get_ydata(), si_line.get_ydata())
 
 
-@pytest.mark.slow(reason="a quarter of a second")
+@pytest.mark.slow
 def test_modes_of_a_campbell_diagram_keep_their_phase_from_speed_to_speed():
     diagram = bd.campbell(driven_blade(0.0), [0.0, 20.0, 40.0, 60.0], n=3)
     page = build_campbell_page(diagram, "blade")
@@ -432,7 +432,7 @@ def test_the_page_of_a_campbell_diagram_in_a_browser(rotor, show):
     assert tab.inner_text("#shown") != shown
 
 
-@pytest.mark.slow(reason="starts a browser")
+@pytest.mark.slow
 @pytest.mark.parametrize("window", ["show", "phone"])
 def test_regression_labels_of_multiples_of_the_speed_do_not_overlap(rotor, window, request):
     """They were at the right ends of the lines, over each other and over the markers."""
@@ -448,7 +448,7 @@ def test_regression_labels_of_multiples_of_the_speed_do_not_overlap(rotor, windo
         assert left["x"] + left["width"] < right["x"]
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_regression_labels_of_campbell_pictures_do_not_overlap(rotor):
     figure = rotor.plot().figure
     figure.draw_without_rendering()
@@ -471,7 +471,7 @@ def test_regression_multiples_of_the_speed_are_drawn_from_speed_zero(show):
     assert axes == [False, False]
 
 
-@pytest.mark.slow(reason="opens seven pages")
+@pytest.mark.slow
 @pytest.mark.parametrize(("scheme", "size"), [("light", (1366, 768)), ("dark", (390, 844))])
 def test_pages_of_analyses_have_no_violations(
     path, column, shaken, response, rotor, damped, open_page, scheme, size

@@ -25,7 +25,7 @@ def scene_lines(solution, **settings):
     return {(glyph.part, glyph.kind): line for glyph, line in scene.lines()}
 
 
-@pytest.mark.slow(reason="a quarter of a second")
+@pytest.mark.slow
 def test_parts_are_visible_only_while_they_are_active():
     mech = swing()
     hinge = mech.part("hinge")
@@ -44,7 +44,7 @@ def test_parts_are_visible_only_while_they_are_active():
     solution.animate(frames=3)
 
 
-@pytest.mark.slow(reason="a quarter of a second")
+@pytest.mark.slow
 def test_a_run_that_fails_at_the_start_is_drawn(tmp_path):
     mech = bd.Mechanism()
     ball = mech.add(bd.PointMass("<b>$_ball", 1.0, at=(0.0, 2.0)))

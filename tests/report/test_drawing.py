@@ -1,7 +1,5 @@
 """Drawings of mechanisms: symbols, arrows and placement of labels."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np
@@ -16,7 +14,7 @@ import beamdae as bd
 from beamdae.report.scene.mechanism_scene import build_scene
 from beamdae.report.scene.poses import reference_poses
 
-SLOW = pytest.mark.slow(reason="half a second and more")
+SLOW = pytest.mark.slow
 PARTS = JOINTS | NONHOLONOMIC | LOADS
 
 
@@ -88,7 +86,7 @@ def test_drawings_do_not_depend_on_the_size_of_the_mechanism():
     assert_allclose(sizes, [sizes[1]] * 3, rtol=1e-9)
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
     [

@@ -56,7 +56,7 @@ def save_run(path, data, title):
     return figures.save_figure(time_plots.create_run_figure(data, title), path)
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_a_comparison_has_a_curve_in_each_color(tmp_path):
     runs = {"A": FRAME, "B": FRAME * 1.1, "C": FRAME * 0.9}
     path = figures.save_figure(compare(runs, "title"), tmp_path / "c.png")
@@ -90,14 +90,14 @@ TABLES = {
 }
 
 
-@pytest.mark.slow(reason="ten figures")
+@pytest.mark.slow
 @pytest.mark.parametrize(("data", "has_curves"), TABLES.values(), ids=TABLES)
 def test_figures_of_runs_with_unusual_values(tmp_path, data, has_curves):
     path = save_run(tmp_path / "run.png", data, f"{ODD}{LONG}")
     assert (colored_share(path) > 1e-4) == has_curves
 
 
-@pytest.mark.slow(reason="ten figures")
+@pytest.mark.slow
 @pytest.mark.parametrize(("data", "has_curves"), TABLES.values(), ids=TABLES)
 def test_figures_of_comparisons_with_unusual_values(tmp_path, data, has_curves):
     path = figures.save_figure(compare({ODD: data, LONG: data}, ODD), tmp_path / "c.png")
@@ -114,7 +114,7 @@ RANGES = {
 }
 
 
-@pytest.mark.slow(reason="measures all texts")
+@pytest.mark.slow
 def test_texts_of_panels_do_not_overlap():
     """The layout does not measure texts, so that it takes no time."""
     data = table(**{f"{'long name ' * 2}{name}.u [m]": x for name, x in RANGES.items()})
@@ -241,7 +241,7 @@ def test_a_group_without_a_success_has_no_panel(tmp_path, figure_of):
     assert [axis.get_title() for axis in figure.axes] == ["a"]
 
 
-@pytest.mark.slow(reason="a figure")
+@pytest.mark.slow
 def test_work_precision_shows_errors_below_the_resolution(tmp_path, figure_of):
     error = {"error [-]": 1e-5, "below resolution": True}
     rows = [error | {"wall time [s]": time} for time in (1e-8, 1e-7)]
@@ -284,7 +284,7 @@ def test_mesh_convergence_has_a_line_per_group(tmp_path, figure_of):
     assert (axis.get_xscale(), axis.get_yscale(), axis.get_xlabel()) == ("log", "log", "elements")
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_names_with_markup_give_valid_svg(tmp_path, figure_of):
     name = f"{ODD}\x07\x1b[0m <!-- --> &"
     rows = [{"group": name, "series": f"_{name}", "label": name, "elements": n} for n in (2, 4)]
@@ -293,7 +293,7 @@ def test_names_with_markup_give_valid_svg(tmp_path, figure_of):
     assert ElementTree.fromstring(svg.read_bytes()).tag.endswith("svg")
 
 
-@pytest.mark.slow(reason="many panels")
+@pytest.mark.slow
 def test_of_many_groups_with_long_names_12_are_drawn(tmp_path, figure_of):
     rows = [
         {"group": f"{LONG}{k}", "load": f"{LONG}{k}", "elements": n, "series": f"{LONG}{s}",
@@ -316,7 +316,7 @@ def test_of_many_groups_with_long_names_12_are_drawn(tmp_path, figure_of):
         assert np.ptp([axis.get_position().width for axis in figure.axes]) < 1e-6
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [13, 60])
 def test_regression_headings_of_sweep_pictures_do_not_cover_titles(number):
     """The line "12 of 17 columns" covered the titles of the first row."""
@@ -329,7 +329,7 @@ def test_regression_headings_of_sweep_pictures_do_not_cover_titles(number):
     assert title.y1 < heading.y0 < heading.y1 <= figure.bbox.y1
 
 
-@pytest.mark.slow(reason="a third of a second")
+@pytest.mark.slow
 def test_default_pictures_of_paths_have_up_to_six_panels():
     """Nine observed columns had nine panels, too small to read."""
     path = bd.equilibrium(bd.load_model("example:shallow_arch"), to=0.5)
@@ -339,7 +339,7 @@ def test_default_pictures_of_paths_have_up_to_six_panels():
     assert len(path.plot("crown", "quarter", "right").figure.axes) == 9
 
 
-@pytest.mark.slow(reason="a third of a second")
+@pytest.mark.slow
 def test_paths_that_end_early_have_a_mark_there():
     arch = bd.load_model("example:shallow_arch")
     with pytest.warns(bd.BeamdaeWarning, match="maximum of 4 points"):

@@ -8,7 +8,7 @@ from pages import find_violations, read_page
 
 import beamdae as bd
 
-pytestmark = pytest.mark.slow(reason="a fit")
+pytestmark = pytest.mark.slow
 TIMES = np.linspace(0.1, 1.0, 10)
 
 

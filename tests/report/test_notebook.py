@@ -172,7 +172,7 @@ def test_regression_a_plot_over_the_only_characteristic_column_is_not_empty():
     assert [x.get_title() for x in run.plot(x="ball.y").figure.axes] == ["ball.x"]
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_regression_observables_take_precedence_over_bodies_of_the_same_name():
     """The columns of the body were returned: its center of mass and all coordinates."""
     mech, beam = create_pendulum()
@@ -241,7 +241,7 @@ def test_names_in_the_summary_are_escaped():
     assert "&lt;i&gt;" in page
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_plots_of_several_runs_have_a_legend(run, tmp_path):
     other = bd.simulate(create_pendulum()[0], bd.Ida(rtol=1e-4), t_end=0.2, output_step=0.01)
     figure = bd.plot([run, other], "tip.x", "tip.y").figure
@@ -259,7 +259,7 @@ def test_plots_of_several_runs_have_a_legend(run, tmp_path):
     assert run.plot("tip.y")._repr_png_().startswith(b"\x89PNG")
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_of_many_columns_twelve_are_plotted(run):
     names = list(run.table().columns[1:]) + list(run.coordinates().columns)
     figure = run.plot(*dict.fromkeys(names)).figure

@@ -6,7 +6,7 @@ from pages import find_violations, list_lines, read_page
 
 import beamdae as bd
 
-pytestmark = pytest.mark.slow(reason="optimizations")
+pytestmark = pytest.mark.slow
 METHOD = bd.GeneralizedAlpha(step=0.02)
 LIMITS_OF_MASS = {"mass": (0.5, 3.0)}
 LIMITS = {"length": (0.2, 2.0), **LIMITS_OF_MASS}

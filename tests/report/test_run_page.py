@@ -117,7 +117,7 @@ def test_the_page_of_a_failed_run_shows_its_status_and_last_time(run, show):
     assert not tab.locator("#unplotted").is_visible()
 
 
-@pytest.mark.slow(reason="axe-core tests two pages")
+@pytest.mark.slow
 @pytest.mark.parametrize(("scheme", "size"), [("light", (1366, 768)), ("dark", (390, 844))])
 def test_the_page_has_no_violations(run, open_page, size, scheme):
     assert run.errors.headers
@@ -140,7 +140,7 @@ def test_measured_values_are_points_and_the_page_opens_on_their_column(run):
     assert first["points"]
 
 
-@pytest.mark.slow(reason="opens a browser")
+@pytest.mark.slow
 def test_the_page_of_a_run_with_data_in_a_browser(run, show):
     points = {"tip.y [m]": {"": (np.array([0.1, 0.2]), np.array([-0.05, -0.2]))}}
     tab = show(build_run_page(run, "arm", charts=PlotSelection("t [s]", ["tip.y [m]"], points)))

@@ -194,7 +194,7 @@ def test_symbols_follow_a_rigid_motion_of_the_mechanism(make):
             assert_allclose(line[1], move_rigidly(line[0], angle, translation), rtol=0, atol=1e-12)
 
 
-@pytest.mark.slow(reason="a quarter of a second")
+@pytest.mark.slow
 def test_guides_cover_the_travel_of_the_slider():
     solution = simulate(slider_crank(), t_end=1.0)
     guide = scene_lines(solution)["guide", "guide"]
@@ -204,7 +204,7 @@ def test_guides_cover_the_travel_of_the_slider():
     assert ends[1] > x.max()
 
 
-@pytest.mark.slow(reason="a quarter of a second")
+@pytest.mark.slow
 def test_the_spoke_of_a_rolling_disk_rotates():
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     disk = mech.add(bd.RigidBody("disk", 1.0, 0.5, (0.0, 1.0), velocity=(2.0, 0.0)))

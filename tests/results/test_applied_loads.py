@@ -58,7 +58,7 @@ def test_weight_balances_inertia(kind, shape):
 @pytest.mark.parametrize(
     "name",
     [
-        pytest.param(name, marks=[] if name in KINDS else [pytest.mark.slow(reason="many parts")])
+        pytest.param(name, marks=[] if name in KINDS else [pytest.mark.slow])
         for name in PARTS
         if name not in ("Rayleigh", "RayleighDamping")
     ],
@@ -67,7 +67,7 @@ def test_loads_of_each_part_balance_inertia(name, kind):
     assert_balanced(PARTS[name], kind)
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 def test_rayleigh_damping_balances_inertia():
     assert_balanced(LOADS["Rayleigh"], NODES)
     # In a floating frame its strain rates are linear, so that its moments do not balance exactly.

@@ -38,7 +38,7 @@ def mesh_warnings(run):
     return [x for x in run.warnings if "mesh error" in x]
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "integrator", [bd.Radau(1e-5), bd.Ida(1e-5), bd.GeneralizedAlpha(rtol=1e-5)]
 )
@@ -57,7 +57,7 @@ def test_regression_axial_forces_between_steps_are_as_accurate_as_at_steps(integ
         np.testing.assert_allclose(reference, getattr(balanced, name)[:, 0], atol=2e-3 * largest)
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 def test_regression_forces_of_stiff_bushings_between_steps_are_accurate():
     """They were wrong by 35 and 49 % of the largest value."""
 
@@ -77,7 +77,7 @@ def test_regression_forces_of_stiff_bushings_between_steps_are_accurate():
         np.testing.assert_allclose(coarse[name].to_numpy(), reference, atol=2e-3 * largest)
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_regression_errors_between_steps_are_no_mesh_errors():
     """Shorter elements were recommended, which make them larger."""
     run = bd.simulate(pressed_blade(16, duration=1.0), bd.Radau(1e-5), 2.0)

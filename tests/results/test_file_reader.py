@@ -1,7 +1,5 @@
 """Limits, schema and checksums of saved runs, checkpoints and records."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

@@ -71,7 +71,7 @@ def test_writers_create_the_folder_and_leave_no_scratch_file(tmp_path, writer):
     assert path.stat().st_size > 0
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 @pytest.mark.parametrize(("where", "number"), [("fsync", errno.ENOSPC), ("replace", errno.EACCES)])
 def test_the_old_file_stays_if_the_new_one_cannot_be_written(
     tmp_path, monkeypatch, writer, where, number
@@ -178,7 +178,7 @@ assert {p.name: p.read_bytes() for p in folder.iterdir()} == before
 """
 
 
-@pytest.mark.slow(reason="mounts a file system, starts a process")
+@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix" or os.geteuid() != 0, reason="root alone mounts disks")
 def test_a_disk_that_fills_up_keeps_the_old_result(tmp_path):
     mount = f"mount -t tmpfs -o size=64k none '{tmp_path}'"
@@ -239,7 +239,7 @@ def test_links_to_missing_files_and_pipes_are_replaced_and_links_to_folders_are_
     assert read_folder(tmp_path / "there") == {"inside.txt": b"new"}
 
 
-@pytest.mark.slow(reason="a quarter of a second")
+@pytest.mark.slow
 @posix
 def test_links_of_the_system_are_written_directly(tmp_path):
     code = (
@@ -272,7 +272,7 @@ def test_a_figure_without_a_suffix_is_written_as_png(tmp_path):
 NAMES = ["Träger.x [m]", "梁.phi [rad]", "a, b", 'the "tip"', "x;y", "emoji 🦾"]
 
 
-@pytest.mark.slow(reason="starts a process in another locale")
+@pytest.mark.slow
 def test_texts_are_utf_8_in_every_locale(tmp_path):
     script = (
         "import sys, pandas as pd\nfrom pathlib import Path\n"

@@ -53,7 +53,7 @@ def crank(x, y, torque=None):
 MODELS = [small_vibration, steady_deflection, crank]
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 @pytest.mark.parametrize("name", INTEGRATORS)
 @pytest.mark.parametrize("model", MODELS)
 def test_errors_and_warnings_do_not_depend_on_the_origin(model, name):

@@ -1,7 +1,5 @@
 """Provenance of results: parts with their parameters, hashes, versions."""
 
-from __future__ import annotations
-
 import json
 from datetime import UTC, datetime
 
@@ -63,7 +61,7 @@ def test_other_parameters_have_another_hash():
     assert one == same != other
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_metadata_contain_time_parts_and_hash(tmp_path):
     before = datetime.now(UTC).replace(microsecond=0)
     run = bd.simulate(mechanism()[0], bd.Radau(1e-3), t_end=0.01)

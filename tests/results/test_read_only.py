@@ -8,7 +8,7 @@ from mechanisms import clamped_beam
 import beamdae as bd
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 @pytest.mark.parametrize("name", list(RESULTS))
 def test_writing_into_everything_handed_out_changes_nothing(name, tmp_path):
     with np.errstate(all="ignore"):

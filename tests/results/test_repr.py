@@ -1,7 +1,5 @@
 """The printed representation of results is one short line."""
 
-from __future__ import annotations
-
 import re
 
 import pytest

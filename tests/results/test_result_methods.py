@@ -58,7 +58,7 @@ def test_regression_every_result_has_warnings(name):
     assert "warnings" in names | set(dir(result))
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_regression_warnings_that_a_call_issues_are_part_of_its_result():
     """A curve that ended at `max_points` had no warning."""
 

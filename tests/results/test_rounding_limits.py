@@ -1,7 +1,5 @@
 """Warnings of runs in which strains, stresses, forces or accelerations are rounding errors."""
 
-from __future__ import annotations
-
 import warnings
 from typing import Any
 
@@ -51,7 +49,7 @@ FALLS = {
 INTEGRATORS = {"auto": None, "ida": bd.Ida(), "fixed": bd.GeneralizedAlpha(1e-3)}
 
 
-@pytest.mark.slow(reason="a quarter of a second")
+@pytest.mark.slow
 @pytest.mark.parametrize("output_step", [0.05, 5e-3])
 @pytest.mark.parametrize("integrator", INTEGRATORS.values(), ids=INTEGRATORS)
 @pytest.mark.parametrize("options", FALLS.values(), ids=FALLS)
@@ -68,7 +66,7 @@ def test_regression_free_fall_has_no_warnings_about_rounding_errors(
     assert np.max(np.abs(run.columns["clamp [Pa]"])) < 0.1 * stiffness_ratio
 
 
-@pytest.mark.slow(reason="a quarter of a second")
+@pytest.mark.slow
 @pytest.mark.parametrize("force", [1e-3, 1.0])
 def test_vibrations_by_small_sudden_loads_have_warnings(force: float) -> None:
     mech = falling_device(strain="exact")

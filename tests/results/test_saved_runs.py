@@ -1,7 +1,5 @@
 """Saved and pickled runs, and differences between runs."""
 
-from __future__ import annotations
-
 import json
 import pickle
 from concurrent.futures import ProcessPoolExecutor
@@ -56,7 +54,7 @@ def assert_same_solution(loaded, run):
     assert loaded.versions == run.versions
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_a_saved_run_has_the_tables_of_the_run(run, tmp_path):
     path = run.save(tmp_path / "new" / "ball.run")
     loaded = bd.load(path)
@@ -91,7 +89,7 @@ def test_with_its_model_a_saved_run_is_the_solution(run, tmp_path):
     assert_same_solution(bd.load(run.save(tmp_path / "ball.run"), bouncing()), run)
 
 
-@pytest.mark.slow(reason="starts processes")
+@pytest.mark.slow
 def test_runs_are_pickled(run):
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
         text = pool.submit(repr, run).result()

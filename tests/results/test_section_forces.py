@@ -27,7 +27,7 @@ every_formulation = pytest.mark.parametrize(
     [
         "frame",
         "exact",
-        pytest.param("moderate strain", marks=pytest.mark.slow(reason="as the frame")),
+        pytest.param("moderate strain", marks=pytest.mark.slow),
     ],
 )
 
@@ -166,7 +166,7 @@ def test_the_moment_is_largest_at_a_moving_load(place, kind):
     assert forces.s[np.argmin(forces.M[0])] == pytest.approx(place)
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 @every_formulation
 def test_a_slider_loads_the_beam_between_nodes(kind):
     mech, beam = simply_supported_beam(elements=3, **FORMULATIONS[kind])
@@ -182,7 +182,7 @@ def test_a_slider_loads_the_beam_between_nodes(kind):
 
 
 @every_formulation
-@pytest.mark.parametrize("nodes", [4, pytest.param(7, marks=pytest.mark.slow(reason="compiles"))])
+@pytest.mark.parametrize("nodes", [4, pytest.param(7, marks=pytest.mark.slow)])
 def test_air_drag_of_a_turning_beam(nodes, kind):
     """Regression: the recovered drag was uniform in an element."""
     speed, coefficient, mech = 4.0, 10.0, bd.Mechanism()
@@ -212,7 +212,7 @@ def test_inactive_parts_have_no_load():
     assert np.max(np.abs(solution.section_forces(beam).M)) < 1e-9 * SMALL
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_section_forces_do_not_depend_on_position_and_direction():
     arc = bd.Arc(radius=0.7, length=0.9)
     there = bd.Arc(radius=0.7, length=0.9, start=(3.0, -5.0), angle=2.0)
@@ -227,7 +227,7 @@ def test_section_forces_do_not_depend_on_position_and_direction():
         np.testing.assert_allclose(other, one, rtol=0.0, atol=1e-8 * 100.0)
 
 
-@pytest.mark.slow(reason="runs the hub beam on four meshes")
+@pytest.mark.slow
 @every_formulation
 def test_orders_and_error_estimate_on_the_hub_beam(kind):
     settings = {"frame": "chord", "damping": 1e-3} | FORMULATIONS[kind]

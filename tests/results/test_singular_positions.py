@@ -105,7 +105,7 @@ def test_singular_positions_are_reported_with_time_and_joints(floats):
     assert len(solution.warnings) == 1
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_redundant_constraints_do_not_hide_singular_positions():
     """A third crank in the middle makes one constraint redundant in every position."""
     mech = rhombus(redundant="minimum norm")
@@ -123,7 +123,7 @@ def test_redundant_constraints_do_not_hide_singular_positions():
     assert bd.simulate(mech, bd.Radau(rtol=1e-6), t_end=0.9 * FIRST).singular_positions == ()
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_switched_parts_do_not_hide_singular_positions():
     """A brake is active for some time between the first and the second of them."""
     mech = rhombus()

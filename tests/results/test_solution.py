@@ -301,7 +301,7 @@ def test_results_tell_whether_they_have_a_column():
         assert all(name not in result for name in ("tip.z", 3, None))
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 @integrators(rtol=1e-4, step=1e-3)
 def test_regression_results_are_freed_without_garbage_collection(integrator):
     mech = swing()

@@ -83,7 +83,7 @@ def test_regression_extremes_include_the_rows():
     assert extremes.min == 0.0
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 def test_regression_extremes_of_many_steps_need_the_memory_of_a_block():
     """The columns of all steps were stored: 388 MB for 1e5 steps of 160 columns."""
     mech = bd.Mechanism()
@@ -136,7 +136,7 @@ def all_kinds():
     return mech
 
 
-@pytest.mark.slow(reason="a model with all kinds of columns")
+@pytest.mark.slow
 def test_regression_extremes_of_all_kinds_of_columns_include_the_steps():
     """Powers, strains and signals of controllers were neither corrected nor reported."""
     run = bd.simulate(all_kinds(), bd.Radau(), t_end=0.02, output_step=0.01)
@@ -159,7 +159,7 @@ def test_regression_extremes_of_all_kinds_of_columns_include_the_steps():
     assert units >= {"N", "N m", "W", "Pa", "-", "A", "m", "m/s", "m/s^2", "rad/s^2"}
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_regression_sweeps_contain_contact_forces_between_rows(tmp_path):
     """The largest force of a sweep was that of the rows, 0 N."""
     stiffnesses = [1e9, 1e10]
@@ -185,7 +185,7 @@ def test_extremes_of_runs_with_few_rows_contain_peaks_between_steps(rows):
     assert_allclose(solution.step_extremes["stone.y"].max, 2.0**2 / (2.0 * 9.81), rtol=1e-6)
 
 
-@pytest.mark.slow(reason="two runs of a falling frame")
+@pytest.mark.slow
 def test_regression_extremes_contain_peaks_between_steps():
     """The largest force of a stiff contact was 2 % too small, because the steps missed it."""
     mech = bd.Mechanism()

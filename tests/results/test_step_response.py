@@ -21,7 +21,7 @@ def oscillator(request):
     return request.param, run
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_characteristics_are_those_of_python_control(oscillator):
     damping, run = oscillator
     times = np.linspace(0.0, 40.0, ROWS)
@@ -39,7 +39,7 @@ def test_characteristics_are_those_of_python_control(oscillator):
     assert abs(step.steady_state_error) < 2e-3
 
 
-@pytest.mark.slow(reason="a quarter of a second")
+@pytest.mark.slow
 def test_steps_downwards_and_other_bands():
     mech = bd.Mechanism()
     mech.state("level", lambda level, t: -level - 3.0)

@@ -4,8 +4,6 @@ The largest stress from the strains and that in equilibrium with the loads are c
 other and with closed forms.
 """
 
-from __future__ import annotations
-
 import warnings
 
 import numpy as np
@@ -83,7 +81,7 @@ LOADS = {
 }
 
 
-@pytest.mark.slow(reason="fifty equilibria")
+@pytest.mark.slow
 @pytest.mark.parametrize("options", KINEMATICS.values(), ids=KINEMATICS)
 @given(
     loads=st.lists(st.sampled_from(sorted(LOADS)), min_size=1, max_size=2, unique=True),
@@ -158,7 +156,7 @@ def ramped_bar(height=0.01, ramp=0.0):
     return mech
 
 
-@pytest.mark.slow(reason="refined runs and an optimization")
+@pytest.mark.slow
 def test_regression_refined_runs_and_designs_have_the_stress_at_the_load():
     """A wrong stress of 60 MPa was called accurate, and designs for 100 MPa had 119 MPa."""
     exact = 24.0 / MODULUS
@@ -172,7 +170,7 @@ def test_regression_refined_runs_and_designs_have_the_stress_at_the_load():
     assert 0.98 * 100e6 < 24.0 / (0.02 * design**2 / 6.0) < 100.1e6
 
 
-@pytest.mark.slow(reason="one second")
+@pytest.mark.slow
 def test_bound_of_the_largest_stress_is_differentiated_on_the_divided_mesh():
     static = bd.equilibrium_sensitivities(ramped_bar, ["height"])
     rate = static.sensitivity("stress.largest", "height").to_numpy()[-1]
@@ -189,7 +187,7 @@ def safety_of(result):
     return safety.factor, safety.lower_bound
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 @pytest.mark.parametrize("at", [0.6, 0.4])
 @pytest.mark.parametrize("load", ["moment", "lever", "branches"])
 @pytest.mark.parametrize("options", KINEMATICS.values(), ids=KINEMATICS)
@@ -209,7 +207,7 @@ def test_regression_jumps_of_the_moment_are_no_errors(options, load, at):
     assert np.max(forces.error[2]) < 0.01
 
 
-@pytest.mark.slow(reason="one second")
+@pytest.mark.slow
 @pytest.mark.parametrize("elements", [5, 10])
 def test_regression_jumps_of_the_moment_are_no_errors_in_runs(elements):
     """Runs warned of a mesh error of 16 and 8 %, which was the jump divided by the elements."""
@@ -239,7 +237,7 @@ def test_error_of_the_largest_stress_below_a_load_within_an_element(at):
     assert 0.5 * error < path.errors.table()["total"]["stress.largest [Pa]"] < 2.0 * error
 
 
-@pytest.mark.slow(reason="a quarter of a second")
+@pytest.mark.slow
 def test_wrong_strains_of_frames_at_an_interior_moment_are_no_mesh_errors():
     """The jump of the moment indicated a mesh error of 4.3 %, to reduce by shorter elements."""
     section = bd.Section.rectangle(STEEL, width=0.02, height=0.002)
@@ -361,7 +359,7 @@ VARYING = {
 }
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 @pytest.mark.parametrize("formulation", ["floating frame", "exact"])
 @pytest.mark.parametrize("name", VARYING)
 @pytest.mark.filterwarnings("ignore:leaf. the section changes within elements")
@@ -378,7 +376,7 @@ def test_regression_largest_stress_of_sections_that_vary_within_elements(name, f
         assert safety.lower_bound > (1.0 - tolerance) * safety.factor
 
 
-@pytest.mark.slow(reason="one second")
+@pytest.mark.slow
 def test_regression_largest_stress_includes_kinks_of_the_section_in_runs():
     """After a sudden load, the largest stress was 12 % too low."""
     mech = clamped_leaf(linear_heights(10, 4, 10, 4, 10, 4), 12, formulation="exact")
@@ -390,7 +388,7 @@ def test_regression_largest_stress_includes_kinks_of_the_section_in_runs():
     assert run.section_forces("leaf").safety(500e6).stress == pytest.approx(at_kink, rel=2e-3)
 
 
-@pytest.mark.slow(reason="a quarter of a second")
+@pytest.mark.slow
 @pytest.mark.parametrize("elements", [11, 16])
 @pytest.mark.filterwarnings("ignore::beamdae.errors.BeamdaeWarning")
 def test_regression_mesh_errors_of_varying_sections_state_the_right_stress(elements):
@@ -410,7 +408,7 @@ def leaf_with_knot(height=0.004, knot=0.08):
     )
 
 
-@pytest.mark.slow(reason="sensitivities of an equilibrium to two sizes")
+@pytest.mark.slow
 def test_derivatives_of_the_largest_stress_follow_heights_and_places_of_kinks():
     static = bd.equilibrium_sensitivities(leaf_with_knot, ["height", "knot"])
     per_height = -2.0 * 6.0 * TIP_FORCE * (LEAF_LENGTH - 0.08) / LEAF_WIDTH / 0.004**3
@@ -420,7 +418,7 @@ def test_derivatives_of_the_largest_stress_follow_heights_and_places_of_kinks():
         assert derivatives == pytest.approx([per_height, per_place], rel=2e-3)
 
 
-@pytest.mark.slow(reason="optimization with dozens of equilibria")
+@pytest.mark.slow
 def test_designs_have_the_stress_limit_at_kinks():
     limit = bd.quantities.at_most(bd.quantities.EquilibriumValue("peak.bound"), "60 MPa")
     design = bd.optimize(leaf_with_knot, bd.quantities.Mass(), {"height": (0.003, 0.009)}, [limit])
@@ -429,7 +427,7 @@ def test_designs_have_the_stress_limit_at_kinks():
     assert stress == pytest.approx(60e6, rel=5e-3)
 
 
-@pytest.mark.slow(reason="two seconds")
+@pytest.mark.slow
 def test_regression_derivatives_where_the_number_of_sections_changes():
     """Derivatives were refused if the sections next to a taper differed in number."""
 

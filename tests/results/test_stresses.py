@@ -70,7 +70,7 @@ def test_values_inside_agree_with_the_strains(swinging):
         np.testing.assert_allclose(balanced, observed, rtol=0.0, atol=0.1 * size)
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 def test_tables_envelopes_and_safety(swinging):
     forces = swinging.section_forces("beam")
     table = forces.table()
@@ -233,9 +233,9 @@ ROD_PEAK = {"load": 2.0, "impact": -1.0}
     ("kind", "elements", "nodes"),
     [
         ("load", 4, 4),
-        pytest.param("impact", 4, 4, marks=pytest.mark.slow(reason="as the load")),
-        pytest.param("load", 16, 2, marks=pytest.mark.slow(reason="as four nodes")),
-        pytest.param("impact", 16, 3, marks=pytest.mark.slow(reason="as four nodes")),
+        pytest.param("impact", 4, 4, marks=pytest.mark.slow),
+        pytest.param("load", 16, 2, marks=pytest.mark.slow),
+        pytest.param("impact", 16, 3, marks=pytest.mark.slow),
     ],
 )
 def test_unresolved_waves_after_sudden_loads_reduce_the_safety_factor(kind, elements, nodes):
@@ -246,7 +246,7 @@ def test_unresolved_waves_after_sudden_loads_reduce_the_safety_factor(kind, elem
     assert forces.safety().factor < 0.9 * 235e6 * 0.1**2 / abs(exact)
 
 
-@pytest.mark.slow(reason="two runs of a rod")
+@pytest.mark.slow
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize(
     "settings", [{"rise_time": 2e-4}, {"damping": 2e-6}], ids=["gradual load", "damping"]
@@ -296,7 +296,7 @@ def swinging_strip():
     return section_forces
 
 
-@pytest.mark.slow(reason="two runs of a strip")
+@pytest.mark.slow
 def test_a_coarse_output_step_is_part_of_the_error(swinging_strip):
     fine, coarse = swinging_strip(4), swinging_strip(4, output_step=0.1)
     assert fine.sampling_error[2] < 0.02 * np.max(np.abs(fine.M))
@@ -370,7 +370,7 @@ def test_peaks_between_rows_are_part_of_the_error_of_the_safety():
     assert safety.lower_bound < 1.001 * fine.factor
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_diagrams_are_saved_as_figures(swinging, tmp_path):
     plot = swinging.diagram("beam", "M", t=0.1)
     assert plot.save(tmp_path / "M.png").stat().st_size > 5000
@@ -470,7 +470,7 @@ def loaded_bar(height=0.01, load=-10.0):
     return mech
 
 
-@pytest.mark.slow(reason="kernels of derivatives are compiled")
+@pytest.mark.slow
 def test_bound_of_the_largest_stress_is_differentiated_in_runs():
     method = bd.GeneralizedAlpha(step=1e-3, newton_tolerance=1e-10)
     objective = bd.quantities.SmoothMaximum("stress.bound")

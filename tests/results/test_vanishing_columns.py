@@ -3,8 +3,6 @@
 They vary by drift and rounding errors only, which no mesh, strain or step determines.
 """
 
-from __future__ import annotations
-
 import math
 import warnings
 from collections.abc import Callable
@@ -97,7 +95,7 @@ def sentences(compute: Callable[[], object]) -> list[str]:
     return [str(x.message) for x in caught]
 
 
-@pytest.mark.slow(reason="a second")
+@pytest.mark.slow
 @pytest.mark.parametrize("integrator", [None, bd.Ida(rtol=1e-3)], ids=["default", "loose"])
 @pytest.mark.parametrize("elements", [1, 2])
 def test_regression_few_elements_do_not_change_the_velocity_of_a_fixed_pivot(
@@ -108,7 +106,7 @@ def test_regression_few_elements_do_not_change_the_velocity_of_a_fixed_pivot(
     assert not sentences(lambda: bd.simulate(mech, integrator, t_end=0.6, output_step=1e-3))
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 def test_regression_few_elements_still_change_deformations_beside_a_fixed_pivot() -> None:
     mech = four_bar(1, accelerations=False, observed=True)
     (sentence,) = sentences(lambda: bd.simulate(mech, t_end=0.6, output_step=1e-3))
@@ -116,7 +114,7 @@ def test_regression_few_elements_still_change_deformations_beside_a_fixed_pivot(
     assert "rocker" not in sentence
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 def test_regression_rows_do_not_resolve_the_acceleration_of_a_fixed_pivot() -> None:
     """Accelerations of 3e-4 m/s^2, beside 60 m/s^2, had a warning of a fast vibration."""
     assert not sentences(lambda: bd.simulate(four_bar(), t_end=0.6, output_step=1e-3))
@@ -130,7 +128,7 @@ def test_regression_errors_of_the_acceleration_of_a_fixed_pivot_are_not_estimate
     assert errors["pivot.angle_ddot [rad/s^2]"] > 0.0
 
 
-@pytest.mark.slow(reason="seconds")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "mech", [four_bar(law=swing(0.1)), rotor(swing(1e-4))], ids=["four-bar", "rotor"]
 )
@@ -141,7 +139,7 @@ def test_regression_periodic_motions_have_no_beam_errors_of_fixed_points(
     assert not sentences(lambda: bd.periodic(mech, period=PERIOD))
 
 
-@pytest.mark.slow(reason="seconds")
+@pytest.mark.slow
 def test_regression_periodic_motions_still_have_beam_errors_beside_fixed_points() -> None:
     mech = four_bar(1, law=swing(0.1), observed=True)
     texts = sentences(lambda: bd.periodic(mech, period=PERIOD))
@@ -149,7 +147,7 @@ def test_regression_periodic_motions_still_have_beam_errors_beside_fixed_points(
     assert not any("rocker" in x or "pivot" in x for x in texts)
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 def test_regression_accelerations_of_a_symmetric_hub_have_no_errors() -> None:
     """Errors of reactions of 1e-12 N were 7 times half the range."""
     run = bd.simulate(rotor(bd.run_up(5.0, 0.5)), t_end=0.1, output_step=1e-3, accuracy=0.01)
@@ -165,7 +163,7 @@ def test_regression_few_elements_do_not_change_a_reaction_that_vanishes_by_symme
     assert not sentences(lambda: bd.equilibrium(guided_stage(elements)))
 
 
-@pytest.mark.slow(reason="seconds")
+@pytest.mark.slow
 def test_regression_sensitivities_of_reactions_that_vanish_have_no_step_errors() -> None:
     """The error of d(bearing.Fx)/d(amplitude), at a force of 1e-12 N, was above 100 %."""
 

@@ -1,7 +1,5 @@
 """Studies and sweeps on other executors, and on a Dask cluster, one of whose workers is killed."""
 
-from __future__ import annotations
-
 import os
 import signal
 import sys
@@ -38,7 +36,7 @@ STUDY = bd.results.Study(
 VARIABLE_COLUMNS = ["wall time [s]", "setup time [s]", "measuring time [s]"]
 
 
-@pytest.mark.slow(reason="starts a scheduler and two workers")
+@pytest.mark.slow
 def test_study_survives_a_killed_worker_and_has_the_serial_table(tmp_path, distributed):
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
@@ -118,7 +116,7 @@ def test_a_scheduler_is_an_address_or_an_executor():
         bd.sweep(swing, {"mass": [1.0]}, scheduler=8786)
 
 
-@pytest.mark.slow(reason="waits for an answer")
+@pytest.mark.slow
 @pytest.mark.usefixtures("distributed")
 def test_missing_scheduler_is_an_error(monkeypatch):
     monkeypatch.setattr("beamdae.studies.execution.executors._CONNECT_TIMEOUT", 0.2)

@@ -1,7 +1,5 @@
 """Fingerprints of cases: they change with everything a result depends on, and nothing else."""
 
-from __future__ import annotations
-
 import enum
 import os
 import subprocess
@@ -129,7 +127,7 @@ def test_regression_fingerprints_depend_on_modules_on_the_path_of_a_helper(tmp_p
     assert keys[0] != keys[1]
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("head", "mass"),
     [("import sizes.arm", "sizes.arm.MASS"), ("from sizes import arm", "arm.MASS")],
@@ -173,7 +171,7 @@ HERE = "from pathlib import Path\nimport numpy as np\nimport pandas as pd\n"
 HERE += "HERE = Path(__file__).parent"
 
 
-@pytest.mark.slow(reason="a study")
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::ResourceWarning")
 def test_regression_results_expire_when_a_file_read_by_the_model_changes(tmp_path, monkeypatch):
     """Any function may read it. A file read for one parameter value matters to its cases only."""
@@ -200,7 +198,7 @@ def test_regression_results_expire_when_a_file_read_by_the_model_changes(tmp_pat
     assert masses[1] / masses[0] == pytest.approx(2.0 * 4.5)
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 def test_a_model_and_its_files_may_move_together(tmp_path):
     mass = 'float(np.loadtxt(Path(__file__).parent / "curve.csv"))'
     one, other = (
@@ -350,7 +348,7 @@ def test_regression_long_arrays_have_different_groups():
         assert " at 0x" not in group
 
 
-@pytest.mark.slow(reason="starts processes")
+@pytest.mark.slow
 def test_fingerprints_are_the_same_in_every_process():
     code = (
         "import sys; sys.path[:0] = ['tests', 'tests/studies']\n"
@@ -374,7 +372,7 @@ def test_fingerprints_are_the_same_in_every_process():
     assert len(outputs) == 1
 
 
-@pytest.mark.slow(reason="starts processes for whole studies")
+@pytest.mark.slow
 def test_results_expire_when_a_file_read_by_an_imported_module_changes(tmp_path, monkeypatch):
     """The module stays in its process and reads once for all cases."""
     (tmp_path / "lib").mkdir()

@@ -26,7 +26,7 @@ def fit(starts, integrator=METHOD, **options):
     return bd.fit(oscillator, data, "stiffness", integrator, sigma=1e-3, starts=starts, **options)
 
 
-@pytest.mark.slow(reason="seven searches")
+@pytest.mark.slow
 def test_the_best_of_several_starts_is_returned_and_resumed(tmp_path):
     # From 200 N/m, the search ends in a local minimum.
     assert abs(fit(1).parameters["stiffness"] - 40.0) > 5.0
@@ -50,7 +50,7 @@ def test_the_best_of_several_starts_is_returned_and_resumed(tmp_path):
     assert steps[-1].stored == 0
 
 
-@pytest.mark.slow(reason="three searches")
+@pytest.mark.slow
 def test_failed_starts_are_reported_and_skipped():
     bounds = {"stiffness": (1.0, 10000.0)}
     best = fit(3, bounds=bounds, log=())
@@ -60,7 +60,7 @@ def test_failed_starts_are_reported_and_skipped():
         fit(2, integrator=bd.Ida())
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_interrupts_end_the_fit():
     def interrupt(status):
         if status.done == 1:
@@ -70,7 +70,7 @@ def test_interrupts_end_the_fit():
         fit(2, progress=interrupt, max_evaluations=1)
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_exceptions_of_progress_end_the_fit(tmp_path):
     def fail(status):
         if status.done == 1:
@@ -84,7 +84,7 @@ def test_exceptions_of_progress_end_the_fit(tmp_path):
     assert steps[0].stored == 1
 
 
-@pytest.mark.slow(reason="six searches")
+@pytest.mark.slow
 def test_equal_seeds_give_equal_starts():
     first, again, other = (
         fit(3, seed=seed, max_evaluations=1).starts["first stiffness"] for seed in (1, 1, 2)

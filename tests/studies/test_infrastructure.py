@@ -1,7 +1,5 @@
 """Studies whose processes, cluster, folder or limits fail: no orphans, no lost or wrong rows."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys
@@ -41,7 +39,7 @@ STUDY = bd.results.Study("swings", tuple(bd.Case(swing, {"mass": m}) for m in (1
 # Reasons and cells ----------------------------------------------------------------------------
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_lost_tasks_have_their_own_status_and_are_run_again(tmp_path):
     results = run_study(STUDY, tmp_path, LosingPool())
     table = pd.read_csv(tmp_path / "cases.csv")
@@ -53,7 +51,7 @@ def test_lost_tasks_have_their_own_status_and_are_run_again(tmp_path):
     assert again.not_run == []
 
 
-@pytest.mark.slow(reason="draws pictures")
+@pytest.mark.slow
 def test_exit_code_of_a_study_with_lost_tasks(tmp_path, monkeypatch):
     executor = "beamdae.studies.execution.executors.create_executor"
     monkeypatch.setattr(executor, lambda *_: LosingPool())
@@ -87,7 +85,7 @@ def run_beamdae(folder, *arguments, shell="", **options):
     )
 
 
-@pytest.mark.slow(reason="starts a command")
+@pytest.mark.slow
 @pytest.mark.parametrize("limit", [14, 20, 32])
 def test_study_works_with_few_open_files(tmp_path, limit):
     (tmp_path / "model.py").write_text(MODEL.replace("BODY", "pass"))
@@ -119,7 +117,7 @@ def wait_until(condition):
         time.sleep(0.05)
 
 
-@pytest.mark.slow(reason="starts processes")
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/environ").exists(), reason="no /proc")
 def test_regression_workers_end_with_a_killed_study(tmp_path):
     """They used to compute until their case ended, and competed with the resumed study."""
@@ -148,7 +146,7 @@ def test_regression_workers_end_with_a_killed_study(tmp_path):
 # Folders --------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 def test_results_folder_is_locked_while_a_study_runs(tmp_path):
     def start_another(progress):
         with pytest.raises(bd.BeamdaeError, match=r"another process is running a study"):
@@ -158,7 +156,7 @@ def test_results_folder_is_locked_while_a_study_runs(tmp_path):
     run_study(STUDY, tmp_path, SerialPool())
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 def test_deleted_working_folder_is_reported(tmp_path, monkeypatch):
     folder = tmp_path / "gone"
     folder.mkdir()

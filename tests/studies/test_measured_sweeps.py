@@ -39,7 +39,7 @@ def first_frequency(model):
     return float(bd.modes(model).frequencies[0])
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_measures_are_columns_and_failures_have_reasons():
     measure = {
         "frequency [Hz]": first_frequency,
@@ -79,7 +79,7 @@ def test_warnings_of_analyses_are_in_the_table():
     assert "accelerates" in table["warnings"][0]
 
 
-@pytest.mark.slow(reason="periodic motions of several models")
+@pytest.mark.slow
 def test_amplitudes_and_peaks_of_periodic_motions_are_measures():
     def motion(model):
         run = bd.periodic(model, 1.0 / model.parameters["frequency"])
@@ -123,7 +123,7 @@ def measure(*options):
     return invoke("sweep", "drops.py", *options, "--no-page", "--no-picture")
 
 
-@pytest.mark.slow(reason="starts worker processes")
+@pytest.mark.slow
 def test_the_command_measures(here):
     result = measure("--jobs", "1")
     assert result.exit_code == 0, result.output
@@ -134,7 +134,7 @@ def test_the_command_measures(here):
     assert "frequency 1" in result.output
 
 
-@pytest.mark.slow(reason="starts worker processes")
+@pytest.mark.slow
 def test_the_command_measures_modes_and_critical_loads(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     options = ("--over", "elements=2", "--jobs", "1", "--no-page", "--no-picture")
@@ -178,7 +178,7 @@ if __name__ == "__main__":
 """
 
 
-@pytest.mark.slow(reason="two processes")
+@pytest.mark.slow
 def test_regression_measures_are_repeated_after_a_file_of_the_model_has_changed(tmp_path):
     """Reads of the module of the model were recorded too late."""
     (tmp_path / "reader.py").write_text(READER)

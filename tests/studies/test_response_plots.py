@@ -1,7 +1,5 @@
 """Response plots of sweeps, and the page with their runs over each other."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -11,7 +9,7 @@ from turning import ALPHA, THICK, THIN, run_sweep, turning
 import beamdae as bd
 
 
-@pytest.mark.slow(reason="many small runs")
+@pytest.mark.slow
 def test_curves_connect_runs_in_order_of_the_parameter():
     swept = run_sweep({"speed": [4.0, 1.0, 2.0]}, of="tip")
     plot = swept.plot("tip.y")
@@ -35,7 +33,7 @@ def test_curves_connect_runs_in_order_of_the_parameter():
         swept.map()
 
 
-@pytest.mark.slow(reason="many small runs")
+@pytest.mark.slow
 def test_default_plots_over_two_parameters_have_one_panel_per_column():
     """Three columns had twelve panels, those of all measures."""
     swept = run_sweep({"speed": [4.0, 1.0], "radius": [0.5, 2.0]}, of="tip")
@@ -47,7 +45,7 @@ def test_default_plots_over_two_parameters_have_one_panel_per_column():
     assert len(swept.plot("tip.y").figure.axes) == 4
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 def test_two_parameters_give_several_curves_and_a_map(speed_radius_sweep):
     plot = speed_radius_sweep.plot("tip.x max")
     (axes,) = plot.figure.axes
@@ -62,7 +60,7 @@ def test_two_parameters_give_several_curves_and_a_map(speed_radius_sweep):
     assert_allclose(np.ma.filled(colored, -1.0), [[-1.0] * 3, [0.5] * 3, [2.0] * 3], atol=1e-9)
 
 
-@pytest.mark.slow(reason="many small runs")
+@pytest.mark.slow
 def test_values_that_are_not_numbers_are_in_order_of_appearance_and_not_connected():
     swept = run_sweep({"color": ["red", "green"], "section": {"thick": THICK, "thin": THIN}})
     (axes,) = swept.plot("tip.x max", x="section").figure.axes
@@ -71,7 +69,7 @@ def test_values_that_are_not_numbers_are_in_order_of_appearance_and_not_connecte
     assert swept.map("tip.x max").figure.axes[0].get_xlabel() == "color"
 
 
-@pytest.mark.slow(reason="many small runs")
+@pytest.mark.slow
 def test_geometric_values_have_a_logarithmic_axis_and_few_pairs_are_dots():
     swept = run_sweep([{"speed": x, "radius": 1.0 / x} for x in (0.1, 1.0, 10.0)])
     axes = swept.map("tip.x max").figure.axes[0]
@@ -138,7 +136,7 @@ def test_axes_of_parameters_have_units():
     assert results.plot("parts", x="ratio").figure.axes[0].get_xlabel() == "ratio"
 
 
-@pytest.mark.slow(reason="nine small runs")
+@pytest.mark.slow
 def test_regression_maps_and_legends_have_scaled_units():
     """Forces had the axis [N] with 1e5, and legends had no units."""
 

@@ -1,7 +1,5 @@
 """Store of results: damaged ones are run again with a warning, unfinished files are removed."""
 
-from __future__ import annotations
-
 import json
 import os
 import pickle
@@ -182,7 +180,7 @@ def run(tmp_path_factory):
     return folder, run_study(STUDY, folder, SerialPool())
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 def test_regression_damaged_results_are_run_again(run):
     folder, before = run
     file = folder / before.table["trajectory"][0]
@@ -211,7 +209,7 @@ def test_names_of_trajectories_are_valid_in_any_file_system():
     assert all(set("/\\:*?\n\ud800 ()").isdisjoint(name) for name in names)
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 def test_a_run_with_two_labels_is_stored_once(tmp_path, run):
     """A parameter may be given with its default value; the first label counts."""
     by_default, explicit = (
@@ -233,7 +231,7 @@ def write_half(self, content):
     raise OSError(28, "No space left on device")
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 def test_regression_a_full_disk_ends_the_study_with_an_error(tmp_path, monkeypatch):
     """Stored results stay valid, and no unfinished file is left."""
     writes, write_bytes = [], Path.write_bytes
@@ -275,7 +273,7 @@ def test_scratch_files_of_killed_processes_are_removed(filled):
 # Cells ----------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_formulas_in_tables_are_escaped_and_numbers_stay_numbers(tmp_path):
     cases = (bd.Case(swing, {"note": "=1+2", "mass": 1.0}, CASE.integrator),)
     results = run_study(replace(STUDY, cases=cases), tmp_path, SerialPool())

@@ -1,7 +1,5 @@
 """Studies: execution, case tables, failures, resumption and definitions."""
 
-from __future__ import annotations
-
 import os
 import signal
 import sys
@@ -73,7 +71,7 @@ TIME_AND_MEMORY_COLUMNS = [
 ]
 
 
-@pytest.mark.slow(reason="starts processes for a whole study")
+@pytest.mark.slow
 def test_processes_and_serial_runs_give_the_same_table(tmp_path):
     study = create_study(
         [*SWINGS[:2], bd.Case(singular_torque, {}, ALPHA), bd.Case(zero_division, {}, ALPHA)]
@@ -116,7 +114,7 @@ def test_errors_are_relative_to_a_reference_of_two_methods(swings):
         assert (rows["reference uncertainty [-]"] == reference.uncertainty).all()
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 def test_unresolved_errors_are_bounds(tmp_path):
     """Plots showed them as errors."""
     cases = [bd.Case(swing, {}, method) for method in (bd.GeneralizedAlpha(0.02), bd.Radau(1e-9))]
@@ -143,7 +141,7 @@ def springs():
     return mech
 
 
-@pytest.mark.slow(reason="one second")
+@pytest.mark.slow
 def test_regression_columns_without_reference_do_not_hide_the_errors_of_others(tmp_path):
     """One column whose references differed left all columns without errors, and was not named."""
     cases = [bd.Case(springs, {}, bd.GeneralizedAlpha(step=h)) for h in (0.02, 0.01)]
@@ -177,7 +175,7 @@ def test_orders_are_slopes_of_errors_over_steps():
     assert_allclose(summary.loc["order in step", "value"].astype(float), [1.0, 3.0], atol=1e-6)
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_mesh_studies_have_errors_in_space_only(tmp_path):
     from hub_beam import hub_beam
 
@@ -201,7 +199,7 @@ def test_mesh_studies_have_errors_in_space_only(tmp_path):
 # Failures -------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 def test_failures_are_rows_with_a_reason(tmp_path):
     cases = [
         bd.Case(swing, {}, ALPHA),
@@ -223,7 +221,7 @@ def test_failures_are_rows_with_a_reason(tmp_path):
     assert results.failed
 
 
-@pytest.mark.slow(reason="runs up to their limits")
+@pytest.mark.slow
 def test_cases_that_reach_the_time_limit_are_rows_with_a_reason(tmp_path):
     cases = [bd.Case(swing, {}, bd.GeneralizedAlpha(step=1e-8))]
     table = run(create_study(cases, t_end=0.4, time_limit=1e-3), tmp_path).table
@@ -231,7 +229,7 @@ def test_cases_that_reach_the_time_limit_are_rows_with_a_reason(tmp_path):
     assert table["reason"][0].endswith("reached the time limit of 0.001 s")
 
 
-@pytest.mark.slow(reason="processes die and are started again")
+@pytest.mark.slow
 def test_cases_of_killed_workers_are_repeated_and_others_are_not_lost(tmp_path):
     marker = tmp_path / "marks"
     once = bd.Case(self_killing, {"marker": str(marker), "tries": 1}, ALPHA)
@@ -248,7 +246,7 @@ def test_cases_of_killed_workers_are_repeated_and_others_are_not_lost(tmp_path):
 # Resumption -------------------------------------------------------------------------------
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_only_changed_cases_are_run(swings):
     progress = []
     case = replace(SWINGS[0], integrator=bd.GeneralizedAlpha(step=0.004))
@@ -322,12 +320,12 @@ def write_study(folder, mass=1.0, parts=PARTS_MODULE):
     return studies["falls"]
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "executor",
     [
         pytest.param(SerialPool(), id="serial"),
-        pytest.param(LocalPool(1), id="process", marks=pytest.mark.slow(reason="starts a process")),
+        pytest.param(LocalPool(1), id="process", marks=pytest.mark.slow),
     ],
 )
 def test_regression_modules_next_to_a_study_are_sent_to_its_processes(tmp_path, executor):
@@ -340,7 +338,7 @@ def test_regression_modules_next_to_a_study_are_sent_to_its_processes(tmp_path, 
     assert other.part("ball").mass == 5.0
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 def test_failures_under_other_limits_are_repeated(tmp_path):
     cases = [bd.Case(swing, {}, bd.GeneralizedAlpha(step=5e-4))]
     first = run(create_study(cases, time_limit=1e-3), tmp_path)
@@ -366,14 +364,14 @@ def test_different_models_of_the_same_name_are_refused():
         )
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_a_case_that_is_also_a_reference_runs_once_and_has_frames(tmp_path):
     results = run(create_study([bd.Case(swing, {}, COARSE[0])]), tmp_path)
     assert len(results.outcomes) == 3
     assert list(results.frames)
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_repetitions_give_the_median_wall_time_and_its_extremes(tmp_path):
     results = run(create_study(SWINGS[:1], repetitions=3), tmp_path)
     (line,) = results.table.to_dict("records")

@@ -1,7 +1,5 @@
 """Events in studies: their columns in the case table, and errors of their times."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from mechanisms import hinged_body
@@ -28,7 +26,7 @@ def test_rows_contain_events():
     assert list(bd.compare(cases)["events"]) == ["bottom, caught", "bottom"]
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 def test_regression_summaries_of_sweeps_name_the_runs_that_events_stopped():
     """A sweep whose runs were stopped by events said that they "reached the end time"."""
     results = bd.sweep(pendulum, {"turn": [2.6, 4.0]}, of="bob.x", integrator=FINE)
@@ -37,7 +35,7 @@ def test_regression_summaries_of_sweeps_name_the_runs_that_events_stopped():
     assert repr(results).endswith("2 cases, 2 stopped by an event>")
 
 
-@pytest.mark.slow(reason="two seconds")
+@pytest.mark.slow
 def test_sweeps_and_cases_start_from_a_state():
     start = {"bob.angle": -1.0}
     results = bd.sweep(pendulum, {"length": [0.5, 1.0]}, of="bob.x", integrator=FINE, start=start)

@@ -1,7 +1,5 @@
 """Failures of cases, interrupts and dying processes: each has a reason, and no result is lost."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess
@@ -140,7 +138,7 @@ class InterruptingPool(SerialPool):
             yield result
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 @pytest.mark.parametrize("after", [0, 2, 4])
 def test_interrupt_at_any_moment_leaves_a_complete_study(tmp_path, after):
     """The moments are before the first run ends, during the references and during the cases."""
@@ -162,7 +160,7 @@ def is_alive(pid):
 # Processes ------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow(reason="processes die and are started again")
+@pytest.mark.slow
 def test_processes_that_die_or_hang_are_rows(tmp_path, monkeypatch, capfd):
     # It includes the start of a process, which takes seconds on a busy machine.
     monkeypatch.setattr("beamdae.studies.execution.executors._KILL_DELAY", 20.0)
@@ -206,7 +204,7 @@ if __name__ == "__main__":
 """
 
 
-@pytest.mark.slow(reason="processes are interrupted as they start, work and end")
+@pytest.mark.slow
 @pytest.mark.parametrize(("line", "seconds"), [("ready", 0.1), ("ready", 0.8), ("done 2", 0.0)])
 @pytest.mark.parametrize("presses", [1, 3])
 def test_regression_interrupt_prints_no_traceback(tmp_path, line, seconds, presses):

@@ -1,7 +1,5 @@
 """Progress of studies: counts of runs, and the estimate of the remaining time."""
 
-from __future__ import annotations
-
 import pytest
 from study_models import swing
 from study_runs import SerialPool, run_study
@@ -11,7 +9,7 @@ import beamdae as bd
 REFERENCES = (bd.Ida(rtol=1e-6), bd.GeneralizedAlpha(step=1e-3))
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 def test_progress_reports_the_remaining_time(tmp_path):
     reports = []
     cases = tuple(bd.Case(swing, {}, x) for x in (bd.GeneralizedAlpha(5e-3), bd.Ida(rtol=1e-3)))

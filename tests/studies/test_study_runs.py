@@ -1,7 +1,5 @@
 """Runs of studies: serialized tasks, stored rows, the plan of references, and the page."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import count
 
@@ -45,7 +43,7 @@ def run(tmp_path):
     return run
 
 
-@pytest.mark.slow(reason="many small runs")
+@pytest.mark.slow
 def test_groups_that_compare_integrators_have_references_unless_settings_say_otherwise(run):
     one, two = "swing(mass=1.0)", "swing(mass=2.0)"
 
@@ -74,7 +72,7 @@ def test_cases_with_equal_parameters_share_a_reference(run):
     assert len(results.outcomes) == 4 + 3
 
 
-@pytest.mark.slow(reason="many small runs")
+@pytest.mark.slow
 def test_regression_different_parameters_with_equal_labels_are_different_groups(run):
     """Labels of strings and numbers, and of arrays with equal leading digits, are equal."""
     values = (3, "3", np.array([0.1]), np.array([0.1 + 1e-12]), "a", "A")
@@ -86,7 +84,7 @@ def test_regression_different_parameters_with_equal_labels_are_different_groups(
     assert list(results.table["group"])[::2] == names
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 def test_study_with_errors_of_some_cases(tmp_path):
     cases = [*MIXED, bd.Case(swing, {"mass": -1.0}, ALPHA)]
     results = run_study(bd.results.Study("mixed", tuple(cases)), tmp_path, SerialPool())

@@ -1,7 +1,5 @@
 """`bd.sweep`: table of responses, swept values, runs, and sweeps with a folder."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from dataclasses import replace
@@ -42,7 +40,7 @@ def test_measures_match_the_exact_motion(speed_radius_sweep):
     assert not any(c.startswith("tip.y") for c in speed_radius_sweep.table)
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_errors_of_the_checked_cases_are_those_of_the_runs():
     """Errors of every 20th case and of the last one are measured."""
     hub_beam = bd.load_model("example:hub_beam")
@@ -55,7 +53,7 @@ def test_errors_of_the_checked_cases_are_those_of_the_runs():
     assert errors[2] < 0.1 * errors[0]
 
 
-@pytest.mark.slow(reason="a quarter of a second")
+@pytest.mark.slow
 def test_outputs_are_columns():
     outputs = {
         "swing [m]": lambda run: np.ptp(run["tip.y"]),
@@ -90,7 +88,7 @@ def test_failed_output_fails_its_row(output, reason):
 # Values -------------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow(reason="many small runs")
+@pytest.mark.slow
 def test_values_of_any_type_are_swept_and_labeled():
     sections = {"thin": THIN, "thick": THICK}
     swept = run_sweep({"section": sections, "turns": [1, 2], "color": ["red"]})
@@ -105,14 +103,14 @@ def test_values_of_any_type_are_swept_and_labeled():
     assert unnamed.run(section=THICK).parameters["section"] == unnamed.table["section"][1]
 
 
-@pytest.mark.slow(reason="many small runs")
+@pytest.mark.slow
 def test_listed_combinations_are_completed_by_the_model_defaults():
     swept = run_sweep([{"speed": 2.0}, {"speed": 3.0, "radius": 0.5}])
     assert swept.table[["speed [rad/s]", "radius"]].to_numpy().tolist() == [[2.0, 1.0], [3.0, 0.5]]
     assert run_sweep(bd.grid(speed=[1.0, 2.0])).table["speed [rad/s]"].tolist() == [1.0, 2.0]
 
 
-@pytest.mark.slow(reason="many small runs")
+@pytest.mark.slow
 def test_function_with_defaults_is_a_model():
     def plain(speed=1.0):
         return turning.build(speed)
@@ -217,7 +215,7 @@ def speeds():
     return {"speed": [1.0, 2.0, 3.0]}
 
 
-@pytest.mark.slow(reason="many small runs")
+@pytest.mark.slow
 def test_regression_warnings_of_runs_are_reported():
     """A strip bent beyond the validity of its strains used to be "ok" without a warning."""
 
@@ -238,14 +236,14 @@ def test_regression_warnings_of_runs_are_reported():
     assert "of strip" in swept.run(height=0.01).warnings[0]
 
 
-@pytest.mark.slow(reason="many small runs")
+@pytest.mark.slow
 def test_decorated_function_is_a_sweep_that_runs_when_called():
     assert isinstance(speeds, bd.results.Sweep)
     assert speeds.name == "speeds"
     assert list(speeds().table["rows"]) == [401.0] * 3
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_interrupted_sweep_resumes(tmp_path):
     done = []
 
@@ -266,7 +264,7 @@ def test_interrupted_sweep_resumes(tmp_path):
     assert all((tmp_path / name).is_file() for name in table["trajectory"])
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 @pytest.mark.parametrize("stores", [False, True])
 def test_exceptions_of_progress_have_the_results_so_far(tmp_path, stores):
     """The table used to be neither returned nor written."""
@@ -284,7 +282,7 @@ def test_exceptions_of_progress_have_the_results_so_far(tmp_path, stores):
         assert list(table["status"]) == ["ok", "ok", "interrupted"]
 
 
-@pytest.mark.slow(reason="many small runs")
+@pytest.mark.slow
 def test_changed_output_runs_the_cases_again(tmp_path):
     speeds(tmp_path)
     other = replace(speeds, outputs={"rows": lambda run: -len(run.t)})
@@ -305,7 +303,7 @@ print(swept.table["deep"].round(3).tolist())
 """
 
 
-@pytest.mark.slow(reason="starts worker processes")
+@pytest.mark.slow
 def test_script_without_main_guard_runs_in_worker_processes(tmp_path):
     (tmp_path / "script.py").write_text(SCRIPT)
     ran = subprocess.run(
@@ -315,7 +313,7 @@ def test_script_without_main_guard_runs_in_worker_processes(tmp_path):
     assert "Traceback" not in ran.stderr
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_regression_parameters_without_effect_have_a_warning():
     """A sweep over a parameter that the model never read ended in silence."""
 

@@ -99,7 +99,7 @@ def rotation_matrix(rotation, numbers):
     return ca.DM(rotation.matrix(ca.SX(ca.DM(numbers)))).full()
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["stabilized-index1", "index1", "index3"])
 def test_separate_matrices_add_up(name):
     equations = arch(75)

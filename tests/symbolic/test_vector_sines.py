@@ -70,7 +70,7 @@ def test_functions_share_the_polynomials_of_one_angle():
     assert_allclose(expanded([0.5, 2.0], [0.7, 3.0]), function([0.5, 2.0], [0.7, 3.0]), rtol=1e-15)
 
 
-@pytest.mark.slow(reason="compiles kernels")
+@pytest.mark.slow
 @pytest.mark.skipif(not is_native_enabled(), reason="requires machine code")
 @pytest.mark.parametrize("formulation", ["exact", "floating frame"])
 @pytest.mark.parametrize("elements", [3, 20])

@@ -39,7 +39,7 @@ OTHER_PATHS = [
         pytest.param(
             case,
             id=f"{case.group}, {case.name}",
-            marks=[pytest.mark.slow(reason="shooting")] if case.group in SLOW_GROUPS else [],
+            marks=[pytest.mark.slow] if case.group in SLOW_GROUPS else [],
         )
         for case in CASES
         if case.published is not None
@@ -50,7 +50,7 @@ def test_reference_of_slender_structure_matches_published_load(case):
     assert loads[0].load == pytest.approx(case.published, rel=case.digits)
 
 
-@pytest.mark.slow(reason="0.5 to 3 s each")
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "slenderness", "elements", "formulation"), OTHER_PATHS)
 def test_path_has_the_exact_critical_points(name, slenderness, elements, formulation):
     rows = list(BY_NAME[name].rows(slenderness, elements, formulation))
@@ -58,7 +58,7 @@ def test_path_has_the_exact_critical_points(name, slenderness, elements, formula
     assert all(row["verdict"] == "ok" for row in rows), rows
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_loads_of_thin_column_are_not_lost_in_rounding():
     # L / h = 1e5: eigenvalues of the stiffness alone gave errors of 1e-3, and 32 elements were
     # stable beyond both loads.
@@ -69,7 +69,7 @@ def test_loads_of_thin_column_are_not_lost_in_rounding():
     assert path.unstable[-1] == len(loads)
 
 
-@pytest.mark.slow(reason="a quarter of a second")
+@pytest.mark.slow
 def test_regression_step_that_ends_at_a_branch_point_is_shortened():
     # The fourth of ten load steps ends at the branch point, 4 EI / R^3. With a tangent from there,
     # which rounding determines, up to 24 more steps were taken, or none converged.
@@ -79,7 +79,7 @@ def test_regression_step_that_ends_at_a_branch_point_is_shortened():
     assert [point.kind for point in path.critical] == ["branch point"]
 
 
-@pytest.mark.slow(reason="paths of thin structures, a second each")
+@pytest.mark.slow
 @pytest.mark.parametrize("slenderness", [1e6, 1e8])
 @pytest.mark.parametrize("formulation", ["exact", "floating frame"])
 @pytest.mark.parametrize(
@@ -96,14 +96,14 @@ def test_regression_no_column_is_too_thin(name, elements, formulation, slenderne
     assert path.notes == ()
 
 
-@pytest.mark.slow(reason="one path, 4 to 8 s")
+@pytest.mark.slow
 def test_regression_interpolated_branch_points_are_not_corrected():
     # Rounding moved corrected points along the critical mode: the largest error was 8e-4 to 1.1e-3.
     rows = list(BY_NAME["truss, von Mises, rise of 4 heights"].rows(1e5, 32, "exact"))
     assert max(row["relative"] for row in rows) < 1e-4
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_rows_tell_missed_and_invented_points_and_wrong_kinds(monkeypatch):
     case = BY_NAME["rigid bars, two bars, dead load"]
     first, second = case.reference(1e1, "exact")
@@ -132,7 +132,7 @@ def test_shear_column_follows_haringx_and_engesser():
     assert case.reference(10.0, "green")[0].load == pytest.approx(engesser, rel=1e-10)
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_tapered_column_matches_bessel_functions():
     # EI = EI_0 (1 - c s): M = -P w leads to Bessel functions of order 1 of 2 k sqrt(1 - c s) / c.
     c = 0.8
@@ -150,7 +150,7 @@ def test_tapered_column_matches_bessel_functions():
     assert load == pytest.approx(brentq(condition, 1.2, 2.5, xtol=1e-12), rel=1e-8)
 
 
-@pytest.mark.slow(reason="traces a path by shooting")
+@pytest.mark.slow
 def test_shooting_agrees_with_shallow_arch_theory():
     slenderness, rise = 1e2, 3.0
     structure = BentStructure(lambda s: sine_arch(s, rise), drop=lambda s: 0.3 * rise / s)

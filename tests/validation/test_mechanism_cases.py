@@ -15,7 +15,7 @@ every_case = pytest.mark.parametrize(
     [
         pytest.param(
             case,
-            marks=[pytest.mark.slow(reason="runs of seconds")] if case.name in BEAM_CASES else [],
+            marks=[pytest.mark.slow] if case.name in BEAM_CASES else [],
         )
         for case in MECHANISM_CASES
     ],
@@ -40,7 +40,7 @@ def test_motion_matches_closed_form(case, integrator):
     assert solution.quality.energy_imbalance < 10.0 * max(bound, 1e-5)
 
 
-@pytest.mark.slow(reason="the whole spectrum of a beam")
+@pytest.mark.slow
 @integrators(1e-4, 2e-3)
 def test_load_in_the_opposite_direction_gives_the_same_deflection(integrator):
     forward, backward = (

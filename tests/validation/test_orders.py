@@ -20,7 +20,7 @@ EXPECTED = {
 }
 
 
-@pytest.mark.slow(reason="shooting to 1e-12, and meshes of 4 to 32 elements")
+@pytest.mark.slow
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 @pytest.mark.parametrize("curve", CURVES)
 def test_orders_match_theory(curve, formulation):

@@ -1,7 +1,5 @@
 """Pan & Liu (2012): stored tables are reproduced, and agree with the verdicts on the claims."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np
@@ -43,7 +41,7 @@ def column(table, name):
 # The stored tables ----------------------------------------------------------------------------
 
 
-@pytest.mark.slow(reason="runs of all models, a minute on two cores")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "job", JOBS, ids=lambda job: "-".join([job.name, *map(str, job.arguments)]).replace(" ", "-")
 )
@@ -107,7 +105,7 @@ def test_models_have_the_data_of_table_1():
         assert_allclose(used[readings.PENDULUM, quantity], value, rtol=1e-12)
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_summary_follows_from_the_stored_tables():
     table = summarize_claims(run.CLAIMS, tables())
     pd.testing.assert_frame_equal(table, stored("summary"))
@@ -126,7 +124,7 @@ def test_summary_follows_from_the_stored_tables():
     assert not (decided[["tested", "threshold"]] == "-").any(axis=None)
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_derived_tables_follow_from_the_stored_ones():
     table = table_2.compute_table_2(stored("table_2_errors"))
     pd.testing.assert_frame_equal(table, stored("table_2"), rtol=1e-6, check_dtype=False)

@@ -8,7 +8,7 @@ import pytest
 FOLDER = Path(__file__).parents[2] / "validation" / "performance"
 sys.path.insert(0, str(FOLDER))
 
-pytestmark = pytest.mark.slow(reason="repeats runs in turns")
+pytestmark = pytest.mark.slow
 
 
 def test_checkout_takes_the_same_time_as_itself():

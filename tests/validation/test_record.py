@@ -27,7 +27,7 @@ def read(name):
     return read_all()[name][0]
 
 
-@pytest.mark.slow(reason="a quarter of a second")
+@pytest.mark.slow
 def test_problems_follow_the_schema_and_are_those_that_were_confirmed():
     pytest.importorskip("jsonschema")
     assert record.check(record.all_names()) == []
@@ -88,7 +88,7 @@ def test_static_paths_pass_published_critical_loads():
     assert 8.8 < arch[-1] / bending_stiffness < 8.97
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_parallelogram_agrees_with_published_elastic_lines():
     # Row Ax = -5, Ay = 7, B = 0 of the boundary-value problems of Su and Servey (2026), which
     # neglect extension and shear: ux/L, uy/L, rotation.
@@ -136,7 +136,7 @@ def test_equations_for_casadi_agree_with_the_reference(name):
     np.testing.assert_allclose(table, reference, rtol=1e-4, atol=1e-5)
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 def test_table_of_results_shows_the_stored_scores(tmp_path):
     scores = record.read_scores(FOLDER / "results" / "scores.csv")
     scorer.write_markdown(scores, tmp_path / "scores.md", record.FIRST)
@@ -144,7 +144,7 @@ def test_table_of_results_shows_the_stored_scores(tmp_path):
     assert table == (FOLDER / "results" / "scores.md").read_text()
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_plain_code_reproduces_its_reference():
     import plain_beams
 
@@ -176,7 +176,7 @@ def test_stored_scores_include_failures_and_at_least_three_tools():
         assert set(scores.loc[scores["tool"] == name, "mechanism"]) == set(record.all_names())
 
 
-@pytest.mark.slow(reason="runs of three mechanisms")
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["hub_beam_60", "two_link_chain", "spinning_ring"])
 def test_exact_beams_agree_with_the_reference(name):
     from adapters import beamdae_adapter

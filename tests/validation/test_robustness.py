@@ -66,7 +66,7 @@ def test_other_outcomes_are_rejected(outcome, complaint):
     assert complaint in find_complaint(outcome)
 
 
-@pytest.mark.slow(reason="starts worker processes")
+@pytest.mark.slow
 def test_process_that_dies_or_hangs_is_replaced():
     names = ["first", "dies", "hangs", "exits", "last"]
     with ProcessPool(1) as processes:
@@ -95,19 +95,19 @@ def test_run_balances_its_energy_and_is_accurate_or_warns(row, complaint):
     assert bool(message) == bool(complaint)
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_every_public_name_and_argument_has_a_working_call():
     assert catalog.list_uncovered_names() == []
 
 
-@pytest.mark.slow(reason="collects all inputs")
+@pytest.mark.slow
 def test_no_group_of_inputs_is_missing_from_the_sample():
     inputs = catalog.collect_inputs()
     groups = {inputs[name].group for name in catalog.sample_inputs(inputs, seed=1)}
     assert groups == {*map(catalog.public_name_of, catalog.WORKING_CALLS), *MODEL_GROUPS}
 
 
-@pytest.mark.slow(reason="real commands")
+@pytest.mark.slow
 @pytest.mark.parametrize("name", list(faults.list_faults(slow=False)))
 def test_faults_have_the_right_outcome(name):
     (complaint,) = faults.try_name(name)

@@ -4,7 +4,7 @@ import pytest
 import scoreboard
 
 
-@pytest.mark.slow(reason="starts worker processes")
+@pytest.mark.slow
 def test_worse_values_are_refused(monkeypatch, tmp_path, capsys):
     path = tmp_path / "scoreboard.csv"
     modes = next(x for x in scoreboard.BOARDS if x.name == "modes")
@@ -49,7 +49,7 @@ ATTEMPTS = {board.name: board.attempt for board in scoreboard.BOARDS}
 def short_cases():
     cases = STORED[STORED["board"].isin(BOARDS) & (STORED["seconds"] < 3.0)]
     for row in cases.itertuples():
-        marks = [] if row.seconds < 0.1 else [pytest.mark.slow(reason="0.1 to 3 s")]
+        marks = [] if row.seconds < 0.1 else [pytest.mark.slow]
         yield pytest.param(
             row.board, row.case, row.verdict, id=f"{row.board}: {row.case}", marks=marks
         )

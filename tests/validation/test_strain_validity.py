@@ -24,7 +24,7 @@ def roll_up_half(bodies, frame):
     return [path.columns[f"tip.{name} [m]"][-1] for name in "xy"]
 
 
-@pytest.mark.slow(reason="equilibria of six cantilevers")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("frame", "numbers", "order", "at_eight"),
     # Two tangent frames have a limit point at two thirds of the moment.

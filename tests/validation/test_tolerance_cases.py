@@ -13,7 +13,7 @@ from tolerances.references import SUMMARY, reference_uncertainties
 BY_NAME = {case.name: case for case in ALL}
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_references_have_all_rows_and_columns():
     assert len({case.name for case in ALL}) == len(ALL)
     for case in ALL:
@@ -24,7 +24,7 @@ def test_references_have_all_rows_and_columns():
         assert np.all(np.ptp(reference, axis=0) > 0.0)
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_two_methods_agree_on_every_reference():
     uncertainties = reference_uncertainties()
     assert set(uncertainties.index.get_level_values("case")) == set(BY_NAME)
