@@ -22,7 +22,10 @@ STRIP, DAMPED_STRIP = rectangle(0.002, 0.03), rectangle(0.002, 0.03, damping=1e-
 
 
 def clamped_beam(section, elements=None, curve=1.0, **settings):
-    """A mechanism and its beam, clamped at its start; a number is the length of a straight beam."""
+    """A mechanism and its beam, clamped at its start.
+
+    A number in place of a curve is the length of a straight beam along x, and a point its end.
+    """
     return _beam_on("clamp", bd.Weld, section, elements, curve, **settings)
 
 
@@ -44,7 +47,9 @@ def _beam_on(
 ):
     mech = bd.Mechanism(gravity=(0.0, -gravity), start=start)
     if isinstance(curve, (int, float)):
-        curve = bd.Line((0.0, 0.0), (curve, 0.0))
+        curve = (curve, 0.0)
+    if isinstance(curve, tuple):
+        curve = bd.Line((0.0, 0.0), curve)
     beam = mech.add(bd.Beam(name, curve, section, elements, **settings))
     mech.add(joint(name_of_joint, mech.ground.at(*beam.start.point), beam.start))
     return mech, beam

@@ -25,7 +25,7 @@ def pendulum(elements=1, strain="exact"):
 
 def pushed_cantilever(elements=1, strain="exact", law=lambda t: 60.0 * t):
     """Return a clamped strip whose end a moment bends by about 1 rad in 0.05 s."""
-    mech, beam = clamped_beam(STRIP, elements, bd.Line((0.0, 0.0), (0.4, 0.1)), strain=strain)
+    mech, beam = clamped_beam(STRIP, elements, (0.4, 0.1), strain=strain)
     mech.add(bd.Moment("moment", beam.end, law))
     mech.observe("tip", beam.end)
     return mech

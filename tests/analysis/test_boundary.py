@@ -4,21 +4,20 @@ import warnings
 
 import numpy as np
 import pytest
+from mechanisms import clamped_beam, free_ball, hinged_beam, rectangle
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.optimize import brentq
 
 import beamdae as bd
 
 STIFFNESS = 1000.0
-STEEL = bd.Material.of("steel")
-SECTION = bd.Section.rectangle(STEEL, width=0.02, height=1e-3)
+SECTION = rectangle(1e-3)
 
 
 @bd.model(t_end=1.0)
 def truss(rise=0.2, support=200.0, supported=False):
     """Von Mises truss: springs from (-1, 0) and (1, 0) to a crown, which a spring may support."""
-    mech = bd.Mechanism()
-    crown = mech.add(bd.PointMass("crown", 1.0, at=(0.0, rise)))
+    mech, crown = free_ball((0.0, rise), name="crown")
     for name, x in (("left", -1.0), ("right", 1.0)):
         mech.add(bd.Spring(name, mech.ground.at(x, 0.0), crown.point, STIFFNESS))
     if supported:
@@ -26,7 +25,6 @@ def truss(rise=0.2, support=200.0, supported=False):
         foot = mech.ground.at(0.0, rise - 50.0)
         mech.add(bd.Spring("support", foot, crown.point, support))
     mech.add(bd.Force("press", crown.point, (0.0, -1.0)))
-    mech.observe("crown", crown.point)
     return mech
 
 
@@ -38,7 +36,7 @@ def truss_limit(rise):
     return 2.0 * STIFFNESS * (free_length - length) * height / length
 
 
-@pytest.mark.slow(reason="one second")
+@pytest.mark.slow
 def test_limit_load_of_a_truss_over_its_rise():
     curve = bd.boundary(
         truss, "limit point", ("rise", "load"), (0.2, 0.5), step=0.5, to={"crown.y": 0.0}
@@ -54,7 +52,7 @@ def test_limit_load_of_a_truss_over_its_rise():
     assert curve.q.shape == (len(curve.values), 2)
 
 
-@pytest.mark.slow(reason="follows a curve")
+@pytest.mark.slow
 def test_boundary_does_not_warn_of_the_end_of_its_first_path():
     by, values = ("rise", "load"), (3.0, 2.9)
     with warnings.catch_warnings():
@@ -64,7 +62,7 @@ def test_boundary_does_not_warn_of_the_end_of_its_first_path():
     assert curve.status.success
 
 
-@pytest.mark.slow(reason="one second")
+@pytest.mark.slow
 def test_limit_and_branch_of_a_tall_truss_meet_at_a_hilltop():
     # The branch is at L^3 = L0 (L^2 - 1), the limit at L^3 = L0: both at L^2 = 2, L0 = 2 sqrt(2).
     by, settings = ("rise", "load"), {"to": {"crown.y": 0.0}, "step": 0.2}
@@ -92,7 +90,7 @@ def test_limit_and_branch_of_a_tall_truss_meet_at_a_hilltop():
     assert turning.factor == pytest.approx(load, rel=1e-7)
 
 
-@pytest.mark.slow(reason="one second")
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [1, 2])
 def test_limit_points_of_a_supported_truss_merge_at_a_cusp(number):
     # The stiffness 2 k (1 - L0 / L^3) + c is smallest at y = 0, where it vanishes for
@@ -125,14 +123,14 @@ def test_limit_points_of_a_supported_truss_merge_at_a_cusp(number):
     assert_allclose(np.sort(curve.factors[[0, -1]]), np.sort(expected), rtol=1e-8)
 
 
-@pytest.mark.slow(reason="two seconds")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("formulation", "height"), [("exact", 1e-3), ("floating frame", 1e-3), ("exact", 1e-5)]
 )
 def test_buckling_load_over_the_stiffness_of_a_support(formulation, height):
     @bd.model(t_end=1.0)
     def column(spring=1.0):
-        mech, section = bd.Mechanism(), bd.Section.rectangle(STEEL, width=0.02, height=height)
+        mech, section = bd.Mechanism(), rectangle(height)
         line = bd.Line((0.0, 0.0), (0.0, 1.0))
         beam = mech.add(bd.Beam("column", line, section, 8, formulation=formulation))
         mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
@@ -153,11 +151,11 @@ def test_buckling_load_over_the_stiffness_of_a_support(formulation, height):
     assert_allclose(curve.factors, [buckling_load(k) for k in curve.values.tolist()], rtol=1e-5)
 
 
-@pytest.mark.slow(reason="several seconds")
+@pytest.mark.slow
 def test_shallow_arch_snaps_only_above_a_cusp():
     @bd.model(t_end=1.0)
     def arch(rise=0.01):
-        mech, section = bd.Mechanism(), bd.Section.rectangle(STEEL, width=0.02, height=1e-2)
+        mech, section = bd.Mechanism(), rectangle(1e-2)
         curve = bd.Parabola(span=1.0, rise=rise)
         beam = mech.add(bd.Beam("arch", curve, section, 4, formulation="exact"))
         for name, end in (("left", beam.start), ("right", beam.end)):
@@ -180,13 +178,13 @@ def test_shallow_arch_snaps_only_above_a_cusp():
     assert [count_limits((1.0 + d) * cusp.value) for d in (-0.01, 0.01)] == [0, 2]
 
 
-@pytest.mark.slow(reason="several seconds")
+@pytest.mark.slow
 def test_cusp_of_a_thin_arch():
     """Differences of nearly straight shapes are accurate to 1e-6 of the strains only."""
 
     @bd.model(t_end=1.0)
     def arch(rise=1e-2, height=1e-2):
-        mech, section = bd.Mechanism(), bd.Section.rectangle(STEEL, width=0.02, height=height)
+        mech, section = bd.Mechanism(), rectangle(height)
         curve = bd.Parabola(span=1.0, rise=rise)
         beam = mech.add(bd.Beam("arch", curve, section, 4, formulation="exact"))
         for name, end in (("left", beam.start), ("right", beam.end)):
@@ -209,7 +207,7 @@ def test_cusp_of_a_thin_arch():
     assert_allclose(cusps[1], cusps[0], rtol=2e-5)
 
 
-@pytest.mark.slow(reason="several seconds")
+@pytest.mark.slow
 def test_branch_point_of_an_arch_over_its_opening():
     """The motion in the mode was kept, although it contains a part of symmetric motions."""
 
@@ -235,15 +233,12 @@ def test_branch_point_of_an_arch_over_its_opening():
     assert curve.factors[-1] == pytest.approx(first, rel=1e-7)
 
 
-@pytest.mark.slow(reason="several seconds")
+@pytest.mark.slow
 def test_flutter_load_of_a_column_with_damped_material():
     @bd.model(t_end=1.0)
     def column(damping=1e-2):
-        mech = bd.Mechanism()
-        section = bd.Section.rectangle(STEEL, width=0.02, height=1e-2, damping=damping)
-        line = bd.Line((0.0, 0.0), (0.0, 1.0))
-        beam = mech.add(bd.Beam("column", line, section, 4, formulation="exact"))
-        mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+        section = rectangle(1e-2, damping=damping)
+        mech, beam = clamped_beam(section, 4, (0.0, 1.0), name="column", formulation="exact")
         mech.add(bd.Force("press", beam.end, (0.0, -section.EI), axes="body"))
         return mech
 
@@ -256,7 +251,7 @@ def test_flutter_load_of_a_column_with_damped_material():
     assert np.all(np.diff(curve.factors) < 0.0)
 
 
-@pytest.mark.slow(reason="several seconds")
+@pytest.mark.slow
 def test_flutter_load_over_damping():
     # Equal dampers c: 41/28 + c^2 / 2, see test_stability.
     @bd.model(t_end=1.0)
@@ -308,7 +303,7 @@ def test_arguments_are_checked(arguments, message):
         bd.boundary(**(settings | arguments))
 
 
-@pytest.mark.slow(reason="follows a curve")
+@pytest.mark.slow
 def test_curve_ends_where_no_model_exists():
     @bd.model(t_end=1.0)
     def limited(rise=0.2):
@@ -326,13 +321,11 @@ def test_curve_ends_where_no_model_exists():
     assert len(short.values) == 3
 
 
-@pytest.mark.slow(reason="follows a curve")
+@pytest.mark.slow
 def test_branch_points_end_where_symmetry_ends():
     @bd.model(t_end=1.0)
     def column(moment=0.0):
-        mech = bd.Mechanism()
-        beam = mech.add(bd.Beam("column", bd.Line((0.0, 0.0), (0.0, 1.0)), SECTION, 4))
-        mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+        mech, beam = clamped_beam(SECTION, 4, (0.0, 1.0), name="column")
         mech.add(bd.Force("press", beam.end, (0.0, -SECTION.EI)))
         mech.add(bd.Moment("bend", beam.end, moment * SECTION.EI))
         return mech
@@ -347,18 +340,15 @@ def test_branch_points_end_where_symmetry_ends():
 @bd.model(t_end=1.0)
 def braced_column(stiffness=600.0):
     """Column with hinged ends and a spring in the middle; EI = 4.725 N m^2, 1 m."""
-    section = bd.Section.rectangle(bd.Material(70e9, 0.3, 2700.0), width=0.03, height=0.003)
-    mech = bd.Mechanism()
-    line = bd.Line((0.0, 0.0), (1.0, 0.0))
-    column = mech.add(bd.Beam("column", line, section, elements=4, formulation="exact"))
-    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), column.start))
+    section = rectangle(0.003, 0.03, material=bd.Material(70e9, 0.3, 2700.0))
+    mech, column = hinged_beam(section, 4, name="column", formulation="exact")
     mech.add(bd.PointOnLine("guide", mech.ground.at(1.0, 0.0), column.end, (1.0, 0.0)))
     mech.add(bd.Force("press", column.end, (-10.0, 0.0)))
     mech.add(bd.Bushing("brace", mech.ground.at(0.5, 0.0), column.at(0.5), ky=stiffness))
     return mech
 
 
-@pytest.mark.slow(reason="a second")
+@pytest.mark.slow
 def test_regression_two_branch_points_of_a_column_are_no_hilltop():
     """Rounding errors of the axial motion in bending modes counted as work of the load."""
     by = ("stiffness", "load")

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mechanisms import rectangle
 from numpy.testing import assert_allclose
 from scipy.linalg import lstsq, null_space
 
@@ -12,7 +13,7 @@ import beamdae as bd
 from beamdae.analysis.linear_dynamics.linearization import linearize_about
 
 SOFT = bd.Material(E=1e8, nu=0.3, rho=1000.0)
-STRIP = bd.Section.rectangle(SOFT, width=0.02, height=0.01, damping=2e-4)
+STRIP = rectangle(0.01, damping=2e-4, material=SOFT)
 FORMULATIONS = ("floating frame", "exact")
 
 
@@ -81,7 +82,7 @@ CASES = {
 
 def with_marks(case):
     slow = case != "nonholonomic"
-    return pytest.param(case, marks=[pytest.mark.slow(reason="one is enough")] if slow else [])
+    return pytest.param(case, marks=[pytest.mark.slow] if slow else [])
 
 
 def model_and_state(case, formulation):
@@ -149,7 +150,7 @@ def test_shapes_satisfy_the_linearized_equations(case, formulation):
         assert np.max(np.abs(gap)) <= 1e-7 * max(1.0, abs(value)) * np.max(np.abs(shape))
 
 
-@pytest.mark.slow(reason="all models about several states")
+@pytest.mark.slow
 @pytest.mark.parametrize("path", sorted(Path("models").glob("*.py")), ids=lambda path: path.stem)
 def test_every_model_has_modes_or_a_clear_error(path):
     model = bd.load_model(path)

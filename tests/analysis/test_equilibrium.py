@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from mechanisms import free_ball
 from numpy.testing import assert_allclose
 
 import beamdae as bd
@@ -54,7 +55,7 @@ def test_path_begins_in_equilibrium_where_only_the_full_load_balances():
     assert path.lam[-1] == pytest.approx([-5.0])
 
 
-@pytest.mark.slow(reason="a quarter of a second")
+@pytest.mark.slow
 def test_motion_without_stiffness_is_named():
     with pytest.warns(
         bd.BeamdaeWarning, match=r"bob\.angle: this coordinate can move without stiff"
@@ -117,7 +118,7 @@ def mass_on_bushing():
     return mech
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_loads_scale_by_name_and_in_stages():
     x, y, angle = 0.2, -0.6, 0.2
     all_loads = bd.equilibrium(mass_on_bushing(), to=0.5)
@@ -284,7 +285,7 @@ def test_nonholonomic_constraints_are_rejected():
         bd.equilibrium(mech)
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_modes_about_the_end_of_a_path():
     def pulled_mass(load):
         mech = mass_on_bushing()
@@ -367,12 +368,10 @@ def test_regression_loads_reverse_where_a_snapping_truss_meets_a_stop(stiffness,
 
 def test_regression_positions_that_a_driver_prescribes_are_refused_with_the_time_as_remedy():
     """The message advised a load, although a driver moves the mechanism."""
-    mech = bd.Mechanism()
-    slider = mech.add(bd.PointMass("slider", 1.0, at=(1.0, 0.0)))
+    mech, slider = free_ball((1.0, 0.0), name="slider")
     law = bd.run_up(speed=0.1, duration=1.0)
     mech.add(bd.TranslationalDriver("drive", mech.ground.at(0.0, 0.0), slider.point, law))
     mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), slider.point))
-    mech.observe("slider", slider.point)
     with pytest.raises(
         bd.BeamdaeError, match=r"if a driver moves the mechanism, set t= to the time"
     ):
@@ -399,11 +398,9 @@ def test_a_load_that_no_spring_carries_ends_a_path_of_a_free_mass():
 def test_a_mass_that_hangs_on_a_spring_is_stable(angle):
     """Without load, it swings freely; the stretched spring is stiff sideways."""
     length, mass, stiffness = 0.5, 2.0, 300.0
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
     at = length * np.array([np.sin(angle), -np.cos(angle)])
-    bob = mech.add(bd.PointMass("bob", mass, at=tuple(at)))
+    mech, bob = free_ball(tuple(at), mass=mass, name="bob", gravity=9.81)
     mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), bob.point, stiffness))
-    mech.observe("bob", bob.point)
     path = bd.equilibrium(mech)
     assert (path.status.success, path.stable, path.warnings) == (True, True, ())
     assert_allclose(path["bob.x"].iloc[-1], 0.0, atol=1e-9)

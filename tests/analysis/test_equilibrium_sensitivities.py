@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from four_bar import four_bar
 from leaf_spring_vehicle import leaf_spring_vehicle
+from mechanisms import clamped_beam, free_ball, rectangle
 from numpy.testing import assert_allclose
 from pendulum import pendulum
 from quick_return import quick_return
@@ -17,24 +18,22 @@ import beamdae as bd
 truss = bd.model(t_end=1.0)(mechanisms.truss)
 
 G = 9.81
-SLOW = pytest.mark.slow(reason="another variant of a test of half a second")
+SLOW = pytest.mark.slow
 
 
 @bd.model(t_end=1.0)
 def hanging(stiffness=400.0, mass=2.0, length=0.5, load=3.0, damping=0.0):
     """Mass on a vertical spring, under its weight and a force."""
-    mech = bd.Mechanism(gravity=(0.0, -G))
-    bob = mech.add(bd.PointMass("bob", mass, at=(0.0, -length)))
+    mech, bob = free_ball((0.0, -length), mass=mass, name="bob", gravity=G)
     hook = mech.ground.at(0.0, 0.0)
     mech.add(bd.PointOnLine("guide", hook, bob.point, direction=(0.0, 1.0)))
     mech.add(bd.Spring("spring", hook, bob.point, stiffness, damping))
     mech.add(bd.Force("pull", bob.point, (0.5 * load, -load)))
-    mech.observe("bob", bob.point)
     mech.observe("guide", mech.parts["guide"].reaction)
     return mech
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_hanging_mass_has_the_derivatives_of_its_closed_form():
     names = ["stiffness", "mass", "length", "load"]
     result = bd.equilibrium_sensitivities(hanging, names, loads=["pull"], to=[0.5, 2.0])
@@ -52,7 +51,7 @@ def test_hanging_mass_has_the_derivatives_of_its_closed_form():
     assert_allclose(result.sensitivity("guide.F", "load"), force / 3.0, rtol=1e-9, atol=1e-12)
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_prescribed_position_has_derivatives_of_the_load_factor():
     # The weight and mu times the load stretch the spring by 0.1 m: 2 G + 3 mu = 40.
     result = bd.equilibrium_sensitivities(
@@ -87,7 +86,7 @@ def test_equilibria_of_rigid_bodies_depend_on_no_mass_and_their_reactions_on_it(
     assert_allclose(result.sensitivity("bob.x", "offset"), 1.0, rtol=1e-9)
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_stages_of_loads():
     result = bd.equilibrium_sensitivities(hanging, "mass", loads=[["gravity"], ["pull"]], to=0.5)
     first, second = result.equilibrium.factors.T
@@ -114,7 +113,7 @@ def post(stiffness=5.0, length=0.4, extra=0.0, side=0.0, tilt=0.0):
     return mech
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_branch_point_of_a_post_has_a_closed_form():
     names = ["stiffness", "length", "extra", "side", "tilt"]
     with pytest.warns(bd.BeamdaeWarning, match="tilt does not preserve the branch point"):
@@ -141,7 +140,7 @@ def twin_posts(stiffness=5.0, other=5.0):
     return mech
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:equilibrium:beamdae.BeamdaeWarning")
 def test_branch_points_with_two_critical_modes_have_no_derivative():
     with pytest.warns(bd.BeamdaeWarning, match="several modes are critical there"):
@@ -161,7 +160,7 @@ def limit_point(rise, stiffness, span):
 
 
 @pytest.mark.parametrize("unit", [1.0, pytest.param(1000.0, marks=SLOW)], ids=["m", "mm"])
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_limit_point_of_a_truss_has_a_closed_form(unit):
     values = {"rise": 0.2 * unit, "stiffness": 1000.0 / unit, "span": 1.0 * unit}
     result = bd.equilibrium_sensitivities(
@@ -199,7 +198,7 @@ def ziegler(stiffness=1.0, length=1.0, mass=1.0, damping=0.0):
 
 
 @pytest.mark.parametrize("damping", [0.0, pytest.param(0.3, marks=SLOW)])
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_flutter_point_has_a_closed_form(damping):
     names = ["stiffness", "length", "mass"]
     result = bd.equilibrium_sensitivities(ziegler, names, to=3.0, parameters={"damping": damping})
@@ -232,7 +231,7 @@ def cantilever(
 ):
     """Curved strip under a force and its weight; large deflections."""
     mech = bd.Mechanism(gravity=(0.0, -G))
-    section = bd.Section.rectangle(bd.Material(E=E, nu=0.4, rho=1200.0), width, height)
+    section = rectangle(height, width, material=bd.Material(E=E, nu=0.4, rho=1200.0))
     curve = bd.Arc(1.0 / curvature, length)
     beam = mech.add(bd.Beam("beam", curve, section, 2, formulation=formulation))
     root = mech.add(bd.Weld("root", mech.ground.at(0.0, 0.0), beam.start))
@@ -272,7 +271,7 @@ PATHS = {
 }
 
 
-@pytest.mark.slow(reason="five paths of a model per parameter")
+@pytest.mark.slow
 @pytest.mark.parametrize("case", PATHS)
 def test_ends_and_critical_loads_agree_with_differences_of_paths(case):
     model, names, values, settings, tolerance = PATHS[case]
@@ -301,7 +300,7 @@ def test_ends_and_critical_loads_agree_with_differences_of_paths(case):
         assert_close(actual, expected[2], value, np.maximum(size, 1e-2), tolerance)
 
 
-@pytest.mark.slow(reason="paths of a beam for three parameters")
+@pytest.mark.slow
 def test_functions_of_a_path_agree_with_differences_of_section_forces():
     # Section forces from the balance of loads, at sections that keep their relative position.
     names = ["height", "length", "load"]
@@ -320,16 +319,13 @@ def test_functions_of_a_path_agree_with_differences_of_section_forces():
 @bd.model(t_end=1.0)
 def euler_column(height=0.01, E=2e11, length=1.0):
     """Clamped column under a multiple of E I."""
-    mech = bd.Mechanism()
-    section = bd.Section.rectangle(bd.Material(E=E, nu=0.3, rho=7800.0), 0.02, height)
-    line = bd.Line((0.0, 0.0), (length, 0.0))
-    beam = mech.add(bd.Beam("column", line, section, 8, formulation="exact"))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    section = rectangle(height, material=bd.Material(E=E, nu=0.3, rho=7800.0))
+    mech, beam = clamped_beam(section, 8, length, name="column", formulation="exact")
     mech.add(bd.Force("press", beam.end, (-E * 0.02 * height**3 / 12.0, 0.0)))
     return mech
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 @pytest.mark.parametrize("height", [1e-2, 1e-3, 1e-4])
 def test_buckling_loads_of_thin_columns_are_differentiated_without_rounding(height):
     result = bd.equilibrium_sensitivities(
@@ -343,7 +339,7 @@ def test_buckling_loads_of_thin_columns_are_differentiated_without_rounding(heig
     assert by_height * height == pytest.approx(-2.15 * height**2, rel=0.01, abs=2e-7)
 
 
-@pytest.mark.slow(reason="several paths")
+@pytest.mark.slow
 def test_springs_without_stiffness_have_derivatives():
     bent = {"to": 2.0, "parameters": {"tilt": 1.0}}
     result = bd.equilibrium_sensitivities(post, ["extra", "side"], **bent)
@@ -359,7 +355,7 @@ def test_springs_without_stiffness_have_derivatives():
         assert_allclose(modes.eigenvalues[name], one_sided @ values, rtol=1e-6)
 
 
-@pytest.mark.slow(reason="path of a beam for six parameters")
+@pytest.mark.slow
 def test_derivatives_obey_the_scaling_of_beams():
     result = bd.equilibrium_sensitivities(
         cantilever, ["E", "length", "height", "width", "load", "curvature"], loads=["tip load"]
@@ -390,7 +386,7 @@ def lift(load=10.0, width=0.4):
     return mech
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_reactions_of_redundant_constraints_have_minimum_norm():
     result = bd.equilibrium_sensitivities(lift, ["load", "width"])
     # Forces X on the low and right rails, Y on the high rail: 2 X + Y = F, and the moment of Y
@@ -449,7 +445,7 @@ def test_table_is_written_as_csv(tmp_path):
         result.sensitivity("bob.y", "load")
 
 
-@pytest.mark.slow(reason="equilibria of thin arcs")
+@pytest.mark.slow
 @pytest.mark.parametrize("formulation", ["floating frame", "exact"])
 @pytest.mark.parametrize("height", [2e-2, 2e-3, 2e-4])
 def test_derivatives_of_section_forces_of_thin_arcs_follow_from_similarity(height, formulation):
@@ -457,11 +453,14 @@ def test_derivatives_of_section_forces_of_thin_arcs_follow_from_similarity(heigh
 
     @bd.model(t_end=1.0)
     def arc(radius=0.5, height=height, width=0.02, load=-1e-3 * (height / 2e-3) ** 3):
-        mech = bd.Mechanism()
-        section = bd.Section.rectangle(bd.Material.of("steel"), width, height)
-        curve = bd.Arc(radius, 0.9 * radius, start=(0.0, 0.0), angle=0.4)
-        beam = mech.add(bd.Beam("arc", curve, section, elements=6, formulation=formulation))
-        mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+        section = rectangle(height, width)
+        mech, beam = clamped_beam(
+            section,
+            6,
+            bd.Arc(radius, 0.9 * radius, start=(0.0, 0.0), angle=0.4),
+            name="arc",
+            formulation=formulation,
+        )
         mech.add(bd.Force("push", beam.end, (0.3 * load, load)))
         mech.observe("section", beam.section_forces(0.31 * radius))
         return mech

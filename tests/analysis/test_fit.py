@@ -6,6 +6,7 @@ import warnings
 import numpy as np
 import pandas as pd
 import pytest
+from mechanisms import clamped_beam, free_ball, rectangle
 
 import beamdae as bd
 from beamdae.analysis.fit.problem import FitProblem
@@ -14,15 +15,13 @@ METHOD = bd.GeneralizedAlpha(step=0.01)
 TIMES = np.linspace(0.0, 2.0, 41)
 TRUE = {"stiffness": 40.0, "damping": 0.8}
 NOISE = 1e-3
-SLOW = pytest.mark.slow(reason="half a second and more")
+SLOW = pytest.mark.slow
 
 
 @bd.model(t_end=1.0)
 def oscillator(stiffness=30.0, damping=0.5, mass=1.0, elements=3):
-    mech = bd.Mechanism()
-    body = mech.add(bd.PointMass("mass", mass, at=(1.0, 0.0), velocity=(0.2, 0.0)))
+    mech, body = free_ball((1.0, 0.0), velocity=(0.2, 0.0), mass=mass, name="mass")
     mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), body.point, stiffness, damping))
-    mech.observe("mass", body.point)
     return mech
 
 
@@ -43,7 +42,7 @@ def test_exact_data_return_the_parameters(exact):
     assert not result.at_bounds
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 @pytest.mark.parametrize("log", [(), pytest.param(("stiffness", "damping"), marks=[SLOW])])
 def test_covariance_agrees_with_differences_of_the_model(exact, log):
     noise = np.random.default_rng(1).normal(scale=NOISE, size=TIMES.size)
@@ -145,7 +144,7 @@ def test_estimate_at_a_bound(exact):
     assert table.loc["stiffness"].notna().all()
 
 
-@pytest.mark.slow(reason="two seconds")
+@pytest.mark.slow
 def test_regression_searches_that_leave_the_domain_of_a_parameter_advise_bounds():
     """The advice was a shift of the times, beside an interval of the value at the edge."""
     times = TIMES[:21]
@@ -241,7 +240,7 @@ def test_refusals(exact, changes, message):
         bd.fit(oscillator, **arguments)
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_search_that_ends_early_is_reported(exact):
     data = {"t [s]": TIMES, "mass.x": exact["mass.x"]}
     with pytest.warns(bd.BeamdaeWarning, match=r"^fit: stopped after 1 evaluation; increase"):
@@ -292,7 +291,7 @@ def oscillator_with_unused_number(stiffness=30.0, unused=1.0):
     return oscillator(stiffness=stiffness)
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_regression_parameters_without_effect_cause_a_warning(exact):
     data = {name: exact[name] for name in ("t [s]", "mass.x")}
     with pytest.warns(bd.BeamdaeWarning) as records:
@@ -311,7 +310,7 @@ def oscillator_beside_another(stiffness=30.0, push=1.0):
     return mech
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_regression_parameters_without_effect_on_any_column_cause_a_warning(exact):
     """They were undetermined without a warning."""
     data = {name: exact[name] for name in ("t [s]", "mass.x")}
@@ -406,11 +405,8 @@ def noisy(exact):
 def ruler(E=1.8e11, damping=3e-4, nu=0.3):
     """Steel ruler with a tip mass, released from the horizontal; nu has a negligible effect."""
     steel = bd.Material(E=E, nu=nu, rho=7850.0)
-    section = bd.Section.rectangle(steel, width=0.03, height=0.003, damping=damping)
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    line = bd.Line((0.0, 0.0), (0.6, 0.0))
-    beam = mech.add(bd.Beam("ruler", line, section, elements=2, strain="exact"))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    section = rectangle(0.003, 0.03, damping=damping, material=steel)
+    mech, beam = clamped_beam(section, 2, 0.6, name="ruler", gravity=9.81, strain="exact")
     mech.add(bd.PointMass("tip mass", 0.1, on=beam.end))
     mech.observe("tip", beam.end)
     return mech
@@ -424,7 +420,7 @@ def measured():
     return {"t [s]": times, "tip.y": run["tip.y"].to_numpy() + noise}
 
 
-@pytest.mark.slow(reason="fits of a beam")
+@pytest.mark.slow
 @pytest.mark.parametrize("first", [{"E": 3e10}, {"E": 3e10, "damping": 1e-5}])
 def test_regression_undetermined_parameters_are_released_at_the_estimates(measured, first):
     """Damping kept its first value, with the advice to omit it and the status converged."""
@@ -437,7 +433,7 @@ def test_regression_undetermined_parameters_are_released_at_the_estimates(measur
     assert result.parameters["damping"] == pytest.approx(8e-4, rel=0.05)
 
 
-@pytest.mark.slow(reason="fits of a beam")
+@pytest.mark.slow
 def test_regression_a_weak_parameter_does_not_keep_the_others_from_their_minimum(measured):
     """The search ended at the first values, because long steps of nu left its domain."""
     by = ["E", "damping"]
@@ -471,7 +467,7 @@ def test_regression_intervals_beside_a_parameter_at_a_bound(noisy):
     np.testing.assert_allclose(result.standard_deviations[:2], alone.standard_deviations, rtol=1e-2)
 
 
-@pytest.mark.slow(reason="a fit with 40 evaluations")
+@pytest.mark.slow
 def test_regression_searches_do_not_run_models_with_absurd_values(noisy, monkeypatch):
     """The search tried a damping of inf and, of models that did not move, one of 1e62."""
     evaluate, dampings = FitProblem.evaluate, []

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from mechanisms import free_ball, mass_on_rail
 from scipy.special import chdtrc
 from test_fit import oscillator as build_oscillator
 
@@ -14,7 +15,7 @@ import beamdae as bd
 METHOD = bd.GeneralizedAlpha(step=0.01)
 TIMES = np.linspace(0.0, 2.0, 101)
 TRUE = {"stiffness": 40.0, "damping": 0.8}
-pytestmark = pytest.mark.slow(reason="fits")
+pytestmark = pytest.mark.slow
 
 
 @bd.model(t_end=2.0)
@@ -87,11 +88,9 @@ def test_loads_far_from_their_first_values_are_fitted():
 
     @bd.model(t_end=2.0)
     def pushed(load=1.0):
-        mech = bd.Mechanism()
-        body = mech.add(bd.PointMass("mass", 1.0, at=(1.0, 0.0)))
+        mech, body = free_ball((1.0, 0.0), name="mass")
         mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), body.point, 40.0, 2.0))
         mech.add(bd.Force("push", body.point, (load, 0.0)))
-        mech.observe("mass", body.point)
         return mech
 
     run = bd.simulate(pushed(load=3e3), METHOD, t_end=2.0).at_times(TIMES)
@@ -228,12 +227,10 @@ def test_regression_antiphase_starts_are_fitted():
 
     @bd.model(t_end=4.0)
     def driven(stiffness=25.0, damping=0.8):
-        mech = bd.Mechanism()
-        body = mech.add(bd.PointMass("mass", 1.0, at=(1.0, 0.0)))
+        mech, body = free_ball((1.0, 0.0), name="mass")
         ground = mech.ground.at(0.0, 0.0)
         mech.add(bd.Spring("spring", ground, body.point, stiffness, damping))
         mech.add(bd.Force("push", body.point, (lambda t: np.sin(6.0 * t), 0.0)))
-        mech.observe("mass", body.point)
         return mech
 
     times = np.linspace(0.0, 4.0, 121)
@@ -295,9 +292,7 @@ def test_regression_a_sigma_in_a_larger_unit_is_named(exact):
 @bd.model(t_end=2.0)
 def scaled_oscillator(stiffness=30.0, damping=0.5, size=1.0):
     """Masses and forces are proportional to `size`; the motion does not depend on it."""
-    mech = bd.Mechanism()
-    body = mech.add(bd.PointMass("mass", size, at=(1.0, 0.0), velocity=(0.2, 0.0)))
-    mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), body.point))
+    mech, body = mass_on_rail(size, 1.0, velocity=(0.2, 0.0))
     ground = mech.ground.at(0.0, 0.0)
     spring = bd.Spring("spring", ground, body.point, size * stiffness, size * damping)
     mech.observe("pull", mech.add(spring).force)
@@ -492,7 +487,7 @@ def test_regression_ends_that_explain_nothing_have_not_converged():
     assert result.evaluations <= 40
 
 
-@pytest.mark.slow(reason="one to two seconds")
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:fit. Residuals are alike")
 @pytest.mark.parametrize("sigma", [None, 1e-3])
 @pytest.mark.parametrize("first", [2.0, 6.0, 300.0, 900.0])
@@ -509,12 +504,10 @@ def test_regression_vibrations_of_another_frequency_reach_the_solution(exact, fi
 
 @bd.model(t_end=3.0)
 def chain(k1=60.0, k2=90.0, damping=0.5):
-    mech = bd.Mechanism()
-    one = mech.add(bd.PointMass("one", 1.0, at=(1.0, 0.0), velocity=(0.3, 0.0)))
+    mech, one = free_ball((1.0, 0.0), velocity=(0.3, 0.0), name="one")
     two = mech.add(bd.PointMass("two", 0.7, at=(2.0, 0.0)))
     mech.add(bd.Spring("left", mech.ground.at(0.0, 0.0), one.point, k1, damping))
     mech.add(bd.Spring("right", one.point, two.point, k2, damping))
-    mech.observe("one", one.point)
     mech.observe("two", two.point)
     return mech
 
@@ -556,7 +549,7 @@ def test_regression_undetermined_combinations_stay_close_to_the_first_values(exa
     assert result.status.kind == "ok"
 
 
-@pytest.mark.slow(reason="one to three seconds")
+@pytest.mark.slow
 @pytest.mark.parametrize("shift", [(), "*"], ids=["times", "delay"])
 def test_regression_one_mirrored_column_beside_others_is_named(shift):
     """Searches with the scales of all columns lost the phase, and parameters ran away."""
@@ -572,15 +565,13 @@ def test_regression_one_mirrored_column_beside_others_is_named(shift):
 
 @bd.model(t_end=1.0)
 def pulled(stiffness=300.0, damping=1.0, mass=1.0):
-    mech = bd.Mechanism()
-    body = mech.add(bd.PointMass("mass", mass, at=(1.0, 0.0)))
+    mech, body = free_ball((1.0, 0.0), mass=mass, name="mass")
     mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), body.point, stiffness, damping))
     mech.add(bd.Force("pull", body.point, (lambda t: 3.0 * t, 0.0)))
-    mech.observe("mass", body.point)
     return mech
 
 
-@pytest.mark.slow(reason="a second")
+@pytest.mark.slow
 def test_searches_do_not_creep_along_values_that_the_model_rejects():
     """Next to a damping of zero, a search took 20 further short steps of the whole run."""
     times = np.linspace(0.0, 1.0, 101)
@@ -607,12 +598,10 @@ def test_regression_offsets_are_named_without_sigma():
 @bd.model(t_end=2.0)
 def dropped(stiffness=95.0, damping=1.0, force=0.0):
     """Mass below a spring, from the unloaded length on, with a force at 1.3 Hz."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    body = mech.add(bd.PointMass("mass", 1.0, at=(0.0, 0.0)))
+    mech, body = free_ball(name="mass", gravity=9.81)
     mech.add(bd.Spring("spring", mech.ground.at(0.0, 1.0), body.point, stiffness, damping))
     law = bd.sine(force, 1.3)
     mech.add(bd.Force("force", body.point, (0.0, law)))
-    mech.observe("mass", body.point)
     return mech
 
 

@@ -5,6 +5,7 @@ import re
 import numpy as np
 import pandas as pd
 import pytest
+from mechanisms import free_ball
 from test_fit import METHOD, NOISE, TRUE, oscillator
 
 import beamdae as bd
@@ -13,7 +14,7 @@ from beamdae.analysis.fit.problem import FitProblem, differentiate_column
 from beamdae.analysis.fit.sensors import read_sensors
 from beamdae.report.descriptions import describe
 
-SLOW = pytest.mark.slow(reason="half a second and more")
+SLOW = pytest.mark.slow
 TIMES = np.linspace(0.2, 2.0, 37)
 SHIFT, SCALE, OFFSET = 0.013, 1.2, -0.7
 
@@ -147,7 +148,7 @@ def test_long_csv_in_any_order_equals_the_wide_table(tmp_path, sensed):
     assert fit.is_sigma_known
 
 
-@pytest.mark.slow(reason="several fits")
+@pytest.mark.slow
 def test_units_of_long_sigma_set_the_weights(sensed):
     rows = [("mass.x", 0.5, 1.1, 0.1), ("mass.x_dot", 0.7, 0.2, 10.0)]
     table = pd.DataFrame(rows, columns=["observable", "t [s]", "value", "sigma"])
@@ -202,7 +203,7 @@ def test_prediction_of_undetermined_columns_is_infinite():
     assert np.isinf(fit.standard_deviations).all()
 
 
-@pytest.mark.slow(reason="ten fits")
+@pytest.mark.slow
 def test_profile_of_an_almost_linear_parameter_agrees_with_the_covariance():
     position, _ = record()
     data = {"t [s]": TIMES, "mass.x": position}
@@ -216,7 +217,7 @@ def test_profile_of_an_almost_linear_parameter_agrees_with_the_covariance():
     assert list(profile.table()) == ["stiffness", "increase of chi-square", "damping"]
 
 
-@pytest.mark.slow(reason="fits of an undetermined parameter")
+@pytest.mark.slow
 def test_profile_of_an_undetermined_parameter_is_flat():
     position, _ = record()
     data = {"t [s]": TIMES, "mass.x": position}
@@ -250,10 +251,8 @@ def test_files_and_figures(tmp_path, sensed):
 @bd.model(t_end=1.0)
 def ball(height=0.55, restitution=0.7, action="bounce"):
     """Ball that falls from rest and bounces, or stops the run at the floor."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    body = mech.add(bd.PointMass("ball", 1.0, at=(0.0, height)))
+    mech, body = free_ball((0.0, height), gravity=9.81)
     gap = bd.LineSurface(mech.ground.at(0.0, 0.0)).gap(body.point)
-    mech.observe("ball", body.point)
     does = bd.impact(gap, restitution) if action == "bounce" else "stop"
     mech.when(gap, 0.0, "down", does, name="floor")
     return mech
@@ -338,7 +337,7 @@ def test_refusals(changes, message):
     assert len(re.findall(r"[.] [A-Z]", str(caught.value))) == 0
 
 
-@pytest.mark.slow(reason="seconds")
+@pytest.mark.slow
 def test_regression_bounds_of_shifts_after_the_first_data_are_reduced():
     """They were rejected, also after the advice to widen bounds that nobody had set."""
     times = np.linspace(0.05, 1.0, 77)

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 import scipy.linalg as la
+from mechanisms import STEEL, clamped_beam, rectangle
 from numpy.testing import assert_allclose
 from scipy.optimize import fsolve
 
 import beamdae as bd
 from beamdae.analysis.linear_dynamics.linearization import linearize_about
 
-STEEL = bd.Material(E=2.1e11, nu=0.3, rho=7850.0)
 EXACT = {"formulation": "exact"}
 FLOATING = {"strain": "exact"}
 # Next to a critical point, growth is too slow to be distinguished from rounding.
@@ -21,7 +21,7 @@ SHIFT = 100.0
 def frame(damping=1e-5, mass=0.2, elements=8, options=EXACT, height=0.004):
     """Return an L frame of 1 m by 1 m with a tip mass, under a follower force of 40 EI / L^2."""
     mech = bd.Mechanism()
-    section = bd.Section.rectangle(STEEL, width=0.02, height=height, damping=damping)
+    section = rectangle(height, damping=damping)
     column, arm = (
         mech.add(bd.Beam(name, bd.Line(start, end), section, elements, **options))
         for name, start, end in (
@@ -38,11 +38,8 @@ def frame(damping=1e-5, mass=0.2, elements=8, options=EXACT, height=0.004):
 
 def column(damping, follower=1.0, elements=8, height=0.02, options=EXACT):
     """Return a cantilever of 1 m under EI / L^2, of which the fraction `follower` turns with it."""
-    mech = bd.Mechanism()
-    section = bd.Section.rectangle(STEEL, width=0.02, height=height, damping=damping)
-    line = bd.Line((0.0, 0.0), (1.0, 0.0))
-    beam = mech.add(bd.Beam("column", line, section, elements, **options))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    section = rectangle(height, damping=damping)
+    mech, beam = clamped_beam(section, elements, name="column", **options)
     mech.add(bd.Force("load", beam.end, (-follower * section.EI, 0.0), axes="body"))
     mech.add(bd.Force("dead load", beam.end, ((follower - 1.0) * section.EI, 0.0)))
     return mech
@@ -87,7 +84,7 @@ def check_path(mech, path):
         assert path.unstable[row] == count
 
 
-@pytest.mark.slow(reason="two seconds")
+@pytest.mark.slow
 def test_regression_damped_follower_frame_has_no_invented_branch_points():
     # Shapes of damped modes have real and imaginary parts, whose span has further eigenvalues; one
     # of these seemed to grow, so that branch points appeared at 0.76 and 0.92, and rows at 0.78
@@ -101,7 +98,7 @@ def test_regression_damped_follower_frame_has_no_invented_branch_points():
     check_path(mech, path)
 
 
-@pytest.mark.slow(reason="seconds for each frame")
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::beamdae.errors.BeamdaeWarning")
 @pytest.mark.parametrize(
     ("damping", "mass", "elements", "options", "height"),
@@ -122,7 +119,7 @@ def test_unstable_directions_of_damped_follower_frames(damping, mass, elements, 
     check_path(mech, bd.equilibrium(mech))
 
 
-@pytest.mark.slow(reason="two seconds")
+@pytest.mark.slow
 def test_regression_growth_behind_strongly_damped_modes_is_found():
     # Twelve modes that decay at 1 / damping are slower than the growing ones, which were not
     # counted: no critical point, or 18.2 as the first one.
@@ -136,7 +133,7 @@ def test_regression_growth_behind_strongly_damped_modes_is_found():
     check_path(mech, path)
 
 
-@pytest.mark.slow(reason="one second")
+@pytest.mark.slow
 @pytest.mark.parametrize("elements", [8, 16])
 def test_regression_flutter_behind_strongly_damped_modes_is_found(elements):
     mech = column(damping=0.01, elements=elements)
@@ -146,7 +143,7 @@ def test_regression_flutter_behind_strongly_damped_modes_is_found(elements):
     check_path(mech, path)
 
 
-@pytest.mark.slow(reason="seconds for each formulation")
+@pytest.mark.slow
 def test_regression_flutter_of_slender_damped_columns_is_located_without_noise():
     # Errors of the mode shapes entered growth rates in first order, as noise of 1e-8 of the
     # frequency: the loads of both formulations differed by 1.6e-6.
@@ -162,7 +159,7 @@ def test_regression_flutter_of_slender_damped_columns_is_located_without_noise()
 def portal(damping, elements):
     """Return a clamped portal frame of 1 m by 1 m with follower forces on both corners."""
     mech = bd.Mechanism()
-    section = bd.Section.rectangle(STEEL, width=0.02, height=0.01, damping=damping)
+    section = rectangle(0.01, damping=damping)
     corners = [(0.0, 0.0), (0.0, 1.0), (1.0, 1.0), (1.0, 0.0)]
     left, beam, right = (
         mech.add(bd.Beam(name, bd.Line(start, end), section, elements, **EXACT))
@@ -177,7 +174,7 @@ def portal(damping, elements):
     return mech
 
 
-@pytest.mark.slow(reason="five seconds")
+@pytest.mark.slow
 def test_regression_limit_point_next_to_a_slow_damped_oscillation_is_no_flutter_point():
     # Behind the minimum of the load, two modes that grow become an oscillation. Their small squared
     # frequencies left one motion out of the refined modes: the point was a flutter point, and the
@@ -190,7 +187,7 @@ def test_regression_limit_point_next_to_a_slow_damped_oscillation_is_no_flutter_
     assert path.unstable[-1] == 0
 
 
-@pytest.mark.slow(reason="many elements")
+@pytest.mark.slow
 def test_regression_flutter_of_a_strongly_damped_column_of_many_elements_is_known():
     # Of 903 coordinates, "the stability of equilibria cannot be computed" was noted.
     fine, coarse = (
@@ -222,7 +219,7 @@ def flutter_load(retardation):
     return fsolve(equations, [11.0, 5.4], xtol=1e-13)[0] if retardation else 20.0509536
 
 
-@pytest.mark.slow(reason="half a second each")
+@pytest.mark.slow
 @pytest.mark.parametrize("options", [EXACT, FLOATING])
 @pytest.mark.parametrize(
     ("height", "retardation"),

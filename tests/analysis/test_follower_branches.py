@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from mechanisms import clamped_beam, rectangle
 from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
@@ -9,15 +10,13 @@ from test_slender_structures import FORMULATIONS
 
 import beamdae as bd
 
-SECTION = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=1e-3)
+SECTION = rectangle(1e-3)
 
 
 def column(share=0.25, **options):
     """Return a cantilever under EI / L^2, of which `share` follows the tip."""
-    mech = bd.Mechanism()
     options = options or {"formulation": "exact"}
-    beam = mech.add(bd.Beam("column", bd.Line((0.0, 0.0), (0.0, 1.0)), SECTION, 8, **options))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech, beam = clamped_beam(SECTION, 8, (0.0, 1.0), name="column", **options)
     mech.add(bd.Force("dead", beam.end, (0.0, -(1.0 - share) * SECTION.EI)))
     mech.add(bd.Force("follower", beam.end, (0.0, -share * SECTION.EI), axes="body"))
     mech.observe("tip", beam.end)
@@ -46,7 +45,7 @@ def elastica_tip(share, load):
     return integrate(brentq(lambda end: integrate(end)[0], 0.05, 2.5))[2]
 
 
-@pytest.mark.slow(reason="one second")
+@pytest.mark.slow
 @FORMULATIONS
 @pytest.mark.parametrize("share", [0.1, 0.25, 0.45])
 def test_buckled_path_of_a_column_under_a_partly_following_force(share, options):
@@ -65,7 +64,7 @@ def test_buckled_path_of_a_column_under_a_partly_following_force(share, options)
     assert abs(tips[0]) == pytest.approx(elastica_tip(share, 1.15 * expected), rel=2e-5)
 
 
-@pytest.mark.slow(reason="several seconds")
+@pytest.mark.slow
 def test_divergence_ends_where_half_of_the_force_follows():
     # The two lowest divergence loads merge at pi^2; beyond, the column flutters.
     @bd.model(t_end=1.0)
@@ -82,11 +81,11 @@ def test_divergence_ends_where_half_of_the_force_follows():
     assert_allclose(np.cos(np.sqrt(curve.factors)), -curve.values / (1.0 - curve.values), atol=1e-5)
 
 
-@pytest.mark.slow(reason="several seconds")
+@pytest.mark.slow
 @FORMULATIONS
 def test_limit_points_of_a_frame_under_a_follower_force(options):
     # Lee's frame with a follower force: the tangent is not symmetric.
-    section = bd.Section.rectangle(bd.Material(E=7.2e6, nu=0.3, rho=1.0), width=3.0, height=2.0)
+    section = rectangle(2.0, 3.0, material=bd.Material(E=7.2e6, nu=0.3, rho=1.0))
     mech, corner, right = bd.Mechanism(), (0.0, 120.0), (120.0, 120.0)
     upright = mech.add(bd.Beam("column", bd.Line((0.0, 0.0), corner), section, 4, **options))
     beam = mech.add(bd.Beam("beam", bd.Line(corner, right), section, 5, **options))

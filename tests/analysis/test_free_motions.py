@@ -6,11 +6,11 @@ vibrations, and they split the double zero eigenvalues of free motions.
 
 import numpy as np
 import pytest
+from mechanisms import STEEL, rectangle
 from numpy.testing import assert_allclose
 
 import beamdae as bd
 
-STEEL = bd.Material.of("steel")
 # Roots of cos(x) cosh(x) = 1: frequencies of a free beam are x^2 / (2 pi L^2) sqrt(EI / rhoA).
 FREE_BEAM_ROOTS = np.array([4.730040745, 7.853204624, 10.995607838])
 # Number of free motions by support.
@@ -21,7 +21,7 @@ FORMULATIONS = {"exact": {"formulation": "exact"}, "floating frame": {}}
 def strip(support, height, damping, elements=8, material=STEEL, length=1.0, **options):
     """Return a steel strip with structural damping [s] on the given support."""
     mech = bd.Mechanism()
-    section = bd.Section.rectangle(material, width=0.02 * length, height=height, damping=damping)
+    section = rectangle(height, 0.02 * length, damping=damping, material=material)
     line = bd.Line((0.0, 0.0), (length, 0.0))
     beam = mech.add(bd.Beam("strip", line, section, elements, **options))
     origin = mech.ground.at(0.0, 0.0)
@@ -39,7 +39,7 @@ def strip(support, height, damping, elements=8, material=STEEL, length=1.0, **op
     [
         (1e-3, 1e-5),
         *(
-            pytest.param(height, damping, marks=pytest.mark.slow(reason="a second each"))
+            pytest.param(height, damping, marks=pytest.mark.slow)
             for height in (1e-1, 5e-3, 1e-3, 2e-4)
             for damping in (0.0, 1e-5)
             if (height, damping) != (1e-3, 1e-5)
@@ -74,14 +74,14 @@ def count_free_motions(mech, n, damping):
     return int(np.sum(modes.eigenvalues == 0.0))
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("slenderness", "elements"),
     [
         (1e5, 8),
         # More than 250 coordinates: sparse matrices.
         *(
-            pytest.param(slenderness, elements, marks=pytest.mark.slow(reason="two seconds each"))
+            pytest.param(slenderness, elements, marks=pytest.mark.slow)
             for slenderness in (10, 1e3, 1e5)
             for elements in (4, 32)
         ),
@@ -111,7 +111,7 @@ def test_free_motions_do_not_depend_on_units(support):
 def test_damped_free_strip_has_the_frequencies_of_theory(formulation):
     mech = strip("free", 1e-3, 1e-5, **FORMULATIONS[formulation])
     modes = bd.modes(mech, n=6)
-    section = bd.Section.rectangle(STEEL, width=0.02, height=1e-3)
+    section = rectangle(1e-3)
     expected = FREE_BEAM_ROOTS**2 * np.sqrt(section.EI / section.rhoA)
     # The mesh of eight elements raises the third frequency by 8e-5.
     assert_allclose(np.abs(modes.eigenvalues[3:]), expected, rtol=1e-4)
@@ -122,7 +122,7 @@ def test_damped_free_strip_has_the_frequencies_of_theory(formulation):
 def hub_with_booms(height):
     """Return a free hub with two thin elastic booms."""
     mech = bd.Mechanism()
-    section = bd.Section.rectangle(STEEL, width=0.02, height=height, damping=1e-5)
+    section = rectangle(height, damping=1e-5)
     hub = mech.add(bd.RigidBody("hub", 1.0, 0.01, (0.0, 0.0)))
     for name, side in (("right", 1.0), ("left", -1.0)):
         line = bd.Line((0.1 * side, 0.0), (1.1 * side, 0.0))
@@ -141,7 +141,7 @@ def test_free_hub_with_thin_booms_has_three_free_motions_and_rests(height):
 
 def ring(height, damping, formulation):
     """Return a free circular ring of two halves."""
-    radius, section = 0.2, bd.Section.rectangle(STEEL, 0.02, height, damping=damping)
+    radius, section = 0.2, rectangle(height, damping=damping)
     mech = bd.Mechanism()
     one, other = (
         mech.add(
@@ -161,7 +161,7 @@ def ring(height, damping, formulation):
     return mech
 
 
-@pytest.mark.slow(reason="half a second each")
+@pytest.mark.slow
 @pytest.mark.parametrize("damping", [0.0, 1e-6])
 @pytest.mark.parametrize("height", [1e-2, 1e-3])
 @pytest.mark.parametrize("speed", [1.0, 10.0, 100.0])
@@ -181,7 +181,7 @@ def rotor(is_clamped, formulation="exact"):
     mech = bd.Mechanism()
     hub = mech.add(bd.RigidBody.disk("hub", (0.0, 0.0), 0.1, mass=5.0))
     mech.add(bd.Revolute("shaft", mech.ground.at(0.0, 0.0), hub.at(0.0, 0.0)))
-    section = bd.Section.rectangle(STEEL, width=0.03, height=0.005)
+    section = rectangle(0.005, 0.03)
     line = bd.Line((0.1, 0.0), (0.6, 0.0))
     blade = mech.add(bd.Beam("blade", line, section, elements=2, formulation=formulation))
     if is_clamped:
@@ -198,7 +198,7 @@ def test_regression_rotations_name_bodies_without_a_joint(formulation):
         bd.campbell(mech, [10.0])
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 def test_free_motions_of_held_mechanisms_and_of_free_structures_have_no_warning():
     # With warnings as errors: the rotation of a hub, and a structure that is free as a whole.
     assert bd.modes(rotor(True), n=2).warnings == ()

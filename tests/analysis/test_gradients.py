@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from differentiable_models import skater, swing, turning
+from mechanisms import clamped_beam, free_ball
 from quick_return import quick_return
 from slider_crank import slider_crank
 
@@ -30,10 +31,8 @@ NEGLIGIBLE = 1e-3
 @bd.model(t_end=1.0)
 def oscillator(stiffness=40.0, damping=0.8, speed=SPEED, elements=1):
     """Mass on a spring and a damper, moving along the line of the spring."""
-    mech = bd.Mechanism()
-    mass = mech.add(bd.PointMass("mass", MASS, at=(1.0, 0.0), velocity=(speed, 0.0)))
+    mech, mass = free_ball((1.0, 0.0), velocity=(speed, 0.0), mass=MASS, name="mass")
     mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), mass.point, stiffness, damping))
-    mech.observe("mass", mass.point)
     return mech
 
 
@@ -138,12 +137,10 @@ def assert_agrees_with_forward(
 @bd.model(t_end=0.2)
 def loaded(stiffness=40.0, load=0.0, speed=SPEED):
     """Oscillator with a force that is missing in the equations without load."""
-    mech = bd.Mechanism()
-    mass = mech.add(bd.PointMass("mass", MASS, at=(1.0, 0.0), velocity=(speed, 0.0)))
+    mech, mass = free_ball((1.0, 0.0), velocity=(speed, 0.0), mass=MASS, name="mass")
     mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), mass.point, stiffness))
     if load:
         mech.add(bd.Force("load", mass.point, (load, 0.0)))
-    mech.observe("mass", mass.point)
     return mech
 
 
@@ -166,14 +163,14 @@ LAW = {
 }
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 @pytest.mark.parametrize("case", LAW)
 def test_adjoint_agrees_with_forward_derivatives(case):
     model, by, t_end, options = LAW[case]
     assert_agrees_with_forward(model, by, t_end, **options)
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_gradients_of_runs_that_start_in_equilibrium():
     method = bd.GeneralizedAlpha(step=5e-3)
     result = bd.gradient(hanging, bd.quantities.EndValue("tip.y"), ["load", "mass"], method)
@@ -201,7 +198,7 @@ MODELS = [
 ]
 
 
-@pytest.mark.slow(reason="differentiates all models twice")
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [*MODELS, "hub_beam exact", "pendulum exact"])
 def test_all_parameters_of_the_models(name):
     name, _, formulation = name.partition(" ")
@@ -217,7 +214,7 @@ def test_all_parameters_of_the_models(name):
     assert_agrees_with_forward(model, by, 10 * step, method, values, positions=1e-9)
 
 
-@pytest.mark.slow(reason="runs at a small tolerance")
+@pytest.mark.slow
 @pytest.mark.parametrize("t_end", [0.3894, 0.4917])
 def test_regression_undamped_slider_crank_with_radau(t_end):
     """Factors that had not been tested were unsuitable, and the transposed equations diverged."""
@@ -236,7 +233,7 @@ def test_regression_undamped_slider_crank_with_radau(t_end):
         assert abs(actual.derivatives[name] - expected) <= 1e-7 * size
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_few_parameters_are_changed_together():
     heights = (0.006, 0.005, 0.004, 0.0035, 0.003)
     entries = {f"height[{k}]": ("height", k) for k in range(5)}
@@ -267,17 +264,14 @@ def test_few_parameters_are_changed_together():
 @bd.model(t_end=1.0)
 def leaf(height=(0.005,) * 9):
     """Leaf spring under a force of 300 N, with a height that is linear between nine points."""
-    mech = bd.Mechanism()
     section = bd.taper(bd.Section.rectangle, bd.Material.of("steel"), width=0.05, height=height)
-    line = bd.Line((0.0, 0.0), (0.4, 0.0))
-    beam = mech.add(bd.Beam("leaf", line, section, elements=8, formulation="exact"))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech, beam = clamped_beam(section, 8, 0.4, name="leaf", formulation="exact")
     mech.add(bd.Force("load", beam.end, (0.0, -300.0)))
     mech.observe("stress", beam.largest_stress())
     return mech
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 def test_regression_heights_are_changed_together_although_stiffnesses_keep_their_ratios():
     """Equal heights, changed by equal factors, hid the ratios of stiffnesses that they affect."""
     uneven = (0.005, 0.004, 0.006, 0.003, 0.005, 0.002, 0.003, 0.002, 0.003)
@@ -307,16 +301,14 @@ def test_regression_heights_are_changed_together_although_stiffnesses_keep_their
 @bd.model(t_end=0.1)
 def coupled(gains=(0.0,) * 10):
     """Oscillator whose stiffness depends on gains only if an even and an odd one change."""
-    mech = bd.Mechanism()
-    mass = mech.add(bd.PointMass("mass", MASS, at=(1.0, 0.0), velocity=(SPEED, 0.0)))
+    mech, mass = free_ball((1.0, 0.0), velocity=(SPEED, 0.0), mass=MASS, name="mass")
     product = sum(gains[::2]) * (1.0 + sum(gains[1::2])) + sum(gains)
     stiffness = 40.0 + product
     mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), mass.point, stiffness, 0.5))
-    mech.observe("mass", mass.point)
     return mech
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_parameters_that_affect_the_same_number_are_changed_one_by_one():
     result = bd.gradient(
         coupled, bd.quantities.EndValue("mass.x"), "gains", bd.GeneralizedAlpha(step=1e-3)
@@ -332,7 +324,7 @@ def test_parameters_that_affect_the_same_number_are_changed_one_by_one():
     np.testing.assert_allclose(result.derivatives["gains"], by_stiffness * np.tile([2.0, 1.0], 5))
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_lists_of_floats_and_floats():
     objective, method = bd.quantities.TimeIntegral("tip.y", 2), bd.GeneralizedAlpha(step=1e-3)
     result = bd.gradient(arm, objective, ["torque", "thickness"], method)
@@ -349,7 +341,7 @@ def test_lists_of_floats_and_floats():
     assert result.derivatives["thickness"].sum() == pytest.approx(together, rel=1e-5)
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 @pytest.mark.parametrize("stabilized", [False])
 def test_transposed_sum_is_the_transpose_of_the_directional_sum(stabilized):
     e = bd.equations_of_motion(arm())
@@ -368,7 +360,7 @@ def test_transposed_sum_is_the_transpose_of_the_directional_sum(stabilized):
     assert abs(y @ change - terms.sum()) <= 1e-13 * np.abs(terms).sum()
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_interpreted_sweep_agrees_with_machine_code(monkeypatch):
     if not is_native_enabled():
         pytest.skip("machine code is switched off")
@@ -481,15 +473,13 @@ def test_invalid_estimate_error_is_rejected(call):
 @bd.model(t_end=0.05)
 def resting_ball(height=0.0, stiffness=2e4):
     """A ball that is placed on the floor, up to rounding."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    ball = mech.add(bd.PointMass("ball", 0.5, at=(0.0, height), velocity=(0.5, 0.0)))
+    mech, ball = free_ball((0.0, height), velocity=(0.5, 0.0), mass=0.5, gravity=9.81)
     floor = bd.LineSurface(mech.ground.at(0.0, 0.0))
     mech.add(bd.Contact("floor", ball.point, floor, stiffness, friction=0.2))
-    mech.observe("ball", ball.point)
     return mech
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 @pytest.mark.parametrize("height", [0.0, -1e-18, -1e-12])
 def test_regression_start_at_first_touch_of_a_contact(height):
     """The stiffness of the contact is proportional to the square root of the penetration.
@@ -510,7 +500,7 @@ def test_regression_start_at_first_touch_of_a_contact(height):
     assert forward.sensitivity("ball.y", "height").iloc[-1] == pytest.approx(expected, rel=2e-3)
 
 
-@pytest.mark.slow(reason="kernels of a mechanism with friction")
+@pytest.mark.slow
 def test_regression_weights_that_decay_to_underflow():
     """Before the only sample, friction damps the weights of later steps to denormal numbers."""
     objective = bd.quantities.SquaredErrors("motor.M", [0.1], [0.0], 1.0)
@@ -556,7 +546,7 @@ def differentiate_rod(kind, by, method):
 
 
 STEP = bd.GeneralizedAlpha(step=0.01)
-BOTH_METHODS = [STEP, pytest.param(bd.Radau(), marks=pytest.mark.slow(reason="another method"))]
+BOTH_METHODS = [STEP, pytest.param(bd.Radau(), marks=pytest.mark.slow)]
 
 
 def assert_derivatives_of_rod(kind, expected, method, tolerance):
@@ -566,7 +556,7 @@ def assert_derivatives_of_rod(kind, expected, method, tolerance):
         assert backward == pytest.approx(forward, rel=1e-8)
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 @pytest.mark.parametrize("method", BOTH_METHODS, ids=repr)
 def test_regression_missing_forces_that_differ_in_their_points(method):
     """Both parameters had the derivative of the first, because the structures are equal."""
@@ -575,7 +565,7 @@ def test_regression_missing_forces_that_differ_in_their_points(method):
     assert_derivatives_of_rod("force", expected, method, 1e-6)
 
 
-@pytest.mark.slow(reason="kernels of springs and dampers")
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["spring", "damper"])
 @pytest.mark.parametrize("method", [STEP, bd.Radau(1e-8)], ids=repr)
 def test_regression_missing_springs_and_dampers_that_differ_in_their_points(kind, method):
@@ -585,7 +575,7 @@ def test_regression_missing_springs_and_dampers_that_differ_in_their_points(kind
     assert_derivatives_of_rod(kind, alone, method, 1e-8)
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 @pytest.mark.parametrize("method", BOTH_METHODS, ids=repr)
 def test_regression_parameters_that_move_different_breakpoints(method):
     """The second derivative was zero: the sweep of the first did not shift its breakpoint."""

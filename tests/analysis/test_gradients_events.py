@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from mechanisms import clamped_beam, rectangle
 from test_gradients import MULTIPLIERS, chain_rule, oscillator, skater, swing
 from test_sensitivities import parallel
 from test_sensitivities_events import (
@@ -77,14 +78,14 @@ def assert_agrees_with_chain_rule(model, by, t_end, method):
         assert abs(actual.derivatives[name] - expected) <= MULTIPLIERS * size, name
 
 
-@pytest.mark.slow(reason="differentiates a run twice")
+@pytest.mark.slow
 @pytest.mark.parametrize("method", [ALPHA, RADAU], ids=["alpha", "radau"])
 @pytest.mark.parametrize("case", CASES)
 def test_adjoint_agrees_with_forward_derivatives(case, method):
     assert_agrees_with_chain_rule(*CASES[case], method)
 
 
-@pytest.mark.slow(reason="half a second each")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("method", "tolerance"), [(bd.GeneralizedAlpha(step=2e-3), 2e-4), (bd.Radau(rtol=1e-8), 1e-7)]
 )
@@ -111,7 +112,7 @@ def test_regression_integrals_of_columns_that_jump(method, tolerance):
     assert derivative == pytest.approx((values[1] - values[0]) / 2e-3, rel=10.0 * tolerance + 1e-5)
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_integrals_over_the_long_steps_of_radau():
     """The trapezoidal rule over the steps would have errors of 3 %."""
     run = bd.simulate(oscillator(damping=0.0), bd.Radau(rtol=1e-4), 2.0)
@@ -134,7 +135,7 @@ def test_integrals_over_the_long_steps_of_radau():
         ("breakpoint", {"breakpoint": 0.5}, "moves the breakpoint of a law at t = 0.5 s across"),
     ],
 )
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_times_without_derivatives_are_rejected(by, values, message):
     with pytest.raises(bd.BeamdaeError, match=f"gradient: .*{message}"):
         bd.gradient(thrown, bd.quantities.EndValue("ball.x"), by, parameters=values)
@@ -143,7 +144,7 @@ def test_times_without_derivatives_are_rejected(by, values, message):
 STOPPED = {"alpha": bd.GeneralizedAlpha(step=2e-3), "radau": bd.Radau(rtol=1e-6)}
 
 
-@pytest.mark.slow(reason="half a second each")
+@pytest.mark.slow
 @pytest.mark.parametrize("method", STOPPED.values(), ids=STOPPED)
 def test_run_that_an_event_stops(method):
     """Ball that falls from h to y: T^2 = 2 (h - y) / g, and its speed is g T at the end."""
@@ -177,17 +178,15 @@ def test_run_that_an_event_stops(method):
 def loaded_strip(height=0.004, damping=1e-3, load=0.5, E=2.0e9):
     """Clamped strip with its own weight and a force at its end that varies in time."""
     plastic = bd.Material(E=E, nu=0.4, rho=1200.0)
-    section = bd.Section.rectangle(plastic, width=0.02, height=height, damping=damping)
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    beam = mech.add(bd.Beam("strip", bd.Line((0.0, 0.0), (0.3, 0.0)), section, elements=2))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    section = rectangle(height, damping=damping, material=plastic)
+    mech, beam = clamped_beam(section, 2, 0.3, name="strip", gravity=9.81)
     mech.add(bd.Force("load", beam.end, (0.0, bd.sine(load, 4.0))))
     mech.observe("root", beam.section_forces(0.0))
     mech.observe("stress", beam.stress(0.0, "top"))
     return mech
 
 
-@pytest.mark.slow(reason="differentiates a beam twice")
+@pytest.mark.slow
 @pytest.mark.parametrize("method", [bd.GeneralizedAlpha(rtol=1e-4), RADAU], ids=["alpha", "radau"])
 def test_section_forces_and_stresses(method):
     """Peaks of section forces and stresses, which limit designs."""
@@ -204,7 +203,7 @@ def test_section_forces_and_stresses(method):
         assert 0.95 * peak < smooth < 1.001 * peak
 
 
-@pytest.mark.slow(reason="several runs with impacts")
+@pytest.mark.slow
 @pytest.mark.parametrize("method", [bd.GeneralizedAlpha(step=0.02), bd.Radau(rtol=1e-5)])
 def test_optimization_of_a_run_with_impacts(method):
     """Find a drop height for which the ball is at a given height after two impacts."""
@@ -215,7 +214,7 @@ def test_optimization_of_a_run_with_impacts(method):
     assert again == pytest.approx(target, abs=1e-5)
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 @pytest.mark.parametrize(("exponent", "step"), [(50.0, 0.1), (50.0, 0.05), (300.0, 0.01)])
 def test_regression_peaks_narrower_than_the_steps_are_reported(exponent, step):
     """Errors of 91, 68 and 66 % were estimated at 22 and 6 %, and the last one was silent."""
@@ -229,7 +228,7 @@ def test_regression_peaks_narrower_than_the_steps_are_reported(exponent, step):
     assert result.errors.largest > 0.4
 
 
-@pytest.mark.slow(reason="differentiates a beam")
+@pytest.mark.slow
 def test_regression_derivatives_of_axial_forces_between_steps():
     """Those of interpolated positions were wrong by 20 times the largest derivative."""
     method, step = bd.GeneralizedAlpha(step=2e-3), 1e-3

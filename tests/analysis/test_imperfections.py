@@ -4,16 +4,15 @@ import warnings
 
 import numpy as np
 import pytest
+from mechanisms import rectangle
 from numpy.testing import assert_allclose
 from test_slender_structures import FORMULATIONS
 
 import beamdae as bd
 
-STEEL = bd.Material.of("steel")
-
 
 def strip(height=1e-3):
-    return bd.Section.rectangle(STEEL, width=0.02, height=height)
+    return rectangle(height)
 
 
 def roorda_frame(**options):
@@ -45,7 +44,7 @@ def corner_rotation(path):
     return path.columns["corner.angle [rad]"] - 0.5 * np.pi
 
 
-@pytest.mark.slow(reason="several seconds")
+@pytest.mark.slow
 @FORMULATIONS
 def test_knock_down_of_roordas_frame(options):
     # W. T. Koiter, in: Recent Progress in Applied Mechanics, Almqvist & Wiksell (1967), 337: the
@@ -75,7 +74,7 @@ def unloaded(mech, shape, amplitude):
     return bd.equilibrium(bd.imperfect(mech, shape, amplitude), to=1e-9)
 
 
-@pytest.mark.slow(reason="one second")
+@pytest.mark.slow
 @FORMULATIONS
 def test_bow_of_a_column_grows_as_in_theory(options):
     mech = hinged_column(**options)
@@ -89,7 +88,7 @@ def test_bow_of_a_column_grows_as_in_theory(options):
     assert path.stable
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 def test_measured_curve_is_the_unloaded_shape():
     mech = hinged_column(formulation="exact")
     x = np.linspace(0.0, 1.0, 41)
@@ -115,7 +114,7 @@ def hinged_arch():
     return mech
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 def test_imperfect_statically_indeterminate_arch_has_no_stress():
     # The supports do not move: the imperfection must be compatible with them.
     mech = hinged_arch()
@@ -132,7 +131,7 @@ def test_imperfect_statically_indeterminate_arch_has_no_stress():
     assert moved > 0.5 * amplitude
 
 
-@pytest.mark.slow(reason="several seconds")
+@pytest.mark.slow
 def test_knock_down_curve_of_an_arch():
     # The branch of a symmetric arch is unstable and symmetric: the limit load of an imperfect arch
     # falls with the amplitude to the power 2/3 (Koiter 1945).
@@ -145,7 +144,7 @@ def test_knock_down_curve_of_an_arch():
     assert_allclose(np.diff(np.log10(drops)), 2.0 / 3.0, atol=0.05)
 
 
-@pytest.mark.slow(reason="several paths")
+@pytest.mark.slow
 def test_knock_down_does_not_warn_of_the_ends_of_its_paths():
     mech = hinged_arch()
     sideways, symmetric = bd.buckling(mech, n=2).shapes

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from mechanisms import free_ball
 
 import beamdae as bd
 from beamdae.errors import warn_user
@@ -22,10 +23,8 @@ class Oscillator:
         self.calls += 1
         if self.calls == self.n:
             raise self.interrupt
-        mech = bd.Mechanism()
-        body = mech.add(bd.PointMass("mass", 1.0, at=(1.0, 0.0), velocity=(0.2, 0.0)))
+        mech, body = free_ball((1.0, 0.0), velocity=(0.2, 0.0), name="mass")
         mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), body.point, stiffness))
-        mech.observe("mass", body.point)
         return mech
 
 
@@ -40,7 +39,7 @@ def model(n=0, interrupt=KeyboardInterrupt):
     return spring, oscillator
 
 
-@pytest.mark.slow(reason="four fits")
+@pytest.mark.slow
 def test_regression_an_interrupted_fit_has_its_best_estimates():
     """All evaluations were lost."""
     spring, oscillator = model()
@@ -63,7 +62,7 @@ def test_regression_an_interrupted_fit_has_its_best_estimates():
     assert "interrupted after" in repr(result)
 
 
-@pytest.mark.slow(reason="up to forty fits")
+@pytest.mark.slow
 @pytest.mark.parametrize(("stiffness", "step"), [(30.0, 1), (900.0, 7)])
 def test_interrupts_of_any_run_of_a_fit_keep_the_best_estimates(stiffness, step):
     """From 900, the search begins again with parts of the data."""

@@ -5,6 +5,7 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 import pytest
+from mechanisms import clamped_beam, free_ball, hinged_body, rectangle
 from numpy.testing import assert_allclose
 from scipy.signal import StateSpace, lsim
 from voice_coil_stage import voice_coil_stage
@@ -13,7 +14,7 @@ import beamdae as bd
 from beamdae.symbolic.statements import Quantity, Variable
 
 ALLOY = bd.Material(E=68.95e9, nu=0.3, rho=2760.0)
-STRIP = bd.Section.rectangle(ALLOY, width=0.03, height=0.0025, damping=1e-3)
+STRIP = rectangle(0.0025, 0.03, damping=1e-3, material=ALLOY)
 
 
 def mount(push=0.0):
@@ -75,7 +76,7 @@ def test_shaken_mass_has_the_transfer_function_of_its_equation():
     assert_allclose(model.output_values[force], 2.5 * 9.81, rtol=1e-9)
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_eigenvalues_of_the_state_matrix_are_the_modes():
     model, modes = bd.linearize(strip()), bd.modes(strip(), n=3)
     values = np.linalg.eigvals(model.A)
@@ -84,13 +85,11 @@ def test_eigenvalues_of_the_state_matrix_are_the_modes():
     assert_allclose(upper, modes.eigenvalues, rtol=2e-5)
 
 
-@pytest.mark.slow(reason="a run of a curved beam")
+@pytest.mark.slow
 def test_regression_slow_poles_of_stiff_structures_are_accurate():
     """A steel strip of 1 m x 0.2 mm: elements of A are up to 1e17, its slowest modes 1 rad/s."""
-    mech = bd.Mechanism()
-    strip = bd.Section.rectangle(bd.Material.of("steel"), 0.02, 2e-4, damping=1e-4)
-    beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (1.0, 0.0)), strip, 3, formulation="exact"))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    strip = rectangle(2e-4, damping=1e-4)
+    mech, _ = clamped_beam(strip, 3, formulation="exact")
     poles, modes = bd.linearize(mech).poles, bd.modes(mech, n=4).eigenvalues
     assert len(poles) == 2 * 27
     assert_allclose(poles[poles.imag > 0.0][:4], modes, rtol=1e-6)
@@ -102,7 +101,7 @@ def test_regression_slow_poles_of_stiff_structures_are_accurate():
 def test_poles_of_thin_hanging_beams_are_their_modes(ratio, damping):
     """On a hinge, the slowest poles were 0.3 % off, and grew without damping."""
     mech, h = bd.Mechanism(gravity=(0.0, -9.81)), 0.06 / ratio
-    section = bd.Section.rectangle(bd.Material.of("steel"), 10.0 * h, h, damping=damping)
+    section = rectangle(h, 10.0 * h, damping=damping)
     line = bd.Line((0.0, 0.0), (0.0, -0.06))
     leaf = mech.add(bd.Beam("leaf", line, section, 8, formulation="floating frame"))
     mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), leaf.start))
@@ -114,7 +113,7 @@ def test_poles_of_thin_hanging_beams_are_their_modes(ratio, damping):
     assert damping > 0.0 or np.all(poles[np.abs(poles) < 1e4].real == 0.0)
 
 
-@pytest.mark.slow(reason="a quarter of a second")
+@pytest.mark.slow
 def test_small_step_response_matches_the_nonlinear_run():
     model = bd.linearize(strip(), about="equilibrium")
     force = 1e-4
@@ -184,9 +183,7 @@ def test_moving_skate_steers():
 
 def test_states_and_outputs_refer_to_the_rotating_frame():
     """In the rotating frame, a disk under a moment is a double integrator."""
-    mech = bd.Mechanism()
-    disk = mech.add(bd.RigidBody("disk", 1.0, 0.3))
-    mech.add(bd.Revolute("axle", mech.ground.at(0.0, 0.0), disk.at(0.0, 0.0)))
+    mech, disk = hinged_body(1.0, 0.3, name="disk")
     mech.add(bd.Moment("motor", disk.at(0.0, 0.0), 0.0))
     model = bd.linearize(mech, about=bd.rotation(4.0))
     assert_allclose(model.A, [[0.0, 1.0], [0.0, 0.0]], atol=1e-12)
@@ -211,7 +208,7 @@ def test_invalid_arguments_are_rejected(arguments, message):
         bd.linearize(mount(), **arguments)
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 def test_regression_inputs_are_selected_by_columns():
     """The columns of inputs in tables and `margins` were refused: there is no input 'push.Fy'."""
     whole = bd.linearize(mount(), inputs=["shaker", "push"])
@@ -236,13 +233,11 @@ def test_regression_outputs_are_selected_by_columns():
         np.testing.assert_array_equal(model.output_values, whole.output_values[[row]])
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 def test_discrete_model_predicts_the_samples_of_a_controlled_run():
     """The run with a `Controller`, and the exact discretization of a wheel of 0.5 kg m^2."""
     every, gains = 0.05, np.array([[8.0, 1.0]])
-    mech = bd.Mechanism()
-    wheel = mech.add(bd.RigidBody("wheel", mass=1.0, inertia=0.5, angular_velocity=2.0))
-    mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), wheel.at(0.0, 0.0)))
+    mech, wheel = hinged_body(1.0, 0.5, name="wheel", angular_velocity=2.0)
     torque = mech.input("torque", unit="N m")
     mech.add(bd.Moment("motor", wheel.at(0.0, 0.0), torque))
     reads = [mech.sensor(x, wheel.at(0.0, 0.0), x) for x in ("angle", "angle_dot")]
@@ -277,7 +272,7 @@ def test_discrete_model_rejects_invalid_intervals():
         unstable.state_space(10.0)
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 @pytest.mark.parametrize("about", ["reference", bd.rotation(10.0)], ids=["rest", "rotation"])
 def test_regression_largest_magnitudes_are_no_outputs(about):
     """The transfer function of the largest stress was zero."""
@@ -301,13 +296,11 @@ def test_regression_largest_magnitudes_are_no_outputs(about):
 
 
 def ball_above_floor():
-    mech = bd.Mechanism()
-    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 1.0)))
+    mech, ball = free_ball((0.0, 1.0))
     mech.add(bd.Spring("spring", mech.ground.at(0.0, 2.0), ball.point, 100.0))
     mech.add(bd.Force("push", ball.point, (0.0, 0.0)))
     floor = mech.add(bd.Contact("floor", ball.point, bd.LineSurface(mech.ground.at(0, 0)), 1e4))
     mech.observe("floor", floor.force)
-    mech.observe("ball", ball.point)
     return mech, ball
 
 

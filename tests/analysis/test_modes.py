@@ -5,6 +5,7 @@ import warnings
 import casadi as ca
 import numpy as np
 import pytest
+from mechanisms import hinged_body, rectangle
 from numpy.testing import assert_allclose
 from scipy.optimize import brentq
 
@@ -15,7 +16,7 @@ from beamdae.analysis.eigenproblems.eigensolution import _normalize
 from beamdae.analysis.linear_dynamics.linearization import linearize_about
 
 STEEL = bd.Material(E=2.0e11, nu=0.3, rho=7800.0)
-STRIP = bd.Section.rectangle(STEEL, width=0.03, height=0.002)
+STRIP = rectangle(0.002, 0.03, material=STEEL)
 
 
 def oscillator(mass=2.0, stiffness=8.0, damping=0.0):
@@ -43,7 +44,7 @@ def double_pendulum(turn=0.0, shift=(0.0, 0.0), backwards=False, lengths=(1.0, 0
 
 def cantilever(elements=8, gravity=(0.0, 0.0), damping=0.0, **settings):
     mech = bd.Mechanism(gravity=gravity)
-    strip = bd.Section.rectangle(STEEL, width=0.03, height=0.002, damping=damping)
+    strip = rectangle(0.002, 0.03, damping=damping, material=STEEL)
     line = bd.Line((0.0, 0.0), (0.5, 0.0))
     beam = mech.add(bd.Beam("beam", line, strip, elements=elements, **settings))
     mech.add(bd.Weld("root", mech.ground.at(0.0, 0.0), beam.start))
@@ -120,10 +121,10 @@ def test_inverted_double_pendulum_grows_at_the_rates_of_the_same_roots():
     assert "unstable: 2 modes grow" in warning
 
 
-@pytest.mark.slow(reason="16 elements, and the roots of a determinant")
+@pytest.mark.slow
 @pytest.mark.parametrize("height", [0.002, 0.05])
 def test_cantilever_matches_timoshenko_theory(height):
-    section = bd.Section.rectangle(STEEL, width=0.03, height=height)
+    section = rectangle(height, 0.03, material=STEEL)
     mech = bd.Mechanism()
     beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (0.5, 0.0)), section, elements=16))
     mech.add(bd.Weld("root", mech.ground.at(0.0, 0.0), beam.start))
@@ -143,7 +144,7 @@ def test_cantilever_matches_timoshenko_theory(height):
         assert_allclose(share, [0.61308, 0.18830], rtol=1e-3)
 
 
-@pytest.mark.slow(reason="all modes")
+@pytest.mark.slow
 def test_effective_masses_add_up_to_the_moving_mass():
     modes = bd.modes(cantilever(2), n=None)
     total = STRIP.rhoA * 0.5
@@ -190,7 +191,7 @@ def test_effective_masses_in_rotations_are_not_stated():
     assert np.isnan(bd.modes(mech, bd.rotation(3.0)).effective_masses).all()
 
 
-@pytest.mark.slow(reason="256 elements")
+@pytest.mark.slow
 def test_light_damping_of_a_fine_mesh_is_resolved():
     """Rounding of the stiffness exceeds this damping of the lowest mode."""
     modes = bd.modes(cantilever(256, damping=1e-5, formulation="exact"), n=2)
@@ -211,7 +212,7 @@ def test_material_damping_of_a_mode_grows_with_its_frequency():
 @pytest.mark.parametrize(("elements", "damping"), [(4, 0.0), (40, 1e-6)])
 def test_free_beam_has_three_rigid_body_modes(elements, damping):
     mech = bd.Mechanism()
-    strip = bd.Section.rectangle(STEEL, width=0.03, height=0.002, damping=damping)
+    strip = rectangle(0.002, 0.03, damping=damping, material=STEEL)
     mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (0.5, 0.2)), strip, elements=elements))
     modes = bd.modes(mech, n=5)
     assert modes.kinds == ("free motion",) * 3 + ("vibration",) * 2
@@ -290,7 +291,7 @@ def test_redundant_constraints_are_removed_or_rejected():
 # The state ---------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow(reason="five equilibria")
+@pytest.mark.slow
 def test_tip_load_changes_the_bending_frequency():
     """Tip load P on a strip: w^2 ~ 1 - P / Pcr (Blevins), Pcr = (pi / 2L)^2 EI."""
     critical = (0.5 * np.pi / 0.5) ** 2 * STRIP.EI
@@ -307,7 +308,7 @@ def test_tip_load_changes_the_bending_frequency():
     assert abs(below) < 2e-3 * unloaded
 
 
-@pytest.mark.slow(reason="an equilibrium")
+@pytest.mark.slow
 def test_reference_state_need_not_be_an_equilibrium():
     """A strip released from rest carries no weight yet: its modes are those without weight."""
     falling = bd.modes(cantilever(gravity=(0.0, -9.81)), n=3)
@@ -397,9 +398,7 @@ def test_rejected_states_have_no_warning():
 
 
 def test_modes_about_positions_by_name():
-    mech = bd.Mechanism()
-    bar = mech.add(bd.RigidBody("bar", 1.0, 0.25, center=(1.0, 0.0)))
-    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), bar.at(0.0, 0.0)))
+    mech, bar = hinged_body(1.0, 0.25, (1.0, 0.0), name="bar")
     mech.add(bd.TorsionSpring("spring", mech.ground.at(0.0, 0.0), bar.at(0.0, 0.0), stiffness=5.0))
     modes = bd.modes(mech, about={"bar.angle": 0.3})
     assert_allclose(modes.q[2], 0.3)
@@ -442,7 +441,7 @@ def test_dense_and_sparse_solvers_agree(damping, monkeypatch):
     assert_allclose(np.diag(sparse.mac(dense)), 1.0, rtol=1e-9)
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_slow_decays_of_material_damping_are_found_by_sparse_matrices(monkeypatch):
     """The fifth mode has 0.4 and the sixth mode 0.6 of the critical damping."""
     mech = cantilever(12, damping=3.4e-4)
@@ -453,7 +452,7 @@ def test_slow_decays_of_material_damping_are_found_by_sparse_matrices(monkeypatc
         assert_allclose(bd.modes(mech, n=n).eigenvalues, expected, rtol=1e-7)
 
 
-@pytest.mark.slow(reason="kernels of three formulations")
+@pytest.mark.slow
 def test_formulations_of_a_beam_have_the_same_modes():
     expected = bd.modes(cantilever(12), n=4).eigenvalues
     for settings in ({"strain": "linear"}, {"strain": "nonlinear", "frame": "tangent"}):
@@ -484,7 +483,7 @@ def two_beams(stiffness_ratios, formulation, damping=0.0):
     end = mech.ground.at(0.0, 0.0)
     for k, ratio in enumerate(stiffness_ratios):
         steel = bd.Material(210e9 * ratio, 0.3, 7800.0)
-        section = bd.Section.rectangle(steel, width=0.02, height=0.01, damping=damping)
+        section = rectangle(0.01, damping=damping, material=steel)
         line = bd.Line((float(k), 0.0), (k + 1.0, 0.0))
         beam = mech.add(bd.Beam(f"beam {k}", line, section, 4, formulation=formulation))
         mech.add(bd.Weld(f"joint {k}", end, beam.start))
@@ -533,7 +532,7 @@ def test_regression_free_motions_that_deform_a_beam_are_announced():
 
 def free_strip():
     mech = bd.Mechanism()
-    section = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=1e-4)
+    section = rectangle(1e-4)
     line = bd.Line((0.0, 0.0), (1.0, 0.0))
     mech.add(bd.Beam("strip", line, section, 8, formulation="exact"))
     return mech
@@ -548,7 +547,7 @@ def test_regression_modes_about_equilibria_do_not_depend_on_the_size_of_other_pa
     """From 1:1e4 on, small beams had "no inertia", and loads of large ones were not balanced."""
     mech, steel = bd.Mechanism(), bd.Material.of("steel")
     for k, length in enumerate((1.0, ratio)):
-        section = bd.Section.rectangle(steel, 0.02 * length, 0.01 * length, damping=damping)
+        section = rectangle(0.01 * length, 0.02 * length, damping=damping, material=steel)
         line = bd.Line((2.0 * k, 0.0), (2.0 * k + length, 0.0))
         beam = mech.add(bd.Beam(f"beam {k}", line, section, 4, formulation=formulation))
         mech.add(bd.Weld(f"clamp {k}", mech.ground.at(2.0 * k, 0.0), beam.start))

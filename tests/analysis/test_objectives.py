@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from mechanisms import free_ball
 
 import beamdae as bd
 from beamdae.analysis.gradients.objectives import SampleGrid
@@ -25,9 +26,7 @@ LEAVES = [
 @pytest.fixture(scope="module")
 def falling():
     """A mass that falls freely from rest at y = 2 m: y = 2 - g t^2 / 2."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    mass = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 2.0)))
-    mech.observe("ball", mass.point)
+    mech, _ = free_ball((0.0, 2.0), gravity=9.81)
     return bd.simulate(mech, bd.GeneralizedAlpha(step=1e-3), t_end=0.5)
 
 

@@ -4,6 +4,7 @@ import warnings
 
 import numpy as np
 import pytest
+from mechanisms import clamped_beam, free_ball, rectangle
 from scipy.optimize import brentq
 
 import beamdae as bd
@@ -11,20 +12,18 @@ import beamdae as bd
 E, RHO = 210e9, 7850.0
 STEEL = bd.Material(E=E, nu=0.3, rho=RHO)
 pytestmark = [
-    pytest.mark.slow(reason="searches"),
+    pytest.mark.slow,
     pytest.mark.parametrize("method", ["SLSQP", "IPOPT"]),
 ]
 
 
 def two_bars(width_0, width_1):
     """Two bars from walls at (-1, 1) and (1, 1) to a node at the origin, as springs E A / L."""
-    mech = bd.Mechanism()
-    node = mech.add(bd.PointMass("node", 1.0, at=(0.0, 0.0)))
+    mech, node = free_ball(name="node")
     for k, (width, x) in enumerate([(width_0, -1.0), (width_1, 1.0)]):
         stiffness = E * 1e-2 * width / np.sqrt(2.0)
         mech.add(bd.Spring(f"bar {k}", mech.ground.at(x, 1.0), node.point, stiffness))
     mech.add(bd.Force("load", node.point, (0.0, -1e4)))
-    mech.observe("node", node.point)
     return mech
 
 
@@ -50,11 +49,8 @@ def test_lightest_pair_of_bars_with_a_limit_of_the_deflection_is_symmetric(metho
 
 
 def beam_model(height, width, length, loads, mass=0.0, elements=2):
-    mech = bd.Mechanism()
-    section = bd.Section.rectangle(STEEL, width=width, height=height)
-    line = bd.Line((0.0, 0.0), (length, 0.0))
-    beam = mech.add(bd.Beam("beam", line, section, elements=elements, formulation="exact"))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    section = rectangle(height, width, material=STEEL)
+    mech, beam = clamped_beam(section, elements, length, formulation="exact")
     if loads != (0.0, 0.0):
         mech.add(bd.Force("load", beam.end, loads))
     if mass:
@@ -186,7 +182,7 @@ def portal(column_height=0.03, beam_height=0.03):
     heights = (column_height, beam_height, column_height)
     parts = []
     for k, height in enumerate(heights):
-        section = bd.Section.rectangle(STEEL, width=0.02, height=height)
+        section = rectangle(height, material=STEEL)
         line = bd.Line(corners[k], corners[k + 1])
         parts.append(mech.add(bd.Beam(f"part {k}", line, section, elements=2, formulation="exact")))
     mech.add(bd.Weld("left foot", mech.ground.at(*corners[0]), parts[0].start))
@@ -251,13 +247,11 @@ def test_fastest_motion_with_a_limit_of_the_peak_torque(method):
 @bd.model(t_end=1.0)
 def catapult(stiffness=30.0, damping=1.0):
     """Mass on a spring with a damper, released at 1 m."""
-    mech = bd.Mechanism()
-    mass = mech.add(bd.PointMass("mass", 1.0, at=(1.0, 0.0)))
+    mech, mass = free_ball((1.0, 0.0), name="mass")
     ground = mech.ground.at(0.0, 0.0)
     mech.add(bd.PointOnLine("rail", ground, mass.point))
     spring = bd.Spring("spring", ground, mass.point, stiffness, damping, free_length=0.0)
     mech.add(spring)
-    mech.observe("mass", mass.point)
     return mech
 
 

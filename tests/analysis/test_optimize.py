@@ -8,6 +8,7 @@ from dataclasses import replace
 import mechanisms
 import numpy as np
 import pytest
+from mechanisms import clamped_beam, free_ball, mass_on_rail
 from scipy.optimize import OptimizeResult, linprog
 
 import beamdae as bd
@@ -37,10 +38,7 @@ def cantilever(
         number = min(int(count * s / length), count - 1)
         return bd.Section.rectangle(STEEL, width=width, height=height[number], damping=1e-3)
 
-    mech = bd.Mechanism()
-    line = bd.Line((0.0, 0.0), (length, 0.0))
-    beam = mech.add(bd.Beam("beam", line, section, elements=count, strain=strain))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech, beam = clamped_beam(section, count, length, strain=strain)
     mech.add(bd.Force("load", beam.end, (0.0, -load)))
     mech.observe("tip", beam.end)
     for k in range(count):
@@ -48,7 +46,7 @@ def cantilever(
     return mech
 
 
-@pytest.mark.slow(reason="a quarter of a second")
+@pytest.mark.slow
 @pytest.mark.parametrize("height", [0.005, 0.0005, 0.05])
 def test_regression_the_adjoint_differentiates_equilibria_of_slender_steel_beams(
     height, monkeypatch
@@ -57,11 +55,8 @@ def test_regression_the_adjoint_differentiates_equilibria_of_slender_steel_beams
 
     @bd.model(t_end=1.0)
     def leaf(height=height, tip=0.6 * height):
-        mech = bd.Mechanism()
         section = bd.taper(bd.Section.rectangle, STEEL, width=0.05, height=(height, tip))
-        line = bd.Line((0.0, 0.0), (0.4, 0.0))
-        beam = mech.add(bd.Beam("leaf", line, section, elements=16, formulation="exact"))
-        mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+        mech, beam = clamped_beam(section, 16, 0.4, name="leaf", formulation="exact")
         load = 300.0 * (leaf.parameters["height"] / 0.005) ** 3
         mech.add(bd.Force("load", beam.end, (0.0, -load)))
         mech.observe("tip", beam.end)
@@ -89,7 +84,7 @@ def test_regression_the_adjoint_differentiates_equilibria_of_slender_steel_beams
         assert gradient[k] == pytest.approx((ahead - behind) / (2.0 * step), rel=1e-6)
 
 
-@pytest.mark.slow(reason="a third of a second")
+@pytest.mark.slow
 def test_regression_the_adjoint_includes_the_operators_of_observed_columns():
     """The shape functions of a curved beam in a floating frame depend on its radius."""
 
@@ -118,11 +113,8 @@ def test_regression_the_adjoint_includes_the_operators_of_observed_columns():
 @bd.model(t_end=1.0)
 def tapered_leaf(height=(0.008,) * 5, load=500.0, length=0.4):
     """Steel cantilever of piecewise linear height, with a force at its tip."""
-    mech = bd.Mechanism()
     section = bd.taper(bd.Section.rectangle, STEEL, width=0.05, height=height)
-    line = bd.Line((0.0, 0.0), (length, 0.0))
-    beam = mech.add(bd.Beam("leaf", line, section, elements=8, formulation="exact"))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech, beam = clamped_beam(section, 8, length, name="leaf", formulation="exact")
     mech.add(bd.Force("load", beam.end, (0.0, -load)))
     mech.observe("stress", beam.largest_stress(exponent=150))
     return mech
@@ -132,7 +124,7 @@ STRESS = bd.quantities.EquilibriumValue("stress.bound")
 LEAF_BOUNDS = {"height": (0.001, 0.03)}
 
 
-@pytest.mark.slow(reason="dozens of equilibria")
+@pytest.mark.slow
 @pytest.mark.parametrize(("method", "most"), [("SLSQP", 60), ("IPOPT", 100)])
 @pytest.mark.parametrize("first", [0.006, 0.012])
 def test_regression_lightest_tapered_leaf_under_a_stress_limit(first, method, most):
@@ -158,7 +150,7 @@ def test_regression_lightest_tapered_leaf_under_a_stress_limit(first, method, mo
     assert path["stress.bound"].iloc[-1] == pytest.approx(5e8, rel=2e-6)
 
 
-@pytest.mark.slow(reason="one second")
+@pytest.mark.slow
 def test_regression_gradients_of_runs_from_equilibrium_are_those_of_the_stress_bound():
     """A ValueError about sizes of matrices ended the search: the gradient had other sections."""
     first = {"height": (0.008, 0.008, 0.008, 0.006, 0.003)}
@@ -182,10 +174,7 @@ def column(tip=0.02, root=0.02):
     def section(s):
         return bd.Section.rectangle(STEEL, width=root + (tip - root) * s**2, height=height)
 
-    mech = bd.Mechanism()
-    line = bd.Line((0.0, 0.0), (1.0, 0.0))
-    beam = mech.add(bd.Beam("half", line, section, elements=4, formulation="exact"))
-    mech.add(bd.Weld("middle", mech.ground.at(0.0, 0.0), beam.start))
+    mech, beam = clamped_beam(section, 4, name="half", formulation="exact")
     euler = np.pi**2 / 4.0 * STEEL.E * mean * height**3 / 12.0
     mech.add(bd.Force("push", beam.end, (-euler, 0.0)))
     return mech
@@ -196,9 +185,7 @@ def pair(soft=2.0, stiff=3.0):
     """Two masses on a line between walls, with springs of which one can become too soft."""
     if soft < 0.5:
         raise bd.BeamdaeError("pair: soft must be at least 0.5.")
-    mech = bd.Mechanism()
-    mass = mech.add(bd.PointMass("mass", 1.0, at=(1.0, 0.0)))
-    mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), mass.point))
+    mech, mass = mass_on_rail(x=1.0)
     mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), mass.point, soft))
     mech.add(bd.Force("push", mass.point, (1.0, 0.0)))
     mech.observe("mass", mass.point)
@@ -234,7 +221,7 @@ def light_heights(count):
     return shape * (np.sum(4.0 * LOAD * cubes / shape**3) / (STEEL.E * WIDTH * SAG)) ** (1.0 / 3.0)
 
 
-@pytest.mark.slow(reason="twenty designs")
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("first", [0.02, 0.035])
 def test_lightest_cantilever_has_the_heights_of_the_closed_form(first, method):
@@ -262,7 +249,7 @@ def test_lightest_cantilever_has_the_heights_of_the_closed_form(first, method):
     assert result.table()["unit"].to_dict() == {"height[0]": "m", "height[1]": "m"}
 
 
-@pytest.mark.slow(reason="one second")
+@pytest.mark.slow
 def test_strongest_column_of_given_volume_carries_12_over_pi_squared_times_the_euler_load():
     """If I is proportional to A, the bending moment of the best column is constant times A.
 
@@ -288,17 +275,15 @@ def test_strongest_column_of_given_volume_carries_12_over_pi_squared_times_the_e
 @bd.model(t_end=1.0)
 def loaded_spring(stiffness=100.0):
     """Mass on a spring that a sudden load of 1 N deflects by up to 2 / `stiffness`."""
-    mech = bd.Mechanism()
-    mass = mech.add(bd.PointMass("mass", 1.0, at=(0.0, 0.0)))
+    mech, mass = free_ball(name="mass")
     ground = mech.ground.at(-1.0, 0.0)
     mech.add(bd.PointOnLine("rail", ground, mass.point))
     mech.add(bd.Spring("spring", ground, mass.point, stiffness))
     mech.add(bd.Force("load", mass.point, (1.0, 0.0)))
-    mech.observe("mass", mass.point)
     return mech
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("exponent", [10.0, 50.0])
 @pytest.mark.parametrize("is_negative", [False, True])
@@ -328,7 +313,7 @@ def test_regression_limits_of_smooth_maxima_are_those_of_the_maxima(exponent, is
     assert abs(ended.constraints[0].value) == pytest.approx(2.0 / 97.0, rel=1e-3)
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_regression_violations_of_infeasible_designs_are_those_of_the_maxima():
     """Tables, files and warnings stated three violations, of which none was that of the maximum."""
     limit = bd.quantities.at_most(bd.quantities.SmoothMaximum("mass.x"), 0.003)
@@ -360,7 +345,7 @@ def test_regression_searches_end_at_local_minima_of_the_violation(method):
     assert design.parameters["stiffness"] == pytest.approx(100.0, rel=1e-3)
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_largest_of_limited_smooth_maxima_is_the_largest_maximum():
     maxima = [bd.quantities.SmoothMaximum(f"mass.{name}") for name in ("x", "x_dot")]
     limit = bd.quantities.at_most(bd.quantities.LargestOf(maxima), 0.1)
@@ -374,7 +359,7 @@ def test_largest_of_limited_smooth_maxima_is_the_largest_maximum():
     assert constraint.comparison == "at its limit"
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_maxima_that_do_not_reach_the_limit_of_their_smooth_maximum_have_one_search():
     travel = bd.quantities.SmoothMaximum("mass.x")
     size = bd.quantities.ParameterFunction(
@@ -390,7 +375,7 @@ def test_maxima_that_do_not_reach_the_limit_of_their_smooth_maximum_have_one_sea
     assert constraint.value == pytest.approx(run["mass.x"].max(), rel=1e-3)
 
 
-@pytest.mark.slow(reason="thirteen designs with runs, paths and modes")
+@pytest.mark.slow
 def test_gradients_of_all_quantities_agree_with_differences():
     quantities = [
         bd.quantities.Mass()
@@ -433,7 +418,7 @@ def test_gradients_of_all_quantities_agree_with_differences():
         np.testing.assert_allclose(design.gradients[:, k], expected, rtol=2e-5)
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 def test_regression_warnings_of_the_analyses_of_the_best_design_are_kept():
     # The tip rotates by nearly 1 rad, too far for Green's strains.
     limits = [
@@ -454,17 +439,15 @@ def test_regression_warnings_of_the_analyses_of_the_best_design_are_kept():
     assert [str(x.message) for x in caught][-len(expected) :] == list(expected)
 
 
-@pytest.mark.slow(reason="a second")
+@pytest.mark.slow
 def test_regression_warnings_about_output_rows_are_omitted():
     """They recommended output_step=, an argument that `optimize` does not have."""
 
     @bd.model(t_end=3.0)
     def drop(height=0.05):
-        mech = bd.Mechanism(gravity=(0.0, -9.81))
-        ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, height)))
+        mech, ball = free_ball((0.0, height), gravity=9.81)
         floor = bd.LineSurface(mech.ground.at(0.0, 0.0), (1.0, 0.0))
         mech.observe("floor", mech.add(bd.Contact("floor", ball.point, floor, 1e9)).force)
-        mech.observe("ball", ball.point)
         return mech
 
     with pytest.warns(bd.BeamdaeWarning, match="floor.N: the output rows miss"):
@@ -474,7 +457,7 @@ def test_regression_warnings_about_output_rows_are_omitted():
     assert not any("output" in text for text in [*design.warnings, *map(str, caught)])
 
 
-@pytest.mark.slow(reason="two seconds")
+@pytest.mark.slow
 def test_no_design_satisfies_the_constraints():
     limit = bd.quantities.at_most(bd.quantities.Mass(), 0.1)
     message = "in the best one mass is 1.57 kg, but the limit is at most 0.1 kg"
@@ -526,7 +509,7 @@ def test_limits_that_contradict_each_other_are_named(method, first):
     assert feasible.parameters["width"] == pytest.approx(2.0, rel=2e-6)
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "quantity", [bd.quantities.Mass(), bd.quantities.EquilibriumValue("tip.y")]
 )
@@ -565,7 +548,7 @@ def test_searches_that_end_before_an_optimum_name_their_cause(integrator, is_adv
     assert ("use a fixed step" in result.status.sentence) is is_advised
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_regression_a_search_that_ends_in_front_of_failing_designs_is_reported():
     """The search reported that it had converged, although the objective decreases further."""
 
@@ -582,7 +565,7 @@ def test_regression_a_search_that_ends_in_front_of_failing_designs_is_reported()
     assert result.parameters["height"] >= 0.015
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 @pytest.mark.parametrize("constant", [0.0, 40.0])
 def test_regression_constant_parts_of_the_objective_do_not_hide_failing_designs(constant):
     """With the constant, the search reported that it had converged."""
@@ -651,7 +634,7 @@ def test_regression_optima_do_not_depend_on_the_unit_of_quantities_that_begin_at
     assert result.parameters["rise"] == pytest.approx(0.23, rel=1e-6)
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 def test_limited_bounds_of_several_quantities_are_not_below_the_largest_one():
     quantities = [bd.quantities.EquilibriumValue(f"stress {k}") for k in range(3)]
     stress = bd.quantities.LargestOf(quantities, exponent=5.0)
@@ -666,7 +649,7 @@ def test_limited_bounds_of_several_quantities_are_not_below_the_largest_one():
     assert 1.02 < limit.value / largest < 3.0 ** (1.0 / 5.0)
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_max_evaluations_ends_the_search_with_the_best_design(tmp_path):
     limit = bd.quantities.at_least(bd.quantities.EquilibriumValue("tip.y"), -SAG)
     with pytest.warns(bd.BeamdaeWarning, match="stopped after 2 evaluations; increase"):
@@ -688,7 +671,7 @@ def test_max_evaluations_ends_the_search_with_the_best_design(tmp_path):
 
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("partial", ["raise", "return"])
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_interrupts_return_the_best_design_so_far(partial, method):
     def interrupt(count, *numbers):
         if count == 2:
@@ -734,7 +717,7 @@ def test_regression_numbers_without_effect_on_all_quantities_are_named():
 
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("last", [1, 2])
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_exceptions_of_progress_have_the_best_design_so_far(last, method):
     """The best design used to be lost."""
 
@@ -822,10 +805,8 @@ def test_regression_arguments_that_raise_are_rejected_by_name(call, message):
 
 @bd.model(t_end=1.0)
 def oscillator(stiffness=30.0):
-    mech = bd.Mechanism()
-    mass = mech.add(bd.PointMass("mass", 1.0, at=(1.0, 0.0), velocity=(0.2, 0.0)))
+    mech, mass = free_ball((1.0, 0.0), velocity=(0.2, 0.0), name="mass")
     mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), mass.point, stiffness))
-    mech.observe("mass", mass.point)
     return mech
 
 
@@ -850,7 +831,7 @@ def shaken_leaf(height=bd.param(0.012, "m")):
     return mech
 
 
-@pytest.mark.slow(reason="runs of 24 designs")
+@pytest.mark.slow
 def test_regression_searches_with_adaptive_steps_end_within_their_tolerance():
     """Jumps of the values kept the violation above 1e-6, and 20 more designs hardly differed."""
     result = bd.optimize(
@@ -890,7 +871,7 @@ def test_regression_only_values_of_runs_with_adaptive_steps_are_noisy():
     assert noises == [[0.01, 0.0, 0.01], [0.0, 0.0, 0.0]]
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_regression_steps_are_accurate_enough_for_active_limits_of_zero():
     """Changes were relative to a value near zero: use GeneralizedAlpha(step=3e-09)."""
     size = bd.quantities.ParameterFunction(lambda stiffness: stiffness, "stiffness")
@@ -901,7 +882,7 @@ def test_regression_steps_are_accurate_enough_for_active_limits_of_zero():
     assert result.parameters["stiffness"] == pytest.approx(2.25 * np.pi**2, rel=1e-3)
 
 
-@pytest.mark.slow(reason="a second")
+@pytest.mark.slow
 def test_regression_steps_that_change_the_design_are_told():
     # x = 1 + 0.2 sin(w t) / w is 1 at t = 1 s if w = pi.
     target = bd.quantities.SquaredErrors("mass.x", [1.0], [1.0]) * 1e3
@@ -937,10 +918,8 @@ def test_regression_errors_of_steps_are_relative_to_values_far_beyond_their_limi
 
 @bd.model(t_end=0.1)
 def with_unused_number(stiffness=4.0, unused=1.0):
-    mech = bd.Mechanism()
-    mass = mech.add(bd.PointMass("mass", 1.0, at=(1.0, 0.0), velocity=(0.2, 0.0)))
+    mech, mass = free_ball((1.0, 0.0), velocity=(0.2, 0.0), name="mass")
     mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), mass.point, stiffness))
-    mech.observe("mass", mass.point)
     return mech
 
 
@@ -990,10 +969,8 @@ def test_other_operands_are_rejected(term, operation):
 @bd.model(t_end=1.0)
 def hanger(stiffness=bd.param(30.0, "N/m", "stiffness of the spring"), rest=1.0):
     """Mass on a spring."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    mass = mech.add(bd.PointMass("mass", 1.0, at=(0.0, -rest)))
+    mech, mass = free_ball((0.0, -rest), name="mass", gravity=9.81)
     mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), mass.point, stiffness))
-    mech.observe("mass", mass.point)
     return mech
 
 
@@ -1022,15 +999,13 @@ def test_bounds_may_be_texts_with_units(read):
             read({"stiffness": bounds})
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 def test_regression_frequencies_about_an_unbalanced_reference_name_the_remedy():
     """The message was that of mode_sensitivities, about an argument that optimize does not have."""
 
     @bd.model(t_end=1.0)
     def mass_under_load(stiffness=100.0):
-        mech = bd.Mechanism()
-        mass = mech.add(bd.PointMass("mass", 1.0, at=(1.0, 0.0)))
-        mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), mass.point, (1.0, 0.0)))
+        mech, mass = mass_on_rail(x=1.0)
         anchor = mech.ground.at(0.0, 0.0)
         mech.add(bd.Spring("spring", anchor, mass.point, stiffness, free_length=1.0))
         mech.add(bd.Force("push", mass.point, (5.0, 0.0)))
@@ -1051,7 +1026,7 @@ def test_functions_of_parameters_receive_the_parameters_that_they_name():
     assert bd.quantities.ParameterFunction(dict).call(parameters) == parameters
 
 
-@pytest.mark.slow(reason="fifty designs")
+@pytest.mark.slow
 def test_bound_of_the_largest_stress_leads_to_uniform_strength():
     knots = np.linspace(0.0, 0.5, 5)
 
@@ -1060,9 +1035,7 @@ def test_bound_of_the_largest_stress_leads_to_uniform_strength():
         def section(s):
             return bd.Section.rectangle(STEEL, WIDTH, float(np.interp(s, knots, height)))
 
-        mech = bd.Mechanism()
-        beam = mech.add(bd.Beam("leaf", bd.Line((0.0, 0.0), (0.5, 0.0)), section, elements=4))
-        mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+        mech, beam = clamped_beam(section, 4, 0.5, name="leaf")
         mech.add(bd.Force("load", beam.end, (0.0, -100.0)))
         mech.observe("stress", beam.largest_stress())
         mech.observe("peak", beam.largest_stress(exponent=150))
@@ -1342,11 +1315,8 @@ def test_regression_first_designs_that_fail_name_meaningless_strains():
 
     @bd.model(t_end=1.0)
     def leaf(height=0.006):
-        mech = bd.Mechanism()
         section = bd.Section.rectangle(soft, width=0.05, height=height)
-        line = bd.Line((0.0, 0.0), (0.4, 0.0))
-        beam = mech.add(bd.Beam("leaf", line, section, elements=4, formulation="exact"))
-        mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+        mech, beam = clamped_beam(section, 4, 0.4, name="leaf", formulation="exact")
         mech.add(bd.Force("load", beam.end, (0.0, -300.0)))
         mech.observe("tip", beam.end)
         return mech
@@ -1357,7 +1327,7 @@ def test_regression_first_designs_that_fail_name_meaningless_strains():
         bd.optimize(leaf, bd.quantities.Mass(), "height", tip)
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 def test_regression_gradients_of_frequencies_build_models_by_groups():
     """Each number took four models in each gradient."""
     built = []

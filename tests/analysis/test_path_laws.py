@@ -4,11 +4,11 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from mechanisms import rectangle
 from numpy.testing import assert_allclose
 
 import beamdae as bd
 
-STEEL = bd.Material.of("steel")
 FORMULATIONS = [{"formulation": "exact"}, {"strain": "exact"}]
 BOTH = pytest.mark.parametrize("options", FORMULATIONS, ids=["exact", "floating frame"])
 CONTROLS = [{}, {"control": "arc length"}, {"control": "arc length", "step": 0.02}]
@@ -19,7 +19,7 @@ def random_frame(seed, **options):
     rng = np.random.default_rng(seed)
     size = 10.0 ** rng.uniform(-1.0, 2.0)
     material = bd.Material(E=10.0 ** rng.uniform(6.0, 11.0), nu=0.3, rho=10.0 ** rng.uniform(1, 4))
-    section = bd.Section.rectangle(material, 0.02 * size, size * 10.0 ** rng.uniform(-3.0, -1.5))
+    section = rectangle(size * 10.0 ** rng.uniform(-3.0, -1.5), 0.02 * size, material=material)
     kind = ("column", "portal", "arch")[rng.integers(3)]
     if kind == "column":
         curves = [bd.Line((0.0, 0.0), (0.0, size))]
@@ -54,7 +54,7 @@ def random_frame(seed, **options):
 
 def portal(height=0.02, **options):
     """Return a shallow portal of 1 m whose girder snaps through."""
-    mech, section = bd.Mechanism(), bd.Section.rectangle(STEEL, width=0.02, height=height)
+    mech, section = bd.Mechanism(), rectangle(height)
     points = [(0.0, 0.0), (0.5, 0.1), (1.0, 0.0)]
     left, right = (
         mech.add(bd.Beam(f"rafter {k}", bd.Line(*ends), section, 4, **options))
@@ -70,7 +70,7 @@ def portal(height=0.02, **options):
 
 def cantilever(height, elements=8, **options):
     """Return a column of 1 m under the load EI / L^2, and its flexibility in shear."""
-    mech, section = bd.Mechanism(), bd.Section.rectangle(STEEL, width=0.02, height=height)
+    mech, section = bd.Mechanism(), rectangle(height)
     line = bd.Line((0.0, 0.0), (0.0, 1.0))
     beam = mech.add(bd.Beam("column", line, section, elements, **options))
     mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
@@ -91,7 +91,7 @@ def count_growing_modes(mech, path, row):
     return sum(2 if abs(x.imag) > 1e-6 * abs(x) else 1 for x in growing)
 
 
-@pytest.mark.slow(reason="a second each")
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(12))
 def test_unstable_directions_are_growing_modes_and_change_at_critical_points(seed):
     mech = random_frame(seed, **FORMULATIONS[seed % 2])
@@ -107,7 +107,7 @@ def test_unstable_directions_are_growing_modes_and_change_at_critical_points(see
         assert path.unstable[row] == count_growing_modes(mech, path, row)
 
 
-@pytest.mark.slow(reason="a fifth of a second each")
+@pytest.mark.slow
 @BOTH
 @pytest.mark.parametrize("slenderness", [1e2, 1e3, 1e4, 1e5, 1e6, 1e7])
 def test_slenderness_does_not_cost_digits(slenderness, options):
@@ -124,7 +124,7 @@ def test_slenderness_does_not_cost_digits(slenderness, options):
 @BOTH
 def test_long_taut_strips_are_stable(options):
     # The load stiffens each coordinate a thousandfold: determinants exceed the range of numbers.
-    mech, section = bd.Mechanism(), bd.Section.rectangle(STEEL, width=0.01, height=1e-5)
+    mech, section = bd.Mechanism(), rectangle(1e-5, 0.01)
     beam = mech.add(bd.Beam("strip", bd.Line((0.0, 0.0), (1.0, 0.0)), section, 60, **options))
     mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
     mech.add(bd.Force("pull", beam.end, (1e-3 * section.EA, 0.0)))
@@ -134,7 +134,7 @@ def test_long_taut_strips_are_stable(options):
     assert not path.critical
 
 
-@pytest.mark.slow(reason="half a second each")
+@pytest.mark.slow
 @BOTH
 @pytest.mark.parametrize("height", [2e-2, 1e-4])
 def test_critical_points_do_not_depend_on_direction_and_steps(height, options):
@@ -175,7 +175,7 @@ def test_targets_at_a_branch_point_are_reached_on_the_path(relative, control, op
         assert list(path.unstable[[0, -1]]) == [0, 1]
 
 
-@pytest.mark.slow(reason="a second")
+@pytest.mark.slow
 @BOTH
 def test_machine_code_finds_the_same_path(options, monkeypatch):
     paths = []
@@ -188,13 +188,13 @@ def test_machine_code_finds_the_same_path(options, monkeypatch):
     assert paths[0].unstable[-1] == paths[1].unstable[-1]
 
 
-@pytest.mark.slow(reason="half a second each")
+@pytest.mark.slow
 @BOTH
 def test_steps_do_not_lead_to_neighboring_paths(options):
     # The load acts 1e-5 of the length beside the crown. The point was a branch point at 8.98758,
     # between the path and that on the other side of the gap that the asymmetry opens.
     mech, radius = bd.Mechanism(), (0.25 + 0.05**2) / (2.0 * 0.05)
-    section = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=0.01)
+    section = rectangle(0.01)
     angle = np.arcsin(0.5 / radius)
     arc = bd.Arc(-radius, 2.0 * radius * angle, start=(0.0, 0.0), angle=angle)
     beam = mech.add(bd.Beam("arch", arc, section, 8, **options))

@@ -4,6 +4,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from conformance import tuned
+from mechanisms import ALLOY, clamped_beam, mass_on_rail, rectangle
 from scipy.optimize import fsolve
 
 import beamdae as bd
@@ -14,9 +15,7 @@ MASS, STIFFNESS, DAMPING = 2.0, 18.0, 1.0
 
 def oscillator(load, cubic=0.0, stiffness=STIFFNESS, damping=DAMPING):
     """Return a mass on a rail with a spring and a damper."""
-    mech = bd.Mechanism()
-    mass = mech.add(bd.PointMass("mass", MASS, at=(1.0, 0.0)))
-    mech.add(bd.PointOnLine("rail", mech.ground.at(1.0, 0.0), mass.point, (1.0, 0.0)))
+    mech, mass = mass_on_rail(MASS, 1.0)
 
     def pull(x, rate):
         return stiffness * x + cubic * x**3 + damping * rate
@@ -34,7 +33,7 @@ def assert_same_multipliers(actual, expected, atol):
     )
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 @pytest.mark.parametrize("frequency", [0.2, 3.0])
 def test_damped_oscillator_under_a_sine(frequency):
     motion = bd.periodic(oscillator(bd.sine(1.0, frequency)), 1.0 / frequency)
@@ -58,7 +57,7 @@ def mathieu(a, q, damping=0.0):
     return bd.ConstrainedSystem(t, x, v, mass=[1.0], force=force, q0=[0.0], v0=[0.0])
 
 
-@pytest.mark.slow(reason="a quarter of a second")
+@pytest.mark.slow
 def test_mathieu_equation_inside_its_stability_regions():
     # Below the first region of stability, between it and the second, and inside both.
     expected = {-0.5: "keep their sign", 1.0: "double", 0.5: "stable", 2.5: "stable"}
@@ -78,7 +77,7 @@ def test_all_integrators_agree(name):
     assert motion.multipliers[0].real == pytest.approx(-0.7095668, abs=1e-5)
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_invalid_arguments_are_rejected():
     oscillation = oscillator(bd.sine(1.0, 0.5))
     with pytest.raises(
@@ -129,19 +128,16 @@ def test_regression_amplitudes_far_beyond_the_size_are_found(damping, ratio, loa
     assert half == pytest.approx(amplitude, rel=accuracy)
 
 
-@pytest.mark.slow(reason="a quarter of a second")
+@pytest.mark.slow
 def test_regression_small_loads_are_periodic():
     """A load of 1e-6 N "differed by 3.3e+35 of the largest force" after 1e18 periods."""
-    section = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=1e-3, damping=1e-3)
-    mech = bd.Mechanism()
-    line = bd.Line((0.0, 0.0), (0.5, 0.0))
-    beam = mech.add(bd.Beam("beam", line, section, elements=2))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    section = rectangle(1e-3, damping=1e-3)
+    mech, beam = clamped_beam(section, 2, 0.5)
     mech.add(bd.Force("load", beam.end, (0.0, bd.sine(1e-6, 3.3454))))
     assert bd.periodic(mech, 1.0 / 3.3454, bd.Radau(1e-6)).status.success
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_regression_columns_of_a_periodic_motion_are_selected_as_those_of_a_run():
     motion = bd.periodic(oscillator(bd.sine(1.0, 0.2)), 5.0, bd.Radau(1e-4))
     assert motion["mass.x"].equals(motion.solution["mass.x"])
@@ -149,7 +145,7 @@ def test_regression_columns_of_a_periodic_motion_are_selected_as_those_of_a_run(
     assert "mass.z" not in motion
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_failed_search_is_a_result_with_a_reason():
     # Undamped at resonance, the amplitude grows without bound.
     resonant = oscillator(bd.sine(1.0, 3.0 / (2.0 * np.pi)), damping=0.0)
@@ -222,7 +218,7 @@ def sample_motion(point):
     return point.solution.trajectory.at(t)[1].q[:, 0]
 
 
-@pytest.mark.slow(reason="seconds")
+@pytest.mark.slow
 @pytest.mark.parametrize(("position", "amplitude"), [(1.0, 0.273), (-1.0, 1.813)])
 def test_start_decides_which_branch_is_followed(position, amplitude):
     response = bd.frequency_response(
@@ -243,7 +239,7 @@ def test_start_decides_which_branch_is_followed(position, amplitude):
         assert size == pytest.approx(amplitude, abs=0.02)
 
 
-@pytest.mark.slow(reason="a hundred periodic motions")
+@pytest.mark.slow
 def test_response_of_a_duffing_oscillator_passes_both_folds():
     response = bd.frequency_response(
         duffing, "omega", (1.0, 1.9), lambda omega: 2.0 * np.pi / omega, max_step=0.15
@@ -279,10 +275,10 @@ def test_response_of_a_duffing_oscillator_passes_both_folds():
 
 
 # With this stiffness, vibrations are a thousand times as fast; the test takes ten seconds.
-STIFF = pytest.param(1e6, marks=pytest.mark.slow(reason="thousands of vibrations in a period"))
+STIFF = pytest.param(1e6, marks=pytest.mark.slow)
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [1e-6, STIFF])
 def test_forces_of_any_size_are_checked(size):
     system = oscillator(bd.sine(size, 0.5), stiffness=size * STIFFNESS)
@@ -291,7 +287,7 @@ def test_forces_of_any_size_are_checked(size):
     assert bd.periodic(system, 2.0, settle=0).status.success
 
 
-@pytest.mark.slow(reason="a quarter of a second")
+@pytest.mark.slow
 def test_regression_the_mismatch_of_a_period_is_stated():
     """A period with six digits was rejected without the size of the difference, 2e-5 rad."""
     mech = bd.Mechanism()
@@ -364,7 +360,7 @@ def test_regression_wrong_periods_of_loads_are_rejected_before_a_run(monkeypatch
             bd.periodic(oscillator(law), 1.0, t_start=2.0)
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("period", "message"),
     [
@@ -416,7 +412,7 @@ def test_uncertain_multipliers_leave_the_stability_open():
     assert motion(1.00005, 1e-5).stable
 
 
-@pytest.mark.slow(reason="25 runs")
+@pytest.mark.slow
 def test_regression_states_that_grow_in_each_period_are_named():
     """The advice was to change the start, which does not help the work of a damper."""
     mech = bd.Mechanism()
@@ -432,14 +428,12 @@ def test_regression_states_that_grow_in_each_period_are_named():
         bd.periodic(mech, 2.5, bd.Radau(1e-5))
 
 
-@pytest.mark.slow(reason="a second")
+@pytest.mark.slow
 def test_regression_axial_vibrations_of_beams_do_not_limit_the_corrections():
     """Each correction was limited to 3 amplitudes of an axial vibration that decays at once."""
     frequency = 4.2
-    mech = bd.Mechanism()
-    strip = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=0.006, damping=2e-4)
-    arm = mech.add(bd.Beam("arm", bd.Line((0.0, 0.0), (0.4, 0.0)), strip, elements=2))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), arm.start))
+    strip = rectangle(0.006, damping=2e-4)
+    mech, arm = clamped_beam(strip, 2, 0.4, name="arm")
     wheel = mech.add(bd.RigidBody.disk("wheel", (0.4, 0.0), radius=0.05, mass=0.4))
     rack = mech.add(bd.RigidBody("rack", mass=0.3, inertia=1e-3, center=(0.4, -0.05)))
     mech.add(bd.Revolute("axle", arm.end, wheel.at(0.4, 0.0)))
@@ -459,22 +453,20 @@ def test_regression_axial_vibrations_of_beams_do_not_limit_the_corrections():
     np.testing.assert_allclose(measured, amplitude, rtol=0.02)
 
 
-@pytest.mark.slow(reason="a quarter of a second")
+@pytest.mark.slow
 def test_regression_loads_of_the_twelfth_harmonic_are_periodic():
     """They are zero after each twelfth of a period, and then rounding errors of later times."""
     assert bd.periodic(oscillator(bd.sine(1.0, 6.0)), 2.0, settle=0).status.success
 
 
-@pytest.mark.slow(reason="settles")
+@pytest.mark.slow
 def test_regression_forces_in_axes_of_a_turning_blade_are_periodic():
     """They differed by 5e30 of the largest force, at times of 1e17 s at which sines overflow.
 
     The component of the force along the chord, 1e-7 of the largest force, seemed to be constant.
     """
     mech, speed = bd.Mechanism(), 135.0
-    section = bd.Section.rectangle(
-        bd.Material.of("aluminum"), width=0.04, height=0.006, damping=8e-5
-    )
+    section = rectangle(0.006, 0.04, damping=8e-5, material=ALLOY)
     blade = mech.add(bd.Beam("blade", bd.Line((0.1, 0.0), (0.45, 0.0)), section, 4))
     disk = mech.add(bd.RigidBody("disk", mass=5.0, inertia=0.05))
     mech.add(bd.Revolute("bearing", mech.ground.at(0.0, 0.0), disk.at(0.0, 0.0)))
@@ -487,7 +479,7 @@ def test_regression_forces_in_axes_of_a_turning_blade_are_periodic():
     assert bd.periodic(mech, 2.0 * np.pi / speed, settle=1).status.success
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "law", [lambda t: 2.0 * np.pi * t, lambda t: 0.4 * np.cos(2.0 * np.pi * t)]
 )

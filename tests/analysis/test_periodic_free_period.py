@@ -3,6 +3,7 @@
 import casadi as ca
 import numpy as np
 import pytest
+from mechanisms import mass_on_rail
 from scipy.special import ellipk
 
 import beamdae as bd
@@ -22,9 +23,7 @@ def van_der_pol(mu, start=0.5):
 @bd.model(t_end=40.0)
 def self_excited(length=1.0):
     """Return a mass on a spring with negative damping at small elongations, in units of length."""
-    mech = bd.Mechanism()
-    mass = mech.add(bd.PointMass("mass", 2.0, at=(0.0, 0.0), velocity=(0.1 * length, 0.0)))
-    mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), mass.point, (1.0, 0.0)))
+    mech, mass = mass_on_rail(2.0, velocity=(0.1 * length, 0.0))
 
     def pull(x, rate):
         return 2.0 * x + 2.0 * ((x / length) ** 2 - 1.0) * rate
@@ -36,7 +35,7 @@ def self_excited(length=1.0):
     return mech
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 @pytest.mark.parametrize("guess", [5.0, 6.8, 9.0])
 def test_period_of_a_self_excited_motion_is_found(guess):
     motion = bd.periodic(van_der_pol(1.0), period_guess=guess)
@@ -51,7 +50,7 @@ def test_period_of_a_self_excited_motion_is_found(guess):
     np.testing.assert_allclose(motion.multipliers.real, [1.0, expected], atol=1e-6)
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 @pytest.mark.parametrize("length", [1.0, 1000.0])
 def test_period_is_estimated_from_the_run_of_the_model(length):
     motion = bd.periodic(self_excited(length=length))
@@ -93,7 +92,7 @@ def test_periods_of_free_motions_are_found_from_any_guess(seed):
     assert motion.stable
 
 
-@pytest.mark.slow(reason="several searches")
+@pytest.mark.slow
 def test_arguments_and_failures():
     with pytest.raises(bd.BeamdaeError, match="period and period_guess are mutually exclusive"):
         bd.periodic(van_der_pol(1.0), 6.0, period_guess=6.0)

@@ -29,7 +29,7 @@ def copies(result):
     return pickle.loads(pickle.dumps(result)), copy.deepcopy(result)
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_sensitivities():
     result = bd.sensitivities(pendulum, ["mass", "damping"], METHOD)
     for again in copies(result):
@@ -37,7 +37,7 @@ def test_sensitivities():
         np.testing.assert_array_equal(again.energies, result.energies)
 
 
-@pytest.mark.slow(reason="several analyses")
+@pytest.mark.slow
 def test_equilibria_modes_and_gradients():
     path = bd.equilibrium(pendulum())
     for again in copies(path):
@@ -63,7 +63,7 @@ def test_constrained_systems_are_rejected():
         pickle.dumps(system.equations)
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_regression_solutions_with_signals_can_be_pickled():
     # CasADi's error "Cannot pickle SX objects without a casadi context", without the cause.
     mech = bd.Mechanism()

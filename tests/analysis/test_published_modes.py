@@ -12,6 +12,7 @@ from benchmarks.modes import (
     square_rubber,
     supported_beam,
 )
+from mechanisms import rectangle
 from numpy.testing import assert_allclose
 
 import beamdae as bd
@@ -44,20 +45,20 @@ def test_published_frequencies_of_rotating_arms_match_ritz(speed):
     assert_allclose(ritz(speed), WRIGHT[speed], rtol=2e-5)
 
 
-@pytest.mark.slow(reason="rings of two heights")
+@pytest.mark.slow
 def test_ring_converges_to_the_thin_ring():
     """The effects of shear, rotary inertia and axial strain grow with the height squared."""
     steel = bd.Material(E=2e11, nu=0.3, rho=8000.0)
     deviations = []
     for height in (0.02, 0.01):
-        section = bd.Section.rectangle(steel, width=0.02, height=height)
+        section = rectangle(height, material=steel)
         frequency = bd.modes(ring(section, 1.0, 16), n=5).eigenvalues[3].imag
         deviations.append(1.0 - frequency / closed_forms.thin_ring(section, 1.0, 2))
     # The mesh error is 4e-6 of the frequency.
     assert_allclose(deviations[0] / deviations[1], 4.0, rtol=0.2)
 
 
-@pytest.mark.slow(reason="512 elements")
+@pytest.mark.slow
 @pytest.mark.parametrize("formulation", FORMULATIONS.values())
 def test_twenty_modes_of_a_fine_mesh_match_the_closed_form(formulation):
     """512 elements with the sparse solver; rounding of their stiffness leaves ten digits."""

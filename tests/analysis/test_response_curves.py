@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import casadi as ca
 import numpy as np
 import pytest
+from mechanisms import free_ball, rectangle
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
@@ -42,8 +43,7 @@ def run_with_columns(columns):
 def shaken_strip(law, rotates=False, damping=2e-4, elements=2, strain="exact"):
     """Return a damped strip whose first section is driven, with its first resonance at 41 Hz."""
     mech = bd.Mechanism()
-    steel = bd.Material.of("steel")
-    section = bd.Section.rectangle(steel, width=0.05, height=0.006, damping=damping)
+    section = rectangle(0.006, 0.05, damping=damping)
     line = bd.Line((0.0, 0.0), (0.35, 0.0))
     beam = mech.add(bd.Beam("strip", line, section, elements, strain))
     base = mech.ground.at(0.0, 0.0)
@@ -60,11 +60,9 @@ def shaken_strip(law, rotates=False, damping=2e-4, elements=2, strain="exact"):
 @bd.model(t_end=0.5)
 def pushed_mass(frequency=40.0):
     """Return a mass on a damped spring under a periodic force."""
-    mech = bd.Mechanism()
-    mass = mech.add(bd.PointMass("mass", 1.0, at=(1.0, 0.0)))
+    mech, mass = free_ball((1.0, 0.0), name="mass")
     mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), mass.point, 4e4, 20.0))
     mech.add(bd.Force("push", mass.point, (bd.sine(1.0, frequency), 0.0)))
-    mech.observe("mass", mass.point)
     return mech
 
 
@@ -110,9 +108,8 @@ def shaken_blade(damping_ratio, elements=2):
     @bd.model(t_end=1.0)
     def blade(frequency=20.0):
         mech = bd.Mechanism()
-        steel = bd.Material(E=2.1e11, nu=0.3, rho=7850.0)
         damping = damping_ratio / (np.pi * BLADE_RESONANCE)
-        section = bd.Section.rectangle(steel, width=0.05, height=0.006, damping=damping)
+        section = rectangle(0.006, 0.05, damping=damping)
         beam = mech.add(bd.Beam("blade", bd.Line((0.0, 0.0), (0.6, 0.0)), section, elements))
         base, up = mech.ground.at(0.0, 0.0), (0.0, 1.0)
         law = bd.sine(BLADE_ACCELERATION / (2.0 * np.pi * frequency) ** 2, frequency)
@@ -139,7 +136,7 @@ def response_curve(model, ends):
     return ResponseCurve(span, None, RUNS, 0.0, tolerance)
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_regression_tangent_of_the_curve_includes_the_motion_of_drivers():
     point = response_curve(constant_travel, (38.0, 44.0)).first_motion(settle=0)
     equations = point.linearization.run.solution.equations
@@ -151,10 +148,10 @@ def test_regression_tangent_of_the_curve_includes_the_motion_of_drivers():
     assert rates["velocity of strip.y0"] == pytest.approx(expected, rel=1e-6)
 
 
-SLOW = pytest.mark.slow(reason="twenty periodic motions of a beam")
+SLOW = pytest.mark.slow
 
 
-@pytest.mark.slow(reason="ten accurate runs of a beam")
+@pytest.mark.slow
 def test_regression_first_steps_beside_a_superharmonic_resonance_of_a_wide_range():
     """The one-sided derivative turned the tangent; steps of 1e-3 of the first one were rejected."""
     ends = (0.5 * BLADE_RESONANCE, 20.0 * BLADE_RESONANCE)
@@ -163,7 +160,7 @@ def test_regression_first_steps_beside_a_superharmonic_resonance_of_a_wide_range
     assert response.points[1].parameter > ends[0] + 0.1
 
 
-@pytest.mark.slow(reason="eighty periodic motions of a beam")
+@pytest.mark.slow
 def test_regression_response_of_a_blade_over_two_resonances():
     """With Radau(1e-5), the curve of four elements ended at 7.6 Hz: "turns too sharply"."""
     model = shaken_blade(damping_ratio=2e-3, elements=4)
@@ -302,7 +299,7 @@ def test_regression_unsolvable_linearized_equations_are_no_first_motion(monkeypa
     assert not response.points
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_progress_is_called_with_the_points():
     points = []
     response = bd.frequency_response(
@@ -312,16 +309,14 @@ def test_progress_is_called_with_the_points():
     assert len(points) > 1
 
 
-@pytest.mark.slow(reason="a second")
+@pytest.mark.slow
 def test_response_with_other_parameters():
     @bd.model(t_end=1.0)
     def pushed(frequency=40.0, force=1.0):
-        mech = bd.Mechanism()
-        mass = mech.add(bd.PointMass("mass", 1.0, at=(0.0, 0.0)))
+        mech, mass = free_ball(name="mass")
         mech.add(bd.Spring("spring", mech.ground.at(-1.0, 0.0), mass.point, 1e3, 50.0))
         mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), mass.point, (1.0, 0.0)))
         mech.add(bd.Force("push", mass.point, (bd.sine(force, frequency), 0.0)))
-        mech.observe("mass", mass.point)
         return mech
 
     def follow(**parameters):
@@ -335,7 +330,7 @@ def test_response_with_other_parameters():
         follow(frequency=40.0)
 
 
-@pytest.mark.slow(reason="thirty motions")
+@pytest.mark.slow
 def test_regression_a_curve_that_returns_to_the_start_has_failed():
     """Duffing's oscillator on the branch of large amplitudes, under a decreasing force."""
 
@@ -375,7 +370,7 @@ def boundaries_of_mathieu(sign, brackets):
     return [brentq(excess, *x, xtol=1e-9) for x in brackets]
 
 
-@pytest.mark.slow(reason="curves of small systems")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "ends", "expected"),
     [
@@ -561,7 +556,7 @@ def test_regression_responses_state_the_largest_magnitude(mean):
         assert largest == pytest.approx(expected, rel=2e-3)
 
 
-@pytest.mark.slow(reason="a quarter of a second")
+@pytest.mark.slow
 def test_regression_fixed_steps_find_periodic_motions_of_driven_beams():
     """Velocities violate the constraints at the end of a run: the deviation stayed at 2e-5."""
     motion = bd.periodic(constant_travel(), 1.0 / 40.0, bd.GeneralizedAlpha(2e-4), settle=20)

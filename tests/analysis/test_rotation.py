@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from mechanisms import rectangle
 from numpy.testing import assert_allclose
 
 import beamdae as bd
@@ -12,7 +13,7 @@ from beamdae.analysis.linear_dynamics.linearization import linearize_about
 from beamdae.equations.starts.steady_rotation import RotatingCoordinates
 
 SOFT = bd.Material(E=1e8, nu=0.3, rho=1000.0)
-STRIP = bd.Section.rectangle(SOFT, width=0.02, height=0.01)
+STRIP = rectangle(0.01, material=SOFT)
 
 
 def particle_in_rotor(stiffness=(50.0, 80.0), damping=0.0, offset=(0.0, 0.0), shift=(0.0, 0.0)):
@@ -57,7 +58,7 @@ def test_particle_in_a_rotor_is_unstable_between_its_frequencies():
     assert "unstable" in modes.warnings[0]
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 def test_internal_damping_is_unstable_above_the_critical_speed():
     """Internal damping of a rotor (Kimball 1924): Re l changes sign at W = sqrt(k / m)."""
 
@@ -129,7 +130,7 @@ def about_the_center(model, center=(0.0, 0.0), speed=3.0):
     return [x for x in modes.warnings if x.startswith("rotation: the center")]
 
 
-@pytest.mark.slow(reason="a quarter of a second")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("shift", "center", "described"),
     [
@@ -151,7 +152,7 @@ def test_regression_rotors_with_their_bearing_off_the_center_have_a_warning(
     assert not about_the_center(mech, center, speed=0.0)
 
 
-@pytest.mark.slow(reason="a quarter of a second")
+@pytest.mark.slow
 def test_mechanisms_on_a_turntable_have_no_warning_of_the_center():
     hinged, _ = particle_in_rotor(offset=(0.1, 0.0), shift=(0.5, 0.0))
     assert not about_the_center(hinged)
@@ -182,7 +183,7 @@ def test_forces_that_do_not_rotate_are_rejected():
         bd.modes(with_driver(loaded, disk), about=bd.rotation(2.0))
 
 
-@pytest.mark.slow(reason="many speeds")
+@pytest.mark.slow
 def test_speed_beyond_the_critical_one_has_no_reachable_steady_state():
     """Beyond W = sqrt(k / m) a steady state exists again, but no path leads to it."""
     with pytest.raises(bd.BeamdaeError, match=r"no steady state was found at 5\.1 rad/s"):
@@ -226,7 +227,7 @@ def test_regression_equilibria_do_not_start_in_rotation():
             analyze(mech, start=bd.rotation(5.0))
 
 
-@pytest.mark.slow(reason="a run of a rotating beam")
+@pytest.mark.slow
 @pytest.mark.parametrize("bent", [False, True])
 def test_nonlinear_run_of_a_rotating_arm_matches_its_modes(bent):
     """After a small deflection of a rotating arm, its root moment is a sum of modes."""
@@ -257,7 +258,7 @@ def test_nonlinear_run_of_a_rotating_arm_matches_its_modes(bent):
 def blade_on_hub(material, **options):
     mech = bd.Mechanism()
     hub = mech.add(bd.RigidBody("hub", mass=5.0, inertia=0.05))
-    section = bd.Section.rectangle(material, width=0.05, height=0.01)
+    section = rectangle(0.01, 0.05, material=material)
     line = bd.Line((0.1, 0.0), (0.7, 0.0))
     blade = mech.add(bd.Beam("blade", line, section, elements=2, **options))
     mech.add(bd.Driver("motor", mech.ground.at(0.0, 0.0), hub.at(0.0, 0.0), law=0.0))
@@ -266,7 +267,7 @@ def blade_on_hub(material, **options):
     return mech
 
 
-@pytest.mark.slow(reason="a quarter of a second")
+@pytest.mark.slow
 @pytest.mark.parametrize("options", [{}, {"strain": "exact"}, {"formulation": "exact"}])
 def test_regression_speeds_that_no_metal_bears_are_stated_in_rpm(options):
     """6000 rpm, passed as 6000 rad/s, caused no warning, or one about the strain measure."""
@@ -277,7 +278,7 @@ def test_regression_speeds_that_no_metal_bears_are_stated_in_rpm(options):
     assert first.endswith("speeds are in rad/s (6000 rpm are 628.3 rad/s).")
 
 
-@pytest.mark.slow(reason="a second")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("material", "speed"),
     [
@@ -302,14 +303,14 @@ def rotor_on_a_bearing():
     return mech
 
 
-@pytest.mark.slow(reason="a quarter of a second")
+@pytest.mark.slow
 def test_free_rotation_has_no_resonance_at_rest():
     table = bd.campbell(rotor_on_a_bearing(), [-1.0, 0.0, 1.0, 3.0], n=3).resonances()
     assert sorted(table["multiple"]) == [3, 4]
     assert (table["frequency [Hz]"] > 0.0).all()
 
 
-@pytest.mark.slow(reason="two seconds")
+@pytest.mark.slow
 def test_resonances_of_a_campbell_diagram():
     mech = rotor_on_a_bearing()
     diagram = bd.campbell(mech, [1.0, 7.0, 3.0], n=3)
@@ -331,7 +332,7 @@ def test_resonances_of_a_campbell_diagram():
     assert {"mode 1", "mode 2"} <= {x.get_text() for x in axis.figure.legends[0].get_texts()}
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_regression_pictures_and_pages_show_chosen_engine_orders(tmp_path):
     diagram = bd.campbell(rotor_on_a_bearing(), [1.0, 3.0, 7.0], n=3, multiples=(2, 6))
     assert set(diagram.resonances()["multiple"]) == {2, 6}
@@ -348,13 +349,13 @@ def test_regression_pictures_and_pages_show_chosen_engine_orders(tmp_path):
         bd.campbell(rotor_on_a_bearing(), [1.0], multiples=[0])
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 @pytest.mark.parametrize("speeds", [[0.0, 60.0, 120.0], [0.0, 100.0, 200.0], [0.0, 250.0]])
 def test_regression_resonances_of_stiffened_blades_between_few_speeds(speeds):
     """Interpolation of the frequencies was up to 4 % off, of their squares up to 0.7 %."""
     mech = bd.Mechanism()
     steel = bd.Material(E=70e9, nu=0.3, rho=2700.0)
-    strip = bd.Section.rectangle(steel, width=0.03, height=0.003)
+    strip = rectangle(0.003, 0.03, material=steel)
     blade = mech.add(bd.Beam("blade", bd.Line((0.1, 0.0), (0.6, 0.0)), strip, 3))
     hub = mech.add(bd.RigidBody("hub", 1.0, 0.1))
     mech.add(bd.Revolute("axis", mech.ground.at(0.0, 0.0), hub.at(0.0, 0.0)))
@@ -365,7 +366,7 @@ def test_regression_resonances_of_stiffened_blades_between_few_speeds(speeds):
     assert_allclose(first, fine, rtol=1e-6)
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_regression_resonances_do_not_depend_on_the_given_speeds():
     """Whirl with 10 - W and 10 + W was interpolated as stiffening between two speeds."""
     mech = rotor_on_a_bearing()
@@ -376,7 +377,7 @@ def test_regression_resonances_do_not_depend_on_the_given_speeds():
     assert_allclose(np.sort(table["speed [rad/s]"]), [-2.5, 2.5, 5.0], rtol=1e-6)
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 @pytest.mark.parametrize("speeds", [[1.0, 9.0], [0.0, 7.0]])
 def test_regression_resonances_on_both_sides_of_an_instability(speeds):
     """One resonance was listed for both modes, and those of the first mode were missing."""
@@ -387,14 +388,14 @@ def test_regression_resonances_on_both_sides_of_an_instability(speeds):
     assert_allclose(actual.to_numpy(), expected, rtol=1e-6)
 
 
-@pytest.mark.slow(reason="a quarter of a second")
+@pytest.mark.slow
 def test_modes_that_cannot_be_followed_are_named():
     """A mode grows at 5.6 rad/s; up to 30 rad/s, halvings do not resolve where this ends."""
     diagram = bd.campbell(with_driver(*particle_in_rotor()), [0.0, 5.6, 30.0], n=2)
     assert "mode 1 was not followed from 5.6 to 6.3625 rad/s" in diagram.warnings[-1]
 
 
-@pytest.mark.slow(reason="a quarter of a second")
+@pytest.mark.slow
 def test_campbell_diagram_follows_modes_through_crossings():
     mech = with_driver(*particle_in_rotor())
     diagram = bd.campbell(mech, [0.0, 1.0, 2.0, 3.0], n=2)
@@ -431,7 +432,7 @@ def test_regression_modes_at_rest_of_turning_mechanisms_have_a_warning(
         assert bd.modes(mech, about=bd.rotation(speed)).warnings[1:] == ()
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 @pytest.mark.parametrize("analysis", [bd.modes, bd.linearize])
 @pytest.mark.parametrize(("speed", "is_reported"), [(0.1, False), (20.0, True)])
 def test_regression_turning_mechanisms_may_have_states(analysis, speed, is_reported):

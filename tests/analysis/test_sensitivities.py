@@ -15,6 +15,7 @@ from governor import governor
 from hub_beam import hub_beam
 from inverted_pendulum import inverted_pendulum
 from leaf_spring_vehicle import leaf_spring_vehicle
+from mechanisms import clamped_beam, free_ball, hinged_body, mass_on_rail, rectangle
 from pendulum import pendulum
 from quick_return import quick_return
 from ring_mount import ring_mount
@@ -32,11 +33,9 @@ MASS, SPEED = 2.0, 0.3
 @bd.model(t_end=1.0)
 def oscillator(stiffness=40.0, damping=0.8, speed=SPEED, elements=1, scale=0.0):
     """Mass on a spring and a damper, moving along the line of the spring."""
-    mech = bd.Mechanism()
-    mass = mech.add(bd.PointMass("mass", MASS, at=(1.0, 0.0), velocity=(speed, 0.0)))
+    mech, mass = free_ball((1.0, 0.0), velocity=(speed, 0.0), mass=MASS, name="mass")
     mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), mass.point, stiffness, damping))
     mech.add(bd.Force("pull", mass.point, (abs(scale), 0.0)))
-    mech.observe("mass", mass.point)
     return mech
 
 
@@ -52,7 +51,7 @@ def complex_step(function, values, name):
     return function(**{**values, name: values[name] + 1j * h}).imag / h
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["stiffness", "damping", "speed"])
 def test_oscillator_converges_to_closed_form_with_order_two(name):
     values = {"stiffness": 40.0, "damping": 0.8, "speed": SPEED}
@@ -65,7 +64,7 @@ def test_oscillator_converges_to_closed_form_with_order_two(name):
     assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.05)
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 @pytest.mark.parametrize("integrator", [bd.Radau(rtol=1e-9), bd.Auto(rtol=1e-9)])
 def test_oscillator_by_radau(integrator):
     values = {"stiffness": 40.0, "damping": 0.8, "speed": SPEED}
@@ -110,7 +109,7 @@ def test_derivative_of_discrete_solution_is_exact(family, rho_inf, damping):
     assert_discrete_derivatives(method, damping, 1e-11)
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 def test_derivative_of_adaptive_steps_is_exact():
     # The Newton errors of the run are larger with tens of steps near the tolerance.
     method = bd.GeneralizedAlpha(step=0.05, rtol=1e-3, start="plain", newton_tolerance=1e-12)
@@ -160,24 +159,24 @@ def assert_agree_with_runs(model, names, t_end, values=None, relative=1e-3, step
             assert np.abs(actual - expected[key]).max() <= tolerance * size, (name, key)
 
 
-@pytest.mark.slow(reason="ten runs of a mechanism with contacts")
+@pytest.mark.slow
 def test_contact_and_friction():
     # The contacts close and slip within this time.
     assert_agree_with_runs(governor, ["torque", "coefficient"], 0.1, relative=3e-5)
 
 
-@pytest.mark.slow(reason="a quarter of a second")
+@pytest.mark.slow
 def test_breakpoints_that_do_not_move():
     assert_agree_with_runs(swing, ["torque", "width"], 0.6, step=2e-3, lam=1e-6)
 
 
-@pytest.mark.slow(reason="five runs of half a second")
+@pytest.mark.slow
 def test_pivot_that_vanishes_at_the_last_step():
     # The crank has turned by 90 degrees then, and stands along an axis.
     assert_agree_with_runs(MODELS["four_bar"], ["speed"], 0.5)
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_driver_that_moves_at_the_start():
     assert_agree_with_runs(turning, ["speed"], 0.05)
 
@@ -189,7 +188,7 @@ def towed(speed=30.0, mass=0.5):
     crank = bd.RigidBody.rod("crank", (0, 0), (0.02, 0.02), mass=mass, angular_velocity=speed)
     mech.add(crank)
     ram = mech.add(bd.PointMass("ram", 2.0, at=(0.3, 0.0)))
-    steel = bd.Section.rectangle(bd.Material.of("steel"), 0.02, 0.01, damping=1e-3)
+    steel = rectangle(0.01, damping=1e-3)
     rod = mech.add(bd.Beam("rod", bd.Line((0.02, 0.02), (0.3, 0.0)), steel, elements=1))
     mech.add(bd.Revolute("bearing", mech.ground.at(0.0, 0.0), crank.at(0.0, 0.0)))
     mech.add(bd.Revolute("pin", crank.at(0.02, 0.02), rod.start))
@@ -199,7 +198,7 @@ def towed(speed=30.0, mass=0.5):
     return mech
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_bodies_that_follow_a_given_velocity():
     assert_agree_with_runs(towed, ["speed", "mass"], 0.05)
     method = bd.GeneralizedAlpha(step=1e-3)
@@ -213,12 +212,12 @@ def test_bodies_that_follow_a_given_velocity():
         assert gradient.derivatives[name] == pytest.approx(table[column].iloc[-1], rel=1e-9)
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_nonholonomic_constraint():
     assert_agree_with_runs(skater, ["offset", "push"], 0.1)
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_observed_columns():
     method = bd.GeneralizedAlpha(step=2e-3, newton_tolerance=1e-12)
     result = bd.sensitivities(swing, "width", method, output_step=0.01)
@@ -241,7 +240,7 @@ def test_observed_columns():
         assert column.shape == actual.shape
 
 
-@pytest.mark.slow(reason="kernels of beams with and without damping")
+@pytest.mark.slow
 def test_forces_that_vanish_at_the_value_of_a_parameter():
     # At damping = 0, the kernels of the beam lack the damping forces.
     method = bd.GeneralizedAlpha(step=2e-3)
@@ -259,7 +258,7 @@ def test_forces_that_vanish_at_the_value_of_a_parameter():
         np.testing.assert_allclose(actual, expected, rtol=0.0, atol=1e-4 * np.abs(expected).max())
 
 
-@pytest.mark.slow(reason="kernels of beams with drag")
+@pytest.mark.slow
 @pytest.mark.parametrize("method", [bd.GeneralizedAlpha(step=2e-3), bd.Radau()])
 def test_parameters_together_and_alone(method):
     # Without drag, the equations lack its forces; they have other numbers p then.
@@ -298,7 +297,7 @@ CASES = [
 NOISE = {"q": 1e-13, "lam": 1e-7}
 
 
-@pytest.mark.slow(reason="twenty steps of five runs per parameter")
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "formulation"), CASES)
 def test_all_parameters_of_all_models(name, formulation):
     model, step = MODELS[name], 1e-4 if name == "ring_mount" else 5e-4
@@ -337,7 +336,7 @@ ZERO_DEFAULTS = [
 ]
 
 
-@pytest.mark.slow(reason="twenty steps of ten runs")
+@pytest.mark.slow
 @pytest.mark.parametrize("formulation", ["floating frame", "exact"])
 @pytest.mark.parametrize(("model", "name", "step", "width", "q", "lam"), ZERO_DEFAULTS)
 def test_parameters_with_default_zero(model, name, step, width, q, lam, formulation):
@@ -389,7 +388,7 @@ SCALES = [
 
 
 @pytest.mark.parametrize("model", [added_stiffness, eccentric, phased])
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_parameters_of_any_scale(model):
     # Differences with the first step have relative errors of 1e-4 to 1, or are refused.
     method, (name, *_) = bd.GeneralizedAlpha(step=1e-3), model.parameters
@@ -412,7 +411,7 @@ def test_parameters_of_any_scale(model):
 def strip(E=2e9, length=0.4, unit=1.0, mass_unit=1.0, formulation="exact"):
     """Clamped strip of 0.4 m; `unit` and `mass_unit` are the units per m, and kg per unit."""
     plastic = bd.Material(E=E, nu=0.4, rho=1200.0 / mass_unit / unit**3)
-    section = bd.Section.rectangle(plastic, 0.02 * unit, 0.003 * unit, damping=2e-3)
+    section = rectangle(0.003 * unit, 0.02 * unit, damping=2e-3, material=plastic)
     mech = bd.Mechanism(gravity=(0.0, -9.81 * unit))
     line = bd.Line((0.0, 0.0), (length, 0.0))
     beam = mech.add(bd.Beam("strip", line, section, elements=2, formulation=formulation))
@@ -421,7 +420,7 @@ def strip(E=2e9, length=0.4, unit=1.0, mass_unit=1.0, formulation="exact"):
     return mech
 
 
-@pytest.mark.slow(reason="eight runs of a beam")
+@pytest.mark.slow
 @pytest.mark.parametrize("formulation", ["floating frame", "exact"])
 @pytest.mark.parametrize("integrator", [bd.Radau(rtol=1e-6), bd.GeneralizedAlpha(step=1e-3)])
 def test_derivatives_do_not_depend_on_the_units(integrator, formulation):
@@ -467,13 +466,13 @@ def test_differences_that_depend_on_their_step_are_reported():
         bd.sensitivities(kinked_slope, "x", bd.GeneralizedAlpha(step=1e-3))
 
 
-@pytest.mark.slow(reason="two seconds of motion")
+@pytest.mark.slow
 @pytest.mark.parametrize("formulation", ["floating frame", "exact"])
 def test_spin_up(formulation):
     assert_agree_with_runs(spin_up, ["speed"], 4.0, {"formulation": formulation}, step=0.02)
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_energies():
     names = ["stiffness", "speed"]
     values = {"stiffness": 40.0, "damping": 0.0, "speed": SPEED}
@@ -509,7 +508,7 @@ def geared(load=3.0):
     return mech
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_parameter_that_changes_only_reactions():
     # The derivatives of the positions are rounding errors, which do not converge.
     result = bd.sensitivities(geared, "load")
@@ -528,7 +527,7 @@ def welded(mass=2.0, gravity=9.81):
     return mech
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_reactions_of_minimum_norm():
     result = bd.sensitivities(welded, ["mass", "gravity"])
     for name, rate in (("mass", 9.81), ("gravity", 2.0)):
@@ -553,7 +552,7 @@ def parallel(length=0.5, height=0.3):
     return mech
 
 
-@pytest.mark.slow(reason="eleven runs")
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["length", "height"])
 def test_redundant_joints(name):
     # The norm of the reactions depends on the dimensions, too.
@@ -575,18 +574,16 @@ def test_redundant_joints(name):
 @bd.model(t_end=0.5)
 def formula(stiffness=10.0):
     """Mass on a spring whose law is a local function."""
-    mech = bd.Mechanism()
-    mass = mech.add(bd.PointMass("mass", MASS, at=(1.0, 0.0), velocity=(SPEED, 0.0)))
+    mech, mass = free_ball((1.0, 0.0), velocity=(SPEED, 0.0), mass=MASS, name="mass")
 
     def law(elongation, rate):
         return stiffness * elongation
 
     mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), mass.point, law=law))
-    mech.observe("mass", mass.point)
     return mech
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_parameter_in_a_user_formula():
     method = bd.GeneralizedAlpha(step=0.01)
     result = bd.sensitivities(formula, "stiffness", method)
@@ -605,16 +602,14 @@ def wheel_on_table(factor=1.0):
     """Wheel with a moment of `factor` times a table of two arguments, the angle and its rate."""
     angles, rates = (-0.3, -0.1, 0.0, 0.2, 0.3), (-1.0, 0.0, 1.0)
     moments = [[-3.0 * angle - 0.5 * rate for rate in rates] for angle in angles]
-    mech = bd.Mechanism()
-    wheel = mech.add(bd.RigidBody("wheel", mass=1.0, inertia=0.5, angular_velocity=0.3))
-    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), wheel.at(0.0, 0.0)))
+    mech, wheel = hinged_body(1.0, 0.5, name="wheel", angular_velocity=0.3)
     center = wheel.at(0.0, 0.0)
     state = [mech.sensor(name, center, name) for name in ("angle", "angle_dot")]
     mech.add(bd.Moment("motor", center, factor * bd.table((angles, rates), moments)(*state)))
     return mech
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_regression_factors_of_one_keep_the_rows_of_tables():
     """The derivative was 3.5 times too large: integers of the table had rounding errors."""
     method = bd.GeneralizedAlpha(step=0.01)
@@ -624,7 +619,7 @@ def test_regression_factors_of_one_keep_the_rows_of_tables():
     np.testing.assert_allclose(result.sensitivity("angle", "factor"), expected, atol=1e-8)
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 @pytest.mark.parametrize("step", [0.05, 0.01])
 def test_regression_errors_of_fixed_steps_are_reported(step):
     """The period is 1.4 s; with 28 steps per period, the derivative is wrong by 11 % at 4 s."""
@@ -664,7 +659,7 @@ def ripple(stiffness=1e4, speed=0.02):
     return mech
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 @pytest.mark.parametrize("rtol", [2e-4, 2e-5])
 def test_regression_errors_of_adaptive_steps_are_reported(rtol, recwarn):
     """Velocities and their derivatives; rtol=2e-4 damps the vibration, by 13 % in derivatives."""
@@ -686,7 +681,7 @@ def test_errors_of_steps_are_not_estimated_on_request(recwarn):
     assert not [x for x in recwarn if "d(" in str(x.message)]
 
 
-@pytest.mark.slow(reason="five models of a beam each")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("model", "name", "value"),
     [(inverted_pendulum, "tilt", 0.093), (sliding_mass, "radius", 0.9754277491409066)],
@@ -704,14 +699,14 @@ def test_regression_rounding_does_not_change_neighboring_models(model, name, val
 def pinned(position=0.13):
     """Curved beam in a floating frame that is pinned between its nodes, at rest."""
     mech = bd.Mechanism()
-    steel = bd.Section.rectangle(bd.Material.of("steel"), 0.02, 0.01)
+    steel = rectangle(0.01)
     beam = mech.add(bd.Beam("beam", bd.Arc(0.5, 0.4), steel, elements=2))
     pin = beam.at(position)
     mech.add(bd.Revolute("pin", mech.ground.at(*pin.point), pin))
     return mech
 
 
-@pytest.mark.slow(reason="kernels of a beam")
+@pytest.mark.slow
 def test_parameter_without_effect():
     # The derivatives are rounding errors, which do not converge.
     result = bd.sensitivities(pinned, "position")
@@ -722,7 +717,7 @@ def test_parameter_without_effect():
 def mounted(inclination=0.4, sliding=0.13):
     """Curved beam in a floating frame, whose joints depend on the directions of the beam there."""
     mech = bd.Mechanism(gravity=(0.0, -9.81))
-    steel = bd.Section.rectangle(bd.Material.of("steel"), 0.02, 0.01, damping=1e-4)
+    steel = rectangle(0.01, damping=1e-4)
     beam = mech.add(bd.Beam("beam", bd.Arc(inclination, 0.4), steel, elements=2))
     mech.add(bd.Revolute("pin", mech.ground.at(*beam.at(sliding).point), beam.at(sliding)))
     mass = mech.add(bd.PointMass("mass", 2.0, at=beam.end.point))
@@ -730,7 +725,7 @@ def mounted(inclination=0.4, sliding=0.13):
     return mech
 
 
-@pytest.mark.slow(reason="ten runs of a beam")
+@pytest.mark.slow
 def test_operators_of_joints_that_depend_on_a_parameter():
     assert_agree_with_runs(mounted, ["inclination", "sliding"], 0.05, lam=1e-4)
 
@@ -738,11 +733,9 @@ def test_operators_of_joints_that_depend_on_a_parameter():
 @bd.model(t_end=0.1)
 def resized(length=0.3):
     """Beam whose number of elements changes with its length."""
-    mech = bd.Mechanism()
-    steel = bd.Section.rectangle(bd.Material.of("steel"), 0.02, 0.01)
+    steel = rectangle(0.01)
     line, count = bd.Line((0.0, 0.0), (length, 0.0)), math.ceil(10.0 * length - 1e-9)
-    beam = mech.add(bd.Beam("beam", line, steel, elements=count))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech, _ = clamped_beam(steel, count, line)
     return mech
 
 
@@ -752,7 +745,7 @@ def cocked(cosine=1.0):
     return oscillator(stiffness=10.0 + math.acos(cosine) ** 2)
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_formulas_that_fail_on_one_side_lead_to_one_sided_differences():
     method = bd.GeneralizedAlpha(step=2e-3)
     by_cosine = bd.sensitivities(cocked, "cosine", method).sensitivity("mass.x", "cosine")
@@ -773,7 +766,7 @@ def dropped(speed=1.0, rate=2.0):
     return mech
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_regression_time_dependent_gravity():
     """Every parameter was said to change the structure of the equations."""
     result = bd.sensitivities(dropped, ["speed", "rate"])
@@ -801,16 +794,14 @@ def branched(gain=2.0):
 @bd.model(t_end=0.4)
 def driven(gain=1.0):
     """Mass driven by an observed input."""
-    mech = bd.Mechanism()
-    mass = mech.add(bd.PointMass("mass", 2.0, at=(1.0, 0.0), velocity=(0.5, 0.0)))
+    mech, mass = free_ball((1.0, 0.0), velocity=(0.5, 0.0), mass=2.0, name="mass")
     mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), mass.point, 40.0, 0.8))
     drive = mech.input("drive", lambda t: gain * ca.sin(5.0 * t), unit="N")
     mech.add(bd.Force("push", mass.point, (drive, 0.0)))
-    mech.observe("mass", mass.point)
     return mech
 
 
-@pytest.mark.slow(reason="a quarter of a second")
+@pytest.mark.slow
 @pytest.mark.parametrize("gain", [1.0, 2.0, -1.0, 0.0])
 def test_regression_values_that_change_the_form_of_observed_columns(gain):
     """They were rejected; CasADi stores 1 q, 2 q and 0 q without a number."""
@@ -869,11 +860,9 @@ def stepped_strip(step=0.11, height=3e-3, unused=1.0):
     material = bd.Material(E=2e9, nu=0.4, rho=1200.0)
 
     def section(s):
-        return bd.Section.rectangle(material, width=0.02, height=height if s < step else 2e-3)
+        return rectangle(height if s < step else 2e-3, material=material)
 
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    beam = mech.add(bd.Beam("strip", bd.Line((0.0, 0.0), (0.4, 0.0)), section, elements=2))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech, beam = clamped_beam(section, 2, 0.4, name="strip", gravity=9.81)
     mech.observe("tip", beam.end)
     return mech
 
@@ -913,9 +902,7 @@ def test_regression_parameters_without_effect_are_named(call, differentiate):
 
 @bd.model(t_end=0.2)
 def kinked_oscillator(stiffness=40.0):
-    mech = bd.Mechanism()
-    mass = mech.add(bd.PointMass("mass", 1.0, at=(1.0, 0.0)))
-    mech.add(bd.PointOnLine("rail", mech.ground.at(1.0, 0.0), mass.point, (1.0, 0.0)))
+    mech, mass = mass_on_rail(x=1.0)
     spring = 40.0 + abs(stiffness - 40.0)
     mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), mass.point, spring, 1.0))
     mech.add(bd.Force("load", mass.point, (bd.sine(1.0, frequency=1.0), 0.0)))
@@ -936,7 +923,7 @@ def kinked_oscillator(stiffness=40.0):
         ("fit", lambda f, model, by: f(model, {"t [s]": [0.1], "mass.x": [1.0]}, by)),
     ],
 )
-@pytest.mark.slow(reason="half a second each")
+@pytest.mark.slow
 def test_regression_messages_name_the_function_that_was_called(name, call):
     """All messages named `sensitivities`, and gradients at this kink were zero."""
     with pytest.raises(bd.BeamdaeError, match=rf"^{name}: the numbers of kinked_oscillator have"):
@@ -946,16 +933,14 @@ def test_regression_messages_name_the_function_that_was_called(name, call):
 @bd.model(t_end=0.2)
 def jumping_oscillator(stiffness=40.0):
     """Oscillator whose mass jumps next to the default stiffness, as tables of curves can."""
-    mech = bd.Mechanism()
     at, speed = (1.0, 0.0), (0.2, 0.0)
     mass = 1.0 + 1e-5 * (stiffness > 40.06)
-    body = mech.add(bd.PointMass("mass", mass, at=at, velocity=speed))
+    mech, body = free_ball(at, velocity=speed, mass=mass, name="mass")
     mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), body.point, stiffness, 0.1))
-    mech.observe("mass", body.point)
     return mech
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 def test_regression_jumps_next_to_a_value_are_no_kinks():
     method = bd.GeneralizedAlpha(step=0.01)
     result = bd.sensitivities(jumping_oscillator, "stiffness", method)

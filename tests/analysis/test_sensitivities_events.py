@@ -4,6 +4,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from leaf_spring_vehicle import leaf_spring_vehicle
+from mechanisms import free_ball
 from shallow_arch import shallow_arch
 from sliding_mass import sliding_mass
 
@@ -20,10 +21,8 @@ INTEGRATORS = [
 @bd.model(t_end=1.2)
 def bounce(height=0.5, gravity=GRAVITY, restitution=0.8, floor=0.1, mark=0.3):
     """Ball that falls from rest and bounces on a floor."""
-    mech = bd.Mechanism(gravity=(0.0, -gravity))
-    ball = mech.add(bd.PointMass("ball", 1.3, at=(0.0, height)))
+    mech, ball = free_ball((0.0, height), mass=1.3, gravity=gravity)
     gap = bd.LineSurface(mech.ground.at(0.0, floor), (1.0, 0.0)).gap(ball.point)
-    mech.observe("ball", ball.point)
     mech.when(gap, 0.0, "down", bd.impact(gap, restitution), name="bounce")
     mech.when("ball.y", mark, "both", "record", name="mark")
     return mech
@@ -46,7 +45,7 @@ def bouncing_ball(t, height, gravity, restitution, floor):
     return y, v - gravity * times, impacts
 
 
-@pytest.mark.slow(reason="half a second each")
+@pytest.mark.slow
 @pytest.mark.parametrize("integrator", INTEGRATORS)
 def test_bouncing_ball(integrator):
     result = bd.sensitivities(bounce, [*BOUNCE, "mark"], integrator)
@@ -71,9 +70,7 @@ def test_bouncing_ball(integrator):
 
 @bd.model(t_end=0.5)
 def falling(height=0.5, target=0.2):
-    mech = bd.Mechanism(gravity=(0.0, -GRAVITY))
-    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, height)))
-    mech.observe("ball", ball.point)
+    mech, _ = free_ball((0.0, height), gravity=GRAVITY)
     mech.when("ball.y", crosses=target, do="stop", name="landed")
     return mech
 
@@ -95,14 +92,12 @@ def test_run_that_an_event_stops():
 @bd.model(t_end=0.5)
 def moving(end=0.2, force=2.0):
     """Mass of 1 kg that is pulled from 0.1 s to `end`."""
-    mech = bd.Mechanism()
-    mass = mech.add(bd.PointMass("mass", 1.0, at=(0.0, 0.0)))
+    mech, mass = free_ball(name="mass")
     mech.add(bd.Force("pull", mass.point, (bd.piecewise((0.1, 0.0), (end, force), 0.0), 0.0)))
-    mech.observe("mass", mass.point)
     return mech
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 @pytest.mark.parametrize("integrator", INTEGRATORS)
 def test_breakpoint_that_moves(integrator):
     result = bd.sensitivities(moving, "end", integrator)
@@ -202,7 +197,7 @@ def relieved(angle=-0.3, rate=2.0, mark=0.1):
     return mech
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 @pytest.mark.parametrize("method", [bd.GeneralizedAlpha(step=1e-3), bd.Radau()])
 def test_regression_parameters_whose_equations_differ_after_an_event(method):
     # Such parameters were differentiated together, and arrays of different lengths combined.
@@ -228,7 +223,7 @@ CASES = {
 }
 
 
-@pytest.mark.slow(reason="five runs of a mechanism per parameter")
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
 def test_events_agree_with_differences_of_runs(case):
     model, names = CASES[case]
@@ -254,15 +249,13 @@ def test_events_agree_with_differences_of_runs(case):
 @bd.model(t_end=0.8)
 def deflected(offset=3e-3, stiffness=1e5, radius=0.01):
     """Ball that hits a stiff peg, which it touches for less than a step."""
-    mech = bd.Mechanism()
-    ball = mech.add(bd.PointMass("ball", 0.1, at=(-1.0, offset), velocity=(2.0, 0.0)))
+    mech, ball = free_ball((-1.0, offset), velocity=(2.0, 0.0), mass=0.1)
     surface = bd.CircleSurface(mech.ground.at(0.0, 0.0), radius, "outside")
     mech.add(bd.Contact("peg", ball.point, surface, stiffness))
-    mech.observe("ball", ball.point)
     return mech
 
 
-@pytest.mark.slow(reason="five runs per parameter")
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["offset", "stiffness", "radius"])
 def test_run_that_restarts_at_a_contact(name):
     value = deflected.parameters[name]
@@ -284,12 +277,10 @@ def test_run_that_restarts_at_a_contact(name):
 @bd.model(t_end=0.5)
 def thrown(speed=1.0, first=0.0, second=0.0, breakpoint=0.25, top=0.0):
     """Ball that is thrown up; events switch off a force at the times `first` and `second`."""
-    mech = bd.Mechanism(gravity=(0.0, -GRAVITY))
-    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0), velocity=(1.0, speed)))
+    mech, ball = free_ball(velocity=(1.0, speed), gravity=GRAVITY)
     clock = mech.add(bd.PointMass("clock", 1.0, at=(0.0, 10.0), velocity=(1.0, 0.0)))
     law = bd.piecewise((breakpoint, 1.0), 0.0)
     side = mech.add(bd.Force("side", ball.point, (law, 0.0)))
-    mech.observe("ball", ball.point)
     mech.observe("clock", clock.point)
     for name, time in (("first", first), ("second", second)):
         if time:
@@ -310,7 +301,7 @@ def thrown(speed=1.0, first=0.0, second=0.0, breakpoint=0.25, top=0.0):
         ("breakpoint", {"breakpoint": 0.0}, "moves the breakpoint of a law at t = 0 s across"),
     ],
 )
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_times_without_derivatives_are_rejected(by, values, message):
     with pytest.raises(bd.BeamdaeError, match=f"sensitivities: .*{message}"):
         bd.sensitivities(thrown, by, parameters=values)
@@ -330,7 +321,7 @@ def damped_bounce(gap=0.1, damping=1e3, shaking=0.0):
     return mech
 
 
-@pytest.mark.slow(reason="half a second each")
+@pytest.mark.slow
 @pytest.mark.parametrize("step", [1e-3, 1e-4])
 def test_regression_alpha_after_impact_with_stiff_damper(step):
     # The damper relaxes within 90 microseconds, which these steps do not resolve.
@@ -341,7 +332,7 @@ def test_regression_alpha_after_impact_with_stiff_damper(step):
     assert actual == pytest.approx(exact, rel=2.0 * step)
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 def test_derivatives_of_a_run_that_violates_the_balance_of_energy_are_reported():
     """With this damper, steps of 1 ms miss the position by 0.6 m: the run is wrong."""
     arguments = (damped_bounce, "gap", bd.GeneralizedAlpha(step=1e-3))
@@ -350,7 +341,7 @@ def test_derivatives_of_a_run_that_violates_the_balance_of_energy_are_reported()
     assert any("d(upper.y)/d(gap) more than 100 %" in str(x.message) for x in record)
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 def test_alpha_after_impact_with_law_of_time():
     values = {"damping": 1.0, "shaking": 2.0}
     errors = []
@@ -364,7 +355,7 @@ def test_alpha_after_impact_with_law_of_time():
     assert errors[1] < 1e-4
 
 
-@pytest.mark.slow(reason="three runs of a vehicle")
+@pytest.mark.slow
 def test_moving_breakpoint_in_a_model_with_stiff_beams():
     # The run passes the end of the bump, t = 0.35 s. Velocities of generalized-alpha violate the
     # constraints slightly; damping of fast modes must not amplify these errors, by a factor of 3.
@@ -386,7 +377,7 @@ def test_moving_breakpoint_in_a_model_with_stiff_beams():
     assert np.abs(actual - expected).max() <= 0.05 * np.abs(expected).max()
 
 
-@pytest.mark.slow(reason="five runs of a beam per parameter")
+@pytest.mark.slow
 @pytest.mark.parametrize("model", [shallow_arch, sliding_mass])
 def test_radau_agrees_with_differences_of_runs(model):
     values, t_end = {"elements": 2, "formulation": "exact"}, 0.004
@@ -420,7 +411,7 @@ def stop_force(stiffness=1e4):
     return mech
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_regression_contact_forces_have_derivatives_while_the_contact_is_open():
     # Fixed steps, so that differences of runs have no noise beyond Newton's tolerance.
     method = bd.GeneralizedAlpha(step=1e-3, newton_tolerance=1e-12)
@@ -456,7 +447,7 @@ def flat_rod(mass=1.0):
     return mech
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_regression_events_that_repeat_at_one_time_are_named_once():
     """Impacts that close each other's gaps were listed up to a hundred times."""
     with pytest.raises(bd.BeamdaeError, match="events hit left and hit right act at the same time"):

@@ -5,6 +5,7 @@ import pickle
 import numpy as np
 import pytest
 from command_line import invoke
+from mechanisms import mass_on_rail
 
 import beamdae as bd
 from beamdae.analysis.sensitivities import differentiable_run as implementation
@@ -19,9 +20,7 @@ ALPHA = bd.GeneralizedAlpha(step=0.02)
 @bd.model(t_end=0.4)
 def oscillator(stiffness=40.0, speed=0.2):
     """Mass on a spring, on a rail."""
-    mech = bd.Mechanism()
-    mass = mech.add(bd.PointMass("mass", 1.0, at=(1.0, 0.0), velocity=(speed, 0.0)))
-    mech.add(bd.PointOnLine("rail", mech.ground.at(1.0, 0.0), mass.point, (1.0, 0.0)))
+    mech, mass = mass_on_rail(x=1.0, velocity=(speed, 0.0))
     mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), mass.point, stiffness))
     mech.observe("mass", mass.point)
     return mech
@@ -50,7 +49,7 @@ def test_derivatives_are_those_of_sensitivities(solution):
     assert len(solution["d(mass)/d(speed)"].columns) == len(solution["mass"].columns)
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_a_parameter_name_or_a_built_mechanism_is_accepted():
     stiff = bd.simulate(oscillator(stiffness=90.0), ALPHA, sensitivities="stiffness")
     expected = bd.sensitivities(oscillator, "stiffness", ALPHA, parameters={"stiffness": 90.0})
@@ -60,7 +59,7 @@ def test_a_parameter_name_or_a_built_mechanism_is_accepted():
     assert stiff.derivatives.parameters == {"stiffness": 90.0}
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_inputs_are_those_of_the_run():
     push = 3.0
     run = bd.simulate(driven, ALPHA, inputs={"push": push}, sensitivities="stiffness")
@@ -169,7 +168,7 @@ def fall(mass=1.0, drag=0.3):
 """
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_the_command_writes_derivatives(tmp_path):
     (tmp_path / "fall.py").write_text(MODEL)
 

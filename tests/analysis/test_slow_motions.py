@@ -5,6 +5,7 @@ import warnings
 import casadi as ca
 import numpy as np
 import pytest
+from mechanisms import clamped_beam, rectangle
 from numpy.testing import assert_allclose
 
 import beamdae as bd
@@ -12,8 +13,6 @@ from beamdae.analysis.continuation import spectrum
 from beamdae.analysis.eigenproblems import slow_motions
 from beamdae.analysis.eigenproblems.eigensolution import solve_eigenproblem
 from beamdae.analysis.linear_dynamics.linearization import linearize_about
-
-STEEL = bd.Material.of("steel")
 
 
 def find_modes(mech, **settings):
@@ -26,7 +25,7 @@ def find_modes(mech, **settings):
 def frame(shape, slenderness, formulation, elements, damping, height=1.0):
     """Return a cantilever, a free strip, a ring or a bent strip between two hinges."""
     mech = bd.Mechanism()
-    section = bd.Section.rectangle(STEEL, 0.02 * height, height / slenderness, damping=damping)
+    section = rectangle(height / slenderness, 0.02 * height, damping=damping)
     settings = {"elements": elements, "formulation": formulation}
     if shape == "ring":
         circle = bd.Arc(radius=height, length=2.0 * np.pi * height)
@@ -61,7 +60,7 @@ CLOSED_FORMS = {
     [
         (4, 0.0, 1.0),
         *(
-            pytest.param(*x, marks=pytest.mark.slow(reason="many models"))
+            pytest.param(*x, marks=pytest.mark.slow)
             for x in ((4, 1e-5, 1.0), (4, 0.0, 1e-3), (48, 0.0, 1.0), (48, 1e-5, 30.0))
         ),
     ],
@@ -88,7 +87,7 @@ def test_slenderness_does_not_enter_rounding(shape, formulation, elements, dampi
 def chain(beams, damping, formulation="floating frame", joint=bd.Revolute):
     """Return a cantilever of short beams in a row, with springs and dampers at its joints."""
     mech = bd.Mechanism()
-    section = bd.Section.rectangle(STEEL, width=0.02, height=5e-3, damping=damping)
+    section = rectangle(5e-3, damping=damping)
     end = mech.ground.at(0.0, 0.0)
     for k in range(beams):
         line = bd.Line((0.1 * k, 0.0), (0.1 * (k + 1), 0.0))
@@ -100,10 +99,8 @@ def chain(beams, damping, formulation="floating frame", joint=bd.Revolute):
     return mech
 
 
-@pytest.mark.slow(reason="half a second")
-@pytest.mark.parametrize(
-    "beams", [32, pytest.param(192, marks=pytest.mark.slow(reason="192 beams"))]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("beams", [32, pytest.param(192, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("joint", [bd.Revolute, bd.Weld])
 def test_modes_of_chains_of_any_size(beams, joint):
     modes = bd.modes(chain(beams, 1e-4, joint=joint))
@@ -112,11 +109,11 @@ def test_modes_of_chains_of_any_size(beams, joint):
     assert np.all(modes.damping_ratios > 0.0)
 
 
-@pytest.mark.slow(reason="192 beams on a hinge")
+@pytest.mark.slow
 def test_free_chain_of_welded_beams_has_one_free_motion():
     """The free motion dominates the inverse."""
     mech = bd.Mechanism()
-    section = bd.Section.rectangle(STEEL, width=0.03, height=0.0025, damping=1e-4)
+    section = rectangle(0.0025, 0.03, damping=1e-4)
     end, joint = mech.ground.at(0.0, 0.0), bd.Revolute
     for k in range(192):
         beam = mech.add(bd.Beam(f"beam {k}", bd.Line((0.4 * k, 0), (0.4 * k + 0.4, 0)), section, 1))
@@ -132,15 +129,12 @@ def test_free_chain_of_welded_beams_has_one_free_motion():
 
 def damped_strip(elements, height=0.004):
     """Return a clamped strip with Kelvin-Voigt damping of 1e-3 s: decays cluster at -1000 1/s."""
-    mech = bd.Mechanism()
-    section = bd.Section.rectangle(STEEL, width=0.02, height=height, damping=1e-3)
-    line = bd.Line((0.0, 0.0), (1.0, 0.0))
-    beam = mech.add(bd.Beam("strip", line, section, elements, formulation="exact"))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    section = rectangle(height, damping=1e-3)
+    mech, _ = clamped_beam(section, elements, name="strip", formulation="exact")
     return mech
 
 
-@pytest.mark.slow(reason="many elements")
+@pytest.mark.slow
 def test_modes_of_strong_material_damping():
     modes = bd.modes(damped_strip(32), n=6)
     assert modes.kinds == ("vibration",) * 4 + ("decay",) * 2
@@ -148,7 +142,7 @@ def test_modes_of_strong_material_damping():
     assert_allclose(bd.modes(damped_strip(120), n=4).eigenvalues, modes.eigenvalues[:4], rtol=1e-6)
 
 
-@pytest.mark.slow(reason="many elements")
+@pytest.mark.slow
 @pytest.mark.parametrize("damping", [True, False])
 def test_problems_that_do_not_converge_use_dense_matrices_or_end_in_one_sentence(
     damping, monkeypatch
@@ -162,7 +156,7 @@ def test_problems_that_do_not_converge_use_dense_matrices_or_end_in_one_sentence
         bd.modes(damped_strip(64), n=3, damping=damping)
 
 
-@pytest.mark.slow(reason="many elements")
+@pytest.mark.slow
 @pytest.mark.parametrize(("elements", "count"), [(64, 100), (150, 12)])
 def test_modes_beyond_the_vibrations_of_strong_damping_are_found(elements, count):
     mech = damped_strip(elements)
@@ -175,7 +169,7 @@ def test_modes_beyond_the_vibrations_of_strong_damping_are_found(elements, count
     assert_allclose(modes.eigenvalues[:4], exact, rtol=1e-7)
 
 
-@pytest.mark.slow(reason="many elements")
+@pytest.mark.slow
 @pytest.mark.parametrize(("height", "count"), [(0.004, 100), (0.001, 12)])
 def test_modes_in_a_cluster_of_decays(height, count):
     mech = damped_strip(150, height)
@@ -192,15 +186,12 @@ def test_modes_in_a_cluster_of_decays(height, count):
     assert singular[-1] > 1e-3
 
 
-@pytest.mark.slow(reason="a quarter of a second")
+@pytest.mark.slow
 @pytest.mark.parametrize("formulation", ["exact", "floating frame"])
 def test_regression_overdamped_modes_are_as_many_as_requested(formulation):
     """Refined real eigenvalues with rounded imaginary parts below zero were lost: 11 of 20."""
-    mech = bd.Mechanism()
-    section = bd.Section.rectangle(STEEL, width=0.02, height=0.01, damping=0.03)
-    line = bd.Line((0.0, 0.0), (1.0, 0.0))
-    beam = mech.add(bd.Beam("beam", line, section, 30, formulation=formulation))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    section = rectangle(0.01, damping=0.03)
+    mech, _ = clamped_beam(section, 30, formulation=formulation)
     modes = bd.modes(mech, n=20)
     assert set(modes.kinds) == {"decay"}
     # Eigenvalues accumulate at minus the ratio of stiffness to damping.
@@ -210,7 +201,7 @@ def test_regression_overdamped_modes_are_as_many_as_requested(formulation):
 def spinning_blades(damping, elements=20, has_motor=True):
     """Return two blades on a hub that turns freely, or that a motor turns at 20 rad/s."""
     mech = bd.Mechanism()
-    section = bd.Section.rectangle(STEEL, width=0.03, height=0.01, damping=damping)
+    section = rectangle(0.01, 0.03, damping=damping)
     hub = mech.add(bd.RigidBody("hub", 1.0, inertia=0.1, center=(0.0, 0.0)))
     center = mech.ground.at(0.0, 0.0)
     mech.add(bd.Revolute("axis", center, hub.at(0.0, 0.0)))
@@ -223,7 +214,7 @@ def spinning_blades(damping, elements=20, has_motor=True):
     return mech
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 @pytest.mark.parametrize("damping", [0.0, 1e-6])
 def test_gyroscopic_modes_of_large_models_are_those_of_all_motions(damping):
     expected = bd.modes(spinning_blades(damping), about=bd.rotation(20.0), n=None).eigenvalues
@@ -232,7 +223,7 @@ def test_gyroscopic_modes_of_large_models_are_those_of_all_motions(damping):
     assert_allclose(modes.eigenvalues, expected[:20], rtol=4e-9)
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 @pytest.mark.parametrize("damping", [0.0, 1e-5])
 def test_regression_free_rotation_counts_as_one_mode(damping):
     """Both eigenvalues of its double zero counted, so that one mode was missing.
@@ -249,7 +240,7 @@ def test_regression_free_rotation_counts_as_one_mode(damping):
         assert_allclose(values, more[:count], rtol=2e-9)
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_slow_decays_of_stiff_parts_with_strong_dampers_are_found():
     """The undamped modes do not contain them: x'' + c x' + k x = 0 with c >> sqrt(k) >> 1."""
     stiffness = np.linspace(1.0, 500.0, 300)

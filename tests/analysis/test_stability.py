@@ -68,7 +68,7 @@ def test_column_passes_all_branch_points(control, height):
     assert path.unstable[-1] == 3
 
 
-@pytest.mark.slow(reason="one second")
+@pytest.mark.slow
 def test_displacement_control_finds_many_branch_points_in_one_step():
     # A step compresses the column by 5 %; it buckles from 2e-7 on.
     path = bd.equilibrium(column(1e-3), to={"tip.y": 0.5})
@@ -79,7 +79,7 @@ def test_displacement_control_finds_many_branch_points_in_one_step():
     assert len(path.critical) == path.unstable[-1]
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_arc_length_ends_where_points_are_recomputed():
     """The end of the last step may lie on either side of the target in the last digit."""
     for elements in (4, 8):
@@ -88,9 +88,7 @@ def test_arc_length_ends_where_points_are_recomputed():
         assert path.factor == pytest.approx(49.3)
 
 
-@pytest.mark.parametrize(
-    "elements", [4, 8, pytest.param(16, marks=pytest.mark.slow(reason="one second"))]
-)
+@pytest.mark.parametrize("elements", [4, 8, pytest.param(16, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("slenderness", [1e1, 1e3, 1e5])
 def test_strip_rolls_up_at_any_slenderness(slenderness, elements):
     mech, section = bd.Mechanism(), rectangle(1.0 / slenderness)
@@ -124,7 +122,7 @@ def lee_frame(elements, formulation="exact"):
     return mech
 
 
-@pytest.mark.slow(reason="a path of a hundred points")
+@pytest.mark.slow
 def test_path_of_lees_frame_passes_limit_points_and_reversals_by_arc_length():
     path = bd.equilibrium(lee_frame(8), to={"ld.y": 30.0}, control="arc length")
     assert [point.kind for point in path.critical] == ["limit point"] * 2
@@ -152,7 +150,7 @@ def swaying_portal(side):
     return mech
 
 
-@pytest.mark.slow(reason="one second")
+@pytest.mark.slow
 def test_regression_portal_of_default_strain_ends_in_few_points():
     """A portal frame ran for 264 s and ended at the load factor -1.9e6."""
     path = bd.equilibrium(swaying_portal(0.0), to=20.0)
@@ -166,7 +164,7 @@ def test_regression_portal_of_default_strain_ends_in_few_points():
     assert len(path.q) < 200
 
 
-@pytest.mark.slow(reason="a quarter of a second")
+@pytest.mark.slow
 @pytest.mark.parametrize("formulation", ["exact", "floating frame"])
 def test_fine_mesh_is_free_only_without_a_clamp(formulation):
     """The lowest stiffness of a fine mesh is 1e-11 of the largest; rounding errors are 1e-16."""

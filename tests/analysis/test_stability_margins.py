@@ -3,6 +3,7 @@
 import casadi as ca
 import numpy as np
 import pytest
+from mechanisms import mass_on_rail
 from numpy.testing import assert_allclose
 from scipy import signal
 
@@ -31,7 +32,7 @@ def stage(stiffness=0.0, damping=0.0, outputs=("x",)):
     return bd.linearize(mech, inputs=["force"], outputs=list(outputs))
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 @pytest.mark.parametrize(("gain", "delay"), [(2.0, 0.25), (0.5, 3.0), (2e3, 1e-5)])
 def test_integrator_with_delay_has_the_margins_of_its_closed_form(gain, delay):
     loop = bd.margins(tank(), controller=gain, delay=delay)
@@ -137,9 +138,7 @@ def test_gain_may_decrease_to_the_margin_of_an_unstable_plant():
 
 
 def pid_mechanism(factor=1.0, limits=None, offset=0.0):
-    mech = bd.Mechanism()
-    mass = mech.add(bd.PointMass("mass", 2.0, at=(1.0, 0.0)))
-    mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), mass.point, (1.0, 0.0)))
+    mech, mass = mass_on_rail(2.0, 1.0)
     x, v = (mech.sensor(name, mass.point, name) for name in ("x", "x_dot"))
     target = mech.input("target", default=1.0 + offset)
     gains = {"kp": 300.0, "ki": 400.0, "kd": 40.0, "rate": -v, "limits": limits}
@@ -167,7 +166,7 @@ def test_loop_of_a_pid_is_opened_at_its_command(factor, limits):
     assert loop.gain_margin == pytest.approx(8.0 / (300.0 * factor), rel=1e-6)
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_command_in_a_formula_of_a_state_is_differentiated():
     """The drive y, T y' + y = (1 + 0.1 x) u, of a mass on a spring; the factor depends on x."""
     mech = bd.Mechanism()
@@ -313,7 +312,7 @@ def test_loops_that_a_pid_closes_have_no_other_controller():
             bd.margins(model, "servo", **arguments)
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 def test_loops_that_cannot_be_opened_are_named():
     mech = pid_mechanism(limits=(-30.0, 30.0), offset=1.0)
     with pytest.warns(bd.BeamdaeWarning, match="is beyond its limit"):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from mechanisms import hinged_beam
 from scipy.optimize import brentq
 
 import beamdae as bd
@@ -12,13 +13,10 @@ AXIAL_STIFFNESS, WEIGHT, LENGTH = 4.45e5, 1.46, 30.0  # N, N/m, m
 def straight_cable(second_moment, angle=0.0, elements=20):
     """Return a cable drawn straight between two hinges."""
     area = 1e-5
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
     material = bd.Material(E=AXIAL_STIFFNESS / area, nu=0.3, rho=WEIGHT / 9.81 / area)
     end = (LENGTH * np.cos(angle), LENGTH * np.sin(angle))
     section = bd.Section(material, area, second_moment)
-    line = bd.Line((0.0, 0.0), end)
-    beam = mech.add(bd.Beam("cable", line, section, elements=elements, strain="exact"))
-    mech.add(bd.Revolute("A", mech.ground.at(0.0, 0.0), beam.start))
+    mech, beam = hinged_beam(section, elements, end, name="cable", gravity=9.81, strain="exact")
     mech.add(bd.Revolute("B", mech.ground.at(*end), beam.end))
     mech.observe("middle", beam.at(LENGTH / 2))
     return mech

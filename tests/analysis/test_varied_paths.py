@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from mechanisms import rectangle
 from scipy.optimize import minimize_scalar
 
 import beamdae as bd
@@ -121,7 +122,7 @@ def test_values_of_a_list_are_rows_and_from_begins_elsewhere():
 def pushed_leaf(travel, side=1.0, radius=0.008, by_law=True):
     """Leaf spring, and a cylinder on a driven slide drawn 1 mm beside its end."""
     mech = bd.Mechanism()
-    leaf = bd.Section.rectangle(bd.Material(E=2e11, nu=0.3, rho=7800.0), 0.01, 0.0003)
+    leaf = rectangle(0.0003, 0.01, material=bd.Material(E=2e11, nu=0.3, rho=7800.0))
     line = bd.Line((0.0, 0.0), (0.0, 0.06))
     beam = mech.add(bd.Beam("leaf", line, leaf, elements=4, formulation="exact"))
     mech.add(bd.Weld("root", mech.ground.at(0.0, 0.0), beam.start))
@@ -219,7 +220,7 @@ def test_invalid_arguments_are_rejected(arguments, message):
 def cantilever(elements=4, length=0.1):
     """Steel leaf under its weight."""
     mech = bd.Mechanism(gravity=(0.0, -9.81))
-    leaf = bd.Section.rectangle(bd.Material.of("steel"), width=0.01, height=0.0005)
+    leaf = rectangle(0.0005, 0.01)
     line = bd.Line((0.0, 0.0), (length, 0.0))
     beam = mech.add(bd.Beam("leaf", line, leaf, elements=elements, formulation="exact"))
     mech.add(bd.Weld("root", mech.ground.at(0.0, 0.0), beam.start))

@@ -77,7 +77,7 @@ def test_regression_paths_of_skates_keep_the_bound(rtol):
     assert np.all(errors[positions] < 30.0 * rtol * half_ranges[positions])
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 @pytest.mark.parametrize("integrator", [bd.Auto, bd.Ida])
 def test_regression_long_runs_keep_the_bound(integrator):
     """A pendulum was wrong by 273 rtol after 80 periods."""
@@ -90,7 +90,7 @@ def test_regression_long_runs_keep_the_bound(integrator):
     assert case.errors(solution, reference=case.exact(case.times)).max() < 30.0 * rtol
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 @pytest.mark.parametrize("integrator", [bd.Auto, bd.Ida])
 def test_regression_incomplete_pilot_runs_count_the_periods(integrator, monkeypatch):
     """Errors were 2400 rtol after 800 periods, because pilot runs ended after less than 0.2."""
@@ -105,7 +105,7 @@ def test_regression_incomplete_pilot_runs_count_the_periods(integrator, monkeypa
     assert case.errors(solution, reference=case.exact(case.times)).max() < 30.0 * rtol
 
 
-@pytest.mark.slow(reason="one second")
+@pytest.mark.slow
 def test_auto_repeats_the_run_of_the_chosen_integrator():
     for model, chosen in ((hub_beam(elements=2), bd.Radau), (swing(), bd.Ida)):
         auto, same = (bd.simulate(model, one, t_end=0.5) for one in (bd.Auto(1e-4), chosen(1e-4)))
@@ -113,7 +113,7 @@ def test_auto_repeats_the_run_of_the_chosen_integrator():
         assert auto.integrator["amplitudes"] == same.integrator["amplitudes"]
 
 
-@pytest.mark.slow(reason="one second")
+@pytest.mark.slow
 def test_ida_notes_that_its_order_is_limited():
     mechs = hub_beam(elements=2), swing()
     notes = [
@@ -152,7 +152,7 @@ def test_auto_is_the_default_integrator():
     assert np.isfinite(solution.q).all()
 
 
-@pytest.mark.slow(reason="a quarter of a second")
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
 @pytest.mark.parametrize(("stribeck", "method"), [(2e-2, "Ida"), (2e-4, "Radau")])
 def test_regression_friction_that_sticks_is_resolved(stribeck, method):

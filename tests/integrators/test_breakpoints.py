@@ -4,7 +4,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from conformance import integrators
-from mechanisms import ALLOY, cantilever, rectangle
+from mechanisms import ALLOY, cantilever, hinged_body, rectangle
 from numpy.testing import assert_allclose
 
 import beamdae as bd
@@ -13,9 +13,7 @@ every_integrator = integrators(rtol=1e-7, step=1e-3)
 
 
 def driven_bar(law):
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    bar = mech.add(bd.RigidBody("bar", mass=2.0, inertia=0.1, center=(0.5, 0.0)))
-    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), bar.at(0.0, 0.0)))
+    mech, bar = hinged_body(2.0, 0.1, (0.5, 0.0), name="bar", gravity=9.81)
     mech.add(bd.Driver("motor", mech.ground.at(0.0, 0.0), bar.at(0.0, 0.0), law=law))
     return mech
 
@@ -69,7 +67,7 @@ def test_strongly_damped_beam_dissipates_its_strain_energy():
     assert solution.quality.energy_imbalance < 1e-3
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 def test_regression_drift_at_a_breakpoint_is_not_reported_as_a_jump():
     """The restart corrected a drift of 1.3e-3, which was reported as a jump of the run-up."""
     from slider_crank import slider_crank

@@ -1,7 +1,5 @@
 """The driver of all methods: limits, breakpoints, step history, progress and interrupts."""
 
-from __future__ import annotations
-
 import threading
 from dataclasses import dataclass
 
@@ -192,7 +190,7 @@ def test_methods_without_a_step_are_rejected():
         bd.simulate(rolling(), Stepless(), 1.0)
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 def test_progress_during_the_pilot_run_gets_the_start_time():
     times = []
     mech = hub_beam(elements=2)
@@ -214,7 +212,7 @@ def test_interrupted_pilot_run_is_named_in_the_status():
     assert "of the pilot run with rtol = 0.01" in solution.status.sentence
 
 
-@pytest.mark.slow(reason="one second")
+@pytest.mark.slow
 def test_progress_can_stop_the_pilot_run():
     times = []
 

@@ -64,7 +64,7 @@ def test_regression_reactions_of_driven_mechanisms_have_a_warning_with_fixed_ste
     assert "use step=" in sentence
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 def test_accurate_reactions_of_driven_mechanisms_have_no_warning():
     smooth = {"speed": 1.0}
     for method in (bd.GeneralizedAlpha(1e-3), bd.Radau(1e-3), bd.Radau(), bd.Ida()):
@@ -80,7 +80,7 @@ def test_jumps_of_reactions_of_driven_mechanisms_do_not_stop_radau():
     assert np.median(np.abs(run["drive.F"].to_numpy() - exact_reaction(run.t, speed=1e-9))) < 1.0
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 def test_regression_reactions_of_driven_mechanisms_have_accurate_derivatives():
     """Derivatives of a reaction with respect to the scale of the force were wrong by 28 %."""
 

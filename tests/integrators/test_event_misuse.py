@@ -1,7 +1,5 @@
 """Misuse of event actions: no part, foreign parts, inactive parts, the same instant twice."""
 
-from __future__ import annotations
-
 import warnings
 from contextlib import suppress
 
@@ -83,7 +81,7 @@ def test_foreign_parts_are_rejected_if_the_part_of_this_name_is_added_later():
         bd.equations_of_motion(empty)
 
 
-@pytest.mark.slow(reason="compiles and runs every part of the catalog several times")
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", PARTS)
 def test_actions_on_active_and_inactive_parts_end_with_a_result_or_a_reason(kind):
     for name in ACTIONS:
@@ -106,7 +104,7 @@ def test_actions_on_active_and_inactive_parts_end_with_a_result_or_a_reason(kind
                     assert len(outcome.event_records) == count
 
 
-@pytest.mark.slow(reason="compiles and runs every part of the catalog")
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", PARTS)
 def test_opposite_events_at_the_same_instant_occur_in_the_order_of_their_definition(kind):
     for first, second, is_inactive in (

@@ -231,7 +231,7 @@ def test_adaptive_steps_approach_the_singularity_of_a_law(force, rtol, words):
     assert np.all(np.isfinite(solution.q))
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 def test_regression_reactions_with_friction_converge_in_driven_mechanisms():
     """The joints determine all positions; reactions were up to 9e-4 of their maximum off."""
     loose, tight = (

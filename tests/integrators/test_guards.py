@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from mechanisms import ALLOY, beam_pendulum, rectangle, swing
+from mechanisms import ALLOY, beam_pendulum, clamped_beam, rectangle, swing
 from own_method import OwnMethod
 
 import beamdae as bd
@@ -19,7 +19,7 @@ from beamdae.cli import progress
 def strip_on_a_hinge(force=None, law=None, damping=1e-4, material=ALLOY, elements=1, **motion):
     """A thin strip, with a force on its end or a moment on its start."""
     section = rectangle(0.0025, 0.03, material=material, damping=damping)
-    mech = beam_pendulum(elements, bd.Line((0.0, 0.0), (0.8, 0.0)), section, **motion)
+    mech = beam_pendulum(elements, (0.8, 0.0), section, **motion)
     beam = mech.part("beam")
     if force is not None:
         mech.add(bd.Force("force", beam.end, (0.0, force)))
@@ -37,7 +37,7 @@ def ball():
     return bd.equations_of_motion(mech)
 
 
-@pytest.mark.slow(reason="a quarter of a second")
+@pytest.mark.slow
 def test_regression_stalled_run_is_stopped():
     """Such runs never ended, and their memory grew."""
     stalled = OwnMethod(rtol=1e-5, lengths=lambda k: 1e-10)
@@ -56,7 +56,7 @@ def test_regression_stalled_run_is_stopped():
     assert longer.status.sentence.endswith("reached max_steps = 11000")
 
 
-@pytest.mark.slow(reason="a hundred thousand steps")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("lengths", "ends"),
     [
@@ -76,7 +76,7 @@ def test_only_runs_that_make_no_progress_are_stopped(lengths, ends):
     assert ends or solution.statistics.steps < 90_000
 
 
-@pytest.mark.slow(reason="a quarter of a second")
+@pytest.mark.slow
 def test_runs_of_many_periods_name_the_steps_that_they_need():
     with pytest.warns(bd.BeamdaeWarning, match=r"need \d.*e\+06 more steps.*increase rtol"):
         run = bd.simulate(swing(), bd.Auto(), t_end=1e4, output_step=100.0)
@@ -85,11 +85,8 @@ def test_runs_of_many_periods_name_the_steps_that_they_need():
 
 def _cantilever_with_loop(gain):
     """Return a steel leaf of 80 mm with a PID loop at its tip, whose target is 1 mm away."""
-    mech = bd.Mechanism()
     section = bd.Section.rectangle(bd.Material.of("steel"), 0.01, 4e-4, damping=1e-5)
-    line = bd.Line((0.0, 0.0), (0.08, 0.0))
-    leaf = mech.add(bd.Beam("leaf", line, section, elements=2, formulation="exact"))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), leaf.start))
+    mech, leaf = clamped_beam(section, 2, 0.08, name="leaf", formulation="exact")
     mech.add(bd.PointMass("stage", 0.1, on=leaf.end))
     y, v = (mech.sensor(name, leaf.end, name) for name in ("y", "y_dot"))
     force = bd.pid(
@@ -99,7 +96,7 @@ def _cantilever_with_loop(gain):
     return mech
 
 
-@pytest.mark.slow(reason="five thousand steps of two unstable runs")
+@pytest.mark.slow
 @pytest.mark.parametrize("integrator", [bd.Auto(), bd.Radau(rtol=1e-3)])
 def test_regression_runs_with_meaningless_strains_are_stopped(integrator):
     """A wrong sign of the gains took hundreds of thousands of steps at strains of 2."""
@@ -120,7 +117,7 @@ ADAPTIVE = [bd.Auto(), bd.Ida(), bd.Radau(), bd.GeneralizedAlpha(rtol=1e-4)]
 every_integrator = pytest.mark.parametrize("integrator", ADAPTIVE, ids=lambda x: x.label)
 
 
-@pytest.mark.slow(reason="default stall detection, up to a hundred thousand steps")
+@pytest.mark.slow
 @every_integrator
 @pytest.mark.parametrize(
     "extreme",
@@ -182,7 +179,7 @@ def test_very_short_runs_end(integrator):
 @pytest.mark.filterwarnings("ignore:.*callback:pytest.PytestUnraisableExceptionWarning")
 @pytest.mark.filterwarnings("ignore:.*WeakValueDict:pytest.PytestUnraisableExceptionWarning")
 @pytest.mark.filterwarnings("ignore:unclosed file:ResourceWarning")
-@pytest.mark.slow(reason="signals at many moments of runs")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "integrator", [*ADAPTIVE, bd.GeneralizedAlpha(step=2e-3)], ids=lambda i: i.label
 )
@@ -231,7 +228,7 @@ def slow_slider_crank(damping=0.0):
     return mech
 
 
-@pytest.mark.slow(reason="ten thousand steps")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("integrator", "t_end", "words", "remedy"),
     [
@@ -256,7 +253,7 @@ def test_regression_runs_that_follow_vibrations_name_them(integrator, t_end, wor
     assert bd.simulate(slow_slider_crank(), method, t_end, start=start).status.success
 
 
-@pytest.mark.slow(reason="ten thousand steps")
+@pytest.mark.slow
 @pytest.mark.parametrize(("damping", "advises"), [(0.0, True), (1e-6, False)])
 def test_progress_of_long_runs_that_follow_vibrations_suggests_damping(
     damping, advises, capsys, monkeypatch
@@ -278,7 +275,7 @@ def test_progress_of_long_runs_that_follow_vibrations_suggests_damping(
     assert not all(advised)
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 def test_runs_that_stop_within_few_periods_do_not_blame_them():
     """A limit of the user ends a run whose oscillation is the motion of interest."""
     with pytest.warns(bd.BeamdaeWarning, match="reached max_steps = 5000"):

@@ -64,7 +64,7 @@ def test_unstable_max_order_does_not_affect_the_pilot_run():
 UNDAMPED, DAMPED = (bd.equations_of_motion(hub_beam(elements=2, damping=d)) for d in (0.0, 0.01))
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 @compiled
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 @pytest.mark.parametrize("equations", [UNDAMPED, DAMPED], ids=["undamped", "damped"])
@@ -125,7 +125,7 @@ def test_failures_before_a_restart_are_counted():
     assert failures > 0.5 * first.integrator["error_test_failures"] > 10
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 @compiled
 def test_regression_old_factors_do_not_reduce_the_steps():
     """Newton errors from factors of 500 earlier steps excited vibrations: 26 395 steps."""

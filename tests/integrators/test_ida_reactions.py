@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 from benchmarks.systems import knife_edge
 from governor import governor
+from mechanisms import rectangle
 from numpy.testing import assert_allclose
 from parts.test_user_joints import GRAVITY, PULLED_MASS, pull_of, pulled_body
 from quick_return import quick_return
 
 import beamdae as bd
 
-slow = pytest.mark.slow(reason="the same law as in other tests")
+slow = pytest.mark.slow
 # In the index-3 form, "auto" never tests velocities, whose error grows as the step shrinks.
 FORMULATIONS = ("stabilized-index1", "ggl", "index2", "index1", "index3")
 first, *others, _ = [(f, e) for f in FORMULATIONS for e in ("positions", "velocities")]
@@ -32,7 +33,7 @@ def test_regression_reactions_in_friction_are_iterated(formulation, error_contro
     assert_allclose(np.max(np.abs(solution.lam)), 4328.0, rtol=1e-3)
 
 
-@pytest.mark.slow(reason="a model with a beam of its own")
+@pytest.mark.slow
 @pytest.mark.parametrize("rtol", [1e-3, 1e-5])
 def test_regression_friction_with_fast_modes(rtol):
     """A flexible link in quick_return: the energy was off by 59 % at 1e-3."""
@@ -49,7 +50,7 @@ def with_flexible_link():
     crank = mech.add(bd.RigidBody.disk("crank", center, radius=0.15, mass=12.0))
     block = mech.add(bd.RigidBody.plate("block", pin, width=0.04, height=0.06, mass=0.8))
     lever = mech.add(bd.RigidBody.rod("lever", (0.0, 0.0), (0.0, 0.6), mass=6.0))
-    strip = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=0.01, damping=1e-4)
+    strip = rectangle(0.01, damping=1e-4)
     link = mech.add(bd.Beam("link", bd.Line((0.0, 0.6), (0.25, 0.65)), strip, elements=2))
     ram = mech.add(bd.RigidBody.plate("ram", (0.45, 0.65), width=0.4, height=0.08, mass=25.0))
     shaft = (ground.at(*center), crank.at(*center))
@@ -82,7 +83,7 @@ def test_regression_the_reaction_of_a_driven_nonholonomic_row(formulation, rtol)
     assert_allclose(solution.lam[:, 0], pull_of(solution.t), rtol=0.0, atol=bound)
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "integrator",
     [bd.GeneralizedAlpha, *(pytest.param(x, marks=slow) for x in (bd.Ida, bd.Radau))],

@@ -1,13 +1,11 @@
 """Impacts with restitution by events: closed forms and energy balance."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np
 import pytest
 from conformance import integrators
-from mechanisms import falling_ball
+from mechanisms import falling_ball, free_ball, hinged_beam, rectangle
 from numpy.testing import assert_allclose
 
 import beamdae as bd
@@ -53,7 +51,7 @@ def test_a_ball_bounces_at_times_of_the_geometric_series(integrator, e, count):
         assert_allclose(dissipated, events["energy lost [J]"].sum(), rtol=1e-9, atol=1e-9)
 
 
-@pytest.mark.slow(reason="half a second each")
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::beamdae.errors.BeamdaeWarning")
 @pytest.mark.parametrize("method", [bd.Ida, bd.Radau])
 @pytest.mark.parametrize("rtol", [1e-3, 1e-5, 1e-8, 1e-9])
@@ -78,13 +76,11 @@ def test_accumulating_bounces_end_the_run(integrator):
     assert solution.columns["gap [m]"].min() > -1e-6
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_regression_impacts_of_a_flexible_tip_name_the_cause():
     """The advice was to activate a joint or, for elastic impacts, to separate thresholds."""
-    mech = bd.Mechanism(gravity=(0.0, -G))
-    strip = bd.Section.rectangle(bd.Material.of("steel"), 0.02, 0.01, damping=1e-4)
-    arm = mech.add(bd.Beam("arm", bd.Line((0.0, 0.0), (1.0, 0.0)), strip, elements=1))
-    mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), arm.start))
+    strip = rectangle(0.01, damping=1e-4)
+    mech, arm = hinged_beam(strip, 1, name="arm", gravity=G)
     gap = bd.LineSurface(mech.ground.at(0.0, -0.01)).gap(arm.end)
     mech.observe("gap", gap)
     mech.when(gap, 0.0, "down", bd.impact(gap, restitution=0.5), name="hit")
@@ -158,10 +154,8 @@ def test_rod_falling_on_its_end_rotates():
 
 def test_opening_gap_has_no_impulse():
     """The impact of the event has a gap that already opens."""
-    mech = bd.Mechanism()
-    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 1.0), velocity=(1.0, 1.0)))
+    mech, ball = free_ball((0.0, 1.0), velocity=(1.0, 1.0))
     gap = bd.LineSurface(mech.ground.at(0.0, 0.0)).gap(ball.point)
-    mech.observe("ball", ball.point)
     mech.when("ball.x", 0.5, "up", bd.impact(gap, 0.4), "nothing")
     solution = bd.simulate(mech, bd.Radau(), 1.0)
     assert [one.name for one in solution.event_records] == ["nothing"]
@@ -190,7 +184,7 @@ def test_moving_floor_reverses_the_relative_speed():
     assert solution.quality.energy_imbalance < 1e-9
 
 
-@pytest.mark.slow(reason="a quarter of a second")
+@pytest.mark.slow
 def test_regression_touching_balls_pass_an_impact_on():
     """A gap that was zero before an impact had no sign, and the next ball was passed through."""
     mech = bd.Mechanism()
@@ -213,7 +207,7 @@ def test_regression_touching_balls_pass_an_impact_on():
     assert solution.warnings == ()
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_regression_stacked_balls_pass_impacts_on_and_back():
     """A gap whose balls moved alike for an instant changed its side, and they interpenetrated."""
     mech = bd.Mechanism(gravity=(0.0, -9.81))
@@ -250,7 +244,7 @@ def _flat_rod(restitution, together):
     return mech
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 @pytest.mark.parametrize("restitution", [1.0, 0.5])
 def test_regression_simultaneous_impacts_that_close_each_other(restitution):
     """The first gap was closed again by the second impact, and the rod fell through the floor."""

@@ -133,7 +133,7 @@ def test_radau_is_of_order_five_in_positions_and_velocities_three_in_multipliers
     assert_allclose(np.log2(np.divide(*errors)), [5.0, 5.0, order], rtol=0.0, atol=0.1)
 
 
-@pytest.mark.slow(reason="two seconds")
+@pytest.mark.slow
 def test_long_steps_of_slender_beams_are_of_second_order():
     """Corrections of a step grow until the coils, which the prediction stretches, are bent."""
     wheel, step, start = balance_wheel(), 1e-3, {"wheel.angle": 3.0}
@@ -148,7 +148,7 @@ def test_long_steps_of_slender_beams_are_of_second_order():
     assert_allclose(np.linalg.norm(coarse) / np.linalg.norm(fine), 4.0, rtol=0.1)
 
 
-@pytest.mark.slow(reason="a hundred thousand steps of order 1")
+@pytest.mark.slow
 @pytest.mark.parametrize(("max_order", "tightest"), [(1, 2e-5), (2, 1e-6)])
 def test_ida_step_length_scales_with_its_order(max_order, tightest):
     # The local error, proportional to h^(k+1), is kept at the local tolerance, so that steps are

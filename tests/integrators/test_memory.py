@@ -7,6 +7,7 @@ import textwrap
 from pathlib import Path
 
 import pytest
+from mechanisms import hinged_body
 from numpy.testing import assert_allclose
 
 import beamdae as bd
@@ -18,9 +19,7 @@ GIGABYTE = 1e9
 
 @functools.cache
 def pendulum():
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    bar = mech.add(bd.RigidBody("bar", mass=2.0, inertia=0.3, center=(0.5, 0.0)))
-    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), bar.at(0.0, 0.0)))
+    mech, bar = hinged_body(2.0, 0.3, (0.5, 0.0), name="bar", gravity=9.81)
     mech.observe("center", bar.at(0.5, 0.0))
     return bd.equations_of_motion(mech)
 
@@ -70,7 +69,7 @@ def test_output_rows_that_exceed_memory_are_rejected(monkeypatch):
         bd.simulate(pendulum(), bd.Ida(), 1.0, output_step=1e-5)
 
 
-@pytest.mark.slow(reason="a process with a memory limit for each integrator")
+@pytest.mark.slow
 @pytest.mark.parametrize("remaining", [0.05, 0.3, 0.6])
 @pytest.mark.parametrize("integrator", ["Ida()", "Radau()", "GeneralizedAlpha()"])
 def test_process_with_little_memory_ends_with_a_message(integrator, remaining):

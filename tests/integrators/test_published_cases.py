@@ -18,7 +18,7 @@ import beamdae as bd
 RTOLS = (
     1e-4,
     1e-6,
-    pytest.param(1e-8, marks=pytest.mark.slow(reason="takes as long as all others together")),
+    pytest.param(1e-8, marks=pytest.mark.slow),
 )
 
 

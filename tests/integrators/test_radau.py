@@ -4,6 +4,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from hub_beam import hub_beam
+from mechanisms import rectangle
 from numpy.testing import assert_allclose
 from slider_crank import slider_crank
 
@@ -130,7 +131,7 @@ def test_a_tight_tolerance_ends_at_rounding():
     assert_allclose(solution.q[:, 0], exact, rtol=0.0, atol=1e-10)
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 @pytest.mark.parametrize("rtol", [1e-8, 3e-9])
 def test_regression_rounding_of_velocities_does_not_collapse_the_step(rtol):
     """Newton's iteration stalled above its bound; steps fell from 3e-3 to 1e-5 s and stayed there.
@@ -145,7 +146,7 @@ def test_regression_rounding_of_velocities_does_not_collapse_the_step(rtol):
     assert solution.statistics.newton_failures < 10
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_regression_motion_near_rounding_does_not_reduce_the_step():
     """Velocities in the error test are rounding errors of positions divided by the step.
 
@@ -153,8 +154,7 @@ def test_regression_motion_near_rounding_does_not_reduce_the_step():
     the run failed.
     """
     step = 3e-7
-    steel = bd.Material.of("steel")
-    leaf = bd.Section.rectangle(steel, width=0.02, height=0.3e-3, damping=1e-4)
+    leaf = rectangle(0.3e-3, damping=1e-4)
     mech = bd.Mechanism()
     platform = mech.add(bd.RigidBody.plate("platform", (0.0, 0.05), 0.08, 0.02, mass=0.5))
     for name, x in (("left", -0.03), ("right", 0.03)):
@@ -174,8 +174,7 @@ def test_regression_motion_near_rounding_does_not_reduce_the_step():
 
 def spinning_strip():
     """Return an undamped strip on a hinge, which a driver turns once per second."""
-    steel = bd.Material.of("steel")
-    strip = bd.Section.rectangle(steel, width=0.02, height=1e-3)
+    strip = rectangle(1e-3)
     mech = bd.Mechanism()
     line = bd.Line((0.0, 0.0), (0.5, 0.0))
     beam = mech.add(bd.Beam("beam", line, strip, elements=4, formulation="exact"))
@@ -199,7 +198,7 @@ def test_regression_rounding_errors_of_thin_beams_do_not_reduce_the_step(rtol):
     assert solution.statistics.steps < 450
 
 
-@pytest.mark.slow(reason="axial vibrations of an undamped beam are resolved")
+@pytest.mark.slow
 def test_regression_a_looser_tolerance_does_not_need_more_steps():
     """Once axial vibrations had decayed, steps at 1e-4 stayed at 1e-6 s: 393 000, now 8600."""
     loose, tight = (

@@ -68,7 +68,7 @@ METHODS = [
 ]
 
 
-@pytest.mark.slow(reason="runs of several methods")
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS, ids=str)
 def test_reactions_of_equal_cranks(method):
     run = bd.simulate(parallelogram(), method, t_end=3.0)
@@ -77,7 +77,7 @@ def test_reactions_of_equal_cranks(method):
         assert error(run[f"foot {k}.Fx"], expected) < 0.01
 
 
-@pytest.mark.slow(reason="several runs")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("size", "rate", "mirror"), [(1e-3, 30.0, 1.0), (10.0, 0.3, 1.0), (1.0, 10.0, -1.0)]
 )
@@ -88,7 +88,7 @@ def test_reactions_in_other_sizes_rates_and_directions(size, rate, mirror):
     assert error(run["foot 1.Fx"], expected) < 0.01
 
 
-@pytest.mark.slow(reason="two runs")
+@pytest.mark.slow
 @pytest.mark.parametrize("method", [bd.Ida(1e-5), bd.Radau(1e-5)], ids=str)
 def test_reactions_of_a_redundant_crank(method):
     masses = (0.5, 0.5, 0.5)
@@ -99,7 +99,7 @@ def test_reactions_of_a_redundant_crank(method):
     assert np.abs(feet[0] - feet[2]).max() < 0.01 * np.ptp(feet[0])
 
 
-@pytest.mark.slow(reason="two runs")
+@pytest.mark.slow
 @pytest.mark.parametrize("method", [bd.Auto(1e-4), bd.Radau(1e-5)], ids=str)
 def test_unbounded_reactions_are_not_a_number(method):
     """At change points, only infinite forces keep gravity from turning unequal cranks apart."""
@@ -131,7 +131,7 @@ def test_unbounded_reactions_are_not_a_number(method):
     assert not any("not finite" in x or "residual" in x for x in run.warnings)
 
 
-@pytest.mark.slow(reason="a run")
+@pytest.mark.slow
 def test_unbounded_reactions_have_no_maximum():
     @bd.model(t_end=1.0)
     def unequal(mass=0.8):
@@ -144,7 +144,7 @@ def test_unbounded_reactions_have_no_maximum():
         )
 
 
-@pytest.mark.slow(reason="two fits")
+@pytest.mark.slow
 def test_fits_leave_out_unbounded_reactions():
     """The estimate follows from the other data, whatever is recorded where forces are infinite."""
 

@@ -126,7 +126,7 @@ def test_regression_short_pulses_of_states_are_not_passed_over(method):
     assert run["count"].iloc[-1] == pytest.approx(1.0, abs=1e-3)
 
 
-@pytest.mark.slow(reason="half a second")
+@pytest.mark.slow
 @EVERY_METHOD
 def test_regression_pulses_between_frequent_samples_are_not_passed_over(method):
     """Steps between samples of controllers were not checked, however few and long they were."""
@@ -178,7 +178,7 @@ def struck_ball(height=1000.0, width=1e-4):
     return mech
 
 
-@pytest.mark.slow(reason="differentiates runs")
+@pytest.mark.slow
 @pytest.mark.parametrize("method", [bd.Radau(1e-8), bd.GeneralizedAlpha(rtol=1e-6)])
 def test_derivatives_by_height_and_width_of_a_pulse(method):
     by, end = ["height", "width"], bd.quantities.EndValue("ball.y_dot")

@@ -4,6 +4,7 @@ import warnings
 
 import numpy as np
 import pytest
+from mechanisms import free_ball
 from numpy.testing import assert_allclose, assert_array_equal
 from test_sampling import crank
 
@@ -32,23 +33,19 @@ def pendulum(redundant=None):
 
 def bouncing():
     """Ball in a moving field that bounces off the ground, with a breakpoint at 0.5 s."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.3)))
+    mech, ball = free_ball((0.0, 0.3), gravity=9.81)
     push = bd.piecewise((0.5, lambda t: 0.2 * t), 0.3)
     mech.add(bd.Force("push", ball.point, (push, 0.0)))
     gap = bd.LineSurface(mech.ground.at(0.0, 0.0)).gap(ball.point)
     mech.when(gap, 0.0, "down", bd.impact(gap, 0.8), name="bounce")
-    mech.observe("ball", ball.point)
     return mech
 
 
 def peg():
     """Ball thrown at a small peg, which steps pass over."""
-    mech = bd.Mechanism()
-    ball = mech.add(bd.PointMass("ball", 0.1, at=(-1.0, 3e-4), velocity=(2.0, 0.0)))
+    mech, ball = free_ball((-1.0, 3e-4), velocity=(2.0, 0.0), mass=0.1)
     surface = bd.CircleSurface(mech.ground.at(0.0, 0.0), 1e-3, "outside")
     mech.add(bd.Contact("peg", ball.point, surface, 1e5))
-    mech.observe("ball", ball.point)
     return mech
 
 
@@ -109,7 +106,7 @@ def test_stored_rows_are_limited(small_memory):
 @pytest.mark.parametrize(
     "integrator", [bd.GeneralizedAlpha(5e-4), bd.Radau(max_step=4e-3)], ids=lambda i: i.method
 )
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_runs_with_events_and_breakpoints_are_thinned(integrator, small_memory):
     run = bd.simulate(bouncing(), integrator, 1.5, output_step=0.03)
     whole = bd.simulate(bouncing(), integrator, 1.5, output_step=0.03, keep_steps=True)
@@ -120,7 +117,7 @@ def test_runs_with_events_and_breakpoints_are_thinned(integrator, small_memory):
     assert run.trajectory.steps == whole.trajectory.steps
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_saved_run_has_the_energies_of_all_steps(small_memory, tmp_path):
     run = bd.simulate(bouncing(), bd.GeneralizedAlpha(5e-4), 1.5, output_step=0.03)
     loaded = bd.load(run.save(tmp_path / "ball.run"), bouncing())
@@ -131,7 +128,7 @@ def test_saved_run_has_the_energies_of_all_steps(small_memory, tmp_path):
     assert loaded.followed_by(resumed).t[-1] == 2.0
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
 def test_regression_peaks_between_stored_rows_are_reported_as_unknown(small_memory):
     """The peak of a contact that is in no stored row was lost without a warning."""

@@ -1,12 +1,11 @@
 """Events that switch joints, forces and laws: closed forms and energy balance."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
 import pytest
 from conformance import integrators
+from mechanisms import free_ball
 from numpy.testing import assert_allclose
 
 import beamdae as bd
@@ -29,7 +28,7 @@ def spinning(**bar):
     return mech, bar
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 @RUNS
 def test_released_bob_flies_freely(integrator):
     mech = bd.Mechanism(gravity=(0.0, -9.81))
@@ -53,7 +52,7 @@ def test_released_bob_flies_freely(integrator):
     assert cut_record.energy_lost == pytest.approx(0.0, abs=1e-9)
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 @RUNS
 def test_locked_bar_stands_still(integrator):
     mech, bar = spinning()
@@ -107,10 +106,8 @@ def test_bar_caught_off_center_keeps_angular_momentum(integrator):
 @SOME
 def test_force_is_switched_off_and_on(integrator):
     """1 N pushes 1 kg from 0 to 1 m and again beyond 2 m, but not in between."""
-    mech = bd.Mechanism()
-    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0)))
+    mech, ball = free_ball()
     push = mech.add(bd.Force("push", ball.point, (1.0, 0.0)))
-    mech.observe("ball", ball.point)
     mech.when("ball.x", 1.0, "up", bd.deactivate(push), "off")
     mech.when("ball.x", 2.0, "up", bd.activate(push), "on")
     solution = bd.simulate(mech, integrator, 4.0)
@@ -127,11 +124,9 @@ def test_force_is_switched_off_and_on(integrator):
 @pytest.mark.parametrize("x", [0.5, 1.5, 3.0])
 def test_regression_open_links_state_their_gap(x):
     """A link of 1 m between points at 3 m had a gap of 4 instead of 2 m."""
-    mech = bd.Mechanism()
-    ball = mech.add(bd.PointMass("ball", 1.0, at=(1.0, 0.0)))
+    mech, ball = free_ball((1.0, 0.0))
     link = mech.add(bd.Distance("link", mech.ground.at(0.0, 0.0), ball.point))
     mech.add(bd.Force("push", ball.point, (math.copysign(1.0, x - 1.0), 0.0)))
-    mech.observe("ball", ball.point)
     mech.deactivate(link)
     mech.when("ball.x", x, "up" if x > 1.0 else "down", bd.activate(link), "caught")
     message = rf"link\.length: the joint has a gap of {abs(x - 1.0):.3g} \(in m or rad\) when"
@@ -139,7 +134,7 @@ def test_regression_open_links_state_their_gap(x):
         assert bd.simulate(mech, bd.Radau(), 4.0).status.kind == "failed"
 
 
-@pytest.mark.slow(reason="thousands of switches")
+@pytest.mark.slow
 def test_endless_switching_ends_the_run():
     """Forces push a mass back to the line x + v = 0 from either side: it slides along it."""
     mech = bd.Mechanism()
@@ -157,12 +152,10 @@ def test_endless_switching_ends_the_run():
 
 
 def test_simultaneous_events_all_happen():
-    mech = bd.Mechanism()
-    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0), velocity=(1.0, 0.0)))
+    mech, ball = free_ball(velocity=(1.0, 0.0))
     right = mech.add(bd.Force("right", ball.point, (1.0, 0.0)))
     up = mech.add(bd.Force("up", ball.point, (0.0, 1.0)))
     mech.deactivate(right, up)
-    mech.observe("ball", ball.point)
     mech.when("ball.x", 1.0, "up", bd.activate(right), "a")
     mech.when("ball.x", 1.0, "up", bd.activate(up), "b")
     mech.when("ball.x", 1.0, "up", "record", "seen")
@@ -173,7 +166,7 @@ def test_simultaneous_events_all_happen():
     assert_allclose(solution.q[-1], [2.5, 0.5], rtol=1e-9)
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_events_at_the_time_of_an_impact_are_not_lost():
     """Three events at the floor, in any order: the ball bounces, and both forces are switched."""
     for order in ((0, 1, 2), (1, 0, 2), (2, 1, 0)):
@@ -234,7 +227,7 @@ def test_hinge_is_locked_at_any_angle_and_released(integrator):
     assert solution.quality.max_position_drift < 1e-9
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_slide_and_link_are_locked_at_any_position():
     for brake_of in (
         lambda g, b: bd.TranslationalDriver("brake", g, b, 0.0, (1.0, 0.0)),
@@ -327,7 +320,7 @@ def angle_of(t):
     return np.minimum(0.6 + bent, 1.7)
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 @pytest.mark.parametrize("integrator", CYCLES, ids=lambda one: one.method)
 def test_driver_follows_another_law_after_an_event(integrator):
     solution = cycled(integrator)
@@ -407,7 +400,7 @@ def locked(t_end, **more):
     return bd.simulate(mech, bd.Radau(1e-7), t_end, **more)
 
 
-@pytest.mark.slow(reason="a quarter of a second")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("run", "stop", "end"),
     [(caught, 0.5, 1.0), (locked, 1.5, 3.0), (lambda t, **x: cycled(CYCLES[0], t, **x), 0.9, 3.0)],
@@ -423,7 +416,7 @@ def test_checkpoints_store_the_effects_of_events(run, stop, end, tmp_path):
         assert both.quality.energy_imbalance < 1e-6
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_failed_event_is_due_when_the_run_continues(tmp_path):
     """The lock is open in the first run; in the second one it keeps the gap."""
     with pytest.warns(bd.BeamdaeWarning, match="activate.*as_is=True"):
@@ -436,7 +429,7 @@ def test_failed_event_is_due_when_the_run_continues(tmp_path):
         assert once.energy_lost > 0.5
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 def test_checkpoints_of_other_events_are_rejected(tmp_path):
     frozen = locked(1.5).save(tmp_path / "frozen.json")
     changed = cycled(CYCLES[0], 0.9).save(tmp_path / "changed.json")

@@ -7,6 +7,7 @@ References: Radau at a tight tolerance, confirmed by Richardson extrapolation of
 import numpy as np
 import pytest
 from hub_beam import hub_beam
+from mechanisms import clamped_beam, free_ball, hinged_body, rectangle
 from numpy.testing import assert_allclose
 from slider_crank import slider_crank
 from tolerances.cases import ALL, CASES
@@ -50,7 +51,7 @@ def test_error_falls_with_rtol_and_stays_in_bounds(case, integrator):
     require_errors_in_bounds(case, integrator, (1e-3, 1e-4))
 
 
-@pytest.mark.slow(reason="undamped beams take hundreds of thousands of steps of order 2")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("integrator", "rtols"),
     [(bd.Ida, (1e-4, 1e-5, 1e-6)), (bd.Radau, (1e-4, 1e-5, 1e-6)), (alpha, (1e-4, 1e-5))],
@@ -60,7 +61,7 @@ def test_error_keeps_falling_at_tight_tolerances(case, integrator, rtols):
     require_errors_in_bounds(case, integrator, rtols)
 
 
-@pytest.mark.slow(reason="every case with seven members")
+@pytest.mark.slow
 @every_case
 @pytest.mark.parametrize(
     "settings",
@@ -80,7 +81,7 @@ def test_error_bound_for_all_members_and_first_steps_of_generalized_alpha(case, 
         assert case.errors(case.run(alpha(rtol, **settings))).max() <= 100.0 * rtol
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("damping", "rtol", "order"),
     [
@@ -103,13 +104,13 @@ def test_auto_order_is_two_where_lightly_damped_modes_would_not_be_resolved(damp
         assert ("ratios above 0.62 (" if order == 5 else "lightly damped (") in settings["auto"]
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow
 def test_regression_one_undamped_beam_among_damped_ones_keeps_the_order_at_two():
     """Order 5 ended at -0.48 instead of -0.236 after 314 781 steps, reported as success."""
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     alloy = bd.Material(E=7e10, nu=0.3, rho=2700.0)
-    damped = bd.Section.rectangle(alloy, width=0.02, height=0.004, damping=1e-3)
-    undamped = bd.Section.rectangle(alloy, width=0.02, height=0.02)
+    damped = rectangle(0.004, damping=1e-3, material=alloy)
+    undamped = rectangle(0.02, material=alloy)
     upper = mech.add(bd.Beam("upper", bd.Line((0.0, 0.0), (0.5, 0.0)), damped, elements=4))
     lower = mech.add(bd.Beam("lower", bd.Line((0.5, 0.0), (1.0, 0.0)), undamped, elements=4))
     mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), upper.start))
@@ -124,7 +125,7 @@ def test_regression_one_undamped_beam_among_damped_ones_keeps_the_order_at_two()
         assert_allclose(tip, true, rtol=0.0, atol=100.0 * rtol * 0.5 * np.ptp(true, axis=0).min())
 
 
-@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.slow
 @pytest.mark.parametrize("integrator", [bd.Ida, pytest.param(bd.Radau, marks=pytest.mark.slow)])
 def test_regression_tolerances_follow_the_amplitudes(integrator):
     """A cantilever under 0.1 N was off by 11 % at 1e-5, its root moment by 13 %, unnoticed."""
@@ -147,7 +148,7 @@ def test_regression_tolerances_follow_the_amplitudes(integrator):
         # Deflections 1e4 times smaller than the motion were wrong by 30 to 4400 rtol, in silence.
         ("thick_strip_damped", bd.Auto, 1e-6),
         *(
-            pytest.param(*run, marks=pytest.mark.slow(reason="0.3 s and more"))
+            pytest.param(*run, marks=pytest.mark.slow)
             for run in (
                 ("mixed_damping", bd.Auto, 1e-3),
                 ("mixed_damping", bd.Auto, 1e-5),
@@ -188,11 +189,10 @@ def test_stiff_beams_in_absolute_coordinates_keep_the_bound_of_deflections(dampi
 
 def cantilever(force):
     """A lightly damped strip of 1 m with a force on its end."""
-    mech = bd.Mechanism()
     alloy = bd.Material(E=7e10, nu=0.3, rho=2700.0)
-    strip = bd.Section.rectangle(alloy, width=0.03, height=0.03, damping=1e-4)
-    beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (1.0, 0.0)), strip, elements=4))
-    clamp = mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    strip = rectangle(0.03, 0.03, damping=1e-4, material=alloy)
+    mech, beam = clamped_beam(strip, 4)
+    clamp = mech.part("clamp")
     mech.add(bd.Force("load", beam.end, (0.0, -force)))
     mech.observe("tip", beam.end)
     mech.observe("clamp", clamp.reaction)
@@ -201,15 +201,13 @@ def cantilever(force):
 
 @adaptive
 def test_auto_tests_velocities_without_fast_modes(integrator):
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    bob = mech.add(bd.RigidBody("bob", mass=1.0, inertia=0.1, center=(1.0, 0.0)))
-    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), bob.at(0.0, 0.0)))
+    mech, _ = hinged_body(1.0, 0.1, (1.0, 0.0), name="bob", gravity=9.81)
     settings = bd.simulate(mech, integrator(1e-6), t_end=0.1).integrator
     assert settings["error_control"] == "velocities"
     assert settings.get("max_order", 5) == 5
 
 
-@pytest.mark.slow(reason="twenty runs of ten seconds of motion")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "integrator",
     [bd.Auto, bd.Ida, bd.Radau, alpha],
@@ -233,11 +231,9 @@ def test_regression_singular_positions_are_passed_or_named(integrator, rtol):
 def test_alpha_reduces_its_tolerance_with_one_sided_forces():
     """A ball of 10 m/s that a peg deflects: 38 rtol off with the tolerance of smooth forces."""
     rtol = 1e-5
-    mech = bd.Mechanism()
-    ball = mech.add(bd.PointMass("ball", 0.1, at=(-1.0, 0.018), velocity=(10.0, 0.0)))
+    mech, ball = free_ball((-1.0, 0.018), velocity=(10.0, 0.0), mass=0.1)
     peg = bd.CircleSurface(mech.ground.at(0.0, 0.0), radius=0.03)
     mech.add(bd.Contact("peg", ball.point, peg, stiffness=4.5e6))
-    mech.observe("ball", ball.point)
     columns = ["ball.x [m]", "ball.y [m]"]
     solution, exact = (
         bd.simulate(mech, integrator, t_end=0.15).observed[columns].to_numpy()

@@ -22,9 +22,7 @@ LENGTH = 0.3
 def build_column(ratio):
     """Return a column under a follower load, relative to the limit of flutter (Beck 1952)."""
     section = rectangle(0.001)
-    mech, column = clamped_beam(
-        section, 4, bd.Line((0.0, 0.0), (0.0, LENGTH)), name="column", formulation="exact"
-    )
+    mech, column = clamped_beam(section, 4, (0.0, LENGTH), name="column", formulation="exact")
     thrust = -ratio * 20.05 * section.EI / LENGTH**2
     law = bd.piecewise((0.2, start_slowly(thrust, 0.2)), thrust)
     mech.add(bd.Force("thrust", column.end, (0.0, law), axes="body"))

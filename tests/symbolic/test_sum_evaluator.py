@@ -26,7 +26,7 @@ PLANS = {
 def equations():
     """Equations of a hinged beam whose tip touches a floor."""
     section = rectangle(0.02, 0.01)
-    mech, beam = hinged_beam(section, 2, bd.Line((0.0, 0.0), (1.0, 0.2)), gravity=9.81)
+    mech, beam = hinged_beam(section, 2, (1.0, 0.2), gravity=9.81)
     mech.add(bd.Contact("tip", beam.end, bd.LineSurface(mech.ground.at(0.0, 0.25)), 1e6))
     return bd.equations_of_motion(mech)
 
