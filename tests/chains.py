@@ -2,7 +2,7 @@
 
 import numpy as np
 import scipy.sparse as sp
-from mechanisms import rectangle
+from mechanisms import EARTH, rectangle
 
 import beamdae as bd
 from beamdae.equations.formulations.first_order import formulate_first_order
@@ -16,7 +16,7 @@ STRIP = rectangle(0.0025, 0.03, damping=1e-4, material=ALLOY)
 
 def chain_of_beams(beams, joint=bd.Revolute, elements=4, frame="tangent"):
     """Return a mechanism of straight beams in a row, the first hinged to the ground."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     links = []
     for k in range(beams):
         line = bd.Line((0.4 * k, 0.0), (0.4 * (k + 1), 0.0))

@@ -1,6 +1,6 @@
 """Models whose derivatives are tested forward and backward."""
 
-from mechanisms import hinged_beam, rectangle
+from mechanisms import EARTH, hinged_beam, rectangle
 
 import beamdae as bd
 
@@ -8,7 +8,7 @@ import beamdae as bd
 @bd.model(t_end=0.6)
 def swing(torque=3.0, width=0.4, mass=2.0, until=0.2):
     """Pendulum driven by a torque with two breakpoints."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     rod = mech.add(bd.RigidBody.rod("rod", (0.0, 0.0), (width, 0.0), mass=mass))
     pin = mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), rod.at(0.0, 0.0)))
     law = bd.piecewise((until, torque), (0.4, -torque), 0.0)

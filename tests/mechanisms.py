@@ -4,11 +4,20 @@ Each builder observes what a user of it would plot. Arguments are the numbers th
 else a test needs it adds to the mechanism, whose parts `mech.part(name)` returns.
 """
 
+import casadi as ca
 import numpy as np
 
 import beamdae as bd
 
 G = 9.81
+EARTH = (0.0, -G)  # gravity
+
+
+def symbols(n=1):
+    """Time, coordinates and velocities of a constrained system."""
+    return ca.SX.sym("t"), ca.SX.sym("q", n), ca.SX.sym("v", n)
+
+
 STEEL = bd.Material(E=2.1e11, nu=0.3, rho=7850.0)
 ALLOY = bd.Material(E=70e9, nu=0.3, rho=2700.0)
 
@@ -55,14 +64,19 @@ def _beam_on(
     return mech, beam
 
 
-def hinged_body(
-    mass=1.0, inertia=0.1, center=(0.0, 0.0), name="body", gravity=0.0, start="as drawn", **settings
-):
-    """A mechanism and its rigid body on a hinge at the origin."""
+def hinged(body, gravity=0.0, start="as drawn"):
+    """A mechanism and its body, on a hinge at the origin."""
     mech = bd.Mechanism(gravity=(0.0, -gravity), start=start)
-    body = mech.add(bd.RigidBody(name, mass, inertia, center, **settings))
+    mech.add(body)
     mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), body.at(0.0, 0.0)))
     return mech, body
+
+
+def hinged_body(
+    mass=1.0, inertia=0.1, center=(0.0, 0.0), name="body", gravity=0.0, start="as drawn", **velocity
+):
+    """A mechanism and its rigid body, on a hinge at the origin."""
+    return hinged(bd.RigidBody(name, mass, inertia, center, **velocity), gravity, start)
 
 
 def mass_on_rail(mass=1.0, x=0.0, name="mass", gravity=0.0, start="as drawn", **velocity):
@@ -89,7 +103,7 @@ def falling_ball(height=2.0, gravity=G, **ball):
 @bd.model(t_end=0.6)
 def dropped_ball(stiffness=1e10):
     """A ball of 1 kg that falls by 1 m onto a stop."""
-    mech = bd.Mechanism(gravity=(0.0, -G))
+    mech = bd.Mechanism(gravity=EARTH)
     body = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 1.0)))
     floor = bd.LineSurface(mech.ground.at(0.0, 0.0))
     mech.observe("stop", mech.add(bd.Contact("stop", body.point, floor, stiffness)).force)

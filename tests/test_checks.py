@@ -7,7 +7,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from conformance import integrators
-from mechanisms import clamped_beam, hinged_body, mass_on_rail, rectangle
+from mechanisms import EARTH, clamped_beam, hinged_body, mass_on_rail, rectangle, symbols
 from numpy.testing import assert_allclose
 from slider_crank import slider_crank
 
@@ -16,7 +16,7 @@ import beamdae as bd
 
 def linkage(bars, lean=0.3, height=1.0, **settings):
     """Return a coupler on parallel bars; two bars determine its motion."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81), **settings)
+    mech = bd.Mechanism(gravity=EARTH, **settings)
     middle = (0.5 * (bars - 1) + lean, height)
     coupler = mech.add(bd.RigidBody("coupler", 1.0, 0.1, center=middle))
     for k in range(bars):
@@ -60,7 +60,7 @@ def doubly_driven_crank(first=3.0, second=3.0, **settings):
 
 def linkage_without_a_guide():
     """Return a crank with an unguided rod, and a body without joints."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     crank = mech.add(bd.RigidBody("crank", 1.0, 0.1, center=(0.5, 0.0)))
     rod = mech.add(bd.RigidBody("rod", 1.0, 0.1, center=(2.0, 0.0)))
     mech.add(bd.RigidBody("lost", 1.0, 0.1, center=(5.0, 5.0)))
@@ -184,7 +184,7 @@ def test_regression_verdicts_name_parts_that_can_move_away(add, is_free):
 )
 def test_regression_verdicts_name_free_motions_along_which_nothing_acts(add):
     """A press whose ram had no guide was ready to run without a word."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     ground = mech.ground
     crank = mech.add(bd.RigidBody("crank", 10.0, 0.05))
     mech.add(bd.Revolute("shaft", ground.at(0.0, 0.0), crank.at(0.0, 0.0)))
@@ -217,7 +217,7 @@ def test_pendulums_and_bodies_with_a_velocity_are_not_in_the_verdict(gravity, ve
 
 def test_regression_verdicts_name_motions_that_grow_from_the_start():
     """The head of a column without its guide was listed as unstable, and ready to run."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     ground, head = mech.ground, mech.add(bd.PointMass("head", 2.0, at=(0.0, 1.0)))
     column = mech.add(bd.RigidBody("column", 1.0, 0.1, center=(0.0, 0.5)))
     mech.add(bd.Revolute("foot", ground.at(0.0, 0.0), column.at(0.0, 0.0)))
@@ -364,11 +364,11 @@ def test_redundant_joint_in_a_singular_position_is_distinguished():
 
 
 def test_check_of_a_mechanism_without_joints_and_a_constrained_system():
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     mech.add(bd.PointMass("stone", 1.0, at=(0.0, 0.0)))
     findings = bd.check(mech, t_end=1.0)
     assert (findings.ok, findings.mobility, findings.loose) == (True, 2, (("stone",),))
-    t, q, v = ca.SX.sym("t"), ca.SX.sym("q", 2), ca.SX.sym("v", 2)
+    t, q, v = symbols(2)
     bob = bd.ConstrainedSystem(
         t=t, q=q, v=v, mass=[1, 1], force=[0, -9.81], q0=[1, 0], v0=[0, 0],
         constraints=ca.dot(q, q) - 1.0,
@@ -555,7 +555,7 @@ def test_dampings_that_seem_to_be_damping_ratios_cause_a_warning():
 
 def bounce(elements, observes=True):
     """A strip that falls on two stops with oblique surfaces."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     strip = rectangle(0.004, damping=1e-6)
     curve = bd.Line((-0.15, 0.001), (0.15, 0.002))
     beam = mech.add(bd.Beam("strip", curve, strip, elements=elements))
@@ -582,7 +582,7 @@ def test_regression_mesh_errors_of_impacts_are_measured():
 @pytest.mark.slow
 def test_regression_mesh_errors_of_sliding_points_have_a_warning():
     """The force of a bead on an arch of 4 elements was 23 % off without a word."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     section = rectangle(0.006, damping=2e-4)
     curve = bd.Parabola(span=1.0, rise=0.2, start=(0.0, 0.0))
     arch = mech.add(bd.Beam("arch", curve, section, elements=4))

@@ -5,14 +5,14 @@ import traceback
 import casadi as ca
 import pytest
 from command_line import invoke
-from mechanisms import hinged_body, rectangle
+from mechanisms import EARTH, hinged_body, rectangle, symbols
 from robustness.judge import check_sentence
 
 import beamdae as bd
 
 
 def falling(name="ball"):
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 2.0)))
     mech.observe(name, ball.point)
     return mech
@@ -112,7 +112,7 @@ def test_checkpoints_without_a_suffix(tmp_path):
 
 
 def test_repr_names_the_columns_of_a_constrained_system():
-    t, q, v = ca.SX.sym("t"), ca.SX.sym("q", 2), ca.SX.sym("v", 2)
+    t, q, v = symbols(2)
     system = bd.ConstrainedSystem(
         t=t,
         q=q,

@@ -8,6 +8,7 @@ from itertools import product
 import casadi as ca
 import numpy as np
 import pytest
+from mechanisms import EARTH
 from robustness.inputs.bad_values import BAD_VALUES
 from robustness.inputs.catalog import USER_BASE_CLASSES, public_name_of
 from robustness.inputs.control_calls import CONTROL_CALLS
@@ -365,7 +366,7 @@ def test_formulas_and_numbers_are_accepted_as_laws(law):
     ],
 )
 def test_wrong_arguments_of_functions_of_runs_are_rejected(call, words):
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     mech.add(bd.PointMass("bob", 1.0, at=(1.0, 0.0)))
     solution = bd.simulate(mech, bd.GeneralizedAlpha(step=0.01), 0.02)
     with pytest.raises(bd.BeamdaeError) as problem:

@@ -7,7 +7,7 @@ import warnings
 
 import numpy as np
 import pytest
-from mechanisms import cantilever, clamped_beam, free_ball, rectangle, truss
+from mechanisms import EARTH, cantilever, clamped_beam, free_ball, rectangle, truss
 
 import beamdae as bd
 from beamdae.errors import (
@@ -214,7 +214,7 @@ def issued(mech, t_end):
 @pytest.mark.slow
 def test_regression_searches_of_equilibria_in_checks_issue_no_warnings():
     """A strip that fell on a floor at 1.4 m/s was said not to use its velocity."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     aluminium = bd.Material(E=70e9, nu=0.33, rho=2700.0)
     section = bd.Section.rectangle(aluminium, 0.02, 0.01, damping=2e-5)
     line = bd.Line((-0.1, 0.0), (0.1, 0.0))

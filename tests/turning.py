@@ -1,7 +1,5 @@
 """Model of a rotating arm, and sweeps of its parameters."""
 
-import warnings
-
 from mechanisms import hinged_body, rectangle
 
 import beamdae as bd
@@ -24,6 +22,4 @@ def turning(speed=1.0, radius=1.0, section=THIN, color="red", turns=1):
 def run_sweep(over, **settings):
     """Return a sweep of the model over these parameters, without warnings."""
     arguments = {"of": "tip.x", "integrator": ALPHA} | settings
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", bd.BeamdaeWarning)
-        return bd.sweep(turning, over, **arguments)
+    return bd.sweep(turning, over, **arguments)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from mechanisms import mass_on_rail, rectangle
+from mechanisms import EARTH, mass_on_rail, rectangle
 
 import beamdae as bd
 
@@ -83,7 +83,7 @@ def test_fixed_steps_are_refined():
 def self_excited(elements=1, strain="nonlinear"):
     """Return a strip with a mass that a damper excites at deflections below 4 mm."""
     section = rectangle(2e-3, damping=2e-4, material=STEEL)
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     line = bd.Line((0.0, 0.0), (0.5, 0.0))
     rod = mech.add(bd.Beam("rod", line, section, elements, strain=strain))
     mech.add(bd.Revolute("left", mech.ground.at(0.0, 0.0), rod.start))

@@ -1,7 +1,5 @@
 """Errors of runs are those beside much more accurate runs."""
 
-import warnings
-
 import numpy as np
 import pytest
 from hub_beam import hub_beam
@@ -15,11 +13,9 @@ FACTOR = 2.0
 
 
 def simulate(model, method=None, t_end=None, rows=400):
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", bd.BeamdaeWarning)
-        mechanism = model if isinstance(model, bd.Mechanism) else model()
-        t_end = t_end or model.t_end
-        return bd.simulate(mechanism, method, t_end=t_end, output_step=t_end / rows)
+    mechanism = model if isinstance(model, bd.Mechanism) else model()
+    t_end = t_end or model.t_end
+    return bd.simulate(mechanism, method, t_end=t_end, output_step=t_end / rows)
 
 
 def true_errors(solution, reference):

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from mechanisms import clamped_beam, free_ball, rectangle
+from mechanisms import EARTH, clamped_beam, free_ball, rectangle
 from numpy.testing import assert_allclose
 
 import beamdae as bd
@@ -13,7 +13,7 @@ STRIP = rectangle(0.002, 0.025, damping=2e-4, material=ALLOY)
 
 def pendulum(elements=1, strain="exact"):
     """Return a slender pendulum that swings from the horizontal, with a mass inside the beam."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     line = bd.Line((0.0, 0.0), (0.9, 0.0))
     beam = mech.add(bd.Beam("strip", line, STRIP, elements=elements, strain=strain))
     mech.add(bd.PointMass("mass", 0.3, on=beam.at(0.7)))
@@ -41,7 +41,7 @@ def sliding_ball(elements=0, strain="", friction_speed=0.2):
 
 
 def double_pendulum(angle):
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     joint, last = np.zeros(2), mech.ground.at(0.0, 0.0)
     for name in ("upper", "lower"):
         end = joint + 0.4 * np.array([np.sin(angle), -np.cos(angle)])
@@ -215,7 +215,7 @@ def test_invalid_settings_are_rejected(settings, message):
 
 
 def test_a_model_without_observables_is_rejected():
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0)))
     with pytest.raises(bd.BeamdaeError, match="nothing is observed"):
         bd.simulate(mech, t_end=0.1, accuracy=0.01)

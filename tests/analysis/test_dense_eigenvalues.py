@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mechanisms import rectangle
+from mechanisms import EARTH, rectangle
 from numpy.testing import assert_allclose
 from scipy.linalg import lstsq, null_space
 
@@ -19,7 +19,7 @@ FORMULATIONS = ("floating frame", "exact")
 
 def arch(formulation):
     """Return an arch on two hinges, with a mass suspended from it by a spring and a damper."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     arc = bd.Arc(radius=0.6, length=0.8, start=(0.0, 0.0), angle=-0.66)
     beam = mech.add(bd.Beam("arch", arc, STRIP, elements=2, formulation=formulation))
     for name, s, end in (("left", 0.0, beam.start), ("right", 0.8, beam.end)):

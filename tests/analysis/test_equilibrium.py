@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from mechanisms import free_ball
+from mechanisms import EARTH, free_ball, symbols
 from numpy.testing import assert_allclose
 
 import beamdae as bd
@@ -171,7 +171,7 @@ def test_contact_carries_the_applied_force():
 @pytest.mark.parametrize("stiffness", [1e6, 1e9, 1e10])
 def test_regression_stiff_contacts_at_several_points_carry_a_body(stiffness, exponent):
     """Steps into the contacts and out of them ended with "no equilibrium was found"."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     box = mech.add(bd.RigidBody("box", 2.0, 0.1, (0.0, 0.1)))
     floor = bd.LineSurface(mech.ground.at(0.0, 0.0))
     # One foot begins 2 cm below the floor, and the other one 2 cm above.
@@ -325,7 +325,7 @@ def test_regression_equilibria_with_drivers_need_no_inertia():
     """The search for turning drivers required the accelerations of a massless coordinate."""
     import casadi as ca
 
-    t, q, v = ca.SX.sym("t"), ca.SX.sym("q", 2), ca.SX.sym("v", 2)
+    t, q, v = symbols(2)
     system = bd.ConstrainedSystem(
         t=t,
         q=q,

@@ -378,11 +378,9 @@ def test_regression_parameters_without_effect_at_a_bad_start_are_fitted(exact):
     """Both moved to 1e12 in one step."""
     data = {"t [s]": TIMES, "mass.x": exact["mass.x"]}
     first = {"stiffness": 0.8, "damping": 0.016}
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", bd.BeamdaeWarning)
-        # Overflow of logarithms.
-        warnings.simplefilter("error", RuntimeWarning)
-        result = bd.fit(oscillator, data, list(TRUE), METHOD, log=list(TRUE), parameters=first)
+    # Overflow of logarithms.
+    warnings.simplefilter("error", RuntimeWarning)
+    result = bd.fit(oscillator, data, list(TRUE), METHOD, log=list(TRUE), parameters=first)
     assert result.status.success
     assert result.parameters == pytest.approx(TRUE, rel=1e-5)
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from differentiable_models import skater, swing, turning
-from mechanisms import clamped_beam, free_ball
+from mechanisms import EARTH, clamped_beam, free_ball
 from quick_return import quick_return
 from slider_crank import slider_crank
 
@@ -39,7 +39,7 @@ def oscillator(stiffness=40.0, damping=0.8, speed=SPEED, elements=1):
 @bd.model(t_end=0.2)
 def hanging(stiffness=300.0, length=0.5, load=2.0, mass=1.0):
     """Rod on a pin and a spring, released from equilibrium when its load begins to vary."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81), start="equilibrium")
+    mech = bd.Mechanism(gravity=EARTH, start="equilibrium")
     rod = mech.add(bd.RigidBody.rod("rod", (0.0, 0.0), (length, 0.0), mass=mass))
     mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), rod.at(0.0, 0.0)))
     tip = rod.at(length, 0.0)

@@ -2,10 +2,9 @@
 
 from dataclasses import replace
 
-import casadi as ca
 import numpy as np
 import pytest
-from mechanisms import clamped_beam, free_ball, hinged_body, rectangle
+from mechanisms import EARTH, clamped_beam, free_ball, hinged_body, rectangle, symbols
 from numpy.testing import assert_allclose
 from scipy.signal import StateSpace, lsim
 from voice_coil_stage import voice_coil_stage
@@ -19,7 +18,7 @@ STRIP = rectangle(0.0025, 0.03, damping=1e-3, material=ALLOY)
 
 def mount(push=0.0):
     """Return a mass on a spring and a damper above a foot that a driver shakes."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     foot = mech.add(bd.RigidBody("foot", 0.5, 0.1, center=(0.0, 0.0)))
     mech.add(bd.Prismatic("rail", mech.ground.at(0.0, 0.0), foot.at(0.0, 0.0), (0.0, 1.0)))
     mech.add(
@@ -39,7 +38,7 @@ def mount(push=0.0):
 
 
 def strip(push=0.0):
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     arc = bd.Arc(radius=0.85, length=0.8, start=(0.0, 0.0), angle=-0.6)
     beam = mech.add(bd.Beam("beam", arc, STRIP, elements=2))
     mech.add(bd.PointMass("tip mass", 0.06, on=beam.end))
@@ -100,7 +99,7 @@ def test_regression_slow_poles_of_stiff_structures_are_accurate():
 @pytest.mark.parametrize("ratio", [150, 1500, 15000])
 def test_poles_of_thin_hanging_beams_are_their_modes(ratio, damping):
     """On a hinge, the slowest poles were 0.3 % off, and grew without damping."""
-    mech, h = bd.Mechanism(gravity=(0.0, -9.81)), 0.06 / ratio
+    mech, h = bd.Mechanism(gravity=EARTH), 0.06 / ratio
     section = rectangle(h, 10.0 * h, damping=damping)
     line = bd.Line((0.0, 0.0), (0.0, -0.06))
     leaf = mech.add(bd.Beam("leaf", line, section, 8, formulation="floating frame"))
@@ -143,7 +142,7 @@ def test_linear_model_converts_to_scipy_with_named_states():
 @pytest.mark.parametrize(("stiffness", "poles"), [(8.0, [-2j, 2j]), (0.0, [0, 0]), (-8.0, [-2, 2])])
 def test_regression_constrained_systems_are_linearized(stiffness, poles):
     """They raised an AssertionError."""
-    t, q, v = ca.SX.sym("t"), ca.SX.sym("q", 1), ca.SX.sym("v", 1)
+    t, q, v = symbols(1)
     force = -stiffness * q
     linear = bd.linearize(bd.ConstrainedSystem(t, q, v, [2.0], force, q0=[0.0], v0=[0.0]))
     assert_allclose(linear.A, [[0.0, 1.0], [-0.5 * stiffness, 0.0]], atol=1e-12)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from four_bar import four_bar
-from mechanisms import clamped_beam, rectangle
+from mechanisms import clamped_beam, hinged, rectangle
 from numpy.testing import assert_allclose
 from richardson import assert_close, differentiate
 from ring_mount import ring_mount
@@ -236,9 +236,9 @@ def test_modes_next_to_a_crossing_keep_their_derivatives(gap):
 @bd.model(t_end=1.0)
 def tilted(angle=0.2):
     """Rigid pendulum that is drawn out of its equilibrium."""
-    mech = bd.Mechanism(gravity=(0.0, -G))
-    rod = mech.add(bd.RigidBody.rod("rod", (0.0, 0.0), (np.sin(angle), -np.cos(angle)), 1.0))
-    mech.add(bd.Revolute("pivot", mech.ground.at(0.0, 0.0), rod.at(0.0, 0.0)))
+    mech, _ = hinged(
+        bd.RigidBody.rod("rod", (0.0, 0.0), (np.sin(angle), -np.cos(angle)), 1.0), gravity=G
+    )
     return mech
 
 

@@ -5,7 +5,7 @@ import warnings
 import casadi as ca
 import numpy as np
 import pytest
-from mechanisms import hinged_body, rectangle
+from mechanisms import EARTH, hinged_body, rectangle, symbols
 from numpy.testing import assert_allclose
 from scipy.optimize import brentq
 
@@ -322,7 +322,7 @@ def test_reference_state_need_not_be_an_equilibrium():
 @pytest.mark.parametrize("angle", [0.4, 2.0])
 def test_frequencies_off_an_equilibrium_do_not_depend_on_coordinates(angle):
     """A bob on a circle, in x and y and in another coordinate: w^2 = g / l cos(angle)."""
-    t, q, v = ca.SX.sym("t"), ca.SX.sym("q", 2), ca.SX.sym("v", 2)
+    t, q, v = symbols(2)
     bob = bd.ConstrainedSystem(
         t=t,
         q=q,
@@ -356,7 +356,7 @@ def test_frequencies_off_an_equilibrium_do_not_depend_on_coordinates(angle):
 
 def test_regression_states_that_are_no_equilibria_are_marked():
     """Poles of a hanging stage were 20 % off, and the linear model did not show its warning."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     load = mech.add(bd.PointMass("load", 1.0, at=(0.0, 1.0)))
     mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), load.point, 100.0))
     for analysis in (bd.modes, bd.linearize):
@@ -463,7 +463,7 @@ def test_invalid_arguments_are_rejected():
     for about in ("drawn", 3, None, ("reference",)):
         with pytest.raises(bd.BeamdaeError, match="about"):
             bd.modes(oscillator(), about=about)
-    t, q, v = ca.SX.sym("t"), ca.SX.sym("q", 2), ca.SX.sym("v", 2)
+    t, q, v = symbols(2)
     force, zero = ca.vertcat(-q[0], -q[1]), [0.0, 0.0]
     massless = bd.ConstrainedSystem(t=t, q=q, v=v, mass=[1.0, 0.0], force=force, q0=zero, v0=zero)
     with pytest.raises(bd.BeamdaeError, match="has no inertia"):

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from mechanisms import hinged_beam, rectangle, truss
+from mechanisms import EARTH, hinged_beam, rectangle, truss
 from numpy.testing import assert_allclose
 
 import beamdae as bd
@@ -53,7 +53,7 @@ def test_compressed_column_frequency_falls_linearly_with_load(formulation):
 @bd.model(t_end=1.0)
 def driven_crank(angle=0.0, stiffness=200.0):
     """Return a pendulum on a driven crank, and a spring that its angle stretches."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     crank = mech.add(bd.RigidBody("crank", 1.0, 0.02, center=(0.1, 0.0)))
     shaft = mech.ground.at(0.0, 0.0), crank.at(0.0, 0.0)
     mech.add(bd.Revolute("bearing", *shaft))

@@ -8,7 +8,7 @@ from dataclasses import replace
 import mechanisms
 import numpy as np
 import pytest
-from mechanisms import clamped_beam, free_ball, mass_on_rail
+from mechanisms import EARTH, clamped_beam, free_ball, mass_on_rail
 from scipy.optimize import OptimizeResult, linprog
 
 import beamdae as bd
@@ -813,7 +813,7 @@ def oscillator(stiffness=30.0):
 @bd.model(t_end=0.15)
 def shaken_leaf(height=bd.param(0.012, "m")):
     """Cantilever with a mass at its end, whose clamp climbs a step."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81), start="equilibrium")
+    mech = bd.Mechanism(gravity=EARTH, start="equilibrium")
     axle = mech.add(bd.RigidBody("axle", 1.0, 0.1, (0.0, 0.0)))
     place, center, up = mech.ground.at(0.0, 0.0), axle.at(0.0, 0.0), (0.0, 1.0)
     mech.add(bd.Prismatic("guide", place, center, up))

@@ -4,7 +4,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from conformance import tuned
-from mechanisms import ALLOY, clamped_beam, mass_on_rail, rectangle
+from mechanisms import ALLOY, EARTH, clamped_beam, mass_on_rail, rectangle
 from scipy.optimize import fsolve
 
 import beamdae as bd
@@ -485,7 +485,7 @@ def test_regression_forces_in_axes_of_a_turning_blade_are_periodic():
 )
 def test_regression_rounding_errors_at_dead_centers_are_no_lost_velocities(law):
     """The joints "did not allow" crank.y_dot = -1.6e-26 m/s of a crank at 6.3 rad/s or at rest."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     crank = mech.add(bd.RigidBody("crank", 10.0, 0.05))
     ram = mech.add(bd.RigidBody("ram", 20.0, 0.1, center=(0.0, -0.25)))
     base = mech.ground.at(0.0, 0.0)

@@ -3,7 +3,7 @@
 import casadi as ca
 import numpy as np
 import pytest
-from mechanisms import mass_on_rail
+from mechanisms import EARTH, mass_on_rail
 from scipy.special import ellipk
 
 import beamdae as bd
@@ -121,7 +121,7 @@ def test_arguments_and_failures():
 def test_motion_that_does_not_recur():
     @bd.model(t_end=2.0)
     def falling():
-        mech = bd.Mechanism(gravity=(0.0, -9.81))
+        mech = bd.Mechanism(gravity=EARTH)
         mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0)))
         return mech
 

@@ -442,9 +442,7 @@ def test_regression_turning_mechanisms_may_have_states(analysis, speed, is_repor
     mech.state("work", power, unit="J")
     # A slow state, at 0.01 rad/s, is no slow vibration.
     mech.state("filter", lambda x, t: 0.01 * (power - x), unit="W")
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", bd.BeamdaeWarning)
-        result = analysis(mech)
+    result = analysis(mech)
     assert any(x.startswith("drivers turn disk at 20") for x in result.warnings) == is_reported
     if analysis is bd.modes:
         expected = bd.modes(with_driver(*particle_in_rotor(), law=lambda t: speed * t))

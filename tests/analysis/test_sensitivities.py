@@ -15,7 +15,7 @@ from governor import governor
 from hub_beam import hub_beam
 from inverted_pendulum import inverted_pendulum
 from leaf_spring_vehicle import leaf_spring_vehicle
-from mechanisms import clamped_beam, free_ball, hinged_body, mass_on_rail, rectangle
+from mechanisms import EARTH, clamped_beam, free_ball, hinged_body, mass_on_rail, rectangle, symbols
 from pendulum import pendulum
 from quick_return import quick_return
 from ring_mount import ring_mount
@@ -443,7 +443,7 @@ def test_derivatives_do_not_depend_on_the_units(integrator, formulation):
 @bd.model(t_end=0.1)
 def seesaw(offset=1e-8):
     """Body whose center is slightly beside 1 m, on a pin at 1 m."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     body = mech.add(bd.RigidBody("body", 2.0, 0.3, (1.0 + offset, offset)))
     mech.add(bd.Revolute("pin", mech.ground.at(1.0, 0.0), body.at(1.0, 0.0)))
     return mech
@@ -498,7 +498,7 @@ def test_energies():
 @bd.model(t_end=0.1)
 def geared(load=3.0):
     """Rod whose motion is prescribed; the load changes only the torque of the driver."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     rod = mech.add(bd.RigidBody.rod("rod", (0.0, 0.0), (0.3, 0.0), mass=1.0))
     mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), rod.at(0.0, 0.0)))
     sides = (mech.ground.at(0.0, 0.0), rod.at(0.0, 0.0))
@@ -540,7 +540,7 @@ def test_reactions_of_minimum_norm():
 @bd.model(t_end=0.2)
 def parallel(length=0.5, height=0.3):
     """Coupler on three parallel cranks, one of which is redundant."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81), redundant="minimum norm")
+    mech = bd.Mechanism(gravity=EARTH, redundant="minimum norm")
     ends = (0.0, height), (length, height)
     coupler = mech.add(bd.RigidBody.rod("coupler", *ends, mass=2.0))
     for k, x in enumerate((0.0, 0.4 * length, length)):
@@ -716,7 +716,7 @@ def test_parameter_without_effect():
 @bd.model(t_end=0.1)
 def mounted(inclination=0.4, sliding=0.13):
     """Curved beam in a floating frame, whose joints depend on the directions of the beam there."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     steel = rectangle(0.01, damping=1e-4)
     beam = mech.add(bd.Beam("beam", bd.Arc(inclination, 0.4), steel, elements=2))
     mech.add(bd.Revolute("pin", mech.ground.at(*beam.at(sliding).point), beam.at(sliding)))
@@ -779,7 +779,7 @@ def test_regression_time_dependent_gravity():
 @bd.model(t_end=0.1)
 def amplified(gain=2.0):
     """CasADi stores 2 q as q + q, without a number."""
-    t, q, v = ca.SX.sym("t"), ca.SX.sym("q"), ca.SX.sym("v")
+    t, q, v = symbols()
     return bd.ConstrainedSystem(
         t=t, q=q, v=v, mass=[1.0], force=-q, q0=[1.0], v0=[0.0], observe={"y [m]": gain * q}
     )

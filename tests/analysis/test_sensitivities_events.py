@@ -4,7 +4,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from leaf_spring_vehicle import leaf_spring_vehicle
-from mechanisms import free_ball
+from mechanisms import EARTH, free_ball
 from shallow_arch import shallow_arch
 from sliding_mass import sliding_mass
 
@@ -436,7 +436,7 @@ def test_regression_contact_forces_have_derivatives_while_the_contact_is_open():
 @bd.model(t_end=0.5)
 def flat_rod(mass=1.0):
     """Rod that falls flat onto both ends, which hit the floor one after the other."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     rod = mech.add(bd.RigidBody("rod", mass, 1.0 / 12.0, center=(0.0, 1.0)))
     floor = bd.LineSurface(mech.ground.at(0.0, 0.0), (1.0, 0.0))
     for name, x in (("left", -0.5), ("right", 0.5)):

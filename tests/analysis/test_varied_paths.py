@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from mechanisms import rectangle
+from mechanisms import EARTH, rectangle
 from scipy.optimize import minimize_scalar
 
 import beamdae as bd
@@ -176,7 +176,7 @@ def test_contacts_that_are_pressed_through_are_named():
 
 
 def slider_crank(angle):
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     crank = mech.add(bd.RigidBody("crank", mass=1.0, inertia=0.01, center=(0.05, 0.0)))
     rod = mech.add(bd.RigidBody("rod", mass=1.0, inertia=0.02, center=(0.25, 0.0)))
     slider = mech.add(bd.RigidBody("slider", mass=1.0, inertia=0.01, center=(0.4, 0.0)))
@@ -219,7 +219,7 @@ def test_invalid_arguments_are_rejected(arguments, message):
 @bd.model(t_end=1.0)
 def cantilever(elements=4, length=0.1):
     """Steel leaf under its weight."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     leaf = rectangle(0.0005, 0.01)
     line = bd.Line((0.0, 0.0), (length, 0.0))
     beam = mech.add(bd.Beam("leaf", line, leaf, elements=elements, formulation="exact"))

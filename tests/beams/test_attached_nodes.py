@@ -4,7 +4,7 @@ import warnings
 
 import numpy as np
 import pytest
-from mechanisms import clamped_beam, rectangle
+from mechanisms import EARTH, clamped_beam, rectangle
 from numpy.testing import assert_allclose
 
 import beamdae as bd
@@ -17,7 +17,7 @@ formulations = pytest.mark.parametrize("formulation", ["floating frame", "exact"
 
 def arm(elements, formulation="floating frame"):
     """Return an arm that swings about a pivot with a spring between its ends."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     beam = mech.add(bd.Beam("arm", LINE, STRIP, elements=elements, formulation=formulation))
     pivot = (mech.ground.at(PIVOT, 0.0), beam.at(PIVOT))
     mech.add(bd.Revolute("pivot", *pivot))
@@ -198,7 +198,7 @@ def test_starts_that_name_coordinates_of_nodes_keep_the_mesh(start, is_divided):
 @pytest.mark.slow
 def test_impacts_on_gaps_of_beams_divided_later():
     """The gap is a quantity of the coordinates before the beam is divided."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     beam = mech.add(bd.Beam("beam", LINE, STRIP, elements=2))
     mech.add(bd.Revolute("pivot", mech.ground.at(0.0, 0.0), beam.start))
     mech.add(bd.PointMass("mass", 0.1, on=beam.at(0.3)))

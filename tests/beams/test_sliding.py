@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from conformance import integrators
-from mechanisms import clamped_beam, rectangle
+from mechanisms import EARTH, clamped_beam, rectangle
 from numpy.testing import assert_allclose
 from support import ARC, VARIANTS, NumericEquations
 
@@ -45,7 +45,7 @@ def test_bead_on_a_stiff_rotating_rod(integrator):
 
 def bead_on_hanging_arc(elements, damping=1e-4):
     """Return a bead on a pinned flexible arc."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     start = (-np.sin(1.2), -np.cos(1.2))
     arc = bd.Arc(radius=1.0, length=2.4, start=start, angle=-1.2)
     steel = bd.Material(E=2.1e11, nu=0.3, rho=7800.0)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from conformance import integrators
-from mechanisms import mass_on_rail
+from mechanisms import EARTH, mass_on_rail
 
 import beamdae as bd
 
@@ -72,7 +72,7 @@ def test_regression_forces_that_become_infinite_are_named(power, gap):
 
 
 def test_fixed_steps_that_stop_at_sticking_name_the_friction():
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     foot = mech.add(bd.PointMass("foot", 2.0, at=(0.0, 0.0), velocity=(1.0, 0.0)))
     floor = bd.LineSurface(mech.ground.at(0.0, 0.0))
     damping = {"restitution": 0.5, "impact_speed": 0.1}

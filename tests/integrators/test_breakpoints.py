@@ -4,7 +4,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from conformance import integrators
-from mechanisms import ALLOY, cantilever, hinged_body, rectangle
+from mechanisms import ALLOY, cantilever, hinged_body, rectangle, symbols
 from numpy.testing import assert_allclose
 
 import beamdae as bd
@@ -44,7 +44,7 @@ def test_driver_speed_jump_counts_as_work(integrator):
     "timing", [{"breakpoints": (7.98, 8.02)}, {"time_scale": 0.04}], ids=["breakpoints", "scale"]
 )
 def test_constrained_system_has_breakpoints_and_time_scale(timing):
-    t, q, v = ca.SX.sym("t"), ca.SX.sym("q"), ca.SX.sym("v")
+    t, q, v = symbols()
     push = ca.if_else(ca.logic_and(t > 7.98, t < 8.02), 100.0, 0.0)
     mass = bd.ConstrainedSystem(t=t, q=q, v=v, mass=1.0, force=push, q0=[0.0], v0=[0.0], **timing)
     solution = bd.simulate(mass, bd.Ida(1e-6), t_end=10.0)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from benchmarks.cases import AREVALO, pendulum, pendulum_motion
 from governor import governor
+from mechanisms import symbols
 from numpy.testing import assert_allclose
 from quick_return import quick_return
 
@@ -41,7 +42,7 @@ every_smooth_case = pytest.mark.parametrize(
 
 def oscillator(omega):
     """x'' + omega^2 x = 0 from x = 1."""
-    t, q, v = ca.SX.sym("t"), ca.SX.sym("q", 1), ca.SX.sym("v", 1)
+    t, q, v = symbols(1)
     return bd.ConstrainedSystem(t=t, q=q, v=v, mass=[1.0], force=-(omega**2) * q, q0=[1], v0=[0])
 
 

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from mechanisms import ALLOY, beam_pendulum, clamped_beam, rectangle, swing
+from mechanisms import ALLOY, EARTH, beam_pendulum, clamped_beam, rectangle, swing
 from own_method import OwnMethod
 
 import beamdae as bd
@@ -214,7 +214,7 @@ def test_signal_at_any_moment_keeps_the_steps_or_is_raised(integrator):
 
 def slow_slider_crank(damping=0.0):
     """A slider-crank at 12 rpm whose weight begins to act at the start."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     steel = bd.Material(E=210e9, nu=0.3, rho=7850.0)
     section = bd.Section.rectangle(steel, width=0.02, height=0.01, damping=damping)
     pin = mech.ground.at(0.0, 0.0)

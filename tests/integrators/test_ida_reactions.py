@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from benchmarks.systems import knife_edge
 from governor import governor
-from mechanisms import rectangle
+from mechanisms import EARTH, rectangle
 from numpy.testing import assert_allclose
 from parts.test_user_joints import GRAVITY, PULLED_MASS, pull_of, pulled_body
 from quick_return import quick_return
@@ -45,7 +45,7 @@ def test_regression_friction_with_fast_modes(rtol):
 
 def with_flexible_link():
     """quick_return with a steel strip as its link."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     ground, center, pin = mech.ground, (0.0, 0.3), (0.0, 0.42)
     crank = mech.add(bd.RigidBody.disk("crank", center, radius=0.15, mass=12.0))
     block = mech.add(bd.RigidBody.plate("block", pin, width=0.04, height=0.06, mass=0.8))

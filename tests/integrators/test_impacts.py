@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from conformance import integrators
-from mechanisms import falling_ball, free_ball, hinged_beam, rectangle
+from mechanisms import EARTH, falling_ball, free_ball, hinged_beam, rectangle
 from numpy.testing import assert_allclose
 
 import beamdae as bd
@@ -210,7 +210,7 @@ def test_regression_touching_balls_pass_an_impact_on():
 @pytest.mark.slow
 def test_regression_stacked_balls_pass_impacts_on_and_back():
     """A gap whose balls moved alike for an instant changed its side, and they interpenetrated."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     ground = mech.ground.at(0.0, 0.0)
     balls = [mech.add(bd.PointMass(f"ball {k}", 1.0, at=(0.0, 1.0 + 0.1 * k))) for k in range(4)]
     gaps = [bd.LineSurface(ground, (1.0, 0.0)).gap(balls[0].point)]
@@ -230,7 +230,7 @@ def test_regression_stacked_balls_pass_impacts_on_and_back():
 
 def _flat_rod(restitution, together):
     """Return a rod that falls flat onto both ends."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     rod = mech.add(bd.RigidBody("rod", 1.0, 1.0 / 12.0, center=(0.0, 1.0)))
     floor = bd.LineSurface(mech.ground.at(0.0, 0.0), (1.0, 0.0))
     impacts = {}

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from benchmarks.cases import PENDULUM, SLIDER_CRANK
 from conformance import IDA_FORMS, integrators
-from mechanisms import hinged_beam, rectangle
+from mechanisms import hinged_beam, rectangle, symbols
 from numpy.testing import assert_allclose
 
 import beamdae as bd
@@ -137,7 +137,7 @@ def test_constraints_that_cannot_be_satisfied_end_the_run(integrator):
     """The joint cannot be closed once the center has moved a radius away, at 1 s."""
     if integrator.accuracy.name == "step":
         integrator = replace(integrator, step=2.0)
-    t, q, v = ca.SX.sym("t"), ca.SX.sym("q", 2), ca.SX.sym("v", 2)
+    t, q, v = symbols(2)
     reach = ca.vertcat(ca.dot(q, q) - 1.0, q[0] - t)
     torn = bd.ConstrainedSystem(
         t=t, q=q, v=v, mass=[1, 1], force=[0, 0], constraints=reach, q0=[0, 1], v0=[1, 0]
@@ -340,7 +340,7 @@ def test_resolved_settings_are_reported():
 
 @every_integrator_in_its_form
 def test_reactions_scale_with_mass(integrator):
-    t, q, v = ca.SX.sym("t"), ca.SX.sym("q", 2), ca.SX.sym("v", 2)
+    t, q, v = symbols(2)
     runs = []
     if isinstance(integrator, bd.GeneralizedAlpha):
         # The iteration error of multipliers does not depend on masses.

@@ -1,10 +1,9 @@
 """Radau IIA: coefficients, single steps, error estimate and step control."""
 
-import casadi as ca
 import numpy as np
 import pytest
 from hub_beam import hub_beam
-from mechanisms import rectangle
+from mechanisms import rectangle, symbols
 from numpy.testing import assert_allclose
 from slider_crank import slider_crank
 
@@ -13,7 +12,7 @@ import beamdae as bd
 
 def oscillator(omega, damping=0.0):
     """q'' + 2 damping omega q' + omega^2 q = 0 from q = 0.3, q' = 0.7 omega."""
-    t, q, v = ca.SX.sym("t"), ca.SX.sym("q"), ca.SX.sym("v")
+    t, q, v = symbols()
     force = -(omega**2) * q - 2.0 * damping * omega * v
     return bd.ConstrainedSystem(
         t=t, q=q, v=v, mass=1.0, force=force, q0=[0.3], v0=[0.7 * omega]

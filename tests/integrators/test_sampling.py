@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from mechanisms import free_ball
+from mechanisms import EARTH, free_ball
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.integrate import solve_ivp
 
@@ -22,7 +22,7 @@ METHODS = {
 
 def crank(friction=0.0, law=None, every=EVERY, delay=0):
     """Return a bar that a sampled motor swings up, with a filtered angle."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     bar = mech.add(bd.RigidBody("bar", mass=2.0, inertia=0.3, center=(0.5, 0.0)))
     pin = mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), bar.at(0.0, 0.0)))
     if friction:

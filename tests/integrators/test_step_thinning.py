@@ -4,7 +4,7 @@ import warnings
 
 import numpy as np
 import pytest
-from mechanisms import free_ball
+from mechanisms import EARTH, free_ball
 from numpy.testing import assert_allclose, assert_array_equal
 from test_sampling import crank
 
@@ -22,7 +22,7 @@ def small_memory(monkeypatch):
 
 
 def pendulum(redundant=None):
-    mech = bd.Mechanism(gravity=(0.0, -9.81), redundant=redundant or "refuse")
+    mech = bd.Mechanism(gravity=EARTH, redundant=redundant or "refuse")
     bar = mech.add(bd.RigidBody("bar", mass=2.0, inertia=0.3, center=(0.5, 0.0)))
     mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), bar.at(0.0, 0.0)))
     if redundant:
@@ -132,7 +132,7 @@ def test_saved_run_has_the_energies_of_all_steps(small_memory, tmp_path):
 @pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
 def test_regression_peaks_between_stored_rows_are_reported_as_unknown(small_memory):
     """The peak of a contact that is in no stored row was lost without a warning."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.05)))
     stop = bd.Contact("stop", ball.point, bd.LineSurface(mech.ground.at(0.0, 0.0)), 1e7)
     mech.observe("stop", mech.add(stop).force)

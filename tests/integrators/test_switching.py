@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 from conformance import integrators
-from mechanisms import free_ball
+from mechanisms import EARTH, free_ball, hinged
 from numpy.testing import assert_allclose
 
 import beamdae as bd
@@ -20,10 +20,8 @@ SPEED, INERTIA = 2.0, 0.3
 
 def spinning(**bar):
     """A bar that spins about a hinge at its center."""
-    mech = bd.Mechanism()
     bar = {"mass": 1.0, "inertia": INERTIA, "angular_velocity": SPEED} | bar
-    bar = mech.add(bd.RigidBody("bar", **bar))
-    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), bar.at(0.0, 0.0)))
+    mech, bar = hinged(bd.RigidBody("bar", **bar))
     mech.observe("bar", bar.at(0.0, 0.0))
     return mech, bar
 
@@ -31,7 +29,7 @@ def spinning(**bar):
 @pytest.mark.slow
 @RUNS
 def test_released_bob_flies_freely(integrator):
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     bob = mech.add(bd.RigidBody("bob", mass=2.0, inertia=0.1, center=(1.0, 0.0)))
     string = mech.add(bd.Revolute("string", mech.ground.at(0.0, 0.0), bob.at(0.0, 0.0)))
     mech.observe("bob", bob.at(1.0, 0.0))
@@ -170,7 +168,7 @@ def test_simultaneous_events_all_happen():
 def test_events_at_the_time_of_an_impact_are_not_lost():
     """Three events at the floor, in any order: the ball bounces, and both forces are switched."""
     for order in ((0, 1, 2), (1, 0, 2), (2, 1, 0)):
-        mech = bd.Mechanism(gravity=(0.0, -9.81))
+        mech = bd.Mechanism(gravity=EARTH)
         ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 1.0)))
         side, lift = (mech.add(bd.Force(x, ball.point, (1.0, 0.0))) for x in ("side", "lift"))
         mech.deactivate(lift)

@@ -6,7 +6,7 @@ from functools import partial
 import casadi as ca
 import numpy as np
 import pytest
-from mechanisms import clamped_beam, free_ball, rectangle
+from mechanisms import EARTH, clamped_beam, free_ball, rectangle
 from mechanisms import dropped_ball as ball
 
 import beamdae as bd
@@ -19,7 +19,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
 
 def stop_law(form, **settings) -> bd.results.Solution:
     """Return a run onto a stop whose force is a formula or a table."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     body = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0), velocity=(0.0, -4.43)))
     depths = np.linspace(0.0, 4e-4, 41)
     table = bd.table(depths, 1e10 * depths**1.5)
@@ -62,7 +62,7 @@ def chirp(rows) -> bd.results.Solution:
 
 def double_pendulum(rows, size=1.0, method=None) -> bd.results.Solution:
     """Return a run of two rods of this size, relative to 0.4 m."""
-    mech, length = bd.Mechanism(gravity=(0.0, -9.81)), 0.4 * size
+    mech, length = bd.Mechanism(gravity=EARTH), 0.4 * size
     ends = (0.0, 0.0), (length, 0.0), (2.0 * length, 0.0)
     upper, lower = (
         mech.add(bd.RigidBody.rod(name, *pair, mass=1.0))
@@ -130,7 +130,7 @@ def magnitude(output_step) -> bd.results.Solution:
 
 def weld(method) -> bd.results.Solution:
     """Return a run of a body at rest, with the reactions that hold it."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     body = mech.add(bd.RigidBody("body", 1.0, 0.1, center=(0.3, 0.4)))
     joint = mech.add(bd.Weld("weld", mech.ground.at(0.0, 0.0), body.at(0.0, 0.0)))
     mech.observe("weld", joint.reaction)

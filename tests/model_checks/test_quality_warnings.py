@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 import pandas as pd
 import pytest
-from mechanisms import clamped_beam, free_ball, rectangle
+from mechanisms import EARTH, clamped_beam, free_ball, rectangle, symbols
 from numpy.testing import assert_allclose
 from tolerances.mechanisms import parallelogram
 
@@ -31,7 +31,7 @@ def bar(law=None, gravity=(0.0, -9.81), angle=0.0):
 
 def particle(force, start=0.0, **settings):
     """Return a mass of 1 kg under a force of t and q that is not known as a law."""
-    t, q, v = ca.SX.sym("t"), ca.SX.sym("q"), ca.SX.sym("v")
+    t, q, v = symbols()
     return bd.ConstrainedSystem(
         t=t, q=q, v=v, mass=[1.0], force=[force(t, q)], q0=[start], v0=[0.0], **settings
     )
@@ -111,7 +111,7 @@ def test_errors_of_impacts_of_few_steps_are_measured(flywheel, step, is_stated):
 
     A wheel with thirty times the energy hides the imbalance of the impact.
     """
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 1.0)))
     floor = bd.LineSurface(mech.ground.at(0.0, 0.0))
     mech.observe("stop", mech.add(bd.Contact("stop", ball.point, floor, 1e6)).force)
@@ -224,7 +224,7 @@ def test_prestressed_rings_at_rest_have_no_warnings():
 
 
 def test_columns_that_are_not_finite_are_named():
-    t, q, v = ca.SX.sym("t"), ca.SX.sym("q"), ca.SX.sym("v")
+    t, q, v = symbols()
     observe = {"root": ca.sqrt(0.5 - t), "inverse": 1.0 / (q - q), "fine": q}
     model = bd.ConstrainedSystem(
         t=t, q=q, v=v, mass=[1.0], force=[1.0], q0=[0.0], v0=[0.0], observe=observe

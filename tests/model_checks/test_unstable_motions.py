@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from mechanisms import clamped_beam, rectangle
+from mechanisms import EARTH, clamped_beam, rectangle
 
 import beamdae as bd
 
@@ -37,7 +37,7 @@ def test_flutter_from_rest_has_a_warning_above_its_limit(ratio, count):
 
 
 def test_rigid_bodies_that_slide_to_rest_have_no_vibrations():
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     block = mech.add(bd.RigidBody("block", 1.0, inertia=0.1, velocity=(2.0, 0.0)))
     guide = mech.add(bd.Prismatic("guide", mech.ground.at(0.0, 0.0), block.at(0.0, 0.0)))
     law = {"friction_speed": 1e-3, "static": 0.5, "stribeck": 0.05, "radius": 0.1}

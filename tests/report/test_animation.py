@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from matplotlib import rc_context
-from mechanisms import cantilever, falling_ball, hinged_body, rectangle, swing
+from mechanisms import EARTH, cantilever, falling_ball, hinged_body, rectangle, swing
 from numpy.testing import assert_allclose
 from pendulum import pendulum
 
@@ -121,7 +121,7 @@ def test_regression_enlarged_sections_of_beams_rotate_by_at_most_three_tenths_of
 
 @pytest.mark.parametrize("has_contact", [True, False])
 def test_regression_mechanisms_with_contacts_are_drawn_with_their_true_motion(has_contact):
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0)))
     mech.add(bd.PointMass("far", 1.0, at=(1.0, 0.0)))
     if has_contact:

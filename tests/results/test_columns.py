@@ -1,14 +1,14 @@
 """Selection of columns by name."""
 
 import pytest
-from mechanisms import free_ball
+from mechanisms import EARTH, free_ball
 
 import beamdae as bd
 
 
 def falling(*names):
     """Return a run of falling masses, which are all observed."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     for k, name in enumerate(names):
         mech.observe(name, mech.add(bd.PointMass(f"mass {k}", 1.0, at=(k, 2.0))).point)
     return mech

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from mechanisms import free_ball, rectangle
+from mechanisms import EARTH, free_ball, rectangle
 
 import beamdae as bd
 
@@ -32,7 +32,7 @@ def steady_deflection(x, y):
 
 def crank(x, y, torque=None):
     """Crank that drives a slider, at 20 rad/s or by a torque [N m]."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     arm = mech.add(bd.RigidBody.rod("crank", (x, y), (x + 0.1, y), mass=1.0))
     rod = mech.add(bd.RigidBody.rod("rod", (x + 0.1, y), (x + 0.5, y), mass=1.0))
     slider = mech.add(bd.PointMass("slider", 0.5, at=(x + 0.5, y)))

@@ -8,7 +8,7 @@ from multiprocessing import get_context
 
 import numpy as np
 import pytest
-from mechanisms import free_ball, hinged_body
+from mechanisms import free_ball, hinged_body, symbols
 from numpy.testing import assert_allclose, assert_array_equal
 
 import beamdae as bd
@@ -110,9 +110,8 @@ def test_a_saved_run_keeps_its_requested_start(tmp_path):
 
 
 def test_a_run_of_equations_is_saved_but_not_pickled(tmp_path):
-    import casadi as ca
 
-    t, q, v = ca.SX.sym("t"), ca.SX.sym("q", 1), ca.SX.sym("v", 1)
+    t, q, v = symbols(1)
     system = bd.ConstrainedSystem(t=t, q=q, v=v, mass=[1.0], force=-q, q0=[1.0], v0=[0.0])
     run = bd.simulate(system, bd.Radau(1e-6), t_end=0.5)
     loaded = bd.load(run.save(tmp_path / "a.run"), system)

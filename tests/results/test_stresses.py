@@ -6,7 +6,7 @@ from functools import cache
 import casadi as ca
 import numpy as np
 import pytest
-from mechanisms import clamped_beam, hinged_beam
+from mechanisms import EARTH, clamped_beam, hinged_beam
 from numpy.testing import assert_allclose
 from scipy.integrate import quad
 
@@ -19,7 +19,7 @@ STRIP = bd.Section.rectangle(STEEL, width=0.03, height=0.0025, damping=1e-4)
 @pytest.fixture(scope="module")
 def swinging():
     """Run of a hinged arc with a tip mass, material damping and air drag."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     arc = bd.Arc(radius=0.85, length=0.8, angle=-0.6)
     beam = mech.add(bd.Beam("beam", arc, STRIP, elements=3))
     mech.add(bd.PointMass("tip mass", 0.06, on=beam.end))

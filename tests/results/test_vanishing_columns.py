@@ -10,7 +10,7 @@ from collections.abc import Callable
 import casadi as ca
 import numpy as np
 import pytest
-from mechanisms import ALLOY, rectangle
+from mechanisms import ALLOY, EARTH, rectangle
 
 import beamdae as bd
 
@@ -32,7 +32,7 @@ def four_bar(
     span = base - crank
     angle = math.acos((coupler**2 + span**2 - rocker**2) / (2.0 * coupler * span))
     end = start + coupler * np.array([math.cos(angle), math.sin(angle)])
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     arm = mech.add(bd.RigidBody("crank", mass=0.2, inertia=1e-4, center=(0.0, 0.0)))
     ground = mech.ground
     mech.add(bd.Revolute("O", ground.at(0.0, 0.0), arm.at(0.0, 0.0)))

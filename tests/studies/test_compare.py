@@ -1,9 +1,9 @@
 """Comparison of cases: rows of the table, error columns, labels and failures."""
 
-import casadi as ca
 import mechanisms
 import numpy as np
 import pytest
+from mechanisms import symbols
 from study_models import singular_torque
 
 import beamdae as bd
@@ -187,7 +187,7 @@ def test_exceptions_of_progress_end_the_comparison(failing):
 @bd.model(t_end=0.4)
 def drifting(mass=2.0):
     """Its columns have the names of columns of the case table."""
-    t, q, v = ca.SX.sym("t"), ca.SX.sym("q", 1), ca.SX.sym("v", 1)
+    t, q, v = symbols(1)
     return bd.ConstrainedSystem(
         t=t, q=q, v=v, mass=[mass], force=-q, q0=[1.0], v0=[0.0], names=("drift",),
         observe={"energy.x": q**2, "error": 2.0 * q},

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from mechanisms import clamped_beam, rectangle
+from mechanisms import EARTH, clamped_beam, rectangle
 from numpy.testing import assert_allclose
 from turning import ALPHA, THICK, THIN, run_sweep, turning
 
@@ -319,7 +319,7 @@ def test_regression_parameters_without_effect_have_a_warning():
 
     @bd.model(t_end=0.1)
     def fall(height=1.0, color=0.0):
-        mech = bd.Mechanism(gravity=(0.0, -9.81))
+        mech = bd.Mechanism(gravity=EARTH)
         mech.observe("ball", mech.add(bd.PointMass("ball", 1.0, at=(0.0, height))).point)
         return mech
 
