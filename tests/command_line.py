@@ -13,6 +13,5 @@ def invoke(*arguments, env=None):
 def succeed(*arguments, env=None):
     """Return the result of the command with these arguments, whose exit code is zero."""
     result = invoke(*arguments, env=env)
-    code = result.exit_code
-    assert code == 0, result.output
+    assert result.exit_code == 0, result.output
     return result
