@@ -1,6 +1,7 @@
 """Every argument of every public call is accepted or rejected with one clear message."""
 
 import math
+from collections import Counter
 from dataclasses import replace
 from fractions import Fraction
 from itertools import product
@@ -65,16 +66,18 @@ def require_sentence(text):
 
 @pytest.mark.parametrize("name", CALLS)
 def test_every_value_of_every_argument_is_accepted_or_rejected_with_one_sentence(name):
-    call, rejected = CALLS[name], set()
+    call, rejected = CALLS[name], Counter()
     arguments = {*call.arguments(Sandbox())} - {"continuity"}  # of beams; arrays raise there
     for argument, value in product(arguments, BAD_VALUES.values()):
         sandbox = Sandbox()
         try:
             call.make(name, sandbox, call.arguments(sandbox) | {argument: value(sandbox)})
         except bd.BeamdaeError as problem:
-            rejected.add(argument)
+            rejected[argument] += 1
             require_sentence(str(problem))
-    assert public_name_of(name) in CHECKED_LATER or rejected == arguments
+    # Most of the values are invalid in place of any argument.
+    accepting = {x for x in arguments if rejected[x] < 0.7 * len(BAD_VALUES)}
+    assert public_name_of(name) in CHECKED_LATER or not accepting
 
 
 # Numbers, points and names ----------------------------------------------------------------------
