@@ -197,8 +197,7 @@ def arm(stiffness=50.0):
 @bd.model(t_end=0.1)
 def shaken(stiffness=100.0, damping=50.0):
     """Mass on a spring, shaken ten times per second."""
-    mech, bob = mass_on_rail(x=1.0, name="bob")
-    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), bob.point, stiffness, damping))
+    mech, bob = mass_on_rail(x=1.0, name="bob", spring=(stiffness, damping))
     mech.add(bd.Force("shaker", bob.point, (bd.sine(1.0, frequency=10.0), 0.0)))
     mech.observe("bob", bob.point)
     return mech

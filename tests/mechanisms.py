@@ -79,20 +79,33 @@ def hinged_body(
     return hinged(bd.RigidBody(name, mass, inertia, center, **velocity), gravity, start)
 
 
-def mass_on_rail(mass=1.0, x=0.0, name="mass", gravity=0.0, start="as drawn", **velocity):
-    """A mechanism and its point mass on a rail along the x-axis."""
-    mech = bd.Mechanism(gravity=(0.0, -gravity), start=start)
-    body = mech.add(bd.PointMass(name, mass, at=(x, 0.0), **velocity))
+def free_ball(
+    at=(0.0, 0.0), mass=1.0, name="ball", gravity=0.0, start="as drawn", spring=(), **velocity
+):
+    """A mechanism and its point mass, whose motion is observed.
+
+    The stiffness and damping of a spring to the origin are optional.
+    """
+    mech, ball = _point_mass(at, mass, name, gravity, start, spring, velocity)
+    mech.observe(name, ball.point)
+    return mech, ball
+
+
+def mass_on_rail(
+    mass=1.0, x=0.0, name="mass", gravity=0.0, start="as drawn", spring=(), **velocity
+):
+    """A mechanism and its point mass on a rail along the x-axis, see `free_ball`."""
+    mech, body = _point_mass((x, 0.0), mass, name, gravity, start, spring, velocity)
     mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), body.point, (1.0, 0.0)))
     return mech, body
 
 
-def free_ball(at=(0.0, 0.0), mass=1.0, name="ball", gravity=0.0, start="as drawn", **velocity):
-    """A mechanism and its point mass, whose motion is observed."""
+def _point_mass(at, mass, name, gravity, start, spring, velocity):
     mech = bd.Mechanism(gravity=(0.0, -gravity), start=start)
-    ball = mech.add(bd.PointMass(name, mass, at=at, **velocity))
-    mech.observe(name, ball.point)
-    return mech, ball
+    body = mech.add(bd.PointMass(name, mass, at=at, **velocity))
+    if spring:
+        mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), body.point, *spring))
+    return mech, body
 
 
 def falling_ball(height=2.0, gravity=G, **ball):
@@ -126,8 +139,7 @@ def bouncing_ball(restitution=0.8, height=0.3):
 
 def oscillator(stiffness=30.0, damping=0.5, mass=1.0, speed=0.2, load=0.0):
     """A mass at x = 1 m on a rail, with a spring and damper to the origin."""
-    mech, body = mass_on_rail(mass, 1.0, velocity=(speed, 0.0))
-    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), body.point, stiffness, damping))
+    mech, body = mass_on_rail(mass, 1.0, velocity=(speed, 0.0), spring=(stiffness, damping))
     mech.add(bd.Force("load", body.point, (load, 0.0)))
     mech.observe("mass", body.point)
     return mech

@@ -130,8 +130,7 @@ for t in (1.0, 2.0):
 @bd.model(t_end=0.05)
 def _mass_with_steep_table(stiffness=100.0):
     steps = bd.table([0.0, 1.0, 1.1, 2.0, 3.0], [0.0, 0.0, 1.0, 1.0, 1.0], "spline", name="stop")
-    mech, mass = free_ball((1.0, 0.0), name="mass")
-    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), mass.point, stiffness, 1.0, 0.9))
+    mech, mass = free_ball((1.0, 0.0), name="mass", spring=(stiffness, 1.0, 0.9))
     mech.add(bd.Force("push", mass.point, (float(steps(1.5)), 0.0)))
     return mech
 

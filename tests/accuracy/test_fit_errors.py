@@ -56,8 +56,7 @@ def test_errors_of_estimates_are_true():
 
 @bd.model(t_end=3.0)
 def oscillator(stiffness=30.0):
-    mech, mass = mass_on_rail(x=1.0, velocity=(0.2, 0.0))
-    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), mass.point, stiffness, 0.2))
+    mech, mass = mass_on_rail(x=1.0, velocity=(0.2, 0.0), spring=(stiffness, 0.2))
     mech.observe("mass", mass.point)
     return mech
 

@@ -132,8 +132,7 @@ def test_curves_state_errors_at_their_motions():
 
 
 def test_motions_without_beams_have_errors_of_steps():
-    mech, mass = mass_on_rail(x=1.0)
-    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), mass.point, 9.0, 0.5))
+    mech, mass = mass_on_rail(x=1.0, spring=(9.0, 0.5))
     mech.add(bd.Force("load", mass.point, (bd.sine(1.0, frequency=0.3), 0.0)))
     mech.observe("mass", mass.point)
     table = bd.periodic(mech, 1.0 / 0.3, RUNS).errors.table()

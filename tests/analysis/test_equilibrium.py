@@ -399,8 +399,7 @@ def test_a_mass_that_hangs_on_a_spring_is_stable(angle):
     """Without load, it swings freely; the stretched spring is stiff sideways."""
     length, mass, stiffness = 0.5, 2.0, 300.0
     at = length * np.array([np.sin(angle), -np.cos(angle)])
-    mech, bob = free_ball(tuple(at), mass=mass, name="bob", gravity=9.81)
-    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), bob.point, stiffness))
+    mech, _bob = free_ball(tuple(at), mass=mass, name="bob", gravity=9.81, spring=(stiffness,))
     path = bd.equilibrium(mech)
     assert (path.status.success, path.stable, path.warnings) == (True, True, ())
     assert_allclose(path["bob.x"].iloc[-1], 0.0, atol=1e-9)

@@ -20,8 +20,9 @@ SLOW = pytest.mark.slow
 
 @bd.model(t_end=1.0)
 def oscillator(stiffness=30.0, damping=0.5, mass=1.0, elements=3):
-    mech, body = free_ball((1.0, 0.0), velocity=(0.2, 0.0), mass=mass, name="mass")
-    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), body.point, stiffness, damping))
+    mech, _body = free_ball(
+        (1.0, 0.0), velocity=(0.2, 0.0), mass=mass, name="mass", spring=(stiffness, damping)
+    )
     return mech
 
 
@@ -289,33 +290,6 @@ def test_regression_misfits_and_correlations_are_told(exact):
 @bd.model(t_end=2.0)
 def oscillator_with_unused_number(stiffness=30.0, unused=1.0):
     return oscillator(stiffness=stiffness)
-
-
-@pytest.mark.slow
-def test_regression_parameters_without_effect_cause_a_warning(exact):
-    data = {name: exact[name] for name in ("t [s]", "mass.x")}
-    with pytest.warns(bd.BeamdaeWarning) as records:
-        bd.fit(oscillator_with_unused_number, data, ["stiffness", "unused"], METHOD)
-    texts = [str(x.message) for x in records]
-    assert [x for x in texts if "unused" in x] == [
-        "fit: Changes of unused by +1 % do not change the fitted columns."
-    ]
-
-
-@bd.model(t_end=2.0)
-def oscillator_beside_another(stiffness=30.0, push=1.0):
-    mech = oscillator(stiffness=stiffness)
-    other = mech.add(bd.PointMass("other", 1.0, at=(0.0, 1.0)))
-    mech.add(bd.Force("push", other.point, (push, 0.0)))
-    return mech
-
-
-@pytest.mark.slow
-def test_regression_parameters_without_effect_on_any_column_cause_a_warning(exact):
-    """They were undetermined without a warning."""
-    data = {name: exact[name] for name in ("t [s]", "mass.x")}
-    with pytest.warns(bd.BeamdaeWarning, match="Changes of push by .* do not change the fitted"):
-        bd.fit(oscillator_beside_another, data, ["stiffness", "push"], METHOD)
 
 
 @SLOW

@@ -116,8 +116,7 @@ def test_loads_far_from_their_first_values_are_fitted():
 
     @bd.model(t_end=2.0)
     def pushed(load=1.0):
-        mech, body = free_ball((1.0, 0.0), name="mass")
-        mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), body.point, 40.0, 2.0))
+        mech, body = free_ball((1.0, 0.0), name="mass", spring=(40.0, 2.0))
         mech.add(bd.Force("push", body.point, (load, 0.0)))
         return mech
 
@@ -226,13 +225,6 @@ def test_regression_residuals_that_oscillate_are_alike(exact, period):
     vibration = 3e-3 * np.sin(2.0 * np.pi * np.arange(TIMES.size) / period)
     with pytest.warns(bd.BeamdaeWarning, match="Residuals are alike over about"):
         fit(exact + vibration + white())
-
-
-def test_regression_estimates_that_are_arbitrary_are_warned_of(exact):
-    """Values without any determination were returned, with a sentence in an attribute only."""
-    names = [*TRUE, "mass"]
-    with pytest.warns(bd.BeamdaeWarning, match="do not change the fitted columns"):
-        bd.fit(oscillator, {"t [s]": TIMES, "mass.x": exact + white()}, names, METHOD)
 
 
 @pytest.mark.parametrize("sigma", [1e-6, None])
@@ -495,8 +487,7 @@ def test_regression_one_mirrored_column_beside_others_is_named(shift):
 
 @bd.model(t_end=1.0)
 def pulled(stiffness=300.0, damping=1.0, mass=1.0):
-    mech, body = free_ball((1.0, 0.0), mass=mass, name="mass")
-    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), body.point, stiffness, damping))
+    mech, body = free_ball((1.0, 0.0), mass=mass, name="mass", spring=(stiffness, damping))
     mech.add(bd.Force("pull", body.point, (lambda t: 3.0 * t, 0.0)))
     return mech
 

@@ -23,8 +23,7 @@ class Oscillator:
         self.calls += 1
         if self.calls == self.n:
             raise self.interrupt
-        mech, body = free_ball((1.0, 0.0), velocity=(0.2, 0.0), name="mass")
-        mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), body.point, stiffness))
+        mech, _body = free_ball((1.0, 0.0), velocity=(0.2, 0.0), name="mass", spring=(stiffness,))
         return mech
 
 

@@ -60,8 +60,7 @@ def shaken_strip(law, rotates=False, damping=2e-4, elements=2, strain="exact"):
 @bd.model(t_end=0.5)
 def pushed_mass(frequency=40.0):
     """Return a mass on a damped spring under a periodic force."""
-    mech, mass = free_ball((1.0, 0.0), name="mass")
-    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), mass.point, 4e4, 20.0))
+    mech, mass = free_ball((1.0, 0.0), name="mass", spring=(4e4, 20.0))
     mech.add(bd.Force("push", mass.point, (bd.sine(1.0, frequency), 0.0)))
     return mech
 

@@ -25,6 +25,7 @@ from sliding_mass import sliding_mass
 from spin_up import spin_up
 
 import beamdae as bd
+from beamdae import quantities
 from beamdae.analysis.sensitivities.neighbors import difference_model
 
 MASS, SPEED = 2.0, 0.3
@@ -33,8 +34,9 @@ MASS, SPEED = 2.0, 0.3
 @bd.model(t_end=1.0)
 def oscillator(stiffness=40.0, damping=0.8, speed=SPEED, elements=1, scale=0.0):
     """Mass on a spring and a damper, moving along the line of the spring."""
-    mech, mass = free_ball((1.0, 0.0), velocity=(speed, 0.0), mass=MASS, name="mass")
-    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), mass.point, stiffness, damping))
+    mech, mass = free_ball(
+        (1.0, 0.0), velocity=(speed, 0.0), mass=MASS, name="mass", spring=(stiffness, damping)
+    )
     mech.add(bd.Force("pull", mass.point, (abs(scale), 0.0)))
     return mech
 
@@ -205,7 +207,7 @@ def test_bodies_that_follow_a_given_velocity():
     forward = bd.sensitivities(towed, ["speed", "mass"], method, estimate_error=False)
     table = forward.table()
     gradient = bd.gradient(
-        towed, bd.quantities.EndValue("ram.x"), ["speed", "mass"], method, estimate_error=False
+        towed, quantities.EndValue("ram.x"), ["speed", "mass"], method, estimate_error=False
     )
     for name in ("speed", "mass"):
         (column,) = [x for x in table.columns if x.startswith(f"d(ram.x)/d({name})")]
@@ -402,7 +404,7 @@ def test_parameters_of_any_scale(model):
             actual.sensitivity("mass.x", name), rate * expected, rtol=0.0, atol=1e-7 * size
         )
         gradient = bd.gradient(
-            model, bd.quantities.EndValue("mass.x"), name, integrator=method, parameters=values
+            model, quantities.EndValue("mass.x"), name, integrator=method, parameters=values
         )
         assert gradient.derivatives[name] == pytest.approx(rate * expected.iloc[-1], rel=1e-7)
 
@@ -794,8 +796,9 @@ def branched(gain=2.0):
 @bd.model(t_end=0.4)
 def driven(gain=1.0):
     """Mass driven by an observed input."""
-    mech, mass = free_ball((1.0, 0.0), velocity=(0.5, 0.0), mass=2.0, name="mass")
-    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), mass.point, 40.0, 0.8))
+    mech, mass = free_ball(
+        (1.0, 0.0), velocity=(0.5, 0.0), mass=2.0, name="mass", spring=(40.0, 0.8)
+    )
     drive = mech.input("drive", lambda t: gain * ca.sin(5.0 * t), unit="N")
     mech.add(bd.Force("push", mass.point, (drive, 0.0)))
     return mech
@@ -812,7 +815,7 @@ def test_regression_values_that_change_the_form_of_observed_columns(gain):
     for column in ("mass.x", "drive"):
         expected = (ahead[column].iloc[-1] - behind[column].iloc[-1]) / (2.0 * step)
         forward = result.sensitivity(column, "gain").iloc[-1]
-        adjoint = bd.gradient(driven, bd.quantities.EndValue(column), "gain", method, **options)
+        adjoint = bd.gradient(driven, quantities.EndValue(column), "gain", method, **options)
         assert forward == pytest.approx(expected, rel=1e-6)
         assert adjoint.derivatives["gain"] == pytest.approx(forward, rel=1e-11)
 
@@ -882,7 +885,7 @@ def stepped_strip(step=0.11, height=3e-3, unused=1.0):
         (
             "gradient",
             lambda by: bd.gradient(
-                stepped_strip, bd.quantities.EndValue("tip.y"), by, bd.GeneralizedAlpha(step=1e-3)
+                stepped_strip, quantities.EndValue("tip.y"), by, bd.GeneralizedAlpha(step=1e-3)
             ),
         ),
     ],
@@ -917,9 +920,9 @@ def kinked_oscillator(stiffness=40.0):
         ("mode_sensitivities", lambda f, *x: f(*x)),
         ("equilibrium_sensitivities", lambda f, *x: f(*x)),
         ("periodic_sensitivities", lambda f, *x: f(*x, period=1.0)),
-        ("gradient", lambda f, model, by: f(model, bd.quantities.EndValue("mass.x"), by)),
-        ("optimize", lambda f, model, by: f(model, bd.quantities.EndValue("mass.x"), by)),
-        ("optimize", lambda f, model, by: f(model, bd.quantities.Frequency(1), by)),
+        ("gradient", lambda f, model, by: f(model, quantities.EndValue("mass.x"), by)),
+        ("optimize", lambda f, model, by: f(model, quantities.EndValue("mass.x"), by)),
+        ("optimize", lambda f, model, by: f(model, quantities.Frequency(1), by)),
         ("fit", lambda f, model, by: f(model, {"t [s]": [0.1], "mass.x": [1.0]}, by)),
     ],
 )
@@ -935,8 +938,7 @@ def jumping_oscillator(stiffness=40.0):
     """Oscillator whose mass jumps next to the default stiffness, as tables of curves can."""
     at, speed = (1.0, 0.0), (0.2, 0.0)
     mass = 1.0 + 1e-5 * (stiffness > 40.06)
-    mech, body = free_ball(at, velocity=speed, mass=mass, name="mass")
-    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), body.point, stiffness, 0.1))
+    mech, _body = free_ball(at, velocity=speed, mass=mass, name="mass", spring=(stiffness, 0.1))
     return mech
 
 

@@ -69,6 +69,5 @@ def test_a_check_is_displayed_as_a_table():
 
 def test_regression_decaying_modes_are_no_vibrations_of_zero_hertz():
     """An overdamped axial mode of a leaf spring was shown as 0 Hz beside vibrations."""
-    mech, mass = mass_on_rail(x=1.0)
-    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), mass.point, 100.0, 50.0))
+    mech, _mass = mass_on_rail(x=1.0, spring=(100.0, 50.0))
     assert repr(bd.modes(mech)) == "<Modes about reference: 2, decay, decay>"

@@ -150,18 +150,6 @@ def test_compared_columns_must_exist_and_move(columns, message):
         bd.compare([bd.Case(at_rest, {}, ALPHA)], bd.Case(at_rest, {}, ALPHA), columns=columns)
 
 
-def test_an_interrupted_comparison_returns_all_rows():
-    def interrupt(label, t):
-        raise KeyboardInterrupt
-
-    cases = [bd.Case(swing, {}, bd.GeneralizedAlpha(step=1e-3))] * 2
-    table = bd.compare(cases, progress=interrupt, partial="return")
-    assert list(table["status"]) == ["interrupted"] * 2
-    first, second = table["reason"]
-    assert first.startswith("interrupted at t = ")
-    assert second == "not run because the study was interrupted"
-
-
 def test_progress_receives_the_label_of_the_case():
     calls = []
     case = bd.Case(swing, {}, bd.GeneralizedAlpha(step=1e-3))

@@ -15,8 +15,7 @@ BOUNDS = {"stiffness": (10.0, 300.0)}
 def oscillator(stiffness=200.0):
     if stiffness > 400.0:
         raise bd.BeamdaeError("oscillator: the spring is too stiff.")
-    mech, body = free_ball((1.0, 0.0), velocity=(0.2, 0.0), name="mass")
-    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), body.point, stiffness))
+    mech, _body = free_ball((1.0, 0.0), velocity=(0.2, 0.0), name="mass", spring=(stiffness,))
     return mech
 
 
