@@ -2,6 +2,7 @@
 
 import numpy as np
 import scipy.sparse as sp
+from mechanisms import EARTH, rectangle
 
 import beamdae as bd
 from beamdae.equations.formulations.first_order import formulate_first_order
@@ -10,12 +11,12 @@ from beamdae.equations.starts.state_evaluator import StateEvaluator
 from beamdae.integrators.radau.coefficients import COMPLEX_EIGENVALUE, REAL_EIGENVALUE
 
 ALLOY = bd.Material(E=68.95e9, nu=0.3, rho=2760.0)
-STRIP = bd.Section.rectangle(ALLOY, width=0.03, height=0.0025, damping=1e-4)
+STRIP = rectangle(0.0025, 0.03, damping=1e-4, material=ALLOY)
 
 
 def chain_of_beams(beams, joint=bd.Revolute, elements=4, frame="tangent"):
     """Return a mechanism of straight beams in a row, the first hinged to the ground."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     links = []
     for k in range(beams):
         line = bd.Line((0.4 * k, 0.0), (0.4 * (k + 1), 0.0))

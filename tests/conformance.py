@@ -3,8 +3,6 @@
 Joints and loads enter with their sample call; further variants are listed here.
 """
 
-from __future__ import annotations
-
 from dataclasses import fields, replace
 from functools import partial
 
@@ -52,7 +50,11 @@ def integrators(rtol, step, also=None, slow=(), **settings):
     return pytest.mark.parametrize(
         "integrator",
         [
-            pytest.param(one, id=name, marks=[pytest.mark.slow] if name in slow else [])
+            pytest.param(
+                one,
+                id=name,
+                marks=[pytest.mark.slow(reason="several runs")] if name in slow else [],
+            )
             for name, one in tuned(rtol, step, also, **settings).items()
         ],
     )

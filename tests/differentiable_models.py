@@ -1,12 +1,14 @@
 """Models whose derivatives are tested forward and backward."""
 
+from mechanisms import EARTH, hinged_beam, rectangle
+
 import beamdae as bd
 
 
 @bd.model(t_end=0.6)
 def swing(torque=3.0, width=0.4, mass=2.0, until=0.2):
     """Pendulum driven by a torque with two breakpoints."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     rod = mech.add(bd.RigidBody.rod("rod", (0.0, 0.0), (width, 0.0), mass=mass))
     pin = mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), rod.at(0.0, 0.0)))
     law = bd.piecewise((until, torque), (0.4, -torque), 0.0)
@@ -19,10 +21,8 @@ def swing(torque=3.0, width=0.4, mass=2.0, until=0.2):
 @bd.model(t_end=0.1)
 def turning(speed=2.0, length=0.5):
     """Beam on a motor with constant speed, which sets the whole beam in rigid motion."""
-    mech = bd.Mechanism()
-    steel = bd.Section.rectangle(bd.Material.of("steel"), 0.02, 0.01, damping=1e-3)
-    beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (length, 0.0)), steel, elements=1))
-    mech.add(bd.Revolute("pivot", mech.ground.at(0.0, 0.0), beam.start))
+    steel = rectangle(0.01, damping=1e-3)
+    mech, beam = hinged_beam(steel, 1, length)
     root = mech.ground.at(0.0, 0.0)
     mech.add(bd.Driver("motor", root, beam.start, lambda t: speed * t))
     mech.observe("tip", beam.end)

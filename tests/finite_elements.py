@@ -1,7 +1,5 @@
 """Mass and stiffness matrices of planar finite-element models, for bodies made of them."""
 
-from __future__ import annotations
-
 import numpy as np
 
 

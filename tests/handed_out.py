@@ -5,8 +5,6 @@ entries of these. Tables, arrays, sparse matrices, dictionaries, lists and sets 
 overwritten. Afterwards, all of them are read again.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import inspect
 import warnings
@@ -18,6 +16,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import scipy.sparse as sp
+from mechanisms import hinged_beam, mass_on_rail, rectangle
 
 import beamdae as bd
 
@@ -179,15 +178,14 @@ def list_changes(thing: Any) -> list[str]:
     return sorted(path for path in expected if path and again.get(path) != expected[path])
 
 
-STRIP = bd.Section.rectangle(bd.Material.of("steel"), width=0.01, height=0.004)
+STRIP = rectangle(0.004, 0.01)
 
 
 @bd.model(t_end=0.1)
 def arm(stiffness=50.0):
     """Beam on a hinge with a spring, shaken at its tip."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81), start={"arm.x0": 0.0})
-    beam = mech.add(bd.Beam("arm", bd.Line((0.0, 0.0), (1.0, 0.0)), STRIP, elements=2))
-    hinge = mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), beam.start))
+    mech, beam = hinged_beam(STRIP, 2, name="arm", gravity=9.81, start={"arm.x0": 0.0})
+    hinge = mech.part("hinge")
     mech.add(bd.TorsionSpring("spring", hinge.a, hinge.b, stiffness))
     mech.add(bd.TorsionSpring("damper", hinge.a, hinge.b, damping=1.0))
     mech.add(bd.Force("shaker", beam.end, (0.0, bd.sine(1.0, frequency=10.0))))
@@ -199,10 +197,7 @@ def arm(stiffness=50.0):
 @bd.model(t_end=0.1)
 def shaken(stiffness=100.0, damping=50.0):
     """Mass on a spring, shaken ten times per second."""
-    mech = bd.Mechanism()
-    bob = mech.add(bd.PointMass("bob", 1.0, at=(1.0, 0.0)))
-    mech.add(bd.PointOnLine("rail", mech.ground.at(1.0, 0.0), bob.point, (1.0, 0.0)))
-    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), bob.point, stiffness, damping))
+    mech, bob = mass_on_rail(x=1.0, name="bob", spring=(stiffness, damping))
     mech.add(bd.Force("shaker", bob.point, (bd.sine(1.0, frequency=10.0), 0.0)))
     mech.observe("bob", bob.point)
     return mech

@@ -4,33 +4,119 @@ Each builder observes what a user of it would plot. Arguments are the numbers th
 else a test needs it adds to the mechanism, whose parts `mech.part(name)` returns.
 """
 
-from __future__ import annotations
-
+import casadi as ca
 import numpy as np
 
 import beamdae as bd
 
 G = 9.81
+EARTH = (0.0, -G)  # gravity
+
+
+def symbols(n=1):
+    """Time, coordinates and velocities of a constrained system."""
+    return ca.SX.sym("t"), ca.SX.sym("q", n), ca.SX.sym("v", n)
+
+
 STEEL = bd.Material(E=2.1e11, nu=0.3, rho=7850.0)
 ALLOY = bd.Material(E=70e9, nu=0.3, rho=2700.0)
 
 
-def strip(thickness=0.002, width=0.03, material=STEEL, damping=0.0):
-    return bd.Section.rectangle(material, width=width, height=thickness, damping=damping)
+def rectangle(height=0.002, width=0.02, damping=0.0, material=STEEL):
+    """A section of steel, by default."""
+    return bd.Section.rectangle(material, width=width, height=height, damping=damping)
+
+
+STRIP, DAMPED_STRIP = rectangle(0.002, 0.03), rectangle(0.002, 0.03, damping=1e-3)
+
+
+def clamped_beam(section, elements=None, curve=1.0, **settings):
+    """A mechanism and its beam, clamped at its start.
+
+    A number in place of a curve is the length of a straight beam along x, and a point its end.
+    """
+    return _beam_on("clamp", bd.Weld, section, elements, curve, **settings)
+
+
+def hinged_beam(section, elements=None, curve=1.0, **settings):
+    """A mechanism and its beam on a hinge at its start."""
+    return _beam_on("hinge", bd.Revolute, section, elements, curve, **settings)
+
+
+def _beam_on(
+    name_of_joint,
+    joint,
+    section,
+    elements,
+    curve,
+    name="beam",
+    gravity=0.0,
+    start="as drawn",
+    **settings,
+):
+    mech = bd.Mechanism(gravity=(0.0, -gravity), start=start)
+    if isinstance(curve, (int, float)):
+        curve = (curve, 0.0)
+    if isinstance(curve, tuple):
+        curve = bd.Line((0.0, 0.0), curve)
+    beam = mech.add(bd.Beam(name, curve, section, elements, **settings))
+    mech.add(joint(name_of_joint, mech.ground.at(*beam.start.point), beam.start))
+    return mech, beam
+
+
+def hinged(body, gravity=0.0, start="as drawn"):
+    """A mechanism and its body, on a hinge at the origin."""
+    mech = bd.Mechanism(gravity=(0.0, -gravity), start=start)
+    mech.add(body)
+    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), body.at(0.0, 0.0)))
+    return mech, body
+
+
+def hinged_body(
+    mass=1.0, inertia=0.1, center=(0.0, 0.0), name="body", gravity=0.0, start="as drawn", **velocity
+):
+    """A mechanism and its rigid body, on a hinge at the origin."""
+    return hinged(bd.RigidBody(name, mass, inertia, center, **velocity), gravity, start)
+
+
+def free_ball(
+    at=(0.0, 0.0), mass=1.0, name="ball", gravity=0.0, start="as drawn", spring=(), **velocity
+):
+    """A mechanism and its point mass, whose motion is observed.
+
+    The stiffness and damping of a spring to the origin are optional.
+    """
+    mech, ball = _point_mass(at, mass, name, gravity, start, spring, velocity)
+    mech.observe(name, ball.point)
+    return mech, ball
+
+
+def mass_on_rail(
+    mass=1.0, x=0.0, name="mass", gravity=0.0, start="as drawn", spring=(), **velocity
+):
+    """A mechanism and its point mass on a rail along the x-axis, see `free_ball`."""
+    mech, body = _point_mass((x, 0.0), mass, name, gravity, start, spring, velocity)
+    mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), body.point, (1.0, 0.0)))
+    return mech, body
+
+
+def _point_mass(at, mass, name, gravity, start, spring, velocity):
+    mech = bd.Mechanism(gravity=(0.0, -gravity), start=start)
+    body = mech.add(bd.PointMass(name, mass, at=at, **velocity))
+    if spring:
+        mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), body.point, *spring))
+    return mech, body
 
 
 def falling_ball(height=2.0, gravity=G, **ball):
     """A ball of 1 kg above the origin."""
-    mech = bd.Mechanism(gravity=(0.0, -gravity))
-    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, height), **ball))
-    mech.observe("ball", ball.point)
-    return mech
+    return free_ball((0.0, height), gravity=gravity, **ball)[0]
 
 
 @bd.model(t_end=0.6)
 def dropped_ball(stiffness=1e10):
     """A ball of 1 kg that falls by 1 m onto a stop."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     body = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 1.0)))
     floor = bd.LineSurface(mech.ground.at(0.0, 0.0))
     mech.observe("stop", mech.add(bd.Contact("stop", body.point, floor, stiffness)).force)
@@ -53,11 +139,7 @@ def bouncing_ball(restitution=0.8, height=0.3):
 
 def oscillator(stiffness=30.0, damping=0.5, mass=1.0, speed=0.2, load=0.0):
     """A mass at x = 1 m on a rail, with a spring and damper to the origin."""
-    mech = bd.Mechanism()
-    body = mech.add(bd.PointMass("mass", mass, at=(1.0, 0.0), velocity=(speed, 0.0)))
-    wall = mech.ground.at(0.0, 0.0)
-    mech.add(bd.PointOnLine("rail", wall, body.point, (1.0, 0.0)))
-    mech.add(bd.Spring("spring", wall, body.point, stiffness, damping))
+    mech, body = mass_on_rail(mass, 1.0, velocity=(speed, 0.0), spring=(stiffness, damping))
     mech.add(bd.Force("load", body.point, (load, 0.0)))
     mech.observe("mass", body.point)
     return mech
@@ -65,21 +147,17 @@ def oscillator(stiffness=30.0, damping=0.5, mass=1.0, speed=0.2, load=0.0):
 
 def rope_swing(length=0.5, mass=2.0):
     """A mass on a rope, released at the height of its hook."""
-    mech = bd.Mechanism(gravity=(0.0, -G))
-    bob = mech.add(bd.PointMass("bob", mass, at=(length, 0.0)))
+    mech, bob = free_ball((length, 0.0), mass, "bob", G)
     mech.add(bd.Distance("rope", mech.ground.at(0.0, 0.0), bob.point))
-    mech.observe("bob", bob.point)
     return mech
 
 
 def swing(mass=2.0, torque=0.0):
     """A rigid body on a hinge, 1 m beside its center and 2 m beside its end, released at rest."""
-    mech = bd.Mechanism(gravity=(0.0, -G))
-    bob = mech.add(bd.RigidBody("bob", mass, inertia=0.1, center=(1.0, 0.0)))
-    hinge = mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), bob.at(0.0, 0.0)))
+    mech, bob = hinged_body(mass, 0.1, (1.0, 0.0), "bob", G)
     mech.add(bd.Moment("torque", on=bob.at(1.0, 0.0), law=torque))
     mech.observe("end", bob.at(2.0, 0.0))
-    mech.observe("hinge", hinge.reaction)
+    mech.observe("hinge", mech.part("hinge").reaction)
     return mech
 
 
@@ -109,27 +187,20 @@ def truss(rise=0.2, stiffness=1000.0, load=1.0, span=1.0, damping=0.0):
     return mech
 
 
-def cantilever(elements=4, curve=None, section=None, load=(0.0, 0.0), gravity=0.0, **settings):
-    """A beam from the origin, by default a straight strip of 1 m, with a force at its end."""
-    mech = bd.Mechanism(gravity=(0.0, -gravity))
-    curve = curve or bd.Line((0.0, 0.0), (1.0, 0.0))
-    beam = mech.add(bd.Beam("beam", curve, section or strip(), elements, **settings))
-    clamp = mech.add(bd.Weld("clamp", mech.ground.at(*beam.start.point), beam.start))
+def cantilever(elements=4, curve=1.0, section=STRIP, load=(0.0, 0.0), **settings):
+    """A clamped beam, by default a straight strip of 1 m, with a force at its end."""
+    mech, beam = clamped_beam(section, elements, curve, **settings)
     mech.add(bd.Force("load", beam.end, load))
     mech.observe("tip", beam.end)
-    mech.observe("clamp", clamp.reaction)
+    mech.observe("clamp", mech.part("clamp").reaction)
     return mech
 
 
-def beam_pendulum(elements=2, curve=None, section=None, gravity=G, **settings):
-    """A beam on a hinge at the origin, by default a straight strip of 1 m, released at rest."""
-    mech = bd.Mechanism(gravity=(0.0, -gravity))
-    curve = curve or bd.Line((0.0, 0.0), (1.0, 0.0))
-    section = section or strip(damping=1e-3)
-    beam = mech.add(bd.Beam("beam", curve, section, elements, **settings))
-    hinge = mech.add(bd.Revolute("hinge", mech.ground.at(*beam.start.point), beam.start))
+def beam_pendulum(elements=2, curve=1.0, section=DAMPED_STRIP, gravity=G, **settings):
+    """A beam on a hinge, by default a straight strip of 1 m, released at rest."""
+    mech, beam = hinged_beam(section, elements, curve, gravity=gravity, **settings)
     mech.observe("tip", beam.end)
-    mech.observe("hinge", hinge.reaction)
+    mech.observe("hinge", mech.part("hinge").reaction)
     return mech
 
 
@@ -138,7 +209,7 @@ def driven_blade(speed=10.0, rise_time=0.0, hub=0.1, elements=2, section=None, *
     mech = bd.Mechanism()
     disk = mech.add(bd.RigidBody.disk("hub", (0.0, 0.0), hub, mass=5.0))
     line = bd.Line((hub, 0.0), (hub + 0.5, 0.0))
-    section = section or strip(0.005, damping=1e-4)
+    section = section or rectangle(0.005, 0.03, damping=1e-4)
     blade = mech.add(bd.Beam("blade", line, section, elements, **settings))
     shaft = mech.ground.at(0.0, 0.0), disk.at(0.0, 0.0)
     mech.add(bd.Revolute("bearing", *shaft))
@@ -157,7 +228,7 @@ def balance_wheel(thickness=3e-5, **settings):
     radius = inner + (outer - inner) * angle / angle[-1]
     spiral = bd.Curve(points=np.column_stack([radius * np.cos(angle), radius * np.sin(angle)]))
     mech = bd.Mechanism(**settings)
-    spring = mech.add(bd.Beam("spring", spiral, strip(thickness, width=1.5e-4)))
+    spring = mech.add(bd.Beam("spring", spiral, rectangle(thickness, 1.5e-4)))
     wheel = mech.add(bd.RigidBody("wheel", mass=1e-4, inertia=2e-9))
     mech.add(bd.Revolute("pivot", mech.ground.at(0.0, 0.0), wheel.at(0.0, 0.0)))
     mech.add(bd.Weld("collet", wheel.at(inner, 0.0), spring.start))

@@ -1,7 +1,5 @@
 """Sample call of each public part, law and objective, and the mechanism for these calls."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import cached_property
 from typing import Any

@@ -1,7 +1,5 @@
 """Beam variants, small models, and equations of motion as numpy functions, for the tests."""
 
-from __future__ import annotations
-
 import itertools
 from functools import cached_property, partial
 from typing import NamedTuple
@@ -122,7 +120,10 @@ def parametrize_variants(variants, slow=_SLOW_VARIANTS):
     """Parametrize a test by `variant`; the variants in `slow` are marked as slow tests."""
     return pytest.mark.parametrize(
         "variant",
-        [pytest.param(v, marks=[pytest.mark.slow] if v in slow else []) for v in variants],
+        [
+            pytest.param(v, marks=[pytest.mark.slow(reason="several runs")] if v in slow else [])
+            for v in variants
+        ],
         ids=str,
     )
 

@@ -5,6 +5,7 @@ import pickle
 import re
 
 import pytest
+from mechanisms import free_ball
 
 import beamdae as bd
 
@@ -19,9 +20,7 @@ FUNCTIONS = [x for x in PUBLIC if inspect.isfunction(x)]
 
 @bd.model(t_end=1.0)
 def press(rpm=10.0, elements=8):
-    mech = bd.Mechanism()
-    body = mech.add(bd.PointMass("mass", 1.0, at=(rpm, 0.0)))
-    mech.observe("mass", body.point)
+    mech, _ = free_ball((rpm, 0.0), name="mass")
     return mech
 
 

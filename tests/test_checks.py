@@ -1,7 +1,5 @@
 """Findings of `check` for sound mechanisms and for mechanisms with common mistakes."""
 
-from __future__ import annotations
-
 import re
 from itertools import pairwise
 
@@ -9,7 +7,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from conformance import integrators
-from mechanisms import strip
+from mechanisms import EARTH, clamped_beam, hinged_body, mass_on_rail, rectangle, symbols
 from numpy.testing import assert_allclose
 from slider_crank import slider_crank
 
@@ -18,7 +16,7 @@ import beamdae as bd
 
 def linkage(bars, lean=0.3, height=1.0, **settings):
     """Return a coupler on parallel bars; two bars determine its motion."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81), **settings)
+    mech = bd.Mechanism(gravity=EARTH, **settings)
     middle = (0.5 * (bars - 1) + lean, height)
     coupler = mech.add(bd.RigidBody("coupler", 1.0, 0.1, center=middle))
     for k in range(bars):
@@ -62,7 +60,7 @@ def doubly_driven_crank(first=3.0, second=3.0, **settings):
 
 def linkage_without_a_guide():
     """Return a crank with an unguided rod, and a body without joints."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     crank = mech.add(bd.RigidBody("crank", 1.0, 0.1, center=(0.5, 0.0)))
     rod = mech.add(bd.RigidBody("rod", 1.0, 0.1, center=(2.0, 0.0)))
     mech.add(bd.RigidBody("lost", 1.0, 0.1, center=(5.0, 5.0)))
@@ -154,7 +152,7 @@ def test_missing_joint_shows_in_the_free_motions():
 def test_regression_verdicts_name_parts_that_can_move_away(add, is_free):
     """A stage without its welds, moved by its actuator, was ready to run without a word."""
     mech = bd.Mechanism()
-    strip = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=1e-3)
+    strip = rectangle(1e-3)
     leaf = mech.add(bd.Beam("leaf", bd.Line((0.0, 0.0), (0.0, 0.1)), strip, formulation="exact"))
     mech.add(bd.Weld("foot", mech.ground.at(0.0, 0.0), leaf.start))
     # A free body that a spring connects to the stage does not hold it.
@@ -186,13 +184,13 @@ def test_regression_verdicts_name_parts_that_can_move_away(add, is_free):
 )
 def test_regression_verdicts_name_free_motions_along_which_nothing_acts(add):
     """A press whose ram had no guide was ready to run without a word."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     ground = mech.ground
     crank = mech.add(bd.RigidBody("crank", 10.0, 0.05))
     mech.add(bd.Revolute("shaft", ground.at(0.0, 0.0), crank.at(0.0, 0.0)))
     mech.add(bd.Driver("motor", ground.at(0.0, 0.0), crank.at(0.0, 0.0), lambda t: 6.0 * t))
     line = bd.Line((0.0, 0.06), (0.0, -0.24))
-    rod = mech.add(bd.Beam("rod", line, strip(0.05), elements=2))
+    rod = mech.add(bd.Beam("rod", line, rectangle(0.05, 0.03), elements=2))
     ram = mech.add(bd.PointMass("ram", 20.0, at=(0.0, -0.24)))
     mech.add(bd.Revolute("pin", crank.at(0.0, 0.06), rod.start))
     mech.add(bd.Revolute("wrist", rod.end, ram.point))
@@ -211,9 +209,9 @@ def test_regression_verdicts_name_free_motions_along_which_nothing_acts(add):
     ("gravity", "velocity", "count"), [(0.0, 0.0, 1), (0.0, 1.0, 0), (9.81, 0.0, 0)]
 )
 def test_pendulums_and_bodies_with_a_velocity_are_not_in_the_verdict(gravity, velocity, count):
-    mech = bd.Mechanism(gravity=(0.0, -gravity))
-    bar = mech.add(bd.RigidBody("bar", 1.0, 0.1, center=(0.5, 0.0), angular_velocity=velocity))
-    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), bar.at(0.0, 0.0)))
+    mech, _ = hinged_body(
+        1.0, 0.1, (0.5, 0.0), name="bar", gravity=gravity, angular_velocity=velocity
+    )
     assert len(bd.check(mech, t_end=1.0, predict=False).unheld_motions) == count
 
 
@@ -227,7 +225,7 @@ def test_rods_of_constant_length_are_no_drivers():
 
 def test_regression_verdicts_name_motions_that_grow_from_the_start():
     """The head of a column without its guide was listed as unstable, and ready to run."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     ground, head = mech.ground, mech.add(bd.PointMass("head", 2.0, at=(0.0, 1.0)))
     column = mech.add(bd.RigidBody("column", 1.0, 0.1, center=(0.0, 0.5)))
     mech.add(bd.Revolute("foot", ground.at(0.0, 0.0), column.at(0.0, 0.0)))
@@ -374,11 +372,11 @@ def test_redundant_joint_in_a_singular_position_is_distinguished():
 
 
 def test_check_of_a_mechanism_without_joints_and_a_constrained_system():
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     mech.add(bd.PointMass("stone", 1.0, at=(0.0, 0.0)))
     findings = bd.check(mech, t_end=1.0)
     assert (findings.ok, findings.mobility, findings.loose) == (True, 2, (("stone",),))
-    t, q, v = ca.SX.sym("t"), ca.SX.sym("q", 2), ca.SX.sym("v", 2)
+    t, q, v = symbols(2)
     bob = bd.ConstrainedSystem(
         t=t, q=q, v=v, mass=[1, 1], force=[0, -9.81], q0=[1, 0], v0=[0, 0],
         constraints=ca.dot(q, q) - 1.0,
@@ -400,10 +398,8 @@ def test_starts_of_checks_are_those_of_runs():
 @pytest.mark.slow(reason="two runs of a beam")
 def test_regression_meshes_are_not_compared_at_rest():
     """Rounding errors of velocities in equilibrium changed by 139 % with halved elements."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    section = bd.Section.rectangle(bd.Material.of("steel"), width=0.01, height=1e-3, damping=1e-4)
-    strip = mech.add(bd.Beam("strip", bd.Line((0.0, 0.0), (0.2, 0.0)), section, elements=3))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), strip.start))
+    section = rectangle(1e-3, 0.01, damping=1e-4)
+    mech, strip = clamped_beam(section, 3, 0.2, name="strip", gravity=9.81)
     stop = bd.LineSurface(mech.ground.at(0.0, -1e-4))
     mech.add(bd.Contact("tip", strip.end, stop, 1e5, exponent=1))
     mech.observe("end", strip.end)
@@ -414,9 +410,7 @@ def test_regression_meshes_are_not_compared_at_rest():
 
 def test_regression_states_and_held_values_are_no_degrees_of_freedom():
     """The mobility of a stage with a filter and a sampled controller was 4 instead of 1."""
-    mech = bd.Mechanism()
-    stage = mech.add(bd.PointMass("stage", 2.0, at=(0.0, 0.0)))
-    mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), stage.point))
+    mech, stage = mass_on_rail(2.0, name="stage")
     force = mech.input("force")
     mech.add(bd.Force("motor", stage.point, (force, 0.0)))
     x = mech.sensor("x", stage.point, "x")
@@ -439,7 +433,9 @@ def test_rigid_mobility_treats_a_beam_of_nodes_as_one_body():
         ([bd.Weld] * 2, 0),
     ):
         mech = bd.Mechanism()
-        beam = mech.add(bd.Beam("arch", arc, strip(0.01), elements=2, formulation="exact"))
+        beam = mech.add(
+            bd.Beam("arch", arc, rectangle(0.01, 0.03), elements=2, formulation="exact")
+        )
         for k, (joint, end) in enumerate(zip(joints, (beam.start, beam.end), strict=False)):
             mech.add(joint(f"joint {k}", mech.ground.at(*end.point), end))
         findings = bd.check(mech)
@@ -496,7 +492,7 @@ def test_regression_sections_higher_than_their_beams_are_long_cause_a_warning():
 
     def warnings_of(height, bodies=1):
         mech = bd.Mechanism()
-        section = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=height)
+        section = rectangle(height)
         line = bd.Line((0.0, 0.0), (0.3, 0.0))
         beams = bd.welded_beams(mech, "strip", line, section, bodies=bodies, elements=1)
         mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beams[0].start))
@@ -527,10 +523,8 @@ def test_regression_sections_higher_than_their_beams_are_long_cause_a_warning():
 @pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
 def test_regression_flexures_with_width_and_height_exchanged_have_a_warning(height, length, joined):
     """Sections up to three times as high as their beams are long had none in any analysis."""
-    section = strip(height, width=3e-4)
-    mech = bd.Mechanism()
-    flexure = mech.add(bd.Beam("flexure", bd.Line((0.0, 0.0), (length, 0.0)), section, elements=1))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), flexure.start))
+    section = rectangle(height, 3e-4)
+    mech, flexure = clamped_beam(section, 1, length, name="flexure")
     if joined:
         line = bd.Line((length, 0.0), (1.0, 0.0))
         other = mech.add(bd.Beam("bar", line, section, elements=1))
@@ -543,11 +537,8 @@ def test_dampings_that_seem_to_be_damping_ratios_cause_a_warning():
     steel, plastic = bd.Material.of("steel"), bd.Material(E=2.4e9, nu=0.35, rho=1240.0)
 
     def strip(damping, material=steel, length=0.5):
-        mech = bd.Mechanism()
-        section = bd.Section.rectangle(material, 0.02, 0.004, damping)
-        line = bd.Line((0.0, 0.0), (length, 0.0))
-        beam = mech.add(bd.Beam("strip", line, section, elements=2))
-        mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+        section = rectangle(0.004, damping=damping, material=material)
+        mech, _ = clamped_beam(section, 2, length, name="strip")
         return mech
 
     with pytest.warns(bd.BeamdaeWarning, match=r"strip: .* 0\.01 s .*\(13\.4 Hz\).* 0\.42\. For"):
@@ -573,9 +564,8 @@ def test_dampings_that_seem_to_be_damping_ratios_cause_a_warning():
 
 def bounce(elements, observes=True):
     """A strip that falls on two stops with oblique surfaces."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    steel = bd.Material.of("steel")
-    strip = bd.Section.rectangle(steel, width=0.02, height=0.004, damping=1e-6)
+    mech = bd.Mechanism(gravity=EARTH)
+    strip = rectangle(0.004, damping=1e-6)
     curve = bd.Line((-0.15, 0.001), (0.15, 0.002))
     beam = mech.add(bd.Beam("strip", curve, strip, elements=elements))
     floor = bd.LineSurface(mech.ground.at(0.0, 0.0))
@@ -601,8 +591,8 @@ def test_regression_mesh_errors_of_impacts_are_measured():
 @pytest.mark.slow(reason="two runs with a slider")
 def test_regression_mesh_errors_of_sliding_points_have_a_warning():
     """The force of a bead on an arch of 4 elements was 23 % off without a word."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    section = bd.Section.rectangle(bd.Material.of("steel"), 0.02, 0.006, damping=2e-4)
+    mech = bd.Mechanism(gravity=EARTH)
+    section = rectangle(0.006, damping=2e-4)
     curve = bd.Parabola(span=1.0, rise=0.2, start=(0.0, 0.0))
     arch = mech.add(bd.Beam("arch", curve, section, elements=4))
     for k, end in enumerate((arch.start, arch.end)):

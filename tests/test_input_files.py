@@ -1,7 +1,5 @@
 """Inputs are never outputs: no command and no method replaces a file that it has read."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

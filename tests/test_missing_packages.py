@@ -9,6 +9,7 @@ import warnings
 from pathlib import Path
 
 import pytest
+from mechanisms import free_ball
 
 import beamdae as bd
 
@@ -111,9 +112,7 @@ def test_auto_uses_radau_if_ida_cannot_be_imported(monkeypatch):
     monkeypatch.setattr("beamdae.integrators.ida.compiled_solver.load_library", fail)
     monkeypatch.setitem(sys.modules, "beamdae.integrators.ida.python_solver", None)
     monkeypatch.setattr("beamdae.errors._issued_messages", set())
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 2.0)))
-    mech.observe("ball", ball.point)
+    mech, _ = free_ball((0.0, 2.0), gravity=9.81)
     with warnings.catch_warnings(record=True) as issued:
         warnings.simplefilter("always")
         runs = [bd.simulate(mech, t_end=1.0) for _ in range(2)]

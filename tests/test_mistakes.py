@@ -5,14 +5,14 @@ import traceback
 import casadi as ca
 import pytest
 from command_line import invoke
-from robustness.inputs.bad_values import HOSTILE_VALUES
+from mechanisms import EARTH, hinged_body, rectangle, symbols
 from robustness.judge import check_sentence
 
 import beamdae as bd
 
 
 def falling(name="ball"):
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 2.0)))
     mech.observe(name, ball.point)
     return mech
@@ -23,15 +23,13 @@ def run(name="ball", **settings):
 
 
 def frame_with(**settings):
-    strip = bd.Section.rectangle(bd.Material.of("steel"), width=0.01, height=0.01)
+    strip = rectangle(0.01, 0.01)
     points = {"A": (0.0, 0.0), "B": (1.0, 0.0)}
     return bd.frame(bd.Mechanism(), "portal", points, ["AB"], strip, **settings)
 
 
 def driven(rate):
-    mech = bd.Mechanism()
-    disk = mech.add(bd.RigidBody("disk", 1.0, 1.0))
-    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), disk.at(0.0, 0.0)))
+    mech, disk = hinged_body(1.0, 1.0, name="disk")
     law = lambda t: rate * t  # noqa: E731
     mech.add(bd.Driver("drive", mech.ground.at(0.0, 0.0), disk.at(0.0, 0.0), law))
     return bd.simulate(mech, t_end=0.1)
@@ -114,7 +112,7 @@ def test_checkpoints_without_a_suffix(tmp_path):
 
 
 def test_repr_names_the_columns_of_a_constrained_system():
-    t, q, v = ca.SX.sym("t"), ca.SX.sym("q", 2), ca.SX.sym("v", 2)
+    t, q, v = symbols(2)
     system = bd.ConstrainedSystem(
         t=t,
         q=q,
@@ -127,26 +125,3 @@ def test_repr_names_the_columns_of_a_constrained_system():
         observe={"r [m]": ca.norm_2(q)},
     )
     assert repr(bd.simulate(system, t_end=0.01)).endswith("; observed: q0, q1, r>")
-
-
-@pytest.mark.parametrize("name", list(HOSTILE_VALUES))
-def test_argument_checks_accept_hostile_objects(name):
-    value = HOSTILE_VALUES[name](None)
-    for make in (
-        lambda: bd.PointMass("bob", value),
-        lambda: bd.Mechanism(gravity=value),
-        lambda: bd.Mechanism(start=value),
-        lambda: bd.Case(value),
-        lambda: bd.simulate(falling(), t_end=value),
-        lambda: bd.simulate(falling(), t_end=0.1, start=value),
-        lambda: bd.equilibrium(falling(), to=value),
-        lambda: bd.equilibrium(falling(), loads=[value]),
-        lambda: bd.modes(falling(), about=value),
-        lambda: bd.linearize(falling(), outputs=[value]),
-        lambda: falling().part(value),
-        lambda: falling().when("ball.y", do=value),
-        lambda: bd.Force("push", falling().parts["ball"].point, (value, 0.0)),
-    ):
-        with pytest.raises(bd.BeamdaeError) as caught:
-            make()
-        assert check_sentence(str(caught.value)) == ""

@@ -5,6 +5,7 @@ import pickle
 from pathlib import Path
 
 import pytest
+from mechanisms import EARTH
 
 import beamdae as bd
 from beamdae.cli.model_files.example_files import example_names
@@ -35,7 +36,7 @@ def swing(
     """
     assert type(length) is float
     assert type(copies) is int
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     bob = mech.add(bd.PointMass(name, factor * mass, at=(length, tilt + 0.0 * speed)))
     mech.observe("bob", bob.point)
     return mech

@@ -1,6 +1,7 @@
 """Mechanisms remember the model function and the parameters that built them."""
 
 import pytest
+from mechanisms import EARTH
 
 import beamdae as bd
 
@@ -10,7 +11,7 @@ ALPHA = bd.GeneralizedAlpha(step=0.05)
 @bd.model(t_end=0.2)
 def falling_ball(mass=2.0):
     """Return a ball in free fall."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     mech.add(bd.PointMass("ball", mass, at=(0.0, 2.0)))
     return mech
 

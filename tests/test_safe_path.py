@@ -1,7 +1,5 @@
 """No process that beamdae starts imports a module from the working folder."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Unusual surroundings: terminals, signals, NumPy settings, pools, limits, files and classes."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import signal

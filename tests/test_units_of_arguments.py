@@ -3,15 +3,15 @@
 import re
 
 import pytest
+from mechanisms import mass_on_rail
 
 import beamdae as bd
+from beamdae import quantities
 
 
 @bd.model(t_end=0.1)
 def mass(spring=bd.param(50.0, "N/m"), weight=2.0):
-    mech = bd.Mechanism()
-    bob = mech.add(bd.PointMass("bob", weight, at=(1.0, 0.0)))
-    mech.add(bd.PointOnLine("line", mech.ground.at(0.0, 0.0), bob.point))
+    mech, bob = mass_on_rail(weight, 1.0, name="bob")
     mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), bob.point, spring, free_length=1.0))
     mech.add(bd.Force("push", bob.point, (1.0, 0.0)))
     mech.observe("bob", bob.point)
@@ -91,16 +91,16 @@ def test_values_of_parameters_may_have_units():
 
 
 def optimize(*limits, **options):
-    return bd.optimize(mass, bd.quantities.Mass(), ["weight"], limits, **options)
+    return bd.optimize(mass, quantities.Mass(), ["weight"], limits, **options)
 
 
 @pytest.mark.slow(reason="optimizations")
 @pytest.mark.parametrize(
     ("limit", "bounds"),
     [
-        (bd.quantities.at_least(bd.quantities.Mass(), "1500 g"), None),
-        (bd.quantities.at_most(bd.quantities.Frequency(1, about="equilibrium"), "1 Hz"), None),
-        (bd.quantities.at_least(bd.quantities.Mass(), "1.5"), {"weight": ("1", "50")}),
+        (quantities.at_least(quantities.Mass(), "1500 g"), None),
+        (quantities.at_most(quantities.Frequency(1, about="equilibrium"), "1 Hz"), None),
+        (quantities.at_least(quantities.Mass(), "1.5"), {"weight": ("1", "50")}),
     ],
 )
 def test_regression_limits_may_have_units(limit, bounds):
@@ -113,32 +113,32 @@ def test_regression_limits_may_have_units(limit, bounds):
     ("limit", "message"),
     [
         (
-            lambda: bd.quantities.at_least(bd.quantities.Mass(), "15 mm"),
+            lambda: quantities.at_least(quantities.Mass(), "15 mm"),
             r"the limit of mass is in mm, but .* in kg",
         ),
         (
-            lambda: bd.quantities.at_most(bd.quantities.EndValue("bob.x"), "1 s"),
+            lambda: quantities.at_most(quantities.EndValue("bob.x"), "1 s"),
             r"is in s, but the quantity is in m;",
         ),
         (
-            lambda: bd.quantities.at_most(bd.quantities.EquilibriumValue("bob.x"), "1 Pa"),
+            lambda: quantities.at_most(quantities.EquilibriumValue("bob.x"), "1 Pa"),
             r"but the quantity is in m;",
         ),
         (
-            lambda: bd.quantities.at_most(
-                bd.quantities.LargestOf([bd.quantities.EndValue("bob.x")]), "1 Pa"
+            lambda: quantities.at_most(
+                quantities.LargestOf([quantities.EndValue("bob.x")]), "1 Pa"
             ),
             "but the quantity is in m;",
         ),
         (
-            lambda: bd.quantities.at_least(2.0 * bd.quantities.Mass(), "1 kg"),
+            lambda: quantities.at_least(2.0 * quantities.Mass(), "1 kg"),
             "but the quantity has no known unit",
         ),
         (
-            lambda: bd.quantities.at_least(bd.quantities.Mass(), "1 elephant"),
+            lambda: quantities.at_least(quantities.Mass(), "1 elephant"),
             r"must be a number in SI units",
         ),
-        (lambda: bd.quantities.at_least(bd.quantities.Mass(), "a"), r"must be a number, got 'a'"),
+        (lambda: quantities.at_least(quantities.Mass(), "a"), r"must be a number, got 'a'"),
     ],
 )
 def test_limits_in_units_of_other_quantities_are_rejected(limit, message):

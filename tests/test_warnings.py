@@ -7,7 +7,7 @@ import warnings
 
 import numpy as np
 import pytest
-from mechanisms import cantilever, strip, truss
+from mechanisms import EARTH, cantilever, clamped_beam, free_ball, rectangle, truss
 
 import beamdae as bd
 from beamdae.errors import (
@@ -130,11 +130,8 @@ for t in (1.0, 2.0):
 @bd.model(t_end=0.05)
 def _mass_with_steep_table(stiffness=100.0):
     steps = bd.table([0.0, 1.0, 1.1, 2.0, 3.0], [0.0, 0.0, 1.0, 1.0, 1.0], "spline", name="stop")
-    mech = bd.Mechanism()
-    mass = mech.add(bd.PointMass("mass", 1.0, at=(1.0, 0.0)))
-    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), mass.point, stiffness, 1.0, 0.9))
+    mech, mass = free_ball((1.0, 0.0), name="mass", spring=(stiffness, 1.0, 0.9))
     mech.add(bd.Force("push", mass.point, (float(steps(1.5)), 0.0)))
-    mech.observe("mass", mass.point)
     return mech
 
 
@@ -166,20 +163,17 @@ UPRIGHT = bd.Line((0.0, 0.0), (0.0, 1.0))
 
 
 def _bend_column():
-    return bd.buckling(cantilever(2, UPRIGHT, strip(width=0.02), (0.05, -1.0)), n=1)
+    return bd.buckling(cantilever(2, UPRIGHT, rectangle(), (0.05, -1.0)), n=1)
 
 
 def _rotate_rubber():
-    mech = bd.Mechanism()
     rubber = bd.Section.rectangle(bd.Material(1e6, 0.45, 1000.0), width=0.02, height=0.02)
-    line = bd.Line((0.1, 0.0), (0.6, 0.0))
-    blade = mech.add(bd.Beam("blade", line, rubber, elements=4, strain="green"))
-    mech.add(bd.Weld("hub", mech.ground.at(0.1, 0.0), blade.start))
+    mech, _ = clamped_beam(rubber, 4, bd.Line((0.1, 0.0), (0.6, 0.0)), name="blade", strain="green")
     return bd.campbell(mech, [0.0, 30.0, 40.0], n=2)
 
 
 def _swing():
-    mech = cantilever(2, UPRIGHT, strip(width=0.02), (bd.sine(6.0, frequency=0.5), 0.0))
+    mech = cantilever(2, UPRIGHT, rectangle(), (bd.sine(6.0, frequency=0.5), 0.0))
     mech.add(bd.RayleighDamping("damping", mech.part("beam"), mass=50.0))
     return mech
 
@@ -219,7 +213,7 @@ def issued(mech, t_end):
 @pytest.mark.slow(reason="a fifth of a second")
 def test_regression_searches_of_equilibria_in_checks_issue_no_warnings():
     """A strip that fell on a floor at 1.4 m/s was said not to use its velocity."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     aluminium = bd.Material(E=70e9, nu=0.33, rho=2700.0)
     section = bd.Section.rectangle(aluminium, 0.02, 0.01, damping=2e-5)
     line = bd.Line((-0.1, 0.0), (0.1, 0.0))
@@ -238,10 +232,8 @@ def test_regression_searches_of_equilibria_in_checks_issue_no_warnings():
 @pytest.mark.slow(reason="a quarter of a second")
 def test_regression_finer_meshes_of_checks_issue_no_warnings():
     """Each of two meshes for the error of fast loads repeated the warning of the damping."""
-    mech = bd.Mechanism()
     section = bd.Section.rectangle(bd.Material.of("steel"), 0.02, 0.02, damping=0.01)
-    rod = mech.add(bd.Beam("rod", bd.Line((0.0, 0.0), (2.0, 0.0)), section, elements=1))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), rod.start))
+    mech, rod = clamped_beam(section, 1, 2.0, name="rod")
     pulse = bd.piecewise((1e-4, lambda t: 1e3 * np.sin(1e4 * np.pi * t) ** 2), 0.0)
     mech.add(bd.Force("push", rod.end, (pulse, 0.0)))
     mech.observe("tip", rod.end)

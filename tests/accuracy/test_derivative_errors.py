@@ -4,21 +4,18 @@ import pickle
 
 import numpy as np
 import pytest
+from mechanisms import STEEL, clamped_beam, rectangle
 
 import beamdae as bd
 
-STEEL = bd.Material(E=2.1e11, nu=0.3, rho=7850.0)
 FINE = {"elements": 4, "strain": "exact"}
 
 
 @bd.model(t_end=0.3)
 def bent_strip(load=0.02, height=2e-3, elements=1, strain="nonlinear"):
     """Return a clamped strip that a force bends far."""
-    mech = bd.Mechanism()
-    section = bd.Section.rectangle(STEEL, width=0.01, height=height, damping=5e-3)
-    line = bd.Line((0.0, 0.0), (1.0, 0.0))
-    beam = mech.add(bd.Beam("beam", line, section, elements=elements, strain=strain))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    section = rectangle(height, 0.01, damping=5e-3)
+    mech, beam = clamped_beam(section, elements, strain=strain)
     size = load * STEEL.E * 0.01 * 8e-9
     mech.add(bd.Force("load", beam.end, (0.0, bd.sine(size, 0.8))))
     mech.observe("tip", beam.end)

@@ -1,21 +1,19 @@
 """Errors of designs, compared with analyses of exact beams with four times the elements."""
 
 import pytest
+from mechanisms import STEEL, clamped_beam, rectangle
 
 import beamdae as bd
+from beamdae import quantities
 
 WIDTH = 0.01
-STEEL = bd.Material(E=2.1e11, nu=0.3, rho=7850.0)
 
 
 @bd.model(t_end=1.0)
 def bent_strip(height=2e-3, elements=1, strain="nonlinear"):
     """Return a clamped strip that a force bends far."""
-    mech = bd.Mechanism()
-    section = bd.Section.rectangle(STEEL, width=WIDTH, height=height, damping=1e-3)
-    line = bd.Line((0.0, 0.0), (1.0, 0.0))
-    beam = mech.add(bd.Beam("beam", line, section, elements=elements, strain=strain))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    section = rectangle(height, WIDTH, damping=1e-3)
+    mech, beam = clamped_beam(section, elements, strain=strain)
     mech.add(bd.Force("load", beam.end, (0.0, -0.1 * STEEL.E * WIDTH * 8e-9)))
     mech.observe("tip", beam.end)
     return mech
@@ -24,7 +22,7 @@ def bent_strip(height=2e-3, elements=1, strain="nonlinear"):
 def optimize(limit, **parameters):
     bounds = {"height": (1e-3, 4e-3)}
     return bd.optimize(
-        bent_strip, bd.quantities.Mass(), "height", limit, bounds, parameters=parameters
+        bent_strip, quantities.Mass(), "height", limit, bounds, parameters=parameters
     )
 
 
@@ -32,7 +30,7 @@ def optimize(limit, **parameters):
 @pytest.mark.parametrize("limit", [0.5, 0.52])
 def test_errors_of_limited_values_are_true(limit):
     with pytest.warns(bd.BeamdaeWarning, match=r"tip.x.*: the error is about .* of its value"):
-        design = optimize(bd.quantities.at_least(bd.quantities.EquilibriumValue("tip.x"), limit))
+        design = optimize(quantities.at_least(quantities.EquilibriumValue("tip.x"), limit))
     finer = bd.equilibrium(bent_strip(**design.parameters, elements=4, strain="exact"))
     error = abs(finer["tip.x"].iloc[-1] / limit - 1.0)
     table = design.errors.table()
@@ -47,13 +45,13 @@ def test_errors_of_limited_values_are_true(limit):
 
 @pytest.mark.slow(reason="half a second")
 def test_accurate_designs_have_no_sentence():
-    limit = bd.quantities.at_least(bd.quantities.EquilibriumValue("tip.y"), -0.5)
+    limit = quantities.at_least(quantities.EquilibriumValue("tip.y"), -0.5)
     design = optimize(limit, elements=4, strain="exact")
     assert design.errors.largest < 0.01
     assert design.warnings == ()
 
 
 def test_designs_without_analyses_are_not_checked():
-    size = bd.quantities.ParameterFunction(lambda height: height, "height")
+    size = quantities.ParameterFunction(lambda height: height, "height")
     design = bd.optimize(bent_strip, size, "height", [], {"height": (1e-3, 4e-3)})
     assert design.errors.reason == "no quantity depends on steps or beams"

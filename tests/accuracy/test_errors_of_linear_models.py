@@ -2,21 +2,18 @@
 
 import numpy as np
 import pytest
+from mechanisms import clamped_beam, free_ball, rectangle
 
 import beamdae as bd
 
-STEEL = bd.Material.of("steel")
 WRONG, ACCURATE = 0.04, 0.01
 EXACT = "exact"
 
 
 def shaken_strip(elements, load=0.0, formulation="floating frame"):
     """Return a linear model of a clamped strip with a force at its end."""
-    mech = bd.Mechanism()
-    section = bd.Section.rectangle(STEEL, width=0.02, height=0.003, damping=2e-5)
-    line = bd.Line((0.0, 0.0), (0.5, 0.0))
-    beam = mech.add(bd.Beam("strip", line, section, elements, formulation=formulation))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    section = rectangle(0.003, damping=2e-5)
+    mech, beam = clamped_beam(section, elements, 0.5, name="strip", formulation=formulation)
     mech.add(bd.PointMass("bob", 0.05, on=beam.end))
     mech.add(bd.Force("push", beam.end, (0.0, -load * section.EI / 0.5**2)))
     mech.observe("tip", beam.end)
@@ -81,9 +78,7 @@ def test_accurate_models_have_no_warning(recwarn):
 
 
 def test_models_without_a_mechanism_are_not_checked():
-    mech = bd.Mechanism()
-    bob = mech.add(bd.PointMass("bob", 2.0, at=(1.0, 0.0)))
+    mech, bob = free_ball((1.0, 0.0), mass=2.0, name="bob")
     mech.add(bd.Force("push", bob.point, (0.0, 0.0)))
-    mech.observe("bob", bob.point)
     errors = bd.linearize(bd.equations_of_motion(mech)).errors
     assert errors.reason == "the model is not a mechanism"

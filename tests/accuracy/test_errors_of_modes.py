@@ -2,28 +2,25 @@
 
 import numpy as np
 import pytest
+from mechanisms import STEEL, clamped_beam, rectangle
 from numpy.testing import assert_allclose
 
 import beamdae as bd
 
-STEEL = bd.Material.of("steel")
 PLASTIC = bd.Material(E=2.6e9, nu=0.36, rho=1230.0)
-STRIP = bd.Section.rectangle(STEEL, width=0.02, height=0.004)
+STRIP = rectangle(0.004)
 WRONG, ACCURATE = 0.04, 0.01
 
 
 def cantilever(elements, section=STRIP, **settings):
-    mech = bd.Mechanism()
-    line = bd.Line((0.0, 0.0), (0.6, 0.0))
-    beam = mech.add(bd.Beam("beam", line, section, elements=elements, **settings))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech, beam = clamped_beam(section, elements, 0.6, **settings)
     mech.observe("tip", beam.end)
     return mech
 
 
 def bent_reed(elements, damping=0.0, **settings):
     """Return a reed whose end a force bends by half its length."""
-    section = bd.Section.rectangle(PLASTIC, width=0.02, height=0.008, damping=damping)
+    section = rectangle(0.008, damping=damping, material=PLASTIC)
     mech = cantilever(elements, section, **settings)
     mech.add(bd.Force("load", mech.parts["beam"].end, (0.0, -2.5 * section.EI / 0.6**2)))
     return mech
@@ -101,7 +98,7 @@ def test_causes_are_elements_and_strains():
 
 def test_modes_are_paired_by_their_shapes():
     """The second mode of one element is axial: four bending modes of two elements are slower."""
-    section = bd.Section.rectangle(STEEL, width=0.02, height=0.12)
+    section = rectangle(0.12)
     coarse = bd.modes(cantilever(1, section), n=3)
     exact = 0.25 * np.sqrt(STEEL.E / STEEL.rho) / 0.6
     axial = int(np.argmin(np.abs(coarse.frequencies / exact - 1.0)))

@@ -5,6 +5,7 @@ import re
 import numpy as np
 import pandas as pd
 import pytest
+from mechanisms import clamped_beam, mass_on_rail, rectangle
 
 import beamdae as bd
 
@@ -13,11 +14,8 @@ import beamdae as bd
 def released_strip(E=67.0e9, damping=8e-4, strain="green", elements=4):
     """A strip of aluminum with a heavy end that gravity pulls down from its drawing."""
     alloy = bd.Material(E=E, nu=0.3, rho=2700.0)
-    section = bd.Section.rectangle(alloy, width=0.025, height=0.002, damping=damping)
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    line = bd.Line((0.0, 0.0), (0.45, 0.0))
-    strip = mech.add(bd.Beam("strip", line, section, elements, strain=strain))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), strip.start))
+    section = rectangle(0.002, 0.025, damping=damping, material=alloy)
+    mech, strip = clamped_beam(section, elements, 0.45, name="strip", gravity=9.81, strain=strain)
     mech.add(bd.PointMass("mass", 0.2, on=strip.end))
     mech.observe("tip", strip.end)
     return mech
@@ -58,10 +56,7 @@ def test_errors_of_estimates_are_true():
 
 @bd.model(t_end=3.0)
 def oscillator(stiffness=30.0):
-    mech = bd.Mechanism()
-    mass = mech.add(bd.PointMass("mass", 1.0, at=(1.0, 0.0), velocity=(0.2, 0.0)))
-    mech.add(bd.PointOnLine("rail", mech.ground.at(1.0, 0.0), mass.point, (1.0, 0.0)))
-    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), mass.point, stiffness, 0.2))
+    mech, mass = mass_on_rail(x=1.0, velocity=(0.2, 0.0), spring=(stiffness, 0.2))
     mech.observe("mass", mass.point)
     return mech
 

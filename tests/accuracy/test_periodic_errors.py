@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from mechanisms import EARTH, mass_on_rail, rectangle
 
 import beamdae as bd
 
@@ -14,7 +15,7 @@ def strut(load=0.9, elements=1, strain="nonlinear", ratio=0.3):
 
     The frequency is a share of the first natural frequency.
     """
-    length, section = 0.5, bd.Section.rectangle(STEEL, width=0.02, height=2e-3, damping=1e-3)
+    length, section = 0.5, rectangle(2e-3, damping=1e-3, material=STEEL)
     euler = np.pi**2 * section.EI / length**2
     rate = (np.pi / length) ** 2 * ((1.0 - load) * section.EI / section.rhoA) ** 0.5
     frequency = ratio * rate / (2.0 * np.pi)
@@ -41,7 +42,7 @@ def blade(acceleration=15.0, frequency=43.8, elements=3, strain="nonlinear", dam
 
     def section(s):
         height = 6e-3 - 3e-3 * s / length
-        return bd.Section.rectangle(titanium, width=0.03, height=height, damping=damping)
+        return rectangle(height, 0.03, damping=damping, material=titanium)
 
     line = bd.Line((0.0, 0.0), (length, 0.0))
     beam = mech.add(bd.Beam("blade", line, section, elements=elements, strain=strain))
@@ -81,8 +82,8 @@ def test_fixed_steps_are_refined():
 
 def self_excited(elements=1, strain="nonlinear"):
     """Return a strip with a mass that a damper excites at deflections below 4 mm."""
-    section = bd.Section.rectangle(STEEL, width=0.02, height=2e-3, damping=2e-4)
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    section = rectangle(2e-3, damping=2e-4, material=STEEL)
+    mech = bd.Mechanism(gravity=EARTH)
     line = bd.Line((0.0, 0.0), (0.5, 0.0))
     rod = mech.add(bd.Beam("rod", line, section, elements, strain=strain))
     mech.add(bd.Revolute("left", mech.ground.at(0.0, 0.0), rod.start))
@@ -131,10 +132,7 @@ def test_curves_state_errors_at_their_motions():
 
 
 def test_motions_without_beams_have_errors_of_steps():
-    mech = bd.Mechanism()
-    mass = mech.add(bd.PointMass("mass", 1.0, at=(1.0, 0.0)))
-    mech.add(bd.PointOnLine("rail", mech.ground.at(1.0, 0.0), mass.point, (1.0, 0.0)))
-    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), mass.point, 9.0, 0.5))
+    mech, mass = mass_on_rail(x=1.0, spring=(9.0, 0.5))
     mech.add(bd.Force("load", mass.point, (bd.sine(1.0, frequency=0.3), 0.0)))
     mech.observe("mass", mass.point)
     table = bd.periodic(mech, 1.0 / 0.3, RUNS).errors.table()

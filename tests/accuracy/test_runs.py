@@ -1,11 +1,9 @@
 """Errors of runs are those beside much more accurate runs."""
 
-import warnings
-
 import numpy as np
 import pytest
 from hub_beam import hub_beam
-from mechanisms import beam_pendulum
+from mechanisms import beam_pendulum, clamped_beam, free_ball, rectangle
 from quick_return import quick_return
 
 import beamdae as bd
@@ -15,11 +13,9 @@ FACTOR = 2.0
 
 
 def simulate(model, method=None, t_end=None, rows=400):
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", bd.BeamdaeWarning)
-        mechanism = model if isinstance(model, bd.Mechanism) else model()
-        t_end = t_end or model.t_end
-        return bd.simulate(mechanism, method, t_end=t_end, output_step=t_end / rows)
+    mechanism = model if isinstance(model, bd.Mechanism) else model()
+    t_end = t_end or model.t_end
+    return bd.simulate(mechanism, method, t_end=t_end, output_step=t_end / rows)
 
 
 def true_errors(solution, reference):
@@ -71,10 +67,8 @@ def test_errors_of_a_turning_beam_are_stated_with_their_cause(settings, method, 
 def test_errors_of_columns_at_rest_are_those_of_their_values(moment):
     # A strip bent into an arc of the radius EI / M by an end moment, from its equilibrium on.
     length, steel = 0.3, bd.Material(E=2e11, nu=0.3, rho=7850.0)
-    strip = bd.Section.rectangle(steel, width=0.01, height=0.0005)
-    mech = bd.Mechanism(start="equilibrium")
-    beam = mech.add(bd.Beam("strip", bd.Line((0.0, 0.0), (length, 0.0)), strip, elements=1))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    strip = rectangle(0.0005, 0.01, material=steel)
+    mech, beam = clamped_beam(strip, 1, length, name="strip", start="equilibrium")
     mech.add(bd.Moment("bend", beam.end, moment))
     mech.observe("tip", beam.end)
     solution = simulate(mech, bd.Radau(1e-6), 0.1)
@@ -100,12 +94,10 @@ def test_regularized_friction_is_an_error_like_others():
 
 def test_causes_of_errors_are_named_and_add_up_to_the_total():
     """Without beams, the elements were named; the parts of other errors exceeded the total."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    mass = mech.add(bd.PointMass("mass", 1.0, at=(0.0, 0.0), velocity=(0.5, 0.0)))
+    mech, mass = free_ball(velocity=(0.5, 0.0), name="mass", gravity=9.81)
     guide = mech.add(bd.PointOnLine("guide", mech.ground.at(0.0, 0.0), mass.point, (1.0, 0.0)))
     mech.add(bd.Spring("spring", mech.ground.at(-1.0, 0.0), mass.point, 40.0, free_length=1.0))
     mech.add(bd.Friction("rubbing", guide, coefficient=0.1, friction_speed=0.2))
-    mech.observe("mass", mass.point)
     errors = simulate(mech, bd.GeneralizedAlpha(0.05), 2.0).errors
     (sentence,) = errors.sentences()
     assert "steps " in sentence

@@ -6,21 +6,18 @@ import warnings
 
 import numpy as np
 import pytest
+from mechanisms import clamped_beam, rectangle
 
 import beamdae as bd
 
-STEEL = bd.Material.of("steel")
-STRIP = bd.Section.rectangle(STEEL, width=0.05, height=0.0015)
-LEAF = bd.Section.rectangle(STEEL, width=0.045, height=4.3e-3)
-COLUMN = bd.Section.rectangle(STEEL, width=0.02, height=1e-3)
+STRIP = rectangle(0.0015, 0.05)
+LEAF = rectangle(4.3e-3, 0.045)
+COLUMN = rectangle(1e-3)
 LIMIT = 0.04
 
 
 def cantilever(section, length, elements, force, **options):
-    mech = bd.Mechanism()
-    line = bd.Line((0.0, 0.0), (length, 0.0))
-    beam = mech.add(bd.Beam("beam", line, section, elements, **options))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech, beam = clamped_beam(section, elements, length, **options)
     mech.add(bd.Force("load", beam.end, force))
     mech.observe("root", beam.stress(0.0, "top"))
     mech.observe("clamp", beam.section_forces(0.0))
@@ -138,7 +135,7 @@ def test_columns_near_their_buckling_load():
     def column(factor, **settings):
         mech = bd.Mechanism()
         steel = bd.Material(E=205e9, nu=0.3, rho=7850.0)
-        section = bd.Section.rectangle(steel, width=0.025, height=3e-3)
+        section = rectangle(3e-3, 0.025, material=steel)
         beam = mech.add(bd.Beam("column", bd.Line((0.0, 0.0), (0.0, 0.9)), section, **settings))
         mech.add(bd.Revolute("foot", mech.ground.at(0.0, 0.0), beam.start))
         mech.add(bd.TorsionSpring("clamp", mech.ground.at(0.0, 0.0), beam.start, 15.0))
@@ -204,7 +201,7 @@ def test_failed_paths_beyond_extremes_have_errors_of_their_last_load_factor():
 def lee_frame(**options):
     """Return the hinged right-angle frame of Lee et al. under a force at a fifth of its beam."""
     mech, corner, right = bd.Mechanism(), (0.0, 1.2), (1.2, 1.2)
-    section = bd.Section.rectangle(bd.Material(E=7.2e10, nu=0.3, rho=2700.0), 0.03, 0.02)
+    section = rectangle(0.02, 0.03, material=bd.Material(E=7.2e10, nu=0.3, rho=2700.0))
     post = mech.add(bd.Beam("post", bd.Line((0.0, 0.0), corner), section, **options))
     beam = mech.add(bd.Beam("beam", bd.Line(corner, right), section, **options))
     mech.add(bd.Revolute("foot", mech.ground.at(0.0, 0.0), post.start))

@@ -4,17 +4,18 @@ import re
 
 import numpy as np
 import pytest
+from mechanisms import EARTH, clamped_beam, free_ball, rectangle
 from numpy.testing import assert_allclose
 
 import beamdae as bd
 
 ALLOY = bd.Material(E=7.1e10, nu=0.33, rho=2750.0)
-STRIP = bd.Section.rectangle(ALLOY, width=0.025, height=0.002, damping=2e-4)
+STRIP = rectangle(0.002, 0.025, damping=2e-4, material=ALLOY)
 
 
 def pendulum(elements=1, strain="exact"):
     """Return a slender pendulum that swings from the horizontal, with a mass inside the beam."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     line = bd.Line((0.0, 0.0), (0.9, 0.0))
     beam = mech.add(bd.Beam("strip", line, STRIP, elements=elements, strain=strain))
     mech.add(bd.PointMass("mass", 0.3, on=beam.at(0.7)))
@@ -26,10 +27,7 @@ def pendulum(elements=1, strain="exact"):
 
 def pushed_cantilever(elements=1, strain="exact", law=lambda t: 60.0 * t):
     """Return a clamped strip whose end a moment bends by about 1 rad in 0.05 s."""
-    mech = bd.Mechanism()
-    line = bd.Line((0.0, 0.0), (0.4, 0.1))
-    beam = mech.add(bd.Beam("leaf", line, STRIP, elements=elements, strain=strain))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech, beam = clamped_beam(STRIP, elements, (0.4, 0.1), strain=strain)
     mech.add(bd.Moment("moment", beam.end, law))
     mech.observe("tip", beam.end)
     return mech
@@ -37,17 +35,15 @@ def pushed_cantilever(elements=1, strain="exact", law=lambda t: 60.0 * t):
 
 def sliding_ball(elements=0, strain="", friction_speed=0.2):
     """Return a ball that slides on a rough floor; without a smoothed force, it stops at 0.34 m."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    ball = mech.add(bd.PointMass("ball", 0.4, at=(0.0, 0.0), velocity=(1.0, 0.0)))
+    mech, ball = free_ball(velocity=(1.0, 0.0), mass=0.4, gravity=9.81)
     floor = bd.LineSurface(mech.ground.at(0.0, 0.0), direction=(1.0, 0.0))
     contact = bd.Contact("c", ball.point, floor, 3e4, friction=0.15, friction_speed=friction_speed)
     mech.add(contact)
-    mech.observe("ball", ball.point)
     return mech
 
 
 def double_pendulum(angle):
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     joint, last = np.zeros(2), mech.ground.at(0.0, 0.0)
     for name in ("upper", "lower"):
         end = joint + 0.4 * np.array([np.sin(angle), -np.cos(angle)])
@@ -223,7 +219,7 @@ def test_invalid_settings_are_rejected(settings, message):
 
 
 def test_a_model_without_observables_is_rejected():
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0)))
     with pytest.raises(bd.BeamdaeError, match="nothing is observed"):
         bd.simulate(mech, t_end=0.1, accuracy=0.01)

@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+from mechanisms import clamped_beam, mass_on_rail, rectangle
 from numpy.testing import assert_allclose
 
 import beamdae as bd
@@ -12,7 +13,7 @@ from beamdae.accuracy import until
 LENGTH = 0.9
 ALLOY = bd.Material(E=7.1e10, nu=0.33, rho=2750.0)
 # Shear and rotary inertia change frequencies and loads by less than 1e-4.
-STRIP = bd.Section.rectangle(ALLOY, width=0.025, height=0.002)
+STRIP = rectangle(0.002, 0.025, material=ALLOY)
 # Euler-Bernoulli beams: roots of cos(b) cosh(b) = -1.
 ROOTS = np.array([1.8751041, 4.6940911, 7.8547574])
 FREQUENCIES = ROOTS**2 * np.sqrt(STRIP.EI / STRIP.rhoA) / (2.0 * np.pi * LENGTH**2)
@@ -21,9 +22,7 @@ MESHES = ({"elements": 1}, {})  # coarse, and chosen by the program
 
 
 def cantilever(section=STRIP, **settings):
-    mech = bd.Mechanism()
-    leaf = mech.add(bd.Beam("leaf", bd.Line((0.0, 0.0), (LENGTH, 0.0)), section, **settings))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), leaf.start))
+    mech, leaf = clamped_beam(section, curve=LENGTH, name="leaf", **settings)
     mech.observe("tip", leaf.end)
     return mech
 
@@ -142,9 +141,7 @@ class Loose(bd.GeneralizedAlpha):
 
 
 def oscillator():
-    mech = bd.Mechanism()
-    bob = mech.add(bd.PointMass("bob", 1.0, at=(1.2, 0.0)))
-    mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), bob.point))
+    mech, bob = mass_on_rail(x=1.2, name="bob")
     mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), bob.point, 100.0, free_length=1.0))
     mech.observe("bob", bob.point)
     return mech

@@ -4,6 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from mechanisms import clamped_beam, free_ball, rectangle
 from numpy.testing import assert_allclose
 
 import beamdae as bd
@@ -50,7 +51,7 @@ def test_default_frequencies_contain_all_peaks_and_half_powers(damping):
 def test_regression_free_motions_of_thin_beams_do_not_grow():
     """Rounding of the state matrix made an unstable pole of 199 1/s of a free rotation."""
     mech, h = bd.Mechanism(), 1.2e-5
-    section = bd.Section.rectangle(bd.Material.of("steel"), 10.0 * h, h)
+    section = rectangle(h, 10.0 * h)
     leaf = mech.add(bd.Beam("leaf", bd.Line((0.0, 0.0), (0.0, -0.06)), section, 4))
     mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), leaf.start))
     mech.add(bd.Force("push", leaf.end, (0.0, 0.0)))
@@ -188,10 +189,8 @@ def test_unstable_models_have_a_warning():
 
 
 def test_free_motions_are_not_unstable():
-    mech = bd.Mechanism()
-    mass = mech.add(bd.PointMass("mass", 2.0, at=(1.0, 0.0)))
+    mech, mass = free_ball((1.0, 0.0), mass=2.0, name="mass")
     mech.add(bd.Force("push", mass.point, (0.0, 0.0)))
-    mech.observe("mass", mass.point)
     diagram = bd.bode(bd.linearize(mech))
     assert not diagram.warnings
 
@@ -214,10 +213,8 @@ def test_invalid_arguments_are_rejected(arguments, message):
 @pytest.mark.slow(reason="a quarter of a second")
 def test_regression_default_frequencies_end_where_natural_frequencies_are_wrong(recwarn):
     """They ended at ten times the highest mode, with a warning of errors of more than 30 %."""
-    mech = bd.Mechanism()
-    strip = bd.Section.rectangle(bd.Material.of("steel"), 0.02, 0.002, damping=1e-5)
-    beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (0.5, 0.0)), strip, elements=4))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    strip = rectangle(0.002, damping=1e-5)
+    mech, beam = clamped_beam(strip, 4, 0.5)
     mech.add(bd.Force("push", beam.end, (0.0, 0.0)))
     mech.observe("tip", beam.end)
     model = bd.linearize(mech, inputs=["push"], outputs=["tip.y"])
@@ -237,8 +234,7 @@ def thin_beam(damping, elements, tip=(0.06, 0.0), weight=0.0, mass=0.4):
     With a `weight` [m/s^2], the beam is hinged at its start. The `mass` [kg] is at its end.
     """
     mech = bd.Mechanism(gravity=(0.0, -weight))
-    steel = bd.Material(E=2.1e11, nu=0.3, rho=7850.0)
-    section = bd.Section.rectangle(steel, width=0.015, height=4e-4, damping=damping)
+    section = rectangle(4e-4, 0.015, damping=damping)
     leaf = mech.add(bd.Beam("leaf", bd.Line((0.0, 0.0), tip), section, elements=elements))
     support = bd.Revolute if weight else bd.Weld
     mech.add(support("support", mech.ground.at(0.0, 0.0), leaf.start))

@@ -4,21 +4,20 @@ import warnings
 
 import numpy as np
 import pytest
+from mechanisms import clamped_beam, free_ball, hinged_beam, rectangle
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.optimize import brentq
 
 import beamdae as bd
 
 STIFFNESS = 1000.0
-STEEL = bd.Material.of("steel")
-SECTION = bd.Section.rectangle(STEEL, width=0.02, height=1e-3)
+SECTION = rectangle(1e-3)
 
 
 @bd.model(t_end=1.0)
 def truss(rise=0.2, support=200.0, supported=False):
     """Von Mises truss: springs from (-1, 0) and (1, 0) to a crown, which a spring may support."""
-    mech = bd.Mechanism()
-    crown = mech.add(bd.PointMass("crown", 1.0, at=(0.0, rise)))
+    mech, crown = free_ball((0.0, rise), name="crown")
     for name, x in (("left", -1.0), ("right", 1.0)):
         mech.add(bd.Spring(name, mech.ground.at(x, 0.0), crown.point, STIFFNESS))
     if supported:
@@ -26,7 +25,6 @@ def truss(rise=0.2, support=200.0, supported=False):
         foot = mech.ground.at(0.0, rise - 50.0)
         mech.add(bd.Spring("support", foot, crown.point, support))
     mech.add(bd.Force("press", crown.point, (0.0, -1.0)))
-    mech.observe("crown", crown.point)
     return mech
 
 
@@ -132,7 +130,7 @@ def test_limit_points_of_a_supported_truss_merge_at_a_cusp(number):
 def test_buckling_load_over_the_stiffness_of_a_support(formulation, height):
     @bd.model(t_end=1.0)
     def column(spring=1.0):
-        mech, section = bd.Mechanism(), bd.Section.rectangle(STEEL, width=0.02, height=height)
+        mech, section = bd.Mechanism(), rectangle(height)
         line = bd.Line((0.0, 0.0), (0.0, 1.0))
         beam = mech.add(bd.Beam("column", line, section, 8, formulation=formulation))
         mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
@@ -157,7 +155,7 @@ def test_buckling_load_over_the_stiffness_of_a_support(formulation, height):
 def test_shallow_arch_snaps_only_above_a_cusp():
     @bd.model(t_end=1.0)
     def arch(rise=0.01):
-        mech, section = bd.Mechanism(), bd.Section.rectangle(STEEL, width=0.02, height=1e-2)
+        mech, section = bd.Mechanism(), rectangle(1e-2)
         curve = bd.Parabola(span=1.0, rise=rise)
         beam = mech.add(bd.Beam("arch", curve, section, 4, formulation="exact"))
         for name, end in (("left", beam.start), ("right", beam.end)):
@@ -186,7 +184,7 @@ def test_cusp_of_a_thin_arch():
 
     @bd.model(t_end=1.0)
     def arch(rise=1e-2, height=1e-2):
-        mech, section = bd.Mechanism(), bd.Section.rectangle(STEEL, width=0.02, height=height)
+        mech, section = bd.Mechanism(), rectangle(height)
         curve = bd.Parabola(span=1.0, rise=rise)
         beam = mech.add(bd.Beam("arch", curve, section, 4, formulation="exact"))
         for name, end in (("left", beam.start), ("right", beam.end)):
@@ -239,11 +237,8 @@ def test_branch_point_of_an_arch_over_its_opening():
 def test_flutter_load_of_a_column_with_damped_material():
     @bd.model(t_end=1.0)
     def column(damping=1e-2):
-        mech = bd.Mechanism()
-        section = bd.Section.rectangle(STEEL, width=0.02, height=1e-2, damping=damping)
-        line = bd.Line((0.0, 0.0), (0.0, 1.0))
-        beam = mech.add(bd.Beam("column", line, section, 4, formulation="exact"))
-        mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+        section = rectangle(1e-2, damping=damping)
+        mech, beam = clamped_beam(section, 4, (0.0, 1.0), name="column", formulation="exact")
         mech.add(bd.Force("press", beam.end, (0.0, -section.EI), axes="body"))
         return mech
 
@@ -330,9 +325,7 @@ def test_curve_ends_where_no_model_exists():
 def test_branch_points_end_where_symmetry_ends():
     @bd.model(t_end=1.0)
     def column(moment=0.0):
-        mech = bd.Mechanism()
-        beam = mech.add(bd.Beam("column", bd.Line((0.0, 0.0), (0.0, 1.0)), SECTION, 4))
-        mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+        mech, beam = clamped_beam(SECTION, 4, (0.0, 1.0), name="column")
         mech.add(bd.Force("press", beam.end, (0.0, -SECTION.EI)))
         mech.add(bd.Moment("bend", beam.end, moment * SECTION.EI))
         return mech
@@ -347,11 +340,8 @@ def test_branch_points_end_where_symmetry_ends():
 @bd.model(t_end=1.0)
 def braced_column(stiffness=600.0):
     """Column with hinged ends and a spring in the middle; EI = 4.725 N m^2, 1 m."""
-    section = bd.Section.rectangle(bd.Material(70e9, 0.3, 2700.0), width=0.03, height=0.003)
-    mech = bd.Mechanism()
-    line = bd.Line((0.0, 0.0), (1.0, 0.0))
-    column = mech.add(bd.Beam("column", line, section, elements=4, formulation="exact"))
-    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), column.start))
+    section = rectangle(0.003, 0.03, material=bd.Material(70e9, 0.3, 2700.0))
+    mech, column = hinged_beam(section, 4, name="column", formulation="exact")
     mech.add(bd.PointOnLine("guide", mech.ground.at(1.0, 0.0), column.end, (1.0, 0.0)))
     mech.add(bd.Force("press", column.end, (-10.0, 0.0)))
     mech.add(bd.Bushing("brace", mech.ground.at(0.5, 0.0), column.at(0.5), ky=stiffness))

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mechanisms import EARTH, rectangle
 from numpy.testing import assert_allclose
 from scipy.linalg import lstsq, null_space
 
@@ -12,13 +13,13 @@ import beamdae as bd
 from beamdae.analysis.linear_dynamics.linearization import linearize_about
 
 SOFT = bd.Material(E=1e8, nu=0.3, rho=1000.0)
-STRIP = bd.Section.rectangle(SOFT, width=0.02, height=0.01, damping=2e-4)
+STRIP = rectangle(0.01, damping=2e-4, material=SOFT)
 FORMULATIONS = ("floating frame", "exact")
 
 
 def arch(formulation):
     """Return an arch on two hinges, with a mass suspended from it by a spring and a damper."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     arc = bd.Arc(radius=0.6, length=0.8, start=(0.0, 0.0), angle=-0.66)
     beam = mech.add(bd.Beam("arch", arc, STRIP, elements=2, formulation=formulation))
     for name, s, end in (("left", 0.0, beam.start), ("right", 0.8, beam.end)):

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from mechanisms import EARTH, free_ball, symbols
 from numpy.testing import assert_allclose
 
 import beamdae as bd
@@ -170,7 +171,7 @@ def test_contact_carries_the_applied_force():
 @pytest.mark.parametrize("stiffness", [1e6, 1e9, 1e10])
 def test_regression_stiff_contacts_at_several_points_carry_a_body(stiffness, exponent):
     """Steps into the contacts and out of them ended with "no equilibrium was found"."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     box = mech.add(bd.RigidBody("box", 2.0, 0.1, (0.0, 0.1)))
     floor = bd.LineSurface(mech.ground.at(0.0, 0.0))
     # One foot begins 2 cm below the floor, and the other one 2 cm above.
@@ -324,7 +325,7 @@ def test_regression_equilibria_with_drivers_need_no_inertia():
     """The search for turning drivers required the accelerations of a massless coordinate."""
     import casadi as ca
 
-    t, q, v = ca.SX.sym("t"), ca.SX.sym("q", 2), ca.SX.sym("v", 2)
+    t, q, v = symbols(2)
     system = bd.ConstrainedSystem(
         t=t,
         q=q,
@@ -367,12 +368,10 @@ def test_regression_loads_reverse_where_a_snapping_truss_meets_a_stop(stiffness,
 
 def test_regression_positions_that_a_driver_prescribes_are_refused_with_the_time_as_remedy():
     """The message advised a load, although a driver moves the mechanism."""
-    mech = bd.Mechanism()
-    slider = mech.add(bd.PointMass("slider", 1.0, at=(1.0, 0.0)))
+    mech, slider = free_ball((1.0, 0.0), name="slider")
     law = bd.run_up(speed=0.1, duration=1.0)
     mech.add(bd.TranslationalDriver("drive", mech.ground.at(0.0, 0.0), slider.point, law))
     mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), slider.point))
-    mech.observe("slider", slider.point)
     with pytest.raises(
         bd.BeamdaeError, match=r"if a driver moves the mechanism, set t= to the time"
     ):
@@ -399,11 +398,8 @@ def test_a_load_that_no_spring_carries_ends_a_path_of_a_free_mass():
 def test_a_mass_that_hangs_on_a_spring_is_stable(angle):
     """Without load, it swings freely; the stretched spring is stiff sideways."""
     length, mass, stiffness = 0.5, 2.0, 300.0
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
     at = length * np.array([np.sin(angle), -np.cos(angle)])
-    bob = mech.add(bd.PointMass("bob", mass, at=tuple(at)))
-    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), bob.point, stiffness))
-    mech.observe("bob", bob.point)
+    mech, _bob = free_ball(tuple(at), mass=mass, name="bob", gravity=9.81, spring=(stiffness,))
     path = bd.equilibrium(mech)
     assert (path.status.success, path.stable, path.warnings) == (True, True, ())
     assert_allclose(path["bob.x"].iloc[-1], 0.0, atol=1e-9)

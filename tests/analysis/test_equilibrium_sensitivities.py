@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from four_bar import four_bar
 from leaf_spring_vehicle import leaf_spring_vehicle
+from mechanisms import clamped_beam, free_ball, rectangle
 from numpy.testing import assert_allclose
 from pendulum import pendulum
 from quick_return import quick_return
@@ -23,13 +24,11 @@ SLOW = pytest.mark.slow(reason="another variant of a test of half a second")
 @bd.model(t_end=1.0)
 def hanging(stiffness=400.0, mass=2.0, length=0.5, load=3.0, damping=0.0):
     """Mass on a vertical spring, under its weight and a force."""
-    mech = bd.Mechanism(gravity=(0.0, -G))
-    bob = mech.add(bd.PointMass("bob", mass, at=(0.0, -length)))
+    mech, bob = free_ball((0.0, -length), mass=mass, name="bob", gravity=G)
     hook = mech.ground.at(0.0, 0.0)
     mech.add(bd.PointOnLine("guide", hook, bob.point, direction=(0.0, 1.0)))
     mech.add(bd.Spring("spring", hook, bob.point, stiffness, damping))
     mech.add(bd.Force("pull", bob.point, (0.5 * load, -load)))
-    mech.observe("bob", bob.point)
     mech.observe("guide", mech.parts["guide"].reaction)
     return mech
 
@@ -232,7 +231,7 @@ def cantilever(
 ):
     """Curved strip under a force and its weight; large deflections."""
     mech = bd.Mechanism(gravity=(0.0, -G))
-    section = bd.Section.rectangle(bd.Material(E=E, nu=0.4, rho=1200.0), width, height)
+    section = rectangle(height, width, material=bd.Material(E=E, nu=0.4, rho=1200.0))
     curve = bd.Arc(1.0 / curvature, length)
     beam = mech.add(bd.Beam("beam", curve, section, 2, formulation=formulation))
     root = mech.add(bd.Weld("root", mech.ground.at(0.0, 0.0), beam.start))
@@ -320,11 +319,8 @@ def test_functions_of_a_path_agree_with_differences_of_section_forces():
 @bd.model(t_end=1.0)
 def euler_column(height=0.01, E=2e11, length=1.0):
     """Clamped column under a multiple of E I."""
-    mech = bd.Mechanism()
-    section = bd.Section.rectangle(bd.Material(E=E, nu=0.3, rho=7800.0), 0.02, height)
-    line = bd.Line((0.0, 0.0), (length, 0.0))
-    beam = mech.add(bd.Beam("column", line, section, 8, formulation="exact"))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    section = rectangle(height, material=bd.Material(E=E, nu=0.3, rho=7800.0))
+    mech, beam = clamped_beam(section, 8, length, name="column", formulation="exact")
     mech.add(bd.Force("press", beam.end, (-E * 0.02 * height**3 / 12.0, 0.0)))
     return mech
 
@@ -457,11 +453,14 @@ def test_derivatives_of_section_forces_of_thin_arcs_follow_from_similarity(heigh
 
     @bd.model(t_end=1.0)
     def arc(radius=0.5, height=height, width=0.02, load=-1e-3 * (height / 2e-3) ** 3):
-        mech = bd.Mechanism()
-        section = bd.Section.rectangle(bd.Material.of("steel"), width, height)
-        curve = bd.Arc(radius, 0.9 * radius, start=(0.0, 0.0), angle=0.4)
-        beam = mech.add(bd.Beam("arc", curve, section, elements=6, formulation=formulation))
-        mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+        section = rectangle(height, width)
+        mech, beam = clamped_beam(
+            section,
+            6,
+            bd.Arc(radius, 0.9 * radius, start=(0.0, 0.0), angle=0.4),
+            name="arc",
+            formulation=formulation,
+        )
         mech.add(bd.Force("push", beam.end, (0.3 * load, load)))
         mech.observe("section", beam.section_forces(0.31 * radius))
         return mech

@@ -5,6 +5,7 @@ import re
 import numpy as np
 import pandas as pd
 import pytest
+from mechanisms import free_ball
 from test_fit import METHOD, NOISE, TRUE, oscillator
 
 import beamdae as bd
@@ -251,10 +252,8 @@ def test_files_and_figures(tmp_path, sensed):
 @bd.model(t_end=1.0)
 def ball(height=0.55, restitution=0.7, action="bounce"):
     """Ball that falls from rest and bounces, or stops the run at the floor."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    body = mech.add(bd.PointMass("ball", 1.0, at=(0.0, height)))
+    mech, body = free_ball((0.0, height), gravity=9.81)
     gap = bd.LineSurface(mech.ground.at(0.0, 0.0)).gap(body.point)
-    mech.observe("ball", body.point)
     does = bd.impact(gap, restitution) if action == "bounce" else "stop"
     mech.when(gap, 0.0, "down", does, name="floor")
     return mech

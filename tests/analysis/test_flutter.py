@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 import scipy.linalg as la
+from mechanisms import STEEL, clamped_beam, rectangle
 from numpy.testing import assert_allclose
 from scipy.optimize import fsolve
 
 import beamdae as bd
 from beamdae.analysis.linear_dynamics.linearization import linearize_about
 
-STEEL = bd.Material(E=2.1e11, nu=0.3, rho=7850.0)
 EXACT = {"formulation": "exact"}
 FLOATING = {"strain": "exact"}
 # Next to a critical point, growth is too slow to be distinguished from rounding.
@@ -21,7 +21,7 @@ SHIFT = 100.0
 def frame(damping=1e-5, mass=0.2, elements=8, options=EXACT, height=0.004):
     """Return an L frame of 1 m by 1 m with a tip mass, under a follower force of 40 EI / L^2."""
     mech = bd.Mechanism()
-    section = bd.Section.rectangle(STEEL, width=0.02, height=height, damping=damping)
+    section = rectangle(height, damping=damping)
     column, arm = (
         mech.add(bd.Beam(name, bd.Line(start, end), section, elements, **options))
         for name, start, end in (
@@ -38,11 +38,8 @@ def frame(damping=1e-5, mass=0.2, elements=8, options=EXACT, height=0.004):
 
 def column(damping, follower=1.0, elements=8, height=0.02, options=EXACT):
     """Return a cantilever of 1 m under EI / L^2, of which the fraction `follower` turns with it."""
-    mech = bd.Mechanism()
-    section = bd.Section.rectangle(STEEL, width=0.02, height=height, damping=damping)
-    line = bd.Line((0.0, 0.0), (1.0, 0.0))
-    beam = mech.add(bd.Beam("column", line, section, elements, **options))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    section = rectangle(height, damping=damping)
+    mech, beam = clamped_beam(section, elements, name="column", **options)
     mech.add(bd.Force("load", beam.end, (-follower * section.EI, 0.0), axes="body"))
     mech.add(bd.Force("dead load", beam.end, ((follower - 1.0) * section.EI, 0.0)))
     return mech
@@ -162,7 +159,7 @@ def test_regression_flutter_of_slender_damped_columns_is_located_without_noise()
 def portal(damping, elements):
     """Return a clamped portal frame of 1 m by 1 m with follower forces on both corners."""
     mech = bd.Mechanism()
-    section = bd.Section.rectangle(STEEL, width=0.02, height=0.01, damping=damping)
+    section = rectangle(0.01, damping=damping)
     corners = [(0.0, 0.0), (0.0, 1.0), (1.0, 1.0), (1.0, 0.0)]
     left, beam, right = (
         mech.add(bd.Beam(name, bd.Line(start, end), section, elements, **EXACT))

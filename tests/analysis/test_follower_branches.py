@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from mechanisms import clamped_beam, rectangle
 from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
@@ -9,15 +10,13 @@ from test_slender_structures import FORMULATIONS
 
 import beamdae as bd
 
-SECTION = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=1e-3)
+SECTION = rectangle(1e-3)
 
 
 def column(share=0.25, **options):
     """Return a cantilever under EI / L^2, of which `share` follows the tip."""
-    mech = bd.Mechanism()
     options = options or {"formulation": "exact"}
-    beam = mech.add(bd.Beam("column", bd.Line((0.0, 0.0), (0.0, 1.0)), SECTION, 8, **options))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech, beam = clamped_beam(SECTION, 8, (0.0, 1.0), name="column", **options)
     mech.add(bd.Force("dead", beam.end, (0.0, -(1.0 - share) * SECTION.EI)))
     mech.add(bd.Force("follower", beam.end, (0.0, -share * SECTION.EI), axes="body"))
     mech.observe("tip", beam.end)
@@ -86,7 +85,7 @@ def test_divergence_ends_where_half_of_the_force_follows():
 @FORMULATIONS
 def test_limit_points_of_a_frame_under_a_follower_force(options):
     # Lee's frame with a follower force: the tangent is not symmetric.
-    section = bd.Section.rectangle(bd.Material(E=7.2e6, nu=0.3, rho=1.0), width=3.0, height=2.0)
+    section = rectangle(2.0, 3.0, material=bd.Material(E=7.2e6, nu=0.3, rho=1.0))
     mech, corner, right = bd.Mechanism(), (0.0, 120.0), (120.0, 120.0)
     upright = mech.add(bd.Beam("column", bd.Line((0.0, 0.0), corner), section, 4, **options))
     beam = mech.add(bd.Beam("beam", bd.Line(corner, right), section, 5, **options))

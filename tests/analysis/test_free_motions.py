@@ -6,11 +6,11 @@ vibrations, and they split the double zero eigenvalues of free motions.
 
 import numpy as np
 import pytest
+from mechanisms import STEEL, rectangle
 from numpy.testing import assert_allclose
 
 import beamdae as bd
 
-STEEL = bd.Material.of("steel")
 # Roots of cos(x) cosh(x) = 1: frequencies of a free beam are x^2 / (2 pi L^2) sqrt(EI / rhoA).
 FREE_BEAM_ROOTS = np.array([4.730040745, 7.853204624, 10.995607838])
 # Number of free motions by support.
@@ -21,7 +21,7 @@ FORMULATIONS = {"exact": {"formulation": "exact"}, "floating frame": {}}
 def strip(support, height, damping, elements=8, material=STEEL, length=1.0, **options):
     """Return a steel strip with structural damping [s] on the given support."""
     mech = bd.Mechanism()
-    section = bd.Section.rectangle(material, width=0.02 * length, height=height, damping=damping)
+    section = rectangle(height, 0.02 * length, damping=damping, material=material)
     line = bd.Line((0.0, 0.0), (length, 0.0))
     beam = mech.add(bd.Beam("strip", line, section, elements, **options))
     origin = mech.ground.at(0.0, 0.0)
@@ -111,7 +111,7 @@ def test_free_motions_do_not_depend_on_units(support):
 def test_damped_free_strip_has_the_frequencies_of_theory(formulation):
     mech = strip("free", 1e-3, 1e-5, **FORMULATIONS[formulation])
     modes = bd.modes(mech, n=6)
-    section = bd.Section.rectangle(STEEL, width=0.02, height=1e-3)
+    section = rectangle(1e-3)
     expected = FREE_BEAM_ROOTS**2 * np.sqrt(section.EI / section.rhoA)
     # The mesh of eight elements raises the third frequency by 8e-5.
     assert_allclose(np.abs(modes.eigenvalues[3:]), expected, rtol=1e-4)
@@ -122,7 +122,7 @@ def test_damped_free_strip_has_the_frequencies_of_theory(formulation):
 def hub_with_booms(height):
     """Return a free hub with two thin elastic booms."""
     mech = bd.Mechanism()
-    section = bd.Section.rectangle(STEEL, width=0.02, height=height, damping=1e-5)
+    section = rectangle(height, damping=1e-5)
     hub = mech.add(bd.RigidBody("hub", 1.0, 0.01, (0.0, 0.0)))
     for name, side in (("right", 1.0), ("left", -1.0)):
         line = bd.Line((0.1 * side, 0.0), (1.1 * side, 0.0))
@@ -141,7 +141,7 @@ def test_free_hub_with_thin_booms_has_three_free_motions_and_rests(height):
 
 def ring(height, damping, formulation):
     """Return a free circular ring of two halves."""
-    radius, section = 0.2, bd.Section.rectangle(STEEL, 0.02, height, damping=damping)
+    radius, section = 0.2, rectangle(height, damping=damping)
     mech = bd.Mechanism()
     one, other = (
         mech.add(
@@ -181,7 +181,7 @@ def rotor(is_clamped, formulation="exact"):
     mech = bd.Mechanism()
     hub = mech.add(bd.RigidBody.disk("hub", (0.0, 0.0), 0.1, mass=5.0))
     mech.add(bd.Revolute("shaft", mech.ground.at(0.0, 0.0), hub.at(0.0, 0.0)))
-    section = bd.Section.rectangle(STEEL, width=0.03, height=0.005)
+    section = rectangle(0.005, 0.03)
     line = bd.Line((0.1, 0.0), (0.6, 0.0))
     blade = mech.add(bd.Beam("blade", line, section, elements=2, formulation=formulation))
     if is_clamped:

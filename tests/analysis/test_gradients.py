@@ -6,10 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from differentiable_models import skater, swing, turning
+from mechanisms import EARTH, clamped_beam, free_ball
 from quick_return import quick_return
 from slider_crank import slider_crank
 
 import beamdae as bd
+from beamdae import quantities
 from beamdae.analysis.gradients.flat_model import FlatModel
 from beamdae.analysis.gradients.objectives import SampleGrid
 from beamdae.analysis.sensitivities import many_parameters
@@ -31,17 +33,16 @@ NEGLIGIBLE = 1e-3
 @bd.model(t_end=1.0)
 def oscillator(stiffness=40.0, damping=0.8, speed=SPEED, elements=1):
     """Mass on a spring and a damper, moving along the line of the spring."""
-    mech = bd.Mechanism()
-    mass = mech.add(bd.PointMass("mass", MASS, at=(1.0, 0.0), velocity=(speed, 0.0)))
-    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), mass.point, stiffness, damping))
-    mech.observe("mass", mass.point)
+    mech, _mass = free_ball(
+        (1.0, 0.0), velocity=(speed, 0.0), mass=MASS, name="mass", spring=(stiffness, damping)
+    )
     return mech
 
 
 @bd.model(t_end=0.2)
 def hanging(stiffness=300.0, length=0.5, load=2.0, mass=1.0):
     """Rod on a pin and a spring, released from equilibrium when its load begins to vary."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81), start="equilibrium")
+    mech = bd.Mechanism(gravity=EARTH, start="equilibrium")
     rod = mech.add(bd.RigidBody.rod("rod", (0.0, 0.0), (length, 0.0), mass=mass))
     mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), rod.at(0.0, 0.0)))
     tip = rod.at(length, 0.0)
@@ -77,11 +78,11 @@ def position_objective(run):
     header = next(iter(run.columns), None) or list(run.coordinate_columns())[1]
     column, end = header.rpartition(" [")[0], run.trajectory.end
     times = np.linspace(0.0, 0.99 * end, 5)
-    samples = bd.quantities.SquaredErrors(column, times, 0.1 + times, 0.5)
+    samples = quantities.SquaredErrors(column, times, 0.1 + times, 0.5)
     return (
-        bd.quantities.EndValue(column)
-        + 0.3 * bd.quantities.TimeIntegral(column, 2)
-        + bd.quantities.SmoothMaximum(column)
+        quantities.EndValue(column)
+        + 0.3 * quantities.TimeIntegral(column, 2)
+        + quantities.SmoothMaximum(column)
         + samples
     )
 
@@ -89,7 +90,7 @@ def position_objective(run):
 def multiplier_objective(run):
     """Return a sum of objectives of the first and the last multiplier."""
     headers = [x for x in run.coordinate_columns() if x.startswith("lam.")]
-    return bd.quantities.TimeIntegral(headers[0]) + 0.2 * bd.quantities.EndValue(headers[-1])
+    return quantities.TimeIntegral(headers[0]) + 0.2 * quantities.EndValue(headers[-1])
 
 
 def chain_rule(result, objective, parameter):
@@ -139,12 +140,11 @@ def assert_agrees_with_forward(
 @bd.model(t_end=0.2)
 def loaded(stiffness=40.0, load=0.0, speed=SPEED):
     """Oscillator with a force that is missing in the equations without load."""
-    mech = bd.Mechanism()
-    mass = mech.add(bd.PointMass("mass", MASS, at=(1.0, 0.0), velocity=(speed, 0.0)))
-    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), mass.point, stiffness))
+    mech, mass = free_ball(
+        (1.0, 0.0), velocity=(speed, 0.0), mass=MASS, name="mass", spring=(stiffness,)
+    )
     if load:
         mech.add(bd.Force("load", mass.point, (load, 0.0)))
-    mech.observe("mass", mass.point)
     return mech
 
 
@@ -177,7 +177,7 @@ def test_adjoint_agrees_with_forward_derivatives(case):
 @pytest.mark.slow(reason="half a second and more")
 def test_gradients_of_runs_that_start_in_equilibrium():
     method = bd.GeneralizedAlpha(step=5e-3)
-    result = bd.gradient(hanging, bd.quantities.EndValue("tip.y"), ["load", "mass"], method)
+    result = bd.gradient(hanging, quantities.EndValue("tip.y"), ["load", "mass"], method)
     forward = bd.sensitivities(hanging, ["load", "mass"], method, estimate_error=False)
     actual = [forward.sensitivity("tip.y", x).iloc[-1] for x in ("load", "mass")]
     np.testing.assert_allclose(actual, result.array, rtol=POSITIONS)
@@ -224,7 +224,7 @@ def test_regression_undamped_slider_crank_with_radau(t_end):
     """Factors that had not been tested were unsuitable, and the transposed equations diverged."""
     method, by = bd.Radau(1e-8), ["damping", "density"]
     values = {"formulation": "exact", "damping": 0.0}
-    objective = bd.quantities.EndValue("slider.x")
+    objective = quantities.EndValue("slider.x")
     forward = bd.sensitivities(
         slider_crank, by, method, t_end, parameters=values, estimate_error=False
     )
@@ -268,11 +268,8 @@ def test_few_parameters_are_changed_together():
 @bd.model(t_end=1.0)
 def leaf(height=(0.005,) * 9):
     """Leaf spring under a force of 300 N, with a height that is linear between nine points."""
-    mech = bd.Mechanism()
     section = bd.taper(bd.Section.rectangle, bd.Material.of("steel"), width=0.05, height=height)
-    line = bd.Line((0.0, 0.0), (0.4, 0.0))
-    beam = mech.add(bd.Beam("leaf", line, section, elements=8, formulation="exact"))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech, beam = clamped_beam(section, 8, 0.4, name="leaf", formulation="exact")
     mech.add(bd.Force("load", beam.end, (0.0, -300.0)))
     mech.observe("stress", beam.largest_stress())
     return mech
@@ -308,23 +305,21 @@ def test_regression_heights_are_changed_together_although_stiffnesses_keep_their
 @bd.model(t_end=0.1)
 def coupled(gains=(0.0,) * 10):
     """Oscillator whose stiffness depends on gains only if an even and an odd one change."""
-    mech = bd.Mechanism()
-    mass = mech.add(bd.PointMass("mass", MASS, at=(1.0, 0.0), velocity=(SPEED, 0.0)))
+    mech, mass = free_ball((1.0, 0.0), velocity=(SPEED, 0.0), mass=MASS, name="mass")
     product = sum(gains[::2]) * (1.0 + sum(gains[1::2])) + sum(gains)
     stiffness = 40.0 + product
     mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), mass.point, stiffness, 0.5))
-    mech.observe("mass", mass.point)
     return mech
 
 
 @pytest.mark.slow(reason="half a second and more")
 def test_parameters_that_affect_the_same_number_are_changed_one_by_one():
     result = bd.gradient(
-        coupled, bd.quantities.EndValue("mass.x"), "gains", bd.GeneralizedAlpha(step=1e-3)
+        coupled, quantities.EndValue("mass.x"), "gains", bd.GeneralizedAlpha(step=1e-3)
     )
     by_stiffness = bd.gradient(
         oscillator,
-        bd.quantities.EndValue("mass.x"),
+        quantities.EndValue("mass.x"),
         "stiffness",
         bd.GeneralizedAlpha(step=1e-3),
         0.1,
@@ -335,7 +330,7 @@ def test_parameters_that_affect_the_same_number_are_changed_one_by_one():
 
 @pytest.mark.slow(reason="half a second and more")
 def test_lists_of_floats_and_floats():
-    objective, method = bd.quantities.TimeIntegral("tip.y", 2), bd.GeneralizedAlpha(step=1e-3)
+    objective, method = quantities.TimeIntegral("tip.y", 2), bd.GeneralizedAlpha(step=1e-3)
     result = bd.gradient(arm, objective, ["torque", "thickness"], method)
     assert isinstance(result.derivatives["torque"], float)
     assert result.derivatives["thickness"].shape == (12,)
@@ -375,7 +370,7 @@ def test_interpreted_sweep_agrees_with_machine_code(monkeypatch):
         pytest.skip("machine code is switched off")
     arguments = (
         swing,
-        bd.quantities.EndValue("tip.x"),
+        quantities.EndValue("tip.x"),
         "torque",
         bd.GeneralizedAlpha(step=5e-3),
         0.1,
@@ -389,36 +384,36 @@ def test_interpreted_sweep_agrees_with_machine_code(monkeypatch):
     ("arguments", "options", "message"),
     [
         ((oscillator, 3, "stiffness"), {}, "objective must be an Objective"),
-        ((3, bd.quantities.EndValue("mass.x"), "stiffness"), {}, "model must be a model function"),
+        ((3, quantities.EndValue("mass.x"), "stiffness"), {}, "model must be a model function"),
         (
-            (oscillator, bd.quantities.EndValue("mass.x"), []),
+            (oscillator, quantities.EndValue("mass.x"), []),
             {},
             "by must contain each parameter once",
         ),
         (
-            (oscillator, bd.quantities.EndValue("mass.x"), "stifness"),
+            (oscillator, quantities.EndValue("mass.x"), "stifness"),
             {},
             "did you mean 'stiffness'",
         ),
         (
-            (oscillator, bd.quantities.EndValue("mass.x"), "elements"),
+            (oscillator, quantities.EndValue("mass.x"), "elements"),
             {},
             "neither a float nor a list",
         ),
         (
-            (oscillator, bd.quantities.EndValue("mass.z"), "stiffness"),
+            (oscillator, quantities.EndValue("mass.z"), "stiffness"),
             {},
             "there is no column 'mass.z'",
         ),
         (
-            (oscillator, bd.quantities.EndValue("mass.x"), "stiffness", bd.Ida()),
+            (oscillator, quantities.EndValue("mass.x"), "stiffness", bd.Ida()),
             {},
             "gradient: runs of Ida",
         ),
         (
             (
                 oscillator,
-                bd.quantities.EndValue("mass.x"),
+                quantities.EndValue("mass.x"),
                 "stiffness",
                 bd.GeneralizedAlpha(formulation="stabilized-index2"),
             ),
@@ -447,9 +442,7 @@ def test_errors_of_steps_that_resolve_no_vibration_are_large(step):
     """Numbers by such steps and by half of them may agree by chance."""
     method = bd.GeneralizedAlpha(step=step)
     for t_end in (1.5, 2.5, 4.0):
-        result = bd.gradient(
-            oscillator, bd.quantities.EndValue("mass.x"), "stiffness", method, t_end
-        )
+        result = bd.gradient(oscillator, quantities.EndValue("mass.x"), "stiffness", method, t_end)
         actual = abs(result.array[0] / exact_derivative(t_end) - 1.0)
         assert 0.7 * actual < result.errors.total[1] < 1.4 * actual
 
@@ -458,7 +451,7 @@ def test_regression_errors_near_a_minimum_are_not_reported(recwarn):
     """The gradient vanishes near a stiffness of 40.46 N/m; an error of 88 % of it was stated."""
     result = bd.gradient(
         oscillator,
-        bd.quantities.EndValue("mass.x"),
+        quantities.EndValue("mass.x"),
         "stiffness",
         bd.GeneralizedAlpha(step=0.02),
         1.0,
@@ -474,7 +467,7 @@ def test_regression_errors_near_a_minimum_are_not_reported(recwarn):
 
 @pytest.mark.parametrize("call", [bd.gradient, bd.sensitivities])
 def test_invalid_estimate_error_is_rejected(call):
-    objective = [bd.quantities.EndValue("mass.x")] if call is bd.gradient else []
+    objective = [quantities.EndValue("mass.x")] if call is bd.gradient else []
     with pytest.raises(bd.BeamdaeError, match=r"estimate_error must be .*, got 'yes'"):
         call(oscillator, *objective, "stiffness", estimate_error="yes")
 
@@ -482,11 +475,9 @@ def test_invalid_estimate_error_is_rejected(call):
 @bd.model(t_end=0.05)
 def resting_ball(height=0.0, stiffness=2e4):
     """A ball that is placed on the floor, up to rounding."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    ball = mech.add(bd.PointMass("ball", 0.5, at=(0.0, height), velocity=(0.5, 0.0)))
+    mech, ball = free_ball((0.0, height), velocity=(0.5, 0.0), mass=0.5, gravity=9.81)
     floor = bd.LineSurface(mech.ground.at(0.0, 0.0))
     mech.add(bd.Contact("floor", ball.point, floor, stiffness, friction=0.2))
-    mech.observe("ball", ball.point)
     return mech
 
 
@@ -499,7 +490,7 @@ def test_regression_start_at_first_touch_of_a_contact(height):
     -0.52 at penetrations of 1e-18 m and 1e-12 m. Neglecting it changes derivatives by 1e-3.
     """
     method, values = bd.GeneralizedAlpha(step=1e-3), {"height": height}
-    objective, delta = bd.quantities.EndValue("ball.y"), 1e-6
+    objective, delta = quantities.EndValue("ball.y"), 1e-6
     ends = [
         bd.simulate(resting_ball(height=height + x), method, 0.05)["ball.y"].iloc[-1]
         for x in (-delta, delta)
@@ -514,7 +505,7 @@ def test_regression_start_at_first_touch_of_a_contact(height):
 @pytest.mark.slow(reason="kernels of a mechanism with friction")
 def test_regression_weights_that_decay_to_underflow():
     """Before the only sample, friction damps the weights of later steps to denormal numbers."""
-    objective = bd.quantities.SquaredErrors("motor.M", [0.1], [0.0], 1.0)
+    objective = quantities.SquaredErrors("motor.M", [0.1], [0.0], 1.0)
     whole, short = (
         bd.gradient(quick_return, objective, "crank_radius", bd.Radau(rtol=1e-8), t_end).array
         for t_end in (0.3, 0.12)
@@ -552,7 +543,7 @@ def differentiate_rod(kind, by, method):
     """Return the derivatives of the angle at the end, forward and backward."""
     options = {"parameters": {"kind": kind}, "estimate_error": False}
     forward = bd.sensitivities(loaded_rod, by, method, **options)
-    backward = bd.gradient(loaded_rod, bd.quantities.EndValue("rod.angle"), by, method, **options)
+    backward = bd.gradient(loaded_rod, quantities.EndValue("rod.angle"), by, method, **options)
     return {x: forward.sensitivity("rod.angle", x).iloc[-1] for x in by}, backward.derivatives
 
 

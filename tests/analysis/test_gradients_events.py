@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from mechanisms import clamped_beam, rectangle
 from test_gradients import MULTIPLIERS, chain_rule, oscillator, skater, swing
 from test_sensitivities import parallel
 from test_sensitivities_events import (
@@ -20,6 +21,7 @@ from test_sensitivities_events import (
 )
 
 import beamdae as bd
+from beamdae import quantities
 
 ALPHA, RADAU = bd.GeneralizedAlpha(step=4e-3), bd.Radau(rtol=1e-5)
 CASES = {
@@ -46,13 +48,13 @@ def objective_of_all_columns(run):
         column = header.rpartition(" [")[0]
         if np.abs(values).max() > 1e-6:
             total += [
-                bd.quantities.EndValue(column),
-                bd.quantities.SquaredErrors(column, times, 0.1 + times, 0.5),
+                quantities.EndValue(column),
+                quantities.SquaredErrors(column, times, 0.1 + times, 0.5),
             ]
             if is_continuous(run, header):
                 total += [
-                    0.3 * bd.quantities.TimeIntegral(column, 2),
-                    bd.quantities.SmoothMaximum(column),
+                    0.3 * quantities.TimeIntegral(column, 2),
+                    quantities.SmoothMaximum(column),
                 ]
     return sum(total)
 
@@ -77,7 +79,7 @@ def assert_agrees_with_chain_rule(model, by, t_end, method):
         assert abs(actual.derivatives[name] - expected) <= MULTIPLIERS * size, name
 
 
-@pytest.mark.slow(reason="differentiates a run twice")
+@pytest.mark.slow(reason="half a second and more")
 @pytest.mark.parametrize("method", [ALPHA, RADAU], ids=["alpha", "radau"])
 @pytest.mark.parametrize("case", CASES)
 def test_adjoint_agrees_with_forward_derivatives(case, method):
@@ -94,15 +96,15 @@ def test_regression_integrals_of_columns_that_jump(method, tolerance):
     rates, ends = (
         bd.gradient(bounce, objective, by, method, 0.9)
         for objective in (
-            bd.quantities.TimeIntegral("ball.y_dot"),
-            bd.quantities.EndValue("ball.y"),
+            quantities.TimeIntegral("ball.y_dot"),
+            quantities.EndValue("ball.y"),
         )
     )
     assert rates.value == pytest.approx(ends.value - rates.parameters["height"], rel=tolerance)
     expected = ends.array - [1.0, 0.0, 0.0]
     np.testing.assert_allclose(rates.array, expected, rtol=tolerance)
     # The smooth maximum is a power of an integral; from differences of whole runs.
-    objective = bd.quantities.SmoothMaximum("ball.y_dot", 4.0)
+    objective = quantities.SmoothMaximum("ball.y_dot", 4.0)
     derivative = bd.gradient(bounce, objective, "restitution", method, 0.9).array[0]
     values = [
         bd.gradient(bounce, objective, "height", method, 0.9, parameters={"restitution": x}).value
@@ -119,8 +121,8 @@ def test_integrals_over_the_long_steps_of_radau():
     rate = np.sqrt(20.0)
     amplitude = 0.3 / rate
     exact = 2.0 + amplitude * (1.0 - np.cos(2.0 * rate)) / rate
-    assert bd.quantities.TimeIntegral("mass.x").value(run) == pytest.approx(exact, rel=1e-6)
-    speed = bd.quantities.SmoothMaximum("mass.x_dot", 50.0).value(run)
+    assert quantities.TimeIntegral("mass.x").value(run) == pytest.approx(exact, rel=1e-6)
+    speed = quantities.SmoothMaximum("mass.x_dot", 50.0).value(run)
     t = np.linspace(0.0, 2.0, 20001)
     fine = np.mean(np.abs(0.3 * np.cos(rate * t)) ** 50.0) ** 0.02
     assert speed == pytest.approx(fine, rel=1e-3)
@@ -137,7 +139,7 @@ def test_integrals_over_the_long_steps_of_radau():
 @pytest.mark.slow(reason="half a second and more")
 def test_times_without_derivatives_are_rejected(by, values, message):
     with pytest.raises(bd.BeamdaeError, match=f"gradient: .*{message}"):
-        bd.gradient(thrown, bd.quantities.EndValue("ball.x"), by, parameters=values)
+        bd.gradient(thrown, quantities.EndValue("ball.x"), by, parameters=values)
 
 
 STOPPED = {"alpha": bd.GeneralizedAlpha(step=2e-3), "radau": bd.Radau(rtol=1e-6)}
@@ -158,16 +160,16 @@ def test_run_that_an_event_stops(method):
         assert result.solution.trajectory.end == pytest.approx(time, rel=1e-9)
         return result.value, *result.array
 
-    _, *speed = differentiate(bd.quantities.EndValue("ball.y_dot"))
+    _, *speed = differentiate(quantities.EndValue("ball.y_dot"))
     np.testing.assert_allclose(speed, [-GRAVITY * by_height, GRAVITY * by_height], rtol=1e-8)
-    _, *position = differentiate(bd.quantities.EndValue("ball.y"))
+    _, *position = differentiate(quantities.EndValue("ball.y"))
     np.testing.assert_allclose(position, [0.0, 1.0], atol=1e-8)
-    value, *integral = differentiate(bd.quantities.TimeIntegral("ball.y"))
+    value, *integral = differentiate(quantities.TimeIntegral("ball.y"))
     assert value == pytest.approx(height * time - GRAVITY * time**3 / 6.0, rel=steps)
     exact = [time + target * by_height, -target * by_height]
     np.testing.assert_allclose(integral, exact, rtol=steps)
     # |y_dot| = g t: its p-norm is g T / (p + 1)^(1/p).
-    value, *maximum = differentiate(bd.quantities.SmoothMaximum("ball.y_dot", 3.0))
+    value, *maximum = differentiate(quantities.SmoothMaximum("ball.y_dot", 3.0))
     assert value == pytest.approx(GRAVITY * time / 4.0 ** (1.0 / 3.0), rel=steps)
     exact = [value / time * by_height, -value / time * by_height]
     np.testing.assert_allclose(maximum, exact, rtol=10.0 * steps)
@@ -177,10 +179,8 @@ def test_run_that_an_event_stops(method):
 def loaded_strip(height=0.004, damping=1e-3, load=0.5, E=2.0e9):
     """Clamped strip with its own weight and a force at its end that varies in time."""
     plastic = bd.Material(E=E, nu=0.4, rho=1200.0)
-    section = bd.Section.rectangle(plastic, width=0.02, height=height, damping=damping)
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    beam = mech.add(bd.Beam("strip", bd.Line((0.0, 0.0), (0.3, 0.0)), section, elements=2))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    section = rectangle(height, damping=damping, material=plastic)
+    mech, beam = clamped_beam(section, 2, 0.3, name="strip", gravity=9.81)
     mech.add(bd.Force("load", beam.end, (0.0, bd.sine(load, 4.0))))
     mech.observe("root", beam.section_forces(0.0))
     mech.observe("stress", beam.stress(0.0, "top"))
@@ -200,7 +200,7 @@ def test_section_forces_and_stresses(method):
     assert np.abs(moment - balance).max() <= 0.03 * np.abs(balance).max()
     for column in ("root.M [N m]", "stress [Pa]"):
         peak = np.abs(run.columns[column]).max()
-        smooth = bd.quantities.SmoothMaximum(column, 200.0).value(run)
+        smooth = quantities.SmoothMaximum(column, 200.0).value(run)
         assert 0.95 * peak < smooth < 1.001 * peak
 
 
@@ -209,7 +209,7 @@ def test_section_forces_and_stresses(method):
 def test_optimization_of_a_run_with_impacts(method):
     """Find a drop height for which the ball is at a given height after two impacts."""
     target = bd.simulate(bounce(height=0.52), method, 0.9).columns["ball.y [m]"][-1]
-    error = bd.quantities.SquaredErrors("ball.y", [0.9], [target], 1e-3)
+    error = quantities.SquaredErrors("ball.y", [0.9], [target], 1e-3)
     result = bd.optimize(bounce, error, "height", integrator=method, t_end=0.9)
     again = bd.simulate(bounce(**result.parameters), method, 0.9).columns["ball.y [m]"][-1]
     assert again == pytest.approx(target, abs=1e-5)
@@ -220,7 +220,7 @@ def test_optimization_of_a_run_with_impacts(method):
 def test_regression_peaks_narrower_than_the_steps_are_reported(exponent, step):
     """Errors of 91, 68 and 66 % were estimated at 22 and 6 %, and the last one was silent."""
     objective, method = (
-        bd.quantities.SmoothMaximum("ball.y_dot", exponent),
+        quantities.SmoothMaximum("ball.y_dot", exponent),
         bd.GeneralizedAlpha(step=step),
     )
     with pytest.warns(bd.BeamdaeWarning, match=r"gradient: d\(objective\)") as record:

@@ -4,16 +4,15 @@ import warnings
 
 import numpy as np
 import pytest
+from mechanisms import rectangle
 from numpy.testing import assert_allclose
 from test_slender_structures import FORMULATIONS
 
 import beamdae as bd
 
-STEEL = bd.Material.of("steel")
-
 
 def strip(height=1e-3):
-    return bd.Section.rectangle(STEEL, width=0.02, height=height)
+    return rectangle(height)
 
 
 def roorda_frame(**options):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from mechanisms import free_ball
 
 import beamdae as bd
 from beamdae.errors import warn_user
@@ -22,10 +23,7 @@ class Oscillator:
         self.calls += 1
         if self.calls == self.n:
             raise self.interrupt
-        mech = bd.Mechanism()
-        body = mech.add(bd.PointMass("mass", 1.0, at=(1.0, 0.0), velocity=(0.2, 0.0)))
-        mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), body.point, stiffness))
-        mech.observe("mass", body.point)
+        mech, _body = free_ball((1.0, 0.0), velocity=(0.2, 0.0), name="mass", spring=(stiffness,))
         return mech
 
 

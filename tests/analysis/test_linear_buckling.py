@@ -4,28 +4,25 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from mechanisms import STEEL, clamped_beam, hinged_beam, hinged_body, rectangle
 from numpy.testing import assert_allclose
 
 import beamdae as bd
 
-STEEL = bd.Material.of("steel")
 FORMULATIONS = ["exact", "floating frame"]
 
 
 def column(height=2e-3, elements=8, formulation="exact", axes="inertial", sign=-1.0):
     """Return a cantilever column under a force of EI / L^2, downwards by default."""
-    mech = bd.Mechanism()
-    section = bd.Section.rectangle(STEEL, width=0.02, height=height)
-    line = bd.Line((0.0, 0.0), (0.0, 1.0))
-    beam = mech.add(bd.Beam("column", line, section, elements, formulation=formulation))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    section = rectangle(height)
+    mech, beam = clamped_beam(section, elements, (0.0, 1.0), name="column", formulation=formulation)
     mech.add(bd.Force("press", beam.end, (0.0, sign * section.EI), axes=axes))
     return mech
 
 
 def portal(span=1.0):
     """Return a portal frame with clamped feet and rigid corners, EI / L^2 on each column."""
-    section = bd.Section.rectangle(STEEL, width=0.02, height=2e-3)
+    section = rectangle(2e-3)
     mech = bd.Mechanism()
     corners = [(0.0, 0.0), (0.0, 1.0), (span, 1.0), (span, 0.0)]
     beams = [
@@ -75,7 +72,7 @@ def test_portal_sways_at_the_load_of_theory():
 def test_factors_of_an_arch_are_near_the_first_critical_point(rise):
     # The arch bends before it buckles, by a fifth of its rise.
     radius, mech = (0.25 + rise**2) / (2.0 * rise), bd.Mechanism()
-    section = bd.Section.rectangle(STEEL, width=0.02, height=2e-3)
+    section = rectangle(2e-3)
     angle = 2.0 * np.arcsin(0.5 / radius)
     arc = bd.Arc(radius, radius * angle, start=(1.0, 0.0), angle=np.pi - 0.5 * angle)
     arch = mech.add(bd.Beam("arch", arc, section, 8, formulation="exact"))
@@ -99,11 +96,8 @@ def test_few_factors_are_those_among_many():
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 def test_regression_signs_of_symmetric_shapes_do_not_depend_on_rounding(formulation):
     # Both ends rotate equally far; the one that rounding made larger chose the sign.
-    section = bd.Section.rectangle(STEEL, width=0.02, height=2e-3)
-    mech = bd.Mechanism()
-    line = bd.Line((0.0, 0.0), (1.0, 0.0))
-    beam = mech.add(bd.Beam("column", line, section, elements=8, formulation=formulation))
-    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), beam.start))
+    section = rectangle(2e-3)
+    mech, beam = hinged_beam(section, 8, name="column", formulation=formulation)
     mech.add(bd.PointOnLine("roller", mech.ground.at(0.0, 0.0), beam.end))
     mech.add(bd.Force("press", beam.end, (-section.EI, 0.0)))
     result = bd.buckling(mech, n=3)
@@ -150,11 +144,8 @@ def test_displacements_before_buckling_are_warned_of():
 @pytest.mark.parametrize("tilt", [1e-16, 1e-9, 1e-7, 1e-5, 1e-4])
 def test_regression_tilts_of_rounding_are_no_displacements_before_buckling(tilt):
     """A column drawn by cos(pi / 2) had a warning of a limit point at 1.2 times the factor."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    strip = bd.Section.rectangle(STEEL, width=0.02, height=5e-3)
-    line = bd.Line((0.0, 0.0), (tilt, 1.0))
-    beam = mech.add(bd.Beam("column", line, strip, elements=8, formulation="exact"))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    strip = rectangle(5e-3)
+    mech, _ = clamped_beam(strip, 8, (tilt, 1.0), name="column", gravity=9.81, formulation="exact")
     result = bd.buckling(mech, n=1)
     assert result.warnings == ()
     # Timoshenko & Gere: q L^3 = 7.837 EI; linear buckling of the tilted column is 0.3 % lower.
@@ -166,7 +157,7 @@ def test_regression_tilts_of_rounding_are_no_displacements_before_buckling(tilt)
 def test_regression_factors_of_shallow_arches_are_compared_with_the_path(rise):
     """Factors from the equilibrium at half the load agreed by chance where they were 5 % unsafe."""
     mech, span = bd.Mechanism(), 0.4
-    section = bd.Section.rectangle(STEEL, width=0.02, height=2e-3)
+    section = rectangle(2e-3)
     curve = bd.Curve(lambda x: rise * np.sin(np.pi * x / span), x=(0.0, span))
     arch = mech.add(bd.Beam("arch", curve, section, elements=6, strain="exact"))
     mech.add(bd.Revolute("left", mech.ground.at(0.0, 0.0), arch.start))
@@ -193,7 +184,7 @@ def test_loads_scale_by_name():
     mech = column()
     mech.add(bd.Force("more", mech.parts["column"].end, (0.0, -1.0)))
     alone = bd.buckling(mech, n=1, loads=["press"])
-    section = bd.Section.rectangle(STEEL, width=0.02, height=2e-3)
+    section = rectangle(2e-3)
     expected = 0.25 * np.pi**2 - 1.0 / section.EI
     assert alone.factors[0] == pytest.approx(expected, rel=1e-5)
     assert alone.loads == ("press",)
@@ -214,9 +205,7 @@ def test_arguments_are_checked(arguments, message):
 
 
 def test_a_mechanism_has_no_buckling_load():
-    mech = bd.Mechanism()
-    body = mech.add(bd.RigidBody("bob", 1.0, 0.1, (0.0, 1.0)))
-    mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), body.at(0.0, 0.0)))
+    mech, body = hinged_body(1.0, 0.1, (0.0, 1.0), name="bob")
     mech.add(bd.Force("press", body.at(0.0, 1.0), (0.0, -1.0)))
     with pytest.raises(bd.BeamdaeError, match=r"bob\.angle can move without stiffness"):
         bd.buckling(mech)
@@ -233,11 +222,8 @@ def test_result_is_a_table_and_a_picture(tmp_path):
 
 def side_spring_column(stiffness, formulation="exact"):
     """Return a column under a follower load, with a spring of `stiffness` EI / l^3 at its end."""
-    mech = bd.Mechanism()
-    section = bd.Section.rectangle(bd.Material.of("steel"), width=0.05, height=0.01)
-    line = bd.Line((0.0, 0.0), (0.0, 1.0))
-    column = mech.add(bd.Beam("column", line, section, 4, formulation=formulation))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), column.start))
+    section = rectangle(0.01, 0.05)
+    mech, column = clamped_beam(section, 4, (0.0, 1.0), name="column", formulation=formulation)
     # Two springs, because a single one bends the compressed column.
     for x in (-1.0, 1.0):
         side = mech.ground.at(x, 1.0)
@@ -269,7 +255,7 @@ def test_regression_close_factors_of_follower_loads_are_no_large_displacements(s
 @pytest.mark.slow(reason="two seconds")
 def test_flutter_before_the_first_factor_of_follower_loads_has_a_warning():
     mech = bd.Mechanism()
-    section = bd.Section.rectangle(bd.Material.of("steel"), width=0.05, height=0.01)
+    section = rectangle(0.01, 0.05)
     points = [(0.0, 0.0), (0.0, 1.0), (1.0, 1.0), (1.0, 0.0)]
     left, top, right = (
         mech.add(bd.Beam(name, bd.Line(*ends), section, 2, formulation="exact"))

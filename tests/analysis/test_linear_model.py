@@ -2,9 +2,9 @@
 
 from dataclasses import replace
 
-import casadi as ca
 import numpy as np
 import pytest
+from mechanisms import EARTH, clamped_beam, free_ball, hinged_body, rectangle, symbols
 from numpy.testing import assert_allclose
 from scipy.signal import StateSpace, lsim
 from voice_coil_stage import voice_coil_stage
@@ -13,12 +13,12 @@ import beamdae as bd
 from beamdae.symbolic.statements import Quantity, Variable
 
 ALLOY = bd.Material(E=68.95e9, nu=0.3, rho=2760.0)
-STRIP = bd.Section.rectangle(ALLOY, width=0.03, height=0.0025, damping=1e-3)
+STRIP = rectangle(0.0025, 0.03, damping=1e-3, material=ALLOY)
 
 
 def mount(push=0.0):
     """Return a mass on a spring and a damper above a foot that a driver shakes."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     foot = mech.add(bd.RigidBody("foot", 0.5, 0.1, center=(0.0, 0.0)))
     mech.add(bd.Prismatic("rail", mech.ground.at(0.0, 0.0), foot.at(0.0, 0.0), (0.0, 1.0)))
     mech.add(
@@ -38,7 +38,7 @@ def mount(push=0.0):
 
 
 def strip(push=0.0):
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     arc = bd.Arc(radius=0.85, length=0.8, start=(0.0, 0.0), angle=-0.6)
     beam = mech.add(bd.Beam("beam", arc, STRIP, elements=2))
     mech.add(bd.PointMass("tip mass", 0.06, on=beam.end))
@@ -87,10 +87,8 @@ def test_eigenvalues_of_the_state_matrix_are_the_modes():
 @pytest.mark.slow(reason="a run of a curved beam")
 def test_regression_slow_poles_of_stiff_structures_are_accurate():
     """A steel strip of 1 m x 0.2 mm: elements of A are up to 1e17, its slowest modes 1 rad/s."""
-    mech = bd.Mechanism()
-    strip = bd.Section.rectangle(bd.Material.of("steel"), 0.02, 2e-4, damping=1e-4)
-    beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (1.0, 0.0)), strip, 3, formulation="exact"))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    strip = rectangle(2e-4, damping=1e-4)
+    mech, _ = clamped_beam(strip, 3, formulation="exact")
     poles, modes = bd.linearize(mech).poles, bd.modes(mech, n=4).eigenvalues
     assert len(poles) == 2 * 27
     assert_allclose(poles[poles.imag > 0.0][:4], modes, rtol=1e-6)
@@ -101,8 +99,8 @@ def test_regression_slow_poles_of_stiff_structures_are_accurate():
 @pytest.mark.parametrize("ratio", [150, 1500, 15000])
 def test_poles_of_thin_hanging_beams_are_their_modes(ratio, damping):
     """On a hinge, the slowest poles were 0.3 % off, and grew without damping."""
-    mech, h = bd.Mechanism(gravity=(0.0, -9.81)), 0.06 / ratio
-    section = bd.Section.rectangle(bd.Material.of("steel"), 10.0 * h, h, damping=damping)
+    mech, h = bd.Mechanism(gravity=EARTH), 0.06 / ratio
+    section = rectangle(h, 10.0 * h, damping=damping)
     line = bd.Line((0.0, 0.0), (0.0, -0.06))
     leaf = mech.add(bd.Beam("leaf", line, section, 8, formulation="floating frame"))
     mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), leaf.start))
@@ -144,7 +142,7 @@ def test_linear_model_converts_to_scipy_with_named_states():
 @pytest.mark.parametrize(("stiffness", "poles"), [(8.0, [-2j, 2j]), (0.0, [0, 0]), (-8.0, [-2, 2])])
 def test_regression_constrained_systems_are_linearized(stiffness, poles):
     """They raised an AssertionError."""
-    t, q, v = ca.SX.sym("t"), ca.SX.sym("q", 1), ca.SX.sym("v", 1)
+    t, q, v = symbols(1)
     force = -stiffness * q
     linear = bd.linearize(bd.ConstrainedSystem(t, q, v, [2.0], force, q0=[0.0], v0=[0.0]))
     assert_allclose(linear.A, [[0.0, 1.0], [-0.5 * stiffness, 0.0]], atol=1e-12)
@@ -184,9 +182,7 @@ def test_moving_skate_steers():
 
 def test_states_and_outputs_refer_to_the_rotating_frame():
     """In the rotating frame, a disk under a moment is a double integrator."""
-    mech = bd.Mechanism()
-    disk = mech.add(bd.RigidBody("disk", 1.0, 0.3))
-    mech.add(bd.Revolute("axle", mech.ground.at(0.0, 0.0), disk.at(0.0, 0.0)))
+    mech, disk = hinged_body(1.0, 0.3, name="disk")
     mech.add(bd.Moment("motor", disk.at(0.0, 0.0), 0.0))
     model = bd.linearize(mech, about=bd.rotation(4.0))
     assert_allclose(model.A, [[0.0, 1.0], [0.0, 0.0]], atol=1e-12)
@@ -240,9 +236,7 @@ def test_regression_outputs_are_selected_by_columns():
 def test_discrete_model_predicts_the_samples_of_a_controlled_run():
     """The run with a `Controller`, and the exact discretization of a wheel of 0.5 kg m^2."""
     every, gains = 0.05, np.array([[8.0, 1.0]])
-    mech = bd.Mechanism()
-    wheel = mech.add(bd.RigidBody("wheel", mass=1.0, inertia=0.5, angular_velocity=2.0))
-    mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), wheel.at(0.0, 0.0)))
+    mech, wheel = hinged_body(1.0, 0.5, name="wheel", angular_velocity=2.0)
     torque = mech.input("torque", unit="N m")
     mech.add(bd.Moment("motor", wheel.at(0.0, 0.0), torque))
     reads = [mech.sensor(x, wheel.at(0.0, 0.0), x) for x in ("angle", "angle_dot")]
@@ -301,13 +295,11 @@ def test_regression_largest_magnitudes_are_no_outputs(about):
 
 
 def ball_above_floor():
-    mech = bd.Mechanism()
-    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 1.0)))
+    mech, ball = free_ball((0.0, 1.0))
     mech.add(bd.Spring("spring", mech.ground.at(0.0, 2.0), ball.point, 100.0))
     mech.add(bd.Force("push", ball.point, (0.0, 0.0)))
     floor = mech.add(bd.Contact("floor", ball.point, bd.LineSurface(mech.ground.at(0, 0)), 1e4))
     mech.observe("floor", floor.force)
-    mech.observe("ball", ball.point)
     return mech, ball
 
 

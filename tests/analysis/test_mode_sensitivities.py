@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from four_bar import four_bar
+from mechanisms import clamped_beam, hinged, rectangle
 from numpy.testing import assert_allclose
 from richardson import assert_close, differentiate
 from ring_mount import ring_mount
@@ -11,7 +12,7 @@ from shallow_arch import shallow_arch
 import beamdae as bd
 
 G = 9.81
-SLOW = pytest.mark.slow(reason="another variant of a test of half a second")
+SLOW = pytest.mark.slow(reason="half a second and more")
 
 
 @bd.model(t_end=1.0)
@@ -95,7 +96,7 @@ def cantilever(
 ):
     mech = bd.Mechanism()
     material = bd.Material(E=E, nu=0.3, rho=rho)
-    section = bd.Section.rectangle(material, width, height, damping=damping)
+    section = rectangle(height, width, damping=damping, material=material)
     beam = mech.add(
         bd.Beam("beam", bd.Arc(1.0 / curvature, length), section, 2, formulation=formulation)
     )
@@ -196,7 +197,7 @@ def twins(one=40.0, other=40.0):
 def ring(height=0.01):
     """Free ring, whose bending modes are in pairs."""
     mech = bd.Mechanism()
-    section = bd.Section.rectangle(bd.Material.of("steel"), 0.02, height)
+    section = rectangle(height)
     curve = bd.Arc(0.5, 0.5 * np.pi)
     half = mech.add(bd.Beam("half", curve, section, 4, formulation="exact"))
     other = bd.Arc(0.5, 0.5 * np.pi, start=half.end.point, angle=np.pi)
@@ -235,9 +236,9 @@ def test_modes_next_to_a_crossing_keep_their_derivatives(gap):
 @bd.model(t_end=1.0)
 def tilted(angle=0.2):
     """Rigid pendulum that is drawn out of its equilibrium."""
-    mech = bd.Mechanism(gravity=(0.0, -G))
-    rod = mech.add(bd.RigidBody.rod("rod", (0.0, 0.0), (np.sin(angle), -np.cos(angle)), 1.0))
-    mech.add(bd.Revolute("pivot", mech.ground.at(0.0, 0.0), rod.at(0.0, 0.0)))
+    mech, _ = hinged(
+        bd.RigidBody.rod("rod", (0.0, 0.0), (np.sin(angle), -np.cos(angle)), 1.0), gravity=G
+    )
     return mech
 
 
@@ -291,11 +292,8 @@ def test_regression_drivers_that_start_with_a_velocity_leave_the_reference_at_re
 
     @bd.model(t_end=0.1)
     def leaf(length=0.08):
-        mech = bd.Mechanism()
-        steel = bd.Material.of("steel")
-        section = bd.Section.rectangle(steel, width=0.015, height=0.0005, damping=damping)
-        beam = mech.add(bd.Beam("leaf", bd.Line((0.0, 0.0), (length, 0.0)), section, 3))
-        mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+        section = rectangle(0.0005, 0.015, damping=damping)
+        mech, beam = clamped_beam(section, 3, length, name="leaf")
         anchor = mech.ground.at(length, 0.0)
         law = bd.sine(0.004, 5.0)
         mech.add(bd.TranslationalDriver("move", anchor, beam.end, law, (0.0, 1.0)))

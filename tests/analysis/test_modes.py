@@ -5,6 +5,7 @@ import warnings
 import casadi as ca
 import numpy as np
 import pytest
+from mechanisms import EARTH, hinged_body, rectangle, symbols
 from numpy.testing import assert_allclose
 from scipy.optimize import brentq
 
@@ -15,7 +16,7 @@ from beamdae.analysis.eigenproblems.eigensolution import _normalize
 from beamdae.analysis.linear_dynamics.linearization import linearize_about
 
 STEEL = bd.Material(E=2.0e11, nu=0.3, rho=7800.0)
-STRIP = bd.Section.rectangle(STEEL, width=0.03, height=0.002)
+STRIP = rectangle(0.002, 0.03, material=STEEL)
 
 
 def oscillator(mass=2.0, stiffness=8.0, damping=0.0):
@@ -43,7 +44,7 @@ def double_pendulum(turn=0.0, shift=(0.0, 0.0), backwards=False, lengths=(1.0, 0
 
 def cantilever(elements=8, gravity=(0.0, 0.0), damping=0.0, **settings):
     mech = bd.Mechanism(gravity=gravity)
-    strip = bd.Section.rectangle(STEEL, width=0.03, height=0.002, damping=damping)
+    strip = rectangle(0.002, 0.03, damping=damping, material=STEEL)
     line = bd.Line((0.0, 0.0), (0.5, 0.0))
     beam = mech.add(bd.Beam("beam", line, strip, elements=elements, **settings))
     mech.add(bd.Weld("root", mech.ground.at(0.0, 0.0), beam.start))
@@ -123,7 +124,7 @@ def test_inverted_double_pendulum_grows_at_the_rates_of_the_same_roots():
 @pytest.mark.slow(reason="16 elements, and the roots of a determinant")
 @pytest.mark.parametrize("height", [0.002, 0.05])
 def test_cantilever_matches_timoshenko_theory(height):
-    section = bd.Section.rectangle(STEEL, width=0.03, height=height)
+    section = rectangle(height, 0.03, material=STEEL)
     mech = bd.Mechanism()
     beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (0.5, 0.0)), section, elements=16))
     mech.add(bd.Weld("root", mech.ground.at(0.0, 0.0), beam.start))
@@ -223,7 +224,7 @@ def test_material_damping_of_a_mode_grows_with_its_frequency():
 @pytest.mark.parametrize(("elements", "damping"), [(4, 0.0), (40, 1e-6)])
 def test_free_beam_has_three_rigid_body_modes(elements, damping):
     mech = bd.Mechanism()
-    strip = bd.Section.rectangle(STEEL, width=0.03, height=0.002, damping=damping)
+    strip = rectangle(0.002, 0.03, damping=damping, material=STEEL)
     mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (0.5, 0.2)), strip, elements=elements))
     modes = bd.modes(mech, n=5)
     assert modes.kinds == ("free motion",) * 3 + ("vibration",) * 2
@@ -333,7 +334,7 @@ def test_reference_state_need_not_be_an_equilibrium():
 @pytest.mark.parametrize("angle", [0.4, 2.0])
 def test_frequencies_off_an_equilibrium_do_not_depend_on_coordinates(angle):
     """A bob on a circle, in x and y and in another coordinate: w^2 = g / l cos(angle)."""
-    t, q, v = ca.SX.sym("t"), ca.SX.sym("q", 2), ca.SX.sym("v", 2)
+    t, q, v = symbols(2)
     bob = bd.ConstrainedSystem(
         t=t,
         q=q,
@@ -367,7 +368,7 @@ def test_frequencies_off_an_equilibrium_do_not_depend_on_coordinates(angle):
 
 def test_regression_states_that_are_no_equilibria_are_marked():
     """Poles of a hanging stage were 20 % off, and the linear model did not show its warning."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     load = mech.add(bd.PointMass("load", 1.0, at=(0.0, 1.0)))
     mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), load.point, 100.0))
     for analysis in (bd.modes, bd.linearize):
@@ -409,9 +410,7 @@ def test_rejected_states_have_no_warning():
 
 
 def test_modes_about_positions_by_name():
-    mech = bd.Mechanism()
-    bar = mech.add(bd.RigidBody("bar", 1.0, 0.25, center=(1.0, 0.0)))
-    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), bar.at(0.0, 0.0)))
+    mech, bar = hinged_body(1.0, 0.25, (1.0, 0.0), name="bar")
     mech.add(bd.TorsionSpring("spring", mech.ground.at(0.0, 0.0), bar.at(0.0, 0.0), stiffness=5.0))
     modes = bd.modes(mech, about={"bar.angle": 0.3})
     assert_allclose(modes.q[2], 0.3)
@@ -476,7 +475,7 @@ def test_invalid_arguments_are_rejected():
     for about in ("drawn", 3, None, ("reference",)):
         with pytest.raises(bd.BeamdaeError, match="about"):
             bd.modes(oscillator(), about=about)
-    t, q, v = ca.SX.sym("t"), ca.SX.sym("q", 2), ca.SX.sym("v", 2)
+    t, q, v = symbols(2)
     force, zero = ca.vertcat(-q[0], -q[1]), [0.0, 0.0]
     massless = bd.ConstrainedSystem(t=t, q=q, v=v, mass=[1.0, 0.0], force=force, q0=zero, v0=zero)
     with pytest.raises(bd.BeamdaeError, match="has no inertia"):
@@ -496,7 +495,7 @@ def two_beams(stiffness_ratios, formulation, damping=0.0):
     end = mech.ground.at(0.0, 0.0)
     for k, ratio in enumerate(stiffness_ratios):
         steel = bd.Material(210e9 * ratio, 0.3, 7800.0)
-        section = bd.Section.rectangle(steel, width=0.02, height=0.01, damping=damping)
+        section = rectangle(0.01, damping=damping, material=steel)
         line = bd.Line((float(k), 0.0), (k + 1.0, 0.0))
         beam = mech.add(bd.Beam(f"beam {k}", line, section, 4, formulation=formulation))
         mech.add(bd.Weld(f"joint {k}", end, beam.start))
@@ -545,7 +544,7 @@ def test_regression_free_motions_that_deform_a_beam_are_announced():
 
 def free_strip():
     mech = bd.Mechanism()
-    section = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=1e-4)
+    section = rectangle(1e-4)
     line = bd.Line((0.0, 0.0), (1.0, 0.0))
     mech.add(bd.Beam("strip", line, section, 8, formulation="exact"))
     return mech
@@ -560,7 +559,7 @@ def test_regression_modes_about_equilibria_do_not_depend_on_the_size_of_other_pa
     """From 1:1e4 on, small beams had "no inertia", and loads of large ones were not balanced."""
     mech, steel = bd.Mechanism(), bd.Material.of("steel")
     for k, length in enumerate((1.0, ratio)):
-        section = bd.Section.rectangle(steel, 0.02 * length, 0.01 * length, damping=damping)
+        section = rectangle(0.01 * length, 0.02 * length, damping=damping, material=steel)
         line = bd.Line((2.0 * k, 0.0), (2.0 * k + length, 0.0))
         beam = mech.add(bd.Beam(f"beam {k}", line, section, 4, formulation=formulation))
         mech.add(bd.Weld(f"clamp {k}", mech.ground.at(2.0 * k, 0.0), beam.start))

@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from mechanisms import truss
+from mechanisms import EARTH, hinged_beam, rectangle, truss
 from numpy.testing import assert_allclose
 
 import beamdae as bd
 
 STEEL = bd.Material(E=2.0e11, nu=0.3, rho=7800.0)
-STRIP = bd.Section.rectangle(STEEL, width=0.03, height=0.002)
+STRIP = rectangle(0.002, 0.03, material=STEEL)
 
 
 def stiffness(y):
@@ -36,10 +36,7 @@ def test_truss_has_the_frequencies_of_its_tangent_stiffness(height):
 @pytest.mark.parametrize("formulation", ["floating frame", "exact"])
 def test_compressed_column_frequency_falls_linearly_with_load(formulation):
     """Hinged at both ends: w^2 = w0^2 (1 - P / Pcr) (Blevins 1979); loads act in two stages."""
-    mech = bd.Mechanism()
-    line = bd.Line((0.0, 0.0), (0.5, 0.0))
-    beam = mech.add(bd.Beam("beam", line, STRIP, elements=4, formulation=formulation))
-    mech.add(bd.Revolute("left", mech.ground.at(0.0, 0.0), beam.start))
+    mech, beam = hinged_beam(STRIP, 4, 0.5, formulation=formulation)
     mech.add(bd.PointOnLine("right", mech.ground.at(0.0, 0.0), beam.end))
     critical = (np.pi / 0.5) ** 2 * STRIP.EI
     mech.add(bd.Force("push", beam.end, (-critical, 0.0)))
@@ -56,12 +53,12 @@ def test_compressed_column_frequency_falls_linearly_with_load(formulation):
 @bd.model(t_end=1.0)
 def driven_crank(angle=0.0, stiffness=200.0):
     """Return a pendulum on a driven crank, and a spring that its angle stretches."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     crank = mech.add(bd.RigidBody("crank", 1.0, 0.02, center=(0.1, 0.0)))
     shaft = mech.ground.at(0.0, 0.0), crank.at(0.0, 0.0)
     mech.add(bd.Revolute("bearing", *shaft))
     mech.add(bd.Driver("motor", *shaft, angle))
-    section = bd.Section.rectangle(STEEL, width=0.03, height=0.002)
+    section = rectangle(0.002, 0.03, material=STEEL)
     line = bd.Line((0.2, 0.0), (0.2, -0.5))
     rod = mech.add(bd.Beam("rod", line, section, elements=2))
     mech.add(bd.Revolute("pin", crank.at(0.2, 0.0), rod.start))

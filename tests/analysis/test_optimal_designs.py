@@ -4,9 +4,11 @@ import warnings
 
 import numpy as np
 import pytest
+from mechanisms import clamped_beam, free_ball, rectangle
 from scipy.optimize import brentq
 
 import beamdae as bd
+from beamdae import quantities
 
 E, RHO = 210e9, 7850.0
 STEEL = bd.Material(E=E, nu=0.3, rho=RHO)
@@ -18,13 +20,11 @@ pytestmark = [
 
 def two_bars(width_0, width_1):
     """Two bars from walls at (-1, 1) and (1, 1) to a node at the origin, as springs E A / L."""
-    mech = bd.Mechanism()
-    node = mech.add(bd.PointMass("node", 1.0, at=(0.0, 0.0)))
+    mech, node = free_ball(name="node")
     for k, (width, x) in enumerate([(width_0, -1.0), (width_1, 1.0)]):
         stiffness = E * 1e-2 * width / np.sqrt(2.0)
         mech.add(bd.Spring(f"bar {k}", mech.ground.at(x, 1.0), node.point, stiffness))
     mech.add(bd.Force("load", node.point, (0.0, -1e4)))
-    mech.observe("node", node.point)
     return mech
 
 
@@ -36,8 +36,8 @@ def truss(width_0=0.01, width_1=0.02):
 
 def test_lightest_pair_of_bars_with_a_limit_of_the_deflection_is_symmetric(method):
     # v = P (1 / k0 + 1 / k1) / 2 with k = E A / L; the sum of k is smallest if they are equal.
-    volume = bd.quantities.ParameterFunction(lambda width_0, width_1: width_0 + width_1, "volume")
-    limit = bd.quantities.at_least(bd.quantities.EquilibriumValue("node.y"), -1e-5)
+    volume = quantities.ParameterFunction(lambda width_0, width_1: width_0 + width_1, "volume")
+    limit = quantities.at_least(quantities.EquilibriumValue("node.y"), -1e-5)
     bounds = {"width_0": (1e-3, 1.0), "width_1": (1e-3, 1.0)}
     design = bd.optimize(truss, volume, list(bounds), limit, bounds, method=method)
     assert design.status.success
@@ -50,11 +50,8 @@ def test_lightest_pair_of_bars_with_a_limit_of_the_deflection_is_symmetric(metho
 
 
 def beam_model(height, width, length, loads, mass=0.0, elements=2):
-    mech = bd.Mechanism()
-    section = bd.Section.rectangle(STEEL, width=width, height=height)
-    line = bd.Line((0.0, 0.0), (length, 0.0))
-    beam = mech.add(bd.Beam("beam", line, section, elements=elements, formulation="exact"))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    section = rectangle(height, width, material=STEEL)
+    mech, beam = clamped_beam(section, elements, length, formulation="exact")
     if loads != (0.0, 0.0):
         mech.add(bd.Force("load", beam.end, loads))
     if mass:
@@ -74,13 +71,11 @@ def cantilever(height=0.03, width=0.02):
 def test_lightest_cantilever_with_limits_of_stress_and_deflection(method, stress, sag):
     # Thin and tall is best: the width is at its lower bound, the height follows from one limit.
     limits = [
-        bd.quantities.at_most(bd.quantities.EquilibriumValue("root"), stress),
-        bd.quantities.at_least(bd.quantities.EquilibriumValue("tip.y"), -sag),
+        quantities.at_most(quantities.EquilibriumValue("root"), stress),
+        quantities.at_least(quantities.EquilibriumValue("tip.y"), -sag),
     ]
     bounds = {"height": (0.005, 0.1), "width": (0.01, 0.1)}
-    design = bd.optimize(
-        cantilever, bd.quantities.Mass(), list(bounds), limits, bounds, method=method
-    )
+    design = bd.optimize(cantilever, quantities.Mass(), list(bounds), limits, bounds, method=method)
     assert design.status.success
     assert design.at_bounds == ("width",)
     strong = np.sqrt(6.0 * 100.0 * 0.5 / (0.01 * stress))
@@ -92,14 +87,14 @@ def test_lightest_cantilever_with_limits_of_stress_and_deflection(method, stress
 
 def test_lightest_cantilever_with_a_limit_of_the_frequency(method):
     # The frequency of a cantilever is 3.516 / (2 pi L^2) sqrt(E h^2 / 12 rho).
-    goal = bd.quantities.at_least(bd.quantities.Frequency(1), 60.0)
+    goal = quantities.at_least(quantities.Frequency(1), 60.0)
     bounds = {"height": (0.005, 0.1)}
 
     def build(height=0.03):
         return beam_model(height, 0.02, 0.5, (0.0, 0.0))
 
     model = bd.model(t_end=1.0)(build)
-    design = bd.optimize(model, bd.quantities.Mass(), "height", goal, bounds, method=method)
+    design = bd.optimize(model, quantities.Mass(), "height", goal, bounds, method=method)
     height = 60.0 * 2.0 * np.pi * 0.25 / 3.51602 * np.sqrt(12.0 * RHO / E)
     assert design.status.success
     assert design.parameters["height"] == pytest.approx(height, rel=2e-3)
@@ -112,8 +107,8 @@ def test_largest_tip_mass_with_a_limit_of_the_frequency(method):
     def build(mass=0.5):
         return beam_model(0.01, 0.02, 0.5, (0.0, 0.0), mass, elements=3)
 
-    limit = bd.quantities.at_least(bd.quantities.Frequency(1), 10.0)
-    mass = bd.quantities.ParameterFunction(lambda mass: mass, "mass")
+    limit = quantities.at_least(quantities.Frequency(1), 10.0)
+    mass = quantities.ParameterFunction(lambda mass: mass, "mass")
     design = bd.optimize(
         bd.model(t_end=1.0)(build), -mass, "mass", limit, {"mass": (0.1, 20.0)}, method=method
     )
@@ -134,9 +129,9 @@ def column(height=0.02, width=0.02):
 
 def test_lightest_column_with_a_limit_of_the_critical_load(method):
     # P = pi^2 E I / (4 L^2) in the plane: thin and tall.
-    limit = bd.quantities.at_least(bd.quantities.CriticalLoad(to=40.0, step=2.0), 3.0)
+    limit = quantities.at_least(quantities.CriticalLoad(to=40.0, step=2.0), 3.0)
     bounds = {"height": (0.01, 0.05), "width": (0.01, 0.05)}
-    design = bd.optimize(column, bd.quantities.Mass(), list(bounds), limit, bounds, method=method)
+    design = bd.optimize(column, quantities.Mass(), list(bounds), limit, bounds, method=method)
     assert design.status.success
     height = (3e3 * 4.0 * 12.0 / (np.pi**2 * E * 0.01)) ** (1.0 / 3.0)
     assert design.parameters == pytest.approx({"height": height, "width": 0.01}, rel=1e-3)
@@ -156,10 +151,10 @@ def arch(rise=0.2, stiffness=1e3):
 
 
 def test_cheapest_arch_with_a_limit_of_the_snapping_load(method):
-    cost = bd.quantities.ParameterFunction(
+    cost = quantities.ParameterFunction(
         lambda rise, stiffness: 20.0 * rise + stiffness / 1e3, "cost"
     )
-    limit = bd.quantities.at_least(bd.quantities.CriticalLoad(to={"crown.y": 0.0}, step=0.05), 5.0)
+    limit = quantities.at_least(quantities.CriticalLoad(to={"crown.y": 0.0}, step=0.05), 5.0)
     bounds = {"rise": (0.05, 1.0), "stiffness": (10.0, 1e5)}
     design = bd.optimize(arch, cost, list(bounds), limit, bounds, method=method)
     assert design.status.success
@@ -186,7 +181,7 @@ def portal(column_height=0.03, beam_height=0.03):
     heights = (column_height, beam_height, column_height)
     parts = []
     for k, height in enumerate(heights):
-        section = bd.Section.rectangle(STEEL, width=0.02, height=height)
+        section = rectangle(height, material=STEEL)
         line = bd.Line(corners[k], corners[k + 1])
         parts.append(mech.add(bd.Beam(f"part {k}", line, section, elements=2, formulation="exact")))
     mech.add(bd.Weld("left foot", mech.ground.at(*corners[0]), parts[0].start))
@@ -199,9 +194,9 @@ def portal(column_height=0.03, beam_height=0.03):
 
 
 def test_lightest_portal_frame_with_a_limit_of_the_sway(method):
-    limit = bd.quantities.at_most(bd.quantities.EquilibriumValue("corner.x"), 2e-3)
+    limit = quantities.at_most(quantities.EquilibriumValue("corner.x"), 2e-3)
     bounds = {"column_height": (0.01, 0.1), "beam_height": (0.01, 0.1)}
-    design = bd.optimize(portal, bd.quantities.Mass(), list(bounds), limit, bounds, method=method)
+    design = bd.optimize(portal, quantities.Mass(), list(bounds), limit, bounds, method=method)
     assert design.status.success
 
     # Slope deflection: u = F L^3 / (24 E I) (2 + 3 k) / (0.5 + 3 k), k = I of the beam / I.
@@ -232,14 +227,14 @@ def winch(inertia=0.2, duration=bd.param(0.3, "s")):
 
 
 def test_fastest_motion_with_a_limit_of_the_peak_torque(method):
-    time = bd.quantities.ParameterFunction(lambda duration, **_: duration, "duration", "s")
+    time = quantities.ParameterFunction(lambda duration, **_: duration, "duration", "s")
     # The peak torque is J (pi / T)^2.
-    torque = bd.quantities.SmoothMaximum("drive.M")
+    torque = quantities.SmoothMaximum("drive.M")
     design = bd.optimize(
         winch,
         time,
         "duration",
-        bd.quantities.at_most(torque, 40.0),
+        quantities.at_most(torque, 40.0),
         {"duration": (0.1, 0.5)},
         bd.GeneralizedAlpha(step=1e-3),
         method=method,
@@ -251,20 +246,18 @@ def test_fastest_motion_with_a_limit_of_the_peak_torque(method):
 @bd.model(t_end=1.0)
 def catapult(stiffness=30.0, damping=1.0):
     """Mass on a spring with a damper, released at 1 m."""
-    mech = bd.Mechanism()
-    mass = mech.add(bd.PointMass("mass", 1.0, at=(1.0, 0.0)))
+    mech, mass = free_ball((1.0, 0.0), name="mass")
     ground = mech.ground.at(0.0, 0.0)
     mech.add(bd.PointOnLine("rail", ground, mass.point))
     spring = bd.Spring("spring", ground, mass.point, stiffness, damping, free_length=0.0)
     mech.add(spring)
-    mech.observe("mass", mass.point)
     return mech
 
 
 def test_damper_with_the_smallest_integral_of_squared_deflections(method):
     design = bd.optimize(
         catapult,
-        bd.quantities.TimeIntegral("mass.x", 2),
+        quantities.TimeIntegral("mass.x", 2),
         "damping",
         bounds={"damping": (0.1, 50.0)},
         parameters={"stiffness": 400.0},
@@ -285,13 +278,13 @@ def test_failed_analyses_do_not_end_a_search(method):
         return beam_model(height, 0.02, 0.5, (0.0, -100.0))
 
     limit, bounds = (
-        bd.quantities.at_least(bd.quantities.EquilibriumValue("tip.y"), -1e-3),
+        quantities.at_least(quantities.EquilibriumValue("tip.y"), -1e-3),
         {"height": (0.001, 0.1)},
     )
     # The light designs on the way fail.
-    cost = bd.quantities.ParameterFunction(lambda height: -1.0 / height, "cost")
+    cost = quantities.ParameterFunction(lambda height: -1.0 / height, "cost")
     model = bd.model(t_end=1.0)(build)
-    for objective in (bd.quantities.Mass(), cost):
+    for objective in (quantities.Mass(), cost):
         design = bd.optimize(model, objective, "height", limit, bounds, method=method)
         assert design.status.success
         assert design.parameters["height"] == pytest.approx(best, rel=2e-3)
@@ -304,15 +297,15 @@ def test_failed_analyses_do_not_end_a_search(method):
 def test_infeasible_problems_name_the_limits_that_block(method, stress):
     # Even the largest section has 3 MPa; 1 kg permits 40 MPa only with a smaller deflection.
     limits = [
-        bd.quantities.at_most(bd.quantities.EquilibriumValue("root"), stress),
-        bd.quantities.at_most(bd.quantities.Mass(), 0.2),
-        bd.quantities.at_least(bd.quantities.EquilibriumValue("tip.y"), -1.0),
+        quantities.at_most(quantities.EquilibriumValue("root"), stress),
+        quantities.at_most(quantities.Mass(), 0.2),
+        quantities.at_least(quantities.EquilibriumValue("tip.y"), -1.0),
     ]
     bounds = {"height": (0.005, 0.05), "width": (0.02, 0.05)}
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         design = bd.optimize(
-            cantilever, bd.quantities.Mass(), list(bounds), limits, bounds, method=method
+            cantilever, quantities.Mass(), list(bounds), limits, bounds, method=method
         )
     text = str(caught[0].message)
     assert design.status.kind == "limited"

@@ -8,9 +8,11 @@ from dataclasses import replace
 import mechanisms
 import numpy as np
 import pytest
+from mechanisms import EARTH, clamped_beam, free_ball, mass_on_rail
 from scipy.optimize import OptimizeResult, linprog
 
 import beamdae as bd
+from beamdae import quantities
 from beamdae.analysis.fit.problem import FitProblem, Scaling
 from beamdae.analysis.gradients.flat_model import FlatModel
 from beamdae.analysis.optimization import solvers
@@ -37,10 +39,7 @@ def cantilever(
         number = min(int(count * s / length), count - 1)
         return bd.Section.rectangle(STEEL, width=width, height=height[number], damping=1e-3)
 
-    mech = bd.Mechanism()
-    line = bd.Line((0.0, 0.0), (length, 0.0))
-    beam = mech.add(bd.Beam("beam", line, section, elements=count, strain=strain))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech, beam = clamped_beam(section, count, length, strain=strain)
     mech.add(bd.Force("load", beam.end, (0.0, -load)))
     mech.observe("tip", beam.end)
     for k in range(count):
@@ -55,18 +54,15 @@ def test_regression_designs_differentiate_equilibria_of_slender_steel_beams(heig
 
     @bd.model(t_end=1.0)
     def leaf(height=height, tip=0.6 * height):
-        mech = bd.Mechanism()
         section = bd.taper(bd.Section.rectangle, STEEL, width=0.05, height=(height, tip))
-        line = bd.Line((0.0, 0.0), (0.4, 0.0))
-        beam = mech.add(bd.Beam("leaf", line, section, elements=16, formulation="exact"))
-        mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+        mech, beam = clamped_beam(section, 16, 0.4, name="leaf", formulation="exact")
         load = 300.0 * (leaf.parameters["height"] / 0.005) ** 3
         mech.add(bd.Force("load", beam.end, (0.0, -load)))
         mech.observe("tip", beam.end)
         return mech
 
     entries = {name: (name, None) for name in ("height", "tip")}
-    tip, settings = bd.quantities.EquilibriumValue("tip.y"), RunSettings(None, None, None)
+    tip, settings = quantities.EquilibriumValue("tip.y"), RunSettings(None, None, None)
 
     def analyze(**changes):
         model = DesignModel(
@@ -98,7 +94,7 @@ def test_regression_designs_include_the_operators_of_observed_columns():
         mech.observe("gauge", beam.strain(s=0.53, offset=0.01))
         return mech
 
-    gauge, settings = bd.quantities.EquilibriumValue("gauge"), RunSettings(None, None, None)
+    gauge, settings = quantities.EquilibriumValue("gauge"), RunSettings(None, None, None)
 
     def analyze(radius):
         model = FlatModel(replace(arc, parameters={"radius": radius}), {"radius": ("radius", None)})
@@ -112,17 +108,14 @@ def test_regression_designs_include_the_operators_of_observed_columns():
 @bd.model(t_end=1.0)
 def tapered_leaf(height=(0.008,) * 5, load=500.0, length=0.4):
     """Steel cantilever of piecewise linear height, with a force at its tip."""
-    mech = bd.Mechanism()
     section = bd.taper(bd.Section.rectangle, STEEL, width=0.05, height=height)
-    line = bd.Line((0.0, 0.0), (length, 0.0))
-    beam = mech.add(bd.Beam("leaf", line, section, elements=8, formulation="exact"))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech, beam = clamped_beam(section, 8, length, name="leaf", formulation="exact")
     mech.add(bd.Force("load", beam.end, (0.0, -load)))
     mech.observe("stress", beam.largest_stress(exponent=150))
     return mech
 
 
-STRESS = bd.quantities.EquilibriumValue("stress.bound")
+STRESS = quantities.EquilibriumValue("stress.bound")
 LEAF_BOUNDS = {"height": (0.001, 0.03)}
 
 
@@ -131,11 +124,11 @@ LEAF_BOUNDS = {"height": (0.001, 0.03)}
 @pytest.mark.parametrize("first", [0.006, 0.012])
 def test_regression_lightest_tapered_leaf_under_a_stress_limit(first, method, most):
     """The stress bound jumped with the number of its sections, and the search never ended."""
-    limit = bd.quantities.at_most(STRESS, 5e8)
+    limit = quantities.at_most(STRESS, 5e8)
     heights = {"height": (first,) * 5}
     design = bd.optimize(
         tapered_leaf,
-        bd.quantities.Mass(),
+        quantities.Mass(),
         "height",
         limit,
         LEAF_BOUNDS,
@@ -157,9 +150,9 @@ def test_regression_gradients_of_runs_from_equilibrium_are_those_of_the_stress_b
     """A ValueError about sizes of matrices ended the search: the gradient had other sections."""
     first = {"height": (0.008, 0.008, 0.008, 0.006, 0.003)}
     settings = RunSettings(bd.GeneralizedAlpha(1e-3), 2e-3, "equilibrium")
-    limit = bd.quantities.at_most(bd.quantities.SmoothMaximum("stress.bound"), 5e8)
+    limit = quantities.at_most(quantities.SmoothMaximum("stress.bound"), 5e8)
     problem = create_problem(
-        tapered_leaf, bd.quantities.Mass(), "height", limit, None, first, settings
+        tapered_leaf, quantities.Mass(), "height", limit, None, first, settings
     )
     other, step = problem.first * [1.0, 0.6, 1.0, 1.0, 0.5], 1e-5 * problem.first
     gradient = problem.design(other).gradients[1]
@@ -176,10 +169,7 @@ def column(tip=0.02, root=0.02):
     def section(s):
         return bd.Section.rectangle(STEEL, width=root + (tip - root) * s**2, height=height)
 
-    mech = bd.Mechanism()
-    line = bd.Line((0.0, 0.0), (1.0, 0.0))
-    beam = mech.add(bd.Beam("half", line, section, elements=4, formulation="exact"))
-    mech.add(bd.Weld("middle", mech.ground.at(0.0, 0.0), beam.start))
+    mech, beam = clamped_beam(section, 4, name="half", formulation="exact")
     euler = np.pi**2 / 4.0 * STEEL.E * mean * height**3 / 12.0
     mech.add(bd.Force("push", beam.end, (-euler, 0.0)))
     return mech
@@ -190,10 +180,7 @@ def pair(soft=2.0, stiff=3.0):
     """Two masses on a line between walls, with springs of which one can become too soft."""
     if soft < 0.5:
         raise bd.BeamdaeError("pair: soft must be at least 0.5.")
-    mech = bd.Mechanism()
-    mass = mech.add(bd.PointMass("mass", 1.0, at=(1.0, 0.0)))
-    mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), mass.point))
-    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), mass.point, soft))
+    mech, mass = mass_on_rail(x=1.0, spring=(soft,))
     mech.add(bd.Force("push", mass.point, (1.0, 0.0)))
     mech.observe("mass", mass.point)
     return mech
@@ -209,7 +196,7 @@ def pair(soft=2.0, stiff=3.0):
     ],
 )
 def test_numbers_within_a_thousandth_of_a_limit_have_a_note(goal, note):
-    distance = bd.quantities.ParameterFunction(lambda stiff: (stiff - goal) ** 2, "distance")
+    distance = quantities.ParameterFunction(lambda stiff: (stiff - goal) ** 2, "distance")
     design = bd.optimize(pair, distance, "stiff", bounds={"stiff": (1.0, 4.0)}, tolerance=1e-10)
     assert design.bound_notes == note
     assert all(x in repr(design) for x in note)
@@ -234,9 +221,9 @@ def light_heights(count):
 def test_lightest_cantilever_has_the_heights_of_the_closed_form(first, method):
     result = bd.optimize(
         cantilever,
-        bd.quantities.Mass(),
+        quantities.Mass(),
         "height",
-        bd.quantities.at_least(bd.quantities.EquilibriumValue("tip.y", step=1.0), -SAG),
+        quantities.at_least(quantities.EquilibriumValue("tip.y", step=1.0), -SAG),
         {"height": (0.002, 0.05)},
         parameters={"height": (first,) * 2},
         tolerance=1e-9,
@@ -263,12 +250,10 @@ def test_strongest_column_of_given_volume_carries_12_over_pi_squared_times_the_e
     Its deflection is a parabola, as its area, which vanishes at the pins: P = 12 E I_mean / L^2.
     Keller, Arch. Ration. Mech. Anal. 5 (1960) 275, treats I proportional to A^2.
     """
-    width = bd.quantities.ParameterFunction(
-        lambda tip, root: (tip + 2.0 * root) / 3.0, "mean width"
-    )
-    load = bd.quantities.CriticalLoad(to=1.6, step=0.5)
+    width = quantities.ParameterFunction(lambda tip, root: (tip + 2.0 * root) / 3.0, "mean width")
+    load = quantities.CriticalLoad(to=1.6, step=0.5)
     bounds = {"tip": (1e-4, 0.05), "root": (0.01, 0.05)}
-    result = bd.optimize(column, -load, ["tip", "root"], bd.quantities.at_most(width, 0.02), bounds)
+    result = bd.optimize(column, -load, ["tip", "root"], quantities.at_most(width, 0.02), bounds)
     assert result.status.success
     assert result.at_bounds == ("tip",)
     # The smallest width at the tip and shear cost 1e-4 of the load.
@@ -282,13 +267,11 @@ def test_strongest_column_of_given_volume_carries_12_over_pi_squared_times_the_e
 @bd.model(t_end=1.0)
 def loaded_spring(stiffness=100.0):
     """Mass on a spring that a sudden load of 1 N deflects by up to 2 / `stiffness`."""
-    mech = bd.Mechanism()
-    mass = mech.add(bd.PointMass("mass", 1.0, at=(0.0, 0.0)))
+    mech, mass = free_ball(name="mass")
     ground = mech.ground.at(-1.0, 0.0)
     mech.add(bd.PointOnLine("rail", ground, mass.point))
     mech.add(bd.Spring("spring", ground, mass.point, stiffness))
     mech.add(bd.Force("load", mass.point, (1.0, 0.0)))
-    mech.observe("mass", mass.point)
     return mech
 
 
@@ -298,13 +281,13 @@ def loaded_spring(stiffness=100.0):
 @pytest.mark.parametrize("is_negative", [False, True])
 def test_regression_limits_of_smooth_maxima_are_those_of_the_maxima(exponent, is_negative, method):
     """A maximum was 6 % above the limit of its smooth maximum."""
-    travel = bd.quantities.SmoothMaximum("mass.x", exponent)
+    travel = quantities.SmoothMaximum("mass.x", exponent)
     limit = (
-        bd.quantities.at_least(-1.0 * travel, -0.02)
+        quantities.at_least(-1.0 * travel, -0.02)
         if is_negative
-        else bd.quantities.at_most(travel, 0.02)
+        else quantities.at_most(travel, 0.02)
     )
-    size = bd.quantities.ParameterFunction(lambda stiffness: stiffness, "stiffness")
+    size = quantities.ParameterFunction(lambda stiffness: stiffness, "stiffness")
     calls = (loaded_spring, size, "stiffness", limit, {"stiffness": (20.0, 500.0)})
     design = bd.optimize(*calls, method=method)
     assert design.status.success
@@ -325,8 +308,8 @@ def test_regression_limits_of_smooth_maxima_are_those_of_the_maxima(exponent, is
 @pytest.mark.slow(reason="half a second and more")
 def test_regression_violations_of_infeasible_designs_are_those_of_the_maxima():
     """Tables, files and warnings stated three violations, of which none was that of the maximum."""
-    limit = bd.quantities.at_most(bd.quantities.SmoothMaximum("mass.x"), 0.003)
-    size = bd.quantities.ParameterFunction(lambda stiffness: stiffness, "stiffness")
+    limit = quantities.at_most(quantities.SmoothMaximum("mass.x"), 0.003)
+    size = quantities.ParameterFunction(lambda stiffness: stiffness, "stiffness")
     with pytest.warns(bd.BeamdaeWarning, match=r"is 0\.00\d+ m, but the limit"):
         design = bd.optimize(loaded_spring, size, "stiffness", limit, {"stiffness": (20.0, 500.0)})
     (constraint,), (run,) = design.constraints, design.analyses
@@ -342,11 +325,11 @@ def test_regression_violations_of_infeasible_designs_are_those_of_the_maxima():
 @pytest.mark.parametrize("method", METHODS)
 def test_regression_searches_end_at_local_minima_of_the_violation(method):
     """Of 200 evaluated designs, 173 had the same parameter to eight digits."""
-    size = bd.quantities.ParameterFunction(lambda stiffness: 1.0 + 1e-5 * stiffness, "size")
-    limited = bd.quantities.ParameterFunction(
+    size = quantities.ParameterFunction(lambda stiffness: 1.0 + 1e-5 * stiffness, "size")
+    limited = quantities.ParameterFunction(
         lambda stiffness: 1.0 + (stiffness / 100.0 - 1.0) ** 2, "c"
     )
-    arguments = (loaded_spring, size, "stiffness", bd.quantities.at_most(limited, 0.97))
+    arguments = (loaded_spring, size, "stiffness", quantities.at_most(limited, 0.97))
     settings = {"bounds": {"stiffness": (20.0, 500.0)}, "parameters": {"stiffness": 150.0}}
     with pytest.warns(bd.BeamdaeWarning, match="c <= 0.97 cannot be satisfied by small changes"):
         design = bd.optimize(*arguments, **settings, method=method)
@@ -356,9 +339,9 @@ def test_regression_searches_end_at_local_minima_of_the_violation(method):
 
 @pytest.mark.slow(reason="half a second and more")
 def test_largest_of_limited_smooth_maxima_is_the_largest_maximum():
-    maxima = [bd.quantities.SmoothMaximum(f"mass.{name}") for name in ("x", "x_dot")]
-    limit = bd.quantities.at_most(bd.quantities.LargestOf(maxima), 0.1)
-    size = bd.quantities.ParameterFunction(lambda stiffness: stiffness, "stiffness")
+    maxima = [quantities.SmoothMaximum(f"mass.{name}") for name in ("x", "x_dot")]
+    limit = quantities.at_most(quantities.LargestOf(maxima), 0.1)
+    size = quantities.ParameterFunction(lambda stiffness: stiffness, "stiffness")
     bounds = {"stiffness": (20.0, 500.0)}
     design = bd.optimize(loaded_spring, size, "stiffness", limit, bounds)
     # The largest speed is 1 / sqrt(stiffness).
@@ -370,14 +353,14 @@ def test_largest_of_limited_smooth_maxima_is_the_largest_maximum():
 
 @pytest.mark.slow(reason="half a second and more")
 def test_maxima_that_do_not_reach_the_limit_of_their_smooth_maximum_have_one_search():
-    travel = bd.quantities.SmoothMaximum("mass.x")
-    size = bd.quantities.ParameterFunction(
+    travel = quantities.SmoothMaximum("mass.x")
+    size = quantities.ParameterFunction(
         lambda stiffness: (stiffness / 200.0 - 1.0) ** 2, "stiffness"
     )
     arguments = (loaded_spring, size, "stiffness")
     bounds = {"stiffness": (20.0, 500.0)}
     free = bd.optimize(*arguments, (), bounds)
-    limited = bd.optimize(*arguments, bd.quantities.at_most(travel, 0.02), bounds)
+    limited = bd.optimize(*arguments, quantities.at_most(travel, 0.02), bounds)
     assert limited.evaluations == free.evaluations
     (constraint,) = limited.constraints
     (run,) = limited.analyses
@@ -386,33 +369,31 @@ def test_maxima_that_do_not_reach_the_limit_of_their_smooth_maximum_have_one_sea
 
 @pytest.mark.slow(reason="thirteen designs with runs, paths and modes")
 def test_gradients_of_all_quantities_agree_with_differences():
-    quantities = [
-        bd.quantities.Mass()
-        + 2.0 * bd.quantities.EquilibriumValue("tip.y")
-        - bd.quantities.EndValue("tip.x"),
-        bd.quantities.LargestOf(
-            [bd.quantities.EquilibriumValue(f"stress {k}") for k in range(2)], 8.0
-        ),
-        bd.quantities.LargestOf(
+    several = [
+        quantities.Mass()
+        + 2.0 * quantities.EquilibriumValue("tip.y")
+        - quantities.EndValue("tip.x"),
+        quantities.LargestOf([quantities.EquilibriumValue(f"stress {k}") for k in range(2)], 8.0),
+        quantities.LargestOf(
             [
-                bd.quantities.SmoothMaximum("stress 0", 20.0),
-                bd.quantities.SmoothMaximum("stress 1"),
+                quantities.SmoothMaximum("stress 0", 20.0),
+                quantities.SmoothMaximum("stress 1"),
             ],
             8.0,
         ),
-        bd.quantities.EquilibriumErrors("tip.y", [0.5, 1.0], [0.0, -0.02], [0.01, 0.02]),
-        bd.quantities.EquilibriumValue("tip.angle", to=0.5),
-        bd.quantities.Frequency(2, "equilibrium"),
-        bd.quantities.ParameterFunction(
+        quantities.EquilibriumErrors("tip.y", [0.5, 1.0], [0.0, -0.02], [0.01, 0.02]),
+        quantities.EquilibriumValue("tip.angle", to=0.5),
+        quantities.Frequency(2, "equilibrium"),
+        quantities.ParameterFunction(
             lambda height, length, **_: sum(x**2 for x in height) * length
         ),
-        bd.quantities.SquaredErrors("tip.y", [0.05, 0.1], [0.0, -0.01]) / 3.0,
+        quantities.SquaredErrors("tip.y", [0.05, 0.1], [0.0, -0.01]) / 3.0,
     ]
     problem = create_problem(
         cantilever,
-        quantities[0],
+        several[0],
         ["height", "length"],
-        [bd.quantities.at_most(x, 1.0) for x in quantities[1:]],
+        [quantities.at_most(x, 1.0) for x in several[1:]],
         None,
         {"height": (0.02, 0.012)},
         RunSettings(ALPHA, None, None),
@@ -431,13 +412,13 @@ def test_gradients_of_all_quantities_agree_with_differences():
 def test_regression_warnings_of_the_analyses_of_the_best_design_are_kept():
     # The tip rotates by nearly 1 rad, too far for Green's strains.
     limits = [
-        bd.quantities.at_least(bd.quantities.EquilibriumValue("tip.y"), -0.7),
-        bd.quantities.at_most(bd.quantities.EquilibriumValue("stress 0", step=0.5), 1e12),
+        quantities.at_least(quantities.EquilibriumValue("tip.y"), -0.7),
+        quantities.at_most(quantities.EquilibriumValue("stress 0", step=0.5), 1e12),
     ]
     given, bounds = {"height": (0.003,), "load": 20.0, "strain": "green"}, {"height": (0.002, 0.05)}
     with pytest.warns(bd.BeamdaeWarning) as caught:
         design = bd.optimize(
-            cantilever, bd.quantities.Mass(), "height", limits, bounds, parameters=given
+            cantilever, quantities.Mass(), "height", limits, bounds, parameters=given
         )
     with pytest.warns(bd.BeamdaeWarning):
         expected = bd.equilibrium(cantilever(**{**given, **design.parameters})).warnings
@@ -454,28 +435,26 @@ def test_regression_warnings_about_output_rows_are_omitted():
 
     @bd.model(t_end=3.0)
     def drop(height=0.05):
-        mech = bd.Mechanism(gravity=(0.0, -9.81))
-        ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, height)))
+        mech, ball = free_ball((0.0, height), gravity=9.81)
         floor = bd.LineSurface(mech.ground.at(0.0, 0.0), (1.0, 0.0))
         mech.observe("floor", mech.add(bd.Contact("floor", ball.point, floor, 1e9)).force)
-        mech.observe("ball", ball.point)
         return mech
 
     with pytest.warns(bd.BeamdaeWarning, match="floor.N: the output rows miss"):
         bd.simulate(drop(), bd.GeneralizedAlpha(rtol=1e-4))
     with pytest.warns(bd.BeamdaeWarning, match="stopped after 1 evaluation") as caught:
-        design = bd.optimize(drop, bd.quantities.EndValue("ball.y"), "height", max_evaluations=1)
+        design = bd.optimize(drop, quantities.EndValue("ball.y"), "height", max_evaluations=1)
     assert not any("output" in text for text in [*design.warnings, *map(str, caught)])
 
 
 @pytest.mark.slow(reason="two seconds")
 def test_no_design_satisfies_the_constraints():
-    limit = bd.quantities.at_most(bd.quantities.Mass(), 0.1)
+    limit = quantities.at_most(quantities.Mass(), 0.1)
     message = "in the best one mass is 1.57 kg, but the limit is at most 0.1 kg"
     with pytest.warns(bd.BeamdaeWarning, match=message):
         result = bd.optimize(
             cantilever,
-            bd.quantities.EquilibriumValue("tip.y") * -1.0,
+            quantities.EquilibriumValue("tip.y") * -1.0,
             "width",
             limit,
             {"width": (0.01, 0.1)},
@@ -489,18 +468,18 @@ def test_no_design_satisfies_the_constraints():
 @pytest.mark.parametrize("first", [0.02, 5.0])
 def test_limits_that_contradict_each_other_are_named(method, first):
     """The search only advised more evaluations."""
-    name = bd.quantities.ParameterFunction(lambda width: width, "width")
-    other = bd.quantities.ParameterFunction(lambda width: width**2, "square")
+    name = quantities.ParameterFunction(lambda width: width, "width")
+    other = quantities.ParameterFunction(lambda width: width**2, "square")
     limits = [
-        bd.quantities.at_least(name, 2.0),
-        bd.quantities.at_most(other, 9.0),
-        bd.quantities.at_most(name, 1.0),
+        quantities.at_least(name, 2.0),
+        quantities.at_most(other, 9.0),
+        quantities.at_most(name, 1.0),
     ]
     bounds, given = {"width": (0.01, 10.0)}, {"width": first}
     with pytest.warns(bd.BeamdaeWarning, match="width >= 2, width <= 1 cannot be satisfied"):
         result = bd.optimize(
             cantilever,
-            bd.quantities.Mass(),
+            quantities.Mass(),
             "width",
             limits,
             bounds,
@@ -510,7 +489,7 @@ def test_limits_that_contradict_each_other_are_named(method, first):
     assert 1.0 < result.parameters["width"] < 2.0
     feasible = bd.optimize(
         cantilever,
-        bd.quantities.Mass(),
+        quantities.Mass(),
         "width",
         limits[:2],
         bounds,
@@ -521,9 +500,7 @@ def test_limits_that_contradict_each_other_are_named(method, first):
 
 
 @pytest.mark.slow(reason="half a second and more")
-@pytest.mark.parametrize(
-    "quantity", [bd.quantities.Mass(), bd.quantities.EquilibriumValue("tip.y")]
-)
+@pytest.mark.parametrize("quantity", [quantities.Mass(), quantities.EquilibriumValue("tip.y")])
 def test_regression_parameters_whose_neighbors_are_rejected_have_gradients(quantity):
     """Their gradients were zero, and the search converged without moving them."""
 
@@ -549,7 +526,7 @@ def test_searches_that_end_before_an_optimum_name_their_cause(integrator, is_adv
     with pytest.warns(bd.BeamdaeWarning, match="a quantity jumps or has a kink, before an optimum"):
         result = bd.optimize(
             truss,
-            bd.quantities.EndValue("crown.y"),
+            quantities.EndValue("crown.y"),
             "rise",
             bounds={"rise": (0.1, 0.3)},
             integrator=integrator,
@@ -560,37 +537,21 @@ def test_searches_that_end_before_an_optimum_name_their_cause(integrator, is_adv
 
 
 @pytest.mark.slow(reason="half a second and more")
-def test_regression_a_search_that_ends_in_front_of_failing_designs_is_reported():
-    """The search reported that it had converged, although the objective decreases further."""
-
-    @bd.model(t_end=1.0)
-    def strip(height=0.02):
-        if height < 0.015:
-            raise bd.BeamdaeError("strip: the gauge is outside the section.")
-        return cantilever(height=(height,))
-
-    with pytest.warns(bd.BeamdaeWarning, match="ended next to designs at which analyses fail"):
-        result = bd.optimize(strip, bd.quantities.Mass(), "height", bounds={"height": (0.01, 0.02)})
-    assert result.status.kind == "limited"
-    assert "the gauge is outside the section" in result.status.sentence
-    assert result.parameters["height"] >= 0.015
-
-
-@pytest.mark.slow(reason="half a second and more")
 @pytest.mark.parametrize("constant", [0.0, 40.0])
 def test_regression_constant_parts_of_the_objective_do_not_hide_failing_designs(constant):
     """With the constant, the search reported that it had converged."""
-    size = bd.quantities.ParameterFunction(lambda soft: constant + soft, "size")
-    limit = bd.quantities.at_most(bd.quantities.EquilibriumValue("mass.x"), 100.0)
+    size = quantities.ParameterFunction(lambda soft: constant + soft, "size")
+    limit = quantities.at_most(quantities.EquilibriumValue("mass.x"), 100.0)
     with pytest.warns(bd.BeamdaeWarning, match="ended next to designs at which analyses fail"):
         result = bd.optimize(pair, size, "soft", limit, {"soft": (0.01, 5.0)})
     assert result.status.kind == "limited"
+    assert "soft must be at least 0.5" in result.status.sentence
     assert result.parameters["soft"] >= 0.5
 
 
 @pytest.mark.parametrize("first", [1.0, 1.01, 1.1, 3.0])
 def test_free_minima_of_objectives_with_a_large_constant_converge(first):
-    size = bd.quantities.ParameterFunction(lambda soft: 40.0 + (soft - 1.0) ** 2, "size")
+    size = quantities.ParameterFunction(lambda soft: 40.0 + (soft - 1.0) ** 2, "size")
     arguments = (pair, size, "soft", (), {"soft": (0.5, 5.0)})
     result = bd.optimize(*arguments, parameters={"soft": first})
     assert result.status.kind == "ok"
@@ -622,9 +583,9 @@ def test_constraints_state_their_relative_margin(limit, margin, relative, text):
 )
 def test_regression_names_of_columns_are_checked_before_units(limit, column, message):
     """The unit of a group of columns was not known, which hid the names of its columns."""
-    limit = bd.quantities.at_most(bd.quantities.EquilibriumValue(column), limit)
+    limit = quantities.at_most(quantities.EquilibriumValue(column), limit)
     with pytest.raises(bd.BeamdaeError, match=message):
-        bd.optimize(cantilever, bd.quantities.Mass(), "width", limit, {"width": (0.001, 0.1)})
+        bd.optimize(cantilever, quantities.Mass(), "width", limit, {"width": (0.001, 0.1)})
 
 
 @pytest.mark.parametrize("weight", [1e-9, 1.0, 1e9])
@@ -632,14 +593,14 @@ def test_regression_optima_do_not_depend_on_the_unit_of_quantities_that_begin_at
     """Small objectives and limits that were zero at the first design ended the search there."""
 
     def zero_at(first, second):
-        return weight * bd.quantities.ParameterFunction(
+        return weight * quantities.ParameterFunction(
             lambda rise, **_: (rise - first) * (rise - second)
         )
 
     result = bd.optimize(truss, zero_at(0.2, 0.3), "rise", bounds={"rise": (0.1, 0.5)})
     # A change of 1e-4 changes the smallest value by 2.5e-7, and the search ends at 1e-6.
     assert result.parameters["rise"] == pytest.approx(0.25, rel=1e-4)
-    limit = bd.quantities.at_most(zero_at(0.2, 0.23), 0.0)
+    limit = quantities.at_most(zero_at(0.2, 0.23), 0.0)
     result = bd.optimize(truss, zero_at(0.2, 0.3), "rise", limit, {"rise": (0.1, 0.5)})
     assert result.status.success
     assert result.parameters["rise"] == pytest.approx(0.23, rel=1e-6)
@@ -647,11 +608,11 @@ def test_regression_optima_do_not_depend_on_the_unit_of_quantities_that_begin_at
 
 @pytest.mark.slow(reason="half a second")
 def test_limited_bounds_of_several_quantities_are_not_below_the_largest_one():
-    quantities = [bd.quantities.EquilibriumValue(f"stress {k}") for k in range(3)]
-    stress = bd.quantities.LargestOf(quantities, exponent=5.0)
+    several = [quantities.EquilibriumValue(f"stress {k}") for k in range(3)]
+    stress = quantities.LargestOf(several, exponent=5.0)
     bounds = {"width": (0.01, 0.1)}
     result = bd.optimize(
-        cantilever, bd.quantities.Mass(), "width", [bd.quantities.at_most(stress, 30e6)], bounds
+        cantilever, quantities.Mass(), "width", [quantities.at_most(stress, 30e6)], bounds
     )
     (limit,) = result.constraints
     (path,) = [x for x in result.analyses if hasattr(x, "columns")]
@@ -662,11 +623,11 @@ def test_limited_bounds_of_several_quantities_are_not_below_the_largest_one():
 
 @pytest.mark.slow(reason="half a second and more")
 def test_max_evaluations_ends_the_search_with_the_best_design(tmp_path):
-    limit = bd.quantities.at_least(bd.quantities.EquilibriumValue("tip.y"), -SAG)
+    limit = quantities.at_least(quantities.EquilibriumValue("tip.y"), -SAG)
     with pytest.warns(bd.BeamdaeWarning, match="stopped after 2 evaluations; increase"):
         result = bd.optimize(
             cantilever,
-            bd.quantities.Mass(),
+            quantities.Mass(),
             "height",
             limit,
             {"height": (0.01, 0.05)},
@@ -690,9 +651,9 @@ def test_interrupts_return_the_best_design_so_far(partial, method):
 
     arguments = (
         cantilever,
-        bd.quantities.Mass(),
+        quantities.Mass(),
         "width",
-        bd.quantities.at_least(bd.quantities.EquilibriumValue("tip.y"), -SAG),
+        quantities.at_least(quantities.EquilibriumValue("tip.y"), -SAG),
     )
     options = {"bounds": {"width": (0.001, 0.1)}, "progress": interrupt, "partial": partial}
     options["method"] = method
@@ -712,7 +673,7 @@ def test_regression_interrupts_during_the_first_gradient_return_the_first_design
         raise KeyboardInterrupt
 
     monkeypatch.setattr(DesignProblem, "scaled_by", interrupt)
-    result = bd.optimize(cantilever, bd.quantities.Mass(), "width", partial="return")
+    result = bd.optimize(cantilever, quantities.Mass(), "width", partial="return")
     assert (result.status.kind, result.evaluations) == ("interrupted", 1)
     assert result.status.sentence == "interrupted after 1 evaluation"
     assert result.objective == pytest.approx(STEEL.rho * LENGTH * WIDTH * 0.02)
@@ -722,7 +683,7 @@ def test_regression_numbers_without_effect_on_all_quantities_are_named():
     """The search stated that it had converged, without a word."""
     with pytest.warns(bd.BeamdaeWarning, match="nor a constraint depends on load at the best"):
         bd.optimize(
-            cantilever, bd.quantities.Mass(), ["width", "load"], bounds={"width": (0.01, 0.03)}
+            cantilever, quantities.Mass(), ["width", "load"], bounds={"width": (0.01, 0.03)}
         )
 
 
@@ -736,11 +697,11 @@ def test_exceptions_of_progress_have_the_best_design_so_far(last, method):
         if count == last:
             raise RuntimeError("no display")
 
-    limit = bd.quantities.at_least(bd.quantities.EquilibriumValue("tip.y"), -SAG)
+    limit = quantities.at_least(quantities.EquilibriumValue("tip.y"), -SAG)
     with pytest.raises(RuntimeError, match=r"^no display$") as caught:
         bd.optimize(
             cantilever,
-            bd.quantities.Mass(),
+            quantities.Mass(),
             "width",
             limit,
             {"width": (0.001, 0.1)},
@@ -764,69 +725,30 @@ def test_exceptions_of_progress_have_the_best_design_so_far(last, method):
         ({"method": "COBYLA"}, "method must be one of"),
         ({"progress": 1}, "progress must be a function"),
         ({"progress": lambda: None}, "progress must be a function that accepts 3 arguments"),
-        ({"objective": bd.quantities.EquilibriumValue("top.y")}, "top"),
+        ({"objective": quantities.EquilibriumValue("top.y")}, "top"),
         (
-            {"objective": bd.quantities.EquilibriumValue("tip.y [mm]")},
+            {"objective": quantities.EquilibriumValue("tip.y [mm]")},
             r"did you mean 'tip.y \[m\]'",
         ),
-        ({"objective": bd.quantities.CriticalLoad(1.0)}, "0 critical points"),
+        ({"objective": quantities.CriticalLoad(1.0)}, "0 critical points"),
     ],
 )
 def test_invalid_arguments_are_rejected(changes, message):
-    arguments = {"model": cantilever, "objective": bd.quantities.Mass(), "by": "height"} | changes
+    arguments = {"model": cantilever, "objective": quantities.Mass(), "by": "height"} | changes
     with pytest.raises(bd.BeamdaeError, match=message):
         bd.optimize(**arguments)
 
 
-class HostileMapping(dict):
-    def items(self):
-        raise RuntimeError("no items")
-
-    def __len__(self):
-        raise RuntimeError("no length")
-
-    __getitem__ = values = items
-
-
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (
-            lambda: bd.quantities.EquilibriumErrors(
-                "tip.y", HostileMapping({"tip.x": [0.1]}), [0.0]
-            ),
-            "EquilibriumErrors: to must be load factors, or .* cannot be read",
-        ),
-        (
-            lambda: bd.quantities.EquilibriumErrors(
-                "tip.y", {"tip.x": [0.1], "tip.y": [0.2]}, [0.0]
-            ),
-            "EquilibriumErrors: to must be load factors, or {column: values} of one column, got",
-        ),
-        (
-            lambda: bd.quantities.ParameterFunction(sum, unit=np.zeros(2)),
-            "ParameterFunction: units must be strings such as 'm'",
-        ),
-    ],
-)
-def test_regression_arguments_that_raise_are_rejected_by_name(call, message):
-    with pytest.raises(bd.BeamdaeError, match=message):
-        call()
-
-
 @bd.model(t_end=1.0)
 def oscillator(stiffness=30.0):
-    mech = bd.Mechanism()
-    mass = mech.add(bd.PointMass("mass", 1.0, at=(1.0, 0.0), velocity=(0.2, 0.0)))
-    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), mass.point, stiffness))
-    mech.observe("mass", mass.point)
+    mech, _mass = free_ball((1.0, 0.0), velocity=(0.2, 0.0), name="mass", spring=(stiffness,))
     return mech
 
 
 @bd.model(t_end=0.15)
 def shaken_leaf(height=bd.param(0.012, "m")):
     """Cantilever with a mass at its end, whose clamp climbs a step."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81), start="equilibrium")
+    mech = bd.Mechanism(gravity=EARTH, start="equilibrium")
     axle = mech.add(bd.RigidBody("axle", 1.0, 0.1, (0.0, 0.0)))
     place, center, up = mech.ground.at(0.0, 0.0), axle.at(0.0, 0.0), (0.0, 1.0)
     mech.add(bd.Prismatic("guide", place, center, up))
@@ -849,9 +771,9 @@ def test_regression_searches_with_adaptive_steps_end_within_their_tolerance():
     """Jumps of the values kept the violation above 1e-6, and 20 more designs hardly differed."""
     result = bd.optimize(
         shaken_leaf,
-        bd.quantities.Mass(),
+        quantities.Mass(),
         "height",
-        bd.quantities.at_most(bd.quantities.SmoothMaximum("stress.bound"), "300 MPa"),
+        quantities.at_most(quantities.SmoothMaximum("stress.bound"), "300 MPa"),
         {"height": ("4 mm", "30 mm")},
         parameters={"height": 0.008},
     )
@@ -866,13 +788,13 @@ def test_regression_searches_with_adaptive_steps_end_within_their_tolerance():
 def test_regression_only_values_of_runs_with_adaptive_steps_are_noisy():
     """With rtol=1e-2, limits of the mass were satisfied at 1.01 times the limit."""
     limits = [
-        bd.quantities.at_most(bd.quantities.Mass(), 1.0),
-        bd.quantities.at_most(bd.quantities.EndValue("mass.x"), 1.0),
+        quantities.at_most(quantities.Mass(), 1.0),
+        quantities.at_most(quantities.EndValue("mass.x"), 1.0),
     ]
     noises = [
         create_problem(
             oscillator,
-            bd.quantities.SquaredErrors("mass.x", [1.0], [1.0]),
+            quantities.SquaredErrors("mass.x", [1.0], [1.0]),
             "stiffness",
             limits,
             {"stiffness": (5.0, 35.0)},
@@ -887,8 +809,8 @@ def test_regression_only_values_of_runs_with_adaptive_steps_are_noisy():
 @pytest.mark.slow(reason="a fifth of a second")
 def test_regression_steps_are_accurate_enough_for_active_limits_of_zero():
     """Changes were relative to a value near zero: use GeneralizedAlpha(step=3e-09)."""
-    size = bd.quantities.ParameterFunction(lambda stiffness: stiffness, "stiffness")
-    at_rest = bd.quantities.at_least(bd.quantities.EndValue("mass.x_dot"), 0.0)
+    size = quantities.ParameterFunction(lambda stiffness: stiffness, "stiffness")
+    at_rest = quantities.at_least(quantities.EndValue("mass.x_dot"), 0.0)
     method = bd.GeneralizedAlpha(step=0.005)
     result = bd.optimize(oscillator, size, "stiffness", at_rest, {"stiffness": (5.0, 35.0)}, method)
     assert not result.warnings
@@ -898,12 +820,12 @@ def test_regression_steps_are_accurate_enough_for_active_limits_of_zero():
 @pytest.mark.slow(reason="a second")
 def test_regression_steps_that_change_the_design_are_told():
     # x = 1 + 0.2 sin(w t) / w is 1 at t = 1 s if w = pi.
-    target = bd.quantities.SquaredErrors("mass.x", [1.0], [1.0]) * 1e3
+    target = quantities.SquaredErrors("mass.x", [1.0], [1.0]) * 1e3
     arguments = (
         oscillator,
         target,
         "stiffness",
-        bd.quantities.at_most(bd.quantities.EndValue("mass.x_dot"), -0.1),
+        quantities.at_most(quantities.EndValue("mass.x_dot"), -0.1),
     )
     with pytest.warns(
         bd.BeamdaeWarning, match="mass.x.* is about .* % of its value, .*; use step="
@@ -920,8 +842,8 @@ def test_regression_steps_that_change_the_design_are_told():
 @pytest.mark.filterwarnings("ignore:optimize. no evaluated design")
 def test_regression_errors_of_steps_are_relative_to_values_far_beyond_their_limit():
     """Changes were relative to a limit in the wrong unit: 100 % or more."""
-    size = bd.quantities.ParameterFunction(lambda stiffness: stiffness, "stiffness")
-    limit = bd.quantities.at_most(bd.quantities.EndValue("mass.x"), 1e-6)
+    size = quantities.ParameterFunction(lambda stiffness: stiffness, "stiffness")
+    limit = quantities.at_most(quantities.EndValue("mass.x"), 1e-6)
     method = bd.GeneralizedAlpha(step=0.01)
     arguments = (oscillator, size, "stiffness", limit, {"stiffness": (25.0, 35.0)}, method)
     result = bd.optimize(*arguments, max_evaluations=3)
@@ -931,46 +853,43 @@ def test_regression_errors_of_steps_are_relative_to_values_far_beyond_their_limi
 
 @bd.model(t_end=0.1)
 def with_unused_number(stiffness=4.0, unused=1.0):
-    mech = bd.Mechanism()
-    mass = mech.add(bd.PointMass("mass", 1.0, at=(1.0, 0.0), velocity=(0.2, 0.0)))
-    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), mass.point, stiffness))
-    mech.observe("mass", mass.point)
+    mech, _mass = free_ball((1.0, 0.0), velocity=(0.2, 0.0), name="mass", spring=(stiffness,))
     return mech
 
 
 def test_regression_numbers_without_effect_are_named():
     with pytest.warns(bd.BeamdaeWarning, match="nor a constraint depends on unused at the best"):
-        bd.optimize(with_unused_number, bd.quantities.EndValue("mass.x"), "unused")
+        bd.optimize(with_unused_number, quantities.EndValue("mass.x"), "unused")
 
 
 @pytest.mark.parametrize(
     ("quantity", "label"),
     [
-        (bd.quantities.EndValue("tip.y") + bd.quantities.Mass(), "EndValue of tip.y + mass"),
+        (quantities.EndValue("tip.y") + quantities.Mass(), "EndValue of tip.y + mass"),
         (
-            bd.quantities.EndValue("tip.y") - 2.0 * bd.quantities.Mass(),
+            quantities.EndValue("tip.y") - 2.0 * quantities.Mass(),
             "EndValue of tip.y - 2 mass",
         ),
-        (bd.quantities.Mass() - bd.quantities.EndValue("tip.y"), "mass - EndValue of tip.y"),
+        (quantities.Mass() - quantities.EndValue("tip.y"), "mass - EndValue of tip.y"),
         (
-            bd.quantities.Frequency(2) - 1.05 * bd.quantities.Frequency(1),
+            quantities.Frequency(2) - 1.05 * quantities.Frequency(1),
             "frequency 2 - 1.05 frequency 1",
         ),
-        (-(bd.quantities.Mass() - bd.quantities.Frequency(1)) / 4, "-0.25 mass + 0.25 frequency 1"),
-        (-bd.quantities.Mass(), "-mass"),
-        (sum([bd.quantities.EndValue("a"), bd.quantities.Mass()]), "EndValue of a + mass"),
+        (-(quantities.Mass() - quantities.Frequency(1)) / 4, "-0.25 mass + 0.25 frequency 1"),
+        (-quantities.Mass(), "-mass"),
+        (sum([quantities.EndValue("a"), quantities.Mass()]), "EndValue of a + mass"),
         (
-            bd.quantities.Mass() + (bd.quantities.EndValue("a") - bd.quantities.EndValue("b")),
+            quantities.Mass() + (quantities.EndValue("a") - quantities.EndValue("b")),
             "mass + EndValue of a - EndValue of b",
         ),
     ],
 )
 def test_sums_of_quantities_and_objectives_have_readable_labels(quantity, label):
     """An objective plus a quantity was rejected, and the difference was '2 + -1 1.05 ...'."""
-    assert bd.quantities.at_most(quantity, 1.0).label == f"{label} <= 1"
+    assert quantities.at_most(quantity, 1.0).label == f"{label} <= 1"
 
 
-@pytest.mark.parametrize("term", [bd.quantities.Mass(), bd.quantities.EndValue("tip.y")])
+@pytest.mark.parametrize("term", [quantities.Mass(), quantities.EndValue("tip.y")])
 @pytest.mark.parametrize(
     "operation",
     [lambda x: x + 1.0, lambda x: 1.0 + x, lambda x: x - 1.0, lambda x: 1.0 - x, lambda x: x * x,
@@ -984,10 +903,7 @@ def test_other_operands_are_rejected(term, operation):
 @bd.model(t_end=1.0)
 def hanger(stiffness=bd.param(30.0, "N/m", "stiffness of the spring"), rest=1.0):
     """Mass on a spring."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    mass = mech.add(bd.PointMass("mass", 1.0, at=(0.0, -rest)))
-    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), mass.point, stiffness))
-    mech.observe("mass", mass.point)
+    mech, _mass = free_ball((0.0, -rest), name="mass", gravity=9.81, spring=(stiffness,))
     return mech
 
 
@@ -998,7 +914,7 @@ def read_bounds_of_fit(bounds):
 
 def read_bounds_of_optimize(bounds):
     settings = RunSettings(ALPHA, None, None)
-    objective = bd.quantities.EndValue("mass.y")
+    objective = quantities.EndValue("mass.y")
     problem = create_problem(hanger, objective, "stiffness", [], bounds, None, settings)
     return [problem.lower[0], problem.upper[0]]
 
@@ -1022,9 +938,7 @@ def test_regression_frequencies_about_an_unbalanced_reference_name_the_remedy():
 
     @bd.model(t_end=1.0)
     def mass_under_load(stiffness=100.0):
-        mech = bd.Mechanism()
-        mass = mech.add(bd.PointMass("mass", 1.0, at=(1.0, 0.0)))
-        mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), mass.point, (1.0, 0.0)))
+        mech, mass = mass_on_rail(x=1.0)
         anchor = mech.ground.at(0.0, 0.0)
         mech.add(bd.Spring("spring", anchor, mass.point, stiffness, free_length=1.0))
         mech.add(bd.Force("push", mass.point, (5.0, 0.0)))
@@ -1032,8 +946,8 @@ def test_regression_frequencies_about_an_unbalanced_reference_name_the_remedy():
 
     arguments = "stiffness", (), {"stiffness": (50.0, 150.0)}
     with pytest.raises(bd.BeamdaeError, match=r"^optimize: .*about='equilibrium'"):
-        bd.optimize(mass_under_load, bd.quantities.Frequency(1, about="reference"), *arguments)
-    for goal in (bd.quantities.Frequency(1), bd.quantities.Frequency(1, about="equilibrium")):
+        bd.optimize(mass_under_load, quantities.Frequency(1, about="reference"), *arguments)
+    for goal in (quantities.Frequency(1), quantities.Frequency(1, about="equilibrium")):
         result = bd.optimize(mass_under_load, goal, *arguments)
         assert result.parameters["stiffness"] == pytest.approx(50.0)
 
@@ -1041,8 +955,8 @@ def test_regression_frequencies_about_an_unbalanced_reference_name_the_remedy():
 def test_functions_of_parameters_receive_the_parameters_that_they_name():
     parameters = {"height": 2.0, "width": 3.0}
     for function in (lambda height: height, lambda height, **others: height):
-        assert bd.quantities.ParameterFunction(function).call(parameters) == 2.0
-    assert bd.quantities.ParameterFunction(dict).call(parameters) == parameters
+        assert quantities.ParameterFunction(function).call(parameters) == 2.0
+    assert quantities.ParameterFunction(dict).call(parameters) == parameters
 
 
 @pytest.mark.slow(reason="fifty designs")
@@ -1054,20 +968,18 @@ def test_bound_of_the_largest_stress_leads_to_uniform_strength():
         def section(s):
             return bd.Section.rectangle(STEEL, WIDTH, float(np.interp(s, knots, height)))
 
-        mech = bd.Mechanism()
-        beam = mech.add(bd.Beam("leaf", bd.Line((0.0, 0.0), (0.5, 0.0)), section, elements=4))
-        mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+        mech, beam = clamped_beam(section, 4, 0.5, name="leaf")
         mech.add(bd.Force("load", beam.end, (0.0, -100.0)))
         mech.observe("stress", beam.largest_stress())
         mech.observe("peak", beam.largest_stress(exponent=150))
         return mech
 
-    stress = bd.quantities.EquilibriumValue("peak.bound")
+    stress = quantities.EquilibriumValue("peak.bound")
     result = bd.optimize(
         leaf,
-        bd.quantities.Mass(),
+        quantities.Mass(),
         by="height",
-        subject_to=bd.quantities.at_most(stress, "150 MPa"),
+        subject_to=quantities.at_most(stress, "150 MPa"),
         bounds={"height": (0.001, 0.03)},
     )
     assert result.status.success
@@ -1093,7 +1005,7 @@ def waves(width, load):
 
 
 WAVES = {
-    "objective": bd.quantities.ParameterFunction(waves, "waves", "J"),
+    "objective": quantities.ParameterFunction(waves, "waves", "J"),
     "by": ["width", "load"],
     "bounds": {"width": (1.0, 10.0), "load": (10.0, 90.0)},
     "parameters": {"width": 2.0},
@@ -1138,12 +1050,12 @@ def test_feasible_designs_are_better_than_lower_objectives():
         # The derivative is zero at the first width.
         return np.cos(2.0 * (width - 1.0))
 
-    limit = bd.quantities.at_most(bd.quantities.ParameterFunction(ridge, "ridge"), -0.95)
+    limit = quantities.at_most(quantities.ParameterFunction(ridge, "ridge"), -0.95)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         bounds = {"width": (0.9, 2.6), "load": (10.0, 90.0)}
         start = {"width": 1.0}
-        width = bd.quantities.ParameterFunction(lambda width: width, "width")
+        width = quantities.ParameterFunction(lambda width: width, "width")
         arguments = (cantilever, width, ["width", "load"], limit, bounds)
         single = bd.optimize(*arguments, parameters=start)
         result = bd.optimize(*arguments, parameters=start, starts=4)
@@ -1158,7 +1070,7 @@ def fails_above(limit):
             raise ValueError(f"a width of {width:.3g} is too large")
         return waves(width, load)
 
-    return bd.quantities.ParameterFunction(value, "waves")
+    return quantities.ParameterFunction(value, "waves")
 
 
 def test_failed_starts_are_listed_and_the_others_are_used():
@@ -1209,18 +1121,6 @@ def test_interrupts_of_later_searches_return_the_best_design_so_far(partial):
     assert result.starts["objective"].min() == result.objective
 
 
-def test_exceptions_of_progress_in_later_searches_have_the_best_design_so_far():
-    def fail(count, objective, violation):
-        if count == 30:
-            raise RuntimeError("no display")
-
-    with pytest.raises(RuntimeError, match=r"^no display$") as caught:
-        bd.optimize(cantilever, **WAVES, starts=8, progress=fail)
-    result = caught.value.partial
-    assert result.status.kind == "failed"
-    assert result.starts["objective"].min() == result.objective
-
-
 def fit_of_oscillator(bounds, log=()):
     times = np.linspace(0.1, 1.0, 10)
     data = {"t [s]": times, "mass.x": 1.0 + 0.2 / 40.0**0.5 * np.sin(40.0**0.5 * times)}
@@ -1228,7 +1128,7 @@ def fit_of_oscillator(bounds, log=()):
 
 
 def optimum_of_oscillator(bounds):
-    squares = bd.quantities.ParameterFunction(lambda stiffness: (stiffness - 40.0) ** 2)
+    squares = quantities.ParameterFunction(lambda stiffness: (stiffness - 40.0) ** 2)
     return bd.optimize(oscillator, squares, "stiffness", bounds=bounds)
 
 
@@ -1261,17 +1161,13 @@ def test_regression_bounds_that_are_equal_or_descend_are_named(search, bounds, m
 @pytest.mark.parametrize("root", [np.sqrt, math.sqrt, lambda x: x**0.5])
 def test_regression_functions_that_end_at_a_bound_have_derivatives(root):
     """Central differences beyond the bound were not finite, and the search failed."""
-    cost = bd.quantities.ParameterFunction(
-        lambda stiffness: 0.1 * stiffness - root(stiffness - 30.0)
-    )
+    cost = quantities.ParameterFunction(lambda stiffness: 0.1 * stiffness - root(stiffness - 30.0))
     result = bd.optimize(oscillator, cost, "stiffness", bounds={"stiffness": (30.0, 90.0)})
     assert result.status.success
     # 0.1 = 0.5 / sqrt(stiffness - 30)
     assert result.parameters["stiffness"] == pytest.approx(55.0, rel=1e-3)
     # A function with a finite slope that ends at its minimum.
-    ending = bd.quantities.ParameterFunction(
-        lambda stiffness: stiffness + root(stiffness - 30.0) ** 2
-    )
+    ending = quantities.ParameterFunction(lambda stiffness: stiffness + root(stiffness - 30.0) ** 2)
     result = bd.optimize(oscillator, ending, "stiffness", bounds={"stiffness": (30.0, None)})
     assert result.parameters["stiffness"] == 30.0
     assert result.residual == pytest.approx(0.0, abs=1e-6)
@@ -1288,12 +1184,12 @@ def test_regression_gradients_that_are_not_finite_are_stated_once():
     with pytest.raises(
         bd.BeamdaeError, match=r"^optimize: the gradient of cost of oscillator is not"
     ):
-        bd.optimize(oscillator, bd.quantities.ParameterFunction(value, "cost"), "stiffness")
+        bd.optimize(oscillator, quantities.ParameterFunction(value, "cost"), "stiffness")
     first = {"stiffness": 60.0}
     with pytest.warns(bd.BeamdaeWarning) as caught:
         bd.optimize(
             oscillator,
-            bd.quantities.ParameterFunction(value, "cost"),
+            quantities.ParameterFunction(value, "cost"),
             "stiffness",
             parameters=first,
         )
@@ -1306,11 +1202,11 @@ def test_regression_searches_without_bounds_advise_them():
     with pytest.warns(
         bd.BeamdaeWarning, match="positive, got .*; pass bounds= that exclude such designs"
     ):
-        bd.optimize(cantilever, bd.quantities.Mass(), "width", bounds={"width": (None, 0.1)})
+        bd.optimize(cantilever, quantities.Mass(), "width", bounds={"width": (None, 0.1)})
 
 
 def test_regression_values_that_are_not_finite_at_the_start_have_advice():
-    cost = bd.quantities.ParameterFunction(lambda stiffness: np.inf * stiffness, "cost")
+    cost = quantities.ParameterFunction(lambda stiffness: np.inf * stiffness, "cost")
     with pytest.raises(
         bd.BeamdaeError, match=r"cost of oscillator is inf at .*; start from others"
     ):
@@ -1323,7 +1219,7 @@ def whole(mass=2, load=1.0):
 
 
 @pytest.mark.parametrize(
-    "call", [bd.sensitivities, lambda *x: bd.optimize(x[0], bd.quantities.Mass(), x[1])]
+    "call", [bd.sensitivities, lambda *x: bd.optimize(x[0], quantities.Mass(), x[1])]
 )
 def test_regression_whole_numbers_without_derivative_have_advice(call):
     with pytest.raises(bd.BeamdaeError, match=r"compare whole numbers by sweep, or write 2\.0 in"):
@@ -1336,19 +1232,16 @@ def test_regression_first_designs_that_fail_name_meaningless_strains():
 
     @bd.model(t_end=1.0)
     def leaf(height=0.006):
-        mech = bd.Mechanism()
         section = bd.Section.rectangle(soft, width=0.05, height=height)
-        line = bd.Line((0.0, 0.0), (0.4, 0.0))
-        beam = mech.add(bd.Beam("leaf", line, section, elements=4, formulation="exact"))
-        mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+        mech, beam = clamped_beam(section, 4, 0.4, name="leaf", formulation="exact")
         mech.add(bd.Force("load", beam.end, (0.0, -300.0)))
         mech.observe("tip", beam.end)
         return mech
 
-    tip = bd.quantities.at_least(bd.quantities.EquilibriumValue("tip.y"), -0.01)
+    tip = quantities.at_least(quantities.EquilibriumValue("tip.y"), -0.01)
     hint = "the largest strain is .*, far beyond linear elasticity"
     with pytest.raises(bd.BeamdaeError, match=f"did not reach its end.*{hint}.*check .* units"):
-        bd.optimize(leaf, bd.quantities.Mass(), "height", tip)
+        bd.optimize(leaf, quantities.Mass(), "height", tip)
 
 
 @pytest.mark.slow(reason="half a second")
@@ -1366,7 +1259,7 @@ def test_regression_gradients_of_frequencies_build_models_by_groups():
         return mech
 
     entries = {f"height[{k}]": ("height", k) for k in range(13)}
-    frequency, settings = bd.quantities.Frequency(1), RunSettings(None, None, None)
+    frequency, settings = quantities.Frequency(1), RunSettings(None, None, None)
     gradients, counts = [], []
     for _ in range(2):
         built.clear()

@@ -4,12 +4,12 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from mechanisms import rectangle
 from numpy.testing import assert_allclose
 from properties.random_frames import build_frame, check_path, draw_frame, trace
 
 import beamdae as bd
 
-STEEL = bd.Material.of("steel")
 FORMULATIONS = [{"formulation": "exact"}, {"strain": "exact"}]
 BOTH = pytest.mark.parametrize("options", FORMULATIONS, ids=["exact", "floating frame"])
 CONTROLS = [{"control": "load"}, {"control": "arc length"}, {"step": 0.02}]
@@ -17,7 +17,7 @@ CONTROLS = [{"control": "load"}, {"control": "arc length"}, {"step": 0.02}]
 
 def portal(height=0.02, **options):
     """Return a shallow portal of 1 m whose girder snaps through."""
-    mech, section = bd.Mechanism(), bd.Section.rectangle(STEEL, width=0.02, height=height)
+    mech, section = bd.Mechanism(), rectangle(height)
     points = [(0.0, 0.0), (0.5, 0.1), (1.0, 0.0)]
     left, right = (
         mech.add(bd.Beam(f"rafter {k}", bd.Line(*ends), section, 4, **options))
@@ -33,7 +33,7 @@ def portal(height=0.02, **options):
 
 def cantilever(height, elements=8, **options):
     """Return a column of 1 m under the load EI / L^2, and its flexibility in shear."""
-    mech, section = bd.Mechanism(), bd.Section.rectangle(STEEL, width=0.02, height=height)
+    mech, section = bd.Mechanism(), rectangle(height)
     line = bd.Line((0.0, 0.0), (0.0, 1.0))
     beam = mech.add(bd.Beam("column", line, section, elements, **options))
     mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
@@ -88,7 +88,7 @@ def test_slenderness_does_not_cost_digits(slenderness, options):
 @BOTH
 def test_long_taut_strips_are_stable(options):
     # The load stiffens each coordinate a thousandfold: determinants exceed the range of numbers.
-    mech, section = bd.Mechanism(), bd.Section.rectangle(STEEL, width=0.01, height=1e-5)
+    mech, section = bd.Mechanism(), rectangle(1e-5, 0.01)
     beam = mech.add(bd.Beam("strip", bd.Line((0.0, 0.0), (1.0, 0.0)), section, 60, **options))
     mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
     mech.add(bd.Force("pull", beam.end, (1e-3 * section.EA, 0.0)))
@@ -158,7 +158,7 @@ def test_steps_do_not_lead_to_neighboring_paths(options):
     # The load acts 1e-5 of the length beside the crown. The point was a branch point at 8.98758,
     # between the path and that on the other side of the gap that the asymmetry opens.
     mech, radius = bd.Mechanism(), (0.25 + 0.05**2) / (2.0 * 0.05)
-    section = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=0.01)
+    section = rectangle(0.01)
     angle = np.arcsin(0.5 / radius)
     arc = bd.Arc(-radius, 2.0 * radius * angle, start=(0.0, 0.0), angle=angle)
     beam = mech.add(bd.Beam("arch", arc, section, 8, **options))

@@ -1,10 +1,8 @@
 """Equilibrium paths against closed-form solutions: limit points, branch points, flutter."""
 
-import warnings
-
 import numpy as np
 import pytest
-from mechanisms import truss
+from mechanisms import clamped_beam, free_ball, hinged_body, rectangle, truss
 from numpy.testing import assert_allclose
 
 import beamdae as bd
@@ -94,7 +92,7 @@ def test_an_interrupted_path_is_returned():
 @pytest.mark.parametrize("load", [1e2, 1e4])
 def test_stiffening_structures_have_no_jumps(load):
     mech = bd.Mechanism()
-    section = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=1e-3)
+    section = rectangle(1e-3)
     line = bd.Line((0.0, 0.0), (1.0, 0.0))
     strip = mech.add(bd.Beam("strip", line, section, 4, formulation="exact"))
     mech.add(bd.Weld("left", mech.ground.at(0.0, 0.0), strip.start))
@@ -123,7 +121,7 @@ def test_regression_rounding_after_a_branch_point_is_no_extremum_of_the_load(ele
     """The path ended with the status "failed": "an extremum without a critical mode"."""
     length, height = 0.3, 1e-3
     mech = bd.Mechanism()
-    section = bd.Section.rectangle(bd.Material(E=200e9, nu=0.3, rho=7800.0), 0.02, height)
+    section = rectangle(height, material=bd.Material(E=200e9, nu=0.3, rho=7800.0))
     line = bd.Line((0.0, 0.0), (length, 0.0))
     strip = mech.add(bd.Beam("strip", line, section, elements, formulation="exact"))
     mech.add(bd.Revolute("left", mech.ground.at(0.0, 0.0), strip.start))
@@ -166,7 +164,7 @@ def test_column_switches_to_the_buckled_path(side):
 
 
 def test_equal_columns_have_a_branch_point_of_two_modes():
-    mech, section = bd.Mechanism(), bd.Section.rectangle(bd.Material.of("steel"), 0.02, 0.002)
+    mech, section = bd.Mechanism(), rectangle(0.002)
     for name, x in (("left", 0.0), ("right", 0.3)):
         line = bd.Line((x, 0.0), (x, 1.0))
         beam = mech.add(bd.Beam(name, line, section, elements=4))
@@ -203,12 +201,10 @@ def test_unstable_ends_of_load_control_warn():
 
 def leaning_bar():
     """Return an upright bar of length 1 with a side spring: P = 10 cos(angle) is unstable."""
-    mech = bd.Mechanism()
-    bob = mech.add(bd.PointMass("bob", 1.0, at=(0.0, 1.0)))
+    mech, bob = free_ball((0.0, 1.0), name="bob")
     mech.add(bd.Distance("rod", mech.ground.at(0.0, 0.0), bob.point))
     mech.add(bd.Spring("side", mech.ground.at(-50.0, 1.0), bob.point, 10.0))
     mech.add(bd.Force("push", bob.point, (0.0, -1.0)))
-    mech.observe("bob", bob.point)
     return mech
 
 
@@ -233,7 +229,7 @@ def test_regression_unstable_ends_at_the_load_of_a_path_by_arc_length_warn():
     radius = (0.25 * span**2 + rise**2) / (2.0 * rise)
     half = np.arcsin(0.5 * span / radius)
     curve = bd.Arc(radius, 2.0 * radius * half, start=(0.5 * span, 0.0), angle=np.pi - half)
-    strip = bd.Section.rectangle(bd.Material(E=2.1e11, nu=0.3, rho=7850.0), 0.02, 0.002)
+    strip = rectangle(0.002, material=bd.Material(E=2.1e11, nu=0.3, rho=7850.0))
     arch = mech.add(bd.Beam("arch", curve, strip, elements=2, formulation="exact"))
     for name, end in (("right", arch.start), ("left", arch.end)):
         mech.add(bd.Revolute(name, mech.ground.at(*end.point), end))
@@ -247,18 +243,14 @@ def test_regression_unstable_ends_at_the_load_of_a_path_by_arc_length_warn():
 
 
 def test_regression_paths_by_arc_length_that_begin_unstable_warn():
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    rod = mech.add(bd.RigidBody("rod", 1.0, 0.1, (0.0, 1.0)))
-    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), rod.at(0.0, 0.0)))
+    mech, rod = hinged_body(1.0, 0.1, (0.0, 1.0), name="rod", gravity=9.81)
     mech.add(bd.Force("wind", rod.at(0.0, 1.0), (1.0, 0.0)))
     with pytest.warns(bd.BeamdaeWarning, match="unstable in 1 direction from the beginning"):
         bd.equilibrium(mech, loads=["wind"], control="arc length")
 
 
 def test_unstable_equilibria_without_scaled_loads_warn():
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    rod = mech.add(bd.RigidBody("rod", 1.0, 0.1, (0.0, 1.0)))
-    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), rod.at(0.0, 0.0)))
+    mech, _ = hinged_body(1.0, 0.1, (0.0, 1.0), name="rod", gravity=9.81)
     with pytest.warns(bd.BeamdaeWarning, match="unstable in 1 direction from the beginning"):
         bd.equilibrium(mech, loads=[])
 
@@ -310,12 +302,10 @@ def test_regression_paths_of_point_masses_on_springs_do_not_depend_on_the_unit_o
     """Their characteristic length was 1 m: small trusses left the path, large ones did not end."""
 
     def solve(unit, **arguments):
-        mech = bd.Mechanism()
-        crown = mech.add(bd.PointMass("crown", 1.0, at=(0.0, TALL * unit)))
+        mech, crown = free_ball((0.0, TALL * unit), name="crown")
         for name, x in (("left", -unit), ("right", unit)):
             mech.add(bd.Spring(name, mech.ground.at(x, 0.0), crown.point, STIFFNESS / unit))
         mech.add(bd.Force("press", crown.point, (0.0, -1.0)))
-        mech.observe("crown", crown.point)
         path = bd.equilibrium(mech, to={"crown.y": -3.5 * unit}, control="arc length", **arguments)
         assert path.status.success, path.status.sentence
         return path
@@ -436,17 +426,11 @@ def test_regression_strains_of_a_bent_beam_are_the_suspected_cause_of_a_limit_po
     """The remedy was the arc length, although exact strains reach the whole load."""
 
     def bend(**settings):
-        steel = bd.Material.of("steel")
-        section = bd.Section.rectangle(steel, width=0.04, height=0.003)
-        line = bd.Line((0.0, 0.0), (0.3, 0.0))
-        mech = bd.Mechanism()
-        leaf = mech.add(bd.Beam("leaf", line, section, elements=4, **settings))
-        mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), leaf.start))
+        section = rectangle(0.003, 0.04)
+        mech, leaf = clamped_beam(section, 4, 0.3, name="leaf", **settings)
         mech.add(bd.Force("load", leaf.end, (-1000.0, -300.0)))
         mech.observe("tip", leaf.end)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", bd.BeamdaeWarning)
-            return bd.equilibrium(mech)
+        return bd.equilibrium(mech)
 
     # A second formulation, and a second mesh of floating frames.
     assert bend(strain="exact").status.success

@@ -4,6 +4,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from conformance import tuned
+from mechanisms import ALLOY, EARTH, clamped_beam, mass_on_rail, rectangle
 from scipy.optimize import fsolve
 
 import beamdae as bd
@@ -14,9 +15,7 @@ MASS, STIFFNESS, DAMPING = 2.0, 18.0, 1.0
 
 def oscillator(load, cubic=0.0, stiffness=STIFFNESS, damping=DAMPING):
     """Return a mass on a rail with a spring and a damper."""
-    mech = bd.Mechanism()
-    mass = mech.add(bd.PointMass("mass", MASS, at=(1.0, 0.0)))
-    mech.add(bd.PointOnLine("rail", mech.ground.at(1.0, 0.0), mass.point, (1.0, 0.0)))
+    mech, mass = mass_on_rail(MASS, 1.0)
 
     def pull(x, rate):
         return stiffness * x + cubic * x**3 + damping * rate
@@ -132,11 +131,8 @@ def test_regression_amplitudes_far_beyond_the_size_are_found(damping, ratio, loa
 @pytest.mark.slow(reason="a quarter of a second")
 def test_regression_small_loads_are_periodic():
     """A load of 1e-6 N "differed by 3.3e+35 of the largest force" after 1e18 periods."""
-    section = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=1e-3, damping=1e-3)
-    mech = bd.Mechanism()
-    line = bd.Line((0.0, 0.0), (0.5, 0.0))
-    beam = mech.add(bd.Beam("beam", line, section, elements=2))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    section = rectangle(1e-3, damping=1e-3)
+    mech, beam = clamped_beam(section, 2, 0.5)
     mech.add(bd.Force("load", beam.end, (0.0, bd.sine(1e-6, 3.3454))))
     assert bd.periodic(mech, 1.0 / 3.3454, bd.Radau(1e-6)).status.success
 
@@ -436,10 +432,8 @@ def test_regression_states_that_grow_in_each_period_are_named():
 def test_regression_axial_vibrations_of_beams_do_not_limit_the_corrections():
     """Each correction was limited to 3 amplitudes of an axial vibration that decays at once."""
     frequency = 4.2
-    mech = bd.Mechanism()
-    strip = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=0.006, damping=2e-4)
-    arm = mech.add(bd.Beam("arm", bd.Line((0.0, 0.0), (0.4, 0.0)), strip, elements=2))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), arm.start))
+    strip = rectangle(0.006, damping=2e-4)
+    mech, arm = clamped_beam(strip, 2, 0.4, name="arm")
     wheel = mech.add(bd.RigidBody.disk("wheel", (0.4, 0.0), radius=0.05, mass=0.4))
     rack = mech.add(bd.RigidBody("rack", mass=0.3, inertia=1e-3, center=(0.4, -0.05)))
     mech.add(bd.Revolute("axle", arm.end, wheel.at(0.4, 0.0)))
@@ -472,9 +466,7 @@ def test_regression_forces_in_axes_of_a_turning_blade_are_periodic():
     The component of the force along the chord, 1e-7 of the largest force, seemed to be constant.
     """
     mech, speed = bd.Mechanism(), 135.0
-    section = bd.Section.rectangle(
-        bd.Material.of("aluminum"), width=0.04, height=0.006, damping=8e-5
-    )
+    section = rectangle(0.006, 0.04, damping=8e-5, material=ALLOY)
     blade = mech.add(bd.Beam("blade", bd.Line((0.1, 0.0), (0.45, 0.0)), section, 4))
     disk = mech.add(bd.RigidBody("disk", mass=5.0, inertia=0.05))
     mech.add(bd.Revolute("bearing", mech.ground.at(0.0, 0.0), disk.at(0.0, 0.0)))
@@ -493,7 +485,7 @@ def test_regression_forces_in_axes_of_a_turning_blade_are_periodic():
 )
 def test_regression_rounding_errors_at_dead_centers_are_no_lost_velocities(law):
     """The joints "did not allow" crank.y_dot = -1.6e-26 m/s of a crank at 6.3 rad/s or at rest."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     crank = mech.add(bd.RigidBody("crank", 10.0, 0.05))
     ram = mech.add(bd.RigidBody("ram", 20.0, 0.1, center=(0.0, -0.25)))
     base = mech.ground.at(0.0, 0.0)

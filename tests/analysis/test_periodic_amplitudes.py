@@ -4,6 +4,7 @@ import re
 
 import numpy as np
 import pytest
+from mechanisms import mass_on_rail
 from pages import read_page
 from scipy.special import ive
 
@@ -23,9 +24,7 @@ def pulsed_mass(size=SIZE):
         phase = np.sin(np.pi * (t - 0.5137)) / (np.pi * WIDTH)
         return size * np.exp(-(phase**2)) + RIPPLE * (1.0 - np.cos(2.0 * np.pi * (t - 0.5)))
 
-    mech = bd.Mechanism()
-    mass = mech.add(bd.PointMass("mass", 1.0, at=(0.0, 0.0)))
-    mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), mass.point, (1.0, 0.0)))
+    mech, mass = mass_on_rail()
     mech.add(bd.Spring("spring", mech.ground.at(-1.0, 0.0), mass.point, 400.0, 4.0))
     pulse = mech.add(bd.Force("pulse", mass.point, (force, 0.0)))
     mech.observe("pulse", pulse.force)

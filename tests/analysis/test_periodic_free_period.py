@@ -3,6 +3,7 @@
 import casadi as ca
 import numpy as np
 import pytest
+from mechanisms import EARTH, mass_on_rail
 from scipy.special import ellipk
 
 import beamdae as bd
@@ -22,9 +23,7 @@ def van_der_pol(mu, start=0.5):
 @bd.model(t_end=40.0)
 def self_excited(length=1.0):
     """Return a mass on a spring with negative damping at small elongations, in units of length."""
-    mech = bd.Mechanism()
-    mass = mech.add(bd.PointMass("mass", 2.0, at=(0.0, 0.0), velocity=(0.1 * length, 0.0)))
-    mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), mass.point, (1.0, 0.0)))
+    mech, mass = mass_on_rail(2.0, velocity=(0.1 * length, 0.0))
 
     def pull(x, rate):
         return 2.0 * x + 2.0 * ((x / length) ** 2 - 1.0) * rate
@@ -122,7 +121,7 @@ def test_arguments_and_failures():
 def test_motion_that_does_not_recur():
     @bd.model(t_end=2.0)
     def falling():
-        mech = bd.Mechanism(gravity=(0.0, -9.81))
+        mech = bd.Mechanism(gravity=EARTH)
         mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0)))
         return mech
 

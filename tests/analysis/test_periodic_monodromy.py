@@ -3,6 +3,7 @@
 import casadi as ca
 import numpy as np
 import pytest
+from mechanisms import STEEL, clamped_beam, hinged_body, rectangle
 
 import beamdae as bd
 from beamdae.analysis.periodic.monodromy import (
@@ -12,8 +13,6 @@ from beamdae.analysis.periodic.monodromy import (
 )
 from beamdae.analysis.periodic.period_map import PeriodMap, PeriodRun, build_periodic_equations
 from beamdae.linear.lanes import LANES
-
-STEEL = bd.Material(E=2.1e11, nu=0.3, rho=7850.0)
 
 
 def test_low_rank_monodromy_matrix():
@@ -48,9 +47,7 @@ def test_monodromy_matrix_of_full_rank(size):
 
 def pendulum(rate=0.8):
     """Return a rigid pendulum under a moment that oscillates at `rate` [Hz]."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    rod = mech.add(bd.RigidBody("rod", 1.0, 0.1, center=(0.0, -0.5)))
-    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), rod.at(0.0, 0.0)))
+    mech, rod = hinged_body(1.0, 0.1, (0.0, -0.5), name="rod", gravity=9.81)
     mech.add(bd.Moment("motor", rod.at(0.0, -0.5), bd.sine(1.0, rate)))
     return mech
 
@@ -105,12 +102,9 @@ def test_disturbances_do_not_depend_on_those_in_other_lanes(count):
 
 def forced_strip(ratio):
     """Return an undamped strip and the period of its load, at a multiple of the first frequency."""
-    section = bd.Section.rectangle(STEEL, width=0.02, height=0.002)
+    section = rectangle(0.002)
     rate = ratio * 1.8751041**2 * np.sqrt(section.EI / section.rhoA)
-    mech = bd.Mechanism()
-    line = bd.Line((0.0, 0.0), (1.0, 0.0))
-    beam = mech.add(bd.Beam("beam", line, section, elements=4, formulation="exact"))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech, beam = clamped_beam(section, 4, formulation="exact")
     load = bd.sine(0.03 * section.EI, rate / (2.0 * np.pi))
     mech.add(bd.Force("load", beam.end, (0.0, load)))
     return mech, 2.0 * np.pi / rate
@@ -125,7 +119,7 @@ def test_regression_errors_of_multipliers_are_not_estimated_with_halved_steps():
 
 def swung_beam(amplitude):
     """Return an undamped beam whose root turns by amplitude (1 - cos 2 pi t)."""
-    section = bd.Section.rectangle(STEEL, width=0.02, height=0.01)
+    section = rectangle(0.01)
     mech = bd.Mechanism()
     line = bd.Line((0.0, 0.0), (1.0, 0.0))
     beam = mech.add(bd.Beam("beam", line, section, elements=2, formulation="exact"))
@@ -148,7 +142,7 @@ def test_undamped_beam_converges_quadratically():
     np.testing.assert_allclose(np.abs(motion.multipliers[:2]), 1.0, atol=5e-5)
     # Quasistatic tip deflection of the clamped beam: inertia load rho A alpha x and
     # EI w = -rho A alpha (11/120) L^5, amplified by the first mode.
-    beam = bd.Section.rectangle(STEEL, width=0.02, height=0.01)
+    beam = rectangle(0.01)
     acceleration = 0.02 * (2.0 * np.pi) ** 2
     deflection = 11.0 / 120.0 * beam.rhoA * acceleration / beam.EI
     first = 3.5160 * np.sqrt(beam.EI / beam.rhoA)
@@ -162,13 +156,10 @@ def test_undamped_beam_converges_quadratically():
 def test_regression_undamped_strip_has_the_harmonic_response(ratio):
     """Vibrations after the start took 100 periods at rtol 1e-8, and more next to a resonance."""
     length, load = 0.5, 1e-4
-    section = bd.Section.rectangle(STEEL, width=0.02, height=1e-3)
+    section = rectangle(1e-3)
     wave_number = 1.8751041 * np.sqrt(ratio) / length
     frequency = wave_number**2 * np.sqrt(section.EI / section.rhoA) / (2.0 * np.pi)
-    mech = bd.Mechanism()
-    line = bd.Line((0.0, 0.0), (length, 0.0))
-    beam = mech.add(bd.Beam("beam", line, section, elements=4, strain="exact"))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech, beam = clamped_beam(section, 4, length, strain="exact")
     mech.add(bd.Force("load", beam.end, (0.0, bd.sine(load, frequency))))
     mech.observe("tip", beam.deflection(length))
     motion = bd.periodic(mech, 1.0 / frequency)
@@ -184,7 +175,7 @@ def test_regression_undamped_strip_has_the_harmonic_response(ratio):
 def swung_strip(damping_ratio):
     """Return a thin damped strip whose root turns by 0.2 sin 2 pi t."""
     rate = 1.8751041**2 * np.sqrt(STEEL.E * 1e-6 / 12.0 / STEEL.rho) / 0.5**2
-    section = bd.Section.rectangle(STEEL, width=0.02, height=1e-3, damping=2 * damping_ratio / rate)
+    section = rectangle(1e-3, damping=2 * damping_ratio / rate)
     mech = bd.Mechanism()
     line = bd.Line((0.0, 0.0), (0.5, 0.0))
     beam = mech.add(bd.Beam("beam", line, section, elements=4, formulation="exact"))

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from mechanisms import EARTH, clamped_beam, mass_on_rail, rectangle
 from numpy.testing import assert_allclose
 
 import beamdae as bd
@@ -10,9 +11,7 @@ import beamdae as bd
 @bd.model(t_end=1.0)
 def shaker(stiffness=9.0, mass=1.0, damping=0.5, frequency=0.3, load=1.0):
     """Mass on a spring and a damper under a harmonic force."""
-    mech = bd.Mechanism()
-    bob = mech.add(bd.PointMass("bob", mass, at=(1.0, 0.0)))
-    mech.add(bd.PointOnLine("rail", mech.ground.at(1.0, 0.0), bob.point, (1.0, 0.0)))
+    mech, bob = mass_on_rail(mass, 1.0, name="bob")
     hook = mech.ground.at(0.0, 0.0)
     mech.add(bd.Spring("spring", hook, bob.point, stiffness, damping))
     mech.add(bd.Force("load", bob.point, (bd.sine(load, frequency=frequency), 0.0)))
@@ -60,9 +59,7 @@ def test_parameter_that_changes_the_period_of_the_load():
 
 @bd.model(t_end=60.0)
 def van_der_pol(excitation=0.5, stiffness=1.0, size=1.0):
-    mech = bd.Mechanism()
-    bob = mech.add(bd.PointMass("bob", 1.0, at=(5.0 + size, 0.0)))
-    mech.add(bd.PointOnLine("rail", mech.ground.at(5.0, 0.0), bob.point, (1.0, 0.0)))
+    mech, bob = mass_on_rail(x=5.0 + size, name="bob")
 
     def law(elongation, rate):
         return stiffness * elongation - excitation * (1.0 - (elongation / size) ** 2) * rate
@@ -93,7 +90,7 @@ def test_self_excited_motion_has_a_derivative_of_its_period():
 
 @bd.model(t_end=3.0)
 def pendulum(length=1.0):
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     bob = mech.add(bd.PointMass("bob", 1.0, at=(length, 0.0)))
     mech.add(bd.Distance("rod", mech.ground.at(0.0, 0.0), bob.point))
     return mech
@@ -113,12 +110,11 @@ def test_refusals():
 @bd.model(t_end=1.0)
 def strip(length=0.5, formulation="exact"):
     """Damped curved cantilever with a mass at its tip, which is shaken."""
-    mech = bd.Mechanism()
     plastic = bd.Material(E=2e9, nu=0.35, rho=1200.0)
-    section = bd.Section.rectangle(plastic, width=0.02, height=0.004, damping=2e-3)
-    curve = bd.Arc(1.25, length)
-    beam = mech.add(bd.Beam("strip", curve, section, 1, formulation=formulation))
-    mech.add(bd.Weld("root", mech.ground.at(0.0, 0.0), beam.start))
+    section = rectangle(0.004, damping=2e-3, material=plastic)
+    mech, beam = clamped_beam(
+        section, 1, bd.Arc(1.25, length), name="strip", formulation=formulation
+    )
     tip = mech.add(bd.PointMass("tip", 0.05, at=beam.end.point))
     mech.add(bd.Revolute("pin", beam.end, tip.point))
     mech.add(bd.Force("shake", tip.point, (0.0, bd.sine(0.2, frequency=2.0))))

@@ -6,6 +6,7 @@ import pickle
 import cloudpickle
 import numpy as np
 import pytest
+from mechanisms import EARTH, symbols
 
 import beamdae as bd
 
@@ -15,7 +16,7 @@ METHOD = bd.GeneralizedAlpha(step=5e-3)
 @bd.model(t_end=0.05)
 def pendulum(mass=2.0, damping=0.0):
     """Rod on a pin with a local function as law; the damper is absent at damping = 0."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     rod = mech.add(bd.RigidBody.rod("rod", (0.0, 0.0), (0.0, -0.5), mass=mass))
     mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), rod.at(0.0, 0.0)))
     tip = rod.at(0.0, -0.5)
@@ -55,9 +56,8 @@ def test_equilibria_modes_and_gradients():
 
 
 def test_constrained_systems_are_rejected():
-    import casadi as ca
 
-    t, q, v = ca.SX.sym("t"), ca.SX.sym("q"), ca.SX.sym("v")
+    t, q, v = symbols()
     system = bd.ConstrainedSystem(t=t, q=q, v=v, mass=[1.0], force=-q, q0=[1.0], v0=[0.0])
     with pytest.raises(bd.BeamdaeError, match="equations without a mechanism cannot be pickled"):
         pickle.dumps(system.equations)

@@ -12,6 +12,7 @@ from benchmarks.modes import (
     square_rubber,
     supported_beam,
 )
+from mechanisms import rectangle
 from numpy.testing import assert_allclose
 
 import beamdae as bd
@@ -50,7 +51,7 @@ def test_ring_converges_to_the_thin_ring():
     steel = bd.Material(E=2e11, nu=0.3, rho=8000.0)
     deviations = []
     for height in (0.02, 0.01):
-        section = bd.Section.rectangle(steel, width=0.02, height=height)
+        section = rectangle(height, material=steel)
         frequency = bd.modes(ring(section, 1.0, 16), n=5).eigenvalues[3].imag
         deviations.append(1.0 - frequency / closed_forms.thin_ring(section, 1.0, 2))
     # The mesh error is 4e-6 of the frequency.

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import casadi as ca
 import numpy as np
 import pytest
+from mechanisms import free_ball, rectangle
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
@@ -42,8 +43,7 @@ def run_with_columns(columns):
 def shaken_strip(law, rotates=False, damping=2e-4, elements=2, strain="exact"):
     """Return a damped strip whose first section is driven, with its first resonance at 41 Hz."""
     mech = bd.Mechanism()
-    steel = bd.Material.of("steel")
-    section = bd.Section.rectangle(steel, width=0.05, height=0.006, damping=damping)
+    section = rectangle(0.006, 0.05, damping=damping)
     line = bd.Line((0.0, 0.0), (0.35, 0.0))
     beam = mech.add(bd.Beam("strip", line, section, elements, strain))
     base = mech.ground.at(0.0, 0.0)
@@ -60,11 +60,8 @@ def shaken_strip(law, rotates=False, damping=2e-4, elements=2, strain="exact"):
 @bd.model(t_end=0.5)
 def pushed_mass(frequency=40.0):
     """Return a mass on a damped spring under a periodic force."""
-    mech = bd.Mechanism()
-    mass = mech.add(bd.PointMass("mass", 1.0, at=(1.0, 0.0)))
-    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), mass.point, 4e4, 20.0))
+    mech, mass = free_ball((1.0, 0.0), name="mass", spring=(4e4, 20.0))
     mech.add(bd.Force("push", mass.point, (bd.sine(1.0, frequency), 0.0)))
-    mech.observe("mass", mass.point)
     return mech
 
 
@@ -110,9 +107,8 @@ def shaken_blade(damping_ratio, elements=2):
     @bd.model(t_end=1.0)
     def blade(frequency=20.0):
         mech = bd.Mechanism()
-        steel = bd.Material(E=2.1e11, nu=0.3, rho=7850.0)
         damping = damping_ratio / (np.pi * BLADE_RESONANCE)
-        section = bd.Section.rectangle(steel, width=0.05, height=0.006, damping=damping)
+        section = rectangle(0.006, 0.05, damping=damping)
         beam = mech.add(bd.Beam("blade", bd.Line((0.0, 0.0), (0.6, 0.0)), section, elements))
         base, up = mech.ground.at(0.0, 0.0), (0.0, 1.0)
         law = bd.sine(BLADE_ACCELERATION / (2.0 * np.pi * frequency) ** 2, frequency)
@@ -337,12 +333,10 @@ def test_progress_is_called_with_the_points():
 def test_response_with_other_parameters():
     @bd.model(t_end=1.0)
     def pushed(frequency=40.0, force=1.0):
-        mech = bd.Mechanism()
-        mass = mech.add(bd.PointMass("mass", 1.0, at=(0.0, 0.0)))
+        mech, mass = free_ball(name="mass")
         mech.add(bd.Spring("spring", mech.ground.at(-1.0, 0.0), mass.point, 1e3, 50.0))
         mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), mass.point, (1.0, 0.0)))
         mech.add(bd.Force("push", mass.point, (bd.sine(force, frequency), 0.0)))
-        mech.observe("mass", mass.point)
         return mech
 
     def follow(**parameters):

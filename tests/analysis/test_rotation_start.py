@@ -2,16 +2,16 @@
 
 import numpy as np
 import pytest
+from mechanisms import STEEL, rectangle
 
 import beamdae as bd
 
 SPEED = 5.0  # [rad/s]
-STEEL = bd.Material(E=2.1e11, nu=0.3, rho=7850.0)
 
 
 def driven_beam(gravity=0.0, **settings):
     """Return a beam whose root is driven at a constant speed."""
-    section = bd.Section.rectangle(STEEL, width=0.02, height=0.002, damping=1e-4)
+    section = rectangle(0.002, damping=1e-4)
     mech = bd.Mechanism(gravity=(0.0, -gravity))
     line = bd.Line((0.0, 0.0), (1.0, 0.0))
     beam = mech.add(bd.Beam("beam", line, section, elements=2, **settings))
@@ -68,7 +68,7 @@ def test_periodic_motion_of_a_driven_beam_as_drawn():
 @pytest.mark.parametrize("unit", [1.0, 1e-3])
 def test_driver_sets_a_flexible_slider_crank_in_motion(unit):
     crank_length, rod_length, speed = 0.1 * unit, 0.4 * unit, 30.0
-    section = bd.Section.rectangle(STEEL, width=0.02 * unit, height=0.004 * unit)
+    section = rectangle(0.004 * unit, 0.02 * unit)
     mech = bd.Mechanism()
     axle = mech.ground.at(0.0, 0.0)
     crank = mech.add(bd.Beam("crank", bd.Line((0.0, 0.0), (0.0, crank_length)), section))
@@ -90,7 +90,7 @@ def test_driver_sets_a_flexible_slider_crank_in_motion(unit):
 
 def test_given_velocities_are_stopped_by_joints():
     # A moving rod that a wall stops at one end: only this end stops at once.
-    section = bd.Section.rectangle(STEEL, width=0.02, height=0.02)
+    section = rectangle(0.02)
     mech = bd.Mechanism()
     line = bd.Line((0.0, 0.0), (1.0, 0.0))
     beam = mech.add(bd.Beam("rod", line, section, elements=4, velocity=(-1.0, 0.0)))
@@ -113,7 +113,7 @@ def test_regression_bodies_apart_do_not_change_how_a_driven_beam_starts():
 @pytest.mark.slow(reason="a quarter of a second")
 def test_drivers_that_bend_a_beam():
     # Both ends turn in opposite directions: the beam has no rigid motion.
-    section = bd.Section.rectangle(STEEL, width=0.02, height=0.02)
+    section = rectangle(0.02)
     mech = bd.Mechanism()
     line = bd.Line((0.0, 0.0), (1.0, 0.0))
     beam = mech.add(bd.Beam("beam", line, section, elements=2, formulation="exact"))
@@ -134,7 +134,7 @@ def test_weight_acts_as_at_the_start():
 
 
 def test_mechanism_with_a_start_in_rotation():
-    section = bd.Section.rectangle(STEEL, width=0.02, height=0.02)
+    section = rectangle(0.02)
     mech = bd.Mechanism(start=bd.rotation(2.0, center=(0.5, 0.0)))
     line = bd.Line((0.0, 0.0), (1.0, 0.0))
     beam = mech.add(bd.Beam("beam", line, section, elements=2, formulation="exact"))

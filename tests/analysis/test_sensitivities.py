@@ -15,6 +15,7 @@ from governor import governor
 from hub_beam import hub_beam
 from inverted_pendulum import inverted_pendulum
 from leaf_spring_vehicle import leaf_spring_vehicle
+from mechanisms import EARTH, clamped_beam, free_ball, hinged_body, mass_on_rail, rectangle, symbols
 from pendulum import pendulum
 from quick_return import quick_return
 from ring_mount import ring_mount
@@ -24,6 +25,7 @@ from sliding_mass import sliding_mass
 from spin_up import spin_up
 
 import beamdae as bd
+from beamdae import quantities
 from beamdae.analysis.sensitivities.neighbors import difference_model
 
 MASS, SPEED = 2.0, 0.3
@@ -32,11 +34,10 @@ MASS, SPEED = 2.0, 0.3
 @bd.model(t_end=1.0)
 def oscillator(stiffness=40.0, damping=0.8, speed=SPEED, elements=1, scale=0.0):
     """Mass on a spring and a damper, moving along the line of the spring."""
-    mech = bd.Mechanism()
-    mass = mech.add(bd.PointMass("mass", MASS, at=(1.0, 0.0), velocity=(speed, 0.0)))
-    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), mass.point, stiffness, damping))
+    mech, mass = free_ball(
+        (1.0, 0.0), velocity=(speed, 0.0), mass=MASS, name="mass", spring=(stiffness, damping)
+    )
     mech.add(bd.Force("pull", mass.point, (abs(scale), 0.0)))
-    mech.observe("mass", mass.point)
     return mech
 
 
@@ -189,7 +190,7 @@ def towed(speed=30.0, mass=0.5):
     crank = bd.RigidBody.rod("crank", (0, 0), (0.02, 0.02), mass=mass, angular_velocity=speed)
     mech.add(crank)
     ram = mech.add(bd.PointMass("ram", 2.0, at=(0.3, 0.0)))
-    steel = bd.Section.rectangle(bd.Material.of("steel"), 0.02, 0.01, damping=1e-3)
+    steel = rectangle(0.01, damping=1e-3)
     rod = mech.add(bd.Beam("rod", bd.Line((0.02, 0.02), (0.3, 0.0)), steel, elements=1))
     mech.add(bd.Revolute("bearing", mech.ground.at(0.0, 0.0), crank.at(0.0, 0.0)))
     mech.add(bd.Revolute("pin", crank.at(0.02, 0.02), rod.start))
@@ -206,7 +207,7 @@ def test_bodies_that_follow_a_given_velocity():
     forward = bd.sensitivities(towed, ["speed", "mass"], method, estimate_error=False)
     table = forward.table()
     gradient = bd.gradient(
-        towed, bd.quantities.EndValue("ram.x"), ["speed", "mass"], method, estimate_error=False
+        towed, quantities.EndValue("ram.x"), ["speed", "mass"], method, estimate_error=False
     )
     for name in ("speed", "mass"):
         (column,) = [x for x in table.columns if x.startswith(f"d(ram.x)/d({name})")]
@@ -403,7 +404,7 @@ def test_parameters_of_any_scale(model):
             actual.sensitivity("mass.x", name), rate * expected, rtol=0.0, atol=1e-7 * size
         )
         gradient = bd.gradient(
-            model, bd.quantities.EndValue("mass.x"), name, integrator=method, parameters=values
+            model, quantities.EndValue("mass.x"), name, integrator=method, parameters=values
         )
         assert gradient.derivatives[name] == pytest.approx(rate * expected.iloc[-1], rel=1e-7)
 
@@ -412,7 +413,7 @@ def test_parameters_of_any_scale(model):
 def strip(E=2e9, length=0.4, unit=1.0, mass_unit=1.0, formulation="exact"):
     """Clamped strip of 0.4 m; `unit` and `mass_unit` are the units per m, and kg per unit."""
     plastic = bd.Material(E=E, nu=0.4, rho=1200.0 / mass_unit / unit**3)
-    section = bd.Section.rectangle(plastic, 0.02 * unit, 0.003 * unit, damping=2e-3)
+    section = rectangle(0.003 * unit, 0.02 * unit, damping=2e-3, material=plastic)
     mech = bd.Mechanism(gravity=(0.0, -9.81 * unit))
     line = bd.Line((0.0, 0.0), (length, 0.0))
     beam = mech.add(bd.Beam("strip", line, section, elements=2, formulation=formulation))
@@ -444,7 +445,7 @@ def test_derivatives_do_not_depend_on_the_units(integrator, formulation):
 @bd.model(t_end=0.1)
 def seesaw(offset=1e-8):
     """Body whose center is slightly beside 1 m, on a pin at 1 m."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     body = mech.add(bd.RigidBody("body", 2.0, 0.3, (1.0 + offset, offset)))
     mech.add(bd.Revolute("pin", mech.ground.at(1.0, 0.0), body.at(1.0, 0.0)))
     return mech
@@ -476,7 +477,7 @@ def test_spin_up(formulation):
 @bd.model(t_end=0.1)
 def geared(load=3.0):
     """Rod whose motion is prescribed; the load changes only the torque of the driver."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     rod = mech.add(bd.RigidBody.rod("rod", (0.0, 0.0), (0.3, 0.0), mass=1.0))
     mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), rod.at(0.0, 0.0)))
     sides = (mech.ground.at(0.0, 0.0), rod.at(0.0, 0.0))
@@ -518,7 +519,7 @@ def test_reactions_of_minimum_norm():
 @bd.model(t_end=0.2)
 def parallel(length=0.5, height=0.3):
     """Coupler on three parallel cranks, one of which is redundant."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81), redundant="minimum norm")
+    mech = bd.Mechanism(gravity=EARTH, redundant="minimum norm")
     ends = (0.0, height), (length, height)
     coupler = mech.add(bd.RigidBody.rod("coupler", *ends, mass=2.0))
     for k, x in enumerate((0.0, 0.4 * length, length)):
@@ -552,14 +553,12 @@ def test_redundant_joints(name):
 @bd.model(t_end=0.5)
 def formula(stiffness=10.0):
     """Mass on a spring whose law is a local function."""
-    mech = bd.Mechanism()
-    mass = mech.add(bd.PointMass("mass", MASS, at=(1.0, 0.0), velocity=(SPEED, 0.0)))
+    mech, mass = free_ball((1.0, 0.0), velocity=(SPEED, 0.0), mass=MASS, name="mass")
 
     def law(elongation, rate):
         return stiffness * elongation
 
     mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), mass.point, law=law))
-    mech.observe("mass", mass.point)
     return mech
 
 
@@ -582,9 +581,7 @@ def wheel_on_table(factor=1.0):
     """Wheel with a moment of `factor` times a table of two arguments, the angle and its rate."""
     angles, rates = (-0.3, -0.1, 0.0, 0.2, 0.3), (-1.0, 0.0, 1.0)
     moments = [[-3.0 * angle - 0.5 * rate for rate in rates] for angle in angles]
-    mech = bd.Mechanism()
-    wheel = mech.add(bd.RigidBody("wheel", mass=1.0, inertia=0.5, angular_velocity=0.3))
-    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), wheel.at(0.0, 0.0)))
+    mech, wheel = hinged_body(1.0, 0.5, name="wheel", angular_velocity=0.3)
     center = wheel.at(0.0, 0.0)
     state = [mech.sensor(name, center, name) for name in ("angle", "angle_dot")]
     mech.add(bd.Moment("motor", center, factor * bd.table((angles, rates), moments)(*state)))
@@ -681,7 +678,7 @@ def test_regression_rounding_does_not_change_neighboring_models(model, name, val
 def pinned(position=0.13):
     """Curved beam in a floating frame that is pinned between its nodes, at rest."""
     mech = bd.Mechanism()
-    steel = bd.Section.rectangle(bd.Material.of("steel"), 0.02, 0.01)
+    steel = rectangle(0.01)
     beam = mech.add(bd.Beam("beam", bd.Arc(0.5, 0.4), steel, elements=2))
     pin = beam.at(position)
     mech.add(bd.Revolute("pin", mech.ground.at(*pin.point), pin))
@@ -698,8 +695,8 @@ def test_parameter_without_effect():
 @bd.model(t_end=0.1)
 def mounted(inclination=0.4, sliding=0.13):
     """Curved beam in a floating frame, whose joints depend on the directions of the beam there."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    steel = bd.Section.rectangle(bd.Material.of("steel"), 0.02, 0.01, damping=1e-4)
+    mech = bd.Mechanism(gravity=EARTH)
+    steel = rectangle(0.01, damping=1e-4)
     beam = mech.add(bd.Beam("beam", bd.Arc(inclination, 0.4), steel, elements=2))
     mech.add(bd.Revolute("pin", mech.ground.at(*beam.at(sliding).point), beam.at(sliding)))
     mass = mech.add(bd.PointMass("mass", 2.0, at=beam.end.point))
@@ -715,11 +712,9 @@ def test_operators_of_joints_that_depend_on_a_parameter():
 @bd.model(t_end=0.1)
 def resized(length=0.3):
     """Beam whose number of elements changes with its length."""
-    mech = bd.Mechanism()
-    steel = bd.Section.rectangle(bd.Material.of("steel"), 0.02, 0.01)
+    steel = rectangle(0.01)
     line, count = bd.Line((0.0, 0.0), (length, 0.0)), math.ceil(10.0 * length - 1e-9)
-    beam = mech.add(bd.Beam("beam", line, steel, elements=count))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech, _ = clamped_beam(steel, count, line)
     return mech
 
 
@@ -763,7 +758,7 @@ def test_regression_time_dependent_gravity():
 @bd.model(t_end=0.1)
 def amplified(gain=2.0):
     """CasADi stores 2 q as q + q, without a number."""
-    t, q, v = ca.SX.sym("t"), ca.SX.sym("q"), ca.SX.sym("v")
+    t, q, v = symbols()
     return bd.ConstrainedSystem(
         t=t, q=q, v=v, mass=[1.0], force=-q, q0=[1.0], v0=[0.0], observe={"y [m]": gain * q}
     )
@@ -778,12 +773,11 @@ def branched(gain=2.0):
 @bd.model(t_end=0.4)
 def driven(gain=1.0):
     """Mass driven by an observed input."""
-    mech = bd.Mechanism()
-    mass = mech.add(bd.PointMass("mass", 2.0, at=(1.0, 0.0), velocity=(0.5, 0.0)))
-    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), mass.point, 40.0, 0.8))
+    mech, mass = free_ball(
+        (1.0, 0.0), velocity=(0.5, 0.0), mass=2.0, name="mass", spring=(40.0, 0.8)
+    )
     drive = mech.input("drive", lambda t: gain * ca.sin(5.0 * t), unit="N")
     mech.add(bd.Force("push", mass.point, (drive, 0.0)))
-    mech.observe("mass", mass.point)
     return mech
 
 
@@ -798,7 +792,7 @@ def test_regression_values_that_change_the_form_of_observed_columns(gain):
     for column in ("mass.x", "drive"):
         expected = (ahead[column].iloc[-1] - behind[column].iloc[-1]) / (2.0 * step)
         forward = result.sensitivity(column, "gain").iloc[-1]
-        adjoint = bd.gradient(driven, bd.quantities.EndValue(column), "gain", method, **options)
+        adjoint = bd.gradient(driven, quantities.EndValue(column), "gain", method, **options)
         assert forward == pytest.approx(expected, rel=1e-6)
         assert adjoint.derivatives["gain"] == pytest.approx(forward, rel=1e-11)
 
@@ -846,11 +840,9 @@ def stepped_strip(step=0.11, height=3e-3, unused=1.0):
     material = bd.Material(E=2e9, nu=0.4, rho=1200.0)
 
     def section(s):
-        return bd.Section.rectangle(material, width=0.02, height=height if s < step else 2e-3)
+        return rectangle(height if s < step else 2e-3, material=material)
 
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    beam = mech.add(bd.Beam("strip", bd.Line((0.0, 0.0), (0.4, 0.0)), section, elements=2))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech, beam = clamped_beam(section, 2, 0.4, name="strip", gravity=9.81)
     mech.observe("tip", beam.end)
     return mech
 
@@ -870,7 +862,7 @@ def stepped_strip(step=0.11, height=3e-3, unused=1.0):
         (
             "gradient",
             lambda by: bd.gradient(
-                stepped_strip, bd.quantities.EndValue("tip.y"), by, bd.GeneralizedAlpha(step=1e-3)
+                stepped_strip, quantities.EndValue("tip.y"), by, bd.GeneralizedAlpha(step=1e-3)
             ),
         ),
     ],
@@ -890,9 +882,7 @@ def test_regression_parameters_without_effect_are_named(call, differentiate):
 
 @bd.model(t_end=0.2)
 def kinked_oscillator(stiffness=40.0):
-    mech = bd.Mechanism()
-    mass = mech.add(bd.PointMass("mass", 1.0, at=(1.0, 0.0)))
-    mech.add(bd.PointOnLine("rail", mech.ground.at(1.0, 0.0), mass.point, (1.0, 0.0)))
+    mech, mass = mass_on_rail(x=1.0)
     spring = 40.0 + abs(stiffness - 40.0)
     mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), mass.point, spring, 1.0))
     mech.add(bd.Force("load", mass.point, (bd.sine(1.0, frequency=1.0), 0.0)))
@@ -907,9 +897,9 @@ def kinked_oscillator(stiffness=40.0):
         ("mode_sensitivities", lambda f, *x: f(*x)),
         ("equilibrium_sensitivities", lambda f, *x: f(*x)),
         ("periodic_sensitivities", lambda f, *x: f(*x, period=1.0)),
-        ("gradient", lambda f, model, by: f(model, bd.quantities.EndValue("mass.x"), by)),
-        ("optimize", lambda f, model, by: f(model, bd.quantities.EndValue("mass.x"), by)),
-        ("optimize", lambda f, model, by: f(model, bd.quantities.Frequency(1), by)),
+        ("gradient", lambda f, model, by: f(model, quantities.EndValue("mass.x"), by)),
+        ("optimize", lambda f, model, by: f(model, quantities.EndValue("mass.x"), by)),
+        ("optimize", lambda f, model, by: f(model, quantities.Frequency(1), by)),
         ("fit", lambda f, model, by: f(model, {"t [s]": [0.1], "mass.x": [1.0]}, by)),
     ],
 )
@@ -923,12 +913,9 @@ def test_regression_messages_name_the_function_that_was_called(name, call):
 @bd.model(t_end=0.2)
 def jumping_oscillator(stiffness=40.0):
     """Oscillator whose mass jumps next to the default stiffness, as tables of curves can."""
-    mech = bd.Mechanism()
     at, speed = (1.0, 0.0), (0.2, 0.0)
     mass = 1.0 + 1e-5 * (stiffness > 40.06)
-    body = mech.add(bd.PointMass("mass", mass, at=at, velocity=speed))
-    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), body.point, stiffness, 0.1))
-    mech.observe("mass", body.point)
+    mech, _body = free_ball(at, velocity=speed, mass=mass, name="mass", spring=(stiffness, 0.1))
     return mech
 
 

@@ -4,6 +4,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from leaf_spring_vehicle import leaf_spring_vehicle
+from mechanisms import EARTH, free_ball
 from shallow_arch import shallow_arch
 from sliding_mass import sliding_mass
 
@@ -20,10 +21,8 @@ INTEGRATORS = [
 @bd.model(t_end=1.2)
 def bounce(height=0.5, gravity=GRAVITY, restitution=0.8, floor=0.1, mark=0.3):
     """Ball that falls from rest and bounces on a floor."""
-    mech = bd.Mechanism(gravity=(0.0, -gravity))
-    ball = mech.add(bd.PointMass("ball", 1.3, at=(0.0, height)))
+    mech, ball = free_ball((0.0, height), mass=1.3, gravity=gravity)
     gap = bd.LineSurface(mech.ground.at(0.0, floor), (1.0, 0.0)).gap(ball.point)
-    mech.observe("ball", ball.point)
     mech.when(gap, 0.0, "down", bd.impact(gap, restitution), name="bounce")
     mech.when("ball.y", mark, "both", "record", name="mark")
     return mech
@@ -71,9 +70,7 @@ def test_bouncing_ball(integrator):
 
 @bd.model(t_end=0.5)
 def falling(height=0.5, target=0.2):
-    mech = bd.Mechanism(gravity=(0.0, -GRAVITY))
-    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, height)))
-    mech.observe("ball", ball.point)
+    mech, _ = free_ball((0.0, height), gravity=GRAVITY)
     mech.when("ball.y", crosses=target, do="stop", name="landed")
     return mech
 
@@ -95,10 +92,8 @@ def test_run_that_an_event_stops():
 @bd.model(t_end=0.5)
 def moving(end=0.2, force=2.0):
     """Mass of 1 kg that is pulled from 0.1 s to `end`."""
-    mech = bd.Mechanism()
-    mass = mech.add(bd.PointMass("mass", 1.0, at=(0.0, 0.0)))
+    mech, mass = free_ball(name="mass")
     mech.add(bd.Force("pull", mass.point, (bd.piecewise((0.1, 0.0), (end, force), 0.0), 0.0)))
-    mech.observe("mass", mass.point)
     return mech
 
 
@@ -254,11 +249,9 @@ def test_events_agree_with_differences_of_runs(case):
 @bd.model(t_end=0.8)
 def deflected(offset=3e-3, stiffness=1e5, radius=0.01):
     """Ball that hits a stiff peg, which it touches for less than a step."""
-    mech = bd.Mechanism()
-    ball = mech.add(bd.PointMass("ball", 0.1, at=(-1.0, offset), velocity=(2.0, 0.0)))
+    mech, ball = free_ball((-1.0, offset), velocity=(2.0, 0.0), mass=0.1)
     surface = bd.CircleSurface(mech.ground.at(0.0, 0.0), radius, "outside")
     mech.add(bd.Contact("peg", ball.point, surface, stiffness))
-    mech.observe("ball", ball.point)
     return mech
 
 
@@ -284,12 +277,10 @@ def test_run_that_restarts_at_a_contact(name):
 @bd.model(t_end=0.5)
 def thrown(speed=1.0, first=0.0, second=0.0, breakpoint=0.25, top=0.0):
     """Ball that is thrown up; events switch off a force at the times `first` and `second`."""
-    mech = bd.Mechanism(gravity=(0.0, -GRAVITY))
-    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0), velocity=(1.0, speed)))
+    mech, ball = free_ball(velocity=(1.0, speed), gravity=GRAVITY)
     clock = mech.add(bd.PointMass("clock", 1.0, at=(0.0, 10.0), velocity=(1.0, 0.0)))
     law = bd.piecewise((breakpoint, 1.0), 0.0)
     side = mech.add(bd.Force("side", ball.point, (law, 0.0)))
-    mech.observe("ball", ball.point)
     mech.observe("clock", clock.point)
     for name, time in (("first", first), ("second", second)):
         if time:
@@ -445,7 +436,7 @@ def test_regression_contact_forces_have_derivatives_while_the_contact_is_open():
 @bd.model(t_end=0.5)
 def flat_rod(mass=1.0):
     """Rod that falls flat onto both ends, which hit the floor one after the other."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     rod = mech.add(bd.RigidBody("rod", mass, 1.0 / 12.0, center=(0.0, 1.0)))
     floor = bd.LineSurface(mech.ground.at(0.0, 0.0), (1.0, 0.0))
     for name, x in (("left", -0.5), ("right", 0.5)):

@@ -5,6 +5,7 @@ import pickle
 import numpy as np
 import pytest
 from command_line import invoke
+from mechanisms import mass_on_rail
 
 import beamdae as bd
 from beamdae.analysis.sensitivities import differentiable_run as implementation
@@ -19,10 +20,7 @@ ALPHA = bd.GeneralizedAlpha(step=0.02)
 @bd.model(t_end=0.4)
 def oscillator(stiffness=40.0, speed=0.2):
     """Mass on a spring, on a rail."""
-    mech = bd.Mechanism()
-    mass = mech.add(bd.PointMass("mass", 1.0, at=(1.0, 0.0), velocity=(speed, 0.0)))
-    mech.add(bd.PointOnLine("rail", mech.ground.at(1.0, 0.0), mass.point, (1.0, 0.0)))
-    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), mass.point, stiffness))
+    mech, mass = mass_on_rail(x=1.0, velocity=(speed, 0.0), spring=(stiffness,))
     mech.observe("mass", mass.point)
     return mech
 

@@ -1,10 +1,8 @@
 """Slowest motions of models of any slenderness and size."""
 
-import warnings
-
-import casadi as ca
 import numpy as np
 import pytest
+from mechanisms import EARTH, clamped_beam, rectangle, symbols
 from numpy.testing import assert_allclose
 
 import beamdae as bd
@@ -13,20 +11,16 @@ from beamdae.analysis.eigenproblems import slow_motions
 from beamdae.analysis.eigenproblems.eigensolution import solve_eigenproblem
 from beamdae.analysis.linear_dynamics.linearization import linearize_about
 
-STEEL = bd.Material.of("steel")
-
 
 def find_modes(mech, **settings):
     """Return modes without the solutions for their errors."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", bd.BeamdaeWarning)
-        return bd.modes(mech, **settings)
+    return bd.modes(mech, **settings)
 
 
 def frame(shape, slenderness, formulation, elements, damping, height=1.0):
     """Return a cantilever, a free strip, a ring or a bent strip between two hinges."""
     mech = bd.Mechanism()
-    section = bd.Section.rectangle(STEEL, 0.02 * height, height / slenderness, damping=damping)
+    section = rectangle(height / slenderness, 0.02 * height, damping=damping)
     settings = {"elements": elements, "formulation": formulation}
     if shape == "ring":
         circle = bd.Arc(radius=height, length=2.0 * np.pi * height)
@@ -88,7 +82,7 @@ def test_slenderness_does_not_enter_rounding(shape, formulation, elements, dampi
 def chain(beams, damping, formulation="floating frame", joint=bd.Revolute):
     """Return a cantilever of short beams in a row, with springs and dampers at its joints."""
     mech = bd.Mechanism()
-    section = bd.Section.rectangle(STEEL, width=0.02, height=5e-3, damping=damping)
+    section = rectangle(5e-3, damping=damping)
     end = mech.ground.at(0.0, 0.0)
     for k in range(beams):
         line = bd.Line((0.1 * k, 0.0), (0.1 * (k + 1), 0.0))
@@ -102,7 +96,7 @@ def chain(beams, damping, formulation="floating frame", joint=bd.Revolute):
 
 @pytest.mark.slow(reason="half a second")
 @pytest.mark.parametrize(
-    "beams", [32, pytest.param(192, marks=pytest.mark.slow(reason="192 beams"))]
+    "beams", [32, pytest.param(192, marks=pytest.mark.slow(reason="half a second"))]
 )
 @pytest.mark.parametrize("joint", [bd.Revolute, bd.Weld])
 def test_modes_of_chains_of_any_size(beams, joint):
@@ -116,7 +110,7 @@ def test_modes_of_chains_of_any_size(beams, joint):
 def test_free_chain_of_welded_beams_has_one_free_motion():
     """The free motion dominates the inverse."""
     mech = bd.Mechanism()
-    section = bd.Section.rectangle(STEEL, width=0.03, height=0.0025, damping=1e-4)
+    section = rectangle(0.0025, 0.03, damping=1e-4)
     end, joint = mech.ground.at(0.0, 0.0), bd.Revolute
     for k in range(192):
         beam = mech.add(bd.Beam(f"beam {k}", bd.Line((0.4 * k, 0), (0.4 * k + 0.4, 0)), section, 1))
@@ -132,11 +126,8 @@ def test_free_chain_of_welded_beams_has_one_free_motion():
 
 def damped_strip(elements, height=0.004):
     """Return a clamped strip with Kelvin-Voigt damping of 1e-3 s: decays cluster at -1000 1/s."""
-    mech = bd.Mechanism()
-    section = bd.Section.rectangle(STEEL, width=0.02, height=height, damping=1e-3)
-    line = bd.Line((0.0, 0.0), (1.0, 0.0))
-    beam = mech.add(bd.Beam("strip", line, section, elements, formulation="exact"))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    section = rectangle(height, damping=1e-3)
+    mech, _ = clamped_beam(section, elements, name="strip", formulation="exact")
     return mech
 
 
@@ -196,11 +187,8 @@ def test_modes_in_a_cluster_of_decays(height, count):
 @pytest.mark.parametrize("formulation", ["exact", "floating frame"])
 def test_regression_overdamped_modes_are_as_many_as_requested(formulation):
     """Refined real eigenvalues with rounded imaginary parts below zero were lost: 11 of 20."""
-    mech = bd.Mechanism()
-    section = bd.Section.rectangle(STEEL, width=0.02, height=0.01, damping=0.03)
-    line = bd.Line((0.0, 0.0), (1.0, 0.0))
-    beam = mech.add(bd.Beam("beam", line, section, 30, formulation=formulation))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    section = rectangle(0.01, damping=0.03)
+    mech, _ = clamped_beam(section, 30, formulation=formulation)
     modes = bd.modes(mech, n=20)
     assert set(modes.kinds) == {"decay"}
     # Eigenvalues accumulate at minus the ratio of stiffness to damping.
@@ -210,7 +198,7 @@ def test_regression_overdamped_modes_are_as_many_as_requested(formulation):
 def spinning_blades(damping, elements=20, has_motor=True):
     """Return two blades on a hub that turns freely, or that a motor turns at 20 rad/s."""
     mech = bd.Mechanism()
-    section = bd.Section.rectangle(STEEL, width=0.03, height=0.01, damping=damping)
+    section = rectangle(0.01, 0.03, damping=damping)
     hub = mech.add(bd.RigidBody("hub", 1.0, inertia=0.1, center=(0.0, 0.0)))
     center = mech.ground.at(0.0, 0.0)
     mech.add(bd.Revolute("axis", center, hub.at(0.0, 0.0)))
@@ -254,7 +242,7 @@ def test_slow_decays_of_stiff_parts_with_strong_dampers_are_found():
     """The undamped modes do not contain them: x'' + c x' + k x = 0 with c >> sqrt(k) >> 1."""
     stiffness = np.linspace(1.0, 500.0, 300)
     damping = np.concatenate([np.zeros(290), np.geomspace(10.0, 1e5, 10)])
-    t, q, v = ca.SX.sym("t"), ca.SX.sym("q", 300), ca.SX.sym("v", 300)
+    t, q, v = symbols(300)
     zeros = np.zeros(300)
     system = bd.ConstrainedSystem(
         t=t, q=q, v=v, mass=zeros + 1.0, force=-stiffness * q - damping * v, q0=zeros, v0=zeros
@@ -270,7 +258,7 @@ def test_slow_decays_of_stiff_parts_with_strong_dampers_are_found():
 
 def test_regression_large_models_of_few_motions_have_no_other_modes():
     """A request for more modes than motions of more than 300 coordinates had spurious zeros."""
-    mech, last = bd.Mechanism(gravity=(0.0, -9.81)), None
+    mech, last = bd.Mechanism(gravity=EARTH), None
     for k in range(101):
         body = mech.add(bd.RigidBody(f"body {k}", 1.0, 0.1, (0.0, -k - 1.0)))
         if last is None:

@@ -3,6 +3,7 @@
 import casadi as ca
 import numpy as np
 import pytest
+from mechanisms import mass_on_rail
 from numpy.testing import assert_allclose
 from scipy import signal
 
@@ -137,9 +138,7 @@ def test_gain_may_decrease_to_the_margin_of_an_unstable_plant():
 
 
 def pid_mechanism(factor=1.0, limits=None, offset=0.0):
-    mech = bd.Mechanism()
-    mass = mech.add(bd.PointMass("mass", 2.0, at=(1.0, 0.0)))
-    mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), mass.point, (1.0, 0.0)))
+    mech, mass = mass_on_rail(2.0, 1.0)
     x, v = (mech.sensor(name, mass.point, name) for name in ("x", "x_dot"))
     target = mech.input("target", default=1.0 + offset)
     gains = {"kp": 300.0, "ki": 400.0, "kd": 40.0, "rate": -v, "limits": limits}

@@ -1,11 +1,10 @@
 """Stability of structures of different sizes in one model, which only the ground connects."""
 
 import pytest
+from mechanisms import rectangle
 from numpy.testing import assert_allclose
 
 import beamdae as bd
-
-STEEL = bd.Material.of("steel")
 
 
 @pytest.mark.parametrize("damping", [0.0, 1e-5])
@@ -17,7 +16,7 @@ def test_regression_flutter_of_a_column_does_not_depend_on_another_one(ratio, fo
     def beck(lengths):
         mech = bd.Mechanism()
         for k, length in enumerate(lengths):
-            section = bd.Section.rectangle(STEEL, length / 20, length / 100, damping=damping)
+            section = rectangle(length / 100, length / 20, damping=damping)
             foot = 2.0 * k * max(lengths)
             line = bd.Line((foot, 0.0), (foot, length))
             column = mech.add(bd.Beam(f"column {k}", line, section, 4, formulation=formulation))

@@ -4,12 +4,12 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from mechanisms import rectangle
 from numpy.testing import assert_allclose
 from scipy.optimize import brentq
 
 import beamdae as bd
 
-STEEL = bd.Material.of("steel")
 FORMULATIONS = [{"formulation": "exact"}, {"strain": "exact"}]
 BOTH = pytest.mark.parametrize("options", FORMULATIONS, ids=["exact", "floating frame"])
 STIFFNESSES = 10.0 ** np.array([3, 6, 9, 12, 18])
@@ -26,7 +26,7 @@ def connect(mech, name, points, stiffness, section, time=0.0):
 
 def column(stiffness, height, loads, time=0.0, **options):
     """Return a column of 1 m on a bushing under loads, given in EI / L^2 by their axes."""
-    section = bd.Section.rectangle(STEEL, 0.02, height, damping=time)
+    section = rectangle(height, damping=time)
     mech, line = bd.Mechanism(), bd.Line((0.0, 0.0), (0.0, 1.0))
     beam = mech.add(bd.Beam("column", line, section, 8, **options))
     connect(mech, "foot", (mech.ground.at(0.0, 0.0), beam.start), stiffness, section, time)
@@ -43,7 +43,7 @@ def cantilever(stiffness, height, **options):
 
 def footing(stiffness, height, **options):
     """Return a column on a rigid footing and under a rigid head, all of them on bushings."""
-    mech, section = bd.Mechanism(), bd.Section.rectangle(STEEL, 0.02, height)
+    mech, section = bd.Mechanism(), rectangle(height)
     foot = mech.add(bd.RigidBody("foot", mass=1.0, inertia=0.1, center=(0.1, -0.1)))
     beam = mech.add(bd.Beam("column", bd.Line((0.0, 0.0), (0.0, 1.0)), section, 8, **options))
     head = mech.add(bd.RigidBody("head", mass=1.0, inertia=0.1, center=(0.0, 1.0)))
@@ -57,7 +57,7 @@ def footing(stiffness, height, **options):
 
 
 def portal(stiffness, height, **options):
-    mech, section = bd.Mechanism(), bd.Section.rectangle(STEEL, 0.02, height)
+    mech, section = bd.Mechanism(), rectangle(height)
     corners = [(0.0, 0.0), (0.0, 1.0), (1.0, 1.0), (1.0, 0.0)]
     beams = [
         mech.add(bd.Beam(f"beam {k}", bd.Line(*ends), section, 4, **options))

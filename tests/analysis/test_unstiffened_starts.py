@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from mechanisms import hinged_beam
 from scipy.optimize import brentq
 
 import beamdae as bd
@@ -12,13 +13,10 @@ AXIAL_STIFFNESS, WEIGHT, LENGTH = 4.45e5, 1.46, 30.0  # N, N/m, m
 def straight_cable(second_moment, angle=0.0, elements=20):
     """Return a cable drawn straight between two hinges."""
     area = 1e-5
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
     material = bd.Material(E=AXIAL_STIFFNESS / area, nu=0.3, rho=WEIGHT / 9.81 / area)
     end = (LENGTH * np.cos(angle), LENGTH * np.sin(angle))
     section = bd.Section(material, area, second_moment)
-    line = bd.Line((0.0, 0.0), end)
-    beam = mech.add(bd.Beam("cable", line, section, elements=elements, strain="exact"))
-    mech.add(bd.Revolute("A", mech.ground.at(0.0, 0.0), beam.start))
+    mech, beam = hinged_beam(section, elements, end, name="cable", gravity=9.81, strain="exact")
     mech.add(bd.Revolute("B", mech.ground.at(*end), beam.end))
     mech.observe("middle", beam.at(LENGTH / 2))
     return mech
@@ -45,7 +43,7 @@ def test_straight_cable_hangs_in_a_catenary(second_moment):
     assert path["middle.y"].iloc[-1] == pytest.approx(-sag(WEIGHT), rel=2e-6)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(reason="several runs")
 def test_path_of_a_straight_cable_is_continuous_through_each_target():
     path = bd.equilibrium(straight_cable(1e-12), to=[1e-3, 0.5, 1.0])
     middle = path["middle.y"]
@@ -55,7 +53,7 @@ def test_path_of_a_straight_cable_is_continuous_through_each_target():
     assert np.max(np.abs(np.diff(middle))) < 0.1 * sag(WEIGHT)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(reason="several runs")
 def test_inclined_cable_is_where_a_run_in_equilibrium_starts():
     mech = straight_cable(1e-12, angle=np.pi / 6)
     path = bd.equilibrium(mech)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from mechanisms import EARTH, rectangle
 from scipy.optimize import minimize_scalar
 
 import beamdae as bd
@@ -82,7 +83,7 @@ def test_a_stiff_spring_holds_the_truss_stable_past_its_largest_force():
     assert force.max() > 30.0 > -30.0 > force.min()
 
 
-@pytest.mark.slow
+@pytest.mark.slow(reason="several runs")
 def test_a_parameter_changes_a_stiffness_along_the_path():
     mech = pressed_truss(travel=0.15)
     stiff = bd.equilibrium(pressed_truss, over="spring", to=2000.0, t=1.5, from_=400.0)
@@ -121,7 +122,7 @@ def test_values_of_a_list_are_rows_and_from_begins_elsewhere():
 def pushed_leaf(travel, side=1.0, radius=0.008, by_law=True):
     """Leaf spring, and a cylinder on a driven slide drawn 1 mm beside its end."""
     mech = bd.Mechanism()
-    leaf = bd.Section.rectangle(bd.Material(E=2e11, nu=0.3, rho=7800.0), 0.01, 0.0003)
+    leaf = rectangle(0.0003, 0.01, material=bd.Material(E=2e11, nu=0.3, rho=7800.0))
     line = bd.Line((0.0, 0.0), (0.0, 0.06))
     beam = mech.add(bd.Beam("leaf", line, leaf, elements=4, formulation="exact"))
     mech.add(bd.Weld("root", mech.ground.at(0.0, 0.0), beam.start))
@@ -175,7 +176,7 @@ def test_contacts_that_are_pressed_through_are_named():
 
 
 def slider_crank(angle):
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     crank = mech.add(bd.RigidBody("crank", mass=1.0, inertia=0.01, center=(0.05, 0.0)))
     rod = mech.add(bd.RigidBody("rod", mass=1.0, inertia=0.02, center=(0.25, 0.0)))
     slider = mech.add(bd.RigidBody("slider", mass=1.0, inertia=0.01, center=(0.4, 0.0)))
@@ -218,8 +219,8 @@ def test_invalid_arguments_are_rejected(arguments, message):
 @bd.model(t_end=1.0)
 def cantilever(elements=4, length=0.1):
     """Steel leaf under its weight."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    leaf = bd.Section.rectangle(bd.Material.of("steel"), width=0.01, height=0.0005)
+    mech = bd.Mechanism(gravity=EARTH)
+    leaf = rectangle(0.0005, 0.01)
     line = bd.Line((0.0, 0.0), (length, 0.0))
     beam = mech.add(bd.Beam("leaf", line, leaf, elements=elements, formulation="exact"))
     mech.add(bd.Weld("root", mech.ground.at(0.0, 0.0), beam.start))
@@ -227,7 +228,7 @@ def cantilever(elements=4, length=0.1):
     return mech
 
 
-@pytest.mark.slow
+@pytest.mark.slow(reason="several runs")
 def test_lengths_vary_and_numbers_of_elements_do_not():
     path = bd.equilibrium(cantilever, over="length", to=0.5)
     single = bd.equilibrium(cantilever(length=0.5))

@@ -4,12 +4,12 @@ import warnings
 
 import numpy as np
 import pytest
+from mechanisms import EARTH, clamped_beam, rectangle
 from numpy.testing import assert_allclose
 
 import beamdae as bd
 
-STEEL = bd.Material(E=2.1e11, nu=0.3, rho=7850.0)
-STRIP = bd.Section.rectangle(STEEL, width=0.02, height=0.01, damping=1e-3)
+STRIP = rectangle(0.01, damping=1e-3)
 LINE = bd.Line((0.0, 0.0), (1.0, 0.0))
 PIVOT = 0.3
 formulations = pytest.mark.parametrize("formulation", ["floating frame", "exact"])
@@ -17,7 +17,7 @@ formulations = pytest.mark.parametrize("formulation", ["floating frame", "exact"
 
 def arm(elements, formulation="floating frame"):
     """Return an arm that swings about a pivot with a spring between its ends."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     beam = mech.add(bd.Beam("arm", LINE, STRIP, elements=elements, formulation=formulation))
     pivot = (mech.ground.at(PIVOT, 0.0), beam.at(PIVOT))
     mech.add(bd.Revolute("pivot", *pivot))
@@ -66,9 +66,7 @@ def test_regression_a_clamp_inside_an_element(elements, formulation):
 
 def mesh_of(attach, elements=4, **settings):
     """Return the mesh of a beam after assembly with the parts that `attach` adds."""
-    mech = bd.Mechanism()
-    beam = mech.add(bd.Beam("beam", LINE, STRIP, elements=elements, **settings))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech, beam = clamped_beam(STRIP, elements, LINE, **settings)
     attach(mech, beam)
     bd.equations_of_motion(mech)
     return beam.mesh
@@ -143,9 +141,8 @@ def observed_before_and_after(observe):
     """Return columns of an equilibrium, observed before the other parts are added and after."""
     columns = []
     for comes_first in (True, False):
-        mech = bd.Mechanism(gravity=(0.0, -9.81))
-        beam = mech.add(bd.Beam("beam", LINE, STRIP, elements=3))
-        clamp = mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+        mech, beam = clamped_beam(STRIP, 3, LINE, gravity=9.81)
+        clamp = mech.part("clamp")
         spring = mech.add(bd.Spring("spring", mech.ground.at(0.8, 0.5), beam.at(0.8), 50.0))
         parts = {"mech": mech, "beam": beam, "clamp": clamp, "spring": spring}
         if comes_first:
@@ -201,7 +198,7 @@ def test_starts_that_name_coordinates_of_nodes_keep_the_mesh(start, is_divided):
 @pytest.mark.slow(reason="a fifth of a second")
 def test_impacts_on_gaps_of_beams_divided_later():
     """The gap is a quantity of the coordinates before the beam is divided."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     beam = mech.add(bd.Beam("beam", LINE, STRIP, elements=2))
     mech.add(bd.Revolute("pivot", mech.ground.at(0.0, 0.0), beam.start))
     mech.add(bd.PointMass("mass", 0.1, on=beam.at(0.3)))
@@ -273,7 +270,7 @@ def test_equal_lengths_given_as_ends_or_as_a_number_are_equivalent(formulation):
 def test_moving_forces_pass_elements_of_different_lengths():
     """The deflection under a slow force is the static deflection a^2 b^2 / (3 EI L)."""
     mech = bd.Mechanism()
-    strip = bd.Section.rectangle(STEEL, width=0.02, height=0.01, damping=0.02)
+    strip = rectangle(0.01, damping=0.02)
     beam = mech.add(bd.Beam("beam", LINE, strip, elements=[0.0, 0.1, 0.35, 0.42, 0.8, 1.0]))
     mech.add(bd.Revolute("left", mech.ground.at(0.0, 0.0), beam.start))
     mech.add(bd.PointOnLine("right", mech.ground.at(1.0, 0.0), beam.end))
@@ -289,9 +286,7 @@ def test_moving_forces_pass_elements_of_different_lengths():
 
 
 def test_section_forces_of_a_beam_divided_at_its_attachments():
-    mech = bd.Mechanism()
-    beam = mech.add(bd.Beam("beam", LINE, STRIP, elements=2))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech, beam = clamped_beam(STRIP, 2, LINE)
     force = 1e-3 * STRIP.EI
     mech.add(bd.Force("load", beam.at(0.37), (0.0, -force)))
     forces = bd.equilibrium(mech).section_forces(beam)

@@ -1,15 +1,14 @@
 """Loads along a beam: dead loads, pressure, formulas of position, moving forces."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
+from mechanisms import clamped_beam, rectangle
 from numpy.testing import assert_allclose
 from support import ARC, NumericEquations
 
 import beamdae as bd
 
-STRIP = bd.Section.rectangle(bd.Material(E=2e11, nu=0.3, rho=7800.0), width=0.02, height=0.01)
+STRIP = rectangle(0.01, material=bd.Material(E=2e11, nu=0.3, rho=7800.0))
 
 
 @pytest.mark.parametrize(
@@ -61,9 +60,7 @@ def test_resultant_of_pressure_on_a_ring_and_on_an_arch():
 
 @pytest.mark.parametrize("formulation", ["floating frame", "exact"])
 def test_load_by_a_sensor_on_all_elements(formulation):
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    beam = mech.add(bd.Beam("beam", ARC, STRIP, elements=3, formulation=formulation))
-    mech.add(bd.Weld("clamp", mech.ground.at(*ARC.start), beam.start))
+    mech, beam = clamped_beam(STRIP, 3, ARC, gravity=9.81, formulation=formulation)
     height = mech.sensor("height", beam.end, "y")
     load = mech.add(bd.DistributedForce("load", beam, (0.0, 10.0 * height)))
     for name, quantity in {"sum": load.force, "end": beam.end}.items():
@@ -100,10 +97,7 @@ BUMP = bd.table([0.0, 0.53, 0.56, 0.59, 1.0], [0.0, 0.0, 1e3, 0.0, 0.0], kind="l
 
 @pytest.mark.parametrize("elements", [5, 8, [0.0, 0.2, 0.4, *np.linspace(0.53, 0.59, 9), 0.8, 1.0]])
 def test_errors_of_loads_that_change_within_elements_are_stated(elements):
-    mech = bd.Mechanism()
-    line = bd.Line((0.0, 0.0), (1.0, 0.0))
-    beam = mech.add(bd.Beam("beam", line, STRIP, elements=elements))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech, beam = clamped_beam(STRIP, elements)
     mech.add(bd.DistributedForce("bump", beam, lambda s, x, y, t: (0.0, -1e-3 * BUMP(s))))
     mech.observe("tip", beam.end)
     path = bd.equilibrium(mech)

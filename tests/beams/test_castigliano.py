@@ -27,12 +27,11 @@ Relative errors for the moment load with fewer nodes per element:
     2500         -1.6e-3           -1.0          -6.7e-7         -9.5e-1
 """
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np
 import pytest
+from mechanisms import rectangle
 from numpy.testing import assert_allclose
 from support import NumericEquations
 
@@ -57,7 +56,7 @@ def square(slenderness):
     """Return a square section of the height R / slenderness."""
     height = RADIUS / slenderness
     steel = bd.Material(E=2.1e11, nu=0.3, rho=7800.0)
-    return bd.Section.rectangle(steel, width=height, height=height)
+    return rectangle(height, height, material=steel)
 
 
 @cache
@@ -141,8 +140,8 @@ def in_load_directions(*case, **words):
     [
         ("tangent", "nonlinear"),
         ("chord", "linear"),
-        pytest.param("tangent", "linear", marks=pytest.mark.slow),
-        pytest.param("chord", "nonlinear", marks=pytest.mark.slow),
+        pytest.param("tangent", "linear", marks=pytest.mark.slow(reason="several runs")),
+        pytest.param("chord", "nonlinear", marks=pytest.mark.slow(reason="several runs")),
     ],
 )
 @pytest.mark.parametrize(
@@ -228,7 +227,7 @@ def test_local_continuity_converges_with_second_order(slenderness):
         (2, "reduced"),
         (3, "reduced"),
         (4, "reduced"),
-        pytest.param(4, "full", marks=pytest.mark.slow),
+        pytest.param(4, "full", marks=pytest.mark.slow(reason="several runs")),
     ],
 )
 def test_straight_elements_converge_with_second_order(nodes, quadrature):

@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from mechanisms import EARTH
 from numpy.testing import assert_allclose
 
 import beamdae as bd
@@ -101,7 +102,7 @@ def test_elements_end_at_kinks_of_the_curve(settings):
     mech, beam = clamp(curve, THIN, **settings)
     result = solve(mech)
     assert beam.mesh.has_end_at(0.4)
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     first = mech.add(bd.Beam("first", bd.Line((0.0, 0.0), (0.4, 0.0)), THIN, **EXACT))
     end = tuple(curve.point(1.0).tolist())
     second = mech.add(bd.Beam("second", bd.Line((0.4, 0.0), end), THIN, **EXACT))

@@ -4,8 +4,6 @@ Closed forms of nonlinear decays follow from averaging over a period (Krylov & B
 Kim, Ku & Yoo, J. Sound Vib. 325 (2009) 722, compare proportional and quadratic damping.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from typing import NamedTuple
@@ -13,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 import scipy.linalg as la
+from mechanisms import clamped_beam
 from numpy.testing import assert_allclose
 from support import (
     ARC,
@@ -178,11 +177,8 @@ class Modes(NamedTuple):
 
 def cantilever(strain="linear", parts=(), retardation=0.0):
     """Return a straight strip clamped at its start; its floating frame is at rest."""
-    mech = bd.Mechanism()
     section = replace(STRIP, damping=retardation)
-    line = bd.Line((0.0, 0.0), (LENGTH, 0.0))
-    beam = mech.add(bd.Beam("beam", line, section, elements=2, strain=strain, frame="tangent"))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech, beam = clamped_beam(section, 2, LENGTH, strain=strain, frame="tangent")
     for part, words in parts:
         mech.add(part(part.__name__, beam, **words))
     return NumericEquations(mech)
@@ -227,10 +223,8 @@ def test_ratios_of_modes_are_those_of_their_frequencies(formulation):
     line, mass, stiffness = bd.Line((0.0, 0.0), (LENGTH, 0.0)), 0.02, 0.01
 
     def eigenvalues(retardation=0.0, **coefficients):
-        mech = bd.Mechanism()
         section = replace(STRIP, damping=retardation)
-        beam = mech.add(bd.Beam("beam", line, section, 2, formulation=formulation))
-        mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+        mech, beam = clamped_beam(section, 2, line, formulation=formulation)
         mech.add(bd.RayleighDamping("Rayleigh", beam, **coefficients))
         return bd.modes(mech, n=3).eigenvalues
 

@@ -1,9 +1,8 @@
 """Properties of the geometrically exact beam that other kinematics do not share."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
+from mechanisms import rectangle
 from numpy.testing import assert_allclose
 from support import ARC, SOFT_MATERIAL, NumericEquations
 
@@ -144,7 +143,7 @@ def test_deformation_is_relative_to_the_reference_frame(frame):
 
 
 def test_regression_a_distant_beam_has_no_initial_strain():
-    mech, section = bd.Mechanism(), bd.Section.rectangle(bd.Material.of("steel"), 0.02, 0.004)
+    mech, section = bd.Mechanism(), rectangle(0.004)
     begin = 2.0**20
     line = bd.Line((begin, begin), (begin + 3.0, begin))
     mech.add(bd.Beam("strut", line, section, 1, formulation="exact"))

@@ -1,12 +1,11 @@
 """Properties of all beam kinematics, independent of the coordinates."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np
 import pytest
 from conformance import KINEMATICS
+from mechanisms import clamped_beam
 from numpy.testing import assert_allclose
 from support import ARC, SOFT_MATERIAL, NumericEquations
 
@@ -94,10 +93,8 @@ def test_deflection_of_a_cantilever_by_castigliano(kind):
     """The tip of a quarter circle carries a small dead force."""
     steel = bd.Section(bd.Material(E=1e6, nu=0.3, rho=1.0), area=0.1, second_moment=1e-3)
     load = 1e-3
-    mech = bd.Mechanism()
     arc = bd.Arc(radius=1.0, length=0.5 * np.pi)
-    beam = mech.add(bd.Beam("beam", arc, steel, elements=6, kinematics=KINEMATICS[kind]))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech, beam = clamped_beam(steel, 6, arc, kinematics=KINEMATICS[kind])
     mech.add(bd.Force("load", beam.end, (load, 0.0)))
     mech.observe("tip", beam.end)
     tip = bd.equilibrium(mech)["tip.x"].iloc[-1] - arc.end[0]

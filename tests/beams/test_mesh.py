@@ -1,9 +1,8 @@
 """Nodes on the curve, and errors of the interpolated axes."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
+from mechanisms import rectangle
 from numpy.testing import assert_allclose
 from support import ARC, VARIANTS, NumericEquations, random_state
 
@@ -109,7 +108,7 @@ def test_default_frame_is_the_chord_unless_the_ends_nearly_meet(turn, frame):
 def test_curves_given_by_functions_have_geometries_of_their_own():
     """The function may depend on variables, which are not compared."""
     variables = {"rise": 0.1}
-    section = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=0.004)
+    section = rectangle(0.004)
 
     def height(x):
         return variables["rise"] * x**2

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from mechanisms import clamped_beam, rectangle
 from numpy.testing import assert_allclose
 
 import beamdae as bd
@@ -52,10 +53,8 @@ def states(mech, tip):
 
 
 def build(add):
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    strip = bd.Section.rectangle(ALLOY, width=0.02, height=0.003, damping=1e-4)
-    beam = mech.add(bd.Beam("rod", bd.Line((0.0, 0.0), (0.3, 0.0)), strip, elements=2))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    strip = rectangle(0.003, damping=1e-4, material=ALLOY)
+    mech, beam = clamped_beam(strip, 2, 0.3, name="rod", gravity=9.81)
     add(mech, beam.end)
     mech.observe("tip", beam.end)
     return mech, beam
@@ -127,7 +126,7 @@ def test_regression_laws_with_locks_and_variables_without_a_value():
 def test_mechanisms_with_compiled_gravity_laws_are_copied():
     """Machine code cannot be copied, and kernels are found by their ids."""
     mech = bd.Mechanism(gravity=(0.0, lambda t: -9.81 + 0.0 * t))
-    section = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=0.01)
+    section = rectangle(0.01)
     beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (1.0, 0.0)), section))
     mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
     mech.observe("tip", beam.end)
@@ -139,7 +138,7 @@ def test_mechanisms_with_compiled_gravity_laws_are_copied():
 def test_regression_laws_without_a_module_are_copied():
     """Functions of `eval` with own global names have no module."""
     mech = bd.Mechanism()
-    section = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=0.01)
+    section = rectangle(0.01)
     beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (1.0, 0.0)), section, elements=1))
     gauge = mech.sensor("gauge", beam.end, "y")
     mech.add(bd.Force("push", beam.end, (0.0, gauge)))
@@ -164,7 +163,7 @@ def test_regression_laws_without_a_module_are_copied():
 )
 def test_motions_on_both_meshes_are_equal(options, degree):
     elements = options.pop("elements", 6)
-    curve, section = bd.Arc(0.5, 1.0, angle=1.0), bd.Section.rectangle(ALLOY, 0.02, 2e-3)
+    curve, section = bd.Arc(0.5, 1.0, angle=1.0), rectangle(2e-3, material=ALLOY)
     coarse = bd.Beam("arch", curve, section, elements, **options)
     mesh = coarse.mesh.with_degree(degree) if degree else coarse.mesh.with_divided_elements(2)
     fine = coarse._with_mesh(mesh)

@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+from mechanisms import clamped_beam, rectangle
 
 import beamdae as bd
 
-SECTION = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=0.01)
+SECTION = rectangle(0.01)
 
 
 @pytest.mark.parametrize("frame", ["tangent", "chord"])
@@ -13,11 +14,8 @@ SECTION = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=0.01)
 @pytest.mark.parametrize("formulation", ["floating frame", "exact"])
 def test_section_of_an_arc_is_normal_to_the_curve(formulation, elements, frame):
     # The axis interpolated by two elements of a half circle is 0.03 rad off at its end.
-    mech = bd.Mechanism()
-    arc = bd.Arc(1.0, np.pi)
     options = {"formulation": formulation, "frame": frame}
-    beam = mech.add(bd.Beam("arc", arc, SECTION, elements, **options))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech, beam = clamped_beam(SECTION, elements, bd.Arc(1.0, np.pi), name="arc", **options)
     mech.observe("end", beam.end)
     mech.observe("middle", beam.at(1.0))
     columns = bd.equilibrium(mech).columns

@@ -1,13 +1,12 @@
 """Section stiffness and inertia from materials and shapes."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from mechanisms import EARTH
 from numpy.testing import assert_allclose
 from support import NumericEquations
 
@@ -120,7 +119,7 @@ def test_mass_and_inertia_per_length_override_the_material():
     plain = bd.Section(ALLOY, 1e-4, 1e-8, damping=0.1)
     assert (section.rhoA, section.rhoI) == (1.2, 6e-4)
     assert (section.EA, section.GA, section.EI) == (plain.EA, plain.GA, plain.EI)
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (10.0, 0.0)), section, angular_velocity=2.0))
     numeric = NumericEquations(mech)
     kinetic = numeric.energies(v=numeric.equations.v0)[0]

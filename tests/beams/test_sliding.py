@@ -1,10 +1,9 @@
 """Points sliding along deformed beams: exact solutions, reactions and balances."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from conformance import integrators
+from mechanisms import EARTH, clamped_beam, rectangle
 from numpy.testing import assert_allclose
 from support import ARC, VARIANTS, NumericEquations
 
@@ -17,7 +16,7 @@ def bead_on_rotating_rod(E, elements=4):
     """Return a mechanism of a bead on a rod that rotates at a constant rate."""
     omega, distance = 2.0, 0.3
     mech = bd.Mechanism()
-    section = bd.Section.rectangle(bd.Material(E=E, nu=0.3, rho=7800.0), width=0.02, height=0.02)
+    section = rectangle(0.02, material=bd.Material(E=E, nu=0.3, rho=7800.0))
     line = bd.Line((0.0, 0.0), (2.0, 0.0))
     rod = mech.add(bd.Beam("rod", line, section, elements=elements, angular_velocity=omega))
     velocity = (0.0, omega * distance)
@@ -46,11 +45,11 @@ def test_bead_on_a_stiff_rotating_rod(integrator):
 
 def bead_on_hanging_arc(elements, damping=1e-4):
     """Return a bead on a pinned flexible arc."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     start = (-np.sin(1.2), -np.cos(1.2))
     arc = bd.Arc(radius=1.0, length=2.4, start=start, angle=-1.2)
     steel = bd.Material(E=2.1e11, nu=0.3, rho=7800.0)
-    section = bd.Section.rectangle(steel, width=0.03, height=0.004, damping=damping)
+    section = rectangle(0.004, 0.03, damping=damping, material=steel)
     beam = mech.add(bd.Beam("arc", arc, section, elements=elements))
     bead = mech.add(bd.PointMass("bead", 0.5, at=tuple(arc.point(0.4).tolist())))
     for name, end in (("left", beam.start), ("right", beam.end)):
@@ -118,11 +117,8 @@ def test_reaction_on_the_beam_is_normal_to_its_axis():
 
 def bead_on_short_rail(speed, ends="record"):
     """Return a mechanism of a bead at s = 0.4 m on a rail of 1 m."""
-    mech = bd.Mechanism()
-    section = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=0.02)
-    line = bd.Line((0.0, 0.0), (1.0, 0.0))
-    rail = mech.add(bd.Beam("rail", line, section, elements=1, nodes=3))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), rail.start))
+    section = rectangle(0.02)
+    mech, rail = clamped_beam(section, 1, name="rail", nodes=3)
     bead = mech.add(bd.PointMass("bead", 1e-3, at=(0.4, 0.0), velocity=(speed, 0.0)))
     mech.add(bd.SlidingOnBeam("slide", bead.point, rail, ends=ends))
     return mech

@@ -1,16 +1,14 @@
 """Frames with rigid corners, closed rings, and beams welded from several bodies."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
+from mechanisms import rectangle
 from numpy.testing import assert_allclose
 from support import ARC, SOFT_MATERIAL, NumericEquations
 
 import beamdae as bd
 
-STEEL = bd.Material.of("steel")
-SLENDER = bd.Section.rectangle(STEEL, width=0.002, height=0.001)
+SLENDER = rectangle(0.001, 0.002)
 
 
 def static_displacement(mech):
@@ -31,7 +29,7 @@ def static_displacement(mech):
 def test_sway_of_a_portal_frame():
     """Slope deflection: P h^3 (4 + 6 k) / (24 EI (1 + 6 k)), k the beam's I / l over a column's."""
     height, span, load = 1.0, 2.0, 1e-3
-    stiff = bd.Section.rectangle(STEEL, width=0.004, height=0.001)
+    stiff = rectangle(0.001, 0.004)
     mech = bd.Mechanism()
     corners = {"A": (0.0, 0.0), "B": (0.0, height), "C": (span, height), "D": (span, 0.0)}
     members = [("A", "B"), ("B", "C", stiff), ("D", "C")]
@@ -78,7 +76,7 @@ def test_star_of_three_members():
 def test_pinched_ring(bodies):
     """Shortening along the loads and growth across them by Castigliano (Timoshenko)."""
     radius, load = 0.5, 1e-3
-    section = bd.Section.rectangle(STEEL, width=0.01, height=0.05)
+    section = rectangle(0.05, 0.01)
     mech = bd.Mechanism()
     # The ring starts at its lowest point.
     hoop = bd.Arc(radius=radius, length=2.0 * np.pi * radius, start=(0.0, -radius))

@@ -1,13 +1,11 @@
 """Sections that vary along a beam, and beams bent from a stress-free shape."""
 
-from __future__ import annotations
-
-import warnings
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from conformance import INTEGRATORS
+from mechanisms import EARTH, clamped_beam
 from numpy.testing import assert_allclose
 from support import (
     ARC,
@@ -32,9 +30,7 @@ TAPER = bd.taper(bd.Section.rectangle, ALLOY, width=WIDTH, height=HEIGHTS)
 
 
 def cantilever(section, load=-1e-6, curve=LINE, **settings):
-    mech = bd.Mechanism()
-    beam = mech.add(bd.Beam("beam", curve, section, **settings))
-    mech.add(bd.Weld("clamp", mech.ground.at(*beam.start.point), beam.start))
+    mech, beam = clamped_beam(section, curve=curve, **settings)
     if load:
         mech.add(bd.Force("load", beam.end, (0.0, load)))
     mech.observe("tip", beam.end)
@@ -69,7 +65,7 @@ def test_dimensions_of_a_taper_are_linear_between_equidistant_points():
 
 
 def test_mass_and_rotary_inertia_of_a_taper():
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     mech.add(bd.Beam("beam", LINE, wedge, elements=3, angular_velocity=2.0))
     numeric = NumericEquations(mech)
     mass = ALLOY.rho * WIDTH * 0.015
@@ -248,9 +244,7 @@ def supported_beam(section, length, elements, load, supports="clamp"):
 )
 def test_errors_of_sections_that_change_within_elements_are_stated(section, length, elements, load):
     """Elements end at the kinks of tapers, but not where functions change."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", bd.BeamdaeWarning)
-        path = bd.equilibrium(supported_beam(section, length, elements, load))
+    path = bd.equilibrium(supported_beam(section, length, elements, load))
     beam = bd.Beam("beam", bd.Line((0.0, 0.0), (length, 0.0)), section)
     # The integral of M m / EI with the moment m by a unit force at the end.
     s = (np.arange(20_000) + 0.5) / 20_000 * length

@@ -1,12 +1,11 @@
 """Standard linear solid: creep, relaxation, complex modulus and section forces in closed form."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from conformance import integrators
+from mechanisms import clamped_beam, rectangle
 from numpy.testing import assert_allclose
 from support import NumericEquations
 
@@ -14,17 +13,14 @@ import beamdae as bd
 
 LENGTH, RATIO, TIME, RAMP, PLACE = 0.3, 0.6, 0.5, 0.1, 0.12
 # Light, so that ramps excite vibrations of 1e-4 of the deflection only.
-STRIP = bd.Section.rectangle(bd.Material(E=2e9, nu=0.4, rho=1.1), width=0.02, height=0.004)
+STRIP = rectangle(0.004, material=bd.Material(E=2e9, nu=0.4, rho=1.1))
 # Damping of vibrations, which changes slow motions by 1e-4.
 DAMPED = replace(STRIP, damping=2e-5)
 COMPLIANCE = LENGTH**3 / (3.0 * STRIP.EI) + LENGTH / STRIP.GA
 
 
 def cantilever(parts=((RATIO, TIME),), section=STRIP, **settings):
-    mech = bd.Mechanism()
-    line = bd.Line((0.0, 0.0), (LENGTH, 0.0))
-    beam = mech.add(bd.Beam("beam", line, section, **{"elements": 2} | settings))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech, beam = clamped_beam(section, curve=LENGTH, **{"elements": 2} | settings)
     for k, (ratio, time) in enumerate(parts):
         solid = mech.add(bd.StandardLinearSolid(f"solid {k}", beam, ratio, time))
         mech.observe(f"share {k}", solid.section_forces(PLACE))

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pandas as pd
 import pytest
-from command_line import invoke
+from command_line import invoke, succeed
 from model_texts import SHAKER
 from numpy.testing import assert_allclose
 from PIL import Image
@@ -54,8 +54,7 @@ def test_bode_states_margins_of_pid_loops_and_why_one_has_none(tmp_path, monkeyp
     monkeypatch.chdir(tmp_path)
     (tmp_path / "loop.py").write_text(LOOP)
     arguments = ["bode", "loop.py", "--input", "push.Fx", "--no-page", "--no-picture"]
-    shown = invoke(*arguments)
-    assert shown.exit_code == 0, shown.output
+    shown = succeed(*arguments)
     assert "loop of servo" in shown.stdout
     assert "warning: margins: the command of idle does not depend on the motion" in shown.stdout
     result = invoke(*arguments, "--json")

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from command_line import invoke
+from command_line import invoke, succeed
 from study_runs import run_serially
 
 import beamdae as bd
@@ -42,7 +42,7 @@ import beamdae as bd
 
 @bd.model(t_end=1.0)
 def nowhere():
-    t, q, v = ca.SX.sym("t"), ca.SX.sym("q", 2), ca.SX.sym("v", 2)
+    t, q, v = symbols(2)
     return bd.ConstrainedSystem(
         t=t, q=q, v=v, mass=[1.0, 1.0], force=ca.vertcat(0.0, 0.0),
         constraints=ca.dot(q, q) + 1.0, q0=[0.9, 0.3], v0=[0.0, 0.0],
@@ -470,8 +470,7 @@ def test_draw_shows_a_model_without_a_run(command):
 
 def test_examples_are_listed_with_their_descriptions(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    result = invoke("examples")
-    assert result.exit_code == 0, result.output
+    result = succeed("examples")
     models = Path(__file__).parents[2] / "models"
     names = {line.split()[0] for line in result.output.splitlines()}
     assert {file.stem for file in models.glob("*.py")} <= names
@@ -481,8 +480,7 @@ def test_examples_are_listed_with_their_descriptions(tmp_path, monkeypatch):
 @pytest.mark.slow(reason="takes more than half a second")
 def test_an_example_runs_by_its_name(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    result = invoke("run", "example:spin_up", "--t-end", "0.01", "--set", "elements=1")
-    assert result.exit_code == 0, result.output
+    succeed("run", "example:spin_up", "--t-end", "0.01", "--set", "elements=1")
     assert Path("results/spin_up.csv").exists()
     assert bd.load_model("example:spin_up").name == "spin_up"
     assert_usage_error(invoke("run", "example:spin"), "no example 'spin'", "mean 'spin_up'?")
@@ -492,8 +490,7 @@ def test_an_example_runs_by_its_name(tmp_path, monkeypatch):
 def test_a_new_model_runs_and_is_not_overwritten(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert invoke("new", "arm.py").exit_code == 0
-    result = invoke("run", "arm.py", "--t-end", "0.01", "--set", "push=2")
-    assert result.exit_code == 0, result.output
+    succeed("run", "arm.py", "--t-end", "0.01", "--set", "push=2")
     assert_usage_error(invoke("new", "arm.py"), "arm.py: the file exists; choose another name.")
     assert invoke("new", "mine.py", "--like", "four_bar").exit_code == 0
     assert "def four_bar(" in Path("mine.py").read_text()

@@ -1,7 +1,5 @@
 """`beamdae run --continue`: results of resumed runs cover their earlier parts."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from command_line import invoke
+from command_line import invoke, succeed
 from numpy.testing import assert_allclose
 
 import beamdae as bd
@@ -192,16 +192,13 @@ def test_sweep_in_processes_with_an_integrator_of_the_model_file(tmp_path, monke
     monkeypatch.chdir(tmp_path)
     Path("model.py").write_text(MODEL, encoding="utf-8")
     arguments = ["sweep", "model.py", "--over", "mass=1,2", "--integrator", "euler", "--jobs", "2"]
-    result = invoke(*arguments)
-    assert result.exit_code == 0, result.output
-    again = invoke(*arguments)
-    assert again.exit_code == 0
+    succeed(*arguments)
+    again = succeed(*arguments)
     assert "2 stored before" in again.output
 
 
 @pytest.mark.slow(reason="runs a model twice")
 def test_error_is_estimated_with_an_integrator_of_the_model_file(run):
-    result = invoke("run", "model.py", "--integrator", "euler", "--verify", "-v")
-    assert result.exit_code == 0, result.output
+    result = succeed("run", "model.py", "--integrator", "euler", "--verify", "-v")
     assert "ImplicitEuler step=0.005" in result.output
     assert "error by observed end [-] min max" in " ".join(result.output.split())

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from command_line import invoke
+from command_line import invoke, succeed
 
 MODEL = """
 import beamdae as bd
@@ -94,8 +94,7 @@ def test_regression_run_compares_with_more_accurate_beams(folder):
     """The command, which estimates errors of time steps itself, also left out those of beams."""
     soft = MODEL.replace("bd.sine(0.1, frequency)", "15.0").replace("t_end=0.02", "t_end=0.3")
     Path("soft.py").write_text(soft, encoding="utf-8")
-    result = invoke("run", "soft.py", "--no-page")
-    assert result.exit_code == 0, result.output
+    succeed("run", "soft.py", "--no-page")
     errors = json.loads(Path("results/spring.json").read_text(encoding="utf-8"))["errors"]
     # Two elements that bend by 0.6 rad with moderate strains; steps cause 1e-3.
     assert 0.01 < errors["tip.x [m]"]["total"] < 0.06

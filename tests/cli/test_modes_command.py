@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pandas as pd
 import pytest
-from command_line import invoke
+from command_line import invoke, succeed
 from model_texts import CROSS
 from numpy.testing import assert_allclose
 from PIL import Image
@@ -92,8 +92,7 @@ def test_regression_overdamped_vibrations_of_a_beam_are_one_row(tmp_path, monkey
     """Nine of ten rows were decays at 1000 1/s, the reciprocal of the damping time."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "strip.py").write_text(OVERDAMPED)
-    result = invoke("modes", "strip.py", "--no-page", "--no-picture")
-    assert result.exit_code == 0, result.output
+    result = succeed("modes", "strip.py", "--no-page", "--no-picture")
     rows = [line.split() for line in result.stdout.splitlines() if "strip 100 %" in line]
     assert [row[0] for row in rows] == ["1", "2"]
     assert rows[1][:3] == ["2", "to", "10"]

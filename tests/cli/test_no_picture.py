@@ -1,11 +1,9 @@
 """Option --no-picture of all commands that draw, and the order of their output."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest
-from command_line import invoke
+from command_line import invoke, succeed
 from model_texts import COLUMN as MODEL
 
 import beamdae as bd
@@ -104,12 +102,10 @@ def test_run_draws_the_selected_columns_over_another_one_and_measured_data(tmp_p
     data.write_text("t [ms],tip.x [mm],tip.y [mm]\n0,0,1000\n2,0,999\n")
     options = ["--no-estimate", "--no-page", "--out", str(tmp_path / "out")]
     plot = ["--plot", "tip.y", "--plot", "strut", "--x", "tip.x", "--data", str(data)]
-    result = invoke("run", str(path), *plot, *options)
-    assert result.exit_code == 0, result.output
+    succeed("run", str(path), *plot, *options)
     assert (tmp_path / "out/column.png").stat().st_size > 5000
     options = ["--no-estimate", "--no-picture", "--out", str(tmp_path / "out")]
-    result = invoke("run", str(path), "--data", str(data), *options)
-    assert result.exit_code == 0, result.output
+    succeed("run", str(path), "--data", str(data), *options)
     assert "data of tip.x [m]" in (tmp_path / "out/column.html").read_text()
 
 

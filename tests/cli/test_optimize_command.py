@@ -27,7 +27,7 @@ def run(*arguments):
     return invoke("optimize", "model.py", *arguments)
 
 
-@pytest.mark.slow(reason="one second")
+@pytest.mark.slow(reason="half a second and more")
 def test_files_and_json(here):
     limits = ["--at-most", "mass=2", "--bounds", "mass=500g:3kg", "--json"]
     result = run("--by", "mass", "--minimize", "frequency:1:equilibrium", *limits)

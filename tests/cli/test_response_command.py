@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from command_line import invoke
+from command_line import invoke, succeed
 from model_texts import OSCILLATOR
 from numpy.testing import assert_allclose
 
@@ -25,7 +25,7 @@ def response(tmp_path, monkeypatch):
     return lambda *arguments: invoke("response", "oscillator.py", *arguments)
 
 
-@pytest.mark.slow(reason="a curve and its picture")
+@pytest.mark.slow(reason="half a second and more")
 def test_a_table_and_a_picture_are_written(response, monkeypatch):
     clock = itertools.count(0.0, 11.0)
     monkeypatch.setattr("beamdae.cli.progress.monotonic", lambda: next(clock))
@@ -117,8 +117,7 @@ def test_regression_critical_points_have_kinds_and_units(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("duffing.py").write_text(DUFFING, encoding="utf-8")
     options = ("response", "duffing.py", "--over", "frequency=11:13.5", "--rtol", "1e-7")
-    result = invoke(*options, "--no-page", "--no-picture")
-    assert result.exit_code == 0, result.output
+    result = succeed(*options, "--no-page", "--no-picture")
     line = next(x for x in result.stdout.splitlines() if x.startswith("critical points"))
     first, second = line.removeprefix("critical points").split(";")
     assert first.split()[:2] == second.split()[:2] == ["fold", "at"]

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 import typer
-from command_line import app, invoke
+from command_line import app, invoke, succeed
 from terminals import in_terminal, process
 
 WIDTHS = (60, 80, 120)
@@ -117,8 +117,7 @@ def test_errors_wrap_at_the_width_of_the_terminal(here):
 )
 def test_lists_and_facts_at_extreme_widths(here, width):
     for command in (["list", "."], ["check", "model.py", "--no-predict"], ["examples"]):
-        result = invoke(*command, env={"COLUMNS": width})
-        assert result.exit_code == 0, result.output
+        result = succeed(*command, env={"COLUMNS": width})
         assert max(map(len, result.stdout.splitlines())) <= int(width)
         assert ("not shown:" in result.stdout) == (command[0] == "list" and width != "200")
 
@@ -210,8 +209,7 @@ def test_list_of_a_study_omits_models_of_other_files(here):
         "import beamdae as bd\narm = bd.load_model('model.py')\n"
         "@bd.study()\ndef third():\n    return [bd.Case(arm)]\n"
     )
-    result = invoke("list", "study.py")
-    assert result.exit_code == 0
+    result = succeed("list", "study.py")
     assert "third" in result.stdout
     assert "swings" not in result.stdout
 
@@ -236,7 +234,6 @@ def test_regression_help_texts_keep_brackets(monkeypatch, columns):
 @pytest.mark.slow(reason="a fifth of a second")
 def test_help_of_flags_does_not_mention_booleans():
     for command in ([], ["run"], ["compare"]):
-        result = invoke(*command, "--help")
-        assert result.exit_code == 0
+        result = succeed(*command, "--help")
         assert "bool" not in result.stdout.lower()
     assert "--time-limit" in result.stdout

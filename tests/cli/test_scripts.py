@@ -5,7 +5,7 @@ import re
 from pathlib import Path
 
 import pytest
-from command_line import invoke
+from command_line import invoke, succeed
 from study_runs import run_serially
 from terminals import process, shell
 
@@ -51,8 +51,7 @@ def parse(text):
 @pytest.mark.parametrize("command", KEYS)
 def test_json_document_of_each_command(here, command):
     arguments, keys = KEYS[command]
-    result = invoke(command, *arguments, "--json")
-    assert result.exit_code == 0, result.output
+    result = succeed(command, *arguments, "--json")
     document = parse(result.stdout)
     assert set(document) >= COMMON | keys
     assert (document["command"], document["exit_code"], document["errors"]) == (command, 0, [])

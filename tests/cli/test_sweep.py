@@ -1,14 +1,12 @@
 """`beamdae sweep`: values on the command line, usage errors, and files."""
 
-from __future__ import annotations
-
 import json
 import re
 
 import numpy as np
 import pandas as pd
 import pytest
-from command_line import invoke
+from command_line import invoke, succeed
 from model_texts import CROSS
 from model_texts import SWING as MODEL
 from numpy.testing import assert_allclose
@@ -45,8 +43,7 @@ def test_values_of_over(over, read, tmp_path):
     path = tmp_path / "values.py"
     path.write_text(VALUES)
     options = ("--over", over, "--jobs", "1", "--out", tmp_path, "--no-page", "--no-picture")
-    result = invoke("sweep", path, *options)
-    assert result.exit_code == 0, result.output
+    succeed("sweep", path, *options)
     (file,) = tmp_path.rglob("sweep.csv")
     assert list(pd.read_csv(file, dtype=str).iloc[:, 0]) == read
 
@@ -65,8 +62,7 @@ def test_sweep_writes_a_table_plots_and_a_page(tmp_path):
     path.write_text(MODEL)
     arguments = ["sweep", str(path), "--over", "speed=1:9:3", "--over", "turns=1,2", "--jobs", "1"]
     arguments += ["--of", "bob.x", "--integrator", "generalized-alpha", "--step", "5e-3"]
-    result = invoke(*arguments, "--out", str(tmp_path))
-    assert result.exit_code == 0
+    result = succeed(*arguments, "--out", str(tmp_path))
     assert "6 cases, 4 reached the end time" in result.output
     assert "too fast" in result.output
     folder = tmp_path / "swing_sweep_speed_turns"
@@ -100,8 +96,7 @@ def test_sweep_of_a_file_runs_and_resumes(tmp_path):
     path = tmp_path / "sweep.py"
     path.write_text(MODEL + SWEEP)
     arguments = ["sweep", str(path), "--jobs", "1", "--out", str(tmp_path)]
-    result = invoke(*arguments)
-    assert result.exit_code == 0
+    succeed(*arguments)
     table = pd.read_csv(tmp_path / "speeds" / "sweep.csv")
     assert list(table["status"]) == ["ok", "failed"]
     again = invoke(*arguments, "--of", "bob.x")
@@ -122,8 +117,7 @@ def test_studies_start_from_a_state(command, tmp_path):
     over = ["--over", "speed=1,2"] if command == "sweep" else []
     arguments = [command, str(path), *over, "--jobs", "1", "--no-picture", "--no-page"]
     arguments += ["--start", "bob.angle=90deg", "--out", str(tmp_path)]
-    result = invoke(*arguments)
-    assert result.exit_code == 0, result.output
+    succeed(*arguments)
     rows = pd.read_csv(next(tmp_path.rglob("trajectories/*.csv")))
     assert rows["bob.y [m]"][0] == pytest.approx(1.0)
 
@@ -135,8 +129,7 @@ def test_long_sweeps_print_their_first_cases(tmp_path):
     path.write_text(MODEL)
     arguments = ["--over", "speed=0.5:1.5:28", "--of", "bob.x,bob.y", "--t-end", "0.01"]
     arguments += ["--jobs", "1", "--no-page", "--no-picture", "--out", str(tmp_path)]
-    result = invoke("sweep", path, *arguments, env={"COLUMNS": "80"})
-    assert result.exit_code == 0, result.output
+    result = succeed("sweep", path, *arguments, env={"COLUMNS": "80"})
     assert "not shown: 4 rows; see sweep.csv" in result.stdout
     assert len(re.findall(r"^ [01]\.\d", result.stdout, re.MULTILINE)) == 24
     assert re.search(r"bob\.[xy] +bob\.[yx] ", result.stdout)
@@ -151,8 +144,7 @@ def test_modes_of_a_sweep_are_about_a_state(tmp_path):
     arguments = ["sweep", path, "--over", "stiffness=32,50", "--set", "weight=9.81"]
     arguments += ["--jobs", "1", "--no-page", "--no-picture", "--out", tmp_path, "--modes", "1"]
     assert "use --about equilibrium" in " ".join(invoke(*arguments).output.split())
-    result = invoke(*arguments, "--about", "equilibrium")
-    assert result.exit_code == 0, result.output
+    result = succeed(*arguments, "--about", "equilibrium")
     assert "warning" not in result.output
     (file,) = tmp_path.rglob("sweep.csv")
     assert_allclose(pd.read_csv(file)["frequency 1 [Hz]"], [0.63662, 0.79577], rtol=1e-3)

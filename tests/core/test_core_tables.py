@@ -8,20 +8,12 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from beamdae.core import return_codes
 from beamdae.core.library import FOLDER
 from beamdae.core.tables import Loop
 from beamdae.linear.lanes import LANES
 from beamdae.native.lane_code import LANE_WIDTH
 from beamdae.symbolic.sums.kernel_sums import Kernel, evaluate_plainly, evaluate_sum
 from beamdae.symbolic.sums.sum_builder import LocalInput, SumBuilder
-
-
-def test_codes_are_those_of_the_header():
-    codes = return_codes
-    assert [codes.DONE, codes.NO_ADVANCE, codes.DIVERGED, codes.CORRECT] == [0, 11, -7, 3]
-    with pytest.raises(AttributeError, match=r"^core\.h defines no MISSING"):
-        _ = codes.MISSING
 
 
 def test_lanes_of_kernels_and_of_the_core_are_the_same():
@@ -39,27 +31,10 @@ class Rows:
     n: int = 3
 
 
-def test_missing_attributes_are_zero_and_numbers_return():
-    work = Rows()
-    assert Loop("evaluate_balance", work)() == return_codes.DONE
-    assert work.n == 3
-
-
 @pytest.mark.parametrize("value", [np.zeros(0, np.int32), np.zeros((0, 2)), np.zeros((4, 2))[:, 0]])
 def test_arrays_of_other_types_are_rejected(value):
     with pytest.raises(TypeError, match=r"^BalanceBuffers.value: (int|float)"):
         Loop("evaluate_balance", Rows(value))
-
-
-def test_replaced_arrays_are_bound():
-    work = Rows()
-    loop = Loop("evaluate_balance", work)
-    address = loop.table.ctypes.data
-    work.value = np.zeros(4)
-    loop.bind()
-    assert loop.table.ctypes.data == address
-    assert [work.value.ctypes.data, 4] in np.lib.stride_tricks.sliding_window_view(loop.table, 2)
-    assert loop() == return_codes.DONE
 
 
 @pytest.mark.parametrize("copies", [1, 5, 8, 21])

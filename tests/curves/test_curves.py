@@ -1,7 +1,5 @@
 """Points, angles and curvatures agree with each other and with closed forms."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

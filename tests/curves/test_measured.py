@@ -1,7 +1,5 @@
 """Curves through measured points, and warnings about noise and sharp curvature."""
 
-from __future__ import annotations
-
 import warnings
 
 import numpy as np

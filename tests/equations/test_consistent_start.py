@@ -1,11 +1,9 @@
 """Consistent initial conditions: closed joints, projected velocities, accelerations, reactions."""
 
-from __future__ import annotations
-
 import casadi as ca
 import numpy as np
 import pytest
-from mechanisms import balance_wheel
+from mechanisms import balance_wheel, rectangle
 from numpy.testing import assert_allclose
 from support import ARC, REPRESENTATIVE_VARIANTS, VARIANTS, NumericEquations
 
@@ -106,7 +104,7 @@ def test_two_disks_share_an_offset_in_inverse_proportion_to_inertia():
 def strain_energy_of_an_offset(variant, height, offset):
     """Return the strain energy of a beam on a driven hub, relative to bending by the offset."""
     alloy = bd.Material(E=68.95e9, nu=0.3, rho=2760.0)
-    strip = bd.Section.rectangle(alloy, width=0.03, height=height)
+    strip = rectangle(height, 0.03, material=alloy)
     mech = bd.Mechanism()
     hub = mech.add(bd.RigidBody("hub", mass=1.0, inertia=0.1, center=ARC.start))
     beam = mech.add(variant.beam(ARC, section=strip))
@@ -325,7 +323,7 @@ def flywheel(speed=12.0, formulation="floating frame", given=True):
     turning = {"angular_velocity": speed} if given else {}
     crank = mech.add(bd.RigidBody.rod("crank", (0.0, 0.0), (0.02, 0.02), mass=0.5, **turning))
     ram = mech.add(bd.PointMass("ram", 2.0, at=(0.3, 0.0)))
-    section = bd.Section.rectangle(bd.Material.of("steel"), 0.03, 0.012)
+    section = rectangle(0.012, 0.03)
     line = bd.Line((0.02, 0.02), (0.3, 0.0))
     rod = mech.add(bd.Beam("rod", line, section, 2, formulation=formulation))
     mech.add(bd.Revolute("bearing", mech.ground.at(0.0, 0.0), crank.at(0.0, 0.0)))
@@ -360,7 +358,7 @@ def test_regression_connected_bodies_follow_a_given_velocity(formulation, given)
 @pytest.mark.parametrize("formulation", ["floating frame", "exact"])
 def test_velocities_that_a_clamped_beam_stops_are_projected_with_a_warning(formulation):
     mech = bd.Mechanism()
-    section = bd.Section.rectangle(bd.Material.of("steel"), 0.01, 0.002)
+    section = rectangle(0.002, 0.01)
     line = bd.Line((0.0, 0.0), (1.0, 0.0))
     beam = mech.add(bd.Beam("beam", line, section, 2, formulation=formulation))
     block = mech.add(bd.RigidBody("block", 0.1, 1e-4, center=(1.0, 0.0), velocity=(0.0, 2.0)))

@@ -3,7 +3,7 @@
 import casadi as ca
 import numpy as np
 import pytest
-from mechanisms import rope_swing
+from mechanisms import rope_swing, symbols
 from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 
@@ -12,7 +12,7 @@ import beamdae as bd
 
 def system(**changes):
     """Return a particle on the unit circle under gravity; `changes` replace arguments."""
-    t, q, v = ca.SX.sym("t"), ca.SX.sym("q", 2), ca.SX.sym("v", 2)
+    t, q, v = symbols(2)
     statement = {
         "t": t,
         "q": q,
@@ -131,7 +131,7 @@ def test_units_are_in_the_headers():
 
 def test_regression_energies_balance_if_the_mass_depends_on_position():
     """A free particle in polar coordinates has constant energy; the imbalance was 0.9."""
-    t, q, v = ca.SX.sym("t"), ca.SX.sym("q", 2), ca.SX.sym("v", 2)
+    t, q, v = symbols(2)
     r = q[0]
     free = bd.ConstrainedSystem(
         t=t,
@@ -159,7 +159,7 @@ def test_regression_energies_balance_if_the_mass_depends_on_position():
 )
 def test_rtol_is_relative_to_the_scales(integrator):
     """A coordinate with 1e-6 of the amplitude of the other has the same relative accuracy."""
-    t, q, v = ca.SX.sym("t"), ca.SX.sym("q", 2), ca.SX.sym("v", 2)
+    t, q, v = symbols(2)
     rates = np.array([3.0, 5.0])
     model = bd.ConstrainedSystem(
         t=t,
@@ -232,7 +232,7 @@ def test_energies_equal_the_stated_potentials(integrator):
 
 
 def test_the_power_of_a_time_dependent_potential_counts_as_work_of_loads():
-    t, q, v = ca.SX.sym("t"), ca.SX.sym("q"), ca.SX.sym("v")
+    t, q, v = symbols()
     foot = ca.sin(3.0 * t)
     model = bd.ConstrainedSystem(
         t=t,

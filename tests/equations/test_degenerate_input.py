@@ -2,14 +2,14 @@
 
 import time
 
-import casadi as ca
 import numpy as np
 import pytest
+from mechanisms import rectangle, symbols
 
 import beamdae as bd
 
 ALLOY = bd.Material(E=68.95e9, nu=0.3, rho=2760.0)
-STRIP = bd.Section.rectangle(ALLOY, width=0.03, height=0.0025)
+STRIP = rectangle(0.0025, 0.03, material=ALLOY)
 LINE = bd.Line((0.0, 0.0), (0.8, 0.0))
 
 
@@ -64,7 +64,7 @@ def test_regression_an_angle_lost_in_rounding_is_rejected(angle):
 
 @pytest.mark.parametrize("mass", [[-1.0, 1.0], [1.0, -1e-3], [[1.0, 0.0], [0.0, -1.0]]])
 def test_a_negative_mass_is_rejected(mass):
-    t, q, v = ca.SX.sym("t"), ca.SX.sym("q", 2), ca.SX.sym("v", 2)
+    t, q, v = symbols(2)
     system = bd.ConstrainedSystem(
         t=t, q=q, v=v, mass=mass, force=[0.0, 1.0], q0=[0.0, 0.0], v0=[0.0, 0.0]
     )

@@ -1,10 +1,9 @@
 """Failed runs name the parts that are likely to cause the failure."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from conformance import integrators
+from mechanisms import EARTH, mass_on_rail
 
 import beamdae as bd
 
@@ -42,9 +41,7 @@ def test_a_load_that_becomes_nan_names_the_coordinate(integrator):
 
 @pytest.mark.parametrize("step", [0.01, 0.03, 0.1])
 def test_regression_friction_that_reverses_within_a_fixed_step_is_named(step):
-    mech = bd.Mechanism()
-    mass = mech.add(bd.PointMass("mass", 1.0, at=(1.0, 0.0)))
-    mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), mass.point, (1.0, 0.0)))
+    mech, mass = mass_on_rail(x=1.0)
     mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), mass.point, 100.0, free_length=0.8))
     mech.add(bd.Force("load", mass.point, (bd.sine(1.0, frequency=0.1), 0.0)))
 
@@ -62,9 +59,7 @@ def test_regression_friction_that_reverses_within_a_fixed_step_is_named(step):
 @pytest.mark.parametrize("gap", [1e-2, 0.5])
 def test_regression_forces_that_become_infinite_are_named(power, gap):
     """An electrostatic force whose gap closed led to "check the model near this time"."""
-    mech = bd.Mechanism()
-    mass = mech.add(bd.PointMass("plate", 1.0, at=(0.0, 0.0)))
-    mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), mass.point, (1.0, 0.0)))
+    mech, mass = mass_on_rail()
 
     def attract(at, t):
         return gap / (1.0 - at.position[0] / gap) ** power, 0.0
@@ -77,7 +72,7 @@ def test_regression_forces_that_become_infinite_are_named(power, gap):
 
 
 def test_fixed_steps_that_stop_at_sticking_name_the_friction():
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     foot = mech.add(bd.PointMass("foot", 2.0, at=(0.0, 0.0), velocity=(1.0, 0.0)))
     floor = bd.LineSurface(mech.ground.at(0.0, 0.0))
     damping = {"restitution": 0.5, "impact_speed": 0.1}

@@ -1,12 +1,10 @@
 """Starts by name and in equilibrium, and changes of the start made by joints."""
 
-from __future__ import annotations
-
 import json
-import warnings
 
 import numpy as np
 import pytest
+from mechanisms import EARTH, clamped_beam, rectangle
 from numpy.testing import assert_allclose
 from scipy.optimize import brentq, minimize_scalar
 
@@ -15,7 +13,7 @@ import beamdae as bd
 
 def slider_crank(rod_y=0.0, **start):
     """Return a slider-crank with a crank of 1 m and a rod of 2 m, both rigid with 1 kg."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81), **start)
+    mech = bd.Mechanism(gravity=EARTH, **start)
     crank = mech.add(bd.RigidBody("crank", 1.0, 0.1, center=(0.5, 0.0)))
     rod = mech.add(bd.RigidBody("rod", 1.0, 0.1, center=(2.0, 0.0)))
     mech.add(bd.Revolute("bearing", mech.ground.at(0.0, 0.0), crank.at(0.0, 0.0)))
@@ -51,10 +49,8 @@ def test_equilibrium_under_gravity():
 
 def test_a_cantilever_starts_in_equilibrium_with_the_analytic_sag():
     steel = bd.Material(E=2e11, nu=0.3, rho=7800.0)
-    section = bd.Section.rectangle(steel, width=0.02, height=0.02)
-    mech = bd.Mechanism(gravity=(0.0, -9.81), start="equilibrium")
-    beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (1.0, 0.0)), section, elements=4))
-    mech.add(bd.Weld("wall", mech.ground.at(0.0, 0.0), beam.start))
+    section = rectangle(0.02, material=steel)
+    mech, beam = clamped_beam(section, 4, gravity=9.81, start="equilibrium")
     mech.observe("tip", beam.end)
     solution = bd.simulate(mech, bd.Radau(1e-6), 0.01)
     y = solution.columns["tip.y [m]"]
@@ -66,7 +62,7 @@ def test_a_cantilever_starts_in_equilibrium_with_the_analytic_sag():
 
 @pytest.mark.slow(reason="half a second")
 def test_a_coordinate_without_equilibrium_is_named():
-    mech = bd.Mechanism(gravity=(0.0, -9.81), start="equilibrium")
+    mech = bd.Mechanism(gravity=EARTH, start="equilibrium")
     mech.add(bd.RigidBody("stone", 1.0, 1.0))
     with pytest.raises(bd.BeamdaeError, match=r"stone\.y: no equilibrium .* moves without limit"):
         bd.equations_of_motion(mech)
@@ -107,7 +103,7 @@ class FourBar:
         self.masses, self.sign = masses, -1.0 if mirrored else 1.0
 
     def mechanism(self, motor=None):
-        mech = bd.Mechanism(gravity=(0.0, -9.81))
+        mech = bd.Mechanism(gravity=EARTH)
         bodies = [mech.ground]
         for k, (name, mass) in enumerate(zip(self.names, self.masses, strict=True)):
             ends = (tuple(x) for x in self.points[k : k + 2])
@@ -178,11 +174,9 @@ def test_drivers_lead_all_analyses_from_the_drawing(bars, value):
     crank = brentq(lambda x: bars.angles(x)[2] - bars.sign * value, 0.0, end, xtol=1e-14)
     expected = bars.angles(crank)
     mech = bars.mechanism(motor=bars.sign * value)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", bd.BeamdaeWarning)
-        static = bd.equilibrium(mech)
-        run = bd.simulate(mech, bd.GeneralizedAlpha(step=1e-3), 1e-3)
-        about = bd.equations_of_motion(mech, "equilibrium").q0
+    static = bd.equilibrium(mech)
+    run = bd.simulate(mech, bd.GeneralizedAlpha(step=1e-3), 1e-3)
+    about = bd.equations_of_motion(mech, "equilibrium").q0
     for q in (static.q[-1], run.q[0], about):
         assert_allclose(q[2::3], expected, atol=1e-9)
 
@@ -277,15 +271,11 @@ def test_regression_inactive_joints_do_not_act_on_equilibria():
 @pytest.mark.parametrize("travel", [3e-4, 0.1])
 def test_regression_preloads_by_drivers_are_no_gaps_of_the_drawing(travel):
     """A leaf stretched by a driver had "the joints are not closed"; large travels warn."""
-    mech = bd.Mechanism()
-    section = bd.Section.rectangle(bd.Material.of("steel"), width=0.008, height=2.5e-4)
-    leaf = mech.add(bd.Beam("leaf", bd.Line((0.0, 0.0), (0.06, 0.0)), section))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), leaf.start))
+    section = rectangle(2.5e-4, 0.008)
+    mech, leaf = clamped_beam(section, curve=0.06, name="leaf")
     mech.add(bd.Prismatic("slide", mech.ground.at(0.06, 0.0), leaf.end, (1.0, 0.0)))
     mech.add(bd.TranslationalDriver("pull", mech.ground.at(0.06, 0.0), leaf.end, travel))
     mech.observe("middle", leaf.at(0.03))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", bd.BeamdaeWarning)
-        result = bd.equilibrium(mech)
+    result = bd.equilibrium(mech)
     has_warning = any("drivers begin beside" in x for x in result.warnings)
     assert has_warning == (travel > 0.01)

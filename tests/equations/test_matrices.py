@@ -1,7 +1,5 @@
 """Matrices of all forms, with nonholonomic constraints and friction that depends on reactions."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from support import ARC, VARIANTS, assert_derivative

@@ -1,7 +1,5 @@
 """Statements that do not fit their part are rejected with the name of the part."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 
 import casadi as ca

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from hub_beam import hub_beam
+from mechanisms import EARTH, hinged
 from numpy.testing import assert_allclose
 from tolerances.cases import ALL
 
@@ -16,7 +17,7 @@ from beamdae.integrators.method import StepError
 
 def block_on_belt(stiffness, stribeck):
     """Return a block of 1 kg on a belt with 0.1 m/s, held by a spring [N/m]."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     belt = mech.add(bd.RigidBody("belt", 5.0, 0.1))
     ends = mech.ground.at(0.0, 0.0), belt.at(0.0, 0.0)
     mech.add(bd.Prismatic("rollers", *ends))
@@ -131,9 +132,9 @@ def fail(*_):
 
 def swing():
     """A rigid pendulum."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    rod = mech.add(bd.RigidBody.rod("rod", (0.0, 0.0), (1.0, 0.0), density=7850.0, area=1e-4))
-    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), rod.at(0.0, 0.0)))
+    mech, rod = hinged(
+        bd.RigidBody.rod("rod", (0.0, 0.0), (1.0, 0.0), density=7850.0, area=1e-4), gravity=9.81
+    )
     mech.observe("end", rod.at(1.0, 0.0))
     return mech
 

@@ -4,7 +4,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from conformance import integrators
-from mechanisms import ALLOY, cantilever, strip
+from mechanisms import ALLOY, cantilever, hinged_body, rectangle, symbols
 from numpy.testing import assert_allclose
 
 import beamdae as bd
@@ -13,9 +13,7 @@ every_integrator = integrators(rtol=1e-7, step=1e-3)
 
 
 def driven_bar(law):
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    bar = mech.add(bd.RigidBody("bar", mass=2.0, inertia=0.1, center=(0.5, 0.0)))
-    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), bar.at(0.0, 0.0)))
+    mech, bar = hinged_body(2.0, 0.1, (0.5, 0.0), name="bar", gravity=9.81)
     mech.add(bd.Driver("motor", mech.ground.at(0.0, 0.0), bar.at(0.0, 0.0), law=law))
     return mech
 
@@ -46,7 +44,7 @@ def test_driver_speed_jump_counts_as_work(integrator):
     "timing", [{"breakpoints": (7.98, 8.02)}, {"time_scale": 0.04}], ids=["breakpoints", "scale"]
 )
 def test_constrained_system_has_breakpoints_and_time_scale(timing):
-    t, q, v = ca.SX.sym("t"), ca.SX.sym("q"), ca.SX.sym("v")
+    t, q, v = symbols()
     push = ca.if_else(ca.logic_and(t > 7.98, t < 8.02), 100.0, 0.0)
     mass = bd.ConstrainedSystem(t=t, q=q, v=v, mass=1.0, force=push, q0=[0.0], v0=[0.0], **timing)
     solution = bd.simulate(mass, bd.Ida(1e-6), t_end=10.0)
@@ -55,7 +53,10 @@ def test_constrained_system_has_breakpoints_and_time_scale(timing):
 
 def test_strongly_damped_beam_dissipates_its_strain_energy():
     """Sign of the dissipation: all strain energy of a release is dissipated."""
-    line, section = bd.Line((0.0, 0.0), (0.5, 0.0)), strip(0.01, material=ALLOY, damping=0.02)
+    line, section = (
+        bd.Line((0.0, 0.0), (0.5, 0.0)),
+        rectangle(0.01, 0.03, material=ALLOY, damping=0.02),
+    )
     mech = cantilever(2, line, section, load=(0.0, bd.piecewise((1.0, 50.0), 0.0)))
     solution = bd.simulate(mech, bd.Ida(1e-5), t_end=3.0)
     ledger = solution.energies.iloc[-1]

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from mechanisms import free_ball
 
 import beamdae as bd
 
@@ -10,12 +11,10 @@ SPEED = 2.0  # m/s
 
 def thrown_ball(radius, offset=0.3, gravity=9.81):
     """Ball thrown at a peg at the origin, which it hits `offset` radii off the center."""
-    mech = bd.Mechanism(gravity=(0.0, -gravity))
     height = 0.5 * gravity / SPEED**2 + offset * radius
-    ball = mech.add(bd.PointMass("ball", 0.1, at=(-1.0, height), velocity=(SPEED, 0.0)))
+    mech, ball = free_ball((-1.0, height), velocity=(SPEED, 0.0), mass=0.1, gravity=gravity)
     surface = bd.CircleSurface(mech.ground.at(0.0, 0.0), radius, "outside")
     peg = mech.add(bd.Contact("peg", ball.point, surface, 1e5))
-    mech.observe("ball", ball.point)
     return mech, peg
 
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from benchmarks.cases import pendulum, pendulum_motion
 from conformance import integrators
+from mechanisms import rectangle
 from numpy.testing import assert_allclose
 
 import beamdae as bd
@@ -61,7 +62,7 @@ def test_axial_force_of_a_slow_rod_between_the_steps(rtol):
     # Corrections of positions by the joints must not stretch the rod.
     radius, length, speed, force = 0.06, 0.28, 1.2, 100.0
     mech = bd.Mechanism()
-    section = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=0.03, damping=2e-5)
+    section = rectangle(0.03, damping=2e-5)
     crank = mech.add(bd.RigidBody("crank", mass=1.0, inertia=0.01, center=(0.0, 0.0)))
     line = bd.Line((radius, 0.0), (radius + length, 0.0))
     rod = mech.add(bd.Beam("rod", line, section, elements=8))
@@ -85,7 +86,7 @@ def four_bar():
     """Four-bar with a damped coupler, run up in 0.02 s."""
     mech = bd.Mechanism()
     alloy = bd.Material(E=70e9, nu=0.3, rho=2700.0)
-    strip = bd.Section.rectangle(alloy, width=0.02, height=0.004, damping=1e-3)
+    strip = rectangle(0.004, damping=1e-3, material=alloy)
     crank = mech.add(bd.RigidBody("crank", 0.3, inertia=0.003, center=(0.0, 0.1)))
     coupler = mech.add(bd.Beam("coupler", bd.Line((0.0, 0.2), (0.5, 0.4)), strip, elements=2))
     rocker = mech.add(bd.RigidBody("rocker", 0.5, inertia=0.01, center=(0.5, 0.2)))

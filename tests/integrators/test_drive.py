@@ -1,7 +1,5 @@
 """The driver of all methods: limits, breakpoints, step history, progress and interrupts."""
 
-from __future__ import annotations
-
 import threading
 from dataclasses import dataclass
 
@@ -11,6 +9,7 @@ import pytest
 import threadpoolctl
 from benchmarks.cases import PENDULUM
 from hub_beam import hub_beam
+from mechanisms import symbols
 from numpy.testing import assert_allclose
 from own_method import OwnMethod
 
@@ -175,7 +174,7 @@ def test_regression_overlapping_runs_restore_blas_threads(two_threads_of_blas):
     ],
 )
 def test_regression_invalid_mass_matrix_is_rejected(mass, message):
-    t, q, v = ca.SX.sym("t"), ca.SX.sym("q", 2), ca.SX.sym("v", 2)
+    t, q, v = symbols(2)
     force = ca.vertcat(0.0, -1.0)
     system = bd.ConstrainedSystem(t=t, q=q, v=v, mass=mass, force=force, q0=[1.0, 0.0], v0=[0, 0])
     with pytest.raises(bd.BeamdaeError, match=message):

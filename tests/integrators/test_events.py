@@ -1,11 +1,10 @@
 """Events: location on the dense output, records, and terminal events."""
 
-from __future__ import annotations
-
 import casadi as ca
 import numpy as np
 import pytest
 from conformance import integrators
+from mechanisms import EARTH, free_ball, hinged_body, symbols
 from numpy.testing import assert_allclose
 from own_method import OwnMethod
 from scipy.special import ellipk
@@ -37,7 +36,7 @@ def particle(force, q0, v0, *events, observe=None, breakpoints=()):
 
 
 def pendulum(*events):
-    t, q, v = ca.SX.sym("t"), ca.SX.sym("q", 2), ca.SX.sym("v", 2)
+    t, q, v = symbols(2)
     return bd.ConstrainedSystem(
         t=t, q=q, v=v, mass=[1.0, 1.0], force=ca.vertcat(0.0, -9.81),
         constraints=ca.dot(q, q) - 1.0, q0=[1.0, 0.0], v0=[0.0, 0.0], names=("x", "y"),
@@ -65,10 +64,8 @@ def test_a_fall_stops_at_the_impact(integrator):
 
 @ALL
 def test_events_at_a_time_release_a_body_that_rests(integrator):
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0)))
+    mech, ball = free_ball(gravity=9.81)
     rod = mech.add(bd.Distance("rod", mech.ground.at(0.0, 1.0), ball.point))
-    mech.observe("ball", ball.point)
     mech.when("t", crosses=0.05, do=bd.deactivate(rod))
     solution = bd.simulate(mech, integrator, 0.2, start="equilibrium")
     assert_allclose(solution.events["t [s]"], [0.05], rtol=1e-14)
@@ -78,7 +75,7 @@ def test_events_at_a_time_release_a_body_that_rests(integrator):
 
 def test_regression_resumed_runs_at_rest_have_no_given_velocities():
     """A ball that hung at rest had "given velocities" of 1e-57 m/s, which its rod did not allow."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0)))
     mech.add(bd.Distance("rod", mech.ground.at(0.0, 1.0), ball.point))
     for integrator in (bd.Radau(), bd.GeneralizedAlpha(1e-3)):
@@ -209,9 +206,7 @@ def test_event_before_nonfinite_states_stops_the_run():
 
 
 def test_an_event_of_a_rate():
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    bob = mech.add(bd.RigidBody("bob", mass=1.0, inertia=1e-12, center=(1.0, 0.0)))
-    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), bob.at(0.0, 0.0)))
+    mech, bob = hinged_body(1.0, 1e-12, (1.0, 0.0), name="bob", gravity=9.81)
     mech.observe("bob", bob.at(1.0, 0.0))
     mech.when("bob.y_dot", 0.0, "down", "record", name="turns")
     solution = bd.simulate(mech, bd.Radau(1e-7), 2.5 * QUARTER)
@@ -248,9 +243,7 @@ def test_regression_event_table_without_multipliers():
 def test_crossings_within_a_quarter_of_a_step_are_found(depth, integrator):
     # Steps are up to 0.15 s; below the highest point by 1e-4 m, the crossings are 9 ms apart.
     top = 4.0**2 / (2.0 * 9.81)
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0), velocity=(1.0, 4.0)))
-    mech.observe("ball", ball.point)
+    mech, _ = free_ball(velocity=(1.0, 4.0), gravity=9.81)
     mech.when("ball.y", top - depth, "both", do="record", name="level")
     solution = bd.simulate(mech, integrator, t_end=3.0)
     times = solution.events["t [s]"].to_numpy()
@@ -259,8 +252,6 @@ def test_crossings_within_a_quarter_of_a_step_are_found(depth, integrator):
 
 
 def test_quantity_that_turns_before_its_threshold_does_not_cross_it():
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0), velocity=(1.0, 4.0)))
-    mech.observe("ball", ball.point)
+    mech, _ = free_ball(velocity=(1.0, 4.0), gravity=9.81)
     mech.when("ball.y", 4.0**2 / (2.0 * 9.81) + 1e-4, "both", do="record", name="level")
     assert bd.simulate(mech, t_end=3.0).events.empty

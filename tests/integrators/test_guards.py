@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from mechanisms import ALLOY, beam_pendulum, strip, swing
+from mechanisms import ALLOY, EARTH, beam_pendulum, clamped_beam, rectangle, swing
 from own_method import OwnMethod
 
 import beamdae as bd
@@ -18,8 +18,8 @@ from beamdae.cli import progress
 
 def strip_on_a_hinge(force=None, law=None, damping=1e-4, material=ALLOY, elements=1, **motion):
     """A thin strip, with a force on its end or a moment on its start."""
-    section = strip(0.0025, material=material, damping=damping)
-    mech = beam_pendulum(elements, bd.Line((0.0, 0.0), (0.8, 0.0)), section, **motion)
+    section = rectangle(0.0025, 0.03, material=material, damping=damping)
+    mech = beam_pendulum(elements, (0.8, 0.0), section, **motion)
     beam = mech.part("beam")
     if force is not None:
         mech.add(bd.Force("force", beam.end, (0.0, force)))
@@ -85,11 +85,8 @@ def test_runs_of_many_periods_name_the_steps_that_they_need():
 
 def _cantilever_with_loop(gain):
     """Return a steel leaf of 80 mm with a PID loop at its tip, whose target is 1 mm away."""
-    mech = bd.Mechanism()
     section = bd.Section.rectangle(bd.Material.of("steel"), 0.01, 4e-4, damping=1e-5)
-    line = bd.Line((0.0, 0.0), (0.08, 0.0))
-    leaf = mech.add(bd.Beam("leaf", line, section, elements=2, formulation="exact"))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), leaf.start))
+    mech, leaf = clamped_beam(section, 2, 0.08, name="leaf", formulation="exact")
     mech.add(bd.PointMass("stage", 0.1, on=leaf.end))
     y, v = (mech.sensor(name, leaf.end, name) for name in ("y", "y_dot"))
     force = bd.pid(
@@ -217,7 +214,7 @@ def test_signal_at_any_moment_keeps_the_steps_or_is_raised(integrator):
 
 def slow_slider_crank(damping=0.0):
     """A slider-crank at 12 rpm whose weight begins to act at the start."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     steel = bd.Material(E=210e9, nu=0.3, rho=7850.0)
     section = bd.Section.rectangle(steel, width=0.02, height=0.01, damping=damping)
     pin = mech.ground.at(0.0, 0.0)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from benchmarks.systems import knife_edge
 from governor import governor
+from mechanisms import EARTH, rectangle
 from numpy.testing import assert_allclose
 from parts.test_user_joints import GRAVITY, PULLED_MASS, pull_of, pulled_body
 from quick_return import quick_return
@@ -44,12 +45,12 @@ def test_regression_friction_with_fast_modes(rtol):
 
 def with_flexible_link():
     """quick_return with a steel strip as its link."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     ground, center, pin = mech.ground, (0.0, 0.3), (0.0, 0.42)
     crank = mech.add(bd.RigidBody.disk("crank", center, radius=0.15, mass=12.0))
     block = mech.add(bd.RigidBody.plate("block", pin, width=0.04, height=0.06, mass=0.8))
     lever = mech.add(bd.RigidBody.rod("lever", (0.0, 0.0), (0.0, 0.6), mass=6.0))
-    strip = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=0.01, damping=1e-4)
+    strip = rectangle(0.01, damping=1e-4)
     link = mech.add(bd.Beam("link", bd.Line((0.0, 0.6), (0.25, 0.65)), strip, elements=2))
     ram = mech.add(bd.RigidBody.plate("ram", (0.45, 0.65), width=0.4, height=0.08, mass=25.0))
     shaft = (ground.at(*center), crank.at(*center))

@@ -1,13 +1,11 @@
 """Impacts with restitution by events: closed forms and energy balance."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np
 import pytest
 from conformance import integrators
-from mechanisms import falling_ball
+from mechanisms import EARTH, falling_ball, free_ball, hinged_beam, rectangle
 from numpy.testing import assert_allclose
 
 import beamdae as bd
@@ -81,10 +79,8 @@ def test_accumulating_bounces_end_the_run(integrator):
 @pytest.mark.slow(reason="half a second and more")
 def test_regression_impacts_of_a_flexible_tip_name_the_cause():
     """The advice was to activate a joint or, for elastic impacts, to separate thresholds."""
-    mech = bd.Mechanism(gravity=(0.0, -G))
-    strip = bd.Section.rectangle(bd.Material.of("steel"), 0.02, 0.01, damping=1e-4)
-    arm = mech.add(bd.Beam("arm", bd.Line((0.0, 0.0), (1.0, 0.0)), strip, elements=1))
-    mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), arm.start))
+    strip = rectangle(0.01, damping=1e-4)
+    mech, arm = hinged_beam(strip, 1, name="arm", gravity=G)
     gap = bd.LineSurface(mech.ground.at(0.0, -0.01)).gap(arm.end)
     mech.observe("gap", gap)
     mech.when(gap, 0.0, "down", bd.impact(gap, restitution=0.5), name="hit")
@@ -158,10 +154,8 @@ def test_rod_falling_on_its_end_rotates():
 
 def test_opening_gap_has_no_impulse():
     """The impact of the event has a gap that already opens."""
-    mech = bd.Mechanism()
-    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 1.0), velocity=(1.0, 1.0)))
+    mech, ball = free_ball((0.0, 1.0), velocity=(1.0, 1.0))
     gap = bd.LineSurface(mech.ground.at(0.0, 0.0)).gap(ball.point)
-    mech.observe("ball", ball.point)
     mech.when("ball.x", 0.5, "up", bd.impact(gap, 0.4), "nothing")
     solution = bd.simulate(mech, bd.Radau(), 1.0)
     assert [one.name for one in solution.event_records] == ["nothing"]
@@ -216,7 +210,7 @@ def test_regression_touching_balls_pass_an_impact_on():
 @pytest.mark.slow(reason="half a second and more")
 def test_regression_stacked_balls_pass_impacts_on_and_back():
     """A gap whose balls moved alike for an instant changed its side, and they interpenetrated."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     ground = mech.ground.at(0.0, 0.0)
     balls = [mech.add(bd.PointMass(f"ball {k}", 1.0, at=(0.0, 1.0 + 0.1 * k))) for k in range(4)]
     gaps = [bd.LineSurface(ground, (1.0, 0.0)).gap(balls[0].point)]
@@ -236,7 +230,7 @@ def test_regression_stacked_balls_pass_impacts_on_and_back():
 
 def _flat_rod(restitution, together):
     """Return a rod that falls flat onto both ends."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     rod = mech.add(bd.RigidBody("rod", 1.0, 1.0 / 12.0, center=(0.0, 1.0)))
     floor = bd.LineSurface(mech.ground.at(0.0, 0.0), (1.0, 0.0))
     impacts = {}

@@ -58,8 +58,8 @@ def observed_orders(case, steps, **settings):
         # A constraint that changes with time, and a coordinate without inertia.
         ("rotating rod", "index3"),
         ("brachistochrone", "stabilized-index2"),
-        pytest.param("Arevalo", "stabilized-index2", marks=pytest.mark.slow),
-        pytest.param("pendulum", "index3", marks=pytest.mark.slow),
+        pytest.param("Arevalo", "stabilized-index2", marks=pytest.mark.slow(reason="several runs")),
+        pytest.param("pendulum", "index3", marks=pytest.mark.slow(reason="several runs")),
     ],
 )
 def test_order_in_positions_velocities_and_multipliers(case, formulation, family, rho_inf, order):
@@ -70,7 +70,8 @@ def test_order_in_positions_velocities_and_multipliers(case, formulation, family
 
 
 @pytest.mark.parametrize(
-    "formulation", ["index3", pytest.param("stabilized-index2", marks=pytest.mark.slow)]
+    "formulation",
+    ["index3", pytest.param("stabilized-index2", marks=pytest.mark.slow(reason="several runs"))],
 )
 def test_without_the_cure_the_first_multipliers_are_of_first_order(formulation):
     # The start-up error is strongly damped. Many steps are needed for its remainder to exceed the

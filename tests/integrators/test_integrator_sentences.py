@@ -1,7 +1,5 @@
 """Sentences of wrong settings, events, laws and starts of runs, one row a sentence."""
 
-from __future__ import annotations
-
 import re
 
 import pytest

@@ -7,6 +7,7 @@ import textwrap
 from pathlib import Path
 
 import pytest
+from mechanisms import hinged_body
 from numpy.testing import assert_allclose
 
 import beamdae as bd
@@ -18,16 +19,14 @@ GIGABYTE = 1e9
 
 @functools.cache
 def pendulum():
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    bar = mech.add(bd.RigidBody("bar", mass=2.0, inertia=0.3, center=(0.5, 0.0)))
-    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), bar.at(0.0, 0.0)))
+    mech, bar = hinged_body(2.0, 0.3, (0.5, 0.0), name="bar", gravity=9.81)
     mech.observe("center", bar.at(0.5, 0.0))
     return bd.equations_of_motion(mech)
 
 
 INTEGRATORS = [
     bd.Ida(1e-5, max_step=5e-4),
-    pytest.param(bd.Radau(1e-5, max_step=5e-4), marks=pytest.mark.slow),
+    pytest.param(bd.Radau(1e-5, max_step=5e-4), marks=pytest.mark.slow(reason="several runs")),
     bd.GeneralizedAlpha(step=5e-4),
 ]
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from mechanisms import clamped_beam, rectangle
 from numpy.testing import assert_allclose
 from properties.similarity import Similarity
 
@@ -13,7 +14,7 @@ PLACES = [Similarity(0.5 * np.pi), Similarity(-0.5 * np.pi, (-30.0, 1000.0)), FA
 
 
 def section(height):
-    return bd.Section.rectangle(STEEL, width=0.02, height=height, damping=1e-5)
+    return rectangle(height, damping=1e-5, material=STEEL)
 
 
 def driven_flexible_rod(place):
@@ -33,10 +34,9 @@ def driven_flexible_rod(place):
 
 
 def lightly_loaded_cantilever(place):
-    mech = bd.Mechanism()
-    line = bd.Line(place.point(0.0, 0.5), place.point(1.0, 0.5))
-    beam = mech.add(bd.Beam("beam", line, section(0.02), elements=2))
-    mech.add(bd.Weld("clamp", mech.ground.at(*place.point(0.0, 0.5)), beam.start))
+    mech, beam = clamped_beam(
+        section(0.02), 2, bd.Line(place.point(0.0, 0.5), place.point(1.0, 0.5))
+    )
     x, y = place.way(0.0, 1e-3)
     load = (lambda t: x * np.sin(6.0 * t), lambda t: y * np.sin(6.0 * t))
     mech.add(bd.Force("load", beam.end, load))

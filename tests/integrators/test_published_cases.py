@@ -27,7 +27,11 @@ every_case = pytest.mark.parametrize(
     "case",
     [
         pytest.param(
-            case, id=case.name, marks=[pytest.mark.slow] if case is IFTOMM_PENDULUM else []
+            case,
+            id=case.name,
+            marks=[pytest.mark.slow(reason="takes as long as all others together")]
+            if case is IFTOMM_PENDULUM
+            else [],
         )
         for case in PUBLISHED_CASES
     ],
@@ -86,7 +90,10 @@ SETTINGS = {
     "settings",
     # The formulations for comparisons are slow tests.
     [
-        pytest.param(name, marks=[pytest.mark.slow] if name in ("index1", "index2") else [])
+        pytest.param(
+            name,
+            marks=[pytest.mark.slow(reason="several runs")] if name in ("index1", "index2") else [],
+        )
         for name in SETTINGS
     ],
 )
@@ -109,7 +116,9 @@ def test_ida_on_index_3_meets_the_case_with_looser_bounds(case, rtol):
 
 
 @pytest.mark.parametrize("formulation", ["index3", "stabilized-index2"])
-@pytest.mark.parametrize("step", [8e-3, pytest.param(4e-3, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "step", [8e-3, pytest.param(4e-3, marks=pytest.mark.slow(reason="several runs"))]
+)
 @every_case
 def test_generalized_alpha_meets_the_case_to_second_order(case, formulation, step):
     integrator = bd.GeneralizedAlpha(step=step, formulation=formulation, newton_tolerance=1e-8)

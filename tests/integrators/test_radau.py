@@ -1,9 +1,9 @@
 """Radau IIA: coefficients, single steps, error estimate and step control."""
 
-import casadi as ca
 import numpy as np
 import pytest
 from hub_beam import hub_beam
+from mechanisms import rectangle, symbols
 from numpy.testing import assert_allclose
 from slider_crank import slider_crank
 
@@ -12,7 +12,7 @@ import beamdae as bd
 
 def oscillator(omega, damping=0.0):
     """q'' + 2 damping omega q' + omega^2 q = 0 from q = 0.3, q' = 0.7 omega."""
-    t, q, v = ca.SX.sym("t"), ca.SX.sym("q"), ca.SX.sym("v")
+    t, q, v = symbols()
     force = -(omega**2) * q - 2.0 * damping * omega * v
     return bd.ConstrainedSystem(
         t=t, q=q, v=v, mass=1.0, force=force, q0=[0.3], v0=[0.7 * omega]
@@ -153,8 +153,7 @@ def test_regression_motion_near_rounding_does_not_reduce_the_step():
     the run failed.
     """
     step = 3e-7
-    steel = bd.Material.of("steel")
-    leaf = bd.Section.rectangle(steel, width=0.02, height=0.3e-3, damping=1e-4)
+    leaf = rectangle(0.3e-3, damping=1e-4)
     mech = bd.Mechanism()
     platform = mech.add(bd.RigidBody.plate("platform", (0.0, 0.05), 0.08, 0.02, mass=0.5))
     for name, x in (("left", -0.03), ("right", 0.03)):
@@ -174,8 +173,7 @@ def test_regression_motion_near_rounding_does_not_reduce_the_step():
 
 def spinning_strip():
     """Return an undamped strip on a hinge, which a driver turns once per second."""
-    steel = bd.Material.of("steel")
-    strip = bd.Section.rectangle(steel, width=0.02, height=1e-3)
+    strip = rectangle(1e-3)
     mech = bd.Mechanism()
     line = bd.Line((0.0, 0.0), (0.5, 0.0))
     beam = mech.add(bd.Beam("beam", line, strip, elements=4, formulation="exact"))

@@ -1,10 +1,9 @@
 """Continued runs: in memory, from a checkpoint, and joined."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from conformance import integrators
+from mechanisms import free_ball, hinged_body
 from numpy.testing import assert_allclose, assert_array_equal
 from test_events import HIT, falling, pendulum
 
@@ -15,9 +14,7 @@ RUNS, COARSE = integrators(1e-7, 1e-4), integrators(1e-7, 1e-2)
 
 def slider():
     """A rigid bar driven from one side with a breakpoint on the way."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    bar = mech.add(bd.RigidBody("bar", mass=1.0, inertia=0.1, center=(0.5, 0.0)))
-    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), bar.at(0.0, 0.0)))
+    mech, bar = hinged_body(1.0, 0.1, (0.5, 0.0), name="bar", gravity=9.81)
     mech.add(bd.Moment("motor", bar.at(0.5, 0.0), bd.piecewise((0.5, 5.0), 3.0)))
     mech.observe("tip", bar.at(1.0, 0.0))
     return mech
@@ -59,11 +56,9 @@ def test_run_continues_after_a_stop_event(tmp_path):
 
 def pushed_beyond_a_line():
     """A mass of 1 kg at 1 m/s up to x = 1 m at t = 1 s, then pushed by 0.5 N."""
-    mech = bd.Mechanism()
-    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0), velocity=(1.0, 0.0)))
+    mech, ball = free_ball(velocity=(1.0, 0.0))
     push = mech.add(bd.Force("push", ball.point, (0.5, 0.0)))
     mech.deactivate(push)
-    mech.observe("ball", ball.point)
     mech.when("ball.x", 1.0, "up", bd.activate(push), "pushed")
     mech.when("ball.x", 1.0, "up", "record", "seen")
     return mech
@@ -84,9 +79,7 @@ def test_event_at_the_end_of_a_run_happens_once(integrator, off, tmp_path):
 @COARSE
 def test_run_stopped_right_after_its_start(integrator):
     """The pilot run moves by rounding errors only."""
-    mech = bd.Mechanism()
-    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0), velocity=(1.0, 0.0)))
-    mech.observe("ball", ball.point)
+    mech, _ = free_ball(velocity=(1.0, 0.0))
     mech.when("ball.x", 1.0, "up", "stop", "end")
     first = bd.simulate(mech, integrator, 1.0 - 1e-13)
     later = bd.simulate(mech, integrator, 2.0, start=first)

@@ -4,6 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from mechanisms import EARTH, free_ball
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.integrate import solve_ivp
 
@@ -21,7 +22,7 @@ METHODS = {
 
 def crank(friction=0.0, law=None, every=EVERY, delay=0):
     """Return a bar that a sampled motor swings up, with a filtered angle."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     bar = mech.add(bd.RigidBody("bar", mass=2.0, inertia=0.3, center=(0.5, 0.0)))
     pin = mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), bar.at(0.0, 0.0)))
     if friction:
@@ -130,8 +131,7 @@ def test_generalized_alpha_remains_of_second_order(form):
 @pytest.mark.parametrize("distance", [6e-13, 2e-12])
 def test_regression_impacts_just_before_a_sample_are_kept(method, distance):
     """The method continued with the velocity before the impact."""
-    mech = bd.Mechanism(gravity=(0.0, -20.0))
-    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 1.0 - distance), velocity=(0.0, 9.0)))
+    mech, ball = free_ball((0.0, 1.0 - distance), velocity=(0.0, 9.0), gravity=20.0)
     push = mech.input("push", unit="N")
     mech.add(bd.Force("load", ball.point, (push, 0.0)))
     height = mech.sensor("height", ball.point, "y")
@@ -139,7 +139,6 @@ def test_regression_impacts_just_before_a_sample_are_kept(method, distance):
     floor = bd.LineSurface(mech.ground.at(0.0, 0.0), direction=(1.0, 0.0))
     gap = floor.gap(ball.point)
     mech.when(gap, 0.0, "down", bd.impact(gap, 1.0), name="bounce")
-    mech.observe("ball", ball.point)
     run = bd.simulate(mech, method, 1.2)
     assert run.status.success, run.status.sentence
     # After the impact at 1 s: 11 m/s upward.
@@ -148,15 +147,13 @@ def test_regression_impacts_just_before_a_sample_are_kept(method, distance):
 
 def bumper(law, every, outside="hold"):
     """Return a driven mass that passes a narrow peak of a force, a table, after 0.4 m."""
-    mech = bd.Mechanism()
-    mass = mech.add(bd.PointMass("mass", 1.0, at=(0.0, 0.0), velocity=(1.0, 0.0)))
+    mech, mass = free_ball(velocity=(1.0, 0.0), name="mass")
     place, speed = (mech.sensor(x, mass.point, x) for x in ("x", "x_dot"))
     push = mech.input("push", unit="N")
     mech.add(bd.Force("motor", mass.point, (push, 0.0)))
     mech.add(bd.Controller("servo", every, [place, speed], [push], law, state=[0.0]))
     peak = bd.table([0.0, 0.4, 0.4003, 0.4006, 0.8], [0.0, 0.0, 2e3, 0.0, 0.0], "pchip", outside)
     mech.add(bd.ForceLaw("bump", mass.point, lambda mass, t: (-peak(mass.position[0]), 0.0)))
-    mech.observe("mass", mass.point)
     return mech
 
 
@@ -201,13 +198,11 @@ def test_regression_tables_end_runs_before_the_law_fails_outside():
 
 def pushed(every, law):
     """Return a mass on a spring that a sampled force pushes."""
-    mech = bd.Mechanism()
-    mass = mech.add(bd.PointMass("mass", 1.0, at=(0.0, 0.0)))
+    mech, mass = free_ball(name="mass")
     push = mech.input("push", unit="N")
     place = mech.sensor("place", mass.point, "x")
     mech.add(bd.Force("motor", mass.point, (push - 400.0 * place, 0.0)))
     mech.add(bd.Controller("servo", every, [place], [push], lambda sample: law(sample.t)))
-    mech.observe("mass", mass.point)
     return mech
 
 

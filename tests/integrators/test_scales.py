@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from mechanisms import hinged_body, rectangle
 from numpy.testing import assert_allclose
 
 import beamdae as bd
@@ -15,7 +16,7 @@ def resonator(scale):
     Without changes of the material, times grow in proportion to lengths.
     """
     silicon, half, period = bd.Material(E=160e9, nu=0.22, rho=2330.0), 0.2 * scale, 0.05 * scale
-    strip = bd.Section.rectangle(silicon, 0.01 * scale, 0.002 * scale, damping=2e-5 * scale)
+    strip = rectangle(0.002 * scale, 0.01 * scale, damping=2e-5 * scale, material=silicon)
     mech = bd.Mechanism()
     left = mech.add(bd.Beam("left", bd.Line((-half, 0.0), (0.0, 0.0)), strip, elements=2))
     right = mech.add(bd.Beam("right", bd.Line((0.0, 0.0), (half, 0.0)), strip, elements=2))
@@ -59,9 +60,7 @@ def test_steps_do_not_depend_on_the_unit_of_length(scale, integrator, step_toler
 
 
 def lever(scale):
-    mech = bd.Mechanism()
-    bar = mech.add(bd.RigidBody("bar", scale**3, 0.1 * scale**5, center=(0.5 * scale, 0.0)))
-    mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), bar.at(0.0, 0.0)))
+    mech, _ = hinged_body(scale**3, 0.1 * scale**5, (0.5 * scale, 0.0), name="bar")
     return mech
 
 

@@ -4,6 +4,7 @@ import warnings
 
 import numpy as np
 import pytest
+from mechanisms import EARTH, free_ball
 from numpy.testing import assert_allclose, assert_array_equal
 from test_sampling import crank
 
@@ -21,7 +22,7 @@ def small_memory(monkeypatch):
 
 
 def pendulum(redundant=None):
-    mech = bd.Mechanism(gravity=(0.0, -9.81), redundant=redundant or "refuse")
+    mech = bd.Mechanism(gravity=EARTH, redundant=redundant or "refuse")
     bar = mech.add(bd.RigidBody("bar", mass=2.0, inertia=0.3, center=(0.5, 0.0)))
     mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), bar.at(0.0, 0.0)))
     if redundant:
@@ -32,23 +33,19 @@ def pendulum(redundant=None):
 
 def bouncing():
     """Ball in a moving field that bounces off the ground, with a breakpoint at 0.5 s."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.3)))
+    mech, ball = free_ball((0.0, 0.3), gravity=9.81)
     push = bd.piecewise((0.5, lambda t: 0.2 * t), 0.3)
     mech.add(bd.Force("push", ball.point, (push, 0.0)))
     gap = bd.LineSurface(mech.ground.at(0.0, 0.0)).gap(ball.point)
     mech.when(gap, 0.0, "down", bd.impact(gap, 0.8), name="bounce")
-    mech.observe("ball", ball.point)
     return mech
 
 
 def peg():
     """Ball thrown at a small peg, which steps pass over."""
-    mech = bd.Mechanism()
-    ball = mech.add(bd.PointMass("ball", 0.1, at=(-1.0, 3e-4), velocity=(2.0, 0.0)))
+    mech, ball = free_ball((-1.0, 3e-4), velocity=(2.0, 0.0), mass=0.1)
     surface = bd.CircleSurface(mech.ground.at(0.0, 0.0), 1e-3, "outside")
     mech.add(bd.Contact("peg", ball.point, surface, 1e5))
-    mech.observe("ball", ball.point)
     return mech
 
 
@@ -135,7 +132,7 @@ def test_saved_run_has_the_energies_of_all_steps(small_memory, tmp_path):
 @pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
 def test_regression_peaks_between_stored_rows_are_reported_as_unknown(small_memory):
     """The peak of a contact that is in no stored row was lost without a warning."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.05)))
     stop = bd.Contact("stop", ball.point, bd.LineSurface(mech.ground.at(0.0, 0.0)), 1e7)
     mech.observe("stop", mech.add(stop).force)

@@ -6,17 +6,17 @@ vibrations of the size of the centrifugal force.
 
 import numpy as np
 import pytest
+from mechanisms import STEEL, free_ball, rectangle
 
 import beamdae as bd
 
 SPEED, STEP = 10.0, 1e-3
-STEEL = bd.Material(E=2.1e11, nu=0.3, rho=7850.0)
 STIFFNESS, STRETCH = 1e8, 1e-6
 
 
 def turning_beam(law=None):
     """Return a beam of exact formulation on a pin, turned by a driver if there is a law."""
-    section = bd.Section.rectangle(STEEL, width=0.02, height=0.02, damping=1e-4)
+    section = rectangle(0.02, damping=1e-4)
     mech = bd.Mechanism()
     axis = bd.Line((0.0, 0.0), (1.0, 0.0))
     beam = mech.add(bd.Beam("beam", axis, section, elements=2, formulation="exact"))
@@ -35,15 +35,13 @@ def centrifugal_force(section_area=4e-4):
 @bd.model(t_end=0.02)
 def slinger(speed=SPEED, length=1.0, gap=0.1, filling=2.0):
     """Ball on a stiff spring that turns towards a stiff wall, and a filter of its height."""
-    mech = bd.Mechanism()
-    ball = mech.add(bd.PointMass("ball", 1.0, at=(length, 0.0), velocity=(0.0, speed)))
+    mech, ball = free_ball((length, 0.0), velocity=(0.0, speed))
     pivot = mech.ground.at(0.0, 0.0)
     mech.add(bd.Spring("arm", pivot, ball.point, STIFFNESS, free_length=length - STRETCH))
     wall = bd.LineSurface(mech.ground.at(0.0, gap), direction=(-1.0, 0.0))
     mech.add(bd.Contact("wall", ball.point, wall, 1e5))
     height = mech.sensor("height", ball.point, "y")
     mech.state("level", lambda level, t: filling * (height - level), start=0.1)
-    mech.observe("ball", ball.point)
     return mech
 
 

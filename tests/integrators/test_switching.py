@@ -1,12 +1,11 @@
 """Events that switch joints, forces and laws: closed forms and energy balance."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
 import pytest
 from conformance import integrators
+from mechanisms import EARTH, free_ball, hinged
 from numpy.testing import assert_allclose
 
 import beamdae as bd
@@ -21,10 +20,8 @@ SPEED, INERTIA = 2.0, 0.3
 
 def spinning(**bar):
     """A bar that spins about a hinge at its center."""
-    mech = bd.Mechanism()
     bar = {"mass": 1.0, "inertia": INERTIA, "angular_velocity": SPEED} | bar
-    bar = mech.add(bd.RigidBody("bar", **bar))
-    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), bar.at(0.0, 0.0)))
+    mech, bar = hinged(bd.RigidBody("bar", **bar))
     mech.observe("bar", bar.at(0.0, 0.0))
     return mech, bar
 
@@ -32,7 +29,7 @@ def spinning(**bar):
 @pytest.mark.slow(reason="half a second and more")
 @RUNS
 def test_released_bob_flies_freely(integrator):
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     bob = mech.add(bd.RigidBody("bob", mass=2.0, inertia=0.1, center=(1.0, 0.0)))
     string = mech.add(bd.Revolute("string", mech.ground.at(0.0, 0.0), bob.at(0.0, 0.0)))
     mech.observe("bob", bob.at(1.0, 0.0))
@@ -107,10 +104,8 @@ def test_bar_caught_off_center_keeps_angular_momentum(integrator):
 @SOME
 def test_force_is_switched_off_and_on(integrator):
     """1 N pushes 1 kg from 0 to 1 m and again beyond 2 m, but not in between."""
-    mech = bd.Mechanism()
-    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0)))
+    mech, ball = free_ball()
     push = mech.add(bd.Force("push", ball.point, (1.0, 0.0)))
-    mech.observe("ball", ball.point)
     mech.when("ball.x", 1.0, "up", bd.deactivate(push), "off")
     mech.when("ball.x", 2.0, "up", bd.activate(push), "on")
     solution = bd.simulate(mech, integrator, 4.0)
@@ -127,11 +122,9 @@ def test_force_is_switched_off_and_on(integrator):
 @pytest.mark.parametrize("x", [0.5, 1.5, 3.0])
 def test_regression_open_links_state_their_gap(x):
     """A link of 1 m between points at 3 m had a gap of 4 instead of 2 m."""
-    mech = bd.Mechanism()
-    ball = mech.add(bd.PointMass("ball", 1.0, at=(1.0, 0.0)))
+    mech, ball = free_ball((1.0, 0.0))
     link = mech.add(bd.Distance("link", mech.ground.at(0.0, 0.0), ball.point))
     mech.add(bd.Force("push", ball.point, (math.copysign(1.0, x - 1.0), 0.0)))
-    mech.observe("ball", ball.point)
     mech.deactivate(link)
     mech.when("ball.x", x, "up" if x > 1.0 else "down", bd.activate(link), "caught")
     message = rf"link\.length: the joint has a gap of {abs(x - 1.0):.3g} \(in m or rad\) when"
@@ -157,12 +150,10 @@ def test_endless_switching_ends_the_run():
 
 
 def test_simultaneous_events_all_happen():
-    mech = bd.Mechanism()
-    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0), velocity=(1.0, 0.0)))
+    mech, ball = free_ball(velocity=(1.0, 0.0))
     right = mech.add(bd.Force("right", ball.point, (1.0, 0.0)))
     up = mech.add(bd.Force("up", ball.point, (0.0, 1.0)))
     mech.deactivate(right, up)
-    mech.observe("ball", ball.point)
     mech.when("ball.x", 1.0, "up", bd.activate(right), "a")
     mech.when("ball.x", 1.0, "up", bd.activate(up), "b")
     mech.when("ball.x", 1.0, "up", "record", "seen")
@@ -177,7 +168,7 @@ def test_simultaneous_events_all_happen():
 def test_events_at_the_time_of_an_impact_are_not_lost():
     """Three events at the floor, in any order: the ball bounces, and both forces are switched."""
     for order in ((0, 1, 2), (1, 0, 2), (2, 1, 0)):
-        mech = bd.Mechanism(gravity=(0.0, -9.81))
+        mech = bd.Mechanism(gravity=EARTH)
         ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 1.0)))
         side, lift = (mech.add(bd.Force(x, ball.point, (1.0, 0.0))) for x in ("side", "lift"))
         mech.deactivate(lift)

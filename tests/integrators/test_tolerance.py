@@ -7,6 +7,7 @@ References: Radau at a tight tolerance, confirmed by Richardson extrapolation of
 import numpy as np
 import pytest
 from hub_beam import hub_beam
+from mechanisms import EARTH, clamped_beam, free_ball, hinged_body, rectangle
 from numpy.testing import assert_allclose
 from slider_crank import slider_crank
 from tolerances.cases import ALL, CASES
@@ -22,7 +23,11 @@ every_case = pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
 every_case_by_duration = pytest.mark.parametrize(
     "case",
     [
-        pytest.param(case, id=case.name, marks=[pytest.mark.slow] if case.name in _SLOW else [])
+        pytest.param(
+            case,
+            id=case.name,
+            marks=[pytest.mark.slow(reason="several runs")] if case.name in _SLOW else [],
+        )
         for case in CASES
     ],
 )
@@ -88,7 +93,7 @@ def test_error_bound_for_all_members_and_first_steps_of_generalized_alpha(case, 
         (1e-4, 1e-3, 2),
         (1e-4, 1e-5, 5),
         *(
-            pytest.param(*case, marks=pytest.mark.slow)
+            pytest.param(*case, marks=pytest.mark.slow(reason="a fifth of a second"))
             for case in ((0.0, 1e-6, 2), (1e-5, 1e-5, 2), (1e-3, 1e-3, 5))
         ),
     ],
@@ -106,10 +111,10 @@ def test_auto_order_is_two_where_lightly_damped_modes_would_not_be_resolved(damp
 @pytest.mark.slow(reason="half a second and more")
 def test_regression_one_undamped_beam_among_damped_ones_keeps_the_order_at_two():
     """Order 5 ended at -0.48 instead of -0.236 after 314 781 steps, reported as success."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     alloy = bd.Material(E=7e10, nu=0.3, rho=2700.0)
-    damped = bd.Section.rectangle(alloy, width=0.02, height=0.004, damping=1e-3)
-    undamped = bd.Section.rectangle(alloy, width=0.02, height=0.02)
+    damped = rectangle(0.004, damping=1e-3, material=alloy)
+    undamped = rectangle(0.02, material=alloy)
     upper = mech.add(bd.Beam("upper", bd.Line((0.0, 0.0), (0.5, 0.0)), damped, elements=4))
     lower = mech.add(bd.Beam("lower", bd.Line((0.5, 0.0), (1.0, 0.0)), undamped, elements=4))
     mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), upper.start))
@@ -125,7 +130,10 @@ def test_regression_one_undamped_beam_among_damped_ones_keeps_the_order_at_two()
 
 
 @pytest.mark.slow(reason="a fifth of a second")
-@pytest.mark.parametrize("integrator", [bd.Ida, pytest.param(bd.Radau, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "integrator",
+    [bd.Ida, pytest.param(bd.Radau, marks=pytest.mark.slow(reason="a fifth of a second"))],
+)
 def test_regression_tolerances_follow_the_amplitudes(integrator):
     """A cantilever under 0.1 N was off by 11 % at 1e-5, its root moment by 13 %, unnoticed."""
     small, large = (
@@ -171,7 +179,9 @@ def test_regression_small_deflections_and_impacts_keep_the_bound(name, integrato
     assert np.all(errors < share * case.bound * rtol)
 
 
-@pytest.mark.parametrize("damping", [1e-4, pytest.param(0.0, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "damping", [1e-4, pytest.param(0.0, marks=pytest.mark.slow(reason="several runs"))]
+)
 def test_stiff_beams_in_absolute_coordinates_keep_the_bound_of_deflections(damping):
     """A strip of 30 mm bends 1e-5 of its motion; its deflection was wrong by 710 to 25 000 rtol."""
 
@@ -188,11 +198,10 @@ def test_stiff_beams_in_absolute_coordinates_keep_the_bound_of_deflections(dampi
 
 def cantilever(force):
     """A lightly damped strip of 1 m with a force on its end."""
-    mech = bd.Mechanism()
     alloy = bd.Material(E=7e10, nu=0.3, rho=2700.0)
-    strip = bd.Section.rectangle(alloy, width=0.03, height=0.03, damping=1e-4)
-    beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (1.0, 0.0)), strip, elements=4))
-    clamp = mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    strip = rectangle(0.03, 0.03, damping=1e-4, material=alloy)
+    mech, beam = clamped_beam(strip, 4)
+    clamp = mech.part("clamp")
     mech.add(bd.Force("load", beam.end, (0.0, -force)))
     mech.observe("tip", beam.end)
     mech.observe("clamp", clamp.reaction)
@@ -201,9 +210,7 @@ def cantilever(force):
 
 @adaptive
 def test_auto_tests_velocities_without_fast_modes(integrator):
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    bob = mech.add(bd.RigidBody("bob", mass=1.0, inertia=0.1, center=(1.0, 0.0)))
-    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), bob.at(0.0, 0.0)))
+    mech, _ = hinged_body(1.0, 0.1, (1.0, 0.0), name="bob", gravity=9.81)
     settings = bd.simulate(mech, integrator(1e-6), t_end=0.1).integrator
     assert settings["error_control"] == "velocities"
     assert settings.get("max_order", 5) == 5
@@ -233,11 +240,9 @@ def test_regression_singular_positions_are_passed_or_named(integrator, rtol):
 def test_alpha_reduces_its_tolerance_with_one_sided_forces():
     """A ball of 10 m/s that a peg deflects: 38 rtol off with the tolerance of smooth forces."""
     rtol = 1e-5
-    mech = bd.Mechanism()
-    ball = mech.add(bd.PointMass("ball", 0.1, at=(-1.0, 0.018), velocity=(10.0, 0.0)))
+    mech, ball = free_ball((-1.0, 0.018), velocity=(10.0, 0.0), mass=0.1)
     peg = bd.CircleSurface(mech.ground.at(0.0, 0.0), radius=0.03)
     mech.add(bd.Contact("peg", ball.point, peg, stiffness=4.5e6))
-    mech.observe("ball", ball.point)
     columns = ["ball.x [m]", "ball.y [m]"]
     solution, exact = (
         bd.simulate(mech, integrator, t_end=0.15).observed[columns].to_numpy()

@@ -39,7 +39,10 @@ def compute_balanced_right_side(pattern, nonzeros):
 @pytest.mark.parametrize(
     "name",
     # "welded" is like the last case, with twice the beams and the other frame.
-    [pytest.param(m, marks=[pytest.mark.slow] if m == "welded" else []) for m in MECHANISMS],
+    [
+        pytest.param(m, marks=[pytest.mark.slow(reason="several runs")] if m == "welded" else [])
+        for m in MECHANISMS
+    ],
 )
 def test_fill_is_small_and_solutions_are_accurate(name):
     equations = bd.equations_of_motion(MECHANISMS[name]())

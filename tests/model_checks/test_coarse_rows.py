@@ -1,18 +1,16 @@
 """Output rows against steps: mechanisms whose rows miss values, and siblings that stay silent."""
 
-from __future__ import annotations
-
 import re
 from functools import partial
 
 import casadi as ca
 import numpy as np
 import pytest
+from mechanisms import EARTH, clamped_beam, free_ball, rectangle
 from mechanisms import dropped_ball as ball
 
 import beamdae as bd
 
-STEEL = bd.Material.of("steel")
 PERIOD = 2.0 * np.pi / 20.0  # of the mass of `vibration` [s]
 ALPHA = bd.GeneralizedAlpha(PERIOD / 60.0)
 
@@ -21,7 +19,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
 
 def stop_law(form, **settings) -> bd.results.Solution:
     """Return a run onto a stop whose force is a formula or a table."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     body = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0), velocity=(0.0, -4.43)))
     depths = np.linspace(0.0, 4e-4, 41)
     table = bd.table(depths, 1e10 * depths**1.5)
@@ -35,10 +33,8 @@ def stop_law(form, **settings) -> bd.results.Solution:
 
 def vibration(rows_per_period, method=None, periods=60) -> bd.results.Solution:
     """Return a run of a mass on a spring."""
-    mech = bd.Mechanism()
-    mass = mech.add(bd.PointMass("mass", 1.0, at=(0.1, 0.0)))
+    mech, mass = free_ball((0.1, 0.0), name="mass")
     spring = bd.Spring("spring", mech.ground.at(-1.0, 0.0), mass.point, 400.0, 0.0, 1.0)
-    mech.observe("mass", mass.point)
     mech.observe("spring", mech.add(spring).load_on("b"))
     end = periods * PERIOD
     return bd.simulate(mech, method, t_end=end, output_step=PERIOD / rows_per_period)
@@ -46,10 +42,8 @@ def vibration(rows_per_period, method=None, periods=60) -> bd.results.Solution:
 
 def leaf(output_step) -> bd.results.Solution:
     """Return a run of a steel leaf with a mass under a sudden load, with a period of 64 ms."""
-    mech = bd.Mechanism()
-    section = bd.Section.rectangle(STEEL, 0.06, 0.012, damping=2e-4)
-    beam = mech.add(bd.Beam("leaf", bd.Line((0.0, 0.0), (0.5, 0.0)), section, elements=2))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    section = rectangle(0.012, 0.06, damping=2e-4)
+    mech, beam = clamped_beam(section, 2, 0.5, name="leaf")
     mech.add(bd.PointMass("payload", 10.0, on=beam.end))
     mech.add(bd.Force("load", beam.end, (0.0, -1000.0)))
     mech.observe("tip", beam.end)
@@ -59,18 +53,16 @@ def leaf(output_step) -> bd.results.Solution:
 
 def chirp(rows) -> bd.results.Solution:
     """Return a run of a mass on a spring that a sweep drives through the resonance."""
-    mech = bd.Mechanism()
-    mass = mech.add(bd.PointMass("mass", 1.0, at=(0.0, 0.0)))
+    mech, mass = free_ball(name="mass")
     mech.add(bd.Spring("spring", mech.ground.at(-1.0, 0.0), mass.point, 4e3, 3.0, 1.0))
     law = lambda t: 10.0 * ca.sin(4.0 * ca.pi * (t + t**2))  # noqa: E731
     mech.add(bd.Force("sweep", mass.point, (law, 0.0)))
-    mech.observe("mass", mass.point)
     return bd.simulate(mech, t_end=6.0, output_step=6.0 / rows)
 
 
 def double_pendulum(rows, size=1.0, method=None) -> bd.results.Solution:
     """Return a run of two rods of this size, relative to 0.4 m."""
-    mech, length = bd.Mechanism(gravity=(0.0, -9.81)), 0.4 * size
+    mech, length = bd.Mechanism(gravity=EARTH), 0.4 * size
     ends = (0.0, 0.0), (length, 0.0), (2.0 * length, 0.0)
     upper, lower = (
         mech.add(bd.RigidBody.rod(name, *pair, mass=1.0))
@@ -90,7 +82,7 @@ def stage(output_step) -> bd.results.Solution:
     mech = bd.Mechanism()
     body = mech.add(bd.RigidBody("stage", mass=0.3, inertia=1e-4, center=(0.0, 0.0)))
     aluminum = bd.Material(E=70e9, nu=0.3, rho=2700.0)
-    section = bd.Section.rectangle(aluminum, width=0.02, height=5e-4, damping=1e-4)
+    section = rectangle(5e-4, damping=1e-4, material=aluminum)
     for name, side in (("right", 1.0), ("left", -0.999)):
         line = bd.Line((0.12 * side, 0.0), (0.02 * side, 0.0))
         flexure = mech.add(bd.Beam(name, line, section, elements=2))
@@ -108,7 +100,7 @@ def blade(rows) -> bd.results.Solution:
     pair = mech.ground.at(0.0, 0.0), hub.at(0.0, 0.0)
     mech.add(bd.Revolute("bearing", *pair))
     mech.add(bd.Driver("motor", *pair, law=lambda t: speed * t))
-    section = bd.Section.rectangle(STEEL, 0.04, 0.006, damping=2e-5)
+    section = rectangle(0.006, 0.04, damping=2e-5)
     line = bd.Line((0.12, 0.0), (0.47, 0.0))
     beam = mech.add(bd.Beam("blade", line, section, strain="exact", elements=2))
     mech.add(bd.Weld("clamp", hub.at(0.12, 0.0), beam.start))
@@ -120,20 +112,16 @@ def blade(rows) -> bd.results.Solution:
 
 def bounce(rows) -> bd.results.Solution:
     """Return a run of a ball whose velocity jumps."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    body = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 1.0)))
+    mech, body = free_ball((0.0, 1.0), gravity=9.81)
     gap = bd.LineSurface(mech.ground.at(0.0, 0.0)).gap(body.point)
     mech.when(gap, direction="down", do=bd.impact(gap, restitution=0.8), name="hit")
-    mech.observe("ball", body.point)
     return bd.simulate(mech, t_end=2.0, output_step=2.0 / rows)
 
 
 def magnitude(output_step) -> bd.results.Solution:
     """Return a run of a vibrating strip, whose largest stress has valleys at zero."""
-    mech = bd.Mechanism()
-    section = bd.Section.rectangle(STEEL, width=0.02, height=0.004, damping=1e-3)
-    strip = mech.add(bd.Beam("strip", bd.Line((0.0, 0.0), (0.5, 0.0)), section, elements=1))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), strip.start))
+    section = rectangle(0.004, damping=1e-3)
+    mech, strip = clamped_beam(section, 1, 0.5, name="strip")
     mech.add(bd.Force("push", strip.end, (0.0, bd.sine(1.0, 5.0, 0.5 * np.pi))))
     mech.observe("stress", strip.largest_stress())
     settings = {"t_end": 0.4, "output_step": output_step, "start": "equilibrium"}
@@ -142,7 +130,7 @@ def magnitude(output_step) -> bd.results.Solution:
 
 def weld(method) -> bd.results.Solution:
     """Return a run of a body at rest, with the reactions that hold it."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     body = mech.add(bd.RigidBody("body", 1.0, 0.1, center=(0.3, 0.4)))
     joint = mech.add(bd.Weld("weld", mech.ground.at(0.0, 0.0), body.at(0.0, 0.0)))
     mech.observe("weld", joint.reaction)
@@ -249,10 +237,8 @@ def test_regression_missed_extremes_come_before_notes_on_the_model():
 @pytest.mark.slow(reason="half a second")
 def test_stresses_of_damping_at_an_impact_have_an_error_by_the_elements():
     """Strain rates at a jump of velocities depend on the length of the element."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    section = bd.Section.rectangle(STEEL, width=0.012, height=0.0012, damping=3e-5)
-    beam = mech.add(bd.Beam("leaf", bd.Line((0.0, 0.0), (0.12, 0.0)), section, elements=4))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    section = rectangle(0.0012, 0.012, damping=3e-5)
+    mech, beam = clamped_beam(section, 4, 0.12, name="leaf", gravity=9.81)
     mech.add(bd.PointMass("hammer", 0.03, on=beam.end))
     mech.add(bd.Force("magnet", beam.end, (0.0, -20.0)))
     gap = bd.LineSurface(mech.ground.at(0.0, -0.002), (1.0, 0.0)).gap(beam.end)

@@ -8,6 +8,7 @@ import casadi as ca
 import numpy as np
 import pandas as pd
 import pytest
+from mechanisms import EARTH, clamped_beam, free_ball, rectangle, symbols
 from numpy.testing import assert_allclose
 from tolerances.mechanisms import parallelogram
 
@@ -30,7 +31,7 @@ def bar(law=None, gravity=(0.0, -9.81), angle=0.0):
 
 def particle(force, start=0.0, **settings):
     """Return a mass of 1 kg under a force of t and q that is not known as a law."""
-    t, q, v = ca.SX.sym("t"), ca.SX.sym("q"), ca.SX.sym("v")
+    t, q, v = symbols()
     return bd.ConstrainedSystem(
         t=t, q=q, v=v, mass=[1.0], force=[force(t, q)], q0=[start], v0=[0.0], **settings
     )
@@ -110,7 +111,7 @@ def test_errors_of_impacts_of_few_steps_are_measured(flywheel, step, is_stated):
 
     A wheel with thirty times the energy hides the imbalance of the impact.
     """
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 1.0)))
     floor = bd.LineSurface(mech.ground.at(0.0, 0.0))
     mech.observe("stop", mech.add(bd.Contact("stop", ball.point, floor, 1e6)).force)
@@ -190,7 +191,7 @@ def test_regression_an_attracting_magnet_has_no_false_alarm(integrator):
 def test_regression_controllers_without_an_actuator_leave_a_stage_at_rest():
     """The integral of the controller moved, so that rounding errors had a warning."""
     mech = bd.Mechanism()
-    section = bd.Section.rectangle(bd.Material.of("steel"), 0.01, 4e-4, damping=1e-5)
+    section = rectangle(4e-4, 0.01, damping=1e-5)
     stage = mech.add(bd.RigidBody.plate("stage", (0.0, 0.09), 0.06, 0.02, mass=0.25))
     for name, x in (("left", -0.025), ("right", 0.025)):
         ends = bd.Line((x, 0.0), (x, 0.08))
@@ -209,7 +210,7 @@ def test_regression_controllers_without_an_actuator_leave_a_stage_at_rest():
 def test_prestressed_rings_at_rest_have_no_warnings():
     """The strain energy is large and constant; only rounding noise is exchanged."""
     mech = bd.Mechanism()
-    strip = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=0.001)
+    strip = rectangle(0.001)
     circle = bd.Arc(radius=0.1, length=0.2 * np.pi)
     straight = bd.Line((0.0, 0.0), (circle.length, 0.0))
     first, *_ = bd.welded_beams(
@@ -223,7 +224,7 @@ def test_prestressed_rings_at_rest_have_no_warnings():
 
 
 def test_columns_that_are_not_finite_are_named():
-    t, q, v = ca.SX.sym("t"), ca.SX.sym("q"), ca.SX.sym("v")
+    t, q, v = symbols()
     observe = {"root": ca.sqrt(0.5 - t), "inverse": 1.0 / (q - q), "fine": q}
     model = bd.ConstrainedSystem(
         t=t, q=q, v=v, mass=[1.0], force=[1.0], q0=[0.0], v0=[0.0], observe=observe
@@ -312,26 +313,21 @@ def test_observables_may_have_the_names_of_drift_columns():
 @pytest.mark.parametrize("integrator", [bd.Radau(1e-4), bd.GeneralizedAlpha(step=1e-3)])
 def test_regression_formulas_whose_terms_cancel_leave_a_run_at_rest(integrator):
     """A force of 1e-10 N by rounding exceeded half the largest force during 27 % of the run."""
-    mech = bd.Mechanism()
-    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.3, 0.1)))
+    mech, ball = free_ball((0.3, 0.1))
 
     def springs(ball, t):
         x, y = ball.position
         return 1e6 * (0.1 + 0.2) - 1e6 * x, 1e6 * (0.1 - y)
 
     mech.add(bd.ForceLaw("springs", ball.point, springs))
-    mech.observe("ball", ball.point)
     assert not bd.simulate(mech, integrator, t_end=1.0).warnings
 
 
 @pytest.mark.slow(reason="a fifth of a second")
 def test_regression_causes_in_the_model_precede_their_consequences():
     """The overshoot of a table was the last warning, after peaks of a meaningless deformation."""
-    section = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=0.004, damping=1e-3)
-    mech = bd.Mechanism()
-    line = bd.Line((0.0, 0.0), (0.3, 0.0))
-    beam = mech.add(bd.Beam("arm", line, section, elements=2, formulation="exact"))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    section = rectangle(0.004, damping=1e-3)
+    mech, beam = clamped_beam(section, 2, 0.3, name="arm", formulation="exact")
     with pytest.warns(bd.BeamdaeWarning, match="press: the spline reaches") as issued:
         law = bd.table([0.0, 0.0199, 0.0201, 0.1], [0.0, 0.0, 60.0, 60.0], name="press")
     mech.add(bd.Force("push", beam.end, (0.0, law)))
@@ -362,12 +358,9 @@ def test_regression_causes_in_the_model_precede_their_consequences():
 )
 def test_strains_beyond_linear_elasticity_are_named_once(analyze):
     """A path that failed and a run that was stopped named them in their reason and beside it."""
-    mech = bd.Mechanism()
     soft = bd.Material(E=211e3, nu=0.31, rho=7800.0)
-    section = bd.Section.rectangle(soft, width=0.05, height=0.006)
-    line = bd.Line((0.0, 0.0), (0.4, 0.0))
-    beam = mech.add(bd.Beam("leaf", line, section, elements=4, formulation="exact"))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    section = rectangle(0.006, 0.05, material=soft)
+    mech, beam = clamped_beam(section, 4, 0.4, name="leaf", formulation="exact")
     mech.add(bd.Force("load", beam.end, (0.0, -300.0)))
     with warnings.catch_warnings(record=True) as issued:
         warnings.simplefilter("always")

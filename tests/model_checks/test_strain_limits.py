@@ -1,13 +1,12 @@
 """Strains of beams beyond linear elasticity."""
 
-import warnings
-
 import pytest
+from mechanisms import clamped_beam, rectangle
 
 import beamdae as bd
 
 SOFT = bd.Material(E=1e7, nu=0.3, rho=1000.0)
-STRIP = bd.Section.rectangle(SOFT, width=1.0, height=0.01, damping=0.3)
+STRIP = rectangle(0.01, 1.0, damping=0.3, material=SOFT)
 LINE = bd.Line((0.0, 0.0), (1.0, 0.0))
 
 
@@ -18,20 +17,16 @@ def test_strains_beyond_linear_elasticity_are_reported(settings, strain, is_repo
     """A cantilever pulled to (1 + strain) of its length; at -100 m, its axis is inverted."""
     if not settings and abs(strain) > 1.0:
         settings = {"strain": "linear"}
-    mech = bd.Mechanism()
-    beam = mech.add(bd.Beam("bar", LINE, STRIP, elements=2, **settings))
-    mech.add(bd.Weld("clamp", mech.ground.at(*LINE.start), beam.start))
+    mech, beam = clamped_beam(STRIP, 2, LINE, name="bar", **settings)
     mech.add(bd.Force("pull", beam.end, (strain * STRIP.EA, 0.0)))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", bd.BeamdaeWarning)
-        result = bd.equilibrium(mech)
-        sentences = [x for x in result.warnings if "linear elasticity" in x]
-        assert bool(sentences) == is_reported
-        assert all(x.startswith("bar: the largest strain is") for x in sentences)
-        if strain == 0.9 or settings.get("strain") == "linear":
-            return
-        mech.start = "equilibrium"
-        run = bd.simulate(mech, bd.Radau(1e-4), 1e-5)
+    result = bd.equilibrium(mech)
+    sentences = [x for x in result.warnings if "linear elasticity" in x]
+    assert bool(sentences) == is_reported
+    assert all(x.startswith("bar: the largest strain is") for x in sentences)
+    if strain == 0.9 or settings.get("strain") == "linear":
+        return
+    mech.start = "equilibrium"
+    run = bd.simulate(mech, bd.Radau(1e-4), 1e-5)
     assert any("linear elasticity" in x for x in run.warnings) == is_reported
     if settings.get("formulation") == "exact":
         (sentence,) = sentences or ("strain is 0.1,",)
@@ -43,11 +38,9 @@ def test_strains_beyond_linear_elasticity_are_reported(settings, strain, is_repo
 )
 def test_regression_stiff_materials_are_not_strained_by_several_percent(modulus, strain):
     """Steel at 44 GPa, and a steel rod at five times the Euler load, 2 % strain, were silent."""
-    section = bd.Section.rectangle(bd.Material(modulus, 0.3, 7850.0), 0.01, 0.001)
+    section = rectangle(0.001, 0.01, material=bd.Material(modulus, 0.3, 7850.0))
     for factor, is_reported in ((1.0, True), (0.5, False)):
-        mech = bd.Mechanism()
-        beam = mech.add(bd.Beam("leaf", LINE, section, elements=2, formulation="exact"))
-        mech.add(bd.Weld("clamp", mech.ground.at(*LINE.start), beam.start))
+        mech, beam = clamped_beam(section, 2, LINE, name="leaf", formulation="exact")
         mech.add(bd.Force("pull", beam.end, (factor * strain * section.EA, 0.0)))
         sentences = [x for x in bd.equilibrium(mech).warnings if "linear elasticity" in x]
         assert bool(sentences) == is_reported
@@ -60,9 +53,7 @@ def test_a_yield_stress_is_the_limit_of_linear_elasticity(profile, height):
     more = {"flange": 0.1 * height, "web": 1e-3} if profile == "i_profile" else {}
     section = getattr(bd.Section, profile)(steel, width=0.01, height=height, **more)
     for utilization in (0.98, 1.02):
-        mech = bd.Mechanism()
-        beam = mech.add(bd.Beam("leaf", LINE, section, elements=2))
-        mech.add(bd.Weld("clamp", mech.ground.at(*LINE.start), beam.start))
+        mech, beam = clamped_beam(section, 2, LINE, name="leaf")
         moment = utilization * steel.yield_stress * section.EI / (0.5 * height * steel.E)
         mech.add(bd.Moment("bend", beam.end, moment))
         path = bd.equilibrium(mech)

@@ -2,10 +2,9 @@
 
 import numpy as np
 import pytest
+from mechanisms import EARTH, clamped_beam, rectangle
 
 import beamdae as bd
-
-STEEL = bd.Material.of("steel")
 
 
 def list_warnings(mech, t_end, method=None):
@@ -22,11 +21,8 @@ LENGTH = 0.3
 
 def build_column(ratio):
     """Return a column under a follower load, relative to the limit of flutter (Beck 1952)."""
-    section = bd.Section.rectangle(STEEL, width=0.02, height=0.001)
-    mech = bd.Mechanism()
-    line = bd.Line((0.0, 0.0), (0.0, LENGTH))
-    column = mech.add(bd.Beam("column", line, section, elements=4, formulation="exact"))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), column.start))
+    section = rectangle(0.001)
+    mech, column = clamped_beam(section, 4, (0.0, LENGTH), name="column", formulation="exact")
     thrust = -ratio * 20.05 * section.EI / LENGTH**2
     law = bd.piecewise((0.2, start_slowly(thrust, 0.2)), thrust)
     mech.add(bd.Force("thrust", column.end, (0.0, law), axes="body"))
@@ -41,7 +37,7 @@ def test_flutter_from_rest_has_a_warning_above_its_limit(ratio, count):
 
 
 def test_rigid_bodies_that_slide_to_rest_have_no_vibrations():
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     block = mech.add(bd.RigidBody("block", 1.0, inertia=0.1, velocity=(2.0, 0.0)))
     guide = mech.add(bd.Prismatic("guide", mech.ground.at(0.0, 0.0), block.at(0.0, 0.0)))
     law = {"friction_speed": 1e-3, "static": 0.5, "stribeck": 0.05, "radius": 0.1}
@@ -51,17 +47,14 @@ def test_rigid_bodies_that_slide_to_rest_have_no_vibrations():
 
 # ---- Unstable paths -------------------------------------------------------------------------
 
-STRIP = bd.Section.rectangle(STEEL, width=0.02, height=0.002, damping=2e-4)
+STRIP = rectangle(0.002, damping=2e-4)
 SPAN = 0.5  # m
 BUCKLING_LOAD = np.pi**2 * STRIP.EI / (4.0 * SPAN**2)  # N, of a cantilever (Euler)
 
 
 def build_cantilever(load, side_load=0.0, formulation="exact"):
     """Return a cantilever that is compressed by a force, a number or a function of time."""
-    mech = bd.Mechanism()
-    line = bd.Line((0, 0), (SPAN, 0))
-    rod = mech.add(bd.Beam("rod", line, STRIP, elements=2, formulation=formulation))
-    mech.add(bd.Weld("clamp", mech.ground.at(0, 0), rod.start))
+    mech, rod = clamped_beam(STRIP, 2, SPAN, name="rod", formulation=formulation)
     mech.add(bd.Force("press", rod.end, (load, side_load)))
     return mech
 
@@ -70,7 +63,7 @@ def build_arch(load):
     """Return a pinned arch with a load at its crown that increases with time."""
     radius, half = 0.3625, np.arcsin(0.25 / 0.3625)
     curve = bd.Arc(radius, 2.0 * half * radius, start=(0.25, 0.0), angle=np.pi - half)
-    section = bd.Section.rectangle(STEEL, width=0.02, height=0.002, damping=2e-3)
+    section = rectangle(0.002, damping=2e-3)
     mech = bd.Mechanism()
     arch = mech.add(bd.Beam("arch", curve, section, elements=8, formulation="exact"))
     for name, end in (("right", arch.start), ("left", arch.end)):
@@ -122,7 +115,7 @@ def test_runs_that_stay_on_an_unstable_path_have_a_warning(mech, t_end, is_unsta
 @pytest.mark.slow(reason="a second")
 def test_a_bar_that_vibrates_in_flight_is_on_no_unstable_path():
     """Forces of the vibration turn with the bar, whose rotation has a stiffness of either sign."""
-    section = bd.Section.rectangle(STEEL, width=0.02, height=0.005)
+    section = rectangle(0.005)
     mech = bd.Mechanism()
     line = bd.Line((0, 0), (SPAN, 0))
     bar = mech.add(bd.Beam("bar", line, section, elements=1, formulation="exact"))

@@ -5,6 +5,7 @@ import warnings
 
 import numpy as np
 import pytest
+from mechanisms import hinged_body, rectangle
 
 import beamdae as bd
 
@@ -59,9 +60,7 @@ def test_an_upright_pendulum_is_stable_above_the_critical_stiffness_of_its_pivot
     stiffness, is_stable
 ):
     """The critical stiffness is m g s = 4.905 N m/rad."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81), start="equilibrium")
-    rod = mech.add(bd.RigidBody("rod", mass=1.0, inertia=0.1, center=(0.0, 0.5)))
-    mech.add(bd.Revolute("pivot", mech.ground.at(0.0, 0.0), rod.at(0.0, 0.0)))
+    mech, rod = hinged_body(1.0, 0.1, (0.0, 0.5), name="rod", gravity=9.81, start="equilibrium")
     mech.add(bd.TorsionSpring("hold", mech.ground.at(0.0, 0.0), rod.at(0.0, 0.0), stiffness))
     mech.observe("rod", rod.at(0.0, 0.5))
     assert bool(list_start_warnings(mech, t_end=30.0)) is not is_stable
@@ -71,7 +70,7 @@ def test_an_upright_pendulum_is_stable_above_the_critical_stiffness_of_its_pivot
 def test_regression_rounding_errors_of_a_loaded_structure_at_rest_are_no_missed_peaks():
     """Velocities of 1e-13 m/s had larger values between the rows."""
     steel = bd.Material(E=2e11, nu=0.3, rho=7800.0)
-    section = bd.Section.rectangle(steel, width=0.01, height=4e-4, damping=1e-5)
+    section = rectangle(4e-4, 0.01, damping=1e-5, material=steel)
     mech = bd.Mechanism(start="equilibrium")
     arch = bd.Curve(lambda x: 1.5e-3 * (1.0 - np.cos(2.0 * np.pi * x / 0.12)), x=(0.0, 0.12))
     beam = mech.add(bd.Beam("arch", arch, section, elements=8, formulation="exact"))
@@ -90,7 +89,7 @@ def test_regression_velocities_of_bodies_at_rest_are_rounding_errors():
     """A velocity of 6e-15 m/s had an error of 75 %, and its largest value between the rows."""
     length, inertia = 0.05 * np.sqrt(0.5), 2e-4
     titanium = bd.Material(E=114e9, nu=0.33, rho=4430.0)
-    section = bd.Section.rectangle(titanium, width=0.01, height=0.25e-3, damping=1e-4)
+    section = rectangle(0.25e-3, 0.01, damping=1e-4, material=titanium)
     mech = bd.Mechanism()
     stage = mech.add(bd.RigidBody("stage", 0.3, inertia, center=(0.0, 0.5 * length)))
     for name, side in (("a", 0.5 * length), ("b", -0.5 * length)):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from mechanisms import clamped_beam, hinged_body, rectangle
 
 import beamdae as bd
 
@@ -9,9 +10,7 @@ TIMES, ANGLES = [0.0, 0.4, 0.8, 1.2], [0.0, 0.4, -0.2, 0.2]
 
 
 def crank(law, joint=bd.Driver):
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    body = mech.add(bd.RigidBody("body", 1.0, 0.1, center=(1.0, 0.0)))
-    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), body.at(0.0, 0.0)))
+    mech, body = hinged_body(1.0, 0.1, (1.0, 0.0), gravity=9.81)
     if joint is bd.Distance:
         mech.add(bd.Distance("drive", mech.ground.at(2.0, 0.5), body.at(1.0, 0.5), law))
     else:
@@ -61,12 +60,9 @@ def test_continuous_slopes_have_no_warning(law, integrator):
 @pytest.mark.parametrize("kind", ["linear", "spline"])
 def test_regression_angles_that_a_driver_holds_have_no_jumps(kind):
     """Velocities of 1e-17 rad/s at the rows of the force table were jumps of the constant law."""
-    mech = bd.Mechanism()
     steel = bd.Material(E=210e9, nu=0.3, rho=7850.0)
-    section = bd.Section.rectangle(steel, width=0.05, height=0.008, damping=2e-5)
-    line = bd.Line((0.0, 0.0), (0.4, 0.0))
-    leaf = mech.add(bd.Beam("leaf", line, section, elements=2, formulation="exact"))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), leaf.start))
+    section = rectangle(0.008, 0.05, damping=2e-5, material=steel)
+    mech, leaf = clamped_beam(section, 2, 0.4, name="leaf", formulation="exact")
     tip = mech.add(bd.RigidBody("tip", 0.5, 1e-3, center=(0.4, 0.0)))
     mech.add(bd.Weld("bolt", leaf.end, tip.at(0.4, 0.0)))
     mech.add(bd.Driver("guide", mech.ground.at(0.4, 0.0), tip.at(0.4, 0.0), law=0.0))

@@ -4,6 +4,7 @@ import control
 import numpy as np
 import pytest
 from active_damping import active_damping
+from mechanisms import rectangle
 from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 
@@ -13,7 +14,7 @@ VALUES = active_damping.parameters
 FREQUENCY, RATIO, GAIN = (VALUES[name] for name in ("frequency", "ratio", "gain"))
 LENGTH, PATCH, HEIGHT = 0.3, 0.06, 0.002
 ALUMINUM = bd.Material.of("aluminum")
-SECTION = bd.Section.rectangle(ALUMINUM, width=0.03, height=HEIGHT)
+SECTION = rectangle(HEIGHT, 0.03, material=ALUMINUM)
 
 
 def slow_poles(poles):

@@ -240,7 +240,7 @@ STEPS = {
             name,
             integrator,
             id=f"{name}-{label}",
-            marks=[] if label in SHORT[name] else [pytest.mark.slow],
+            marks=[] if label in SHORT[name] else [pytest.mark.slow(reason="several runs")],
         )
         for name in MODELS
         for label, integrator in INTEGRATORS.items()
@@ -325,7 +325,10 @@ LARGE = {"leaf_spring_vehicle", "ring_mount", "sliding_mass"}
 
 @pytest.mark.parametrize(
     "name",
-    [pytest.param(name, marks=[pytest.mark.slow] if name in LARGE else []) for name in MODELS],
+    [
+        pytest.param(name, marks=[pytest.mark.slow(reason="several runs")] if name in LARGE else [])
+        for name in MODELS
+    ],
 )
 def test_check_reports_no_problem(name):
     check = bd.check(MODELS[name])

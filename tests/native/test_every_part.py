@@ -1,7 +1,5 @@
 """Every public part runs in machine code: its kernels and the loops are compiled."""
 
-from __future__ import annotations
-
 import pytest
 from properties.catalog_models import ENTRIES, entry_model
 

@@ -2,7 +2,6 @@
 
 import itertools
 import math
-import pickle
 import threading
 
 import casadi as ca
@@ -14,7 +13,7 @@ from numpy.testing import assert_array_equal
 
 from beamdae.beams.floating_frame.element import FloatingFrameElement
 from beamdae.native.lane_code import is_supported, write_lane_module
-from beamdae.native.lane_kernels import LANE_WIDTH, LaneKernel, build_lane_kernel, pad_copies
+from beamdae.native.lane_kernels import LANE_WIDTH, build_lane_kernel, pad_copies
 
 SX = ca.SX
 
@@ -184,14 +183,6 @@ def small(name="small"):
     return ca.Function(name, [s, x], [ca.vertcat(s[0] * ca.sin(x[0]), x[1] - x[2])])
 
 
-def test_kernel_has_sizes_and_an_address():
-    kernel = build_lane_kernel(small())
-    assert isinstance(kernel, LaneKernel)
-    assert kernel.name == "small"
-    assert (kernel.n_shared, kernel.n_local, kernel.n_out) == (2, 3, 2)
-    assert kernel.address == kernel.code.addresses["small"] != 0
-
-
 @pytest.mark.parametrize("n_shared", [0, 2])
 @pytest.mark.parametrize("n_local", [0, 3])
 def test_either_input_may_be_empty(n_shared, n_local):
@@ -224,31 +215,6 @@ def test_unaligned_memory_is_supported_and_nothing_else_is_written(offset):
     assert np.isnan(memory[offset + 32 :]).all()
 
 
-def test_inputs_of_other_types_and_orders_are_accepted():
-    local = np.arange(48)[::2].reshape(8, 3).T
-    values = build_lane_kernel(small())([1, 2], local)
-    assert_same_bits(
-        values, evaluate_by_virtual_machine(small(), np.array([1.0, 2.0]), local.astype(float))
-    )
-
-
-def test_kernels_run_in_several_threads():
-    kernel = build_lane_kernel(small())
-    local = np.random.default_rng(0).normal(size=(3, 4096))
-    expected = kernel(np.ones(2), local)
-    results = []
-    threads = [
-        threading.Thread(target=lambda: results.append(kernel(np.ones(2), local))) for _ in range(4)
-    ]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert len(results) == 4
-    for result in results:
-        assert_same_bits(result, expected)
-
-
 def test_kernels_are_built_in_several_threads():
     functions = [small(f"small_{k}") for k in range(8)]
     results = {}
@@ -268,32 +234,7 @@ def test_kernels_are_built_in_several_threads():
         )
 
 
-@pytest.mark.parametrize(
-    ("copies", "length"), [(0, 0), (1, 8), (8, 8), (9, 16), (127, 136), (128, 136), (129, 136)]
-)
-def test_rows_have_whole_vectors_without_cache_conflicts(copies, length):
-    assert pad_copies(copies) == length
-
-
-def test_kernels_cannot_be_pickled():
-    with pytest.raises((TypeError, ValueError, pickle.PicklingError)):
-        pickle.dumps(build_lane_kernel(small()))
-
-
 # Unsupported functions.
-
-
-@pytest.mark.parametrize("shape", ["three inputs", "two outputs", "sparse", "MX"])
-def test_functions_of_another_form_are_rejected(shape):
-    s, x, more = SX.sym("s", 2), SX.sym("x", 2), SX.sym("more")
-    inputs, outputs = {
-        "three inputs": ([s, x, more], [x]),
-        "two outputs": ([s, x], [s, x]),
-        "sparse": ([s, x], [ca.vertcat(x, SX(1, 1))]),
-        "MX": ([ca.MX.sym("s")], [ca.MX(1)]),
-    }[shape]
-    with pytest.raises(ValueError, match="form: a kernel must be an SX function of two columns"):
-        build_lane_kernel(ca.Function("form", inputs, outputs))
 
 
 @pytest.mark.parametrize("operation", [ca.OP_ERFINV, ca.OP_PRINTME])
@@ -314,13 +255,3 @@ def test_calls_are_not_compiled():
     function = ca.Function("calls", [s, x], [inner(x) + s])
     assert ca.OP_CALL in operations_of(function)
     assert build_lane_kernel(function) is None
-
-
-def test_native_off_returns_no_kernel(monkeypatch):
-    monkeypatch.setenv("BEAMDAE_NATIVE", "off")
-    assert build_lane_kernel(small()) is None
-
-
-def test_equal_functions_have_equal_ir():
-    assert write_lane_module(small()) == write_lane_module(small())
-    assert write_lane_module(small()) != write_lane_module(small("other"))

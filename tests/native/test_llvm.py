@@ -2,7 +2,6 @@
 
 import ctypes
 import gc
-import math
 
 import llvmlite.binding
 import pytest
@@ -13,23 +12,6 @@ from beamdae.native import llvm
 from beamdae.native.llvm import LoadedObject, MachineCodeError, compile_module, library_address
 from beamdae.native.object_code import ObjectSource, load_object
 
-LOOP = """
-define i64 @total(ptr %numbers, i64 %count) {
-entry:
-  br label %loop
-loop:
-  %i = phi i64 [0, %entry], [%next, %loop]
-  %sum = phi i64 [0, %entry], [%more, %loop]
-  %place = getelementptr i64, ptr %numbers, i64 %i
-  %number = load i64, ptr %place
-  %more = add i64 %sum, %number
-  %next = add i64 %i, 1
-  %again = icmp slt i64 %next, %count
-  br i1 %again, label %loop, label %end
-end:
-  ret i64 %more
-}
-"""
 CALLS = """
 declare double @imported(double)
 define double @twice(double %x) {
@@ -65,23 +47,6 @@ def function_of_number(address):
 
 def constant_function(value):
     return f"define double @value(double %x) {{\n  ret double {value:e}\n}}\n"
-
-
-@pytest.mark.parametrize("level", [0, 1, 2, 3])
-def test_loop_is_compiled_at_each_level(level):
-    code = LoadedObject(compile_module(LOOP, level), ["total"])
-    total = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p, ctypes.c_int64)(
-        code.addresses["total"]
-    )
-    assert total((ctypes.c_int64 * 100)(*range(100)), 100) == 4950
-
-
-def test_imported_symbols_are_those_passed():
-    content = compile_module(CALLS, 1)
-    for name in ("exp", "cos"):
-        code = LoadedObject(content, ("twice", "half"), {"imported": library_address(name)})
-        assert function_of_number(code.addresses["twice"])(0.3) == 2.0 * getattr(math, name)(0.3)
-        assert function_of_number(code.addresses["half"])(0.3) == 0.15
 
 
 def test_functions_called_by_the_compiler_are_available():
@@ -139,12 +104,6 @@ def test_code_of_any_origin_is_cached(cache, monkeypatch):
     monkeypatch.setattr(llvm, "compile_module", None)
     again = load_object(source, lambda code: False)
     assert function_of_number(again.addresses["twice"])(0.0) == 2.0
-
-
-def test_optimization_levels_have_separate_objects(cache):
-    for level in (0, 1):
-        load_object(ObjectSource("loop", LOOP, ("total",), level=level), lambda code: True)
-    assert len(list(cache.iterdir())) == 2
 
 
 def test_ir_that_cannot_be_compiled_falls_back(cache):

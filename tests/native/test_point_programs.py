@@ -6,6 +6,7 @@ import subprocess
 
 import numpy as np
 import pytest
+from mechanisms import clamped_beam
 from numpy.testing import assert_allclose
 
 import beamdae as bd
@@ -60,10 +61,8 @@ def evaluate(kernel, shared, local):
 @pytest.fixture(scope="module")
 def rotation():
     """Rotation of a curved beam of one element with five nodes."""
-    mech = bd.Mechanism()
     arc, section = bd.Arc(radius=1.0, length=1.0), bd.Section.circle(bd.Material.of("steel"), 0.01)
-    beam = mech.add(bd.Beam("beam", arc, section, elements=1, nodes=5))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech, _ = clamped_beam(section, 1, arc, nodes=5)
     (term,) = equations_of_motion(mech).structure.forces
     assert term.rotation is not None
     return term.rotation

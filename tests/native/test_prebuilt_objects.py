@@ -90,13 +90,6 @@ def test_unusable_prebuilt_object_is_compiled_instead(monkeypatch, builds, damag
     assert len(builds) == 1
 
 
-def test_native_off_loads_no_prebuilt_object(monkeypatch):
-    source = record_source(FUNCTION, monkeypatch)
-    prebuild(source, source.compile())
-    monkeypatch.setenv("BEAMDAE_NATIVE", "off")
-    assert build_lane_kernel(FUNCTION) is None
-
-
 @pytest.mark.skipif(not is_x86_level, reason="requires an x86-64 processor")
 def test_kernels_of_all_levels_return_the_same_bits(monkeypatch):
     source = record_source(FUNCTION, monkeypatch)

@@ -1,11 +1,10 @@
 """Mass, center and inertia of rigid bodies from their shapes."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from mechanisms import EARTH
 from numpy.testing import assert_allclose
 
 import beamdae as bd
@@ -78,7 +77,7 @@ def test_polygons_of_any_size():
 
 
 def test_a_shape_is_the_outline_of_the_body():
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     body = mech.add(bd.RigidBody.polygon("angle", L_SHAPE, **STEEL))
     mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.2), body.at(0.0, 0.2)))
     assert [place.point for place in body.draw([], 13).places] == L_SHAPE

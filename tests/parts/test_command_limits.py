@@ -3,6 +3,7 @@
 import warnings
 
 import pytest
+from mechanisms import mass_on_rail
 
 import beamdae as bd
 
@@ -11,9 +12,7 @@ LIMIT = 5.0
 
 def build_stage(target, limits=(-LIMIT, LIMIT), ki=4.0, size=1.0):
     """Return a mass on a spring whose force is limited by `pid`."""
-    mech = bd.Mechanism()
-    stage = mech.add(bd.PointMass("stage", 2.0, at=(0.0, 0.0)))
-    mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), stage.point))
+    mech, stage = mass_on_rail(2.0, name="stage")
     mech.add(bd.Spring("spring", mech.ground.at(-1.0, 0.0), stage.point, 20.0 * size))
     x, v = (mech.sensor(name, stage.point, name) for name in ("x", "x_dot"))
     gains = {"kp": 6.0 * size, "ki": ki * size, "kd": 3.0 * size}

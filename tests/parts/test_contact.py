@@ -1,7 +1,5 @@
 """Contact: times of impact, restitution and friction."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from conformance import integrators

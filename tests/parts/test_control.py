@@ -5,6 +5,7 @@ import re
 import control
 import numpy as np
 import pytest
+from mechanisms import hinged_body, mass_on_rail
 from scipy.integrate import solve_ivp
 from test_states import INTEGRATORS
 
@@ -14,9 +15,7 @@ INERTIA = 0.5
 
 
 def _loop_without_actuator(actuator=None, limits=None, is_sampled=False):
-    mech = bd.Mechanism()
-    stage = mech.add(bd.PointMass("stage", 2.0, at=(0.0, 0.0)))
-    mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), stage.point))
+    mech, stage = mass_on_rail(2.0, name="stage")
     x, v = (mech.sensor(name, stage.point, name) for name in ("x", "x_dot"))
     if is_sampled:
         command = mech.input("F", unit="N")
@@ -53,9 +52,7 @@ def servo_law(sample):
 
 def build_servo(law=servo_law, every=0.05, **options):
     """Return a wheel under a moment that a sampled controller sets."""
-    mech = bd.Mechanism()
-    wheel = mech.add(bd.RigidBody("wheel", mass=1.0, inertia=INERTIA))
-    mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), wheel.at(0.0, 0.0)))
+    mech, wheel = hinged_body(1.0, INERTIA, name="wheel")
     torque = mech.input("torque", unit="N m")
     mech.add(bd.Moment("motor", wheel.at(0.0, 0.0), torque))
     angle = mech.sensor("angle", wheel.at(0.0, 0.0), "angle")
@@ -155,9 +152,7 @@ def test_failing_law_ends_the_run_with_a_reason(law, reason):
 
 def build_notch_servo(rate, target, load=0.0):
     """Return a stage with a notch filter and a PID controller, and the two polynomials."""
-    mech = bd.Mechanism()
-    stage = mech.add(bd.PointMass("stage", 2.0, at=(0.0, 0.0)))
-    mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), stage.point))
+    mech, stage = mass_on_rail(2.0, name="stage")
     x, v = (mech.sensor(name, stage.point, name) for name in ("x", "x_dot"))
     notch = np.polymul([1.0, 0.1 * rate, rate**2], [1.0, 0.2 * rate, 4.0 * rate**2])
     poles = np.polymul([1.0, 1.4 * rate, rate**2], [1.0, 2.8 * rate, 4.0 * rate**2])
@@ -240,9 +235,7 @@ def test_regression_commands_are_no_vibrations_of_the_drawing():
         sample.state[:] = integral + every * error, position
         return kp * error + ki * integral - kd * (position - last) / every
 
-    mech = bd.Mechanism()
-    stage = mech.add(bd.PointMass("stage", mass, at=(0.0, 0.0)))
-    mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), stage.point))
+    mech, stage = mass_on_rail(mass, name="stage")
     mech.add(bd.Spring("spring", mech.ground.at(-1.0, 0.0), stage.point, stiffness))
     force = mech.input("force", unit="N")
     mech.add(bd.Force("actuator", stage.point, (force, 0.0)))
@@ -349,9 +342,7 @@ def test_step_response_of_a_transfer_function():
 
 def build_stage(goal=0.1, kp=300.0, **options):
     """Return a mass on a rail under a PID controller."""
-    mech = bd.Mechanism()
-    stage = mech.add(bd.PointMass("stage", 2.0, at=(0.0, 0.0)))
-    mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), stage.point))
+    mech, stage = mass_on_rail(2.0, name="stage")
     x = mech.sensor("x", stage.point, "x")
     force = bd.pid(mech, "servo", goal - x, kp=kp, ki=400.0, kd=40.0, **options)
     mech.add(bd.Force("motor", stage.point, (force, 0.0)))

@@ -1,7 +1,5 @@
 """ForceLaw: arguments, virtual work and energy balance."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from conformance import integrators

@@ -1,7 +1,5 @@
 """Forces on rigid bodies: moments of eccentric forces, energies and powers."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.testing import assert_allclose
 from support import (

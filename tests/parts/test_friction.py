@@ -1,10 +1,9 @@
 """Friction in joints: closed forms, energy balance and paradoxes."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from conformance import IDA_FORMS, tuned
+from mechanisms import rectangle
 from numpy.testing import assert_allclose
 from support import NumericEquations
 
@@ -116,7 +115,7 @@ def test_friction_of_flexible_arms_restarts_at_breakpoints(coefficient):
     """Rounding of stiff beams was above the tolerance of reactions: "Painleve's paradox"."""
     mech = bd.Mechanism()
     aluminum = bd.Material(E=70e9, nu=0.33, rho=2700.0)
-    strip = bd.Section.rectangle(aluminum, width=0.02, height=0.0015, damping=2e-4)
+    strip = rectangle(0.0015, damping=2e-4, material=aluminum)
     upper = mech.add(bd.RigidBody.rod("upper", (0.0, 0.0), (0.4, 0.0), mass=0.4))
     lash = mech.add(bd.Beam("lash", bd.Line((0.4, 0.0), (1.0, 0.0)), strip))
     center, elbow = upper.at(0.0, 0.0), upper.at(0.4, 0.0)
@@ -204,8 +203,7 @@ def test_regression_friction_does_not_overshoot_in_the_torque_of_a_driver(
     mech.add(bd.Force("side", hub.at(0.0, 0.0), (0.0, -500.0)))
     law = bd.sine(0.785, frequency)
     motor = mech.add(bd.Driver("motor", mech.ground.at(0.0, 0.0), hub.at(0.0, 0.0), law))
-    steel = bd.Material.of("steel")
-    section = bd.Section.rectangle(steel, width=0.02, height=4e-3, damping=5e-4)
+    section = rectangle(4e-3, damping=5e-4)
     arm = mech.add(bd.Beam("arm", bd.Line((0.0, 0.0), (0.4, 0.0)), section, elements=4))
     mech.add(bd.Weld("weld", hub.at(0.0, 0.0), arm.start))
     mech.add(bd.Friction("friction", bearing, 0.2, friction_speed, radius=0.02))

@@ -1,7 +1,5 @@
 """Gravity as a time law: weight is the work of a load."""
 
-from __future__ import annotations
-
 import numpy as np
 from conformance import integrators
 from numpy.testing import assert_allclose

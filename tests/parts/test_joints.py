@@ -1,10 +1,9 @@
 """Joints: constraint levels along motions and virtual work of reactions."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from conformance import JOINTS, NONHOLONOMIC, TIP
+from mechanisms import EARTH
 from numpy.testing import assert_allclose
 from support import (
     ARC,
@@ -31,7 +30,7 @@ OF_POINTS = {x: make for x, make in JOINTS.items() if not x.startswith("sliding"
 every_joint_of_points = pytest.mark.parametrize("make", OF_POINTS.values(), ids=list(OF_POINTS))
 every_frame = pytest.mark.parametrize(
     "variant",
-    [TANGENT, EXACT_VARIANT, pytest.param(CHORD, marks=pytest.mark.slow)],
+    [TANGENT, EXACT_VARIANT, pytest.param(CHORD, marks=pytest.mark.slow(reason="several runs"))],
     ids=["tangent", "exact", "chord"],
 )
 
@@ -91,7 +90,7 @@ def test_hand_rounded_coordinates_meet():
 @pytest.mark.parametrize("ground_first", [True, False])
 def test_weld_carries_a_hanging_weight(ground_first):
     """Mass 2 kg with its center 1.5 m off the weld: force m g up, moment m g 1.5 m."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     arm = mech.add(bd.RigidBody("arm", mass=2.0, inertia=0.3, center=(1.5, 0.0)))
     ends = [mech.ground.at(0.0, 0.0), arm.at(0.0, 0.0)]
     weld = mech.add(bd.Weld("wall", *(ends if ground_first else ends[::-1])))

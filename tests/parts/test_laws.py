@@ -1,7 +1,5 @@
 """Time laws: values, derivatives and breakpoints."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cache
 
@@ -10,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from mechanisms import free_ball
 from numpy.testing import assert_allclose
 
 import beamdae as bd
@@ -174,10 +173,8 @@ def test_laws_are_objects_without_a_hash():
         def __call__(self, t):
             return self.rate * t
 
-    mech = bd.Mechanism()
-    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0)))
+    mech, ball = free_ball()
     mech.add(bd.Force("push", ball.point, (Ramp(2.0), bd.piecewise((1.0, 0.0), 3.0) + Ramp(3.0))))
-    mech.observe("ball", ball.point)
     run = bd.simulate(mech, bd.Radau(1e-8), t_end=2.0)
     assert_allclose(run["ball.x"].iloc[-1], 2.0 * 2.0**3 / 6.0, rtol=1e-6)
     assert_allclose(run["ball.y"].iloc[-1], 3.0 * 2.0**3 / 6.0 + 1.5, rtol=1e-6)

@@ -1,13 +1,12 @@
 """Observed forces, moments and powers of all loads, by the principle of virtual work."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import casadi as ca
 import numpy as np
 import pytest
 from conformance import LOADS, integrators
+from mechanisms import EARTH
 from numpy.testing import assert_allclose
 from scipy.integrate import simpson
 from support import ARC, EXACT_VARIANT, UNEVEN_ELEMENTS, VARIANTS, NumericEquations
@@ -263,7 +262,7 @@ def test_law_on_several_points_has_numbered_columns():
 
 def test_regression_loads_of_parts_that_were_not_added_are_refused_by_name():
     """A contact that was observed but not added had a force of 0.2 MN and no effect."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     ball = mech.add(bd.PointMass("ball", 0.2, at=(0.0, 0.1)))
     contact = bd.Contact("floor", ball.point, bd.LineSurface(mech.ground.at(0.0, 0.0)), 1e6)
     mech.observe("force", contact.force)

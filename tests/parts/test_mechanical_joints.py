@@ -1,10 +1,9 @@
 """Sliders, links, gears, racks and drivers: closed forms and balanced reactions."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from benchmarks.mechanisms import slider_on_rod
+from mechanisms import EARTH
 from numpy.testing import assert_allclose
 
 import beamdae as bd
@@ -52,7 +51,7 @@ def test_rack_and_pinion(side):
 
 def test_a_parallelogram_of_links_keeps_its_coupler_level():
     """The coupler of a parallelogram moves along circles without rotation."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     coupler = mech.add(bd.RigidBody("coupler", 2.0, 0.3, (1.0, -0.5)))
     for name, x in (("left", 0.0), ("right", 1.0)):
         end = coupler.at(x + 0.3, -0.4)

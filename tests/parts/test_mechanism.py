@@ -1,7 +1,5 @@
 """Mechanism: order of parts, headers, point masses and end times."""
 
-from __future__ import annotations
-
 import inspect
 
 import numpy as np

@@ -1,9 +1,8 @@
 """Displacements, motions and accelerations, also relative to another body."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
+from mechanisms import rectangle
 from numpy.testing import assert_allclose
 from support import ARC, VARIANTS, NumericEquations, random_state
 
@@ -77,7 +76,7 @@ def test_regression_the_tip_of_a_rotating_blade_deflects(formulation):
 
     A constant angular acceleration bends the blade like a load per length of -rhoA alpha s.
     """
-    strip = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=0.01, damping=5e-3)
+    strip = rectangle(0.01, damping=5e-3)
     length, alpha = 1.0, 2.0
     mech = bd.Mechanism()
     blade = mech.add(

@@ -8,6 +8,7 @@ import re
 import casadi as ca
 import numpy as np
 import pytest
+from mechanisms import rectangle
 
 import beamdae as bd
 
@@ -18,8 +19,7 @@ GROUND = bd.Mechanism().ground
 ORIGIN = GROUND.at(0.0, 0.0)
 FLOOR = bd.LineSurface(ORIGIN)
 PIN, LINE = bd.Revolute("pin", ORIGIN, ON), bd.PointOnLine("line", ORIGIN, ON)
-STEEL = bd.Material.of("steel")
-STRIP = bd.Section.rectangle(STEEL, width=0.01, height=0.01)
+STRIP = rectangle(0.01, 0.01)
 BEAM = bd.Beam("beam", bd.Line((0.0, 0.0), (1.0, 0.0)), STRIP, elements=2)
 X, Y = [-0.4, 0.1, 0.7, 1.5], [2.0, -1.0, 0.2, 2.5]
 GRID = bd.table((X, X), np.outer(Y, Y))

@@ -1,7 +1,5 @@
 """Tables: interpolation, time laws, force formulas, limits, CSV files and sensitivities."""
 
-from __future__ import annotations
-
 import warnings
 from itertools import product
 
@@ -11,6 +9,7 @@ import pytest
 from conformance import integrators
 from hypothesis import given
 from hypothesis import strategies as st
+from mechanisms import free_ball, mass_on_rail
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.interpolate import CubicSpline, PchipInterpolator, RegularGridInterpolator
 
@@ -155,13 +154,11 @@ def test_held_values_end_a_run_where_the_table_ends():
 
 def run(law, integrator=None, t_end=1.0, on=None, velocity=1.0, step=None):
     """Return a run of a mass of 1 kg that moves along x under a law of force."""
-    mech = bd.Mechanism()
-    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.1, 0.0), velocity=(velocity, 0.0)))
+    mech, ball = free_ball((0.1, 0.0), velocity=(velocity, 0.0))
     if on is None:
         mech.add(bd.ForceLaw("push", ball.point, lambda ball, t: (law(ball.position[0]), 0.0)))
     else:
         mech.add(bd.Force("push", ball.point, (law, 0.0)))
-    mech.observe("ball", ball.point)
     integrator = bd.Radau(1e-8) if integrator is None else integrator
     return bd.simulate(mech, integrator, t_end=t_end, output_step=step or t_end)
 
@@ -257,10 +254,8 @@ def table_spring(stiffness=40.0, kind="linear", rows=6):
     """Mass on a spring with the tension stiffness times elongation, as a table."""
     x = np.linspace(-0.5, 0.5, rows)
     curve = bd.table(x, stiffness * x, kind)
-    mech = bd.Mechanism()
-    mass = mech.add(bd.PointMass("mass", 2.0, at=(1.0, 0.0), velocity=(0.3, 0.0)))
+    mech, mass = free_ball((1.0, 0.0), velocity=(0.3, 0.0), mass=2.0, name="mass")
     mech.add(bd.Spring("spring", mech.ground.at(0, 0), mass.point, law=curve))
-    mech.observe("mass", mass.point)
     return mech
 
 
@@ -480,9 +475,7 @@ def test_regression_headers_that_differ_in_their_unit_are_ambiguous(tmp_path):
 def test_regression_linear_models_outside_a_table_carry_a_warning(values, below, above, outside):
     """The held value of a table has no slope; one that ends in zero or a constant continues."""
     curve = bd.table([0.0, 0.5, 1.0], list(values), "linear", outside, "pad")
-    mech = bd.Mechanism()
-    ball = mech.add(bd.PointMass("ball", 2.0, at=(0.0, 0.0)))
-    mech.add(bd.PointOnLine("guide", mech.ground.at(0.0, 0.0), ball.point))
+    mech, ball = mass_on_rail(2.0, name="ball")
     mech.add(bd.ForceLaw("push", ball.point, lambda ball, t: (-curve(ball.position[0]), 0.0)))
     warning = "leaves the range 0 to 1 of pad, where its value is held; extend the"
     is_error = outside == "error"

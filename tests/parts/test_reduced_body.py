@@ -1,20 +1,18 @@
 """Bodies by Craig-Bampton reduction beside beams of the same bar, and closed forms."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import scipy.linalg as la
 from conformance import integrators
 from finite_elements import straight_bar
+from mechanisms import ALLOY, rectangle
 from numpy.testing import assert_allclose
 from support import NumericEquations
 
 import beamdae as bd
 
 LENGTH, ELEMENTS = 1.0, 20
-ALLOY = bd.Material(E=7e10, nu=0.3, rho=2700.0)
-RECTANGLE = bd.Section.rectangle(ALLOY, width=0.02, height=0.01)
+RECTANGLE = rectangle(0.01, material=ALLOY)
 # Without shear deformation, as the finite elements.
 BAR = bd.Section(ALLOY, RECTANGLE.area, RECTANGLE.second_moment, shear_coefficient=1e3, height=0.01)
 END = {"reduced": lambda body: body.at(ELEMENTS), "beam": lambda body: body.end}
@@ -222,7 +220,7 @@ def test_bodies_of_any_size(size):
     """Similar bodies of one material have frequencies in inverse proportion to their size."""
     frequencies = []
     for factor in (1.0, size):
-        section = bd.Section.rectangle(ALLOY, width=0.02 * factor, height=0.01 * factor)
+        section = rectangle(0.01 * factor, 0.02 * factor, material=ALLOY)
         mech = bd.Mechanism()
         mech.add(
             bd.ReducedBody.from_matrices("bar", *straight_bar(section, factor, 8, 0.3), [0, 8])

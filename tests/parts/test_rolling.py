@@ -1,7 +1,5 @@
 """Rolling disks and skates: closed forms and levels along motions."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from conformance import IDA_FORMS, integrators, tuned

@@ -1,7 +1,5 @@
 """Springs, dampers and bushings: closed forms and energy balance."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from conformance import integrators

@@ -1,7 +1,5 @@
 """Joints written by users: reactions, switching by events, drawings and messages."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

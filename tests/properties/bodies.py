@@ -1,7 +1,5 @@
 """Descriptions of bodies (bars, disks, particles, beams) and of places on them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cached_property
 

@@ -1,7 +1,5 @@
 """Results of every analysis, as numbers with a unit that do not depend on the drawing."""
 
-from __future__ import annotations
-
 from random import Random
 
 import numpy as np
@@ -9,6 +7,7 @@ from properties.similarity import Similarity, Wave
 from properties.state_laws import similarity_transformations
 
 import beamdae as bd
+from beamdae import quantities
 
 FRAMES = {"drawn": Similarity()} | similarity_transformations(Random(0))
 RUN = bd.Radau(1e-8)
@@ -114,11 +113,11 @@ def sensitivities(frame):
 
 
 OBJECTIVES = {
-    "EndValue": lambda f: (bd.quantities.EndValue("gauge"), "m"),
-    "TimeIntegral": lambda f: (bd.quantities.TimeIntegral("gauge"), "m s"),
-    "SmoothMaximum": lambda f: (bd.quantities.SmoothMaximum("gauge", exponent=8.0), "m"),
+    "EndValue": lambda f: (quantities.EndValue("gauge"), "m"),
+    "TimeIntegral": lambda f: (quantities.TimeIntegral("gauge"), "m s"),
+    "SmoothMaximum": lambda f: (quantities.SmoothMaximum("gauge", exponent=8.0), "m"),
     "SquaredErrors": lambda f: (
-        bd.quantities.SquaredErrors(
+        quantities.SquaredErrors(
             "gauge",
             tuple(f.number(t, "s") for t in (0.1, 0.3)),
             tuple(f.number(y, "m") for y in (0.01, -0.02)),
@@ -245,10 +244,8 @@ def fit(frame):
 
 def optimize(frame):
     """Choose the height of the column for a first frequency of 8 Hz at the least mass."""
-    least = bd.quantities.at_least(bd.quantities.Frequency(1), FRAMES[frame].number(8.0, "rad/s"))
-    design = bd.optimize(
-        column, bd.quantities.Mass(), "x", least, {"x": (0.5, 3.0)}, **values(frame)
-    )
+    least = quantities.at_least(quantities.Frequency(1), FRAMES[frame].number(8.0, "rad/s"))
+    design = bd.optimize(column, quantities.Mass(), "x", least, {"x": (0.5, 3.0)}, **values(frame))
     return [(design.parameters["x"], ""), (design.objective, "kg")]
 
 

@@ -1,7 +1,5 @@
 """A small mechanism with each public part, law, curve, section and observable."""
 
-from __future__ import annotations
-
 from tempfile import TemporaryDirectory
 
 import numpy as np

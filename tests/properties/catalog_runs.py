@@ -1,7 +1,5 @@
 """Laws of the runs of every entry of the catalog."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace

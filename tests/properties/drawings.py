@@ -1,7 +1,5 @@
 """Descriptions of mechanisms, built under any similarity and with parts in any order."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from random import Random
 

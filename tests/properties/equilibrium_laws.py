@@ -1,7 +1,5 @@
 """Properties of random mechanisms in equilibrium."""
 
-from __future__ import annotations
-
 from random import Random
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Builders of forces by kind: (world, name, place a, place b, parameters) -> part."""
 
-from __future__ import annotations
-
 import numpy as np
 
 import beamdae as bd

@@ -1,7 +1,5 @@
 """Builders of joints by kind: (world, name, place a, place b, parameters) -> part."""
 
-from __future__ import annotations
-
 import beamdae as bd
 
 

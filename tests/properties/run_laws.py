@@ -1,7 +1,5 @@
 """Properties of simulations of random mechanisms."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from random import Random
 

@@ -1,7 +1,5 @@
 """Properties of random mechanisms at one state: balances, and invariance of the results."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from random import Random
 from typing import TypeVar

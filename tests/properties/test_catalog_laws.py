@@ -1,7 +1,5 @@
 """Everything in the catalog satisfies the laws of mechanics, analyses and programs."""
 
-from __future__ import annotations
-
 from itertools import product
 from random import Random
 

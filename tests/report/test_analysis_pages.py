@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from mechanisms import cantilever, driven_blade, oscillator, strip, truss
+from mechanisms import cantilever, driven_blade, oscillator, rectangle, truss
 from numpy.testing import assert_allclose
 from pages import find_violations, tool_buttons, visible_labels, visible_ranges
 
@@ -307,7 +307,7 @@ def test_regression_transfer_functions_of_rounding_errors_are_not_drawn():
     """The angle of an inclined beam under an axial force had a phase and an axis in rad/N."""
     direction = np.array([np.cos(0.5), np.sin(0.5)])
     line = bd.Line((0.0, 0.0), tuple(0.4 * direction))
-    mech = cantilever(2, line, strip(damping=1e-4))
+    mech = cantilever(2, line, rectangle(0.002, 0.03, damping=1e-4))
     axial = mech.input("axial", unit="N")
     mech.add(bd.Force("push", mech.part("beam").end, tuple(x * axial for x in direction)))
     cases = build_linear_page(bd.linearize(mech, inputs=["axial"]), "beam")["cases"]

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from matplotlib import rc_context
-from mechanisms import cantilever, falling_ball, strip, swing
+from mechanisms import EARTH, cantilever, falling_ball, hinged_body, rectangle, swing
 from numpy.testing import assert_allclose
 from pendulum import pendulum
 
@@ -101,9 +101,7 @@ def find_default_scale(mechanism, t_end):
     [(2.0 * np.pi, 1.0), (5e-4, 200.0), (5e-3, 20.0)],
 )
 def test_regression_enlarged_bodies_rotate_by_at_most_a_tenth_of_a_radian(speed, scale):
-    mech = bd.Mechanism()
-    disc = mech.add(bd.RigidBody("disc", 1.0, 1e-3, (0.0, 0.0)))
-    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), disc.at(0.0, 0.0)))
+    mech, disc = hinged_body(1.0, 1e-3, name="disc")
     mech.add(bd.Driver("motor", mech.ground.at(0.0, 0.0), disc.at(0.0, 0.0), lambda t: speed * t))
     mech.add(bd.Force("load", disc.at(0.005, 0.0), (0.0, 0.0)))
     mech.add(bd.PointMass("far", 1.0, at=(1.5, 0.0)))
@@ -113,7 +111,7 @@ def test_regression_enlarged_bodies_rotate_by_at_most_a_tenth_of_a_radian(speed,
 def test_regression_enlarged_sections_of_beams_rotate_by_at_most_three_tenths_of_a_radian():
     """They rotated by 0.1 rad, so that the motion of cantilevers was hardly visible."""
     line = bd.Line((0.0, 0.0), (0.5, 0.0))
-    mech = cantilever(2, line, strip(0.003, width=0.02), load=(0.0, 0.05))
+    mech = cantilever(2, line, rectangle(0.003), load=(0.0, 0.05))
     run = bd.simulate(mech, bd.GeneralizedAlpha(step=2e-3), t_end=0.04)
     scale = read_scale(export_run_frames(run, 5, enlarges=True))
     rotation = np.abs(run["tip.angle"]).max()
@@ -123,7 +121,7 @@ def test_regression_enlarged_sections_of_beams_rotate_by_at_most_three_tenths_of
 
 @pytest.mark.parametrize("has_contact", [True, False])
 def test_regression_mechanisms_with_contacts_are_drawn_with_their_true_motion(has_contact):
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0)))
     mech.add(bd.PointMass("far", 1.0, at=(1.0, 0.0)))
     if has_contact:

@@ -1,13 +1,12 @@
 """Drawings of mechanisms: symbols, arrows and placement of labels."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np
 import pytest
 from conformance import JOINTS, LOADS, NONHOLONOMIC
 from matplotlib.text import Text
+from mechanisms import hinged_body
 from numpy.testing import assert_allclose
 from support import ARC, SOFT_MATERIAL
 
@@ -80,9 +79,7 @@ def test_names_at_one_point_share_a_label():
 def test_drawings_do_not_depend_on_the_size_of_the_mechanism():
     sizes = []
     for scale in (1e-6, 1.0, 1e6):
-        mech = bd.Mechanism()
-        bob = mech.add(bd.RigidBody("bob", 1.0, 0.1, (scale, 0.0)))
-        mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), bob.at(0.0, 0.0)))
+        mech, _ = hinged_body(1.0, 0.1, (scale, 0.0), name="bob")
         figure = mech.draw().figure
         extent = figure.axes[0].dataLim.get_points() / scale
         sizes.append((*figure.get_size_inches(), *extent.ravel()))

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from benchmarks.cases import PENDULUM
-from mechanisms import beam_pendulum
+from mechanisms import beam_pendulum, free_ball, rectangle
 from numpy.testing import assert_allclose, assert_array_equal
 from PIL import Image
 
@@ -19,7 +19,7 @@ ALPHA = bd.GeneralizedAlpha(step=1e-2)
 
 def create_pendulum():
     """Build a beam on a hinge, with a bob at its end."""
-    section = bd.Section.rectangle(bd.Material(E=2e9, nu=0.3, rho=1000.0), width=0.02, height=0.02)
+    section = rectangle(0.02, material=bd.Material(E=2e9, nu=0.3, rho=1000.0))
     mech = beam_pendulum(elements=1, section=section)
     beam = mech.part("beam")
     mech.add(bd.PointMass("bob", 0.1, on=beam.end))
@@ -167,9 +167,7 @@ def test_regression_a_run_with_the_label_data_is_in_the_legend(run):
 
 def test_regression_a_plot_over_the_only_characteristic_column_is_not_empty():
     """The figure had no axes."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 2.0)))
-    mech.observe("ball", ball.point)
+    mech, _ = free_ball((0.0, 2.0), gravity=9.81)
     run = bd.simulate(mech, ALPHA, t_end=0.02)
     assert [x.get_title() for x in run.plot(x="ball.y").figure.axes] == ["ball.x"]
 

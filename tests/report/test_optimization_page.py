@@ -1,12 +1,13 @@
 """The page of an optimization: the first and the best design, the history, and the tables."""
 
 import pytest
-from mechanisms import rope_swing
+from mechanisms import clamped_beam, rectangle, rope_swing
 from pages import find_violations, list_lines, read_page
 
 import beamdae as bd
+from beamdae import quantities
 
-pytestmark = pytest.mark.slow(reason="optimizations")
+pytestmark = pytest.mark.slow(reason="a fit")
 METHOD = bd.GeneralizedAlpha(step=0.02)
 LIMITS_OF_MASS = {"mass": (0.5, 3.0)}
 LIMITS = {"length": (0.2, 2.0), **LIMITS_OF_MASS}
@@ -21,10 +22,10 @@ def swinging(length=0.5, mass=1.0):
 @pytest.fixture(scope="module")
 def result():
     limits = [
-        bd.quantities.at_most(bd.quantities.SmoothMaximum("bob.y_dot"), 3.0),
-        bd.quantities.at_most(bd.quantities.Mass(), 2.0),
+        quantities.at_most(quantities.SmoothMaximum("bob.y_dot"), 3.0),
+        quantities.at_most(quantities.Mass(), 2.0),
     ]
-    objective = bd.quantities.EndValue("bob.x")
+    objective = quantities.EndValue("bob.x")
     return bd.optimize(swinging, objective, ["length", "mass"], limits, LIMITS, METHOD)
 
 
@@ -83,12 +84,12 @@ def test_tables_have_units_bounds_and_the_budget(result, read):
 def test_regression_quantities_with_a_sign_keep_their_unit(read):
     """The unit was missing in tables and axes."""
     limits = [
-        bd.quantities.at_least(-bd.quantities.SmoothMaximum("bob.y_dot"), -3.0),
-        bd.quantities.at_most(-bd.quantities.Mass(), -1.0),
+        quantities.at_least(-quantities.SmoothMaximum("bob.y_dot"), -3.0),
+        quantities.at_most(-quantities.Mass(), -1.0),
     ]
-    limits.append(bd.quantities.at_most(2.0 * bd.quantities.Mass(), 6.0))
+    limits.append(quantities.at_most(2.0 * quantities.Mass(), 6.0))
     result = bd.optimize(
-        swinging, -bd.quantities.EndValue("bob.x"), "mass", limits, LIMITS_OF_MASS, METHOD
+        swinging, -quantities.EndValue("bob.x"), "mass", limits, LIMITS_OF_MASS, METHOD
     )
     page = read(result)
     objective = dict(facts(page, "Optimization"))["objective"]
@@ -102,14 +103,11 @@ def test_regression_quantities_with_a_sign_keep_their_unit(read):
 @bd.model(t_end=1.0)
 def stepped(height=(0.02,) * 3, widths=(0.02, 0.02), force=-50.0):
     """Cantilever in three steps of `height` [m] under a tip `force` [N]."""
-    steel = bd.Material.of("steel")
 
     def section(s):
-        return bd.Section.rectangle(steel, widths[int(s > 0.5)], height[min(int(3.0 * s), 2)])
+        return rectangle(height[min(int(3.0 * s), 2)], widths[int(s > 0.5)])
 
-    mech = bd.Mechanism()
-    beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (1.0, 0.0)), section, elements=3))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech, beam = clamped_beam(section, 3)
     mech.add(bd.Force("load", beam.end, (0.0, force)))
     mech.observe("tip", beam.end)
     mech.observe("stress", beam.stress(0.01, "top"))
@@ -118,9 +116,9 @@ def stepped(height=(0.02,) * 3, widths=(0.02, 0.02), force=-50.0):
 
 @pytest.fixture(scope="module")
 def lists():
-    limit = bd.quantities.at_most(bd.quantities.EquilibriumValue("stress", step=1.0), 6e7)
+    limit = quantities.at_most(quantities.EquilibriumValue("stress", step=1.0), 6e7)
     bounds = {"height": (0.01, 0.05), "widths": (0.01, 0.05)}
-    return bd.optimize(stepped, bd.quantities.Mass(), ["height", "widths"], limit, bounds)
+    return bd.optimize(stepped, quantities.Mass(), ["height", "widths"], limit, bounds)
 
 
 def test_regression_limits_that_are_reached_have_no_rounding_errors(lists, read):
@@ -147,7 +145,7 @@ def test_the_page_fits_a_phone(name, phone, request):
 
 
 def test_designs_without_runs_have_a_drawing(tmp_path):
-    result = bd.optimize(swinging, bd.quantities.Mass(), "mass", bounds={"mass": (0.5, 3.0)})
+    result = bd.optimize(swinging, quantities.Mass(), "mass", bounds={"mass": (0.5, 3.0)})
     path = result.page(tmp_path / "design.html")
     page = read_page(path)
     assert [bool(x.get("frames")) for x in page["cases"]] == [True, True]
@@ -163,6 +161,6 @@ def test_failed_designs_are_listed(show):
         return swinging(mass=mass)
 
     with pytest.warns(bd.BeamdaeWarning, match="it is too light"):
-        result = bd.optimize(rod, bd.quantities.Mass(), "mass", bounds={"mass": (0.5, 3.0)})
+        result = bd.optimize(rod, quantities.Mass(), "mass", bounds={"mass": (0.5, 3.0)})
     tab = show(result)
     assert "it is too light" in tab.inner_text("#unplotted")

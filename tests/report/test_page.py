@@ -1,7 +1,5 @@
 """Data stored in pages."""
 
-from __future__ import annotations
-
 import json
 import math
 import re

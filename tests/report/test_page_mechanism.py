@@ -4,6 +4,7 @@ import re
 
 import numpy as np
 import pytest
+from mechanisms import hinged_beam, rectangle
 from numpy.testing import assert_allclose
 from pages import study_page, wait_until
 
@@ -60,11 +61,10 @@ def test_the_animation_plays_until_paused(show):
 @pytest.fixture(scope="module")
 def swing():
     """Return a run of a curved pendulum with a spring and of a rolling wheel, and its frames."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    section = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=0.01)
-    arc = bd.Arc(radius=1.0, length=1.0, start=(0.0, 0.0))
-    beam = mech.add(bd.Beam("beam", arc, section, elements=1))
-    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), beam.start))
+    section = rectangle(0.01)
+    mech, beam = hinged_beam(
+        section, 1, bd.Arc(radius=1.0, length=1.0, start=(0.0, 0.0)), gravity=9.81
+    )
     wheel = mech.add(bd.RigidBody("wheel", 1.0, 0.01, (-1.0, 0.2), velocity=(1.0, 0.0)))
     mech.add(bd.RollingOnLine("roll", mech.ground.at(-1.0, 0.0), wheel.at(-1.0, 0.2), 0.2))
     mech.add(bd.Spring("leg", mech.ground.at(0.8, -1.0), beam.end, 50.0, 1.0))

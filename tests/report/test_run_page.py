@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from benchmarks.cases import PENDULUM
+from mechanisms import hinged
 from numpy.testing import assert_allclose
 from pages import find_violations, list_lines, selected_options
 
@@ -14,9 +15,7 @@ from beamdae.report.run_page import build_run_page
 
 @pytest.fixture(scope="module")
 def run():
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    arm = mech.add(bd.RigidBody.rod("arm", (0.0, 0.0), (1.0, 0.0), mass=1.0))
-    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), arm.at(0.0, 0.0)))
+    mech, arm = hinged(bd.RigidBody.rod("arm", (0.0, 0.0), (1.0, 0.0), mass=1.0), gravity=9.81)
     mech.observe("tip", arm.at(1.0, 0.0))
     return bd.simulate(mech, bd.Radau(rtol=1e-6), t_end=0.5)
 

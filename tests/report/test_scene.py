@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from conformance import JOINTS, LOADS, NONHOLONOMIC
 from hub_beam import hub_beam
+from mechanisms import EARTH, rectangle
 from numpy.testing import assert_allclose
 from pendulum import pendulum
 from slider_crank import slider_crank
@@ -88,7 +89,7 @@ def test_bodies_are_at_the_observed_positions(model, parameters, points):
 
 def create_linkage():
     """Build a triangle with three joints, a bar with one, a disk with one at its center, a bob."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     triangle = mech.add(bd.RigidBody("triangle", 1.0, 0.1, center=(1.0, 1.0)))
     bar = mech.add(bd.RigidBody("bar", 1.0, 0.1, center=(3.0, 0.0)))
     disk = mech.add(bd.RigidBody("disk", 1.0, 0.1, center=(0.0, 2.0)))
@@ -121,7 +122,7 @@ PARTS = JOINTS | NONHOLONOMIC | LOADS
 
 
 def create_disk_and_beam():
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     disk = mech.add(bd.RigidBody("disk", mass=1.3, inertia=0.7, center=(0.5, 0.4)))
     beam = mech.add(bd.Beam("beam", ARC, bd.Section.circle(SOFT_MATERIAL, 0.1), 1))
     return mech, disk, beam
@@ -227,7 +228,7 @@ def test_guides_cover_the_travel_of_the_slider():
 
 @pytest.mark.slow(reason="a quarter of a second")
 def test_the_spoke_of_a_rolling_disk_rotates():
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     disk = mech.add(bd.RigidBody("disk", 1.0, 0.5, (0.0, 1.0), velocity=(2.0, 0.0)))
     roll = bd.RollingOnLine("roll", mech.ground.at(0.0, 0.0), disk.at(0.0, 1.0), radius=1.0)
     mech.add(roll)
@@ -275,11 +276,11 @@ def leaf(heights, width=0.3):
     mech = bd.Mechanism()
 
     def section(s):
-        return bd.Section.rectangle(SOFT_MATERIAL, width=0.02, height=heights[0] + s * heights[1])
+        return rectangle(heights[0] + s * heights[1], material=SOFT_MATERIAL)
 
     line = bd.Line((0.0, 0.0), (0.0, width))
     beam = mech.add(bd.Beam("leaf", line, section, elements=2))
-    strut = bd.Section.rectangle(SOFT_MATERIAL, width=0.02, height=0.005)
+    strut = rectangle(0.005, material=SOFT_MATERIAL)
     mech.add(bd.Beam("strut", bd.Line((0.1, 0.0), (0.1, 0.3)), strut, elements=1))
     mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
     return mech

@@ -1,13 +1,14 @@
 """Selection of columns by name."""
 
 import pytest
+from mechanisms import EARTH, free_ball
 
 import beamdae as bd
 
 
 def falling(*names):
     """Return a run of falling masses, which are all observed."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     for k, name in enumerate(names):
         mech.observe(name, mech.add(bd.PointMass(f"mass {k}", 1.0, at=(k, 2.0))).point)
     return mech
@@ -30,9 +31,7 @@ def test_names_of_no_column_are_rejected(name, run):
 
 
 def test_regression_a_list_of_names_selects_a_table_over_time():
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 2.0)))
-    mech.observe("ball", ball.point)
+    mech, _ = free_ball((0.0, 2.0), gravity=9.81)
     run = bd.simulate(mech, t_end=0.1)
     table = run[["ball.y", "ball.x [m]", "ball.y"]]
     assert list(table) == ["ball.y [m]", "ball.x [m]"]

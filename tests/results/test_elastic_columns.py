@@ -3,6 +3,7 @@
 import casadi as ca
 import numpy as np
 import pytest
+from mechanisms import clamped_beam, hinged_body, rectangle
 
 import beamdae as bd
 
@@ -13,7 +14,7 @@ pytestmark = pytest.mark.filterwarnings("always:(?!):beamdae.errors.BeamdaeWarni
 def pressed_blade(elements, duration=0.1):
     """A blade of steel that leans on a plate, while its holder is lowered slowly."""
     mech = bd.Mechanism()
-    section = bd.Section.rectangle(bd.Material.of("steel"), 0.15, 4e-4, damping=1e-4)
+    section = rectangle(4e-4, 0.15, damping=1e-4)
     top, up = (0.04, 0.04 * np.sqrt(3.0)), (0.0, 1.0)
     holder = mech.add(bd.RigidBody("holder", mass=0.05, inertia=1e-5, center=top))
     ends = mech.ground.at(*top), holder.at(*top)
@@ -61,9 +62,7 @@ def test_regression_forces_of_stiff_bushings_between_steps_are_accurate():
     """They were wrong by 35 and 49 % of the largest value."""
 
     def pendulum():
-        mech = bd.Mechanism(gravity=(0.0, -9.81))
-        arm = mech.add(bd.RigidBody("arm", 1.0, 0.1, (0.0, 0.0)))
-        mech.add(bd.Revolute("pivot", mech.ground.at(0.0, 0.0), arm.at(0.0, 0.0)))
+        mech, arm = hinged_body(1.0, 0.1, name="arm", gravity=9.81)
         bob = mech.add(bd.RigidBody("bob", 1.0, 0.1, (1.0, 0.0)))
         ends = arm.at(0.5, 0.0), bob.at(0.5, 0.0)
         stiffness = {"kx": 1e9, "ky": 1e9, "ktheta": 1e9, "cx": 1e4, "cy": 1e4, "ctheta": 1e4}
@@ -89,11 +88,8 @@ def test_regression_errors_between_steps_are_no_mesh_errors():
 @pytest.mark.parametrize("integrator", [bd.GeneralizedAlpha(step=0.01), bd.Radau(1e-2)])
 def test_largest_stresses_between_steps_are_those_of_both_fibers(integrator, formulation):
     """Polynomials through kinks of magnitudes were negative, and missed their zeros by 8 %."""
-    mech = bd.Mechanism()
-    strip = bd.Section.rectangle(bd.Material.of("steel"), 0.02, 0.004, damping=1e-3)
-    line = bd.Line((0.0, 0.0), (0.6, 0.0))
-    beam = mech.add(bd.Beam("strip", line, strip, formulation=formulation))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    strip = rectangle(0.004, damping=1e-3)
+    mech, beam = clamped_beam(strip, curve=0.6, name="strip", formulation=formulation)
     mech.add(bd.Force("shaker", beam.end, (0.0, lambda t: ca.sin(6.0 * np.pi * t + 1.0))))
     for name, exponent in (("largest", None), ("bound", 20.0)):
         mech.observe(name, beam.largest_stress(s=[0.0], exponent=exponent))

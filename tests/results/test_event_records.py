@@ -2,13 +2,13 @@
 
 from dataclasses import replace
 
+from mechanisms import free_ball
+
 import beamdae as bd
 
 
 def test_events_are_formatted_with_their_first_time():
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 2.0)))
-    mech.observe("ball", ball.point)
+    mech, _ = free_ball((0.0, 2.0), gravity=9.81)
     mech.when("ball.y", crosses=1.0, name="half way", do="record")
     mech.when("ball.x", crosses=9.0, name="never", do="record")
     solution = bd.simulate(mech, bd.Radau(rtol=1e-6), 0.5)
@@ -21,9 +21,7 @@ def test_events_are_formatted_with_their_first_time():
 
 def test_regression_reports_name_events_that_did_not_occur():
     """A stop that was missed by 0.7 m, or in the other direction, was not in the report."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 2.0)))
-    mech.observe("ball", ball.point)
+    mech, _ = free_ball((0.0, 2.0), gravity=9.81)
     mech.when("ball.y", crosses=0.0, name="floor")
     mech.when("ball.y", crosses=1.0, direction="up", name="return", do="record")
     solution = bd.simulate(mech, bd.Radau(rtol=1e-6), 0.5)
@@ -35,10 +33,8 @@ def test_regression_reports_name_events_that_did_not_occur():
 
 
 def test_regression_deactivated_joints_have_no_drift():
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    bob = mech.add(bd.PointMass("bob", 1.0, at=(1.0, 0.0)))
+    mech, bob = free_ball((1.0, 0.0), name="bob", gravity=9.81)
     string = mech.add(bd.Distance("string", mech.ground.at(0.0, 0.0), bob.point))
-    mech.observe("bob", bob.point)
     mech.when("bob.x", direction="down", do=bd.deactivate(string), name="cut")
     solution = bd.simulate(mech, bd.Radau(rtol=1e-6), 1.5)
     (cut_record,) = solution.event_records

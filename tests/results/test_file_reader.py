@@ -1,7 +1,5 @@
 """Limits, schema and checksums of saved runs, checkpoints and records."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os
@@ -11,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mechanisms import free_ball
 from numpy.testing import assert_array_equal
 from test_files import posix
 
@@ -21,9 +20,7 @@ from beamdae.results.storage.documents import checksum
 
 
 def falling():
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 2.0)))
-    mech.observe("ball", ball.point)
+    mech, _ = free_ball((0.0, 2.0), gravity=9.81)
     return mech
 
 

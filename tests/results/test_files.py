@@ -360,10 +360,6 @@ def test_missing_values_are_empty_cells(tmp_path):
     assert path.read_text() == "count;is;x;text\n1;;;a\n;TRUE;0,25;\n"
 
 
-def test_versions_of_all_packages_are_listed():
-    assert set(files.versions()) == {"beamdae", "casadi", "scikit-sundae", "numpy", "scipy"}
-
-
 def test_cells_are_read_back_unchanged_except_line_breaks(tmp_path):
     texts = ["plain", 'a "word", and more', "two\nlines", ""]
     numbers = np.array([1.0 / 3.0, np.nan, -np.inf, 1e-300])

@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
+from mechanisms import EARTH, free_ball, rectangle
 
 import beamdae as bd
 
 STEEL = bd.Material(E=2e11, nu=0.3, rho=7800.0)
-SECTION = bd.Section.rectangle(STEEL, width=0.02, height=0.02, damping=1e-5)
+SECTION = rectangle(0.02, damping=1e-5, material=STEEL)
 FAR = (100.0, -70.0)
 INTEGRATORS = {"radau": bd.Radau(1e-3), "alpha": bd.GeneralizedAlpha(step=5e-3)}
 
@@ -31,7 +32,7 @@ def steady_deflection(x, y):
 
 def crank(x, y, torque=None):
     """Crank that drives a slider, at 20 rad/s or by a torque [N m]."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     arm = mech.add(bd.RigidBody.rod("crank", (x, y), (x + 0.1, y), mass=1.0))
     rod = mech.add(bd.RigidBody.rod("rod", (x + 0.1, y), (x + 0.5, y), mass=1.0))
     slider = mech.add(bd.PointMass("slider", 0.5, at=(x + 0.5, y)))
@@ -81,11 +82,9 @@ def test_regression_fixed_points_have_no_errors(place):
 @pytest.mark.parametrize("offset", [0.0, 100.0])
 def test_regression_vibrations_far_from_the_origin_need_rows(offset):
     """At 100 m, vibrations of less than 0.1 mm were taken for errors."""
-    mech = bd.Mechanism()
-    mass = mech.add(bd.PointMass("mass", 1.0, at=(offset + 1e-5, 0.0)))
+    mech, mass = free_ball((offset + 1e-5, 0.0), name="mass")
     wall = mech.ground.at(offset - 1.0, 0.0)
     mech.add(bd.Spring("spring", wall, mass.point, (2.0 * np.pi * 77.0) ** 2, 0.0, 1.0))
-    mech.observe("mass", mass.point)
     method = bd.GeneralizedAlpha(step=2e-4)
     (sentence,) = bd.simulate(mech, method, t_end=1.0, output_step=5e-3).row_warnings
     assert sentence.startswith("mass.x")

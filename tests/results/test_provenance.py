@@ -1,13 +1,12 @@
 """Provenance of results: parts with their parameters, hashes, versions."""
 
-from __future__ import annotations
-
 import json
 from datetime import UTC, datetime
 
 import numpy as np
 import pytest
 from conformance import JOINTS, LOADS, NONHOLONOMIC
+from mechanisms import EARTH
 from support import ARC, SOFT_MATERIAL
 
 import beamdae as bd
@@ -22,7 +21,7 @@ def provenance_of(mech):
 
 
 def mechanism(stiffness=3.0):
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     disk = mech.add(bd.RigidBody("disk", mass=1.3, inertia=0.7, center=(0.5, 0.4)))
     beam = mech.add(bd.Beam("beam", ARC, bd.Section.circle(SOFT_MATERIAL, 0.1), elements=2))
     mech.add(bd.Spring("spring", disk.at(0.5, 0.4), beam.end, stiffness))

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from handed_out import RESULTS, STRIP, list_changes, run
+from mechanisms import clamped_beam
 
 import beamdae as bd
 
@@ -48,9 +49,7 @@ def test_parameters_are_copied():
 def test_laws_keep_the_values_that_they_had_in_the_run():
     """Section forces are recovered after the run, from the same loads."""
     factors = np.array([1.0])
-    mech = bd.Mechanism()
-    beam = mech.add(bd.Beam("arm", bd.Line((0.0, 0.0), (1.0, 0.0)), STRIP, elements=2))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech, beam = clamped_beam(STRIP, 2, name="arm")
     mech.add(bd.Force("push", beam.at(0.5), (0.0, lambda t: factors[0] * t)))
     solution = bd.simulate(mech, bd.Radau(1e-3), t_end=0.01, output_step=0.005)
     before = solution.section_forces("arm").M

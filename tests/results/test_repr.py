@@ -1,20 +1,17 @@
 """The printed representation of results is one short line."""
 
-from __future__ import annotations
-
 import re
 
 import pytest
+from mechanisms import clamped_beam, mass_on_rail, rectangle
 
 import beamdae as bd
 
-STRIP = bd.Section.rectangle(bd.Material(E=2e9, nu=0.3, rho=1200.0), 0.02, 0.004, damping=1e-3)
+STRIP = rectangle(0.004, damping=1e-3, material=bd.Material(E=2e9, nu=0.3, rho=1200.0))
 
 
 def clamped(weight=9.81):
-    mech = bd.Mechanism(gravity=(0.0, -weight))
-    beam = mech.add(bd.Beam("strip", bd.Line((0.0, 0.0), (0.3, 0.0)), STRIP, elements=1))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech, beam = clamped_beam(STRIP, 1, 0.3, name="strip", gravity=weight)
     mech.add(bd.Force("push", beam.end, (0.0, bd.sine(0.01, 2.0)), axes="body"))
     mech.observe("tip", beam.end)
     return mech
@@ -72,8 +69,5 @@ def test_a_check_is_displayed_as_a_table():
 
 def test_regression_decaying_modes_are_no_vibrations_of_zero_hertz():
     """An overdamped axial mode of a leaf spring was shown as 0 Hz beside vibrations."""
-    mech = bd.Mechanism()
-    mass = mech.add(bd.PointMass("mass", 1.0, at=(1.0, 0.0)))
-    mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), mass.point, (1.0, 0.0)))
-    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), mass.point, 100.0, 50.0))
+    mech, _mass = mass_on_rail(x=1.0, spring=(100.0, 50.0))
     assert repr(bd.modes(mech)) == "<Modes about reference: 2, decay, decay>"

@@ -1,12 +1,11 @@
 """Warnings of runs in which strains, stresses, forces or accelerations are rounding errors."""
 
-from __future__ import annotations
-
 import warnings
 from typing import Any
 
 import numpy as np
 import pytest
+from mechanisms import rectangle
 
 import beamdae as bd
 
@@ -23,7 +22,7 @@ def falling_device(
         ground = mech.ground.at(0.7, HEIGHT)
         mech.add(bd.Prismatic("guide", ground, box.at(0.7, HEIGHT), direction=(0.0, 1.0)))
     laminate = bd.Material(E=modulus, nu=0.15, rho=1850.0)
-    section = bd.Section.rectangle(laminate, width=0.03, height=1.6e-3, damping=2e-5)
+    section = rectangle(1.6e-3, 0.03, damping=2e-5, material=laminate)
     line = bd.Line((0.67, HEIGHT), (0.73, HEIGHT))
     board = mech.add(bd.Beam("board", line, section, elements=4, **options))
     screws = mech.add(bd.Weld("screws", box.at(0.67, HEIGHT), board.start))

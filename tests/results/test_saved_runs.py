@@ -1,7 +1,5 @@
 """Saved and pickled runs, and differences between runs."""
 
-from __future__ import annotations
-
 import json
 import pickle
 from concurrent.futures import ProcessPoolExecutor
@@ -10,6 +8,7 @@ from multiprocessing import get_context
 
 import numpy as np
 import pytest
+from mechanisms import free_ball, hinged_body, symbols
 from numpy.testing import assert_allclose, assert_array_equal
 
 import beamdae as bd
@@ -17,12 +16,10 @@ import beamdae as bd
 
 def bouncing(law=9.81):
     """Return a falling ball that an event catches by activating a joint."""
-    mech = bd.Mechanism(gravity=(0.0, -law))
-    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.3)))
+    mech, ball = free_ball((0.0, 0.3), gravity=law)
     mech.add(bd.Force("push", ball.point, (0.0, lambda t: 0.2 * t)))
     hold = mech.add(bd.Revolute("hold", mech.ground.at(0.0, 0.3), ball.point))
     mech.deactivate(hold)
-    mech.observe("ball", ball.point)
     mech.observe("push", hold.reaction)
     mech.when("ball.y", 0.1, "down", do=bd.activate(hold, as_is=True), name="caught")
     return mech
@@ -105,9 +102,7 @@ def test_runs_are_pickled(run):
 
 
 def test_a_saved_run_keeps_its_requested_start(tmp_path):
-    mech = bd.Mechanism(start={"bob.angle": 0.3})
-    bob = mech.add(bd.RigidBody("bob", 1.0, 0.1, (1.0, 0.0)))
-    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), bob.at(0.0, 0.0)))
+    mech, _ = hinged_body(1.0, 0.1, (1.0, 0.0), name="bob", start={"bob.angle": 0.3})
     run = bd.simulate(mech, bd.Radau(1e-3), t_end=0.01)
     loaded = bd.load(run.save(tmp_path / "a.run"), mech)
     assert loaded.start == run.start
@@ -115,9 +110,8 @@ def test_a_saved_run_keeps_its_requested_start(tmp_path):
 
 
 def test_a_run_of_equations_is_saved_but_not_pickled(tmp_path):
-    import casadi as ca
 
-    t, q, v = ca.SX.sym("t"), ca.SX.sym("q", 1), ca.SX.sym("v", 1)
+    t, q, v = symbols(1)
     system = bd.ConstrainedSystem(t=t, q=q, v=v, mass=[1.0], force=-q, q0=[1.0], v0=[0.0])
     run = bd.simulate(system, bd.Radau(1e-6), t_end=0.5)
     loaded = bd.load(run.save(tmp_path / "a.run"), system)
@@ -175,9 +169,7 @@ def test_files_with_pickled_objects_are_rejected(tmp_path):
 
 
 def falling(t_end, method, step=0.01):
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 2.0)))
-    mech.observe("ball", ball.point)
+    mech, _ = free_ball((0.0, 2.0), gravity=9.81)
     return bd.simulate(mech, method, t_end, step)
 
 

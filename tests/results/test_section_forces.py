@@ -1,17 +1,17 @@
 """Section forces against closed forms and reactions."""
 
-import warnings
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from hub_beam import hub_beam
+from mechanisms import clamped_beam, hinged_beam, rectangle
 
 import beamdae as bd
 
 STEEL = bd.Material(E=2.1e11, nu=0.3, rho=7850.0, yield_stress=235e6)
 # Thick enough that the rounding of axial forces (EA) is small relative to bending.
-BAR = bd.Section.rectangle(STEEL, width=0.02, height=0.1)
+BAR = rectangle(0.1, material=STEEL)
 LINE = bd.Line((0.0, 0.0), (1.0, 0.0))
 # A load [N] that deflects the bar by 1e-6 of its length; the section forces differ by as much from
 # the closed forms of the undeformed beam.
@@ -41,9 +41,7 @@ def cantilever(curve=LINE, elements=1, section=BAR, gravity=(0.0, 0.0), **settin
 
 def simply_supported_beam(elements, **settings):
     """Return a mechanism and its beam on a hinge and a roller."""
-    mech = bd.Mechanism()
-    beam = mech.add(bd.Beam("beam", LINE, BAR, elements=elements, **settings))
-    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), beam.start))
+    mech, beam = hinged_beam(BAR, elements, LINE, **settings)
     roller = mech.ground.at(1.0, 0.0)
     mech.add(bd.PointOnLine("roller", roller, beam.end, (1.0, 0.0)))
     return mech, beam
@@ -112,7 +110,7 @@ def test_weight_by_numbers_and_by_laws(kind):
 @every_formulation
 def test_a_taper_under_its_weight(kind):
     def section(s):
-        return bd.Section.rectangle(STEEL, width=0.02, height=0.1 * (1.0 - 0.5 * s))
+        return rectangle(0.1 * (1.0 - 0.5 * s), material=STEEL)
 
     mech, beam = cantilever(elements=2, section=section, gravity=(0.0, -9.81), **FORMULATIONS[kind])
     forces = at_rest(mech, beam, S)
@@ -262,7 +260,7 @@ def test_orders_and_error_estimate_on_the_hub_beam(kind):
 @pytest.mark.parametrize("kind", ["exact", "frame"])
 def test_a_beam_bent_into_a_hook(kind):
     # Section forces follow from the deformed positions: n = P, m = (r_end - r) x P.
-    slender = bd.Section.rectangle(STEEL, width=0.02, height=0.002)
+    slender = rectangle(0.002, material=STEEL)
     mech, beam = cantilever(elements=6, section=slender, **FORMULATIONS[kind])
     mech.add(bd.Force("load", beam.end, (0.0, -30.0)))
     for s in (0.5, 1.0):
@@ -287,18 +285,13 @@ def test_a_beam_bent_into_a_hook(kind):
 @pytest.mark.parametrize("height", [0.004, 0.006])
 def test_regression_axial_forces_act_normal_to_the_deformed_section(settings, height):
     """Under a transverse load, N at a clamp is zero; EA eps11 was up to 7 % of the load there."""
-    steel = bd.Material.of("steel")
-    section = bd.Section.rectangle(steel, width=0.03, height=height)
-    mech = bd.Mechanism()
-    beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (0.5, 0.0)), section, **settings))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    section = rectangle(height, 0.03)
+    mech, beam = clamped_beam(section, curve=0.5, **settings)
     mech.add(bd.Force("load", beam.end, (0.0, -30.0)))
     mech.observe("root", beam.section_forces(0.0))
     mech.observe("end", beam.section_forces(0.5))
     mech.observe("tip", beam.end)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", bd.BeamdaeWarning)
-        path = bd.equilibrium(mech)
+    path = bd.equilibrium(mech)
     angle = path["tip.angle"].iloc[-1]
     np.testing.assert_allclose(path["root.N"].iloc[-1], 0.0, atol=2e-3)
     np.testing.assert_allclose(path["end.N"].iloc[-1], -30.0 * np.sin(angle), rtol=2e-3)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from mechanisms import rectangle
 from slider_crank import slider_crank
 
 import beamdae as bd
@@ -154,7 +155,7 @@ def test_regular_loops_are_not_reported():
 
 def test_open_chains_have_no_closed_loops():
     mech = bd.Mechanism()
-    section = bd.Section.rectangle(bd.Material(E=1e7, nu=0.3, rho=1e3), width=0.1, height=0.01)
+    section = rectangle(0.01, 0.1, material=bd.Material(E=1e7, nu=0.3, rho=1e3))
     line = bd.Line((0.0, 0.0), (1.0, 0.0))
     first, last = bd.welded_beams(mech, "beam", line, section, bodies=2, elements=1)
     mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), first.start))

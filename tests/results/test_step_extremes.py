@@ -2,10 +2,10 @@
 
 import pickle
 import tracemalloc
-import warnings
 
 import numpy as np
 import pytest
+from mechanisms import ALLOY, clamped_beam, free_ball, rectangle
 from mechanisms import dropped_ball as ball
 from mechanisms import peak_of_dropped_ball as peak
 from numpy.testing import assert_allclose
@@ -105,10 +105,9 @@ def test_regression_extremes_of_many_steps_need_the_memory_of_a_block():
 
 def all_kinds():
     """Return a controlled beam with a short pulse, with columns of all kinds."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    section = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=0.002, damping=1e-4)
-    beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (0.3, 0.0)), section, elements=2))
-    clamp = mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    section = rectangle(0.002, damping=1e-4)
+    mech, beam = clamped_beam(section, 2, 0.3, gravity=9.81)
+    clamp = mech.part("clamp")
     strain = mech.sensor("gauge", beam.strain(0.1, "top"))
     current = mech.state("current", unit="A")
     current.follows(1e3 * (200.0 * strain - current))
@@ -180,9 +179,7 @@ def test_regression_refined_runs_name_rows_without_the_peak():
 
 @pytest.mark.parametrize("rows", [[0.0, 1.0], [0.0, 0.01, 1.0]])
 def test_extremes_of_runs_with_few_rows_contain_peaks_between_steps(rows):
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    stone = mech.add(bd.PointMass("stone", 1.0, at=(0.0, 0.0), velocity=(1.0, 2.0)))
-    mech.observe("stone", stone.point)
+    mech, _ = free_ball(velocity=(1.0, 2.0), name="stone", gravity=9.81)
     solution = bd.Radau(1e-3).integrate(bd.equations_of_motion(mech), np.array(rows))
     assert_allclose(solution.step_extremes["stone.y"].max, 2.0**2 / (2.0 * 9.81), rtol=1e-6)
 
@@ -191,7 +188,7 @@ def test_extremes_of_runs_with_few_rows_contain_peaks_between_steps(rows):
 def test_regression_extremes_contain_peaks_between_steps():
     """The largest force of a stiff contact was 2 % too small, because the steps missed it."""
     mech = bd.Mechanism()
-    section = bd.Section.rectangle(bd.Material.of("aluminum"), 0.02, 0.006, damping=1e-6)
+    section = rectangle(0.006, damping=1e-6, material=ALLOY)
     line, velocity = bd.Line((0.0, 0.0), (0.0, 0.15)), (0.0, -5.0)
     post = mech.add(bd.Beam("post", line, section, 4, velocity=velocity))
     mech.add(bd.PointMass("foot", 0.005, on=post.start))
@@ -200,9 +197,7 @@ def test_regression_extremes_contain_peaks_between_steps():
     mech.observe("floor", contact.force)
     forces = []
     for integrator in (bd.Radau(1e-3), bd.Radau(1e-8)):
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", bd.BeamdaeWarning)
-            solution = bd.simulate(mech, integrator, t_end=0.05, output_step=1e-3)
+        solution = bd.simulate(mech, integrator, t_end=0.05, output_step=1e-3)
         forces.append(solution.step_extremes["floor.N"].max)
     assert_allclose(forces[0], forces[1], rtol=3e-3)
 

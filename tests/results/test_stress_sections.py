@@ -4,16 +4,16 @@ The largest stress from the strains and that in equilibrium with the loads are c
 other and with closed forms.
 """
 
-from __future__ import annotations
-
 import warnings
 
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from mechanisms import clamped_beam, hinged_beam
 
 import beamdae as bd
+from beamdae import quantities
 
 STEEL = bd.Material(E=2.1e11, nu=0.3, rho=7850.0, yield_stress=270e6)
 STRIP = bd.Section.rectangle(STEEL, width=0.02, height=0.01, damping=1e-3)
@@ -27,10 +27,7 @@ KINEMATICS = {
 
 def supported_bar(elements=4, section=STRIP, **options):
     """Return a simply supported bar of 1 m."""
-    mech = bd.Mechanism(gravity=(0.0, 0.0))
-    line = bd.Line((0.0, 0.0), (1.0, 0.0))
-    bar = mech.add(bd.Beam("bar", line, section, elements=elements, **options))
-    mech.add(bd.Revolute("left", mech.ground.at(0.0, 0.0), bar.start))
+    mech, bar = hinged_beam(section, elements, name="bar", **options)
     mech.add(bd.PointOnLine("right", mech.ground.at(1.0, 0.0), bar.end, direction=(1.0, 0.0)))
     return mech, bar
 
@@ -168,9 +165,9 @@ def test_regression_refined_runs_and_designs_have_the_stress_at_the_load():
     run = bd.simulate(ramped_bar(ramp=0.5), accuracy_columns=["stress.largest"], **settings_of_run)
     assert run.errors.status.success
     assert run["stress.largest"].to_numpy()[-1] == pytest.approx(exact, rel=5e-3)
-    limit = bd.quantities.at_most(bd.quantities.EquilibriumValue("peak.bound"), "100 MPa")
+    limit = quantities.at_most(quantities.EquilibriumValue("peak.bound"), "100 MPa")
     bounds = {"height": (0.003, 0.05)}
-    design = bd.optimize(ramped_bar, bd.quantities.Mass(), bounds, [limit]).parameters["height"]
+    design = bd.optimize(ramped_bar, quantities.Mass(), bounds, [limit]).parameters["height"]
     assert 0.98 * 100e6 < 24.0 / (0.02 * design**2 / 6.0) < 100.1e6
 
 
@@ -244,11 +241,8 @@ def test_error_of_the_largest_stress_below_a_load_within_an_element(at):
 @pytest.mark.slow(reason="a quarter of a second")
 def test_wrong_strains_of_frames_at_an_interior_moment_are_no_mesh_errors():
     """The jump of the moment indicated a mesh error of 4.3 %, to reduce by shorter elements."""
-    mech = bd.Mechanism(gravity=(0.0, 0.0))
     section = bd.Section.rectangle(STEEL, width=0.02, height=0.002)
-    line = bd.Line((0.0, 0.0), (1.0, 0.0))
-    bar = mech.add(bd.Beam("bar", line, section, elements=8, strain="linear"))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), bar.start))
+    mech, bar = clamped_beam(section, 8, name="bar", strain="linear")
     mech.observe("stress", bar.largest_stress())
     mech.add(bd.Moment("moment", bar.at(0.43), 3.0))
     mech.add(bd.Force("force", bar.end, (0.0, -6.0)))
@@ -294,11 +288,8 @@ def test_regression_section_forces_have_both_sections_at_a_step(is_thin_first, l
 @pytest.mark.parametrize("ratio", [0.2, 0.1, 0.05])
 def test_regression_stresses_of_tapered_beams_are_largest_within_elements(elements, ratio):
     """The largest stress of tapered cantilevers was up to 23 % too low without notice."""
-    mech = bd.Mechanism()
     section = bd.taper(bd.Section.rectangle, STEEL, width=0.02, height=(0.02, 0.02 * ratio))
-    line = bd.Line((0.0, 0.0), (1.0, 0.0))
-    bar = mech.add(bd.Beam("bar", line, section, elements=elements))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), bar.start))
+    mech, bar = clamped_beam(section, elements, name="bar")
     mech.add(bd.Force("load", bar.end, (0.0, -0.1)))
     mech.observe("stress", bar.largest_stress())
     with warnings.catch_warnings(record=True) as caught:
@@ -319,15 +310,12 @@ LEAF_LENGTH, LEAF_WIDTH, TIP_FORCE = 0.4, 0.04, 30.0
 
 def clamped_leaf(height, elements, **options):
     """Return a cantilever of varying height with a force at its tip."""
-    mech = bd.Mechanism(gravity=(0.0, 0.0))
 
     def section(s):
         size = float(height(np.array(s)))
         return bd.Section.rectangle(STEEL, width=LEAF_WIDTH, height=size, damping=1e-3)
 
-    line = bd.Line((0.0, 0.0), (LEAF_LENGTH, 0.0))
-    leaf = mech.add(bd.Beam("leaf", line, section, elements=elements, **options))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), leaf.start))
+    mech, leaf = clamped_beam(section, elements, LEAF_LENGTH, name="leaf", **options)
     mech.add(bd.Force("load", leaf.end, (0.0, TIP_FORCE)))
     mech.observe("stress", leaf.largest_stress())
     mech.observe("peak", leaf.largest_stress(exponent=150))
@@ -433,8 +421,8 @@ def test_derivatives_of_the_largest_stress_follow_heights_and_places_of_kinks():
 
 @pytest.mark.slow(reason="optimization with dozens of equilibria")
 def test_designs_have_the_stress_limit_at_kinks():
-    limit = bd.quantities.at_most(bd.quantities.EquilibriumValue("peak.bound"), "60 MPa")
-    design = bd.optimize(leaf_with_knot, bd.quantities.Mass(), {"height": (0.003, 0.009)}, [limit])
+    limit = quantities.at_most(quantities.EquilibriumValue("peak.bound"), "60 MPa")
+    design = bd.optimize(leaf_with_knot, quantities.Mass(), {"height": (0.003, 0.009)}, [limit])
     height = design.parameters["height"]
     stress = 6.0 * TIP_FORCE * (LEAF_LENGTH - 0.08) / LEAF_WIDTH / height**2
     assert stress == pytest.approx(60e6, rel=5e-3)
@@ -446,10 +434,8 @@ def test_regression_derivatives_where_the_number_of_sections_changes():
 
     @bd.model(t_end=1.0)
     def leaf(tip=0.004):
-        mech = bd.Mechanism()
         section = bd.taper(bd.Section.rectangle, STEEL, width=0.04, height=(0.01, tip))
-        beam = mech.add(bd.Beam("leaf", bd.Line((0.0, 0.0), (0.5, 0.0)), section, elements=3))
-        mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+        mech, beam = clamped_beam(section, 3, 0.5, name="leaf")
         mech.add(bd.Force("load", beam.end, (0.0, -100.0)))
         mech.observe("peak", beam.largest_stress(exponent=150))
         return mech

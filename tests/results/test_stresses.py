@@ -6,6 +6,7 @@ from functools import cache
 import casadi as ca
 import numpy as np
 import pytest
+from mechanisms import EARTH, clamped_beam, hinged_beam
 from numpy.testing import assert_allclose
 from scipy.integrate import quad
 
@@ -18,7 +19,7 @@ STRIP = bd.Section.rectangle(STEEL, width=0.03, height=0.0025, damping=1e-4)
 @pytest.fixture(scope="module")
 def swinging():
     """Run of a hinged arc with a tip mass, material damping and air drag."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     arc = bd.Arc(radius=0.85, length=0.8, angle=-0.6)
     beam = mech.add(bd.Beam("beam", arc, STRIP, elements=3))
     mech.add(bd.PointMass("tip mass", 0.06, on=beam.end))
@@ -111,10 +112,9 @@ def test_shear_peaks_of_shapes():
 def bent_arc(ratio, section, moment=1.0, height=0.1, **settings):
     """Return the section forces of a clamped arc with R / h = `ratio` under an end moment."""
     radius = ratio * height
-    arc = bd.Arc(radius=radius, length=0.5 * np.pi * radius)
-    mech = bd.Mechanism()
-    beam = mech.add(bd.Beam("hook", arc, section, elements=4, **settings))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech, beam = clamped_beam(
+        section, 4, bd.Arc(radius=radius, length=0.5 * np.pi * radius), name="hook", **settings
+    )
     mech.add(bd.Moment("load", beam.end, moment))
     mech.observe("inner", beam.stress(0.5 * beam.length, "top"))
     mech.observe("inner strain", beam.strain(0.5 * beam.length, "top"))
@@ -211,12 +211,9 @@ def shaken_rod(elements=4, nodes=4, rise_time=0.0, damping=0.0, kind="load"):
     section = bd.Section.rectangle(STEEL, width=0.1, height=0.1, damping=damping)
     speed = np.sqrt(STEEL.E / STEEL.rho)
     velocity = (-ROD_FORCE * speed / section.EA, 0.0) if kind == "impact" else (0.0, 0.0)
-    mech = bd.Mechanism()
-    line = bd.Line((0.0, 0.0), (1.0, 0.0))
-    rod = mech.add(
-        bd.Beam("rod", line, section, elements, nodes=nodes, velocity=velocity, formulation="exact")
+    mech, rod = clamped_beam(
+        section, elements, name="rod", nodes=nodes, velocity=velocity, formulation="exact"
     )
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), rod.start))
     if kind == "load":
         force = ROD_FORCE
         if rise_time:
@@ -270,10 +267,8 @@ def test_default_sections_find_the_largest_moment_of_a_span(share, elements):
     # A beam on two supports under a line load w, with a moment -w L^2 share at its start. The line
     # load is small, so that the deflection does not change the moments.
     length, load = 1.3, 0.01
-    mech = bd.Mechanism()
     strip = bd.Section.rectangle(STEEL, width=0.02, height=0.01)
-    beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (length, 0.0)), strip, elements=elements))
-    mech.add(bd.Revolute("left", mech.ground.at(0.0, 0.0), beam.start))
+    mech, beam = hinged_beam(strip, elements, length)
     mech.add(bd.PointOnLine("right", mech.ground.at(length, 0.0), beam.end, (1.0, 0.0)))
     mech.add(bd.DistributedForce("w", beam, (0.0, -load)))
     mech.add(bd.Moment("m", beam.start, -load * length**2 * share))
@@ -292,10 +287,8 @@ def swinging_strip():
     """Function that returns the section forces of an undamped cantilever in its first mode."""
 
     def section_forces(elements, output_step=0.005):
-        mech = bd.Mechanism()
         strip = bd.Section.rectangle(STEEL, width=0.02, height=0.005)
-        beam = mech.add(bd.Beam("strip", bd.Line((0.0, 0.0), (1.0, 0.0)), strip, elements))
-        mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+        mech, beam = clamped_beam(strip, elements, name="strip")
         mech.add(bd.Force("load", beam.end, (0.0, lambda t: 1.0 - ca.cos(8.0 * np.pi * t))))
         run = bd.simulate(mech, bd.Radau(1e-6), t_end=0.5, output_step=output_step)
         return run.section_forces(beam)
@@ -317,10 +310,8 @@ def test_a_coarse_output_step_is_part_of_the_error(swinging_strip):
 
 def pushed_leaf(force, is_observed, **options):
     """Return a thin leaf spring that a force bends by two thirds of its length."""
-    mech = bd.Mechanism()
     strip = bd.Section.rectangle(STEEL, width=0.02, height=5e-4, damping=1e-2)
-    leaf = mech.add(bd.Beam("leaf", bd.Line((0.0, 0.0), (0.2, 0.0)), strip, **options))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), leaf.start))
+    mech, leaf = clamped_beam(strip, curve=0.2, name="leaf", **options)
     mech.add(bd.Force("push", leaf.end, (0.0, force)))
     if is_observed:
         mech.observe("tip", leaf.end)
@@ -368,10 +359,8 @@ def test_errors_of_section_forces_contain_that_of_moderate_strains(analyze, is_o
 
 def test_peaks_between_rows_are_part_of_the_error_of_the_safety():
     # A short push ends long before the second of the rows.
-    mech = bd.Mechanism()
     strip = bd.Section.rectangle(STEEL, width=0.02, height=0.005, damping=2e-3)
-    beam = mech.add(bd.Beam("strip", bd.Line((0.0, 0.0), (0.3, 0.0)), strip))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech, beam = clamped_beam(strip, curve=0.3, name="strip")
     law = bd.table([0.0, 0.02, 0.04, 1.0], [0.0, 10.0, 0.0, 0.0], kind="linear")
     mech.add(bd.Force("push", beam.end, (0.0, law)))
     run = bd.simulate(mech, bd.Radau(1e-5), t_end=1.0, output_step=0.1)

@@ -3,8 +3,6 @@
 They vary by drift and rounding errors only, which no mesh, strain or step determines.
 """
 
-from __future__ import annotations
-
 import math
 import warnings
 from collections.abc import Callable
@@ -12,11 +10,11 @@ from collections.abc import Callable
 import casadi as ca
 import numpy as np
 import pytest
+from mechanisms import ALLOY, EARTH, rectangle
 
 import beamdae as bd
 
-ALLOY = bd.Material(E=70e9, nu=0.3, rho=2700.0)
-STRIP = bd.Section.rectangle(ALLOY, width=0.02, height=0.002, damping=1e-4)
+STRIP = rectangle(0.002, damping=1e-4, material=ALLOY)
 PERIOD = 1.0 / 12.9
 
 
@@ -34,7 +32,7 @@ def four_bar(
     span = base - crank
     angle = math.acos((coupler**2 + span**2 - rocker**2) / (2.0 * coupler * span))
     end = start + coupler * np.array([math.cos(angle), math.sin(angle)])
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     arm = mech.add(bd.RigidBody("crank", mass=0.2, inertia=1e-4, center=(0.0, 0.0)))
     ground = mech.ground
     mech.add(bd.Revolute("O", ground.at(0.0, 0.0), arm.at(0.0, 0.0)))
@@ -60,7 +58,7 @@ def rotor(law: object) -> bd.Mechanism:
     mech = bd.Mechanism()
     hub = mech.add(bd.RigidBody("hub", mass=5.0, inertia=0.03))
     bearing = mech.add(bd.Revolute("bearing", mech.ground.at(0.0, 0.0), hub.at(0.0, 0.0)))
-    section = bd.Section.rectangle(ALLOY, width=0.03, height=0.004, damping=1e-4)
+    section = rectangle(0.004, 0.03, damping=1e-4, material=ALLOY)
     for name, side in (("right", 1.0), ("left", -1.0)):
         line = bd.Line((0.1 * side, 0.0), (0.6 * side, 0.0))
         blade = mech.add(bd.Beam(name, line, section, elements=2))
@@ -76,7 +74,7 @@ def guided_stage(elements: int) -> bd.Mechanism:
     """Return a stage between two flexures, and in a guide that symmetry does not load."""
     mech = bd.Mechanism()
     stage = mech.add(bd.RigidBody("stage", mass=0.3, inertia=1e-4, center=(0.0, 0.0)))
-    section = bd.Section.rectangle(ALLOY, width=0.02, height=5e-4)
+    section = rectangle(5e-4, material=ALLOY)
     for name, side in (("right", 1.0), ("left", -1.0)):
         line = bd.Line((0.12 * side, 0.0), (0.02 * side, 0.0))
         leaf = mech.add(bd.Beam(name, line, section, elements=elements))

@@ -1,9 +1,9 @@
 """Comparison of cases: rows of the table, error columns, labels and failures."""
 
-import casadi as ca
 import mechanisms
 import numpy as np
 import pytest
+from mechanisms import symbols
 from study_models import singular_torque
 
 import beamdae as bd
@@ -150,18 +150,6 @@ def test_compared_columns_must_exist_and_move(columns, message):
         bd.compare([bd.Case(at_rest, {}, ALPHA)], bd.Case(at_rest, {}, ALPHA), columns=columns)
 
 
-def test_an_interrupted_comparison_returns_all_rows():
-    def interrupt(label, t):
-        raise KeyboardInterrupt
-
-    cases = [bd.Case(swing, {}, bd.GeneralizedAlpha(step=1e-3))] * 2
-    table = bd.compare(cases, progress=interrupt, partial="return")
-    assert list(table["status"]) == ["interrupted"] * 2
-    first, second = table["reason"]
-    assert first.startswith("interrupted at t = ")
-    assert second == "not run because the study was interrupted"
-
-
 def test_progress_receives_the_label_of_the_case():
     calls = []
     case = bd.Case(swing, {}, bd.GeneralizedAlpha(step=1e-3))
@@ -187,7 +175,7 @@ def test_exceptions_of_progress_end_the_comparison(failing):
 @bd.model(t_end=0.4)
 def drifting(mass=2.0):
     """Its columns have the names of columns of the case table."""
-    t, q, v = ca.SX.sym("t"), ca.SX.sym("q", 1), ca.SX.sym("v", 1)
+    t, q, v = symbols(1)
     return bd.ConstrainedSystem(
         t=t, q=q, v=v, mass=[mass], force=-q, q0=[1.0], v0=[0.0], names=("drift",),
         observe={"energy.x": q**2, "error": 2.0 * q},

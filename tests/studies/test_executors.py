@@ -1,7 +1,5 @@
 """Studies and sweeps on other executors, and on a Dask cluster, one of whose workers is killed."""
 
-from __future__ import annotations
-
 import os
 import signal
 import sys

@@ -1,7 +1,5 @@
 """Fingerprints of cases: they change with everything a result depends on, and nothing else."""
 
-from __future__ import annotations
-
 import enum
 import os
 import subprocess

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from mechanisms import free_ball
 
 import beamdae as bd
 
@@ -14,10 +15,7 @@ BOUNDS = {"stiffness": (10.0, 300.0)}
 def oscillator(stiffness=200.0):
     if stiffness > 400.0:
         raise bd.BeamdaeError("oscillator: the spring is too stiff.")
-    mech = bd.Mechanism()
-    body = mech.add(bd.PointMass("mass", 1.0, at=(1.0, 0.0), velocity=(0.2, 0.0)))
-    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), body.point, stiffness))
-    mech.observe("mass", body.point)
+    mech, _body = free_ball((1.0, 0.0), velocity=(0.2, 0.0), name="mass", spring=(stiffness,))
     return mech
 
 

@@ -1,7 +1,5 @@
 """Studies whose processes, cluster, folder or limits fail: no orphans, no lost or wrong rows."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

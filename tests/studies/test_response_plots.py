@@ -1,7 +1,5 @@
 """Response plots of sweeps, and the page with their runs over each other."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose

@@ -1,7 +1,5 @@
 """Store of results: damaged ones are run again with a warning, unfinished files are removed."""
 
-from __future__ import annotations
-
 import json
 import os
 import pickle

@@ -1,7 +1,5 @@
 """Studies: execution, case tables, failures, resumption and definitions."""
 
-from __future__ import annotations
-
 import os
 import signal
 import sys

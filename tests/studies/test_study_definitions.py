@@ -1,7 +1,5 @@
 """Definitions of cases, studies and grids: names of studies, and errors for wrong arguments."""
 
-from __future__ import annotations
-
 import sys
 
 import numpy as np

@@ -1,9 +1,8 @@
 """Events in studies: their columns in the case table, and errors of their times."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
+from mechanisms import hinged_body
 from numpy.testing import assert_allclose
 
 import beamdae as bd
@@ -12,9 +11,7 @@ import beamdae as bd
 @bd.model(t_end=1.0)
 def pendulum(turn=2.6, length=1.0):
     """It passes its lowest point, and stops between two output times."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    bob = mech.add(bd.RigidBody("bob", 1.0, inertia=0.01, center=(length, 0.0)))
-    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), bob.at(0.0, 0.0)))
+    mech, bob = hinged_body(1.0, 0.01, (length, 0.0), name="bob", gravity=9.81)
     mech.observe("bob", bob.at(length, 0.0))
     mech.when("bob.x", 0.0, "down", "record", "bottom")
     mech.when("bob.angle", -turn, "down", "stop", "caught")

@@ -1,7 +1,5 @@
 """Failures of cases, interrupts and dying processes: each has a reason, and no result is lost."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

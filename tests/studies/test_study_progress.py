@@ -1,7 +1,5 @@
 """Progress of studies: counts of runs, and the estimate of the remaining time."""
 
-from __future__ import annotations
-
 import pytest
 from study_models import swing
 from study_runs import SerialPool, run_study

@@ -1,7 +1,5 @@
 """Runs of studies: serialized tasks, stored rows, the plan of references, and the page."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import count
 

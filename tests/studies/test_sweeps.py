@@ -1,7 +1,5 @@
 """`bd.sweep`: table of responses, swept values, runs, and sweeps with a folder."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from dataclasses import replace
@@ -9,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from mechanisms import EARTH, clamped_beam, rectangle
 from numpy.testing import assert_allclose
 from turning import ALPHA, THICK, THIN, run_sweep, turning
 
@@ -221,12 +220,9 @@ def test_regression_warnings_of_runs_are_reported():
     """A strip bent beyond the validity of its strains used to be "ok" without a warning."""
 
     def falling(height=0.05):
-        mech = bd.Mechanism(gravity=(0.0, -9.81))
         rubber = bd.Material(E=5e7, nu=0.3, rho=1000.0)
-        section = bd.Section.rectangle(rubber, width=0.02, height=height, damping=1e-2)
-        line = bd.Line((0.0, 0.0), (1.0, 0.0))
-        beam = mech.add(bd.Beam("strip", line, section, elements=1))
-        mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+        section = rectangle(height, damping=1e-2, material=rubber)
+        mech, beam = clamped_beam(section, 1, name="strip", gravity=9.81)
         mech.observe("tip", beam.end)
         return mech
 
@@ -323,7 +319,7 @@ def test_regression_parameters_without_effect_have_a_warning():
 
     @bd.model(t_end=0.1)
     def fall(height=1.0, color=0.0):
-        mech = bd.Mechanism(gravity=(0.0, -9.81))
+        mech = bd.Mechanism(gravity=EARTH)
         mech.observe("ball", mech.add(bd.PointMass("ball", 1.0, at=(0.0, height))).point)
         return mech
 

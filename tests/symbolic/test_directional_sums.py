@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from mechanisms import EARTH, rectangle
 
 import beamdae as bd
 from beamdae.equations.formulations.step_equations import formulate_step
@@ -18,8 +19,8 @@ from beamdae.symbolic.sums.kernel_sums import evaluate_sum, set_time
 
 def two_beams(formulation):
     """Return equations with a beam of several elements, a body, joints and a contact."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    steel = bd.Section.rectangle(bd.Material.of("steel"), 0.02, 0.01, damping=1e-4)
+    mech = bd.Mechanism(gravity=EARTH)
+    steel = rectangle(0.01, damping=1e-4)
     line = bd.Line((0.0, 0.0), (1.0, 0.0))
     beam = mech.add(bd.Beam("beam", line, steel, elements=3, formulation=formulation))
     disk = mech.add(bd.RigidBody.disk("disk", (1.0, 0.0), radius=0.1, mass=2.0))

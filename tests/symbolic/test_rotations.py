@@ -4,6 +4,7 @@ import casadi as ca
 import numpy as np
 import pytest
 import scipy.sparse as sp
+from mechanisms import EARTH, rectangle
 from numpy.testing import assert_allclose
 
 import beamdae as bd
@@ -20,9 +21,9 @@ RTOL = 1e-12
 
 
 def arch(elements, **settings):
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=EARTH)
     alloy = bd.Material(E=68.95e9, nu=0.3, rho=2760.0)
-    section = bd.Section.rectangle(alloy, width=0.03, height=0.0025, damping=1e-4)
+    section = rectangle(0.0025, 0.03, damping=1e-4, material=alloy)
     curve = bd.Arc(radius=0.85, length=0.80, start=(0.0, 0.0), angle=-0.60)
     beam = mech.add(bd.Beam("beam", curve, section, elements=elements, **settings))
     mech.add(bd.PointMass("tip mass", 0.060, on=beam.end))

@@ -3,6 +3,8 @@
 from concurrent.futures import ThreadPoolExecutor
 from threading import Barrier
 
+from mechanisms import hinged_beam, rectangle
+
 import beamdae as bd
 import beamdae.symbolic.formula
 import beamdae.symbolic.kernel_groups
@@ -23,10 +25,8 @@ def test_structures_of_concurrent_threads_are_equal():
     barrier = Barrier(4)
 
     def assemble(_):
-        mechanism = bd.Mechanism()
-        section = bd.Section.rectangle(bd.Material(E=1e7, nu=0.3, rho=2e3), width=0.1, height=0.1)
-        beam = mechanism.add(bd.Beam("beam", bd.Line((0.0, 0.0), (1.0, 0.0)), section, elements=3))
-        mechanism.add(bd.Revolute("hinge", mechanism.ground.at(0.0, 0.0), beam.start))
+        section = rectangle(0.1, 0.1, material=bd.Material(E=1e7, nu=0.3, rho=2e3))
+        mechanism, _ = hinged_beam(section, 3)
         barrier.wait(10.0)
         return bd.equations_of_motion(mechanism).structure
 

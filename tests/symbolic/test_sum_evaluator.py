@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from mechanisms import hinged_beam, rectangle
 
 import beamdae as bd
 from beamdae.equations.formulations.static_equations import plan_static_sums
@@ -24,10 +25,8 @@ PLANS = {
 @pytest.fixture(scope="module")
 def equations():
     """Equations of a hinged beam whose tip touches a floor."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    section = bd.Section.rectangle(bd.Material.of("steel"), 0.01, 0.02)
-    beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (1.0, 0.2)), section, elements=2))
-    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), beam.start))
+    section = rectangle(0.02, 0.01)
+    mech, beam = hinged_beam(section, 2, (1.0, 0.2), gravity=9.81)
     mech.add(bd.Contact("tip", beam.end, bd.LineSurface(mech.ground.at(0.0, 0.25)), 1e6))
     return bd.equations_of_motion(mech)
 

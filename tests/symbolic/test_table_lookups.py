@@ -1,7 +1,5 @@
 """Lookups in tables: rows, derivatives by coordinates and by numbers, and machine code."""
 
-from __future__ import annotations
-
 import casadi as ca
 import numpy as np
 import pytest

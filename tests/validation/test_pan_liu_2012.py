@@ -1,7 +1,5 @@
 """Pan & Liu (2012): stored tables are reproduced, and agree with the verdicts on the claims."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+from mechanisms import rectangle
 
 import beamdae as bd
 
-SECTION = bd.Section.rectangle(bd.Material(E=1e7, nu=0.3, rho=1e3), width=1.0, height=0.01)
+SECTION = rectangle(0.01, 1.0, material=bd.Material(E=1e7, nu=0.3, rho=1e3))
 
 
 def roll_up_half(bodies, frame):

@@ -3,13 +3,12 @@
 import numpy as np
 import pandas as pd
 import pytest
+from mechanisms import rectangle
 from numpy.testing import assert_allclose
 from tolerances.cases import ALL
 from tolerances.mechanisms import STEEL, cantilever
 from tolerances.modal import solve_small_vibrations
 from tolerances.references import SUMMARY, reference_uncertainties
-
-import beamdae as bd
 
 BY_NAME = {case.name: case for case in ALL}
 
@@ -71,7 +70,7 @@ def test_references_match_closed_forms(case):
 def test_small_vibrations_decay_to_the_static_deflection():
     times = np.linspace(0.0, 400.0, 5)
     columns = solve_small_vibrations(cantilever(damping=1e-4), times)
-    section = bd.Section.rectangle(STEEL, width=0.02, height=0.01)
+    section = rectangle(0.01, material=STEEL)
     deflection = 0.1 / (3.0 * section.EI) + 0.1 / section.GA
     # Cubic elements are exact for an end load; after 400 s the vibration has decayed.
     assert_allclose(columns["tip.y [m]"][[0, -1]], [0.0, deflection], rtol=1e-6, atol=1e-15)

@@ -1,13 +1,14 @@
-"""Hub beam and pendulum in Exudyn 1.13 or later (`pip install exudyn`).
+"""Hub beam, pendulum, and equilibria of structures in Exudyn 1.13 or later (`pip install exudyn`).
 
     python validation/performance/exudyn_peer.py '{"system": "hub beam", "elements": 8}'
 
-prints times, counts and the path of the tip. Without an argument, the script is a worker that reads
-such runs from standard input, one per line (`measurement.start_exudyn`).
+prints times, counts and the path of the tip, or the loaded point of a structure of
+`static_systems`. Without an argument, the script is a worker that reads such runs from standard
+input, one per line (`measurement.start_exudyn`).
 
 Beams consist of geometrically exact 2D elements of 2 or 3 nodes, curved and free of stress at the
 start. The torque is a symbolic function. Runs use one thread, write no files and reuse
-factorizations (modified Newton).
+factorizations (modified Newton); equilibria use a new matrix in each iteration.
 """
 
 from __future__ import annotations
@@ -18,11 +19,20 @@ import json
 import os
 import sys
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from static_systems import (
+    POISSON,
+    RHO,
+    SHEAR_FACTOR,
+    STRUCTURES,
+    WIDTH,
+    E,
+    Segment,
+    Structure,
+)
 
 # Import the module without range checks, which prints a note.
 sys.exudynFast = True
@@ -30,75 +40,65 @@ with contextlib.redirect_stdout(io.StringIO()):
     import exudyn as exu
     from exudyn import utilities as exd
 
-Array = np.ndarray
-
-
-@dataclass(frozen=True)
-class Arc:
-    """Arc of equal elements; angles are relative to the x-axis."""
-
-    start: tuple[float, float]
-    radius: float
-    length: float
-    angle: float
-    elements: int
-
-    @property
-    def turn(self) -> float:
-        """Angle that an element subtends [rad]."""
-        return self.length / self.radius / self.elements
-
-    def point(self, angle: float) -> list[float]:
-        """Return the point whose tangent has this angle."""
-        x = self.start[0] + self.radius * (np.sin(angle) - np.sin(self.angle))
-        y = self.start[1] - self.radius * (np.cos(angle) - np.cos(self.angle))
-        return [float(x), float(y)]
+RELATIVE_TOLERANCE = 1e-8
+STATIC_TOLERANCE = 1e-8  # of residuals of equilibria
+_WELD, _HINGE = [1, 1, 0, 0, 0, 1], [1, 1, 0, 0, 0, 0]  # constrained axes
 
 
 def add_beam(
-    mbs: Any, arc: Arc, section: dict[str, float], nodes: int
+    mbs: Any, segment: Segment, section: dict[str, float], elements: int, nodes: int = 2
 ) -> tuple[list[int], list[int]]:
     """Add elements of 2 or 3 nodes; return the nodes at their ends, and the elements."""
-    angles = arc.angle + arc.turn * np.arange(arc.elements + 1)
-    ends = [_add_node(mbs, arc.point(angle), angle) for angle in angles]
-    half, chord = 0.5 * arc.turn, 2.0 * arc.radius * np.sin(0.5 * arc.turn)
-    length = chord
+    lengths = np.linspace(0.0, segment.length, elements + 1).tolist()
+    ends = [
+        _add_node(mbs, segment.point(s), segment.angle + segment.curvature * s) for s in lengths
+    ]
+    half = 0.5 * segment.curvature * lengths[1]
+    length = chord = float(np.hypot(*np.subtract(segment.point(lengths[1]), segment.start)))
+    sag = 0.0
     if nodes == 3:
         # Quadratic axis whose tangents at both Gauss points are those of the arc.
         gauss = 1.0 / np.sqrt(3.0)
         sag = chord * np.tan(gauss * half) / (4.0 * gauss)
         length = 2.0 * np.hypot(0.5 * chord, 2.0 * sag * gauss)
-    element_numbers = []
-    for k in range(arc.elements):
+    added = []
+    for k, (a, b) in enumerate(pairwise(lengths)):
         element_nodes = [ends[k], ends[k + 1]]
         if nodes == 3:
-            middle = angles[k] + half
-            between = 0.5 * (np.array(arc.point(angles[k])) + arc.point(angles[k + 1]))
+            middle = segment.angle + segment.curvature * a + half
+            between = 0.5 * np.add(segment.point(a), segment.point(b))
             point = between - sag * np.array([-np.sin(middle), np.cos(middle)])
             element_nodes.insert(1, _add_node(mbs, point.tolist(), middle))
         element = exd.ObjectBeamGeometricallyExact2D(
             nodeNumbers=element_nodes,
             length=length,
-            referenceCurvature=arc.turn / length,
+            referenceCurvature=2.0 * half / length,
             includeReferenceRotations=True,
             **section,
         )
-        element_numbers.append(mbs.AddObject(element))
-    return ends, element_numbers
+        added.append(mbs.AddObject(element))
+    return ends, added
 
 
-def _add_node(mbs: Any, point: list[float], angle: float) -> int:
+def _add_node(mbs: Any, point: Any, angle: float) -> int:
     return mbs.AddNode(exd.NodeRigidBody2D(referenceCoordinates=[*point, float(angle)]))
+
+
+def _add_weight(mbs: Any, elements: list[int], gravity: float) -> None:
+    for element in elements:
+        marker = mbs.AddMarker(exd.MarkerBodyMass(bodyNumber=element))
+        load = exd.LoadMassProportional(markerNumber=marker, loadVector=[0.0, -gravity, 0.0])
+        mbs.AddLoad(load)
 
 
 def section_properties(
     E: float, rho: float, area: float, inertia: float, damping: float
 ) -> dict[str, float]:
-    """Return stiffness, mass and Kelvin-Voigt damping for Poisson's ratio 0.3."""
+    """Return stiffness, mass and Kelvin-Voigt damping."""
     stiffness = {
         "bending": E * inertia,
         "axial": E * area,
-        "shear": 5.0 / 6.0 * E / 2.6 * area,
+        "shear": SHEAR_FACTOR * E / (2.0 * (1.0 + POISSON)) * area,
     }
     return {
         "massPerLength": rho * area,
@@ -110,10 +110,9 @@ def section_properties(
 
 def add_hub_beam(mbs: Any, elements: int, nodes: int, damping: float) -> int:
     """Add the beam on a hub with a torque; return the node of its tip."""
-    arc = Arc((0.05, 0.0), 5.0, 5.0 * np.pi / 3.0, 0.0, elements)
-    ends, _ = add_beam(
-        mbs, arc, section_properties(68.952e9, 2766.7, 8e-5, 1.06667e-8, damping), nodes
-    )
+    arc = Segment((0.05, 0.0), 0.0, 5.0 * np.pi / 3.0, 1.0 / 5.0)
+    section = section_properties(68.952e9, 2766.7, 8e-5, 1.06667e-8, damping)
+    ends, _ = add_beam(mbs, arc, section, elements, nodes)
     node = _add_node(mbs, [0.0, 0.0], 0.0)
     hub = mbs.AddObject(exd.ObjectRigidBody2D(mass=1.0, inertia=0.3, nodeNumber=node))
     ground = mbs.AddMarker(exd.MarkerBodyPosition(bodyNumber=mbs.AddObject(exd.ObjectGround())))
@@ -121,8 +120,7 @@ def add_hub_beam(mbs: Any, elements: int, nodes: int, damping: float) -> int:
     mbs.AddObject(exd.RevoluteJoint2D(markerNumbers=[ground, center]))
     rim = mbs.AddMarker(exd.MarkerBodyRigid(bodyNumber=hub, localPosition=[0.05, 0.0, 0.0]))
     root = mbs.AddMarker(exd.MarkerNodeRigid(nodeNumber=ends[0]))
-    axes = [1, 1, 0, 0, 0, 1]
-    mbs.AddObject(exd.GenericJoint(markerNumbers=[rim, root], constrainedAxes=axes))
+    mbs.AddObject(exd.GenericJoint(markerNumbers=[rim, root], constrainedAxes=_WELD))
 
     def torque(mbs: Any, t: float, load: Any) -> list[Any]:
         return [0.0, 0.0, 10.0 * exu.symbolic.sin(2.0 * np.pi * t)]
@@ -138,13 +136,10 @@ def add_hub_beam(mbs: Any, elements: int, nodes: int, damping: float) -> int:
 def add_pendulum(mbs: Any, elements: int, nodes: int, damping: float) -> int:
     """Add the hanging beam with a tip mass; return the node of its tip."""
     area, gravity, mass = 0.03 * 0.0025, 9.81, 0.060
-    arc = Arc((0.0, 0.0), 0.85, 0.80, -0.60, elements)
+    arc = Segment((0.0, 0.0), -0.60, 0.80, 1.0 / 0.85)
     strip = section_properties(68.95e9, 2760.0, area, area * 0.0025**2 / 12.0, damping)
-    ends, added = add_beam(mbs, arc, strip, nodes)
-    for element in added:
-        marker = mbs.AddMarker(exd.MarkerBodyMass(bodyNumber=element))
-        load = exd.LoadMassProportional(markerNumber=marker, loadVector=[0.0, -gravity, 0.0])
-        mbs.AddLoad(load)
+    ends, added = add_beam(mbs, arc, strip, elements, nodes)
+    _add_weight(mbs, added, gravity)
     ground = mbs.AddMarker(exd.MarkerBodyPosition(bodyNumber=mbs.AddObject(exd.ObjectGround())))
     root = mbs.AddMarker(exd.MarkerNodePosition(nodeNumber=ends[0]))
     mbs.AddObject(exd.RevoluteJoint2D(markerNumbers=[ground, root]))
@@ -155,6 +150,47 @@ def add_pendulum(mbs: Any, elements: int, nodes: int, damping: float) -> int:
     )
     mbs.AddObject(tip)
     return ends[-1]
+
+
+def add_structure(mbs: Any, structure: Structure, elements: int) -> int:
+    """Add a structure and its load; return the node of the load."""
+    bending = structure.bending_stiffness
+    area, inertia = WIDTH * structure.height, WIDTH * structure.height**3 / 12.0
+    section = section_properties(E, RHO, area, inertia, 0.0)
+    first, end = structure.segments[0], structure.segments[-1]
+    ground = mbs.AddObject(exd.ObjectGround())
+
+    def support(point: tuple[float, float], angle: float, node: int, axes: list[int]) -> None:
+        place = exu.HT(rotation=exd.RotationMatrixZ(angle), translation=[*point, 0.0])
+        fixed = mbs.AddMarker(exd.MarkerBodyRigid(bodyNumber=ground, localHT=place))
+        moved = mbs.AddMarker(exd.MarkerNodeRigid(nodeNumber=node))
+        mbs.AddObject(exd.GenericJoint(markerNumbers=[fixed, moved], constrainedAxes=axes))
+
+    ends: list[int] = []
+    for segment in structure.segments:
+        before = ends
+        ends, added = add_beam(mbs, segment, section, elements)
+        _add_weight(mbs, added if structure.gravity else [], structure.gravity)
+        if not before:
+            support(first.start, first.angle, ends[0], _WELD)
+            continue
+        # Sections of both beams at a corner turn together.
+        rotation = exd.RotationMatrixZ(first.angle - segment.angle)
+        turned = exu.HT(rotation=rotation, translation=[0.0, 0.0, 0.0])
+        one = mbs.AddMarker(exd.MarkerNodeRigid(nodeNumber=before[-1]))
+        other = mbs.AddMarker(exd.MarkerNodeRigid(nodeNumber=ends[0], localHT=turned))
+        mbs.AddObject(exd.GenericJoint(markerNumbers=[one, other], constrainedAxes=_WELD))
+    if structure.is_hinged:
+        support(end.point(end.length), 0.0, ends[-1], _HINGE)
+    loaded = ends[round(structure.loaded * elements)]
+    marker = mbs.AddMarker(exd.MarkerNodeRigid(nodeNumber=loaded))
+    force = [bending * component for component in structure.force]
+    if any(force):
+        mbs.AddLoad(exd.LoadForceVector(markerNumber=marker, loadVector=[*force, 0.0]))
+    if structure.moment:
+        torque = [0.0, 0.0, structure.moment * bending]
+        mbs.AddLoad(exd.LoadTorqueVector(markerNumber=marker, loadVector=torque))
+    return loaded
 
 
 # Model, end time [s], and absolute tolerance of Newton's residual.
@@ -183,7 +219,15 @@ def time_run(
     )
     sensor = mbs.AddSensor(position)
     mbs.Assemble()
-    settings = _solver_settings(t_end, step, allowed, rho_inf)
+    settings = _common_settings()
+    settings.solution.sensors.writePeriod = 0.01
+    integration = settings.timeIntegration
+    integration.numberOfSteps, integration.endTime = round(t_end / step), t_end
+    integration.verboseMode = 0
+    integration.generalizedAlpha.spectralRadius = rho_inf
+    integration.newton.useModifiedNewton = True
+    integration.newton.relativeTolerance = RELATIVE_TOLERANCE
+    integration.newton.absoluteTolerance = allowed
     built = time.process_time()
     mbs.SolveDynamic(settings, solverType=exu.DynamicSolverType.GeneralizedAlpha)
     solved = time.process_time()
@@ -200,30 +244,55 @@ def time_run(
     }
 
 
-def _solver_settings(end: float, step: float, tolerance: float, rho_inf: float) -> Any:
+def time_equilibrium(system: str, elements: int, steps: int) -> dict[str, Any]:
+    """Return processor times of building and solution [s], counts, and the loaded point."""
+    begin = time.process_time()
+    mbs = exu.SystemContainer().AddSystem()
+    loaded = add_structure(mbs, STRUCTURES[system], elements)
+    mbs.Assemble()
+    settings = _common_settings()
+    static = settings.staticSolver
+    static.numberOfLoadSteps, static.verboseMode, static.adaptiveStep = steps, 0, True
+    static.newton.useModifiedNewton = False
+    static.newton.relativeTolerance = RELATIVE_TOLERANCE
+    static.newton.absoluteTolerance = STATIC_TOLERANCE
+    built = time.process_time()
+    try:
+        success = bool(mbs.SolveStatic(settings))
+    except Exception:
+        success = False
+    solved = time.process_time()
+    counts = mbs.sys["staticSolver"].it
+    position = mbs.GetNodeOutput(loaded, exu.OutputVariableType.Position)
+    return {
+        "build": built - begin,
+        "solve": solved - built,
+        "success": success,
+        "unknowns": len(mbs.systemData.GetODE2Coordinates()),
+        "steps": counts.currentStepIndex - 1,
+        "newton": counts.newtonStepsCount,
+        "point": [float(x) for x in position[:2]],
+    }
+
+
+def _common_settings() -> Any:
     settings = exu.SimulationSettings()
-    integration = settings.timeIntegration
-    integration.numberOfSteps, integration.endTime = round(end / step), end
-    integration.verboseMode = 0
-    integration.generalizedAlpha.spectralRadius = rho_inf
-    integration.newton.useModifiedNewton = True
-    integration.newton.relativeTolerance = 1e-8
-    integration.newton.absoluteTolerance = tolerance
     settings.solution.file.write = False
-    settings.solution.sensors.writePeriod = 0.01
     settings.linearSolver.solverType = exu.LinearSolverType.EigenSparse
     settings.parallel.numberOfThreads = 1
     return settings
 
 
-def answer_jobs(run: Callable[..., dict[str, Any]]) -> None:
+def answer_jobs() -> None:
     """Answer the jobs in the arguments or, without arguments, in the lines of standard input."""
     # Output of the library goes to standard error, so that answers are the only output.
     answers = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)
     for line in sys.argv[1:] or sys.stdin:
-        print(json.dumps(run(**json.loads(line))), file=answers, flush=True)
+        job = json.loads(line)
+        run = time_equilibrium if job["system"] in STRUCTURES else time_run
+        print(json.dumps(run(**job)), file=answers, flush=True)
 
 
 if __name__ == "__main__":
-    answer_jobs(time_run)
+    answer_jobs()

@@ -98,20 +98,15 @@ class Worker:
         self._process.communicate()
 
 
-def has_exudyn(python: str) -> bool:
-    """Return True if Exudyn is installed in this interpreter; otherwise, print a message."""
+def start_exudyn(python: str) -> Worker | None:
+    """Start Exudyn in this interpreter; return None, with a message, if it is not installed."""
     command = [python, "-c", "import exudyn"]
     try:
         subprocess.run(command, capture_output=True, check=True)
     except (OSError, subprocess.CalledProcessError):
         print(EXUDYN_MISSING.format(python=python), file=sys.stderr)
-        return False
-    return True
-
-
-def start_exudyn(python: str, script: str = "exudyn_peer.py") -> Worker | None:
-    """Start Exudyn in this interpreter; return None, with a message, if it is not installed."""
-    return Worker(python, script) if has_exudyn(python) else None
+        return None
+    return Worker(python, "exudyn_peer.py")
 
 
 def start_checkout(folder: Path) -> Worker:

@@ -193,7 +193,7 @@ def main() -> None:
     warnings.simplefilter("ignore", bd.BeamdaeWarning)
     sizes = QUICK_ELEMENTS if options.quick else ELEMENTS
     turns = QUICK_TURNS if options.quick else TURNS
-    peer = start_exudyn(options.peer, "exudyn_static_peer.py") if options.peer else None
+    peer = start_exudyn(options.peer) if options.peer else None
     rows = []
     for name, structure in STRUCTURES.items():
         finest = bd.equilibrium(build_structure(structure, 2 * max(QUICK_ELEMENTS)))

@@ -253,11 +253,13 @@ def _split_numbers(
     """Return the arrays of `CompliantForm.split` for the numbers of a linear law at `first`."""
     rest, points = data.copy(), data.copy()
     stiffness, damping = (rest[first + k * rows :][:rows] for k in (0, 1))
-    is_idle = np.zeros(stiffness.shape, bool) if idle is None else idle[:, 0].T
-    is_elastic = (stiffness > 0.0) & ~is_idle
+    # Without a root of its stiffness, a spring stays in the rest.
+    is_elastic = stiffness > 0.0
+    if idle is not None:
+        is_elastic &= ~idle[:, 0].T
     times = np.divide(damping, stiffness, out=np.zeros_like(damping), where=is_elastic)
-    points[first:][:rows][is_idle] = 0.0
-    stiffness[~is_idle], damping[is_elastic] = 0.0, 0.0
+    points[first:][:rows][~is_elastic] = 0.0
+    stiffness[is_elastic], damping[is_elastic] = 0.0, 0.0
     times = times.T[:, None]
     return rest, points.T[:, None], times, np.zeros_like(times)
 

@@ -101,6 +101,45 @@ VARIANT_CALLS: dict[str, WorkingCall] = {
         },
         run_with_part,
     ),
+    "RigidBody.disk": WorkingCall(
+        lambda box: {
+            "name": "wheel",
+            "center": (3.0, 0.0),
+            "radius": 0.1,
+            "density": 7850.0,
+            "thickness": 0.01,
+        },
+        run_with_part,
+    ),
+    "RigidBody.plate": WorkingCall(
+        lambda box: {
+            "name": "plate",
+            "center": (3.0, 0.0),
+            "width": 0.2,
+            "height": 0.1,
+            "angle": 0.0,
+            "mass": 1.0,
+        },
+        run_with_part,
+    ),
+    "RigidBody.polygon": WorkingCall(
+        lambda box: {
+            "name": "wedge",
+            "points": [(3.0, 0.0), (3.1, 0.0), (3.0, 0.1)],
+            "mass": 1.0,
+        },
+        run_with_part,
+    ),
+    "Beam with a free curve": WorkingCall(
+        lambda box: {
+            "name": "strip",
+            "curve": box.curve,
+            "section": box.section,
+            "elements": 1,
+            "free_curve": box.curve,
+        },
+        run_with_part,
+    ),
     "welded_beams": WorkingCall(
         lambda box: {
             "mechanism": box.mech,
@@ -142,6 +181,16 @@ NUMBER_CALLS: dict[str, WorkingCall] = {
         lambda box: {"material": box.material, "diameter": 0.01, "wall": 0.001, "damping": 0.0},
         run_with_section,
     ),
+    "Section.i_profile": WorkingCall(
+        lambda box: {
+            "material": box.material,
+            "width": 0.02,
+            "height": 0.04,
+            "flange": 0.002,
+            "web": 0.001,
+        },
+        run_with_section,
+    ),
     "piecewise": WorkingCall(
         lambda box: {"end": 0.005, "law": 1.0, "last": 0.0},
         run_with_law,
@@ -178,6 +227,12 @@ MECHANISM_CALLS: dict[str, WorkingCall] = {
     "Beam.at": WorkingCall(lambda box: {"s": 0.5}, run_with_mass_at, on=lambda box: box.beam),
     "Beam.strain": WorkingCall(
         lambda box: {"s": 0.5, "offset": 1e-3}, run_with_observable, on=lambda box: box.beam
+    ),
+    "Beam.stress": WorkingCall(
+        lambda box: {"s": 0.5, "offset": "top"}, run_with_observable, on=lambda box: box.beam
+    ),
+    "LineSurface.gap": WorkingCall(
+        lambda box: {"point": box.bar.at(*KNEE)}, run_with_observable, on=lambda box: box.floor
     ),
     "Beam.largest_stress": WorkingCall(
         lambda box: {"s": [0.2, 0.5], "exponent": 50.0},
