@@ -57,7 +57,6 @@ from .model_parameters import param as param
 from .parts.bodies.point_mass import PointMass as PointMass
 from .parts.bodies.reduced_body import ReducedBody as ReducedBody
 from .parts.bodies.rigid_body import RigidBody as RigidBody
-from .parts.control.blocks import low_pass as low_pass
 from .parts.control.blocks import pid as pid
 from .parts.control.blocks import transfer_function as transfer_function
 from .parts.control.controller import Controller as Controller
@@ -72,8 +71,6 @@ from .parts.forces.force_law import ForceLaw as ForceLaw
 from .parts.forces.friction import Friction as Friction
 from .parts.forces.loads import Force as Force
 from .parts.forces.loads import Moment as Moment
-from .parts.forces.smooth import positive_part as positive_part
-from .parts.forces.smooth import smooth_sign as smooth_sign
 from .parts.forces.springs import Spring as Spring
 from .parts.forces.springs import TorsionSpring as TorsionSpring
 from .parts.forces.surfaces import CircleSurface as CircleSurface

@@ -91,7 +91,7 @@ def _describe_misuse(
     allowed = f"the arguments are {join_names(public)}" if public else "it has none"
     unknown = next((x for x in settings if x not in signature.parameters), None)
     if unknown is not None and not any(x.kind is x.VAR_KEYWORD for x in parameters):
-        hint = _suggest_model_call(arguments[bound:], settings, unknown)
+        hint = _suggest_parameters(arguments[bound:], settings, unknown, "parameters" in public)
         return f"there is no argument {unknown!r}{hint or f'{suggest(unknown, public)}; {allowed}'}"
     try:
         signature.bind(*arguments, **settings)
@@ -100,12 +100,19 @@ def _describe_misuse(
     return ""
 
 
-def _suggest_model_call(arguments: tuple[Any, ...], settings: dict[str, Any], unknown: str) -> str:
-    """Return the end of a message if an argument contains parameters of a model function."""
+def _suggest_parameters(
+    arguments: tuple[Any, ...], settings: dict[str, Any], unknown: str, has_parameters: bool
+) -> str:
+    """Return the end of a message if an argument contains parameters of a model function.
+
+    Functions without an argument `parameters` accept the mechanism that the model returns.
+    """
     model: Any = settings.get("model", arguments[0] if arguments else None)
     known = getattr(model, "parameter_info", {})
     values = settings[unknown] if unknown == "parameters" else {unknown: settings[unknown]}
     if not (known and isinstance(values, dict) and set(values) <= set(known)):
         return ""
+    if has_parameters:
+        return f"; pass parameters={short_repr(values)}"
     texts = (f"{name}={short_repr(value)}" for name, value in values.items())
     return f"; pass parameters to the model function, as in {model.name}({', '.join(texts)})"

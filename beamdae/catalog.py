@@ -167,8 +167,6 @@ GROUPS = (
         AirDrag beams.damping
         StandardLinearSolid beams.viscoelasticity
         ForceLaw parts.forces.force_law
-        positive_part parts.forces.smooth
-        smooth_sign parts.forces.smooth
         """,
     ),
     _create_group(
@@ -200,7 +198,6 @@ GROUPS = (
         results.Input parts.signals
         results.Sensor parts.signals
         results.State parts.signals
-        low_pass parts.control.blocks
         transfer_function parts.control.blocks
         pid parts.control.blocks
         Controller parts.control.controller

@@ -392,10 +392,10 @@ def _unheld_motions(
     mechanism = equations.mechanism
     if mechanism is None or mechanism.events or mechanism.inputs or equations.controllers:
         return ()
-    times = [
-        time_on_branch(equations.breakpoints, t, end) for t in np.linspace(0.0, end, _FORCE_SAMPLES)
-    ]
-    if any(x.laws for x in mechanism.parts.values() if isinstance(x, Joint)):
+    samples = np.linspace(0.0, end, _FORCE_SAMPLES).tolist()
+    times = [time_on_branch(equations.breakpoints, t, end) for t in samples]
+    laws = [law for x in mechanism.parts.values() if isinstance(x, Joint) for law in x.laws]
+    if any(np.ptp([law.at(t) for t in samples]) for law in laws):
         # Drivers may be meant to swing bodies on which only weight acts, but seldom.
         weightless = copy(mechanism)
         weightless.gravity, weightless.gravity_laws = np.zeros(2), None

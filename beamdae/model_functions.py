@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, ParamSpec, TypeVar
 from weakref import WeakKeyDictionary
 
-from beamdae.deferred import module, public
+from beamdae.deferred import module
 from beamdae.errors import (
     BeamdaeError,
     NumberWithUnit,
@@ -290,10 +290,6 @@ class Model:
             elif conversion_factor(x.unit, "N/m") is not None:
                 checked[x.name] = NumberWithUnit, x.unit
         return ReadOnlyDict({x.name: x.unit for x in parameters}), checked
-
-    def check(self, **settings: Any) -> Any:
-        """Check the model without a complete run; see `beamdae.check`."""
-        return public("check")(self, **settings)
 
     def view(
         self, ranges: Mapping[str, Any] | None = None, t_end: float | None = None, **settings: Any

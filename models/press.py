@@ -35,7 +35,7 @@ def press(speed=12.0, inertia=20.0, ram_mass=40.0, slip=20.0, sheet=1.0, kind="p
 
     def punching(ram, t):
         travel = lowest + 6e-3 - ram.position[1]
-        descends = 0.5 * (1.0 - bd.smooth_sign(ram.velocity[1], 0.01))
+        descends = 0.5 * (1.0 - np.tanh(ram.velocity[1] / 0.01))
         return (0.0, descends * measured(travel))
 
     def drive(wheel, t):

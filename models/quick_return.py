@@ -42,7 +42,7 @@ def quick_return(
     )
 
     def cutting(tool, t):
-        return -0.5 * cutting_force * (1.0 + bd.smooth_sign(tool.velocity[0], 0.02)), 0.0
+        return -0.5 * cutting_force * (1.0 + np.tanh(tool.velocity[0] / 0.02)), 0.0
 
     mech.add(bd.ForceLaw("cutting", (ram.at(0.65, 0.61),), cutting))
 

@@ -160,7 +160,7 @@ MAP = bd.table(
     ([-1.0, 0.3, 1.2, 3.0], [-1.0, 0.2, 0.9]),
     [[0.1, 0.4, 1.2], [0.7, -0.3, 0.2], [1.1, 0.9, -0.4], [0.3, 0.6, 0.8]],
 )
-NO_PARTS = ("LineSurface", "CircleSurface", "Friction", "positive_part", "smooth_sign")
+NO_PARTS = ("LineSurface", "CircleSurface", "Friction")
 # Loads named "load" of the same mechanism.
 # The contacts of the catalog are open; those below penetrate.
 LOADS = catalog_parts("Loads and forces", "load", without=(*NO_PARTS, "Contact", "BeamContact")) | {

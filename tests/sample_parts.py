@@ -268,8 +268,6 @@ SAMPLES: dict[str, Callable[[SampleMechanism], dict[str, Any]]] = {
         "energy": _potential,
         "dissipative": False,
     },
-    "positive_part": lambda m: {"x": 1.0},
-    "smooth_sign": lambda m: {"x": 1.0, "scale": 1.0},
     "Law": lambda m: {
         "pieces": (lambda t: t, lambda t: 0.0),
         "breakpoints": (0.005,),

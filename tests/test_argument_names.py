@@ -51,6 +51,18 @@ def test_regression_parameters_of_analyses_are_passed_to_the_model(analysis, val
         analysis(press, **values)
 
 
+@pytest.mark.parametrize(
+    "function",
+    [bd.fit, bd.frequency_response, bd.gradient, bd.optimize, bd.sensitivities, bd.sweep],
+)
+def test_parameters_of_functions_that_vary_the_model_have_an_argument(function):
+    """`bd.sweep` and `bd.fit` suggested a mechanism, press(rpm=12.0), which they reject."""
+    with pytest.raises(
+        bd.BeamdaeError, match=r"argument 'rpm'; pass parameters=\{'rpm': 12\.0\}\.$"
+    ):
+        function(press, rpm=12.0)
+
+
 def test_regression_values_of_parameters_need_names():
     """The error was "takes 1 positional argument but 3 were given"."""
     with pytest.raises(bd.BeamdaeError, match=r"write press\(rpm=12\.0, elements=4\)\.$"):

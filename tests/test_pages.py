@@ -73,7 +73,7 @@ def test_tutorial_results_match_its_text(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     names = run_page(TUTORIAL)
     assert_allclose(names["modes"].frequencies, [2.81, 17.3, 63.4], rtol=2e-3)
-    assert names["mech"].check(predict=False).rigid_mobility == 1
+    assert bd.check(names["mech"], predict=False).rigid_mobility == 1
     assert names["run"].quality.energy_imbalance < 1e-5
     assert (tmp_path / "four_bar.gif").stat().st_size > 1e4
     assert np.ptp(names["run"]["pin.angle"]) == pytest.approx(0.36, abs=0.005)

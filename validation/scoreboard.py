@@ -401,6 +401,7 @@ BOARDS = (
     _trial_board("bad inputs", "inputs.catalog", 300, 60, 60.0, _draw_inputs),
     _trial_board("hostile files", "files", 160, 40, 60.0),
     _trial_board("random mechanisms", "mechanisms", 6, 2, 600.0),
+    _trial_board("random paths", "paths", 60, 5, 120.0),
     _trial_board("faults", "faults", 6, 3, 600.0, _draw_faults),
     _trial_board("interrupts", "interrupts", 6, 3, 400.0),
     Board(

@@ -329,7 +329,12 @@ class Errors(HasTable):
         if "mesh" in needed:
             halvings = int(np.ceil(np.log2(min(needed["mesh"], 1.0) / aim) / refined.mesh_order))
             if self.has_accuracy and (refined.degrees or halvings > _MAX_HALVINGS):
-                return join_names([*texts, f"accuracy={aim:g}"])
+                texts.append(f"accuracy={aim:g}")
+                if self.status.sentence:  # The accuracy of other columns was required.
+                    wrong = np.flatnonzero(self.total > LIMIT).tolist()
+                    columns = [remove_unit(self.headers[k]) for k in wrong]
+                    texts.append(f"accuracy_columns={columns}")
+                return join_names(texts)
             counts = [f"{2**halvings * x} elements of {y}" for y, x in refined.elements.items()]
             counts += [f"more elements= of {x}" for x in refined.degrees]
             texts.append(list_first(counts, _MAX_NAMES))

@@ -33,16 +33,12 @@ EXIT_CODES = (
 )
 # Commands that show warnings at once, because they run until they are interrupted.
 _ENDLESS_COMMANDS = ("view",)
-_COMMANDS_WITH_DETAILS = ("fit", "run", "static")  # see `Report.details`
 # In narrower terminals the boxes around help texts would cut words.
 _MIN_BOX_WIDTH = 76  # columns
 _OUT_OF_MEMORY = "out of memory; use fewer elements or a larger output step."
 _DELETED_FOLDER = "the working folder has been deleted; change to an existing folder."
 
 _OUTPUT_OPTIONS = {
-    "verbose": Annotated[
-        bool, output_option("--verbose", "-v", help="Print settings, cost and checks, too.")
-    ],
     "quiet": Annotated[bool, output_option("--quiet", "-q", help="Print errors only.")],
     "as_json": Annotated[
         bool, output_option("--json", help="Print the results as one JSON document.")
@@ -69,8 +65,8 @@ def wrap_command(name: str, command: Callable[..., None]) -> Callable[..., None]
             command(**options)
 
     @wraps(command)
-    def run_and_exit(*, quiet: bool, as_json: bool, verbose: bool = False, **options: Any) -> None:
-        output = CommandOutput(quiet, as_json, verbose)
+    def run_and_exit(*, quiet: bool, as_json: bool, **options: Any) -> None:
+        output = CommandOutput(quiet, as_json)
         for option in options.keys() - _OUTPUT_PATHS:
             if isinstance(path := options[option], Path):
                 register_input(path, CHECKPOINT if option == "resume_from" else "")
@@ -95,7 +91,6 @@ def wrap_command(name: str, command: Callable[..., None]) -> Callable[..., None]
             option, inspect.Parameter.KEYWORD_ONLY, default=False, annotation=annotation
         )
         for option, annotation in _OUTPUT_OPTIONS.items()
-        if option != "verbose" or name in _COMMANDS_WITH_DETAILS
     ]
     parameters = [
         x.replace(kind=inspect.Parameter.KEYWORD_ONLY)

@@ -85,18 +85,13 @@ class Job:
                 raise BeamdaeError(
                     f"{command}: --columns requires --accuracy; use both options or neither."
                 )
-            names = job.split(columns)
-            job.accuracy = {"accuracy": accuracy, "accuracy_columns": names}
+            job.accuracy = {"accuracy": accuracy, "accuracy_columns": split_names(columns) or None}
         return job
 
     @cached_property
     def mechanism(self) -> Any:
         """What the model function returns."""
         return self.model()
-
-    def split(self, texts: str | Sequence[str] | None) -> list[str] | None:
-        """Return the names in the values of an option; None without names, see `split_names`."""
-        return split_names(texts, self.model) or None
 
     def start(self, texts: list[str] | None) -> Any:
         """Return the start described by --start, or None without this option."""
@@ -149,7 +144,7 @@ class Job:
         def select(name: str) -> list[str]:
             return select_columns(headers, name, observed=observed, part=self.command)
 
-        selected = dict.fromkeys(y for name in self.split(names) or () for y in select(name))
+        selected = dict.fromkeys(y for name in split_names(names) for y in select(name))
         return list(selected), x and require_one_column(self.command, x, select(x))
 
     def run(

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import dis
-import inspect
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, is_dataclass, replace
@@ -17,7 +15,7 @@ from beamdae.catalog import INTEGRATORS
 from beamdae.cli import startup
 from beamdae.cli.output import record_results
 from beamdae.cli.ranges import parse_ends
-from beamdae.errors import BeamdaeError, require_choice, short_repr, suggest, warn_user
+from beamdae.errors import BeamdaeError, require_choice, short_repr, suggest
 from beamdae.report.option_names import form_of_option
 
 if TYPE_CHECKING:
@@ -347,23 +345,9 @@ def load_model(
 
     file = ModelFile(path, needs)
     model = file.model(name)
-    values = parse_assignments(settings)
-    model = replace(model, parameters=model.complete(values))
-    for unread in sorted(values.keys() - _read_names(model.build)):
-        warn_user(f"--set {unread}: {model.name} does not read this parameter; correct the model.")
+    model = replace(model, parameters=model.complete(parse_assignments(settings)))
     record_results(lambda: {"model": {"name": model.name, "parameters": model.parameters}})
     return model, file
-
-
-def _read_names(function: Callable[..., Any]) -> set[str]:
-    """Return the names of the arguments that the code of a model function reads; all if unknown."""
-    code = getattr(inspect.unwrap(function), "__code__", None)
-    if code is None or "locals" in code.co_names:
-        return set(inspect.signature(function).parameters)
-    loads = [x.argval for x in dis.get_instructions(code) if x.opname.startswith("LOAD_")]
-    # Instructions of Python 3.13 read two variables.
-    pairs = [x if isinstance(x, tuple) else (x,) for x in loads]
-    return {name for pair in pairs for name in pair if isinstance(name, str)} | {*code.co_cellvars}
 
 
 def find_state(command: str, mechanism: Any, about: str | None, speed: float | None = None) -> Any:
@@ -466,26 +450,10 @@ def _field_names(integrator: Any) -> list[str]:
     return [field.name for field in fields(integrator)] if is_dataclass(integrator) else []
 
 
-def split_names(texts: str | Sequence[str] | None, model: Model | None = None) -> list[str]:
-    """Return the names in the values of an option, which are separated by commas.
-
-    Names of parts, observables and columns of the `model` may contain commas.
-    """
-    names = []
-    for text in [texts] if isinstance(texts, str) else texts or ():
-        is_name = model is not None and "," in text and text in _list_names(model)
-        names += [text] if is_name else [x.strip() for x in text.split(",") if x.strip()]
-    return names
-
-
-def _list_names(model: Model) -> set[str]:
-    from beamdae.results.columns import remove_unit
-    from beamdae.simulation import as_equations
-
-    equations = as_equations("model", model, sampled=True)
-    headers = equations.observed_headers
-    parts = () if equations.mechanism is None else equations.mechanism.parts
-    return {*parts, *(x.name for x in equations.observables), *headers, *map(remove_unit, headers)}
+def split_names(texts: str | Sequence[str] | None) -> list[str]:
+    """Return the names in the values of an option, which are separated by commas."""
+    values = [texts] if isinstance(texts, str) else texts or ()
+    return [x.strip() for text in values for x in text.split(",") if x.strip()]
 
 
 def parse_assignments(settings: list[str] | None, option: str = "--set") -> dict[str, str]:

@@ -49,8 +49,6 @@ class CommandOutput:
         True to print only errors and, if `as_json` is True, the JSON document.
     as_json
         True to print the results as one JSON document instead of tables.
-    verbose
-        True to print settings, cost and checks of the solver, too.
     results, files, warnings, errors
         Contents of the JSON document, besides the command and its exit code.
     held_warnings
@@ -59,7 +57,6 @@ class CommandOutput:
 
     quiet: bool = False
     as_json: bool = False
-    verbose: bool = False
     results: dict[str, Any] = field(default_factory=dict)
     files: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)

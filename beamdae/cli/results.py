@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from beamdae.results.outcome import Status
 
 
-MAX_SCREEN_ROWS = 24
+_MAX_SCREEN_ROWS = 24
 
 
 @dataclass(frozen=True)
@@ -59,9 +59,10 @@ class Report:
     cost
         Text that follows the reason of the status.
     source
-        What shows columns of tables that do not fit into the terminal.
+        What shows columns of tables that do not fit into the terminal, and entries beyond
+        `max_rows`.
     max_rows
-        Most rows of a table; longer ones are complete in files and on pages.
+        Most rows of a table, most tables, and most failures.
     command
         Options that continue with the result, on one line.
     failures
@@ -74,7 +75,7 @@ class Report:
     warnings: Sequence[str] = ()
     cost: str = ""
     source: str = "the CSV file"
-    max_rows: int = MAX_SCREEN_ROWS
+    max_rows: int = _MAX_SCREEN_ROWS
     command: str = ""
     failures: Sequence[str] = ()
 
@@ -89,10 +90,10 @@ class Report:
             line = f"{self.name}: {line}" if line else self.name
             show(console, make_printable(name_options(line)), "bold")
         self._show_facts(console, self.description.facts)
-        for table in self.description.tables.values():
+        tables = [*self.description.tables.values()]
+        for table in tables[: self.max_rows]:
             self._show_table(console, table)
-        if current_output().verbose:
-            self._show_facts(console, self.description.details)
+        self._show_omission(console, len(tables), "table", self.source)
         if accuracy is not None and accuracy.success:
             show(console, f"accuracy reached: {name_options(accuracy.sentence)}", "dim")
         # The reason of a failure is the last line of a command.
@@ -100,8 +101,9 @@ class Report:
         print_warnings(console, (x for x in self.warnings if not reason or reason not in x))
         if self.command:
             console.print(self.command, style="dim", soft_wrap=True)
-        for sentence in self.failures:
+        for sentence in self.failures[: self.max_rows]:
             print_error(f"failed: {sentence}")
+        self._show_omission(create_console(stderr=True), len(self.failures), "failure", self.source)
 
     def _status_data(self, accuracy: Status | None) -> dict[str, Any]:
         statuses = (self.status, accuracy)
@@ -127,9 +129,11 @@ class Report:
         table = content if is_ready else table_of(content, self.source)
         rows = [list(map(name_options, row)) for row in table.rows[: self.max_rows]]
         show(console, replace(table, rows=rows))
-        if n_more := len(table.rows) - len(rows):
-            text = f"not shown: {format_count(n_more, 'row')}; see {table.source}"
-            show(console, text, "dim")
+        self._show_omission(console, len(table.rows), "row", table.source)
+
+    def _show_omission(self, console: Any, count: int, noun: str, source: str) -> None:
+        if (n_more := count - self.max_rows) > 0:
+            show(console, f"not shown: {format_count(n_more, noun)}; see {source}", "dim")
 
 
 @dataclass

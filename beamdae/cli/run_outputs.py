@@ -179,6 +179,7 @@ def describe_run(
     from beamdae.report.descriptions import Description
     from beamdae.report.terminal.text_tables import column_extremes, range_rows, run_facts
     from beamdae.results.columns import remove_unit
+    from beamdae.results.outcome import REACHED_END
     from beamdae.results.storage.files import write_metadata
 
     required = _required_accuracy(solution, job.accuracy["accuracy"])
@@ -186,8 +187,7 @@ def describe_run(
     if errors or sentences:
         with signals.defer_interrupts():
             write_metadata(table, solution.metadata(errors=errors, warnings=warnings) | required)
-    details = run_facts(solution)
-    facts = {topic: details.pop(topic) for topic in ("events",) if topic in details}
+    facts = {topic: x for topic, x in run_facts(solution).items() if topic == "events"}
     for name, x in comparisons.items():
         unit = split_unit(name)[1]
         rms, largest = (format_with_unit(float(f"{x[k]:.3g}"), unit) for k in ("RMS", "largest"))
@@ -210,12 +210,14 @@ def describe_run(
         return data | required | ({"data": comparisons} if comparisons else {})
 
     statistics = solution.statistics
+    # The sentences of other ends contain their time.
+    end = f"t = {solution.trajectory.end:.6g} s, " if solution.status == REACHED_END else ""
     return Report(
         job.model.name,
-        Description(facts, tables, create_data, details),
+        Description(facts, tables, create_data),
         solution.status,
         warnings,
-        f"t = {solution.trajectory.end:.6g} s, {format_count(statistics.steps, 'step')} of "
+        f"{end}{format_count(statistics.steps, 'step')} of "
         f"{solution.integrator.get('method', solution.label)} in "
         f"{statistics.setup_time + statistics.wall_time:.2g} s",
         "--json",

@@ -12,7 +12,7 @@ from beamdae.cli import signals
 from beamdae.cli.options import parse_start, split_names
 from beamdae.cli.output_paths import require_writable
 from beamdae.cli.progress import show_study_progress
-from beamdae.cli.results import MAX_SCREEN_ROWS, Report, ResultFiles, run_analysis
+from beamdae.cli.results import Report, ResultFiles, run_analysis
 from beamdae.errors import require_positive
 from beamdae.interrupts import Interrupted
 
@@ -66,7 +66,7 @@ def apply_run_options(
     if output_step is not None:
         study = replace(study, output_step=output_step)
     if columns:
-        study = replace(study, columns=tuple(split_names(columns, study.cases[0].model)))
+        study = replace(study, columns=tuple(split_names(columns)))
     if start:
         from beamdae.parts.mechanism import require_start
 
@@ -165,8 +165,12 @@ def run_and_write(
         return study.tables
 
     def describe(study: StudyReport) -> Report:
+        from beamdae.report.terminal import text_tables
+
         written.failed |= study.results.failed
-        failures = [*study.report.failures, *list_failures(study.results)]
+        rows = study.results.table
+        failed = text_tables.failure_sentences(rows[~rows["status"].isin(MISSING_KINDS)])
+        failures = [*study.report.failures, *failed]
         status = _describe_end(study.results, n_runs)
         return replace(study.report, failures=failures, status=status)
 
@@ -198,16 +202,3 @@ def _describe_end(results: StudyResults, n_runs: int) -> Status | None:
         reason = f"because {missing[0].status.sentence}; {_RESUME_HINT}"
         return Status("not run", f"{len(missing)} of {n_runs} runs, {reason}")
     return None
-
-
-def list_failures(results: StudyResults) -> list[str]:
-    """Return a sentence for each of the first unsuccessful cases, and the number of others.
-
-    Interrupted cases and cases that were not run are omitted.
-    """
-    from beamdae.report.terminal import text_tables
-
-    rows = results.table[~results.table["status"].isin(MISSING_KINDS)]
-    reasons = text_tables.failure_sentences(rows)
-    further = [f"{len(reasons) - MAX_SCREEN_ROWS} further cases; see cases.csv"]
-    return [*reasons[:MAX_SCREEN_ROWS], *further * (len(reasons) > MAX_SCREEN_ROWS)]

@@ -78,7 +78,6 @@ typedef struct {
     Reals lower, pivots; /* entries of the unit factor below the diagonal */
     Indices first;       /* first entry of each column of `lower` that has not been used yet */
     Reals x;             /* work array by position */
-    double smallest_pivot; /* smallest magnitude */
 } FixedOrderFactors;
 
 int factorize(LinearSolver *linear, Reals nonzeros);

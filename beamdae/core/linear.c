@@ -168,7 +168,6 @@ int64_t count_negative_pivots(FixedOrderFactors *run, Reals nonzeros) {
     double *x = run->x.at, *lower = run->lower.at, *pivots = run->pivots.at;
     uint32_t *first = run->first.at;
     int64_t count = 0;
-    run->smallest_pivot = INFINITY;
     fill(run->x, 0.0);
     for (int64_t j = 0; j < run->x.size; j++) {
         for (uint32_t e = plan->starts.at[j]; e < plan->starts.at[j + 1]; e++)
@@ -186,7 +185,6 @@ int64_t count_negative_pivots(FixedOrderFactors *run, Reals nonzeros) {
         if (pivot == 0.0 || !isfinite(pivot) || !isfinite(1.0 / pivot)) return -1;
         pivots[j] = pivot, first[j] = lower_starts[j], x[j] = 0.0;
         count += pivot < 0.0;
-        run->smallest_pivot = smallest_of(run->smallest_pivot, fabs(pivot));
         for (uint32_t q = lower_starts[j]; q < lower_starts[j + 1]; q++) {
             lower[q] = x[lower_rows[q]] / pivot;
             x[lower_rows[q]] = 0.0;

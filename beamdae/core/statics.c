@@ -25,9 +25,6 @@
    all zero eigenvalues that were tried: free beams with h/L = 1e-5 to 3e-2 and 2 to 128 elements in
    any position, prestressed beams, and linkages of up to 60 bodies. */
 #define SHIFT_RATIO 1e-15
-/* Motions with a pivot below this fraction may have no stiffness: pivots of coordinates are their
-   stiffness if all later ones are free to move. */
-#define MIN_PIVOT_RATIO 1e-13
 
 /* Negative pivots of the tangent; see analysis/statics/pivot_signs.py. */
 
@@ -51,8 +48,6 @@ static void shift_diagonal(SaddlePoint *run, double shift) {
 
 static void count_signs(SaddlePoint *run, Reals tangent) {
     assemble_saddle_point(run, tangent);
-    run->below = run->above = count_negative_pivots(&run->factors, run->nonzeros);
-    if (run->above >= 0 && run->factors.smallest_pivot > MIN_PIVOT_RATIO * run->size) return;
     shift_diagonal(run, -SHIFT_RATIO * run->size);
     run->above = count_negative_pivots(&run->factors, run->nonzeros);
     shift_diagonal(run, 2.0 * SHIFT_RATIO * run->size);

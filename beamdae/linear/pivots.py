@@ -75,15 +75,17 @@ def propose_plans(
         with suppress(RuntimeError, np.linalg.LinAlgError):
             remainder = blocks.eliminate(scale[pattern.indices] * nonzeros)
             yield _plan_blocks(key, blocks, remainder, scale)
-    try:
+    # Without the largest pivots, a matrix may become singular by rounding.
+    with suppress(RuntimeError):
         bordered = _choose_order(key)
         factors = factorize_in_order(_scale_matrix(bordered, nonzeros, scale))
         yield _plan_pivots(key, key, bordered, factors, scale)
-        natural = _natural_order(key)
+    natural = _natural_order(key)
+    try:
         factors = factorize_with_partial_pivoting(_scale_matrix(natural, nonzeros, scale))
-        yield _plan_pivots(key, key, natural, factors, scale)
     except RuntimeError as problem:
         raise SingularMatrixError("the matrix is singular") from problem
+    yield _plan_pivots(key, key, natural, factors, scale)
 
 
 class _PatternKey(NamedTuple):
@@ -178,16 +180,19 @@ def _compute_row_scale(key: _PatternKey, nonzeros: Array) -> Array:
     """Return powers of two close to 1 / the largest magnitude in each row.
 
     Multipliers are unknowns without diagonal entry. Their columns count in constraints alone: their
-    unit would decide which other terms of an equation are rounding errors.
+    unit would decide which other terms of an equation are rounding errors. They count as well if
+    all other terms are rounding errors beside theirs, as those of a body without stiffness.
     """
     starts, rows = (np.frombuffer(x, np.intp) for x in key)
     columns = np.repeat(np.arange(key.size), np.diff(starts))
     is_diagonal = (rows == columns) & (nonzeros != 0.0)
     has_diagonal = np.bincount(columns[is_diagonal], minlength=key.size) > 0
-    sizes = np.where(has_diagonal[columns] | ~has_diagonal[rows], np.abs(nonzeros), 0.0)
-    largest = np.zeros(key.size)
+    sizes = np.abs(nonzeros)
+    counted, largest = np.zeros((2, key.size))
+    np.maximum.at(counted, rows, np.where(has_diagonal[columns] | ~has_diagonal[rows], sizes, 0.0))
     np.maximum.at(largest, rows, sizes)
-    return invert_to_power_of_two(largest)
+    is_known = counted > np.finfo(float).eps * largest
+    return invert_to_power_of_two(np.where(is_known, counted, largest))
 
 
 def _plan_blocks(

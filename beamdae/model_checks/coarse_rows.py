@@ -129,7 +129,8 @@ def coarse_row_warnings(run: RunData) -> Iterator[str]:
     if unknown:
         remedy = (
             "this long run stores only some of its steps, so larger peaks between the output rows "
-            "are unknown; set keep_steps=True, or reduce output_step= or the end time"
+            "are unknown; reduce output_step= or the end time, or use "
+            "bd.simulate(..., keep_steps=True)"
         )
     else:
         remedy = "tables of extremes and step_extremes include these values; curves show them with "

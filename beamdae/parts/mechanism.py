@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from beamdae.deferred import module, public
+from beamdae.deferred import module
 from beamdae.errors import (
     BeamdaeError,
     as_text,
@@ -592,10 +592,6 @@ class Mechanism(HasOrigin):
                 "see mechanism.parts for all parts."
             )
         return self.parts[name]
-
-    def check(self, **settings: Any) -> Any:
-        """Check the mechanism without a complete run; see `beamdae.check`."""
-        return public("check")(self, **settings)
 
     def draw(self) -> Any:
         """Draw the mechanism: bodies, joints, supports, springs and loads with their names.

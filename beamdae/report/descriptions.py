@@ -26,6 +26,7 @@ _PRINTED_MULTIPLIERS = 4
 _RATE = "growth rate [1/s]"
 # Overdamped vibrations of a damping time T decay at rates from 1 / T to 2 / T.
 _DECAY_RANGE = 2.0
+_SAME = ("kind", "moves")  # columns with equal values in merged rows
 
 
 @dataclass(frozen=True)
@@ -41,7 +42,7 @@ class Description:
     data
         Function that returns the entries of the JSON document beside status and reason.
     details
-        Facts that are shown on request.
+        Further facts, which pages show.
     """
 
     facts: Mapping[str, str] = field(default_factory=dict)
@@ -88,13 +89,14 @@ def _describe_modes(modes: Any) -> Description:
 
 
 def _merge_decays(table: pd.DataFrame) -> pd.DataFrame:
-    """Return the table of modes with one row for overdamped vibrations by one damping time."""
+    """Return the table with one row for overdamped vibrations of a part by one damping time."""
     import pandas as pd
 
     blocks: list[list[dict[Any, Any]]] = []
     for row in table.to_dict("records"):
-        is_decay = row["kind"] == "decay" and bool(blocks) and blocks[-1][0]["kind"] == "decay"
-        if is_decay and row[_RATE] >= _DECAY_RANGE * blocks[-1][0][_RATE]:
+        first = blocks[-1][0] if blocks else {}
+        is_similar = row["kind"] == "decay" and all(row[x] == first.get(x) for x in _SAME)
+        if is_similar and row[_RATE] >= _DECAY_RANGE * first[_RATE]:
             blocks[-1].append(row)
         else:
             blocks.append([row])
@@ -104,9 +106,7 @@ def _merge_decays(table: pd.DataFrame) -> pd.DataFrame:
             if name in ("mode", _RATE):
                 ends = dict.fromkeys(format_number(x, 5) for x in (values[0], values[-1]))
                 rows[0][name] = " to ".join(ends)
-            elif name == "moves":
-                rows[0][name] = values[0] if len(set(values)) == 1 else "several parts"
-            elif name != "kind":
+            elif name not in _SAME:
                 total = sum if name.startswith("effective mass") else max
                 rows[0][name] = total(values)
     return pd.DataFrame([rows[0] for rows in blocks], columns=table.columns)

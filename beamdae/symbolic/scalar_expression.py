@@ -18,9 +18,7 @@ _METHODS = (
     *("arcsinh", "arccosh", "arctanh", "exp", "expm1", "log", "log10", "log1p", "sqrt"),
     *("fabs", "fmin", "fmax", "hypot"),
 )
-SMOOTH_ALTERNATIVES = (
-    "bd.positive_part(x) for one-sided terms and bd.smooth_sign(x, scale) for signs"
-)
+SMOOTH_ALTERNATIVES = "np.maximum(x, 0.0) for one-sided terms and np.tanh(x / scale) for signs"
 _MAX_TEXT_LENGTH = 60  # of an expression in a message
 
 

@@ -1,5 +1,7 @@
 """Runs that are refined until an accuracy is reached: true errors, limits and interrupts."""
 
+import re
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -115,6 +117,8 @@ def test_named_columns_are_accurate():
         float(x.errors.select(["tip.angle_dot [rad/s]"]).largest) for x in (by_default, rates)
     ]
     assert errors[1] <= 0.02 < errors[0]
+    # The advice was to require the accuracy that had been required.
+    assert re.search(r"accuracy_columns=\[.*tip\.angle_dot", by_default.errors.recommend())
 
 
 @pytest.mark.slow(reason="a second")

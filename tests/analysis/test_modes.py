@@ -155,6 +155,18 @@ def test_effective_masses_add_up_to_the_moving_mass():
     assert_allclose(modes.mac(modes), np.eye(len(modes)), atol=1e-7)
 
 
+def test_errors_of_modes_with_states_that_move_no_mass_are_measured():
+    """The integral of a saturated controller: `errors` ended with a ValueError of SciPy."""
+    mech = bd.Mechanism()
+    beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (0.5, 0.0)), STRIP, elements=2))
+    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), beam.start))
+    angle = mech.sensor("angle", beam.start, "angle")
+    torque = bd.pid(mech, "servo", 1.0 - angle, kp=50.0, ki=10.0, kd=0.0, rate=0.0, limits=(-1, 1))
+    mech.add(bd.Moment("motor", beam.start, torque))
+    modes = bd.modes(mech, n=4)
+    assert np.isfinite(modes.errors.total).all()
+
+
 @pytest.mark.parametrize("damping", [3.0, 300.0])
 def test_effective_masses_of_complex_modes_are_those_of_state_space_residues(damping):
     """A damper on one mass of two: magnitudes of complex shapes added up to a wrong mass."""

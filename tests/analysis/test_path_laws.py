@@ -5,51 +5,14 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from properties.random_frames import build_frame, check_path, draw_frame, trace
 
 import beamdae as bd
 
 STEEL = bd.Material.of("steel")
 FORMULATIONS = [{"formulation": "exact"}, {"strain": "exact"}]
 BOTH = pytest.mark.parametrize("options", FORMULATIONS, ids=["exact", "floating frame"])
-CONTROLS = [{}, {"control": "arc length"}, {"control": "arc length", "step": 0.02}]
-
-
-def random_frame(seed, **options):
-    """Return a column, portal or arch of random size and supports, with EI / L^2 as its load."""
-    rng = np.random.default_rng(seed)
-    size = 10.0 ** rng.uniform(-1.0, 2.0)
-    material = bd.Material(E=10.0 ** rng.uniform(6.0, 11.0), nu=0.3, rho=10.0 ** rng.uniform(1, 4))
-    section = bd.Section.rectangle(material, 0.02 * size, size * 10.0 ** rng.uniform(-3.0, -1.5))
-    kind = ("column", "portal", "arch")[rng.integers(3)]
-    if kind == "column":
-        curves = [bd.Line((0.0, 0.0), (0.0, size))]
-    elif kind == "portal":
-        points = size * np.array(
-            [(0.0, 0.0), (rng.uniform(-0.1, 0.1), 1.0), (1.0, 1.1), (1.2, 0.0)]
-        )
-        curves = [bd.Line(tuple(a), tuple(b)) for a, b in pairwise(points)]
-    else:
-        half = rng.uniform(0.2, 1.5)
-        curves = [bd.Arc(-size, 2.0 * half * size, start=(0.0, 0.0), angle=half)]
-    mech = bd.Mechanism()
-    beams = [
-        mech.add(bd.Beam(f"beam {k}", curve, section, int(rng.integers(2, 6)), **options))
-        for k, curve in enumerate(curves)
-    ]
-    for k, (one, other) in enumerate(pairwise(beams)):
-        mech.add(bd.Weld(f"corner {k}", one.end, other.start))
-    supports = [("first", beams[0].start, bd.Weld)]
-    if kind != "column":
-        supports.append(("last", beams[-1].end, (bd.Weld, bd.Revolute)[rng.integers(2)]))
-    for name, point, joint in supports:
-        mech.add(joint(name, mech.ground.at(*point.point), point))
-    at = beams[0].at(0.5 * beams[0].length) if kind == "arch" else beams[0].end
-    # Symmetric loads, in half of the structures, have branch points.
-    force = section.EI / size**2 * np.array([rng.choice([0.0, 0.05]), -1.0])
-    axes = ("inertial", "body")[rng.integers(2)] if kind == "column" else "inertial"
-    mech.add(bd.Force("press", at, tuple(force), axes=axes))
-    mech.observe("loaded", at)
-    return mech
+CONTROLS = [{"control": "load"}, {"control": "arc length"}, {"step": 0.02}]
 
 
 def portal(height=0.02, **options):
@@ -85,7 +48,7 @@ def assert_same_points(one, other, rtol=1e-8):
 
 
 def count_growing_modes(mech, path, row):
-    values = bd.modes(mech, about=path.at(row)).eigenvalues
+    values = bd.modes(mech, n=path.q.shape[1], about=path.at(row)).eigenvalues
     growing = values[values.real > 1e-6 * np.abs(values)]
     # An oscillation is a pair of conjugate values, of which one is listed.
     return sum(2 if abs(x.imag) > 1e-6 * abs(x) else 1 for x in growing)
@@ -94,8 +57,9 @@ def count_growing_modes(mech, path, row):
 @pytest.mark.slow(reason="a second each")
 @pytest.mark.parametrize("seed", range(12))
 def test_unstable_directions_are_growing_modes_and_change_at_critical_points(seed):
-    mech = random_frame(seed, **FORMULATIONS[seed % 2])
-    path = bd.equilibrium(mech, to=50.0, max_points=150, **CONTROLS[seed % 3])
+    frame = draw_frame(seed)
+    mech = build_frame(frame)
+    path = trace(mech, frame.target, **CONTROLS[seed % 3])
     weights = {one.row: 2 if one.kind == "flutter point" else 1 for one in path.critical}
     regular = [row for row in range(len(path.q)) if row not in weights]
     for a, b in pairwise(regular):
@@ -207,3 +171,13 @@ def test_steps_do_not_lead_to_neighboring_paths(options):
     # Displacement control with small steps.
     assert [point.kind for point in path.critical] == ["limit point"]
     assert path.critical[0].factor == pytest.approx(8.97864, rel=1e-5)
+
+
+# A frame that moves freely without load (67), a path that begins under load with
+# large reactions (69), and one on which pivots in a fixed order are unsuitable (80).
+@pytest.mark.slow(reason="up to three seconds each")
+@pytest.mark.parametrize("seed", [67, 69, 80])
+def test_paths_are_reversible_and_depend_on_no_steps_units_or_axes(seed):
+    departures = dict(check_path(draw_frame(seed)))
+    assert departures == dict.fromkeys(departures, "")
+    assert "reversed" in departures

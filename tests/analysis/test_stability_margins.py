@@ -177,7 +177,7 @@ def test_command_in_a_formula_of_a_state_is_differentiated():
     mech.add(bd.Spring("spring", wall, mass.point, 50.0, 3.0, 0.9))
     x = mech.sensor("x", mass.point, "x")
     command = bd.pid(mech, "servo", 1.0 - x, 30.0, 40.0, 4.0, filter_time=0.01)
-    drive = bd.low_pass(mech, "drive", (1.0 + 0.1 * x) * command, 0.02)
+    drive = mech.state("drive", lambda y, t: ((1.0 + 0.1 * x) * command - y) / 0.02)
     mech.add(bd.Force("motor", mass.point, (drive, 0.0)))
     loop = bd.margins(bd.linearize(mech, "equilibrium"), "servo")
     assert loop.stable

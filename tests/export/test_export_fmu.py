@@ -43,7 +43,8 @@ def crane(
     mech.add(bd.Revolute("pin", arm.end, load.point))
     mech.add(bd.TorsionSpring("spring", hinge.a, hinge.b, stiffness))
     mech.add(bd.Moment("motor", arm.start, torque))
-    mech.add(bd.Moment("slow motor", arm.end, bd.low_pass(mech, "lag", torque, 0.02, start=0.2)))
+    lag = mech.state("lag", lambda lag, t: (torque - lag) / 0.02, start=0.2, unit="N m")
+    mech.add(bd.Moment("slow motor", arm.end, lag))
     gust = bd.piecewise((0.05, lambda t: 0.0), lambda t: 2.0)
     mech.add(bd.Force("gust", arm.end, (0.0, gust)))
     mech.observe("tip", arm.end)
@@ -461,13 +462,14 @@ def test_regression_reactions_of_driven_mechanisms_are_resolved(tmp_path, compil
         return amplitude * (ca.cos(rate * t) - 1.0)
 
     def push(point, t):
-        return 0.0, force * (1.0 - bd.smooth_sign(point.velocity[1], speed))
+        return 0.0, force * (1.0 - np.tanh(point.velocity[1] / speed))
 
     drive = mech.add(bd.TranslationalDriver("drive", base, slide, law, direction=up))
     mech.add(bd.ForceLaw("push", slide, push))
     mech.observe("drive", drive.reaction)
     if time_constant is not None:
-        bd.low_pass(mech, "filter", mech.sensor("y", slide, "y"), time_constant)
+        y = mech.sensor("y", slide, "y")
+        mech.state("filter", lambda x, t: (y - x) / time_constant, unit="m")
     settings = {"integrator": "radau", "rtol": 1e-5, "platforms": None, "t_end": 1.0}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", bd.BeamdaeWarning)

@@ -65,7 +65,7 @@ def with_flexible_link():
     mech.add(bd.Friction("rubbing", guide, 0.1, **rubs))
 
     def cutting(tool, t):
-        return -400.0 * (1.0 + bd.smooth_sign(tool.velocity[0], 0.02)), 0.0
+        return -400.0 * (1.0 + np.tanh(tool.velocity[0] / 0.02)), 0.0
 
     mech.add(bd.ForceLaw("cutting", (ram.at(0.65, 0.61),), cutting))
     return mech

@@ -29,7 +29,7 @@ def crank(friction=0.0, law=None, every=EVERY, delay=0):
     torque = mech.input("torque", unit="N m")
     mech.add(bd.Moment("motor", bar.at(0.0, 0.0), torque))
     angle, rate = (mech.sensor(x, bar.at(0.0, 0.0), x) for x in ("angle", "angle_dot"))
-    slow = bd.low_pass(mech, "slow", angle + 0.01 * torque, 0.05)
+    slow = mech.state("slow", lambda slow, t: (angle + 0.01 * torque - slow) / 0.05)
     law = law or (lambda sample: 30.0 * (0.5 - sample.reads[0]) - 4.0 * sample.reads[1])
     mech.add(bd.Controller("servo", every, [angle, rate, slow], [torque], law, delay=delay))
     mech.observe("center", bar.at(0.5, 0.0))

@@ -199,3 +199,16 @@ def test_missing_plan_is_requested_and_singular_matrix_is_reported():
     assert system.factorize() == NEW_PIVOTS
     system.linear.singular = 1
     assert system.factorize() == SINGULAR
+
+
+@pytest.mark.parametrize("rest", [0.0, 1e-145, 1e-29, 1e-16])
+def test_equations_whose_diagonal_is_a_rounding_error_have_pivots(rest):
+    # Bodies without stiffness, held by two multipliers each, in a chain.
+    size, rng = 6, np.random.default_rng(0)
+    dense = np.diag(np.append(rest * rng.normal(size=size), np.zeros(size)))
+    dense[size:, :size] = rng.normal(size=(size, size))
+    dense[:size, size:] = dense[size:, :size].T
+    matrix = sp.csc_array(dense)
+    plan, factors = analyze(matrix, matrix.data)
+    right = rng.normal(size=2 * size)
+    assert_allclose(solve_with(plan, factors, right), np.linalg.solve(dense, right), rtol=1e-9)

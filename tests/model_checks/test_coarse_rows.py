@@ -26,7 +26,7 @@ def stop_law(form, **settings) -> bd.results.Solution:
     depths = np.linspace(0.0, 4e-4, 41)
     table = bd.table(depths, 1e10 * depths**1.5)
     laws = {
-        "formula": lambda p, t: (0.0, 1e10 * bd.positive_part(-p.position[1]) ** 1.5),
+        "formula": lambda p, t: (0.0, 1e10 * np.maximum(-p.position[1], 0.0) ** 1.5),
         "table": lambda p, t: (0.0, table(-p.position[1])),
     }
     mech.observe("stop", mech.add(bd.ForceLaw("stop", body.point, laws[form])).force)

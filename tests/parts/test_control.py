@@ -31,7 +31,7 @@ def _loop_without_actuator(actuator=None, limits=None, is_sampled=False):
 _ACTUATORS = [
     lambda mech, at, u: bd.Force("motor", at, (1.0 - u, 0.0)),
     lambda mech, at, u: bd.ForceLaw("motor", at, lambda point, t: (u, 0.0)),
-    lambda mech, at, u: bd.Force("motor", at, (bd.low_pass(mech, "lag", u, 1e-3), 0.0)),
+    lambda mech, at, u: bd.Force("motor", at, (mech.state("lag", lambda x, t: (u - x) / 1e-3), 0)),
     lambda mech, at, u: bd.Force("motor", at, (bd.pid(mech, "inner", u, 2.0), 0.0)),
 ]
 
@@ -340,12 +340,11 @@ def test_step_response_of_a_transfer_function():
     mech = bd.Mechanism()
     step = mech.input("step", default=1.0)
     output = bd.transfer_function(mech, "filter", step, [0.5, 1.0, 8.0], [1.0, 2.0, 9.0])
-    lag = bd.low_pass(mech, "lag", output, time_constant=0.3)
+    mech.state("lag", lambda lag, t: (output - lag) / 0.3)
     run = bd.simulate(mech, bd.Radau(1e-8), t_end=3.0, output_step=0.1)
     plant = control.tf([0.5, 1.0, 8.0], [1.0, 2.0, 9.0]) * control.tf([1.0], [0.3, 1.0])
     expected = control.step_response(plant, run.t).outputs
     np.testing.assert_allclose(run["lag"], expected, atol=1e-7)
-    assert lag.name == "lag"
 
 
 def build_stage(goal=0.1, kp=300.0, **options):
@@ -405,7 +404,6 @@ def test_invalid_units_are_rejected_at_once(unit):
     mech = bd.Mechanism()
     for add in (
         lambda: mech.state("lag", unit=unit),
-        lambda: bd.low_pass(mech, "lag", 1.0, time_constant=0.3, unit=unit),
         lambda: mech.input("lag", unit=unit),
     ):
         with pytest.raises(bd.BeamdaeError, match=r"lag: (units|angles) must be"):
@@ -445,10 +443,8 @@ def test_states_of_blocks_have_the_units_of_their_formulas(value, unit, expected
     settings = {} if unit is None else {"unit": unit}
     bd.pid(mech, "servo", value, 1.0, ki=1.0, kd=1.0, filter_time=0.1, **settings)
     bd.transfer_function(mech, "block", value, [1.0], [1.0, 1.0, 1.0], **settings)
-    lag = bd.low_pass(mech, "lag", value, 0.1, **settings)
     names = ("servo filter", "servo integral", "block 1", "block 2")
     assert tuple(mech.part(name).unit for name in names) == expected
-    assert lag.unit == expected[0]
 
 
 def test_regression_integrals_of_quotients_have_their_unit():

@@ -185,10 +185,10 @@ SENTENCES = {
     "^s: energy requires law=": lambda: bd.Spring("s", ON, BOB.point, 1.0, energy=lambda x: x),
     "^s: law must be a formula .*the call failed": lambda: pull(lambda x: x),
     "^s: law must return one number": lambda: pull(lambda x, r: (x, r)),
-    r"^s: law must be a formula without branches on .* use bd.positive_part\(x\)": lambda: pull(
+    r"^s: law must be a formula without branches on .* use np.maximum\(x, 0.0\)": lambda: pull(
         lambda x, r: x if x > 0 else 0.0
     ),
-    r"^s: law must be continuous, but uses np.sign; .*bd.smooth_sign\(x, scale\)": lambda: pull(
+    r"^s: law must be continuous, but uses np.sign; .*np.tanh\(x / scale\)": lambda: pull(
         lambda x, r: np.sign(x)
     ),
     "^s: the derivative of energy must equal law at zero rate, but at .* the values": lambda: pull(
@@ -213,7 +213,7 @@ SENTENCES = {
     r"^f: bob at .* is a particle .*; law must return \(Fx, Fy\)": lambda: push(
         lambda a, t: (0.0, 0.0, 1.0), on=BOB.point
     ),
-    "^f: law must be continuous, but uses <, np.where; use bd.positive_part": lambda: push(
+    "^f: law must be continuous, but uses <, np.where; use np.maximum": lambda: push(
         lambda a, t: (np.where(a.rate > 0, 1.0, 0.0), 0.0)
     ),
     "^f: law must be a formula without conversions of rate to a number .* such as np.sin": lambda: (

@@ -86,7 +86,7 @@ def test_formula_of_sensors_of_another_mechanism_is_refused():
 @pytest.mark.parametrize(
     "formula",
     [
-        *(np.sin, np.sqrt, abs, bd.positive_part, lambda x: bd.smooth_sign(x, 0.1)),
+        *(np.sin, np.sqrt, abs, lambda x: np.maximum(x, 0.0), lambda x: np.tanh(x / 0.1)),
         *(lambda x: x % 2.0, lambda x: np.clip(x, 0.0, 1.0), lambda x: np.maximum(x, x**2)),
         lambda x: (np.array([1.0, 2.0]) * x) @ np.array([x, 3.0]),
     ],
@@ -104,7 +104,7 @@ def test_formulas_outside_laws_have_the_values_of_numbers(formula, recwarn):
 @pytest.mark.parametrize(
     ("formula", "sentence"),
     [
-        (lambda x: 1.0 if x > 0 else 2.0, r"without branches on \(0<x\) \(if, .*bd.positive_part"),
+        (lambda x: 1.0 if x > 0 else 2.0, r"without branches on \(0<x\) \(if, .*np.maximum"),
         (lambda x: max(x, 0.0), "without branches on"),
         (lambda x: x or 1.0, "without branches on x"),
         (lambda x: 1.0 if 2 * x == 1.0 else 2.0, "without branches on"),

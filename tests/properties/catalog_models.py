@@ -86,15 +86,6 @@ def observable(make):
     return lambda mech, disk, beam, x: mech.observe("seen", make(disk, beam))
 
 
-def push_by_formula(formula):
-    """Return the entry of a formula of a force law."""
-
-    def add(mech, disk, beam, x):
-        mech.add(bd.ForceLaw("push", disk.at(0.1, 0.2), lambda p, t: (x * formula(p, t), 0.0)))
-
-    return add
-
-
 def add_signals(mech, disk, beam, x):
     """An input and a filtered sensor act on the disk."""
     place = disk.at(0.1, 0.2)
@@ -102,7 +93,7 @@ def add_signals(mech, disk, beam, x):
     speed = mech.sensor("speed", place, "x_dot")
     lag = mech.state("lag", scale=0.1)
     lag.follows((speed - lag) / (0.05 * x))
-    smooth = bd.low_pass(mech, "smooth", speed, 0.03 * x)
+    smooth = mech.state("smooth", lambda y, t: (speed - y) / (0.03 * x))
     mech.add(bd.Force("jet", place, (thrust - 0.3 * lag, -2.0 * smooth)))
 
 
@@ -177,8 +168,6 @@ ENTRIES = {
     **{k: other_part(make) for k, make in OTHERS.items() if k not in PARTS},
     "LineSurface": other_part(LOADS["contact with a line"]),
     "CircleSurface": other_part(LOADS["contact with a circle"]),
-    "positive_part": push_by_formula(lambda p, t: bd.positive_part(-p.velocity[1] - 0.1)),
-    "smooth_sign": push_by_formula(lambda p, t: bd.smooth_sign(p.velocity[0], 0.05)),
     "Law": force_by(lambda x: bd.Law((lambda t: x * t, lambda t: 0.2), (0.1,))),
     "run_up": force_by(lambda x: bd.run_up(x, 0.15)),
     "sine": force_by(lambda x: bd.sine(x, 5.0, 0.3)),
@@ -193,7 +182,6 @@ ENTRIES = {
     "Input": add_signals,
     "Sensor": add_signals,
     "State": add_signals,
-    "low_pass": add_signals,
     "transfer_function": add_control(
         lambda m, e, x: bd.transfer_function(m, "filter", e, [5.0 * x, 3.0], [0.01, 0.2, 1.0])
     ),

@@ -127,6 +127,28 @@ def create_disk_and_beam():
     return mech, disk, beam
 
 
+@pytest.mark.parametrize(
+    ("body", "place", "edge"),
+    [
+        (bd.RigidBody.plate("body", (0.0, 0.0), 0.2, 0.1, mass=1.0), (0.02, 0.5), (0.02, 0.05)),
+        (bd.RigidBody.disk("body", (0.0, 0.0), 0.1, mass=1.0), (0.0, 0.5), (0.0, 0.1)),
+        (bd.RigidBody.rod("body", (-0.3, 0.0), (0.3, 0.0), mass=1.0), (0.0, 0.5), (0.0, 0.0)),
+    ],
+    ids=["plate", "disk", "rod"],
+)
+def test_joints_outside_the_outline_of_a_body_are_joined_to_it(body, place, edge):
+    """A counterweight below its pin was drawn without a connection."""
+    mech = bd.Mechanism()
+    mech.add(body)
+    mech.add(bd.Revolute("pin", mech.ground.at(*place), body.at(*place)))
+    mech.add(bd.Spring("inside", mech.ground.at(0.0, -1.0), body.at(0.0, 0.0), 1.0))
+    scene = build_scene(mech, reference_poses, np.zeros(1))
+    lines = {(glyph.part, glyph.kind): line for glyph, line in scene.lines()}
+    outline = lines["body", "rigid"][0]
+    (k,) = np.flatnonzero(np.hypot(*(outline - place).T) < 1e-9)
+    assert_allclose(outline[[k - 1, k + 1]], [edge, edge], atol=1e-3)
+
+
 def test_a_drawing_equals_the_first_frame_of_an_animation():
     for make in PARTS.values():
         mech, disk, beam = create_disk_and_beam()

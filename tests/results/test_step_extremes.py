@@ -116,7 +116,7 @@ def all_kinds():
     spring = bd.Spring("spring", mech.ground.at(0.3, -0.1), beam.end, 100.0, 1.0)
     mech.add(spring)
     pulse = bd.ForceLaw(
-        "pulse", beam.end, lambda p, t: (0.0, -30.0 * bd.positive_part(t * (1e-3 - t) * 4e6))
+        "pulse", beam.end, lambda p, t: (0.0, -30.0 * np.maximum(t * (1e-3 - t) * 4e6, 0.0))
     )
     mech.add(pulse)
     mech.observe("end", beam.end)

@@ -320,7 +320,7 @@ def bow(damping=1e-4, draw=150.0, hold=0.3):
         mech.add(bd.PointOnLine(f"{body.name} line", ground.at(-0.15, 0.0), body.point))
 
     def push(nock, arrow, t):
-        force = 1e6 * bd.positive_part(nock.position[0] - arrow.position[0]) ** 1.5
+        force = 1e6 * np.maximum(nock.position[0] - arrow.position[0], 0.0) ** 1.5
         return [(-force, 0.0), (force, 0.0)]
 
     mech.add(bd.ForceLaw("contact", (nock.point, arrow.point), push))

@@ -179,7 +179,7 @@ def geared_rotors(stiffness=200.0, damping=0.02):
     mech.add(bd.Moment("torque", motor.at(*left), bd.piecewise((0.5, 4.0), 1.0)))
 
     def brake(rotor, t):
-        return 0.0, 0.0, -2.0 * bd.smooth_sign(rotor.rate, 0.5)
+        return 0.0, 0.0, -2.0 * np.tanh(rotor.rate / 0.5)
 
     mech.add(bd.ForceLaw("brake", (rotor.at(*right),), brake, dissipative=True))
     for body, center in ((motor, left), (pinion, left), (rotor, right)):

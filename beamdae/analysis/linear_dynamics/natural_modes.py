@@ -278,9 +278,13 @@ class Modes(HasModeShapes):
 
 
 def compare_shapes(mass: sp.csc_array, x: Array, y: Array) -> Array:
-    """Return the modal assurance criterion (MAC) of shapes (n, k) and (n, j), (k, j)."""
-    masses = (quadratic_forms(mass, shapes).real for shapes in (x, y))
-    return np.asarray(np.abs(x.conj().T @ (mass @ y)) ** 2 / np.outer(*masses))
+    """Return the modal assurance criterion (MAC) of shapes (n, k) and (n, j), (k, j).
+
+    It is zero for shapes without mass, those of states of controllers.
+    """
+    masses = np.outer(*(quadratic_forms(mass, shapes).real for shapes in (x, y)))
+    products = np.abs(x.conj().T @ (mass @ y)) ** 2
+    return np.divide(products, masses, out=np.zeros_like(products), where=masses > 0.0)
 
 
 @interruptible

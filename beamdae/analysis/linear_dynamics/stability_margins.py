@@ -429,7 +429,7 @@ def _inject_at_command(lin: Linearization, name: str) -> Matrices:
         value, limit, distance = command.excess(lin.time, *lin.state[:2])
         if distance >= 0.0:
             raise BeamdaeError(
-                f"margins: the command of {name} {value:.4g} is at or beyond its limit "
+                f"margins: the command {value:.4g} of {name} is at or beyond its limit "
                 f"{limit:.4g}, where the loop is open; linearize about a state with a command "
                 "between its limits."
             )

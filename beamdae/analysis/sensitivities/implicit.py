@@ -38,7 +38,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -62,13 +61,11 @@ from beamdae.analysis.sensitivities.neighbors import (
     Neighbors,
 )
 from beamdae.analysis.sensitivities.start_derivatives import plan_along
-from beamdae.analysis.statics.load_scaling import LoadedEquations
 from beamdae.analysis.statics.static_problem import StaticProblem
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations import tangents
 from beamdae.equations.formulations.static_equations import (
     StaticEquations,
-    find_idle_forces,
     plan_static_sums,
 )
 from beamdae.equations.starts.steady_rotation import rotating_state
@@ -210,54 +207,6 @@ def linearize_at(
     return linearize_in_mixed_form(e, state, tangent_at, idle)
 
 
-class Tangent(NamedTuple):
-    """Derivatives of the unknowns and of the load factor."""
-
-    x: Array
-    p: float
-
-    def scale(self, factor: float) -> Tangent:
-        """Return the derivatives times a factor."""
-        return Tangent(factor * self.x, factor * self.p)
-
-
-class MixedStatics:
-    """Static equations of a load stage with the forces of stiff parts as unknowns.
-
-    Results omit a linear function of the unknowns that is the same in neighboring models.
-
-    Parameters
-    ----------
-    system
-        The load stage.
-    control
-        Quantity that the path prescribes.
-    idle
-        Mask of the forces of springs without stiffness in the model that is differentiated, see
-        `introduce_resultants`. Defaults to those of the system.
-    """
-
-    def __init__(
-        self, system: LoadedEquations, control: Control, idle: Array | None = None
-    ) -> None:
-        self.idle = find_idle_forces(system.loaded) if idle is None else idle
-        self.system, self.control = system, control
-        self.mixed = system.in_mixed_form(self.idle)
-
-    def residual(self, x: Array, mu: float) -> Array:
-        """Return F, (n + m,)."""
-        return self.mixed.at_factor(mu).residual(*np.split(x, [self.mixed.equations.n]))
-
-    def product(self, x: Array, mu: float, along: Tangent) -> Array:
-        """Return F_x along.x + F_mu along.p."""
-        here, (q, lam) = self.mixed.at_factor(mu), np.split(x, [self.mixed.equations.n])
-        return np.asarray(here.matrix(q, lam) @ along.x + along.p * here.by_factor(q, lam))
-
-    def motion(self, x: Array, mu: float) -> LinearizedEquations:
-        """Return the equations of motion about an equilibrium."""
-        return self.system.linearize_motion(x, mu, self.idle)
-
-
 @dataclass(frozen=True)
 class Direction(Neighbors):
     """Direction of a parameter, or of the unknowns.
@@ -265,24 +214,25 @@ class Direction(Neighbors):
     Attributes
     ----------
     models
-        Static equations next to a point along it.
+        Static equations next to a point along it, of type `StaticProblem`.
     change
-        Derivatives of x and mu along the direction.
+        Derivatives (n + m + 1,) of (x, mu) along the direction.
     """
 
-    change: Tangent
+    change: Array
 
     @classmethod
-    def of_unknowns(cls, point: Point, system: MixedStatics, change: Tangent) -> Direction:
-        """Return a direction of x and mu at a point of a system."""
-        step = _MOTION / (point.problem.measure(change.x) or 1.0)
-        return cls([system] * len(CENTRAL.steps), CENTRAL, step, change)
+    def of_unknowns(cls, point: Point, change: Array) -> Direction:
+        """Return a direction of x and mu at a point."""
+        step = _MOTION / (point.problem.measure(change[:-1]) or 1.0)
+        return cls([point.problem] * len(CENTRAL.steps), CENTRAL, step, change)
 
     def differentiate(
-        self, point: Point, function: Callable[[MixedStatics, Array, float], Array]
+        self, point: Point, function: Callable[[StaticProblem, Array, float], Array]
     ) -> Array:
-        """Return the derivative of a function of the system, x and mu along the direction."""
-        return np.asarray(self.along(function, (point.x, self.change.x), (point.p, self.change.p)))
+        """Return the derivative of a function of the equations, x and mu along the direction."""
+        pairs = (point.x, self.change[:-1]), (point.p, float(self.change[-1]))
+        return np.asarray(self.along(function, *pairs))
 
 
 class ParameterDirection:
@@ -296,14 +246,20 @@ class ParameterDirection:
     difference
         Neighboring models.
     here, neighbors
-        Equations of the model and of these models.
+        Static equations of the model and of these models, with the same `idle`.
+    controls
+        Quantity that the path of each of these models prescribes.
     """
 
     def __init__(
-        self, difference: Difference, here: MixedStatics, neighbors: Sequence[MixedStatics]
+        self,
+        difference: Difference,
+        here: StaticProblem,
+        neighbors: Sequence[StaticProblem],
+        controls: Sequence[Control],
     ) -> None:
         self.reach = max(map(abs, difference.steps))
-        self._models = neighbors, difference.stencil, difference.delta
+        self._difference, self._neighbors, self._controls = difference, neighbors, controls
         self._parts = [
             _derive_statics(
                 difference,
@@ -313,9 +269,10 @@ class ParameterDirection:
             for part in ("unloaded", "loaded")
         ]
 
-    def along(self, x: Array, mu: float = 0.0) -> Direction:
-        """Return the direction with these derivatives of the unknowns."""
-        return Direction(*self._models, Tangent(x, mu))
+    def along(self, change: Array) -> Direction:
+        """Return the direction with these derivatives of x and mu."""
+        difference = self._difference
+        return Direction(self._neighbors, difference.stencil, difference.delta, change)
 
     def forces(self, point: Point) -> Array:
         """Return F_p."""
@@ -325,16 +282,13 @@ class ParameterDirection:
         if np.all(np.isfinite(change)):
             return change
         # The root of a stiffness has no derivative at zero.
-        differences = self.along(np.zeros_like(point.x)).differentiate(point, MixedStatics.residual)
-        return np.where(np.isfinite(change), change, differences)
+        residuals = (x.residual(point.x, point.p)[0] for x in self._neighbors)
+        return np.where(np.isfinite(change), change, self._difference.combine(residuals))
 
     def control_rate(self, point: Point) -> float:
         """Return the derivative of the prescribed quantity at constant x and mu."""
-
-        def evaluate(system: MixedStatics, x: Array, mu: float) -> Array:
-            return np.array(system.control(x, mu).value)
-
-        return float(self.along(np.zeros_like(point.x)).differentiate(point, evaluate))
+        values = (control(point.x, point.p).value for control in self._controls)
+        return float(self._difference.combine(values))
 
 
 def _derive_statics(
@@ -358,12 +312,6 @@ def _plan_residual(structure: Structure) -> SumPlan:
     return plan_static_sums(structure).residual
 
 
-def find_regular_point(problem: StaticProblem, q: Array, mu: float, control: Control) -> Point:
-    """Return the point with these positions and this load factor."""
-    x = problem.point_at(q, mu).x
-    return problem.correct(control, control(x, mu).value, x, mu)
-
-
 @dataclass(frozen=True, eq=False)
 class RegularPoint:
     """Point of a path at which a control is prescribed."""
@@ -371,12 +319,12 @@ class RegularPoint:
     point: Point
     control: Control
 
-    def derivative(self, direction: ParameterDirection) -> Tangent | None:
-        """Return dx and dmu."""
+    def derivative(self, direction: ParameterDirection) -> Array | None:
+        """Return (dx, dmu)."""
         point = self.point
         return self.respond(np.append(direction.forces(point), direction.control_rate(point)))
 
-    def respond(self, change: Array) -> Tangent:
+    def respond(self, change: Array) -> Array:
         """Return the change of the unknowns that balances a change of the equations and control.
 
         Raises
@@ -387,7 +335,7 @@ class RegularPoint:
         solution = self._factors.solve(-change)
         if not np.all(np.isfinite(solution)):
             raise CurveError("its tangent stiffness is singular")
-        return Tangent(solution[:-1], float(solution[-1]))
+        return np.asarray(solution)
 
     @cached_property
     def _factors(self) -> RefinedFactors:
@@ -405,49 +353,45 @@ class SingularPoint:
     ----------
     point
         The point, or one nearby.
-    system
-        Its equations.
     is_limit
         True for a limit point.
     """
 
-    def __init__(self, point: Point, system: MixedStatics, is_limit: bool) -> None:
-        self.point, self._system, self._is_limit = point, system, is_limit
+    def __init__(self, point: Point, is_limit: bool) -> None:
+        self.point, self._is_limit = point, is_limit
         border = point.problem.mode_weights**2 * critical_mode(point)
         self._factors, linear = point.bordered(border, border, 0.0), point.linearization
         # Derivatives of x and h by xi and mu.
         mode, self._by_xi = self._solve(np.zeros_like(point.x), 1.0)
         response, self._by_mu = self._solve(-linear.by_parameter)
-        self._basis = Tangent(mode, 0.0), Tangent(response, 1.0)
-        directions = [Direction.of_unknowns(point, system, x) for x in self._basis]
+        self._basis = np.array([np.append(mode, 0.0), np.append(response, 1.0)])
+        directions = [Direction.of_unknowns(point, x) for x in self._basis]
         self._hessian = np.array([self._slopes(x) for x in directions])
 
     @classmethod
-    def find(
-        cls, problem: StaticProblem, q: Array, mu: float, system: MixedStatics, is_limit: bool
-    ) -> SingularPoint:
+    def find(cls, problem: StaticProblem, q: Array, mu: float, is_limit: bool) -> SingularPoint:
         """Return the singular point next to these positions and this load factor."""
-        found = cls(problem.point_at(q, mu), system, is_limit)
-        found = found._move(Tangent(found._unbalance()[0], 0.0))
+        found = cls(problem.point_at(q, mu), is_limit)
+        found = found._move(np.append(found._unbalance()[0], 0.0))
         for _ in range(_REFINEMENTS):
             response, h = found._unbalance()
-            direction = Direction.of_unknowns(found.point, system, Tangent(response, 0.0))
+            direction = Direction.of_unknowns(found.point, np.append(response, 0.0))
             found = found._move(found._change(direction, h, (found._by_xi, found._by_mu)))
         if not found._factors.is_regular:
             raise CurveError("its critical mode is not unique")
         return found
 
-    def derivative(self, direction: ParameterDirection) -> Tangent | None:
-        """Return dx and dmu; None if the parameter does not preserve a branch point."""
+    def derivative(self, direction: ParameterDirection) -> Array | None:
+        """Return (dx, dmu); None if the parameter does not preserve a branch point."""
         response, h = self._solve(-direction.forces(self.point))
         by_load = self._hessian[0, 1] * self.point.p
         if not self._is_limit and abs(h) * direction.reach > _MAX_IMPERFECTION * abs(by_load):
             return None
-        return self._change(direction.along(response), h)
+        return self._change(direction.along(np.append(response, 0.0)), h)
 
     def _change(
         self, direction: Direction, h: float, slopes: tuple[float, float] = (0.0, 0.0)
-    ) -> Tangent:
+    ) -> Array:
         """Return the change of x and mu after which the equations of the point hold.
 
         `direction` and `h` are the changes at constant xi and mu; `slopes` are added to those of
@@ -458,30 +402,22 @@ class SingularPoint:
             matrix = np.array([(self._by_xi, self._by_mu), matrix[0]])
             right = np.array([h, right[0]])
         try:
-            shares = np.linalg.solve(matrix, -right).tolist()
+            shares = np.linalg.solve(matrix, -right)
         except np.linalg.LinAlgError:
             raise CurveError("its critical mode is not unique") from None
-        change = direction.change
-        for share, along in zip(shares, self._basis, strict=True):
-            change = Tangent(change.x + share * along.x, change.p + share * along.p)
-        return change
+        return direction.change + shares @ self._basis
 
     def _slopes(self, direction: Direction) -> Array:
         """Return the changes of the derivatives of h by xi and mu along a direction."""
-
-        def multiply(along: Tangent, system: MixedStatics, x: Array, mu: float) -> Array:
-            return system.product(x, mu, along)
-
-        changes = (direction.differentiate(self.point, partial(multiply, x)) for x in self._basis)
+        products = (partial(StaticProblem.product, along=x) for x in self._basis)
+        changes = (direction.differentiate(self.point, product) for product in products)
         return np.array([self._solve(-x)[1] for x in changes])
 
     def _unbalance(self) -> tuple[Array, float]:
         return self._solve(-self.point.linearization.residual)
 
-    def _move(self, change: Tangent) -> SingularPoint:
-        return SingularPoint(
-            self.point.plus(np.append(change.x, change.p)), self._system, self._is_limit
-        )
+    def _move(self, change: Array) -> SingularPoint:
+        return SingularPoint(self.point.plus(change), self._is_limit)
 
     def _solve(self, right: Array, last: float = 0.0) -> tuple[Array, float]:
         solution = self._factors.solve(np.append(right, last))
@@ -499,22 +435,19 @@ class FlutterPoint(RegularPoint):
     result is averaged over both, because the point is located up to a small error.
     """
 
-    system: MixedStatics
-
-    def derivative(self, direction: ParameterDirection) -> Tangent | None:
-        """Return dx and dmu."""
+    def derivative(self, direction: ParameterDirection) -> Array | None:
+        """Return (dx, dmu)."""
         load = self.respond(np.append(np.zeros_like(self.point.x), -1.0))
-        response = direction.along(self.respond(np.append(direction.forces(self.point), 0.0)).x)
+        response = direction.along(self.respond(np.append(direction.forces(self.point), 0.0)))
         by_parameter = self._growth(response)
-        by_load = self._growth(Direction.of_unknowns(self.point, self.system, load))
-        change = load.scale(-float(np.mean(np.real(by_parameter / by_load))))
-        return Tangent(response.change.x + change.x, response.change.p + change.p)
+        by_load = self._growth(Direction.of_unknowns(self.point, load))
+        return response.change - float(np.mean(np.real(by_parameter / by_load))) * load
 
     def _growth(self, direction: Direction) -> Array:
         """Return the changes of the growth rates, or of the works without damping."""
 
-        def apply(system: MixedStatics, x: Array, mu: float) -> Array:
-            lin = system.motion(x, mu)
+        def apply(problem: StaticProblem, x: Array, mu: float) -> Array:
+            lin = problem.system.linearize_motion(x, mu, problem.idle)
             return np.array([apply_pencil(lin, pair.value, pair.vector) for pair in self._pairs])
 
         changes = zip(self._pairs, direction.differentiate(self.point, apply), strict=True)
@@ -527,10 +460,11 @@ class FlutterPoint(RegularPoint):
     @cached_property
     def _motion(self) -> LinearizedEquations:
         """Motion in mixed form; its tangent contains the stiff forces, which couple parts."""
-        point, e = self.point, self.system.system.equations
-        state = State(point.x[: e.n], np.zeros(e.n), np.zeros(e.n), point.x[e.n :])
-        tangent = self.system.system.motion_tangent(point.p, state)
-        return replace(self.system.motion(point.x, point.p), tangent=tangent)
+        point, problem = self.point, self.point.problem
+        system, n = problem.system, problem.n
+        state = State(point.x[:n], np.zeros(n), np.zeros(n), point.x[n:])
+        tangent = system.motion_tangent(point.p, state)
+        return replace(system.linearize_motion(point.x, point.p, problem.idle), tangent=tangent)
 
     @property
     def _is_damped(self) -> bool:

@@ -29,7 +29,7 @@ from beamdae.analysis.sensitivities.neighbors import (
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.static_equations import StaticEquations
 from beamdae.equations.smooth_intervals import time_on_branch
-from beamdae.equations.starts.closing import CLOSING_COEFFICIENTS
+from beamdae.equations.starts.closing import closing_matrix
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.starts.state_evaluator import (
     MASS_COEFFICIENTS,
@@ -319,9 +319,10 @@ class StartDerivatives:
             levels = self._derivative(plan_constraint_levels, time, here, h)
             change = self._solution(time, here, -self._rows(levels, 1), velocities, h)
             result = result @ (self._identity + self._into("v") @ change)
-            inverse = self._saddle(time, at.q, zeros, CLOSING_COEFFICIENTS)
-            moved = _diagonal(e.without_states(np.ones(e.n))) @ self._head
-            change = moved @ inverse @ self._rows(levels, 0)
+            matrix = closing_matrix(self.solver, time, at.q)
+            size = matrix.shape[0]
+            gaps = _pick(size, 0, e.n + e.m).T @ self._rows(levels, 0)
+            change = _pick(size, 0, e.n) @ _inverse(splu(matrix), size) @ gaps
             result = result @ (self._identity - self._into("q") @ change)
         return result
 

@@ -13,11 +13,9 @@ from beamdae.analysis.continuation.critical import BRANCH, LIMIT
 from beamdae.analysis.continuation.engine import Control, CurveError, prescribe_parameter
 from beamdae.analysis.sensitivities.implicit import (
     FlutterPoint,
-    MixedStatics,
     ParameterDirection,
     RegularPoint,
     SingularPoint,
-    find_regular_point,
 )
 from beamdae.analysis.sensitivities.neighbors import (
     Difference,
@@ -37,6 +35,7 @@ from beamdae.analysis.statics.prescribed_column import PrescribedColumn
 from beamdae.analysis.statics.static_equilibrium import equilibrium
 from beamdae.analysis.statics.static_problem import StaticProblem
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
+from beamdae.equations.formulations.static_equations import find_idle_forces
 from beamdae.errors import (
     BeamdaeError,
     format_exception,
@@ -221,16 +220,14 @@ class _PathPoints:
         shapes = path.factors.shape, path.q.shape, multipliers.shape
         rates = {name: [np.full(shape, np.nan) for shape in shapes] for name in differences}
         for stage, system in enumerate(self.loading.systems):
-            problem = StaticProblem(system)
-            here = MixedStatics(system, self._control(path.equations))
+            idle = find_idle_forces(system.loaded)
+            problem, control = StaticProblem(system, idle=idle), self._control(path.equations)
             directions = {
                 name: ParameterDirection(
                     difference,
-                    here,
-                    [
-                        MixedStatics(x.systems[stage], self._control(e), here.idle)
-                        for e, x in zip(difference.models, neighbors[name], strict=True)
-                    ],
+                    problem,
+                    [StaticProblem(x.systems[stage], idle=idle) for x in neighbors[name]],
+                    [self._control(e) for e in difference.models],
                 )
                 for name, difference in differences.items()
             }
@@ -238,7 +235,7 @@ class _PathPoints:
                 if free or active_stage(path.factors[row]) != stage:
                     continue
                 try:
-                    point = self._find_point(row, stage, problem, here)
+                    point = self._find_point(row, stage, problem, control)
                     changes = {name: point.derivative(x) for name, x in directions.items()}
                 except CurveError:
                     if row in singular:
@@ -248,8 +245,8 @@ class _PathPoints:
                 for name, change in changes.items():
                     if change is not None:
                         factors, q, lam = rates[name]
-                        factors[row], factors[row, stage : stage + 1] = 0.0, change.p
-                        q[row], lam[row] = change.x[:n], change.x[n : n + m]
+                        factors[row], factors[row, stage : stage + 1] = 0.0, change[-1]
+                        q[row], lam[row] = change[:n], change[n : n + m]
         return {
             name: (
                 factors + 0.0,  # no negative zeros in tables
@@ -260,20 +257,19 @@ class _PathPoints:
         }
 
     def _find_point(
-        self, row: int, stage: int, problem: StaticProblem, system: MixedStatics
+        self, row: int, stage: int, problem: StaticProblem, control: Control
     ) -> PathPoint:
         path, q = self.path, self.path.q[row]
         mu = float(path.factors[row, stage]) if path.factors.shape[1] else 1.0
         kind = {point.row: point.kind for point in path.critical}.get(row)
         if kind in (LIMIT, BRANCH):
-            return SingularPoint.find(problem, q, mu, system, kind == LIMIT)
+            return SingularPoint.find(problem, q, mu, kind == LIMIT)
         # The path begins at the load factor zero.
         is_controlled = stage == path.factors.shape[1] - 1 and mu != 0.0 and kind is None
-        control = system.control if is_controlled else prescribe_parameter
-        point = find_regular_point(problem, q, mu, control)
-        if kind is not None:
-            return FlutterPoint(point, control, system)
-        return RegularPoint(point, control)
+        control = control if is_controlled else prescribe_parameter
+        x = problem.point_at(q, mu).x
+        point = problem.correct(control, control(x, mu).value, x, mu)
+        return RegularPoint(point, control) if kind is None else FlutterPoint(point, control)
 
     def _control(self, equations: EquationsOfMotion) -> Control:
         """Return the quantity that the path prescribes at the end."""

@@ -12,10 +12,9 @@ and springs, so that the matrix can be eliminated in an order that depends on th
 along the mechanism, each multiplier after the coordinates that it couples.
 
 By Sylvester's law of inertia, the number of negative pivots is m plus the number of negative
-eigenvalues of K + G^T C^-1 G in the motions that the joints allow, in any units. Rounding errors
-may change the signs of pivots only if a pivot is close to zero. Then, pivots are counted for
-K - s I with shifts s on both sides of zero; the difference is the number of motions without
-stiffness.
+eigenvalues of K + G^T C^-1 G in the motions that the joints allow, in any units. Because rounding
+errors decide the sign of a pivot of a motion without stiffness, pivots are counted for K - s I with
+shifts s on both sides of zero; the difference is the number of such motions.
 """
 
 from __future__ import annotations

@@ -244,25 +244,35 @@ class StaticProblem(Problem):
         The load stage.
     held
         Indices of the coordinates that springs in the tangent hold, see `neutral_motions`.
+    idle
+        Mask of the forces of springs without stiffness, see `introduce_resultants`. Defaults to
+        those of both ends if the equations depend on another parameter than a load factor, and
+        otherwise to none.
 
     Attributes
     ----------
-    system, held
+    system, held, idle
         See above.
+    mixed
+        The load stage with the forces of beams and springs as unknowns.
     pattern
         CSC pattern of the tangent F_x, (n + m, n + m).
     n, rigid_size
         Numbers of coordinates, and of unknowns before the forces of beams and springs.
     """
 
-    def __init__(self, system: LoadedEquations, held: tuple[int, ...] = ()) -> None:
-        self.system, self.held = system, held
-        self._idle, pair = None, (system.unloaded, system.loaded)
-        if not system.is_linear:
+    def __init__(
+        self,
+        system: LoadedEquations,
+        held: tuple[int, ...] = (),
+        idle: Array | None = None,
+    ) -> None:
+        if idle is None and not system.is_linear:
             # The stiffness of a spring may begin or end at zero.
-            self._idle = find_idle_forces(pair[0]) | find_idle_forces(pair[1])
-        self._mixed = system.in_mixed_form(self._idle)
-        first, last = self._mixed.unloaded.equations, self._mixed.loaded.equations
+            idle = find_idle_forces(system.unloaded) | find_idle_forces(system.loaded)
+        self.system, self.held, self.idle = system, held, idle
+        self.mixed = system.in_mixed_form(idle)
+        first, last = self.mixed.unloaded.equations, self.mixed.loaded.equations
         self.n, self.rigid_size = last.n, last.n + system.equations.m
         if system.is_linear:
             structures = _split_structures(first, last)
@@ -270,7 +280,7 @@ class StaticProblem(Problem):
             none = _select_terms(last.structure, (False,) * len(_term_keys(last.structure)))
             structures = none, last.structure, last.structure
         added = (*held, *range(self.rigid_size, last.n + last.m))
-        remainder = introduce_resultants(self.system.equations, self._idle).remainder
+        remainder = introduce_resultants(self.system.equations, self.idle).remainder
         self._plan = _plan_system(*structures, added, (remainder == 0.0).tobytes())
         self._remainder = remainder
         self.pattern = self._plan.pattern
@@ -283,7 +293,7 @@ class StaticProblem(Problem):
         Natural sizes are set by the tangent in the reference configuration, without loads.
         """
         plan, size, nnz = self._plan, self.pattern.shape[0], self._plan.bordered.nnz
-        reference, ends = self._mixed.equations, (self._mixed.unloaded, self._mixed.loaded)
+        reference, ends = self.mixed.equations, (self.mixed.unloaded, self.mixed.loaded)
         held, begin = len(self.held), self.system.ends[0]
         matrix = FactorizedMatrix.from_pattern(plan.bordered)
         starts = np.array([part.rows.start for part in reference.parts], np.intp)
@@ -418,7 +428,7 @@ class StaticProblem(Problem):
         is_sign_right = free > 0 or _has_negative_determinant(factors) == (signs.below % 2 == 1)
         if is_sign_right and has_potential(respond, self.n, m):
             return by_signs
-        motion, scales = self.system.linearize_motion(x, p, self._idle), self.scales
+        motion, scales = self.system.linearize_motion(x, p, self.idle), self.scales
         _, damping, mass = (
             sp.csc_array(y[:, : self.n] * scales[: self.n] * scales[:, None])
             for y in motion.pencil.matrices
@@ -436,6 +446,12 @@ class StaticProblem(Problem):
         run = self._run(x, mu, EVALUATE_TANGENT)
         entries = run.nonzeros[targets] * run.products[targets]
         return sp.csc_array((entries, pattern.indices, pattern.indptr), pattern.shape)
+
+    def product(self, x: Array, mu: float, along: Array) -> Array:
+        """Return the derivative of F along a change (n + m + 1,) of (x, mu)."""
+        sizes = self.scales
+        by_x = self.matrix(x, mu) @ (along[:-1] / sizes) / sizes
+        return np.asarray(by_x + along[-1] * self.residual(x, mu)[1])
 
     def count_signs(self, x: Array, mu: float) -> Workspace:
         """Return the signs of pivots at a point, a `SaddlePoint`; valid until the next call."""
@@ -502,7 +518,7 @@ class StaticProblem(Problem):
         """Evaluate the equations, and their derivative by the parameter, about a value of it."""
         run = self._loop.work
         try:
-            here = self._mixed.at_factor(value)
+            here = self.mixed.at_factor(value)
         except BeamdaeError as error:
             raise CurveError(f"the model cannot be built ({str(error).rstrip('.')})") from None
         ends = (run.common, here.first), (run.unloaded, here.first), (run.loaded, here.last)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from beamdae.cli.job import AccurateJob
-from beamdae.cli.options import About, LoadTime, as_bad_parameter, find_state
+from beamdae.cli.options import About, LoadTime, as_bad_parameter, find_state, split_names
 from beamdae.cli.ranges import SPACED_FORMS, parse_ends, parse_spaced_values
 from beamdae.cli.results import Report
 from beamdae.errors import BeamdaeError, short_repr
@@ -92,7 +92,7 @@ def bode_command(
     grid, ends = frequencies or (None, None)
     files, mechanism = job.plan("_bode"), job.mechanism
     state = find_state("bode", mechanism, about)
-    selected = [job.split(x) for x in (inputs, outputs)]
+    selected = [split_names(x) or None for x in (inputs, outputs)]
 
     def analyze() -> Bode:
         from beamdae.analysis.linear_dynamics.bode_diagram import bode

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from beamdae.cli.job import AccurateJob
-from beamdae.cli.options import Loads, LoadTime, Starts
+from beamdae.cli.options import Loads, LoadTime, Starts, split_names
 
 
 def buckling_command(
@@ -23,7 +23,7 @@ def buckling_command(
     for a usage or model error.
     """
     files = job.plan("_buckling")
-    loads, initial_state = job.split(load), job.start(start)
+    loads, initial_state = split_names(load) or None, job.start(start)
 
     def analyze() -> Any:
         from beamdae.analysis.statics.linear_buckling import buckling

@@ -21,7 +21,7 @@ from beamdae.cli.options import (
     TimeLimit,
     parse_assignments,
 )
-from beamdae.cli.results import MAX_SCREEN_ROWS, Report
+from beamdae.cli.results import Report
 from beamdae.cli.study_outputs import (
     StudyReport,
     apply_run_options,
@@ -81,16 +81,11 @@ def _create_report(results: StudyResults) -> StudyReport:
     shown: dict[str, Any] = {}
     if ungrouped:
         shown["completion"] = results.describe_completion(ungrouped)
-    for group in groups[:MAX_SCREEN_ROWS]:
+    for group in groups:
         reference = results.references[group].sentence
         shown[f"reference {group}"] = make_printable(f"{group}: {reference}")
-        cases = text_tables.comparison_table(table[table["group"] == group])
-        shown[f"cases {group}"] = cases
-    if len(groups) > MAX_SCREEN_ROWS:
-        n_more = len(groups) - MAX_SCREEN_ROWS
-        shown["more"] = f"{n_more} more groups, see summary.csv and report.html"
+        shown[f"cases {group}"] = text_tables.comparison_table(table[table["group"] == group])
     failures = [f"{k}: {x.sentence}" for k, x in results.references.items() if x.table is None]
-    failures = [] if results.interrupted else failures[:MAX_SCREEN_ROWS]
     data = {
         "study": results.study.name,
         "folder": results.folder,
@@ -105,7 +100,8 @@ def _create_report(results: StudyResults) -> StudyReport:
             results.study.name,
             Description({}, shown, lambda: data),
             warnings=results.describe_warnings(),
-            failures=failures,
+            source="cases.csv",
+            failures=[] if results.interrupted else failures,
         ),
         [results.folder / name for name in results.tables],
         write_page,

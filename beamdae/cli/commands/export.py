@@ -100,7 +100,7 @@ def export_command(
         integrator=integrator,
         rtol=rtol,
         inputs=None if inputs is None else split_names(inputs),
-        outputs=None if outputs is None else split_names(outputs, model),
+        outputs=None if outputs is None else split_names(outputs),
         parameters=split_names(parameters),
         fmi=fmi,
         rho_inf=rho_inf,

@@ -131,7 +131,7 @@ def run_command(
     checkpoints = ("--checkpoint", () if checkpoint is None else (checkpoint,))
     files = job.plan("", job.path(".json"), others=checkpoints)
     columns = parse_assignments(data_columns, "--data-column")
-    charts = run_outputs.select_charts(job, job.split(plot) or [], x, data, columns)
+    charts = run_outputs.select_charts(job, split_names(plot), x, data, columns)
     earlier = None
     if resume_from is not None:
         earlier = run_outputs.load_earlier_run(resume_from, job.model)

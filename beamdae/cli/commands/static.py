@@ -17,6 +17,7 @@ from beamdae.cli.options import (
     PlottedColumns,
     Starts,
     parse_named_number,
+    split_names,
 )
 from beamdae.cli.output import withdraw_warnings
 from beamdae.errors import BeamdaeError
@@ -95,7 +96,7 @@ def static_command(
         targets = [parse_value("--to", x) for x in to or []] or None
         size = None if step is None else parse_value("--step", step)
     options: dict[str, Any] = {
-        "loads": job.split(load),
+        "loads": split_names(load) or None,
         "to": targets,
         "control": control,
         "step": size,

@@ -241,8 +241,7 @@ def _create_report(results: StudyResults) -> StudyReport:
     sweep, table = swept.sweep, swept.table
     shown: dict[str, Any] = {"completion": results.describe_completion(sweep.cases)}
     responses = [list(panel.lines.values()) for panel in swept.panels()]
-    cases = text_tables.sweep_table(table, swept.parameters, responses)
-    shown["cases"] = cases
+    shown["cases"] = text_tables.sweep_table(table, swept.parameters, responses)
     data = {
         "sweep": sweep.name,
         "folder": folder,
@@ -251,7 +250,12 @@ def _create_report(results: StudyResults) -> StudyReport:
     }
     return StudyReport(
         results,
-        Report(sweep.name, Description({}, shown, lambda: data), warnings=swept.warnings),
+        Report(
+            sweep.name,
+            Description({}, shown, lambda: data),
+            warnings=swept.warnings,
+            source=TABLE_FILE,
+        ),
         [*(folder / name for name in results.tables), swept.to_csv(folder / TABLE_FILE)],
         swept.page,
         list_response_plots(sweep, table, swept.panels()),

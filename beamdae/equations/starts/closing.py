@@ -5,33 +5,40 @@ positions q0: h(q) = r h(q0), where r decreases from 1 to 0. Its steps are so sh
 method contracts from the first iteration on (Deuflhard, Newton Methods for Nonlinear Problems,
 2004, chapter 5), so that the path neither passes a dead center nor changes to another branch.
 
-Newton's method moves nodes of a rotating beam along tangents, which stretches the beam by half the
-square of the angle. Minimizing the motion and the strain energy at the end of each step removes
-that strain.
+At each step, the strain energy is minimal, relative to the forces of the given positions, and
+motions without strain are as small as possible in the metric of the mass matrix. The forces of
+stiff parts are unknowns, so that slender beams are not strained by rounding errors.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
+import scipy.sparse as sp
 from scipy.linalg.lapack import dpstrf
+from scipy.sparse.linalg import splu
 
-from beamdae.equations.measures import BalanceRows
+from beamdae.equations.formulations.compliant_equations import (
+    CompliantEquations,
+    introduce_resultants,
+)
+from beamdae.equations.formulations.sums import InputLayout, add_saddle_point, create_matrix_sum
 from beamdae.equations.starts.dependent_constraints import require_independent_constraints
 from beamdae.equations.starts.rigid_motions import DisplacementMeasure
-from beamdae.equations.starts.state_evaluator import (
-    MASS_COEFFICIENTS,
-    Coefficients,
-    StateEvaluator,
-)
+from beamdae.equations.starts.state_evaluator import StateEvaluator
+from beamdae.equations.structure import Structure, cache_on_owner
 from beamdae.errors import BeamdaeError
+from beamdae.symbolic.force_kernel import DAMPING, MASS, STIFFNESS
+from beamdae.symbolic.sums.kernel_sums import SumPlan, set_matrix_factors, set_time
+from beamdae.symbolic.sums.sum_evaluator import SumEvaluator
 
 Array = np.ndarray
 
-_RIGID_TIME = 1.0  # [s]; closing joints hardly excites modes of angular frequency above 1 / this
-CLOSING_COEFFICIENTS = (_RIGID_TIME**2, 0.0, 1.0)
+# Inertia of motions that the strain energy does not determine, relative to the largest stiffness.
+_INERTIA_SHARE = 1e-10
 
 _POSITION_TOLERANCE = 1e-12  # permitted gap, relative to its scale
 # Smaller gaps exceed the tolerances of accurate runs and of small mechanisms. They are closed, too,
@@ -54,31 +61,23 @@ _MAX_ROTATION = 0.3  # [rad]
 _MIN_MOBILITY = 1e-13
 _AGREEMENT_TOLERANCE = 1e-11  # of requested values that depend on each other, relative to the scale
 
-# In units of `position_scales`. The changes of slender beams stop to shrink at rounding errors.
+# In units of `position_scales`. Below the second, changes may stop to shrink at rounding errors.
 _CONVERGED_CHANGE = 1e-10
 _SMALL_CHANGE = 1e-6
-_STRAIN_COLUMN = 1  # of the rows of the energy balance
 
 
 def find_least_change(
-    evaluator: StateEvaluator,
-    time: Array,
-    q: Array,
-    v: Array | None,
-    coefficients: Coefficients,
-    gaps: Array,
-    selected: Array,
-    force: Array | float = 0.0,
+    evaluator: StateEvaluator, time: Array, q: Array, v: Array, gaps: Array, selected: Array
 ) -> Array:
     """Return the x, (n,), by which gaps vanish: G x = -gaps of joints, x_k of selected coordinates.
 
-    x minimizes x . W x / 2 - x . force, where W = c0 K + c1 C + c2 M; see `StateEvaluator`. The
-    `selected` coordinates are independent; their gaps follow those of the joints.
+    x is minimal in the metric of the mass matrix. The `selected` coordinates are independent; their
+    gaps follow those of the joints.
     """
     m = evaluator.equations.m
-    change = evaluator.solve_saddle(time, q, v, force, -gaps[:m], coefficients)[0]
+    change = evaluator.solve_saddle(time, q, v, 0.0, -gaps[:m])[0]
     if len(selected):
-        responses = _respond(evaluator, time, q, v, coefficients, selected)
+        responses = _respond(evaluator, time, q, v, selected)
         missing = -gaps[m:] - change[selected]
         change = change + responses @ np.linalg.solve(responses[selected], missing)
     return change
@@ -91,7 +90,7 @@ def select_independent(
     if not len(selected):
         return selected
     inertia = evaluator.mass_matrix(time, q).diagonal()[selected]
-    mobility = _respond(evaluator, time, q, v, MASS_COEFFICIENTS, selected)[selected]
+    mobility = _respond(evaluator, time, q, v, selected)[selected]
     weights = np.sqrt(np.abs(inertia))
     scaled = np.ascontiguousarray(weights[:, None] * mobility * weights)
     _, pivots, rank, _ = dpstrf(scaled, tol=_MIN_MOBILITY)
@@ -99,18 +98,41 @@ def select_independent(
 
 
 def _respond(
-    evaluator: StateEvaluator,
-    time: Array,
-    q: Array,
-    v: Array | None,
-    coefficients: Coefficients,
-    selected: Array,
+    evaluator: StateEvaluator, time: Array, q: Array, v: Array | None, selected: Array
 ) -> Array:
     """Return the changes of positions due to unit forces on coordinates, (n, k)."""
     forces = np.zeros((len(selected), len(q)))
     forces[np.arange(len(selected)), selected] = 1.0
-    changes = [evaluator.solve_saddle(time, q, v, x, 0.0, coefficients)[0] for x in forces]
+    changes = [evaluator.solve_saddle(time, q, v, x, 0.0)[0] for x in forces]
     return np.reshape(changes, forces.shape).T
+
+
+def closing_matrix(evaluator: StateEvaluator, time: Array, q: Array) -> sp.csc_array:
+    """Return the matrix by which positions follow the gaps of joints.
+
+    Rows and columns are those of the coordinates, (n,), of the joints, (m,), and of stiff parts.
+    """
+    path = _Path(evaluator, time, q, evaluator.equations.states, q[evaluator.equations.states])
+    return path.matrix(path.begin)
+
+
+@cache_on_owner
+def _plan_matrix(
+    structure: Structure, joint_count: int, held: tuple[int, ...]
+) -> tuple[sp.csc_array, SumPlan]:
+    """Return the pattern and plan of `_Path.matrix`, with inputs (q, 0, lam)."""
+    n, m, total = structure.n, structure.m, create_matrix_sum()
+    layout = InputLayout(q=0, v=n, a=n, lam=2 * n)
+    # As in the Jacobians of Radau, so that both use the same kernels.
+    sums = ((STIFFNESS,), (DAMPING,), (MASS,))
+    add_saddle_point(total, structure, layout, sums, with_reaction_stiffness=True)
+    first = n + joint_count
+    total.add_diagonal(m - joint_count, (first, first), None, -1.0)
+    for row, column in enumerate(held, n + m):
+        total.add_diagonal(1, (row, column), None, 1.0)
+        total.add_diagonal(1, (column, row), None, 1.0)
+    size = n + m + len(held)
+    return total.matrix((size, size))
 
 
 def close_joints(
@@ -141,7 +163,8 @@ def close_joints(
     targets = q.copy()
     targets[selected] = values
     leading = select_independent(evaluator, time, q, None, selected)
-    path = _Path(evaluator, time, q, leading, targets[leading])
+    held = np.append(leading, np.setdiff1d(evaluator.equations.states, leading))
+    path = _Path(evaluator, time, q, held, targets[held])
     closed_q, remaining = path.follow()
     if remaining:
         raise _describe_failure(path, selected, values, closed_q, remaining)
@@ -171,7 +194,7 @@ def _describe_failure(
             f"a gap of {remaining * gap:.6g} (m or rad) remains of {gap:.6g}; check the dimensions "
             "of the parts and the start values."
         )
-    k = path.selected[worst - e.m]
+    k = path.held[worst - e.m]
     reason = f"{e.q_names[k]} can be led only to {q[k]:.6g} on the branch of the drawing"
     return _create_start_error(path.evaluator, selected, values, reason)
 
@@ -187,9 +210,17 @@ def _create_start_error(
     )
 
 
+class _Point(NamedTuple):
+    """Positions (n,), forces of joints and of stiff parts, and forces on held coordinates."""
+
+    q: Array
+    lam: Array
+    holding: Array
+
+
 @dataclass(frozen=True)
 class _Path:
-    """Path on which the gaps of the joints and of selected coordinates shrink in proportion.
+    """Path on which the gaps of the joints and of held coordinates shrink in proportion.
 
     Attributes
     ----------
@@ -198,14 +229,15 @@ class _Path:
     drawn
         Positions (n,) at which the path begins, and whose forces F (elastic forces, weight and
         loads) are subtracted in the strain energy.
-    selected, values
-        Indices of independent coordinates and their values at the end.
+    held, values
+        Indices of independent coordinates, with all first-order states, and their values at the
+        end.
     """
 
     evaluator: StateEvaluator
     time: Array
     drawn: Array
-    selected: Array
+    held: Array
     values: Array
 
     @cached_property
@@ -215,7 +247,7 @@ class _Path:
     @cached_property
     def scales(self) -> Array:
         e = self.evaluator.equations
-        return np.concatenate([e.constraint_scales, e.position_scales[self.selected]])
+        return np.concatenate([e.constraint_scales, e.position_scales[self.held]])
 
     @cached_property
     def drawn_gaps(self) -> Array:
@@ -226,36 +258,61 @@ class _Path:
 
         The share that remains is zero unless the path ends before.
         """
-        q, remaining, step, relaxes = self.drawn, 1.0, 1.0, True
         if not np.all(np.isfinite(self.drawn_gaps)):
             name = self.evaluator.equations.lam_names[np.argmin(np.isfinite(self.drawn_gaps))]
             raise BeamdaeError(
                 f"{name}: the constraint is not finite at t = {self.time[0]:g} s; check the laws "
                 "and the start values."
             )
-        if self._size(self.drawn_gaps) <= self._rounding(q):
-            return q, 0.0
-        require_independent_constraints(self.evaluator, self.time, q)
+        if self._size(self.drawn_gaps) <= self._rounding(self.drawn):
+            return self.drawn, 0.0
+        require_independent_constraints(self.evaluator, self.time, self.drawn)
+        point, remaining, step = self.begin, 1.0, 1.0
         while remaining > 0.0:
-            rotation = self._rotation(self._least_change(q, self.drawn_gaps))
+            rotation = self._rotation(self._change(point, self.drawn_gaps).q)
             step = min(step, remaining, _MAX_PREDICTED_ROTATION / max(rotation, 1e-300))
             end = max(remaining - step, 0.0)
             is_smallest = step <= _MIN_STEP
             contraction = _MAX_LAST_CONTRACTION if is_smallest else _MAX_CONTRACTION
-            next_q = self._take_step(q, end, contraction, relaxes)
-            if next_q is not None:
-                q, remaining, step = next_q, end, step * _STEP_FACTOR
+            next_point = self._take_step(point, end, contraction)
+            if next_point is not None:
+                point, remaining, step = next_point, end, step * _STEP_FACTOR
             elif not is_smallest:
                 step /= _STEP_FACTOR
-            elif relaxes:
-                relaxes = False
             else:
                 break
-        return q, remaining
+        return point.q, remaining
+
+    @cached_property
+    def _form(self) -> CompliantEquations:
+        return introduce_resultants(self.evaluator.equations)
+
+    @cached_property
+    def _mixed(self) -> StateEvaluator:
+        """Evaluator of the equations with the forces of stiff parts as unknowns."""
+        return StateEvaluator(self._form.equations)
+
+    @cached_property
+    def begin(self) -> _Point:
+        """The drawing, with the forces of its strains."""
+        none = _Point(self.drawn, np.zeros(self._form.equations.m), np.zeros(len(self.held)))
+        return none._replace(lam=self._unbalance(none)[1])
+
+    @cached_property
+    def _drawn_force(self) -> Array:
+        return self._unbalance(self.begin)[0]
+
+    def _unbalance(self, point: _Point) -> tuple[Array, Array]:
+        """Return F + R^T lam, (n,), and the strains of stiff parts less their forces, (m,)."""
+        force, (strains, *_) = self._mixed.balance(self.time, point.q, None, None, point.lam)
+        force[self.held] += point.holding
+        errors = strains - point.lam
+        errors[: self._form.joint_count] = 0.0
+        return force, errors
 
     def _gaps(self, q: Array) -> Array:
         joint_gaps = self.evaluator.position_gaps(self.time, q)
-        return np.concatenate([joint_gaps, q[self.selected] - self.values])
+        return np.concatenate([joint_gaps, q[self.held] - self.values])
 
     def _size(self, gaps: Array) -> float:
         return float(np.max(np.abs(gaps) / self.scales, initial=0.0))
@@ -267,77 +324,70 @@ class _Path:
     def _rotation(self, change: Array) -> float:
         return float(np.max(np.abs(change[self.evaluator.equations.is_angle]), initial=0.0))
 
-    def _least_change(self, q: Array, gaps: Array, force: Array | float = 0.0) -> Array:
-        """Return the x with x . W x / 2 - x . force minimal, W = M + T^2 K, by which gaps vanish.
-
-        First-order states that are not selected do not change.
-        """
-        change = find_least_change(
-            self.evaluator, self.time, q, None, CLOSING_COEFFICIENTS, gaps, self.selected, force
-        )
-        change[np.setdiff1d(self.evaluator.equations.states, self.selected)] = 0.0
-        return change
-
-    def _take_step(
-        self, begin: Array, remaining: float, max_contraction: float, relaxes: bool
-    ) -> Array | None:
-        """Return the positions near `begin` at which this fraction of the gaps remains, or None."""
-        gaps = remaining * self.drawn_gaps
+    def _take_step(self, begin: _Point, remaining: float, max_contraction: float) -> _Point | None:
+        """Return the point near `begin` at which this fraction of the gaps remains, or None."""
         try:
-            q = self._close(begin, gaps, max_contraction)
-            if q is None or self._rotation(q - begin) > _MAX_ROTATION:
-                return None
-            return self._relax(begin, q, gaps) if relaxes else q
-        except (BeamdaeError, np.linalg.LinAlgError):
+            point = self._close(begin, remaining * self.drawn_gaps, max_contraction)
+        except (BeamdaeError, RuntimeError):
             return None
+        is_near = point is not None and self._rotation(point.q - begin.q) <= _MAX_ROTATION
+        return point if is_near else None
 
-    def _close(self, begin: Array, remaining_gaps: Array, max_contraction: float) -> Array | None:
-        """Return positions with these gaps by Newton's method, or None if it does not contract."""
-        q = last_q = begin
-        last_size, last_change = np.inf, np.inf
+    def _close(self, begin: _Point, remaining_gaps: Array, max_contraction: float) -> _Point | None:
+        """Return a point with these gaps by Newton's method, or None if it does not contract."""
+        point, last_size, last_change = begin, np.inf, np.inf
         for _ in range(_MAX_ITERATIONS):
-            gaps = self._gaps(q) - remaining_gaps
-            size = self._size(gaps)
+            gaps = self._gaps(point.q) - remaining_gaps
+            size, rounding = self._size(gaps), self._rounding(point.q)
+            change = self._change(point, gaps)
+            change_size = self._measure.farthest(change.q)
+            point = _Point(*map(np.add, point, change))
             is_stalled = size <= _POSITION_TOLERANCE and size > _CLOSING_RATIO * last_size
-            if size <= self._rounding(q) or is_stalled:
-                return q if size <= last_size else last_q
-            change = self._least_change(q, gaps)
-            change_size = self._measure.farthest(change)
-            if not change_size < np.inf or (
-                size > _POSITION_TOLERANCE and change_size > max_contraction * last_change
-            ):
+            if (size <= rounding or is_stalled) and change_size < _CONVERGED_CHANGE:
+                return point
+            is_open = size > _POSITION_TOLERANCE or change_size > _SMALL_CHANGE
+            is_growing = is_open and change_size > max_contraction * last_change
+            if not change_size < np.inf or is_growing:
                 return None
-            last_q, last_size, last_change = q, size, change_size
-            q = q + change
+            last_size, last_change = size, change_size
         return None
 
-    def _relax(self, begin: Array, q: Array, remaining_gaps: Array) -> Array | None:
-        """Return positions with these gaps, and with the least motion and strain energy, or None.
+    def _change(self, point: _Point, gaps: Array) -> _Point:
+        """Return the change with M x / T^2 + F(q) + K x + R^T lam = F(drawn), by which gaps vanish.
 
-        Newton's method solves M (q - begin) + T^2 (F(q) - F(drawn)) + R^T mu = 0, where R is the
-        derivative of the gaps. The result is used only if it reduces the strain energy.
+        R are the derivatives of the gaps. First-order states that are not selected do not change.
         """
-        if self._strain_energy(q) == 0.0:
-            return q
-        e, evaluator = self.evaluator.equations, self.evaluator
-        zeros, best, last_size = np.zeros(e.n), q, np.inf
-        drawn_force = evaluator.force(self.time, self.drawn, zeros, zeros)
-        for _ in range(_MAX_ITERATIONS):
-            elastic = evaluator.force(self.time, best, zeros, zeros) - drawn_force
-            inertia = evaluator.mass_matrix(self.time, best) @ (best - begin)
-            force = e.without_states(-inertia - _RIGID_TIME**2 * elastic)
-            change = self._least_change(best, self._gaps(best) - remaining_gaps, force)
-            size = float(np.max(np.abs(change) / e.position_scales))
-            if not self._rotation(best + change - begin) <= _MAX_ROTATION:
-                return None
-            best = best + change
-            if size < _CONVERGED_CHANGE or last_size <= size < _SMALL_CHANGE:
-                return min(q, best, key=self._strain_energy)
-            last_size = size
-        return None
+        (force, errors), joints = self._unbalance(point), self._form.joint_count
+        right = [self._drawn_force - force, -gaps[:joints], -errors[joints:], -gaps[joints:]]
+        solution = splu(self.matrix(point)).solve(np.concatenate(right))
+        return _Point(*np.split(solution, np.cumsum([len(force), len(errors)])))
 
-    def _strain_energy(self, q: Array) -> float:
+    @cached_property
+    def _plan(self) -> tuple[sp.csc_array, SumEvaluator]:
+        e = self._form.equations
+        pattern, plan = _plan_matrix(e.structure, self._form.joint_count, tuple(self.held.tolist()))
+        return pattern, SumEvaluator(plan, e.p)
+
+    def matrix(self, point: _Point) -> sp.csc_array:
+        """Return [[M / T^2 + K, R^T], [R, -D]], where D is one for stiff parts, otherwise zero."""
+        return self._matrix(point, 1.0, self._inertia_factor)
+
+    def _matrix(self, point: _Point, stiffness: float, inertia: float) -> sp.csc_array:
+        pattern, total = self._plan
+        set_matrix_factors(total, stiffness, 0.0, inertia, 1.0, 1.0, 1.0)
+        set_time(total, *self.time)
+        values = total(np.concatenate([point.q, np.zeros(len(point.q)), point.lam]), pattern.nnz)
+        return sp.csc_array((values, pattern.indices, pattern.indptr), pattern.shape)
+
+    @cached_property
+    def _inertia_factor(self) -> float:
+        """The 1 / T^2 of `matrix`; 1 without stiffness."""
         e = self.evaluator.equations
-        zeros, no_reactions = np.zeros((1, e.n)), np.zeros((1, e.m))
-        rows = BalanceRows(e)(self.time[None], q[None], zeros, zeros, no_reactions)
-        return float(rows[0, _STRAIN_COLUMN])
+        squares = e.without_states(e.position_scales**2)
+        elastic, inertial = (self._matrix(self.begin, *x) for x in ((1.0, 0.0), (0.0, 1.0)))
+        stiffness, inertia = (
+            np.max(squares * np.abs(x.diagonal()[: e.n])) for x in (elastic, inertial)
+        )
+        stiff = slice(e.n + e.m, e.n + self._form.equations.m)
+        strains = np.max(elastic.power(2)[stiff, : e.n] @ squares, initial=0.0)
+        return float(_INERTIA_SHARE * (stiffness or strains) / inertia) or 1.0

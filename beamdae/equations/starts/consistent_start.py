@@ -20,7 +20,7 @@ from beamdae.equations.starts.closing import (
 )
 from beamdae.equations.starts.dependent_constraints import require_independent_constraints
 from beamdae.equations.starts.rigid_motions import compute_rigid_motions
-from beamdae.equations.starts.state_evaluator import MASS_COEFFICIENTS, StateEvaluator
+from beamdae.equations.starts.state_evaluator import StateEvaluator
 from beamdae.errors import BeamdaeError
 from beamdae.symbolic.sparse_operators import build_selection
 
@@ -88,7 +88,7 @@ class ConsistencySolver(StateEvaluator):
             return v
         fixed = select_independent(self, time, q, v, np.array(prescribed, int))
         gaps = np.concatenate([g_dot, np.zeros(len(fixed))])
-        return v + find_least_change(self, time, q, v, MASS_COEFFICIENTS, gaps, fixed)
+        return v + find_least_change(self, time, q, v, gaps, fixed)
 
     def complete(self, time: Array, q: Array, v: Array) -> State:
         """Return the state at consistent (q, v), with the rates of first-order states."""

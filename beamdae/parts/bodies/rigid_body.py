@@ -388,12 +388,31 @@ class RigidBody(Part):
     def draw(self, attached: Sequence[Attachment], points: int) -> Drawing:
         """Return the drawing of the shape or, without a shape, of a line through the attachments.
 
-        If there is at most one attachment, the line ends at the center of mass.
+        Lines join attachments outside the shape to it. Without a shape, if there is at most one
+        attachment, the line ends at the center of mass.
         """
         if self.shape:
-            return Drawing("rigid", [self.at(*point) for point in self.shape])
+            outline = _join(self.shape, self.center, [x.point for x in attached])
+            return Drawing("rigid", [self.at(*point) for point in outline])
         line = list(attached)
         center = self.at(*self.center)
         if len(line) < 2 and center.point not in {attachment.point for attachment in line}:
             line.append(center)
         return Drawing("rigid", line)
+
+
+def _join(outline: Any, center: Any, points: Sequence[Any]) -> Any:
+    """Return an outline with lines to the points outside, from the nearest points of its edges."""
+    for point in np.reshape(points, (-1, 2)):
+        starts = np.array(outline)
+        edges = np.roll(starts, -1, axis=0) - starts
+        shares = ((point - starts) * edges).sum(1) / np.maximum(
+            (edges**2).sum(1), np.finfo(float).tiny
+        )
+        feet = starts + np.clip(shares, 0.0, 1.0)[:, None] * edges
+        distances = np.hypot(*(point - feet).T)
+        k = int(np.argmin(distances))
+        # The nearest point of a convex outline lies between an outer point and the center.
+        if (point - feet[k]) @ (center - feet[k]) <= 0.0 < distances[k]:
+            outline = np.insert(starts, k + 1, [feet[k], point, feet[k]], axis=0)
+    return outline

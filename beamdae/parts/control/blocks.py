@@ -1,4 +1,4 @@
-"""Blocks of continuous controllers: filters, transfer functions and PID, made of states."""
+"""Blocks of continuous controllers: transfer functions and PID, made of states."""
 
 from __future__ import annotations
 
@@ -20,64 +20,10 @@ from beamdae.errors import (
     short_repr,
 )
 from beamdae.parts.mechanism import Mechanism
-from beamdae.parts.signals import NO_UNIT, State, find_unit, require_formula
+from beamdae.parts.signals import NO_UNIT, find_unit, require_formula
 from beamdae.symbolic.local_symbols import SX
 
 _SECONDS = re.compile(r"s(?:\^(-?\d+))?")  # factor of a unit, with its exponent
-
-
-def low_pass(
-    mechanism: Mechanism,
-    name: str,
-    value: Any,
-    time_constant: float,
-    start: float = 0.0,
-    unit: str | None = None,
-    scale: float = 1.0,
-) -> State:
-    """Add a first-order low-pass filter T y' = value - y and return its state y.
-
-    Parameters
-    ----------
-    mechanism
-        Mechanism to which the state is added.
-    name, start, scale
-        See `Mechanism.state`.
-    value
-        Filtered value: a formula of inputs, sensors and states.
-    time_constant
-        Time constant T [s].
-    unit
-        Unit of the value and the state. Defaults to that of the sensors, inputs and states in
-        `value` if it is their sum or difference and they have one unit, otherwise to "-".
-
-    Returns
-    -------
-    State
-        The filtered value.
-
-    Raises
-    ------
-    BeamdaeError
-        If an argument is invalid.
-
-    Examples
-    --------
-    >>> import beamdae as bd
-    >>> mech = bd.Mechanism()
-    >>> ball = mech.add(bd.PointMass("ball", 1.0, at=(1.0, 0.0)))
-    >>> x = mech.sensor("x", ball.point, "x")
-    >>> smooth = bd.low_pass(mech, "smooth", x, time_constant=0.5)
-    >>> run = bd.simulate(mech, bd.Radau(), t_end=1.0)
-    >>> print(f"{run['smooth'].iloc[-1]:.4f} m")
-    0.8647 m
-    """
-    _require_mechanism("low_pass", mechanism)
-    name = require_name("low_pass", name)
-    value = require_formula(name, "value", value)
-    time = require_positive(name, "time_constant", time_constant)
-    unit = find_unit(name, value, unit) or NO_UNIT
-    return mechanism.state(name, lambda y, t: (value - y) / time, start, unit, scale)
 
 
 def _integrate_unit(unit: str | None, count: int = 1) -> str:
@@ -150,7 +96,9 @@ def transfer_function(
     scale
         Typical size of `value`, from which the scales of the states follow; see `Mechanism.state`.
     unit
-        Unit of `value`, with the default of `low_pass`; x_k has this unit times s^(n - k + 1).
+        Unit of `value`. Defaults to that of the sensors, inputs and states in `value` if it is
+        their sum or difference and they have one unit, otherwise to "-"; x_k has this unit times
+        s^(n - k + 1).
 
     Returns
     -------
@@ -263,7 +211,8 @@ def pid(
     scale
         Typical size of the states; see `Mechanism.state`.
     unit
-        Unit of `error`, with the default of `low_pass`; the integral has this unit times s.
+        Unit of `error`, with the default of `transfer_function`; the integral has this unit times
+        s.
 
     Returns
     -------
@@ -321,7 +270,9 @@ def pid(
     unit = find_unit(name, error, unit)
     with _all_or_no_states(mechanism):
         if kd and rate is None:
-            filtered = low_pass(mechanism, f"{name} filter", error, time, unit=unit, scale=scale)
+            filtered = mechanism.state(
+                f"{name} filter", lambda x, t: (error - x) / time, 0.0, unit or NO_UNIT, scale
+            )
             output = output + (kd / time) * (error - filtered)
         if ki:
             integral = mechanism.state(f"{name} integral", unit=_integrate_unit(unit), scale=scale)

@@ -23,8 +23,8 @@ from beamdae.errors import (
 )
 from beamdae.model_parameters import conversion_factor
 from beamdae.parts.attachments import Attachment, require_angle, require_attachment
+from beamdae.parts.forces.friction import require_stribeck
 from beamdae.parts.forces.point_force import ForceFormula, PointForce
-from beamdae.parts.forces.smooth import positive_part, require_stribeck, smooth_sign
 from beamdae.parts.forces.surfaces import CircleSurface, LineSurface, perpendicular
 from beamdae.parts.laws import MIN_STEPS_PER_TIME_SCALE, Law, as_law
 from beamdae.parts.part import RegularizedFriction, SurfaceGap
@@ -83,20 +83,20 @@ class _ContactFormula:
         surface_velocity = local.dot(root) + local.dot(rotation) * perpendicular(arm)
         slip = ca.dot(tangent, local.dot(position) - surface_velocity)
         stiffness, exponent, hysteresis = (numbers()[k] for k in range(3))
-        elastic_force = stiffness * positive_part(-gap) ** exponent
-        normal_force = elastic_force * positive_part(1 - hysteresis * local.dot(gap))
+        elastic_force = stiffness * ca.fmax(-gap, 0) ** exponent
+        normal_force = elastic_force * ca.fmax(1 - hysteresis * local.dot(gap), 0)
         friction = self._friction(slip, normal_force, numbers()) if self.has_friction else SX(0)
         force = ca.jtimes(slip, local.v, friction, True) - ca.jtimes(
             gap, local.q, normal_force, True
         )
-        energy = elastic_force * positive_part(-gap) / (exponent + 1)
+        energy = elastic_force * ca.fmax(-gap, 0) / (exponent + 1)
         dissipated = (elastic_force - normal_force) * local.dot(gap) + friction * slip
         energies, powers = ca.vertcat(0, energy, 0), ca.vertcat(0, dissipated)
         values = {"normal": normal_force, "friction": -friction, "slip": slip}
         return ForceKernel(local, force, energies, powers=powers), values
 
     def _friction(self, slip: SX, normal_force: SX, numbers: Any) -> SX:
-        friction = numbers[3] * normal_force * smooth_sign(slip, numbers[4])
+        friction = numbers[3] * normal_force * ca.tanh(slip / numbers[4])
         if self.has_stribeck:
             friction *= 1 + numbers[5] * ca.exp(-((slip / numbers[6]) ** 2))
         return friction

@@ -159,9 +159,9 @@ class ForceLaw(PointForce):
         `rate` [rad/s] in the inertial frame. The function returns the load (Fx, Fy) or (Fx, Fy, M)
         [N, N m] on a single attachment, or a list of loads, one per attachment.
         Formulas consist of NumPy functions (np.sin, np.sqrt, np.tanh, np.maximum, np.abs, ...) and
-        products of arrays (a @ b, np.dot), and must not have jumps; see `bd.positive_part` and
-        `bd.smooth_sign`. Forces between attachments are not balanced automatically: return both
-        action and reaction.
+        products of arrays (a @ b, np.dot), and must not have jumps: write np.maximum(x, 0.0) for
+        one-sided forces and np.tanh(x / scale) for signs. Forces between attachments are not
+        balanced automatically: return both action and reaction.
     energy
         Function `energy(a, b, ...)` of the same objects: a potential [J] of positions and angles.
         The potential is part of the strain energy; only the remaining power of the law is that of a

@@ -12,7 +12,9 @@ import numpy as np
 from beamdae.errors import (
     BeamdaeError,
     convert_fields,
+    format_distinct,
     optional,
+    require_finite,
     require_non_negative,
     require_positive,
     set_fields,
@@ -20,7 +22,6 @@ from beamdae.errors import (
 )
 from beamdae.parts.attachments import Attachment, require_angle, rotate
 from beamdae.parts.forces.point_force import ForceFormula, PointForce
-from beamdae.parts.forces.smooth import require_stribeck
 from beamdae.parts.joints.joint import Joint, Revolute
 from beamdae.parts.part import RegularizedFriction
 from beamdae.parts.point_parts import MOMENT, PlacedPoint
@@ -247,3 +248,31 @@ class Friction(PointForce):
     @property
     def _joint(self) -> Joint:
         return self.joint
+
+
+def require_stribeck(
+    part: str, name: str, kinetic: float, static: Any, stribeck: Any
+) -> tuple[float | None, float | None]:
+    """Return the static coefficient of friction and the Stribeck velocity [m/s], or None twice.
+
+    Raises
+    ------
+    BeamdaeError
+        If only one of them is given, a number is invalid, or the static coefficient is less than
+        the kinetic coefficient, whose argument is called `name`, or combined with zero.
+    """
+    if (static is None) != (stribeck is None):
+        raise BeamdaeError(
+            f"{part}: static and stribeck must be given together; pass both or neither."
+        )
+    if static is None:
+        return None, None
+    static = require_finite(part, "static", static)
+    stribeck = require_positive(part, "stribeck", stribeck)
+    if not static >= kinetic > 0.0:
+        static_text, kinetic_text = format_distinct(static, kinetic)
+        raise BeamdaeError(
+            f"{part}: static must be at least {name}, and {name} must be positive, got "
+            f"{static_text} and {kinetic_text}."
+        )
+    return static, stribeck

@@ -10,20 +10,16 @@ from beamdae.errors import list_first
 
 _MAX_FREE_MOTIONS = 8
 _MAX_ERRORS = 8
-_RESOLVING_STEP = 0.05  # step that resolves a vibration, as a fraction of its period
 
 
 def describe_check(check: Any) -> dict[str, str]:
     """Return the results of a `Check` as texts by topic, the verdict first."""
-    facts = {
-        "verdict": check.verdict,
-        "size": f"{check.coordinates} coordinates, {check.constraints} constraints",
-    }
+    facts = {"verdict": check.verdict}
     if check.mobility is not None:
         states = f" - {check.states} states" if check.states else ""
         facts["mobility"] = (
-            f"{check.mobility} = {check.coordinates} coordinates{states} - {check.rank} "
-            f"independent constraints; {check.rigid_mobility} with rigid beams and fixed drivers"
+            f"{check.rigid_mobility} with rigid beams and fixed drivers; {check.mobility} = "
+            f"{check.coordinates} coordinates{states} - {check.rank} independent constraints"
         )
         if dependent := describe_dependent_sets(check.dependent):
             facts["dependent constraints"] = dependent
@@ -33,7 +29,9 @@ def describe_check(check: Any) -> dict[str, str]:
                 motions.append(f"and {omitted} more")
             facts["free motions"] = "; ".join(motions)
     else:
-        facts["mobility"] = "not computed: too many constraints"
+        facts["mobility"] = (
+            f"not computed: {check.coordinates} coordinates, {check.constraints} constraints"
+        )
     if loose := "; ".join(", ".join(group) for group in check.loose):
         facts["unconnected parts"] = f"no joint connects to the ground: {loose}"
     facts["start"] = _describe_start(check)
@@ -44,7 +42,8 @@ def describe_check(check: Any) -> dict[str, str]:
     if check.errors is not None and not check.errors.reason:
         total = dict(zip(check.errors.headers, check.errors.total.tolist(), strict=True))
         named = sorted((name for name in total if total[name] > 0.0), key=lambda x: -total[x])
-        facts["errors"] = list_first([f"{total[x]:.2g} ({x})" for x in named], _MAX_ERRORS)
+        if named:
+            facts["errors"] = list_first([f"{total[x]:.2g} ({x})" for x in named], _MAX_ERRORS)
     if check.prediction is not None:
         p = check.prediction
         facts["predicted cost"] = (
@@ -81,10 +80,7 @@ def _describe_frequencies(frequencies: FrequencyRange) -> dict[str, str]:
     facts = {}
     lowest, highest = frequencies.lowest, frequencies.highest
     if highest is not None and lowest is not None:
-        facts["frequencies"] = (
-            f"{lowest:.4g} to {highest:.4g} Hz; steps of {_RESOLVING_STEP / lowest:.2g} s resolve "
-            f"the lowest, {_RESOLVING_STEP / highest:.2g} s the highest"
-        )
+        facts["frequencies"] = f"{lowest:.4g} to {highest:.4g} Hz"
     if frequencies.growth:
         facts["unstable"] = frequencies.growth
     return facts

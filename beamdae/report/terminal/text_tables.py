@@ -42,8 +42,6 @@ RESULT_COLUMNS = {
     "error [-]": ("error", "-", "error"),
     "wall time [s]": ("wall time", "s", "cost"),
     "status": ("status", "", "status"),
-    "wall time min [s]": ("wall min", "s", "number"),
-    "wall time max [s]": ("wall max", "s", "number"),
     "events": ("events", "", "text"),
 }
 SOLVER_COLUMNS = {
@@ -107,13 +105,11 @@ def run_facts(solution: Solution) -> dict[str, str]:
         for name, value in settings.items()
         if value is not None and name not in _OTHER_SETTINGS
     )
-    sizes = ", ".join(f"{k} {format_number(x)}" for k, x in settings.get("amplitudes", {}).items())
     limits = ", ".join(f"{k} {100.0 * x:.0f} %" for k, x in settings.get("limited_by", {}).items())
     facts = {
         "status": str(s["reason"]),
         "time reached": f"{format_number(summary['last_time'], 6)} s",
         "integrator": f"{settings.get('integrator', '')} {options}",
-        "amplitudes": f"{sizes} (relative to the size of the part, or in rad)" if sizes else "",
         "steps": f"{s['steps']}, {s['rejected_steps']} rejected, {s['newton_failures']} Newton "
         "failures",
         "limited by": f"{limits} of the steps" if limits else "",

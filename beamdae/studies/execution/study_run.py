@@ -93,13 +93,12 @@ class StudyPlan:
 
 
 def _merge_tasks(tasks: list[Task]) -> list[Task]:
-    """Merge tasks with the same key, with the largest number of repetitions and of frames."""
+    """Merge tasks with the same key, with the largest number of frames."""
     merged: dict[str, Task] = {}
     for task in tasks:
         earlier = merged.setdefault(task.key, task)
         merged[task.key] = replace(
             earlier,
-            repetitions=max(earlier.repetitions, task.repetitions),
             frames=max(earlier.frames, task.frames),
             is_checked=earlier.is_checked or task.is_checked,
         )
@@ -259,7 +258,6 @@ def run_study(
         interrupts.immediate = True
         plan = StudyPlan.of(study)
         store = Store(folder)
-        store.remove_scratch_files()
         outcomes = _load_stored_outcomes(plan, store, interrupts)
         interrupted, progress_error = False, None
         try:

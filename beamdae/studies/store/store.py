@@ -19,7 +19,6 @@ from beamdae.results.storage.documents import Format
 from beamdae.results.storage.files import (
     escape_cell,
     format_rows,
-    remove_stale_scratch_files,
     write_bytes,
 )
 from beamdae.results.storage.reader import FileKind, read_bytes
@@ -54,10 +53,9 @@ class Record:
     frames: dict[str, Any] | None
     read: dict[str, str | None]
     time_limit: float | None
-    repetitions: int
 
 
-_FORMAT = Format(FileKind("record", "run the case again"), 7, Record)
+_FORMAT = Format(FileKind("record", "run the case again"), 8, Record)
 
 
 @dataclass(frozen=True)
@@ -98,7 +96,6 @@ class Store:
             "frames": outcome.frames,
             "read": outcome.read,
             "time_limit": task.time_limit,
-            "repetitions": task.repetitions,
         }
         write_bytes(self.record_path(task), _FORMAT.write(content), durable=False)
         return replace(outcome, file="" if rows is None else task.file, text=b"")
@@ -107,7 +104,7 @@ class Store:
         """Return the stored outcome of a task, or None if there is none that can be used.
 
         It cannot be used if it is damaged, a file that the run has read has changed, the run was
-        unsuccessful under another time limit, or it lacks repetitions or frames of the task.
+        unsuccessful under another time limit, or it lacks frames of the task.
         """
         try:
             record = _FORMAT.read(self.record_path(task))
@@ -132,11 +129,6 @@ class Store:
             file,
         )
 
-    def remove_scratch_files(self) -> None:
-        """Remove unfinished files left by processes that have ended."""
-        for folder in (self.folder, self.folder / "outcomes", self.folder / "trajectories"):
-            remove_stale_scratch_files(folder)
-
 
 def format_trajectory(columns: Sequence[str], numbers: Array) -> bytes:
     """Return times and columns, (k, 1 + columns), as CSV text in UTF-8 without loss of precision.
@@ -153,4 +145,4 @@ def _is_usable(task: Task, record: Record) -> bool:
         return False
     if not record.status.success:
         return record.time_limit == task.time_limit
-    return record.repetitions >= task.repetitions and not (task.frames and record.frames is None)
+    return not (task.frames and record.frames is None)

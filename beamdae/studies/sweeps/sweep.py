@@ -332,6 +332,7 @@ def sweep(
     model: Model | Callable[..., Any],
     over: Over | None = None,
     *,
+    parameters: Mapping[str, Any] | None = None,
     of: str | Iterable[str] = (),
     outputs: Mapping[str, Output] | None = None,
     integrator: Integrator | None = None,
@@ -364,6 +365,8 @@ def sweep(
         Values by parameter name; all combinations are run: `{"elements": [4, 8]}`. A dict can name
         values that are not numbers: `{"section": {"thin": thin, "thick": thick}}`. Alternatively, a
         list of combinations, each of which is a dict of parameters; see `bd.grid`.
+    parameters
+        Values of other parameters of the model that differ from the defaults.
     of
         Observed columns to tabulate, by header with or without unit ("tip.y") or by observable
         ("tip"). Defaults to all observed columns.
@@ -440,6 +443,9 @@ def sweep(
     >>> path = results.plot("bob.y").save("bob.png")
     """
     study_model = _require_model(model, t_end, measure)
+    if parameters is not None:
+        values = require_mapping("sweep", "parameters", parameters, "a dict of values by name")
+        study_model = replace(study_model, parameters=study_model.complete(dict(values)))
     if time_limit is not None:
         require_positive("sweep", "time_limit", time_limit)
     options: dict[str, Any] = {

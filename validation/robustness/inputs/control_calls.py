@@ -108,18 +108,6 @@ CONTROL_CALLS: dict[str, WorkingCall] = {
         run_with_part,
     ),
     "State.follows": WorkingCall(lambda box: {"rate": _sense(box)}, call=_follow),
-    "low_pass": WorkingCall(
-        lambda box: {
-            "mechanism": box.mech,
-            "name": "smooth",
-            "value": _sense(box),
-            "time_constant": 0.1,
-            "start": 0.1,
-            "unit": "rad",
-            "scale": 1.0,
-        },
-        run_with_law,
-    ),
     "transfer_function": WorkingCall(
         lambda box: {
             "mechanism": box.mech,

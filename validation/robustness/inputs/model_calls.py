@@ -229,8 +229,6 @@ _OTHER_USES: dict[str, Callable[[Sandbox, Any], Any] | None] = {
     "Material": lambda sandbox, material: run_with_section(
         sandbox, bd.Section(material, 8e-5, 1e-10)
     ),
-    "positive_part": None,
-    "smooth_sign": None,
 }
 
 

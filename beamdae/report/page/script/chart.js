@@ -6,7 +6,6 @@ const PRINTED_TABLE_SCALE = 0.8; // ratio of the font sizes in media.css and tab
 const PRINTED_CHART_WIDTH = 500; // on A4 landscape, two charts side by side [px]
 const PRINTED_CURVE_WIDTH = 600; // one chart beside the motion [px]
 const MIN_RELATIVE_RANGE = 1e-7; // of values; smaller ranges are rounding errors
-const CSV_DIGITS = 6; // of 32-bit numbers
 const MAX_FILE_NAME_PART = 60; // characters of the page title and of the chart name
 const INVALID_XML_CHARACTERS = /[\u0000-\u0008\u000b\u000c\u000e-\u001f\ufffe\uffff]/g;
 const BLOB_LIFETIME = 60000; // [ms]
@@ -27,7 +26,6 @@ const LEGEND_HEIGHT = 24; // [px]
  *   read             function of entries of ECharts under the pointer that returns the content of the tooltip
  *   select           optional function of the case of a point that is clicked
  *   marks            optional function of the time of the motion that returns points [x, y]; y is null for a line
- *   rows             function that returns the lines of the CSV file, header first
  */
 function createChart(id, describe, holder, ...before) {
   const chart = state.charts.get(id) ?? createFrame(id);
@@ -47,7 +45,6 @@ function createFrame(id) {
     { class: "tools" },
     button("Reset", "Reset: show all", () => resetView(chart, 0, 1)),
     button("SVG", "save as SVG", () => savePicture(chart)),
-    button("CSV", "save as CSV", () => saveRows(chart)),
   );
   const element = html("div", { class: "chart", "data-chart": id }, tools, html("div", { class: "layers" }, plot, marks));
   const instance = echarts.init(plot, null, { renderer: "svg", width: 640, height: 400 });
@@ -201,12 +198,13 @@ function shareTimes(chart) {
 // Marks at the time of the motion lie above the chart, which is not drawn again.
 function markTime({ instance, spec, marks }, time) {
   const points = (motion.frames && spec.marks?.(time)) || [];
+  const axes = instance.getModel().getComponent("grid").coordinateSystem.getRect();
   const elements = points.flatMap(([x, y]) => {
-    const finder = y === null ? { xAxisIndex: 0 } : { xAxisIndex: 0, yAxisIndex: 0 };
-    const value = y === null ? fromValue(spec.x, x) : [fromValue(spec.x, x), fromValue(spec.y, y)];
-    const [left, top] = [instance.convertToPixel(finder, value)].flat();
-    if (!instance.containPixel("grid", [left, top ?? (MARGINS.top + instance.getHeight()) / 2])) return [];
-    return [html("span", { class: y === null ? "time-line" : "time-dot", style: `left: ${left}px; top: ${top ?? MARGINS.top}px` })];
+    const left = instance.convertToPixel({ xAxisIndex: 0 }, fromValue(spec.x, x));
+    const top = y === null ? axes.y : instance.convertToPixel({ yAxisIndex: 0 }, fromValue(spec.y, y));
+    if (!axes.contain(left, top)) return [];
+    const style = `left: ${left}px; top: ${top}px`;
+    return [y === null ? html("span", { class: "time-line", style: `${style}; height: ${axes.height}px` }) : html("span", { class: "time-dot", style })];
   });
   marks.replaceChildren(...elements);
 }
@@ -275,24 +273,8 @@ function savePicture(chart) {
   document.documentElement.classList.remove("light");
   const text = picture.renderToSVGString().replace(INVALID_XML_CHARACTERS, "\ufffd");
   picture.dispose();
-  saveFile([text], "image/svg+xml", chart, "svg");
-}
-
-function saveRows(chart) {
-  const lines = chart.spec.rows().map((cells) => `${cells.map(formatCsvCell).join(",")}\r\n`);
-  saveFile(lines, "text/csv", chart, "csv");
-}
-
-function formatCsvCell(value) {
-  if (value === null || value === undefined) return "";
-  const text = typeof value === "number" ? String(Number(value.toPrecision(CSV_DIGITS))) : String(value);
-  return /[",\r\n]/.test(text) ? `"${text.replaceAll('"', '""')}"` : text;
-}
-
-function saveFile(parts, type, { spec }, suffix) {
-  const url = URL.createObjectURL(new Blob(parts, { type }));
-  const names = [page.title, spec.name].map((text) => text.slice(0, MAX_FILE_NAME_PART));
-  const name = names.join("_").replace(/[^\p{L}\p{N}.=-]+/gu, "_");
-  html("a", { href: url, download: `${name}.${suffix}` }).click();
+  const url = URL.createObjectURL(new Blob([text], { type: "image/svg+xml" }));
+  const names = [page.title, chart.spec.name].map((name) => name.slice(0, MAX_FILE_NAME_PART));
+  html("a", { href: url, download: `${names.join("_").replace(/[^\p{L}\p{N}.=-]+/gu, "_")}.svg` }).click();
   setTimeout(() => URL.revokeObjectURL(url), BLOB_LIFETIME);
 }

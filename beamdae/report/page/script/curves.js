@@ -130,10 +130,6 @@ function describeCurves(panel, choice, over) {
     height: (width) => clamp(0.36 * width, 225, 330),
     read: (entries) => (over ? readPoint(entries.value, choice.title, over.title) : readLines(entries, y)),
     marks: (time) => (over ? lines.map((line) => pointAt(line, time)).filter(isKnown) : [[time, null]]),
-    rows: () => [
-      ["case", "quantity", timeTitle(), ...(over ? [over.title] : []), "value"],
-      ...lines.flatMap(({ run, name, data }) => data.map(([x, value, , time]) => [run.label, name, time, ...(over ? [x] : []), value]).filter((row) => row.at(-1) !== null)),
-    ],
   };
 }
 

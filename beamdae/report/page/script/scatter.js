@@ -88,10 +88,6 @@ function describeScatter() {
     height: (width) => clamp(0.625 * width, 260, 460),
     read: ({ value: [, , id] }) => describeCase(page.cases.find((run) => run.id === id)),
     select: toggleCase,
-    rows: () => [
-      ["case", x.title, y.title, ...(showsErrors ? ["below what the reference resolves"] : [])],
-      ...cases.map((run) => [run.label, ...place(run), ...(showsErrors ? [run.below ? "yes" : "no"] : [])]),
-    ],
   };
 }
 
