@@ -99,6 +99,7 @@ class RadauStepper:
         max_step: float | None,
         plan: RunPlan,
     ) -> None:
+        self._equations = plan.equations
         self._form = form = formulate_stages(plan.equations)
         self._scales = motion_scales(plan)
         self._control = resolve_error_control(
@@ -270,7 +271,7 @@ class RadauStepper:
         # Models without sampled inputs start faster without this import.
         from beamdae.integrators.input_jumps import InputJump
 
-        return InputJump(self._form.equations)
+        return InputJump(self._equations)
 
     def advance(self, most: int) -> Array:
         """Take 1 to `most` steps, but at most 8; return rows (t, q, v, a, lam) of all stages.
