@@ -210,15 +210,6 @@ IntegratorName = Annotated[
         autocompletion=lambda: list(INTEGRATORS),
     ),
 ]
-PeriodStart = Annotated[
-    float,
-    expert_option(
-        parser=parse_seconds,
-        metavar="TIME",
-        help="Time in seconds, or with a unit, at which periods begin; loads must be periodic from "
-        "this time on.",
-    ),
-]
 RelativeTolerance = Annotated[
     float | None,
     accuracy_option(

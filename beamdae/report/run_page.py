@@ -9,7 +9,7 @@ from typing import Any
 from beamdae.equations.measures import TIME
 from beamdae.report.page.page_content import Content
 from beamdae.report.page.page_data import compute_row_limit, select_curves
-from beamdae.report.page_parts import export_table, fact_table
+from beamdae.report.page_parts import describe_page, export_table, fact_table
 from beamdae.report.pictures.time_plots import PlotSelection
 from beamdae.report.scene.frame_export import export_run_frames
 from beamdae.report.terminal.text_tables import format_number, range_rows, run_facts
@@ -45,31 +45,28 @@ def build_run_page(
     table = solution.all_columns() | solution.drift_columns
     status = solution.status
     method = str(solution.integrator.get("integrator", ""))
-    tables = [x for x in _build_tables(solution) if x["rows"]]
     limit = compute_row_limit(len(table))
     measured = [] if charts is None else _list_measured(charts, limit)
-    return {
-        "title": title,
-        "subtitle": f"{method}: {status.sentence}",
-        "made": solution.versions,
-        "notes": list(solution.warnings if warnings is None else warnings),
-        "groups": [{"id": _ID, "frames": export_run_frames(solution, enlarges=True)}],
-        "tables": tables,
-        "cases": [
-            {
-                "id": _ID,
-                "group": _ID,
-                "label": title,
-                "family": method,
-                "status": "ok" if status.success else status.sentence,
-                "curves": select_curves(table, limit),
-            },
-            *measured,
-        ],
-        **({} if charts is None else {"featured": charts.columns}),
-        "noun": "curves" if measured else "cases",
-        "axes": None if measured else {},
+    case = {
+        "id": _ID,
+        "group": _ID,
+        "label": title,
+        "family": method,
+        "status": "ok" if status.success else status.sentence,
+        "curves": select_curves(table, limit),
     }
+    return describe_page(
+        title,
+        f"{method}: {status.sentence}",
+        solution.warnings if warnings is None else warnings,
+        _build_tables(solution),
+        made=solution.versions,
+        groups=[{"id": _ID, "frames": export_run_frames(solution, enlarges=True)}],
+        cases=[case, *measured],
+        noun="curves" if measured else "cases",
+        axes=None if measured else {},
+        **({} if charts is None else {"featured": charts.columns}),
+    )
 
 
 def _list_measured(charts: PlotSelection, limit: int) -> list[Content]:

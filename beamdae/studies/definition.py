@@ -10,6 +10,7 @@ from typing import Any
 from beamdae.errors import (
     BeamdaeError,
     plain_text,
+    require_count,
     require_iterable,
     require_positive,
     set_fields,
@@ -27,6 +28,7 @@ _DEFAULT_OUTPUT_ROWS = 400
 _DEFAULT_TIME_LIMIT = 120.0  # seconds
 _REFERENCE_TIME_LIMIT_FACTOR = 10.0  # relative to the time limit of a case
 _REFERENCE_FRAMES = 120  # of the animation recorded with a reference
+_MAX_REPETITIONS = 1000
 
 
 @read_only_data
@@ -55,7 +57,9 @@ class Study:
         End time and time between rows of all cases [s]. The defaults are the end time of the model,
         and the end time / 400.
     time_limit
-        Maximum wall time of a case [s]. Defaults to 120 s; None means no limit.
+        Maximum wall time of each repetition of a case [s]. Defaults to 120 s; None means no limit.
+    repetitions
+        Number of runs of each case; the wall time of the case is the median of all runs.
     over
         Parameter that is refined in a mesh study, such as "elements". The reference of each group
         of cases that differ only in this parameter is the case with its largest value, and its
@@ -75,6 +79,7 @@ class Study:
     t_end: float | None = None
     output_step: float | None = None
     time_limit: float | None = _DEFAULT_TIME_LIMIT
+    repetitions: int = 1
     over: str | None = None
 
     def __post_init__(self) -> None:
@@ -84,6 +89,9 @@ class Study:
             cases=_require_cases(self.name, self.cases),
             references=_require_references(self.name, self.references),
             columns=require_column_names(self.name, self.columns),
+            repetitions=require_count(
+                self.name, "repetitions", self.repetitions, most=_MAX_REPETITIONS
+            ),
             over=plain_text(self.over),
         )
         for setting in ("t_end", "output_step", "time_limit"):
@@ -131,8 +139,8 @@ class Study:
     def task(self, case: Case, reference: bool = False, digests: DigestCache | None = None) -> Task:
         """Return the task of a case.
 
-        If `reference` is True, the task has ten times the time limit and an animation. See
-        `Case.mechanism_fingerprint` for `digests`.
+        If `reference` is True, the task has ten times the time limit, one repetition and an
+        animation. See `Case.mechanism_fingerprint` for `digests`.
         """
         t_end = case.model.t_end if self.t_end is None else self.t_end
         output_step = t_end / _DEFAULT_OUTPUT_ROWS if self.output_step is None else self.output_step
@@ -146,6 +154,7 @@ class Study:
             t_end,
             output_step,
             limit,
+            1 if reference else self.repetitions,
             frames=_REFERENCE_FRAMES if reference else 0,
             mechanism_fingerprint=case.mechanism_fingerprint(digests),
         )
@@ -197,13 +206,14 @@ def study(
     t_end: float | None = None,
     output_step: float | None = None,
     time_limit: float | None = _DEFAULT_TIME_LIMIT,
+    repetitions: int = 1,
     over: str | None = None,
 ) -> Callable[[Callable[[], Iterable[Case]]], Study]:
     """Return a decorator that turns a function returning cases into a study.
 
     Parameters
     ----------
-    references, columns, t_end, output_step, time_limit, over
+    references, columns, t_end, output_step, time_limit, repetitions, over
         See `Study`.
 
     Returns
@@ -234,6 +244,7 @@ def study(
             t_end,
             output_step,
             time_limit,
+            repetitions,
             over,
         )
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,8 +14,13 @@ from beamdae.studies.tasks import Rows
 
 EVENTS_COLUMN = "events"
 WALL_TIME_COLUMN = "wall time [s]"
+# Extremes of repeated runs; `WALL_TIME_COLUMN` contains the median.
+MIN_WALL_TIME_COLUMN = "wall time min [s]"
+MAX_WALL_TIME_COLUMN = "wall time max [s]"
+MEASURING_TIME_COLUMN = "measuring time [s]"
 REACHED_COLUMN = "reached [s]"
 MEASURED_ERROR_COLUMN = "measured error [-]"  # largest one of the observed columns
+SETTING_COLUMNS = ("formulation", "error control", "max order")
 # Columns of the case table and their keys in `Solution.summary`.
 COUNT_COLUMNS = {
     "steps": "steps",
@@ -39,17 +44,32 @@ MEASURE_COLUMNS = {
 def collect_run_values(solution: Solution) -> dict[str, Any]:
     """Return settings, cost, quality and events of a run, keyed by column of the case table."""
     summary = solution.summary()
+    settings = solution.integrator
+    values = (
+        settings.get("formulation", "stabilized-index1"),
+        settings.get("error_control", ""),
+        settings.get("max_order"),
+    )
     names = [record.name for record in solution.event_records]
     warnings = "\n".join(solution.warnings)  # measures the errors
     errors: Any = vars(solution).get("errors")
     has_errors = errors is not None and not np.isnan(errors.total).all()
     return {
         REACHED_COLUMN: summary["last_time"],
+        **dict(zip(SETTING_COLUMNS, values, strict=True)),
         **{column: summary[name] for column, name in (COUNT_COLUMNS | MEASURE_COLUMNS).items()},
         **({MEASURED_ERROR_COLUMN: errors.largest} if has_errors else {}),
         "warnings": warnings,
         **({EVENTS_COLUMN: format_event_counts(names)} if solution.equations.events else {}),
     }
+
+
+def summarize_wall_times(times: Sequence[float]) -> dict[str, float]:
+    """Return the median wall time [s] and, for several runs, the shortest and the longest."""
+    summary = {WALL_TIME_COLUMN: float(np.median(times))}
+    if len(times) > 1:
+        summary |= {MIN_WALL_TIME_COLUMN: min(times), MAX_WALL_TIME_COLUMN: max(times)}
+    return summary
 
 
 def evaluate_outputs(outputs: Mapping[str, Callable[[Any], Any]], solution: Any) -> dict[str, Any]:

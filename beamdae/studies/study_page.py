@@ -10,9 +10,8 @@ import pandas as pd
 from beamdae.equations.measures import TIME
 from beamdae.report.page.page_content import Content
 from beamdae.report.page.page_data import compute_row_limit, select_curves
-from beamdae.report.page_parts import describe_columns
+from beamdae.report.page_parts import describe_columns, describe_page
 from beamdae.report.terminal.text_tables import RESULT_COLUMNS, SOLVER_COLUMNS
-from beamdae.results.storage.files import versions
 from beamdae.studies.case_table import BOUND_COLUMN
 from beamdae.studies.definition import Study
 from beamdae.studies.deviations import compute_deviations
@@ -68,14 +67,13 @@ def create_study_page(
     failures = int((table["status"] != "ok").sum())
     # All cases without a reference are in one group with the name of the study.
     group_without_reference = number_duplicates([*results.references, results.study.name])[-1]
-    return {
-        "title": results.study.name,
-        "subtitle": f"{len(table)} cases, {failures} failed",
-        "made": versions(),
-        "notes": _create_notes(results),
-        "groups": _create_groups(results, group_without_reference),
-        "columns": columns,
-        "cases": _create_cases(
+    return describe_page(
+        results.study.name,
+        f"{len(table)} cases, {failures} failed",
+        _create_notes(results),
+        groups=_create_groups(results, group_without_reference),
+        columns=columns,
+        cases=_create_cases(
             results,
             table[[column["key"] for column in columns]],
             group_without_reference,
@@ -83,7 +81,7 @@ def create_study_page(
             with_curves,
             is_stored,
         ),
-    }
+    )
 
 
 def extra_column_key(name: str) -> str:

@@ -18,7 +18,11 @@ from beamdae.report.pictures.figures import (
 )
 from beamdae.studies.case_table import ACCURACY_COLUMNS, BOUND_COLUMN, ERROR_COLUMN
 from beamdae.studies.execution.study_run import StudyResults
-from beamdae.studies.run_values import WALL_TIME_COLUMN
+from beamdae.studies.run_values import (
+    MAX_WALL_TIME_COLUMN,
+    MIN_WALL_TIME_COLUMN,
+    WALL_TIME_COLUMN,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -61,6 +65,9 @@ def _draw_work_precision(results: StudyResults) -> Figure | None:
             hollow = style | {"mfc": "none", "ls": "none"}
             lines.append((resolved[WALL_TIME_COLUMN], resolved[ERROR_COLUMN], style))
             lines.append((bounds[WALL_TIME_COLUMN], bounds[BOUND_COLUMN], hollow))
+            span = runs.reindex(columns=[MIN_WALL_TIME_COLUMN, MAX_WALL_TIME_COLUMN, BOUND_COLUMN])
+            thin = {"color": style["color"], "lw": 0.7}
+            lines += [(x[:2], np.full(2, x[2]), thin) for x in span.dropna().to_numpy(float)]
         resolution = results.references[str(group)].resolution
         times = members[WALL_TIME_COLUMN].agg(["min", "max"]).to_numpy()
         lines.append((times, np.full(2, resolution), {"color": "0.4", "lw": 1.0, "ls": ":"}))

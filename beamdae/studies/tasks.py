@@ -50,7 +50,10 @@ class Task:
     t_end, output_step
         End time and time between rows [s].
     time_limit
-        Maximum wall time [s], without the assembly; None for no limit.
+        Maximum wall time of each repetition [s], without the assembly; None for no limit.
+    repetitions
+        Number of runs; an unsuccessful run is the last. The last run is recorded, with the median
+        and the extremes of all wall times.
     frames
         Number of frames of the animation that the outcome includes; 0 for no animation.
     mechanism_fingerprint
@@ -68,6 +71,7 @@ class Task:
     t_end: float
     output_step: float
     time_limit: float | None = None
+    repetitions: int = 1
     frames: int = 0
     mechanism_fingerprint: str = ""
     outputs: Mapping[str, Callable[[Any], Any]] = field(default_factory=dict)

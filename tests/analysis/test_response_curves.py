@@ -136,7 +136,28 @@ def linear_half_range(frequencies, rotates=False):
 def response_curve(model, ends):
     tolerance = Tolerance.for_integrator("frequency_response", None, RUNS)
     span = ParameterRange(model, "frequency", *ends)
-    return ResponseCurve(span, None, RUNS, 0.0, tolerance)
+    return ResponseCurve(span, lambda frequency: 1.0 / frequency, RUNS, 0.0, tolerance)
+
+
+@pytest.mark.parametrize(("unit", "turn"), [("Hz", 1.0), ("kHz", 1e-3), ("rpm", 60.0)])
+def test_the_unit_of_a_frequency_gives_the_period(unit, turn):
+    """Parameters in rpm had the period of a frequency in Hz, without a word."""
+
+    @bd.model(t_end=0.5)
+    def pushed(speed=bd.param(40.0, unit)):
+        return pushed_mass(frequency=speed / turn)
+
+    response = bd.frequency_response(pushed, "speed", (38.0 * turn, 38.5 * turn), max_points=2)
+    assert response.points[0].solution.t[-1] == pytest.approx(1.0 / 38.0)
+
+
+def test_the_period_over_other_quantities_is_required():
+    @bd.model(t_end=0.5)
+    def pushed(force=bd.param(1.0, "N")):
+        return pushed_mass()
+
+    with pytest.raises(bd.BeamdaeError, match=r"force \[N\] is not a frequency; pass period="):
+        bd.frequency_response(pushed, "force", (1.0, 2.0))
 
 
 @pytest.mark.slow(reason="a fifth of a second")

@@ -19,18 +19,6 @@ def periodic(tmp_path, monkeypatch):
 
 
 @pytest.mark.slow(reason="half a second and more")
-def test_the_period_begins_at_t_start(periodic):
-    options = ["--set", "force=1.0", "--set", "growth=0.0", "--period", "4", "--rtol", "1e-6"]
-    # A quarter of the period later, the load is a cosine of the time since the start.
-    result = periodic(*options, "--t-start", "1000ms", "--no-picture", "--no-page")
-    assert result.exit_code == 0, result.output
-    table = pd.read_csv("results/oscillator_periodic.csv")
-    assert table["t [s]"].iloc[0] == 1.0
-    expected = -1.0 / ((0.5 * np.pi) ** 2 - 1.0)
-    assert table["mass.x [m]"].iloc[0] == pytest.approx(expected, rel=1e-3)
-
-
-@pytest.mark.slow(reason="half a second and more")
 def test_a_self_excited_motion_is_written(periodic):
     result = periodic()
     assert result.exit_code == 0, result.output

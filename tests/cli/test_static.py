@@ -152,9 +152,8 @@ def test_targets_and_steps_with_units(static):
 
 @pytest.mark.slow(reason="half a second")
 def test_another_quantity_varies(static):
-    result = static("--over", "load", "--from", "1", "--to", "2", "--step", "0.25", "-v")
+    result = static("--over", "load", "--from", "1", "--to", "2", "--step", "0.25")
     assert result.exit_code == 0, result.output
-    assert "load control" in result.stdout
     table = pd.read_csv("results/truss_static.csv")
     assert table["load"].tolist() == [1.0, 1.25, 1.5, 1.75, 2.0]
     assert read_metadata()["settings"]["over"] == "load"

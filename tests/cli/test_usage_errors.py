@@ -226,7 +226,6 @@ ERRORS = {
             ("response --over frequency=1:1", "--over frequency=1:1: the range must have the form"),
             ("response --over frequency=nan:inf", "two different finite numbers"),
             ("response --over frequncy=1:2", "frequency"),
-            ("response --over frequency=1:2 --angular --period 1", "mutually exclusive"),
             ("response --over frequency=1:2 --period -1", "--period"),
             ("response --over frequency=1:2 --start bob.u=1", "bob.u"),
             (

@@ -254,14 +254,21 @@ def test_work_precision_shows_errors_below_the_resolution(tmp_path, figure_of):
     )
 
 
-def test_lines_connect_runs_by_setting(tmp_path, figure_of):
+def test_lines_connect_runs_by_setting_and_show_the_range_of_times(tmp_path, figure_of):
     settings = {0.01: (0.3, 2e-3), 0.1: (0.1, 1e-3), 0.001: (0.2, 3e-3)}
     rows = [
-        {"rtol": x, "label": f"{x}", "error [-]": error, "wall time [s]": cost}
+        {"rtol": x, "label": f"{x}", "error [-]": error, "wall time [s]": cost,
+         "wall time min [s]": 0.5 * cost, "wall time max [s]": 10.0 * cost}
         for x, (cost, error) in settings.items()
-    ]
+    ]  # fmt: skip
     axis = figure_of(study(tmp_path, rows), "work_precision").axes[0]
     assert list(axis.lines[0].get_xdata()) == [0.1, 0.3, 0.2]
+    ends = [(*x.get_xdata(), x.get_ydata()[0]) for x in axis.lines[2:5]]
+    expected = [
+        (0.5 * c, 10.0 * c, error) for c, error in (settings[x] for x in (0.1, 0.01, 0.001))
+    ]
+    np.testing.assert_allclose(ends, expected)
+    assert axis.get_xlim()[1] > 3.0
 
 
 def test_mesh_convergence_has_a_line_per_group(tmp_path, figure_of):

@@ -135,6 +135,7 @@ def test_regression_invalid_records_are_not_used(filled, name):
         {"status": {"kind": "ok"}},
         {"values": {"steps": [1]}},
         {"rows": {"columns": []}},
+        {"repetitions": None},
         {"read": []},
         {"time_limit": "x"},
     ],

@@ -69,6 +69,7 @@ def swings(tmp_path_factory):
 TIME_AND_MEMORY_COLUMNS = [
     "wall time [s]",
     "setup time [s]",
+    "measuring time [s]",
 ]
 
 
@@ -370,6 +371,14 @@ def test_a_case_that_is_also_a_reference_runs_once_and_has_frames(tmp_path):
     results = run(create_study([bd.Case(swing, {}, COARSE[0])]), tmp_path)
     assert len(results.outcomes) == 3
     assert list(results.frames)
+
+
+@pytest.mark.slow(reason="half a second and more")
+def test_repetitions_give_the_median_wall_time_and_its_extremes(tmp_path):
+    results = run(create_study(SWINGS[:1], repetitions=3), tmp_path)
+    (line,) = results.table.to_dict("records")
+    assert 0.0 < line["wall time min [s]"] <= line["wall time [s]"] <= line["wall time max [s]"]
+    assert "wall time min [s]" not in run(create_study(SWINGS[:1]), tmp_path / "once").table
 
 
 def test_parameters_with_names_of_columns_are_renamed():

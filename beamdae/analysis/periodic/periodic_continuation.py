@@ -59,6 +59,7 @@ from beamdae.interrupts import (
 )
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.model_functions import Model
+from beamdae.model_parameters import conversion_factor
 from beamdae.results.frequency_response import (
     FrequencyResponse,
     ResponsePoint,
@@ -115,8 +116,9 @@ def frequency_response(
     between
         Values of the parameter at which the curve begins and ends, ascending or descending.
     period
-        Function that returns the period of the loads [s] for a value of the parameter. Defaults to
-        the reciprocal of the parameter, for a frequency in Hz.
+        Function that returns the period of the loads [s] for a value of the parameter. Required
+        unless the parameter is a frequency or an angular frequency by its unit, such as Hz, rad/s
+        or rpm, or has no unit, which stands for Hz.
     integrator
         Integrator with fixed steps, or `Radau`. Defaults to Radau(1e-8). Larger tolerances are
         reduced to 1e-8, and other integrators with adaptive steps are replaced by `Radau`, because
@@ -189,12 +191,12 @@ def frequency_response(
     max_points = require_count(_NAME, "max_points", max_points, least=2)
     require_choice(_NAME, "partial", partial, PARTIAL_RESULTS)
     require_progress(_NAME, progress)
-    # By default, the parameter is a frequency in Hz.
     unit = span.model.parameter_info[parameter].unit or ("Hz" if period is None else "")
+    period_at = _period_of_unit(parameter, unit) if period is None else period
 
     def trace(model: Model, method: Integrator) -> FrequencyResponse:
         limits = Tolerance.for_integrator(_NAME, tolerance, method)
-        curve = ResponseCurve(replace(span, model=model), period, method, begin, limits, start)
+        curve = ResponseCurve(replace(span, model=model), period_at, method, begin, limits, start)
         points: list[ResponsePoint] = []
         critical: list[tuple[str, float]] = []
         status, share = Status("ok", "reached the end of the range"), 0.0
@@ -248,6 +250,18 @@ def frequency_response(
     return response
 
 
+def _period_of_unit(parameter: str, unit: str) -> Callable[[float], float]:
+    """Return the period [s] as a function of a frequency or an angular frequency with a unit."""
+    for base, turn in (("Hz", 1.0), ("rad/s", 2.0 * np.pi)):
+        factor = conversion_factor(unit, base)
+        if factor is not None:
+            return lambda value: turn / (float(factor) * value)
+    raise BeamdaeError(
+        f"{_NAME}: {parameter} [{unit}] is not a frequency; pass period=, a function of the "
+        "parameter."
+    )
+
+
 @dataclass(frozen=True, eq=False)
 class ResponseCurve:
     """Curve of periodic motions over the range of a parameter.
@@ -257,13 +271,13 @@ class ResponseCurve:
     span
         Model and range of its parameter; points of the curve have shares of it as parameters.
     period
-        Function that returns the period [s] for a value of the parameter; None for its reciprocal.
+        Function that returns the period [s] for a value of the parameter.
     integrator, t_start, tolerance, start
         See `periodic`; `start` applies to the first motion.
     """
 
     span: ParameterRange
-    period: Callable[[float], float] | None
+    period: Callable[[float], float]
     integrator: Integrator
     t_start: float
     tolerance: Tolerance
@@ -277,7 +291,7 @@ class ResponseCurve:
         """Return the map over a period."""
         value = self.span.value(share)
         try:
-            period = self.period(value) if self.period else 1.0 / value
+            period = self.period(value)
         except Exception as error:
             raise BeamdaeError(
                 f"{_NAME}: the function period= failed at {self.span.describe(share)}: "

@@ -66,7 +66,6 @@ def optimize_command(
     step: FixedStep = None,
     t: LoadTime = 0.0,
     start: Starts = None,
-    method: Annotated[str, typer.Option(help="SLSQP or IPOPT.")] = "SLSQP",
     max_evaluations: Annotated[
         int, typer.Option(help="Maximum number of evaluated designs.")
     ] = 200,
@@ -107,7 +106,6 @@ def optimize_command(
                 ranges,
                 None if step is None else GeneralizedAlpha(step=step),
                 start=initial_state,
-                method=method,  # type: ignore[arg-type]
                 max_evaluations=max_evaluations,
                 starts=starts,
                 seed=seed,

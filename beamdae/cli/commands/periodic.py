@@ -9,7 +9,6 @@ import typer
 from beamdae.cli.job import AccurateJob
 from beamdae.cli.options import (
     IntegratorName,
-    PeriodStart,
     PlottedColumns,
     RelativeTolerance,
     Starts,
@@ -40,7 +39,6 @@ def periodic_command(
     integrator: IntegratorName = "radau",
     rtol: RelativeTolerance = None,
     start: Starts = None,
-    t_start: PeriodStart = 0.0,
     settle: Annotated[
         int, typer.Option(help="Periods to run before the periodic motion is sought.")
     ] = 5,
@@ -64,7 +62,6 @@ def periodic_command(
             method,
             state,
             settle=settle,
-            t_start=t_start,
             period_guess=period_guess,
             **job.accuracy,
         )

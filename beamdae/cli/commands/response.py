@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -11,7 +10,6 @@ import typer
 from beamdae.cli.job import AccurateJob
 from beamdae.cli.options import (
     IntegratorName,
-    PeriodStart,
     PlottedColumns,
     RelativeTolerance,
     Starts,
@@ -37,30 +35,21 @@ def response_command(
             help="Parameter and the values between which it varies, ascending or descending.",
         ),
     ],
-    angular: Annotated[
-        bool, typer.Option("--angular", help="The parameter is an angular frequency in rad/s.")
-    ] = False,
     period: Annotated[
         float | None,
         typer.Option(
             parser=parse_seconds,
             metavar="TIME",
-            help="Period of the loads in seconds, if it does not depend on the parameter. Defaults "
-            "to the reciprocal of the parameter, a frequency in Hz.",
+            help="Period of the loads in seconds, if it does not depend on the parameter. By "
+            "default, the parameter is a frequency in its unit, such as Hz (default) or rad/s.",
         ),
     ] = None,
     integrator: IntegratorName = "radau",
     rtol: RelativeTolerance = None,
-    step: Annotated[
-        float,
-        typer.Option(help="First step along the curve, relative to the amplitudes and the range."),
-    ] = 0.02,
-    max_step: Annotated[float, typer.Option(help="Largest step along the curve.")] = 0.1,
     settle: Annotated[
         int, typer.Option(help="Periods to run before the first periodic motion is sought.")
     ] = 20,
     start: Starts = None,
-    t_start: PeriodStart = 0.0,
     max_points: Annotated[int, typer.Option(help="Maximum number of points of the curve.")] = 400,
     plot: PlottedColumns = None,
 ) -> None:
@@ -74,33 +63,27 @@ def response_command(
     method = create_periodic_integrator("response", integrator, rtol, job.file)
     plotted, _ = job.select_columns(plot)
     files, initial_state = job.plan("_response"), job.start(start)
-    unit = "rad/s" if angular else "Hz" if period is None else ""
-    if parameter in job.model.parameter_info:
-        unit = job.model.parameter_info[parameter].unit or unit
+    info = job.model.parameter_info.get(parameter)
+    unit = (info and info.unit) or ("Hz" if period is None else "")
+    constant = None if period is None else require_positive("response", "--period", period)
 
     def analyze() -> FrequencyResponse:
         from beamdae.analysis.periodic.periodic_continuation import frequency_response
-        from beamdae.results.outcome import replace_with_errors
 
         with show_curve_progress(parameter, unit, ends) as progress:
-            result = frequency_response(
+            return frequency_response(
                 job.model,
                 parameter,
                 ends,
-                _period_function(angular, period),
+                None if constant is None else lambda _: constant,
                 method,
-                step,
-                max_step,
-                settle,
+                settle=settle,
                 max_points=max_points,
-                t_start=t_start,
                 start=initial_state,
                 progress=progress,
                 partial="return",
                 **job.accuracy,
             )
-        has_unit = result.unit or not angular
-        return result if has_unit else replace_with_errors(result, unit="rad/s")
 
     job.run(files, "periodic motions", analyze, names=plotted)
 
@@ -115,15 +98,3 @@ def _parse_range(over: str, model: Model) -> tuple[str, tuple[float, float]]:
             f"--over {over}: the range must have the form FIRST:LAST, two different finite numbers."
         )
     return name, ends
-
-
-def _period_function(angular: bool, period: float | None) -> Callable[[float], float] | None:
-    """Return the period of the loads as a function of the parameter; None for a frequency in Hz."""
-    if angular and period is not None:
-        raise BeamdaeError("response: --angular and --period are mutually exclusive; omit one.")
-    if angular:
-        return lambda frequency: 2.0 * math.pi / frequency
-    if period is None:
-        return None
-    constant = require_positive("response", "--period", period)
-    return lambda parameter: constant

@@ -5,14 +5,15 @@ positions q0: h(q) = r h(q0), where r decreases from 1 to 0. Its steps are so sh
 method contracts from the first iteration on (Deuflhard, Newton Methods for Nonlinear Problems,
 2004, chapter 5), so that the path neither passes a dead center nor changes to another branch.
 
-At each step, the strain energy is minimal, relative to the forces of the given positions, and
+At each step, the strain energy is minimal, relative to the forces of the given positions and
+without contacts and other forces with kinks, which may close along the path, and
 motions without strain are as small as possible in the metric of the mass matrix. The forces of
 stiff parts are unknowns, so that slender beams are not strained by rounding errors.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -61,7 +62,7 @@ _MAX_ROTATION = 0.3  # [rad]
 _MIN_MOBILITY = 1e-13
 _AGREEMENT_TOLERANCE = 1e-11  # of requested values that depend on each other, relative to the scale
 
-# In units of `position_scales`. Below the second, changes may stop to shrink at rounding errors.
+# In units of `position_scales`. Below the second, changes stop to shrink at rounding errors.
 _CONVERGED_CHANGE = 1e-10
 _SMALL_CHANGE = 1e-6
 
@@ -114,6 +115,13 @@ def closing_matrix(evaluator: StateEvaluator, time: Array, q: Array) -> sp.csc_a
     """
     path = _Path(evaluator, time, q, evaluator.equations.states, q[evaluator.equations.states])
     return path.matrix(path.begin)
+
+
+@cache_on_owner
+def _without_kinks(structure: Structure) -> Structure:
+    """Return the structure without forces with kinks over the motion, such as contacts."""
+    smooth = tuple(x for x in structure.forces if not x.kernel.has_kinks_over_motion)
+    return replace(structure, forces=smooth)
 
 
 @cache_on_owner
@@ -285,7 +293,8 @@ class _Path:
 
     @cached_property
     def _form(self) -> CompliantEquations:
-        return introduce_resultants(self.evaluator.equations)
+        e = self.evaluator.equations
+        return introduce_resultants(replace(e, structure=_without_kinks(e.structure)))
 
     @cached_property
     def _mixed(self) -> StateEvaluator:
@@ -343,11 +352,12 @@ class _Path:
             change_size = self._measure.farthest(change.q)
             point = _Point(*map(np.add, point, change))
             is_stalled = size <= _POSITION_TOLERANCE and size > _CLOSING_RATIO * last_size
-            if (size <= rounding or is_stalled) and change_size < _CONVERGED_CHANGE:
+            is_contracting = change_size <= max_contraction * last_change
+            is_small = change_size < (_CONVERGED_CHANGE if is_contracting else _SMALL_CHANGE)
+            if (size <= rounding or is_stalled) and is_small:
                 return point
-            is_open = size > _POSITION_TOLERANCE or change_size > _SMALL_CHANGE
-            is_growing = is_open and change_size > max_contraction * last_change
-            if not change_size < np.inf or is_growing:
+            is_open = size > _POSITION_TOLERANCE or not change_size < _SMALL_CHANGE
+            if not change_size < np.inf or (is_open and not is_contracting):
                 return None
             last_size, last_change = size, change_size
         return None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,7 +19,7 @@ _PHASE_STEPS = [1.0, 1.5, 3.0, 4.5, 9.0, 10.0]  # of ticks; 4.5 is that of 45 de
 _MIN_MAGNITUDE_RATIO, _MIN_PHASE_RANGE = 10.0, 20.0
 
 
-def create_bode_figure(diagram: Bode, title: str = "", *_: Any) -> Figure:
+def create_bode_figure(diagram: Bode, title: str = "") -> Figure:
     """Draw the magnitudes on the left and the phases on the right, one transfer function a row.
 
     Transfer functions that are zero but for rounding errors are omitted.

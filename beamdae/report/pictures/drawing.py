@@ -45,7 +45,7 @@ def draw(mechanism: Mechanism) -> Plot:
     return Plot(create_drawing(mechanism))
 
 
-def create_design_figure(result: Any, *_: Any) -> Figure | None:
+def create_design_figure(result: Any, title: str = "") -> Figure | None:
     """Return the drawing of the best design of an `Optimization`; None if it has no shape."""
     best = result.mechanism()
     return create_drawing(best) if isinstance(best, Mechanism) else None

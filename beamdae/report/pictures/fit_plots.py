@@ -26,7 +26,7 @@ _PROFILE_SIZE = (5.6, 3.6)  # [inch]
 _BAND = 1.96
 
 
-def create_fit_figure(fit: Fit, title: str = "", *_: Any) -> Figure:
+def create_fit_figure(fit: Fit, title: str = "") -> Figure:
     """Plot data and model, and the residuals in standard deviations; see `Fit.plot`."""
     data: dict[str, Any] = {"color": COLORS[0], "ls": "", "marker": "o", "ms": 2.5}
     model: dict[str, Any] = {"color": COLORS[3], "lw": 1.2}
@@ -46,7 +46,7 @@ def create_fit_figure(fit: Fit, title: str = "", *_: Any) -> Figure:
     return draw_panels(panels, title, entries)
 
 
-def create_profile_figure(profile: ProfileLikelihood, *_: Any) -> Figure:
+def create_profile_figure(profile: ProfileLikelihood, title: str = "") -> Figure:
     """Plot the increase of the sum of squares over the parameter; see `ProfileLikelihood.plot`."""
     # Imported here because importing Matplotlib takes longer than some commands.
     from matplotlib.figure import Figure

@@ -120,7 +120,7 @@ def _require_drawable(name: str, modes: Any) -> Mechanism:
     return modes.mechanism
 
 
-def create_modes_figure(modes: Modes | Buckling, title: str = "", *_: Any) -> Figure | None:
+def create_modes_figure(modes: Modes | Buckling, title: str = "") -> Figure | None:
     """Create a figure with up to twelve mode shapes; see `HasModeShapes.plot`."""
     if modes.mechanism is None or not len(modes):
         return None
@@ -206,7 +206,7 @@ def describe_hidden_modes(diagram: Campbell) -> str:
     return f"mode{'s' * (len(numbers) > 1)} {', '.join(map(str, numbers))}"
 
 
-def create_campbell_figure(diagram: Campbell, title: str = "", *_: Any) -> Figure:
+def create_campbell_figure(diagram: Campbell, title: str = "") -> Figure:
     """Create the figure of a Campbell diagram."""
     order = np.argsort(diagram.speeds)
     speeds = diagram.speeds[order] / diagram.speed_factor

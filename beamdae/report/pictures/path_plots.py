@@ -116,7 +116,7 @@ def _is_varying(equilibrium: Equilibrium, column: str) -> bool:
     return is_path and float(np.ptp(equilibrium.columns[column])) > limit
 
 
-def create_critical_loads_figure(result: Boundary | KnockDown, title: str = "", *_: Any) -> Figure:
+def create_critical_loads_figure(result: Boundary | KnockDown, title: str = "") -> Figure:
     """Plot critical load factors over the parameter or over the amplitude of the imperfection."""
     table = result.table()
     name, factor = map(str, table.columns[:2])

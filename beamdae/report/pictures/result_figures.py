@@ -12,8 +12,8 @@ from beamdae.results.displays import Plot
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# Modules and functions of a result, title, columns and column of the horizontal axis. Modules are
-# imported when a picture is drawn: together they import all analyses.
+# Modules and functions of a result and a title. Modules are imported when a picture is drawn:
+# together they import all analyses.
 _FIGURES = {
     "Bode": ("bode_plots", "create_bode_figure"),
     "Boundary": ("path_plots", "create_critical_loads_figure"),
@@ -28,6 +28,8 @@ _FIGURES = {
     "PeriodicMotion": ("time_plots", "create_motion_figure"),
     "ProfileLikelihood": ("fit_plots", "create_profile_figure"),
 }
+# Results whose functions also take columns, and the column of the horizontal axis.
+_WITH_COLUMNS = ("Equilibrium", "FrequencyResponse", "PeriodicMotion")
 
 
 def create_result_figure(
@@ -38,9 +40,10 @@ def create_result_figure(
     `names` are columns, and `x` the column of the horizontal axis, of paths, periodic motions and
     response curves; by default, columns that vary.
     """
-    module, function = _FIGURES[type(result).__name__]
+    kind = type(result).__name__
+    module, function = _FIGURES[kind]
     create = getattr(deferred.module(f"report.pictures.{module}"), function)
-    figure: Figure | None = create(result, title, names, x)
+    figure: Figure | None = create(result, title, *((names, x) if kind in _WITH_COLUMNS else ()))
     return figure
 
 

@@ -320,12 +320,13 @@ def _require_labels(runs: Sequence[TimeSeries], labels: Any) -> list[str]:
 
 
 def create_motion_figure(
-    motion: Any, title: str, names: Sequence[str] = (), *_: Any
+    motion: Any, title: str, names: Sequence[str] = (), x: str | None = None
 ) -> Figure | None:
     """Plot columns of one period of a `PeriodicMotion`; without names, those that vary."""
     columns = motion.solution.all_columns()
-    if names:
-        return create_figure({"run": columns}, select_plot(columns, columns, names), columns, title)
+    if names or x is not None:
+        selection = select_plot(list(columns), list(columns), names, x)
+        return create_figure({"run": columns}, selection, list(columns), title)
     return create_run_figure(columns, title) if motion.solution.columns else None
 
 

@@ -42,6 +42,8 @@ RESULT_COLUMNS = {
     "error [-]": ("error", "-", "error"),
     "wall time [s]": ("wall time", "s", "cost"),
     "status": ("status", "", "status"),
+    "wall time min [s]": ("wall min", "s", "number"),
+    "wall time max [s]": ("wall max", "s", "number"),
     "events": ("events", "", "text"),
 }
 SOLVER_COLUMNS = {

@@ -24,10 +24,12 @@ from beamdae.simulation import as_equations, simulate, unchecked
 from beamdae.studies.case import Case
 from beamdae.studies.column_measures import measure_rows
 from beamdae.studies.run_values import (
+    MEASURING_TIME_COLUMN,
     WALL_TIME_COLUMN,
     collect_rows,
     collect_run_values,
     evaluate_outputs,
+    summarize_wall_times,
 )
 from beamdae.studies.store.file_reads import (
     FileReads,
@@ -89,22 +91,29 @@ def _measure_case(task: Task) -> Outcome:
 
 
 def _run_case(task: Task, reads: FileReads) -> Outcome:
+    begin = clock.perf_counter()
     with warnings.catch_warnings(record=True) as caught:
         # Not printed, because the case table contains the warnings of the run.
         warnings.simplefilter("ignore", BeamdaeWarning)
         built = _build_equations(task)
         reads |= built.reads
-        stop = partial(_find_exceeded_limit, task.time_limit, clock.perf_counter())
-        solution = simulate(
-            built.equations,
-            task.case.integrator,
-            task.t_end,
-            task.output_step,
-            stop,
-            partial="return",
-        )
+        costs = []
+        for _ in range(task.repetitions):
+            stop = partial(_find_exceeded_limit, task.time_limit, clock.perf_counter())
+            solution = simulate(
+                built.equations,
+                task.case.integrator,
+                task.t_end,
+                task.output_step,
+                stop,
+                partial="return",
+            )
+            costs.append(solution.statistics)
+            if not solution.status.success:
+                break
         with nullcontext() if task.is_checked else unchecked():
             values = collect_run_values(solution)
+        values |= summarize_wall_times([x.wall_time for x in costs])
         status = solution.status
         if status.success:
             try:
@@ -115,6 +124,8 @@ def _run_case(task: Task, reads: FileReads) -> Outcome:
         text = format_trajectory(rows.headers, rows.numbers)
         measures = measure_rows(rows.headers, rows.numbers, solution.step_extremes)
         frames = _export_frames(solution, task.frames) if task.frames else None
+    simulation_time = sum(x.wall_time + x.setup_time for x in costs)
+    values[MEASURING_TIME_COLUMN] = clock.perf_counter() - begin - simulation_time
     messages = tuple(str(x.message) for x in caught if issubclass(x.category, KernelWarning))
     return Outcome(
         status,

@@ -114,7 +114,7 @@ class LocalPool:
                             break
                         process.submit(serialized)
                         limit = task.time_limit
-                        span = math.inf if limit is None else limit + _KILL_DELAY
+                        span = math.inf if limit is None else task.repetitions * limit + _KILL_DELAY
                         running[process] = task, attempt, clock.monotonic() + span
                     yield from results
                     if interrupts.received:

@@ -93,12 +93,13 @@ class StudyPlan:
 
 
 def _merge_tasks(tasks: list[Task]) -> list[Task]:
-    """Merge tasks with the same key, with the largest number of frames."""
+    """Merge tasks with the same key, with the largest number of repetitions and of frames."""
     merged: dict[str, Task] = {}
     for task in tasks:
         earlier = merged.setdefault(task.key, task)
         merged[task.key] = replace(
             earlier,
+            repetitions=max(earlier.repetitions, task.repetitions),
             frames=max(earlier.frames, task.frames),
             is_checked=earlier.is_checked or task.is_checked,
         )

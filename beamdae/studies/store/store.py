@@ -53,9 +53,10 @@ class Record:
     frames: dict[str, Any] | None
     read: dict[str, str | None]
     time_limit: float | None
+    repetitions: int
 
 
-_FORMAT = Format(FileKind("record", "run the case again"), 8, Record)
+_FORMAT = Format(FileKind("record", "run the case again"), 7, Record)
 
 
 @dataclass(frozen=True)
@@ -96,6 +97,7 @@ class Store:
             "frames": outcome.frames,
             "read": outcome.read,
             "time_limit": task.time_limit,
+            "repetitions": task.repetitions,
         }
         write_bytes(self.record_path(task), _FORMAT.write(content), durable=False)
         return replace(outcome, file="" if rows is None else task.file, text=b"")
@@ -104,7 +106,7 @@ class Store:
         """Return the stored outcome of a task, or None if there is none that can be used.
 
         It cannot be used if it is damaged, a file that the run has read has changed, the run was
-        unsuccessful under another time limit, or it lacks frames of the task.
+        unsuccessful under another time limit, or it lacks repetitions or frames of the task.
         """
         try:
             record = _FORMAT.read(self.record_path(task))
@@ -145,4 +147,4 @@ def _is_usable(task: Task, record: Record) -> bool:
         return False
     if not record.status.success:
         return record.time_limit == task.time_limit
-    return not (task.frames and record.frames is None)
+    return record.repetitions >= task.repetitions and not (task.frames and record.frames is None)

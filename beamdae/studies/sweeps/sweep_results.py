@@ -321,9 +321,7 @@ class SweepResults:
         """Write an HTML page with motion, curves, map and table of the runs.
 
         The page contains the curves of at most 200 runs and the motion of at most 25, which span
-        the parameters evenly; the motion is interpolated between them. The curves of further runs
-        are in a folder beside the page, for example sweep_curves/ for sweep.html; the page loads
-        them when the runs are selected.
+        the parameters evenly; sliders show the motion of the nearest of these.
 
         Parameters
         ----------

@@ -178,6 +178,7 @@ def _study_arguments(sandbox: Sandbox) -> dict[str, Any]:
         "columns": ("bob.x [m]",),
         "t_end": T_END,
         "output_step": OUTPUT_STEP,
+        "repetitions": 1,
         "over": None,
     }
 
