@@ -43,6 +43,7 @@ from beamdae.curves.plane_curves import (
 from beamdae.errors import (
     BeamdaeError,
     as_real,
+    as_text,
     format_count,
     format_distinct,
     optional,
@@ -265,7 +266,8 @@ class Beam(Part):
         self.angular_velocity = optional(require_finite)(name, "angular_velocity", angular_velocity)
         require_choice(name, "elements_shape", elements_shape, ("curved", "straight"))
         # Long elements are curved, and custom kinematics may assume cubic elements.
-        is_special = elements_shape == "straight" or continuity == "local" or kinematics is not None
+        is_local = as_text(continuity) == "local"
+        is_special = elements_shape == "straight" or is_local or kinematics is not None
         self._has_moving_load = False  # set by parts that move along the beam
         self._has_chosen_mesh = elements is None and nodes is None and not is_special
         if self._has_chosen_mesh:

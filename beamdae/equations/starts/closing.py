@@ -131,7 +131,7 @@ def _plan_matrix(
     """Return the pattern and plan of `_Path.matrix`, with inputs (q, 0, lam)."""
     n, m, total = structure.n, structure.m, create_matrix_sum()
     layout = InputLayout(q=0, v=n, a=n, lam=2 * n)
-    # As in the Jacobians of Radau, so that both use the same kernels.
+    # As in `StateEvaluator`, so that both use the same kernels.
     sums = ((STIFFNESS,), (DAMPING,), (MASS,))
     add_saddle_point(total, structure, layout, sums, with_reaction_stiffness=True)
     first = n + joint_count
