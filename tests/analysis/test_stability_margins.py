@@ -317,7 +317,7 @@ def test_loops_that_cannot_be_opened_are_named():
     mech = pid_mechanism(limits=(-30.0, 30.0), offset=1.0)
     with pytest.warns(bd.BeamdaeWarning, match="is beyond its limit"):
         model = bd.linearize(mech)
-    with pytest.raises(bd.BeamdaeError, match=r"servo .* is at or beyond its limit 30"):
+    with pytest.raises(bd.BeamdaeError, match=r"300 of servo is at or beyond its limit 30"):
         bd.margins(model, "servo")
     mech = bd.Mechanism()
     mass = mech.add(bd.PointMass("mass", 2.0, at=(1.0, 0.0)))

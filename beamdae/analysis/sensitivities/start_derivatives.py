@@ -25,7 +25,7 @@ from beamdae.analysis.sensitivities.neighbors import (
     equations_key,
 )
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
-from beamdae.equations.starts.closing import closing_matrix
+from beamdae.equations.starts.closing import closing_matrices
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.starts.state_evaluator import (
     MASS_COEFFICIENTS,
@@ -287,10 +287,13 @@ class StartDerivatives:
             levels = self._derivative(plan_constraint_levels, time, here, h)
             change = self._solution(time, here, -self._rows(levels, 1), velocities, h)
             result = result @ (self._identity + self._into("v") @ change)
-            matrix = closing_matrix(self.solver, time, at.q)
+            matrix, inertia = closing_matrices(self.solver, time, at.q)
             size = matrix.shape[0]
+            inverse, head = _inverse(splu(matrix), size), _pick(size, 0, e.n)
             gaps = _pick(size, 0, e.n + e.m).T @ self._rows(levels, 0)
-            change = _pick(size, 0, e.n) @ _inverse(splu(matrix), size) @ gaps
+            change = head @ inverse @ gaps
+            # The closing repeats its steps until inertia does not enter.
+            change = change + head @ inverse @ head.T @ aslinearoperator(inertia) @ change
             result = result @ (self._identity - self._into("q") @ change)
         return result
 

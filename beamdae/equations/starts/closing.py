@@ -39,7 +39,11 @@ from beamdae.symbolic.sums.sum_evaluator import SumEvaluator
 Array = np.ndarray
 
 # Inertia of motions that the strain energy does not determine, relative to the largest stiffness.
-_INERTIA_SHARE = 1e-10
+# It slows the motion of soft parts, and decreases by a factor where they converge slowly; motions
+# that it determines are accurate to 1e-16 over the share.
+_INERTIA_SHARE, _MIN_INERTIA_SHARE = 1e-4, 1e-10
+_INERTIA_REDUCTION = 0.01
+_FAST_CONTRACTION = 0.1
 
 _POSITION_TOLERANCE = 1e-12  # permitted gap, relative to its scale
 # Smaller gaps exceed the tolerances of accurate runs and of small mechanisms. They are closed, too,
@@ -108,13 +112,17 @@ def _respond(
     return np.reshape(changes, forces.shape).T
 
 
-def closing_matrix(evaluator: StateEvaluator, time: Array, q: Array) -> sp.csc_array:
-    """Return the matrix by which positions follow the gaps of joints.
+def closing_matrices(
+    evaluator: StateEvaluator, time: Array, q: Array
+) -> tuple[sp.csc_array, sp.csc_array]:
+    """Return the matrix by which positions follow the gaps of joints, and its part M / T^2.
 
-    Rows and columns are those of the coordinates, (n,), of the joints, (m,), and of stiff parts.
+    Rows and columns are those of the coordinates, (n,), of the joints, (m,), and of others.
     """
     path = _Path(evaluator, time, q, evaluator.equations.states, q[evaluator.equations.states])
-    return path.matrix(path.begin)
+    inertia = _MIN_INERTIA_SHARE * path.stiffness
+    whole, inertial = (path.matrix(path.begin, x, inertia) for x in (1.0, 0.0))
+    return whole, inertial[: len(q), : len(q)]
 
 
 @cache_on_owner
@@ -277,7 +285,7 @@ class _Path:
         require_independent_constraints(self.evaluator, self.time, self.drawn)
         point, remaining, step = self.begin, 1.0, 1.0
         while remaining > 0.0:
-            rotation = self._rotation(self._change(point, self.drawn_gaps).q)
+            rotation = self._rotation(self._change(point, self.drawn_gaps, _INERTIA_SHARE).q)
             step = min(step, remaining, _MAX_PREDICTED_ROTATION / max(rotation, 1e-300))
             end = max(remaining - step, 0.0)
             is_smallest = step <= _MIN_STEP
@@ -344,32 +352,39 @@ class _Path:
 
     def _close(self, begin: _Point, remaining_gaps: Array, max_contraction: float) -> _Point | None:
         """Return a point with these gaps by Newton's method, or None if it does not contract."""
-        point, last_size, last_change = begin, np.inf, np.inf
+        point, last_size, last_change, share = begin, np.inf, np.inf, _INERTIA_SHARE
         for _ in range(_MAX_ITERATIONS):
             gaps = self._gaps(point.q) - remaining_gaps
             size, rounding = self._size(gaps), self._rounding(point.q)
-            change = self._change(point, gaps)
+            change = self._change(point, gaps, share)
             change_size = self._measure.farthest(change.q)
             point = _Point(*map(np.add, point, change))
             is_stalled = size <= _POSITION_TOLERANCE and size > _CLOSING_RATIO * last_size
+            is_slow = change_size > _FAST_CONTRACTION * last_change and share > _MIN_INERTIA_SHARE
             is_contracting = change_size <= max_contraction * last_change
-            is_small = change_size < (_CONVERGED_CHANGE if is_contracting else _SMALL_CHANGE)
+            is_small = change_size < (
+                _CONVERGED_CHANGE if is_contracting or is_slow else _SMALL_CHANGE
+            )
             if (size <= rounding or is_stalled) and is_small:
                 return point
             is_open = size > _POSITION_TOLERANCE or not change_size < _SMALL_CHANGE
-            if not change_size < np.inf or (is_open and not is_contracting):
+            if not change_size < np.inf or (is_open and not (is_contracting or is_slow)):
                 return None
+            if is_slow:
+                share *= _INERTIA_REDUCTION
             last_size, last_change = size, change_size
         return None
 
-    def _change(self, point: _Point, gaps: Array) -> _Point:
+    def _change(self, point: _Point, gaps: Array, share: float) -> _Point:
         """Return the change with M x / T^2 + F(q) + K x + R^T lam = F(drawn), by which gaps vanish.
 
         R are the derivatives of the gaps. First-order states that are not selected do not change.
         """
         (force, errors), joints = self._unbalance(point), self._form.joint_count
         right = [self._drawn_force - force, -gaps[:joints], -errors[joints:], -gaps[joints:]]
-        solution = splu(self.matrix(point)).solve(np.concatenate(right))
+        solution = splu(self.matrix(point, 1.0, share * self.stiffness)).solve(
+            np.concatenate(right)
+        )
         return _Point(*np.split(solution, np.cumsum([len(force), len(errors)])))
 
     @cached_property
@@ -378,11 +393,11 @@ class _Path:
         pattern, plan = _plan_matrix(e.structure, self._form.joint_count, tuple(self.held.tolist()))
         return pattern, SumEvaluator(plan, e.p)
 
-    def matrix(self, point: _Point) -> sp.csc_array:
-        """Return [[M / T^2 + K, R^T], [R, -D]], where D is one for stiff parts, otherwise zero."""
-        return self._matrix(point, 1.0, self._inertia_factor)
+    def matrix(self, point: _Point, stiffness: float, inertia: float) -> sp.csc_array:
+        """Return [[c_M M + c_K K, R^T], [R, -D]], where D is one for stiff parts, otherwise zero.
 
-    def _matrix(self, point: _Point, stiffness: float, inertia: float) -> sp.csc_array:
+        `stiffness` and `inertia` are the factors c_K and c_M = 1 / T^2.
+        """
         pattern, total = self._plan
         set_matrix_factors(total, stiffness, 0.0, inertia, 1.0, 1.0, 1.0)
         set_time(total, *self.time)
@@ -390,14 +405,14 @@ class _Path:
         return sp.csc_array((values, pattern.indices, pattern.indptr), pattern.shape)
 
     @cached_property
-    def _inertia_factor(self) -> float:
-        """The 1 / T^2 of `matrix`; 1 without stiffness."""
+    def stiffness(self) -> float:
+        """Largest stiffness relative to the largest inertia [1/s^2]; 1 without stiffness."""
         e = self.evaluator.equations
         squares = e.without_states(e.position_scales**2)
-        elastic, inertial = (self._matrix(self.begin, *x) for x in ((1.0, 0.0), (0.0, 1.0)))
+        elastic, inertial = (self.matrix(self.begin, *x) for x in ((1.0, 0.0), (0.0, 1.0)))
         stiffness, inertia = (
             np.max(squares * np.abs(x.diagonal()[: e.n])) for x in (elastic, inertial)
         )
         stiff = slice(e.n + e.m, e.n + self._form.equations.m)
         strains = np.max(elastic.power(2)[stiff, : e.n] @ squares, initial=0.0)
-        return float(_INERTIA_SHARE * (stiffness or strains) / inertia) or 1.0
+        return float((stiffness or strains) / inertia) or 1.0
