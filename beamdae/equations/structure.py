@@ -57,9 +57,6 @@ class ForceTerm:
     rows
         Operator that selects the multipliers on which the force depends; None if it depends on
         none.
-    resultants
-        Operator that selects the local coordinates that are resultants from those of all terms;
-        None if the kernel has none.
     """
 
     kernel: ForceKernel
@@ -68,7 +65,6 @@ class ForceTerm:
     data: slice
     count: int
     rows: sp.csr_array | None = None
-    resultants: sp.csr_array | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,11 +110,6 @@ class Structure:
     states: tuple[int, ...] = field(default=(), compare=False)
     _key: Any = field(init=False, repr=False)
     _derived: dict[Any, Any] = field(default_factory=dict, init=False, compare=False, repr=False)
-
-    @property
-    def resultant_count(self) -> int:
-        """Number of resultants of all forces, in mixed equations."""
-        return sum(x.count * x.kernel.resultants for x in self.forces)
 
     def __post_init__(self) -> None:
         terms = (*self.forces, *self.joints)
