@@ -140,7 +140,7 @@ def test_regression_peaks_between_stored_rows_are_reported_as_unknown(small_memo
     run = bd.simulate(mech, **settings)
     sentence = (
         "this long run stores only some of its steps, so larger peaks between the output rows are "
-        "unknown; set keep_steps=True, or reduce output_step= or the end time."
+        "unknown; reduce output_step= or the end time, or use bd.simulate(..., keep_steps=True)."
     )
     # Peaks that are known were to be read from `step_extremes`, and unknown in the next sentence.
     (peaks,) = run.row_warnings

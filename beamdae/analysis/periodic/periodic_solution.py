@@ -319,7 +319,14 @@ def _find_multipliers(run: PeriodRun, is_free: bool) -> tuple[Array, float]:
         others = floquet_multipliers(across.T @ monodromy @ across)
         values = np.concatenate([np.ones(len(monodromy) - len(others)), others, [0.0]])
         values = values[np.argsort(-np.abs(values), kind="stable")]
-        error, previous = float(np.min(np.abs(values[0] - previous))), values
+        nearest = previous[np.argmin(np.abs(values[0] - previous))]
+        with np.errstate(divide="ignore"):
+            # Multipliers that grow by a factor were damped by steps that are too long.
+            growth = max(1.0, abs(values[0]) / abs(nearest)) if values[0] else 1.0
+        error, previous = (
+            float(abs(values[0] - nearest) * growth),
+            values[: max(1, len(values) - 1)],
+        )
         if error <= min(_MULTIPLIER_TOLERANCE, _MAX_RELATIVE_CHANGE * abs(values[0])):
             break
     return values[:-1], error
