@@ -42,7 +42,7 @@ import beamdae as bd
 
 @bd.model(t_end=1.0)
 def nowhere():
-    t, q, v = symbols(2)
+    t, q, v = ca.SX.sym("t"), ca.SX.sym("q", 2), ca.SX.sym("v", 2)
     return bd.ConstrainedSystem(
         t=t, q=q, v=v, mass=[1.0, 1.0], force=ca.vertcat(0.0, 0.0),
         constraints=ca.dot(q, q) + 1.0, q0=[0.9, 0.3], v0=[0.0, 0.0],
