@@ -17,7 +17,7 @@ from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import Any
 
-_MEMORY_LIMIT = 6_000_000_000  # bytes of address space of a worker process
+_MEMORY_LIMIT = 12_000_000_000  # bytes of address space of a worker process
 _POLL_INTERVAL = 0.1  # s between checks of the time limit
 _PARENT_CHECK_INTERVAL = 1.0  # s
 # A trial exceeds its time limit by its processor time, or by this multiple of it in wall time: on a
