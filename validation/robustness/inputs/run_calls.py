@@ -49,6 +49,7 @@ SWEEP_CALLS: dict[str, WorkingCall] = {
         lambda box: {
             "model": box.swing,
             "over": {"mass": [1.0, 2.0]},
+            "parameters": {},
             "of": ("bob.x",),
             "outputs": {"rows": lambda run: len(run.t)},
             "integrator": box.integrator,
