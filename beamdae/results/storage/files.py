@@ -6,6 +6,7 @@ import csv
 import errno
 import json
 import os
+import platform
 import re
 import secrets
 from collections.abc import Iterable, Iterator, Mapping
@@ -33,6 +34,8 @@ from beamdae.results.outcome import Status
 if TYPE_CHECKING:
     import pandas as pd
 
+# Names of scratch files contain the id and the host name of the writing process.
+_SCRATCH = re.compile(r"\.(?P<process>\d+)@(?P<node>[^@]*)@[0-9a-f]+\.scratch")
 # Spreadsheets read text that starts with these (half- or full-width) characters as a formula.
 _FORMULA = re.compile("'*[=+\\-@\t\r＝＋－＠]")  # noqa: RUF001
 _NOT_INSTALLED = "not installed"
@@ -274,10 +277,11 @@ def atomic_write(path: Path, durable: bool = True, kind: str = "") -> Iterator[P
         If the file is an input, see `require_output`, or cannot be written, or the block raises an
         OSError.
     """
+    owner = f"{os.getpid()}@{platform.node()}"
     try:
         # The working folder, to which relative paths refer, may have been deleted.
         target = Path(os.path.realpath(path.parent), path.name)
-        scratch = target.with_name(f".{secrets.token_hex(8)}.scratch")
+        scratch = target.with_name(f".{owner}@{secrets.token_hex(8)}.scratch")
         target.parent.mkdir(parents=True, exist_ok=True)
         if _is_written_directly(target):
             yield target
@@ -343,6 +347,28 @@ def _replace_file(target: Path, scratch: Path) -> None:
             raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
         scratch.chmod(target.stat().st_mode & 0o777)
     os.replace(scratch, target)
+
+
+def remove_stale_scratch_files(folder: Path) -> None:
+    """Remove scratch files left by processes of this machine that are no longer running."""
+    for path in folder.glob(".*.scratch"):
+        name = _SCRATCH.fullmatch(path.name)
+        if name and name["node"] == platform.node() and not _is_running(int(name["process"])):
+            with suppress(OSError):
+                path.unlink()
+
+
+def _is_running(process: int) -> bool:
+    if os.name == "nt":
+        # Windows has no signal 0, so only the current process is known to be running.
+        return process == os.getpid()
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except (OSError, OverflowError):
+        return True
+    return True
 
 
 @cache

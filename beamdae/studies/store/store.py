@@ -19,6 +19,7 @@ from beamdae.results.storage.documents import Format
 from beamdae.results.storage.files import (
     escape_cell,
     format_rows,
+    remove_stale_scratch_files,
     write_bytes,
 )
 from beamdae.results.storage.reader import FileKind, read_bytes
@@ -130,6 +131,11 @@ class Store:
             record.read,
             file,
         )
+
+    def remove_scratch_files(self) -> None:
+        """Remove unfinished files left by processes that have ended."""
+        for folder in (self.folder, self.folder / "outcomes", self.folder / "trajectories"):
+            remove_stale_scratch_files(folder)
 
 
 def format_trajectory(columns: Sequence[str], numbers: Array) -> bytes:
