@@ -122,15 +122,6 @@ class EnergyLedger:
         start = np.append(self.energies[0][0], np.zeros(3))
         return np.column_stack([rows, _sum_balance(rows, start)])
 
-    def drift_at_steps(self, k: int, times: Array) -> Array | None:
-        """Return the largest |g| and |g_dot| (len(times), 2) at times inside the interval `k`.
-
-        Return None unless all times are steps.
-        """
-        interval = self.trajectory.intervals[k]
-        step = interval.find_steps(times)
-        return None if step is None else self.norms[k][step * interval.nodes_per_step, -2:]
-
     def _interpolate(self, k: int, times: Array) -> Array:
         """Return energies and works (len(times), 6) [J] at times inside the interval `k`."""
         interval = self.trajectory.intervals[k]

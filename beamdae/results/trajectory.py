@@ -417,12 +417,12 @@ class Interval:
 
     def _integrate_steps(self, rates: Array) -> Array:
         """Integrate rates over each step."""
-        return np.asarray(self._weights_of_steps @ rates)
-
-    @cached_property
-    def _weights_of_steps(self) -> sp.csr_array:
-        """Weights (steps, k) of the nodes in integrals over each step."""
-        return self._integration_weights(self.t[1:], np.arange(len(self.t) - 1))
+        integrals = np.empty((len(self.t) - 1, rates.shape[1]))
+        # The weights of all steps of a long run would take more memory than its states.
+        for k in range(0, len(integrals), _MAX_TIMES_AT_ONCE):
+            step = np.arange(k, min(k + _MAX_TIMES_AT_ONCE, len(integrals)))
+            integrals[step] = self._integration_weights(self.t[step + 1], step) @ rates
+        return integrals
 
     def _integration_weights(self, t: Array, step: Array) -> sp.csr_array:
         """Return the weights (len(t), k) of the nodes in integrals from the start of the step.
