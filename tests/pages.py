@@ -282,7 +282,7 @@ def selected_options(choice):
 
 
 def tool_buttons(tab, key):
-    """Return the buttons of a chart: reset, SVG, CSV."""
+    """Return the buttons of a chart: reset, SVG."""
     return tab.locator(f"[data-chart={key}] .tools button")
 
 

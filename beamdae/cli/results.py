@@ -90,10 +90,12 @@ class Report:
             line = f"{self.name}: {line}" if line else self.name
             show(console, make_printable(name_options(line)), "bold")
         self._show_facts(console, self.description.facts)
-        tables = [*self.description.tables.values()]
-        for table in tables[: self.max_rows]:
-            self._show_table(console, table)
-        self._show_omission(console, len(tables), "table", self.source)
+        count = 0  # of tables, which texts precede
+        for content in self.description.tables.values():
+            if count < self.max_rows:
+                self._show_table(console, content)
+            count += not isinstance(content, str)
+        self._show_omission(console, count, "table", self.source)
         if current_output().verbose:
             self._show_facts(console, self.description.details)
         if accuracy is not None and accuracy.success:

@@ -98,10 +98,10 @@ int solve_accelerations(MotionBuffers *x, double stiffness, Reals change) {
             correction = largest_of(correction, fabs(found.at[i] - lam.at[i]));
         for (int64_t i = 0; i < n + m; i++) size = largest_of(size, fabs(x->solution.at[i]));
         copy(lam, found);
-        const double change = correction > 0.0 ? correction / size : 0.0;
-        const int is_rounding = last <= change && change <= MAX_FRICTION_ROUNDING;
-        if (!x->has_friction || change <= FRICTION_TOLERANCE || is_rounding) return DONE;
-        last = change;
+        const double relative = correction > 0.0 ? correction / size : 0.0;
+        const int is_rounding = last <= relative && relative <= MAX_FRICTION_ROUNDING;
+        if (!x->has_friction || relative <= FRICTION_TOLERANCE || is_rounding) return DONE;
+        last = relative;
     }
     return NOT_CONVERGED;
 }

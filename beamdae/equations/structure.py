@@ -111,6 +111,11 @@ class Structure:
     _key: Any = field(init=False, repr=False)
     _derived: dict[Any, Any] = field(default_factory=dict, init=False, compare=False, repr=False)
 
+    @property
+    def smooth_forces(self) -> tuple[ForceTerm, ...]:
+        """Forces without kinks over the motion, such as those of contacts."""
+        return tuple(x for x in self.forces if not x.kernel.has_kinks_over_motion)
+
     def __post_init__(self) -> None:
         terms = (*self.forces, *self.joints)
         key = (

@@ -23,7 +23,7 @@ from beamdae.studies.sweeps.sweep import Sweep, require_folder
 
 Array = np.ndarray
 
-_OUTPUT = "end of the search"  # no name of a parameter
+_OUTPUT = "end of the search"  # has spaces, unlike names of parameters
 
 
 @dataclass(frozen=True, eq=False)

@@ -33,7 +33,7 @@ from beamdae.analysis.sensitivities.observable_derivatives import (
 )
 from beamdae.analysis.sensitivities.requested_start import (
     assemble_neighbors,
-    differentiate_start,
+    differentiate_starts,
 )
 from beamdae.analysis.sensitivities.restart_times import differentiate_event_time, find_stop
 from beamdae.analysis.sensitivities.run_chain import RunDerivative, node_state
@@ -162,7 +162,7 @@ def gradient(
     parameters
         Values of the parameters of the model that differ from the defaults.
     start
-        Start of the run, see `simulate`; not a solution or the path of a run.
+        Start of the run, see `simulate`; not another run or its file.
     estimate_error
         True to measure `Gradient.errors` and those of the run, and warn of errors above 4 %, unless
         this takes more than 2 s and eight times the run. Pass False in loops such as optimizations.
@@ -203,11 +203,11 @@ def gradient(
     >>> print(f"{result.derivatives['stiffness']:.3e} m per N/m")
     2.481e-03 m per N/m
     """
-    leaves = objective.leaves if isinstance(objective, Quantity) else (None,)
-    if not all(isinstance(x, Objective) for x in leaves):
+    is_quantity = isinstance(objective, Quantity)
+    if not (is_quantity and all(isinstance(x, Objective) for x in objective.leaves)):
         raise BeamdaeError(
-            f"gradient: objective must be an Objective such as EndValue('tip.y'), got "
-            f"{short_repr(objective)}."
+            "gradient: objective must be an Objective such as EndValue('tip.y'), or consist of "
+            f"such ones, got {short_repr(objective)}."
         )
     flat = flatten_model("gradient", model, by, parameters)
     return assess_derivatives(
@@ -290,10 +290,11 @@ class AdjointRun(DifferentiableRun):
             self.neighbors |= difference_models(self.model, names, e, assemble)
         seeds, *by_start = transpose_run(weights, self.solution, self.method)
         first = node_state(self.solution.trajectory.intervals[0], 0)
+        regular = {name: x for name, x in self.neighbors.items() if is_regular(x, e)}
+        starts = differentiate_starts([*regular.values()], *first)
         result = {
             name: seeds.contract(x) + float(np.hstack(by_start) @ np.hstack(start))
-            for name, x in self.neighbors.items()
-            if is_regular(x, e) and (start := differentiate_start(x, *first))
+            for (name, x), start in zip(regular.items(), starts, strict=True)
         }
         if others := [x for x in names if x not in result]:
             result |= self._contract(weights, others)

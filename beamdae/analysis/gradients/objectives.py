@@ -197,7 +197,10 @@ class AnalysisQuantity(Quantity):
 
     def evaluate_run(self, solution: Solution) -> float:
         """Return the value for a run."""
-        raise BeamdaeError(f"{self.label}: value needs an objective of a run.")
+        raise BeamdaeError(
+            f"{self.label}: this is no quantity of a run; "
+            "use EndValue, TimeIntegral, SmoothMaximum or SquaredErrors."
+        )
 
     def differentiate(self, values: Values) -> tuple[float, dict[Any, float]]:
         """See `Quantity`."""

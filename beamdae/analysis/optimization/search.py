@@ -357,13 +357,17 @@ class Search:
         return self._problem.violation(trial.values)
 
     def _best(self) -> Trial:
-        """Return the end of a solver that converged, or a better design by its limits."""
+        """Return the end of a solver that converged, or the best design.
+
+        The end is not the best one if it violates a limit, and another design does not.
+        """
         designs = [x for x in self._known.values() if not x.failure]
         best = min(designs, key=lambda x: (self._violation(x), float(x.values[0])))
         end = self._end
-        if end is None or end.failure or self._violation(end) > self._violation(best) == 0.0:
+        if end is None or end.failure:
             return best
-        return end
+        is_worse = self._violation(end) and not self._violation(best)
+        return best if is_worse else end
 
 
 def search_from_starts(

@@ -47,6 +47,7 @@ from beamdae.results.outcome import Status
 from beamdae.results.periodic_motion import (
     PeriodicMotion,
     floquet_multipliers,
+    largest_modulus,
 )
 
 Array = np.ndarray
@@ -317,16 +318,23 @@ def _find_multipliers(run: PeriodRun, is_free: bool) -> tuple[Array, float]:
         )
         expected = dominant_range(monodromy, _MULTIPLIER_RANK_TOLERANCE)
         others = floquet_multipliers(across.T @ monodromy @ across)
-        values = np.concatenate([np.ones(len(monodromy) - len(others)), others, [0.0]])
+        values = np.concatenate([np.ones(len(monodromy) - len(others)), others])
         values = values[np.argsort(-np.abs(values), kind="stable")]
-        nearest = previous[np.argmin(np.abs(values[0] - previous))]
-        with np.errstate(divide="ignore"):
-            # Multipliers that grow by a factor were damped by steps that are too long.
-            growth = max(1.0, abs(values[0]) / abs(nearest)) if values[0] else 1.0
-        error, previous = (
-            float(abs(values[0] - nearest) * growth),
-            values[: max(1, len(values) - 1)],
-        )
-        if error <= min(_MULTIPLIER_TOLERANCE, _MAX_RELATIVE_CHANGE * abs(values[0])):
+        error, previous = _change_of_largest(values, previous), values
+        if error <= min(_MULTIPLIER_TOLERANCE, _MAX_RELATIVE_CHANGE * largest_modulus(values)):
             break
-    return values[:-1], error
+    return values, error
+
+
+def _change_of_largest(values: Array, previous: Array) -> float:
+    """Return the change of the largest multiplier from those of steps of twice the length.
+
+    Steps that are too long damp multipliers: if the largest grew by a factor, its change is
+    multiplied by it. Multipliers that are not known are zero.
+    """
+    largest = values[0] if len(values) else 0.0
+    nearest = min(previous, key=lambda x: abs(largest - x), default=0.0)
+    if largest == nearest:
+        return 0.0
+    growth = abs(largest) / abs(nearest) if nearest else np.inf
+    return float(abs(largest - nearest) * max(growth, 1.0))

@@ -66,14 +66,16 @@ from beamdae.analysis.statics.load_scaling import build_loading
 from beamdae.analysis.statics.static_problem import StaticProblem
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations import tangents
+from beamdae.equations.formulations.compliant_equations import introduce_resultants
 from beamdae.equations.formulations.static_equations import (
     StaticEquations,
     find_idle_forces,
     plan_static_sums,
 )
 from beamdae.equations.starts.steady_rotation import rotating_state
-from beamdae.equations.structure import Structure, cache_on_owner
+from beamdae.equations.structure import Structure
 from beamdae.linear.orderings import invert_to_power_of_two
+from beamdae.parts.mechanism import EQUILIBRIUM
 from beamdae.parts.rotation import Rotation
 from beamdae.symbolic.sums.directional_sums import StackedSum
 from beamdae.symbolic.sums.kernel_sums import SumPlan
@@ -279,14 +281,8 @@ class ParameterDirection:
 
     def forces(self, point: Point) -> Array:
         """Return F_p."""
-        with np.errstate(invalid="ignore"):
-            unloaded, loaded = (part(point.x) for part in self._parts)
-            change = unloaded + point.p * (loaded - unloaded)
-        if np.all(np.isfinite(change)):
-            return change
-        # The root of a stiffness has no derivative at zero.
-        residuals = (x.residual(point.x, point.p)[0] for x in self._neighbors)
-        return np.where(np.isfinite(change), change, self._difference.combine(residuals))
+        unloaded, loaded = (part(point.x) for part in self._parts)
+        return unloaded + point.p * (loaded - unloaded)
 
     def control_rate(self, point: Point) -> float:
         """Return the derivative of the prescribed quantity at constant x and mu."""
@@ -306,7 +302,14 @@ def _derive_statics(
 
     def differentiate(x: Array) -> Array:
         inputs = np.concatenate([x[:n], np.zeros(n), x[n:], np.zeros(size), dp])
-        return total(here.time, inputs, n + base.m)
+        with np.errstate(invalid="ignore"):
+            change = total(here.time, inputs, n + base.m)
+        if np.all(np.isfinite(change)):
+            return change
+        # The root of a stiffness has no derivative at zero.
+        models = (StaticEquations(e, here.time) for e in neighbors)
+        residuals = (model.residual(x[:n], x[n:]) for model in models)
+        return np.where(np.isfinite(change), change, difference.combine(residuals))
 
     return differentiate
 
@@ -340,6 +343,11 @@ class RegularPoint:
             raise CurveError("its tangent stiffness is singular")
         return np.asarray(solution)
 
+    @property
+    def is_regular(self) -> bool:
+        """False if a motion has no stiffness."""
+        return self._factors.is_regular
+
     @cached_property
     def _factors(self) -> RefinedFactors:
         row, column = (
@@ -349,33 +357,30 @@ class RegularPoint:
         return self.point.bordered(column, row.gradient[:-1], row.gradient[-1])
 
 
-class UniqueEquilibrium(RegularPoint):
-    """Equilibrium under all loads at the start of a run, with a stiffness of all motions."""
+def find_unique_equilibrium(equations: EquationsOfMotion) -> RegularPoint | None:
+    """Return the equilibrium in which a run starts, under all loads.
 
-    def derivative_along(self, difference: Difference) -> Array:
-        """Return the derivatives of the positions with respect to a parameter."""
-        here = self.point.problem
-        assert isinstance(here, StaticProblem)
-        models = [_under_all_loads(e, here.idle) for e in difference.models]
-        direction = ParameterDirection(difference, here, models, [self.control] * len(models))
-        return self.respond(np.append(direction.forces(self.point), 0.0))[: difference.base.n]
-
-
-@cache_on_owner
-def find_unique_equilibrium(equations: EquationsOfMotion, q: bytes) -> UniqueEquilibrium | None:
-    """Return the equilibrium at positions `q`; None if it is not unique."""
-    problem, control = _under_all_loads(equations), prescribe_parameter
+    Return None if it starts otherwise, or if a motion has no stiffness.
+    """
+    if equations.start is None or equations.start.description != EQUILIBRIUM:
+        return None
+    system, control = build_loading(equations, equations, None, 0.0).systems[0], prescribe_parameter
+    problem = StaticProblem(system, idle=find_idle_forces(system.loaded))
     try:
-        x = problem.point_at(np.frombuffer(q), 1.0).x
-        result = UniqueEquilibrium(problem.correct(control, 1.0, x, 1.0), control)
-        return result if result._factors.is_regular else None
+        x = problem.point_at(equations.q0, 1.0).x
+        result = RegularPoint(problem.correct(control, 1.0, x, 1.0), control)
+        return result if result.is_regular else None
     except CurveError:
         return None
 
 
-def _under_all_loads(equations: EquationsOfMotion, idle: Array | None = None) -> StaticProblem:
-    system = build_loading(equations, equations, None, 0.0).systems[0]
-    return StaticProblem(system, idle=find_idle_forces(system.loaded) if idle is None else idle)
+def differentiate_equilibrium(equilibrium: RegularPoint, difference: Difference) -> Array:
+    """Return the derivatives of the positions of a `find_unique_equilibrium` along a parameter."""
+    problem = equilibrium.point.problem
+    assert isinstance(problem, StaticProblem)
+    models = [introduce_resultants(e, problem.idle).equations for e in difference.models]
+    forces = _derive_statics(difference, problem.mixed.loaded, models)(equilibrium.point.x)
+    return equilibrium.respond(np.append(forces, 0.0))[: problem.n]
 
 
 class SingularPoint:

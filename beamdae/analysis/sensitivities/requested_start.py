@@ -2,28 +2,42 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from beamdae.analysis.sensitivities.implicit import find_unique_equilibrium
+from beamdae.analysis.sensitivities.implicit import (
+    RegularPoint,
+    differentiate_equilibrium,
+    find_unique_equilibrium,
+)
 from beamdae.analysis.sensitivities.neighbors import Difference, derivative_call
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.smooth_intervals import time_on_branch
 from beamdae.equations.starts.consistent_start import ConsistencySolver
-from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM
+from beamdae.parts.mechanism import AS_DRAWN
 from beamdae.simulation import as_equations
 
 Array = np.ndarray
 
 
-def differentiate_start(difference: Difference, time: Array, at: State) -> tuple[Array, Array]:
-    """Return the derivatives of the requested initial positions and velocities.
+def differentiate_starts(
+    differences: Sequence[Difference], time: Array, at: State
+) -> list[tuple[Array, Array]]:
+    """Return the derivatives of the requested initial positions and velocities along parameters.
 
     `time` and `at` are (t, branch) and the state at the start of the run.
     """
+    bases = {id(x.base): x.base for x in differences}
+    equilibria = {key: find_unique_equilibrium(e) for key, e in bases.items()}
+    return [_differentiate_start(x, time, at, equilibria[id(x.base)]) for x in differences]
+
+
+def _differentiate_start(
+    difference: Difference, time: Array, at: State, equilibrium: RegularPoint | None
+) -> tuple[Array, Array]:
     base = difference.base
     models = (base, *difference.models)
     if np.array_equal(at.q, base.q0) and not any(start_adds_velocities(e, time) for e in models):
@@ -34,10 +48,7 @@ def differentiate_start(difference: Difference, time: Array, at: State) -> tuple
             return np.concatenate(ConsistencySolver(e).start_state(time, e.q0, e.v0)[:2])
 
         dq, dv = np.split(difference.along(start), 2)
-    if base.start is not None and base.start.description == EQUILIBRIUM:
-        equilibrium = find_unique_equilibrium(base, at.q.tobytes())
-        dq = dq if equilibrium is None else equilibrium.derivative_along(difference)
-    return dq, dv
+    return dq if equilibrium is None else differentiate_equilibrium(equilibrium, difference), dv
 
 
 def assemble_neighbors(base: EquationsOfMotion, start: Any) -> Callable[[Any], EquationsOfMotion]:
@@ -57,13 +68,11 @@ def assemble_neighbors(base: EquationsOfMotion, start: Any) -> Callable[[Any], E
 
     time = time_on_branch(base.breakpoints, 0.0)
     if (
-        base.start is None
-        or base.start.description != EQUILIBRIUM
-        or base.configurations is not None
+        base.configurations is not None
         or base.redundant
         or len(base.states)
         or start_adds_velocities(base, time)
-        or find_unique_equilibrium(base, base.q0.tobytes()) is None
+        or find_unique_equilibrium(base) is None
     ):
         return assemble
 

@@ -24,7 +24,7 @@ from beamdae.analysis.sensitivities.neighbors import (
     Difference,
     derivative_call,
 )
-from beamdae.analysis.sensitivities.requested_start import differentiate_start
+from beamdae.analysis.sensitivities.requested_start import differentiate_starts
 from beamdae.analysis.sensitivities.restart_times import (
     differentiate_breakpoint,
     differentiate_event_time,
@@ -217,7 +217,7 @@ class _Chain:
         """Return the start of the run."""
         time, at = node_state(with_active_multipliers(interval), 0)
         if self._starts is None:
-            starts = [differentiate_start(x.active, time, at) for x in phases]
+            starts = differentiate_starts([x.active for x in phases], time, at)
         else:
             starts = [self._starts[name] for name in self._differences]
         dq, dv = (np.array(x) for x in zip(*starts, strict=True))

@@ -223,7 +223,7 @@ def sensitivities(
     parameters
         Values of the parameters of the model that differ from the defaults.
     start
-        Start of the run, see `simulate`; not a solution or the path of a run.
+        Start of the run, see `simulate`; not another run or its file.
     estimate_error
         True to measure `Sensitivities.errors` and those of the run, and warn of errors above 4 %,
         unless this takes more than 2 s and eight times the run.

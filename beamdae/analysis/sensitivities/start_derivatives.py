@@ -292,7 +292,7 @@ class StartDerivatives:
             inverse, head = _inverse(splu(matrix), size), _pick(size, 0, e.n)
             gaps = _pick(size, 0, e.n + e.m).T @ self._rows(levels, 0)
             change = head @ inverse @ gaps
-            # The closing repeats its steps until inertia does not enter.
+            # The second step; further ones are smaller than rounding errors.
             change = change + head @ inverse @ head.T @ aslinearoperator(inertia) @ change
             result = result @ (self._identity - self._into("q") @ change)
         return result

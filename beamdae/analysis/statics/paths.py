@@ -250,7 +250,7 @@ def find_unloaded_equilibrium(
         x = problem.start(q)
         point = problem.correct(prescribe_parameter, first, x, first)
         if problem.measure(point.x - x) <= _MAX_INITIAL_MOTION:
-            # Its known tangent is that without multipliers, if one correction was enough.
+            # A new point: after one correction, `point` keeps a tangent without multipliers.
             return problem.point(point.x, point.p, point.iterations)
     return _relax(problem, q, first if problem.system.has_scaled_loads else last, approach)
 

@@ -5,10 +5,10 @@ positions q0: h(q) = r h(q0), where r decreases from 1 to 0. Its steps are so sh
 method contracts from the first iteration on (Deuflhard, Newton Methods for Nonlinear Problems,
 2004, chapter 5), so that the path neither passes a dead center nor changes to another branch.
 
-At each step, the strain energy is minimal, relative to the forces of the given positions and
-without contacts and other forces with kinks, which may close along the path, and
-motions without strain are as small as possible in the metric of the mass matrix. The forces of
-stiff parts are unknowns, so that slender beams are not strained by rounding errors.
+Each step minimizes the strain energy, counted from the forces of the given positions. Forces with
+kinks, such as contacts, are left out: they may close along the path. Motions without strain are as
+small as possible in the metric of the mass matrix. The forces of stiff parts are unknowns, so that
+slender beams are not strained by rounding errors.
 """
 
 from __future__ import annotations
@@ -115,9 +115,10 @@ def _respond(
 def closing_matrices(
     evaluator: StateEvaluator, time: Array, q: Array
 ) -> tuple[sp.csc_array, sp.csc_array]:
-    """Return the matrix by which positions follow the gaps of joints, and its part M / T^2.
+    """Return the matrix A by which positions follow the gaps of joints, and its part M / T^2.
 
-    Rows and columns are those of the coordinates, (n,), of the joints, (m,), and of others.
+    Rows and columns are those of the coordinates, (n,), of the joints, (m,), and of others. The
+    inertia M / T^2 slows the first step x = A^-1 gaps; the second adds A^-1 (M / T^2) x.
     """
     path = _Path(evaluator, time, q, evaluator.equations.states, q[evaluator.equations.states])
     inertia = _MIN_INERTIA_SHARE * path.stiffness
@@ -127,9 +128,7 @@ def closing_matrices(
 
 @cache_on_owner
 def _without_kinks(structure: Structure) -> Structure:
-    """Return the structure without forces with kinks over the motion, such as contacts."""
-    smooth = tuple(x for x in structure.forces if not x.kernel.has_kinks_over_motion)
-    return replace(structure, forces=smooth)
+    return replace(structure, forces=structure.smooth_forces)
 
 
 @cache_on_owner
@@ -283,16 +282,19 @@ class _Path:
         if self._size(self.drawn_gaps) <= self._rounding(self.drawn):
             return self.drawn, 0.0
         require_independent_constraints(self.evaluator, self.time, self.drawn)
+        # Rejects forces and derivatives that are not finite, and coordinates without resistance.
+        resistance = (1.0, 0.0, 1.0)
+        self.evaluator.solve_saddle(self.time, self.drawn, None, 0.0, 0.0, resistance)
         point, remaining, step = self.begin, 1.0, 1.0
+        rotation = self._predict_rotation(point)
         while remaining > 0.0:
-            rotation = self._rotation(self._change(point, self.drawn_gaps, _INERTIA_SHARE).q)
             step = min(step, remaining, _MAX_PREDICTED_ROTATION / max(rotation, 1e-300))
             end = max(remaining - step, 0.0)
             is_smallest = step <= _MIN_STEP
             contraction = _MAX_LAST_CONTRACTION if is_smallest else _MAX_CONTRACTION
-            next_point = self._take_step(point, end, contraction)
-            if next_point is not None:
-                point, remaining, step = next_point, end, step * _STEP_FACTOR
+            taken = self._take_step(point, end, contraction)
+            if taken is not None:
+                (point, rotation), remaining, step = taken, end, step * _STEP_FACTOR
             elif not is_smallest:
                 step /= _STEP_FACTOR
             else:
@@ -312,8 +314,8 @@ class _Path:
     @cached_property
     def begin(self) -> _Point:
         """The drawing, with the forces of its strains."""
-        none = _Point(self.drawn, np.zeros(self._form.equations.m), np.zeros(len(self.held)))
-        return none._replace(lam=self._unbalance(none)[1])
+        unloaded = _Point(self.drawn, np.zeros(self._form.equations.m), np.zeros(len(self.held)))
+        return unloaded._replace(lam=self._unbalance(unloaded)[1])
 
     @cached_property
     def _drawn_force(self) -> Array:
@@ -341,14 +343,24 @@ class _Path:
     def _rotation(self, change: Array) -> float:
         return float(np.max(np.abs(change[self.evaluator.equations.is_angle]), initial=0.0))
 
-    def _take_step(self, begin: _Point, remaining: float, max_contraction: float) -> _Point | None:
-        """Return the point near `begin` at which this fraction of the gaps remains, or None."""
+    def _predict_rotation(self, point: _Point) -> float:
+        """Return the largest rotation [rad] that would close the gaps of the drawing."""
+        return self._rotation(self._change(point, self.drawn_gaps, _INERTIA_SHARE).q)
+
+    def _take_step(
+        self, begin: _Point, remaining: float, max_contraction: float
+    ) -> tuple[_Point, float] | None:
+        """Return the point near `begin` at which this fraction of the gaps remains, or None.
+
+        The `_predict_rotation` of the point follows.
+        """
         try:
             point = self._close(begin, remaining * self.drawn_gaps, max_contraction)
-        except (BeamdaeError, RuntimeError):
+            if point is None or self._rotation(point.q - begin.q) > _MAX_ROTATION:
+                return None
+            return point, self._predict_rotation(point)
+        except (BeamdaeError, RuntimeError):  # SuperLU raises the latter if a matrix is singular.
             return None
-        is_near = point is not None and self._rotation(point.q - begin.q) <= _MAX_ROTATION
-        return point if is_near else None
 
     def _close(self, begin: _Point, remaining_gaps: Array, max_contraction: float) -> _Point | None:
         """Return a point with these gaps by Newton's method, or None if it does not contract."""
@@ -360,15 +372,14 @@ class _Path:
             change_size = self._measure.farthest(change.q)
             point = _Point(*map(np.add, point, change))
             is_stalled = size <= _POSITION_TOLERANCE and size > _CLOSING_RATIO * last_size
+            # Less inertia makes soft parts converge faster.
             is_slow = change_size > _FAST_CONTRACTION * last_change and share > _MIN_INERTIA_SHARE
-            is_contracting = change_size <= max_contraction * last_change
-            is_small = change_size < (
-                _CONVERGED_CHANGE if is_contracting or is_slow else _SMALL_CHANGE
-            )
-            if (size <= rounding or is_stalled) and is_small:
+            contracts = is_slow or change_size <= max_contraction * last_change
+            limit = _CONVERGED_CHANGE if contracts else _SMALL_CHANGE
+            if (size <= rounding or is_stalled) and change_size < limit:
                 return point
-            is_open = size > _POSITION_TOLERANCE or not change_size < _SMALL_CHANGE
-            if not change_size < np.inf or (is_open and not (is_contracting or is_slow)):
+            is_large = size > _POSITION_TOLERANCE or not change_size < _SMALL_CHANGE
+            if not change_size < np.inf or (is_large and not contracts):
                 return None
             if is_slow:
                 share *= _INERTIA_REDUCTION
@@ -376,15 +387,14 @@ class _Path:
         return None
 
     def _change(self, point: _Point, gaps: Array, share: float) -> _Point:
-        """Return the change with M x / T^2 + F(q) + K x + R^T lam = F(drawn), by which gaps vanish.
+        """Return the step x = change.q of Newton's method by which the gaps vanish.
 
-        R are the derivatives of the gaps. First-order states that are not selected do not change.
+        It solves share * stiffness * M x + F + K x + R^T lam = F(drawn), see `matrix`.
         """
         (force, errors), joints = self._unbalance(point), self._form.joint_count
         right = [self._drawn_force - force, -gaps[:joints], -errors[joints:], -gaps[joints:]]
-        solution = splu(self.matrix(point, 1.0, share * self.stiffness)).solve(
-            np.concatenate(right)
-        )
+        factors = splu(self.matrix(point, 1.0, share * self.stiffness))
+        solution = factors.solve(np.concatenate(right))
         return _Point(*np.split(solution, np.cumsum([len(force), len(errors)])))
 
     @cached_property
@@ -406,13 +416,16 @@ class _Path:
 
     @cached_property
     def stiffness(self) -> float:
-        """Largest stiffness relative to the largest inertia [1/s^2]; 1 without stiffness."""
+        """Largest stiffness relative to the largest inertia [1/s^2]; 1 without stiffness.
+
+        Stiff parts count only if there are no others: their forces are unknowns.
+        """
         e = self.evaluator.equations
         squares = e.without_states(e.position_scales**2)
         elastic, inertial = (self.matrix(self.begin, *x) for x in ((1.0, 0.0), (0.0, 1.0)))
         stiffness, inertia = (
             np.max(squares * np.abs(x.diagonal()[: e.n])) for x in (elastic, inertial)
         )
-        stiff = slice(e.n + e.m, e.n + self._form.equations.m)
+        stiff = slice(e.n + self._form.joint_count, e.n + self._form.equations.m)
         strains = np.max(elastic.power(2)[stiff, : e.n] @ squares, initial=0.0)
         return float((stiffness or strains) / inertia) or 1.0

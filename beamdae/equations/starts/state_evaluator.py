@@ -95,8 +95,8 @@ def plan_motion(structure: Structure) -> SumPlan:
 
 @cache_on_owner
 def plan_smooth_motion(structure: Structure) -> SumPlan:
-    """Return `plan_motion` without forces with kinks over the motion, such as contacts."""
-    smooth = [term for term in structure.forces if not term.kernel.has_kinks_over_motion]
+    """Return `plan_motion` with the `smooth_forces` only."""
+    smooth = structure.smooth_forces
     if len(smooth) == len(structure.forces):
         return plan_motion(structure)
     return assemble_motion(structure, _layout(structure), smooth).vector()

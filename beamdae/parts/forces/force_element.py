@@ -253,7 +253,7 @@ def _split_numbers(
     """Return the arrays of `CompliantForm.split` for the numbers of a linear law at `first`."""
     rest, points = data.copy(), data.copy()
     stiffness, damping = (rest[first + k * rows :][:rows] for k in (0, 1))
-    # Without a root of its stiffness, a spring stays in the rest.
+    # Other stiffnesses have no root, and springs stay in the rest.
     is_elastic = stiffness > 0.0
     if idle is not None:
         is_elastic &= ~idle[:, 0].T
