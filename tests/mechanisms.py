@@ -4,6 +4,8 @@ Each builder observes what a user of it would plot. Arguments are the numbers th
 else a test needs it adds to the mechanism, whose parts `mech.part(name)` returns.
 """
 
+from itertools import pairwise
+
 import casadi as ca
 import numpy as np
 
@@ -77,6 +79,13 @@ def hinged_body(
 ):
     """A mechanism and its rigid body, on a hinge at the origin."""
     return hinged(bd.RigidBody(name, mass, inertia, center, **velocity), gravity, start)
+
+
+def driven(body, law, gravity=0.0, start="as drawn"):
+    """A mechanism and its body, which the driver "motor" turns about a hinge at the origin."""
+    mech, body = hinged(body, gravity, start)
+    mech.add(bd.Driver("motor", mech.ground.at(0.0, 0.0), body.at(0.0, 0.0), law))
+    return mech, body
 
 
 def free_ball(
@@ -218,6 +227,61 @@ def driven_blade(speed=10.0, rise_time=0.0, hub=0.1, elements=2, section=None, *
     mech.add(bd.Driver("motor", *shaft, law))
     mech.observe("tip", blade.end)
     mech.observe("clamp", clamp.reaction)
+    return mech
+
+
+def welded_frame(points, sections, elements, feet=(bd.Weld, bd.Weld), **options):
+    """A mechanism and its straight beams from point to point, with joints to the ground.
+
+    One section is that of all beams. A foot that is None leaves an end free.
+    """
+    mech = bd.Mechanism()
+    ends = list(pairwise(points))
+    sections = [sections] * len(ends) if isinstance(sections, bd.Section) else sections
+    beams = [
+        mech.add(bd.Beam(f"beam {k}", bd.Line(*pair), section, elements, **options))
+        for k, (pair, section) in enumerate(zip(ends, sections, strict=True))
+    ]
+    for k, (one, other) in enumerate(pairwise(beams)):
+        mech.add(bd.Weld(f"corner {k}", one.end, other.start))
+    for k, (foot, end) in enumerate(zip(feet, (beams[0].start, beams[-1].end), strict=True)):
+        if foot:
+            mech.add(foot(f"foot {k}", mech.ground.at(*end.point), end))
+    return mech, beams
+
+
+def portal_points(width=1.0, height=1.0):
+    """Feet and corners of a portal frame."""
+    return [(0.0, 0.0), (0.0, height), (width, height), (width, 0.0)]
+
+
+def hinged_arch(curve, section, elements=8, load=None, at=0.5, **options):
+    """An arch on two hinges, pressed by a force of EI / m^2, by default, at a share of its length.
+
+    Its crown is observed.
+    """
+    mech = bd.Mechanism()
+    arch = mech.add(bd.Beam("arch", curve, section, elements, **options))
+    for name, end in (("left", arch.start), ("right", arch.end)):
+        mech.add(bd.Revolute(name, mech.ground.at(*end.point), end))
+    press = section.EI if load is None else load
+    mech.add(bd.Force("press", arch.at(at * arch.length), (0.0, -press)))
+    mech.observe("crown", arch.at(0.5 * arch.length))
+    return mech
+
+
+def ziegler(stiffness=1.0, length=1.0, mass=1.0, damping=0.0):
+    """Ziegler's double pendulum with the masses 2 m and m under a follower force of 1 N."""
+    mech = bd.Mechanism()
+    foot = mech.ground.at(0.0, 0.0)
+    # Point masses: the moments of inertia are negligible.
+    lower = mech.add(bd.RigidBody("lower", 2.0 * mass, 1e-9, (0.0, length)))
+    upper = mech.add(bd.RigidBody("upper", mass, 1e-9, (0.0, 2.0 * length)))
+    knee = lower.at(0.0, length), upper.at(0.0, length)
+    for name, pair in (("foot", (foot, lower.at(0.0, 0.0))), ("knee", knee)):
+        mech.add(bd.Revolute(name, *pair))
+        mech.add(bd.TorsionSpring(f"{name} spring", *pair, stiffness, damping=damping))
+    mech.add(bd.Force("follower", upper.at(0.0, 2.0 * length), (0.0, -1.0), axes="body"))
     return mech
 
 

@@ -6,7 +6,7 @@ vibrations, and they split the double zero eigenvalues of free motions.
 
 import numpy as np
 import pytest
-from mechanisms import STEEL, rectangle
+from mechanisms import STEEL, hinged, rectangle
 from numpy.testing import assert_allclose
 
 import beamdae as bd
@@ -178,9 +178,7 @@ def test_spinning_free_ring_is_neutral(height, damping, speed, formulation):
 
 def rotor(is_clamped, formulation="exact"):
     """Return a hub on a shaft with a blade, which is not clamped if its joint is forgotten."""
-    mech = bd.Mechanism()
-    hub = mech.add(bd.RigidBody.disk("hub", (0.0, 0.0), 0.1, mass=5.0))
-    mech.add(bd.Revolute("shaft", mech.ground.at(0.0, 0.0), hub.at(0.0, 0.0)))
+    mech, hub = hinged(bd.RigidBody.disk("hub", (0.0, 0.0), 0.1, mass=5.0))
     section = rectangle(0.005, 0.03)
     line = bd.Line((0.1, 0.0), (0.6, 0.0))
     blade = mech.add(bd.Beam("blade", line, section, elements=2, formulation=formulation))

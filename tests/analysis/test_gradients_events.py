@@ -204,17 +204,6 @@ def test_section_forces_and_stresses(method):
         assert 0.95 * peak < smooth < 1.001 * peak
 
 
-@pytest.mark.slow(reason="several runs with impacts")
-@pytest.mark.parametrize("method", [bd.GeneralizedAlpha(step=0.02), bd.Radau(rtol=1e-5)])
-def test_optimization_of_a_run_with_impacts(method):
-    """Find a drop height for which the ball is at a given height after two impacts."""
-    target = bd.simulate(bounce(height=0.52), method, 0.9).columns["ball.y [m]"][-1]
-    error = quantities.SquaredErrors("ball.y", [0.9], [target], 1e-3)
-    result = bd.optimize(bounce, error, "height", integrator=method, t_end=0.9)
-    again = bd.simulate(bounce(**result.parameters), method, 0.9).columns["ball.y [m]"][-1]
-    assert again == pytest.approx(target, abs=1e-5)
-
-
 @pytest.mark.slow(reason="half a second and more")
 @pytest.mark.parametrize(("exponent", "step"), [(50.0, 0.1), (50.0, 0.05), (300.0, 0.01)])
 def test_regression_peaks_narrower_than_the_steps_are_reported(exponent, step):

@@ -137,15 +137,3 @@ def test_shaken_strip_agrees_with_differences():
     error = np.abs(result.sensitivity("tip.y", "length") - expected)
     # Differences of second order for relative changes of 1e-3.
     assert error.max() <= 1e-4 * np.abs(expected).max()
-
-
-@pytest.mark.slow(reason="half a second and more")
-def test_table_is_written_as_csv(tmp_path):
-    result = bd.periodic_sensitivities(shaker, "mass", period=1.0 / 0.3)
-    lines = result.to_csv(tmp_path / "rates.csv").read_text().splitlines()
-    assert lines[0].startswith("t [s],d(bob.x)/d(mass) [m per unit of mass]")
-    assert len(lines) == 1 + len(result.motion.solution.t)
-    with pytest.raises(bd.BeamdaeError, match="must be one of 'mass', got 'load'"):
-        result.sensitivity("bob.x", "load")
-    with pytest.raises(bd.BeamdaeError, match=r"no column 'bob\.z'"):
-        result.sensitivity("bob.z", "mass")

@@ -4,7 +4,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from leaf_spring_vehicle import leaf_spring_vehicle
-from mechanisms import EARTH, free_ball
+from mechanisms import EARTH, free_ball, hinged
 from shallow_arch import shallow_arch
 from sliding_mass import sliding_mass
 
@@ -106,10 +106,10 @@ def test_breakpoint_that_moves(integrator):
 
 
 def double_pendulum(length=0.5, mass=2.0):
-    mech = bd.Mechanism(gravity=(0.0, -GRAVITY))
-    upper = mech.add(bd.RigidBody.rod("upper", (0.0, 0.0), (length, 0.0), mass=mass))
+    mech, upper = hinged(
+        bd.RigidBody.rod("upper", (0.0, 0.0), (length, 0.0), mass=mass), gravity=GRAVITY
+    )
     lower = mech.add(bd.RigidBody.rod("lower", (length, 0.0), (length + 0.4, 0.0), mass=1.0))
-    mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), upper.at(0.0, 0.0)))
     elbow = mech.add(bd.Revolute("elbow", upper.at(length, 0.0), lower.at(length, 0.0)))
     mech.observe("upper", upper.at(0.0, 0.0))
     mech.observe("end", lower.at(length + 0.4, 0.0))

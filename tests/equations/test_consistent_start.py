@@ -3,7 +3,7 @@
 import casadi as ca
 import numpy as np
 import pytest
-from mechanisms import balance_wheel, rectangle
+from mechanisms import balance_wheel, clamped_beam, free_ball, rectangle
 from numpy.testing import assert_allclose
 from support import ARC, REPRESENTATIVE_VARIANTS, VARIANTS, NumericEquations
 
@@ -357,12 +357,9 @@ def test_regression_connected_bodies_follow_a_given_velocity(formulation, given)
 @pytest.mark.slow(reason="half a second")
 @pytest.mark.parametrize("formulation", ["floating frame", "exact"])
 def test_velocities_that_a_clamped_beam_stops_are_projected_with_a_warning(formulation):
-    mech = bd.Mechanism()
     section = rectangle(0.002, 0.01)
-    line = bd.Line((0.0, 0.0), (1.0, 0.0))
-    beam = mech.add(bd.Beam("beam", line, section, 2, formulation=formulation))
+    mech, beam = clamped_beam(section, 2, formulation=formulation)
     block = mech.add(bd.RigidBody("block", 0.1, 1e-4, center=(1.0, 0.0), velocity=(0.0, 2.0)))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
     mech.add(bd.Weld("bolt", beam.end, block.at(1.0, 0.0)))
     mech.observe("block", block.at(1.0, 0.0))
     sentence = "starts with block.y_dot = 1.9.* m/s instead of 2 m/s"
@@ -415,10 +412,8 @@ def test_regression_lost_translations_of_turning_bodies_are_named():
 
 def test_named_velocities_are_components():
     """On an inclined guide, the prescribed component determines the other one."""
-    mech = bd.Mechanism()
-    block = mech.add(bd.PointMass("block", 1.0, at=(0.0, 0.0)))
+    mech, block = free_ball(name="block")
     mech.add(bd.PointOnLine("guide", mech.ground.at(0.0, 0.0), block.point, (1.0, 0.5)))
-    mech.observe("block", block.point)
     solution = bd.simulate(mech, start={"block.x_dot": 2.0}, t_end=1e-3)
     first = [solution[f"block.{name}"].iloc[0] for name in ("x_dot", "y_dot")]
     assert_allclose(first, (2.0, 1.0), rtol=1e-11)

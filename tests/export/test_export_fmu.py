@@ -13,7 +13,7 @@ from xml.etree import ElementTree
 import casadi as ca
 import numpy as np
 import pytest
-from mechanisms import EARTH, clamped_beam, free_ball, rectangle, symbols
+from mechanisms import EARTH, clamped_beam, free_ball, hinged, rectangle, symbols
 
 import beamdae as bd
 
@@ -120,10 +120,8 @@ def test_unsuitable_models_and_arguments_are_rejected(tmp_path):
     angle = controlled.sensor("angle", controlled.parts["rod"].at(0.0, 0.0), "angle")
     torque = controlled.inputs["torque"]
     controlled.add(bd.Controller("servo", 0.01, [angle], [torque], lambda x: (-x.reads[0],)))
-    turned = bd.Mechanism()
-    rod = turned.add(bd.RigidBody.rod("rod", (0.0, 0.0), (1.0, 0.0), 1.0))
+    turned, rod = hinged(bd.RigidBody.rod("rod", (0.0, 0.0), (1.0, 0.0), 1.0))
     shaft = turned.ground.at(0.0, 0.0), rod.at(0.0, 0.0)
-    turned.add(bd.Revolute("hinge", *shaft))
     turned.add(bd.Driver("drive", *shaft, turned.input("angle", 0.0, unit="rad")))
     turned.observe("tip", rod.at(1.0, 0.0))
     with_event = swing()

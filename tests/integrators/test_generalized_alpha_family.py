@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from benchmarks.cases import AREVALO, pendulum, pendulum_motion
 from governor import governor
-from mechanisms import symbols
+from mechanisms import mass_on_rail, symbols
 from numpy.testing import assert_allclose
 from quick_return import quick_return
 
@@ -50,10 +50,8 @@ def oscillator(omega):
 
 def pushed_particle(law):
     """Particle of 2 kg under a force along its rail."""
-    mech = bd.Mechanism()
-    particle = mech.add(bd.PointMass("particle", 2.0, at=(0.0, 0.0)))
+    mech, particle = mass_on_rail(2.0, name="particle")
     mech.add(bd.Force("push", particle.point, (law, 0.0)))
-    mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), particle.point))
     return mech
 
 

@@ -6,7 +6,7 @@ from functools import partial
 import casadi as ca
 import numpy as np
 import pytest
-from mechanisms import EARTH, clamped_beam, free_ball, rectangle
+from mechanisms import EARTH, clamped_beam, driven, free_ball, rectangle
 from mechanisms import dropped_ball as ball
 
 import beamdae as bd
@@ -95,11 +95,8 @@ def stage(output_step) -> bd.results.Solution:
 
 def blade(rows) -> bd.results.Solution:
     """Return a run of a blade at constant speed, whose stress varies by 3e-8."""
-    mech, speed = bd.Mechanism(), 314.0
-    hub = mech.add(bd.RigidBody("hub", mass=4.0, inertia=0.02))
-    pair = mech.ground.at(0.0, 0.0), hub.at(0.0, 0.0)
-    mech.add(bd.Revolute("bearing", *pair))
-    mech.add(bd.Driver("motor", *pair, law=lambda t: speed * t))
+    speed = 314.0
+    mech, hub = driven(bd.RigidBody("hub", mass=4.0, inertia=0.02), lambda t: speed * t)
     section = rectangle(0.006, 0.04, damping=2e-5)
     line = bd.Line((0.12, 0.0), (0.47, 0.0))
     beam = mech.add(bd.Beam("blade", line, section, strain="exact", elements=2))

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from mechanisms import hinged_body
 from numpy.testing import assert_allclose
 
 import beamdae as bd
@@ -13,9 +14,7 @@ INERTIA, T_END = 0.5, 1.0
 
 def build_wheel():
     """Return a mechanism with a wheel on a pin, and the wheel."""
-    mech = bd.Mechanism()
-    wheel = mech.add(bd.RigidBody("wheel", mass=1.0, inertia=INERTIA))
-    mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), wheel.at(0.0, 0.0)))
+    mech, wheel = hinged_body(mass=1.0, inertia=INERTIA, name="wheel")
     mech.observe("wheel", wheel.at(0.0, 0.0))
     return mech, wheel
 
