@@ -445,35 +445,6 @@ def test_rigid_mobility_treats_a_beam_of_nodes_as_one_body():
             assert findings.free_motions == ("arch can rotate about (0.2, -0.3)",) * mobility
 
 
-@pytest.mark.parametrize("turn", [0.0, 0.7, 3.0])
-@pytest.mark.parametrize("backwards", [False, True])
-def test_check_does_not_depend_on_placement_or_order_of_parts(turn, backwards):
-    """Three parallel bars, rotated and translated, with joints in either order."""
-
-    c, s = np.cos(turn), np.sin(turn)
-
-    def place(x, y):
-        return 5.0 * turn + c * x - s * y, -2.0 * turn + s * x + c * y
-
-    mech, joints = bd.Mechanism(), []
-    coupler = mech.add(bd.RigidBody("coupler", 1.0, 0.1, center=place(1.3, 1.0)))
-    for k in range(3):
-        bar = mech.add(bd.RigidBody(f"bar {k}", 1.0, 0.1, center=place(k + 0.15, 0.5)))
-        foot, head = place(k, 0.0), place(k + 0.3, 1.0)
-        joints.append(bd.Revolute(f"foot {k}", mech.ground.at(*foot), bar.at(*foot)))
-        joints.append(bd.Revolute(f"head {k}", bar.at(*head), coupler.at(*head)))
-    for joint in reversed(joints) if backwards else joints:
-        mech.add(joint)
-    findings = bd.check(mech)
-    (redundancy,) = findings.dependent
-    assert set(redundancy.parts) == {joint.name for joint in joints}
-    if not backwards:
-        # The motion is the one that the last joint blocks again.
-        assert redundancy.blocks == "the rotation of the coupler"
-    assert redundancy.everywhere
-    assert (findings.mobility, len(findings.free_motions)) == (1, 1)
-
-
 def test_regression_joint_of_the_ground_and_two_bodies_connects_both():
     """A planetary gear on the ground left its wheel and its carrier unconnected."""
     mech = bd.Mechanism()

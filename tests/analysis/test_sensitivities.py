@@ -2,7 +2,6 @@
 
 import math
 import warnings
-from dataclasses import replace
 from functools import partial
 
 import casadi as ca
@@ -13,7 +12,6 @@ from differentiable_models import skater, swing, turning
 from four_bar import four_bar
 from governor import governor
 from hub_beam import hub_beam
-from inverted_pendulum import inverted_pendulum
 from leaf_spring_vehicle import leaf_spring_vehicle
 from mechanisms import EARTH, clamped_beam, free_ball, hinged_body, mass_on_rail, rectangle, symbols
 from pendulum import pendulum
@@ -26,7 +24,6 @@ from spin_up import spin_up
 
 import beamdae as bd
 from beamdae import quantities
-from beamdae.analysis.sensitivities.neighbors import difference_model
 
 MASS, SPEED = 2.0, 0.3
 
@@ -217,29 +214,6 @@ def test_nonholonomic_constraint():
     assert_agree_with_runs(skater, ["offset", "push"], 0.1)
 
 
-@pytest.mark.slow(reason="a fifth of a second")
-def test_observed_columns():
-    method = bd.GeneralizedAlpha(step=2e-3, newton_tolerance=1e-12)
-    result = bd.sensitivities(swing, "width", method, output_step=0.01)
-    runs = [
-        bd.simulate(swing(width=0.4 + k * 4e-4), method, output_step=0.01) for k in (-2, -1, 1, 2)
-    ]
-    for header, column in result.solution.columns.items():
-        expected = (
-            sum(
-                w * run.columns[header]
-                for w, run in zip((1 / 12, -2 / 3, 2 / 3, -1 / 12), runs, strict=True)
-            )
-            / 4e-4
-        )
-        actual = result.sensitivity(header, "width")
-        assert np.abs(actual - expected).max() <= 1e-6 * np.abs(expected).max(), header
-        name, unit = header.removesuffix("]").split(" [")
-        pd_column = result.table()[f"d({name})/d(width) [{unit} per unit of width]"]
-        np.testing.assert_array_equal(pd_column, actual)
-        assert column.shape == actual.shape
-
-
 @pytest.mark.slow(reason="kernels of beams with and without damping")
 def test_forces_that_vanish_at_the_value_of_a_parameter():
     # At damping = 0, the kernels of the beam lack the damping forces.
@@ -405,39 +379,6 @@ def test_parameters_of_any_scale(model):
             model, quantities.EndValue("mass.x"), name, integrator=method, parameters=values
         )
         assert gradient.derivatives[name] == pytest.approx(rate * expected.iloc[-1], rel=1e-7)
-
-
-@bd.model(t_end=0.02)
-def strip(E=2e9, length=0.4, unit=1.0, mass_unit=1.0, formulation="exact"):
-    """Clamped strip of 0.4 m; `unit` and `mass_unit` are the units per m, and kg per unit."""
-    plastic = bd.Material(E=E, nu=0.4, rho=1200.0 / mass_unit / unit**3)
-    section = rectangle(0.003 * unit, 0.02 * unit, damping=2e-3, material=plastic)
-    mech = bd.Mechanism(gravity=(0.0, -9.81 * unit))
-    line = bd.Line((0.0, 0.0), (length, 0.0))
-    beam = mech.add(bd.Beam("strip", line, section, elements=2, formulation=formulation))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
-    mech.observe("tip", beam.end)
-    return mech
-
-
-@pytest.mark.slow(reason="eight runs of a beam")
-@pytest.mark.parametrize("formulation", ["floating frame", "exact"])
-@pytest.mark.parametrize("integrator", [bd.Radau(rtol=1e-6), bd.GeneralizedAlpha(step=1e-3)])
-def test_derivatives_do_not_depend_on_the_units(integrator, formulation):
-    rows = []
-    # Meters and kilograms, millimeters and tonnes, micrometers and milligrams.
-    for unit, mass_unit in ((1.0, 1.0), (1e3, 1e3), (1e6, 1e-6)):
-        values = {"E": 2e9 / mass_unit / unit, "length": 0.4 * unit, "unit": unit}
-        values |= {"mass_unit": mass_unit, "formulation": formulation}
-        result = bd.sensitivities(
-            strip, ["E", "length"], integrator, output_step=2e-3, parameters=values
-        )
-        by_E, by_length = (result.sensitivity("tip.y", x) for x in ("E", "length"))
-        rows.append([by_E * values["E"] / unit, by_length])
-    for row in rows[1:]:
-        for actual, expected in zip(row, rows[0], strict=True):
-            size = np.abs(expected).max()
-            np.testing.assert_allclose(actual, expected, rtol=0.0, atol=1e-9 * size)
 
 
 @bd.model(t_end=0.1)
@@ -656,20 +597,6 @@ def test_regression_errors_of_adaptive_steps_are_reported(rtol, recwarn):
 def test_errors_of_steps_are_not_estimated_on_request(recwarn):
     bd.sensitivities(ripple, "stiffness", bd.Radau(1e-3), estimate_error=False)
     assert not [x for x in recwarn if "d(" in str(x.message)]
-
-
-@pytest.mark.slow(reason="five models of a beam each")
-@pytest.mark.parametrize(
-    ("model", "name", "value"),
-    [(inverted_pendulum, "tilt", 0.093), (sliding_mass, "radius", 0.9754277491409066)],
-)
-def test_regression_rounding_does_not_change_neighboring_models(model, name, value):
-    """Rounding chose the entries of an operator, or the element of a point between two elements."""
-    values = {**model.parameters, "formulation": "floating frame", name: value}
-    model = replace(model, parameters=values)
-    base = bd.equations_of_motion(model())
-    difference = difference_model(model, name, base, bd.equations_of_motion)
-    assert len(difference.models) == 4
 
 
 @bd.model(t_end=0.02)

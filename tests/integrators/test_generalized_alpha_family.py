@@ -176,17 +176,6 @@ def test_steps_are_at_most_a_quarter_of_the_law_time_scale():
     assert 0.2 < longest <= 0.25 * (1.0 + 1e-12)
 
 
-def test_rejected_steps_are_counted_but_not_returned_and_factors_are_reused():
-    equations, answer, t_end = SMOOTH["pendulum"]
-    solution = bd.simulate(equations, replace(ADAPTIVE, step=1.0), t_end)
-    # From a twentieth of the run to a two-hundredth.
-    assert solution.statistics.rejected_steps >= 3
-    assert solution.statistics.steps == len(steps_of(solution))
-    assert errors(solution, answer)[0] < 100.0 * 1e-4
-    linear = bd.simulate(oscillator(2.0), ADAPTIVE, 20.0).statistics
-    assert linear.factorizations < 0.1 * linear.steps
-
-
 def test_breakpoints_are_hit_and_surrounded_by_first_and_equal_steps():
     # The remainder is split into two equal steps instead of a tiny one.
     for breakpoint in (0.1234567, 0.12345):

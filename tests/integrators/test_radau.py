@@ -80,17 +80,6 @@ def test_the_error_estimate_of_radau5_is_steady_and_near_the_tolerance(damping):
 # Newton's iteration ------------------------------------------------------------------------------
 
 
-def test_factors_are_reused_while_the_step_is_constant():
-    # A linear system with equal steps after the first few.
-    steps = bd.simulate(pushed_particle(3.0), bd.Radau(1e-6, max_step=1e-3), 1.0).statistics
-    assert steps.steps > 1000
-    # Real and complex factorizations.
-    assert steps.factorizations <= 12
-    assert steps.newton_failures == steps.rejected_steps == 0
-    # One iteration on three stages in each step, two in the first step.
-    assert steps.residual_calls == 3 * (steps.steps + 1)
-
-
 # Steps -------------------------------------------------------------------------------------------
 
 

@@ -77,17 +77,6 @@ def test_reactions_of_equal_cranks(method):
         assert error(run[f"foot {k}.Fx"], expected) < 0.01
 
 
-@pytest.mark.slow(reason="several runs")
-@pytest.mark.parametrize(
-    ("size", "rate", "mirror"), [(1e-3, 30.0, 1.0), (10.0, 0.3, 1.0), (1.0, 10.0, -1.0)]
-)
-def test_reactions_in_other_sizes_rates_and_directions(size, rate, mirror):
-    run = bd.simulate(parallelogram(size=size, rate=rate, mirror=mirror), t_end=3.0 / rate)
-    scale = mirror * size * rate**2 / 2.0
-    expected = scale * horizontal_force((0.5, 0.5), rate * run.t)
-    assert error(run["foot 1.Fx"], expected) < 0.01
-
-
 @pytest.mark.slow(reason="two runs")
 @pytest.mark.parametrize("method", [bd.Ida(1e-5), bd.Radau(1e-5)], ids=str)
 def test_reactions_of_a_redundant_crank(method):

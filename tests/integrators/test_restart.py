@@ -20,16 +20,6 @@ def slider():
     return mech
 
 
-def test_limited_run_continues_between_output_rows():
-    with pytest.warns(bd.BeamdaeWarning, match="max_steps"):
-        first = bd.simulate(pendulum(), bd.Radau(1e-7, max_steps=30), 2.0, 0.01)
-    later = bd.simulate(pendulum(), bd.Radau(1e-7), 2.0, 0.01, start=first)
-    both = first.followed_by(later)
-    assert_allclose(both.t, 0.01 * np.arange(201), atol=1e-14)
-    whole = bd.simulate(pendulum(), bd.Radau(1e-7), 2.0, 0.01)
-    assert_allclose(both.q, whole.q, atol=2e-5)
-
-
 def test_interrupted_run_continues():
     def stop(t):
         if t > 0.5:

@@ -104,16 +104,6 @@ def test_accelerations_and_reactions_are_consistent_with_positions(integrator):
     assert_allclose(fx, 2.0 * solution.a[:, 0], rtol=0.0, atol=1e-2)
 
 
-def test_the_energy_imbalance_decreases_with_the_step():
-    imbalance = []
-    for step in (4e-3, 2e-3):
-        integrator = bd.GeneralizedAlpha(step=step, rho_inf=0.9, newton_tolerance=1e-9)
-        imbalance.append(bd.simulate(swing(), integrator, 2.0).quality.energy_imbalance)
-    assert imbalance[0] < 1e-3
-    # Second order, with a few percent of the next order.
-    assert_allclose(imbalance[0] / imbalance[1], 4.0, rtol=0.1)
-
-
 @every_integrator
 def test_kinetic_and_gravitational_energy_of_a_bar(integrator):
     solution = bd.simulate(swing(), integrator, 1.0, output_step=0.1)
@@ -142,25 +132,6 @@ def test_the_work_of_a_driver_is_the_energy_of_the_bar(integrator):
     torque = 0.8 * 9.0 * np.cos(3.0 * solution.t)
     assert_allclose(solution.observed["motor.M [N m]"], torque, rtol=0.0, atol=1e-2)
     assert solution.quality.energy_imbalance < 1e-3
-
-
-@every_integrator
-def test_the_work_of_a_constant_force_is_force_times_distance(integrator):
-    solution = bd.simulate(pushed(3.0), integrator, 2.0, 0.1)
-    ledger = solution.energies
-    work = 3.0 * 0.5 * 1.5 * solution.t**2
-    assert_allclose(ledger["energy.work_of_loads [J]"], work, rtol=0.0, atol=1e-5)
-    assert_allclose(ledger["energy.work_of_drivers [J]"], 0.0, rtol=0.0, atol=0.0)
-    assert solution.quality.energy_imbalance < 1e-6
-
-
-@every_integrator
-def test_the_energy_balances_across_a_jump_of_the_force(integrator):
-    solution = bd.simulate(pushed(bd.piecewise((0.3, 5.0), 0.0)), integrator, 1.0, 0.037)
-    work = 0.5 * 2.0 * (2.5 * np.minimum(solution.t, 0.3)) ** 2
-    ledger = solution.energies
-    assert_allclose(ledger["energy.work_of_loads [J]"], work, rtol=0.0, atol=1e-5)
-    assert_allclose(ledger["energy.imbalance [J]"], 0.0, rtol=0.0, atol=1e-5)
 
 
 def test_drift_of_each_formulation():
