@@ -285,6 +285,43 @@ def ziegler(stiffness=1.0, length=1.0, mass=1.0, damping=0.0):
     return mech
 
 
+def rotor_on_a_bearing():
+    """In the rotating frame, the whirl frequency splits into 10 - speed and 10 + speed [rad/s]."""
+    mech = bd.Mechanism()
+    rotor = mech.add(bd.RigidBody("rotor", 2.0, 0.1, center=(0.0, 0.0)))
+    ends = mech.ground.at(0.0, 0.0), rotor.at(0.0, 0.0)
+    mech.add(bd.Bushing("bearing", *ends, kx=200.0, ky=200.0, ktheta=0.0))
+    return mech
+
+
+def driven_slide(force=1e4, speed=0.01, law=None, scale=1.0, filter_time=None):
+    """A driven slide of 60 kg; the force changes at reversals within `speed` of the slide [m/s]."""
+    mech = bd.Mechanism()
+    slide = mech.add(bd.PointMass("slide", 60.0, at=(0.0, 0.0)))
+    base = mech.ground.at(0.0, 0.0)
+    mech.add(bd.PointOnLine("guide", base, slide.point, direction=(0.0, 1.0)))
+    law = law or (lambda t: 0.06 * (ca.cos(4.0 * np.pi * t) - 1.0))
+    drive = mech.add(bd.TranslationalDriver("drive", base, slide.point, law, direction=(0.0, 1.0)))
+
+    def push(point, t):
+        return 0.0, scale * force * (1.0 - np.tanh(point.velocity[1] / speed))
+
+    mech.add(bd.ForceLaw("push", slide.point, push))
+    mech.observe("drive", drive.reaction)
+    if filter_time:
+        y = mech.sensor("y", slide.point, "y")
+        mech.state("filter", lambda x, t: (y - x) / filter_time, unit="m")
+    return mech
+
+
+def reaction_of_driven_slide(t, force=1e4, speed=0.01):
+    """Return the reaction of the driver of `driven_slide` [N]."""
+    rate = 4.0 * np.pi
+    velocity = -0.06 * rate * np.sin(rate * t)
+    inertia = -60.0 * 0.06 * rate**2 * np.cos(rate * t)
+    return inertia - force * (1.0 - np.tanh(velocity / speed))
+
+
 def balance_wheel(thickness=3e-5, **settings):
     """A balance wheel of a watch, on a spiral spring of five turns."""
     turns, inner, outer = 5, 0.5e-3, 3e-3

@@ -73,12 +73,18 @@ def test_motion_without_stiffness_is_named():
         assert len(bd.equilibrium(mech, to={"bob.y": -0.5}).q) == 1
 
 
-def test_start_chooses_a_position_that_no_load_determines():
+def slide_on_rail(*load):
+    """Return a slide that moves freely along x, and a load at a place on it."""
     mech = bd.Mechanism()
     slide = mech.add(bd.RigidBody("slide", 1.0, 0.1, (0.3, 0.0)))
     mech.add(bd.Prismatic("rail", mech.ground.at(0.0, 0.0), slide.at(0.0, 0.0)))
-    mech.add(bd.Force("push", slide.at(0.2, 0.0), (0.0, -3.0)))
+    mech.add(bd.Force("load", slide.at(0.3, 0.0), load))
     mech.observe("slide", slide.at(0.3, 0.0))
+    return mech, slide
+
+
+def test_start_chooses_a_position_that_no_load_determines():
+    mech, _ = slide_on_rail(0.0, -3.0)
     with pytest.warns(bd.BeamdaeWarning, match=r"slide\.x is free .* start={'slide\.x': \.\.\.}"):
         assert not bd.equilibrium(mech, to={"slide.x": 0.5}).status.success
     with pytest.warns(
@@ -91,13 +97,9 @@ def test_start_chooses_a_position_that_no_load_determines():
 @pytest.mark.parametrize("x", [0.401, 0.405, 0.41, 0.395])
 def test_displacements_are_prescribed_beyond_a_free_motion(x):
     """A mechanism that is free to move without load had no path to a displacement."""
-    mech = bd.Mechanism()
-    slide = mech.add(bd.RigidBody("slide", 1.0, 0.1, (0.3, 0.0)))
-    mech.add(bd.Prismatic("rail", mech.ground.at(0.0, 0.0), slide.at(0.0, 0.0)))
-    mech.add(bd.Force("pull", slide.at(0.3, 0.0), (10.0, 0.0)))
+    mech, slide = slide_on_rail(10.0, 0.0)
     stop = bd.LineSurface(mech.ground.at(0.4, 0.0), (0.0, 1.0))
     mech.add(bd.Contact("stop", slide.at(0.3, 0.0), stop, stiffness=1e3, exponent=1.0))
-    mech.observe("slide", slide.at(0.3, 0.0))
     path = bd.equilibrium(mech, to={"slide.x": x})
     assert path.status.success
     assert path["slide.x"].iloc[-1] == pytest.approx(x)
@@ -247,27 +249,6 @@ def test_nonholonomic_constraints_are_rejected():
     mech.add(bd.Force("push", sled.at(0.0, 0.0), (1.0, 0.0)))
     with pytest.raises(bd.BeamdaeError, match=r"blade.*this constraint acts on velocities only"):
         bd.equilibrium(mech)
-
-
-@pytest.mark.slow(reason="a fifth of a second")
-def test_modes_about_the_end_of_a_path():
-    def pulled_mass(load):
-        mech = mass_on_bushing()
-        mech.add(bd.Force("pull", mech.parts["mass"].at(0.3, 0.0), (load, 0.0)))
-        return mech
-
-    path = bd.equilibrium(pulled_mass(5.0))
-    on_path, at_rest = (bd.modes(pulled_mass(5.0), about=x) for x in (path, "equilibrium"))
-    assert not on_path.warnings
-    assert_allclose(on_path.eigenvalues, at_rest.eigenvalues, rtol=1e-9)
-    # The pull adds rotational stiffness, so the frequencies differ from those as drawn.
-    assert abs(on_path.eigenvalues[0]) > 1.02 * abs(bd.modes(mass_on_bushing()).eigenvalues[0])
-    half = bd.equilibrium(pulled_mass(5.0), loads="pull", to=0.5)
-    on_path, at_rest = (
-        bd.modes(pulled_mass(5.0), about=half),
-        bd.modes(pulled_mass(2.5), about="equilibrium"),
-    )
-    assert_allclose(on_path.eigenvalues, at_rest.eigenvalues, rtol=1e-9)
 
 
 @pytest.mark.filterwarnings("ignore::beamdae.errors.BeamdaeWarning")

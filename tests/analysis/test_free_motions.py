@@ -68,45 +68,6 @@ def test_free_motions_do_not_depend_on_the_number_of_modes(formulation, support,
             assert_allclose(vibrations.imag, reference.imag, rtol=1e-4)
 
 
-def count_free_motions(mech, n, damping):
-    modes = bd.modes(mech, n=n, damping=damping)
-    assert "unstable" not in modes.kinds
-    return int(np.sum(modes.eigenvalues == 0.0))
-
-
-@pytest.mark.slow(reason="a fifth of a second")
-@pytest.mark.parametrize(
-    ("slenderness", "elements"),
-    [
-        (1e5, 8),
-        # More than 250 coordinates: sparse matrices.
-        *(
-            pytest.param(slenderness, elements, marks=pytest.mark.slow(reason="two seconds each"))
-            for slenderness in (10, 1e3, 1e5)
-            for elements in (4, 32)
-        ),
-    ],
-)
-@pytest.mark.parametrize("support", SUPPORTS)
-@pytest.mark.parametrize("formulation", FORMULATIONS)
-def test_damped_and_undamped_modes_count_equally_many_free_motions(
-    formulation, support, slenderness, elements
-):
-    mech = strip(support, 1.0 / slenderness, 1e-5, elements, **FORMULATIONS[formulation])
-    for n in (1, 2, 3, 4, 7, 10):
-        expected = min(n, SUPPORTS[support])
-        assert count_free_motions(mech, n, damping=True) == expected
-        assert count_free_motions(mech, n, damping=False) == expected
-
-
-@pytest.mark.parametrize("support", SUPPORTS)
-def test_free_motions_do_not_depend_on_units(support):
-    """A steel strip of 1000 mm x 0.1 mm in mm, t and s."""
-    steel = bd.Material(E=STEEL.E * 1e-6, nu=STEEL.nu, rho=STEEL.rho * 1e-12)
-    mech = strip(support, 0.1, 1e-5, material=steel, length=1000.0, formulation="exact")
-    assert count_free_motions(mech, 6, damping=True) == SUPPORTS[support]
-
-
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 def test_damped_free_strip_has_the_frequencies_of_theory(formulation):
     mech = strip("free", 1e-3, 1e-5, **FORMULATIONS[formulation])

@@ -17,7 +17,6 @@ from test_sensitivities_events import (
     moving,
     redirected,
     struck,
-    thrown,
 )
 
 import beamdae as bd
@@ -126,20 +125,6 @@ def test_integrals_over_the_long_steps_of_radau():
     t = np.linspace(0.0, 2.0, 20001)
     fine = np.mean(np.abs(0.3 * np.cos(rate * t)) ** 50.0) ** 0.02
     assert speed == pytest.approx(fine, rel=1e-3)
-
-
-@pytest.mark.parametrize(
-    ("by", "values", "message"),
-    [
-        ("speed", {"first": 0.2, "second": 0.2}, "events first and second act at the same time"),
-        ("speed", {"first": 0.25}, "event first acts at a breakpoint of a law"),
-        ("breakpoint", {"breakpoint": 0.5}, "moves the breakpoint of a law at t = 0.5 s across"),
-    ],
-)
-@pytest.mark.slow(reason="half a second and more")
-def test_times_without_derivatives_are_rejected(by, values, message):
-    with pytest.raises(bd.BeamdaeError, match=f"gradient: .*{message}"):
-        bd.gradient(thrown, quantities.EndValue("ball.x"), by, parameters=values)
 
 
 STOPPED = {"alpha": bd.GeneralizedAlpha(step=2e-3), "radau": bd.Radau(rtol=1e-6)}

@@ -5,7 +5,15 @@ import warnings
 import casadi as ca
 import numpy as np
 import pytest
-from mechanisms import EARTH, hinged_beam, hinged_body, mass_on_rail, rectangle, symbols
+from mechanisms import (
+    EARTH,
+    hinged_beam,
+    hinged_body,
+    mass_on_rail,
+    rectangle,
+    rotor_on_a_bearing,
+    symbols,
+)
 from numpy.testing import assert_allclose
 from scipy.optimize import brentq
 
@@ -189,10 +197,7 @@ def test_effective_masses_of_complex_modes_are_those_of_state_space_residues(dam
 
 
 def test_effective_masses_in_rotations_are_not_stated():
-    mech = bd.Mechanism()
-    rotor = mech.add(bd.RigidBody("rotor", 2.0, 0.1, center=(0.0, 0.0)))
-    ends = mech.ground.at(0.0, 0.0), rotor.at(0.0, 0.0)
-    mech.add(bd.Bushing("bearing", *ends, kx=200.0, ky=200.0, ktheta=0.0))
+    mech = rotor_on_a_bearing()
     assert np.isnan(bd.modes(mech, bd.rotation(0.0)).effective_masses).sum() == 0
     assert np.isnan(bd.modes(mech, bd.rotation(3.0)).effective_masses).all()
 

@@ -38,13 +38,6 @@ def test_low_rank_monodromy_matrix():
     np.testing.assert_allclose(*largest, atol=1e-10)
 
 
-@pytest.mark.parametrize("size", [1, 5, 30])
-def test_monodromy_matrix_of_full_rank(size):
-    matrix = np.random.default_rng(2).standard_normal((size, size))
-    assembled = assemble_monodromy(lambda x: matrix @ x, np.ones((size, 1)))
-    np.testing.assert_allclose(assembled, matrix, atol=1e-12)
-
-
 def pendulum(rate=0.8):
     """Return a rigid pendulum under a moment that oscillates at `rate` [Hz]."""
     mech, rod = hinged_body(1.0, 0.1, (0.0, -0.5), name="rod", gravity=9.81)

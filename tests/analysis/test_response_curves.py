@@ -268,16 +268,6 @@ def test_regression_unsolvable_linearized_equations_are_no_first_motion(monkeypa
     assert not response.points
 
 
-@pytest.mark.slow(reason="a fifth of a second")
-def test_progress_is_called_with_the_points():
-    points = []
-    response = bd.frequency_response(
-        pushed_mass, "frequency", (40.0, 41.0), step=1.0, max_step=1.0, progress=points.append
-    )
-    assert points == list(response.points)
-    assert len(points) > 1
-
-
 @pytest.mark.slow(reason="a second")
 def test_response_with_other_parameters():
     @bd.model(t_end=1.0)

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from mechanisms import ALLOY, driven_blade, rectangle
+from mechanisms import ALLOY, driven_blade, rectangle, rotor_on_a_bearing
 from numpy.testing import assert_allclose
 
 import beamdae as bd
@@ -292,15 +292,6 @@ def test_regression_speeds_that_no_metal_bears_are_stated_in_rpm(options):
 @pytest.mark.filterwarnings("error")
 def test_rotations_within_the_strength_have_no_warning(material, speed):
     bd.campbell(blade_on_hub(material, formulation="exact"), [0.0, speed], n=1)
-
-
-def rotor_on_a_bearing():
-    """In the rotating frame, the whirl frequency splits into 10 - speed and 10 + speed [rad/s]."""
-    mech = bd.Mechanism()
-    rotor = mech.add(bd.RigidBody("rotor", 2.0, 0.1, center=(0.0, 0.0)))
-    ends = mech.ground.at(0.0, 0.0), rotor.at(0.0, 0.0)
-    mech.add(bd.Bushing("bearing", *ends, kx=200.0, ky=200.0, ktheta=0.0))
-    return mech
 
 
 @pytest.mark.slow(reason="a quarter of a second")

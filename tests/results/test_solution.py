@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 from benchmarks.cases import pendulum
 from conformance import integrators
-from mechanisms import EARTH, free_ball, hinged, hinged_body, rectangle
+from mechanisms import EARTH, driven, free_ball, hinged, hinged_body, rectangle
 from numpy.testing import assert_allclose
 
 import beamdae as bd
@@ -28,14 +28,10 @@ def swing():
     return mech
 
 
-def driven_bar(law, inertia=0.3):
+def driven_bar(law):
     """Return the same bar without weight, rotated by a driver."""
-    mech = bd.Mechanism()
-    bar = mech.add(bd.RigidBody("bar", mass=2.0, inertia=inertia, center=(0.5, 0.0)))
-    origin = mech.ground.at(0.0, 0.0)
-    mech.add(bd.Revolute("hinge", origin, bar.at(0.0, 0.0)))
-    motor = mech.add(bd.Driver("motor", origin, bar.at(0.0, 0.0), law=law))
-    mech.observe("motor", motor.reaction)
+    mech, _ = driven(bd.RigidBody("bar", mass=2.0, inertia=0.3, center=(0.5, 0.0)), law)
+    mech.observe("motor", mech.part("motor").reaction)
     return mech
 
 
