@@ -7,7 +7,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from conformance import integrators
-from mechanisms import EARTH, clamped_beam, hinged_body, mass_on_rail, rectangle, symbols
+from mechanisms import EARTH, clamped_beam, driven, hinged_body, mass_on_rail, rectangle, symbols
 from numpy.testing import assert_allclose
 from slider_crank import slider_crank
 
@@ -48,11 +48,9 @@ def slider_on_two_guides(**settings):
 
 
 def doubly_driven_crank(first=3.0, second=3.0, **settings):
-    mech = bd.Mechanism(**settings)
-    crank = mech.add(bd.RigidBody("crank", 1.0, 0.1, center=(0.5, 0.0)))
+    crank = bd.RigidBody("crank", 1.0, 0.1, center=(0.5, 0.0))
+    mech, crank = driven(crank, lambda t: first * t, **settings)
     hub = (mech.ground.at(0.0, 0.0), crank.at(0.0, 0.0))
-    mech.add(bd.Revolute("bearing", *hub))
-    mech.add(bd.Driver("motor", *hub, law=lambda t: first * t))
     motor = mech.add(bd.Driver("second motor", *hub, law=lambda t: second * t + t**2 - t**2))
     mech.observe("second motor", motor.reaction)
     return mech
@@ -60,13 +58,9 @@ def doubly_driven_crank(first=3.0, second=3.0, **settings):
 
 def linkage_without_a_guide():
     """Return a crank with an unguided rod, and a body without joints."""
-    mech = bd.Mechanism(gravity=EARTH)
-    crank = mech.add(bd.RigidBody("crank", 1.0, 0.1, center=(0.5, 0.0)))
+    mech, crank = driven(bd.RigidBody("crank", 1.0, 0.1, center=(0.5, 0.0)), 0.0, 9.81)
     rod = mech.add(bd.RigidBody("rod", 1.0, 0.1, center=(2.0, 0.0)))
     mech.add(bd.RigidBody("lost", 1.0, 0.1, center=(5.0, 5.0)))
-    hub = (mech.ground.at(0.0, 0.0), crank.at(0.0, 0.0))
-    mech.add(bd.Revolute("bearing", *hub))
-    mech.add(bd.Driver("motor", *hub, law=0.0))
     mech.add(bd.Revolute("pin", crank.at(1.0, 0.0), rod.at(1.0, 0.0)))
     return mech
 

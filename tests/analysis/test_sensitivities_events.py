@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from leaf_spring_vehicle import leaf_spring_vehicle
 from mechanisms import EARTH, free_ball, hinged
+from support import differences_of_runs
 
 import beamdae as bd
 
@@ -227,15 +228,9 @@ def test_events_agree_with_differences_of_runs(case):
     model, names = CASES[case]
     result = bd.sensitivities(model, names, bd.Radau(rtol=1e-9), estimate_error=False)
     for name in names:
-        value = model.parameters[name]
-        runs = [
-            bd.simulate(model(**{name: value * (1.0 + k * 1e-3)}), bd.Radau(rtol=1e-11))
-            for k in (-2, -1, 1, 2)
-        ]
-        weights = np.array([1 / 12, -2 / 3, 2 / 3, -1 / 12]) / (1e-3 * value)
-        for column, values in result.solution.columns.items():
-            # At the end, which is a step of all runs.
-            expected = weights @ [x.columns[column][-1] for x in runs]
+        # At the end, which is a step of all runs.
+        for column, expected in differences_of_runs(model, name, 1e-11).items():
+            values = result.solution.columns[column]
             actual = result.sensitivity(column, name).iloc[-1]
             # Events are located on the dense output, whose errors decrease with rtol. Reactions are
             # of order 3.
@@ -256,13 +251,7 @@ def deflected(offset=3e-3, stiffness=1e5, radius=0.01):
 @pytest.mark.slow(reason="five runs per parameter")
 @pytest.mark.parametrize("name", ["offset", "stiffness", "radius"])
 def test_run_that_restarts_at_a_contact(name):
-    value = deflected.parameters[name]
-    runs = [
-        bd.simulate(deflected(**{name: value * (1.0 + k * 1e-3)}), bd.Radau(rtol=1e-10))
-        for k in (-2, -1, 1, 2)
-    ]
-    weights = np.array([1 / 12, -2 / 3, 2 / 3, -1 / 12]) / (1e-3 * value)
-    expected = weights @ [x.columns["ball.y [m]"][-1] for x in runs]
+    expected = differences_of_runs(deflected, name, 1e-10)["ball.y [m]"]
     # The force has kinks within steps: errors are 1e-3 at the default rtol, where the run restarts
     # at the onset, and 2e-6 at rtol = 1e-8.
     for rtol, restarts, tolerance in ((1e-5, 2, 5e-3), (1e-8, 0, 1e-5)):
