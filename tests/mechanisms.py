@@ -66,9 +66,9 @@ def _beam_on(
     return mech, beam
 
 
-def hinged(body, gravity=0.0, start="as drawn"):
+def hinged(body, gravity=0.0, **settings):
     """A mechanism and its body, on a hinge at the origin."""
-    mech = bd.Mechanism(gravity=(0.0, -gravity), start=start)
+    mech = bd.Mechanism(gravity=(0.0, -gravity), **settings)
     mech.add(body)
     mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), body.at(0.0, 0.0)))
     return mech, body
@@ -78,12 +78,13 @@ def hinged_body(
     mass=1.0, inertia=0.1, center=(0.0, 0.0), name="body", gravity=0.0, start="as drawn", **velocity
 ):
     """A mechanism and its rigid body, on a hinge at the origin."""
-    return hinged(bd.RigidBody(name, mass, inertia, center, **velocity), gravity, start)
+    body = bd.RigidBody(name, mass, inertia, center, **velocity)
+    return hinged(body, gravity, start=start)
 
 
-def driven(body, law, gravity=0.0, start="as drawn"):
+def driven(body, law, gravity=0.0, **settings):
     """A mechanism and its body, which the driver "motor" turns about a hinge at the origin."""
-    mech, body = hinged(body, gravity, start)
+    mech, body = hinged(body, gravity, **settings)
     mech.add(bd.Driver("motor", mech.ground.at(0.0, 0.0), body.at(0.0, 0.0), law))
     return mech, body
 

@@ -7,7 +7,16 @@ import casadi as ca
 import numpy as np
 import pytest
 from conformance import integrators
-from mechanisms import EARTH, clamped_beam, driven, hinged_body, mass_on_rail, rectangle, symbols
+from mechanisms import (
+    EARTH,
+    clamped_beam,
+    driven,
+    free_ball,
+    hinged_body,
+    mass_on_rail,
+    rectangle,
+    symbols,
+)
 from numpy.testing import assert_allclose
 from slider_crank import slider_crank
 
@@ -211,8 +220,7 @@ def test_pendulums_and_bodies_with_a_velocity_are_not_in_the_verdict(gravity, ve
 
 def test_rods_of_constant_length_are_no_drivers():
     """A stone on a rope, which its weight moves, had no load along its free motion."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    stone = mech.add(bd.PointMass("stone", 1.0, at=(1.0, 0.0)))
+    mech, stone = free_ball((1.0, 0.0), name="stone", gravity=9.81)
     mech.add(bd.Distance("rope", mech.ground.at(0.0, 0.0), stone.point))
     assert bd.check(mech, t_end=1.0, predict=False).unheld_motions == ()
 

@@ -109,8 +109,7 @@ def test_modes_are_paired_by_their_shapes():
 
 
 def test_modes_that_cannot_be_refined_are_exact_or_not_checked():
-    mech, bob = mass_on_rail(2.0, 1.0, name="bob")
-    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), bob.point, stiffness=8.0))
+    mech, _ = mass_on_rail(2.0, 1.0, spring=(8.0,))
     assert bd.modes(mech).errors.largest == 0.0
     equations = bd.equations_of_motion(mech)
     (status,) = bd.modes(equations).errors.statuses

@@ -29,8 +29,7 @@ def test_pendulum_hangs_down_under_its_weight():
 
 def hanging_mass(force, counterforce=None):
     """Return a mass on a rigid rod of length 1 that hangs straight down, without gravity."""
-    mech = bd.Mechanism()
-    mass = mech.add(bd.PointMass("bob", 1.0, at=(0.0, -1.0)))
+    mech, mass = free_ball((0.0, -1.0), name="bob")
     mech.add(bd.Distance("rod", mech.ground.at(0.0, 0.0), mass.point))
     mech.add(bd.Force("pull", mass.point, force))
     if counterforce is not None:
@@ -324,8 +323,7 @@ def test_regression_positions_that_a_driver_prescribes_are_refused_with_the_time
 
 def test_a_load_that_no_spring_carries_ends_a_path_of_a_free_mass():
     """The force of the spring is largest, 4.29 N, at y = 0.707 m; nothing resists along x."""
-    mech = bd.Mechanism()
-    bob = mech.add(bd.PointMass("bob", 1.0, at=(0.0, 0.0)))
+    mech, bob = free_ball(name="bob")
 
     def soften(a, t):
         return 0.0, -10.0 * a.position[1] * np.exp(-(a.position[1] ** 2))

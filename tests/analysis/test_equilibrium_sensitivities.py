@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from four_bar import four_bar
 from leaf_spring_vehicle import leaf_spring_vehicle
-from mechanisms import clamped_beam, free_ball, rectangle
+from mechanisms import clamped_beam, free_ball, hinged_body, rectangle
 from numpy.testing import assert_allclose
 from pendulum import pendulum
 from quick_return import quick_return
@@ -25,7 +25,7 @@ SLOW = pytest.mark.slow(reason="another variant of a test of half a second")
 @bd.model(t_end=1.0)
 def hanging(stiffness=400.0, mass=2.0, length=0.5, load=3.0, damping=0.0):
     """Mass on a vertical spring, under its weight and a force."""
-    mech, bob = free_ball((0.0, -length), mass=mass, name="bob", gravity=G)
+    mech, bob = free_ball((0.0, -length), mass, name="bob", gravity=G)
     hook = mech.ground.at(0.0, 0.0)
     mech.add(bd.PointOnLine("guide", hook, bob.point, direction=(0.0, 1.0)))
     mech.add(bd.Spring("spring", hook, bob.point, stiffness, damping))
@@ -73,11 +73,9 @@ def test_equilibria_of_rigid_bodies_depend_on_no_mass_and_their_reactions_on_it(
 
     @bd.model(t_end=1.0)
     def plumb(mass=2.0, offset=0.3):
-        mech = bd.Mechanism(gravity=(0.0, -G))
-        bob = mech.add(bd.RigidBody("bob", mass, 0.1, center=(1.0, 0.0)))
-        pin = mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), bob.at(0.0, 0.0)))
+        mech, bob = hinged_body(mass, center=(1.0, 0.0), gravity=G)
         mech.observe("bob", bob.at(1.0, offset))
-        mech.observe("pin", pin.reaction)
+        mech.observe("pin", mech.part("hinge").reaction)
         return mech
 
     result = bd.equilibrium_sensitivities(plumb, ["mass", "offset"])
@@ -391,10 +389,7 @@ def test_refusals(model, by, settings, message):
 
 @bd.model(t_end=1.0)
 def loose(stiffness=10.0):
-    mech = bd.Mechanism()
-    bob = mech.add(bd.PointMass("bob", 1.0, at=(1.0, 0.0)))
-    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), bob.point, stiffness))
-    return mech
+    return free_ball((1.0, 0.0), name="bob", spring=(stiffness,))[0]
 
 
 @pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from mechanisms import (
     EARTH,
+    free_ball,
     hinged_beam,
     hinged_body,
     mass_on_rail,
@@ -337,10 +338,7 @@ def test_frequencies_off_an_equilibrium_do_not_depend_on_coordinates(angle):
 @bd.model(t_end=1.0)
 def hanging_load(mass=1.0, weight=9.81):
     """Mass on a spring that is drawn without the deflection by its weight."""
-    mech = bd.Mechanism(gravity=(0.0, -weight))
-    load = mech.add(bd.PointMass("load", mass, at=(0.0, 1.0)))
-    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), load.point, 100.0))
-    return mech
+    return free_ball((0.0, 1.0), mass, "load", weight, spring=(100.0,))[0]
 
 
 def test_regression_states_that_are_no_equilibria_issue_a_warning():

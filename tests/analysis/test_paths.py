@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from mechanisms import (
+    cantilever,
     clamped_beam,
     free_ball,
     hinged_arch,
@@ -369,8 +370,7 @@ def test_regression_paths_whose_loads_are_zero_have_a_note():
     """A path of eleven equal points was stable at the load factor 1, without a word."""
 
     def hang(force):
-        mech = bd.Mechanism()
-        bob = mech.add(bd.PointMass("bob", 1.0, at=(1.0, 0.0)))
+        mech, bob = free_ball((1.0, 0.0), name="bob")
         mech.add(bd.Spring("x", mech.ground.at(0.0, 0.0), bob.point, 10.0))
         mech.add(bd.Spring("y", mech.ground.at(1.0, 1.0), bob.point, 10.0))
         mech.add(bd.Force("push", bob.point, (mech.input("force", default=force), 0.0)))
@@ -413,9 +413,7 @@ def test_regression_strains_of_a_bent_beam_are_the_suspected_cause_of_a_limit_po
 
     def bend(**settings):
         section = rectangle(0.003, 0.04)
-        mech, leaf = clamped_beam(section, 4, 0.3, name="leaf", **settings)
-        mech.add(bd.Force("load", leaf.end, (-1000.0, -300.0)))
-        mech.observe("tip", leaf.end)
+        mech = cantilever(4, 0.3, section, (-1000.0, -300.0), name="leaf", **settings)
         return bd.equilibrium(mech)
 
     # A second formulation, and a second mesh of floating frames.

@@ -4,7 +4,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from conformance import tuned
-from mechanisms import ALLOY, EARTH, clamped_beam, driven_blade, mass_on_rail, rectangle
+from mechanisms import ALLOY, EARTH, clamped_beam, driven, driven_blade, mass_on_rail, rectangle
 from scipy.optimize import fsolve
 
 import beamdae as bd
@@ -281,12 +281,7 @@ def test_forces_of_any_size_are_checked(size):
 @pytest.mark.slow(reason="a quarter of a second")
 def test_regression_the_mismatch_of_a_period_is_stated():
     """A period with six digits was rejected without the size of the difference, 2e-5 rad."""
-    mech = bd.Mechanism()
-    crank = mech.add(bd.RigidBody("crank", 1.0, inertia=0.1))
-    speed = 1.5 * np.pi
-    motor = bd.Driver("motor", mech.ground.at(0.0, 0.0), crank.at(0.0, 0.0), lambda t: speed * t)
-    mech.add(bd.Revolute("shaft", mech.ground.at(0.0, 0.0), crank.at(0.0, 0.0)))
-    mech.add(motor)
+    mech, crank = driven(bd.RigidBody("crank", 1.0, inertia=0.1), lambda t: 1.5 * np.pi * t)
     mech.observe("crank", crank.at(0.1, 0.0))
     message = (
         r"^motor\S*: loads or drivers do not repeat after the period of 1.33333 s, they differ by "
@@ -297,12 +292,9 @@ def test_regression_the_mismatch_of_a_period_is_stated():
     assert bd.periodic(mech, 1.33333333).status.success
 
 
-def driven(law, period, monkeypatch):
+def message_about(law, period, monkeypatch):
     """Return the message about the period of a driver, without any run, or ""."""
-    mech = bd.Mechanism()
-    crank = mech.add(bd.RigidBody("crank", 1.0, inertia=0.1))
-    mech.add(bd.Revolute("shaft", mech.ground.at(0.0, 0.0), crank.at(0.0, 0.0)))
-    mech.add(bd.Driver("motor", mech.ground.at(0.0, 0.0), crank.at(0.0, 0.0), law))
+    mech, crank = driven(bd.RigidBody("crank", 1.0, inertia=0.1), law)
     mech.observe("crank", crank.at(0.1, 0.0))
 
     def run(*_, **__):
@@ -334,7 +326,7 @@ def test_regression_wrong_periods_of_drivers_are_rejected_before_a_run(
     law, period, is_wrong, monkeypatch
 ):
     """A period in other units took minutes of steps before the message."""
-    message = driven(law, period, monkeypatch)
+    message = message_about(law, period, monkeypatch)
     assert message.startswith("motor: loads or drivers do not repeat") == is_wrong
     assert bool(message) == is_wrong
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from mechanisms import EARTH, clamped_beam, mass_on_rail, rectangle
+from mechanisms import clamped_beam, free_ball, mass_on_rail, rectangle
 from numpy.testing import assert_allclose
 
 import beamdae as bd
@@ -90,8 +90,7 @@ def test_self_excited_motion_has_a_derivative_of_its_period():
 
 @bd.model(t_end=3.0)
 def pendulum(length=1.0):
-    mech = bd.Mechanism(gravity=EARTH)
-    bob = mech.add(bd.PointMass("bob", 1.0, at=(length, 0.0)))
+    mech, bob = free_ball((length, 0.0), name="bob", gravity=9.81)
     mech.add(bd.Distance("rod", mech.ground.at(0.0, 0.0), bob.point))
     return mech
 

@@ -6,7 +6,7 @@ import pickle
 import cloudpickle
 import numpy as np
 import pytest
-from mechanisms import hinged, symbols
+from mechanisms import free_ball, hinged, symbols
 
 import beamdae as bd
 
@@ -63,8 +63,7 @@ def test_constrained_systems_are_rejected():
 @pytest.mark.slow(reason="a fifth of a second")
 def test_regression_solutions_with_signals_can_be_pickled():
     # CasADi's error "Cannot pickle SX objects without a casadi context", without the cause.
-    mech = bd.Mechanism()
-    mass = mech.add(bd.PointMass("mass", 1.0, at=(1.0, 0.0)))
+    mech, mass = free_ball((1.0, 0.0), name="mass")
     push = mech.input("push", unit="N")
     speed = mech.sensor("speed", mass.point, "x_dot")
     slow = mech.state("slow", lambda slow, t: push - 2.0 * slow, unit="N")

@@ -184,7 +184,7 @@ def test_driver_that_moves_at_the_start():
 @bd.model(t_end=0.05)
 def towed(speed=30.0, mass=0.5):
     """Crank that turns at a given speed and moves a flexible rod and a ram."""
-    mech, ram = free_ball((0.3, 0.0), mass=2.0, name="ram")
+    mech, ram = free_ball((0.3, 0.0), 2.0, name="ram")
     crank = bd.RigidBody.rod("crank", (0, 0), (0.02, 0.02), mass=mass, angular_velocity=speed)
     mech.add(crank)
     steel = rectangle(0.01, damping=1e-3)
@@ -562,8 +562,7 @@ def measured_error(result, column):
 @bd.model(t_end=1.0)
 def ripple(stiffness=1e4, speed=0.02):
     """Two masses that oscillate slowly, and vibrate against each other by 0.1 % of this motion."""
-    mech = bd.Mechanism()
-    first = mech.add(bd.PointMass("first", 1.0, at=(1.0, 0.0), velocity=(1.0, 0.0)))
+    mech, first = free_ball((1.0, 0.0), name="first", velocity=(1.0, 0.0))
     second = mech.add(bd.PointMass("second", 1.0, at=(2.0, 0.0), velocity=(1.0 + speed, 0.0)))
     mech.add(bd.Spring("soft", mech.ground.at(0.0, 0.0), first.point, 40.0))
     mech.add(bd.Spring("hard", first.point, second.point, stiffness))

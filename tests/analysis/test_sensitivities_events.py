@@ -20,7 +20,7 @@ INTEGRATORS = [
 @bd.model(t_end=1.2)
 def bounce(height=0.5, gravity=GRAVITY, restitution=0.8, floor=0.1, mark=0.3):
     """Ball that falls from rest and bounces on a floor."""
-    mech, ball = free_ball((0.0, height), mass=1.3, gravity=gravity)
+    mech, ball = free_ball((0.0, height), 1.3, gravity=gravity)
     gap = bd.LineSurface(mech.ground.at(0.0, floor), (1.0, 0.0)).gap(ball.point)
     mech.when(gap, 0.0, "down", bd.impact(gap, restitution), name="bounce")
     mech.when("ball.y", mark, "both", "record", name="mark")
@@ -297,8 +297,7 @@ def test_times_without_derivatives_are_rejected(by, values, message):
 @bd.model(t_end=0.19)
 def damped_bounce(gap=0.1, damping=1e3, shaking=0.0):
     """Two masses, connected by a spring and a damper; the lower one bounces once."""
-    mech = bd.Mechanism(gravity=(0.0, -GRAVITY))
-    lower = mech.add(bd.PointMass("lower", 1.0, at=(0.0, 0.2)))
+    mech, lower = free_ball((0.0, 0.2), name="lower", gravity=GRAVITY)
     upper = mech.add(bd.PointMass("upper", 0.1, at=(0.0, 0.7)))
     mech.add(bd.Spring("spring", lower.point, upper.point, 50.0, damping))
     mech.add(bd.Force("shaker", upper.point, (0.0, lambda t: shaking * ca.sin(60.0 * t))))
@@ -367,8 +366,7 @@ def test_moving_breakpoint_in_a_model_with_stiff_beams():
 @bd.model(t_end=0.15)
 def stop_force(stiffness=1e4):
     """Ball that falls on a stop whose force is observed."""
-    mech = bd.Mechanism(gravity=(0.0, -GRAVITY))
-    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.01)))
+    mech, ball = free_ball((0.0, 0.01), gravity=GRAVITY)
     surface = bd.LineSurface(mech.ground.at(0.0, 0.0))
     stop = mech.add(bd.Contact("stop", ball.point, surface, stiffness))
     mech.observe("stop", stop.force)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from mechanisms import clamped_beam, hinged_beam, portal_points, rectangle, welded_frame
+from mechanisms import clamped_beam, free_ball, hinged_beam, portal_points, rectangle, welded_frame
 from numpy.testing import assert_allclose
 
 import beamdae as bd
@@ -164,8 +164,7 @@ def test_fine_mesh_is_free_only_without_a_clamp(formulation):
 
 def test_regression_states_without_steady_value_are_not_told_to_add_a_spring():
     """A work integrator was a coordinate without stiffness that needs a spring or a joint."""
-    mech = bd.Mechanism()
-    mass = mech.add(bd.PointMass("mass", 1.0, at=(1.0, 0.0)))
+    mech, mass = free_ball((1.0, 0.0), name="mass")
     for k in range(2):
         mech.add(bd.Spring(f"spring {k}", mech.ground.at(0.0, k), mass.point, 10.0))
     mech.state("work", rate=0.0)

@@ -3,7 +3,7 @@
 import casadi as ca
 import numpy as np
 import pytest
-from mechanisms import mass_on_rail
+from mechanisms import free_ball, mass_on_rail
 from numpy.testing import assert_allclose
 from scipy import signal
 
@@ -307,8 +307,7 @@ def test_loops_that_cannot_be_opened_are_named():
         model = bd.linearize(mech)
     with pytest.raises(bd.BeamdaeError, match=r"300 of servo is at or beyond its limit 30"):
         bd.margins(model, "servo")
-    mech = bd.Mechanism()
-    mass = mech.add(bd.PointMass("mass", 2.0, at=(1.0, 0.0)))
+    mech, mass = free_ball((1.0, 0.0), 2.0, name="mass")
     x = mech.sensor("x", mass.point, "x")
     command = bd.pid(mech, "servo", -x, kp=3.0)
     law = bd.table([-10.0, 10.0], [-1.0, 1.0], kind="linear")

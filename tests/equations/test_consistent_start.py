@@ -3,7 +3,7 @@
 import casadi as ca
 import numpy as np
 import pytest
-from mechanisms import balance_wheel, clamped_beam, free_ball, rectangle
+from mechanisms import balance_wheel, clamped_beam, driven, free_ball, hinged_body, rectangle
 from numpy.testing import assert_allclose
 from support import ARC, REPRESENTATIVE_VARIANTS, VARIANTS, NumericEquations
 
@@ -174,14 +174,11 @@ def test_regression_four_bars_start_although_a_part_of_a_gap_cannot_be_closed():
 
 def slider_crank(angle):
     """Return a 2 m crank with a 1.5 m rod, which does not reach the line beyond arcsin(3/4)."""
-    mech = bd.Mechanism()
-    crank = mech.add(bd.RigidBody("crank", mass=1.0, inertia=1.0, center=(1.0, 0.0)))
+    crank = bd.RigidBody("crank", mass=1.0, inertia=1.0, center=(1.0, 0.0))
+    mech, crank = driven(crank, angle)
     rod = mech.add(bd.RigidBody("rod", mass=1.0, inertia=1.0, center=(2.75, 0.0)))
-    hub = (mech.ground.at(0.0, 0.0), crank.at(0.0, 0.0))
-    mech.add(bd.Revolute("bearing", *hub))
     mech.add(bd.Revolute("pin", crank.at(2.0, 0.0), rod.at(2.0, 0.0)))
     mech.add(bd.PointOnLine("guide", mech.ground.at(0.0, 0.0), rod.at(3.5, 0.0)))
-    mech.add(bd.Driver("motor", *hub, law=angle))
     return mech
 
 
@@ -199,7 +196,7 @@ def test_an_unreachable_position_is_reported_in_one_sentence(angle):
         make_consistent(slider_crank(angle))
     message = str(error.value)
     assert "the joints cannot be closed at t = 0" in message
-    assert message.split(".")[0] in ("bearing", "pin", "guide", "motor")
+    assert message.split(".")[0] in ("hinge", "pin", "guide", "motor")
     assert "a gap of" in message
     assert message.endswith(".")
     assert "\n" not in message
@@ -371,9 +368,7 @@ def test_velocities_that_a_clamped_beam_stops_are_projected_with_a_warning(formu
 
 @pytest.mark.parametrize("start", ["equilibrium", bd.rotation(3.0)], ids=["rest", "rotation"])
 def test_regression_given_velocities_that_a_start_does_not_use_are_named(start):
-    mech = bd.Mechanism()
-    wheel = mech.add(bd.RigidBody("wheel", 1.0, 0.1, angular_velocity=5.0))
-    mech.add(bd.Revolute("bearing", mech.ground.at(0.0, 0.0), wheel.at(0.0, 0.0)))
+    mech, _ = hinged_body(1.0, 0.1, angular_velocity=5.0, name="wheel")
     with pytest.warns(bd.BeamdaeWarning, match="the given velocity of wheel is not used"):
         solution = bd.simulate(mech, t_end=0.1, start=start)
     assert sum("is not used" in x for x in solution.warnings) == 1
@@ -382,9 +377,8 @@ def test_regression_given_velocities_that_a_start_does_not_use_are_named(start):
 def test_regression_given_velocities_are_vectors():
     """A bob near the vertical kept the small component of its velocity, and started at 11 m/s."""
     angle = np.radians(5.0)
-    mech = bd.Mechanism()
     place = (np.sin(angle), -np.cos(angle))
-    bob = mech.add(bd.PointMass("bob", 1.0, at=place, velocity=(0.0, 1.0)))
+    mech, bob = free_ball(place, name="bob", velocity=(0.0, 1.0))
     mech.add(bd.Distance("rope", mech.ground.at(0.0, 0.0), bob.point))
     with pytest.warns(bd.BeamdaeWarning, match="starts with bob.y_dot = 0.007596 m"):
         run = bd.simulate(mech, t_end=1e-3)
@@ -394,8 +388,7 @@ def test_regression_given_velocities_are_vectors():
 
 def test_a_struck_chain_keeps_the_given_velocity():
     """A mass and a body at rest that a rod connects move as one, without an impact."""
-    mech = bd.Mechanism()
-    first = mech.add(bd.PointMass("first", 1.0, at=(1.0, 0.0), velocity=(0.5, 0.0)))
+    mech, first = free_ball((1.0, 0.0), name="first", velocity=(0.5, 0.0))
     second = mech.add(bd.PointMass("second", 3.0, at=(2.0, 0.0)))
     mech.add(bd.Distance("rod", first.point, second.point))
     assert_allclose(bd.simulate(mech, t_end=1e-3).v[0], (0.5, 0.0, 0.5, 0.0), atol=1e-11)

@@ -604,9 +604,7 @@ def test_regression_short_peaks_that_an_fmu_passes_over_have_a_warning(tmp_path,
 
 
 def ball_on_spring(stiffness=4e5):
-    mech, ball = free_ball((1.01, 0.0))
-    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), ball.point, stiffness, free_length=1.0))
-    return mech
+    return free_ball((1.01, 0.0), spring=(stiffness, 0.0, 1.0))[0]
 
 
 @pytest.mark.slow(reason="trial runs")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from benchmarks.cases import AREVALO, pendulum, pendulum_motion
 from governor import governor
-from mechanisms import mass_on_rail, symbols
+from mechanisms import hinged_body, mass_on_rail, symbols
 from numpy.testing import assert_allclose
 from quick_return import quick_return
 
@@ -241,10 +241,8 @@ def test_regression_rounding_errors_of_short_steps_do_not_end_runs(model, tolera
 
 def test_regression_tiny_reactions_with_friction_do_not_end_runs():
     """At the start of a Gaussian pulse, their reciprocals overflowed: "residual is not finite"."""
-    mech = bd.Mechanism()
-    rod = mech.add(bd.RigidBody("rod", 1.0, 1.0 / 12.0, center=(0.5, 0.0)))
-    pin = mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), rod.at(0.0, 0.0)))
-    mech.add(bd.Friction("rubbing", pin, 0.3, friction_speed=0.01, radius=0.01))
+    mech, rod = hinged_body(1.0, 1.0 / 12.0, (0.5, 0.0))
+    mech.add(bd.Friction("rubbing", mech.part("hinge"), 0.3, friction_speed=0.01, radius=0.01))
 
     def pulse(t):
         return 10.0 * np.exp(-(((t - 0.03) / 0.001) ** 2))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from benchmarks.cases import PENDULUM, SLIDER_CRANK
 from conformance import IDA_FORMS, integrators
-from mechanisms import driven, hinged_beam, rectangle, symbols
+from mechanisms import driven, free_ball, hinged_beam, rectangle, symbols
 from numpy.testing import assert_allclose
 
 import beamdae as bd
@@ -25,8 +25,7 @@ every_integrator_in_its_form = integrators(
 
 def pushed_particle(law, velocity=0.0):
     """Free particle of 2 kg under a force in x."""
-    mech = bd.Mechanism()
-    particle = mech.add(bd.PointMass("particle", 2.0, at=(0.0, 0.0), velocity=(velocity, 0.0)))
+    mech, particle = free_ball(mass=2.0, name="particle", velocity=(velocity, 0.0))
     mech.add(bd.Force("push", particle.point, (law, 0.0)))
     return mech
 

@@ -19,8 +19,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
 
 def stop_law(form, **settings) -> bd.results.Solution:
     """Return a run onto a stop whose force is a formula or a table."""
-    mech = bd.Mechanism(gravity=EARTH)
-    body = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0), velocity=(0.0, -4.43)))
+    mech, body = free_ball(gravity=9.81, velocity=(0.0, -4.43))
     depths = np.linspace(0.0, 4e-4, 41)
     table = bd.table(depths, 1e10 * depths**1.5)
     laws = {

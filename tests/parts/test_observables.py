@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from mechanisms import mass_on_rail, rectangle
+from mechanisms import free_ball, mass_on_rail, rectangle
 from numpy.testing import assert_allclose
 from support import ARC, VARIANTS, NumericEquations, random_state
 
@@ -138,8 +138,7 @@ def test_relative_motion_is_the_motion_seen_by_an_observer_on_the_body(axes):
 
 
 def test_relative_motion_has_no_angle_with_particles_and_no_axes_on_them():
-    mech = bd.Mechanism()
-    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.3, 0.7)))
+    mech, ball = free_ball((0.3, 0.7))
     seen = bd.relative_motion(ball.point, mech.ground.at(0.0, 0.0))
     headers = [column.header for column in seen.columns]
     assert headers == ["x [m]", "y [m]", "x_dot [m/s]", "y_dot [m/s]"]
@@ -229,8 +228,7 @@ def test_regression_accelerations_of_forced_periodic_motions_have_derivatives():
 
 
 def test_accelerations_of_particles_have_no_angle_and_no_axes():
-    mech = bd.Mechanism()
-    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.3, 0.7)))
+    _, ball = free_ball((0.3, 0.7))
     assert [x.header for x in bd.acceleration(ball.point).columns] == ["ax [m/s^2]", "ay [m/s^2]"]
 
 

@@ -84,9 +84,7 @@ def test_regression_extremes_include_the_rows():
 @pytest.mark.slow(reason="half a second")
 def test_regression_extremes_of_many_steps_need_the_memory_of_a_block():
     """The columns of all steps were stored: 388 MB for 1e5 steps of 160 columns."""
-    mech = bd.Mechanism()
-    mass = mech.add(bd.PointMass("mass", 1.0, at=(1.1, 0.0)))
-    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), mass.point, 400.0, 0.0, 1.0))
+    mech, mass = free_ball((1.1, 0.0), name="mass", spring=(400.0, 0.0, 1.0))
     for k in range(20):
         mech.observe(f"mass {k}", mass.point)
     steps, step = 50_000, 1e-4
