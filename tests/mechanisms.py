@@ -171,12 +171,12 @@ def swing(mass=2.0, torque=0.0):
     return mech
 
 
-def double_pendulum(angle=np.pi / 2.0, lengths=(0.5, 0.5), gravity=G, **lower):
+def double_pendulum(angle=np.pi / 2.0, **lower):
     """Two rods of 1 kg in a line, released at an angle from the vertical."""
-    mech = bd.Mechanism(gravity=(0.0, -gravity))
+    mech = bd.Mechanism(gravity=EARTH)
     joint, last = np.zeros(2), mech.ground.at(0.0, 0.0)
-    for name, length, settings in zip(("upper", "lower"), lengths, ({}, lower), strict=True):
-        end = joint + length * np.array([np.sin(angle), -np.cos(angle)])
+    for name, settings in (("upper", {}), ("lower", lower)):
+        end = joint + 0.5 * np.array([np.sin(angle), -np.cos(angle)])
         rod = mech.add(bd.RigidBody.rod(name, tuple(joint), tuple(end), mass=1.0, **settings))
         hinge = mech.add(bd.Revolute(f"{name} hinge", last, rod.at(*joint)))
         mech.observe(f"{name} hinge", hinge.reaction)
@@ -214,18 +214,14 @@ def beam_pendulum(elements=2, curve=1.0, section=DAMPED_STRIP, gravity=G, **sett
     return mech
 
 
-def driven_blade(speed=10.0, rise_time=0.0, hub=0.1, elements=2, section=None, **settings):
-    """A blade of 0.5 m on a hub, which a driver turns at constant speed or runs up."""
-    mech = bd.Mechanism()
-    disk = mech.add(bd.RigidBody.disk("hub", (0.0, 0.0), hub, mass=5.0))
-    line = bd.Line((hub, 0.0), (hub + 0.5, 0.0))
+def driven_blade(speed=10.0, elements=2, section=None, **settings):
+    """A blade of 0.5 m on a hub, which a driver turns at constant speed."""
+    disk = bd.RigidBody.disk("hub", (0.0, 0.0), 0.1, mass=5.0)
+    mech, disk = driven(disk, lambda t: speed * t)
+    line = bd.Line((0.1, 0.0), (0.6, 0.0))
     section = section or rectangle(0.005, 0.03, damping=1e-4)
     blade = mech.add(bd.Beam("blade", line, section, elements, **settings))
-    shaft = mech.ground.at(0.0, 0.0), disk.at(0.0, 0.0)
-    mech.add(bd.Revolute("bearing", *shaft))
-    clamp = mech.add(bd.Weld("clamp", disk.at(hub, 0.0), blade.start))
-    law = bd.run_up(speed, rise_time) if rise_time else lambda t: speed * t
-    mech.add(bd.Driver("motor", *shaft, law))
+    clamp = mech.add(bd.Weld("clamp", disk.at(0.1, 0.0), blade.start))
     mech.observe("tip", blade.end)
     mech.observe("clamp", clamp.reaction)
     return mech
@@ -271,6 +267,19 @@ def hinged_arch(curve, section, elements=8, load=None, at=0.5, **options):
     return mech
 
 
+def lee_frame(elements, axes="inertial", **options):
+    """The frame of Lee, Manuel & Rossow, J. Eng. Mech. Div. 94 (1968) 521.
+
+    The force acts at a fifth of the beam.
+    """
+    section = rectangle(2.0, 3.0, material=bd.Material(E=7.2e6, nu=0.3, rho=1.0))
+    points = [(0.0, 0.0), (0.0, 120.0), (120.0, 120.0)]
+    mech, (_, beam) = welded_frame(points, section, elements, (bd.Revolute,) * 2, **options)
+    mech.add(bd.Force("press", beam.at(24.0), (0.0, -1000.0), axes=axes))
+    mech.observe("ld", beam.at(24.0))
+    return mech
+
+
 def ziegler(stiffness=1.0, length=1.0, mass=1.0, damping=0.0):
     """Ziegler's double pendulum with the masses 2 m and m under a follower force of 1 N."""
     mech = bd.Mechanism()
@@ -293,6 +302,19 @@ def rotor_on_a_bearing():
     ends = mech.ground.at(0.0, 0.0), rotor.at(0.0, 0.0)
     mech.add(bd.Bushing("bearing", *ends, kx=200.0, ky=200.0, ktheta=0.0))
     return mech
+
+
+def crank_and_ram(section, elements, mass=0.5, formulation="floating frame", **turning):
+    """A crank, an elastic rod and a ram of 2 kg in a guide: the mechanism, the crank, the rod."""
+    mech, crank = hinged(bd.RigidBody.rod("crank", (0.0, 0.0), (0.02, 0.02), mass=mass, **turning))
+    ram = mech.add(bd.PointMass("ram", 2.0, at=(0.3, 0.0)))
+    line = bd.Line((0.02, 0.02), (0.3, 0.0))
+    rod = mech.add(bd.Beam("rod", line, section, elements, formulation=formulation))
+    mech.add(bd.Revolute("pin", crank.at(0.02, 0.02), rod.start))
+    mech.add(bd.Revolute("ram pin", rod.end, ram.point))
+    mech.add(bd.PointOnLine("guide", mech.ground.at(0.3, 0.0), ram.point, direction=(1.0, 0.0)))
+    mech.observe("ram", ram.point)
+    return mech, crank, rod
 
 
 def driven_slide(force=1e4, speed=0.01, law=None, scale=1.0, filter_time=None):

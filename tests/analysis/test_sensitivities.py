@@ -13,7 +13,16 @@ from four_bar import four_bar
 from governor import governor
 from hub_beam import hub_beam
 from leaf_spring_vehicle import leaf_spring_vehicle
-from mechanisms import EARTH, clamped_beam, free_ball, hinged_body, mass_on_rail, rectangle, symbols
+from mechanisms import (
+    EARTH,
+    clamped_beam,
+    crank_and_ram,
+    free_ball,
+    hinged_body,
+    mass_on_rail,
+    rectangle,
+    symbols,
+)
 from pendulum import pendulum
 from quick_return import quick_return
 from ring_mount import ring_mount
@@ -184,16 +193,7 @@ def test_driver_that_moves_at_the_start():
 @bd.model(t_end=0.05)
 def towed(speed=30.0, mass=0.5):
     """Crank that turns at a given speed and moves a flexible rod and a ram."""
-    mech, ram = free_ball((0.3, 0.0), 2.0, name="ram")
-    crank = bd.RigidBody.rod("crank", (0, 0), (0.02, 0.02), mass=mass, angular_velocity=speed)
-    mech.add(crank)
-    steel = rectangle(0.01, damping=1e-3)
-    rod = mech.add(bd.Beam("rod", bd.Line((0.02, 0.02), (0.3, 0.0)), steel, elements=1))
-    mech.add(bd.Revolute("bearing", mech.ground.at(0.0, 0.0), crank.at(0.0, 0.0)))
-    mech.add(bd.Revolute("pin", crank.at(0.02, 0.02), rod.start))
-    mech.add(bd.Revolute("ram pin", rod.end, ram.point))
-    mech.add(bd.PointOnLine("guide", mech.ground.at(0.3, 0.0), ram.point, direction=(1.0, 0.0)))
-    return mech
+    return crank_and_ram(rectangle(0.01, damping=1e-3), 1, mass, angular_velocity=speed)[0]
 
 
 @pytest.mark.slow(reason="half a second and more")

@@ -4,7 +4,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from leaf_spring_vehicle import leaf_spring_vehicle
-from mechanisms import EARTH, free_ball, hinged
+from mechanisms import EARTH, driven, free_ball, hinged
 from support import differences_of_runs
 
 import beamdae as bd
@@ -104,10 +104,10 @@ def test_breakpoint_that_moves(integrator):
     np.testing.assert_allclose(result.sensitivity("mass.x", "end"), exact, rtol=0.0, atol=1e-12)
 
 
-def double_pendulum(length=0.5, mass=2.0):
-    mech, upper = hinged(
-        bd.RigidBody.rod("upper", (0.0, 0.0), (length, 0.0), mass=mass), gravity=GRAVITY
-    )
+def double_pendulum(length=0.5, mass=2.0, law=None):
+    """Return a double pendulum and its rods; a law, if any, drives the upper one."""
+    upper = bd.RigidBody.rod("upper", (0.0, 0.0), (length, 0.0), mass=mass)
+    mech, upper = hinged(upper, GRAVITY) if law is None else driven(upper, law, GRAVITY)
     lower = mech.add(bd.RigidBody.rod("lower", (length, 0.0), (length + 0.4, 0.0), mass=1.0))
     elbow = mech.add(bd.Revolute("elbow", upper.at(length, 0.0), lower.at(length, 0.0)))
     mech.observe("upper", upper.at(0.0, 0.0))
@@ -119,11 +119,10 @@ def double_pendulum(length=0.5, mass=2.0):
 @bd.model(t_end=0.4)
 def caught(angle=-0.6, length=0.5, time=0.1, torque=3.0):
     """A lock catches the upper rod; before that, a torque changes."""
-    mech, upper, _ = double_pendulum(length)
+    mech, upper, _ = double_pendulum(length, law=lambda t: angle + 0.0 * t)
     law = bd.piecewise((time, torque), 0.5 * torque)
     mech.add(bd.Moment("drive", on=upper.at(0.0, 0.0), law=law))
-    sides = (mech.ground.at(0.0, 0.0), upper.at(0.0, 0.0))
-    lock = mech.add(bd.Driver("lock", *sides, lambda t: angle + 0.0 * t))
+    lock = mech.part("motor")
     mech.deactivate(lock)
     mech.when("upper.angle", angle, "down", bd.activate(lock), name="caught")
     return mech
@@ -132,9 +131,8 @@ def caught(angle=-0.6, length=0.5, time=0.1, torque=3.0):
 @bd.model(t_end=0.4)
 def held(angle=-0.6, mass=2.0, rate=2.0):
     """A driver takes over the upper rod where it is, and releases it."""
-    mech, upper, _ = double_pendulum(mass=mass)
-    sides = (mech.ground.at(0.0, 0.0), upper.at(0.0, 0.0))
-    driver = mech.add(bd.Driver("driver", *sides, lambda t: rate * t**2))
+    mech, *_ = double_pendulum(mass=mass, law=lambda t: rate * t**2)
+    driver = mech.part("motor")
     mech.deactivate(driver)
     mech.when("upper.angle", angle, "down", bd.activate(driver, as_is=True), name="held")
     mech.when("end.y", -0.5, "down", bd.deactivate(driver), name="released")
@@ -144,11 +142,11 @@ def held(angle=-0.6, mass=2.0, rate=2.0):
 @bd.model(t_end=0.6)
 def redirected(angle=0.3, length=0.5, rate=2.0, later=3.0):
     """A driver follows a new law, with a breakpoint, from an event on."""
-    mech, upper, _ = double_pendulum(length)
-    sides = (mech.ground.at(0.0, 0.0), upper.at(0.0, 0.0))
-    driver = mech.add(bd.Driver("driver", *sides, lambda t: -rate * t**2))
+    mech, *_ = double_pendulum(length, law=lambda t: -rate * t**2)
     law = bd.piecewise((0.1, lambda t: -later * t**2), lambda t: -later * (0.01 + 0.2 * (t - 0.1)))
-    mech.when("upper.angle", -angle, "down", bd.change_law(driver, law), name="redirected")
+    mech.when(
+        "upper.angle", -angle, "down", bd.change_law(mech.part("motor"), law), name="redirected"
+    )
     return mech
 
 
@@ -163,14 +161,12 @@ def struck(wall=0.3, length=0.5, restitution=0.6, tilt=0.1):
 
 
 @bd.model(t_end=0.2)
-def driven(wall=0.2, length=0.5, restitution=0.6, rate=2.0):
+def struck_driven(wall=0.2, length=0.5, restitution=0.6, rate=2.0):
     """As `struck`, with a driver whose law depends on time.
 
     At rate = 2, CasADi removes the factor 0.5 rate, so that neighboring models have other numbers.
     """
-    mech, upper, lower = double_pendulum(length)
-    sides = (mech.ground.at(0.0, 0.0), upper.at(0.0, 0.0))
-    mech.add(bd.Driver("driver", *sides, lambda t: -0.5 * rate * t**2))
+    mech, _, lower = double_pendulum(length, law=lambda t: -0.5 * rate * t**2)
     surface = bd.LineSurface(mech.ground.at(0.0, -wall), (1.0, 0.1))
     gap = surface.gap(lower.at(length + 0.4, 0.0))
     mech.when(gap, 0.0, "down", bd.impact(gap, restitution), name="struck")
@@ -188,10 +184,8 @@ def broken(limit=25.0, mass=2.0):
 @bd.model(t_end=0.4)
 def relieved(angle=-0.3, rate=2.0, mark=0.1):
     """A driver follows a new law that contains two numbers, which are equal for mark = 0.1."""
-    mech, upper, _ = double_pendulum()
-    sides = (mech.ground.at(0.0, 0.0), upper.at(0.0, 0.0))
-    driver = mech.add(bd.Driver("driver", *sides, lambda t: -rate * t**2 - 3.0 * t**3))
-    later = bd.change_law(driver, lambda t: mark * t + 0.1 * t**2)
+    mech, *_ = double_pendulum(law=lambda t: -rate * t**2 - 3.0 * t**3)
+    later = bd.change_law(mech.part("motor"), lambda t: mark * t + 0.1 * t**2)
     mech.when("upper.angle", angle, "down", later, name="relieved")
     return mech
 
@@ -217,7 +211,7 @@ CASES = {
     "held": (held, ["angle", "rate"]),
     "redirected": (redirected, ["angle", "later"]),
     "struck": (struck, ["wall", "tilt"]),
-    "driven": (driven, ["restitution", "rate"]),
+    "driven": (struck_driven, ["restitution", "rate"]),
     "broken": (broken, ["limit", "mass"]),
 }
 

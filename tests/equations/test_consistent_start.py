@@ -3,7 +3,15 @@
 import casadi as ca
 import numpy as np
 import pytest
-from mechanisms import balance_wheel, clamped_beam, driven, free_ball, hinged_body, rectangle
+from mechanisms import (
+    balance_wheel,
+    clamped_beam,
+    crank_and_ram,
+    driven,
+    free_ball,
+    hinged_body,
+    rectangle,
+)
 from numpy.testing import assert_allclose
 from support import ARC, REPRESENTATIVE_VARIANTS, VARIANTS, NumericEquations
 
@@ -316,19 +324,10 @@ def test_dependent_constraints_are_named_among_many():
 @bd.model(t_end=0.02)
 def flywheel(speed=12.0, formulation="floating frame", given=True):
     """Crank that turns at `speed` [rad/s], and an undamped steel rod to a ram in a guide."""
-    mech = bd.Mechanism()
     turning = {"angular_velocity": speed} if given else {}
-    crank = mech.add(bd.RigidBody.rod("crank", (0.0, 0.0), (0.02, 0.02), mass=0.5, **turning))
-    ram = mech.add(bd.PointMass("ram", 2.0, at=(0.3, 0.0)))
     section = rectangle(0.012, 0.03)
-    line = bd.Line((0.02, 0.02), (0.3, 0.0))
-    rod = mech.add(bd.Beam("rod", line, section, 2, formulation=formulation))
-    mech.add(bd.Revolute("bearing", mech.ground.at(0.0, 0.0), crank.at(0.0, 0.0)))
-    mech.add(bd.Revolute("pin", crank.at(0.02, 0.02), rod.start))
-    mech.add(bd.Revolute("ram pin", rod.end, ram.point))
-    mech.add(bd.PointOnLine("guide", mech.ground.at(0.3, 0.0), ram.point, direction=(1.0, 0.0)))
+    mech, crank, rod = crank_and_ram(section, 2, formulation=formulation, **turning)
     mech.observe("crank", crank.at(0.0, 0.0))
-    mech.observe("ram", ram.point)
     mech.observe("root", rod.stress(0.14, "top"))
     return mech
 

@@ -19,7 +19,7 @@ def test_a_locking_mechanism_names_its_joints(integrator):
         status = bd.simulate(mech, integrator, 1.0).status
     assert status.kind == "failed"
     assert "stopped at t = 0.258" in status.sentence
-    assert "near a singular position of bearing, motor, pin, guide;" in status.sentence
+    assert "near a singular position of hinge, motor, pin, guide;" in status.sentence
     assert "rod.angle has the largest acceleration" in status.sentence
 
 

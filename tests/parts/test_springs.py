@@ -15,9 +15,8 @@ every_integrator = integrators(rtol=1e-7, step=1e-3)
 
 def oscillator(damping, stiffness=90.0, mass=2.5, start=0.3):
     """Return a mass on the line of its spring, `start` beyond the free length."""
-    mech, block = free_ball((1.0 + start, 0.0), mass, name="block")
-    mount = mech.ground.at(0.0, 0.0)
-    spring = mech.add(bd.Spring("spring", mount, block.point, stiffness, damping, free_length=1.0))
+    mech, _ = free_ball((1.0 + start, 0.0), mass, spring=(stiffness, damping, 1.0))
+    spring = mech.part("spring")
     mech.observe("force", spring.force)
     mech.observe("elongation", spring.elongation)
     return mech
@@ -45,10 +44,8 @@ def test_preload_is_the_tension_at_the_free_length():
 
 def test_a_spring_of_free_length_zero_is_linear():
     """Its force is k times the vector: the path is an ellipse about the origin."""
-    mech, block = free_ball(mass=2.0, name="block", velocity=(1.0, -0.5))
-    spring = bd.Spring("spring", mech.ground.at(0.0, 0.0), block.point, 8.0, free_length=0.0)
-    mech.add(spring)
-    mech.observe("force", spring.force)
+    mech, _ = free_ball(mass=2.0, velocity=(1.0, -0.5), spring=(8.0, 0.0, 0.0))
+    mech.observe("force", mech.part("spring").force)
     solution = bd.simulate(mech, bd.Radau(rtol=1e-8), t_end=4.0, output_step=0.05)
     wave = 0.5 * np.sin(2.0 * solution.t)
     assert_allclose(solution.q, np.outer(wave, [1.0, -0.5]), atol=1e-7)
