@@ -27,10 +27,8 @@ def cantilever(section, length, elements, force, **options):
 
 def column(elements, support="hinge", **options):
     """Return a column of 1 m under a force of EI / L^2, with a guide at its end."""
-    mech = bd.Mechanism()
-    beam = mech.add(bd.Beam("column", bd.Line((0.0, 0.0), (1.0, 0.0)), COLUMN, elements, **options))
-    joint = bd.Weld if support == "clamp" else bd.Revolute
-    mech.add(joint("left", mech.ground.at(0.0, 0.0), beam.start))
+    build = clamped_beam if support == "clamp" else hinged_beam
+    mech, beam = build(COLUMN, elements, name="column", **options)
     mech.add(bd.PointOnLine("right", mech.ground.at(0.0, 0.0), beam.end))
     mech.add(bd.Force("press", beam.end, (-COLUMN.EI, 0.0)))
     mech.observe("tip", beam.end)
