@@ -765,6 +765,11 @@ def stepped_strip(step=0.11, height=3e-3, unused=1.0):
     return mech
 
 
+def test_an_unused_parameter_has_a_warning():
+    with pytest.warns(bd.BeamdaeWarning, match="small changes of unused change no number"):
+        bd.equilibrium_sensitivities(stepped_strip, "unused")
+
+
 @pytest.mark.parametrize(
     ("call", "differentiate"),
     [
