@@ -89,7 +89,7 @@ def test_regression_extremes_of_many_steps_need_the_memory_of_a_block():
         mech.observe(f"mass {k}", mass.point)
     steps, step = 50_000, 1e-4
     run = bd.simulate(mech, bd.GeneralizedAlpha(step), t_end=steps * step, output_step=0.1)
-    assert len(run.columns) == 80
+    assert len(run.columns) == 84
     tracemalloc.start()
     try:
         extremes = run.step_extremes
