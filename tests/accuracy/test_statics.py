@@ -133,7 +133,7 @@ def test_columns_near_their_buckling_load():
     def column(factor, **settings):
         steel = bd.Material(E=205e9, nu=0.3, rho=7850.0)
         section = rectangle(3e-3, 0.025, material=steel)
-        mech, beam = hinged_beam(section, None, (0.0, 0.9), name="column", **settings)
+        mech, beam = hinged_beam(section, curve=(0.0, 0.9), name="column", **settings)
         mech.add(bd.TorsionSpring("clamp", mech.ground.at(0.0, 0.0), beam.start, 15.0))
         mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.9), beam.end, (0.0, 1.0)))
         mech.add(bd.Force("press", beam.end, (0.0, -168.6 * factor)))
@@ -236,7 +236,7 @@ def test_errors_of_paths_contain_those_of_moderate_strains(request_):
         elif header.startswith("limit point"):
             assert errors["status"][header] == "not converged"
     (sentence,) = path.errors.sentences()
-    assert 'strain="exact" of post, beam' in sentence
+    assert 'strain="exact" of beam 0, beam 1' in sentence
     accurate = bd.equilibrium(lee_frame(strain="green"), accuracy=1e-3, **request_)
     for header, value in accurate.errors.table()["value"].items():
         if header in truth:

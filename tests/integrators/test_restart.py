@@ -192,7 +192,7 @@ def test_other_formulas_and_numbers_are_rejected(tmp_path, other):
     first = bd.simulate(driven_ball(lambda t: np.sin(t)), bd.Radau(), 0.5)
     path = first.save(tmp_path / "end.json")
     watched = driven_ball(lambda t: np.sin(t))
-    watched.observe("ball", watched.part("ball").point)
+    watched.observe("again", watched.part("ball").point)
     for same in (driven_ball(lambda t: np.sin(t)), watched):
         assert bd.simulate(same, bd.Radau(), 1.0, start=path).warnings == ()
     for start in (first, path):
