@@ -40,35 +40,22 @@ def observe_elastic_columns(
     At most `max_rows` states are evaluated together.
     """
     observables = tuple(x for x in equations.observables if x.is_elastic)
-    values: dict[int, Array] = {}
-    # Together, because runs with many events have many intervals of a few nodes.
-    for inactive in dict.fromkeys(x.inactive for x in trajectory.intervals):
-        here = [k for k, x in enumerate(trajectory.intervals) if x.inactive == inactive]
-        active = replace(equations.without_loads_of(inactive), observables=observables)
-        observe = ObservedRows(active)
-        intervals = [trajectory.intervals[k] for k in here]
-        ends = np.cumsum([len(x.nodes) for x in intervals])
-        blocks = [
-            _observe_nodes(observe, intervals, slice(first, first + max_rows))
-            for first in range(0, ends[-1], max_rows)
-        ]
-        values |= dict(zip(here, np.split(np.concatenate(blocks), ends[:-1]), strict=True))
-    return [values[k] for k in range(len(trajectory.intervals))]
+    observers = {
+        inactive: ObservedRows(
+            replace(equations.without_loads_of(inactive), observables=observables)
+        )
+        for inactive in {x.inactive for x in trajectory.intervals}
+    }
+    return [_observe_nodes(observers[x.inactive], x, max_rows) for x in trajectory.intervals]
 
 
-def _observe_nodes(observe: ObservedRows, intervals: Sequence[Interval], nodes: slice) -> Array:
-    """Return the columns at some of the nodes of all intervals."""
-    times, states, first = [], [], 0
-    for interval in intervals:
-        rows = slice(max(nodes.start - first, 0), max(nodes.stop - first, 0))
-        first += len(interval.nodes)
-        if first > nodes.start and rows.stop > 0:
-            times.append(interval.times[rows])
-            states.append([x[rows] for x in interval.rows])
-    if len(times) == 1:
-        # A selection of all would copy the states.
-        return observe(times[0], *states[0])
-    return observe(np.concatenate(times), *map(np.concatenate, zip(*states, strict=True)))
+def _observe_nodes(observe: ObservedRows, interval: Interval, max_rows: int) -> Array:
+    """Return the columns at the nodes of an interval."""
+    blocks = []
+    for first in range(0, len(interval.nodes), max_rows):
+        rows = slice(first, first + max_rows)
+        blocks.append(observe(interval.times[rows], *(x[rows] for x in interval.rows)))
+    return np.concatenate(blocks)
 
 
 def interpolate_elastic_columns(
