@@ -3,14 +3,14 @@
     python validation/performance/static_times.py --peer PYTHON
     python validation/performance/static_times.py --quick
 
-PYTHON is an interpreter with Exudyn (`pip install exudyn`), whose elements have 2 nodes; those of
-beamdae have 4. Both tools take turns with each structure (`static_systems`), in 10 load steps and
-in as few as succeed, with machine code in the cache. Times are processor times, the smallest of
-several turns. "assembly" is the time of the equations of motion, with the plans of their
-evaluation; "stability" that of the numbers of unstable directions, which Exudyn does not compute.
-"ratio" compares the time without assembly with Exudyn's time without building, for equal meshes;
-"ratio at equal error" does so for the fastest mesh of beamdae, of 2 to 256 elements, whose error is
-at most Exudyn's. Errors are distances of the loaded point from that of the finest mesh [m].
+PYTHON is an interpreter with Exudyn (`pip install exudyn pandas scipy`), whose elements have 2
+nodes; those of beamdae have 4. Both tools take turns with each structure (`systems`), in 10 load
+steps and in as few as succeed, with machine code in the cache. Times are processor times, the
+smallest of several turns. "assembly" is the time of the equations of motion, with the plans of
+their evaluation; "stability" that of the numbers of unstable directions, which Exudyn does not
+compute. "ratio" compares the time without assembly with Exudyn's time without building, for equal
+meshes; "ratio at equal error" does so for the fastest mesh of beamdae, of 2 to 256 elements, whose
+error is at most Exudyn's. Errors are distances from the loaded point of the finest mesh [m].
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ import argparse
 import time
 import warnings
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -27,7 +28,7 @@ from unittest.mock import patch
 import numpy as np
 import pandas as pd
 from measurement import RESULTS, Worker, start_exudyn, write_table
-from static_systems import POISSON, RHO, STRUCTURES, WIDTH, E, Structure
+from systems import STRUCTURES, build
 
 import beamdae as bd
 from beamdae.analysis.statics import static_equilibrium, static_problem
@@ -43,30 +44,6 @@ QUICK_TURNS = 2
 # runs more.
 FEW_ELEMENTS = 8
 MILLISECONDS = 1e3
-
-
-def build_structure(structure: Structure, elements: int) -> bd.Mechanism:
-    """Return the mechanism of a structure, with the loaded point as "point"."""
-    mech = bd.Mechanism(gravity=(0.0, -structure.gravity) if structure.gravity else (0.0, 0.0))
-    steel = bd.Material(E=E, nu=POISSON, rho=RHO)
-    section = bd.Section.rectangle(steel, width=WIDTH, height=structure.height)
-    before = mech.ground.at(*structure.segments[0].start)
-    for k, segment in enumerate(structure.segments):
-        curve: Any = bd.Line(segment.start, segment.point(segment.length))
-        if segment.curvature:
-            curve = bd.Arc(1.0 / segment.curvature, segment.length, segment.start, segment.angle)
-        beam = mech.add(bd.Beam(f"beam {k}", curve, section, elements, formulation="exact"))
-        mech.add(bd.Weld(f"weld {k}", before, beam.start))
-        before = beam.end
-    if structure.is_hinged:
-        mech.add(bd.Revolute("hinge", mech.ground.at(*beam.end.point), beam.end))
-    point, stiffness = beam.at(structure.loaded * beam.length), structure.bending_stiffness
-    if any(structure.force):
-        mech.add(bd.Force("force", point, tuple(stiffness * x for x in structure.force)))
-    if structure.moment:
-        mech.add(bd.Moment("moment", point, stiffness * structure.moment))
-    mech.observe("point", point)
-    return mech
 
 
 @dataclass
@@ -105,16 +82,12 @@ def time_path(mechanism: bd.Mechanism, steps: int) -> PathTimes:
         (static_problem, "plan_static_sums", "assembly"),
         (static_problem.StaticProblem, "monitor", "stability"),
     )
-    patches = [patch.object(m, name, timed(part, getattr(m, name))) for m, name, part in parts]
-    for each in patches:
-        each.start()
-    try:
+    with ExitStack() as stack:
+        for module, name, part in parts:
+            stack.enter_context(patch.object(module, name, timed(part, getattr(module, name))))
         begin = time.process_time()
         path = bd.equilibrium(mechanism, step=1.0 / steps)
         total = time.process_time() - begin
-    finally:
-        for each in patches:
-            each.stop()
     return PathTimes(total, times["assembly"], times["stability"], path)
 
 
@@ -127,7 +100,8 @@ def compare(
     name: str, elements: int, steps: int, reference: np.ndarray, peer: Worker | None, turns: int
 ) -> dict[str, object]:
     """Return a row of the table."""
-    mechanism = build_structure(STRUCTURES[name], elements)
+    problem = STRUCTURES[name]
+    mechanism = build(problem, elements)
     # Compile machine code that is not in the cache at the first iteration.
     with patch.object(static_problem, "_INTERPRETED_EVALUATIONS", 0):
         time_path(mechanism, steps)
@@ -135,7 +109,7 @@ def compare(
     for _ in range(turns):
         runs.append(time_path(mechanism, steps))
         if peer is not None:
-            answers.append(peer(system=name, elements=elements, steps=steps))
+            answers.append(peer(problem=problem, elements=elements, steps=steps))
     best = min(runs, key=lambda run: run.total - run.assembly)
     path, solution = best.path, best.total - best.assembly
     row: dict[str, object] = {
@@ -195,8 +169,8 @@ def main() -> None:
     turns = QUICK_TURNS if options.quick else TURNS
     peer = start_exudyn(options.peer) if options.peer else None
     rows = []
-    for name, structure in STRUCTURES.items():
-        finest = bd.equilibrium(build_structure(structure, 2 * max(QUICK_ELEMENTS)))
+    for name, problem in STRUCTURES.items():
+        finest = bd.equilibrium(build(problem, 2 * max(QUICK_ELEMENTS)))
         reference = loaded_point(finest)
         new = [
             compare(name, elements, steps, reference, opponent, count_turns(elements, turns))

@@ -5,11 +5,12 @@
     python validation/performance/work_precision.py --references     compute the references first
     python validation/performance/work_precision.py --exact          beams without floating frames
 
-PYTHON is an interpreter with Exudyn (`pip install exudyn`); without it only beamdae is measured.
-The error is the largest distance of the tip from that of the exact beam, every 0.01 s of the run.
-The reference is Exudyn's beam of 64 elements with 3 nodes and steps of 5e-5 s, in `references.csv`;
-`--references` also lists the distance of beamdae's finest run from it. Every setting runs once; the
-fastest few of each tool at each error then take turns. Tables go to `results`.
+PYTHON is an interpreter with Exudyn (`pip install exudyn pandas scipy`); without it only beamdae is
+measured. The error is the largest distance of the tip from that of the exact beam, every 0.01 s of
+the run. The reference is Exudyn's beam of 64 elements with 3 nodes and steps of 5e-5 s, in
+`references.csv`; `--references` also lists the distance of beamdae's finest run from it. Every
+setting runs once; the fastest few of each tool at each error then take turns. Tables go to
+`results`.
 """
 
 from __future__ import annotations
@@ -20,7 +21,6 @@ import time
 from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +30,7 @@ import numpy as np
 import pandas as pd
 from hub_beam import hub_beam
 from measurement import RESULTS, Worker, start_exudyn, time_integration, write_table
+from systems import Problem, load_motion
 
 import beamdae as bd
 
@@ -42,7 +43,6 @@ FINALISTS = 3  # settings of each tool that take turns at each level
 def exact_hub_beam(
     bodies: int, elements: int, damping: float, formulation: str = "floating frame"
 ) -> bd.Mechanism:
-    """Return the hub beam whose limit, with many bodies or elements, is the exact beam."""
     kind = {"formulation": formulation}
     if formulation != "exact":
         kind = {"frame": "chord", "strain": "green"}
@@ -52,7 +52,6 @@ def exact_hub_beam(
 def exact_pendulum(
     bodies: int, elements: int, damping: float, formulation: str = "floating frame"
 ) -> bd.Mechanism:
-    """Return the pendulum whose limit, with many bodies or elements, is the exact beam."""
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     arc = bd.Arc(radius=0.85, length=0.80, start=(0.0, 0.0), angle=-0.60)
     alloy = bd.Material(E=68.95e9, nu=0.3, rho=2760.0)
@@ -84,8 +83,14 @@ class Case:
         """Times at which tips are compared [s]."""
         return np.linspace(0.0, self.end, round(self.end / 0.01) + 1)
 
+    @property
+    def problem(self) -> Problem:
+        """Problem for Exudyn."""
+        names = {"hub beam": "hub_beam_60", "pendulum": "pendulum_undamped"}
+        return load_motion(names[self.system], self.damping, self.end)
+
     def mechanism(self, mesh: tuple[int, int]) -> bd.Mechanism:
-        """Return the model of beamdae with (bodies, elements of each)."""
+        """Return the model whose limit, with many (bodies, elements of each), is the exact beam."""
         model = exact_hub_beam if self.system == "hub beam" else exact_pendulum
         return model(*mesh, self.damping, self.formulation)
 
@@ -144,14 +149,9 @@ def tip_path(solution: bd.results.Solution) -> Array:
     return solution.observed[["tip.x [m]", "tip.y [m]"]].to_numpy()
 
 
-@cache
-def _equations(case: Case, mesh: tuple[int, int]) -> bd.results.EquationsOfMotion:
-    return bd.equations_of_motion(case.mechanism(mesh))
-
-
 def run_exudyn(peer: Worker, case: Case, **settings: float) -> Outcome:
     """Run Exudyn from a model to the path of its tip."""
-    answer = peer(system=case.system, damping=case.damping, end=case.end, **settings)
+    answer = peer(problem=case.problem, **settings)
     rows = np.array(answer["path"])
     assert len(rows) == len(case.times), settings
     return Outcome(rows[:, 1:], answer["integrate"], answer["build"] + answer["integrate"])
@@ -275,7 +275,9 @@ def store_references(peer: Worker) -> pd.DataFrame:
             peer, case, **{**REFERENCE_SETTINGS, "elements": 32, "step": 1e-4}
         ).path
         mesh, integrator = FINEST_BEAMDAE
-        beamdae_path = tip_path(integrator.integrate(_equations(case, mesh), case.times))
+        beamdae_path = tip_path(
+            integrator.integrate(bd.equations_of_motion(case.mechanism(mesh)), case.times)
+        )
         rows.append(
             {
                 "case": case.name,
