@@ -20,7 +20,7 @@ import time
 import warnings
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
@@ -40,27 +40,13 @@ COARSE_ELEMENTS = (2, 4)  # of beamdae only: with 4 nodes, as accurate as 8 elem
 STEPS = (10, 1)
 TURNS = 30
 QUICK_TURNS = 2
-# Runs of up to this number of elements take five times as many turns: other processes disturb short
-# runs more.
-FEW_ELEMENTS = 8
-MILLISECONDS = 1e3
-
-
-@dataclass
-class PathTimes:
-    """Times of a path [s] and its result."""
-
-    total: float
-    assembly: float
-    stability: float
-    path: bd.results.Equilibrium
+FEW_ELEMENTS = 8  # of runs that take five times as many turns
 
 
 @single_threaded
-def time_path(mechanism: bd.Mechanism, steps: int) -> PathTimes:
-    """Return the processor times of an equilibrium path and of its parts."""
-    times = {"assembly": 0.0, "stability": 0.0}
-    active: list[str] = []
+def time_path(mechanism: bd.Mechanism, steps: int) -> dict[str, Any]:
+    """Return an equilibrium path and the processor times of it and of its parts [ms]."""
+    times, active = {"assembly": 0.0, "stability": 0.0}, []
 
     def timed(part: str, function: Callable[..., Any]) -> Callable[..., Any]:
         def call(*arguments: Any, **options: Any) -> Any:
@@ -72,7 +58,7 @@ def time_path(mechanism: bd.Mechanism, steps: int) -> PathTimes:
                 active.pop()
                 # Calls within calls are not counted twice.
                 if not active:
-                    times[part] += time.process_time() - begin
+                    times[part] += 1e3 * (time.process_time() - begin)
 
         return call
 
@@ -87,8 +73,8 @@ def time_path(mechanism: bd.Mechanism, steps: int) -> PathTimes:
             stack.enter_context(patch.object(module, name, timed(part, getattr(module, name))))
         begin = time.process_time()
         path = bd.equilibrium(mechanism, step=1.0 / steps)
-        total = time.process_time() - begin
-    return PathTimes(total, times["assembly"], times["stability"], path)
+        total = 1e3 * (time.process_time() - begin)
+    return {"path": path, "total": total, "solution": total - times["assembly"], **times}
 
 
 def loaded_point(path: bd.results.Equilibrium) -> np.ndarray:
@@ -110,8 +96,8 @@ def compare(
         runs.append(time_path(mechanism, steps))
         if peer is not None:
             answers.append(peer(problem=problem, elements=elements, steps=steps))
-    best = min(runs, key=lambda run: run.total - run.assembly)
-    path, solution = best.path, best.total - best.assembly
+    best = min(runs, key=lambda run: run["solution"])
+    path = best["path"]
     row: dict[str, object] = {
         "structure": name,
         "elements": elements,
@@ -120,42 +106,31 @@ def compare(
         "steps": len(path.q) - 1,
         "iterations": path.settings["iterations"],
         "unknowns": path.q.shape[1],
-        "total [ms]": MILLISECONDS * best.total,
-        "assembly [ms]": MILLISECONDS * best.assembly,
-        "stability [ms]": MILLISECONDS * best.stability,
+        **{f"{part} [ms]": best[part] for part in ("total", "assembly", "stability")},
         "error": np.linalg.norm(loaded_point(path) - reference),
     }
     if answers:
         answer = min(answers, key=lambda answer: answer["solve"])
+        spent = 1e3 * answer["solve"]
         row |= {
             "Exudyn steps": answer["steps"],
             "Exudyn iterations": answer["newton"],
             "Exudyn unknowns": answer["unknowns"],
-            "Exudyn [ms]": MILLISECONDS * answer["solve"],
+            "Exudyn [ms]": spent,
             "Exudyn error": np.linalg.norm(np.array(answer["point"]) - reference),
-            "ratio": solution / answer["solve"],
-            "ratio without stability": (solution - best.stability) / answer["solve"],
+            "ratio": best["solution"] / spent,
+            "ratio without stability": (best["solution"] - best["stability"]) / spent,
         }
     return row
 
 
-def count_turns(elements: int, turns: int) -> int:
-    """Return the number of turns for a mesh."""
-    return 5 * turns if elements <= FEW_ELEMENTS else turns
-
-
-def compare_at_equal_error(rows: list[dict[str, object]]) -> None:
-    """Add the ratio at equal error to the rows of a structure."""
-    table = pd.DataFrame(rows)
-    if "Exudyn error" not in table:
-        return
-    solution = table["total [ms]"] - table["assembly [ms]"]
-    for row in rows:
-        if "Exudyn error" not in row:
-            continue
-        is_as_accurate = table["error"] <= row["Exudyn error"]
-        fastest = solution[is_as_accurate & (table["steps asked"] == row["steps asked"])].min()
-        row["ratio at equal error"] = fastest / row["Exudyn [ms]"]
+def find_ratio_at_equal_error(row: pd.Series, table: pd.DataFrame) -> float:
+    """Return the ratio of the fastest mesh that is as accurate as Exudyn's, of one structure."""
+    rows = table[(table["structure"] == row["structure"])]
+    rows = rows[
+        (rows["error"] <= row["Exudyn error"]) & (rows["steps asked"] == row["steps asked"])
+    ]
+    return (rows["total [ms]"] - rows["assembly [ms]"]).min() / row["Exudyn [ms]"]
 
 
 def main() -> None:
@@ -172,15 +147,16 @@ def main() -> None:
     for name, problem in STRUCTURES.items():
         finest = bd.equilibrium(build(problem, 2 * max(QUICK_ELEMENTS)))
         reference = loaded_point(finest)
-        new = [
-            compare(name, elements, steps, reference, opponent, count_turns(elements, turns))
-            for meshes, opponent in ((COARSE_ELEMENTS, None), (sizes, peer))
-            for elements in meshes
-            for steps in STEPS
-        ]
-        compare_at_equal_error(new)
-        rows += new
-    write_table(options.out, "static_times", pd.DataFrame(rows))
+        for meshes, opponent in ((COARSE_ELEMENTS, None), (sizes, peer)):
+            for elements, steps in product(meshes, STEPS):
+                # Other processes disturb short runs more.
+                count = 5 * turns if elements <= FEW_ELEMENTS else turns
+                rows.append(compare(name, elements, steps, reference, opponent, count))
+    table = pd.DataFrame(rows)
+    if peer is not None:
+        ratios = [find_ratio_at_equal_error(row, table) for _, row in table.iterrows()]
+        table["ratio at equal error"] = ratios
+    write_table(options.out, "static_times", table)
 
 
 if __name__ == "__main__":
