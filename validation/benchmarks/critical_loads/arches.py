@@ -70,19 +70,6 @@ class BentStructure:
         return Shooting(chain, beam).trace(self.step, is_complete)
 
 
-def _reference(
-    structure: BentStructure, slenderness: float, strain: str
-) -> tuple[CriticalLoad, ...]:
-    states = structure.trace(slenderness)
-    return tuple(CriticalLoad(state.kind, state.load) for state in states)
-
-
-def _build(
-    structure: BentStructure, slenderness: float, elements: int, settings: Mapping[str, Any]
-) -> bd.Mechanism:
-    return build_chain(structure.chain(slenderness), slenderness, elements, settings)
-
-
 def build_chain(
     chain: Chain, slenderness: float, elements: int, settings: Mapping[str, Any]
 ) -> bd.Mechanism:
@@ -276,9 +263,13 @@ def _chain(structure: BentStructure, **fields: Any) -> dict[str, Any]:
     """Return the fields of the case of a chain, followed as `structure` says."""
     longest = max(one.length for one in structure.chain(1e2).segments)
     return {
-        "build": partial(_build, structure),
+        "build": lambda slenderness, *mesh: build_chain(
+            structure.chain(slenderness), slenderness, *mesh
+        ),
         "path": structure.path,
-        "reference": partial(_reference, structure),
+        "reference": lambda slenderness, strain: tuple(
+            CriticalLoad(state.kind, state.load) for state in structure.trace(slenderness)
+        ),
         # Arches: the error of the interpolated tangent angle.
         "order": 4,
         "mesh_constant": 2e-4,

@@ -10,10 +10,10 @@ import numpy as np
 
 import beamdae as bd
 from benchmarks.critical_loads.case import (
-    BRANCH,
     EXACT_STRAINS,
     FLUTTER,
     CriticalLoad,
+    branches,
 )
 from benchmarks.critical_loads.column_dynamics import Column, divergence_loads, flutter_load
 from benchmarks.critical_loads.structures import LENGTH, STEEL, WIDTH, stiffness, strip
@@ -110,21 +110,6 @@ def _flutter_near(column: Column, near: tuple[float, float], slenderness: float)
     return near
 
 
-def flutter_reference(
-    column: Column, near: tuple[float, float], slenderness: float, strain: str
-) -> tuple[CriticalLoad, ...]:
-    """Return the first onset of flutter."""
-    return (CriticalLoad(FLUTTER, _flutter_near(column, near, slenderness)[0]),)
-
-
-def divergence_reference(
-    column: Column, end: float, slenderness: float, strain: str
-) -> tuple[CriticalLoad, ...]:
-    """Return the branch points up to the load `end`."""
-    loads = divergence_loads(column, stiffness(slenderness), end)
-    return tuple(CriticalLoad(BRANCH, load) for load in loads)
-
-
 def _phase(column: Column, load: float, frequency: float = 0.0) -> float:
     """Return the largest wave number over the column, of motions with an angular frequency."""
     P, EI = abs(load) * column.compression(0.0), 1.0
@@ -140,7 +125,9 @@ def flutter(
     described = Column(**column)
     return {
         "build": partial(build_column, described, None),
-        "reference": partial(flutter_reference, described, near),
+        "reference": lambda slenderness, strain: (
+            CriticalLoad(FLUTTER, _flutter_near(described, near, slenderness)[0]),
+        ),
         "path": lambda slenderness: {"to": 1.1 * near[0], "loads": loads},
         "phase": lambda load: _phase(described, load, near[1]),
         # The frequencies coincide in a double root.
@@ -155,7 +142,9 @@ def divergence(
     described = Column(**column)
     return {
         "build": partial(build_column, described, taper),
-        "reference": partial(divergence_reference, described, end),
+        "reference": lambda slenderness, strain: branches(
+            divergence_loads(described, stiffness(slenderness), end)
+        ),
         "path": lambda slenderness: {"to": end, "loads": loads},
         "phase": partial(_phase, described),
         "formulations": EXACT_STRAINS,

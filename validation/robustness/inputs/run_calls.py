@@ -41,10 +41,6 @@ def _get_table(sandbox: Sandbox, result: bd.results.SweepResults) -> Any:
     return result.table
 
 
-def _plot_sweep(sandbox: Sandbox, names: Any, x: Any) -> None:
-    _run_sweep(sandbox).plot(names, x=x)
-
-
 SWEEP_CALLS: dict[str, WorkingCall] = {
     "sweep": WorkingCall(
         lambda box: {
@@ -82,7 +78,9 @@ SWEEP_CALLS: dict[str, WorkingCall] = {
         lambda box: {"over": [{"mass": 1.0}]}, _get_table, call=_run_decorated_sweep
     ),
     "sweep.plot": WorkingCall(
-        lambda box: {"names": "bob.x max", "x": "mass"}, lambda box, _: None, call=_plot_sweep
+        lambda box: {"names": "bob.x max", "x": "mass"},
+        lambda box, _: None,
+        call=lambda box, names, x: _run_sweep(box).plot(names, x=x),
     ),
     "sweep.run": WorkingCall(lambda box: {"mass": 2.0}, tabulate, on=_run_sweep),
 }
