@@ -78,11 +78,6 @@ def _round_section() -> bd.Section:
     return bd.Section(steel, area=area, second_moment=second, shear_coefficient=shear)
 
 
-def _sdll11_section() -> bd.Section:
-    alloy = bd.Material(E=7.2e10, nu=0.3, rho=2700.0)
-    return bd.Section.rectangle(alloy, width=0.010, height=0.005)
-
-
 def _thin_section() -> bd.Section:
     steel = bd.Material(E=2e11, nu=0.3, rho=8000.0)
     return bd.Section.rectangle(steel, width=0.01, height=1e-3)
@@ -229,7 +224,7 @@ MODE_CASES = (
         16,
         range(2, 4),
         closed_forms.ring,
-        _sdll11_section(),
+        bd.Section.rectangle(bd.Material(E=7.2e10, nu=0.3, rho=2700.0), width=0.010, height=0.005),
         0.1,
     ),
     _ring_case(

@@ -40,13 +40,6 @@ def observe_run(
     return run_to_end(mechanism, t_end, rows, integrator).observed
 
 
-def observe_until_failure(
-    mechanism: bd.Mechanism, t_end: float, rows: float, integrator: Any = SCHEME
-) -> pd.DataFrame:
-    """Return observed columns up to the end or the failure of the run."""
-    return bd.simulate(mechanism, integrator, t_end=t_end, output_step=rows).observed
-
-
 def measure_deviation(run: Any, reference: Any) -> float:
     """Return the largest difference over half the largest range of the reference columns."""
     run, reference = np.asarray(run, float), np.asarray(reference, float)

@@ -224,21 +224,16 @@ def _find_processes(bench: Bench) -> list[int]:
     return found
 
 
-def _kill_process(process: subprocess.Popen[str]) -> None:
-    """Kill a process without waiting for its pipes, which orphans would keep open."""
-    process.kill()
-    process.wait()
-    for stream in (process.stdout, process.stderr):
-        if stream is not None:
-            stream.close()
-
-
 def _kill(bench: Bench, command: tuple[str, ...], seconds: float) -> None:
     """Kill a command after so many seconds, and check that no process continues."""
     process = bench.start(bench.command(*command))
     with suppress(subprocess.TimeoutExpired):
         process.wait(seconds)
-    _kill_process(process)
+    process.kill()
+    process.wait()
+    # Its pipes are closed without waiting, because orphans would keep them open.
+    for stream in (process.stdout, process.stderr):
+        stream.close()
     end = time.perf_counter() + _ORPHAN_TIME_LIMIT
     while (orphans := _find_processes(bench)) and time.perf_counter() < end:
         time.sleep(0.05)

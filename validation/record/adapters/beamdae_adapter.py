@@ -144,12 +144,6 @@ def build_mechanism(
     return mech, inclinations
 
 
-def make_integrator(setting: str) -> Any:
-    """Return the integrator of a setting such as "Auto", "Radau 1e-8" or "GeneralizedAlpha"."""
-    name, _, rtol = setting.partition(" ")
-    return getattr(bd, name)(**({"rtol": float(rtol)} if rtol else {}))
-
-
 def select_columns(
     problem: dict[str, Any], times: np.ndarray, columns: Any, inclinations: dict[str, float]
 ) -> pd.DataFrame:
@@ -246,7 +240,10 @@ def solve(
         method = bd.Auto(time_limit=300.0)
         solution = bd.simulate(mech, method, accuracy=accuracy, **settings)
     else:
-        solution = bd.simulate(mech, make_integrator(setting), **settings)
+        # Such as "Auto", "Radau 1e-8" or "GeneralizedAlpha".
+        name, _, rtol = setting.partition(" ")
+        method = getattr(bd, name)(**({"rtol": float(rtol)} if rtol else {}))
+        solution = bd.simulate(mech, method, **settings)
     information = {
         "success": solution.status.success,
         "reason": solution.status.sentence,

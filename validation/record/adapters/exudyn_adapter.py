@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 import sys
 import time
-from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -48,8 +47,8 @@ class System:
         self.ground = self.mbs.AddObject(exd.ObjectGround())
         self.gravity = np.array([*problem["gravity"], 0.0])
         self.largest_stiffness = 0.0
-        # Nodes by fraction and angles at them; item, node and center.
-        self.beams: dict[str, tuple[list[float], list[int], list[float]]] = {}
+        # Fraction, number and angle of each node; item, node and center.
+        self.beams: dict[str, list[tuple[float, int, float]]] = {}
         self.rigid: dict[str, tuple[int, int, np.ndarray]] = {}
         for body in problem["bodies"]:
             if body["type"] == "beam":
@@ -137,7 +136,7 @@ class System:
             self._add_node(point, angle, body, points[0])
             for point, angle in zip(points, angles, strict=True)
         ]
-        self.beams[body["name"]] = ends, numbers, angles
+        self.beams[body["name"]] = list(zip(ends, numbers, angles, strict=True))
         for k in range(len(ends) - 1):
             half, middle = 0.5 * (angles[k + 1] - angles[k]), 0.5 * (angles[k + 1] + angles[k])
             length = chord = float(np.hypot(*(points[k + 1] - points[k])))
@@ -162,15 +161,16 @@ class System:
         """Return the node of an attachment to a body."""
         if attachment["body"] in self.rigid:
             return self.rigid[attachment["body"]][1]
-        ends, numbers, _ = self.beams[attachment["body"]]
-        return numbers[int(np.argmin(np.abs(np.array(ends) - attachment["fraction"])))]
+        return self._nearest(attachment)[1]
+
+    def _nearest(self, attachment: dict[str, Any]) -> tuple[float, int, float]:
+        """Return fraction, number and angle of the node of an attachment to a beam."""
+        nodes, fraction = self.beams[attachment["body"]], attachment["fraction"]
+        return min(nodes, key=lambda node: abs(node[0] - fraction))
 
     def _angle(self, attachment: dict[str, Any]) -> float:
         """Return the reference angle of the node of an attachment."""
-        if attachment["body"] not in self.beams:
-            return 0.0
-        ends, _, angles = self.beams[attachment["body"]]
-        return angles[int(np.argmin(np.abs(np.array(ends) - attachment["fraction"])))]
+        return self._nearest(attachment)[2] if attachment["body"] in self.beams else 0.0
 
     def _marker(self, attachment: dict[str, Any]) -> int:
         if attachment["body"] in self.beams:
@@ -225,10 +225,10 @@ class System:
                 raise NotImplementedError("follower forces are not supported")
         vector = [x if isinstance(x, int | float) else 0.0 for x in laws]
         number = self.mbs.AddLoad(kind(markerNumber=self._marker(load["on"]), loadVector=vector))
-        pieces = [law_pieces(law, exu.symbolic) for law in laws]
         if vector == laws:
             return
-        name, function = "loadVectorUserFunction", _load_function(laws)
+        name, pieces = "loadVectorUserFunction", [law_pieces(law, exu.symbolic) for law in laws]
+        function = lambda mbs, t, load: [law_value(law, t) for law in laws]  # noqa: E731
         self.mbs.SetLoadParameter(number, name, function)
         if all(len(x) == 1 for x in pieces):  # Smooth laws are evaluated without Python.
 
@@ -270,10 +270,6 @@ class System:
         settings.linearSolver.solverType = exu.LinearSolverType.EigenSparse
         settings.parallel.numberOfThreads = 1
         return settings
-
-
-def _load_function(laws: list[Any]) -> Callable[..., list[float]]:
-    return lambda mbs, t, load: [law_value(law, t) for law in laws]
 
 
 def simulate(problem: dict[str, Any], elements: int, step: float, split: int = 1) -> pd.DataFrame:
