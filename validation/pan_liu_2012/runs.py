@@ -55,7 +55,7 @@ def compare_methods(pairs: dict[str, tuple[pd.Series, pd.Series]]) -> dict[str, 
     return {"second_method": pd.DataFrame(lines)}
 
 
-def format_range(values: Any, digits: int = 3) -> str:
+def format_range(values: Any) -> str:
     """Format the smallest and the largest value."""
     low, high = np.min(values), np.max(values)
-    return f"{low:.{digits}g} .. {high:.{digits}g}"
+    return f"{low:.3g} .. {high:.3g}"

@@ -274,12 +274,12 @@ def killed_run(bench: Bench) -> None:
     _kill_often(bench, _RUN)
 
 
-def _expect_all_cases(bench: Bench, result: CommandResult, count: int = 6) -> None:
+def _expect_all_cases(bench: Bench, result: CommandResult) -> None:
     # Standard error is not judged: without threads, memory allocators print messages, too.
     expect_code(expect_no_traceback(result), 0)
     (path,) = bench.folder.glob("results/*/sweep.csv")
     table = pd.read_csv(path)
-    expect(len(table) == count, f"{len(table)} of {count} rows")
+    expect(len(table) == 6, f"{len(table)} of 6 rows")
     expect((table["status"] == "ok").all(), "not all cases ended")
 
 

@@ -62,8 +62,8 @@ def _gravity(onset: float) -> tuple[float, Any]:
     return (0.0, bd.piecewise((onset, _rise(GRAVITY[1], onset)), GRAVITY[1])) if onset else GRAVITY
 
 
-def _add_rod(mech: bd.Mechanism, name: str, start, end, area=2e-4) -> bd.RigidBody:
-    return mech.add(bd.RigidBody.rod(name, start, end, density=STEEL.rho, area=area))
+def _add_rod(mech: bd.Mechanism, name: str, start, end) -> bd.RigidBody:
+    return mech.add(bd.RigidBody.rod(name, start, end, density=STEEL.rho, area=2e-4))
 
 
 @bd.model(t_end=5.0)

@@ -38,14 +38,11 @@ class BentStructure:
     drop
         Maps the slenderness to the deflection of the first loaded point, over L, at which the path
         ends; positive downward.
-    step
-        Largest step of the reference path, in EI / L^2.
     """
 
     chain: Callable[[float], Chain]
     end: float | None = None
     drop: Callable[[float], float] | None = None
-    step: float = 1.0
 
     def path(self, slenderness: float) -> dict[str, Any]:
         """Return the arguments of `bd.equilibrium`."""
@@ -67,7 +64,7 @@ class BentStructure:
             now = chain.position(chain.loaded, beam, z)[1]
             return bool(height - now > self.drop(slenderness))
 
-        return Shooting(chain, beam).trace(self.step, is_complete)
+        return Shooting(chain, beam).trace(is_complete)
 
 
 def build_chain(

@@ -195,11 +195,9 @@ def solve_static(
     return table, status
 
 
-def refine_static(
-    problem: dict[str, Any], accuracy: float, elements: int = 4
-) -> tuple[pd.DataFrame, dict[str, Any]]:
+def refine_static(problem: dict[str, Any], accuracy: float) -> tuple[pd.DataFrame, dict[str, Any]]:
     """Return the path of exact beams whose elements are doubled until it hardly changes."""
-    before = None
+    before, elements = None, 4
     while True:
         mech, inclinations = build_mechanism(problem, elements, formulation="exact")
         table, information = solve_static(problem, mech, inclinations)
