@@ -52,18 +52,6 @@ def build_column(
         mech.add(bd.Prismatic("head", head, beam.end, (0.0, 1.0)))
     if column.end_mass:
         mech.add(bd.PointMass("mass", column.end_mass * section.rhoA * LENGTH, on=beam.end))
-    _add_end_load(mech, column, beam, unit)
-    if column.distributed:
-        _add_distributed_load(mech, column, beam, unit / LENGTH)
-    if column.foundation:
-        modulus = column.foundation * unit / LENGTH**2
-        mech.add(
-            bd.DistributedForce("foundation", beam, lambda s, x, y, t: (-modulus * x, 0.0 * y))
-        )
-    return mech
-
-
-def _add_end_load(mech: bd.Mechanism, column: Column, beam: bd.Beam, unit: float) -> None:
     P = column.end_load * unit
     if column.line_of_action:
         mech.add(bd.Force("load", beam.end, (0.0, -P)))
@@ -85,21 +73,26 @@ def _add_end_load(mech: bd.Mechanism, column: Column, beam: bd.Beam, unit: float
         ):
             if P * share:
                 mech.add(bd.Force(name, beam.end, (0.0, -P * share), axes=axes))
+    if column.distributed:
 
+        def density(s: Any) -> Any:
+            load = unit / LENGTH
+            return sum(c * load * (s / LENGTH) ** k for k, c in enumerate(column.distributed))
 
-def _add_distributed_load(mech: bd.Mechanism, column: Column, beam: bd.Beam, unit: float) -> None:
-    """Add a uniform or linear load; uniform ones as constants, which every formulation takes."""
-
-    def density(s: Any) -> Any:
-        return sum(c * unit * (s / LENGTH) ** k for k, c in enumerate(column.distributed))
-
-    uniform = len(column.distributed) == 1
-    if column.follower_distributed:
-        law = (-density(0.0), 0.0) if uniform else lambda s, x, y, t: (-density(s), 0.0 * s)
-        mech.add(bd.DistributedForce("drag", beam, law, axes="section"))
-    else:
-        law = (0.0, -density(0.0)) if uniform else lambda s, x, y, t: (0.0 * s, -density(s))
-        mech.add(bd.DistributedForce("weight", beam, law))
+        # Uniform loads are constants, which every formulation takes.
+        uniform = len(column.distributed) == 1
+        if column.follower_distributed:
+            law = (-density(0.0), 0.0) if uniform else lambda s, x, y, t: (-density(s), 0.0 * s)
+            mech.add(bd.DistributedForce("drag", beam, law, axes="section"))
+        else:
+            law = (0.0, -density(0.0)) if uniform else lambda s, x, y, t: (0.0 * s, -density(s))
+            mech.add(bd.DistributedForce("weight", beam, law))
+    if column.foundation:
+        modulus = column.foundation * unit / LENGTH**2
+        mech.add(
+            bd.DistributedForce("foundation", beam, lambda s, x, y, t: (-modulus * x, 0.0 * y))
+        )
+    return mech
 
 
 @cache
