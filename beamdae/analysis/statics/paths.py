@@ -466,7 +466,7 @@ def free_coordinate(point: Point) -> str:
     problem = point.problem
     e, held = problem.system.equations, problem.held
     if held:
-        return e.q_names[held[0]]
+        return e.q_names[min(held)]
     if not point.monitor.free:
         return ""
     try:
