@@ -88,7 +88,6 @@ from .parts.joints.joint import Weld as Weld
 from .parts.joints.rolling import RollingOnCircle as RollingOnCircle
 from .parts.joints.rolling import RollingOnLine as RollingOnLine
 from .parts.joints.rolling import Skate as Skate
-from .parts.laws import Law as Law
 from .parts.laws import half_sine as half_sine
 from .parts.laws import piecewise as piecewise
 from .parts.laws import run_up as run_up

@@ -173,7 +173,7 @@ GROUPS = (
         "parts",
         "Time laws",
         """
-        Law parts.laws
+        results.Law parts.laws
         run_up parts.laws
         sine parts.laws
         half_sine parts.laws

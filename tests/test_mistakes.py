@@ -51,7 +51,7 @@ MISTAKES = {
     ),
     "law at a text": (lambda _: bd.sine(1.0, 1.0).at("x"), "Law.at: t must be a number, got 'x'"),
     "law that is no number": (
-        lambda _: bd.Law((lambda t: "much",)).at(1.0),
+        lambda _: bd.results.Law((lambda t: "much",)).at(1.0),
         "Law.at: the law at t = 1 s must be a number",
     ),
     "unknown setting of a frame": (

@@ -95,8 +95,9 @@ def reference_angles(step: float, t_end: float = T_END) -> np.ndarray:
 
 
 def export_arm(folder: Path) -> Path:
-    """Return the path of the FMU of the arm, whose internal step is at most the longest step."""
-    fmu = bd.export_fmu(_arm(), folder / "arm.fmu", step=max(STEPS), t_end=T_END, outputs=["hub"])
+    """Return the path of the FMU of the arm."""
+    settings = {"communication_step": max(STEPS), "t_end": T_END, "outputs": ["hub"]}
+    fmu = bd.export_fmu(_arm(), folder / "arm.fmu", bd.Radau(1e-5), **settings)
     return fmu.path
 
 

@@ -243,6 +243,15 @@ OutputStep = Annotated[
         "(compare and sweep: 1/400).",
     ),
 ]
+FurtherSettings = Annotated[
+    list[str] | None,
+    expert_option(
+        "--option",
+        metavar="NAME=VALUE",
+        help="Further setting of the integrator, such as max_order=2, rho_inf=0.5 or "
+        "formulation=ggl; repeatable.",
+    ),
+]
 TimeLimit = Annotated[
     float | None,
     expert_option(

@@ -10,7 +10,7 @@ import subprocess
 import tempfile
 import uuid
 import zipfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple, cast
@@ -59,6 +59,7 @@ from beamdae.integrators.alpha.family import family_parameters
 from beamdae.integrators.alpha.generalized_alpha import GeneralizedAlpha
 from beamdae.integrators.alpha.stepper import AlphaStepper
 from beamdae.integrators.compiled_run import require_core
+from beamdae.integrators.integrator import Integrator
 from beamdae.integrators.radau.radau import Radau
 from beamdae.integrators.redundant_constraints import remove_redundant
 from beamdae.integrators.run_plan import plan_run
@@ -89,8 +90,9 @@ _INTERFACE_HEADERS = {
     2: ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h"),
     3: ("fmi3Functions.h", "fmi3FunctionTypes.h", "fmi3PlatformTypes.h"),
 }
-INTEGRATORS = ("alpha", "radau")
+_DEFAULT_STEP = 1e-3  # s, of the communication with adaptive steps
 _BENCHMARK = "benchmark.c"
+_FIXED_SETTINGS = ("rtol", "formulation", "start")  # of GeneralizedAlpha
 _MAX_NAMES = 3  # of beams in a warning
 # Entries of the archive have the same date, so that equal models give equal files.
 _DATE = (1980, 1, 1, 0, 0, 0)
@@ -141,10 +143,10 @@ class ExportedFmu:
         The file.
     fmi
         Version of the interface, 2 or 3.
-    step
-        Internal step of generalized-alpha, or default communication step [s].
     integrator
-        Method of the steps: "alpha" or "radau".
+        Label of the integrator, such as "Radau(rtol=0.0001)".
+    communication_step
+        Default communication step [s].
     inputs, parameters, outputs
         Names of the variables.
     platforms
@@ -159,8 +161,8 @@ class ExportedFmu:
 
     path: Path
     fmi: int
-    step: float
     integrator: str
+    communication_step: float
     inputs: tuple[str, ...]
     parameters: tuple[str, ...]
     outputs: tuple[str, ...]
@@ -175,16 +177,13 @@ class ExportedFmu:
 def export_fmu(
     model: Any,
     path: str | Path,
+    integrator: Radau | GeneralizedAlpha | None = None,
     *,
-    step: float = 1e-3,
-    integrator: str | None = None,
-    rtol: float = 1e-5,
+    communication_step: float | None = None,
     inputs: Sequence[str] | None = None,
     outputs: Sequence[str] | None = None,
     parameters: Sequence[str] = (),
     fmi: int = 2,
-    rho_inf: float = 0.8,
-    newton_tolerance: float = 1e-9,
     start: Any = None,
     t_end: float | None = None,
     platforms: Sequence[str] | None = None,
@@ -193,18 +192,16 @@ def export_fmu(
 ) -> ExportedFmu:
     """Export a model as an FMU for co-simulation, which needs neither Python nor beamdae.
 
-    The FMU contains C source and binaries. It takes the adaptive steps of `Radau(rtol)` with the
-    same kernels and equations. With `integrator="alpha"`, it takes the fixed steps of
-    `GeneralizedAlpha(step, rho_inf, newton_tolerance=1e-9)`; results differ from those of
-    `simulate` with this method by rounding errors, below 1e-7 of the range of an output. Unless it
-    takes more than 20 000 steps, a trial run with the start values of inputs and parameters checks
-    these steps; its warnings, such as those of fixed steps that are too long, are those of the
-    export.
+    The FMU takes the steps of the integrator with the same kernels and equations: the adaptive
+    steps of `Radau`, or the fixed steps of `GeneralizedAlpha`, whose results differ from those of
+    `simulate` by rounding errors and errors of Newton's iteration. Unless it takes more than 20 000
+    steps, a trial run with the start values of inputs and parameters checks these steps; its
+    warnings, such as those of fixed steps that are too long, are those of the export.
 
     Communication steps can have any length. Generalized-alpha divides them into equal internal
-    steps of at most `step`. Each change of the internal step, and each breakpoint of a law,
+    steps of at most its own. Each change of the internal step, and each breakpoint of a law,
     restarts the method with consistent accelerations; constant communication steps that are
-    multiples of `step` avoid this. A communication step shorter than 1 % of `step` extrapolates the
+    multiples of its step avoid this. A communication step shorter than 1 % of it extrapolates the
     motion and is part of the next. With generalized-alpha, contacts that begin and end within one
     internal step are not noticed; a step of Radau that passes over a contact is repeated with half
     its length.
@@ -230,14 +227,12 @@ def export_fmu(
         A model function, a mechanism, a constrained system or equations of motion.
     path
         Path of the file to write, with the suffix ".fmu".
-    step
-        Internal step of generalized-alpha, and default communication step [s].
     integrator
-        "radau" for adaptive steps, or "alpha" for fixed steps of generalized-alpha. Defaults to
-        "radau", or "alpha" if `real_time` is given. With "alpha", contacts are reported by a
-        `BeamdaeWarning`.
-    rtol
-        Relative tolerance of Radau, 1e-14 to 0.1.
+        `Radau`, or `GeneralizedAlpha` with fixed steps, `formulation="index3"` and
+        `start="cured"`, with which contacts are reported by a `BeamdaeWarning`. Limits of the
+        number of steps and of the wall time do not apply. Defaults to `Radau()`.
+    communication_step
+        Default communication step [s]. Defaults to the step of generalized-alpha, or to 1 ms.
     inputs
         Names of inputs of the mechanism, which must not prescribe motions. Defaults to all inputs
         whose value is a number.
@@ -252,9 +247,6 @@ def export_fmu(
         the model, or at a limit that is a round number; the FMU rejects values outside.
     fmi
         Version of the interface, 2 (accepted by most tools) or 3.
-    rho_inf, newton_tolerance
-        Spectral radius at infinite frequency and tolerance of Newton's iteration, as in
-        `GeneralizedAlpha`, whose default tolerance of 1e-6 takes 0.5 to 0.8 times the iterations.
     start
         Start of the run, as in `simulate`.
     t_end
@@ -269,7 +261,7 @@ def export_fmu(
         follows from the tolerance. Requires generalized-alpha.
     timed_steps
         Number of steps to be measured on this machine; see `ExportedFmu.step_times`. With Radau,
-        these are communication steps of the length `step` at which inputs change.
+        these are communication steps at which inputs change.
 
     Returns
     -------
@@ -296,46 +288,131 @@ def export_fmu(
     file = require_file_path(PART, path)
     if file.suffix != ".fmu":
         raise BeamdaeError(f"{PART}: the path must end with .fmu, got {short_repr(path)}.")
-    step = require_positive(PART, "step", step)
     require_choice(PART, "fmi", fmi, (2, 3))
-    if integrator is not None:
-        require_choice(PART, "integrator", integrator, INTEGRATORS)
-    alpha = GeneralizedAlpha(step=step, rho_inf=rho_inf, newton_tolerance=newton_tolerance)
-    Radau(rtol=rtol)
-    if integrator == "radau" and real_time is not None:
+    method = Radau() if integrator is None else _require_method(integrator)
+    is_adaptive = isinstance(method, Radau)
+    if is_adaptive and real_time is not None:
         raise BeamdaeError(
-            f'{PART}: real_time requires fixed steps, but integrator is "radau"; omit one of them.'
+            f"{PART}: real_time requires fixed steps, but the integrator is {method.label}; pass "
+            "GeneralizedAlpha, or omit real_time."
         )
+    if communication_step is None:
+        communication_step = method.step if isinstance(method, GeneralizedAlpha) else _DEFAULT_STEP
+    step = require_positive(PART, "communication_step", communication_step)
     require_core(f"{PART}: the FMU", "")
     targets = _require_platforms(platforms, fmi)
     iterations = 0 if real_time is None else require_count(PART, "real_time", real_time)
-    steps = require_count(PART, "timed_steps", timed_steps, least=0)
+    timed_steps = require_count(PART, "timed_steps", timed_steps, least=0)
     built, end, origin = unpack_model(PART, model, t_end)
     stop = require_positive(PART, "t_end", end)
     names = _require_parameters(model, parameters)
-
-    times = np.array([0.0, stop])
     equations = as_equations(PART, built, start)
     _require_exportable(equations)
-    plan = plan_run(equations, times)
-
-    gaps = compile_surface_gaps(equations)
-    if integrator is None:
-        integrator = "radau" if real_time is None else "alpha"
-    if integrator == "alpha":
-        warn_of_fixed_steps(PART, gaps, step)
-        gaps = ()
     selected_inputs = _select_inputs(equations, inputs)
-    if integrator == "radau" and selected_inputs:
-        _warn_of_undamped_beams(equations)
     selected_outputs = _select_outputs(equations, outputs)
-    warn_of_trial_run(
-        PART,
-        equations,
-        stop,
-        alpha if integrator == "alpha" else Radau(rtol),
-        {x.observable.headers[x.column] for x in selected_outputs},
+    _warn_of_inaccurate_steps(equations, method, selected_inputs)
+    headers = {x.observable.headers[x.column] for x in selected_outputs}
+    warn_of_trial_run(PART, equations, stop, method, headers)
+
+    steps = _plan_steps(equations, method, step, stop)
+    exported = ExportedModel(
+        equations=equations,
+        duration=stop,
+        outputs=selected_outputs,
+        numbers=map_numbers(
+            PART,
+            _build_neighbors(model, origin, start, method, stop, equations),
+            equations,
+            steps["state"],
+            selected_inputs,
+            {name: float(origin["parameters"][name]) for name in names},
+        ),
+        fixed_iterations=iterations,
+        **steps,
     )
+    kind = "radau" if is_adaptive else "alpha"
+    loops = "model.c", f"{kind}_steps.c", *_SHARED_SOURCES, f"{kind}.c", *_CORE_SOURCES
+    description = Description(
+        name=origin.get("name", file.stem),
+        identifier=re.sub(r"\W|^(?=\d)", "_", file.stem, flags=re.ASCII),
+        token="",
+        step=step,
+        stop=stop,
+        values=exported.numbers.values,
+        outputs=exported.outputs,
+        sources=(*loops, f"fmi{fmi}.c"),
+        internal_step=None if isinstance(method, Radau) else method.step,
+    )
+    _require_unique_names(description)
+    contents, binaries, step_times = _compile(exported, description, fmi, targets, timed_steps)
+    if step_times is not None and is_adaptive:
+        # The benchmark compares numbers of iterations, which adaptive steps choose.
+        step_times = step_times._replace(error=math.nan)
+    write_bytes(file, _pack(contents | binaries))
+    values = exported.numbers.values
+    return ExportedFmu(
+        path=file,
+        fmi=fmi,
+        integrator=method.label,
+        communication_step=step,
+        inputs=tuple(x.name for x in values if x.is_input),
+        parameters=tuple(x.name for x in values if not x.is_input),
+        outputs=tuple(x.name for x in exported.outputs),
+        platforms=tuple(x.name for x in targets),
+        size=file.stat().st_size,
+        step_times=step_times,
+    )
+
+
+def _require_method(integrator: Any) -> Radau | GeneralizedAlpha:
+    fixed = GeneralizedAlpha()
+    if isinstance(integrator, Radau) or (
+        isinstance(integrator, GeneralizedAlpha)
+        and all(getattr(integrator, x) == getattr(fixed, x) for x in _FIXED_SETTINGS)
+    ):
+        return integrator
+    given = integrator.label if isinstance(integrator, Integrator) else short_repr(integrator)
+    raise BeamdaeError(
+        f"{PART}: integrator must be Radau, or GeneralizedAlpha with fixed steps, "
+        f'formulation="{fixed.formulation}" and start="{fixed.start}", got {given}.'
+    )
+
+
+def _plan_steps(
+    equations: EquationsOfMotion, method: Radau | GeneralizedAlpha, step: float, stop: float
+) -> dict[str, Any]:
+    """Return the fields of `ExportedModel` that describe the steps and the state at the start.
+
+    `step` is the communication step [s].
+    """
+    times = np.array([0.0, stop])
+    plan = plan_run(equations, times)
+    if isinstance(method, Radau):
+        workspace, start_rate = plan_radau(equations, times, method)
+        return {
+            "method": workspace,
+            "state": plan.state,
+            "step": step,
+            "start_rate": start_rate,
+        }
+    return {
+        "method": cast("AlphaStepper", method.method_on(plan)).workspace,
+        "state": plan.state,
+        "step": method.step,
+        "shift": family_parameters(method.family, method.rho_inf).shift,
+    }
+
+
+def _build_neighbors(
+    model: Any,
+    origin: Mapping[str, Any],
+    start: Any,
+    method: Radau | GeneralizedAlpha,
+    stop: float,
+    equations: EquationsOfMotion,
+) -> Callable[[dict[str, float]], tuple[EquationsOfMotion, State]]:
+    """Return a function of values of parameters that builds the equations and the start."""
+    gaps = compile_surface_gaps(equations) if isinstance(method, Radau) else ()
 
     def build(values: dict[str, float]) -> tuple[EquationsOfMotion, State]:
         others = as_equations(PART, model(**{**origin["parameters"], **values}), start)
@@ -345,68 +422,19 @@ def export_fmu(
                 raise BeamdaeError(
                     f"the surface of {gap.part} changes, where adaptive steps search for contacts"
                 )
-        return others, plan_run(others, times).state
+        return others, plan_run(others, np.array([0.0, stop])).state
 
-    if integrator == "alpha":
-        method, start_rate = cast("AlphaStepper", alpha.method_on(plan)).workspace, 0.0
-    else:
-        method, start_rate = plan_radau(equations, times, rtol)
-    exported = ExportedModel(
-        equations=equations,
-        state=plan.state,
-        step=step,
-        method=method,
-        shift=family_parameters(alpha.family, rho_inf).shift,
-        start_rate=start_rate,
-        duration=stop,
-        outputs=selected_outputs,
-        numbers=map_numbers(
-            PART,
-            build,
-            equations,
-            plan.state,
-            selected_inputs,
-            {name: float(origin["parameters"][name]) for name in names},
-        ),
-        fixed_iterations=iterations,
-    )
-    description = Description(
-        name=origin.get("name", file.stem),
-        identifier=re.sub(r"\W|^(?=\d)", "_", file.stem, flags=re.ASCII),
-        token="",
-        step=step,
-        stop=stop,
-        values=exported.numbers.values,
-        outputs=exported.outputs,
-        sources=(
-            "model.c",
-            f"{integrator}_steps.c",
-            *_SHARED_SOURCES,
-            f"{integrator}.c",
-            *_CORE_SOURCES,
-            f"fmi{fmi}.c",
-        ),
-        is_adaptive=integrator == "radau",
-    )
-    _require_unique_names(description)
-    contents, binaries, step_times = _compile(exported, description, fmi, targets, steps)
-    if step_times is not None and integrator == "radau":
-        # The benchmark compares numbers of iterations, which adaptive steps choose.
-        step_times = step_times._replace(error=math.nan)
-    write_bytes(file, _pack(contents | binaries))
-    values = exported.numbers.values
-    return ExportedFmu(
-        path=file,
-        fmi=fmi,
-        step=step,
-        integrator=integrator,
-        inputs=tuple(x.name for x in values if x.is_input),
-        parameters=tuple(x.name for x in values if not x.is_input),
-        outputs=tuple(x.name for x in exported.outputs),
-        platforms=tuple(x.name for x in targets),
-        size=file.stat().st_size,
-        step_times=step_times,
-    )
+    return build
+
+
+def _warn_of_inaccurate_steps(
+    equations: EquationsOfMotion, method: Radau | GeneralizedAlpha, inputs: Sequence[Any]
+) -> None:
+    """Warn about contacts within fixed steps, and vibrations that shorten adaptive ones."""
+    if isinstance(method, GeneralizedAlpha):
+        warn_of_fixed_steps(PART, compile_surface_gaps(equations), method.step)
+    elif inputs:
+        _warn_of_undamped_beams(equations)
 
 
 def _warn_of_undamped_beams(equations: EquationsOfMotion) -> None:

@@ -29,13 +29,13 @@ class Description:
     token
         GUID or instantiation token.
     step, stop
-        Internal step and default end time [s].
+        Default communication step and end time [s].
     values, outputs
         Inputs, parameters and outputs; value references count values, then outputs.
     sources
         Names of the source files to compile.
-    is_adaptive
-        True if the FMU chooses its internal steps.
+    internal_step
+        Internal step [s]; None if the FMU chooses its internal steps.
     """
 
     name: str
@@ -46,7 +46,7 @@ class Description:
     values: tuple[Value, ...]
     outputs: tuple[Output, ...]
     sources: tuple[str, ...]
-    is_adaptive: bool = False
+    internal_step: float | None = None
 
 
 def write_description(description: Description, fmi: int) -> str:
@@ -97,8 +97,8 @@ def _describe(x: Description, fmi: int) -> Element:
         files = SubElement(interface, "SourceFiles")
         for name in x.sources:
             SubElement(files, "File", name=name)
-    elif not x.is_adaptive:
-        interface.set("fixedInternalStepSize", repr(x.step))
+    elif x.internal_step is not None:
+        interface.set("fixedInternalStepSize", repr(x.internal_step))
     _add_common(root, x)
     variables = SubElement(root, "ModelVariables")
     for k, (attributes, number) in enumerate(_list_variables(x, has_time=not is_2)):

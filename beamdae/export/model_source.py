@@ -118,30 +118,31 @@ class ExportedModel:
         Equations of motion.
     state
         Consistent state at t = 0.
-    step
-        Internal step of generalized-alpha, and default communication step [s].
     method
         Work arrays of the steps.
-    shift, start_rate
-        Parameter of generalized-alpha, see `family.AlphaParameters`, and for Radau, the lower bound
-        on 2 / h^2 of the first step h [1/s^2].
     duration
         Default end time [s].
     outputs, numbers
         Outputs, and inputs and parameters.
+    step
+        Internal step of generalized-alpha, or default communication step [s].
+    shift
+        Parameter of generalized-alpha, see `family.AlphaParameters`.
+    start_rate
+        Lower bound on 2 / h^2 of the first step h of Radau [1/s^2].
     fixed_iterations
         Number of Newton iterations of every step; 0 for as many as the tolerance requires.
     """
 
     equations: EquationsOfMotion
     state: State
-    step: float
     method: Workspace
-    shift: float
-    start_rate: float
     duration: float
     outputs: tuple[Output, ...]
     numbers: NumberMap
+    step: float
+    shift: float = 0.0
+    start_rate: float = 0.0
     fixed_iterations: int = 0
 
 

@@ -18,12 +18,14 @@ from beamdae.integrators.run_plan import RunPlan
 Array = np.ndarray
 
 
-def plan_radau(equations: EquationsOfMotion, times: Array, rtol: float) -> tuple[Workspace, float]:
-    """Return the steps that `Radau(rtol)` takes in a run over `times` [s], with its pilot run.
+def plan_radau(
+    equations: EquationsOfMotion, times: Array, integrator: Radau
+) -> tuple[Workspace, float]:
+    """Return the steps that Radau takes in a run over `times` [s], with its pilot run.
 
     The lower bound on 2 / h^2 of the first step h [1/s^2] follows the work arrays.
     """
-    method = Radau(rtol=rtol, max_steps=1)
+    method = replace(integrator, max_steps=1, time_limit=None)
     pilot = replace(method, rtol=PILOT_RTOL)
     plans: list[RunPlan] = []
 

@@ -24,8 +24,8 @@ def warn_of_fixed_steps(call: str, gaps: Sequence[SurfaceGapTerm], step: float) 
     contacts = list_first(names, _MAX_NAMES)
     warn_user(
         f"{call}: fixed steps of {step:g} s are inaccurate where contacts ({contacts}) last only "
-        'a few steps, and pass over shorter ones; use integrator="radau", or halve the step until '
-        "the results stay the same."
+        "a few steps, and pass over shorter ones; choose Radau, or halve the step until the "
+        "results stay the same."
     )
 
 
@@ -43,7 +43,7 @@ def warn_of_trial_run(
     (generalized-alpha) or end there (Radau).
     """
     if isinstance(method, Radau):
-        method = replace(method, max_steps=_MAX_TRIAL_STEPS)
+        method = replace(method, max_steps=_MAX_TRIAL_STEPS, time_limit=None)
     elif t_end > _MAX_TRIAL_STEPS * method.step:
         return
     run = method.integrate(equations, compute_output_times(call, t_end, None))
@@ -55,7 +55,7 @@ def warn_of_trial_run(
     elif run.status.kind == "limited":
         messages.append(
             f"{_MAX_TRIAL_STEPS} adaptive steps end at t = {run.trajectory.end:.3g} s of "
-            f'{t_end:g} s; the FMU takes as many: damp fast vibrations, or use integrator="alpha".'
+            f"{t_end:g} s; the FMU takes as many: damp fast vibrations, or choose GeneralizedAlpha."
         )
     else:
         messages += run.errors.select(outputs).sentences()
@@ -65,5 +65,5 @@ def warn_of_trial_run(
     if peaks := run.integrator.get("restarted_at"):
         warn_user(
             f"{call}: adaptive steps of an FMU may pass over short peaks of forces ({peaks}); "
-            'use integrator="alpha" with steps much shorter than the peaks.'
+            "choose GeneralizedAlpha with steps much shorter than the peaks."
         )

@@ -27,6 +27,7 @@ from ..live.server import LiveView as LiveView
 from ..model_functions import Model as Model
 from ..parts.attachments import Attachment as Attachment
 from ..parts.control.controller import Sample as Sample
+from ..parts.laws import Law as Law
 from ..parts.signals import Input as Input
 from ..parts.signals import Sensor as Sensor
 from ..parts.signals import State as State

@@ -288,7 +288,7 @@ ERRORS = {
         [
             (
                 "export --fmu model.fmu --platforms none --integrator ida",
-                "integrator must be one of",
+                "--integrator must be Radau, or GeneralizedAlpha with fixed steps",
             ),
             (
                 "export --fmu model.fmu --platforms none --inputs pull",
@@ -299,7 +299,7 @@ ERRORS = {
                 "platforms must be one of",
             ),
             (
-                "export --fmu model.fmu --platforms none --real-time 0",
+                "export --fmu model.fmu --integrator generalized-alpha --real-time 0",
                 "--real-time must be a whole number of at least 1",
             ),
         ],

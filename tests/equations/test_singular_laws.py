@@ -11,7 +11,7 @@ import beamdae as bd
 @pytest.mark.parametrize("breakpoint_time", [math.nan, math.inf])
 def test_regression_breakpoints_that_are_not_finite_are_rejected(breakpoint_time):
     def build():
-        law = bd.Law((lambda t: 1.0, lambda t: 2.0), (breakpoint_time,))
+        law = bd.results.Law((lambda t: 1.0, lambda t: 2.0), (breakpoint_time,))
         mech = bd.Mechanism()
         ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0)))
         mech.add(bd.Force("push", ball.point, (law, 0.0)))

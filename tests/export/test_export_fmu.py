@@ -8,6 +8,7 @@ import sys
 import textwrap
 import warnings
 import zipfile
+from dataclasses import replace
 from xml.etree import ElementTree
 
 import casadi as ca
@@ -24,7 +25,7 @@ PARAMETERS = ["mass", "thickness"]
 VALUES = {"mass": 1.5, "thickness": 0.005}
 TORQUE = 3.0
 # With the default, errors of Newton's iteration would hide errors of the equations.
-NEWTON_TOLERANCE = 1e-9
+ALPHA = bd.GeneralizedAlpha(STEP, newton_tolerance=1e-9)
 RADAU_RTOL = 1e-8
 
 
@@ -71,9 +72,9 @@ def swing(mass=2.0, length=1.0, elements=2):
     return mech
 
 
-def export(folder, model=swing, **settings):
-    settings = {"step": STEP, "integrator": "alpha", "platforms": (), **settings}
-    return bd.export_fmu(model, folder / "crane.fmu", **settings)
+def export(folder, model=swing, integrator=ALPHA, **settings):
+    settings = {"communication_step": STEP, "platforms": (), **settings}
+    return bd.export_fmu(model, folder / "crane.fmu", integrator, **settings)
 
 
 def describe(fmu):
@@ -90,7 +91,7 @@ def variables(fmu):
 def test_contents(tmp_path, fmi):
     fmu = export(tmp_path, fmi=fmi, outputs=["tip.y", "hinge"])
     assert (fmu.inputs, fmu.outputs) == (("torque",), ("tip.y", "hinge.Fx", "hinge.Fy"))
-    assert fmu.integrator == "alpha"
+    assert fmu.integrator == ALPHA.label
     with zipfile.ZipFile(fmu.path) as archive:
         names = set(archive.namelist())
         source = archive.read("sources/model.c").decode()
@@ -142,9 +143,10 @@ def test_unsuitable_models_and_arguments_are_rejected(tmp_path):
         (swing, {"platforms": ["vax"]}, "platforms must be"),
         (swing, {"platforms": ["aarch64-linux"], "fmi": 2}, "FMI 2.0 has no name"),
         (swing, {"real_time": 1.5}, "real_time must be a whole number"),
-        (swing, {"real_time": 2, "integrator": "radau"}, "real_time requires fixed steps"),
-        (swing, {"integrator": "ida"}, "integrator must be"),
-        (swing, {"integrator": "radau", "rtol": 1.0}, "rtol must lie between"),
+        (swing, {"real_time": 2, "integrator": bd.Radau()}, "real_time requires fixed steps"),
+        (swing, {"integrator": bd.Ida()}, r"integrator must be .*, got Ida\(rtol=0.0001\)"),
+        (swing, {"integrator": replace(ALPHA, formulation="stabilized-index2")}, "index3"),
+        (swing, {"integrator": bd.GeneralizedAlpha(rtol=1e-4)}, "with fixed steps"),
     ):
         with pytest.raises(bd.BeamdaeError, match=message):
             export(tmp_path, model, **settings)
@@ -261,9 +263,9 @@ def run_without_beamdae(script, *arguments):
 
 # Generalized-alpha with both versions of the interface, and Radau.
 EXPORTS = {
-    "fmi2": (crane, {"fmi": 2, "newton_tolerance": NEWTON_TOLERANCE}),
-    "fmi3": (crane, {"fmi": 3, "newton_tolerance": NEWTON_TOLERANCE}),
-    "radau": (damped_crane, {"fmi": 3, "integrator": "radau", "rtol": RADAU_RTOL}),
+    "fmi2": (crane, {"fmi": 2}),
+    "fmi3": (crane, {"fmi": 3}),
+    "radau": (damped_crane, {"fmi": 3, "integrator": bd.Radau(RADAU_RTOL)}),
 }
 
 
@@ -401,10 +403,9 @@ def test_equality_with_simulate(fmu):
     (line,) = run_fmu(script, fmu, values)
     names, rows = json.loads(line)
     results = np.array(rows)
-    method = bd.GeneralizedAlpha(STEP, newton_tolerance=NEWTON_TOLERANCE)
     runs = (
-        bd.simulate(crane, method, output_step=STEP),
-        bd.simulate(crane(**VALUES), method, output_step=STEP, inputs={"torque": TORQUE}),
+        bd.simulate(crane, ALPHA, output_step=STEP),
+        bd.simulate(crane(**VALUES), ALPHA, output_step=STEP, inputs={"torque": TORQUE}),
     )
     # At the breakpoint, simulate stores the state after the restart.
     compared = np.arange(100) != 49
@@ -470,7 +471,7 @@ def test_regression_reactions_of_driven_mechanisms_are_resolved(tmp_path, compil
     if time_constant is not None:
         y = mech.sensor("y", slide, "y")
         mech.state("filter", lambda x, t: (y - x) / time_constant, unit="m")
-    settings = {"integrator": "radau", "rtol": 1e-5, "platforms": None, "t_end": 1.0}
+    settings = {"integrator": bd.Radau(1e-5), "platforms": None, "t_end": 1.0}
     fmu = bd.export_fmu(mech, tmp_path / "slide.fmu", **settings)
     script = """
     a, rows = Instance("a"), []
@@ -541,7 +542,7 @@ def ball_and_pin(height=0.004, radius=0.005):
 @pytest.mark.slow(reason="compiles an FMU")
 def test_radau_finds_contacts_that_steps_pass_over(tmp_path, compiled):
     """Without forces, steps are as long as permitted: the ball passed the pin in one step."""
-    fmu = export(tmp_path, ball_and_pin, integrator="radau", rtol=RADAU_RTOL, platforms=None)
+    fmu = export(tmp_path, ball_and_pin, integrator=bd.Radau(RADAU_RTOL), platforms=None)
     script = """
     a = Instance("a")
     for _ in range(500):
@@ -559,10 +560,11 @@ def test_radau_finds_contacts_that_steps_pass_over(tmp_path, compiled):
 def test_regression_contacts_are_exported_with_radau(tmp_path):
     """Fixed steps passed over contacts without notice."""
     with pytest.warns(bd.BeamdaeWarning, match=r"contacts \(pin\) last only a few steps"):
-        assert export(tmp_path, ball_and_pin, integrator="alpha").integrator == "alpha"
+        export(tmp_path, ball_and_pin)
     with pytest.warns(bd.BeamdaeWarning, match="fixed steps of 0.001 s are inaccurate"):
-        assert export(tmp_path, ball_and_pin, integrator=None, real_time=2).integrator == "alpha"
-    assert export(tmp_path, ball_and_pin, integrator=None).integrator == "radau"
+        fixed = export(tmp_path, ball_and_pin, integrator=bd.GeneralizedAlpha(STEP), real_time=2)
+    assert fixed.integrator == bd.GeneralizedAlpha(STEP).label
+    assert export(tmp_path, ball_and_pin, integrator=None).integrator == bd.Radau().label
 
 
 @pytest.mark.slow(reason="half a second and more")
@@ -580,13 +582,13 @@ def test_regression_undamped_beams_have_a_warning_if_inputs_jump(tmp_path):
     with pytest.warns(
         bd.BeamdaeWarning, match=r"without damping \(arm\), which adaptive steps res"
     ):
-        export(tmp_path, build(0.0)[0], integrator="radau", **settings)
-    export(tmp_path, build(0.0)[0], integrator="radau", inputs=[], **settings)
-    export(tmp_path, build(0.0)[0], integrator="alpha", **settings)
-    export(tmp_path, build(1e-5)[0], integrator="radau", **settings)
+        export(tmp_path, build(0.0)[0], integrator=bd.Radau(), **settings)
+    export(tmp_path, build(0.0)[0], integrator=bd.Radau(), inputs=[], **settings)
+    export(tmp_path, build(0.0)[0], integrator=ALPHA, **settings)
+    export(tmp_path, build(1e-5)[0], integrator=bd.Radau(), **settings)
     mech, arm = build(0.0)
     mech.add(bd.RayleighDamping("damping", arm, stiffness=1e-5))
-    export(tmp_path, mech, integrator="radau", **settings)
+    export(tmp_path, mech, integrator=bd.Radau(), **settings)
 
 
 @pytest.mark.slow(reason="half a second")
@@ -599,8 +601,11 @@ def test_regression_short_peaks_that_an_fmu_passes_over_have_a_warning(tmp_path,
     mech.add(push)
     settings = {"t_end": 1.0, "platforms": ()}
     exports = (
-        ({"integrator": "alpha", "step": 0.02}, r"in a trial run, ball\.y\S*: the error"),
-        ({"integrator": "radau"}, r"may pass over short peaks of forces \(push at t = 0.5 s"),
+        ({"integrator": bd.GeneralizedAlpha(0.02)}, r"in a trial run, ball\.y\S*: the error"),
+        (
+            {"integrator": bd.Radau(1e-5)},
+            r"may pass over short peaks of forces \(push at t = 0.5 s",
+        ),
     )
     for more, message in exports:
         with warnings.catch_warnings(record=True) as caught:
@@ -624,11 +629,10 @@ def test_regression_default_exports_resolve_vibrations_and_fixed_steps_warn(tmp_
         return mech
 
     exact = export(tmp_path, reed, integrator=None)
-    assert (exact.integrator, exact.warnings) == ("radau", ())
-    for settings in ({"integrator": "alpha"}, {"integrator": None, "real_time": 2}):
+    assert exact.warnings == ()
+    for settings in ({"integrator": ALPHA}, {"real_time": 2}):
         with pytest.warns(bd.BeamdaeWarning, match="in a trial run, .*: the error is"):
             fixed = export(tmp_path, reed, **settings)
-        assert fixed.integrator == "alpha"
         assert any("the error is more than 100 %" in x for x in fixed.warnings)
 
 
@@ -640,7 +644,7 @@ def test_regression_fmus_with_very_many_adaptive_steps_have_a_warning(tmp_path):
     mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), point, 1e10, free_length=1.0))
     mech.observe("ball", point)
     with pytest.warns(bd.BeamdaeWarning, match="20000 adaptive steps end at t = .* s of 5 s"):
-        export(tmp_path, mech, integrator="radau", t_end=5.0)
+        export(tmp_path, mech, integrator=bd.Radau(), t_end=5.0)
 
 
 @pytest.mark.slow(reason="trial runs")
@@ -659,14 +663,15 @@ def test_regression_outputs_that_steps_do_not_resolve_have_a_warning(tmp_path):
     def export_undamped(**outputs):
         return list(export(tmp_path, cantilever(0.0), **outputs, **settings).warnings)
 
-    settings = {"integrator": "radau", "t_end": 0.05, "platforms": ()}
+    settings = {"integrator": bd.Radau(), "t_end": 0.05, "platforms": ()}
     (warning,) = export_undamped()
     assert re.search(r"the error is .*clamp.Fy", warning)
     # Outputs whose errors are small have no warning, and neither have damped vibrations.
     assert export_undamped(outputs=["tip.y"]) == []
     assert export(tmp_path, cantilever(1e-5), **settings).warnings == ()
-    fixed = {**settings, "integrator": "alpha", "outputs": ["tip.y"], "t_end": 0.2}
-    coarse = export(tmp_path, cantilever(1e-5), step=4e-3, **fixed).warnings
+    method = bd.GeneralizedAlpha(4e-3)
+    fixed = {**settings, "integrator": method, "outputs": ["tip.y"], "t_end": 0.2}
+    coarse = export(tmp_path, cantilever(1e-5), **fixed).warnings
     # The clamp, whose reactions are less accurate, is no output.
     (warning,) = (x for x in coarse if "the error is" in x)
     assert re.search(
@@ -677,7 +682,7 @@ def test_regression_outputs_that_steps_do_not_resolve_have_a_warning(tmp_path):
 @pytest.mark.slow(reason="half a second")
 def test_radau_rejects_parameters_that_change_surfaces(tmp_path):
     with pytest.raises(bd.BeamdaeError, match="the surface of pin changes"):
-        export(tmp_path, ball_and_pin, integrator="radau", parameters=["radius"])
+        export(tmp_path, ball_and_pin, integrator=bd.Radau(), parameters=["radius"])
 
 
 @pytest.mark.slow(reason="compiles an FMU")
@@ -777,8 +782,7 @@ def test_regression_changed_inputs_match_sampled_controllers(fmu):
 
     drives = [controlled.inputs["torque"]]
     controlled.add(bd.Controller("servo", samples * STEP, [angle], drives, law))
-    method = bd.GeneralizedAlpha(STEP, newton_tolerance=NEWTON_TOLERANCE)
-    table = bd.simulate(controlled, method, t_end=T_END, output_step=STEP).table()
+    table = bd.simulate(controlled, ALPHA, t_end=T_END, output_step=STEP).table()
     table.columns = [x.rpartition(" [")[0] for x in table.columns]
     # At samples, both give the state before the change.
     for name, column in zip(names, np.transpose(rows), strict=True):
@@ -933,7 +937,7 @@ def test_regression_times_of_the_experiment_are_enforced(any_fmu):
 
 
 @pytest.mark.slow(reason="compiles an FMU")
-@pytest.mark.parametrize("integrator", ["alpha", "radau"])
+@pytest.mark.parametrize("integrator", [ALPHA, bd.Radau(RADAU_RTOL)], ids=["alpha", "radau"])
 def test_matrices_that_require_row_exchanges(tmp_path, compiled, integrator):
     """A slider without mass has no pivot on the diagonal, before or after a restored state."""
     t, q, v = symbols(2)
@@ -950,7 +954,7 @@ def test_matrices_that_require_row_exchanges(tmp_path, compiled, integrator):
         lam=lam,
         observe={"crank [rad]": q[0], "rod [N]": lam[0]},
     )
-    settings = {"integrator": integrator, "rtol": RADAU_RTOL, "fmi": 3}
+    settings = {"integrator": integrator, "fmi": 3}
     fmu = export(tmp_path, system, t_end=0.1, platforms=None, timed_steps=100, **settings)
     assert fmu.step_times.row_exchanges > 0
     script = """
@@ -963,12 +967,7 @@ def test_matrices_that_require_row_exchanges(tmp_path, compiled, integrator):
     print(json.dumps([outputs, rows]))
     """
     names, rows = json.loads(run_fmu(script, fmu)[0])
-    method = (
-        bd.GeneralizedAlpha(STEP, newton_tolerance=NEWTON_TOLERANCE)
-        if integrator == "alpha"
-        else bd.Radau(RADAU_RTOL)
-    )
-    table = bd.simulate(system, method, t_end=0.1, output_step=STEP).table()
+    table = bd.simulate(system, integrator, t_end=0.1, output_step=STEP).table()
     table.columns = [x.rpartition(" [")[0] for x in table.columns]
     for name, column in zip(names, np.transpose(rows), strict=True):
         expected = table[name].to_numpy()[1:]
@@ -995,7 +994,7 @@ def test_fixed_iterations_are_measured(tmp_path):
     if not any(map(shutil.which, ("cc", "gcc", "clang"))):
         pytest.skip("no C compiler")
     settings = {"platforms": None, "timed_steps": 200}
-    times = export(tmp_path, newton_tolerance=1e-6, **settings).step_times
+    times = export(tmp_path, integrator=bd.GeneralizedAlpha(STEP), **settings).step_times
     assert times.steps == 200
     assert 0.0 < times.median <= times.percentile <= times.worst
     # Two clocks, read at slightly different times.
@@ -1011,10 +1010,10 @@ def test_regression_steps_longer_than_the_run_are_measured(tmp_path):
     """The benchmark waited for its time limit, and read times that it had not measured."""
     if not any(map(shutil.which, ("cc", "gcc", "clang"))):
         pytest.skip("no C compiler")
-    for integrator in ("alpha", "radau"):
-        settings = {"integrator": integrator, "platforms": None, "timed_steps": 3}
-        times = export(tmp_path, step=2e-3, t_end=1e-3, **settings).step_times
-        assert (times.steps, integrator == "radau") == (3, bool(np.isnan(times.error)))
+    for method in (bd.GeneralizedAlpha(2e-3), bd.Radau()):
+        settings = {"integrator": method, "platforms": None, "timed_steps": 3}
+        times = export(tmp_path, communication_step=2e-3, t_end=1e-3, **settings).step_times
+        assert (times.steps, method == bd.Radau()) == (3, bool(np.isnan(times.error)))
 
 
 @pytest.mark.slow(reason="compiles an FMU")
@@ -1029,7 +1028,7 @@ def test_communication_step_of_a_million_steps_is_rejected(tmp_path, compiled):
         mech.observe("ball", point)
         return mech
 
-    fmu = export(tmp_path, oscillator, integrator="radau", platforms=None)
+    fmu = export(tmp_path, oscillator, integrator=bd.Radau(), platforms=None)
     script = """
     a, b = Instance("a"), Instance("b")
     b.step()

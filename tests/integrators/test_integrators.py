@@ -251,7 +251,7 @@ LAWS = {
     # No breakpoint near it; a twentieth of the run is 25 times its width. Low orders at steps of a
     # quarter of the time scale cause an error of 1 % in IDA.
     "bell": (
-        bd.Law((lambda t: 100.0 * np.exp(-(((t - 4.15) / WIDTH) ** 2)),), (), 4.0 * WIDTH),
+        bd.results.Law((lambda t: 100.0 * np.exp(-(((t - 4.15) / WIDTH) ** 2)),), (), 4.0 * WIDTH),
         5.0,
         lambda t: 50.0 * WIDTH * np.sqrt(np.pi) * (t > 4.15),
         2e-2,

@@ -257,7 +257,7 @@ SENTENCES = {
     "^piecewise: the law must be finite, got inf at t = 1": lambda: bd.piecewise(
         (1.0, 2.0), lambda t: 1.0 / (t - 1.0)
     ),
-    "1 pieces require 0 breakpoints, got 1": lambda: bd.Law((lambda t: t,), (1.0,)),
+    "1 pieces require 0 breakpoints, got 1": lambda: bd.results.Law((lambda t: t,), (1.0,)),
     r"use law\.at\(t\) for its value at a number t": lambda: bd.run_up(1.0, 2.0)(2.0),
     # Tables
     "the first and last values must be equal, got 2 and 2.5; end the table": lambda: bd.table(

@@ -166,7 +166,7 @@ ENTRIES = {
     **{k: other_part(make) for k, make in OTHERS.items() if k not in PARTS},
     "LineSurface": other_part(LOADS["contact with a line"]),
     "CircleSurface": other_part(LOADS["contact with a circle"]),
-    "Law": force_by(lambda x: bd.Law((lambda t: x * t, lambda t: 0.2), (0.1,))),
+    "Law": force_by(lambda x: bd.results.Law((lambda t: x * t, lambda t: 0.2), (0.1,))),
     "run_up": force_by(lambda x: bd.run_up(x, 0.15)),
     "sine": force_by(lambda x: bd.sine(x, 5.0, 0.3)),
     "half_sine": force_by(lambda x: bd.half_sine(x, 0.11, 0.03)),

@@ -179,7 +179,7 @@ def peaucellier(damping=1e-4, height=0.009, frequency=1.0):
         _hinge(mech, f"side {k}", longs[k].at(*x), inner[k].at(*x), outer[k].at(*x))
     mech.add(bd.PointMass("payload", 1.0, on=outer[0].at(*q)))
     rate = 2.0 * np.pi * frequency
-    law = bd.Law((lambda t: 0.3 * (1.0 - np.cos(rate * t)),), (), 1.0 / frequency)
+    law = bd.results.Law((lambda t: 0.3 * (1.0 - np.cos(rate * t)),), (), 1.0 / frequency)
     motor = bd.Driver("motor", mech.ground.at(*shaft), crank.at(*shaft), law)
     mech.add(motor)
     mech.observe("q", outer[0].at(*q))
@@ -235,7 +235,7 @@ def wiper(damping=1e-3, friction=2.0, height=0.003):
     mech = bd.Mechanism()
     arm = _add_strip(mech, "arm", (0.0, 0.0), (0.45, 0.0), height, damping)
     ground = mech.ground.at(0.0, 0.0)
-    motor_law = bd.Law((lambda t: 0.6 * (1.0 - np.cos(2.0 * np.pi * t)),), (), 1.0)
+    motor_law = bd.results.Law((lambda t: 0.6 * (1.0 - np.cos(2.0 * np.pi * t)),), (), 1.0)
     _hinge(mech, "shaft", ground, arm.start)
     motor = mech.add(bd.Driver("motor", ground, arm.start, motor_law))
     mech.add(bd.PointMass("blade", 0.1, on=arm.end))
@@ -546,7 +546,7 @@ def five_bar(damping=1e-4, height=0.003):
         def angle(t, side=side, omega=2.0 * np.pi * rate):
             return 0.2 * side * (1.0 - np.cos(omega * t))
 
-        law = bd.Law((angle,), (), 1.0 / rate)
+        law = bd.results.Law((angle,), (), 1.0 / rate)
         motor = mech.add(bd.Driver(f"{name} motor", ground, crank.at(*shaft), law))
         mech.observe(f"{name} motor", motor.drive)
         arms.append(link)

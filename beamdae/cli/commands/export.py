@@ -9,11 +9,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from beamdae.cli.options import (
+    FixedStep,
+    FurtherSettings,
     ModelName,
     ModelPath,
+    RelativeTolerance,
     Settings,
     Starts,
+    accuracy_option,
+    create_integrator,
     load_model,
+    parse_assignments,
     parse_seconds,
     parse_start,
     split_names,
@@ -33,23 +39,24 @@ def export_command(
     fmu: Annotated[Path, typer.Option(metavar="FILE.fmu", help="File to write.")],
     settings: Settings = None,
     model_name: ModelName = None,
-    step: Annotated[
-        float,
+    integrator: Annotated[
+        str,
+        accuracy_option(
+            metavar="NAME", help="radau (adaptive steps) or generalized-alpha (fixed steps)."
+        ),
+    ] = "radau",
+    rtol: RelativeTolerance = None,
+    step: FixedStep = None,
+    option: FurtherSettings = None,
+    communication_step: Annotated[
+        float | None,
         typer.Option(
             parser=parse_seconds,
             metavar="TIME",
-            help="Suggested communication step in seconds, or with a unit; with alpha, also the "
-            "internal step.",
-        ),
-    ] = 1e-3,
-    integrator: Annotated[
-        str | None,
-        typer.Option(
-            help="radau (adaptive steps) or alpha (fixed steps). Defaults to radau, or alpha with "
-            "--real-time."
+            help="Default communication step in seconds, or with a unit. Defaults to --step, or "
+            "1 ms.",
         ),
     ] = None,
-    rtol: Annotated[float, typer.Option(help="Relative tolerance of radau.")] = 1e-5,
     inputs: Annotated[
         str | None,
         typer.Option(metavar="NAME,...", help="Inputs of the mechanism. Defaults to all."),
@@ -63,9 +70,6 @@ def export_command(
         typer.Option(metavar="NAME,...", help="Parameters of the model to be tunable."),
     ] = None,
     fmi: Annotated[int, typer.Option(help="Version of the interface: 2 or 3.")] = 2,
-    rho_inf: Annotated[
-        float, typer.Option(help="Spectral radius at infinite frequency of generalized-alpha.")
-    ] = 0.8,
     start: Starts = None,
     platforms: Annotated[
         str | None,
@@ -88,7 +92,10 @@ def export_command(
     Exits with 0 if the FMU was written, and with 2 for a usage or model error, for example if the
     model cannot be exported.
     """
-    model, _ = load_model(path, model_name, settings)
+    model, file = load_model(path, model_name, settings)
+    options: dict[str, Any] = {**parse_assignments(option, "--option")}
+    options |= {"rtol": rtol, "step": step}
+    method = create_integrator("export", integrator, options, file)
     require_writable(("--fmu", [fmu]))
     from beamdae.export.fmu import export_fmu
     from beamdae.report.descriptions import Description
@@ -96,14 +103,12 @@ def export_command(
     result = export_fmu(
         model,
         fmu,
-        step=step,
-        integrator=integrator,
-        rtol=rtol,
+        method,
+        communication_step=communication_step,
         inputs=None if inputs is None else split_names(inputs),
         outputs=None if outputs is None else split_names(outputs),
         parameters=split_names(parameters),
         fmi=fmi,
-        rho_inf=rho_inf,
         start=parse_start(start, model),
         platforms=_parse_platforms(platforms),
         real_time=real_time,
@@ -124,11 +129,8 @@ def _parse_platforms(text: str | None) -> list[str] | None:
 def _describe(result: ExportedFmu) -> dict[str, str]:
     facts = {
         "interface": f"FMI {result.fmi}.0 for co-simulation",
-        "internal step": (
-            f"{result.step:g} s (generalized-alpha)"
-            if result.integrator == "alpha"
-            else "adaptive (Radau)"
-        ),
+        "integrator": result.integrator,
+        "communication step": f"{result.communication_step:g} s",
         "inputs": ", ".join(result.inputs) or "none",
         "tunable parameters": ", ".join(result.parameters) or "none",
         "outputs": ", ".join(result.outputs) or "none",
@@ -153,8 +155,8 @@ def _json_results(result: ExportedFmu) -> dict[str, Any]:
     times = result.step_times
     return {
         "fmi": result.fmi,
-        "step": result.step,
         "integrator": result.integrator,
+        "communication step": result.communication_step,
         "inputs": list(result.inputs),
         "parameters": list(result.parameters),
         "outputs": list(result.outputs),

@@ -15,6 +15,7 @@ from beamdae.cli.options import (
     DataColumns,
     EndTime,
     FixedStep,
+    FurtherSettings,
     HorizontalColumn,
     IntegratorName,
     OutputStep,
@@ -43,15 +44,7 @@ def run_command(
     integrator: IntegratorName = "auto",
     rtol: RelativeTolerance = None,
     step: FixedStep = None,
-    option: Annotated[
-        list[str] | None,
-        expert_option(
-            "--option",
-            metavar="NAME=VALUE",
-            help="Further setting of the integrator, such as max_order=2, rho_inf=0.5 or "
-            "formulation=ggl; repeatable.",
-        ),
-    ] = None,
+    option: FurtherSettings = None,
     time_limit: TimeLimit = None,
     t_end: EndTime = None,
     start: Starts = None,
