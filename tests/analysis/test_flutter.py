@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import scipy.linalg as la
-from mechanisms import STEEL, clamped_beam, rectangle
+from mechanisms import STEEL, clamped_beam, portal_points, rectangle, welded_frame
 from numpy.testing import assert_allclose
 from scipy.optimize import fsolve
 
@@ -20,17 +20,9 @@ SHIFT = 100.0
 
 def frame(damping=1e-5, mass=0.2, elements=8, options=EXACT, height=0.004):
     """Return an L frame of 1 m by 1 m with a tip mass, under a follower force of 40 EI / L^2."""
-    mech = bd.Mechanism()
     section = rectangle(height, damping=damping)
-    column, arm = (
-        mech.add(bd.Beam(name, bd.Line(start, end), section, elements, **options))
-        for name, start, end in (
-            ("column", (0.0, 0.0), (0.0, 1.0)),
-            ("arm", (0.0, 1.0), (1.0, 1.0)),
-        )
-    )
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), column.start))
-    mech.add(bd.Weld("corner", column.end, arm.start))
+    points = [(0.0, 0.0), (0.0, 1.0), (1.0, 1.0)]
+    mech, (_, arm) = welded_frame(points, section, elements, (bd.Weld, None), **options)
     mech.add(bd.PointMass("mass", mass, on=arm.end))
     mech.add(bd.Force("load", arm.end, (-40.0 * section.EI, 0.0), axes="body"))
     return mech
@@ -158,17 +150,8 @@ def test_regression_flutter_of_slender_damped_columns_is_located_without_noise()
 
 def portal(damping, elements):
     """Return a clamped portal frame of 1 m by 1 m with follower forces on both corners."""
-    mech = bd.Mechanism()
     section = rectangle(0.01, damping=damping)
-    corners = [(0.0, 0.0), (0.0, 1.0), (1.0, 1.0), (1.0, 0.0)]
-    left, beam, right = (
-        mech.add(bd.Beam(name, bd.Line(start, end), section, elements, **EXACT))
-        for name, start, end in zip(("left", "beam", "right"), corners, corners[1:], strict=False)
-    )
-    mech.add(bd.Weld("left foot", mech.ground.at(0.0, 0.0), left.start))
-    mech.add(bd.Weld("right foot", mech.ground.at(1.0, 0.0), right.end))
-    mech.add(bd.Weld("left corner", left.end, beam.start))
-    mech.add(bd.Weld("right corner", beam.end, right.start))
+    mech, (left, _beam, right) = welded_frame(portal_points(), section, elements, **EXACT)
     for name, at, load in (("first", left.end, 1.0), ("second", right.start, 0.8)):
         mech.add(bd.Force(name, at, (0.3 * section.EI, -load * section.EI), axes="body"))
     return mech
@@ -249,3 +232,53 @@ def test_motions_of_undamped_columns_grow_and_decay_at_the_same_rates(elements):
     assert values[0].real > 1.0
     assert_allclose(values[1], -values[0].conj(), rtol=1e-6)
     assert_allclose(values[2:].real, 0.0, atol=1e-6)
+
+
+def column_with_tip(damping, options, is_hinged):
+    """Return the column of `column` with a rod hinged at its tip, or with its effective mass.
+
+    Vibrations move a free rod of mass m with the hinge at the distance a from its center of mass
+    like a particle of the mass 1 / (1 / m + a^2 / I).
+    """
+    mech = column(damping, options=options)
+    beam, mass, inertia, distance = mech.part("column"), 3.0, 0.4, 0.5
+    if is_hinged:
+        rod = mech.add(bd.RigidBody("rod", mass, inertia, center=(1.0 + distance, 0.0)))
+        mech.add(bd.Revolute("hinge", beam.end, rod.at(1.0, 0.0)))
+    else:
+        particle = 1.0 / (1.0 / mass + distance**2 / inertia)
+        mech.add(bd.PointMass("particle", particle, on=beam.end))
+    return mech
+
+
+@pytest.mark.filterwarnings("ignore:.*this coordinate can move without stiffness")
+@pytest.mark.parametrize("options", [EXACT, FLOATING])
+@pytest.mark.parametrize("damping", [0.0, 1e-4])
+def test_flutter_load_with_a_free_motion_is_that_of_its_effective_mass(damping, options):
+    """Springs that hold a free motion on a path take no part in its vibrations."""
+    hinged, particle = (
+        bd.equilibrium(column_with_tip(damping, options, is_hinged), to=25.0)
+        for is_hinged in (True, False)
+    )
+    assert [point.kind for point in hinged.critical] == ["flutter point"]
+    assert_allclose(hinged.critical[0].factor, particle.critical[0].factor, rtol=1e-7)
+    assert hinged.unstable[0] == 0
+    assert hinged.unstable[-1] == particle.unstable[-1] == 2
+
+
+@pytest.mark.slow(reason="several seconds")
+@pytest.mark.filterwarnings("ignore:.*this coordinate can move without stiffness")
+def test_free_motions_stay_still_on_paths_of_any_control():
+    """Steps move no strip that hangs free on a frame, and its flutter points are the same."""
+    paths = []
+    for control in ("load", "arc length"):
+        mech = frame(damping=0.0)
+        line = bd.Line((1.0, 1.0), (1.5, 1.5))
+        strip = mech.add(bd.Beam("strip", line, rectangle(0.004), 8, **EXACT))
+        mech.add(bd.Revolute("hinge", mech.part("arm").end, strip.start))
+        mech.observe("strip", strip.start)
+        paths.append(bd.equilibrium(mech, control=control))
+    by_load, by_arc_length = ([point.factor for point in path.critical] for path in paths)
+    assert len(by_load) == 2
+    assert_allclose(by_arc_length, by_load, rtol=1e-6)
+    assert max(np.ptp(path["strip.angle"]) for path in paths) < 1e-12
