@@ -49,13 +49,14 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion, format_head
 from beamdae.errors import BeamdaeError, hold_messages
 from beamdae.interrupts import Interrupted
 from beamdae.linear.blas_threads import single_threaded
+from beamdae.parts.signals import Sensor
 from beamdae.results.columns import Header, is_position, largest_by
-from beamdae.results.elastic_columns import measured_quantity
 from beamdae.results.equilibrium import FACTOR as LOAD_FACTOR
 from beamdae.results.equilibrium import UNSTABLE, Equilibrium
 from beamdae.results.noise import mark_resting_columns, rounding_limits
 from beamdae.results.outcome import REACHED_END
 from beamdae.results.section_forces.section_forces import SectionForces
+from beamdae.symbolic.statements import Quantity
 
 Array = np.ndarray
 Values = dict[str, float]
@@ -267,7 +268,7 @@ def _measure_sections(path: Equilibrium) -> Iterator[tuple[str, float]]:
         return path.section_forces(beam, np.linspace(0.0, beam.length, _SECTIONS))
 
     for name, observed in mechanism.observables.items():
-        quantity, names = measured_quantity(observed)
+        quantity, names = _measured_quantity(observed)
         beam = Beam._of_strains(quantity)
         if beam is None:
             continue
@@ -278,6 +279,15 @@ def _measure_sections(path: Equilibrium) -> Iterator[tuple[str, float]]:
         of_column = dict(zip((x.name for x in quantity.columns), largest.tolist(), strict=True))
         for header, column in zip(format_headers(name, observed.columns), names, strict=True):
             yield header, of_column[column]
+
+
+def _measured_quantity(observed: Quantity) -> tuple[Quantity, tuple[str, ...]]:
+    """Return a quantity and the names of its observed columns; sensors measure one of them."""
+    recipe = observed.recipe
+    sensor = recipe.arguments[0] if recipe is not None and recipe.arguments else None
+    if isinstance(sensor, Sensor):
+        return sensor.of, (sensor.of.columns[sensor.column].name,)
+    return observed, tuple(column.name for column in observed.columns)
 
 
 def refine_end(path: Equilibrium, refinement: Refinement) -> Equilibrium:

@@ -904,9 +904,11 @@ class Beam(Part):
         """Return the quantity that `kind` computes from the strains at `s` and `numbers`."""
         s = self._require_arc_length(s)
         forces = self.kinematics.section_forces(s)
-        constants = [constant_formula(*numbers)] if numbers else []
         pieces = [Piece(self, forces.operator)]
-        return formula_quantity(columns, pieces, kind, [forces.values, *constants])
+        functions: list[Callable[..., Any]] = [forces.values]
+        if numbers:
+            functions.append(constant_formula(*numbers))
+        return formula_quantity(columns, pieces, kind, functions, is_elastic=True)
 
 
 class BeamAttachment(Attachment):

@@ -23,6 +23,7 @@ from beamdae.errors import (
 Array = np.ndarray
 
 _MAX_TURN_PER_INTERVAL = 0.5  # [rad]; the splines cannot resolve sharper bends
+_MAX_INTERVALS = 64 * ARC_LENGTH_INTERVALS  # of the splines
 
 
 @dataclass(frozen=True)
@@ -45,7 +46,7 @@ class IntrinsicCurve(HasEnd):
     ------
     BeamdaeError
         If an argument is invalid, if the law fails or does not return a finite number, or if the
-        tangent turns by 0.5 rad or more within 1/400 of the length.
+        tangent turns by 0.5 rad or more within 1/25600 of the length.
 
     Examples
     --------
@@ -66,17 +67,8 @@ class IntrinsicCurve(HasEnd):
             raise BeamdaeError(
                 f"IntrinsicCurve: law must be a function of s, got {short_repr(self.law)}."
             )
-        turn = float(np.max(np.abs(np.diff(self.tangent_angle(self._grid)))))
-        if not turn < _MAX_TURN_PER_INTERVAL:
-            raise BeamdaeError(
-                f"IntrinsicCurve: law turns the tangent by {turn:.3g} rad within "
-                f"1/{ARC_LENGTH_INTERVALS} of the length, but must turn it by less than "
-                f"{_MAX_TURN_PER_INTERVAL:g} rad; reduce the curvature or the length."
-            )
-
-    @cached_property
-    def _grid(self) -> Array:
-        return np.linspace(0.0, self.length, ARC_LENGTH_INTERVALS + 1)
+        # Raises the errors of the law.
+        _ = self._splines
 
     def _curvature_at(self, s: float) -> float:
         try:
@@ -90,19 +82,35 @@ class IntrinsicCurve(HasEnd):
         return require_finite("IntrinsicCurve", f"the curvature at s = {s:.6g} m", value)
 
     @cached_property
-    def _splines(self) -> tuple[Any, Any]:
-        """Splines of the curvature and of its integral, the tangent angle minus `angle`."""
+    def _splines(self) -> tuple[Array, Any, Any]:
+        """Arc lengths, and splines of the curvature and of its integral, the turn of the tangent.
+
+        There are so many arc lengths that the tangent turns little between them.
+        """
         # Imported here because the import takes as long as a short run, and few models need it.
         from scipy.interpolate import make_interp_spline
 
-        values = np.array([self._curvature_at(s) for s in self._grid.tolist()])
-        curvature = make_interp_spline(self._grid, values, k=5)
-        return curvature, curvature.antiderivative()
+        count, turn = ARC_LENGTH_INTERVALS // 2, np.inf
+        while not turn < _MAX_TURN_PER_INTERVAL:
+            if count >= _MAX_INTERVALS:
+                raise BeamdaeError(
+                    f"IntrinsicCurve: law turns the tangent by {turn:.3g} rad within 1/{count} of "
+                    f"the length, but must turn it by less than {_MAX_TURN_PER_INTERVAL:g} rad; "
+                    "reduce the curvature or the length."
+                )
+            count *= 2
+            grid = np.linspace(0.0, self.length, count + 1)
+            values = np.array([self._curvature_at(s) for s in grid.tolist()])
+            curvature = make_interp_spline(grid, values, k=5)
+            integral = curvature.antiderivative()
+            turn = float(np.max(np.abs(np.diff(integral(grid)))))
+        return grid, curvature, integral
 
     @cached_property
     def _grid_points(self) -> Array:
-        """Points (n, 2) [m] at the arc lengths `_grid`."""
-        steps = self._integrate_tangent(self._grid[:-1], self._grid[1:])
+        """Points (n, 2) [m] at the arc lengths of the splines."""
+        grid = self._splines[0]
+        steps = self._integrate_tangent(grid[:-1], grid[1:])
         return np.concatenate([[self.start], self.start + np.cumsum(steps, axis=0)])
 
     def _integrate_tangent(self, a: Array, b: Array) -> Array:
@@ -114,16 +122,14 @@ class IntrinsicCurve(HasEnd):
 
     def point(self, s: Any) -> Array:
         """Return points (..., 2) [m] at arc lengths s [m]."""
-        s = np.asarray(s, float)
-        interval = np.clip(
-            np.searchsorted(self._grid, s, side="right") - 1, 0, ARC_LENGTH_INTERVALS - 1
-        )
-        return self._grid_points[interval] + self._integrate_tangent(self._grid[interval], s)
+        s, grid = np.asarray(s, float), self._splines[0]
+        interval = np.clip(np.searchsorted(grid, s, side="right") - 1, 0, len(grid) - 2)
+        return self._grid_points[interval] + self._integrate_tangent(grid[interval], s)
 
     def tangent_angle(self, s: Any) -> Array:
         """Return the angle of the tangent [rad] at arc lengths s [m]."""
-        return self.angle + self._splines[1](np.asarray(s, float))
+        return self.angle + self._splines[2](np.asarray(s, float))
 
     def curvature(self, s: Any) -> Array:
         """Return the signed curvature [1/m] at arc lengths s [m]."""
-        return self._splines[0](np.asarray(s, float))
+        return self._splines[1](np.asarray(s, float))

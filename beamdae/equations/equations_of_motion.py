@@ -72,7 +72,7 @@ class Observable:
         Slice of the multipliers on which the columns depend; empty if they depend on none.
     has_accelerations
         True if local accelerations are the last argument of `function`.
-    is_magnitude
+    is_magnitude, is_elastic
         See `Quantity`.
     """
 
@@ -84,6 +84,7 @@ class Observable:
     rows: slice
     has_accelerations: bool = False
     is_magnitude: bool = False
+    is_elastic: bool = False
 
     @property
     def headers(self) -> list[str]:

@@ -14,6 +14,7 @@ import numpy as np
 
 from beamdae.equations.equations_of_motion import Configuration, EquationsOfMotion, State
 from beamdae.equations.measures import BalanceRows
+from beamdae.equations.starts.state_evaluator import StateEvaluator
 from beamdae.integrators.step_thinning import ThinnedRows, divide_intervals, limit_stored_bytes
 from beamdae.memory import available_memory, format_gigabytes
 from beamdae.parts.laws import TableRange
@@ -263,12 +264,13 @@ class StepHistory:
         """Return the longest time [s] between rows from the one before `first` on."""
         return float(np.diff(self._rows_from(first - 1)[:, 0]).max(initial=0.0))
 
-    def truncate(self, t: float) -> None:
+    def truncate(self, t: float, starter: StateEvaluator) -> None:
         """Drop the steps that end after time `t` [s], and make the last step end at `t`.
 
         `t` is in the interval that `tail` returned last, from which the rows of a last step up to
-        `t` are interpolated if no step ends there. A jump at `t` is dropped, too: a run that
-        continues there takes the sample again.
+        `t` are interpolated if no step ends there, see `_interpolate_balanced`; `starter` evaluates
+        the equations. A jump at `t` is dropped, too: a run that continues there takes the sample
+        again.
         """
         assert self._tail is not None
         begin, _, tail = self._tail
@@ -286,7 +288,8 @@ class StepHistory:
             share = (nodes[1:] - nodes[0]) / (nodes[-1] - nodes[0])
             times = nodes[0] + share * (t - nodes[0])
             times[-1] = t
-            rows = np.column_stack([times, *tail.at(times)])
+            state = _interpolate_balanced(tail, times, nodes[-1] - nodes[0], starter)
+            rows = np.column_stack([times, *state])
             # Rounding errors would change the states of laws, which may be numbers of samples.
             is_constant = (step == step[0]).all(axis=0)
             rows[:, is_constant] = step[0, is_constant]
@@ -312,6 +315,27 @@ class StepHistory:
         )
         rows_per_step = self._rows_per_step if len(t) > 1 else 1
         return Interval(t[:, 0].copy(), State(*state), branch, rows_per_step)
+
+
+def _interpolate_balanced(
+    interval: Interval, times: Array, step: float, starter: StateEvaluator
+) -> State:
+    """Return states inside a step of this length [s] whose stiff forces are interpolated.
+
+    Errors of interpolated positions, multiplied by the stiffness, would be the first forces of a
+    run that restarts there. One iteration of an implicit step from these states removes them.
+    """
+    nodes, weights = interval.force_weights_at(times)
+    at_nodes = zip(*(x[nodes] for x in (interval.times, *interval.rows[:2])), strict=True)
+    forces = weights @ np.array([starter.smooth_force(*x) for x in at_nodes])
+    state, coefficients = interval.at(times, limited=True), (1.0, 1.0 / step, 1.0 / step**2)
+    rows = interval.with_branch(times), state.q, state.v, forces
+    for time, q, v, force in zip(*rows, strict=True):
+        missing = starter.equations.without_states(force - starter.smooth_force(time, q, v))
+        change, _ = starter.solve_saddle(time, q, v, missing, 0.0, coefficients)
+        q += change
+        v += change / step
+    return state
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,7 @@ from beamdae.parts.attachments import Attachment, rotate
 from beamdae.parts.part import Part
 from beamdae.symbolic.formula import build_formula_kernel
 from beamdae.symbolic.statements import (
+    LOAD_UNITS,
     SX,
     Local,
     Piece,
@@ -197,9 +198,15 @@ class PointPart(Part):
 
     def _observe(self, build: Callable[..., SX], columns: tuple[Variable, ...]) -> Quantity:
         """Return a quantity of the points; see `PointFormula` for `build`."""
-        points = tuple(self.points.values())
+        source = {"is_elastic": self.is_elastic and all(x.unit in LOAD_UNITS for x in columns)}
         return observe_points(
-            points, build, columns, self._functions, self._is_shared, **self._source
+            tuple(self.points.values()),
+            build,
+            columns,
+            self._functions,
+            self._is_shared,
+            **source,
+            **self._source,
         )
 
     def _observe_load(self, place: str, axes: str) -> Quantity:

@@ -198,6 +198,7 @@ class Sensor(Value):
             of.data,
             load_of=of.load_of,
             is_magnitude=of.is_magnitude,
+            is_elastic=of.is_elastic,
         )
 
     @cached_property

@@ -5,7 +5,7 @@ interpolated positions have errors within the tolerance, which deform stiff part
 at the clamp of a thin blade was wrong by 93 % of its largest value, the force of a stiff bushing by
 49 %. Interpolated forces are as accurate as accelerations and reactions. Quantities with kinks,
 which polynomials overshoot, follow from the positions: magnitudes, such as the largest stress, the
-force of a contact, and formulas of the user.
+force of a contact, and formulas of the user. Events monitor the interpolated forces, too.
 """
 
 from __future__ import annotations
@@ -15,12 +15,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from beamdae.beams.beam import Beam
-from beamdae.equations.equations_of_motion import EquationsOfMotion, Observable
+from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.measures import ObservedRows
-from beamdae.parts.signals import Sensor
 from beamdae.results.trajectory import Interval, Trajectory
-from beamdae.symbolic.statements import LOAD_UNITS, Quantity
 
 Array = np.ndarray
 
@@ -28,29 +25,11 @@ Array = np.ndarray
 def find_elastic_columns(equations: EquationsOfMotion) -> Array:
     """Return the indices of elastic forces among the observed columns.
 
-    They are stresses, strains and section forces of beams, but not magnitudes of them, and the
-    forces and moments of springs, dampers and bushings without formulas of the user.
+    See `Quantity.is_elastic`.
     """
-    selected = [is_elastic(equations, x) for x in equations.observables]
     counts = [len(x.columns) for x in equations.observables]
-    (columns,) = np.nonzero(np.repeat(selected, counts))
+    (columns,) = np.nonzero(np.repeat([x.is_elastic for x in equations.observables], counts))
     return columns
-
-
-def is_elastic(equations: EquationsOfMotion, observable: Observable) -> bool:
-    """Return True for an observable whose columns are those of `find_elastic_columns`."""
-    mechanism = equations.mechanism
-    observed = None if mechanism is None else mechanism.observables.get(observable.name)
-    if mechanism is None or observed is None:
-        return False
-    quantity, _ = measured_quantity(observed)
-    if quantity.is_magnitude:
-        return False
-    if Beam._of_strains(quantity) is not None:
-        return True
-    part = mechanism.parts.get(quantity.load_of or "")
-    is_force = all(column.unit in LOAD_UNITS for column in observable.columns)
-    return is_force and part is not None and part.is_elastic
 
 
 def observe_elastic_columns(
@@ -60,36 +39,23 @@ def observe_elastic_columns(
 
     At most `max_rows` states are evaluated together.
     """
-    observables = tuple(x for x in equations.observables if is_elastic(equations, x))
-    values: dict[int, Array] = {}
-    # Together, because runs with many events have many intervals of a few nodes.
-    for inactive in dict.fromkeys(x.inactive for x in trajectory.intervals):
-        here = [k for k, x in enumerate(trajectory.intervals) if x.inactive == inactive]
-        active = replace(equations.without_loads_of(inactive), observables=observables)
-        observe = ObservedRows(active)
-        intervals = [trajectory.intervals[k] for k in here]
-        ends = np.cumsum([len(x.nodes) for x in intervals])
-        blocks = [
-            _observe_nodes(observe, intervals, slice(first, first + max_rows))
-            for first in range(0, ends[-1], max_rows)
-        ]
-        values |= dict(zip(here, np.split(np.concatenate(blocks), ends[:-1]), strict=True))
-    return [values[k] for k in range(len(trajectory.intervals))]
+    observables = tuple(x for x in equations.observables if x.is_elastic)
+    observers = {
+        inactive: ObservedRows(
+            replace(equations.without_loads_of(inactive), observables=observables)
+        )
+        for inactive in {x.inactive for x in trajectory.intervals}
+    }
+    return [_observe_nodes(observers[x.inactive], x, max_rows) for x in trajectory.intervals]
 
 
-def _observe_nodes(observe: ObservedRows, intervals: Sequence[Interval], nodes: slice) -> Array:
-    """Return the columns at some of the nodes of all intervals."""
-    times, states, first = [], [], 0
-    for interval in intervals:
-        rows = slice(max(nodes.start - first, 0), max(nodes.stop - first, 0))
-        first += len(interval.nodes)
-        if first > nodes.start and rows.stop > 0:
-            times.append(interval.times[rows])
-            states.append([x[rows] for x in interval.rows])
-    if len(times) == 1:
-        # A selection of all would copy the states.
-        return observe(times[0], *states[0])
-    return observe(np.concatenate(times), *map(np.concatenate, zip(*states, strict=True)))
+def _observe_nodes(observe: ObservedRows, interval: Interval, max_rows: int) -> Array:
+    """Return the columns at the nodes of an interval."""
+    blocks = []
+    for first in range(0, len(interval.nodes), max_rows):
+        rows = slice(first, first + max_rows)
+        blocks.append(observe(interval.times[rows], *(x[rows] for x in interval.rows)))
+    return np.concatenate(blocks)
 
 
 def interpolate_elastic_columns(
@@ -104,12 +70,3 @@ def interpolate_elastic_columns(
         here = index == k
         if interval.record is None and here.any():
             columns[here] = interval.interpolate_forces(values[k], times[here])
-
-
-def measured_quantity(observed: Quantity) -> tuple[Quantity, tuple[str, ...]]:
-    """Return a quantity and the names of its observed columns; sensors measure one of them."""
-    recipe = observed.recipe
-    sensor = recipe.arguments[0] if recipe is not None and recipe.arguments else None
-    if isinstance(sensor, Sensor):
-        return sensor.of, (sensor.of.columns[sensor.column].name,)
-    return observed, tuple(column.name for column in observed.columns)

@@ -179,9 +179,9 @@ def rounding_limits(
     In free fall, all strains, stresses and forces of a beam are rounding errors, and so are
     reactions at its joints and changes of accelerations. The limits are a strain of 1e-11, the
     stresses, forces and moments that it causes in the stiffest beam, the acceleration of the
-    mechanism by this force or 1e-9 of gravity, and velocities of 1e-12 of the length of the
-    mechanism, or 1e-12 rad, in a mean `step` [s] of the run. Those of other units are the rounding
-    errors of first-order states, or zero.
+    mechanism by this force or 1e-9 of gravity, velocities of 1e-12 of the length of the mechanism,
+    or 1e-12 rad, in a mean `step` [s] of the run, and the power of this force at this velocity.
+    Those of other units are the rounding errors of first-order states, or zero.
     """
     mechanism, beams = equations.mechanism, beams_of(equations.mechanism)
     parts = [] if mechanism is None else mechanism.parts.values()
@@ -194,6 +194,7 @@ def rounding_limits(
         limits["Pa"] = _ROUNDING_STRAIN * max(x.material.E for x in sections)
         limits["N"] = _ROUNDING_STRAIN * max(x.EA for x in sections)
         limits["N m"] = _ROUNDING_STRAIN * max(np.sqrt(x.EA * x.EI) for x in sections)
+        limits["W"] = limits["N"] * limits["m/s"]
         mass = sum(beam.length * x.rhoA for beam, x in zip(beams, sections, strict=True))
         mass += sum(x.mass for x in parts if isinstance(x, (PointMass, RigidBody)))
         acceleration = max(acceleration, limits["N"] / mass)

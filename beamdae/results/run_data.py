@@ -276,6 +276,16 @@ class RunData:
         self._interpolate_elastic(times, columns)
         return columns
 
+    def _observe_events(self, times: Array, *state: Array) -> Array:
+        """Return rows of the observed columns at rows of (t, branch) and of states at events."""
+        columns = self._observe(times, *state)
+        # Further events at the same time follow jumps of velocities.
+        (first,) = np.nonzero(np.diff(times[:, 0], prepend=-np.inf))
+        of_first = columns[first]
+        self._interpolate_elastic(times[first, 0], of_first)
+        columns[first] = of_first
+        return columns
+
     def _interpolate_elastic(self, times: Array, columns: Array) -> None:
         """Replace elastic forces between steps, see `results.elastic_columns`."""
         indices, values = self._elastic_at_nodes

@@ -153,7 +153,9 @@ class Solution(RunData, TimeSeries, HasPage):
         """
         import pandas as pd
 
-        return pd.DataFrame(tabulate_events(self.equations, self.event_records, self._observe))
+        return pd.DataFrame(
+            tabulate_events(self.equations, self.event_records, self._observe_events)
+        )
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:

@@ -252,6 +252,11 @@ class Interval:
         nodes = np.flatnonzero(np.bincount(weights.indices, minlength=len(self.nodes)))
         return nodes, weights[:, nodes]
 
+    def force_rates_at(self, values: Array, t: Array) -> Array:
+        """Return the time derivatives of `interpolate_forces`, without limits beside jumps."""
+        node = _preceding_node(self.nodes, t)
+        return self._lagrange_weights(t, node, _DEGREE_OF_REACTIONS, derivative=True) @ values
+
     def _limit_overshoot(
         self, weights: sp.csr_array, interpolated: Sequence[Array], values: Sequence[Array]
     ) -> None:

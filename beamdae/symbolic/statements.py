@@ -259,6 +259,10 @@ class Quantity:
     is_magnitude
         True if the values are magnitudes, or the largest of several ones: their derivatives jump,
         and their smallest values do not matter.
+    is_elastic
+        True for stresses, strains and section forces of beams, but not magnitudes of them, and for
+        forces and moments of springs, dampers and bushings without formulas of the user. Between
+        steps, they are interpolated themselves: stiffness would amplify errors of positions.
     """
 
     columns: tuple[Variable, ...]
@@ -271,6 +275,7 @@ class Quantity:
     has_accelerations: bool = False
     load_of: str | None = None
     is_magnitude: bool = False
+    is_elastic: bool = False
 
     @property
     def can_be_rebuilt(self) -> bool:

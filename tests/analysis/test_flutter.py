@@ -232,3 +232,53 @@ def test_motions_of_undamped_columns_grow_and_decay_at_the_same_rates(elements):
     assert values[0].real > 1.0
     assert_allclose(values[1], -values[0].conj(), rtol=1e-6)
     assert_allclose(values[2:].real, 0.0, atol=1e-6)
+
+
+def column_with_tip(damping, options, is_hinged):
+    """Return the column of `column` with a rod hinged at its tip, or with its effective mass.
+
+    Vibrations move a free rod of mass m with the hinge at the distance a from its center of mass
+    like a particle of the mass 1 / (1 / m + a^2 / I).
+    """
+    mech = column(damping, options=options)
+    beam, mass, inertia, distance = mech.part("column"), 3.0, 0.4, 0.5
+    if is_hinged:
+        rod = mech.add(bd.RigidBody("rod", mass, inertia, center=(1.0 + distance, 0.0)))
+        mech.add(bd.Revolute("hinge", beam.end, rod.at(1.0, 0.0)))
+    else:
+        particle = 1.0 / (1.0 / mass + distance**2 / inertia)
+        mech.add(bd.PointMass("particle", particle, on=beam.end))
+    return mech
+
+
+@pytest.mark.filterwarnings("ignore:.*this coordinate can move without stiffness")
+@pytest.mark.parametrize("options", [EXACT, FLOATING])
+@pytest.mark.parametrize("damping", [0.0, 1e-4])
+def test_flutter_load_with_a_free_motion_is_that_of_its_effective_mass(damping, options):
+    """Springs that hold a free motion on a path take no part in its vibrations."""
+    hinged, particle = (
+        bd.equilibrium(column_with_tip(damping, options, is_hinged), to=25.0)
+        for is_hinged in (True, False)
+    )
+    assert [point.kind for point in hinged.critical] == ["flutter point"]
+    assert_allclose(hinged.critical[0].factor, particle.critical[0].factor, rtol=1e-7)
+    assert hinged.unstable[0] == 0
+    assert hinged.unstable[-1] == particle.unstable[-1] == 2
+
+
+@pytest.mark.slow(reason="several seconds")
+@pytest.mark.filterwarnings("ignore:.*this coordinate can move without stiffness")
+def test_free_motions_stay_still_on_paths_of_any_control():
+    """Steps move no strip that hangs free on a frame, and its flutter points are the same."""
+    paths = []
+    for control in ("load", "arc length"):
+        mech = frame(damping=0.0)
+        line = bd.Line((1.0, 1.0), (1.5, 1.5))
+        strip = mech.add(bd.Beam("strip", line, rectangle(0.004), 8, **EXACT))
+        mech.add(bd.Revolute("hinge", mech.part("arm").end, strip.start))
+        mech.observe("strip", strip.start)
+        paths.append(bd.equilibrium(mech, control=control))
+    by_load, by_arc_length = ([point.factor for point in path.critical] for path in paths)
+    assert len(by_load) == 2
+    assert_allclose(by_arc_length, by_load, rtol=1e-6)
+    assert max(np.ptp(path["strip.angle"]) for path in paths) < 1e-12

@@ -446,3 +446,20 @@ def test_regression_pairs_of_critical_points_within_one_step_are_found(height, k
     assert [point.kind for point in coarse.critical] == kinds
     factors = [point.factor for point in fine.critical]
     assert [point.factor for point in coarse.critical] == pytest.approx(factors, rel=1e-5)
+
+
+@pytest.mark.parametrize("options", [{"formulation": "exact"}, {"strain": "exact"}])
+@pytest.mark.parametrize("number", [1, 2, -2])
+def test_paths_switch_where_two_columns_buckle_at_once(number, options):
+    """Both critical points of a double branch point lead to crossing paths."""
+    mech, section = bd.Mechanism(), rectangle(0.01)
+    for name, x in (("left", 0.0), ("right", 1.0)):
+        line = bd.Line((x, 0.0), (x, 1.0))
+        beam = mech.add(bd.Beam(name, line, section, 4, **options))
+        mech.add(bd.Weld(f"{name} clamp", mech.ground.at(x, 0.0), beam.start))
+        mech.add(bd.Force(f"{name} load", beam.end, (0.0, -section.EI)))
+        mech.observe(name, beam.end)
+    path = bd.equilibrium(mech, to=3.0, switch=number)
+    assert path.status.success
+    assert_allclose([point.factor for point in path.critical], np.pi**2 / 4.0, rtol=1e-4)
+    assert max(abs(path["left.x"].iloc[-1]), abs(path["right.x"].iloc[-1] - 1.0)) > 0.5

@@ -4,7 +4,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from leaf_spring_vehicle import leaf_spring_vehicle
-from mechanisms import EARTH, driven, free_ball, hinged
+from mechanisms import EARTH, driven, free_ball, hinged, hinged_body
 from support import differences_of_runs
 
 import beamdae as bd
@@ -86,6 +86,31 @@ def test_run_that_an_event_stops():
     assert landed["d(t)/d(target) [s per unit of target]"] == pytest.approx(
         -1.0 / (GRAVITY * time), rel=1e-9
     )
+
+
+@bd.model(t_end=0.5)
+def bushed(mass=1.0, limit=13.0, do="stop"):
+    """A swinging arm and a bob that a stiff bushing connects, whose force reaches a limit."""
+    mech, arm = hinged_body(name="arm", gravity=GRAVITY)
+    bob = mech.add(bd.RigidBody("bob", mass, 0.1, (1.0, 0.0)))
+    ends = arm.at(0.5, 0.0), bob.at(0.5, 0.0)
+    springs = dict.fromkeys(("kx", "ky", "ktheta"), 1e9)
+    dampers = dict.fromkeys(("cx", "cy", "ctheta"), 1e4)
+    mech.observe("bushing", mech.add(bd.Bushing("bushing", *ends, **springs, **dampers)).force)
+    mech.when("bushing.Fx", crosses=limit, do=do, name="overload")
+    return mech
+
+
+@pytest.mark.slow(reason="half a second")
+@pytest.mark.parametrize("do", ["stop", "record"])
+def test_times_at_which_stiff_forces_reach_a_limit(do):
+    """Their derivatives were wrong by a factor of three, because rates followed from positions."""
+    result = bd.sensitivities(bushed, ["mass", "limit"], bd.Radau(1e-6), parameters={"do": do})
+    for name, value, step in (("mass", 1.0, 1e-3), ("limit", 13.0, 1e-2)):
+        changed = (bushed(do=do, **{name: value + x}) for x in (-step, step))
+        before, after = (bd.simulate(x, bd.Radau(1e-8)).events["t [s]"][0] for x in changed)
+        derivative = result.events[f"d(t)/d({name}) [s per unit of {name}]"][0]
+        assert derivative == pytest.approx(0.5 * (after - before) / step, rel=0.02)
 
 
 @bd.model(t_end=0.5)

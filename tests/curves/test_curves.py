@@ -263,7 +263,7 @@ SENTENCES = {
         lambda s: 1 / s, 1.0
     ),
     "the curvature at s = 0 m must be finite": lambda: bd.IntrinsicCurve(lambda s: np.nan, 1.0),
-    "turns the tangent by 25 rad within 1/400": lambda: bd.IntrinsicCurve(lambda s: 1e4, 1.0),
+    "turns the tangent by 39.1 rad within 1/25600": lambda: bd.IntrinsicCurve(lambda s: 1e6, 1.0),
     "^Curve: points must be at least 4 pairs": lambda: bd.Curve(points=CIRCLE[:3]),
     "^Curve: point 1 y must be finite": lambda: bd.Curve(
         points=[(0, 0), (1, np.nan), (2, 0), (3, 0)]
@@ -313,3 +313,11 @@ def test_regression_angles_in_degrees_have_a_warning():
     with pytest.warns(bd.BeamdaeWarning, match=f"^sine: phase {message}"):
         bd.sine(1.0, 1.0, phase=45.0)
     bd.Arc(radius=1.0, length=1.0, start=(0.0, 0.0), angle=-2.0 * np.pi)
+
+
+def test_curves_of_many_turns_are_resolved():
+    curvature = 2e3
+    curve = bd.IntrinsicCurve(lambda s: curvature, 1.0)
+    s = np.linspace(0.0, 1.0, 101)
+    circle = np.stack([np.sin(curvature * s), 1.0 - np.cos(curvature * s)], axis=-1) / curvature
+    assert_allclose(curve.point(s), circle, atol=1e-13)

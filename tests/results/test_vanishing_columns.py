@@ -172,3 +172,20 @@ def test_columns_vanish_beside_rates_and_reactions_that_are_not_observed() -> No
     run = bd.simulate(rotor(bd.run_up(25.0, 0.5)), t_end=0.2)
     coarse = run.at_times(np.linspace(0.0, 0.2, 8))
     assert not any("bearing.F" in x or "hub.x" in x for x in coarse.missed_peaks)
+
+
+def test_power_of_a_driver_that_holds_still_is_rounding(
+    recwarn: pytest.WarningsRecorder,
+) -> None:
+    """A held strip that an event releases has no warning about the power of the driver."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    section = bd.Section.rectangle(bd.Material.of("steel"), 0.02, 0.003, damping=1e-4)
+    beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (0.5, 0.0)), section))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    on = mech.ground.at(0.5, 0.0), beam.end
+    hand = mech.add(bd.TranslationalDriver("hand", *on, -0.05, direction=(0.0, 1.0)))
+    mech.observe("hand", hand.drive)
+    mech.when("t", crosses=0.02, do=bd.deactivate(hand))
+    run = bd.simulate(mech, t_end=0.1, start="equilibrium")
+    assert 0.0 < run["hand.power"].abs().max() < 1e-20
+    assert not [x for x in recwarn if "hand.power" in str(x.message)]

@@ -29,6 +29,8 @@ _ROUNDING, _ROUNDING_OF_GROWTH = 1e-6, 1e-13
 # Reciprocal eigenvalues, or their squares without damping, below this fraction of the largest one
 # are rounding errors.
 _NEGLIGIBLE = 1e-7
+# Iterations of an estimate within a factor of two.
+_ESTIMATE_ITERATIONS = 4
 # Largest number of coordinates for dense matrices; beyond, number of the slowest motions that are
 # sought.
 MAX_DENSE, _SLOW_COUNT = 300, 20
@@ -167,15 +169,24 @@ def has_potential(respond: Callable[[Array], Array], n: int, m: int) -> bool:
     return bool(np.abs(reduced - reduced.T).max() <= _MIN_ASYMMETRY * np.abs(reduced).max())
 
 
+def estimate_slowest_rate(respond: Callable[[Array], Array], mass: sp.csc_array) -> float:
+    """Return about the slowest angular frequency without damping, see `invert_motion`."""
+    motion, size = np.cos(np.arange(mass.shape[1]) ** 2.0)[:, None], 1.0
+    for _ in range(_ESTIMATE_ITERATIONS):
+        motion = respond(mass @ (motion / size))
+        size = float(np.max(np.abs(motion)))
+    return size**-0.5
+
+
 def count_growing(
-    respond: Callable[[Array], Array], damping: sp.csc_array, mass: sp.csc_array
+    respond: Callable[[Array], Array], damping: sp.csc_array, mass: sp.csc_array, s: float = 0.0
 ) -> Count:
     """Return the number of growing motions, see `invert_motion`.
 
     In large systems, they are those among the slowest ones.
     """
     is_damped, n = damping.nnz > 0 and abs(damping).max() > 0.0, mass.shape[1]
-    apply, size = invert_motion(respond, damping if is_damped else None, mass), n + n * is_damped
+    apply, size = invert_motion(respond, damping if is_damped else None, mass, s), n + n * is_damped
     if n <= MAX_DENSE:
         values = la.eigvals(apply(np.eye(size)))
     else:
@@ -183,6 +194,10 @@ def count_growing(
         values = la.eigvals(find_slow_space(apply, size, _SLOW_COUNT, **further).reduced)
     # Others are rounding errors of the slowest one.
     values = values[np.abs(values) > _NEGLIGIBLE * np.abs(values).max(initial=0.0)]
+    # Those without a shift; motions without stiffness vanish.
+    ratios = 1.0 + s * values if is_damped else 1.0 - s**2 * values
+    has_stiffness = np.abs(ratios) > _ROUNDING
+    values = values[has_stiffness] / ratios[has_stiffness]
     is_real = np.abs(values.imag) <= _ROUNDING * np.abs(values)
     values = np.where(is_real, values.real, values)
     if is_damped:

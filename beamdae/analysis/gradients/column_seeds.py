@@ -24,7 +24,6 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion, Observable,
 from beamdae.equations.structure import cache_on_owner
 from beamdae.errors import BeamdaeError
 from beamdae.results.columns import remove_unit
-from beamdae.results.elastic_columns import is_elastic
 from beamdae.results.run_data import coordinate_headers
 from beamdae.results.trajectory import Interval, Trajectory
 
@@ -146,7 +145,7 @@ class _Column(NamedTuple):
 
     @property
     def is_elastic(self) -> bool:
-        return self.number is not None and is_elastic(self.equations, self.observable)
+        return self.number is not None and self.observable.is_elastic
 
     def evaluate(self, rows: Array, at: State) -> tuple[Array, tuple[Array, ...]]:
         """Return the values (k,), and the arguments of the formula."""

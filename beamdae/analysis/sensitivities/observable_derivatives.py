@@ -17,7 +17,6 @@ from beamdae.equations.equations_of_motion import (
 )
 from beamdae.errors import BeamdaeError
 from beamdae.results.columns import require_one_column, select_columns
-from beamdae.results.elastic_columns import is_elastic
 from beamdae.results.run_data import coordinate_headers
 from beamdae.results.solution import Solution
 from beamdae.results.trajectory import Trajectory
@@ -118,7 +117,7 @@ def differentiate_run_columns(
     observables = equations.observables
     ends = np.cumsum([0, *(len(x.columns) for x in observables)])
     result = {name: np.zeros((len(times), ends[-1])) for name in trajectories}
-    are_elastic = np.array([is_elastic(equations, x) for x in observables], bool)
+    are_elastic = np.array([x.is_elastic for x in observables], bool)
     for kind in np.unique(are_elastic):
         for inactive, points in group_times(trajectory, times, kind):
             rows, at = join_points(points, trajectory)

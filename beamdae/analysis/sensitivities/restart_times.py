@@ -9,6 +9,8 @@ import numpy as np
 from beamdae.analysis.sensitivities.neighbors import Difference, derivative_call
 from beamdae.analysis.sensitivities.observable_derivatives import (
     differentiate_columns,
+    group_times,
+    join_points,
     time_derivative,
 )
 from beamdae.equations.equations_of_motion import EquationsOfMotion
@@ -148,16 +150,20 @@ def differentiate_event_time(
     BeamdaeError
         If the event quantity hardly changes at the event.
     """
-    term, at = equations.events[number], interval.at(np.array([t]))
-    times = np.array([[t, interval.branch]])
-    active = equations.without_loads_of(interval.inactive)
-    lam_rates = interval.derivative_at(np.array([t])).lam
-    (rates,) = time_derivative(term.observable, active, times, at, lam_rates)
+    term, here = equations.events[number], np.array([t])
+    is_elastic = term.observable.is_elastic
+    ((inactive, points),) = group_times(Trajectory((interval,)), here, is_elastic)
+    times, at = join_points(points, Trajectory((interval,)))
+    active = equations.without_loads_of(inactive)
     values = term.evaluate_difference(
         active.p, interval.times, interval.rows.q, interval.rows.v, interval.rows.lam
     )
     duration = max(float(interval.nodes[-1] - interval.nodes[0]), np.finfo(float).tiny)
-    rate = float(rates[term.column])
+    if is_elastic:
+        rate = float(interval.force_rates_at(values, here)[0])
+    else:
+        lam_rates = interval.derivative_at(here).lam
+        rate = float(time_derivative(term.observable, active, times, at, lam_rates)[0, term.column])
     if not abs(rate) > _MIN_EVENT_RATE * float(np.ptp(values)) / duration:
         raise BeamdaeError(
             f"{derivative_call()}: the quantity of event {term.name} only touches its value at t = "
@@ -167,14 +173,15 @@ def differentiate_event_time(
         lambda e: e.events[number].observable,
         times,
         at,
-        {name: x.at(np.array([t])) for name, x in along.items()},
+        {name: join_points(points, Trajectory((x,)))[1] for name, x in along.items()},
         differences,
-        interval.inactive,
+        inactive,
     )
+    weights = points[0].weights
     return {
         name: (
             differences[name].along(lambda e: e.events[number].crosses)
-            - float(change[0, term.column])
+            - float((change if weights is None else weights @ change)[0, term.column])
         )
         / rate
         + 0.0  # not -0.0

@@ -39,8 +39,8 @@ def hold_neutral_motions(point: Point) -> Point:
     # Of coordinates that move equally but for rounding, the first one is held.
     sizes = motions.T.round(_DECIMALS) * prefer_angles(system.equations)
     order = la.qr(sizes, mode="r", pivoting=True)[1]
-    held = tuple(sorted(order[: motions.shape[1]].tolist()))
-    return StaticProblem(system, held).point(point.x, point.p)
+    held = sorted(order[: motions.shape[1]].tolist())
+    return StaticProblem(system, {k: float(x[k]) for k in held}).point(point.x, point.p)
 
 
 def are_neutral(point: Point) -> bool:

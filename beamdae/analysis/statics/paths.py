@@ -297,8 +297,9 @@ def _follow_stage(path: StagePath) -> None:
             )
         if not path.status.success:
             return
-        # The tangent is not unique at the branch point.
-        chord, mode = path.end.minus(path.points[-2]), path.critical[len(path.points) - 1].mode
+        # The tangent is not unique at the branch point, which several motions may have in common.
+        before = next(point for point in reversed(path.points) if point is not path.end)
+        chord, mode = path.end.minus(before), path.critical[len(path.points) - 1].mode
         try:
             first, path.tangent = switch(path.end, mode, chord, np.sign(number), steps)
         except CurveError as error:
@@ -466,7 +467,7 @@ def free_coordinate(point: Point) -> str:
     problem = point.problem
     e, held = problem.system.equations, problem.held
     if held:
-        return e.q_names[held[0]]
+        return e.q_names[min(held)]
     if not point.monitor.free:
         return ""
     try:

@@ -12,9 +12,11 @@ solves them: `statics.c`.
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, reduce
 from itertools import compress
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -33,7 +35,11 @@ from beamdae.analysis.continuation.engine import (
     Problem,
     Row,
 )
-from beamdae.analysis.continuation.spectrum import count_growing, has_potential
+from beamdae.analysis.continuation.spectrum import (
+    count_growing,
+    estimate_slowest_rate,
+    has_potential,
+)
 from beamdae.analysis.statics.load_scaling import LoadedEquations
 from beamdae.analysis.statics.pivot_signs import (
     ASYMMETRY_TOLERANCE,
@@ -243,7 +249,8 @@ class StaticProblem(Problem):
     system
         The load stage.
     held
-        Indices of the coordinates that springs in the tangent hold, see `neutral_motions`.
+        Positions of the coordinates that springs in the tangent hold, by index, see
+        `neutral_motions`.
     idle
         Mask of the forces of springs without stiffness, see `introduce_resultants`. Defaults to
         those of both ends if the equations depend on another parameter than a load factor, and
@@ -264,7 +271,7 @@ class StaticProblem(Problem):
     def __init__(
         self,
         system: LoadedEquations,
-        held: tuple[int, ...] = (),
+        held: Mapping[int, float] = MappingProxyType({}),
         idle: Array | None = None,
     ) -> None:
         if idle is None and not system.is_linear:
@@ -433,7 +440,14 @@ class StaticProblem(Problem):
             sp.csc_array(y[:, : self.n] * scales[: self.n] * scales[:, None])
             for y in motion.pencil.matrices
         )
-        return count_growing(respond, damping, mass)._replace(free=free)
+        shift = 0.0
+        if self.held:
+            # Springs would take part in other motions; about a shift, inertia replaces them.
+            shift, size = estimate_slowest_rate(respond, mass), len(x)
+            springs = sp.csc_array((np.ones(len(self.held)), (list(self.held),) * 2), (size, size))
+            inertia = sp.hstack([shift * damping + shift**2 * mass, sp.csc_array((size, m))])
+            factors = splu(sp.csc_matrix(self.matrix(x, p) - springs + inertia))
+        return count_growing(respond, damping, mass, shift)._replace(free=free)
 
     def residual(self, x: Array, mu: float) -> tuple[Array, Array]:
         """Return F and F_mu at x = (q, lam), (n + m,) each."""
@@ -461,6 +475,8 @@ class StaticProblem(Problem):
         """Return the solution at which the control has the value `target`, by Newton's method."""
         run, code = self._loop.work, CORRECTED
         run.corrections.restart()
+        x = x.copy()
+        x[list(self.held)] = list(self.held.values())
         while code == CORRECTED:
             row = control(x, p)
             x, p, code = self._correct(row, target, x, p)

@@ -137,6 +137,7 @@ class ObservableBuilder:
             lam_rows,
             quantity.has_accelerations,
             quantity.is_magnitude,
+            quantity.is_elastic,
         )
 
 

@@ -221,9 +221,12 @@ class StateEvaluator:
         moving = e.without_states(np.ones(e.n))
         for factor, shift in ((1.0, 1.0), (-2.0, 0.0), (1.0, -1.0)):
             moved = q + shift * delta * moving * v
-            motion = self._evaluate_motion(plan_smooth_motion, time, moved, v)
-            change = change + factor * moving * motion[: e.n]
+            change = change + factor * moving * self.smooth_force(time, moved, v)
         return change
+
+    def smooth_force(self, time: Array, q: Array, v: Array) -> Array:
+        """Return F without forces that have kinks over the motion, (n,), at a = 0."""
+        return self._evaluate_motion(plan_smooth_motion, time, q, v)[: self.equations.n]
 
     def _evaluate_motion(
         self,

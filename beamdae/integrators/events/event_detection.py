@@ -11,6 +11,7 @@ import numpy as np
 from beamdae.equations.equations_of_motion import EquationsOfMotion, EventTerm
 from beamdae.equations.formulations.first_order import State
 from beamdae.integrators.events.watches import (
+    Scalar,
     Stop,
     evaluate_inside,
     locate_root,
@@ -262,7 +263,7 @@ class EventDetector:
             return None
         interval, begin = tail
         events = self.equations.events
-        scalars = [partial(self._differences, term, interval) for term in events]
+        scalars = [self._scalar(term, interval) for term in events]
         t, all_differences = sample_scalars(scalars, interval, begin, _SAMPLES)
         crossings: list[_Crossing] = []
         signs_by_term = []
@@ -303,7 +304,7 @@ class EventDetector:
                 continue
             side.sign = sign
             if crossing.is_event:
-                state = State(*(x[0] for x in interval.at(np.array([crossing.t]))))
+                state = State(*(x[0] for x in interval.at(np.array([crossing.t]), limited=True)))
                 self._record(crossing, interval.branch, state)
             if crossing.ends_segment:
                 terminal = crossing.term
@@ -337,6 +338,14 @@ class EventDetector:
             elif term.side:
                 side.begin_from(float(term.side), difference)
         return self._sides[term.name]
+
+    def _scalar(self, term: EventTerm, interval: Interval) -> Scalar:
+        """Return the quantity minus its threshold as its column shows it between steps."""
+        differences = partial(self._differences, term, interval)
+        if not term.observable.is_elastic:
+            return differences
+        at_nodes = differences(interval.nodes, interval.rows)[:, None]
+        return lambda t, _: interval.interpolate_forces(at_nodes, t)[:, 0]
 
     def _differences(self, term: EventTerm, interval: Interval, t: Array, state: State) -> Array:
         """Return the quantity minus its threshold at each time of an interval."""

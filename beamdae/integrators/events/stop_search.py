@@ -67,7 +67,7 @@ class StopSearch:
 
     def adapt(self, plan: RunPlan) -> None:
         """Watch the forces of the active parts, those of the plan."""
-        self._watches = self._of_all_parts
+        self._watches, self._starter = self._of_all_parts, plan.starter
         if self._rtol is not None and (terms := compile_formula_forces(plan.equations)):
             from beamdae.integrators.events.force_peaks import watch_forces
 
@@ -97,10 +97,10 @@ class StopSearch:
             found = [limit, *(watch.find_first(segment, self.row) for watch in self._watches)]
             stop = min((x for x in found if x is not None), default=None)
             if stop is not limit and stop is not None:
-                history.truncate(stop.t)
+                history.truncate(stop.t, self._starter)
             # Events are recorded in the steps that remain.
             if self.detector and (event := self.detector.find_first(segment, self.row)):
-                history.truncate(event.t)
+                history.truncate(event.t, self._starter)
                 stop = event
             self.row, self._steps = history.count, steps
         return stop

@@ -89,7 +89,7 @@ def sample_scalars(
     def sample() -> tuple[Array, list[Array]]:
         t = np.concatenate([steps, further])
         order = np.argsort(t, kind="stable")
-        pairs = zip(states, interval.at(further), strict=True)
+        pairs = zip(states, interval.at(further, limited=True), strict=True)
         state = State(*(np.concatenate(pair)[order] for pair in pairs))
         return t[order], [scalar(t[order], state) for scalar in scalars]
 
@@ -107,7 +107,7 @@ def sample_scalars(
 
 def evaluate_inside(scalar: Scalar, interval: Interval, t: Array) -> Array:
     """Return the values of a scalar at times (rows,) [s] inside an interval."""
-    return scalar(t, interval.at(t))
+    return scalar(t, interval.at(t, limited=True))
 
 
 def find_dips(t: Array, values: Array, evaluate: Callable[[Array], Array]) -> Array:
