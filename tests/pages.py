@@ -300,3 +300,13 @@ def find_violations(tab):
             },
         })).violations.map(({id, nodes}) => [id, nodes.map(({html}) => html).slice(0, 3)])"""
     )
+
+
+def open_tab(context, address, messages, requests):
+    """Open an address and record the messages of its console and its requests."""
+    tab = context.new_page()
+    tab.on("console", lambda message: messages.append(message.text))
+    tab.on("pageerror", lambda problem: messages.append(str(problem)))
+    tab.on("request", lambda request: requests.append(request.url))
+    tab.goto(address)
+    return tab

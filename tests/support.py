@@ -274,3 +274,14 @@ def use_scikit_sundae(monkeypatch):
         raise UnavailableError("the libraries cannot be loaded")
 
     monkeypatch.setattr(stepper, "CompiledIda", unavailable)
+
+
+def differences_of_runs(model, name, rtol, step=1e-3):
+    """Return the derivative of each last value of runs, by the differences of four runs."""
+    value = model.parameters[name]
+    runs = [
+        bd.simulate(model(**{name: value * (1.0 + k * step)}), bd.Radau(rtol=rtol))
+        for k in (-2, -1, 1, 2)
+    ]
+    weights = np.array([1 / 12, -2 / 3, 2 / 3, -1 / 12]) / (step * value)
+    return {column: weights @ [x.columns[column][-1] for x in runs] for column in runs[0].columns}

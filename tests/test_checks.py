@@ -7,7 +7,16 @@ import casadi as ca
 import numpy as np
 import pytest
 from conformance import integrators
-from mechanisms import EARTH, clamped_beam, hinged_body, mass_on_rail, rectangle, symbols
+from mechanisms import (
+    EARTH,
+    clamped_beam,
+    driven,
+    free_ball,
+    hinged_body,
+    mass_on_rail,
+    rectangle,
+    symbols,
+)
 from numpy.testing import assert_allclose
 from slider_crank import slider_crank
 
@@ -48,11 +57,9 @@ def slider_on_two_guides(**settings):
 
 
 def doubly_driven_crank(first=3.0, second=3.0, **settings):
-    mech = bd.Mechanism(**settings)
-    crank = mech.add(bd.RigidBody("crank", 1.0, 0.1, center=(0.5, 0.0)))
+    crank = bd.RigidBody("crank", 1.0, 0.1, center=(0.5, 0.0))
+    mech, crank = driven(crank, lambda t: first * t, **settings)
     hub = (mech.ground.at(0.0, 0.0), crank.at(0.0, 0.0))
-    mech.add(bd.Revolute("bearing", *hub))
-    mech.add(bd.Driver("motor", *hub, law=lambda t: first * t))
     motor = mech.add(bd.Driver("second motor", *hub, law=lambda t: second * t + t**2 - t**2))
     mech.observe("second motor", motor.reaction)
     return mech
@@ -60,13 +67,9 @@ def doubly_driven_crank(first=3.0, second=3.0, **settings):
 
 def linkage_without_a_guide():
     """Return a crank with an unguided rod, and a body without joints."""
-    mech = bd.Mechanism(gravity=EARTH)
-    crank = mech.add(bd.RigidBody("crank", 1.0, 0.1, center=(0.5, 0.0)))
+    mech, crank = driven(bd.RigidBody("crank", 1.0, 0.1, center=(0.5, 0.0)), 0.0, 9.81)
     rod = mech.add(bd.RigidBody("rod", 1.0, 0.1, center=(2.0, 0.0)))
     mech.add(bd.RigidBody("lost", 1.0, 0.1, center=(5.0, 5.0)))
-    hub = (mech.ground.at(0.0, 0.0), crank.at(0.0, 0.0))
-    mech.add(bd.Revolute("bearing", *hub))
-    mech.add(bd.Driver("motor", *hub, law=0.0))
     mech.add(bd.Revolute("pin", crank.at(1.0, 0.0), rod.at(1.0, 0.0)))
     return mech
 
@@ -217,8 +220,7 @@ def test_pendulums_and_bodies_with_a_velocity_are_not_in_the_verdict(gravity, ve
 
 def test_rods_of_constant_length_are_no_drivers():
     """A stone on a rope, which its weight moves, had no load along its free motion."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    stone = mech.add(bd.PointMass("stone", 1.0, at=(1.0, 0.0)))
+    mech, stone = free_ball((1.0, 0.0), name="stone", gravity=9.81)
     mech.add(bd.Distance("rope", mech.ground.at(0.0, 0.0), stone.point))
     assert bd.check(mech, t_end=1.0, predict=False).unheld_motions == ()
 
@@ -443,35 +445,6 @@ def test_rigid_mobility_treats_a_beam_of_nodes_as_one_body():
         assert findings.rigid_mobility == mobility
         if mobility < 3:
             assert findings.free_motions == ("arch can rotate about (0.2, -0.3)",) * mobility
-
-
-@pytest.mark.parametrize("turn", [0.0, 0.7, 3.0])
-@pytest.mark.parametrize("backwards", [False, True])
-def test_check_does_not_depend_on_placement_or_order_of_parts(turn, backwards):
-    """Three parallel bars, rotated and translated, with joints in either order."""
-
-    c, s = np.cos(turn), np.sin(turn)
-
-    def place(x, y):
-        return 5.0 * turn + c * x - s * y, -2.0 * turn + s * x + c * y
-
-    mech, joints = bd.Mechanism(), []
-    coupler = mech.add(bd.RigidBody("coupler", 1.0, 0.1, center=place(1.3, 1.0)))
-    for k in range(3):
-        bar = mech.add(bd.RigidBody(f"bar {k}", 1.0, 0.1, center=place(k + 0.15, 0.5)))
-        foot, head = place(k, 0.0), place(k + 0.3, 1.0)
-        joints.append(bd.Revolute(f"foot {k}", mech.ground.at(*foot), bar.at(*foot)))
-        joints.append(bd.Revolute(f"head {k}", bar.at(*head), coupler.at(*head)))
-    for joint in reversed(joints) if backwards else joints:
-        mech.add(joint)
-    findings = bd.check(mech)
-    (redundancy,) = findings.dependent
-    assert set(redundancy.parts) == {joint.name for joint in joints}
-    if not backwards:
-        # The motion is the one that the last joint blocks again.
-        assert redundancy.blocks == "the rotation of the coupler"
-    assert redundancy.everywhere
-    assert (findings.mobility, len(findings.free_motions)) == (1, 1)
 
 
 def test_regression_joint_of_the_ground_and_two_bodies_connects_both():

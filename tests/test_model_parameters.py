@@ -5,7 +5,7 @@ import pickle
 from pathlib import Path
 
 import pytest
-from mechanisms import EARTH
+from mechanisms import EARTH, hinged_body
 
 import beamdae as bd
 from beamdae.cli.model_files.example_files import example_names
@@ -204,10 +204,8 @@ def foreign(
     converts="all",
 ):
     """Spring and driver with parameters that are not in SI units."""
-    mech = bd.Mechanism()
-    wheel = mech.add(bd.RigidBody("wheel", 1.0, 1.0))
+    mech, wheel = hinged_body(1.0, 1.0, name="wheel")
     at = mech.ground.at(0.0, 0.0), wheel.at(0.0, 0.0)
-    mech.add(bd.Revolute("bearing", *at))
     angle = swing if converts == "stiffness" else math.radians(swing)
     mech.add(bd.Driver("motor", *at, bd.sine(angle, 2.0)))
     stiffness = stiffness if converts == "swing" else 1e3 * stiffness

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mechanisms import free_ball
 
 import beamdae as bd
 from beamdae.symbolic.statements import Variable
@@ -231,8 +232,7 @@ def create_joint(**members):
 
 
 def add_joint(kind):
-    mech = bd.Mechanism()
-    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 1.0)))
+    mech, ball = free_ball((0.0, 1.0))
     mech.add(kind("pin", mech.ground.at(0.0, 1.0), ball.point))
     return mech
 

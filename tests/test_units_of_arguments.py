@@ -3,7 +3,7 @@
 import re
 
 import pytest
-from mechanisms import mass_on_rail
+from mechanisms import free_ball, mass_on_rail
 
 import beamdae as bd
 from beamdae import quantities
@@ -11,8 +11,7 @@ from beamdae import quantities
 
 @bd.model(t_end=0.1)
 def mass(spring=bd.param(50.0, "N/m"), weight=2.0):
-    mech, bob = mass_on_rail(weight, 1.0, name="bob")
-    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), bob.point, spring, free_length=1.0))
+    mech, bob = mass_on_rail(weight, 1.0, name="bob", spring=(spring, 0.0, 1.0))
     mech.add(bd.Force("push", bob.point, (1.0, 0.0)))
     mech.observe("bob", bob.point)
     return mech
@@ -66,8 +65,7 @@ def test_regression_stiffnesses_of_nonlinear_contacts_are_not_in_newton_per_mete
 
     @bd.model(t_end=0.1)
     def drop(k=bd.param(5e3, unit)):
-        mech = bd.Mechanism()
-        ball = mech.add(bd.PointMass("ball", 0.2, at=(0.0, 0.01)))
+        mech, ball = free_ball((0.0, 0.01), 0.2)
         floor = bd.LineSurface(mech.ground.at(0.0, 0.0))
         stop = mech.add(bd.Contact("stop", ball.point, floor, k, **exponent))
         assert type(stop.stiffness) is float

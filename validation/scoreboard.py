@@ -23,7 +23,9 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cache, partial
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
+from pkgutil import resolve_name
 from types import ModuleType
 from typing import Any
 
@@ -119,14 +121,27 @@ def count_digits(error: float) -> float:
 
 
 @cache
-def _load_structures() -> dict[str, Any]:
-    from benchmarks.critical_loads.cases import CASES
+def _load_cases(place: str) -> dict[str, Any]:
+    """Return the cases of a place "module:name" by name: a dictionary, a tuple, or a function."""
+    cases = resolve_name(place)
+    cases = cases() if callable(cases) else cases
+    return cases if isinstance(cases, dict) else {case.name: case for case in cases}
 
-    return {f"{case.group}, {case.name}": case for case in CASES}
+
+def _judge_case(place: str, judge: Callable[[str, Any], Outcome], name: str) -> Outcome:
+    return judge(name, _load_cases(place)[name])
 
 
-def _try_structure(name: str) -> Outcome:
-    rows = list(_load_structures()[name].all_rows())
+def _case_board(
+    name: str, place: str, judge: Callable[[str, Any], Outcome], quick: int, **settings: Any
+) -> Board:
+    """Return the board of the cases of a place, each of which `judge` runs by name and case."""
+    cases, attempt = partial(_load_cases, place), partial(_judge_case, place, judge)
+    return Board(name, cases, attempt, quick, **settings)
+
+
+def _judge_structure(name: str, case: Any) -> Outcome:
+    rows = list(case.all_rows())
     verdicts = {"missed": MISSED, "ended": MISSED, "invented": FALSE, "ok": RIGHT}
     departures = [row for row in rows if row["verdict"] != "ok"]
     worst = [verdicts.get(row["verdict"], WRONG) for row in rows]
@@ -136,20 +151,17 @@ def _try_structure(name: str) -> Outcome:
     return Outcome(name, verdict, min(digits, default=np.nan), len(rows), reason=reason)
 
 
-@cache
-def _load_error_cases() -> dict[str, Any]:
-    from error_statements.cases import ALL
-
-    return {case.name: case for case in ALL}
-
-
-def _try_statement(name: str) -> Outcome:
+def _judge_statement(name: str, case: Any) -> Outcome:
     from error_statements.statements import compare, read_statement
 
-    case = _load_error_cases()[name]
     solution = case.run()
     result = compare(case, solution, read_statement(solution))
     return _report(name, result, solution.statistics.steps)
+
+
+def _judge_errors(name: str, compare: Callable[[], Any]) -> Outcome:
+    result = compare()
+    return _report(name, result, result.wrong)
 
 
 def _report(name: str, result: Any, count: float) -> Outcome:
@@ -159,40 +171,12 @@ def _report(name: str, result: Any, count: float) -> Outcome:
     return Outcome(name, verdict, count=count, reason=reason)
 
 
-# Modules of error_statements by board.
-_ERROR_BOARDS = {
-    "errors of equilibria": "statics",
-    "errors of modes": "modes",
-    "errors of motions": "periodic",
-}
-
-
-@cache
-def _load_errors(board: str) -> dict[str, Any]:
-    module = import_module(f"error_statements.{_ERROR_BOARDS[board]}")
-    cases: dict[str, Any] = module.list_cases()
-    return cases
-
-
-def _try_errors(board: str, name: str) -> Outcome:
-    result = _load_errors(board)[name]()
-    return _report(name, result, result.wrong)
-
-
 _RTOL = 1e-4
 
 
-@cache
-def _load_tolerance_cases() -> dict[str, Any]:
-    from tolerances.cases import ALL
-
-    return {case.name: case for case in ALL}
-
-
-def _try_tolerance(name: str) -> Outcome:
+def _judge_tolerance(name: str, case: Any) -> Outcome:
     from tolerances.references import measure_errors
 
-    case = _load_tolerance_cases()[name]
     solution = case.run(bd.Auto(_RTOL))
     steps = solution.statistics.steps
     if not solution.status.success:
@@ -242,24 +226,7 @@ def _try_mechanism(name: str) -> Outcome:
     return Outcome(name, verdict, count_digits(error), steps, reason=reason)
 
 
-@cache
-def _load_benchmarks(board: str) -> dict[str, Any]:
-    from benchmarks.modes import MODE_CASES
-    from benchmarks.periodic_motions import PERIODIC_CASES
-    from benchmarks.section_forces import SECTION_FORCE_CASES
-    from benchmarks.static_cases import STATIC_CASES
-
-    cases = {
-        "modes": MODE_CASES,
-        "periodic motions": PERIODIC_CASES,
-        "section forces": SECTION_FORCE_CASES,
-        "equilibria": STATIC_CASES,
-    }
-    return {case.name: case for case in cases[board]}
-
-
-def _try_benchmark(board: str, name: str) -> Outcome:
-    case = _load_benchmarks(board)[name]
+def _judge_benchmark(name: str, case: Any) -> Outcome:
     errors = case.errors()
     quantity, error = max(errors.items(), key=lambda item: item[1])
     verdict = RIGHT if error <= case.tolerance else WRONG
@@ -267,31 +234,23 @@ def _try_benchmark(board: str, name: str) -> Outcome:
     return Outcome(name, verdict, count_digits(error), len(errors), reason=reason)
 
 
-@cache
-def _load_fits() -> dict[str, Any]:
-    import fits
-
-    return fits.CASES
-
-
-def _try_fit(name: str) -> Outcome:
-    result = _load_fits()[name]()
+def _judge_fit(name: str, fit: Callable[[], Any]) -> Outcome:
+    result = fit()
     verdict = MISSED if not result.success else RIGHT if result.is_right else WRONG
     digits = np.nan if np.isnan(result.error) else count_digits(result.error)
     return Outcome(name, verdict, digits, result.evaluations, reason=result.reason)
 
 
-def _list_studies() -> list[str]:
+def _list_studies() -> dict[str, ModuleType]:
     from pan_liu_2012.run import STUDIES
 
-    return [study.__name__ for study in STUDIES]
+    return {study.__name__: study for study in STUDIES}
 
 
 def _try_study(name: str) -> list[Outcome]:
     """Judge the claims of a study; a claim is right if its verdict is the stored one."""
-    from pan_liu_2012.run import STUDIES, judge_study, read_tables
+    from pan_liu_2012.run import judge_study, read_tables
 
-    study: ModuleType = next(x for x in STUDIES if x.__name__ == name)
     stored = read_tables()
     expected = stored["summary"].set_index("name")["verdict"]
     return [
@@ -300,7 +259,7 @@ def _try_study(name: str) -> list[Outcome]:
             RIGHT if row["verdict"] == expected[row["name"]] else WRONG,
             reason=f"{row['verdict']}: {row['ours']}",
         )
-        for _, row in judge_study(study, stored).iterrows()
+        for _, row in judge_study(_list_studies()[name], stored).iterrows()
     ]
 
 
@@ -313,14 +272,10 @@ def _list_trials(module: str) -> list[str]:
     return names
 
 
-def _draw_inputs(seed: int) -> list[str]:
-    names: list[str] = _load_trials("inputs.catalog").draw_names(300, seed)
-    return names
-
-
-def _draw_faults(seed: int) -> list[str]:
-    faults = list(_load_trials("faults").list_faults(slow=False))
-    return isolation.draw_sample(faults, 6, seed)
+def _draw_trials(module: str, size: int, seed: int) -> list[str]:
+    """Return names of a sample; a module may have its own function for it."""
+    draw = getattr(_load_trials(module), "draw_names", None)
+    return draw(size, seed) if draw else isolation.draw_sample(_list_trials(module), size, seed)
 
 
 def _try_trial(module: str, name: str) -> list[Outcome]:
@@ -333,26 +288,13 @@ def _try_trial(module: str, name: str) -> list[Outcome]:
     ]
 
 
-def _trial_board(
-    name: str,
-    module: str,
-    size: int,
-    quick: int,
-    time_limit: float,
-    draw: Callable[[int], Sequence[str]] | None = None,
-) -> Board:
+def _trial_board(name: str, module: str, size: int, quick: int, time_limit: float) -> Board:
     """Return the board of the trials of a module, of which samples of `size` are run."""
-
-    def draw_names(seed: int) -> list[str]:
-        return isolation.draw_sample(_list_trials(module), size, seed)
-
     cases, attempt = partial(_list_trials, module), partial(_try_trial, module)
-    return Board(name, cases, attempt, quick, time_limit, draw=draw or draw_names)
+    return Board(name, cases, attempt, quick, time_limit, draw=partial(_draw_trials, module, size))
 
 
 def _has_peer() -> bool:
-    from importlib.util import find_spec
-
     return find_spec("exudyn") is not None
 
 
@@ -378,31 +320,30 @@ def _time_beside_peer(name: str) -> Outcome:
     return Outcome(name, verdict, count=ratio, reason=f"{ratio:.2g} times the peer's time")
 
 
-def _benchmark_board(name: str, quick: int) -> Board:
-    cases, attempt = partial(_load_benchmarks, name), partial(_try_benchmark, name)
-    return Board(name, cases, attempt, quick)
-
-
+_LOADS, _ERRORS = "benchmarks.critical_loads.cases:CASES", "error_statements"
 BOARDS = (
-    Board("critical loads", _load_structures, _try_structure, quick=8, time_limit=900.0),
-    Board("error statements", _load_error_cases, _try_statement, quick=28),
-    *(
-        Board(name, partial(_load_errors, name), partial(_try_errors, name), quick=6)
-        for name in _ERROR_BOARDS
-    ),
-    Board("tolerances", _load_tolerance_cases, _try_tolerance, quick=18),
+    _case_board("critical loads", _LOADS, _judge_structure, quick=8, time_limit=900.0),
+    _case_board("error statements", f"{_ERRORS}.cases:ALL", _judge_statement, quick=28),
+    _case_board("errors of equilibria", f"{_ERRORS}.statics:list_cases", _judge_errors, quick=6),
+    _case_board("errors of modes", f"{_ERRORS}.modes:list_cases", _judge_errors, quick=6),
+    _case_board("errors of motions", f"{_ERRORS}.periodic:list_cases", _judge_errors, quick=6),
+    _case_board("tolerances", "tolerances.cases:ALL", _judge_tolerance, quick=18),
     Board("record", _list_mechanisms, _try_mechanism, quick=10),
-    _benchmark_board("equilibria", quick=6),
-    _benchmark_board("modes", quick=4),
-    _benchmark_board("periodic motions", quick=3),
-    _benchmark_board("section forces", quick=4),
-    Board("fits and designs", _load_fits, _try_fit, quick=3, time_limit=1800.0),
+    _case_board("equilibria", "benchmarks.static_cases:STATIC_CASES", _judge_benchmark, quick=6),
+    _case_board("modes", "benchmarks.modes:MODE_CASES", _judge_benchmark, quick=4),
+    _case_board(
+        "periodic motions", "benchmarks.periodic_motions:PERIODIC_CASES", _judge_benchmark, quick=3
+    ),
+    _case_board(
+        "section forces", "benchmarks.section_forces:SECTION_FORCE_CASES", _judge_benchmark, quick=4
+    ),
+    _case_board("fits and designs", "fits:CASES", _judge_fit, quick=3, time_limit=1800.0),
     Board("claims of the paper", _list_studies, _try_study, quick=2, time_limit=3600.0),
-    _trial_board("bad inputs", "inputs.catalog", 300, 60, 60.0, _draw_inputs),
+    _trial_board("bad inputs", "inputs.catalog", 300, 60, 60.0),
     _trial_board("hostile files", "files", 160, 40, 60.0),
     _trial_board("random mechanisms", "mechanisms", 6, 2, 600.0),
     _trial_board("random paths", "paths", 60, 5, 120.0),
-    _trial_board("faults", "faults", 6, 3, 600.0, _draw_faults),
+    _trial_board("faults", "faults", 6, 3, 600.0),
     _trial_board("interrupts", "interrupts", 6, 3, 400.0),
     Board(
         "times beside peer",

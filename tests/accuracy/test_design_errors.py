@@ -1,7 +1,7 @@
 """Errors of designs, compared with analyses of exact beams with four times the elements."""
 
 import pytest
-from mechanisms import STEEL, clamped_beam, rectangle
+from mechanisms import STEEL, cantilever, rectangle
 
 import beamdae as bd
 from beamdae import quantities
@@ -13,10 +13,7 @@ WIDTH = 0.01
 def bent_strip(height=2e-3, elements=1, strain="nonlinear"):
     """Return a clamped strip that a force bends far."""
     section = rectangle(height, WIDTH, damping=1e-3)
-    mech, beam = clamped_beam(section, elements, strain=strain)
-    mech.add(bd.Force("load", beam.end, (0.0, -0.1 * STEEL.E * WIDTH * 8e-9)))
-    mech.observe("tip", beam.end)
-    return mech
+    return cantilever(elements, 1.0, section, (0.0, -0.1 * STEEL.E * WIDTH * 8e-9), strain=strain)
 
 
 def optimize(limit, **parameters):

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from mechanisms import STEEL, clamped_beam, rectangle
+from mechanisms import STEEL, clamped_beam, mass_on_rail, rectangle
 from numpy.testing import assert_allclose
 
 import beamdae as bd
@@ -109,10 +109,7 @@ def test_modes_are_paired_by_their_shapes():
 
 
 def test_modes_that_cannot_be_refined_are_exact_or_not_checked():
-    mech = bd.Mechanism()
-    bob = mech.add(bd.PointMass("bob", 2.0, at=(1.0, 0.0)))
-    mech.add(bd.PointOnLine("line", mech.ground.at(0.0, 0.0), bob.point))
-    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), bob.point, stiffness=8.0))
+    mech, _ = mass_on_rail(2.0, 1.0, spring=(8.0,))
     assert bd.modes(mech).errors.largest == 0.0
     equations = bd.equations_of_motion(mech)
     (status,) = bd.modes(equations).errors.statuses

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from mechanisms import EARTH, mass_on_rail, rectangle
+from mechanisms import hinged_beam, mass_on_rail, rectangle
 
 import beamdae as bd
 
@@ -10,7 +10,7 @@ RUNS = bd.Radau(1e-6)
 STEEL = bd.Material(E=2.06e11, nu=0.3, rho=7850.0)
 
 
-def strut(load=0.9, elements=1, strain="nonlinear", ratio=0.3):
+def strut(load=0.9, ratio=0.3):
     """Return a column under a share of Euler's load that a distributed force shakes, and a period.
 
     The frequency is a share of the first natural frequency.
@@ -19,10 +19,7 @@ def strut(load=0.9, elements=1, strain="nonlinear", ratio=0.3):
     euler = np.pi**2 * section.EI / length**2
     rate = (np.pi / length) ** 2 * ((1.0 - load) * section.EI / section.rhoA) ** 0.5
     frequency = ratio * rate / (2.0 * np.pi)
-    mech = bd.Mechanism()
-    line = bd.Line((0.0, 0.0), (length, 0.0))
-    rod = mech.add(bd.Beam("rod", line, section, elements, strain=strain))
-    mech.add(bd.Revolute("left", mech.ground.at(0.0, 0.0), rod.start))
+    mech, rod = hinged_beam(section, 1, length, name="rod", strain="nonlinear")
     mech.add(bd.PointOnLine("right", mech.ground.at(0.0, 0.0), rod.end))
     mech.add(bd.Force("press", rod.end, (-load * euler, 0.0)))
     mech.add(bd.DistributedForce("shake", rod, (0.0, bd.sine(0.1, frequency))))
@@ -83,10 +80,7 @@ def test_fixed_steps_are_refined():
 def self_excited(elements=1, strain="nonlinear"):
     """Return a strip with a mass that a damper excites at deflections below 4 mm."""
     section = rectangle(2e-3, damping=2e-4, material=STEEL)
-    mech = bd.Mechanism(gravity=EARTH)
-    line = bd.Line((0.0, 0.0), (0.5, 0.0))
-    rod = mech.add(bd.Beam("rod", line, section, elements, strain=strain))
-    mech.add(bd.Revolute("left", mech.ground.at(0.0, 0.0), rod.start))
+    mech, rod = hinged_beam(section, elements, 0.5, name="rod", gravity=9.81, strain=strain)
     mech.add(bd.PointOnLine("right", mech.ground.at(0.0, 0.0), rod.end))
     mech.add(bd.Force("press", rod.end, (-0.3 * np.pi**2 * section.EI / 0.25, 0.0)))
     mech.add(bd.PointMass("lump", 0.1, on=rod.at(0.25)))

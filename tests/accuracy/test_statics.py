@@ -6,7 +6,7 @@ import warnings
 
 import numpy as np
 import pytest
-from mechanisms import clamped_beam, rectangle
+from mechanisms import clamped_beam, hinged_beam, rectangle, welded_frame
 
 import beamdae as bd
 
@@ -27,10 +27,8 @@ def cantilever(section, length, elements, force, **options):
 
 def column(elements, support="hinge", **options):
     """Return a column of 1 m under a force of EI / L^2, with a guide at its end."""
-    mech = bd.Mechanism()
-    beam = mech.add(bd.Beam("column", bd.Line((0.0, 0.0), (1.0, 0.0)), COLUMN, elements, **options))
-    joint = bd.Weld if support == "clamp" else bd.Revolute
-    mech.add(joint("left", mech.ground.at(0.0, 0.0), beam.start))
+    build = clamped_beam if support == "clamp" else hinged_beam
+    mech, beam = build(COLUMN, elements, name="column", **options)
     mech.add(bd.PointOnLine("right", mech.ground.at(0.0, 0.0), beam.end))
     mech.add(bd.Force("press", beam.end, (-COLUMN.EI, 0.0)))
     mech.observe("tip", beam.end)
@@ -133,11 +131,9 @@ def test_columns_near_their_buckling_load():
     """Deflections were off by 15 %, and by more near a false limit point, beside small strains."""
 
     def column(factor, **settings):
-        mech = bd.Mechanism()
         steel = bd.Material(E=205e9, nu=0.3, rho=7850.0)
         section = rectangle(3e-3, 0.025, material=steel)
-        beam = mech.add(bd.Beam("column", bd.Line((0.0, 0.0), (0.0, 0.9)), section, **settings))
-        mech.add(bd.Revolute("foot", mech.ground.at(0.0, 0.0), beam.start))
+        mech, beam = hinged_beam(section, None, (0.0, 0.9), name="column", **settings)
         mech.add(bd.TorsionSpring("clamp", mech.ground.at(0.0, 0.0), beam.start, 15.0))
         mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.9), beam.end, (0.0, 1.0)))
         mech.add(bd.Force("press", beam.end, (0.0, -168.6 * factor)))
@@ -200,13 +196,9 @@ def test_failed_paths_beyond_extremes_have_errors_of_their_last_load_factor():
 
 def lee_frame(**options):
     """Return the hinged right-angle frame of Lee et al. under a force at a fifth of its beam."""
-    mech, corner, right = bd.Mechanism(), (0.0, 1.2), (1.2, 1.2)
     section = rectangle(0.02, 0.03, material=bd.Material(E=7.2e10, nu=0.3, rho=2700.0))
-    post = mech.add(bd.Beam("post", bd.Line((0.0, 0.0), corner), section, **options))
-    beam = mech.add(bd.Beam("beam", bd.Line(corner, right), section, **options))
-    mech.add(bd.Revolute("foot", mech.ground.at(0.0, 0.0), post.start))
-    mech.add(bd.Revolute("right", mech.ground.at(*right), beam.end))
-    mech.add(bd.Weld("corner", post.end, beam.start))
+    points = [(0.0, 0.0), (0.0, 1.2), (1.2, 1.2)]
+    mech, (_, beam) = welded_frame(points, section, None, (bd.Revolute, bd.Revolute), **options)
     mech.add(bd.Force("press", beam.at(0.24), (0.0, -1000.0)))
     mech.observe("load", beam.at(0.24))
     return mech

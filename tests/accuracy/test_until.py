@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 import pytest
-from mechanisms import EARTH, clamped_beam, free_ball, rectangle
+from mechanisms import EARTH, clamped_beam, free_ball, hinged_beam, rectangle
 from numpy.testing import assert_allclose
 
 import beamdae as bd
@@ -15,11 +15,8 @@ STRIP = rectangle(0.002, 0.025, damping=2e-4, material=ALLOY)
 
 def pendulum(elements=1, strain="exact"):
     """Return a slender pendulum that swings from the horizontal, with a mass inside the beam."""
-    mech = bd.Mechanism(gravity=EARTH)
-    line = bd.Line((0.0, 0.0), (0.9, 0.0))
-    beam = mech.add(bd.Beam("strip", line, STRIP, elements=elements, strain=strain))
+    mech, beam = hinged_beam(STRIP, elements, 0.9, name="strip", gravity=9.81, strain=strain)
     mech.add(bd.PointMass("mass", 0.3, on=beam.at(0.7)))
-    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), beam.start))
     mech.observe("tip", beam.end)
     mech.observe("bow", beam.deformation(0.45, axes="frame"))
     return mech

@@ -141,8 +141,7 @@ class Loose(bd.GeneralizedAlpha):
 
 
 def oscillator():
-    mech, bob = mass_on_rail(x=1.2, name="bob")
-    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), bob.point, 100.0, free_length=1.0))
+    mech, bob = mass_on_rail(x=1.2, name="bob", spring=(100.0, 0.0, 1.0))
     mech.observe("bob", bob.point)
     return mech
 

@@ -2,9 +2,10 @@
 
 import warnings
 
+import mechanisms
 import numpy as np
 import pytest
-from mechanisms import clamped_beam, free_ball, hinged_beam, rectangle
+from mechanisms import clamped_beam, hinged_arch, hinged_beam, rectangle
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.optimize import brentq
 
@@ -16,15 +17,12 @@ SECTION = rectangle(1e-3)
 
 @bd.model(t_end=1.0)
 def truss(rise=0.2, support=200.0, supported=False):
-    """Von Mises truss: springs from (-1, 0) and (1, 0) to a crown, which a spring may support."""
-    mech, crown = free_ball((0.0, rise), name="crown")
-    for name, x in (("left", -1.0), ("right", 1.0)):
-        mech.add(bd.Spring(name, mech.ground.at(x, 0.0), crown.point, STIFFNESS))
+    """Von Mises truss, whose crown a spring may support."""
+    mech = mechanisms.truss(rise, STIFFNESS)
     if supported:
         # Long enough to remain vertical.
         foot = mech.ground.at(0.0, rise - 50.0)
-        mech.add(bd.Spring("support", foot, crown.point, support))
-    mech.add(bd.Force("press", crown.point, (0.0, -1.0)))
+        mech.add(bd.Spring("support", foot, mech.part("crown").point, support))
     return mech
 
 
@@ -130,10 +128,8 @@ def test_limit_points_of_a_supported_truss_merge_at_a_cusp(number):
 def test_buckling_load_over_the_stiffness_of_a_support(formulation, height):
     @bd.model(t_end=1.0)
     def column(spring=1.0):
-        mech, section = bd.Mechanism(), rectangle(height)
-        line = bd.Line((0.0, 0.0), (0.0, 1.0))
-        beam = mech.add(bd.Beam("column", line, section, 8, formulation=formulation))
-        mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+        section = rectangle(height)
+        mech, beam = clamped_beam(section, 8, (0.0, 1.0), name="column", formulation=formulation)
         mech.add(bd.Force("press", beam.end, (0.0, -section.EI)))
         # Long enough to remain horizontal.
         wall = mech.ground.at(1000.0, 1.0)
@@ -155,15 +151,8 @@ def test_buckling_load_over_the_stiffness_of_a_support(formulation, height):
 def test_shallow_arch_snaps_only_above_a_cusp():
     @bd.model(t_end=1.0)
     def arch(rise=0.01):
-        mech, section = bd.Mechanism(), rectangle(1e-2)
         curve = bd.Parabola(span=1.0, rise=rise)
-        beam = mech.add(bd.Beam("arch", curve, section, 4, formulation="exact"))
-        for name, end in (("left", beam.start), ("right", beam.end)):
-            mech.add(bd.Revolute(name, mech.ground.at(*end.point), end))
-        crown = beam.at(0.5 * curve.length)
-        mech.add(bd.Force("press", crown, (0.0, -1000.0)))
-        mech.observe("crown", crown)
-        return mech
+        return hinged_arch(curve, rectangle(1e-2), 4, 1000.0, formulation="exact")
 
     def count_limits(rise):
         path = bd.equilibrium(arch(rise=rise), to={"crown.y": -0.01})
@@ -184,15 +173,8 @@ def test_cusp_of_a_thin_arch():
 
     @bd.model(t_end=1.0)
     def arch(rise=1e-2, height=1e-2):
-        mech, section = bd.Mechanism(), rectangle(height)
         curve = bd.Parabola(span=1.0, rise=rise)
-        beam = mech.add(bd.Beam("arch", curve, section, 4, formulation="exact"))
-        for name, end in (("left", beam.start), ("right", beam.end)):
-            mech.add(bd.Revolute(name, mech.ground.at(*end.point), end))
-        crown = beam.at(0.5 * curve.length)
-        mech.add(bd.Force("press", crown, (0.0, -section.EI)))
-        mech.observe("crown", crown)
-        return mech
+        return hinged_arch(curve, rectangle(height), 4, formulation="exact")
 
     cusps = []
     for height in (1e-3, 1e-5):
@@ -213,15 +195,8 @@ def test_branch_point_of_an_arch_over_its_opening():
 
     @bd.model(t_end=1.0)
     def arch(angle=1.2):
-        mech = bd.Mechanism()
         curve = bd.Arc(-1.0, 2.0 * angle, start=(-np.sin(angle), 0.0), angle=angle)
-        beam = mech.add(bd.Beam("arch", curve, SECTION, 8, formulation="exact"))
-        for name, end in (("left", beam.start), ("right", beam.end)):
-            mech.add(bd.Revolute(name, mech.ground.at(*end.point), end))
-        crown = beam.at(0.5 * curve.length)
-        mech.add(bd.Force("press", crown, (0.0, -SECTION.EI)))
-        mech.observe("crown", crown)
-        return mech
+        return hinged_arch(curve, SECTION, formulation="exact")
 
     by, to = ("angle", "load"), {"crown.y": 0.1}
     curve = bd.boundary(arch, "branch point", by, (1.2, 0.8), step=0.1, to=to)
@@ -253,21 +228,8 @@ def test_flutter_load_of_a_column_with_damped_material():
 
 @pytest.mark.slow(reason="several seconds")
 def test_flutter_load_over_damping():
-    # Equal dampers c: 41/28 + c^2 / 2, see test_stability.
-    @bd.model(t_end=1.0)
-    def ziegler(damping=1.0):
-        mech = bd.Mechanism()
-        foot = mech.ground.at(0.0, 0.0)
-        lower = mech.add(bd.RigidBody("lower", 2.0, 1e-9, (0.0, 1.0)))
-        upper = mech.add(bd.RigidBody("upper", 1.0, 1e-9, (0.0, 2.0)))
-        knee = (lower.at(0.0, 1.0), upper.at(0.0, 1.0))
-        mech.add(bd.Revolute("foot", foot, lower.at(0.0, 0.0)))
-        mech.add(bd.Revolute("knee", *knee))
-        for name, a, b in (("first", foot, lower.at(0.0, 0.0)), ("second", *knee)):
-            mech.add(bd.TorsionSpring(name, a, b, 1.0, damping=damping))
-        mech.add(bd.Force("follower", upper.at(0.0, 2.0), (0.0, -1.0), axes="body"))
-        return mech
-
+    # Equal dampers c: 41/28 + c^2 / 2, see test_equilibrium_sensitivities.
+    ziegler = bd.model(t_end=1.0)(mechanisms.ziegler)
     by = ("damping", "load")
     curve = bd.boundary(ziegler, "flutter point", by, (1.0, 0.01), step=0.1, to=3.0)
     assert curve.status.success

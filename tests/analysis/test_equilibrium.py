@@ -29,8 +29,7 @@ def test_pendulum_hangs_down_under_its_weight():
 
 def hanging_mass(force, counterforce=None):
     """Return a mass on a rigid rod of length 1 that hangs straight down, without gravity."""
-    mech = bd.Mechanism()
-    mass = mech.add(bd.PointMass("bob", 1.0, at=(0.0, -1.0)))
+    mech, mass = free_ball((0.0, -1.0), name="bob")
     mech.add(bd.Distance("rod", mech.ground.at(0.0, 0.0), mass.point))
     mech.add(bd.Force("pull", mass.point, force))
     if counterforce is not None:
@@ -73,12 +72,18 @@ def test_motion_without_stiffness_is_named():
         assert len(bd.equilibrium(mech, to={"bob.y": -0.5}).q) == 1
 
 
-def test_start_chooses_a_position_that_no_load_determines():
+def slide_on_rail(*load):
+    """Return a slide that moves freely along x, and a load at a place on it."""
     mech = bd.Mechanism()
     slide = mech.add(bd.RigidBody("slide", 1.0, 0.1, (0.3, 0.0)))
     mech.add(bd.Prismatic("rail", mech.ground.at(0.0, 0.0), slide.at(0.0, 0.0)))
-    mech.add(bd.Force("push", slide.at(0.2, 0.0), (0.0, -3.0)))
+    mech.add(bd.Force("load", slide.at(0.3, 0.0), load))
     mech.observe("slide", slide.at(0.3, 0.0))
+    return mech, slide
+
+
+def test_start_chooses_a_position_that_no_load_determines():
+    mech, _ = slide_on_rail(0.0, -3.0)
     with pytest.warns(bd.BeamdaeWarning, match=r"slide\.x is free .* start={'slide\.x': \.\.\.}"):
         assert not bd.equilibrium(mech, to={"slide.x": 0.5}).status.success
     with pytest.warns(
@@ -91,13 +96,9 @@ def test_start_chooses_a_position_that_no_load_determines():
 @pytest.mark.parametrize("x", [0.401, 0.405, 0.41, 0.395])
 def test_displacements_are_prescribed_beyond_a_free_motion(x):
     """A mechanism that is free to move without load had no path to a displacement."""
-    mech = bd.Mechanism()
-    slide = mech.add(bd.RigidBody("slide", 1.0, 0.1, (0.3, 0.0)))
-    mech.add(bd.Prismatic("rail", mech.ground.at(0.0, 0.0), slide.at(0.0, 0.0)))
-    mech.add(bd.Force("pull", slide.at(0.3, 0.0), (10.0, 0.0)))
+    mech, slide = slide_on_rail(10.0, 0.0)
     stop = bd.LineSurface(mech.ground.at(0.4, 0.0), (0.0, 1.0))
     mech.add(bd.Contact("stop", slide.at(0.3, 0.0), stop, stiffness=1e3, exponent=1.0))
-    mech.observe("slide", slide.at(0.3, 0.0))
     path = bd.equilibrium(mech, to={"slide.x": x})
     assert path.status.success
     assert path["slide.x"].iloc[-1] == pytest.approx(x)
@@ -148,23 +149,6 @@ def test_start_in_equilibrium_is_the_same_state():
     run = bd.simulate(mass_on_bushing(), bd.Radau(1e-6), 0.01, start=rest)
     assert_allclose(run.q, np.tile(rest.q[-1], (len(run.q), 1)), rtol=1e-2)
     assert_allclose(run.q[0], rest.q[-1], rtol=1e-12)
-
-
-def test_contact_carries_the_applied_force():
-    mech = bd.Mechanism()
-    body = mech.add(bd.RigidBody("ball", 1.0, 1.0, (0.0, 0.0)))
-    ball, foot = body.at(0.0, 0.0), mech.ground.at(0.0, 0.0)
-    contact = mech.add(bd.Contact("floor", ball, bd.LineSurface(foot), stiffness=1e6))
-    mech.add(bd.Bushing("guide", foot, ball, kx=100.0, ktheta=1.0))
-    mech.add(bd.Force("press", ball, (1.0, -50.0)))
-    mech.observe("ball", ball)
-    mech.observe("floor", contact.force)
-    path = bd.equilibrium(mech)
-    assert path.status.success
-    assert path.stable
-    assert path.columns["ball.x [m]"][-1] == pytest.approx(0.01, rel=1e-9)
-    normal = [x for name, x in path.columns.items() if name.startswith("floor")]
-    assert max(abs(x[-1]) for x in normal) == pytest.approx(50.0, rel=1e-9)
 
 
 @pytest.mark.parametrize("exponent", [1.0, 1.5])
@@ -224,25 +208,6 @@ def test_redundant_joints_share_reactions_of_minimum_norm():
     assert abs(rest.lam[-1, 1]) == pytest.approx(10.0)
 
 
-def test_equilibrium_of_a_constrained_system():
-    import casadi as ca
-
-    t, q, v = (ca.SX.sym(*x) for x in (("t",), ("q", 2), ("v", 2)))
-    system = bd.ConstrainedSystem(
-        t=t,
-        q=q,
-        v=v,
-        mass=[1.0, 1.0],
-        force=ca.vertcat(0.0, -9.81),
-        q0=[0.6, -0.8],
-        v0=[0, 0],
-        constraints=ca.dot(q, q) - 1.0,
-    )
-    rest = bd.equilibrium(system)
-    assert_allclose(rest.q, [[0.0, -1.0]], atol=1e-9)
-    assert rest.factor == 1.0
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -285,27 +250,6 @@ def test_nonholonomic_constraints_are_rejected():
         bd.equilibrium(mech)
 
 
-@pytest.mark.slow(reason="a fifth of a second")
-def test_modes_about_the_end_of_a_path():
-    def pulled_mass(load):
-        mech = mass_on_bushing()
-        mech.add(bd.Force("pull", mech.parts["mass"].at(0.3, 0.0), (load, 0.0)))
-        return mech
-
-    path = bd.equilibrium(pulled_mass(5.0))
-    on_path, at_rest = (bd.modes(pulled_mass(5.0), about=x) for x in (path, "equilibrium"))
-    assert not on_path.warnings
-    assert_allclose(on_path.eigenvalues, at_rest.eigenvalues, rtol=1e-9)
-    # The pull adds rotational stiffness, so the frequencies differ from those as drawn.
-    assert abs(on_path.eigenvalues[0]) > 1.02 * abs(bd.modes(mass_on_bushing()).eigenvalues[0])
-    half = bd.equilibrium(pulled_mass(5.0), loads="pull", to=0.5)
-    on_path, at_rest = (
-        bd.modes(pulled_mass(5.0), about=half),
-        bd.modes(pulled_mass(2.5), about="equilibrium"),
-    )
-    assert_allclose(on_path.eigenvalues, at_rest.eigenvalues, rtol=1e-9)
-
-
 @pytest.mark.filterwarnings("ignore::beamdae.errors.BeamdaeWarning")
 def test_free_coordinates_belong_to_rows():
     # The load at the hinge does not resist the rotation.
@@ -344,15 +288,14 @@ def test_regression_equilibria_with_drivers_need_no_inertia():
 )
 def test_regression_loads_reverse_where_a_snapping_truss_meets_a_stop(stiffness, exponent):
     """Arc length failed at the corner, or called it a branch point."""
-    mech, spring, width, height, stop = bd.Mechanism(), 1000.0, 1.0, 0.2, -0.1
-    mass = mech.add(bd.PointMass("mass", 1.0, at=(0.0, height)))
+    spring, width, height, stop = 1000.0, 1.0, 0.2, -0.1
+    mech, mass = free_ball((0.0, height), name="mass")
     for side in (-width, width):
         foot = mech.ground.at(side, 0.0)
         mech.add(bd.Spring(f"spring at {side:g}", foot, mass.point, stiffness=spring))
     surface = bd.LineSurface(mech.ground.at(0.0, stop))
     mech.add(bd.Contact("stop", mass.point, surface, stiffness, exponent))
     mech.add(bd.Force("load", mass.point, (0.0, -1.0)))
-    mech.observe("mass", mass.point)
 
     def load(y):
         stretch = 1.0 - np.hypot(width, height) / np.hypot(width, y)
@@ -380,8 +323,7 @@ def test_regression_positions_that_a_driver_prescribes_are_refused_with_the_time
 
 def test_a_load_that_no_spring_carries_ends_a_path_of_a_free_mass():
     """The force of the spring is largest, 4.29 N, at y = 0.707 m; nothing resists along x."""
-    mech = bd.Mechanism()
-    bob = mech.add(bd.PointMass("bob", 1.0, at=(0.0, 0.0)))
+    mech, bob = free_ball(name="bob")
 
     def soften(a, t):
         return 0.0, -10.0 * a.position[1] * np.exp(-(a.position[1] ** 2))

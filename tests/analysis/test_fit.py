@@ -9,7 +9,6 @@ import pytest
 from mechanisms import clamped_beam, free_ball, rectangle
 
 import beamdae as bd
-from beamdae.analysis.fit.problem import FitProblem
 
 METHOD = bd.GeneralizedAlpha(step=0.01)
 TIMES = np.linspace(0.0, 2.0, 41)
@@ -293,20 +292,6 @@ def oscillator_with_unused_number(stiffness=30.0, unused=1.0):
 
 
 @SLOW
-def test_regression_fits_that_explain_little_cause_a_warning(exact):
-    # The model oscillates at half of the measured frequency, and only the damping is free.
-    data = {"t [s]": TIMES, "mass.x": exact["mass.x"]}
-    options = {
-        "parameters": {"stiffness": 0.25 * TRUE["stiffness"]},
-        "bounds": {"damping": (0, 50)},
-    }
-    with pytest.warns(bd.BeamdaeWarning, match=r"explains (only|the data less well)"):
-        result = bd.fit(oscillator, data, "damping", METHOD, **options)
-    assert result.status.kind == "limited"
-    assert "start from other values" in result.status.sentence
-
-
-@SLOW
 @pytest.mark.parametrize("noise", [0.0, 1e-5])
 def test_regression_fits_of_constant_data_cause_no_warning(noise):
     """The variance of the data is noise, or rounding, of which nothing can be explained."""
@@ -315,36 +300,6 @@ def test_regression_fits_of_constant_data_cause_no_warning(noise):
     start = {"mass.x_dot": 0.0}
     result = bd.fit(oscillator_with_unused_number, at_rest, "stiffness", METHOD, start=start)
     assert not any("variance" in sentence or "mean" in sentence for sentence in result.warnings)
-
-
-@bd.model(t_end=0.5)
-def pushed_rod(near=0.0, far=0.0):
-    """Free rod with forces at its center and at its end, which are missing in the equations."""
-    mech = bd.Mechanism()
-    rod = mech.add(bd.RigidBody.rod("rod", (0.0, 0.0), (1.0, 0.0), mass=1.0))
-    for name, x, force in (("near", 0.5, near), ("far", 1.0, far)):
-        if force:
-            mech.add(bd.Force(name, rod.at(x, 0.0), (0.0, force)))
-    mech.observe("rod", rod.at(0.5, 0.0))
-    return mech
-
-
-@SLOW
-def test_regression_missing_forces_that_differ_in_their_points():
-    """The derivatives of both were those of the first: the fit ended at zero, infinitely uncertain.
-
-    The force at the end turns the rod, whose inertia is 1/12 kg m^2, with a lever of 0.5 m.
-    """
-    times = np.linspace(0.05, 0.5, 10)
-    noise = np.random.default_rng(1).normal(scale=NOISE, size=(2, times.size))
-    data = {"t [s]": times, "rod.y": noise[0], "rod.angle": noise[1]}
-    result = bd.fit(pushed_rod, data, ["near", "far"], METHOD, sigma=NOISE)
-    path = times**2 / 2.0
-    columns = np.array([[path, path], [0.0 * path, 6.0 * path]]).swapaxes(1, 2).reshape(-1, 2)
-    expected = np.linalg.lstsq(columns, noise.ravel())[0]
-    assert list(result.parameters.values()) == pytest.approx(expected, rel=1e-3)
-    covariance = NOISE**2 * np.linalg.inv(columns.T @ columns)
-    np.testing.assert_allclose(result.covariance, covariance, rtol=1e-3)
 
 
 @SLOW
@@ -437,21 +392,3 @@ def test_regression_intervals_beside_a_parameter_at_a_bound(noisy):
     np.testing.assert_allclose(result.table().loc[list(TRUE), names], expected, rtol=1e-3)
     np.testing.assert_allclose(result.table().loc["weak", names], [0.2, 0.4], rtol=1e-6)
     np.testing.assert_allclose(result.standard_deviations[:2], alone.standard_deviations, rtol=1e-2)
-
-
-@pytest.mark.slow(reason="a fit with 40 evaluations")
-def test_regression_searches_do_not_run_models_with_absurd_values(noisy, monkeypatch):
-    """The search tried a damping of inf and, of models that did not move, one of 1e62."""
-    evaluate, dampings = FitProblem.evaluate, []
-
-    def record(problem, values):
-        dampings.append(values[1])
-        return evaluate(problem, values)
-
-    monkeypatch.setattr(FitProblem, "evaluate", record)
-    first = {"stiffness": 200.0, "damping": 1e-5}
-    result = bd.fit(oscillator, noisy, list(TRUE), METHOD, log=["damping"], parameters=first)
-    assert result.status.success
-    assert result.parameters == pytest.approx(TRUE, rel=0.1)
-    assert max(dampings) < 1e12 * first["damping"]
-    assert len(dampings) < 45

@@ -358,14 +358,6 @@ def test_regression_bounds_of_shifts_after_the_first_data_are_reduced():
         bd.fit(oscillator, data, ["stiffness"], shift=["mass.x"], **options)
 
 
-def test_tables_that_are_too_large_are_rejected(tmp_path, monkeypatch):
-    monkeypatch.setattr("beamdae.analysis.fit.data._MAX_DATA", 5)
-    path = tmp_path / "data.csv"
-    pd.DataFrame({"t [s]": TIMES, "mass.x": TIMES}).to_csv(path, index=False)
-    with pytest.raises(bd.BeamdaeError, match="more than 5; average or omit"):
-        bd.fit(oscillator, path, "stiffness", METHOD, sigma=1.0)
-
-
 @pytest.mark.parametrize(
     "text",
     [

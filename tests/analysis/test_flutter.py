@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import scipy.linalg as la
-from mechanisms import STEEL, clamped_beam, rectangle
+from mechanisms import STEEL, clamped_beam, portal_points, rectangle, welded_frame
 from numpy.testing import assert_allclose
 from scipy.optimize import fsolve
 
@@ -20,17 +20,9 @@ SHIFT = 100.0
 
 def frame(damping=1e-5, mass=0.2, elements=8, options=EXACT, height=0.004):
     """Return an L frame of 1 m by 1 m with a tip mass, under a follower force of 40 EI / L^2."""
-    mech = bd.Mechanism()
     section = rectangle(height, damping=damping)
-    column, arm = (
-        mech.add(bd.Beam(name, bd.Line(start, end), section, elements, **options))
-        for name, start, end in (
-            ("column", (0.0, 0.0), (0.0, 1.0)),
-            ("arm", (0.0, 1.0), (1.0, 1.0)),
-        )
-    )
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), column.start))
-    mech.add(bd.Weld("corner", column.end, arm.start))
+    points = [(0.0, 0.0), (0.0, 1.0), (1.0, 1.0)]
+    mech, (_, arm) = welded_frame(points, section, elements, (bd.Weld, None), **options)
     mech.add(bd.PointMass("mass", mass, on=arm.end))
     mech.add(bd.Force("load", arm.end, (-40.0 * section.EI, 0.0), axes="body"))
     return mech
@@ -158,17 +150,8 @@ def test_regression_flutter_of_slender_damped_columns_is_located_without_noise()
 
 def portal(damping, elements):
     """Return a clamped portal frame of 1 m by 1 m with follower forces on both corners."""
-    mech = bd.Mechanism()
     section = rectangle(0.01, damping=damping)
-    corners = [(0.0, 0.0), (0.0, 1.0), (1.0, 1.0), (1.0, 0.0)]
-    left, beam, right = (
-        mech.add(bd.Beam(name, bd.Line(start, end), section, elements, **EXACT))
-        for name, start, end in zip(("left", "beam", "right"), corners, corners[1:], strict=False)
-    )
-    mech.add(bd.Weld("left foot", mech.ground.at(0.0, 0.0), left.start))
-    mech.add(bd.Weld("right foot", mech.ground.at(1.0, 0.0), right.end))
-    mech.add(bd.Weld("left corner", left.end, beam.start))
-    mech.add(bd.Weld("right corner", beam.end, right.start))
+    mech, (left, _beam, right) = welded_frame(portal_points(), section, elements, **EXACT)
     for name, at, load in (("first", left.end, 1.0), ("second", right.start, 0.8)):
         mech.add(bd.Force(name, at, (0.3 * section.EI, -load * section.EI), axes="body"))
     return mech

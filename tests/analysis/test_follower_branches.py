@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from mechanisms import clamped_beam, rectangle
+from mechanisms import clamped_beam, lee_frame, rectangle
 from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
@@ -85,15 +85,7 @@ def test_divergence_ends_where_half_of_the_force_follows():
 @FORMULATIONS
 def test_limit_points_of_a_frame_under_a_follower_force(options):
     # Lee's frame with a follower force: the tangent is not symmetric.
-    section = rectangle(2.0, 3.0, material=bd.Material(E=7.2e6, nu=0.3, rho=1.0))
-    mech, corner, right = bd.Mechanism(), (0.0, 120.0), (120.0, 120.0)
-    upright = mech.add(bd.Beam("column", bd.Line((0.0, 0.0), corner), section, 4, **options))
-    beam = mech.add(bd.Beam("beam", bd.Line(corner, right), section, 5, **options))
-    mech.add(bd.Weld("corner", upright.end, beam.start))
-    mech.add(bd.Revolute("foot", mech.ground.at(0.0, 0.0), upright.start))
-    mech.add(bd.Revolute("right", mech.ground.at(*right), beam.end))
-    mech.add(bd.Force("press", beam.at(24.0), (0.0, -1000.0), axes="body"))
-    path = bd.equilibrium(mech, to=60.0, control="arc length", step=0.2)
+    path = bd.equilibrium(lee_frame(5, "body", **options), to=60.0, control="arc length", step=0.2)
     assert path.status.success
     assert [point.kind for point in path.critical] == ["limit point"] * 2
     # Values of 16 elements; those of 4 elements differ by 5e-5.

@@ -6,7 +6,7 @@ vibrations, and they split the double zero eigenvalues of free motions.
 
 import numpy as np
 import pytest
-from mechanisms import STEEL, rectangle
+from mechanisms import STEEL, hinged, rectangle
 from numpy.testing import assert_allclose
 
 import beamdae as bd
@@ -66,45 +66,6 @@ def test_free_motions_do_not_depend_on_the_number_of_modes(formulation, support,
         elif len(vibrations):
             # Rounding of the axial stiffness is 1e-5 of the lowest squared frequency at 0.2 mm.
             assert_allclose(vibrations.imag, reference.imag, rtol=1e-4)
-
-
-def count_free_motions(mech, n, damping):
-    modes = bd.modes(mech, n=n, damping=damping)
-    assert "unstable" not in modes.kinds
-    return int(np.sum(modes.eigenvalues == 0.0))
-
-
-@pytest.mark.slow(reason="a fifth of a second")
-@pytest.mark.parametrize(
-    ("slenderness", "elements"),
-    [
-        (1e5, 8),
-        # More than 250 coordinates: sparse matrices.
-        *(
-            pytest.param(slenderness, elements, marks=pytest.mark.slow(reason="two seconds each"))
-            for slenderness in (10, 1e3, 1e5)
-            for elements in (4, 32)
-        ),
-    ],
-)
-@pytest.mark.parametrize("support", SUPPORTS)
-@pytest.mark.parametrize("formulation", FORMULATIONS)
-def test_damped_and_undamped_modes_count_equally_many_free_motions(
-    formulation, support, slenderness, elements
-):
-    mech = strip(support, 1.0 / slenderness, 1e-5, elements, **FORMULATIONS[formulation])
-    for n in (1, 2, 3, 4, 7, 10):
-        expected = min(n, SUPPORTS[support])
-        assert count_free_motions(mech, n, damping=True) == expected
-        assert count_free_motions(mech, n, damping=False) == expected
-
-
-@pytest.mark.parametrize("support", SUPPORTS)
-def test_free_motions_do_not_depend_on_units(support):
-    """A steel strip of 1000 mm x 0.1 mm in mm, t and s."""
-    steel = bd.Material(E=STEEL.E * 1e-6, nu=STEEL.nu, rho=STEEL.rho * 1e-12)
-    mech = strip(support, 0.1, 1e-5, material=steel, length=1000.0, formulation="exact")
-    assert count_free_motions(mech, 6, damping=True) == SUPPORTS[support]
 
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
@@ -178,9 +139,7 @@ def test_spinning_free_ring_is_neutral(height, damping, speed, formulation):
 
 def rotor(is_clamped, formulation="exact"):
     """Return a hub on a shaft with a blade, which is not clamped if its joint is forgotten."""
-    mech = bd.Mechanism()
-    hub = mech.add(bd.RigidBody.disk("hub", (0.0, 0.0), 0.1, mass=5.0))
-    mech.add(bd.Revolute("shaft", mech.ground.at(0.0, 0.0), hub.at(0.0, 0.0)))
+    mech, hub = hinged(bd.RigidBody.disk("hub", (0.0, 0.0), 0.1, mass=5.0))
     section = rectangle(0.005, 0.03)
     line = bd.Line((0.1, 0.0), (0.6, 0.0))
     blade = mech.add(bd.Beam("blade", line, section, elements=2, formulation=formulation))

@@ -1,12 +1,11 @@
 """Gradients by the adjoint: against forward derivatives, closed forms and single differences."""
 
-import importlib
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from differentiable_models import skater, swing, turning
-from mechanisms import EARTH, clamped_beam, free_ball
+from mechanisms import EARTH, clamped_beam, free_ball, hinged_body
 from quick_return import quick_return
 from slider_crank import slider_crank
 
@@ -14,14 +13,9 @@ import beamdae as bd
 from beamdae import quantities
 from beamdae.analysis.gradients.flat_model import FlatModel
 from beamdae.analysis.gradients.objectives import SampleGrid
-from beamdae.analysis.sensitivities import many_parameters
 from beamdae.analysis.sensitivities.many_parameters import difference_models
 from beamdae.analysis.sensitivities.observable_derivatives import read_column
-from beamdae.equations.formulations.step_equations import formulate_step
 from beamdae.native.object_code import is_native_enabled
-from beamdae.symbolic.sums.directional_sums import directional_plan
-from beamdae.symbolic.sums.kernel_sums import evaluate_sum, set_time
-from beamdae.symbolic.sums.transposed_sums import transposed_plan
 
 MASS, SPEED = 2.0, 0.3
 # Derivatives of positions along both paths differ by rounding errors. In derivatives of multipliers
@@ -62,9 +56,7 @@ def arm(thickness=(0.004,) * 12, torque=1.0, elements=4):
         height = float(np.interp(s, knots, thickness))
         return bd.Section.rectangle(alloy, width=0.02, height=height, damping=1e-3)
 
-    mech = bd.Mechanism()
-    hub = mech.add(bd.RigidBody("hub", mass=1.0, inertia=0.3))
-    mech.add(bd.Revolute("pivot", mech.ground.at(0.0, 0.0), hub.at(0.0, 0.0)))
+    mech, hub = hinged_body(mass=1.0, inertia=0.3, name="hub")
     mech.add(bd.Moment("torque", on=hub.at(0.0, 0.0), law=bd.sine(torque, 1.0)))
     axis = bd.Arc(radius=1.0, length=1.0, start=(0.05, 0.0))
     beam = mech.add(bd.Beam("beam", axis, section, elements=elements))
@@ -174,50 +166,6 @@ def test_adjoint_agrees_with_forward_derivatives(case):
     assert_agrees_with_forward(model, by, t_end, **options)
 
 
-@pytest.mark.slow(reason="half a second and more")
-def test_gradients_of_runs_that_start_in_equilibrium():
-    method = bd.GeneralizedAlpha(step=5e-3)
-    result = bd.gradient(hanging, quantities.EndValue("tip.y"), ["load", "mass"], method)
-    forward = bd.sensitivities(hanging, ["load", "mass"], method, estimate_error=False)
-    actual = [forward.sensitivity("tip.y", x).iloc[-1] for x in ("load", "mass")]
-    np.testing.assert_allclose(actual, result.array, rtol=POSITIONS)
-    step = 1e-3
-    ahead, behind = (bd.simulate(hanging(mass=1.0 + x), method, 0.2) for x in (step, -step))
-    difference = (ahead["tip.y"].iloc[-1] - behind["tip.y"].iloc[-1]) / (2.0 * step)
-    assert actual[1] == pytest.approx(difference, rel=1e-5)
-
-
-MODELS = [
-    "hub_beam",
-    "pendulum",
-    "slider_crank",
-    "spin_up",
-    "four_bar",
-    "quick_return",
-    "leaf_spring_vehicle",
-    "sliding_mass",
-    "ring_mount",
-    "governor",
-    "shallow_arch",
-]
-
-
-@pytest.mark.slow(reason="differentiates all models twice")
-@pytest.mark.parametrize("name", [*MODELS, "hub_beam exact", "pendulum exact"])
-def test_all_parameters_of_the_models(name):
-    name, _, formulation = name.partition(" ")
-    model = getattr(importlib.import_module(name), name)
-    values = {"formulation": formulation} if formulation else {}
-    by = [k for k, x in model.parameters.items() if isinstance(x, float)]
-    # Rounding errors of multipliers are inversely proportional to the square of the step: with 1 ms
-    # and the exact formulation, they reach the tolerance, also if a parameter changes in its last
-    # digits.
-    step = 2e-3 if formulation else 1e-3
-    method = bd.GeneralizedAlpha(step=step)
-    # The condition numbers of the iteration matrices of stiff beams reach 1e7.
-    assert_agrees_with_forward(model, by, 10 * step, method, values, positions=1e-9)
-
-
 @pytest.mark.slow(reason="runs at a small tolerance")
 @pytest.mark.parametrize("t_end", [0.3894, 0.4917])
 def test_regression_undamped_slider_crank_with_radau(t_end):
@@ -235,34 +183,6 @@ def test_regression_undamped_slider_crank_with_radau(t_end):
         expected, size = chain_rule(forward, objective, name)
         size = max(size, NEGLIGIBLE * abs(actual.value / (forward.parameters[name] or 1.0)))
         assert abs(actual.derivatives[name] - expected) <= 1e-7 * size
-
-
-@pytest.mark.slow(reason="half a second and more")
-def test_few_parameters_are_changed_together():
-    heights = (0.006, 0.005, 0.004, 0.0035, 0.003)
-    entries = {f"height[{k}]": ("height", k) for k in range(5)}
-    tapered = replace(leaf, parameters={"height": heights})
-    model = FlatModel(tapered, entries)
-    base = bd.equations_of_motion(leaf(height=heights))
-    builds = []
-
-    def assemble(mechanism):
-        builds.append(1)
-        return bd.equations_of_motion(mechanism)
-
-    def differentiate(model):
-        differences = difference_models(model, list(model.entries), base, assemble)
-        return np.array([x.along(lambda e: e.p) for x in differences.values()])
-
-    many_parameters._latest_effects.pop(leaf.build, None)
-    first, second = ((differentiate(model), len(builds)) for _ in range(2))
-    # The search is not repeated: two groups of differences, and two models that verify them.
-    assert second[1] - first[1] == 4 * 2 + 2
-    np.testing.assert_array_equal(first[0], second[0])
-    for k, height in enumerate(heights):
-        one = FlatModel(tapered, {f"height[{k}]": ("height", k)})
-        (alone,) = differentiate(one)
-        assert np.all(np.abs(first[0][k] - alone) <= 1e-9 * np.abs(first[0]).max(axis=0)), height
 
 
 @bd.model(t_end=1.0)
@@ -343,25 +263,6 @@ def test_lists_of_floats_and_floats():
     ]
     together = (values[0] - values[1]) / 4e-6
     assert result.derivatives["thickness"].sum() == pytest.approx(together, rel=1e-5)
-
-
-@pytest.mark.slow(reason="a fifth of a second")
-@pytest.mark.parametrize("stabilized", [False])
-def test_transposed_sum_is_the_transpose_of_the_directional_sum(stabilized):
-    e = bd.equations_of_motion(arm())
-    plan, n, m, random = formulate_step(e, stabilized).sums[0], e.n, e.m, np.random.default_rng(0)
-    size = 4 * n + 2 * m
-    forward = directional_plan(plan, size).sum(False, e.p)
-    backward = transposed_plan(plan, size).sum(False, e.p)
-    for total in (forward, backward):
-        set_time(total, 0.1, 0.11)
-    x, dx = random.normal(size=(2, size))
-    dp, y = random.normal(size=len(e.p)) * e.p, random.normal(size=n + m)
-    change, gradient = np.zeros(n + m), np.zeros(size + len(e.p))
-    evaluate_sum(forward, np.concatenate([x, dx, dp]), change)
-    evaluate_sum(backward, np.concatenate([x, y]), gradient)
-    terms = gradient * np.concatenate([dx, dp])
-    assert abs(y @ change - terms.sum()) <= 1e-13 * np.abs(terms).sum()
 
 
 @pytest.mark.slow(reason="a fifth of a second")

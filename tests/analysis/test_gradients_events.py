@@ -17,7 +17,6 @@ from test_sensitivities_events import (
     moving,
     redirected,
     struck,
-    thrown,
 )
 
 import beamdae as bd
@@ -128,20 +127,6 @@ def test_integrals_over_the_long_steps_of_radau():
     assert speed == pytest.approx(fine, rel=1e-3)
 
 
-@pytest.mark.parametrize(
-    ("by", "values", "message"),
-    [
-        ("speed", {"first": 0.2, "second": 0.2}, "events first and second act at the same time"),
-        ("speed", {"first": 0.25}, "event first acts at a breakpoint of a law"),
-        ("breakpoint", {"breakpoint": 0.5}, "moves the breakpoint of a law at t = 0.5 s across"),
-    ],
-)
-@pytest.mark.slow(reason="half a second and more")
-def test_times_without_derivatives_are_rejected(by, values, message):
-    with pytest.raises(bd.BeamdaeError, match=f"gradient: .*{message}"):
-        bd.gradient(thrown, quantities.EndValue("ball.x"), by, parameters=values)
-
-
 STOPPED = {"alpha": bd.GeneralizedAlpha(step=2e-3), "radau": bd.Radau(rtol=1e-6)}
 
 
@@ -202,17 +187,6 @@ def test_section_forces_and_stresses(method):
         peak = np.abs(run.columns[column]).max()
         smooth = quantities.SmoothMaximum(column, 200.0).value(run)
         assert 0.95 * peak < smooth < 1.001 * peak
-
-
-@pytest.mark.slow(reason="several runs with impacts")
-@pytest.mark.parametrize("method", [bd.GeneralizedAlpha(step=0.02), bd.Radau(rtol=1e-5)])
-def test_optimization_of_a_run_with_impacts(method):
-    """Find a drop height for which the ball is at a given height after two impacts."""
-    target = bd.simulate(bounce(height=0.52), method, 0.9).columns["ball.y [m]"][-1]
-    error = quantities.SquaredErrors("ball.y", [0.9], [target], 1e-3)
-    result = bd.optimize(bounce, error, "height", integrator=method, t_end=0.9)
-    again = bd.simulate(bounce(**result.parameters), method, 0.9).columns["ball.y [m]"][-1]
-    assert again == pytest.approx(target, abs=1e-5)
 
 
 @pytest.mark.slow(reason="half a second and more")

@@ -2,28 +2,21 @@
 
 import warnings
 
+import mechanisms
 import numpy as np
 import pytest
-from mechanisms import rectangle
+from mechanisms import hinged_beam, rectangle, welded_frame
 from numpy.testing import assert_allclose
 from test_slender_structures import FORMULATIONS
 
 import beamdae as bd
 
 
-def strip(height=1e-3):
-    return rectangle(height)
-
-
 def roorda_frame(**options):
     """Return a right-angle frame of two hinged members of 1 m, the column under EI / L^2."""
-    mech, section = bd.Mechanism(), strip()
-    corner, right = (0.0, 1.0), (1.0, 1.0)
-    column = mech.add(bd.Beam("column", bd.Line((0.0, 0.0), corner), section, 8, **options))
-    beam = mech.add(bd.Beam("beam", bd.Line(corner, right), section, 8, **options))
-    mech.add(bd.Weld("corner", column.end, beam.start))
-    mech.add(bd.Revolute("foot", mech.ground.at(0.0, 0.0), column.start))
-    mech.add(bd.Revolute("right", mech.ground.at(*right), beam.end))
+    section = rectangle(1e-3)
+    points = [(0.0, 0.0), (0.0, 1.0), (1.0, 1.0)]
+    mech, (column, _) = welded_frame(points, section, 8, (bd.Revolute, bd.Revolute), **options)
     mech.add(bd.Force("press", column.end, (0.0, -section.EI)))
     mech.observe("corner", column.end)
     return mech
@@ -31,9 +24,8 @@ def roorda_frame(**options):
 
 def hinged_column(**options):
     """Return a hinged column of 1 m under EI / L^2."""
-    mech, section = bd.Mechanism(), strip(2e-3)
-    column = mech.add(bd.Beam("column", bd.Line((0.0, 0.0), (1.0, 0.0)), section, 8, **options))
-    mech.add(bd.Revolute("foot", mech.ground.at(0.0, 0.0), column.start))
+    section = rectangle(2e-3)
+    mech, column = hinged_beam(section, 8, name="column", **options)
     mech.add(bd.PointOnLine("head", mech.ground.at(0.0, 0.0), column.end))
     mech.add(bd.Force("press", column.end, (-section.EI, 0.0)))
     mech.observe("middle", column.at(0.5))
@@ -103,15 +95,8 @@ def test_measured_curve_is_the_unloaded_shape():
 
 def hinged_arch():
     """Return a hinged arch of 60 degrees and 1 m radius under a downward force at the crown."""
-    mech, section = bd.Mechanism(), strip(1e-2)
     arc = bd.Arc(-1.0, np.pi / 3.0, start=(-0.5, 0.0), angle=np.pi / 6.0)
-    arch = mech.add(bd.Beam("arch", arc, section, 8, formulation="exact"))
-    for name, end in (("left", arch.start), ("right", arch.end)):
-        mech.add(bd.Revolute(name, mech.ground.at(*end.point), end))
-    crown = arch.at(0.5 * arc.length)
-    mech.add(bd.Force("press", crown, (0.0, -section.EI)))
-    mech.observe("crown", crown)
-    return mech
+    return mechanisms.hinged_arch(arc, rectangle(1e-2), formulation="exact")
 
 
 @pytest.mark.slow(reason="half a second")
@@ -124,7 +109,7 @@ def test_imperfect_statically_indeterminate_arch_has_no_stress():
     path = bd.equilibrium(arch, to=1e-9)
     forces = path.section_forces("arch").table()
     # Forces are of second order in the amplitude, relative to EA and EI / R.
-    section = strip(1e-2)
+    section = rectangle(1e-2)
     assert np.max(np.abs(forces["M [N m]"])) < 10.0 * amplitude**2 * section.EI * 100.0
     assert np.max(np.abs(forces["N [N]"])) < 100.0 * amplitude**2 * section.EA
     moved = np.max(np.abs(path.q[0] - bd.equations_of_motion(mech).q0))

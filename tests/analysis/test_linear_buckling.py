@@ -1,10 +1,17 @@
 """Linear buckling loads against closed forms, paths and each other."""
 
-from itertools import pairwise
-
 import numpy as np
 import pytest
-from mechanisms import STEEL, clamped_beam, hinged_beam, hinged_body, rectangle
+from mechanisms import (
+    STEEL,
+    clamped_beam,
+    hinged_arch,
+    hinged_beam,
+    hinged_body,
+    portal_points,
+    rectangle,
+    welded_frame,
+)
 from numpy.testing import assert_allclose
 
 import beamdae as bd
@@ -20,19 +27,10 @@ def column(height=2e-3, elements=8, formulation="exact", axes="inertial", sign=-
     return mech
 
 
-def portal(span=1.0):
+def portal():
     """Return a portal frame with clamped feet and rigid corners, EI / L^2 on each column."""
     section = rectangle(2e-3)
-    mech = bd.Mechanism()
-    corners = [(0.0, 0.0), (0.0, 1.0), (span, 1.0), (span, 0.0)]
-    beams = [
-        mech.add(bd.Beam(name, bd.Line(a, b), section, 6, formulation="exact"))
-        for name, a, b in zip(("left", "top", "right"), corners, corners[1:], strict=False)
-    ]
-    mech.add(bd.Weld("left foot", mech.ground.at(*corners[0]), beams[0].start))
-    mech.add(bd.Weld("left corner", beams[0].end, beams[1].start))
-    mech.add(bd.Weld("right corner", beams[1].end, beams[2].start))
-    mech.add(bd.Weld("right foot", beams[2].end, mech.ground.at(*corners[3])))
+    mech, beams = welded_frame(portal_points(), section, 6, formulation="exact")
     for side, point in (("left", beams[0].end), ("right", beams[1].end)):
         mech.add(bd.Force(f"on the {side}", point, (0.0, -section.EI)))
     return mech
@@ -71,14 +69,10 @@ def test_portal_sways_at_the_load_of_theory():
 @pytest.mark.parametrize("rise", [0.1, 0.3])
 def test_factors_of_an_arch_are_near_the_first_critical_point(rise):
     # The arch bends before it buckles, by a fifth of its rise.
-    radius, mech = (0.25 + rise**2) / (2.0 * rise), bd.Mechanism()
-    section = rectangle(2e-3)
+    radius = (0.25 + rise**2) / (2.0 * rise)
     angle = 2.0 * np.arcsin(0.5 / radius)
     arc = bd.Arc(radius, radius * angle, start=(1.0, 0.0), angle=np.pi - 0.5 * angle)
-    arch = mech.add(bd.Beam("arch", arc, section, 8, formulation="exact"))
-    mech.add(bd.Revolute("right", mech.ground.at(1.0, 0.0), arch.start))
-    mech.add(bd.Revolute("left", mech.ground.at(*arch.end.point), arch.end))
-    mech.add(bd.Force("press", arch.at(0.5 * arc.length), (0.0, -section.EI)))
+    mech = hinged_arch(arc, rectangle(2e-3), formulation="exact")
     with pytest.warns(bd.BeamdaeWarning, match="displacements before buckling"):
         result = bd.buckling(mech, n=1)
     path = bd.equilibrium(mech, to=40.0, control="arc length", max_points=20)
@@ -104,17 +98,6 @@ def test_regression_signs_of_symmetric_shapes_do_not_depend_on_rounding(formulat
     for shape in result.shapes / bd.equations_of_motion(mech).position_scales:
         first = np.flatnonzero(np.abs(shape) >= (1.0 - 1e-6) * np.max(np.abs(shape)))[0]
         assert shape[first] == pytest.approx(1.0, abs=1e-6)
-
-
-@pytest.mark.slow(reason="half a second")
-def test_linear_buckling_agrees_with_the_path():
-    mech = portal()
-    result = bd.buckling(mech, n=1)
-    path = bd.equilibrium(mech, to=1.2 * result.factors[0])
-    (point,) = path.critical
-    assert point.kind == "branch point"
-    # Prebuckling displacements are 1e-5 of the height.
-    assert result.factors[0] == pytest.approx(point.factor, rel=1e-4)
 
 
 def test_tension_does_not_buckle():
@@ -156,14 +139,9 @@ def test_regression_tilts_of_rounding_are_no_displacements_before_buckling(tilt)
 @pytest.mark.parametrize("rise", [3.5e-3, 4e-3, 4.5e-3, 5e-3, 6e-3, 9e-3])
 def test_regression_factors_of_shallow_arches_are_compared_with_the_path(rise):
     """Factors from the equilibrium at half the load agreed by chance where they were 5 % unsafe."""
-    mech, span = bd.Mechanism(), 0.4
-    section = rectangle(2e-3)
+    span = 0.4
     curve = bd.Curve(lambda x: rise * np.sin(np.pi * x / span), x=(0.0, span))
-    arch = mech.add(bd.Beam("arch", curve, section, elements=6, strain="exact"))
-    mech.add(bd.Revolute("left", mech.ground.at(0.0, 0.0), arch.start))
-    mech.add(bd.Revolute("right", mech.ground.at(span, 0.0), arch.end))
-    mech.add(bd.Force("press", arch.at(0.5 * arch.length), (0.0, -100.0)))
-    mech.observe("crown", arch.at(0.5 * arch.length))
+    mech = hinged_arch(curve, rectangle(2e-3), 6, 100.0, strain="exact")
     true = bd.equilibrium(mech, to={"crown.y": 0.2 * rise}).critical[0].factor
     result = bd.buckling(mech, n=1)
     if abs(result.factors[0] / true - 1.0) <= 0.03:
@@ -211,15 +189,6 @@ def test_a_mechanism_has_no_buckling_load():
         bd.buckling(mech)
 
 
-@pytest.mark.slow(reason="a fifth of a second")
-def test_result_is_a_table_and_a_picture(tmp_path):
-    result = bd.buckling(column(), n=2)
-    table = result.table()
-    assert list(table) == ["mode", "load factor [-]", "moves most"]
-    assert "2.46" in repr(result)
-    assert result.plot().save(tmp_path / "modes.png").stat().st_size > 1000
-
-
 def side_spring_column(stiffness, formulation="exact"):
     """Return a column under a follower load, with a spring of `stiffness` EI / l^3 at its end."""
     section = rectangle(0.01, 0.05)
@@ -254,17 +223,8 @@ def test_regression_close_factors_of_follower_loads_are_no_large_displacements(s
 
 @pytest.mark.slow(reason="two seconds")
 def test_flutter_before_the_first_factor_of_follower_loads_has_a_warning():
-    mech = bd.Mechanism()
     section = rectangle(0.01, 0.05)
-    points = [(0.0, 0.0), (0.0, 1.0), (1.0, 1.0), (1.0, 0.0)]
-    left, top, right = (
-        mech.add(bd.Beam(name, bd.Line(*ends), section, 2, formulation="exact"))
-        for name, ends in zip(("left", "top", "right"), pairwise(points), strict=True)
-    )
-    joints = [(mech.ground.at(0.0, 0.0), left.start), (left.end, top.start)]
-    joints += [(top.end, right.start), (right.end, mech.ground.at(1.0, 0.0))]
-    for k, ends in enumerate(joints):
-        mech.add(bd.Weld(f"weld {k}", *ends))
+    mech, (left, _top, right) = welded_frame(portal_points(), section, 2, formulation="exact")
     mech.add(bd.Force("push", left.end, (0.0, -section.EI), axes="body"))
     mech.add(bd.Force("dead load", right.start, (0.0, -0.1 * section.EI)))
     flutter = bd.equilibrium(mech, to=30.0).critical[0]

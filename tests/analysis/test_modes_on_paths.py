@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from mechanisms import EARTH, hinged_beam, rectangle, truss
+from mechanisms import driven, hinged_beam, rectangle, truss
 from numpy.testing import assert_allclose
 
 import beamdae as bd
@@ -53,11 +53,7 @@ def test_compressed_column_frequency_falls_linearly_with_load(formulation):
 @bd.model(t_end=1.0)
 def driven_crank(angle=0.0, stiffness=200.0):
     """Return a pendulum on a driven crank, and a spring that its angle stretches."""
-    mech = bd.Mechanism(gravity=EARTH)
-    crank = mech.add(bd.RigidBody("crank", 1.0, 0.02, center=(0.1, 0.0)))
-    shaft = mech.ground.at(0.0, 0.0), crank.at(0.0, 0.0)
-    mech.add(bd.Revolute("bearing", *shaft))
-    mech.add(bd.Driver("motor", *shaft, angle))
+    mech, crank = driven(bd.RigidBody("crank", 1.0, 0.02, center=(0.1, 0.0)), angle, gravity=9.81)
     section = rectangle(0.002, 0.03, material=STEEL)
     line = bd.Line((0.2, 0.0), (0.2, -0.5))
     rod = mech.add(bd.Beam("rod", line, section, elements=2))

@@ -80,18 +80,6 @@ def test_smooth_maximum_of_a_peak_is_below_the_maximum_by_the_stated_ratio():
     assert quantities.SmoothMaximum("tip.y").evaluate(0.0 * t, weights)[0] == 0.0
 
 
-def test_both_sides_of_breakpoints_are_among_the_times_of_steps():
-    mech = bd.Mechanism()
-    mass = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 2.0)))
-    mech.add(bd.Force("push", mass.point, (bd.piecewise((0.25, 1.0), 0.0), 0.0)))
-    run = bd.simulate(mech, bd.GeneralizedAlpha(step=0.05), t_end=0.5)
-    grid = SampleGrid.of(run.trajectory)
-    assert np.sum(np.diff(grid.t) < 0.01) == 1
-    assert grid.weights.sum() == pytest.approx(0.5, rel=1e-12)
-    before, after = grid.t[np.isclose(grid.t, 0.25)]
-    assert before < after == np.nextafter(before, np.inf)
-
-
 @pytest.mark.parametrize(
     ("make", "message"),
     [

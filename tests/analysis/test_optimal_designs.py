@@ -2,9 +2,10 @@
 
 import warnings
 
+import mechanisms
 import numpy as np
 import pytest
-from mechanisms import clamped_beam, free_ball, rectangle
+from mechanisms import clamped_beam, free_ball, portal_points, rectangle, welded_frame
 from scipy.optimize import brentq
 
 import beamdae as bd
@@ -140,13 +141,9 @@ def test_lightest_column_with_a_limit_of_the_critical_load(method):
 @bd.model(t_end=1.0)
 def arch(rise=0.2, stiffness=1e3):
     """Two springs between walls, whose apex snaps through under a vertical load of 1 N."""
-    mech = bd.Mechanism()
-    crown = mech.add(bd.PointMass("crown", 1.0, at=(0.0, rise)))
-    mech.add(bd.PointOnLine("guide", mech.ground.at(0.0, 0.0), crown.point, (0.0, 1.0)))
-    for name, x in (("left", -1.0), ("right", 1.0)):
-        mech.add(bd.Spring(name, mech.ground.at(x, 0.0), crown.point, stiffness))
-    mech.add(bd.Force("push", crown.point, (0.0, -1.0)))
-    mech.observe("crown", crown.point)
+    mech = mechanisms.truss(rise, stiffness)
+    guide = mech.ground.at(0.0, 0.0), mech.part("crown").point
+    mech.add(bd.PointOnLine("guide", *guide, (0.0, 1.0)))
     return mech
 
 
@@ -176,18 +173,9 @@ def test_cheapest_arch_with_a_limit_of_the_snapping_load(method):
 @bd.model(t_end=1.0)
 def portal(column_height=0.03, beam_height=0.03):
     """Frame of two clamped columns and a beam under a force at a corner."""
-    mech = bd.Mechanism()
-    corners = [(0.0, 0.0), (0.0, 1.0), (1.0, 1.0), (1.0, 0.0)]
     heights = (column_height, beam_height, column_height)
-    parts = []
-    for k, height in enumerate(heights):
-        section = rectangle(height, material=STEEL)
-        line = bd.Line(corners[k], corners[k + 1])
-        parts.append(mech.add(bd.Beam(f"part {k}", line, section, elements=2, formulation="exact")))
-    mech.add(bd.Weld("left foot", mech.ground.at(*corners[0]), parts[0].start))
-    mech.add(bd.Weld("left corner", parts[0].end, parts[1].start))
-    mech.add(bd.Weld("right corner", parts[1].end, parts[2].start))
-    mech.add(bd.Weld("right foot", parts[2].end, mech.ground.at(*corners[3])))
+    sections = [rectangle(height, material=STEEL) for height in heights]
+    mech, parts = welded_frame(portal_points(), sections, 2, formulation="exact")
     mech.add(bd.Force("wind", parts[0].end, (500.0, 0.0)))
     mech.observe("corner", parts[0].end)
     return mech

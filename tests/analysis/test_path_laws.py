@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from mechanisms import rectangle
+from mechanisms import clamped_beam, hinged_arch, rectangle, welded_frame
 from numpy.testing import assert_allclose
 from properties.random_frames import build_frame, check_path, draw_frame, trace
 
@@ -17,15 +17,9 @@ CONTROLS = [{"control": "load"}, {"control": "arc length"}, {"step": 0.02}]
 
 def portal(height=0.02, **options):
     """Return a shallow portal of 1 m whose girder snaps through."""
-    mech, section = bd.Mechanism(), rectangle(height)
+    section = rectangle(height)
     points = [(0.0, 0.0), (0.5, 0.1), (1.0, 0.0)]
-    left, right = (
-        mech.add(bd.Beam(f"rafter {k}", bd.Line(*ends), section, 4, **options))
-        for k, ends in enumerate(pairwise(points))
-    )
-    mech.add(bd.Revolute("left", mech.ground.at(0.0, 0.0), left.start))
-    mech.add(bd.Weld("ridge", left.end, right.start))
-    mech.add(bd.Revolute("right", mech.ground.at(1.0, 0.0), right.end))
+    mech, (left, _right) = welded_frame(points, section, 4, (bd.Revolute, bd.Revolute), **options)
     mech.add(bd.Force("press", left.end, (0.0, -section.EI)))
     mech.observe("ridge", left.end)
     return mech
@@ -33,18 +27,16 @@ def portal(height=0.02, **options):
 
 def cantilever(height, elements=8, **options):
     """Return a column of 1 m under the load EI / L^2, and its flexibility in shear."""
-    mech, section = bd.Mechanism(), rectangle(height)
-    line = bd.Line((0.0, 0.0), (0.0, 1.0))
-    beam = mech.add(bd.Beam("column", line, section, elements, **options))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    section = rectangle(height)
+    mech, beam = clamped_beam(section, elements, (0.0, 1.0), name="column", **options)
     mech.add(bd.Force("press", beam.end, (0.0, -section.EI)))
     mech.observe("tip", beam.end)
     return mech, section.EI * (1.0 / section.GA - 1.0 / section.EA)
 
 
-def assert_same_points(one, other, rtol=1e-8):
+def assert_same_points(one, other):
     assert [point.kind for point in one] == [point.kind for point in other]
-    assert_allclose([point.factor for point in one], [point.factor for point in other], rtol=rtol)
+    assert_allclose([point.factor for point in one], [point.factor for point in other], rtol=1e-8)
 
 
 def count_growing_modes(mech, path, row):
@@ -88,9 +80,8 @@ def test_slenderness_does_not_cost_digits(slenderness, options):
 @BOTH
 def test_long_taut_strips_are_stable(options):
     # The load stiffens each coordinate a thousandfold: determinants exceed the range of numbers.
-    mech, section = bd.Mechanism(), rectangle(1e-5, 0.01)
-    beam = mech.add(bd.Beam("strip", bd.Line((0.0, 0.0), (1.0, 0.0)), section, 60, **options))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    section = rectangle(1e-5, 0.01)
+    mech, beam = clamped_beam(section, 60, name="strip", **options)
     mech.add(bd.Force("pull", beam.end, (1e-3 * section.EA, 0.0)))
     path = bd.equilibrium(mech)
     assert path.status.success
@@ -157,15 +148,10 @@ def test_machine_code_finds_the_same_path(options, monkeypatch):
 def test_steps_do_not_lead_to_neighboring_paths(options):
     # The load acts 1e-5 of the length beside the crown. The point was a branch point at 8.98758,
     # between the path and that on the other side of the gap that the asymmetry opens.
-    mech, radius = bd.Mechanism(), (0.25 + 0.05**2) / (2.0 * 0.05)
-    section = rectangle(0.01)
+    radius = (0.25 + 0.05**2) / (2.0 * 0.05)
     angle = np.arcsin(0.5 / radius)
     arc = bd.Arc(-radius, 2.0 * radius * angle, start=(0.0, 0.0), angle=angle)
-    beam = mech.add(bd.Beam("arch", arc, section, 8, **options))
-    mech.add(bd.Revolute("left", mech.ground.at(0.0, 0.0), beam.start))
-    mech.add(bd.Revolute("right", mech.ground.at(*beam.end.point), beam.end))
-    mech.add(bd.Force("press", beam.at((0.5 + 1e-5) * beam.length), (0.0, -section.EI)))
-    mech.observe("crown", beam.at(0.5 * beam.length))
+    mech = hinged_arch(arc, rectangle(0.01), at=0.5 + 1e-5, **options)
     path = bd.equilibrium(mech, to={"crown.y": -0.02}, control="arc length", step=0.01)
     assert path.status.success
     # Displacement control with small steps.

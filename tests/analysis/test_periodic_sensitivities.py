@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from mechanisms import EARTH, clamped_beam, mass_on_rail, rectangle
+from mechanisms import clamped_beam, free_ball, mass_on_rail, rectangle
 from numpy.testing import assert_allclose
 
 import beamdae as bd
@@ -90,8 +90,7 @@ def test_self_excited_motion_has_a_derivative_of_its_period():
 
 @bd.model(t_end=3.0)
 def pendulum(length=1.0):
-    mech = bd.Mechanism(gravity=EARTH)
-    bob = mech.add(bd.PointMass("bob", 1.0, at=(length, 0.0)))
+    mech, bob = free_ball((length, 0.0), name="bob", gravity=9.81)
     mech.add(bd.Distance("rod", mech.ground.at(0.0, 0.0), bob.point))
     return mech
 
@@ -137,15 +136,3 @@ def test_shaken_strip_agrees_with_differences():
     error = np.abs(result.sensitivity("tip.y", "length") - expected)
     # Differences of second order for relative changes of 1e-3.
     assert error.max() <= 1e-4 * np.abs(expected).max()
-
-
-@pytest.mark.slow(reason="half a second and more")
-def test_table_is_written_as_csv(tmp_path):
-    result = bd.periodic_sensitivities(shaker, "mass", period=1.0 / 0.3)
-    lines = result.to_csv(tmp_path / "rates.csv").read_text().splitlines()
-    assert lines[0].startswith("t [s],d(bob.x)/d(mass) [m per unit of mass]")
-    assert len(lines) == 1 + len(result.motion.solution.t)
-    with pytest.raises(bd.BeamdaeError, match="must be one of 'mass', got 'load'"):
-        result.sensitivity("bob.x", "load")
-    with pytest.raises(bd.BeamdaeError, match=r"no column 'bob\.z'"):
-        result.sensitivity("bob.z", "mass")

@@ -6,7 +6,7 @@ import pickle
 import cloudpickle
 import numpy as np
 import pytest
-from mechanisms import EARTH, symbols
+from mechanisms import free_ball, hinged, symbols
 
 import beamdae as bd
 
@@ -16,9 +16,7 @@ METHOD = bd.GeneralizedAlpha(step=5e-3)
 @bd.model(t_end=0.05)
 def pendulum(mass=2.0, damping=0.0):
     """Rod on a pin with a local function as law; the damper is absent at damping = 0."""
-    mech = bd.Mechanism(gravity=EARTH)
-    rod = mech.add(bd.RigidBody.rod("rod", (0.0, 0.0), (0.0, -0.5), mass=mass))
-    mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), rod.at(0.0, 0.0)))
+    mech, rod = hinged(bd.RigidBody.rod("rod", (0.0, 0.0), (0.0, -0.5), mass=mass), gravity=9.81)
     tip = rod.at(0.0, -0.5)
     mech.add(bd.Spring("damper", mech.ground.at(1.0, 0.0), tip, 10.0, damping))
     mech.add(bd.Force("push", tip, (lambda t: mass * t, 0.0)))
@@ -65,8 +63,7 @@ def test_constrained_systems_are_rejected():
 @pytest.mark.slow(reason="a fifth of a second")
 def test_regression_solutions_with_signals_can_be_pickled():
     # CasADi's error "Cannot pickle SX objects without a casadi context", without the cause.
-    mech = bd.Mechanism()
-    mass = mech.add(bd.PointMass("mass", 1.0, at=(1.0, 0.0)))
+    mech, mass = free_ball((1.0, 0.0), name="mass")
     push = mech.input("push", unit="N")
     speed = mech.sensor("speed", mass.point, "x_dot")
     slow = mech.state("slow", lambda slow, t: push - 2.0 * slow, unit="N")

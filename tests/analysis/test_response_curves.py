@@ -11,12 +11,8 @@ from scipy.optimize import brentq
 
 import beamdae as bd
 from beamdae.accuracy.errors import Errors
-from beamdae.analysis.continuation.engine import prescribe_parameter
-from beamdae.analysis.parameter_range import ParameterRange
 from beamdae.analysis.periodic.monodromy import LinearizationError
 from beamdae.analysis.periodic.period_map import PeriodRun
-from beamdae.analysis.periodic.periodic_continuation import ResponseCurve
-from beamdae.analysis.periodic.shooting import Tolerance
 from beamdae.report.pictures.path_plots import create_response_figure
 from beamdae.results.frequency_response import FrequencyResponse, ResponsePoint
 from beamdae.results.outcome import Status
@@ -129,12 +125,6 @@ def linear_half_range(frequencies, rotates=False):
     return by_acceleration * AMPLITUDE * (2.0 * np.pi * np.asarray(frequencies)) ** 2
 
 
-def response_curve(model, ends):
-    tolerance = Tolerance.for_integrator("frequency_response", None, RUNS)
-    span = ParameterRange(model, "frequency", *ends)
-    return ResponseCurve(span, lambda frequency: 1.0 / frequency, RUNS, 0.0, tolerance)
-
-
 @pytest.mark.parametrize(("unit", "turn"), [("Hz", 1.0), ("kHz", 1e-3), ("rpm", 60.0)])
 def test_the_unit_of_a_frequency_gives_the_period(unit, turn):
     """Parameters in rpm had the period of a frequency in Hz, without a word."""
@@ -154,18 +144,6 @@ def test_the_period_over_other_quantities_is_required():
 
     with pytest.raises(bd.BeamdaeError, match=r"force \[N\] is not a frequency; pass period="):
         bd.frequency_response(pushed, "force", (1.0, 2.0))
-
-
-@pytest.mark.slow(reason="a fifth of a second")
-def test_regression_tangent_of_the_curve_includes_the_motion_of_drivers():
-    point = response_curve(constant_travel, (38.0, 44.0)).first_motion(settle=0)
-    equations = point.linearization.run.solution.equations
-    names = [*equations.q_names, *(f"velocity of {name}" for name in equations.q_names)]
-    *rates_of_motion, _ = point.tangent(prescribe_parameter)
-    rates = dict(zip(names, rates_of_motion, strict=True))
-    # The root moves with 2 pi f AMPLITUDE at the start of a period; the range is 6 Hz.
-    expected = 2.0 * np.pi * 6.0 * AMPLITUDE
-    assert rates["velocity of strip.y0"] == pytest.approx(expected, rel=1e-6)
 
 
 SLOW = pytest.mark.slow(reason="twenty periodic motions of a beam")
@@ -277,35 +255,6 @@ def test_regression_response_over_the_amplitude_of_a_driver_is_proportional():
     np.testing.assert_allclose(sizes, expected, rtol=2e-3)
 
 
-def arc_point(value, s, slope):
-    """Return a point of a response curve with x = s and this rate of the parameter."""
-    solution = run_with_columns({"x [m]": np.array([s, -s])})
-    point = ResponsePoint(value, 1.0, solution, np.zeros(0), forward=slope > 0.0)
-    return SimpleNamespace(
-        value=value, iterations=3, position=s, as_response_point=lambda sign: point
-    )
-
-
-@SLOW
-def test_regression_first_motions_at_undamped_resonances_name_the_damping():
-    """The message recommended to change the start, or to increase settle=."""
-
-    @bd.model(t_end=1.0)
-    def undamped(frequency=10.0):
-        mech = bd.Mechanism()
-        mass = mech.add(bd.PointMass("mass", 1.0, at=(0.0, 0.0)))
-        ground = mech.ground.at(-1.0, 0.0)
-        mech.add(bd.PointOnLine("rail", ground, mass.point, (1.0, 0.0)))
-        mech.add(bd.Spring("spring", ground, mass.point, (20.0 * np.pi) ** 2))
-        mech.add(bd.Force("push", mass.point, (bd.sine(1.0, frequency), 0.0)))
-        return mech
-
-    with pytest.warns(
-        bd.BeamdaeWarning, match=r"no periodic motion .* or add damping, such as damping="
-    ):
-        bd.frequency_response(undamped, "frequency", (10.0, 11.0), settle=3)
-
-
 def test_regression_unsolvable_linearized_equations_are_no_first_motion(monkeypatch):
     """The error began with the name of another function."""
 
@@ -317,16 +266,6 @@ def test_regression_unsolvable_linearized_equations_are_no_first_motion(monkeypa
         response = bd.frequency_response(pushed_mass, "frequency", (40.0, 41.0), settle=1)
     assert response.status.kind == "failed"
     assert not response.points
-
-
-@pytest.mark.slow(reason="a fifth of a second")
-def test_progress_is_called_with_the_points():
-    points = []
-    response = bd.frequency_response(
-        pushed_mass, "frequency", (40.0, 41.0), step=1.0, max_step=1.0, progress=points.append
-    )
-    assert points == list(response.points)
-    assert len(points) > 1
 
 
 @pytest.mark.slow(reason="a second")
@@ -431,7 +370,10 @@ def test_critical_points_of_motions_are_those_of_their_multipliers(kind, ends, e
 
 def test_peaks_of_monotonic_curves_are_between_their_points():
     rows = [(0.0, 0.0), (9.9, 1.0), (10.0, 0.999), (10.1, 0.998)]
-    points = tuple(arc_point(p, x, 1.0).as_response_point(1.0) for p, x in rows)
+    runs = [run_with_columns({"x [m]": np.array([x, -x])}) for _, x in rows]
+    points = tuple(
+        ResponsePoint(p, 1.0, run, np.zeros(0)) for (p, _), run in zip(rows, runs, strict=True)
+    )
     response = FrequencyResponse("speed", points, Status("ok", "done"))
     ((value, _),) = response.peaks("x")
     assert 0.0 <= value <= 10.0

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from mechanisms import rectangle
+from mechanisms import ALLOY, driven_blade, rectangle, rotor_on_a_bearing
 from numpy.testing import assert_allclose
 
 import beamdae as bd
@@ -69,14 +69,14 @@ def test_internal_damping_is_unstable_above_the_critical_speed():
     assert growth(4.99) < 0.0 < growth(5.01)
 
 
-def damped_rotor(stiffness=3000.0):
+def damped_rotor():
     """Return a disk on a damped shaft, on a hub in a damped bearing."""
     mech, at = bd.Mechanism(), (0.0, 0.0)
     hub = mech.add(bd.RigidBody("hub", 0.5, 0.01, center=at))
     disk = mech.add(bd.RigidBody("disk", 2.0, 0.1, center=at))
     mech.add(bd.Bushing("shaft", hub.at(*at), disk.at(*at), 800.0, 800.0, 50.0, 6.0, 6.0, 1.0))
     bearing = mech.ground.at(*at), hub.at(*at)
-    mech.add(bd.Bushing("bearing", *bearing, stiffness, stiffness, 0.0, 10.0, 10.0))
+    mech.add(bd.Bushing("bearing", *bearing, 3000.0, 3000.0, 0.0, 10.0, 10.0))
     return mech
 
 
@@ -294,15 +294,6 @@ def test_rotations_within_the_strength_have_no_warning(material, speed):
     bd.campbell(blade_on_hub(material, formulation="exact"), [0.0, speed], n=1)
 
 
-def rotor_on_a_bearing():
-    """In the rotating frame, the whirl frequency splits into 10 - speed and 10 + speed [rad/s]."""
-    mech = bd.Mechanism()
-    rotor = mech.add(bd.RigidBody("rotor", 2.0, 0.1, center=(0.0, 0.0)))
-    ends = mech.ground.at(0.0, 0.0), rotor.at(0.0, 0.0)
-    mech.add(bd.Bushing("bearing", *ends, kx=200.0, ky=200.0, ktheta=0.0))
-    return mech
-
-
 @pytest.mark.slow(reason="a quarter of a second")
 def test_free_rotation_has_no_resonance_at_rest():
     table = bd.campbell(rotor_on_a_bearing(), [-1.0, 0.0, 1.0, 3.0], n=3).resonances()
@@ -353,14 +344,7 @@ def test_regression_pictures_and_pages_show_chosen_engine_orders(tmp_path):
 @pytest.mark.parametrize("speeds", [[0.0, 60.0, 120.0], [0.0, 100.0, 200.0], [0.0, 250.0]])
 def test_regression_resonances_of_stiffened_blades_between_few_speeds(speeds):
     """Interpolation of the frequencies was up to 4 % off, of their squares up to 0.7 %."""
-    mech = bd.Mechanism()
-    steel = bd.Material(E=70e9, nu=0.3, rho=2700.0)
-    strip = rectangle(0.003, 0.03, material=steel)
-    blade = mech.add(bd.Beam("blade", bd.Line((0.1, 0.0), (0.6, 0.0)), strip, 3))
-    hub = mech.add(bd.RigidBody("hub", 1.0, 0.1))
-    mech.add(bd.Revolute("axis", mech.ground.at(0.0, 0.0), hub.at(0.0, 0.0)))
-    mech.add(bd.Driver("drive", mech.ground.at(0.0, 0.0), hub.at(0.0, 0.0), lambda t: 0.0 * t))
-    mech.add(bd.Weld("root", hub.at(0.1, 0.0), blade.start))
+    mech = driven_blade(0.0, elements=3, section=rectangle(0.003, 0.03, material=ALLOY))
     first = bd.campbell(mech, speeds, n=1).resonances([1])["speed [rad/s]"]
     fine = bd.campbell(mech, np.linspace(80.0, 90.0, 6), n=1).resonances([1])["speed [rad/s]"]
     assert_allclose(first, fine, rtol=1e-6)

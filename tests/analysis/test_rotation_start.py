@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from mechanisms import STEEL, rectangle
+from mechanisms import STEEL, clamped_beam, driven, hinged_beam, rectangle
 
 import beamdae as bd
 
@@ -12,12 +12,8 @@ SPEED = 5.0  # [rad/s]
 def driven_beam(gravity=0.0, **settings):
     """Return a beam whose root is driven at a constant speed."""
     section = rectangle(0.002, damping=1e-4)
-    mech = bd.Mechanism(gravity=(0.0, -gravity))
-    line = bd.Line((0.0, 0.0), (1.0, 0.0))
-    beam = mech.add(bd.Beam("beam", line, section, elements=2, **settings))
-    root = mech.ground.at(0.0, 0.0)
-    mech.add(bd.Revolute("pin", root, beam.start))
-    mech.add(bd.Driver("motor", root, beam.start, lambda t: SPEED * t))
+    mech, beam = hinged_beam(section, 2, gravity=gravity, **settings)
+    mech.add(bd.Driver("motor", mech.ground.at(0.0, 0.0), beam.start, lambda t: SPEED * t))
     mech.observe("tip", beam.end)
     return mech
 
@@ -90,11 +86,7 @@ def test_driver_sets_a_flexible_slider_crank_in_motion(unit):
 
 def test_given_velocities_are_stopped_by_joints():
     # A moving rod that a wall stops at one end: only this end stops at once.
-    section = rectangle(0.02)
-    mech = bd.Mechanism()
-    line = bd.Line((0.0, 0.0), (1.0, 0.0))
-    beam = mech.add(bd.Beam("rod", line, section, elements=4, velocity=(-1.0, 0.0)))
-    mech.add(bd.Weld("wall", mech.ground.at(0.0, 0.0), beam.start))
+    mech, beam = clamped_beam(rectangle(0.02), 4, velocity=(-1.0, 0.0))
     mech.observe("end", beam.end)
     solution = bd.simulate(mech, t_end=1e-6, output_step=1e-6)
     assert solution["end.x_dot"].iloc[0] == pytest.approx(-1.0, abs=0.2)
@@ -204,10 +196,7 @@ def test_regression_rotations_of_rotors_on_guided_bases_do_not_blame_the_driver(
 def test_regression_speeds_rounded_to_six_digits_are_those_of_the_driver(typed):
     """A speed of 1256.637 for 12000 rpm was rejected, without the speed of the driver."""
     speed = 12000.0 * np.pi / 30.0
-    mech = bd.Mechanism()
-    hub = mech.add(bd.RigidBody("hub", 1.0, 0.01, center=(0.0, 0.0)))
-    mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), hub.at(0.0, 0.0)))
-    mech.add(bd.Driver("motor", mech.ground.at(0.0, 0.0), hub.at(0.0, 0.0), lambda t: speed * t))
+    mech, hub = driven(bd.RigidBody("hub", 1.0, 0.01, center=(0.0, 0.0)), lambda t: speed * t)
     mech.observe("hub", hub.at(0.1, 0.0))
     run = bd.simulate(mech, t_end=1e-4, start=bd.rotation(typed))
     assert run["hub.angle_dot"].iloc[0] == pytest.approx(speed, rel=1e-12)

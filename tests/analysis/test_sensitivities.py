@@ -2,7 +2,6 @@
 
 import math
 import warnings
-from dataclasses import replace
 from functools import partial
 
 import casadi as ca
@@ -13,9 +12,17 @@ from differentiable_models import skater, swing, turning
 from four_bar import four_bar
 from governor import governor
 from hub_beam import hub_beam
-from inverted_pendulum import inverted_pendulum
 from leaf_spring_vehicle import leaf_spring_vehicle
-from mechanisms import EARTH, clamped_beam, free_ball, hinged_body, mass_on_rail, rectangle, symbols
+from mechanisms import (
+    EARTH,
+    clamped_beam,
+    crank_and_ram,
+    free_ball,
+    hinged_body,
+    mass_on_rail,
+    rectangle,
+    symbols,
+)
 from pendulum import pendulum
 from quick_return import quick_return
 from ring_mount import ring_mount
@@ -23,10 +30,10 @@ from shallow_arch import shallow_arch
 from slider_crank import slider_crank
 from sliding_mass import sliding_mass
 from spin_up import spin_up
+from support import differences_of_runs
 
 import beamdae as bd
 from beamdae import quantities
-from beamdae.analysis.sensitivities.neighbors import difference_model
 
 MASS, SPEED = 2.0, 0.3
 
@@ -186,18 +193,7 @@ def test_driver_that_moves_at_the_start():
 @bd.model(t_end=0.05)
 def towed(speed=30.0, mass=0.5):
     """Crank that turns at a given speed and moves a flexible rod and a ram."""
-    mech = bd.Mechanism()
-    crank = bd.RigidBody.rod("crank", (0, 0), (0.02, 0.02), mass=mass, angular_velocity=speed)
-    mech.add(crank)
-    ram = mech.add(bd.PointMass("ram", 2.0, at=(0.3, 0.0)))
-    steel = rectangle(0.01, damping=1e-3)
-    rod = mech.add(bd.Beam("rod", bd.Line((0.02, 0.02), (0.3, 0.0)), steel, elements=1))
-    mech.add(bd.Revolute("bearing", mech.ground.at(0.0, 0.0), crank.at(0.0, 0.0)))
-    mech.add(bd.Revolute("pin", crank.at(0.02, 0.02), rod.start))
-    mech.add(bd.Revolute("ram pin", rod.end, ram.point))
-    mech.add(bd.PointOnLine("guide", mech.ground.at(0.3, 0.0), ram.point, direction=(1.0, 0.0)))
-    mech.observe("ram", ram.point)
-    return mech
+    return crank_and_ram(rectangle(0.01, damping=1e-3), 1, mass, angular_velocity=speed)[0]
 
 
 @pytest.mark.slow(reason="half a second and more")
@@ -217,29 +213,6 @@ def test_bodies_that_follow_a_given_velocity():
 @pytest.mark.slow(reason="a fifth of a second")
 def test_nonholonomic_constraint():
     assert_agree_with_runs(skater, ["offset", "push"], 0.1)
-
-
-@pytest.mark.slow(reason="a fifth of a second")
-def test_observed_columns():
-    method = bd.GeneralizedAlpha(step=2e-3, newton_tolerance=1e-12)
-    result = bd.sensitivities(swing, "width", method, output_step=0.01)
-    runs = [
-        bd.simulate(swing(width=0.4 + k * 4e-4), method, output_step=0.01) for k in (-2, -1, 1, 2)
-    ]
-    for header, column in result.solution.columns.items():
-        expected = (
-            sum(
-                w * run.columns[header]
-                for w, run in zip((1 / 12, -2 / 3, 2 / 3, -1 / 12), runs, strict=True)
-            )
-            / 4e-4
-        )
-        actual = result.sensitivity(header, "width")
-        assert np.abs(actual - expected).max() <= 1e-6 * np.abs(expected).max(), header
-        name, unit = header.removesuffix("]").split(" [")
-        pd_column = result.table()[f"d({name})/d(width) [{unit} per unit of width]"]
-        np.testing.assert_array_equal(pd_column, actual)
-        assert column.shape == actual.shape
 
 
 @pytest.mark.slow(reason="kernels of beams with and without damping")
@@ -409,39 +382,6 @@ def test_parameters_of_any_scale(model):
         assert gradient.derivatives[name] == pytest.approx(rate * expected.iloc[-1], rel=1e-7)
 
 
-@bd.model(t_end=0.02)
-def strip(E=2e9, length=0.4, unit=1.0, mass_unit=1.0, formulation="exact"):
-    """Clamped strip of 0.4 m; `unit` and `mass_unit` are the units per m, and kg per unit."""
-    plastic = bd.Material(E=E, nu=0.4, rho=1200.0 / mass_unit / unit**3)
-    section = rectangle(0.003 * unit, 0.02 * unit, damping=2e-3, material=plastic)
-    mech = bd.Mechanism(gravity=(0.0, -9.81 * unit))
-    line = bd.Line((0.0, 0.0), (length, 0.0))
-    beam = mech.add(bd.Beam("strip", line, section, elements=2, formulation=formulation))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
-    mech.observe("tip", beam.end)
-    return mech
-
-
-@pytest.mark.slow(reason="eight runs of a beam")
-@pytest.mark.parametrize("formulation", ["floating frame", "exact"])
-@pytest.mark.parametrize("integrator", [bd.Radau(rtol=1e-6), bd.GeneralizedAlpha(step=1e-3)])
-def test_derivatives_do_not_depend_on_the_units(integrator, formulation):
-    rows = []
-    # Meters and kilograms, millimeters and tonnes, micrometers and milligrams.
-    for unit, mass_unit in ((1.0, 1.0), (1e3, 1e3), (1e6, 1e-6)):
-        values = {"E": 2e9 / mass_unit / unit, "length": 0.4 * unit, "unit": unit}
-        values |= {"mass_unit": mass_unit, "formulation": formulation}
-        result = bd.sensitivities(
-            strip, ["E", "length"], integrator, output_step=2e-3, parameters=values
-        )
-        by_E, by_length = (result.sensitivity("tip.y", x) for x in ("E", "length"))
-        rows.append([by_E * values["E"] / unit, by_length])
-    for row in rows[1:]:
-        for actual, expected in zip(row, rows[0], strict=True):
-            size = np.abs(expected).max()
-            np.testing.assert_allclose(actual, expected, rtol=0.0, atol=1e-9 * size)
-
-
 @bd.model(t_end=0.1)
 def seesaw(offset=1e-8):
     """Body whose center is slightly beside 1 m, on a pin at 1 m."""
@@ -536,16 +476,9 @@ def parallel(length=0.5, height=0.3):
 def test_redundant_joints(name):
     # The norm of the reactions depends on the dimensions, too.
     result = bd.sensitivities(parallel, name, bd.Radau(rtol=1e-6))
-    value = parallel.parameters[name]
-    runs = [
-        bd.simulate(parallel(**{name: value * (1.0 + k * 1e-3)}), bd.Radau(rtol=1e-9))
-        for k in (-2, -1, 1, 2)
-    ]
-    weights = np.array([1 / 12, -2 / 3, 2 / 3, -1 / 12]) / (1e-3 * value)
-    for column, values in result.solution.columns.items():
-        expected = weights @ [x.columns[column][-1] for x in runs]
+    for column, expected in differences_of_runs(parallel, name, 1e-9).items():
         # Reactions of order 3 at this rtol.
-        size = max(abs(expected), np.abs(values).max())
+        size = max(abs(expected), np.abs(result.solution.columns[column]).max())
         actual = result.sensitivity(column, name).iloc[-1]
         assert actual == pytest.approx(expected, abs=1e-4 * size), column
 
@@ -629,8 +562,7 @@ def measured_error(result, column):
 @bd.model(t_end=1.0)
 def ripple(stiffness=1e4, speed=0.02):
     """Two masses that oscillate slowly, and vibrate against each other by 0.1 % of this motion."""
-    mech = bd.Mechanism()
-    first = mech.add(bd.PointMass("first", 1.0, at=(1.0, 0.0), velocity=(1.0, 0.0)))
+    mech, first = free_ball((1.0, 0.0), name="first", velocity=(1.0, 0.0))
     second = mech.add(bd.PointMass("second", 1.0, at=(2.0, 0.0), velocity=(1.0 + speed, 0.0)))
     mech.add(bd.Spring("soft", mech.ground.at(0.0, 0.0), first.point, 40.0))
     mech.add(bd.Spring("hard", first.point, second.point, stiffness))
@@ -658,20 +590,6 @@ def test_regression_errors_of_adaptive_steps_are_reported(rtol, recwarn):
 def test_errors_of_steps_are_not_estimated_on_request(recwarn):
     bd.sensitivities(ripple, "stiffness", bd.Radau(1e-3), estimate_error=False)
     assert not [x for x in recwarn if "d(" in str(x.message)]
-
-
-@pytest.mark.slow(reason="five models of a beam each")
-@pytest.mark.parametrize(
-    ("model", "name", "value"),
-    [(inverted_pendulum, "tilt", 0.093), (sliding_mass, "radius", 0.9754277491409066)],
-)
-def test_regression_rounding_does_not_change_neighboring_models(model, name, value):
-    """Rounding chose the entries of an operator, or the element of a point between two elements."""
-    values = {**model.parameters, "formulation": "floating frame", name: value}
-    model = replace(model, parameters=values)
-    base = bd.equations_of_motion(model())
-    difference = difference_model(model, name, base, bd.equations_of_motion)
-    assert len(difference.models) == 4
 
 
 @bd.model(t_end=0.02)
@@ -845,6 +763,11 @@ def stepped_strip(step=0.11, height=3e-3, unused=1.0):
     mech, beam = clamped_beam(section, 2, 0.4, name="strip", gravity=9.81)
     mech.observe("tip", beam.end)
     return mech
+
+
+def test_an_unused_parameter_has_a_warning():
+    with pytest.warns(bd.BeamdaeWarning, match="small changes of unused change no number"):
+        bd.equilibrium_sensitivities(stepped_strip, "unused")
 
 
 @pytest.mark.parametrize(

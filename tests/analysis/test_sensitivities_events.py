@@ -4,9 +4,8 @@ import casadi as ca
 import numpy as np
 import pytest
 from leaf_spring_vehicle import leaf_spring_vehicle
-from mechanisms import EARTH, free_ball
-from shallow_arch import shallow_arch
-from sliding_mass import sliding_mass
+from mechanisms import EARTH, driven, free_ball, hinged
+from support import differences_of_runs
 
 import beamdae as bd
 
@@ -21,7 +20,7 @@ INTEGRATORS = [
 @bd.model(t_end=1.2)
 def bounce(height=0.5, gravity=GRAVITY, restitution=0.8, floor=0.1, mark=0.3):
     """Ball that falls from rest and bounces on a floor."""
-    mech, ball = free_ball((0.0, height), mass=1.3, gravity=gravity)
+    mech, ball = free_ball((0.0, height), 1.3, gravity=gravity)
     gap = bd.LineSurface(mech.ground.at(0.0, floor), (1.0, 0.0)).gap(ball.point)
     mech.when(gap, 0.0, "down", bd.impact(gap, restitution), name="bounce")
     mech.when("ball.y", mark, "both", "record", name="mark")
@@ -105,11 +104,11 @@ def test_breakpoint_that_moves(integrator):
     np.testing.assert_allclose(result.sensitivity("mass.x", "end"), exact, rtol=0.0, atol=1e-12)
 
 
-def double_pendulum(length=0.5, mass=2.0):
-    mech = bd.Mechanism(gravity=(0.0, -GRAVITY))
-    upper = mech.add(bd.RigidBody.rod("upper", (0.0, 0.0), (length, 0.0), mass=mass))
+def double_pendulum(length=0.5, mass=2.0, law=None):
+    """Return a double pendulum and its rods; a law, if any, drives the upper one."""
+    upper = bd.RigidBody.rod("upper", (0.0, 0.0), (length, 0.0), mass=mass)
+    mech, upper = hinged(upper, GRAVITY) if law is None else driven(upper, law, GRAVITY)
     lower = mech.add(bd.RigidBody.rod("lower", (length, 0.0), (length + 0.4, 0.0), mass=1.0))
-    mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), upper.at(0.0, 0.0)))
     elbow = mech.add(bd.Revolute("elbow", upper.at(length, 0.0), lower.at(length, 0.0)))
     mech.observe("upper", upper.at(0.0, 0.0))
     mech.observe("end", lower.at(length + 0.4, 0.0))
@@ -120,11 +119,10 @@ def double_pendulum(length=0.5, mass=2.0):
 @bd.model(t_end=0.4)
 def caught(angle=-0.6, length=0.5, time=0.1, torque=3.0):
     """A lock catches the upper rod; before that, a torque changes."""
-    mech, upper, _ = double_pendulum(length)
+    mech, upper, _ = double_pendulum(length, law=lambda t: angle + 0.0 * t)
     law = bd.piecewise((time, torque), 0.5 * torque)
     mech.add(bd.Moment("drive", on=upper.at(0.0, 0.0), law=law))
-    sides = (mech.ground.at(0.0, 0.0), upper.at(0.0, 0.0))
-    lock = mech.add(bd.Driver("lock", *sides, lambda t: angle + 0.0 * t))
+    lock = mech.part("motor")
     mech.deactivate(lock)
     mech.when("upper.angle", angle, "down", bd.activate(lock), name="caught")
     return mech
@@ -133,9 +131,8 @@ def caught(angle=-0.6, length=0.5, time=0.1, torque=3.0):
 @bd.model(t_end=0.4)
 def held(angle=-0.6, mass=2.0, rate=2.0):
     """A driver takes over the upper rod where it is, and releases it."""
-    mech, upper, _ = double_pendulum(mass=mass)
-    sides = (mech.ground.at(0.0, 0.0), upper.at(0.0, 0.0))
-    driver = mech.add(bd.Driver("driver", *sides, lambda t: rate * t**2))
+    mech, *_ = double_pendulum(mass=mass, law=lambda t: rate * t**2)
+    driver = mech.part("motor")
     mech.deactivate(driver)
     mech.when("upper.angle", angle, "down", bd.activate(driver, as_is=True), name="held")
     mech.when("end.y", -0.5, "down", bd.deactivate(driver), name="released")
@@ -145,11 +142,11 @@ def held(angle=-0.6, mass=2.0, rate=2.0):
 @bd.model(t_end=0.6)
 def redirected(angle=0.3, length=0.5, rate=2.0, later=3.0):
     """A driver follows a new law, with a breakpoint, from an event on."""
-    mech, upper, _ = double_pendulum(length)
-    sides = (mech.ground.at(0.0, 0.0), upper.at(0.0, 0.0))
-    driver = mech.add(bd.Driver("driver", *sides, lambda t: -rate * t**2))
+    mech, *_ = double_pendulum(length, law=lambda t: -rate * t**2)
     law = bd.piecewise((0.1, lambda t: -later * t**2), lambda t: -later * (0.01 + 0.2 * (t - 0.1)))
-    mech.when("upper.angle", -angle, "down", bd.change_law(driver, law), name="redirected")
+    mech.when(
+        "upper.angle", -angle, "down", bd.change_law(mech.part("motor"), law), name="redirected"
+    )
     return mech
 
 
@@ -164,14 +161,12 @@ def struck(wall=0.3, length=0.5, restitution=0.6, tilt=0.1):
 
 
 @bd.model(t_end=0.2)
-def driven(wall=0.2, length=0.5, restitution=0.6, rate=2.0):
+def struck_driven(wall=0.2, length=0.5, restitution=0.6, rate=2.0):
     """As `struck`, with a driver whose law depends on time.
 
     At rate = 2, CasADi removes the factor 0.5 rate, so that neighboring models have other numbers.
     """
-    mech, upper, lower = double_pendulum(length)
-    sides = (mech.ground.at(0.0, 0.0), upper.at(0.0, 0.0))
-    mech.add(bd.Driver("driver", *sides, lambda t: -0.5 * rate * t**2))
+    mech, _, lower = double_pendulum(length, law=lambda t: -0.5 * rate * t**2)
     surface = bd.LineSurface(mech.ground.at(0.0, -wall), (1.0, 0.1))
     gap = surface.gap(lower.at(length + 0.4, 0.0))
     mech.when(gap, 0.0, "down", bd.impact(gap, restitution), name="struck")
@@ -189,10 +184,8 @@ def broken(limit=25.0, mass=2.0):
 @bd.model(t_end=0.4)
 def relieved(angle=-0.3, rate=2.0, mark=0.1):
     """A driver follows a new law that contains two numbers, which are equal for mark = 0.1."""
-    mech, upper, _ = double_pendulum()
-    sides = (mech.ground.at(0.0, 0.0), upper.at(0.0, 0.0))
-    driver = mech.add(bd.Driver("driver", *sides, lambda t: -rate * t**2 - 3.0 * t**3))
-    later = bd.change_law(driver, lambda t: mark * t + 0.1 * t**2)
+    mech, *_ = double_pendulum(law=lambda t: -rate * t**2 - 3.0 * t**3)
+    later = bd.change_law(mech.part("motor"), lambda t: mark * t + 0.1 * t**2)
     mech.when("upper.angle", angle, "down", later, name="relieved")
     return mech
 
@@ -218,7 +211,7 @@ CASES = {
     "held": (held, ["angle", "rate"]),
     "redirected": (redirected, ["angle", "later"]),
     "struck": (struck, ["wall", "tilt"]),
-    "driven": (driven, ["restitution", "rate"]),
+    "driven": (struck_driven, ["restitution", "rate"]),
     "broken": (broken, ["limit", "mass"]),
 }
 
@@ -229,15 +222,9 @@ def test_events_agree_with_differences_of_runs(case):
     model, names = CASES[case]
     result = bd.sensitivities(model, names, bd.Radau(rtol=1e-9), estimate_error=False)
     for name in names:
-        value = model.parameters[name]
-        runs = [
-            bd.simulate(model(**{name: value * (1.0 + k * 1e-3)}), bd.Radau(rtol=1e-11))
-            for k in (-2, -1, 1, 2)
-        ]
-        weights = np.array([1 / 12, -2 / 3, 2 / 3, -1 / 12]) / (1e-3 * value)
-        for column, values in result.solution.columns.items():
-            # At the end, which is a step of all runs.
-            expected = weights @ [x.columns[column][-1] for x in runs]
+        # At the end, which is a step of all runs.
+        for column, expected in differences_of_runs(model, name, 1e-11).items():
+            values = result.solution.columns[column]
             actual = result.sensitivity(column, name).iloc[-1]
             # Events are located on the dense output, whose errors decrease with rtol. Reactions are
             # of order 3.
@@ -258,13 +245,7 @@ def deflected(offset=3e-3, stiffness=1e5, radius=0.01):
 @pytest.mark.slow(reason="five runs per parameter")
 @pytest.mark.parametrize("name", ["offset", "stiffness", "radius"])
 def test_run_that_restarts_at_a_contact(name):
-    value = deflected.parameters[name]
-    runs = [
-        bd.simulate(deflected(**{name: value * (1.0 + k * 1e-3)}), bd.Radau(rtol=1e-10))
-        for k in (-2, -1, 1, 2)
-    ]
-    weights = np.array([1 / 12, -2 / 3, 2 / 3, -1 / 12]) / (1e-3 * value)
-    expected = weights @ [x.columns["ball.y [m]"][-1] for x in runs]
+    expected = differences_of_runs(deflected, name, 1e-10)["ball.y [m]"]
     # The force has kinks within steps: errors are 1e-3 at the default rtol, where the run restarts
     # at the onset, and 2e-6 at rtol = 1e-8.
     for rtol, restarts, tolerance in ((1e-5, 2, 5e-3), (1e-8, 0, 1e-5)):
@@ -310,8 +291,7 @@ def test_times_without_derivatives_are_rejected(by, values, message):
 @bd.model(t_end=0.19)
 def damped_bounce(gap=0.1, damping=1e3, shaking=0.0):
     """Two masses, connected by a spring and a damper; the lower one bounces once."""
-    mech = bd.Mechanism(gravity=(0.0, -GRAVITY))
-    lower = mech.add(bd.PointMass("lower", 1.0, at=(0.0, 0.2)))
+    mech, lower = free_ball((0.0, 0.2), name="lower", gravity=GRAVITY)
     upper = mech.add(bd.PointMass("upper", 0.1, at=(0.0, 0.7)))
     mech.add(bd.Spring("spring", lower.point, upper.point, 50.0, damping))
     mech.add(bd.Force("shaker", upper.point, (0.0, lambda t: shaking * ca.sin(60.0 * t))))
@@ -377,34 +357,10 @@ def test_moving_breakpoint_in_a_model_with_stiff_beams():
     assert np.abs(actual - expected).max() <= 0.05 * np.abs(expected).max()
 
 
-@pytest.mark.slow(reason="five runs of a beam per parameter")
-@pytest.mark.parametrize("model", [shallow_arch, sliding_mass])
-def test_radau_agrees_with_differences_of_runs(model):
-    values, t_end = {"elements": 2, "formulation": "exact"}, 0.004
-    times = np.linspace(0.0, t_end, 11)
-    names = ["height", "damping"]
-    result = bd.sensitivities(
-        model, names, bd.Radau(rtol=1e-8), t_end, parameters=values, estimate_error=False
-    )
-    for name in names:
-        # Rounding errors of the runs, divided by this difference, are below 1e-6.
-        delta, expected = 3e-3 * model.parameters[name], {"q": 0.0, "lam": 0.0}
-        for step, weight in ((-2, 1 / 12), (-1, -2 / 3), (1, 2 / 3), (2, -1 / 12)):
-            changed = values | {name: model.parameters[name] + step * delta}
-            state = bd.simulate(model(**changed), bd.Radau(rtol=1e-11), t_end).trajectory.at(times)
-            for key in expected:
-                expected[key] = expected[key] + weight / delta * getattr(state[1], key)
-        along = result.trajectories[name].at(times)[1]
-        for key, tolerance in (("q", 2e-6), ("lam", 1e-4)):
-            error = np.abs(getattr(along, key) - expected[key]).max()
-            assert error <= tolerance * np.abs(expected[key]).max(), (name, key)
-
-
 @bd.model(t_end=0.15)
 def stop_force(stiffness=1e4):
     """Ball that falls on a stop whose force is observed."""
-    mech = bd.Mechanism(gravity=(0.0, -GRAVITY))
-    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.01)))
+    mech, ball = free_ball((0.0, 0.01), gravity=GRAVITY)
     surface = bd.LineSurface(mech.ground.at(0.0, 0.0))
     stop = mech.add(bd.Contact("stop", ball.point, surface, stiffness))
     mech.observe("stop", stop.force)

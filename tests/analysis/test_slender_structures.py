@@ -1,11 +1,10 @@
 """Equilibria of slender structures: very soft in bending, but not free to move."""
 
 import warnings
-from itertools import pairwise
 
 import numpy as np
 import pytest
-from mechanisms import EARTH, rectangle
+from mechanisms import EARTH, portal_points, rectangle, welded_frame
 
 import beamdae as bd
 
@@ -111,18 +110,11 @@ def test_follower_loads_do_not_turn_a_rocket(hinge, angle, formulation, height):
 def test_regression_flutter_of_a_portal_frame_under_follower_loads():
     # At this slenderness, rounding limits the accuracy of the two flutter modes, but not of others.
     # The load was 26.888; with ten times the height or a tenth of it, it was 26.365 or 26.381.
-    mech, steel = bd.Mechanism(), bd.Material.of("steel")
+    steel = bd.Material.of("steel")
     column, girder = (rectangle(1e-3, w, material=steel) for w in (0.02, 0.02756))
-    corners = [(0.0, 0.0), (0.0, 1.1), (1.0, 1.1), (1.0, 0.0)]
-    lines = [bd.Line(*ends) for ends in pairwise(corners)]
-    beams = [
-        mech.add(bd.Beam(f"beam {k}", line, section, 6, formulation="exact"))
-        for k, (line, section) in enumerate(zip(lines, (column, girder, column), strict=True))
-    ]
-    mech.add(bd.Weld("left foot", mech.ground.at(0.0, 0.0), beams[0].start))
-    mech.add(bd.Weld("right foot", mech.ground.at(1.0, 0.0), beams[2].end))
+    sections = column, girder, column
+    mech, beams = welded_frame(portal_points(1.0, 1.1), sections, 6, formulation="exact")
     for k in range(2):
-        mech.add(bd.Weld(f"corner {k}", beams[k].end, beams[k + 1].start))
         mech.add(bd.Force(f"press {k}", beams[k].end, (0.0, -column.EI), axes="body"))
     spring = (mech.ground.at(0.0, 1.1), beams[0].end)
     mech.add(bd.Bushing("spring", *spring, kx=0.497 * column.EI))
@@ -138,31 +130,14 @@ def test_regression_critical_loads_do_not_depend_on_the_unit_of_length(scale):
     # The modes of more than 150 coordinates came from a matrix of stiffness [J] and joints [m],
     # whose elimination lost digits: the load was 11.379 at 300, and none was found at 1000.
     section = rectangle(4e-5 * scale, 0.02 * scale)
-    sizes, shares = (0.7 * scale, scale), (1.0, 0.4)
-    mech = portal_frame((section,) * 3, sizes, 8, shares, bd.Weld, strain="exact")
+    points = portal_points(0.7 * scale, scale)
+    mech, beams = welded_frame(points, section, 8, strain="exact")
+    for k, share in enumerate((1.0, 0.4)):
+        mech.add(bd.Force(f"load {k}", beams[k].end, (0.0, -share * section.EI / scale**2)))
     path = bd.equilibrium(mech, to=15.0)
     assert [point.kind for point in path.critical] == ["branch point"]
     # The frame is not symmetric, so that rounding of positions moves this point.
     assert path.critical[0].factor == pytest.approx(11.36058, rel=2e-5)
-
-
-def portal_frame(sections, sizes, elements, shares, foot, **options):
-    """Return a frame with loads of these multiples of EI / height^2 on its corners."""
-    (width, height), mech = sizes, bd.Mechanism()
-    corners = [(0.0, 0.0), (0.0, height), (width, height), (width, 0.0)]
-    left, girder, right = (
-        mech.add(bd.Beam(name, bd.Line(*ends), section, elements, **options))
-        for name, ends, section in zip(
-            ("left", "girder", "right"), pairwise(corners), sections, strict=True
-        )
-    )
-    mech.add(foot("left foot", mech.ground.at(*corners[0]), left.start))
-    mech.add(foot("right foot", mech.ground.at(*corners[-1]), right.end))
-    mech.add(bd.Weld("left corner", left.end, girder.start))
-    mech.add(bd.Weld("right corner", girder.end, right.start))
-    for name, corner, share in zip("ab", (left.end, girder.end), shares, strict=True):
-        mech.add(bd.Force(f"load {name}", corner, (0.0, -share * sections[0].EI / height**2)))
-    return mech
 
 
 def columns_of_sizes(lengths, shares, **options):

@@ -2,24 +2,24 @@
 
 import numpy as np
 import pytest
+from mechanisms import (
+    clamped_beam,
+    free_ball,
+    hinged_beam,
+    lee_frame,
+    portal_points,
+    rectangle,
+    welded_frame,
+)
 from numpy.testing import assert_allclose
 
 import beamdae as bd
 
-STEEL = bd.Material.of("steel")
-
-
-def rectangle(height):
-    """Return a section 20 mm wide."""
-    return bd.Section.rectangle(STEEL, width=0.02, height=height)
-
 
 def column(height, length=1.0, elements=8, axes="inertial"):
     """Return a cantilever column under a compressive force of EI / L^2."""
-    mech, section = bd.Mechanism(), rectangle(height)
-    line = bd.Line((0.0, 0.0), (0.0, length))
-    beam = mech.add(bd.Beam("column", line, section, elements, formulation="exact"))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    section = rectangle(height)
+    mech, beam = clamped_beam(section, elements, (0.0, length), name="column", formulation="exact")
     mech.add(bd.Force("press", beam.end, (0.0, -section.EI / length**2), axes=axes))
     mech.observe("tip", beam.end)
     return mech
@@ -27,11 +27,10 @@ def column(height, length=1.0, elements=8, axes="inertial"):
 
 def arch_under_pressure(height, radius=0.2, elements=12, **options):
     """Return a hinged semicircular arch under the follower pressure EI / R^3."""
-    mech, section = bd.Mechanism(), rectangle(height)
+    section = rectangle(height)
     arc = bd.Arc(radius, np.pi * radius, start=(radius, 0.0), angle=0.5 * np.pi)
     options = options or {"formulation": "exact"}
-    arch = mech.add(bd.Beam("arch", arc, section, elements, **options))
-    mech.add(bd.Revolute("right", mech.ground.at(radius, 0.0), arch.start))
+    mech, arch = hinged_beam(section, elements, arc, name="arch", **options)
     mech.add(bd.Revolute("left", mech.ground.at(-radius, 0.0), arch.end))
     pressure = (0.0, section.EI / radius**3)
     mech.add(bd.DistributedForce("pressure", arch, pressure, axes="section"))
@@ -93,10 +92,8 @@ def test_arc_length_ends_where_points_are_recomputed():
 )
 @pytest.mark.parametrize("slenderness", [1e1, 1e3, 1e5])
 def test_strip_rolls_up_at_any_slenderness(slenderness, elements):
-    mech, section = bd.Mechanism(), rectangle(1.0 / slenderness)
-    line = bd.Line((0.0, 0.0), (1.0, 0.0))
-    strip = mech.add(bd.Beam("strip", line, section, elements, formulation="exact"))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), strip.start))
+    section = rectangle(1.0 / slenderness)
+    mech, strip = clamped_beam(section, elements, name="strip", formulation="exact")
     mech.add(bd.Moment("roll", strip.end, 2.0 * np.pi * section.EI))
     mech.observe("tip", strip.end)
     path = bd.equilibrium(mech)
@@ -106,47 +103,23 @@ def test_strip_rolls_up_at_any_slenderness(slenderness, elements):
     assert_allclose(tip, 0.0, atol=1e-5)
 
 
-def lee_frame(elements, formulation="exact"):
-    """Return the frame of Lee, Manuel & Rossow, J. Eng. Mech. Div. 94 (1968) 521."""
-    strain = {} if formulation == "exact" else {"strain": "exact"}
-    options = {"formulation": formulation, **strain}
-    section = bd.Section.rectangle(bd.Material(E=7.2e6, nu=0.3, rho=1.0), width=3.0, height=2.0)
-    mech, corner, right = bd.Mechanism(), (0.0, 120.0), (120.0, 120.0)
-    column = mech.add(bd.Beam("column", bd.Line((0.0, 0.0), corner), section, elements, **options))
-    # The force acts at a fifth of the beam.
-    count = 5 * ((elements + 4) // 5)
-    beam = mech.add(bd.Beam("beam", bd.Line(corner, right), section, count, **options))
-    mech.add(bd.Weld("corner", column.end, beam.start))
-    mech.add(bd.Revolute("foot", mech.ground.at(0.0, 0.0), column.start))
-    mech.add(bd.Revolute("right", mech.ground.at(*right), beam.end))
-    mech.add(bd.Force("press", beam.at(24.0), (0.0, -1000.0)))
-    mech.observe("ld", beam.at(24.0))
-    return mech
-
-
 @pytest.mark.slow(reason="a path of a hundred points")
 def test_path_of_lees_frame_passes_limit_points_and_reversals_by_arc_length():
-    path = bd.equilibrium(lee_frame(8), to={"ld.y": 30.0}, control="arc length")
+    path = bd.equilibrium(
+        lee_frame(10, formulation="exact"), to={"ld.y": 30.0}, control="arc length"
+    )
     assert [point.kind for point in path.critical] == ["limit point"] * 2
     # Beyond the limit load the displacement reverses twice.
     steps = np.diff(path.columns["ld.y [m]"])
     assert np.count_nonzero(np.diff(np.sign(steps))) == 2
     with pytest.warns(bd.BeamdaeWarning, match="to continue where a displacement reverses"):
-        bd.equilibrium(lee_frame(4), to={"ld.y": 30.0})
+        bd.equilibrium(lee_frame(5, formulation="exact"), to={"ld.y": 30.0})
 
 
 def swaying_portal(side):
     """Return a clamped portal frame of 1 m in floating frames, with EI / L^2 on both columns."""
-    mech, section = bd.Mechanism(), rectangle(1e-2)
-    points = [(0.0, 0.0), (0.0, 1.0), (1.0, 1.0), (1.0, 0.0)]
-    left, beam, right = (
-        mech.add(bd.Beam(name, bd.Line(*points[k : k + 2]), section, 8))
-        for k, name in enumerate(("left", "beam", "right"))
-    )
-    mech.add(bd.Weld("left foot", mech.ground.at(0.0, 0.0), left.start))
-    mech.add(bd.Weld("left corner", left.end, beam.start))
-    mech.add(bd.Weld("right corner", beam.end, right.start))
-    mech.add(bd.Weld("right foot", mech.ground.at(1.0, 0.0), right.end))
+    section = rectangle(1e-2)
+    mech, (left, _beam, right) = welded_frame(portal_points(), section, 8)
     mech.add(bd.Force("first", left.end, (side * section.EI, -section.EI)))
     mech.add(bd.Force("second", right.start, (0.0, -section.EI)))
     return mech
@@ -170,15 +143,10 @@ def test_regression_portal_of_default_strain_ends_in_few_points():
 @pytest.mark.parametrize("formulation", ["exact", "floating frame"])
 def test_fine_mesh_is_free_only_without_a_clamp(formulation):
     """The lowest stiffness of a fine mesh is 1e-11 of the largest; rounding errors are 1e-16."""
-    strip = bd.Section.rectangle(STEEL, width=0.02, height=0.002)
 
     def find_equilibrium(clamped):
-        mech = bd.Mechanism()
-        arc = bd.Arc(2.0, 1.0)
-        beam = mech.add(bd.Beam("beam", arc, strip, 64, formulation=formulation))
-        kind = bd.Weld if clamped else bd.Revolute
-        mech.add(kind("foot", mech.ground.at(0.0, 0.0), beam.start))
-        return bd.equilibrium(mech)
+        build = clamped_beam if clamped else hinged_beam
+        return bd.equilibrium(build(rectangle(), 64, bd.Arc(2.0, 1.0), formulation=formulation)[0])
 
     cantilever = find_equilibrium(clamped=True)
     assert cantilever.stable
@@ -192,8 +160,7 @@ def test_fine_mesh_is_free_only_without_a_clamp(formulation):
 
 def test_regression_states_without_steady_value_are_not_told_to_add_a_spring():
     """A work integrator was a coordinate without stiffness that needs a spring or a joint."""
-    mech = bd.Mechanism()
-    mass = mech.add(bd.PointMass("mass", 1.0, at=(1.0, 0.0)))
+    mech, mass = free_ball((1.0, 0.0), name="mass")
     for k in range(2):
         mech.add(bd.Spring(f"spring {k}", mech.ground.at(0.0, k), mass.point, 10.0))
     mech.state("work", rate=0.0)

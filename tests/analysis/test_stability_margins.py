@@ -3,7 +3,7 @@
 import casadi as ca
 import numpy as np
 import pytest
-from mechanisms import mass_on_rail
+from mechanisms import free_ball, mass_on_rail
 from numpy.testing import assert_allclose
 from scipy import signal
 
@@ -18,18 +18,14 @@ def tank(outputs=("level",)):
     return bd.linearize(mech, outputs=list(outputs))
 
 
-def stage(stiffness=0.0, damping=0.0, outputs=("x",)):
+def stage(stiffness=0.0, damping=0.0):
     """Return the linear model of 2 kg on a rail, with a spring and a damper, from force to x."""
-    mech = bd.Mechanism()
-    mass = mech.add(bd.PointMass("mass", 2.0, at=(1.0, 0.0)))
-    wall = mech.ground.at(0.0, 0.0)
-    mech.add(bd.PointOnLine("rail", wall, mass.point, (1.0, 0.0)))
-    mech.add(bd.Spring("spring", wall, mass.point, stiffness, damping, 1.0))
+    mech, mass = mass_on_rail(2.0, 1.0, spring=(stiffness, damping, 1.0))
     force = mech.input("force", unit="N")
     mech.add(bd.Force("push", mass.point, (force, 0.0)))
     for name in ("x", "x_dot"):
         mech.sensor(name, mass.point, name)
-    return bd.linearize(mech, inputs=["force"], outputs=list(outputs))
+    return bd.linearize(mech, inputs=["force"], outputs=["x"])
 
 
 @pytest.mark.slow(reason="half a second")
@@ -49,11 +45,7 @@ def test_integrator_with_delay_has_the_margins_of_its_closed_form(gain, delay):
 @pytest.mark.parametrize("gain", [0.5, 3.0, -1.5, -4.0])
 def test_poles_of_loops_with_a_direct_feedthrough(gain):
     # The acceleration of 2 kg on a spring and a damper is L = k s^2 / (2 s^2 + 3 s + 50).
-    mech = bd.Mechanism()
-    mass = mech.add(bd.PointMass("mass", 2.0, at=(1.0, 0.0)))
-    wall = mech.ground.at(0.0, 0.0)
-    mech.add(bd.PointOnLine("rail", wall, mass.point, (1.0, 0.0)))
-    mech.add(bd.Spring("spring", wall, mass.point, 50.0, 3.0, 1.0))
+    mech, mass = mass_on_rail(2.0, 1.0, spring=(50.0, 3.0, 1.0))
     mech.add(bd.Force("push", mass.point, (mech.input("force", unit="N"), 0.0)))
     mech.observe("mass", bd.acceleration(mass.point))
     model = bd.linearize(mech, inputs=["force"], outputs=["mass.ax"])
@@ -169,11 +161,7 @@ def test_loop_of_a_pid_is_opened_at_its_command(factor, limits):
 @pytest.mark.slow(reason="a fifth of a second")
 def test_command_in_a_formula_of_a_state_is_differentiated():
     """The drive y, T y' + y = (1 + 0.1 x) u, of a mass on a spring; the factor depends on x."""
-    mech = bd.Mechanism()
-    mass = mech.add(bd.PointMass("mass", 2.0, at=(1.0, 0.0)))
-    wall = mech.ground.at(0.0, 0.0)
-    mech.add(bd.PointOnLine("rail", wall, mass.point, (1.0, 0.0)))
-    mech.add(bd.Spring("spring", wall, mass.point, 50.0, 3.0, 0.9))
+    mech, mass = mass_on_rail(2.0, 1.0, spring=(50.0, 3.0, 0.9))
     x = mech.sensor("x", mass.point, "x")
     command = bd.pid(mech, "servo", 1.0 - x, 30.0, 40.0, 4.0, filter_time=0.01)
     drive = mech.state("drive", lambda y, t: ((1.0 + 0.1 * x) * command - y) / 0.02)
@@ -319,8 +307,7 @@ def test_loops_that_cannot_be_opened_are_named():
         model = bd.linearize(mech)
     with pytest.raises(bd.BeamdaeError, match=r"300 of servo is at or beyond its limit 30"):
         bd.margins(model, "servo")
-    mech = bd.Mechanism()
-    mass = mech.add(bd.PointMass("mass", 2.0, at=(1.0, 0.0)))
+    mech, mass = free_ball((1.0, 0.0), 2.0, name="mass")
     x = mech.sensor("x", mass.point, "x")
     command = bd.pid(mech, "servo", -x, kp=3.0)
     law = bd.table([-10.0, 10.0], [-1.0, 1.0], kind="linear")

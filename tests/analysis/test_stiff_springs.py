@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from mechanisms import rectangle
+from mechanisms import free_ball, rectangle
 from numpy.testing import assert_allclose
 from scipy.optimize import brentq
 
@@ -172,8 +172,7 @@ def test_preloads_of_stiff_springs(stiffness, ends):
     # Two springs in line push a mass aside if twice their thrust exceeds the stiffness across.
     @bd.model(t_end=1.0)
     def model(tension=0.0):
-        mech = bd.Mechanism()
-        mass = mech.add(bd.PointMass("mass", 1.0, at=(0.0, 0.0)))
+        mech, mass = free_ball(name="mass")
         for x in (-1.0, 1.0):
             at = mech.ground.at(x, 0.0)
             name = f"spring {x}"

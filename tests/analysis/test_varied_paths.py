@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from mechanisms import EARTH, rectangle
+from mechanisms import EARTH, hinged_body, rectangle
 from scipy.optimize import minimize_scalar
 
 import beamdae as bd
@@ -176,12 +176,12 @@ def test_contacts_that_are_pressed_through_are_named():
 
 
 def slider_crank(angle):
-    mech = bd.Mechanism(gravity=EARTH)
-    crank = mech.add(bd.RigidBody("crank", mass=1.0, inertia=0.01, center=(0.05, 0.0)))
+    mech, crank = hinged_body(
+        mass=1.0, inertia=0.01, center=(0.05, 0.0), name="crank", gravity=9.81
+    )
     rod = mech.add(bd.RigidBody("rod", mass=1.0, inertia=0.02, center=(0.25, 0.0)))
     slider = mech.add(bd.RigidBody("slider", mass=1.0, inertia=0.01, center=(0.4, 0.0)))
     bearing = mech.ground.at(0.0, 0.0), crank.at(0.0, 0.0)
-    mech.add(bd.Revolute("bearing", *bearing))
     mech.add(bd.Revolute("pin", crank.at(0.1, 0.0), rod.at(0.1, 0.0)))
     mech.add(bd.Revolute("wrist", rod.at(0.4, 0.0), slider.at(0.4, 0.0)))
     rail = mech.ground.at(0.4, 0.0), slider.at(0.4, 0.0)

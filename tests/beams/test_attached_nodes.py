@@ -4,7 +4,7 @@ import warnings
 
 import numpy as np
 import pytest
-from mechanisms import EARTH, clamped_beam, rectangle
+from mechanisms import EARTH, clamped_beam, hinged_beam, rectangle
 from numpy.testing import assert_allclose
 
 import beamdae as bd
@@ -234,13 +234,13 @@ def test_errors_of_attachments_inside_given_elements_are_stated(kind, elements, 
     s = 0.4 * bounds[elements // 2] + 0.6 * bounds[elements // 2 + 1]
 
     def bend(elements, nodes):
-        mech = bd.Mechanism()
-        beam = mech.add(bd.Beam("beam", LINE, STRIP, elements=elements, nodes=nodes))
         if kind == "force":
-            mech.add(bd.Revolute("left", mech.ground.at(0.0, 0.0), beam.start))
+            mech, beam = hinged_beam(STRIP, elements, nodes=nodes)
             mech.add(bd.PointOnLine("right", mech.ground.at(1.0, 0.0), beam.end))
             mech.add(bd.Force("it", beam.at(s), (0.0, 1e-3 * STRIP.EI)))
         else:
+            mech = bd.Mechanism()
+            beam = mech.add(bd.Beam("beam", LINE, STRIP, elements=elements, nodes=nodes))
             mech.add(bd.Weld("it", mech.ground.at(s, 0.0), beam.at(s)))
             mech.add(bd.Force("load", beam.end, (0.0, 1e-3 * STRIP.EI)))
         mech.observe("tip", beam.end)
@@ -269,10 +269,8 @@ def test_equal_lengths_given_as_ends_or_as_a_number_are_equivalent(formulation):
 @pytest.mark.slow(reason="half a second")
 def test_moving_forces_pass_elements_of_different_lengths():
     """The deflection under a slow force is the static deflection a^2 b^2 / (3 EI L)."""
-    mech = bd.Mechanism()
     strip = rectangle(0.01, damping=0.02)
-    beam = mech.add(bd.Beam("beam", LINE, strip, elements=[0.0, 0.1, 0.35, 0.42, 0.8, 1.0]))
-    mech.add(bd.Revolute("left", mech.ground.at(0.0, 0.0), beam.start))
+    mech, beam = hinged_beam(strip, [0.0, 0.1, 0.35, 0.42, 0.8, 1.0])
     mech.add(bd.PointOnLine("right", mech.ground.at(1.0, 0.0), beam.end))
     force = 1e-3 * strip.EI
     mech.add(bd.MovingForce("wheel", beam, (0.0, -force), speed=0.05))

@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from mechanisms import EARTH
+from mechanisms import clamped_beam
 from numpy.testing import assert_allclose
 
 import beamdae as bd
@@ -102,11 +102,9 @@ def test_elements_end_at_kinks_of_the_curve(settings):
     mech, beam = clamp(curve, THIN, **settings)
     result = solve(mech)
     assert beam.mesh.has_end_at(0.4)
-    mech = bd.Mechanism(gravity=EARTH)
-    first = mech.add(bd.Beam("first", bd.Line((0.0, 0.0), (0.4, 0.0)), THIN, **EXACT))
+    mech, first = clamped_beam(THIN, None, 0.4, name="first", gravity=9.81, **EXACT)
     end = tuple(curve.point(1.0).tolist())
     second = mech.add(bd.Beam("second", bd.Line((0.4, 0.0), end), THIN, **EXACT))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), first.start))
     mech.add(bd.Weld("bend", first.end, second.start))
     mech.observe("tip", second.end)
     mech.observe("root", first.section_forces(0.1))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from conformance import integrators
-from mechanisms import EARTH, clamped_beam, rectangle
+from mechanisms import EARTH, clamped_beam, hinged_beam, rectangle
 from numpy.testing import assert_allclose
 from support import ARC, VARIANTS, NumericEquations
 
@@ -15,15 +15,11 @@ CHORD = VARIANTS[2]
 def bead_on_rotating_rod(E, elements=4):
     """Return a mechanism of a bead on a rod that rotates at a constant rate."""
     omega, distance = 2.0, 0.3
-    mech = bd.Mechanism()
     section = rectangle(0.02, material=bd.Material(E=E, nu=0.3, rho=7800.0))
-    line = bd.Line((0.0, 0.0), (2.0, 0.0))
-    rod = mech.add(bd.Beam("rod", line, section, elements=elements, angular_velocity=omega))
+    mech, rod = hinged_beam(section, elements, 2.0, name="rod", angular_velocity=omega)
     velocity = (0.0, omega * distance)
     bead = mech.add(bd.PointMass("bead", 0.1, at=(distance, 0.0), velocity=velocity))
-    root = mech.ground.at(0.0, 0.0)
-    mech.add(bd.Revolute("pin", root, rod.start))
-    motor = mech.add(bd.Driver("motor", root, rod.start, law=lambda t: omega * t))
+    motor = mech.add(bd.Driver("motor", mech.ground.at(0.0, 0.0), rod.start, lambda t: omega * t))
     slide = mech.add(bd.SlidingOnBeam("slide", bead.point, rod))
     mech.observe("s", slide.s)
     mech.observe("slide", slide.reaction)
@@ -43,13 +39,13 @@ def test_bead_on_a_stiff_rotating_rod(integrator):
     assert solution.quality.energy_imbalance < 1e-4
 
 
-def bead_on_hanging_arc(elements, damping=1e-4):
+def bead_on_hanging_arc(elements):
     """Return a bead on a pinned flexible arc."""
     mech = bd.Mechanism(gravity=EARTH)
     start = (-np.sin(1.2), -np.cos(1.2))
     arc = bd.Arc(radius=1.0, length=2.4, start=start, angle=-1.2)
     steel = bd.Material(E=2.1e11, nu=0.3, rho=7800.0)
-    section = rectangle(0.004, 0.03, damping=damping, material=steel)
+    section = rectangle(0.004, 0.03, damping=1e-4, material=steel)
     beam = mech.add(bd.Beam("arc", arc, section, elements=elements))
     bead = mech.add(bd.PointMass("bead", 0.5, at=tuple(arc.point(0.4).tolist())))
     for name, end in (("left", beam.start), ("right", beam.end)):

@@ -209,16 +209,8 @@ def rectangles(*heights):
 KINKED = rectangles(0.004, 0.0035, 0.0028, 0.002, 0.0007)
 
 
-def supported_beam(section, length, elements, load, supports="clamp"):
-    mech = bd.Mechanism()
-    line = bd.Line((0.0, 0.0), (length, 0.0))
-    beam = mech.add(bd.Beam("beam", line, section, elements=elements))
-    start, end = (mech.ground.at(x, 0.0) for x in (0.0, length))
-    if supports == "clamp":
-        mech.add(bd.Weld("clamp", start, beam.start))
-    else:
-        mech.add(bd.Revolute("hinge", start, beam.start))
-        mech.add(bd.PointOnLine("roller", beam.end, end, (1.0, 0.0)))
+def loaded_beam(section, length, elements, load):
+    mech, beam = clamped_beam(section, elements, bd.Line((0.0, 0.0), (length, 0.0)))
     if load == "force":
         mech.add(bd.Force("load", beam.end, (0.0, -1e-6)))
     elif load == "moment":
@@ -244,7 +236,7 @@ def supported_beam(section, length, elements, load, supports="clamp"):
 )
 def test_errors_of_sections_that_change_within_elements_are_stated(section, length, elements, load):
     """Elements end at the kinks of tapers, but not where functions change."""
-    path = bd.equilibrium(supported_beam(section, length, elements, load))
+    path = bd.equilibrium(loaded_beam(section, length, elements, load))
     beam = bd.Beam("beam", bd.Line((0.0, 0.0), (length, 0.0)), section)
     # The integral of M m / EI with the moment m by a unit force at the end.
     s = (np.arange(20_000) + 0.5) / 20_000 * length

@@ -188,18 +188,6 @@ def test_run_reports_errors_of_beams_and_warns_once(command):
 
 
 @pytest.mark.slow(reason="runs a model")
-def test_run_with_generalized_alpha(command):
-    method = "--integrator", "generalized-alpha", "--step", "2e-3", "--option", "rho_inf=0.5"
-    result = command("run", ARM, *method, "--t-end", "0.01", "--output-step", "5e-3")
-    assert result.exit_code == 0
-    sidecar = json.loads(Path("results/arm.json").read_text())
-    assert sidecar["integrator"]["step"] == 2e-3
-    assert sidecar["integrator"]["rho_inf"] == 0.5
-    assert sidecar["result"]["steps"] == 5
-    assert list(pd.read_csv("results/arm.csv")["t [s]"]) == [0.0, 5e-3, 0.01]
-
-
-@pytest.mark.slow(reason="runs a model")
 def test_model_without_observables_is_drawn_and_written(command):
     result = command("run", ARM.replace('mech.observe("tip", beam.end)', ""))
     assert result.exit_code == 0

@@ -140,8 +140,11 @@ def test_result_is_that_of_simulate(run):
 
 
 def test_imported_class_can_be_used_by_its_name_in_the_file(run):
-    assert run("--integrator", "Alpha", "--step", "0.002").exit_code == 0
-    assert read_settings()["integrator"] == "GeneralizedAlpha"
+    settings = ("--step", "0.002", "--option", "rho_inf=0.5", "--output-step", "0.01")
+    assert run("--integrator", "Alpha", *settings).exit_code == 0
+    found = [read_settings()[name] for name in ("integrator", "step", "rho_inf")]
+    assert found == ["GeneralizedAlpha", 2e-3, 0.5]
+    assert list(pd.read_csv("results/swing.csv")["t [s]"]) == [0.0, 0.01, 0.02]
 
 
 def test_built_in_names_come_before_variables_of_the_file(run):

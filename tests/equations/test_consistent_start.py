@@ -3,7 +3,15 @@
 import casadi as ca
 import numpy as np
 import pytest
-from mechanisms import balance_wheel, rectangle
+from mechanisms import (
+    balance_wheel,
+    clamped_beam,
+    crank_and_ram,
+    driven,
+    free_ball,
+    hinged_body,
+    rectangle,
+)
 from numpy.testing import assert_allclose
 from support import ARC, REPRESENTATIVE_VARIANTS, VARIANTS, NumericEquations
 
@@ -174,14 +182,11 @@ def test_regression_four_bars_start_although_a_part_of_a_gap_cannot_be_closed():
 
 def slider_crank(angle):
     """Return a 2 m crank with a 1.5 m rod, which does not reach the line beyond arcsin(3/4)."""
-    mech = bd.Mechanism()
-    crank = mech.add(bd.RigidBody("crank", mass=1.0, inertia=1.0, center=(1.0, 0.0)))
+    crank = bd.RigidBody("crank", mass=1.0, inertia=1.0, center=(1.0, 0.0))
+    mech, crank = driven(crank, angle)
     rod = mech.add(bd.RigidBody("rod", mass=1.0, inertia=1.0, center=(2.75, 0.0)))
-    hub = (mech.ground.at(0.0, 0.0), crank.at(0.0, 0.0))
-    mech.add(bd.Revolute("bearing", *hub))
     mech.add(bd.Revolute("pin", crank.at(2.0, 0.0), rod.at(2.0, 0.0)))
     mech.add(bd.PointOnLine("guide", mech.ground.at(0.0, 0.0), rod.at(3.5, 0.0)))
-    mech.add(bd.Driver("motor", *hub, law=angle))
     return mech
 
 
@@ -199,7 +204,7 @@ def test_an_unreachable_position_is_reported_in_one_sentence(angle):
         make_consistent(slider_crank(angle))
     message = str(error.value)
     assert "the joints cannot be closed at t = 0" in message
-    assert message.split(".")[0] in ("bearing", "pin", "guide", "motor")
+    assert message.split(".")[0] in ("hinge", "pin", "guide", "motor")
     assert "a gap of" in message
     assert message.endswith(".")
     assert "\n" not in message
@@ -319,19 +324,10 @@ def test_dependent_constraints_are_named_among_many():
 @bd.model(t_end=0.02)
 def flywheel(speed=12.0, formulation="floating frame", given=True):
     """Crank that turns at `speed` [rad/s], and an undamped steel rod to a ram in a guide."""
-    mech = bd.Mechanism()
     turning = {"angular_velocity": speed} if given else {}
-    crank = mech.add(bd.RigidBody.rod("crank", (0.0, 0.0), (0.02, 0.02), mass=0.5, **turning))
-    ram = mech.add(bd.PointMass("ram", 2.0, at=(0.3, 0.0)))
     section = rectangle(0.012, 0.03)
-    line = bd.Line((0.02, 0.02), (0.3, 0.0))
-    rod = mech.add(bd.Beam("rod", line, section, 2, formulation=formulation))
-    mech.add(bd.Revolute("bearing", mech.ground.at(0.0, 0.0), crank.at(0.0, 0.0)))
-    mech.add(bd.Revolute("pin", crank.at(0.02, 0.02), rod.start))
-    mech.add(bd.Revolute("ram pin", rod.end, ram.point))
-    mech.add(bd.PointOnLine("guide", mech.ground.at(0.3, 0.0), ram.point, direction=(1.0, 0.0)))
+    mech, crank, rod = crank_and_ram(section, 2, formulation=formulation, **turning)
     mech.observe("crank", crank.at(0.0, 0.0))
-    mech.observe("ram", ram.point)
     mech.observe("root", rod.stress(0.14, "top"))
     return mech
 
@@ -357,12 +353,9 @@ def test_regression_connected_bodies_follow_a_given_velocity(formulation, given)
 @pytest.mark.slow(reason="half a second")
 @pytest.mark.parametrize("formulation", ["floating frame", "exact"])
 def test_velocities_that_a_clamped_beam_stops_are_projected_with_a_warning(formulation):
-    mech = bd.Mechanism()
     section = rectangle(0.002, 0.01)
-    line = bd.Line((0.0, 0.0), (1.0, 0.0))
-    beam = mech.add(bd.Beam("beam", line, section, 2, formulation=formulation))
+    mech, beam = clamped_beam(section, 2, formulation=formulation)
     block = mech.add(bd.RigidBody("block", 0.1, 1e-4, center=(1.0, 0.0), velocity=(0.0, 2.0)))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
     mech.add(bd.Weld("bolt", beam.end, block.at(1.0, 0.0)))
     mech.observe("block", block.at(1.0, 0.0))
     sentence = "starts with block.y_dot = 1.9.* m/s instead of 2 m/s"
@@ -374,9 +367,7 @@ def test_velocities_that_a_clamped_beam_stops_are_projected_with_a_warning(formu
 
 @pytest.mark.parametrize("start", ["equilibrium", bd.rotation(3.0)], ids=["rest", "rotation"])
 def test_regression_given_velocities_that_a_start_does_not_use_are_named(start):
-    mech = bd.Mechanism()
-    wheel = mech.add(bd.RigidBody("wheel", 1.0, 0.1, angular_velocity=5.0))
-    mech.add(bd.Revolute("bearing", mech.ground.at(0.0, 0.0), wheel.at(0.0, 0.0)))
+    mech, _ = hinged_body(1.0, 0.1, angular_velocity=5.0, name="wheel")
     with pytest.warns(bd.BeamdaeWarning, match="the given velocity of wheel is not used"):
         solution = bd.simulate(mech, t_end=0.1, start=start)
     assert sum("is not used" in x for x in solution.warnings) == 1
@@ -385,9 +376,8 @@ def test_regression_given_velocities_that_a_start_does_not_use_are_named(start):
 def test_regression_given_velocities_are_vectors():
     """A bob near the vertical kept the small component of its velocity, and started at 11 m/s."""
     angle = np.radians(5.0)
-    mech = bd.Mechanism()
     place = (np.sin(angle), -np.cos(angle))
-    bob = mech.add(bd.PointMass("bob", 1.0, at=place, velocity=(0.0, 1.0)))
+    mech, bob = free_ball(place, name="bob", velocity=(0.0, 1.0))
     mech.add(bd.Distance("rope", mech.ground.at(0.0, 0.0), bob.point))
     with pytest.warns(bd.BeamdaeWarning, match="starts with bob.y_dot = 0.007596 m"):
         run = bd.simulate(mech, t_end=1e-3)
@@ -397,8 +387,7 @@ def test_regression_given_velocities_are_vectors():
 
 def test_a_struck_chain_keeps_the_given_velocity():
     """A mass and a body at rest that a rod connects move as one, without an impact."""
-    mech = bd.Mechanism()
-    first = mech.add(bd.PointMass("first", 1.0, at=(1.0, 0.0), velocity=(0.5, 0.0)))
+    mech, first = free_ball((1.0, 0.0), name="first", velocity=(0.5, 0.0))
     second = mech.add(bd.PointMass("second", 3.0, at=(2.0, 0.0)))
     mech.add(bd.Distance("rod", first.point, second.point))
     assert_allclose(bd.simulate(mech, t_end=1e-3).v[0], (0.5, 0.0, 0.5, 0.0), atol=1e-11)
@@ -415,10 +404,8 @@ def test_regression_lost_translations_of_turning_bodies_are_named():
 
 def test_named_velocities_are_components():
     """On an inclined guide, the prescribed component determines the other one."""
-    mech = bd.Mechanism()
-    block = mech.add(bd.PointMass("block", 1.0, at=(0.0, 0.0)))
+    mech, block = free_ball(name="block")
     mech.add(bd.PointOnLine("guide", mech.ground.at(0.0, 0.0), block.point, (1.0, 0.5)))
-    mech.observe("block", block.point)
     solution = bd.simulate(mech, start={"block.x_dot": 2.0}, t_end=1e-3)
     first = [solution[f"block.{name}"].iloc[0] for name in ("x_dot", "y_dot")]
     assert_allclose(first, (2.0, 1.0), rtol=1e-11)

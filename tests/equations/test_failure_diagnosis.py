@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from conformance import integrators
-from mechanisms import EARTH, mass_on_rail
+from mechanisms import driven, free_ball, mass_on_rail
 
 import beamdae as bd
 
@@ -11,19 +11,15 @@ import beamdae as bd
 @integrators(1e-5, 1e-3)
 def test_a_locking_mechanism_names_its_joints(integrator):
     """The crank is longer than the rod: after 0.26 s, the rod cannot follow the motor."""
-    mech = bd.Mechanism()
-    crank = mech.add(bd.RigidBody("crank", 1.0, 0.1, center=(0.5, 0.0)))
+    mech, crank = driven(bd.RigidBody("crank", 1.0, 0.1, center=(0.5, 0.0)), lambda t: 3.0 * t)
     rod = mech.add(bd.RigidBody("rod", 1.0, 0.1, center=(1.35, 0.0)))
-    hub = (mech.ground.at(0.0, 0.0), crank.at(0.0, 0.0))
-    mech.add(bd.Revolute("bearing", *hub))
-    mech.add(bd.Driver("motor", *hub, law=lambda t: 3.0 * t))
     mech.add(bd.Revolute("pin", crank.at(1.0, 0.0), rod.at(1.0, 0.0)))
     mech.add(bd.PointOnLine("guide", mech.ground.at(1.7, 0.0), rod.at(1.7, 0.0)))
     with pytest.warns(bd.BeamdaeWarning):
         status = bd.simulate(mech, integrator, 1.0).status
     assert status.kind == "failed"
     assert "stopped at t = 0.258" in status.sentence
-    assert "near a singular position of bearing, motor, pin, guide;" in status.sentence
+    assert "near a singular position of hinge, motor, pin, guide;" in status.sentence
     assert "rod.angle has the largest acceleration" in status.sentence
 
 
@@ -41,8 +37,7 @@ def test_a_load_that_becomes_nan_names_the_coordinate(integrator):
 
 @pytest.mark.parametrize("step", [0.01, 0.03, 0.1])
 def test_regression_friction_that_reverses_within_a_fixed_step_is_named(step):
-    mech, mass = mass_on_rail(x=1.0)
-    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), mass.point, 100.0, free_length=0.8))
+    mech, mass = mass_on_rail(x=1.0, spring=(100.0, 0.0, 0.8))
     mech.add(bd.Force("load", mass.point, (bd.sine(1.0, frequency=0.1), 0.0)))
 
     def rub(at, t):
@@ -72,8 +67,7 @@ def test_regression_forces_that_become_infinite_are_named(power, gap):
 
 
 def test_fixed_steps_that_stop_at_sticking_name_the_friction():
-    mech = bd.Mechanism(gravity=EARTH)
-    foot = mech.add(bd.PointMass("foot", 2.0, at=(0.0, 0.0), velocity=(1.0, 0.0)))
+    mech, foot = free_ball(mass=2.0, name="foot", gravity=9.81, velocity=(1.0, 0.0))
     floor = bd.LineSurface(mech.ground.at(0.0, 0.0))
     damping = {"restitution": 0.5, "impact_speed": 0.1}
     friction = {"friction": 0.5, "friction_speed": 1e-4}

@@ -46,14 +46,12 @@ def test_regression_derivative_by_a_velocity_that_is_zero():
 
 @pytest.mark.parametrize("formulation", ["floating frame", "exact"])
 def test_regression_beams_keep_a_given_zero(formulation):
-    mech = bd.Mechanism()
     crank = bd.RigidBody.rod("crank", (0.0, 0.0), (1.0, 0.0), mass=1.0, angular_velocity=SPEED)
-    crank = mech.add(crank)
+    mech, crank = hinged(crank)
     steel = rectangle(0.02)
     line = bd.Line((1.0, 0.0), (2.0, 0.0))
     beam = bd.Beam("rod", line, steel, 2, formulation=formulation, angular_velocity=0.0)
     beam = mech.add(beam)
-    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), crank.at(0.0, 0.0)))
     mech.add(bd.Revolute("joint", crank.at(1.0, 0.0), beam.start))
     mech.observe("tip", beam.end)
     speed, run = start_speed(mech)
@@ -62,16 +60,8 @@ def test_regression_beams_keep_a_given_zero(formulation):
 
 
 def test_regression_contradicting_zeros_have_a_warning():
-    mech, _ = hinged(
-        bd.RigidBody.rod(
-            "rod",
-            (0.0, 0.0),
-            (1.0, 0.0),
-            mass=1.0,
-            velocity=(0.0, 0.0),
-            angular_velocity=SPEED,
-        )
-    )
+    motion = {"velocity": (0.0, 0.0), "angular_velocity": SPEED}
+    mech, _ = hinged(bd.RigidBody.rod("rod", (0.0, 0.0), (1.0, 0.0), mass=1.0, **motion))
     with pytest.warns(bd.BeamdaeWarning, match=r"rod: the joints do not allow .* rod\.y_dot"):
         bd.simulate(mech, bd.Radau(1e-6), 1e-3)
 

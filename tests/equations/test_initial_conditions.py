@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from mechanisms import EARTH, clamped_beam, rectangle
+from mechanisms import EARTH, clamped_beam, driven, hinged, rectangle
 from numpy.testing import assert_allclose
 from scipy.optimize import brentq, minimize_scalar
 
@@ -183,11 +183,7 @@ def test_drivers_lead_all_analyses_from_the_drawing(bars, value):
 
 def test_large_changes_of_the_start_are_reported(tmp_path):
     """A driver rotates the crank by 0.5 rad from the drawing."""
-    mech = bd.Mechanism()
-    crank = mech.add(bd.RigidBody("crank", 1.0, 0.1, center=(0.5, 0.0)))
-    hub = (mech.ground.at(0.0, 0.0), crank.at(0.0, 0.0))
-    mech.add(bd.Revolute("bearing", *hub))
-    mech.add(bd.Driver("motor", *hub, law=0.5))
+    mech, _ = driven(bd.RigidBody("crank", 1.0, 0.1, center=(0.5, 0.0)), 0.5)
     with pytest.warns(
         bd.BeamdaeWarning,
         match="crank: drivers begin beside the reference configuration, .* lambda t: speed",
@@ -206,13 +202,9 @@ def test_large_changes_of_the_start_are_reported(tmp_path):
 
 def arm(angle, law=None, gravity=9.81):
     """Return an arm of 1 m on a hinge, drawn at this angle from the downward direction."""
-    mech = bd.Mechanism(gravity=(0.0, -gravity))
     center = (0.5 * np.sin(angle), -0.5 * np.cos(angle))
-    bar = mech.add(bd.RigidBody("arm", 1.0, 0.1, center=center))
-    hub = (mech.ground.at(0.0, 0.0), bar.at(0.0, 0.0))
-    mech.add(bd.Revolute("bearing", *hub))
-    if law is not None:
-        mech.add(bd.Driver("motor", *hub, law=law))
+    bar = bd.RigidBody("arm", 1.0, 0.1, center=center)
+    mech, bar = hinged(bar, gravity) if law is None else driven(bar, law, gravity)
     mech.observe("arm", bar.at(*center))
     return mech
 

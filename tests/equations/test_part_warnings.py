@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from mechanisms import clamped_beam, hinged_body, rectangle, swing
+from mechanisms import cantilever, driven, free_ball, hinged_body, rectangle, swing
 
 import beamdae as bd
 
@@ -14,36 +14,34 @@ STIFFNESS, EXPONENT = 1e6, 1.5
 STRIP = rectangle(0.004)
 
 
-def findings(mech, t_end=0.02):
+def findings(mech):
     """Return the warnings of a check; those of a run must be the same."""
-    found = bd.check(mech, t_end=t_end, predict=False)
-    solution = bd.simulate(mech, bd.Radau(1e-5), t_end)
+    found = bd.check(mech, t_end=0.02, predict=False)
+    solution = bd.simulate(mech, bd.Radau(1e-5), t_end=0.02)
     assert [x for x in solution.warnings if x in found.warnings] == list(found.warnings)
     assert all(x in str(found) for x in found.warnings)
     return found.warnings
 
 
-def world():
-    """Return a mechanism under gravity with a ball of 1 kg."""
-    return bd.Mechanism(gravity=(0.0, -G))
+def ball_at(height, x=0.0, mass=1.0, **settings):
+    """Return a mechanism under gravity and its ball."""
+    return free_ball((x, height), mass, **{"gravity": G} | settings)
 
 
 def rest_depth(force, stiffness=STIFFNESS, exponent=EXPONENT):
     return (force / stiffness) ** (1.0 / exponent)
 
 
-def on_floor(height, direction=(1.0, 0.0), stiffness=STIFFNESS, scale=1.0, **contact):
-    """Return a ball at a height above a floor, in a drawing enlarged by `scale`."""
-    mech = world()
-    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, scale * height)))
-    floor = bd.LineSurface(mech.ground.at(2.0 * scale, 0.0), direction)
+def on_floor(height, direction=(1.0, 0.0), stiffness=STIFFNESS, **contact):
+    """Return a ball at a height above a floor."""
+    mech, ball = ball_at(height)
+    floor = bd.LineSurface(mech.ground.at(2.0, 0.0), direction)
     mech.add(bd.Contact("floor", ball.point, floor, stiffness, **contact))
     return mech
 
 
 def in_circle(at, side):
-    mech = world()
-    ball = mech.add(bd.PointMass("ball", 1.0, at=at))
+    mech, ball = ball_at(at[1], at[0])
     mech.add(bd.Contact("bowl", ball.point, bd.CircleSurface(mech.ground.at(0, 0), 1.0, side), 1e6))
     return mech
 
@@ -84,8 +82,7 @@ def test_points_on_the_wrong_side_of_a_circle_are_reported(at, side, depth):
 
 
 def test_a_ball_held_between_two_reversed_surfaces_is_reported():
-    mech = world()
-    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0)))
+    mech, ball = ball_at(0.0)
     for name, y, x in (("floor", -1.0, -1.0), ("ceiling", 1.0, 1.0)):
         surface = bd.LineSurface(mech.ground.at(0.0, y), (x, 0.0))
         mech.add(bd.Contact(name, ball.point, surface, STIFFNESS))
@@ -96,7 +93,7 @@ def test_a_ball_held_between_two_reversed_surfaces_is_reported():
 @pytest.mark.parametrize("formulation", ["floating frame", "exact"])
 def test_beams_inside_a_surface_are_reported_but_not_resting_beams(formulation):
     def lying(height, direction):
-        mech = world()
+        mech = bd.Mechanism(gravity=(0.0, -G))
         line = bd.Line((0.0, height), (1.0, height))
         beam = mech.add(bd.Beam("beam", line, STRIP, elements=2, formulation=formulation))
         for name, point in (("left", beam.start), ("right", beam.end)):
@@ -133,17 +130,13 @@ def test_levers_and_springs_press_contacts_into_surfaces():
     assert findings(mech) == ()
 
 
-def preloaded_lip(length=0.3, depth=0.003, speed=0.5, stiffness=2000.0, **settings):
+def preloaded_lip(speed, **settings):
     """Return an arm drawn straight, on a turning hub, whose end is pressed into a circle."""
-    mech = bd.Mechanism(**settings)
-    hub = mech.add(bd.RigidBody("hub", mass=1.0, inertia=0.01))
-    center = mech.ground.at(0.0, 0.0)
-    mech.add(bd.Revolute("bearing", center, hub.at(0.0, 0.0)))
-    mech.add(bd.Driver("drive", center, hub.at(0.0, 0.0), lambda t: speed * t))
-    arm = mech.add(bd.Beam("arm", bd.Line((0.0, 0.0), (0.0, length)), STRIP, elements=2))
+    mech, hub = driven(bd.RigidBody("hub", mass=1.0, inertia=0.01), lambda t: speed * t, **settings)
+    arm = mech.add(bd.Beam("arm", bd.Line((0.0, 0.0), (0.0, 0.3)), STRIP, elements=2))
     mech.add(bd.Weld("root", hub.at(0.0, 0.0), arm.start))
-    circle = bd.CircleSurface(center, length - depth, side="inside")
-    mech.add(bd.Contact("lip", arm.end, circle, stiffness, exponent=1.0, friction=0.6))
+    circle = bd.CircleSurface(mech.ground.at(0.0, 0.0), 0.297, side="inside")
+    mech.add(bd.Contact("lip", arm.end, circle, 2000.0, exponent=1.0, friction=0.6))
     return mech
 
 
@@ -158,11 +151,8 @@ def test_elastic_preloads_are_those_of_an_equilibrium(speed):
 
 def test_contacts_that_springs_do_not_hold_are_reported():
     """A spring of 2 N/mm yields to the contact of 200 N/mm, which is less deep at rest."""
-    mech = world()
-    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, -0.01)))
-    mech.add(bd.Spring("spring", ball.point, mech.ground.at(0.0, 0.99), 2e3))
-    floor = bd.LineSurface(mech.ground.at(0.0, 0.0), (1.0, 0.0))
-    mech.add(bd.Contact("floor", ball.point, floor, 2e5, exponent=1.0))
+    mech = on_floor(-0.01, stiffness=2e5, exponent=1.0)
+    mech.add(bd.Spring("spring", mech.part("ball").point, mech.ground.at(0.0, 0.99), 2e3))
     (sentence,) = findings(mech)
     assert sentence.endswith(
         "or build the model with bd.Mechanism(start='equilibrium') if it is a preload."
@@ -172,9 +162,8 @@ def test_contacts_that_springs_do_not_hold_are_reported():
 @pytest.mark.slow(reason="a second")
 def test_the_weight_of_a_heavy_carrier_does_not_explain_the_penetration_of_a_light_body():
     for mass, is_reported in ((1e-3, True), (1e3, False)):
-        mech = world()
+        mech, ball = ball_at(-1e-2, mass=mass)
         carrier = mech.add(bd.RigidBody("carrier", 1e3, 1.0, center=(0.0, 0.0)))
-        ball = mech.add(bd.PointMass("ball", mass, at=(0.0, -1e-2)))
         surface = bd.LineSurface(carrier.at(0.0, 0.0))
         mech.add(bd.Contact("touch", ball.point, surface, STIFFNESS))
         assert bool(findings(mech)) == is_reported
@@ -189,59 +178,44 @@ def test_resumed_runs_may_start_in_an_impact():
     assert resumed.warnings == ()
 
 
-def test_gaps_of_impacts_that_start_negative_are_reported():
-    mech = world()
-    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 1.0)))
-    for direction, count in (((-1.0, 0.0), 1), ((1.0, 0.0), 1)):
-        gap = bd.LineSurface(mech.ground.at(0.0, 0.0), direction).gap(ball.point)
-        mech.when(gap, 0.0, "down", bd.impact(gap, 0.5), name=f"bounce {direction[0]:g}")
-        sentences = bd.check(mech, predict=False).warnings
-        assert len(sentences) == count
-        assert sentences[0].startswith("bounce -1: the gap of the impact starts at -1 m, inside")
+def bouncing(height, speed, gravity, direction=1.0):
+    mech, ball = ball_at(height, velocity=(0.0, speed), gravity=gravity)
+    gap = bd.LineSurface(mech.ground.at(0.0, 0.0), (direction, 0.0)).gap(ball.point)
+    mech.when(gap, 0.0, "down", bd.impact(gap, 0.5), name="bounce")
+    return mech
 
 
 @pytest.mark.parametrize(("velocity", "is_reported"), [(-1.0, True), (0.0, True), (1.0, False)])
 def test_bodies_that_touch_and_do_not_separate_pass_through_each_other(velocity, is_reported):
-    mech = world()
-    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0), velocity=(0.0, velocity)))
-    gap = bd.LineSurface(mech.ground.at(0.0, 0.0)).gap(ball.point)
-    mech.when(gap, 0.0, "down", bd.impact(gap, 0.5), name="bounce")
-    mech.observe("ball", ball.point)
-    run = bd.simulate(mech, t_end=0.3)
+    run = bd.simulate(bouncing(0.0, velocity, G), t_end=0.3)
     assert any("where no impact occurs" in x for x in run.warnings) == is_reported
     assert (run["ball.y"].iloc[-1] < -0.1) == is_reported
 
 
 @pytest.mark.parametrize(
-    ("height", "speed", "gravity", "words"),
+    ("start", "words"),
     [
-        (4e-4, -1.0, 9.81, None),
-        (1e-12, 1.0, 9.81, None),
-        (0.0, 0.0, 0.0, None),
-        (0.0, -1.0, 0.0, "starts at 0 m and closes without crossing zero"),
-        (0.0, 0.0, 9.81, "starts at 0 m and closes without crossing zero"),
-        (-1e-3, 0.0, 9.81, "starts at -0.001 m, inside the surface, where no impact occurs"),
+        ((4e-4, -1.0, G), None),
+        ((1e-12, 1.0, G), None),
+        ((0.0, 0.0, 0.0), None),
+        ((1.0, 0.0, G), None),
+        ((0.0, -1.0, 0.0), "starts at 0 m and closes without crossing zero"),
+        ((0.0, 0.0, G), "starts at 0 m and closes without crossing zero"),
+        ((-1e-3, 0.0, G), "starts at -0.001 m, inside the surface, where no impact occurs"),
+        ((1.0, 0.0, G, -1.0), "starts at -1 m, inside the surface, where no impact occurs"),
     ],
 )
-def test_gaps_of_impacts_that_start_closed_are_reported_if_they_close(
-    height, speed, gravity, words
-):
-    mech = bd.Mechanism(gravity=(0.0, -gravity))
-    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, height), velocity=(0.0, speed)))
-    gap = bd.LineSurface(mech.ground.at(0.0, 0.0)).gap(ball.point)
-    mech.when(gap, 0.0, "down", bd.impact(gap, 0.5), name="bounce")
-    sentences = bd.check(mech, predict=False).warnings
+def test_gaps_of_impacts_that_start_closed_are_reported_if_they_close(start, words):
+    sentences = bd.check(bouncing(*start), predict=False).warnings
     assert len(sentences) == (words is not None)
-    assert all(words in x for x in sentences)
+    assert all(x.startswith(f"bounce: the gap of the impact {words}") for x in sentences)
 
 
 # Actions without effect ---------------------------------------------------------------------------
 
 
 def hinged_disk():
-    mech = world()
-    disk = mech.add(bd.RigidBody("disk", 1.0, 0.1, center=(0.5, 0.0)))
-    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), disk.at(0.0, 0.0)))
+    mech, disk = hinged_body(1.0, 0.1, (0.5, 0.0), name="disk", gravity=G)
     line = bd.Line((2.0, 0.0), (3.0, 0.0))
     beam = mech.add(bd.Beam("beam", line, STRIP, elements=2))
     mech.add(bd.Weld("clamp", mech.ground.at(2.0, 0.0), beam.start))
@@ -279,16 +253,11 @@ def test_inactive_joints_of_impacts_are_stops():
 # Start --------------------------------------------------------------------------------------------
 
 
-def clamped_strip():
-    mech, _ = clamped_beam(STRIP, 1, name="strip")
-    return mech
-
-
 @pytest.mark.parametrize(
     ("build", "speeds", "count"),
     [
-        (clamped_strip, {"strip.v2": 0.1, "strip.y0": 1e-17}, 0),
-        (clamped_strip, {"strip.v2": 0.1, "strip.y0": 0.1}, 1),
+        (cantilever, {"beam.v2": 0.1, "beam.y0": 1e-17}, 0),
+        (cantilever, {"beam.v2": 0.1, "beam.y0": 0.1}, 1),
         (swing, {"bob.x": 1e-20}, 0),
         (swing, {"bob.x": 0.1}, 1),
     ],

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from mechanisms import free_ball
 
 import beamdae as bd
 
@@ -12,8 +13,7 @@ import beamdae as bd
 def test_regression_breakpoints_that_are_not_finite_are_rejected(breakpoint_time):
     def build():
         law = bd.results.Law((lambda t: 1.0, lambda t: 2.0), (breakpoint_time,))
-        mech = bd.Mechanism()
-        ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0)))
+        mech, ball = free_ball()
         mech.add(bd.Force("push", ball.point, (law, 0.0)))
         return bd.equations_of_motion(mech)
 
@@ -22,8 +22,7 @@ def test_regression_breakpoints_that_are_not_finite_are_rejected(breakpoint_time
 
 
 def run(law, t_end=1.0):
-    mech = bd.Mechanism()
-    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0)))
+    mech, ball = free_ball()
     mech.add(bd.Force("push", ball.point, (law, 0.0)))
     return bd.simulate(mech, bd.GeneralizedAlpha(0.1 * t_end), t_end)
 

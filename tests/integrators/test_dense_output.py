@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from benchmarks.cases import pendulum, pendulum_motion
 from conformance import integrators
-from mechanisms import rectangle
+from mechanisms import driven, rectangle
 from numpy.testing import assert_allclose
 
 import beamdae as bd
@@ -61,15 +61,13 @@ def test_radau_dense_output_orders_are_five_four_and_three(monkeypatch):
 def test_axial_force_of_a_slow_rod_between_the_steps(rtol):
     # Corrections of positions by the joints must not stretch the rod.
     radius, length, speed, force = 0.06, 0.28, 1.2, 100.0
-    mech = bd.Mechanism()
     section = rectangle(0.03, damping=2e-5)
-    crank = mech.add(bd.RigidBody("crank", mass=1.0, inertia=0.01, center=(0.0, 0.0)))
+    mech, crank = driven(
+        bd.RigidBody("crank", mass=1.0, inertia=0.01, center=(0.0, 0.0)), lambda t: speed * t
+    )
     line = bd.Line((radius, 0.0), (radius + length, 0.0))
     rod = mech.add(bd.Beam("rod", line, section, elements=8))
     ram = mech.add(bd.PointMass("ram", 0.1, at=(radius + length, 0.0)))
-    motor = mech.ground.at(0.0, 0.0), crank.at(0.0, 0.0)
-    mech.add(bd.Driver("motor", *motor, lambda t: speed * t))
-    mech.add(bd.Revolute("bearing", mech.ground.at(0.0, 0.0), crank.at(0.0, 0.0)))
     mech.add(bd.Revolute("crank pin", crank.at(radius, 0.0), rod.start))
     mech.add(bd.Revolute("wrist pin", rod.end, ram.point))
     mech.add(bd.PointOnLine("guide", mech.ground.at(0.0, 0.0), ram.point, direction=(1.0, 0.0)))
@@ -84,15 +82,13 @@ def test_axial_force_of_a_slow_rod_between_the_steps(rtol):
 
 def four_bar():
     """Four-bar with a damped coupler, run up in 0.02 s."""
-    mech = bd.Mechanism()
     alloy = bd.Material(E=70e9, nu=0.3, rho=2700.0)
     strip = rectangle(0.004, damping=1e-3, material=alloy)
-    crank = mech.add(bd.RigidBody("crank", 0.3, inertia=0.003, center=(0.0, 0.1)))
+    mech, crank = driven(
+        bd.RigidBody("crank", 0.3, inertia=0.003, center=(0.0, 0.1)), bd.run_up(1.0, 0.02)
+    )
     coupler = mech.add(bd.Beam("coupler", bd.Line((0.0, 0.2), (0.5, 0.4)), strip, elements=2))
     rocker = mech.add(bd.RigidBody("rocker", 0.5, inertia=0.01, center=(0.5, 0.2)))
-    motor = mech.ground.at(0.0, 0.0), crank.at(0.0, 0.0)
-    mech.add(bd.Revolute("A", *motor))
-    mech.add(bd.Driver("motor", *motor, law=bd.run_up(1.0, 0.02)))
     mech.add(bd.Revolute("B", crank.at(0.0, 0.2), coupler.start))
     mech.add(bd.Revolute("C", coupler.end, rocker.at(0.5, 0.4)))
     mech.add(bd.Revolute("D", mech.ground.at(0.5, 0.0), rocker.at(0.5, 0.0)))

@@ -9,7 +9,7 @@ import pytest
 import threadpoolctl
 from benchmarks.cases import PENDULUM
 from hub_beam import hub_beam
-from mechanisms import symbols
+from mechanisms import free_ball, symbols
 from numpy.testing import assert_allclose
 from own_method import OwnMethod
 
@@ -103,8 +103,7 @@ def test_regression_only_a_string_from_progress_ends_a_run(answer):
 @pytest.mark.parametrize("t_end", [1.0, 0.3, 0.1 + 0.2])
 def test_regression_times_that_differ_by_rounding_are_merged(breakpoints, t_end):
     """Ida raised a KeyError, generalized-alpha returned reactions of 1e18."""
-    mech = bd.Mechanism()
-    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0)))
+    mech, ball = free_ball()
     for k, b in enumerate(breakpoints):
         law = bd.piecewise((b, 1.0), 0.0)
         mech.add(bd.Force(f"push {k}", ball.point, (law, 0.0)))

@@ -1,35 +1,10 @@
 """Reactions of mechanisms whose motion joints and drivers prescribe."""
 
-import casadi as ca
 import numpy as np
 import pytest
+from mechanisms import driven_slide, reaction_of_driven_slide
 
 import beamdae as bd
-
-MASS, AMPLITUDE, RATE, FORCE, SPEED = 60.0, 0.06, 4.0 * np.pi, 1e4, 0.01
-
-
-def build_slide(force=FORCE, speed=SPEED, law=None, scale=1.0):
-    """Return a driven slide; the force changes at reversals within `speed` of the slide [m/s]."""
-    mech = bd.Mechanism()
-    slide = mech.add(bd.PointMass("slide", MASS, at=(0.0, 0.0)))
-    base = mech.ground.at(0.0, 0.0)
-    mech.add(bd.PointOnLine("guide", base, slide.point, direction=(0.0, 1.0)))
-    law = law or (lambda t: AMPLITUDE * (ca.cos(RATE * t) - 1.0))
-    drive = mech.add(bd.TranslationalDriver("drive", base, slide.point, law, direction=(0.0, 1.0)))
-
-    def push(point, t):
-        return 0.0, scale * force * (1.0 - np.tanh(point.velocity[1] / speed))
-
-    mech.add(bd.ForceLaw("push", slide.point, push))
-    mech.observe("drive", drive.reaction)
-    return mech
-
-
-def exact_reaction(t, force=FORCE, speed=SPEED):
-    velocity = -AMPLITUDE * RATE * np.sin(RATE * t)
-    inertia = -MASS * AMPLITUDE * RATE**2 * np.cos(RATE * t)
-    return inertia - force * (1.0 - np.tanh(velocity / speed))
 
 
 def simulate(mech, method, t_end=1.0):
@@ -38,7 +13,7 @@ def simulate(mech, method, t_end=1.0):
 
 
 def relative_error(run, **motion):
-    exact = exact_reaction(run.t, **motion)
+    exact = reaction_of_driven_slide(run.t, **motion)
     return np.max(np.abs(run["drive.F"].to_numpy() - exact)) / (0.5 * np.ptp(exact))
 
 
@@ -46,14 +21,14 @@ def relative_error(run, **motion):
 @pytest.mark.parametrize("speed", [0.1, 0.01, 1e-3])
 def test_regression_reactions_of_driven_mechanisms_are_resolved_by_radau(speed, rtol):
     """The reaction was wrong by 69 % of half its range at rtol = 1e-5, without a warning."""
-    run, found = simulate(build_slide(speed=speed), bd.Radau(rtol))
+    run, found = simulate(driven_slide(speed=speed), bd.Radau(rtol))
     assert relative_error(run, speed=speed) < 100.0 * rtol
     assert found == []
 
 
 def test_regression_reactions_of_driven_mechanisms_have_a_warning_with_fixed_steps():
     """Torques of a press were 136 % too large with steps of 1 ms, without a warning."""
-    run, found = simulate(build_slide(), bd.GeneralizedAlpha(1e-2))
+    run, found = simulate(driven_slide(), bd.GeneralizedAlpha(1e-2))
     assert relative_error(run) > 0.1
     (sentence,) = found
     assert sentence.startswith("drive.F: the error is ")
@@ -64,16 +39,19 @@ def test_regression_reactions_of_driven_mechanisms_have_a_warning_with_fixed_ste
 def test_accurate_reactions_of_driven_mechanisms_have_no_warning():
     smooth = {"speed": 1.0}
     for method in (bd.GeneralizedAlpha(1e-3), bd.Radau(1e-3), bd.Radau(), bd.Ida()):
-        run, found = simulate(build_slide(**smooth), method)
+        run, found = simulate(driven_slide(**smooth), method)
         assert relative_error(run, **smooth) < 0.01
         assert found == []
 
 
 def test_jumps_of_reactions_of_driven_mechanisms_do_not_stop_radau():
-    mech = build_slide(speed=1e-9)
+    mech = driven_slide(speed=1e-9)
     run, _ = simulate(mech, bd.Radau(1e-8))
     assert run.status.kind == "ok"
-    assert np.median(np.abs(run["drive.F"].to_numpy() - exact_reaction(run.t, speed=1e-9))) < 1.0
+    assert (
+        np.median(np.abs(run["drive.F"].to_numpy() - reaction_of_driven_slide(run.t, speed=1e-9)))
+        < 1.0
+    )
 
 
 @pytest.mark.slow(reason="half a second")
@@ -82,10 +60,10 @@ def test_regression_reactions_of_driven_mechanisms_have_accurate_derivatives():
 
     @bd.model(t_end=1.0)
     def slide(scale=1.0):
-        return build_slide(scale=scale)
+        return driven_slide(scale=scale)
 
     result = bd.sensitivities(slide, "scale")
-    exact = exact_reaction(result.t) - exact_reaction(result.t, force=0.0)
+    exact = reaction_of_driven_slide(result.t) - reaction_of_driven_slide(result.t, force=0.0)
     error = np.abs(result.sensitivity("drive.F", "scale").to_numpy() - exact)
     assert np.max(error) < 1e-3 * 0.5 * np.ptp(exact)
 
@@ -97,9 +75,7 @@ def test_regression_reactions_of_driven_mechanisms_with_filters_are_resolved(tim
 
     Short steps at peaks of rates of fast states were repeated without end.
     """
-    mech = build_slide()
-    y = mech.sensor("y", mech.parts["slide"].point, "y")
-    mech.state("filter", lambda x, t: (y - x) / time_constant, unit="m")
+    mech = driven_slide(filter_time=time_constant)
     run, found = simulate(mech, method(1e-5))
     assert run.status.kind == "ok"
     assert relative_error(run) < 1e-3
@@ -111,10 +87,7 @@ def test_regression_reactions_of_driven_mechanisms_with_filters_are_resolved(tim
 @pytest.mark.parametrize("speed", [0.1, 0.01, 1e-3])
 def test_regression_reactions_are_resolved_by_generalized_alpha(speed, rtol, time_constant):
     """The reaction was wrong by 5 to 87 % of half its range with adaptive steps, with a warning."""
-    mech = build_slide(speed=speed)
-    if time_constant is not None:
-        y = mech.sensor("y", mech.parts["slide"].point, "y")
-        mech.state("filter", lambda x, t: (y - x) / time_constant, unit="m")
+    mech = driven_slide(speed=speed, filter_time=time_constant)
     run, found = simulate(mech, bd.GeneralizedAlpha(rtol=rtol))
     assert run.status.kind == "ok"
     assert relative_error(run, speed=speed) < 100.0 * rtol

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from benchmarks.cases import PENDULUM
 from hub_beam import hub_beam
+from mechanisms import free_ball
 from numpy.testing import assert_allclose
 from spin_up import spin_up
 from support import compiled, use_scikit_sundae
@@ -43,8 +44,7 @@ def test_regression_overlapping_runs_restore_stdout():
 
 
 def test_sundials_prints_nothing(capfd):
-    mech = bd.Mechanism()
-    body = mech.add(bd.PointMass("body", 1.0, at=(0.0, 0.0)))
+    mech, body = free_ball(name="body")
     mech.add(bd.Force("push", body.point, (lambda t: np.sqrt(0.5 - t), 0.0)))
     solution = bd.simulate(mech, bd.Ida(rtol=1e-6), 1.0)
     assert solution.status.kind == "failed"
@@ -113,8 +113,7 @@ def test_limiting_unknown_is_the_moving_coordinate():
 
 @compiled
 def test_failures_before_a_restart_are_counted():
-    mech = bd.Mechanism()
-    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0)))
+    mech, ball = free_ball()
     violent = bd.piecewise((0.5, lambda t: 1e3 * np.sin(60.0 * t) ** 9), 0.0)
     mech.add(bd.Force("push", ball.point, (violent, 0.0)))
     equations = bd.equations_of_motion(mech)

@@ -15,13 +15,11 @@ G, HEIGHT = 9.81, 1.0
 FALL = np.sqrt(2.0 * HEIGHT / G)
 
 
-def bouncing(restitution, floor=(0.0, 0.0), slope=0.0, **ball):
+def bouncing(restitution, slope=0.0, at=(0.0, HEIGHT), **velocity):
     """A ball over a floor that is inclined."""
-    mech = bd.Mechanism(gravity=(0.0, -G))
-    ball = mech.add(bd.PointMass("ball", 2.0, **({"at": (0.0, HEIGHT)} | ball)))
+    mech, ball = free_ball(at, 2.0, gravity=G, **velocity)
     direction = (np.cos(slope), np.sin(slope))
-    gap = bd.LineSurface(mech.ground.at(*floor), direction).gap(ball.point)
-    mech.observe("ball", ball.point)
+    gap = bd.LineSurface(mech.ground.at(0.0, 0.0), direction).gap(ball.point)
     mech.observe("gap", gap)
     mech.when("gap", 0.0, "down", bd.impact(gap, restitution), "bounce")
     return mech

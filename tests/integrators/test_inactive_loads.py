@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from mechanisms import free_ball
+from mechanisms import free_ball, mass_on_rail
 from numpy.testing import assert_allclose
 
 import beamdae as bd
@@ -13,9 +13,7 @@ LOADS = ("spring [N]", "load.Fx [N]", "power.power [W]", "measured [N]", "push.F
 
 def build(stiffness=100.0):
     """A mass on a guide between two springs, one of which is cut when the mass passes `OFF`."""
-    mech = bd.Mechanism()
-    mass = mech.add(bd.PointMass("mass", 1.0, at=(0.3, 0.0)))
-    mech.add(bd.PointOnLine("guide", mech.ground.at(0.0, 0.0), mass.point))
+    mech, mass = mass_on_rail(1.0, 0.3)
     left, right = mech.ground.at(-1.0, 0.0), mech.ground.at(1.0, 0.0)
     spring = mech.add(bd.Spring("spring", left, mass.point, stiffness, free_length=1.0))
     mech.add(bd.Spring("other", right, mass.point, 5.0, free_length=0.8))

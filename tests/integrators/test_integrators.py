@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from benchmarks.cases import PENDULUM, SLIDER_CRANK
 from conformance import IDA_FORMS, integrators
-from mechanisms import hinged_beam, rectangle, symbols
+from mechanisms import driven, free_ball, hinged_beam, rectangle, symbols
 from numpy.testing import assert_allclose
 
 import beamdae as bd
@@ -25,8 +25,7 @@ every_integrator_in_its_form = integrators(
 
 def pushed_particle(law, velocity=0.0):
     """Free particle of 2 kg under a force in x."""
-    mech = bd.Mechanism()
-    particle = mech.add(bd.PointMass("particle", 2.0, at=(0.0, 0.0), velocity=(velocity, 0.0)))
+    mech, particle = free_ball(mass=2.0, name="particle", velocity=(velocity, 0.0))
     mech.add(bd.Force("push", particle.point, (law, 0.0)))
     return mech
 
@@ -216,13 +215,9 @@ def test_accelerations_jump_with_the_force(integrator):
 
 @every_integrator
 def test_driver_with_acceleration_jump_is_followed(integrator):
-    mech = bd.Mechanism()
-    bar = mech.add(bd.RigidBody("bar", mass=2.0, inertia=0.3, center=(0.5, 0.0)))
-    origin = mech.ground.at(0.0, 0.0)
-    mech.add(bd.Revolute("hinge", origin, bar.at(0.0, 0.0)))
     law = bd.piecewise((0.4, lambda t: t**2), lambda t: 0.16 + 0.8 * (t - 0.4))
-    motor = mech.add(bd.Driver("motor", origin, bar.at(0.0, 0.0), law=law))
-    mech.observe("motor", motor.reaction)
+    mech, _ = driven(bd.RigidBody("bar", mass=2.0, inertia=0.3, center=(0.5, 0.0)), law)
+    mech.observe("motor", mech.part("motor").reaction)
     solution = bd.simulate(mech, integrator, 1.0, 0.1)
     assert solution.status.success
     angle = np.where(solution.t < 0.4, solution.t**2, 0.16 + 0.8 * (solution.t - 0.4))

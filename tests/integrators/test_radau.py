@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from hub_beam import hub_beam
-from mechanisms import rectangle, symbols
+from mechanisms import driven, rectangle, symbols
 from numpy.testing import assert_allclose
 from slider_crank import slider_crank
 
@@ -17,13 +17,6 @@ def oscillator(omega, damping=0.0):
     return bd.ConstrainedSystem(
         t=t, q=q, v=v, mass=1.0, force=force, q0=[0.3], v0=[0.7 * omega]
     ).equations
-
-
-def pushed_particle(law):
-    mech = bd.Mechanism()
-    particle = mech.add(bd.PointMass("particle", 2.0, at=(0.0, 0.0)))
-    mech.add(bd.Force("push", particle.point, (law, 0.0)))
-    return mech
 
 
 # The method --------------------------------------------------------------------------------------
@@ -80,17 +73,6 @@ def test_the_error_estimate_of_radau5_is_steady_and_near_the_tolerance(damping):
 # Newton's iteration ------------------------------------------------------------------------------
 
 
-def test_factors_are_reused_while_the_step_is_constant():
-    # A linear system with equal steps after the first few.
-    steps = bd.simulate(pushed_particle(3.0), bd.Radau(1e-6, max_step=1e-3), 1.0).statistics
-    assert steps.steps > 1000
-    # Real and complex factorizations.
-    assert steps.factorizations <= 12
-    assert steps.newton_failures == steps.rejected_steps == 0
-    # One iteration on three stages in each step, two in the first step.
-    assert steps.residual_calls == 3 * (steps.steps + 1)
-
-
 # Steps -------------------------------------------------------------------------------------------
 
 
@@ -107,13 +89,9 @@ def test_fully_driven_motion_meets_the_tolerance():
     """Constraints determine it at any step: only the unfiltered error estimates its error."""
     errors = []
     for rtol in (1e-4, 1e-6, 1e-8):
-        mech = bd.Mechanism()
-        bar = mech.add(bd.RigidBody("bar", mass=2.0, inertia=0.3, center=(0.5, 0.0)))
-        origin = mech.ground.at(0.0, 0.0)
-        mech.add(bd.Revolute("hinge", origin, bar.at(0.0, 0.0)))
-        law = lambda t: 1.0 - np.cos(3.0 * t)  # noqa: E731
-        motor = mech.add(bd.Driver("motor", origin, bar.at(0.0, 0.0), law=law))
-        mech.observe("motor", motor.reaction)
+        bar = bd.RigidBody("bar", mass=2.0, inertia=0.3, center=(0.5, 0.0))
+        mech, _ = driven(bar, lambda t: 1.0 - np.cos(3.0 * t))
+        mech.observe("motor", mech.part("motor").reaction)
         solution = bd.simulate(mech, bd.Radau(rtol), 2.0, 0.05)
         exact = 7.2 * np.cos(3.0 * solution.t)
         errors.append(np.max(np.abs(solution.observed["motor.M [N m]"] - exact)) / 7.2)

@@ -20,16 +20,6 @@ def slider():
     return mech
 
 
-def test_limited_run_continues_between_output_rows():
-    with pytest.warns(bd.BeamdaeWarning, match="max_steps"):
-        first = bd.simulate(pendulum(), bd.Radau(1e-7, max_steps=30), 2.0, 0.01)
-    later = bd.simulate(pendulum(), bd.Radau(1e-7), 2.0, 0.01, start=first)
-    both = first.followed_by(later)
-    assert_allclose(both.t, 0.01 * np.arange(201), atol=1e-14)
-    whole = bd.simulate(pendulum(), bd.Radau(1e-7), 2.0, 0.01)
-    assert_allclose(both.q, whole.q, atol=2e-5)
-
-
 def test_interrupted_run_continues():
     def stop(t):
         if t > 0.5:
@@ -134,8 +124,7 @@ def test_end_of_a_failed_or_pilot_run_causes_a_warning(tmp_path):
         raise KeyboardInterrupt
 
     # The steps are too long for Newton's iteration where the mass falls into the center.
-    mech = bd.Mechanism()
-    mass = mech.add(bd.PointMass("mass", 1.0, at=(1.0, 0.0), velocity=(-1.0, 0.0)))
+    mech, mass = free_ball((1.0, 0.0), name="mass", velocity=(-1.0, 0.0))
     ends = (mass.point, mech.ground.at(0.0, 0.0))
 
     def pull(a, b, t):
@@ -184,8 +173,7 @@ def test_other_parameters_are_rejected_or_reported(tmp_path):
 
 def driven_ball(law, mass=1.0):
     """A mechanism without named parameters."""
-    mech = bd.Mechanism()
-    ball = mech.add(bd.PointMass("ball", mass, at=(0.0, 0.0)))
+    mech, ball = free_ball(mass=mass)
     mech.add(bd.Force("push", ball.point, (law, 0.0)))
     return mech
 
@@ -214,8 +202,7 @@ def test_other_formulas_and_numbers_are_rejected(tmp_path, other):
 
 def pushed_by_samples(law):
     """Return a mass pushed by the force that `law` returns every .1 s."""
-    mech = bd.Mechanism()
-    mass = mech.add(bd.PointMass("mass", 1.0, at=(0.0, 0.0)))
+    mech, mass = free_ball(name="mass")
     force = mech.input("force", unit="N")
     mech.add(bd.Force("push", mass.point, (force, 0.0)))
     mech.add(bd.Controller("count", 0.1, [], [force], law, state=[0.0]))

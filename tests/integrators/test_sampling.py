@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from mechanisms import EARTH, free_ball
+from mechanisms import free_ball, hinged_body
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.integrate import solve_ivp
 
@@ -22,9 +22,8 @@ METHODS = {
 
 def crank(friction=0.0, law=None, every=EVERY, delay=0):
     """Return a bar that a sampled motor swings up, with a filtered angle."""
-    mech = bd.Mechanism(gravity=EARTH)
-    bar = mech.add(bd.RigidBody("bar", mass=2.0, inertia=0.3, center=(0.5, 0.0)))
-    pin = mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), bar.at(0.0, 0.0)))
+    mech, bar = hinged_body(2.0, 0.3, (0.5, 0.0), name="bar", gravity=9.81)
+    pin = mech.part("hinge")
     if friction:
         mech.add(bd.Friction("bearing", pin, friction, 0.1, radius=0.05))
     torque = mech.input("torque", unit="N m")

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from mechanisms import hinged_body, rectangle
+from mechanisms import clamped_beam, hinged_body, rectangle
 from numpy.testing import assert_allclose
 
 import beamdae as bd
@@ -17,10 +17,8 @@ def resonator(scale):
     """
     silicon, half, period = bd.Material(E=160e9, nu=0.22, rho=2330.0), 0.2 * scale, 0.05 * scale
     strip = rectangle(0.002 * scale, 0.01 * scale, damping=2e-5 * scale, material=silicon)
-    mech = bd.Mechanism()
-    left = mech.add(bd.Beam("left", bd.Line((-half, 0.0), (0.0, 0.0)), strip, elements=2))
+    mech, left = clamped_beam(strip, 2, bd.Line((-half, 0.0), (0.0, 0.0)), name="left")
     right = mech.add(bd.Beam("right", bd.Line((0.0, 0.0), (half, 0.0)), strip, elements=2))
-    mech.add(bd.Weld("left clamp", mech.ground.at(-half, 0.0), left.start))
     mech.add(bd.Weld("right clamp", mech.ground.at(half, 0.0), right.end))
     mech.add(bd.Weld("middle", left.end, right.start))
     mech.add(bd.PointMass("shuttle", 0.2 * scale**3, on=left.end))

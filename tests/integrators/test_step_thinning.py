@@ -132,8 +132,7 @@ def test_saved_run_has_the_energies_of_all_steps(small_memory, tmp_path):
 @pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
 def test_regression_peaks_between_stored_rows_are_reported_as_unknown(small_memory):
     """The peak of a contact that is in no stored row was lost without a warning."""
-    mech = bd.Mechanism(gravity=EARTH)
-    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.05)))
+    mech, ball = free_ball((0.0, 0.05), gravity=9.81)
     stop = bd.Contact("stop", ball.point, bd.LineSurface(mech.ground.at(0.0, 0.0)), 1e7)
     mech.observe("stop", mech.add(stop).force)
     settings = {"integrator": bd.GeneralizedAlpha(5e-4), "t_end": 2.0, "output_step": 0.1}

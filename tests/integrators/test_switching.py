@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 from conformance import integrators
-from mechanisms import EARTH, free_ball, hinged
+from mechanisms import EARTH, free_ball, hinged, hinged_body
 from numpy.testing import assert_allclose
 
 import beamdae as bd
@@ -29,9 +29,8 @@ def spinning(**bar):
 @pytest.mark.slow(reason="half a second and more")
 @RUNS
 def test_released_bob_flies_freely(integrator):
-    mech = bd.Mechanism(gravity=EARTH)
-    bob = mech.add(bd.RigidBody("bob", mass=2.0, inertia=0.1, center=(1.0, 0.0)))
-    string = mech.add(bd.Revolute("string", mech.ground.at(0.0, 0.0), bob.at(0.0, 0.0)))
+    mech, bob = hinged_body(2.0, 0.1, (1.0, 0.0), name="bob", gravity=9.81)
+    string = mech.part("hinge")
     mech.observe("bob", bob.at(1.0, 0.0))
     mech.when("bob.x", 0.0, "down", bd.deactivate(string), "cut")
     solution = bd.simulate(mech, integrator, 1.5)
@@ -135,8 +134,7 @@ def test_regression_open_links_state_their_gap(x):
 @pytest.mark.slow(reason="thousands of switches")
 def test_endless_switching_ends_the_run():
     """Forces push a mass back to the line x + v = 0 from either side: it slides along it."""
-    mech = bd.Mechanism()
-    ball = mech.add(bd.PointMass("ball", 1.0, at=(1.0, 0.0)))
+    mech, ball = free_ball((1.0, 0.0))
     left = mech.add(bd.Force("left", ball.point, (-5.0, 0.0)))
     right = mech.add(bd.Force("right", ball.point, (5.0, 0.0)))
     mech.deactivate(right)

@@ -6,7 +6,7 @@ from functools import partial
 import casadi as ca
 import numpy as np
 import pytest
-from mechanisms import EARTH, clamped_beam, free_ball, rectangle
+from mechanisms import EARTH, clamped_beam, driven, free_ball, rectangle
 from mechanisms import dropped_ball as ball
 
 import beamdae as bd
@@ -19,8 +19,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
 
 def stop_law(form, **settings) -> bd.results.Solution:
     """Return a run onto a stop whose force is a formula or a table."""
-    mech = bd.Mechanism(gravity=EARTH)
-    body = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0), velocity=(0.0, -4.43)))
+    mech, body = free_ball(gravity=9.81, velocity=(0.0, -4.43))
     depths = np.linspace(0.0, 4e-4, 41)
     table = bd.table(depths, 1e10 * depths**1.5)
     laws = {
@@ -95,11 +94,8 @@ def stage(output_step) -> bd.results.Solution:
 
 def blade(rows) -> bd.results.Solution:
     """Return a run of a blade at constant speed, whose stress varies by 3e-8."""
-    mech, speed = bd.Mechanism(), 314.0
-    hub = mech.add(bd.RigidBody("hub", mass=4.0, inertia=0.02))
-    pair = mech.ground.at(0.0, 0.0), hub.at(0.0, 0.0)
-    mech.add(bd.Revolute("bearing", *pair))
-    mech.add(bd.Driver("motor", *pair, law=lambda t: speed * t))
+    speed = 314.0
+    mech, hub = driven(bd.RigidBody("hub", mass=4.0, inertia=0.02), lambda t: speed * t)
     section = rectangle(0.006, 0.04, damping=2e-5)
     line = bd.Line((0.12, 0.0), (0.47, 0.0))
     beam = mech.add(bd.Beam("blade", line, section, strain="exact", elements=2))

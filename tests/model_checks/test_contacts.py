@@ -1,7 +1,7 @@
 """Warnings about contacts that are deeper than a touching part."""
 
 import pytest
-from mechanisms import clamped_beam, rectangle
+from mechanisms import clamped_beam, free_ball, rectangle
 
 import beamdae as bd
 
@@ -60,8 +60,7 @@ def falling_crate(stiffness, height=0.1):
 
 
 def colliding_balls(stiffness, side="outside"):
-    mech = bd.Mechanism()
-    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0), velocity=(5.0, 0.0)))
+    mech, ball = free_ball(velocity=(5.0, 0.0))
     other = mech.add(bd.PointMass("other", 1.0, at=(0.0 if side == "inside" else 0.5, 0.0)))
     circle = bd.CircleSurface(other.point, 0.1, side)
     mech.add(bd.Contact("hit", ball.point, circle, stiffness, exponent=1.0))

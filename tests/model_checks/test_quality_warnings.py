@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 import pandas as pd
 import pytest
-from mechanisms import EARTH, clamped_beam, free_ball, rectangle, symbols
+from mechanisms import clamped_beam, free_ball, rectangle, symbols
 from numpy.testing import assert_allclose
 from tolerances.mechanisms import parallelogram
 
@@ -111,8 +111,7 @@ def test_errors_of_impacts_of_few_steps_are_measured(flywheel, step, is_stated):
 
     A wheel with thirty times the energy hides the imbalance of the impact.
     """
-    mech = bd.Mechanism(gravity=EARTH)
-    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 1.0)))
+    mech, ball = free_ball((0.0, 1.0), gravity=9.81)
     floor = bd.LineSurface(mech.ground.at(0.0, 0.0))
     mech.observe("stop", mech.add(bd.Contact("stop", ball.point, floor, 1e6)).force)
     if flywheel:
@@ -156,8 +155,7 @@ def magnet(datum):
     The potential is negative for `datum` = 0, and so is the sum of kinetic and potential energy.
     """
     strength, gap = 2e-3, 0.01
-    mech = bd.Mechanism()
-    ball = mech.add(bd.PointMass("ball", 0.1, at=(0.05, 0.0)))
+    mech, ball = free_ball((0.05, 0.0), 0.1)
 
     def pull(ball, t):
         x, y = ball.position

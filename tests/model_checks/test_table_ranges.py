@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from mechanisms import EARTH
+from mechanisms import free_ball
 
 import beamdae as bd
 
@@ -12,8 +12,7 @@ LEFT = "where its value is held"
 def falling(rows, values, argument=lambda point, t: point.position[1], kind="linear"):
     """Return a ball that falls from 1 m with a force from a table."""
     table = bd.table(rows, values, kind=kind, name="curve")
-    mech = bd.Mechanism(gravity=EARTH)
-    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 1.0)))
+    mech, ball = free_ball((0.0, 1.0), gravity=9.81)
     mech.add(bd.ForceLaw("pull", ball.point, lambda x, t: (0.0, table(argument(x, t)))))
     return mech
 

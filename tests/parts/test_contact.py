@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from conformance import integrators
+from mechanisms import free_ball
 from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 from support import NumericEquations
@@ -41,9 +42,8 @@ def test_restitution_is_exact_at_its_speed(restitution):
 @pytest.mark.parametrize("exponent", [1.0, 1.5, 2.0])
 def test_rest_on_the_floor(exponent):
     """The penetration at which k d^n carries the weight."""
-    mech = bd.Mechanism(gravity=(0.0, -GRAVITY))
     depth = (2.0 * GRAVITY / 5e5) ** (1.0 / exponent)
-    ball = mech.add(bd.PointMass("ball", 2.0, at=(0.0, -depth)))
+    mech, ball = free_ball((0.0, -depth), 2.0, gravity=GRAVITY)
     floor = bd.LineSurface(mech.ground.at(0.0, 0.0))
     mech.add(bd.Contact("floor", ball.point, floor, 5e5, exponent))
     assert_allclose(NumericEquations(mech).force(), 0.0, atol=1e-9)
@@ -52,9 +52,10 @@ def test_rest_on_the_floor(exponent):
 @integrators(rtol=1e-6, step=1e-3)
 def test_a_block_slides_to_rest_under_friction(integrator):
     """v = v0 - mu g t, then creep that decays within friction_speed / (mu g)."""
-    mech = bd.Mechanism(gravity=(0.0, -GRAVITY))
     depth = (2.0 * GRAVITY / 1e6) ** (1.0 / 1.5)
-    block = mech.add(bd.PointMass("block", 2.0, at=(0.0, -depth), velocity=(2.0, 0.0)))
+    mech, block = free_ball(
+        (0.0, -depth), mass=2.0, name="block", gravity=GRAVITY, velocity=(2.0, 0.0)
+    )
     floor = bd.LineSurface(mech.ground.at(0.0, 0.0))
     mech.add(bd.Contact("floor", block.point, floor, 1e6, friction=0.4, friction_speed=1e-3))
     solution = bd.simulate(mech, integrator, t_end=0.8, output_step=0.01)
@@ -71,8 +72,7 @@ def test_a_block_slides_to_rest_under_friction(integrator):
     "integrator", [bd.Ida(), bd.Radau(), bd.GeneralizedAlpha(rtol=1e-5)], ids=lambda x: str(x)[:5]
 )
 def test_max_step_keeps_integrators_from_stepping_over_a_post(integrator):
-    mech = bd.Mechanism()
-    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0), velocity=(100.0, 0.0)))
+    mech, ball = free_ball(velocity=(100.0, 0.0))
     post = bd.CircleSurface(mech.ground.at(4.0, 0.0), 0.05)
     mech.add(bd.Contact("post", ball.point, post, 1e9, max_step=1e-4))
     solution = bd.simulate(mech, integrator, t_end=0.1)
@@ -81,8 +81,7 @@ def test_max_step_keeps_integrators_from_stepping_over_a_post(integrator):
 
 
 def test_circles_from_outside_and_inside():
-    mech = bd.Mechanism()
-    ball = mech.add(bd.PointMass("ball", 1.0, at=(3.0, 4.0)))
+    mech, ball = free_ball((3.0, 4.0))
     for name, radius, side in (("out", 5.5, "outside"), ("in", 4.5, "inside")):
         surface = bd.CircleSurface(mech.ground.at(0.0, 0.0), radius, side)
         touch = mech.add(bd.Contact(name, ball.point, surface, 10.0, 1.0, friction=0.5))

@@ -5,7 +5,7 @@ import re
 import control
 import numpy as np
 import pytest
-from mechanisms import hinged_body, mass_on_rail
+from mechanisms import free_ball, hinged_body, mass_on_rail
 from scipy.integrate import solve_ivp
 from test_states import INTEGRATORS
 
@@ -427,8 +427,7 @@ def test_regression_blocks_with_a_name_in_use_leave_no_states():
     ],
 )
 def test_states_of_blocks_have_the_units_of_their_formulas(value, unit, expected):
-    mech = bd.Mechanism()
-    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0)))
+    mech, ball = free_ball()
     x = mech.sensor("x", ball.point, "x")
     value = value(x, mech.input("goal"), mech.input("push", unit="N"))
     settings = {} if unit is None else {"unit": unit}

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from conformance import integrators
+from mechanisms import free_ball
 from numpy.testing import assert_allclose
 from support import NumericEquations
 
@@ -38,8 +39,7 @@ def test_the_law_receives_the_observed_motion():
 def test_coulomb_damped_oscillator_decays_linearly(integrator):
     """The amplitude decreases by 4 mu m g / k per period under Coulomb friction."""
     stiffness, friction, speed = 100.0, 0.8, 1e-3
-    mech = bd.Mechanism()
-    block = mech.add(bd.PointMass("block", 1.0, at=(1.2, 0.0)))
+    mech, block = free_ball((1.2, 0.0), name="block")
     mech.add(bd.Spring("spring", mech.ground.at(0, 0), block.point, stiffness, free_length=1.0))
 
     def rub(block, t):
@@ -70,8 +70,7 @@ def test_numpy_functions_of_symbols(native, monkeypatch):
         fy = np.arctan2(y, x) + np.exp(-(u**2)) * np.log1p(x**2) + np.clip(v, -0.5, 0.5)
         return (fx + np.maximum(u, 0.0) ** 2.5, fy + np.cosh(t) * np.tanh(v / 0.3))
 
-    mech = bd.Mechanism()
-    bob = mech.add(bd.PointMass("bob", 1.0, at=(1.0, 0.5)))
+    mech, bob = free_ball((1.0, 0.5), name="bob")
     mech.add(bd.ForceLaw("load", bob.point, law))
     numeric = NumericEquations(mech, time=(0.3, 0.3))
     for seed in range(5):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from conformance import IDA_FORMS, tuned
-from mechanisms import rectangle
+from mechanisms import driven, free_ball, hinged_body, rectangle
 from numpy.testing import assert_allclose
 from support import NumericEquations
 
@@ -101,10 +101,8 @@ def test_painleve_paradox_is_reported():
 
 def test_regression_the_radius_is_a_possible_cause_of_a_paradox():
     """A radius in mm led to the advice to reduce the coefficient of friction."""
-    mech = bd.Mechanism(gravity=(0.0, -GRAVITY))
-    bar = mech.add(bd.RigidBody("bar", MASS, 0.2, (0.5, 0.0), angular_velocity=-1.0))
-    pin = mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), bar.at(0.0, 0.0)))
-    mech.add(bd.Friction("bush", pin, 0.3, friction_speed=0.01, radius=50.0))
+    mech, _ = hinged_body(MASS, 0.2, (0.5, 0.0), gravity=GRAVITY, angular_velocity=-1.0)
+    mech.add(bd.Friction("bush", mech.part("hinge"), 0.3, friction_speed=0.01, radius=50.0))
     with pytest.raises(bd.BeamdaeError, match=r"check the radius \(bush: 50 m\), reduce the"):
         run(mech, bd.Radau(), 1e-3)
 
@@ -154,8 +152,7 @@ def test_linear_models_about_sliding_contain_its_friction():
 @pytest.mark.slow(reason="one second")
 def test_regression_equilibria_state_that_friction_does_not_hold():
     """A block on a slope "moved farthest", although its friction seemed to hold it."""
-    mech = bd.Mechanism(gravity=(0.0, -GRAVITY))
-    stone = mech.add(bd.PointMass("stone", MASS, at=(0.0, 0.0)))
+    mech, stone = free_ball(mass=MASS, name="stone", gravity=GRAVITY)
     slope = mech.add(bd.PointOnLine("slope", mech.ground.at(0.0, 0.0), stone.point, (1.0, -0.1)))
     words = "add a joint or a spring"
     assert bd.equilibrium(mech).status.sentence.partition(" (last")[0].endswith(words)
@@ -197,17 +194,13 @@ def test_regression_friction_does_not_overshoot_in_the_torque_of_a_driver(
     frequency, friction_speed
 ):
     """The torque between steps exceeded its peak by 4 to 61 %, without a warning."""
-    mech = bd.Mechanism()
-    hub = mech.add(bd.RigidBody("hub", 0.5, 3e-4, center=(0.0, 0.0)))
-    bearing = mech.add(bd.Revolute("bearing", mech.ground.at(0.0, 0.0), hub.at(0.0, 0.0)))
+    mech, hub = driven(bd.RigidBody("hub", 0.5, 3e-4), bd.sine(0.785, frequency))
     mech.add(bd.Force("side", hub.at(0.0, 0.0), (0.0, -500.0)))
-    law = bd.sine(0.785, frequency)
-    motor = mech.add(bd.Driver("motor", mech.ground.at(0.0, 0.0), hub.at(0.0, 0.0), law))
     section = rectangle(4e-3, damping=5e-4)
     arm = mech.add(bd.Beam("arm", bd.Line((0.0, 0.0), (0.4, 0.0)), section, elements=4))
     mech.add(bd.Weld("weld", hub.at(0.0, 0.0), arm.start))
-    mech.add(bd.Friction("friction", bearing, 0.2, friction_speed, radius=0.02))
-    mech.observe("motor", motor.drive)
+    mech.add(bd.Friction("friction", mech.part("hinge"), 0.2, friction_speed, radius=0.02))
+    mech.observe("motor", mech.part("motor").drive)
     solution = run(mech, None, 2.0 / frequency, 1e-3 / frequency)
     # Runs with steps of 2e-6 s.
     expected = 2.429 if frequency == 1.0 else 9.281

@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from conformance import LOADS, integrators
-from mechanisms import EARTH
+from mechanisms import free_ball
 from numpy.testing import assert_allclose
 from scipy.integrate import simpson
 from support import ARC, EXACT_VARIANT, UNEVEN_ELEMENTS, VARIANTS, NumericEquations
@@ -262,8 +262,7 @@ def test_law_on_several_points_has_numbered_columns():
 
 def test_regression_loads_of_parts_that_were_not_added_are_refused_by_name():
     """A contact that was observed but not added had a force of 0.2 MN and no effect."""
-    mech = bd.Mechanism(gravity=EARTH)
-    ball = mech.add(bd.PointMass("ball", 0.2, at=(0.0, 0.1)))
+    mech, ball = free_ball((0.0, 0.1), 0.2, gravity=9.81)
     contact = bd.Contact("floor", ball.point, bd.LineSurface(mech.ground.at(0.0, 0.0)), 1e6)
     mech.observe("force", contact.force)
     with pytest.raises(bd.BeamdaeError, match="force: 'floor' is not part of the mechanism, so it"):
@@ -273,8 +272,7 @@ def test_regression_loads_of_parts_that_were_not_added_are_refused_by_name():
 
 
 def test_observed_loads_follow_changes_of_inputs():
-    mech = bd.Mechanism()
-    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 1.0)))
+    mech, ball = free_ball((0.0, 1.0))
     thrust = mech.input("thrust", default=2.0)
     push = mech.add(bd.Force("push", ball.point, (3.0 * thrust, 0.0)))
     mech.observe("push", push.force)

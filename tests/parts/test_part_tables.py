@@ -9,7 +9,7 @@ import pytest
 from conformance import integrators
 from hypothesis import given
 from hypothesis import strategies as st
-from mechanisms import free_ball, mass_on_rail
+from mechanisms import free_ball, hinged_body, mass_on_rail
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.interpolate import CubicSpline, PchipInterpolator, RegularGridInterpolator
 
@@ -430,10 +430,8 @@ def test_messages_about_csv_files(tmp_path):
 
 @pytest.mark.slow(reason="assembles the equations twice")
 def test_tables_begin_when_events_change_a_law():
-    mech = bd.Mechanism()
-    disk = mech.add(bd.RigidBody("disk", 1.0, 0.1))
+    mech, disk = hinged_body(1.0, 0.1, name="disk")
     shaft = mech.ground.at(0.0, 0.0), disk.at(0.0, 0.0)
-    mech.add(bd.Revolute("bearing", *shaft))
     motor = mech.add(bd.Driver("motor", *shaft, lambda t: t))
     swing = bd.table([0.0, 0.5, 1.0], [0.0, 0.5, 0.2], outside="error", name="swing")
     mech.observe("disk", disk.at(0.0, 0.0))

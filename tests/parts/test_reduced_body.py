@@ -116,14 +116,21 @@ def test_inertia_of_a_rigid_motion_is_that_of_the_bar():
     assert_allclose(numeric.energies(v=v)[0], kinetic, rtol=1e-9)
 
 
+def closed_truss(nodes):
+    """Return the stiffness matrix of bars of 1e4 N/m from node to node, back to the first."""
+    stiffness = np.zeros((nodes.size, nodes.size))
+    for a in range(len(nodes)):
+        b = (a + 1) % len(nodes)
+        row = np.zeros(nodes.shape)
+        row[b] = (nodes[b] - nodes[a]) / np.linalg.norm(nodes[b] - nodes[a])
+        row[a] = -row[b]
+        stiffness += 1e4 * np.outer(row, row)
+    return stiffness
+
+
 def test_particles_of_a_truss():
     nodes = np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)])
-    stiffness = np.zeros((6, 6))
-    for a, b in [(0, 1), (1, 2), (2, 0)]:
-        row = np.zeros(6)
-        direction = (nodes[b] - nodes[a]) / np.linalg.norm(nodes[b] - nodes[a])
-        row[2 * a : 2 * a + 2], row[2 * b : 2 * b + 2] = -direction, direction
-        stiffness += 1e4 * np.outer(row, row)
+    stiffness = closed_truss(nodes)
     body = bd.ReducedBody.from_matrices("truss", np.eye(6), stiffness, nodes, [0, 1])
     mech = bd.Mechanism()
     mech.add(body)
@@ -185,12 +192,7 @@ def test_a_mechanism_in_the_body_is_rejected(angle):
     """Rounding decided whether a node between two collinear bars had a stiffness."""
     turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
     nodes = np.array([(0.0, 0.0), (1.0, 0.0), (2.0, 0.0), (0.0, 1.0)]) @ turn
-    stiffness = np.zeros((8, 8))
-    for a, b in [(0, 1), (1, 2), (2, 3), (3, 0)]:
-        row = np.zeros(8)
-        direction = (nodes[b] - nodes[a]) / np.linalg.norm(nodes[b] - nodes[a])
-        row[2 * a : 2 * a + 2], row[2 * b : 2 * b + 2] = -direction, direction
-        stiffness += 1e4 * np.outer(row, row)
+    stiffness = closed_truss(nodes)
     with pytest.raises(bd.BeamdaeError, match="the stiffness is singular or negative"):
         bd.ReducedBody.from_matrices("truss", np.eye(8), stiffness, nodes, [0, 2, 3])
 

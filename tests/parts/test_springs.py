@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from conformance import integrators
+from mechanisms import free_ball
 from numpy.testing import assert_allclose
 from support import NumericEquations
 
@@ -14,10 +15,8 @@ every_integrator = integrators(rtol=1e-7, step=1e-3)
 
 def oscillator(damping, stiffness=90.0, mass=2.5, start=0.3):
     """Return a mass on the line of its spring, `start` beyond the free length."""
-    mech = bd.Mechanism()
-    block = mech.add(bd.PointMass("block", mass, at=(1.0 + start, 0.0)))
-    mount = mech.ground.at(0.0, 0.0)
-    spring = mech.add(bd.Spring("spring", mount, block.point, stiffness, damping, free_length=1.0))
+    mech, _ = free_ball((1.0 + start, 0.0), mass, spring=(stiffness, damping, 1.0))
+    spring = mech.part("spring")
     mech.observe("force", spring.force)
     mech.observe("elongation", spring.elongation)
     return mech
@@ -38,19 +37,15 @@ def test_observed_force_and_elongation(native, monkeypatch):
 
 
 def test_preload_is_the_tension_at_the_free_length():
-    mech = bd.Mechanism()
-    block = mech.add(bd.PointMass("block", 1.0, at=(3.0, 4.0)))
+    mech, block = free_ball((3.0, 4.0), name="block")
     mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), block.point, 7.0, preload=10.0))
     assert_allclose(NumericEquations(mech).force(), [6.0, 8.0], rtol=1e-14)
 
 
 def test_a_spring_of_free_length_zero_is_linear():
     """Its force is k times the vector: the path is an ellipse about the origin."""
-    mech = bd.Mechanism()
-    block = mech.add(bd.PointMass("block", 2.0, at=(0.0, 0.0), velocity=(1.0, -0.5)))
-    spring = bd.Spring("spring", mech.ground.at(0.0, 0.0), block.point, 8.0, free_length=0.0)
-    mech.add(spring)
-    mech.observe("force", spring.force)
+    mech, _ = free_ball(mass=2.0, velocity=(1.0, -0.5), spring=(8.0, 0.0, 0.0))
+    mech.observe("force", mech.part("spring").force)
     solution = bd.simulate(mech, bd.Radau(rtol=1e-8), t_end=4.0, output_step=0.05)
     wave = 0.5 * np.sin(2.0 * solution.t)
     assert_allclose(solution.q, np.outer(wave, [1.0, -0.5]), atol=1e-7)
@@ -61,9 +56,7 @@ def test_a_spring_of_free_length_zero_is_linear():
 
 def test_points_of_a_spring_may_coincide_during_the_motion():
     """The force of a spring between points that pass each other is finite, and energy is kept."""
-    mech = bd.Mechanism()
-    block = mech.add(bd.PointMass("block", 1.0, at=(1.0, 0.0), velocity=(-3.0, 0.0)))
-    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), block.point, 2.0))
+    mech, _ = free_ball((1.0, 0.0), velocity=(-3.0, 0.0), spring=(2.0,))
     numeric = NumericEquations(mech)
     coinciding = np.zeros(2)
     assert_allclose(numeric.force(coinciding), [0.0, 0.0], atol=1e-14)
@@ -114,8 +107,7 @@ def test_bushing_in_the_axes_of_its_first_body():
 @pytest.mark.slow(reason="a quarter of a second")
 def test_law_of_a_spring_counts_as_a_load_unless_its_energy_is_given():
     def run(**settings):
-        mech = bd.Mechanism()
-        block = mech.add(bd.PointMass("block", 1.0, at=(1.4, 0.0)))
+        mech, block = free_ball((1.4, 0.0), name="block")
         mech.add(
             bd.Spring(
                 "spring",

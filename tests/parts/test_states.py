@@ -4,6 +4,7 @@ import warnings
 
 import numpy as np
 import pytest
+from mechanisms import free_ball, mass_on_rail
 from scipy.integrate import solve_ivp
 
 import beamdae as bd
@@ -18,9 +19,7 @@ KP, KI, KD, MASS, TARGET = 30.0, 20.0, 8.0, 2.0, 0.3
 @bd.model(t_end=2.0)
 def pid_stage(kp=KP, ki=KI, kd=KD, mass=MASS, target=TARGET, start=0.0):
     """Mass on a line under a PID controller."""
-    mech = bd.Mechanism()
-    stage = mech.add(bd.PointMass("stage", mass, at=(0.0, 0.0)))
-    mech.add(bd.PointOnLine("line", mech.ground.at(0.0, 0.0), stage.point))
+    mech, stage = mass_on_rail(mass, name="stage")
     x, v = mech.sensor("x", stage.point, "x"), mech.sensor("v", stage.point, "x_dot")
     goal = mech.input("target", target, "m")
     integral = mech.state("integral", goal - x, start=start, unit="m s")
@@ -30,8 +29,7 @@ def pid_stage(kp=KP, ki=KI, kd=KD, mass=MASS, target=TARGET, start=0.0):
 
 def build_lag(rate=2.0, scale=1.0, size=1.0, **settings):
     """Return a mechanism with a ball at 1 m/s and a state that lags its position by 1 / `rate`."""
-    mech = bd.Mechanism()
-    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0), velocity=(1.0, 0.0)))
+    mech, ball = free_ball(velocity=(1.0, 0.0))
     x = mech.sensor("x", ball.point, "x")
     mech.state("lag", lambda lag, t: (size * x - lag) * rate, scale=scale, **settings)
     return mech
@@ -80,8 +78,7 @@ def test_fast_lag_is_stable_with_long_steps(rho_inf):
 
 @pytest.mark.parametrize("integrator", INTEGRATORS, ids=lambda x: x.method)
 def test_integrator_of_a_sine_and_two_states_against_a_spring(integrator):
-    mech = bd.Mechanism()
-    mass = mech.add(bd.PointMass("mass", 1.0, at=(1.0, 0.0)))
+    mech, mass = free_ball((1.0, 0.0), name="mass")
     mech.add(bd.PointOnLine("line", mech.ground.at(0.0, 0.0), mass.point))
     x = mech.sensor("x", mass.point, "x")
     mech.add(bd.Force("spring", mass.point, (-9.0 * x, 0.0)))
@@ -142,9 +139,7 @@ def test_equilibrium_has_zero_rates():
 @bd.model(t_end=5.0)
 def forced(stiffness=9.0, damping=0.4):
     """Vibrating mass and a state that lags its position, under a harmonic force."""
-    mech = bd.Mechanism()
-    mass = mech.add(bd.PointMass("mass", 1.0, at=(0.0, 0.0)))
-    mech.add(bd.PointOnLine("line", mech.ground.at(0.0, 0.0), mass.point))
+    mech, mass = mass_on_rail()
     x, v = mech.sensor("x", mass.point, "x"), mech.sensor("v", mass.point, "x_dot")
     mech.add(bd.Force("spring", mass.point, (-stiffness * x - damping * v, 0.0)))
     mech.add(bd.Force("drive", mass.point, (bd.sine(1.0, frequency=0.4), 0.0)))

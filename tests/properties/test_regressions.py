@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 from conformance import integrators
+from mechanisms import free_ball, hinged_body
 from numpy.testing import assert_allclose
 
 import beamdae as bd
 
 
 def particle_and_disk():
-    mech = bd.Mechanism()
-    particle = mech.add(bd.PointMass("particle", 1.0, at=(0.0, 0.0), velocity=(0.3, 0.0)))
+    mech, particle = free_ball(name="particle", velocity=(0.3, 0.0))
     disk = mech.add(bd.RigidBody("disk", 1.0, 0.1, (0.0, 0.0), angular_velocity=2.0))
     return mech, particle.point, disk.at(0.0, 0.0)
 
@@ -45,10 +45,8 @@ def test_frictionless_circle_contact_accepts_a_particle():
 @integrators(1e-5, 1e-3)
 def test_regression_driver_moment_of_a_fully_driven_disk(integrator):
     """The angle is a parabola that Ida passes in long steps, the load a sine: 13 % error."""
-    mech = bd.Mechanism()
-    disk = mech.add(bd.RigidBody("disk", 1.0, 0.4))
+    mech, disk = hinged_body(1.0, 0.4, name="disk")
     hub = (mech.ground.at(0.0, 0.0), disk.at(0.0, 0.0))
-    mech.add(bd.Revolute("bearing", *hub))
     motor = mech.add(bd.Driver("motor", *hub, law=lambda t: 0.6 * t + 0.8 * t**2))
     mech.add(bd.Moment("load", disk.at(0.0, 0.0), law=lambda t: -6.0 * np.sin(5.8 * t)))
     mech.observe("motor", motor.drive)

@@ -3,6 +3,7 @@
 import shutil
 
 import pytest
+from pages import open_tab
 
 from beamdae.report.page.page_file import write_page
 
@@ -37,12 +38,7 @@ def open_page(browser, tmp_path):
         context = browser.new_context(**settings)
         context.set_default_navigation_timeout(120_000)  # of a busy machine
         contexts.append(context)
-        tab = context.new_page()
-        tab.on("console", lambda message: messages.append(message.text))
-        tab.on("pageerror", lambda problem: messages.append(str(problem)))
-        tab.on("request", lambda request: requests.append(request.url))
-        tab.goto(path.as_uri())
-        return tab
+        return open_tab(context, path.as_uri(), messages, requests)
 
     yield show
     for context in contexts:

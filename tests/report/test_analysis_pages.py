@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from mechanisms import cantilever, driven_blade, oscillator, rectangle, truss
+from mechanisms import cantilever, driven_blade, oscillator, rectangle, rotor_on_a_bearing, truss
 from numpy.testing import assert_allclose
 from pages import find_violations, tool_buttons, visible_labels, visible_ranges
 
@@ -355,12 +355,8 @@ def test_regression_undamped_linear_models_have_a_page(stiffness, count):
 
 @pytest.fixture(scope="module")
 def rotor():
-    """Return a mass on an isotropic bearing: whirl frequencies (10 - speed) and (10 + speed)."""
-    mech = bd.Mechanism()
-    rotor = mech.add(bd.RigidBody("rotor", 2.0, 0.1, center=(0.0, 0.0)))
-    ends = mech.ground.at(0.0, 0.0), rotor.at(0.0, 0.0)
-    mech.add(bd.Bushing("bearing", *ends, kx=200.0, ky=200.0, ktheta=0.0))
-    return bd.campbell(mech, [6.0, 1.0, 3.0], n=3)
+    """Return a Campbell diagram of whirl with (10 - speed) and (10 + speed)."""
+    return bd.campbell(rotor_on_a_bearing(), [6.0, 1.0, 3.0], n=3)
 
 
 @pytest.mark.slow(reason="half a second and more")

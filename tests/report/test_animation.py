@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from matplotlib import rc_context
-from mechanisms import EARTH, cantilever, falling_ball, hinged_body, rectangle, swing
+from mechanisms import cantilever, falling_ball, free_ball, hinged_body, rectangle, swing
 from numpy.testing import assert_allclose
 from pendulum import pendulum
 
@@ -46,8 +46,7 @@ def test_parts_are_visible_only_while_they_are_active():
 
 @pytest.mark.slow(reason="a quarter of a second")
 def test_a_run_that_fails_at_the_start_is_drawn(tmp_path):
-    mech = bd.Mechanism()
-    ball = mech.add(bd.PointMass("<b>$_ball", 1.0, at=(0.0, 2.0)))
+    mech, ball = free_ball((0.0, 2.0), name="<b>$_ball")
     mech.add(bd.Force("push", ball.point, (lambda t: np.sqrt(-t), 0.0)))
     mech.observe("ball", ball.point)
     solution = bd.simulate(mech, bd.Radau(), t_end=1.0)
@@ -121,8 +120,7 @@ def test_regression_enlarged_sections_of_beams_rotate_by_at_most_three_tenths_of
 
 @pytest.mark.parametrize("has_contact", [True, False])
 def test_regression_mechanisms_with_contacts_are_drawn_with_their_true_motion(has_contact):
-    mech = bd.Mechanism(gravity=EARTH)
-    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0)))
+    mech, ball = free_ball(gravity=9.81)
     mech.add(bd.PointMass("far", 1.0, at=(1.0, 0.0)))
     if has_contact:
         table = bd.LineSurface(mech.ground.at(0.0, -1e-3))

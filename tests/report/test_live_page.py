@@ -4,7 +4,7 @@ from typing import Literal
 
 import pytest
 from mechanisms import rope_swing
-from pages import find_violations
+from pages import find_violations, open_tab
 
 import beamdae as bd
 
@@ -30,11 +30,7 @@ def open_live(browser, live):
     def show(**settings):
         context = browser.new_context(**settings)
         contexts.append(context)
-        tab = context.new_page()
-        tab.on("console", lambda message: messages.append(message.text))
-        tab.on("pageerror", lambda problem: messages.append(str(problem)))
-        tab.on("request", lambda request: requests.append(request.url))
-        tab.goto(live.url)
+        tab = open_tab(context, live.url, messages, requests)
         wait_for_run(tab)
         return tab
 

@@ -233,8 +233,7 @@ def test_the_summary_contains_status_and_quality(run):
 
 
 def test_names_in_the_summary_are_escaped():
-    mech = bd.Mechanism()
-    ball = mech.add(bd.PointMass("<b>&", 1.0, at=(0.0, 0.0)))
+    mech, ball = free_ball(name="<b>&")
     mech.observe("<i>", ball.point)
     page = bd.simulate(mech, ALPHA, t_end=0.1)._repr_html_()
     assert "<b>&amp;" not in page

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from conformance import JOINTS, LOADS, NONHOLONOMIC
 from hub_beam import hub_beam
-from mechanisms import EARTH, rectangle
+from mechanisms import EARTH, clamped_beam, free_ball, hinged_body, rectangle
 from numpy.testing import assert_allclose
 from pendulum import pendulum
 from slider_crank import slider_crank
@@ -89,12 +89,10 @@ def test_bodies_are_at_the_observed_positions(model, parameters, points):
 
 def create_linkage():
     """Build a triangle with three joints, a bar with one, a disk with one at its center, a bob."""
-    mech = bd.Mechanism(gravity=EARTH)
-    triangle = mech.add(bd.RigidBody("triangle", 1.0, 0.1, center=(1.0, 1.0)))
+    mech, triangle = hinged_body(1.0, 0.1, center=(1.0, 1.0), name="triangle", gravity=9.81)
     bar = mech.add(bd.RigidBody("bar", 1.0, 0.1, center=(3.0, 0.0)))
     disk = mech.add(bd.RigidBody("disk", 1.0, 0.1, center=(0.0, 2.0)))
-    mech.add(bd.Revolute("pivot", mech.ground.at(0.0, 0.0), triangle.at(0.0, 0.0)))
-    mech.add(bd.Revolute("hinge", triangle.at(2.0, 0.0), bar.at(2.0, 0.0)))
+    mech.add(bd.Revolute("pin", triangle.at(2.0, 0.0), bar.at(2.0, 0.0)))
     mech.add(bd.Revolute("axle", triangle.at(0.0, 2.0), disk.at(0.0, 2.0)))
     mech.add(bd.Force("push", triangle.at(2.0, 0.0), (0.0, 1.0)))
     mech.add(bd.PointMass("bob", 1.0, at=(5.0, 5.0)))
@@ -253,8 +251,7 @@ def test_pitch_circles_of_gears_touch():
 
 
 def test_arrows_have_the_direction_and_the_relative_size_of_the_load():
-    mech = bd.Mechanism()
-    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0)))
+    mech, ball = free_ball()
     mech.add(bd.Force("push", ball.point, (lambda t: 10.0 * t, 0.0)))
     glider = mech.add(bd.PointMass("glider", 1.0, at=(0.0, 1.0), velocity=(1.0, 0.5)))
     mech.add(bd.ForceLaw("drag", glider.point, lambda b, t: -0.5 * b.velocity, dissipative=True))
@@ -273,16 +270,13 @@ def test_arrows_have_the_direction_and_the_relative_size_of_the_load():
 
 def leaf(heights, width=0.3):
     """Return a clamped leaf of varying thickness and a strut of constant thickness."""
-    mech = bd.Mechanism()
 
     def section(s):
         return rectangle(heights[0] + s * heights[1], material=SOFT_MATERIAL)
 
-    line = bd.Line((0.0, 0.0), (0.0, width))
-    beam = mech.add(bd.Beam("leaf", line, section, elements=2))
+    mech, _ = clamped_beam(section, 2, (0.0, width), name="leaf")
     strut = rectangle(0.005, material=SOFT_MATERIAL)
     mech.add(bd.Beam("strut", bd.Line((0.1, 0.0), (0.1, 0.3)), strut, elements=1))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
     return mech
 
 

@@ -6,6 +6,7 @@ import inspect
 import numpy as np
 import pandas as pd
 import pytest
+from mechanisms import mass_on_rail
 
 import beamdae as bd
 
@@ -64,9 +65,7 @@ def test_regression_warnings_that_a_call_issues_are_part_of_its_result():
 
     @bd.model(t_end=1.0)
     def oscillator(frequency=1.0):
-        mech = bd.Mechanism()
-        ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0)))
-        mech.add(bd.PointOnLine("line", mech.ground.at(0.0, 0.0), ball.point))
+        mech, ball = mass_on_rail(name="ball")
         ends = mech.ground.at(-1.0, 0.0), ball.point
         mech.add(bd.Spring("spring", *ends, stiffness=40.0))
         mech.add(bd.Spring("damper", *ends, damping=1.0))

@@ -54,25 +54,6 @@ def assert_same_solution(loaded, run):
     assert loaded.versions == run.versions
 
 
-@pytest.mark.slow(reason="a fifth of a second")
-def test_a_saved_run_has_the_tables_of_the_run(run, tmp_path):
-    path = run.save(tmp_path / "new" / "ball.run")
-    loaded = bd.load(path)
-    assert_same_tables(loaded, run)
-    assert loaded.label == run.label
-    assert repr(loaded) == (
-        "<SavedRun by Radau(rtol=1e-06): ok, reached the end; t = 0 to 0.4 s in 41 rows; "
-        "from ball.run>"
-    )
-    assert_array_equal(loaded["ball.y"], run["ball.y"])
-    loaded.to_csv(tmp_path / "again.csv")
-    run.to_csv(tmp_path / "first.csv")
-    assert (tmp_path / "again.csv").read_text() == (tmp_path / "first.csv").read_text()
-    metadata = json.loads((tmp_path / "again.json").read_text())
-    assert metadata["status"] == "ok"
-    assert bd.plot([loaded, run], "ball.y").figure.axes[0].lines
-
-
 def test_table_of_a_saved_run_has_the_versions_of_the_run(run, tmp_path, monkeypatch):
     old = {"beamdae": "0.0.1", "numpy": "1.0"}
     with monkeypatch.context() as patch:

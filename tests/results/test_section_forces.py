@@ -211,21 +211,6 @@ def test_inactive_parts_have_no_load():
     assert np.max(np.abs(solution.section_forces(beam).M)) < 1e-9 * SMALL
 
 
-@pytest.mark.slow(reason="half a second and more")
-def test_section_forces_do_not_depend_on_position_and_direction():
-    arc = bd.Arc(radius=0.7, length=0.9)
-    there = bd.Arc(radius=0.7, length=0.9, start=(3.0, -5.0), angle=2.0)
-    results = []
-    for curve, rotation in ((arc, 0.0), (there, 2.0)):
-        mech, beam = cantilever(curve, elements=2)
-        force = (-np.sin(rotation), np.cos(rotation))
-        mech.add(bd.Force("load", beam.end, tuple(100.0 * x for x in force)))
-        results.append(at_rest(mech, beam))
-    for name in "NQM":
-        one, other = (getattr(x, name) for x in results)
-        np.testing.assert_allclose(other, one, rtol=0.0, atol=1e-8 * 100.0)
-
-
 @pytest.mark.slow(reason="runs the hub beam on four meshes")
 @every_formulation
 def test_orders_and_error_estimate_on_the_hub_beam(kind):

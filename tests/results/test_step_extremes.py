@@ -61,11 +61,10 @@ def test_extremes_have_values_times_and_root_mean_squares():
 @pytest.mark.parametrize("shift", [0.0, 100.0, -1e4])
 def test_root_mean_squares_of_few_and_many_rows_agree_with_the_closed_form(shift):
     """The mean square of x0 + A cos is x0^2 + A^2 / 2 over whole periods."""
-    mech, period = bd.Mechanism(), 2.0 * np.pi / 20.0
-    mass = mech.add(bd.PointMass("mass", 1.0, at=(shift + 0.1, 0.0)))
+    period = 2.0 * np.pi / 20.0
+    mech, mass = free_ball((shift + 0.1, 0.0), name="mass")
     origin = mech.ground.at(shift - 1.0, 0.0)
     mech.add(bd.Spring("spring", origin, mass.point, 400.0, 0.0, 1.0))
-    mech.observe("mass", mass.point)
     for step in (period / 3.0, period / 200.0):
         method = bd.GeneralizedAlpha(period / 500.0)
         run = bd.simulate(mech, method, t_end=5.0 * period, output_step=step)
@@ -85,14 +84,12 @@ def test_regression_extremes_include_the_rows():
 @pytest.mark.slow(reason="half a second")
 def test_regression_extremes_of_many_steps_need_the_memory_of_a_block():
     """The columns of all steps were stored: 388 MB for 1e5 steps of 160 columns."""
-    mech = bd.Mechanism()
-    mass = mech.add(bd.PointMass("mass", 1.0, at=(1.1, 0.0)))
-    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), mass.point, 400.0, 0.0, 1.0))
+    mech, mass = free_ball((1.1, 0.0), name="mass", spring=(400.0, 0.0, 1.0))
     for k in range(20):
         mech.observe(f"mass {k}", mass.point)
     steps, step = 50_000, 1e-4
     run = bd.simulate(mech, bd.GeneralizedAlpha(step), t_end=steps * step, output_step=0.1)
-    assert len(run.columns) == 80
+    assert len(run.columns) == 84
     tracemalloc.start()
     try:
         extremes = run.step_extremes

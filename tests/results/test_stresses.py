@@ -109,13 +109,11 @@ def test_shear_peaks_of_shapes():
 # Stresses of curved beams ------------------------------------------------------------------------
 
 
-def bent_arc(ratio, section, moment=1.0, height=0.1, **settings):
+def bent_arc(ratio, section, **settings):
     """Return the section forces of a clamped arc with R / h = `ratio` under an end moment."""
-    radius = ratio * height
-    mech, beam = clamped_beam(
-        section, 4, bd.Arc(radius=radius, length=0.5 * np.pi * radius), name="hook", **settings
-    )
-    mech.add(bd.Moment("load", beam.end, moment))
+    arc = bd.Arc(radius=0.1 * ratio, length=0.05 * np.pi * ratio)
+    mech, beam = clamped_beam(section, 4, arc, name="hook", **settings)
+    mech.add(bd.Moment("load", beam.end, 1.0))
     mech.observe("inner", beam.stress(0.5 * beam.length, "top"))
     mech.observe("inner strain", beam.strain(0.5 * beam.length, "top"))
     return bd.equilibrium(mech)
@@ -434,12 +432,10 @@ def test_invalid_arguments_are_rejected(swinging, call, message):
 # Largest stress over the length of a beam --------------------------------------------------------
 
 
-def bent_bar(section, load=-10.0, at=0.7, clamp=0.0, **settings):
+def bent_bar(section, load=-10.0, **settings):
     """Return a clamped bar with a transverse force, and its mechanism."""
-    mech = bd.Mechanism()
-    bar = mech.add(bd.Beam("bar", bd.Line((0.0, 0.0), (1.0, 0.0)), section, **settings))
-    mech.add(bd.Weld("clamp", mech.ground.at(clamp, 0.0), bar.at(clamp)))
-    mech.add(bd.Force("load", bar.at(at), (0.0, load)))
+    mech, bar = clamped_beam(section, name="bar", **settings)
+    mech.add(bd.Force("load", bar.at(0.7), (0.0, load)))
     return mech, bar
 
 

@@ -10,7 +10,7 @@ from collections.abc import Callable
 import casadi as ca
 import numpy as np
 import pytest
-from mechanisms import ALLOY, EARTH, rectangle
+from mechanisms import ALLOY, driven, rectangle
 
 import beamdae as bd
 
@@ -32,19 +32,15 @@ def four_bar(
     span = base - crank
     angle = math.acos((coupler**2 + span**2 - rocker**2) / (2.0 * coupler * span))
     end = start + coupler * np.array([math.cos(angle), math.sin(angle)])
-    mech = bd.Mechanism(gravity=EARTH)
-    arm = mech.add(bd.RigidBody("crank", mass=0.2, inertia=1e-4, center=(0.0, 0.0)))
-    ground = mech.ground
-    mech.add(bd.Revolute("O", ground.at(0.0, 0.0), arm.at(0.0, 0.0)))
-    run_up = bd.run_up(25.0, 0.5)
-    mech.add(bd.Driver("motor", ground.at(0.0, 0.0), arm.at(0.0, 0.0), law or run_up))
+    disk = bd.RigidBody("crank", mass=0.2, inertia=1e-4)
+    mech, arm = driven(disk, law or bd.run_up(25.0, 0.5), 9.81)
     beam = mech.add(bd.Beam("coupler", bd.Line(start, end), STRIP, elements=elements))
     inertia = 0.3 * rocker**2 / 12.0
     center = tuple(0.5 * (pivot + end))
     lever = mech.add(bd.RigidBody("rocker", mass=0.3, inertia=inertia, center=center))
     mech.add(bd.Revolute("A", arm.at(*start), beam.start))
     mech.add(bd.Revolute("B", beam.end, lever.at(*end)))
-    mech.add(bd.Revolute("C", ground.at(*pivot), lever.at(*pivot)))
+    mech.add(bd.Revolute("C", mech.ground.at(*pivot), lever.at(*pivot)))
     mech.observe("rocker", lever.at(*pivot))
     if accelerations:
         mech.observe("pivot", bd.acceleration(lever.at(*pivot)))
@@ -55,16 +51,13 @@ def four_bar(
 
 def rotor(law: object) -> bd.Mechanism:
     """Return a hub with two opposite blades, which load its bearing equally."""
-    mech = bd.Mechanism()
-    hub = mech.add(bd.RigidBody("hub", mass=5.0, inertia=0.03))
-    bearing = mech.add(bd.Revolute("bearing", mech.ground.at(0.0, 0.0), hub.at(0.0, 0.0)))
+    mech, hub = driven(bd.RigidBody("hub", mass=5.0, inertia=0.03), law)
     section = rectangle(0.004, 0.03, damping=1e-4, material=ALLOY)
     for name, side in (("right", 1.0), ("left", -1.0)):
         line = bd.Line((0.1 * side, 0.0), (0.6 * side, 0.0))
         blade = mech.add(bd.Beam(name, line, section, elements=2))
         mech.add(bd.Weld(f"clamp {name}", hub.at(0.1 * side, 0.0), blade.start))
-    mech.add(bd.Driver("motor", mech.ground.at(0.0, 0.0), hub.at(0.0, 0.0), law))
-    mech.observe("bearing", bearing.reaction)
+    mech.observe("bearing", mech.part("hinge").reaction)
     mech.observe("hub", hub.at(0.0, 0.0))
     mech.observe("center", bd.acceleration(hub.at(0.0, 0.0)))
     return mech

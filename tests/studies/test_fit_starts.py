@@ -60,16 +60,6 @@ def test_failed_starts_are_reported_and_skipped():
 
 
 @pytest.mark.slow(reason="half a second and more")
-def test_interrupts_end_the_fit():
-    def interrupt(status):
-        if status.done == 1:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        fit(2, progress=interrupt, max_evaluations=1)
-
-
-@pytest.mark.slow(reason="half a second and more")
 def test_exceptions_of_progress_end_the_fit(tmp_path):
     def fail(status):
         if status.done == 1:

@@ -6,7 +6,6 @@ import sys
 import time
 from pathlib import Path
 
-import pandas as pd
 import pytest
 from command_line import invoke
 from study_models import swing
@@ -37,18 +36,6 @@ STUDY = bd.results.Study("swings", tuple(bd.Case(swing, {"mass": m}) for m in (1
 
 
 # Reasons and cells ----------------------------------------------------------------------------
-
-
-@pytest.mark.slow(reason="a fifth of a second")
-def test_lost_tasks_have_their_own_status_and_are_run_again(tmp_path):
-    results = run_study(STUDY, tmp_path, LosingPool())
-    table = pd.read_csv(tmp_path / "cases.csv")
-    assert list(table["status"]) == ["ok", "not run", "not run"]
-    assert set(table["reason"][1:]) == {"connection-lost. Client lost"}
-    assert len(results.not_run) == 2
-    again = run_study(STUDY, tmp_path, SerialPool())
-    assert list(again.table["status"]) == ["ok"] * 3
-    assert again.not_run == []
 
 
 @pytest.mark.slow(reason="draws pictures")

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from mechanisms import free_ball
 from numpy.testing import assert_allclose
 from pages import read_page
 from turning import ALPHA, THICK, THIN, run_sweep, turning
@@ -144,8 +145,7 @@ def test_regression_maps_and_legends_have_scaled_units():
     def pulled(
         stretch=bd.param(0.001, "m", "stretch"), stiffness=bd.param(1e8, "N/m", "stiffness")
     ):
-        mech = bd.Mechanism()
-        mass = mech.add(bd.PointMass("mass", 1.0, at=(0.0, 0.0)))
+        mech, mass = free_ball(name="mass")
         ground, length = mech.ground.at(-1.0, 0.0), 1.0 - stretch
         spring = mech.add(bd.Spring("spring", ground, mass.point, stiffness, free_length=length))
         mech.observe("pull", spring.force)

@@ -1,7 +1,5 @@
 """Studies: execution, case tables, failures, resumption and definitions."""
 
-import os
-import signal
 import sys
 from dataclasses import dataclass, replace
 
@@ -27,18 +25,6 @@ swing = bd.model(t_end=0.4)(mechanisms.swing)
 @bd.model(t_end=0.1)
 def zero_division(mass=0.0):
     return 1.0 / mass
-
-
-@bd.model(t_end=0.1)
-def self_killing(marker="", tries=1):
-    """It kills its process until the file `marker` has `tries` characters."""
-    with open(marker, "a+") as file:
-        file.seek(0)
-        if len(file.read()) < tries:
-            file.write("x")
-            file.flush()
-            os.kill(os.getpid(), signal.SIGKILL)
-    return swing()
 
 
 def create_study(cases, references=COARSE, **settings):
@@ -221,37 +207,7 @@ def test_failures_are_rows_with_a_reason(tmp_path):
     assert results.failed
 
 
-@pytest.mark.slow(reason="runs up to their limits")
-def test_cases_that_reach_the_time_limit_are_rows_with_a_reason(tmp_path):
-    cases = [bd.Case(swing, {}, bd.GeneralizedAlpha(step=1e-8))]
-    table = run(create_study(cases, t_end=0.4, time_limit=1e-3), tmp_path).table
-    assert table["status"][0] == "limited"
-    assert table["reason"][0].endswith("reached the time limit of 0.001 s")
-
-
-@pytest.mark.slow(reason="processes die and are started again")
-def test_cases_of_killed_workers_are_repeated_and_others_are_not_lost(tmp_path):
-    marker = tmp_path / "marks"
-    once = bd.Case(self_killing, {"marker": str(marker), "tries": 1}, ALPHA)
-    always = bd.Case(self_killing, {"marker": str(tmp_path / "more"), "tries": 99}, ALPHA)
-    study = create_study([*SWINGS[:2], once, always], t_end=0.1)
-    results = run(study, tmp_path / "out", LocalPool(2))
-    assert list(results.table["status"][:2]) == ["ok", "ok"]
-    assert results.table["reason"][3].startswith("the process died 2 times")
-    # One run of `once` was killed, perhaps its reference, and repeated.
-    assert results.table["status"][2] == "ok"
-    assert marker.read_text() == "x"
-
-
 # Resumption -------------------------------------------------------------------------------
-
-
-@pytest.mark.slow(reason="a fifth of a second")
-def test_only_changed_cases_are_run(swings):
-    progress = []
-    case = replace(SWINGS[0], integrator=bd.GeneralizedAlpha(step=0.004))
-    run(replace(swings.study, cases=(*SWINGS, case)), swings.folder, progress=progress.append)
-    assert progress[-1].total == progress[0].stored + 1
 
 
 def test_fingerprints_depend_on_model_parameters_integrator_and_times():

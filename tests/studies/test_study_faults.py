@@ -46,6 +46,9 @@ def faulty(kind="none", marker=""):
         os._exit(3)
     if kind == "killed":
         os.kill(os.getpid(), signal.SIGKILL)
+    if kind == "killed once" and not os.path.exists(f"{marker} once"):
+        open(f"{marker} once", "w").close()
+        os.kill(os.getpid(), signal.SIGKILL)
     if kind == "hanging":
         time.sleep(1000.0)
     if kind == "talkative":
@@ -166,7 +169,7 @@ def test_processes_that_die_or_hang_are_rows(tmp_path, monkeypatch, capfd):
     monkeypatch.setattr("beamdae.studies.execution.executors._KILL_DELAY", 20.0)
     marker = tmp_path / "children"
     kinds = [*REASONS, "interrupt", "at once", "at once, 3", "killed", "hanging"]
-    harmless = ["talkative", "threads", "children", "fork", "elsewhere", "none"]
+    harmless = ["talkative", "threads", "children", "fork", "elsewhere", "killed once", "none"]
     cases = [
         bd.Case(faulty, {"kind": kind, "marker": str(marker)}, ALPHA)
         for kind in [*kinds, *harmless]

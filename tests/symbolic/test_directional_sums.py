@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from mechanisms import EARTH, rectangle
+from mechanisms import hinged_beam, rectangle
 
 import beamdae as bd
 from beamdae.equations.formulations.step_equations import formulate_step
@@ -19,12 +19,9 @@ from beamdae.symbolic.sums.kernel_sums import evaluate_sum, set_time
 
 def two_beams(formulation):
     """Return equations with a beam of several elements, a body, joints and a contact."""
-    mech = bd.Mechanism(gravity=EARTH)
     steel = rectangle(0.01, damping=1e-4)
-    line = bd.Line((0.0, 0.0), (1.0, 0.0))
-    beam = mech.add(bd.Beam("beam", line, steel, elements=3, formulation=formulation))
+    mech, beam = hinged_beam(steel, 3, gravity=9.81, formulation=formulation)
     disk = mech.add(bd.RigidBody.disk("disk", (1.0, 0.0), radius=0.1, mass=2.0))
-    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), beam.start))
     pin = mech.add(bd.Revolute("pin", beam.end, disk.at(1.0, 0.0)))
     mech.add(bd.Friction("rubbing", pin, 0.1, friction_speed=0.01, radius=0.05))
     floor = bd.LineSurface(mech.ground.at(0.0, -0.2), direction=(1.0, 0.0))

@@ -4,7 +4,7 @@ import casadi as ca
 import numpy as np
 import pytest
 import scipy.sparse as sp
-from mechanisms import EARTH, rectangle
+from mechanisms import hinged_beam, rectangle
 from numpy.testing import assert_allclose
 
 import beamdae as bd
@@ -21,13 +21,11 @@ RTOL = 1e-12
 
 
 def arch(elements, **settings):
-    mech = bd.Mechanism(gravity=EARTH)
     alloy = bd.Material(E=68.95e9, nu=0.3, rho=2760.0)
     section = rectangle(0.0025, 0.03, damping=1e-4, material=alloy)
     curve = bd.Arc(radius=0.85, length=0.80, start=(0.0, 0.0), angle=-0.60)
-    beam = mech.add(bd.Beam("beam", curve, section, elements=elements, **settings))
+    mech, beam = hinged_beam(section, elements, curve, gravity=9.81, **settings)
     mech.add(bd.PointMass("tip mass", 0.060, on=beam.end))
-    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), beam.start))
     return bd.equations_of_motion(mech)
 
 

@@ -3,6 +3,7 @@
 import casadi as ca
 import numpy as np
 import pytest
+from mechanisms import free_ball
 from numpy.testing import assert_allclose
 
 import beamdae as bd
@@ -77,8 +78,8 @@ def test_machine_code_of_lookups_agrees_with_the_virtual_machine(transposes):
 
 
 def spring_on_table(rows):
-    mech, x = bd.Mechanism(), np.linspace(0.0, 2.0, rows)
-    mass = mech.add(bd.PointMass("mass", 2.0, at=(1.0, 0.0)))
+    x = np.linspace(0.0, 2.0, rows)
+    mech, mass = free_ball((1.0, 0.0), 2.0, name="mass")
     law = bd.table(x, 40.0 * x, kind="linear")
     mech.add(bd.Spring("spring", mech.ground.at(0, 0), mass.point, law=law))
     return bd.equations_of_motion(mech)

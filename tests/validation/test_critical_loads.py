@@ -11,7 +11,6 @@ from benchmarks.critical_loads.structures import stiffness
 from scipy.optimize import brentq
 from scipy.special import jv, yv
 
-BY_NAME = {f"{case.group}, {case.name}": case for case in CASES}
 SLENDER = 1e5
 # Their references integrate along the structure.
 SLOW_GROUPS = {"arch", "bent frame", "own weight", "tapered", "follower load"}
@@ -38,10 +37,10 @@ OTHER_PATHS = [
     [
         pytest.param(
             case,
-            id=f"{case.group}, {case.name}",
+            id=name,
             marks=[pytest.mark.slow(reason="shooting")] if case.group in SLOW_GROUPS else [],
         )
-        for case in CASES
+        for name, case in CASES.items()
         if case.published is not None
     ],
 )
@@ -53,7 +52,7 @@ def test_reference_of_slender_structure_matches_published_load(case):
 @pytest.mark.slow(reason="0.5 to 3 s each")
 @pytest.mark.parametrize(("name", "slenderness", "elements", "formulation"), OTHER_PATHS)
 def test_path_has_the_exact_critical_points(name, slenderness, elements, formulation):
-    rows = list(BY_NAME[name].rows(slenderness, elements, formulation))
+    rows = list(CASES[name].rows(slenderness, elements, formulation))
     assert rows
     assert all(row["verdict"] == "ok" for row in rows), rows
 
@@ -62,7 +61,7 @@ def test_path_has_the_exact_critical_points(name, slenderness, elements, formula
 def test_loads_of_thin_column_are_not_lost_in_rounding():
     # L / h = 1e5: eigenvalues of the stiffness alone gave errors of 1e-3, and 32 elements were
     # stable beyond both loads.
-    case = BY_NAME["column, clamped, free"]
+    case = CASES["column, clamped, free"]
     path = case.solve(SLENDER, 16, "exact")
     loads = [point.load for point in case.reference(SLENDER, "exact")]
     assert [point.factor for point in path.critical] == pytest.approx(loads, rel=1e-7)
@@ -73,7 +72,7 @@ def test_loads_of_thin_column_are_not_lost_in_rounding():
 def test_regression_step_that_ends_at_a_branch_point_is_shortened():
     # The fourth of ten load steps ends at the branch point, 4 EI / R^3. With a tangent from there,
     # which rounding determines, up to 24 more steps were taken, or none converged.
-    path = BY_NAME["ring, quarter, dead pressure"].solve(SLENDER, 4, "floating frame")
+    path = CASES["ring, quarter, dead pressure"].solve(SLENDER, 4, "floating frame")
     assert path.status.success
     assert len(path.q) <= 14
     assert [point.kind for point in path.critical] == ["branch point"]
@@ -89,7 +88,7 @@ def test_regression_step_that_ends_at_a_branch_point_is_shortened():
 def test_regression_no_column_is_too_thin(name, elements, formulation, slenderness):
     # Rounding of the axial stiffness changed the loads by 1e-2 at L / h = 1e6, where 32 elements
     # gave 2.16 instead of 2.467, and Beck's column fluttered 4 % early. 2e-6: 8 elements.
-    case = BY_NAME[name]
+    case = CASES[name]
     path = case.solve(slenderness, elements, formulation)
     loads = [point.load for point in case.reference(slenderness, "exact")]
     assert [point.factor for point in path.critical] == pytest.approx(loads, rel=2e-6)
@@ -99,13 +98,13 @@ def test_regression_no_column_is_too_thin(name, elements, formulation, slenderne
 @pytest.mark.slow(reason="one path, 4 to 8 s")
 def test_regression_interpolated_branch_points_are_not_corrected():
     # Rounding moved corrected points along the critical mode: the largest error was 8e-4 to 1.1e-3.
-    rows = list(BY_NAME["truss, von Mises, rise of 4 heights"].rows(1e5, 32, "exact"))
+    rows = list(CASES["truss, von Mises, rise of 4 heights"].rows(1e5, 32, "exact"))
     assert max(row["relative"] for row in rows) < 1e-4
 
 
 @pytest.mark.slow(reason="a fifth of a second")
 def test_rows_tell_missed_and_invented_points_and_wrong_kinds(monkeypatch):
-    case = BY_NAME["rigid bars, two bars, dead load"]
+    case = CASES["rigid bars, two bars, dead load"]
     first, second = case.reference(1e1, "exact")
 
     def verdicts(*expected):
@@ -122,7 +121,7 @@ def test_rows_tell_missed_and_invented_points_and_wrong_kinds(monkeypatch):
 def test_shear_column_follows_haringx_and_engesser():
     # A short hinged column: Haringx with the stretch of the axis, and Engesser for Green's strains.
     beam, euler = stiffness(10.0), np.pi**2
-    case = BY_NAME["column, hinged, hinged"]
+    case = CASES["column, hinged, hinged"]
     factor = 1.0 / beam.GA - 1.0 / beam.EA
     haringx = brentq(lambda P: P * (1.0 + factor * P) - euler, 0.0, 2.0 * euler, xtol=1e-12)
     assert case.reference(10.0, "exact")[0].load == pytest.approx(haringx, rel=1e-10)

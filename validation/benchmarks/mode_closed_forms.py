@@ -80,7 +80,7 @@ def supported_beam(section: bd.Section, length: float, count: int) -> Array:
     return np.sort(np.concatenate([bending, shear, axial, pure_shear]))[:count]
 
 
-def rotating_cantilever(speed: float, offset: float, count: int, terms: int = 20) -> Array:
+def rotating_cantilever(speed: float, offset: float, count: int) -> Array:
     """Return the lowest frequencies of a thin cantilever in the plane of rotation.
 
     By the Rayleigh-Ritz method, with unit EI, rho A and length and the clamp at the distance
@@ -88,6 +88,7 @@ def rotating_cantilever(speed: float, offset: float, count: int, terms: int = 20
     stationary (Yoo & Shin, J. Sound Vib. 212 (1998) 807, without axial strain). The shapes are
     y = x^2 T_k(2 x - 1).
     """
+    terms = 20
     # x^2 = (3 + 4 T_1 + T_2) / 8.
     square = Chebyshev([0.375, 0.5, 0.125], domain=[0.0, 1.0])
     shapes = [square * Chebyshev.basis(k, domain=[0.0, 1.0]) for k in range(terms)]

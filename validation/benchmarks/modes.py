@@ -51,26 +51,24 @@ def ring(
     return mech
 
 
-def _ring_frequencies(
-    section: bd.Section, radius: float, waves: range
-) -> Callable[[int, str], Array]:
-    """Return a function for ring frequencies [Hz], of each pair the less accurate one."""
+def _ring_case(
+    name: str,
+    source: str,
+    elements: int,
+    waves: range,
+    closed_form: Callable[[bd.Section, float, int], float],
+    section: bd.Section,
+    radius: float = 1.0,
+) -> ReferenceCase:
+    """Return the case of the frequencies of a ring [Hz], of each pair the less accurate one."""
 
     def compute(elements: int, formulation: str) -> Array:
         modes = bd.modes(ring(section, radius, elements, formulation), n=2 * waves[-1] + 1)
         assert modes.kinds[:3] == ("free motion",) * 3
         return modes.frequencies[[2 * n for n in waves]]
 
-    return compute
-
-
-_ClosedForm = Callable[[bd.Section, float, int], float]
-
-
-def _reference_frequencies(
-    closed_form: _ClosedForm, section: bd.Section, radius: float, waves: range
-) -> tuple[float, ...]:
-    return tuple(closed_form(section, radius, n) / (2.0 * np.pi) for n in waves)
+    reference = [closed_form(section, radius, n) / (2.0 * np.pi) for n in waves]
+    return mode_case(name, source, elements, reference, 1e-4, compute)
 
 
 def _round_section() -> bd.Section:
@@ -78,11 +76,6 @@ def _round_section() -> bd.Section:
     area, second = np.pi * 0.1**2 / 4.0, np.pi * 0.1**4 / 64.0
     shear = 6.0 * 1.3 / (7.0 + 6.0 * 0.3)
     return bd.Section(steel, area=area, second_moment=second, shear_coefficient=shear)
-
-
-def _sdll11_section() -> bd.Section:
-    alloy = bd.Material(E=7.2e10, nu=0.3, rho=2700.0)
-    return bd.Section.rectangle(alloy, width=0.010, height=0.005)
 
 
 def _thin_section() -> bd.Section:
@@ -175,28 +168,7 @@ def _rotating_frequencies(speed: float) -> Callable[[int, str], Array]:
     return compute
 
 
-# Campbell diagrams: speeds [rad/s], distance of the clamp of an arm from the axis over its length,
-# and numbers of waves of a ring.
-SPEEDS = {"arm": (2.0, 10.0, 50.0), "ring": (1.0, 2.0, 5.0), "printed": tuple(WRIGHT)}
-HUB_RADIUS = 1.0
-RING_WAVES = (2, 3)
-
-
-def hub_arm_reference(speed: float) -> Array:
-    """Return the first three frequencies of an arm on a hub in its plane."""
-    return closed_forms.rotating_cantilever(speed, HUB_RADIUS, 3)
-
-
-def printed_arm_reference(speed: float) -> Array:
-    """Return the printed frequencies of an arm without a hub, converted to those in its plane."""
-    return np.sqrt(np.square(WRIGHT[speed]) - speed**2)
-
-
-def spinning_ring_reference(speed: float) -> Array:
-    """Return the frequencies [rad/s] of both waves for each number of waves."""
-    section = _thin_section()
-    waves = (closed_forms.spinning_thin_ring(section, 1.0, n, speed) for n in RING_WAVES)
-    return np.concatenate(list(waves))
+HUB_RADIUS = 1.0  # distance of the clamp of an arm from the axis over its length
 
 
 def _campbell_case(
@@ -228,39 +200,40 @@ def _campbell_case(
 # w L^2 sqrt(rho A / EI), to the printed digits.
 EISENBERGER = (29.280, 33.305, 67.124, 79.971, 107.851, 143.618, 156.666, 190.477, 225.361, 234.524)
 MODE_CASES = (
-    mode_case(
+    _ring_case(
         "free ring, thick",
         "NAFEMS R0015 Test 6, 53.382 and 150.99 Hz by the formula of thin rings; closed form with "
         "stretch, shear and rotary inertia",
         16,
-        _reference_frequencies(closed_forms.ring, _round_section(), 1.0, range(2, 4)),
-        1e-4,
-        _ring_frequencies(_round_section(), 1.0, range(2, 4)),
+        range(2, 4),
+        closed_forms.ring,
+        _round_section(),
     ),
-    mode_case(
+    _ring_case(
         "free ring, thick, four waves",
         "NAFEMS R0015 Test 6, 289.51 Hz by the formula of thin rings; closed form as above",
         20,
-        _reference_frequencies(closed_forms.ring, _round_section(), 1.0, range(4, 5)),
-        1e-4,
-        _ring_frequencies(_round_section(), 1.0, range(4, 5)),
+        range(4, 5),
+        closed_forms.ring,
+        _round_section(),
     ),
-    mode_case(
+    _ring_case(
         "free ring, SDLL11",
         "AFNOR SDLL11, Code_Aster V2.02.011, 318.36 and 900.46 Hz by the formula of thin rings; "
         "closed form with stretch, shear and rotary inertia",
         16,
-        _reference_frequencies(closed_forms.ring, _sdll11_section(), 0.1, range(2, 4)),
-        1e-4,
-        _ring_frequencies(_sdll11_section(), 0.1, range(2, 4)),
+        range(2, 4),
+        closed_forms.ring,
+        bd.Section.rectangle(bd.Material(E=7.2e10, nu=0.3, rho=2700.0), width=0.010, height=0.005),
+        0.1,
     ),
-    mode_case(
+    _ring_case(
         "free ring, thin",
         "closed form: Love; Blevins 1979",
         16,
-        _reference_frequencies(closed_forms.thin_ring, _thin_section(), 1.0, range(2, 4)),
-        1e-4,
-        _ring_frequencies(_thin_section(), 1.0, range(2, 4)),
+        range(2, 4),
+        closed_forms.thin_ring,
+        _thin_section(),
     ),
     mode_case(
         "hinged arch",
@@ -294,8 +267,8 @@ MODE_CASES = (
     _campbell_case(
         "Campbell diagram, arm",
         "Wright, Smith, Thresher & Wang, J. Appl. Mech. 49 (1982) 197, in the plane",
-        SPEEDS["printed"],
-        printed_arm_reference,
+        tuple(WRIGHT),
+        lambda speed: np.sqrt(np.square(WRIGHT[speed]) - speed**2),
         # Half a unit of the last digit at the highest speed, in the plane.
         3e-5,
         lambda elements, formulation: rotating_arm(1e4, elements, formulation),
@@ -303,16 +276,18 @@ MODE_CASES = (
     _campbell_case(
         "Campbell diagram, arm on a hub",
         "Yoo & Shin, J. Sound Vib. 212 (1998) 807: hub radius 1, in the plane; Rayleigh-Ritz",
-        SPEEDS["arm"],
-        hub_arm_reference,
+        (2.0, 10.0, 50.0),
+        lambda speed: closed_forms.rotating_cantilever(speed, HUB_RADIUS, 3),
         1e-4,
         lambda elements, formulation: rotating_arm(1e4, elements, formulation, HUB_RADIUS),
     ),
     _campbell_case(
         "Campbell diagram, spinning ring",
         "Bryan 1890; Carrier, Q. Appl. Math. 3 (1945) 235: inextensible, with tension",
-        SPEEDS["ring"],
-        spinning_ring_reference,
+        (1.0, 2.0, 5.0),
+        lambda speed: np.concatenate(
+            [closed_forms.spinning_thin_ring(_thin_section(), 1.0, n, speed) for n in (2, 3)]
+        ),
         1e-4,
         lambda elements, formulation: ring(_thin_section(), 1.0, elements, formulation),
         center=(0.0, 1.0),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
 
@@ -36,43 +36,30 @@ def tip_receptance(frequency: float) -> complex:
     return complex((s * ch - c * sh) / (bending * k**3 * (1.0 + c * ch)))
 
 
-def _solve_shaken_cantilever() -> dict[str, float]:
-    values = {}
-    for frequency in FREQUENCIES:
-        mech = bd.Mechanism()
-        line = bd.Line((0.0, 0.0), (LENGTH, 0.0))
-        beam = mech.add(bd.Beam("beam", line, STRIP, elements=4, formulation="exact"))
-        mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
-        # At a deflection of 1e-4 of the length, nonlinear effects are of order 1e-8.
-        size = 1e-4 * LENGTH / abs(tip_receptance(frequency))
-        mech.add(bd.Force("load", beam.end, (0.0, bd.sine(size, frequency))))
-        mech.observe("tip", beam.end)
-        motion = bd.periodic(mech, 1.0 / frequency, bd.Radau(1e-8))
-        amplitude = motion.amplitudes().loc["tip.y [m]", "half range"]
-        values[_amplitude_label(frequency)] = float(amplitude) / size
-    return values
+def _solve_shaken_cantilever(frequency: float) -> float:
+    mech = bd.Mechanism()
+    line = bd.Line((0.0, 0.0), (LENGTH, 0.0))
+    beam = mech.add(bd.Beam("beam", line, STRIP, elements=4, formulation="exact"))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    # At a deflection of 1e-4 of the length, nonlinear effects are of order 1e-8.
+    size = 1e-4 * LENGTH / abs(tip_receptance(frequency))
+    mech.add(bd.Force("load", beam.end, (0.0, bd.sine(size, frequency))))
+    mech.observe("tip", beam.end)
+    motion = bd.periodic(mech, 1.0 / frequency, bd.Radau(1e-8))
+    return float(motion.amplitudes().loc["tip.y [m]", "half range"]) / size
 
 
-def _amplitude_label(frequency: float) -> str:
-    return f"amplitude / load at {frequency:g} Hz"
+def _oscillator(force: Callable[[Any, Any, Any], Any], q0: float = 0.0) -> bd.ConstrainedSystem:
+    """Return the system x'' = force(t, x, x') of unit mass, at rest at `q0`."""
+    t, x, v = (ca.SX.sym(name) for name in "txv")
+    return bd.ConstrainedSystem(t, x, v, mass=[1.0], force=force(t, x, v), q0=[q0], v0=[0.0])
 
 
-def _solve_mathieu() -> dict[str, float]:
-    """Return sums of multipliers at the first instability boundary, where both are -1."""
-    values = {}
-    for q in (0.2, 1.0, 5.0):
-        t, x, v = (ca.SX.sym(name) for name in "txv")
-        force = -(mathieu_b(1, q) - 2.0 * q * ca.cos(2.0 * t)) * x
-        system = bd.ConstrainedSystem(t, x, v, mass=[1.0], force=force, q0=[0.0], v0=[0.0])
-        values[f"sum of multipliers, q = {q:g}"] = float(
-            bd.periodic(system, np.pi).multipliers.sum().real
-        )
-    return values
-
-
-# Undamped stability boundaries of Mathieu's equation, where both multipliers are 1 or -1.
-BOUNDARIES = {
-    f"sum of multipliers at {name}, q = {q:g}": (float(value(order, q)), q, sign)
+# Mathieu's equation x'' + (a - 2 q cos 2 t) x = 0: a, q, and the sum of the multipliers, which are
+# both 1 or -1 at undamped stability boundaries.
+_FIRST = {f"q = {q:g}": (float(mathieu_b(1, q)), q, -2.0) for q in (0.2, 1.0, 5.0)}
+_OTHERS = {
+    f"{name}, q = {q:g}": (float(value(order, q)), q, sign)
     for q in (0.2, 5.0)
     for name, value, order, sign in (
         ("a_0", mathieu_a, 0, 2.0),
@@ -83,25 +70,13 @@ BOUNDARIES = {
 }
 
 
-def _parametric_system(stiffness: Callable[[Any], Any]) -> bd.ConstrainedSystem:
-    """Return the system x'' + stiffness(t) x = 0 at rest."""
-    t, x, v = (ca.SX.sym(name) for name in "txv")
-    return bd.ConstrainedSystem(t, x, v, mass=[1.0], force=-stiffness(t) * x, q0=[0.0], v0=[0.0])
+def _sum_of_multipliers(stiffness: Callable[[Any], Any]) -> float:
+    system = _oscillator(lambda t, x, v: -stiffness(t) * x)
+    return float(bd.periodic(system, np.pi).multipliers.sum().real)
 
 
-def _sum_of_multipliers(stiffness: Callable[[Any], Any], period: float) -> float:
-    return float(bd.periodic(_parametric_system(stiffness), period).multipliers.sum().real)
-
-
-def _mathieu_stiffness(a: float, q: float, t: Any) -> Any:
-    return a - 2.0 * q * ca.cos(2.0 * t)
-
-
-def _solve_boundaries() -> dict[str, float]:
-    return {
-        name: _sum_of_multipliers(partial(_mathieu_stiffness, a, q), np.pi)
-        for name, (a, q, _) in BOUNDARIES.items()
-    }
+def _solve_mathieu(a: float, q: float, sign: float) -> float:
+    return _sum_of_multipliers(lambda t: a - 2.0 * q * ca.cos(2.0 * t))
 
 
 # Hill's equation x'' + (a + cos 2 t + 0.4 sin 4 t) x = 0, undamped.
@@ -112,32 +87,15 @@ def _hill_stiffness(a: float, functions: Any, t: Any) -> Any:
     return a + functions.cos(2.0 * t) + 0.4 * functions.sin(4.0 * t)
 
 
-def _solve_hill() -> dict[str, float]:
-    return {
-        f"sum of multipliers, a = {a:g}": _sum_of_multipliers(
-            partial(_hill_stiffness, a, ca), np.pi
-        )
-        for a in HILL_CONSTANTS
-    }
+def _reference_hill(a: float) -> float:
+    """Return the trace of the fundamental matrix by an explicit method of order 8."""
 
+    def slope(t: float, y: Array) -> list[float]:
+        return [y[1], -_hill_stiffness(a, np, t) * y[0], y[3], -_hill_stiffness(a, np, t) * y[2]]
 
-def _reference_hill() -> dict[str, float]:
-    """Return traces of the fundamental matrix by an explicit method of order 8."""
-    traces = {}
-    for a in HILL_CONSTANTS:
-        columns = [
-            solve_ivp(
-                lambda t, y, a=a: [y[1], -_hill_stiffness(a, np, t) * y[0]],
-                (0.0, np.pi),
-                start,
-                method="DOP853",
-                rtol=1e-13,
-                atol=1e-13,
-            ).y[:, -1]
-            for start in ([1.0, 0.0], [0.0, 1.0])
-        ]
-        traces[f"sum of multipliers, a = {a:g}"] = float(columns[0][0] + columns[1][1])
-    return traces
+    start = [1.0, 0.0, 0.0, 1.0]
+    end = solve_ivp(slope, (0.0, np.pi), start, "DOP853", rtol=1e-13, atol=1e-13).y[:, -1]
+    return float(end[0] + end[3])
 
 
 # Free undamped vibrations x'' + x + x^3 = 0 at these amplitudes.
@@ -150,25 +108,15 @@ def _backbone_period(amplitude: float) -> float:
     return float(4.0 * ellipk(0.5 * amplitude**2 / stiffness) / np.sqrt(stiffness))
 
 
-def _solve_backbone() -> dict[str, float]:
-    """Return periods over the exact period at the amplitude that was found."""
-    values = {}
-    for amplitude in BACKBONE_AMPLITUDES:
-        t, x, v = (ca.SX.sym(name) for name in "txv")
-        system = bd.ConstrainedSystem(
-            t, x, v, mass=[1.0], force=-x - x**3, q0=[amplitude], v0=[0.0]
-        )
-        motion = bd.periodic(system, period_guess=_backbone_period(amplitude) * 1.1)
-        first = motion.solution.trajectory.at(np.zeros(1))[1]
-        q, v = first.q[0, 0], first.v[0, 0]
-        energy = float(v**2 + q**2 + 0.5 * q**4)
-        found = float(np.sqrt(np.sqrt(1.0 + 2.0 * energy) - 1.0))
-        values[_backbone_label(amplitude)] = motion.period / _backbone_period(found)
-    return values
-
-
-def _backbone_label(amplitude: float) -> str:
-    return f"period / exact at amplitude {amplitude:g}"
+def _solve_backbone(amplitude: float) -> float:
+    """Return the period over the exact period at the amplitude that was found."""
+    system = _oscillator(lambda t, x, v: -x - x**3, amplitude)
+    motion = bd.periodic(system, period_guess=_backbone_period(amplitude) * 1.1)
+    first = motion.solution.trajectory.at(np.zeros(1))[1]
+    q, v = first.q[0, 0], first.v[0, 0]
+    energy = float(v**2 + q**2 + 0.5 * q**4)
+    found = float(np.sqrt(np.sqrt(1.0 + 2.0 * energy) - 1.0))
+    return motion.period / _backbone_period(found)
 
 
 # Self-excited motions x'' = mu (1 - x^2) x' - x.
@@ -176,41 +124,24 @@ SELF_EXCITATIONS = (0.1, 1.0, 10.0)
 _CYCLE_TIME = 200.0  # after which the motion at mu = 0.1 is periodic within 1e-9
 
 
-def _cycle_label(mu: float) -> str:
-    return f"period, mu = {mu:g}"
+def _solve_self_excited(mu: float) -> float:
+    system = _oscillator(lambda t, x, v: mu * (1.0 - x**2) * v - x, 1.0)
+    return bd.periodic(system, period_guess=2.0 * np.pi + 1.6 * mu, settle=8).period
 
 
-def _solve_self_excited() -> dict[str, float]:
-    values = {}
-    for mu in SELF_EXCITATIONS:
-        t, x, v = (ca.SX.sym(name) for name in "txv")
-        force = mu * (1.0 - x**2) * v - x
-        system = bd.ConstrainedSystem(t, x, v, mass=[1.0], force=force, q0=[1.0], v0=[0.0])
-        guess = 2.0 * np.pi + 1.6 * mu
-        values[_cycle_label(mu)] = bd.periodic(system, period_guess=guess, settle=8).period
-    return values
+def _reference_cycle(mu: float) -> float:
+    """Return the time between upward zero crossings by an explicit method of order 8."""
 
-
-def _reference_cycles() -> dict[str, float]:
-    """Return times between upward zero crossings by an explicit method of order 8."""
+    def slope(t: float, y: Array) -> list[float]:
+        return [y[1], mu * (1.0 - y[0] ** 2) * y[1] - y[0]]
 
     def crosses_upward(t: float, y: Array) -> float:
         return float(y[0])
 
     crosses_upward.direction = 1.0  # type: ignore[attr-defined]
-    periods = {}
-    for mu in SELF_EXCITATIONS:
-        run = solve_ivp(
-            lambda t, y, mu=mu: [y[1], mu * (1.0 - y[0] ** 2) * y[1] - y[0]],
-            (0.0, _CYCLE_TIME),
-            [2.0, 0.0],
-            method="DOP853",
-            rtol=1e-13,
-            atol=1e-13,
-            events=crosses_upward,
-        )
-        periods[_cycle_label(mu)] = float(np.diff(run.t_events[0])[-1])
-    return periods
+    accuracy = {"rtol": 1e-13, "atol": 1e-13, "events": crosses_upward}
+    run = solve_ivp(slope, (0.0, _CYCLE_TIME), [2.0, 0.0], "DOP853", **accuracy)
+    return float(np.diff(run.t_events[0])[-1])
 
 
 # A slider-crank with a short crank and a lightly damped rod.
@@ -275,49 +206,76 @@ def _reference_peak() -> dict[str, float]:
     }
 
 
+def _case(
+    name: str,
+    source: str,
+    tolerance: float,
+    label: str,
+    settings: Mapping[str, tuple[Any, ...]],
+    reference: Callable[..., float],
+    compute: Callable[..., float],
+) -> ReferenceCase:
+    """Return a case of one value for each setting."""
+    functions = (
+        lambda f=f: {f"{label}{key}": f(*arguments) for key, arguments in settings.items()}
+        for f in (reference, compute)
+    )
+    return ReferenceCase(name, source, tolerance, *functions)
+
+
 PERIODIC_CASES = (
-    ReferenceCase(
+    _case(
         "shaken cantilever",
         "Bernoulli's beam with viscous damping of the material",
         1e-4,
-        lambda: {
-            _amplitude_label(frequency): abs(tip_receptance(frequency)) for frequency in FREQUENCIES
-        },
+        "amplitude / load at ",
+        {f"{x:g} Hz": (x,) for x in FREQUENCIES},
+        lambda frequency: abs(tip_receptance(frequency)),
         _solve_shaken_cantilever,
     ),
-    ReferenceCase(
+    _case(
         "Mathieu",
         "characteristic values b_1(q) of Mathieu's equation",
         1e-5,
-        lambda: {f"sum of multipliers, q = {q:g}": -2.0 for q in (0.2, 1.0, 5.0)},
+        "sum of multipliers, ",
+        _FIRST,
+        lambda a, q, sign: sign,
         _solve_mathieu,
     ),
-    ReferenceCase(
+    _case(
         "Mathieu, undamped boundaries",
         "characteristic values a_0, a_1, b_2 and a_2 of Mathieu's equation",
         1e-5,
-        lambda: {name: sign for name, (_, _, sign) in BOUNDARIES.items()},
-        _solve_boundaries,
+        "sum of multipliers at ",
+        _OTHERS,
+        lambda a, q, sign: sign,
+        _solve_mathieu,
     ),
-    ReferenceCase(
+    _case(
         "Hill, undamped",
         "trace of the fundamental matrix by scipy's DOP853",
         1e-5,
+        "sum of multipliers, ",
+        {f"a = {a:g}": (a,) for a in HILL_CONSTANTS},
         _reference_hill,
-        _solve_hill,
+        lambda a: _sum_of_multipliers(partial(_hill_stiffness, a, ca)),
     ),
-    ReferenceCase(
+    _case(
         "Duffing backbone",
         "elliptic integral of the first kind",
         1e-6,
-        lambda: {_backbone_label(amplitude): 1.0 for amplitude in BACKBONE_AMPLITUDES},
+        "period / exact at ",
+        {f"amplitude {x:g}": (x,) for x in BACKBONE_AMPLITUDES},
+        lambda amplitude: 1.0,
         _solve_backbone,
     ),
-    ReferenceCase(
+    _case(
         "van der Pol",
         "time between zero crossings by scipy's DOP853",
         1e-7,
-        _reference_cycles,
+        "period, ",
+        {f"mu = {mu:g}": (mu,) for mu in SELF_EXCITATIONS},
+        _reference_cycle,
         _solve_self_excited,
     ),
     ReferenceCase(

@@ -106,6 +106,20 @@ class StoredReference:
     KEYS = ("columns", "rows", "extremes", "uncertainty")
 
 
+def compare_rows(observed: pd.DataFrame, exact: pd.DataFrame) -> pd.DataFrame:
+    """Return root mean square, largest and peak errors of the columns [-], see `measure_errors`."""
+    difference = (observed - exact).abs()
+    ends = [(getattr(observed, x)() - getattr(exact, x)()).abs() for x in ("max", "min")]
+    half_range = 0.5 * (exact.max() - exact.min())
+    return pd.DataFrame(
+        {
+            "rms": np.sqrt((difference**2).mean()) / exact.std(ddof=0),
+            "largest": difference.max() / half_range,
+            "peak": np.maximum(*ends) / half_range,
+        }
+    )
+
+
 def measure_errors(observed: pd.DataFrame, reference: StoredReference) -> pd.DataFrame:
     """Return root mean square, largest and peak errors of the columns [-].
 

@@ -17,10 +17,10 @@ STEEL = bd.Material(E=2.06e11, nu=0.3, rho=7850.0)
 FLOATING, EXACT = "floating frame", "exact"
 
 
-def _observe_beam(mech: bd.Mechanism, beam: bd.Beam, at: float = 0.5) -> None:
-    """Observe the end of a beam, deformation and stress at a point, and forces at its root."""
+def _observe_beam(mech: bd.Mechanism, beam: bd.Beam) -> None:
+    """Observe the end of a beam, its deformation, a stress, and the forces at its root."""
     mech.observe("tip", beam.end)
-    mech.observe("bend", beam.deformation(at * beam.length))
+    mech.observe("bend", beam.deformation(0.5 * beam.length))
     mech.observe("stress", beam.stress(0.3 * beam.length, "top"))
     mech.observe("root", beam.section_forces(0.0))
 

@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 
 import beamdae as bd
+from error_statements.cases import compare_rows
 from error_statements.mechanisms import PLASTIC, STEEL
 from error_statements.statements import Comparison, judge_columns
 
@@ -80,20 +81,6 @@ def pressed_strut(seed: int) -> tuple[Build, float]:
     return build, 2.0 * np.pi / rate
 
 
-def measure_errors(observed: pd.DataFrame, exact: pd.DataFrame) -> pd.DataFrame:
-    """Return the errors of extremes and rows over half the range, and of means over deviations."""
-    difference = (observed - exact).abs()
-    ends = [(getattr(observed, x)() - getattr(exact, x)()).abs() for x in ("max", "min")]
-    half_range = 0.5 * (exact.max() - exact.min())
-    return pd.DataFrame(
-        {
-            "peaks": np.maximum(*ends) / half_range,
-            "rows": difference.max() / half_range,
-            "means": np.sqrt((difference**2).mean()) / exact.std(ddof=0),
-        }
-    )
-
-
 def judge(draw: Callable[[int], tuple[Build, float]], seed: int) -> Comparison:
     """Compare the stated errors of the columns of a motion with the true ones.
 
@@ -106,8 +93,8 @@ def judge(draw: Callable[[int], tuple[Build, float]], seed: int) -> Comparison:
     motion, exact = (bd.periodic(x, period, bd.Radau(1e-7)) for x in (build(), build(4, "exact")))
     if not (motion.status.success and exact.status.success):
         raise RuntimeError("no periodic motion was found")
-    errors = measure_errors(motion.solution.observed, exact.solution.observed)
-    true = errors[["peaks", "means"]].max(axis=1)
+    errors = compare_rows(motion.solution.observed, exact.solution.observed)
+    true = errors[["peak", "rms"]].max(axis=1)
     stated = pd.Series(motion.errors.total[: len(true)], true.index)
     return judge_columns(true, errors.min(axis=1), errors.max(axis=1), stated)
 

@@ -27,19 +27,16 @@ from error_statements.cases import (
     STRIDE,
     ErrorCase,
     StoredReference,
+    compare_rows,
 )
 
 
 def compute_reference(case: ErrorCase) -> StoredReference:
     """Return the reference of a case and its uncertainty [-], the larger of rms and peak errors."""
     fine, check = case.refine(REFINEMENT, SHARPNESS, RTOL), case.refine(*CHECK)
-    scale = fine.std(ddof=0)
-    moving = scale > 1e-9 * fine.abs().max()
-    fine, check, scale = fine.loc[:, moving], check.loc[:, moving], scale[moving]
-    half_range = 0.5 * (fine.max() - fine.min())
-    rms = np.sqrt(((check - fine) ** 2).mean()) / scale
-    peaks = [(check.max() - fine.max()).abs(), (check.min() - fine.min()).abs()]
-    uncertainty = np.maximum(rms, np.maximum(*peaks) / half_range)
+    moving = fine.std(ddof=0) > 1e-9 * fine.abs().max()
+    fine, check = fine.loc[:, moving], check.loc[:, moving]
+    uncertainty = compare_rows(check, fine)[["rms", "peak"]].max(axis=1)
     return StoredReference(
         np.array(fine.columns, dtype=str),
         fine.to_numpy()[::STRIDE].astype(np.float32),

@@ -198,8 +198,9 @@ def _strain_energy(p: np.ndarray) -> float:
     return energy
 
 
-def _differentiate_energy(p: np.ndarray, direction: np.ndarray, step: float = 1e-2) -> float:
+def _differentiate_energy(p: np.ndarray, direction: np.ndarray) -> float:
     """Return the derivative by five points, exact for the quartic energy."""
+    step = 1e-2
     far, near = (
         _strain_energy(p + k * step * direction) - _strain_energy(p - k * step * direction)
         for k in (2, 1)

@@ -110,11 +110,6 @@ def compute_figures_9_10(crank: str) -> dict[str, pd.DataFrame]:
     return tables | compare_methods(pairs)
 
 
-def get_transverse_deformation(table: pd.DataFrame, frame: str) -> tuple[pd.Series, pd.Series]:
-    """Return the transverse deformation of the middle, nonlinear and linear."""
-    return table[f"nonlinear, {frame}, v, local [m]"], table[f"linear, {frame}, v, local [m]"]
-
-
 def measure_rate_deviation(table: pd.DataFrame, frame: str, rate: str) -> float:
     """Return the deviation of the linear from the nonlinear angular velocity."""
     exact, linear = (table[f"{s}, {frame}, {rate} [rad/s]"] for s in STRAINS)
@@ -177,7 +172,7 @@ def judge_readings(tables: Tables) -> pd.DataFrame:
 def coincide(tables: Tables) -> Judgement:
     parts, is_later = [], True
     for frame in FRAMES:
-        exact, linear = get_transverse_deformation(tables["figure_9"], frame)
+        exact, linear = (tables["figure_9"][f"{s}, {frame}, v, local [m]"] for s in STRAINS)
         apart = axis_share_of_difference(linear, exact, FIGURE_9) > VISIBLE
         shares = np.abs(linear - exact) / (0.5 * np.ptp(exact))
         times = [exact.index[np.argmax(shares > level)] for level in (0.01, 0.02, 0.05)]

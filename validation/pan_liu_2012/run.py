@@ -154,12 +154,12 @@ def write_tables(tables: Tables, folder: Path) -> None:
     write_columns(folder / "tables.json", columns, digits=8)
 
 
-def read_tables(folder: Path = RESULTS) -> Tables:
+def read_tables() -> Tables:
     """Return the stored tables; the index of time histories is the time."""
-    stored = json.loads((folder / "tables.json").read_text("utf-8"))
+    stored = json.loads((RESULTS / "tables.json").read_text("utf-8"))
     tables = {name: pd.DataFrame(columns) for name, columns in stored.items()}
     tables = {x: table.set_index(TIME) if TIME in table else table for x, table in tables.items()}
-    return tables | {"summary": pd.read_csv(folder / "summary.csv")}
+    return tables | {"summary": pd.read_csv(RESULTS / "summary.csv")}
 
 
 def main() -> None:

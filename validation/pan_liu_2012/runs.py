@@ -40,13 +40,6 @@ def observe_run(
     return run_to_end(mechanism, t_end, rows, integrator).observed
 
 
-def observe_until_failure(
-    mechanism: bd.Mechanism, t_end: float, rows: float, integrator: Any = SCHEME
-) -> pd.DataFrame:
-    """Return observed columns up to the end or the failure of the run."""
-    return bd.simulate(mechanism, integrator, t_end=t_end, output_step=rows).observed
-
-
 def measure_deviation(run: Any, reference: Any) -> float:
     """Return the largest difference over half the largest range of the reference columns."""
     run, reference = np.asarray(run, float), np.asarray(reference, float)
@@ -62,7 +55,7 @@ def compare_methods(pairs: dict[str, tuple[pd.Series, pd.Series]]) -> dict[str, 
     return {"second_method": pd.DataFrame(lines)}
 
 
-def format_range(values: Any, digits: int = 3) -> str:
+def format_range(values: Any) -> str:
     """Format the smallest and the largest value."""
     low, high = np.min(values), np.max(values)
-    return f"{low:.{digits}g} .. {high:.{digits}g}"
+    return f"{low:.3g} .. {high:.3g}"

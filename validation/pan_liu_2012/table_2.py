@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from functools import partial
 
 import numpy as np
 import pandas as pd
@@ -64,60 +64,35 @@ PAPER_RESULTS = {
 KEY_COLUMNS = ["integrator", "subtended [deg]", "shape", "elements"]
 
 
-def run_hub_beam(integrator: str, rows: float = 4e-3, **parameters: object) -> np.ndarray:
+def run_hub_beam(integrator: str, **parameters: object) -> np.ndarray:
     """Return the deformation (u, v) of the tip over 2 s."""
-    method = INTEGRATORS[integrator]
-    return (
-        run_to_end(hub_beam(**parameters), HUB_BEAM_T_END, rows, method)
-        .observed[TIP_COLUMNS]
-        .to_numpy()
-    )
+    run = run_to_end(hub_beam(**parameters), HUB_BEAM_T_END, 4e-3, INTEGRATORS[integrator])
+    return run.observed[TIP_COLUMNS].to_numpy()
 
 
-def compute_limits(integrator: str, subtended: float, shape: str) -> dict[str, np.ndarray]:
-    """Compute the limit of the tip deformation by element type.
-
-    Limits are 24 curved elements and extrapolated straight ones. They differ slightly: eq. (5)
-    omits the curvature in its quadratic part, (u'^2 + v'^2)/2 in place of Green's
-    ((u' - v/R)^2 + (v' + u/R)^2)/2, and straight elements have no curvature to omit. Curved
-    elements with Green's strain converge to the limit of straight ones.
-    """
-    beam = {"subtended": subtended, "shape": shape}
-    coarse, fine = (
-        run_hub_beam(integrator, elements=n, **ELEMENTS[STRAIGHT], **beam) for n in (32, 64)
-    )
-    return {
-        "curved": run_hub_beam(integrator, elements=24, **beam),
-        "straight": fine + (fine - coarse) / 3.0,
-        "green": run_hub_beam(integrator, elements=24, strain="green", **beam),
-    }
-
-
-def compute_errors(
-    integrator: str,
-    subtended: float,
-    shape: str,
-    names: tuple[str, ...] = tuple(ELEMENTS),
-    meshes: tuple[int, ...] | None = None,
-) -> dict[str, pd.DataFrame]:
+def compute_errors(integrator: str, subtended: float, shape: str) -> dict[str, pd.DataFrame]:
     """Compute the error of the tip deformation over its amplitude, by type and number of elements.
 
-    The reference is the limit of that type by the same integrator, so the error in time cancels.
+    The reference is the limit of that type by the same integrator, so the error in time cancels:
+    24 curved elements and extrapolated straight ones. These limits differ slightly: eq. (5) omits
+    the curvature in its quadratic part, (u'^2 + v'^2)/2 in place of Green's ((u' - v/R)^2 +
+    (v' + u/R)^2)/2, and straight elements have no curvature to omit. Curved elements with Green's
+    strain converge to the limit of straight ones.
     """
-    beam = {"subtended": subtended, "shape": shape}
-    exact = compute_limits(integrator, **beam)
+    run = partial(run_hub_beam, integrator, subtended=subtended, shape=shape)
+    coarse, fine = (run(elements=n, **ELEMENTS[STRAIGHT]) for n in (32, 64))
+    exact = {"curved": run(elements=24), "straight": fine + (fine - coarse) / 3.0}
+    green = run(elements=24, strain="green")
     key = {"integrator": integrator, "subtended [deg]": subtended, "shape": shape}
     lines = []
-    for name in names:
-        for n in meshes or MESHES[name]:
-            deformation = run_hub_beam(integrator, elements=n, **ELEMENTS[name], **beam)
+    for name, settings in ELEMENTS.items():
+        for n in MESHES[name]:
+            deformation = run(elements=n, **settings)
             error = measure_deviation(deformation, exact[name.split(",")[0]])
             lines.append({**key, "elements": name, "number": n, "error [-]": error})
     apart = {
         "curved against straight [-]": measure_deviation(exact["curved"], exact["straight"]),
-        "curved, Green's strain, against straight [-]": measure_deviation(
-            exact["green"], exact["straight"]
-        ),
+        "curved, Green's strain, against straight [-]": measure_deviation(green, exact["straight"]),
     }
     return {
         "table_2_errors": pd.DataFrame(lines),
@@ -127,12 +102,10 @@ def compute_errors(
 
 def count_needed_elements(curve: pd.DataFrame, criterion: float) -> float:
     """Return the smallest number of elements from which all errors meet the criterion."""
-    ordered = curve.sort_values("number")
-    beyond = ordered["number"][ordered["error [-]"] > criterion]
-    within = (
-        ordered["number"][ordered["number"] > beyond.max()] if len(beyond) else ordered["number"]
-    )
-    return float(within.min()) if len(within) else np.nan
+    is_beyond = curve["error [-]"] > criterion
+    within = curve["number"][curve["number"] > curve["number"][is_beyond].max()]
+    within = within if is_beyond.any() else curve["number"]
+    return float(within.min())
 
 
 def format_needed_elements(curve: pd.DataFrame, criterion: float) -> str:
@@ -170,15 +143,23 @@ def measure_times(repetitions: int = 5) -> pd.DataFrame:
     ]
     schemes = (bd.GeneralizedAlpha(step=1e-3), bd.Ida(rtol=1e-5))
     kinds = {"curved": ELEMENTS[FULL], "straight": ELEMENTS[STRAIGHT]}
-    measured: dict[tuple[str, float, int, float, Any], list[Any]] = {}
-    for _ in range(repetitions):
-        for kind, subtended, number, cpu in runs:
-            for scheme in schemes:
-                mechanism = hub_beam(elements=number, subtended=subtended, **kinds[kind])
-                statistics = run_to_end(mechanism, HUB_BEAM_T_END, 2e-3, scheme).statistics
-                measured.setdefault((kind, subtended, number, cpu, scheme), []).append(statistics)
+    systems = [(*run, scheme) for run in runs for scheme in schemes]
+    turns = [
+        [
+            run_to_end(
+                hub_beam(elements=number, subtended=subtended, **kinds[kind]),
+                HUB_BEAM_T_END,
+                2e-3,
+                scheme,
+            ).statistics
+            for kind, subtended, number, _, scheme in systems
+        ]
+        for _ in range(repetitions)
+    ]
     lines = []
-    for (kind, subtended, number, cpu, scheme), statistics in measured.items():
+    for (kind, subtended, number, cpu, scheme), statistics in zip(
+        systems, zip(*turns, strict=True), strict=True
+    ):
         wall = min(run.wall_time for run in statistics)
         lines.append(
             {
@@ -196,34 +177,28 @@ def measure_times(repetitions: int = 5) -> pd.DataFrame:
     return pd.DataFrame(lines).sort_values(["subtended [deg]", "number"], ignore_index=True)
 
 
-def get_needed_elements(
-    tables: Tables, elements: str, criterion: float
-) -> dict[tuple[float, str], float]:
-    """Return elements needed with the paper's scheme, by subtended angle and shape."""
-    table = tables["table_2"]
+def select_rows(tables: Tables, name: str, elements: str) -> pd.DataFrame:
+    """Return the rows of one kind of element with the paper's scheme, by angle and shape."""
+    table = tables[name]
     rows = table[table["integrator"].str.startswith("gen") & (table["elements"] == elements)]
-    keys = zip(rows["subtended [deg]"], rows["shape"], strict=True)
-    return dict(zip(keys, rows[f"needed for {criterion:.1%}"], strict=True))
+    return rows.set_index(["subtended [deg]", "shape"])
+
+
+def get_needed_elements(tables: Tables, elements: str, criterion: float) -> pd.Series:
+    """Return elements needed with the paper's scheme, by subtended angle and shape."""
+    return select_rows(tables, "table_2", elements)[f"needed for {criterion:.1%}"]
 
 
 def get_needed_text(tables: Tables, elements: str, subtended: float) -> str:
     """Return circular elements needed for 1 %, '2 or 3' if an error is at the threshold."""
-    table = tables["table_2"].set_index(["integrator", "elements", "subtended [deg]", "shape"])
-    key = (next(iter(INTEGRATORS)), elements, subtended, "circular")
-    return str(table.loc[key, f"needed for {CONVERGED_ERROR:.1%}, marked"])
+    rows = select_rows(tables, "table_2", elements)
+    return str(rows.loc[(subtended, "circular"), f"needed for {CONVERGED_ERROR:.1%}, marked"])
 
 
-def get_error(tables: Tables, elements: str, subtended: float, number: int) -> float:
-    """Return the error of the circular beam with the paper's scheme."""
-    table = tables["table_2_errors"]
-    row = table[
-        table["integrator"].str.startswith("gen")
-        & (table["shape"] == "circular")
-        & (table["elements"] == elements)
-        & (table["subtended [deg]"] == subtended)
-        & (table["number"] == number)
-    ]
-    return float(row["error [-]"].iloc[0])
+def get_errors(tables: Tables, elements: str) -> pd.DataFrame:
+    """Return the errors of the circular beam with the paper's scheme, by number and angle."""
+    rows = select_rows(tables, "table_2_errors", elements).xs("circular", level="shape")
+    return rows.reset_index().pivot(index="number", columns="subtended [deg]", values="error [-]")
 
 
 HUB_TEXT = "hub beam, tip deformation over 2 s, the paper's scheme"
@@ -239,7 +214,8 @@ HUB_TEXT = "hub beam, tip deformation over 2 s, the paper's scheme"
 def curved_elements(tables: Tables) -> Judgement:
     parts, judged = [], []
     for name in CURVED:
-        at = [get_error(tables, name, *key) for key in ((30.0, 4), (60.0, 6), (60.0, 8))]
+        errors = get_errors(tables, name)
+        at = [errors.loc[key] for key in ((4, 30.0), (6, 60.0), (8, 60.0))]
         if name != DEFAULT:
             judged += at
         parts.append(f"{name}: error {at[0]:.2%} with 4, {at[1]:.2%} with 6, {at[2]:.2%} with 8")
@@ -261,7 +237,8 @@ def curved_elements(tables: Tables) -> Judgement:
 def straight_elements(tables: Tables) -> Judgement:
     parts = []
     for name in (STRAIGHT, STRAIGHT_TWO_NODES):
-        at = get_error(tables, name, 30.0, 15), get_error(tables, name, 60.0, 20)
+        errors = get_errors(tables, name)
+        at = errors.loc[15, 30.0], errors.loc[20, 60.0]
         needs = " and ".join(get_needed_text(tables, name, angle) for angle in (30.0, 60.0))
         parts.append(f"{name}: {needs} needed, error {at[0]:.2%} with 15, {at[1]:.2%} with 20")
     return Judgement(
@@ -285,9 +262,9 @@ def more_efficient(tables: Tables) -> Judgement:
     for name in CURVED:
         # NaN if no straight mesh met the criterion; such ratios are smaller than the others.
         ratios = [
-            curved / get_needed_elements(tables, STRAIGHT, criterion)[beam]
+            get_needed_elements(tables, name, criterion)
+            / get_needed_elements(tables, STRAIGHT, criterion)
             for criterion in CRITERIA
-            for beam, curved in get_needed_elements(tables, name, criterion).items()
         ]
         parts.append(f"{name}: {np.nanmin(ratios):.2f} to {np.nanmax(ratios):.2f}")
         worst = max(worst, float(np.nanmax(ratios)))
@@ -313,7 +290,9 @@ def more_curvature(tables: Tables) -> Judgement:
         parts.append(
             f"{name}: {get_needed_text(tables, name, 30.0)}, {get_needed_text(tables, name, 60.0)}"
         )
-        worse += _error_ratios(tables, name)
+        errors = get_errors(tables, name)
+        errors = errors[((errors > 0.001) & (errors < 0.05)).all(axis=1)]
+        worse += list(errors[60.0] / errors[30.0])
     larger = min(worse) > 1.0 + THRESHOLD_MARGIN
     return Judgement(
         f"needed at 30, 60 degrees: {'; '.join(parts)}: more for {more} of {len(ELEMENTS)} kinds; "
@@ -322,19 +301,6 @@ def more_curvature(tables: Tables) -> Judgement:
         "the error is larger for every kind, but with our continuity and with 2 nodes too little "
         "to need another element",
     )
-
-
-def _error_ratios(tables: Tables, elements: str) -> list[float]:
-    """Return error ratios of 60 to 30 degrees, where both errors are between 0.1 % and 5 %."""
-    table = tables["table_2_errors"]
-    rows = table[
-        table["integrator"].str.startswith("gen")
-        & (table["shape"] == "circular")
-        & (table["elements"] == elements)
-    ]
-    errors = rows.pivot(index="number", columns="subtended [deg]", values="error [-]")
-    errors = errors[((errors > 0.001) & (errors < 0.05)).all(axis=1)]
-    return list(errors[60.0] / errors[30.0])
 
 
 @claim(

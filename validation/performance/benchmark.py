@@ -3,8 +3,9 @@
     python validation/performance/benchmark.py --peer PYTHON --before PATH
     python validation/performance/benchmark.py --quick
 
-PYTHON is an interpreter with Exudyn (`pip install exudyn`), and PATH is a checkout of beamdae; the
-tables of a missing tool are omitted. Times are processor times, the smallest of several turns.
+PYTHON is an interpreter with Exudyn (`pip install exudyn pandas scipy`), and PATH is a checkout of
+beamdae; the tables of a missing tool are omitted. Times are processor times, the smallest of
+several turns.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ from measurement import (
 )
 from pendulum import pendulum
 from slider_crank import slider_crank
+from systems import load_motion
 
 import beamdae as bd
 
@@ -47,24 +49,22 @@ SYSTEMS: Systems = (
 def compare_with_exudyn(peer: Worker, rounds: int) -> pd.DataFrame:
     """Compare eight elements of beamdae with eight of Exudyn, of three nodes, at one step."""
     rows = []
-    for name, system in (("hub_beam", "hub beam"), ("pendulum", "pendulum")):
+    for name, problem in (("hub_beam", "hub_beam_60"), ("pendulum", "pendulum_undamped")):
         model = MODELS_BY_NAME[name]
         equations = bd.equations_of_motion(model(elements=8, damping=0.0))
         times = np.linspace(0.0, model.t_end, round(model.t_end / 0.01) + 1)
-        job = {"system": system, "elements": 8, "nodes": 3, "step": 1e-3, "path": False}
-        actions = {
-            "beamdae": partial(_time_beamdae, equations, bd.GeneralizedAlpha(1e-3), times),
-            "Exudyn": lambda job=job: peer(**job)["integrate"],
-        }
-        samples = time_in_turns(actions, rounds)
+        job = {"problem": load_motion(problem, 0.0, model.t_end), "elements": 8, "nodes": 3}
+        job |= {"step": 1e-3, "path": False}
+        run = partial(time_integration, equations, bd.GeneralizedAlpha(1e-3), times)
+        samples = time_in_turns(
+            {
+                "beamdae": lambda run=run: run()[0],
+                "Exudyn": lambda job=job: peer(**job)["integrate"],
+            },
+            rounds,
+        )
         rows.append({"run": f"{name}, step=1e-3", **_ratio_columns(samples, "beamdae", "Exudyn")})
     return pd.DataFrame(rows)
-
-
-def _time_beamdae(
-    equations: bd.results.EquationsOfMotion, integrator: bd.Integrator, times: np.ndarray
-) -> float:
-    return time_integration(equations, integrator, times)[0]
 
 
 def compare_with_checkout(folder: Path, rounds: int, systems: Systems = SYSTEMS) -> pd.DataFrame:

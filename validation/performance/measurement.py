@@ -15,7 +15,6 @@ import sys
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import numpy as np
@@ -59,9 +58,7 @@ def write_table(folder: Path, name: str, table: pd.DataFrame) -> None:
 
 
 HERE = Path(__file__).parent
-EXUDYN_MISSING = (
-    "{python}: exudyn cannot be imported, so its runs are skipped; run pip install exudyn."
-)
+EXUDYN_MISSING = "{python}: Exudyn's runs are skipped; install exudyn, pandas and scipy."
 
 
 class Worker:
@@ -89,12 +86,7 @@ class Worker:
     def __enter__(self) -> Worker:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        problem: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *problem: object) -> None:
         self._process.communicate()
 
 

@@ -3,14 +3,14 @@
     python validation/performance/static_times.py --peer PYTHON
     python validation/performance/static_times.py --quick
 
-PYTHON is an interpreter with Exudyn (`pip install exudyn`), whose elements have 2 nodes; those of
-beamdae have 4. Both tools take turns with each structure (`static_systems`), in 10 load steps and
-in as few as succeed, with machine code in the cache. Times are processor times, the smallest of
-several turns. "assembly" is the time of the equations of motion, with the plans of their
-evaluation; "stability" that of the numbers of unstable directions, which Exudyn does not compute.
-"ratio" compares the time without assembly with Exudyn's time without building, for equal meshes;
-"ratio at equal error" does so for the fastest mesh of beamdae, of 2 to 256 elements, whose error is
-at most Exudyn's. Errors are distances of the loaded point from that of the finest mesh [m].
+PYTHON is an interpreter with Exudyn (`pip install exudyn pandas scipy`), whose elements have 2
+nodes; those of beamdae have 4. Both tools take turns with each structure (`systems`), in 10 load
+steps and in as few as succeed, with machine code in the cache. Times are processor times, the
+smallest of several turns. "assembly" is the time of the equations of motion, with the plans of
+their evaluation; "stability" that of the numbers of unstable directions, which Exudyn does not
+compute. "ratio" compares the time without assembly with Exudyn's time without building, for equal
+meshes; "ratio at equal error" does so for the fastest mesh of beamdae, of 2 to 256 elements, whose
+error is at most Exudyn's. Errors are distances from the loaded point of the finest mesh [m].
 """
 
 from __future__ import annotations
@@ -19,7 +19,8 @@ import argparse
 import time
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
+from contextlib import ExitStack
+from itertools import product
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
@@ -27,7 +28,7 @@ from unittest.mock import patch
 import numpy as np
 import pandas as pd
 from measurement import RESULTS, Worker, start_exudyn, write_table
-from static_systems import POISSON, RHO, STRUCTURES, WIDTH, E, Structure
+from systems import STRUCTURES, build
 
 import beamdae as bd
 from beamdae.analysis.statics import static_equilibrium, static_problem
@@ -39,51 +40,13 @@ COARSE_ELEMENTS = (2, 4)  # of beamdae only: with 4 nodes, as accurate as 8 elem
 STEPS = (10, 1)
 TURNS = 30
 QUICK_TURNS = 2
-# Runs of up to this number of elements take five times as many turns: other processes disturb short
-# runs more.
-FEW_ELEMENTS = 8
-MILLISECONDS = 1e3
-
-
-def build_structure(structure: Structure, elements: int) -> bd.Mechanism:
-    """Return the mechanism of a structure, with the loaded point as "point"."""
-    mech = bd.Mechanism(gravity=(0.0, -structure.gravity) if structure.gravity else (0.0, 0.0))
-    steel = bd.Material(E=E, nu=POISSON, rho=RHO)
-    section = bd.Section.rectangle(steel, width=WIDTH, height=structure.height)
-    before = mech.ground.at(*structure.segments[0].start)
-    for k, segment in enumerate(structure.segments):
-        curve: Any = bd.Line(segment.start, segment.point(segment.length))
-        if segment.curvature:
-            curve = bd.Arc(1.0 / segment.curvature, segment.length, segment.start, segment.angle)
-        beam = mech.add(bd.Beam(f"beam {k}", curve, section, elements, formulation="exact"))
-        mech.add(bd.Weld(f"weld {k}", before, beam.start))
-        before = beam.end
-    if structure.is_hinged:
-        mech.add(bd.Revolute("hinge", mech.ground.at(*beam.end.point), beam.end))
-    point, stiffness = beam.at(structure.loaded * beam.length), structure.bending_stiffness
-    if any(structure.force):
-        mech.add(bd.Force("force", point, tuple(stiffness * x for x in structure.force)))
-    if structure.moment:
-        mech.add(bd.Moment("moment", point, stiffness * structure.moment))
-    mech.observe("point", point)
-    return mech
-
-
-@dataclass
-class PathTimes:
-    """Times of a path [s] and its result."""
-
-    total: float
-    assembly: float
-    stability: float
-    path: bd.results.Equilibrium
+FEW_ELEMENTS = 8  # of runs that take five times as many turns
 
 
 @single_threaded
-def time_path(mechanism: bd.Mechanism, steps: int) -> PathTimes:
-    """Return the processor times of an equilibrium path and of its parts."""
-    times = {"assembly": 0.0, "stability": 0.0}
-    active: list[str] = []
+def time_path(mechanism: bd.Mechanism, steps: int) -> dict[str, Any]:
+    """Return an equilibrium path and the processor times of it and of its parts [ms]."""
+    times, active = {"assembly": 0.0, "stability": 0.0}, []
 
     def timed(part: str, function: Callable[..., Any]) -> Callable[..., Any]:
         def call(*arguments: Any, **options: Any) -> Any:
@@ -95,7 +58,7 @@ def time_path(mechanism: bd.Mechanism, steps: int) -> PathTimes:
                 active.pop()
                 # Calls within calls are not counted twice.
                 if not active:
-                    times[part] += time.process_time() - begin
+                    times[part] += 1e3 * (time.process_time() - begin)
 
         return call
 
@@ -105,17 +68,13 @@ def time_path(mechanism: bd.Mechanism, steps: int) -> PathTimes:
         (static_problem, "plan_static_sums", "assembly"),
         (static_problem.StaticProblem, "monitor", "stability"),
     )
-    patches = [patch.object(m, name, timed(part, getattr(m, name))) for m, name, part in parts]
-    for each in patches:
-        each.start()
-    try:
+    with ExitStack() as stack:
+        for module, name, part in parts:
+            stack.enter_context(patch.object(module, name, timed(part, getattr(module, name))))
         begin = time.process_time()
         path = bd.equilibrium(mechanism, step=1.0 / steps)
-        total = time.process_time() - begin
-    finally:
-        for each in patches:
-            each.stop()
-    return PathTimes(total, times["assembly"], times["stability"], path)
+        total = 1e3 * (time.process_time() - begin)
+    return {"path": path, "total": total, "solution": total - times["assembly"], **times}
 
 
 def loaded_point(path: bd.results.Equilibrium) -> np.ndarray:
@@ -127,7 +86,8 @@ def compare(
     name: str, elements: int, steps: int, reference: np.ndarray, peer: Worker | None, turns: int
 ) -> dict[str, object]:
     """Return a row of the table."""
-    mechanism = build_structure(STRUCTURES[name], elements)
+    problem = STRUCTURES[name]
+    mechanism = build(problem, elements)
     # Compile machine code that is not in the cache at the first iteration.
     with patch.object(static_problem, "_INTERPRETED_EVALUATIONS", 0):
         time_path(mechanism, steps)
@@ -135,9 +95,9 @@ def compare(
     for _ in range(turns):
         runs.append(time_path(mechanism, steps))
         if peer is not None:
-            answers.append(peer(system=name, elements=elements, steps=steps))
-    best = min(runs, key=lambda run: run.total - run.assembly)
-    path, solution = best.path, best.total - best.assembly
+            answers.append(peer(problem=problem, elements=elements, steps=steps))
+    best = min(runs, key=lambda run: run["solution"])
+    path = best["path"]
     row: dict[str, object] = {
         "structure": name,
         "elements": elements,
@@ -146,42 +106,31 @@ def compare(
         "steps": len(path.q) - 1,
         "iterations": path.settings["iterations"],
         "unknowns": path.q.shape[1],
-        "total [ms]": MILLISECONDS * best.total,
-        "assembly [ms]": MILLISECONDS * best.assembly,
-        "stability [ms]": MILLISECONDS * best.stability,
+        **{f"{part} [ms]": best[part] for part in ("total", "assembly", "stability")},
         "error": np.linalg.norm(loaded_point(path) - reference),
     }
     if answers:
         answer = min(answers, key=lambda answer: answer["solve"])
+        spent = 1e3 * answer["solve"]
         row |= {
             "Exudyn steps": answer["steps"],
             "Exudyn iterations": answer["newton"],
             "Exudyn unknowns": answer["unknowns"],
-            "Exudyn [ms]": MILLISECONDS * answer["solve"],
+            "Exudyn [ms]": spent,
             "Exudyn error": np.linalg.norm(np.array(answer["point"]) - reference),
-            "ratio": solution / answer["solve"],
-            "ratio without stability": (solution - best.stability) / answer["solve"],
+            "ratio": best["solution"] / spent,
+            "ratio without stability": (best["solution"] - best["stability"]) / spent,
         }
     return row
 
 
-def count_turns(elements: int, turns: int) -> int:
-    """Return the number of turns for a mesh."""
-    return 5 * turns if elements <= FEW_ELEMENTS else turns
-
-
-def compare_at_equal_error(rows: list[dict[str, object]]) -> None:
-    """Add the ratio at equal error to the rows of a structure."""
-    table = pd.DataFrame(rows)
-    if "Exudyn error" not in table:
-        return
-    solution = table["total [ms]"] - table["assembly [ms]"]
-    for row in rows:
-        if "Exudyn error" not in row:
-            continue
-        is_as_accurate = table["error"] <= row["Exudyn error"]
-        fastest = solution[is_as_accurate & (table["steps asked"] == row["steps asked"])].min()
-        row["ratio at equal error"] = fastest / row["Exudyn [ms]"]
+def find_ratio_at_equal_error(row: pd.Series, table: pd.DataFrame) -> float:
+    """Return the ratio of the fastest mesh that is as accurate as Exudyn's, of one structure."""
+    rows = table[(table["structure"] == row["structure"])]
+    rows = rows[
+        (rows["error"] <= row["Exudyn error"]) & (rows["steps asked"] == row["steps asked"])
+    ]
+    return (rows["total [ms]"] - rows["assembly [ms]"]).min() / row["Exudyn [ms]"]
 
 
 def main() -> None:
@@ -195,18 +144,19 @@ def main() -> None:
     turns = QUICK_TURNS if options.quick else TURNS
     peer = start_exudyn(options.peer) if options.peer else None
     rows = []
-    for name, structure in STRUCTURES.items():
-        finest = bd.equilibrium(build_structure(structure, 2 * max(QUICK_ELEMENTS)))
+    for name, problem in STRUCTURES.items():
+        finest = bd.equilibrium(build(problem, 2 * max(QUICK_ELEMENTS)))
         reference = loaded_point(finest)
-        new = [
-            compare(name, elements, steps, reference, opponent, count_turns(elements, turns))
-            for meshes, opponent in ((COARSE_ELEMENTS, None), (sizes, peer))
-            for elements in meshes
-            for steps in STEPS
-        ]
-        compare_at_equal_error(new)
-        rows += new
-    write_table(options.out, "static_times", pd.DataFrame(rows))
+        for meshes, opponent in ((COARSE_ELEMENTS, None), (sizes, peer)):
+            for elements, steps in product(meshes, STEPS):
+                # Other processes disturb short runs more.
+                count = 5 * turns if elements <= FEW_ELEMENTS else turns
+                rows.append(compare(name, elements, steps, reference, opponent, count))
+    table = pd.DataFrame(rows)
+    if peer is not None:
+        ratios = [find_ratio_at_equal_error(row, table) for _, row in table.iterrows()]
+        table["ratio at equal error"] = ratios
+    write_table(options.out, "static_times", table)
 
 
 if __name__ == "__main__":

@@ -5,11 +5,12 @@
     python validation/performance/work_precision.py --references     compute the references first
     python validation/performance/work_precision.py --exact          beams without floating frames
 
-PYTHON is an interpreter with Exudyn (`pip install exudyn`); without it only beamdae is measured.
-The error is the largest distance of the tip from that of the exact beam, every 0.01 s of the run.
-The reference is Exudyn's beam of 64 elements with 3 nodes and steps of 5e-5 s, in `references.csv`;
-`--references` also lists the distance of beamdae's finest run from it. Every setting runs once; the
-fastest few of each tool at each error then take turns. Tables go to `results`.
+PYTHON is an interpreter with Exudyn (`pip install exudyn pandas scipy`); without it only beamdae is
+measured. The error is the largest distance of the tip from that of the exact beam, every 0.01 s of
+the run. The reference is Exudyn's beam of 64 elements with 3 nodes and steps of 5e-5 s, in
+`references.csv`; `--references` also lists the distance of beamdae's finest run from it. Every
+setting runs once; the fastest few of each tool at each error then take turns. Tables go to
+`results`.
 """
 
 from __future__ import annotations
@@ -20,9 +21,9 @@ import time
 from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "models"))
 
@@ -30,6 +31,7 @@ import numpy as np
 import pandas as pd
 from hub_beam import hub_beam
 from measurement import RESULTS, Worker, start_exudyn, time_integration, write_table
+from systems import Problem, load_motion
 
 import beamdae as bd
 
@@ -42,7 +44,6 @@ FINALISTS = 3  # settings of each tool that take turns at each level
 def exact_hub_beam(
     bodies: int, elements: int, damping: float, formulation: str = "floating frame"
 ) -> bd.Mechanism:
-    """Return the hub beam whose limit, with many bodies or elements, is the exact beam."""
     kind = {"formulation": formulation}
     if formulation != "exact":
         kind = {"frame": "chord", "strain": "green"}
@@ -52,7 +53,6 @@ def exact_hub_beam(
 def exact_pendulum(
     bodies: int, elements: int, damping: float, formulation: str = "floating frame"
 ) -> bd.Mechanism:
-    """Return the pendulum whose limit, with many bodies or elements, is the exact beam."""
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     arc = bd.Arc(radius=0.85, length=0.80, start=(0.0, 0.0), angle=-0.60)
     alloy = bd.Material(E=68.95e9, nu=0.3, rho=2760.0)
@@ -84,8 +84,14 @@ class Case:
         """Times at which tips are compared [s]."""
         return np.linspace(0.0, self.end, round(self.end / 0.01) + 1)
 
+    @property
+    def problem(self) -> Problem:
+        """Problem for Exudyn."""
+        names = {"hub beam": "hub_beam_60", "pendulum": "pendulum_undamped"}
+        return load_motion(names[self.system], self.damping, self.end)
+
     def mechanism(self, mesh: tuple[int, int]) -> bd.Mechanism:
-        """Return the model of beamdae with (bodies, elements of each)."""
+        """Return the model whose limit, with many (bodies, elements of each), is the exact beam."""
         model = exact_hub_beam if self.system == "hub beam" else exact_pendulum
         return model(*mesh, self.damping, self.formulation)
 
@@ -112,17 +118,28 @@ REFERENCE_SETTINGS = {"elements": 64, "nodes": 3, "step": 5e-5}
 FINEST_BEAMDAE = ((4, 4), bd.Radau(1e-6))
 
 
-@dataclass(frozen=True)
-class Outcome:
-    """Path of the tip (times, 2), and times of the integration and of the whole run [s]."""
-
-    path: Array
-    integration: float
-    whole: float
+# Path of the tip (times, 2), and times of the integration and of the whole run [s].
+Outcome = tuple[Array, float, float]
 
 
-@dataclass(frozen=True)
-class Setting:
+def run_beamdae(case: Case, mesh: tuple[int, int], integrator: bd.Integrator) -> Outcome:
+    """Run beamdae from a model to the table of its tip."""
+    begin = time.process_time()
+    equations = bd.equations_of_motion(case.mechanism(mesh))
+    integration, solution = time_integration(equations, integrator, case.times)
+    path = solution.observed[["tip.x [m]", "tip.y [m]"]].to_numpy()
+    return path, integration, time.process_time() - begin
+
+
+def run_exudyn(peer: Worker, case: Case, **settings: float) -> Outcome:
+    """Run Exudyn from a model to the path of its tip."""
+    answer = peer(problem=case.problem, **settings)
+    rows = np.array(answer["path"])
+    assert len(rows) == len(case.times), settings
+    return rows[:, 1:], answer["integrate"], answer["build"] + answer["integrate"]
+
+
+class Setting(NamedTuple):
     """Tool, mesh and integrator, and the function that runs them."""
 
     tool: str
@@ -131,56 +148,19 @@ class Setting:
     run: Callable[[], Outcome]
 
 
-def run_beamdae(case: Case, mesh: tuple[int, int], integrator: bd.Integrator) -> Outcome:
-    """Run beamdae from a model to the table of its tip."""
-    begin = time.process_time()
-    equations = bd.equations_of_motion(case.mechanism(mesh))
-    integration, solution = time_integration(equations, integrator, case.times)
-    path = tip_path(solution)
-    return Outcome(path, integration, time.process_time() - begin)
-
-
-def tip_path(solution: bd.results.Solution) -> Array:
-    return solution.observed[["tip.x [m]", "tip.y [m]"]].to_numpy()
-
-
-@cache
-def _equations(case: Case, mesh: tuple[int, int]) -> bd.results.EquationsOfMotion:
-    return bd.equations_of_motion(case.mechanism(mesh))
-
-
-def run_exudyn(peer: Worker, case: Case, **settings: float) -> Outcome:
-    """Run Exudyn from a model to the path of its tip."""
-    answer = peer(system=case.system, damping=case.damping, end=case.end, **settings)
-    rows = np.array(answer["path"])
-    assert len(rows) == len(case.times), settings
-    return Outcome(rows[:, 1:], answer["integrate"], answer["build"] + answer["integrate"])
-
-
 def list_settings(case: Case, peer: Worker | None, quick: bool) -> list[Setting]:
     """Return all settings of a case."""
     every = slice(None, None, 3 if quick else 1)
-    settings = [
-        Setting(
-            "beamdae",
-            f"{mesh[0]} x {mesh[1]}",
-            integrator.label,
-            lambda mesh=mesh, integrator=integrator: run_beamdae(case, mesh, integrator),
-        )
-        for mesh in (EXACT_MESHES if case.formulation == "exact" else MESHES)[every]
-        for integrator in INTEGRATORS[every]
-    ]
+    settings = []
+    for mesh in (EXACT_MESHES if case.formulation == "exact" else MESHES)[every]:
+        for integrator in INTEGRATORS[every]:
+            run = partial(run_beamdae, case, mesh, integrator)
+            settings.append(Setting("beamdae", f"{mesh[0]} x {mesh[1]}", integrator.label, run))
     for elements, nodes in EXUDYN_MESHES[every] if peer is not None else ():
         for step in STEPS[every]:
-            parameters = {"elements": elements, "nodes": nodes, "step": step}
-            settings.append(
-                Setting(
-                    "Exudyn",
-                    f"{elements} of {nodes} nodes",
-                    f"step={step:g}",
-                    lambda parameters=parameters: run_exudyn(peer, case, **parameters),
-                )
-            )
+            run = partial(run_exudyn, peer, case, elements=elements, nodes=nodes, step=step)
+            mesh = f"{elements} of {nodes} nodes"
+            settings.append(Setting("Exudyn", mesh, f"step={step:g}", run))
     return settings
 
 
@@ -188,78 +168,53 @@ def run_settings(case: Case, settings: list[Setting], reference: Array) -> pd.Da
     """Return a row for each setting that reached its end."""
     rows = []
     for index, setting in enumerate(settings):
-        outcome = setting.run()
-        if len(outcome.path) < len(reference):
+        path, integration, whole = setting.run()
+        if len(path) < len(reference):
             continue
-        error = np.linalg.norm(outcome.path - reference, axis=1).max()
-        rows.append(
-            {
-                "case": case.name,
-                "tool": setting.tool,
-                "mesh": setting.mesh,
-                "integrator": setting.integrator,
-                "error [mm]": 1e3 * error,
-                "integration [s]": outcome.integration,
-                "with setup [s]": outcome.whole,
-                "setting": index,
-            }
-        )
-    return pd.DataFrame(rows)
-
-
-def select_finalists(table: pd.DataFrame) -> list[int]:
-    """Return the fastest settings of each tool that meet each error level."""
-    chosen: set[int] = set()
-    for level in ERROR_LEVELS:
-        accurate = table[table["error [mm]"] <= level].sort_values("integration [s]")
-        chosen.update(accurate.groupby("tool").head(FINALISTS)["setting"])
-    return sorted(chosen)
+        row = {"case": case.name, **setting._asdict(), "error [mm]": max_distance(path, reference)}
+        times = {"integration [s]": integration, "with setup [s]": whole}
+        rows.append(row | times | {"setting": index})
+    return pd.DataFrame(rows).drop(columns="run")
 
 
 def time_finalists(table: pd.DataFrame, settings: list[Setting], rounds: int) -> pd.DataFrame:
-    """Return the rows with the smallest and median times of settings that took turns."""
-    finalists = select_finalists(table)
-    times = {index: [] for index in finalists}
-    for _ in range(rounds):
-        for index in finalists:
-            outcome = settings[index].run()
-            times[index].append((outcome.integration, outcome.whole))
-    table = table.set_index("setting")
-    table["turns"] = 0
-    table["median [s]"] = np.nan
-    for index, all_times in times.items():
-        least = np.min(all_times, axis=0)
-        table.loc[index, ["integration [s]", "with setup [s]"]] = least
-        table.loc[index, ["median [s]", "turns"]] = np.median(all_times, axis=0)[0], rounds
+    """Return the rows with the smallest and median times of settings that took turns.
+
+    These are the fastest settings of each tool that meet each error level.
+    """
+    ordered = table.sort_values("integration [s]")
+    accurate = (ordered[ordered["error [mm]"] <= level] for level in ERROR_LEVELS)
+    heads = pd.concat([rows.groupby("tool").head(FINALISTS) for rows in accurate])
+    finalists = sorted(set(heads["setting"]))
+    turns = [[settings[k].run()[1:] for k in finalists] for _ in range(rounds)]
+    table = table.set_index("setting").assign(**{"turns": 0, "median [s]": np.nan})
+    table.loc[finalists, ["integration [s]", "with setup [s]"]] = np.min(turns, axis=0)
+    table.loc[finalists, "median [s]"] = np.median(turns, axis=0)[:, 0]
+    table.loc[finalists, "turns"] = rounds
     return table.reset_index(drop=True)
 
 
 def select_fastest(table: pd.DataFrame) -> pd.DataFrame:
     """Return the fastest setting of each tool at each level, and the ratios of their times."""
     rows = []
-    for (case, level), group in (
-        ((case, level), rows_of_case[rows_of_case["error [mm]"] <= level])
-        for case, rows_of_case in table[table["turns"] > 0].groupby("case", sort=False)
-        for level in ERROR_LEVELS
-    ):
-        row: dict[str, object] = {"case": case, "level [mm]": level}
-        for tool in ("beamdae", "Exudyn"):
-            accurate = group[group["tool"] == tool]
-            if accurate.empty:
-                continue
-            fastest = accurate.loc[accurate["integration [s]"].idxmin()]
-            row[tool] = f"{fastest['mesh']}, {fastest['integrator']}"
-            row[f"{tool} [s]"] = fastest["integration [s]"]
-            row[f"{tool}, median [s]"] = fastest["median [s]"]
-            row[f"{tool}, with setup [s]"] = accurate["with setup [s]"].min()
-        rows.append(row)
+    for case, timed in table[table["turns"] > 0].groupby("case", sort=False):
+        for level in ERROR_LEVELS:
+            row: dict[str, object] = {"case": case, "level [mm]": level}
+            for tool, accurate in timed[timed["error [mm]"] <= level].groupby("tool", sort=False):
+                fastest = accurate.loc[accurate["integration [s]"].idxmin()]
+                row[tool] = f"{fastest['mesh']}, {fastest['integrator']}"
+                row[f"{tool} [s]"] = fastest["integration [s]"]
+                row[f"{tool}, median [s]"] = fastest["median [s]"]
+                row[f"{tool}, with setup [s]"] = accurate["with setup [s]"].min()
+            rows.append(row)
     result = pd.DataFrame(rows)
     if "Exudyn [s]" in result:
-        result["ratio"] = result["beamdae [s]"] / result["Exudyn [s]"]
-        result["ratio of medians"] = result["beamdae, median [s]"] / result["Exudyn, median [s]"]
-        result["ratio with setup"] = (
-            result["beamdae, with setup [s]"] / result["Exudyn, with setup [s]"]
-        )
+        for name, time_of in (
+            ("ratio", "{} [s]"),
+            ("ratio of medians", "{}, median [s]"),
+            ("ratio with setup", "{}, with setup [s]"),
+        ):
+            result[name] = result[time_of.format("beamdae")] / result[time_of.format("Exudyn")]
     return result
 
 
@@ -270,16 +225,13 @@ def store_references(peer: Worker) -> pd.DataFrame:
     """Store the references; return distances of other fine runs from them [mm]."""
     rows, tables = [], []
     for case in CASES:
-        finest = run_exudyn(peer, case, **REFERENCE_SETTINGS).path
-        coarser = run_exudyn(
-            peer, case, **{**REFERENCE_SETTINGS, "elements": 32, "step": 1e-4}
-        ).path
-        mesh, integrator = FINEST_BEAMDAE
-        beamdae_path = tip_path(integrator.integrate(_equations(case, mesh), case.times))
+        finest, *_ = run_exudyn(peer, case, **REFERENCE_SETTINGS)
+        coarser, *_ = run_exudyn(peer, case, **REFERENCE_SETTINGS | {"elements": 32, "step": 1e-4})
+        computed, *_ = run_beamdae(case, *FINEST_BEAMDAE)
         rows.append(
             {
                 "case": case.name,
-                "beamdae 4 x 4, Radau(1e-6) [mm]": max_distance(beamdae_path, finest),
+                "beamdae 4 x 4, Radau(1e-6) [mm]": max_distance(computed, finest),
                 "Exudyn, half the elements, twice the step [mm]": max_distance(coarser, finest),
             }
         )
@@ -290,6 +242,7 @@ def store_references(peer: Worker) -> pd.DataFrame:
 
 
 def max_distance(path: Array, other: Array) -> float:
+    """Return the largest distance of two paths [mm]."""
     return 1e3 * float(np.linalg.norm(path - other, axis=1).max())
 
 

@@ -3,57 +3,67 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
+QUANTITIES = ("x", "y", "angle")
+_COMPLEX_STEP = 1e-30  # s
 
-def law_value(law: Any, t: float) -> float:
-    """Return the value of a time law of `problem.schema.json`."""
+
+Piece = tuple[float, Callable[[Any], Any]]  # end, and a smooth function of time
+
+
+def law_pieces(law: Any, functions: Any = np) -> list[Piece]:
+    """Return the smooth pieces of a time law of `problem.schema.json`; the last has no end.
+
+    `functions` has the sine and the cosine of numbers or symbols of time.
+    """
     if isinstance(law, int | float):
-        return float(law)
-    kind = law["type"]
+        return [(math.inf, lambda t: float(law))]
+    kind, sin, cos = law["type"], functions.sin, functions.cos
     if kind == "sine":
-        phase = 2.0 * math.pi * law["frequency"] * t + law.get("phase", 0.0)
-        return law["amplitude"] * math.sin(phase)
-    if kind == "run_up":
-        speed, end = law["speed"], law["duration"]
-        if t >= end:
-            return speed * (t - 0.5 * end)
-        ratio = end / (2.0 * math.pi)
-        return speed / end * (0.5 * t**2 + ratio**2 * (math.cos(t / ratio) - 1.0))
-    if kind == "versine_pulse":
-        inside = 0.0 < t < law["duration"]
-        return law["amplitude"] * math.sin(math.pi * t / law["duration"]) ** 2 * inside
-    if kind == "cosine_ramp":
-        phase = math.pi * min(max(t / law["duration"], 0.0), 1.0)
-        return 0.5 * law["amplitude"] * (1.0 - math.cos(phase))
+        rate, phase = 2.0 * math.pi * law["frequency"], law.get("phase", 0.0)
+        return [(math.inf, lambda t: law["amplitude"] * sin(rate * t + phase))]
     if kind == "piecewise_linear":
-        return float(np.interp(t, law["times"], law["values"]))
+        times, values = law["times"], law["values"]
+        lines = [
+            (t1, lambda t, a=a, slope=(b - a) / (t1 - t0), t0=t0: a + slope * (t - t0))
+            for (t0, a), (t1, b) in pairwise(zip(times, values, strict=True))
+        ]
+        return [(times[0], lambda t: values[0]), *lines, (math.inf, lambda t: values[-1])]
+    end = law["duration"]
+    if kind == "run_up":
+        speed, ratio = law["speed"], end / (2.0 * math.pi)
+        return [
+            (end, lambda t: speed / end * (0.5 * t**2 + ratio**2 * (cos(t / ratio) - 1.0))),
+            (math.inf, lambda t: speed * (t - 0.5 * end)),
+        ]
+    size, rate = law["amplitude"], math.pi / end
+    if kind == "versine_pulse":
+        return [(end, lambda t: size * sin(rate * t) ** 2), (math.inf, lambda t: 0.0)]
+    if kind == "cosine_ramp":
+        return [(end, lambda t: 0.5 * size * (1.0 - cos(rate * t))), (math.inf, lambda t: size)]
     raise ValueError(f"law: type {kind!r} is unknown")
 
 
+def law_value(law: Any, t: float) -> float:
+    """Return the value of a time law."""
+    return float(_find_piece(law, t)(t))
+
+
 def law_rate(law: Any, t: float) -> float:
-    """Return the time derivative of a driver's law."""
-    if isinstance(law, int | float):
-        return 0.0
-    if law["type"] == "run_up":
-        speed, end = law["speed"], law["duration"]
-        if t >= end:
-            return speed
-        return speed / end * (t - end / (2.0 * math.pi) * math.sin(2.0 * math.pi * t / end))
-    if law["type"] == "sine":
-        rate = 2.0 * math.pi * law["frequency"]
-        return law["amplitude"] * rate * math.cos(rate * t + law.get("phase", 0.0))
-    if law["type"] == "cosine_ramp":
-        inside = 0.0 < t < law["duration"]
-        rate = math.pi / law["duration"]
-        return 0.5 * law["amplitude"] * rate * math.sin(rate * t) * inside
-    raise ValueError(f"driver: law {law['type']!r} has no rate here")
+    """Return the time derivative of a time law, by a complex step."""
+    return float(_find_piece(law, t)(complex(t, _COMPLEX_STEP)).imag / _COMPLEX_STEP)
+
+
+def _find_piece(law: Any, t: float) -> Callable[[Any], Any]:
+    return next(piece for end, piece in law_pieces(law) if t < end)
 
 
 def contact_force(contact: dict[str, Any], point: np.ndarray, rate: np.ndarray) -> np.ndarray:
@@ -77,6 +87,19 @@ def attachments(problem: dict[str, Any]) -> list[dict[str, Any]]:
     pairs = ("joints", "springs", "contacts")
     on += [x[end] for key in pairs for x in problem.get(key, []) for end in "ab"]
     return on + ([problem["control"]["on"]] if "control" in problem else [])
+
+
+def attached_fractions(problem: dict[str, Any], name: str) -> list[float]:
+    """Return the places of a beam, as fractions of its length, to which something is attached."""
+    return [float(x["fraction"]) for x in attachments(problem) if x["body"] == name]
+
+
+def output_columns(problem: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any], str]]:
+    """Yield the header of each column of the outputs, the output and the quantity."""
+    for output in problem["outputs"]:
+        for quantity in output["quantities"]:
+            unit = "rad" if quantity == "angle" else "m"
+            yield f"{output['name']}.{quantity} [{unit}]", output, quantity
 
 
 @dataclass

@@ -23,7 +23,16 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from geometry import attachments, contact_force, law_rate, law_value, make_curve, rotation
+from geometry import (
+    QUANTITIES,
+    attached_fractions,
+    contact_force,
+    law_rate,
+    law_value,
+    make_curve,
+    output_columns,
+    rotation,
+)
 from scipy.sparse.linalg import splu
 
 DEGREE = 4  # of the shape functions; as many Gauss points (reduced quadrature)
@@ -214,13 +223,12 @@ class Model:
         problem = self.problem
         self._nodes: list[int] = []
         self._arms: list[np.ndarray] = []
-        self.outputs: dict[str, int] = {}  # row of P by column of the results
-        for output in problem["outputs"]:
-            k = self._attach(output["on"])
-            for quantity in output["quantities"]:
-                unit = "rad" if quantity == "angle" else "m"
-                row = 3 * k + ["x", "y", "angle"].index(quantity)
-                self.outputs[f"{output['name']}.{quantity} [{unit}]"] = row
+        first = {output["name"]: 3 * self._attach(output["on"]) for output in problem["outputs"]}
+        # Row of P by column of the results.
+        self.outputs = {
+            header: first[output["name"]] + QUANTITIES.index(quantity)
+            for header, output, quantity in output_columns(problem)
+        }
         self.loads = [(load, self._attach(load["on"])) for load in problem.get("loads", [])]
         self.springs = []
         for spring in problem.get("springs", []):
@@ -371,18 +379,13 @@ class Model:
         )
 
 
-def attached_fractions(problem: dict[str, Any], name: str) -> list[float]:
-    """Return the places of a beam, as fractions of its length, to which something is attached."""
-    return [float(x["fraction"]) for x in attachments(problem) if x["body"] == name]
-
-
 def controlled_value(control: dict[str, Any], P: np.ndarray) -> tuple[float, np.ndarray]:
     """Return the controlled quantity of P = (x, y, rotation), and its derivatives by P."""
     if control["quantity"] == "distance":
         arm = P[:2] - control["from"]
         distance = float(np.hypot(*arm))
         return distance, np.r_[arm / distance, 0.0]
-    k = ["x", "y", "angle"].index(control["quantity"])
+    k = QUANTITIES.index(control["quantity"])
     return float(P[k]), np.eye(3)[k]
 
 
@@ -491,84 +494,68 @@ class RadauIIA:
         return update + 2.0 * np.outer(self.vectors[:, pair], part).real
 
 
-def advance(model: Model, radau: RadauIIA, y: np.ndarray, t: float, guess: np.ndarray) -> Any:
-    """Return the stages of a step, or those of the last of 2, 4, ... steps if Newton fails."""
-    for halvings in range(MAX_HALVINGS + 1):
-        part = radau if not halvings else RadauIIA(model, radau.h / 2**halvings)
-        stages, state = guess if not halvings else np.tile(y, (3, 1)), y
-        try:
-            for k in range(2**halvings):
-                stages = part.step(state, t + k * part.h, stages)
-                state = stages[-1]
-                radau.statistics["steps"] += 1
+class Motion:
+    """Motion y = (q, v, mu, lam) with fixed steps from a consistent start."""
+
+    def __init__(self, model: Model, step: float) -> None:
+        self.model, self.radau = model, RadauIIA(model, step)
+        self.statistics = self.radau.statistics
+        self.start = np.concatenate([model.q0, model.v0, np.zeros(2 * model.m)])
+        self.guess = np.tile(self.start, (3, 1))
+        # The collocation polynomial through y and the stages, continued to the next step.
+        nodes = np.r_[0.0, STAGE_TIMES]
+        self.continuation = np.vander(1.0 + STAGE_TIMES, 4) @ np.linalg.inv(np.vander(nodes))
+
+    def advance(self, y: np.ndarray, t: float) -> np.ndarray:
+        """Return the state after a step from (t, y)."""
+        stages = self.stages(y, t)
+        self.guess = self.continuation @ np.vstack([y, stages])
+        # Multipliers of the first guess are those of the last stage.
+        self.guess[:, 2 * self.model.n :] = stages[-1, 2 * self.model.n :]
+        return stages[-1]
+
+    def stages(self, y: np.ndarray, t: float) -> Any:
+        """Return the stages of a step, or of the last of 2, 4, ... steps if Newton fails."""
+        for halvings in range(MAX_HALVINGS + 1):
+            part = RadauIIA(self.model, self.radau.h / 2**halvings) if halvings else self.radau
+            stages, state = np.tile(y, (3, 1)) if halvings else self.guess, y
+            try:
+                for k in range(2**halvings):
+                    stages = part.step(state, t + k * part.h, stages)
+                    state = stages[-1]
+                    self.statistics["steps"] += 1
+                    if halvings:
+                        stages = np.tile(state, (3, 1))
+                return stages
+            except NewtonError:
+                if halvings == MAX_HALVINGS:
+                    raise
+            finally:
                 if halvings:
-                    stages = np.tile(state, (3, 1))
-            break
-        except NewtonError:
-            if halvings == MAX_HALVINGS:
-                raise
-        finally:
-            if halvings:
-                for key in ("iterations", "factorizations"):
-                    radau.statistics[key] += part.statistics[key]
-    return stages
-
-
-def solve(problem: dict[str, Any], elements: int = 8, substeps: int = 4) -> dict[str, Any]:
-    """Integrate with `substeps` steps between two output times; return columns and statistics."""
-    if problem.get("analysis") == "static":
-        return solve_static(problem, elements, substeps)
-    clock, processor = time.perf_counter(), time.process_time()
-    model = Model(problem, elements)
-    interval = problem["time"]["output_step"]
-    count = round(problem["time"]["end"] / interval)
-    radau = RadauIIA(model, interval / substeps)
-    y = np.concatenate([model.q0, model.v0, np.zeros(2 * model.m)])
-    stages = np.tile(y, (3, 1))
-    rows = [model.attachments(model.q0)]
-    drift, t = 0.0, 0.0
-    # The collocation polynomial through y and the stages, continued to the next step.
-    nodes = np.r_[0.0, STAGE_TIMES]
-    continuation = np.vander(1.0 + STAGE_TIMES, 4) @ np.linalg.inv(np.vander(nodes))
-    for i in range(count):
-        for j in range(substeps):
-            t = (i + j / substeps) * interval
-            new = advance(model, radau, y, t, stages)
-            stages, y = continuation @ np.vstack([y, new]), new[-1]
-            # Multipliers of the first guess are those of the last stage.
-            stages[:, 2 * model.n :] = y[2 * model.n :]
-        q, _, _, _ = np.split(y, radau.parts)
-        rows.append(model.attachments(q))
-        if model.m:
-            drift = max(drift, float(np.abs(model.gap(q, (i + 1) * interval)).max()))
-    table = np.array(rows)
-    columns = {"t [s]": np.arange(count + 1) * interval}
-    columns |= {name: table[:, row] for name, row in model.outputs.items()}
-    statistics = radau.statistics | {
-        "max_position_drift": drift,
-        "wall_time": time.perf_counter() - clock,
-        "processor_time": time.process_time() - processor,
-    }
-    return {"columns": columns, "statistics": statistics}
+                    for key in ("iterations", "factorizations"):
+                        self.statistics[key] += part.statistics[key]
 
 
 class StaticPath:
     """Path of equilibria y = (q, lam, factor of the controlled load) with the parameter t."""
 
-    def __init__(self, model: Model) -> None:
-        self.model, self.iterations = model, 0
+    def __init__(self, model: Model, step: float) -> None:
+        self.model, self.step = model, step
+        self.statistics = {"steps": 0, "iterations": 0}
         self.at_rest = np.zeros(model.n)
         self.rows = slice(3 * model.controlled, 3 * model.controlled + 3)
         if model.control:
             P = model.attachments(model.q0)[self.rows]
-            self.start, _ = controlled_value(model.control, P)
+            self.start_value, _ = controlled_value(model.control, P)
+        zeros = np.zeros(model.m + bool(model.control))
+        self.start = self.equilibrium(np.concatenate([model.q0, zeros]), 0.0)
 
     def equilibrium(self, guess: np.ndarray, t: float) -> np.ndarray:
         """Return the equilibrium at t by Newton's method."""
         model, y, previous = self.model, guess.copy(), math.inf
         n, m = model.n, model.m
         for _ in range(MAX_ITERATIONS):
-            self.iterations += 1
+            self.statistics["iterations"] += 1
             q, lam = y[:n], y[n : n + m]
             model.factor = y[n + m] if model.control else 1.0
             matrix = model.attachment_matrix(q)
@@ -580,7 +567,7 @@ class StaticPath:
             if model.control:
                 P = model.attachments(q)[self.rows]
                 value, slope = controlled_value(model.control, P)
-                target = self.start + law_value(model.control["law"], t)
+                target = self.start_value + law_value(model.control["law"], t)
                 residual.append(np.array([value - target]))
                 row = sp.csr_array(slope[None, :]) @ matrix[self.rows]
                 model.factor += 1.0
@@ -599,42 +586,41 @@ class StaticPath:
                 break
         raise NewtonError(f"Newton's method failed at t = {t:g} (last update {previous:.1e})")
 
-    def advance(self, y: np.ndarray, t: float, step: float, depth: int = 0) -> np.ndarray:
+    def advance(self, y: np.ndarray, t: float) -> np.ndarray:
+        """Return the equilibrium a step after t."""
+        self.statistics["steps"] += 1
+        return self._advance(y, t, self.step)
+
+    def _advance(self, y: np.ndarray, t: float, step: float, depth: int = 0) -> np.ndarray:
         """Return the equilibrium at t + step; halve the step if Newton's method fails."""
         try:
             return self.equilibrium(y, t + step)
         except NewtonError:
             if depth == MAX_HALVINGS:
                 raise
-            middle = self.advance(y, t, 0.5 * step, depth + 1)
-            return self.advance(middle, t + 0.5 * step, 0.5 * step, depth + 1)
+            middle = self._advance(y, t, 0.5 * step, depth + 1)
+            return self._advance(middle, t + 0.5 * step, 0.5 * step, depth + 1)
 
 
-def solve_static(problem: dict[str, Any], elements: int = 8, substeps: int = 4) -> dict[str, Any]:
-    """Return the path of equilibria with `substeps` steps between two rows, and statistics."""
+def solve(problem: dict[str, Any], elements: int = 8, substeps: int = 4) -> dict[str, Any]:
+    """Return columns and statistics of a problem, with `substeps` steps between two rows."""
     clock, processor = time.perf_counter(), time.process_time()
-    model = Model(problem, elements)
-    path = StaticPath(model)
-    interval = problem["time"]["output_step"]
-    count = round(problem["time"]["end"] / interval)
-    y = np.concatenate([model.q0, np.zeros(model.m + bool(model.control))])
-    y = path.equilibrium(y, 0.0)
+    model, interval = Model(problem, elements), problem["time"]["output_step"]
+    kind = StaticPath if problem.get("analysis") == "static" else Motion
+    path = kind(model, interval / substeps)
+    y, times = path.start, np.arange(round(problem["time"]["end"] / interval) + 1) * interval
     states, drift = [y], 0.0
-    for i in range(count):
+    for i, end in enumerate(times[1:]):
         for j in range(substeps):
-            y = path.advance(y, (i + j / substeps) * interval, interval / substeps)
+            y = path.advance(y, (i + j / substeps) * interval)
         states.append(y)
         if model.m:
-            gap = model.gap(y[: model.n], (i + 1) * interval)
-            drift = max(drift, float(np.abs(gap).max()))
+            drift = max(drift, float(np.abs(model.gap(y[: model.n], end)).max()))
     table = np.array([model.attachments(y[: model.n]) for y in states])
-    columns = {"t [s]": np.arange(count + 1) * interval}
-    columns |= {name: table[:, row] for name, row in model.outputs.items()}
+    columns = {"t [s]": times} | {name: table[:, row] for name, row in model.outputs.items()}
     if model.control:
         columns[f"{model.control['load']}.factor [-]"] = np.array(states)[:, -1]
-    statistics = {
-        "steps": count * substeps,
-        "iterations": path.iterations,
+    statistics = path.statistics | {
         "max_position_drift": drift,
         "wall_time": time.perf_counter() - clock,
         "processor_time": time.process_time() - processor,

@@ -65,18 +65,19 @@ def score_columns(
     rows = np.clip(rows, 0, max(len(result_times) - 1, 0))
     if not len(result_times) or not np.abs(result_times[rows] - times).max() <= tolerance:
         raise ValueError("result: not all times of the reference are present; write all of them.")
-    scores = {}
-    for name, half_range in half_ranges(reference).items():
-        difference = np.abs(result[name].to_numpy()[rows] - reference[name].to_numpy())
-        if not np.all(np.isfinite(difference)):
-            raise ValueError(f"result: column {name!r} is not finite.")
-        scores[name] = {
-            "error": difference.max() / half_range,
-            "rms": np.sqrt(np.mean(difference**2)) / half_range,
-            "uncertainty": uncertainty[name].max() / half_range,
-            "is_resolved": bool(np.any(difference > uncertainty[name].to_numpy())),
-        }
-    return pd.DataFrame(scores).T.infer_objects()
+    columns = [name for name in reference.columns if name != TIME]
+    difference = np.abs(result[columns].to_numpy()[rows] - reference[columns])
+    broken = [name for name in columns if not np.all(np.isfinite(difference[name]))]
+    if broken:
+        raise ValueError(f"result: columns {broken} are not finite.")
+    half_range = half_ranges(reference)
+    scores = {
+        "error": difference.max() / half_range,
+        "rms": np.sqrt((difference**2).mean()) / half_range,
+        "uncertainty": uncertainty[columns].max() / half_range,
+        "is_resolved": (difference > uncertainty[columns]).any(),
+    }
+    return pd.DataFrame(scores, index=columns)
 
 
 def score_result(reference: Reference, result: Path) -> dict[str, Any]:
@@ -135,27 +136,28 @@ def write_markdown(scores: pd.DataFrame, path: Path, first: Sequence[str] = ()) 
     """
     names = sorted(scores["tool"].unique())
     tools = [x for x in first if x in names] + [x for x in names if x not in first]
-    lines = [
-        f"| mechanism | uncertainty | {' | '.join(tool.replace('_', ' ') for tool in tools)} |",
-        "|---|---|" + "---|" * len(tools),
+    cells = scores.assign(cell=scores.apply(_format_cell, axis=1))
+    cells = cells.pivot(index="mechanism", columns="tool", values="cell")[tools].fillna("")
+    uncertainty = scores.groupby("mechanism")["uncertainty"].max().map("{:.0e}".format)
+    cells.insert(0, "uncertainty", uncertainty)
+    headers = ["mechanism", *(name.replace("_", " ") for name in cells)]
+    lines = [f"| {' | '.join(headers)} |", "|" + "---|" * len(headers)]
+    lines += [f"| {' | '.join(row)} |" for row in cells.itertuples(name=None)]
+    order = scores["tool"].map(tools.index)
+    failed = scores.assign(order=order)[~scores["success"].astype(bool)]
+    failures = [
+        f"- {row.mechanism}, {row.tool.replace('_', ' ')}: {row.reason}"
+        for row in failed.sort_values(["mechanism", "order"]).itertuples()
     ]
-    failures = []
-    for name, part in scores.groupby("mechanism"):
-        cells = [str(name), f"{part['uncertainty'].max():.0e}"]
-        for tool in tools:
-            rows = part[part["tool"] == tool]
-            if rows.empty:
-                cells.append("")
-                continue
-            row = rows.iloc[0]
-            cost = "" if np.isnan(row["processor_time"]) else f" / {row['processor_time']:.2f} s"
-            error = "failed" if np.isnan(row["error"]) else f"{row['error']:.1e}"
-            mark = " (refused)" if error != "failed" and not row["success"] else ""
-            mark += " (warns)" if row["warnings"] else ""
-            cells.append(f"{error}{cost}{mark}")
-            if not row["success"]:
-                failures.append(f"- {name}, {tool.replace('_', ' ')}: {row['reason']}")
-        lines.append(f"| {' | '.join(cells)} |")
     if failures:
         lines += ["", "Failures and refusals:", "", *failures]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def _format_cell(row: pd.Series) -> str:
+    """Return error, cost and marks of a result."""
+    has_failed = np.isnan(row["error"])
+    text = "failed" if has_failed else f"{row['error']:.1e}"
+    text += "" if np.isnan(row["processor_time"]) else f" / {row['processor_time']:.2f} s"
+    text += "" if has_failed or row["success"] else " (refused)"
+    return text + (" (warns)" if row["warnings"] else "")

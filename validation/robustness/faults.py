@@ -1,6 +1,6 @@
 """Faults of the machine: killed processes, limits of users, full disks, missing folders.
 
-`FAULTS` and `SLOW` list them; the docstring of a fault states the right behavior. Closed streams,
+`FAULTS` lists them; the docstring of a fault states the right behavior. Closed streams,
 signals, locales, damaged records and caches, changed sources and lost clusters have tests
 (`tests/cli`, `tests/studies`, `tests/native`).
 """
@@ -14,7 +14,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -22,6 +22,7 @@ from typing import Any
 
 import pandas as pd
 
+from robustness.inputs.command_line import add_line
 from robustness.isolation import ScratchFolder
 from robustness.judge import find_complaint, outcome_of_command
 
@@ -48,8 +49,6 @@ def arm(length=LENGTH, elements=1, label="tip"):
     # more
     return mech
 """
-# Runs for many seconds unless it is stopped; longer runs would count as stalled.
-LONG_MODEL = MODEL.replace("t_end=0.02", "t_end=100.0")
 
 
 class WrongBehaviorError(Exception):
@@ -138,21 +137,12 @@ class Bench:
             self.start(["bash", "-c", line.replace("BEAMDAE", words)], **options), time_limit
         )
 
-    def run_model(self, *more: str, time_limit: float = 60.0, **options: Any) -> CommandResult:
-        """Run the model, which has to succeed."""
-        command = ("run", "model.py", "--no-estimate", *more)
-        return expect_exit(self.run(*command, time_limit=time_limit, **options), 0)
-
     @property
     def table_text(self) -> str:
         """Text of the table that the model's run wrote."""
         path = self.folder / "results" / "arm.csv"
         expect(path.is_file(), "no table was written")
         return path.read_text()
-
-    def list_files(self, pattern: str) -> list[str]:
-        """Return names of the files that match the pattern."""
-        return sorted(path.name for path in self.folder.glob(pattern))
 
 
 def expect_code(result: CommandResult, *codes: int) -> None:
@@ -206,39 +196,21 @@ def mount_small_disk(folder: Path, kilobytes: int) -> Iterator[None]:
         subprocess.run(["umount", "-l", str(folder)], check=False)
 
 
-SWING = """import os, sys, time
-
-import beamdae as bd
-
-
-@bd.model(t_end=0.05)
-def swing(mass=1.0):
-    # more
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    bob = mech.add(bd.RigidBody("bob", mass, 0.1, (1.0, 0.0)))
-    mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), bob.at(0.0, 0.0)))
-    mech.observe("bob", bob.at(1.0, 0.0))
-    return mech
-"""
 STUDY_TIME_LIMIT = 100.0  # s
 _SWEEP = ("sweep", "model.py", "--over", "mass=1:6:6", "--jobs", "2")
 _RUN = ("run", "model.py", "--no-estimate")
-_KILLS, _QUICK_KILLS = 20, 3
+_KILLS = 5
 _ORPHAN_TIME_LIMIT = 10.0  # s; a worker that imports modules notices the end of its parent late
 _PROCESSES = {4: 1, 8: 1, 48: 0}  # number of warnings by the limit
 _USER = 12345  # user and group id without any other process
-_BUSY_SECONDS = 0.3  # duration of a case without machine code and sleep
+# Statements that compute for a while without waiting.
+_BUSY_BODY = "import time; end = time.monotonic() + 0.3\n    while time.monotonic() < end: pass"
 _TABLE_LINES = 1002  # of a complete run: header and 1001 rows
 
 
 def _write_model(bench: Bench, body: str = "pass") -> None:
-    bench.write("model.py", SWING.replace("# more", body))
+    bench.write("model.py", add_line(body))
     bench.env["ROBUSTNESS"] = bench.folder.name
-
-
-def _busy_body(seconds: float = _BUSY_SECONDS) -> str:
-    """Return statements that compute for so long without waiting."""
-    return f"end = time.monotonic() + {seconds}\n    while time.monotonic() < end: pass"
 
 
 def _find_processes(bench: Bench) -> list[int]:
@@ -252,21 +224,16 @@ def _find_processes(bench: Bench) -> list[int]:
     return found
 
 
-def _kill_process(process: subprocess.Popen[str]) -> None:
-    """Kill a process without waiting for its pipes, which orphans would keep open."""
-    process.kill()
-    process.wait()
-    for stream in (process.stdout, process.stderr):
-        if stream is not None:
-            stream.close()
-
-
 def _kill(bench: Bench, command: tuple[str, ...], seconds: float) -> None:
     """Kill a command after so many seconds, and check that no process continues."""
     process = bench.start(bench.command(*command))
     with suppress(subprocess.TimeoutExpired):
         process.wait(seconds)
-    _kill_process(process)
+    process.kill()
+    process.wait()
+    # Its pipes are closed without waiting, because orphans would keep them open.
+    for stream in (process.stdout, process.stderr):
+        stream.close()
     end = time.perf_counter() + _ORPHAN_TIME_LIMIT
     while (orphans := _find_processes(bench)) and time.perf_counter() < end:
         time.sleep(0.05)
@@ -278,46 +245,41 @@ def _kill(bench: Bench, command: tuple[str, ...], seconds: float) -> None:
     expect(all(path.read_text().endswith("\n") for path in scratch), "half a table remains")
 
 
-def _kill_often(bench: Bench, command: tuple[str, ...], kills: int) -> None:
+def _kill_often(bench: Bench, command: tuple[str, ...]) -> None:
     """Kill a command at instants over its whole duration, then check that it completes."""
     if not Path("/proc/self/environ").exists():
         raise UnsupportedMachineError("no /proc to find processes in")
-    _write_model(bench, _busy_body())
+    _write_model(bench, _BUSY_BODY)
     complete = expect_exit(bench.run(*command, time_limit=STUDY_TIME_LIMIT), 0)
     shutil.rmtree(bench.folder / "results")
-    for k in range(kills):
-        _kill(bench, command, complete.seconds * (k + 0.5) / kills)
-        if k % 4 == 3:
+    for k in range(_KILLS):
+        _kill(bench, command, complete.seconds * (k + 0.5) / _KILLS)
+        if k == _KILLS // 2:
             # Otherwise later commands would find all their cases stored.
             shutil.rmtree(bench.folder / "results", ignore_errors=True)
     expect_exit(bench.run(*command, time_limit=STUDY_TIME_LIMIT), 0)
-    leftover = [x.name for x in bench.folder.rglob("*") if x.suffix == ".scratch"]
-    expect(not leftover, f"files of killed processes remain: {leftover[:3]}")
     for path in bench.folder.glob("results/*/cases.csv"):
         expect((pd.read_csv(path)["status"] == "ok").all(), "not all cases ended")
 
 
-def sweep_killed_in_a_case(bench: Bench) -> None:
+def killed_sweep(bench: Bench) -> None:
     """SIGKILL of a sweep leaves no process and no damaged file, and a restart completes it."""
-    _kill_often(bench, _SWEEP, _QUICK_KILLS)
+    _kill_often(bench, _SWEEP)
+    leftover = [x.name for x in bench.folder.rglob("*") if x.suffix == ".scratch"]
+    expect(not leftover, f"files of killed processes remain: {leftover[:3]}")
 
 
-def sweep_killed_20_times(bench: Bench) -> None:
-    """The same for 20 instants over the whole sweep."""
-    _kill_often(bench, _SWEEP, _KILLS)
+def killed_run(bench: Bench) -> None:
+    """SIGKILL of a run leaves no process and no damaged file, and a restart completes it."""
+    _kill_often(bench, _RUN)
 
 
-def run_killed_20_times(bench: Bench) -> None:
-    """SIGKILL of a run at 20 instants leaves no process and no damaged file."""
-    _kill_often(bench, _RUN, _KILLS)
-
-
-def _expect_all_cases(bench: Bench, result: CommandResult, count: int = 6) -> None:
+def _expect_all_cases(bench: Bench, result: CommandResult) -> None:
     # Standard error is not judged: without threads, memory allocators print messages, too.
     expect_code(expect_no_traceback(result), 0)
     (path,) = bench.folder.glob("results/*/sweep.csv")
     table = pd.read_csv(path)
-    expect(len(table) == count, f"{len(table)} of {count} rows")
+    expect(len(table) == 6, f"{len(table)} of 6 rows")
     expect((table["status"] == "ok").all(), "not all cases ended")
 
 
@@ -388,13 +350,13 @@ def read_only_results_folder(bench: Bench) -> None:
 def table_is_a_folder(bench: Bench) -> None:
     """A folder with the name of the table is reported."""
     (bench.folder / "results" / "arm.csv").mkdir(parents=True)
-    expect_exit(bench.run("run", "model.py", "--no-estimate"), 1, 2)
+    expect_exit(bench.run(*_RUN), 1, 2)
 
 
 def picture_is_a_folder(bench: Bench) -> None:
     """A folder with the name of the picture is reported, and the table is kept."""
     (bench.folder / "results" / "arm.png").mkdir(parents=True)
-    result = expect_exit(bench.run("run", "model.py", "--no-estimate"), 1, 2)
+    result = expect_exit(bench.run(*_RUN), 1, 2)
     expect(result.code == 2 or bool(bench.table_text), "no table was written")
 
 
@@ -412,9 +374,8 @@ def names_that_lead_out_of_the_folder(bench: Bench) -> None:
     more = ("--set", "label=../../../escaped", "--workers", "2")
     expect_exit(bench.run("compare", "model.py", *more, time_limit=STUDY_TIME_LIMIT), 0, 1)
     expect(not list(bench.folder.parent.glob("*escaped*")), "files were written elsewhere")
-    expect(
-        bench.list_files("*") == ["model.py", "results"], f"files beside: {bench.list_files('*')}"
-    )
+    names = sorted(path.name for path in bench.folder.glob("*"))
+    expect(names == ["model.py", "results"], f"files beside: {names}")
 
 
 def _run_in_memory(
@@ -461,7 +422,7 @@ def time_limit_of_a_build(bench: Bench) -> None:
 def nonexistent_tmpdir(bench: Bench) -> None:
     """A run works with a TMPDIR that does not exist."""
     bench.env |= {"TMPDIR": "/proc/nowhere"}
-    bench.run_model()
+    expect_exit(bench.run(*_RUN), 0)
 
 
 def working_folder_deleted(bench: Bench) -> None:
@@ -472,7 +433,8 @@ def working_folder_deleted(bench: Bench) -> None:
 
 def results_folder_deleted(bench: Bench) -> None:
     """A results folder that is deleted during the run is created again."""
-    bench.write("model.py", LONG_MODEL)
+    # Runs for many seconds unless it is stopped; longer runs would count as stalled.
+    bench.write("model.py", MODEL.replace("t_end=0.02", "t_end=100.0"))
     (bench.folder / "results").mkdir()
     settings = ("--integrator", "ida", "--t-end", "20", "--no-estimate")
     process = bench.start(bench.command("run", "model.py", "--output-step", "1", *settings))
@@ -484,7 +446,7 @@ def results_folder_deleted(bench: Bench) -> None:
 
 def two_runs_in_one_folder(bench: Bench) -> None:
     """Two runs into one folder leave complete files."""
-    command = bench.command("run", "model.py", "--no-estimate")
+    command = bench.command(*_RUN)
     processes = [bench.start(command) for _ in range(2)]
     for result in [bench.finish(process) for process in processes]:
         expect_exit(result, 0)
@@ -492,37 +454,36 @@ def two_runs_in_one_folder(bench: Bench) -> None:
     expect(bench.table_text.count("\n") == _TABLE_LINES, "the table is incomplete")
 
 
-FAULTS = (
-    sweep_killed_in_a_case,
-    few_processes,
-    full_disk_of_a_sweep,
-    limit_of_file_sizes,
-    sweep_without_home,
-    read_only_results_folder,
-    table_is_a_folder,
-    picture_is_a_folder,
-    full_disk,
-    names_that_lead_out_of_the_folder,
-    memory_limit_in_the_model,
-    memory_limit_in_the_run,
-    nonexistent_tmpdir,
-    working_folder_deleted,
-    results_folder_deleted,
-    two_runs_in_one_folder,
-)
-SLOW = (
-    sweep_killed_20_times,
-    run_killed_20_times,
-    ten_million_elements,
-    ten_thousand_elements,
-    time_limit_of_a_build,
-)
+FAULTS = {
+    fault.__name__.replace("_", " "): fault
+    for fault in (
+        killed_sweep,
+        killed_run,
+        few_processes,
+        full_disk_of_a_sweep,
+        limit_of_file_sizes,
+        sweep_without_home,
+        read_only_results_folder,
+        table_is_a_folder,
+        picture_is_a_folder,
+        full_disk,
+        names_that_lead_out_of_the_folder,
+        memory_limit_in_the_model,
+        memory_limit_in_the_run,
+        ten_million_elements,
+        ten_thousand_elements,
+        time_limit_of_a_build,
+        nonexistent_tmpdir,
+        working_folder_deleted,
+        results_folder_deleted,
+        two_runs_in_one_folder,
+    )
+}
 
 
-def list_faults(slow: bool = True) -> dict[str, Callable[[Bench], None]]:
-    """Return every fault by name; its docstring states the right behavior."""
-    faults = (*FAULTS, *(SLOW if slow else ()))
-    return {fault.__name__.replace("_", " "): fault for fault in faults}
+def list_names() -> list[str]:
+    """Return the names of all faults."""
+    return list(FAULTS)
 
 
 def try_name(name: str) -> list[str | None]:
@@ -531,7 +492,7 @@ def try_name(name: str) -> list[str | None]:
     signal.signal(signal.SIGINT, signal.default_int_handler)
     with ScratchFolder() as scratch:
         try:
-            list_faults()[name](Bench(scratch.folder))
+            FAULTS[name](Bench(scratch.folder))
         except UnsupportedMachineError:
             return [None]
         except WrongBehaviorError as error:

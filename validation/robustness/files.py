@@ -354,32 +354,30 @@ class Kind:
     use
         Reads and uses the file; raises BeamdaeError if the file is refused.
     changes
-        Names of the
-    share
-        Share of all files.
+        Names of the mutations.
+    count
+        Number of files.
     """
 
     write: Callable[[Path, str, random.Random], Path]
     use: Callable[[Path], None]
     changes: tuple[str, ...]
-    share: float
+    count: int
 
 
 _JSON = tuple(JSON_MUTATIONS)
 KINDS = {
-    "saved run": Kind(write_run, use_run, (*_JSON, "arrays", "shapes", "members"), 0.45),
-    "record": Kind(write_record, use_record, (*_JSON, "tables", "tables"), 0.25),
+    "saved run": Kind(write_run, use_run, (*_JSON, "arrays", "shapes", "members"), 900),
+    "record": Kind(write_record, use_record, (*_JSON, "tables", "tables"), 500),
 }
-
-FILE_COUNT = 2000
 
 
 def list_names() -> list[str]:
-    """Return the names of files, "KIND: CHANGE: NUMBER", in proportion to the shares of kinds."""
+    """Return the names of files, "KIND: CHANGE: NUMBER"."""
     return [
         f"{name}: {kind.changes[k % len(kind.changes)]}: {k}"
         for name, kind in KINDS.items()
-        for k in range(round(FILE_COUNT * kind.share))
+        for k in range(kind.count)
     ]
 
 

@@ -131,12 +131,6 @@ class ToleranceCase:
             self.build(), integrator, t_end=t_end, output_step=t_end / (self.rows - 1)
         )
 
-    def select_columns(
-        self, solution: bd.results.Solution, columns: tuple[str, ...] | None = None
-    ) -> np.ndarray:
-        """Return observed columns, (rows, columns); defaults to the compared ones."""
-        return solution.observed[list(columns or self.columns)].to_numpy()
-
     @property
     def reference(self) -> np.ndarray:
         """The stored reference, (rows, columns)."""
@@ -170,7 +164,7 @@ class ToleranceCase:
         """
         columns = self.columns if columns is None else columns
         reference = self.load_reference(columns) if reference is None else reference
-        return relative_deviations(self.select_columns(solution, columns), reference)
+        return relative_deviations(solution.observed[list(columns)].to_numpy(), reference)
 
 
 @cache

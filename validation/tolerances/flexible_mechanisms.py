@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 import beamdae as bd
-from tolerances.mechanisms import ALLOY, GRAVITY, STEEL, triangle_apex
+from tolerances.mechanisms import ALLOY, GRAVITY, STEEL, attract, triangle_apex
 
 SILICON = bd.Material(E=169e9, nu=0.22, rho=2330.0)
 LEATHER = bd.Material(E=5e7, nu=0.4, rho=1000.0)
@@ -22,10 +22,18 @@ def _add_strip(
     mech: bd.Mechanism, name: str, start, end, height, damping, width=0.02, **settings
 ) -> bd.Beam:
     """Add a straight steel strip and observe the deflection of its middle."""
-    section = bd.Section.rectangle(STEEL, width=width, height=height, damping=damping)
-    beam = mech.add(bd.Beam(name, bd.Line(start, end), section, **{"elements": 2} | settings))
+    beam = _add_beam(mech, name, bd.Line(start, end), STEEL, (width, height), damping, **settings)
     _observe_bend(mech, beam, f"{name} bend")
     return beam
+
+
+def _add_beam(
+    mech: bd.Mechanism, name: str, curve, material, sizes, damping, **settings
+) -> bd.Beam:
+    """Add a beam of the width and height `sizes`."""
+    width, height = sizes
+    section = bd.Section.rectangle(material, width=width, height=height, damping=damping)
+    return mech.add(bd.Beam(name, curve, section, **{"elements": 2} | settings))
 
 
 def _observe_bend(mech: bd.Mechanism, beam: bd.Beam, name: str = "bend") -> None:
@@ -44,13 +52,18 @@ def _rise(height: float, duration: float) -> Callable[[Any], Any]:
     return lambda t: 0.5 * height * (1.0 - np.cos(np.pi * t / duration))
 
 
+def _pulse(size: float, duration: float) -> Any:
+    """Return a smooth pulse of `size` within `duration` [s]."""
+    return bd.piecewise((duration, _rise(size, 0.5 * duration)), 0.0)
+
+
 def _gravity(onset: float) -> tuple[float, Any]:
     """Return gravity that rises within `onset` [s], which hardly excites axial vibrations."""
     return (0.0, bd.piecewise((onset, _rise(GRAVITY[1], onset)), GRAVITY[1])) if onset else GRAVITY
 
 
-def _add_rod(mech: bd.Mechanism, name: str, start, end, area=2e-4) -> bd.RigidBody:
-    return mech.add(bd.RigidBody.rod(name, start, end, density=STEEL.rho, area=area))
+def _add_rod(mech: bd.Mechanism, name: str, start, end) -> bd.RigidBody:
+    return mech.add(bd.RigidBody.rod(name, start, end, density=STEEL.rho, area=2e-4))
 
 
 @bd.model(t_end=5.0)
@@ -140,9 +153,8 @@ def wound_spiral(damping=1e-4, turn=1.5, elements=8):
     def spiral(unwound: float) -> bd.IntrinsicCurve:
         return bd.IntrinsicCurve(lambda s: (11.0 - unwound) / 0.4 + 60.0 * s, length=0.4)
 
-    section = bd.Section.rectangle(STEEL, width=0.01, height=8e-4, damping=damping)
     settings = {"elements": elements, "formulation": "exact", "free_curve": spiral(turn)}
-    spring = mech.add(bd.Beam("spiral", spiral(0.0), section, **settings))
+    spring = _add_beam(mech, "spiral", spiral(0.0), STEEL, (0.01, 8e-4), damping, **settings)
     clamp = mech.add(bd.Weld("clamp", mech.ground.at(*spring.start.point), spring.start))
     # The inner end sits on the rim of the hub, 15 mm from the arbor.
     inner = np.array(spring.end.point)
@@ -212,8 +224,8 @@ def scotch_yoke(damping=1e-4, speed=4.0 * np.pi):
     mech = bd.Mechanism(gravity=GRAVITY)
     crank = mech.add(bd.RigidBody.disk("crank", (0.0, 0.0), radius=0.1, mass=2.0))
     yoke = mech.add(bd.RigidBody.plate("yoke", (0.1, 0.0), width=0.03, height=0.25, mass=0.6))
-    section = bd.Section.rectangle(STEEL, width=0.02, height=0.004, damping=damping)
-    stem = mech.add(bd.Beam("stem", bd.Parabola(0.5, 0.01, (0.1, 0.0)), section, elements=2))
+    axis = bd.Parabola(0.5, 0.01, (0.1, 0.0))
+    stem = _add_beam(mech, "stem", axis, STEEL, (0.02, 0.004), damping)
     ground, pin = mech.ground, (0.1, 0.0)
     _hinge(mech, "shaft", ground.at(0.0, 0.0), crank.at(0.0, 0.0))
     law = bd.run_up(speed, 0.5)
@@ -262,9 +274,7 @@ def whip(damping=2e-3, swing=1.2, elements=4):
     lash = mech.add(bd.Beam("lash", line, section, elements=elements, formulation="exact"))
     ground = mech.ground.at(0.0, 0.0)
     _hinge(mech, "hand", ground, lash.start)
-    rate = 2.0 * np.pi / 0.4
-    law = bd.piecewise((0.4, lambda t: 0.5 * swing * (1.0 - np.cos(rate * t))), 0.0)
-    motor = mech.add(bd.Driver("wrist", ground, lash.start, law))
+    motor = mech.add(bd.Driver("wrist", ground, lash.start, _pulse(swing, 0.4)))
     mech.observe("tip", lash.end)
     _observe_bend(mech, lash)
     mech.observe("wrist", motor.drive)
@@ -277,9 +287,7 @@ def spinning_beam(damping=0.0, force=40.0, height=0.005, formulation="floating f
     mech = bd.Mechanism()
     mesh = {"formulation": formulation}
     beam = _add_strip(mech, "beam", (-0.4, 0.0), (0.4, 0.0), height, damping, **mesh)
-    rate = 2.0 * np.pi / 0.05
-    pulse = bd.piecewise((0.05, lambda t: 0.5 * force * (1.0 - np.cos(rate * t))), 0.0)
-    mech.add(bd.Force("pulse", beam.end, (0.0, pulse)))
+    mech.add(bd.Force("pulse", beam.end, (0.0, _pulse(force, 0.05))))
     mech.observe("start", beam.start)
     mech.observe("end", beam.end)
     mech.observe("middle", beam.at(0.4))
@@ -305,13 +313,12 @@ def bow(damping=1e-4, draw=150.0, hold=0.3):
     The string pushes the arrow of 25 g, which leaves it.
     """
     mech = bd.Mechanism()
-    strip = bd.Section.rectangle(GLASS_FIBER, width=0.03, height=0.01, damping=damping)
     nock = mech.add(bd.PointMass("nock", 5e-3, at=(-0.15, 0.0)))
     arrow = mech.add(bd.PointMass("arrow", 0.025, at=(-0.15, 0.0)))
     ground, string = mech.ground, {"stiffness": 2e4, "damping": 2.0}
     for side, name in ((1.0, "upper"), (-1.0, "lower")):
         line = bd.Line((0.0, 0.1 * side), (-0.05, 0.7 * side))
-        limb = mech.add(bd.Beam(f"{name} limb", line, strip, elements=2))
+        limb = _add_beam(mech, f"{name} limb", line, GLASS_FIBER, (0.03, 0.01), damping)
         mech.add(bd.Weld(f"{name} grip", ground.at(0.0, 0.1 * side), limb.start))
         mech.add(bd.Spring(f"{name} string", limb.end, nock.point, **string))
         _observe_bend(mech, limb, f"{name} bend")
@@ -339,17 +346,7 @@ def magnet_strip(damping=1e-4, gap=0.02):
     strip = _add_strip(mech, "strip", (0.0, 0.0), (0.0, -0.4), 8e-4, damping)
     mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), strip.start))
     mech.add(bd.PointMass("magnet", 0.05, on=strip.end))
-    pole = np.array([0.03, -0.4 - gap])
-
-    def pull(tip, t):
-        away = pole - tip.position
-        return 2e-4 * away / (away @ away + 1e-4) ** 1.5
-
-    def potential(tip):
-        away = pole - tip.position
-        return -2e-4 / np.sqrt(away @ away + 1e-4)
-
-    mech.add(bd.ForceLaw("pole", (strip.end,), pull, energy=potential))
+    attract(mech, "pole", strip.end, 2e-4, (0.03, -0.4 - gap), 1e-4)
     mech.observe("tip", strip.end)
     mech.observe("clamp", strip.section_forces(0.0))
     return mech
@@ -359,8 +356,8 @@ def magnet_strip(damping=1e-4, gap=0.02):
 def micro_resonator(damping=1e-8, force=2e-9, frequency=1.6e4):
     """Clamped silicon strip of 300 um x 1 um, driven at its tip near its first resonance."""
     mech = bd.Mechanism()
-    section = bd.Section.rectangle(SILICON, width=2e-5, height=1e-6, damping=damping)
-    strip = mech.add(bd.Beam("strip", bd.Line((0.0, 0.0), (3e-4, 0.0)), section, elements=2))
+    line = bd.Line((0.0, 0.0), (3e-4, 0.0))
+    strip = _add_beam(mech, "strip", line, SILICON, (2e-5, 1e-6), damping)
     clamp = mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), strip.start))
     mech.add(bd.Force("drive", strip.end, (0.0, bd.sine(force, frequency))))
     mech.observe("tip", strip.end)
@@ -382,9 +379,7 @@ def tuning_fork(damping=1e-7, force=0.01):
         mech.add(bd.Weld(f"{name} root", foot.at(x, 0.0), prong.start))
         mech.observe(f"{name} tip", prong.end)
         mech.observe(f"{name} shift", bd.relative_displacement(prong.end, foot.at(x, 0.0)))
-    rate = 2.0 * np.pi / 1e-3
-    strike = bd.piecewise((1e-3, lambda t: 0.5 * force * (1.0 - np.cos(rate * t))), 0.0)
-    mech.add(bd.Force("strike", prong.end, (strike, 0.0)))
+    mech.add(bd.Force("strike", prong.end, (_pulse(force, 1e-3), 0.0)))
     mech.observe("foot", foot.at(0.0, -0.02))
     return mech
 
@@ -440,9 +435,8 @@ def crossed_bridge(damping=1e-4, speed=8.0, load=150.0):
 def drag_flag(drag=0.3, damping=1e-4):
     """Thin strip of 0.4 m released from the horizontal in air, which brakes its swing."""
     mech = bd.Mechanism(gravity=GRAVITY)
-    section = bd.Section.rectangle(ALLOY, width=0.03, height=5e-4, damping=damping)
-    line = bd.Line((0.0, 0.0), (0.4, 0.0))
-    strip = mech.add(bd.Beam("flag", line, section, elements=2, formulation="exact"))
+    line, kind = bd.Line((0.0, 0.0), (0.4, 0.0)), {"formulation": "exact"}
+    strip = _add_beam(mech, "flag", line, ALLOY, (0.03, 5e-4), damping, **kind)
     joint = _hinge(mech, "hinge", mech.ground.at(0.0, 0.0), strip.start)
     mech.add(bd.AirDrag("air", strip, drag))
     mech.observe("tip", strip.end)
@@ -455,9 +449,8 @@ def drag_flag(drag=0.3, damping=1e-4):
 def bead_in_bowl(damping=1e-4, height=0.003):
     """Bead of 0.1 kg that slides to and fro without friction in a bowl bent from a strip."""
     mech = bd.Mechanism(gravity=GRAVITY)
-    section = bd.Section.rectangle(STEEL, width=0.02, height=height, damping=damping)
     arc = bd.Arc(radius=0.5, length=1.0, start=(-0.5 * np.sin(1.0), 0.0), angle=-1.0)
-    bowl = mech.add(bd.Beam("bowl", arc, section, elements=3))
+    bowl = _add_beam(mech, "bowl", arc, STEEL, (0.02, height), damping, elements=3)
     for name, end in (("left", bowl.start), ("right", bowl.end)):
         mech.add(bd.Weld(name, mech.ground.at(*end.point), end))
     bead = mech.add(bd.PointMass("bead", 0.1, at=tuple(arc.point(0.2))))
@@ -473,8 +466,8 @@ def bead_in_bowl(damping=1e-4, height=0.003):
 def blade_in_gusts(damping=1e-4, speed=6.0, gust=0.8):
     """Blade of 1 m on a hub at constant speed after 0.5 s, shaken by gusts of 3.3 Hz."""
     mech = bd.Mechanism(gravity=GRAVITY)
-    section = bd.Section.rectangle(GLASS_FIBER, width=0.05, height=0.008, damping=damping)
-    blade = mech.add(bd.Beam("blade", bd.Line((0.1, 0.0), (1.1, 0.0)), section, elements=2))
+    line = bd.Line((0.1, 0.0), (1.1, 0.0))
+    blade = _add_beam(mech, "blade", line, GLASS_FIBER, (0.05, 0.008), damping)
     hub = mech.add(bd.RigidBody.disk("hub", (0.0, 0.0), radius=0.1, mass=3.0))
     ground = mech.ground.at(0.0, 0.0)
     _hinge(mech, "bearing", ground, hub.at(0.0, 0.0))
@@ -493,20 +486,12 @@ def tethered_satellites(damping=1e-3, speed=0.55):
     """Two masses on a flexible tether in the field of a star at the origin, about two orbits."""
     mech = bd.Mechanism()
     material = bd.Material(E=1e6, nu=0.3, rho=1000.0)
-    section = bd.Section.rectangle(material, width=0.01, height=0.01, damping=damping)
-    line, start = bd.Line((0.95, 0.0), (1.1, 0.0)), {"velocity": (0.0, speed)}
-    mesh = {"elements": 2, "formulation": "exact"}
-    tether = mech.add(bd.Beam("tether", line, section, **mesh, **start))
+    line, settings = bd.Line((0.95, 0.0), (1.1, 0.0)), {"velocity": (0.0, speed)}
+    settings |= {"formulation": "exact"}
+    tether = _add_beam(mech, "tether", line, material, (0.01, 0.01), damping, **settings)
     for name, end, mass in (("inner", tether.start, 0.1), ("outer", tether.end, 0.05)):
         mech.add(bd.PointMass(name, mass, on=end))
-
-        def attract(at, t, mass=mass):
-            return -0.4 * mass * at.position / (at.position @ at.position) ** 1.5
-
-        def potential(at, mass=mass):
-            return -0.4 * mass / np.sqrt(at.position @ at.position)
-
-        mech.add(bd.ForceLaw(f"{name} gravity", (end,), attract, energy=potential))
+        attract(mech, f"{name} gravity", end, 0.4 * mass)
         mech.observe(name, end)
     _observe_bend(mech, tether)
     return mech
@@ -560,9 +545,8 @@ def five_bar(damping=1e-4, height=0.003):
 def running_blade(damping=1e-4, height=0.008):
     """Mass of 10 kg on a curved blade that drops onto the floor and hops."""
     mech = bd.Mechanism(gravity=GRAVITY)
-    section = bd.Section.rectangle(GLASS_FIBER, width=0.05, height=height, damping=damping)
     arc = bd.Arc(radius=0.15, length=0.45, start=(0.0, 0.35), angle=np.pi)
-    blade = mech.add(bd.Beam("blade", arc, section, elements=2))
+    blade = _add_beam(mech, "blade", arc, GLASS_FIBER, (0.05, height), damping)
     trunk = mech.add(bd.RigidBody.plate("trunk", (0.0, 0.4), width=0.2, height=0.1, mass=10.0))
     mech.add(bd.Prismatic("guide", mech.ground.at(0.0, 0.4), trunk.at(0.0, 0.4), (0.0, 1.0)))
     mech.add(bd.Weld("socket", trunk.at(0.0, 0.35), blade.start))

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 import beamdae as bd
-from tolerances.mechanisms import GRAVITY
+from tolerances.mechanisms import GRAVITY, attract
 
 ECCENTRICITY = 0.9
 KEPLER_PERIOD = 2.0 * np.pi  # [s], semi-major axis 1 m, gravitational parameter 1 m^3/s^2
@@ -19,14 +19,7 @@ def kepler(eccentricity=ECCENTRICITY):
     far = 1.0 + eccentricity
     speed = np.sqrt((1.0 - eccentricity) / far)
     planet = mech.add(bd.PointMass("planet", 1.0, at=(-far, 0.0), velocity=(0.0, -speed)))
-
-    def attract(at, t):
-        return -at.position / (at.position @ at.position) ** 1.5
-
-    def potential(at):
-        return -1.0 / np.sqrt(at.position @ at.position)
-
-    mech.add(bd.ForceLaw("sun", (planet.point,), attract, energy=potential))
+    attract(mech, "sun", planet.point, 1.0)
     mech.observe("planet", planet.point)
     return mech
 
@@ -99,17 +92,7 @@ def magnet_ball(gap=0.05):
     mech = bd.Mechanism(gravity=GRAVITY)
     ball = mech.add(bd.PointMass("ball", 0.1, at=(0.3, -0.4)))
     rod = mech.add(bd.Distance("thread", mech.ground.at(0.0, 0.0), ball.point))
-    pole = np.array([0.1, -0.5 - gap])
-
-    def pull(at, t):
-        away = pole - at.position
-        return 5e-3 * away / (away @ away + 1e-4) ** 1.5
-
-    def potential(at):
-        away = pole - at.position
-        return -5e-3 / np.sqrt(away @ away + 1e-4)
-
-    mech.add(bd.ForceLaw("magnet", (ball.point,), pull, energy=potential))
+    attract(mech, "magnet", ball.point, 5e-3, (0.1, -0.5 - gap), 1e-4)
     mech.observe("ball", ball.point)
     mech.observe("thread", rod.reaction)
     return mech
@@ -147,7 +130,7 @@ def figure_eight():
         for k, (x, v) in enumerate(starts)
     ]
 
-    def attract(a, b, t):
+    def pull(a, b, t):
         away = b.position - a.position
         force = away / (away @ away) ** 1.5
         return [force, -force]
@@ -158,7 +141,7 @@ def figure_eight():
 
     for j, k in ((0, 1), (1, 2), (2, 0)):
         pair = (stars[j].point, stars[k].point)
-        mech.add(bd.ForceLaw(f"gravity {j} {k}", pair, attract, energy=potential))
+        mech.add(bd.ForceLaw(f"gravity {j} {k}", pair, pull, energy=potential))
     for star in stars[:2]:
         mech.observe(star.name, star.point)
     return mech

@@ -35,6 +35,22 @@ def triangle_apex(a, b, distance_a: float, distance_b: float) -> tuple[float, fl
     return float(x), float(y)
 
 
+def attract(
+    mech: bd.Mechanism, name: str, point, strength: float, pole=(0.0, 0.0), softening=0.0
+) -> None:
+    """Attract a point to a pole by `strength` [N m^2] over the square of their distance."""
+
+    def pull(at, t):
+        away = np.array(pole) - at.position
+        return strength * away / (away @ away + softening) ** 1.5
+
+    def potential(at):
+        away = np.array(pole) - at.position
+        return -strength / np.sqrt(away @ away + softening)
+
+    mech.add(bd.ForceLaw(name, (point,), pull, energy=potential))
+
+
 @bd.model(t_end=1.5)
 def four_bar(damping=0.0, height=0.004, speed=2.0 * np.pi, elements=6):
     """Crank-rocker with a flexible parabolic coupler; the crank speeds up within 0.5 s."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cache
-from itertools import chain
+from itertools import chain, pairwise, takewhile
 from time import process_time
 
 import numpy as np
@@ -164,26 +164,32 @@ def _select_nearest(
     return nearest
 
 
-def _run(case: ToleranceCase, integrator: bd.Integrator) -> tuple[np.ndarray | None, float]:
-    """Return the compared rows, None for a failed run, and the processor time [s]."""
-    start = process_time()
-    solution = case.run(integrator)
-    rows = None
-    if solution.status.success:
-        rows = case.select_columns(solution, case.compared)
-    return rows, process_time() - start
+def _run_in_turn(
+    case: ToleranceCase, integrators: Iterable[bd.Integrator], growth: float
+) -> Iterator[MethodResult | None]:
+    """Yield the results of successive runs, None for one that fails, as long as they are short.
+
+    Each run is expected to take `growth` times as long as the one before.
+    """
+    last_time = 0.0
+    for integrator in integrators:
+        if growth * last_time > PATIENCE:
+            return
+        start = process_time()
+        solution = case.run(integrator)
+        last_time = process_time() - start
+        rows = solution.observed[list(case.compared)].to_numpy()
+        yield MethodResult(integrator.label, rows) if solution.status.success else None
+
+
+# At order 5 a tenth of the tolerance takes 1.6 times the steps.
+_GROWTH = 1.6
+_LIMIT = {"time_limit": TIME_LIMIT_RATIO * PATIENCE}
 
 
 def _radau_results(case: ToleranceCase) -> Iterator[MethodResult]:
-    last_time = 0.0
-    for rtol in RTOLS:
-        # At order 5 a tenth of the tolerance takes 1.6 times the steps.
-        if 1.6 * last_time > PATIENCE:
-            return
-        rows, last_time = _run(case, bd.Radau(rtol, time_limit=TIME_LIMIT_RATIO * PATIENCE))
-        if rows is None:
-            return
-        yield MethodResult(f"Radau({rtol:.0e})", rows)
+    runs = _run_in_turn(case, (bd.Radau(rtol, **_LIMIT) for rtol in RTOLS), _GROWTH)
+    yield from takewhile(lambda result: result is not None, runs)
 
 
 def _bdf_results(case: ToleranceCase) -> Iterator[MethodResult]:
@@ -191,31 +197,20 @@ def _bdf_results(case: ToleranceCase) -> Iterator[MethodResult]:
     first_step = bd.simulate(case.build(), bd.Ida(max_steps=1), case.duration)
     if first_step.integrator["max_order"] < 5:
         return
-    last_time = 0.0
-    for rtol in (1e-8, 1e-9, 1e-10, 1e-11):
-        # At order 5 a tenth of the tolerance takes 1.6 times the steps.
-        if 1.6 * last_time > PATIENCE:
-            return
-        time_limit = TIME_LIMIT_RATIO * PATIENCE
-        settings = bd.Ida(rtol, error_control="velocities", time_limit=time_limit)
-        rows, last_time = _run(case, settings)
-        if rows is None:
-            return
-        yield MethodResult(f"Ida({rtol:.0e}, velocities tested)", rows)
+    methods = (bd.Ida(10.0**-k, error_control="velocities", **_LIMIT) for k in (8, 9, 10, 11))
+    runs = _run_in_turn(case, methods, _GROWTH)
+    yield from takewhile(lambda result: result is not None, runs)
 
 
 def _extrapolated_results(case: ToleranceCase) -> Iterator[MethodResult]:
     """Yield Richardson extrapolations of generalized-alpha with steps 2 h and h."""
-    coarse, last_time = None, 0.0
-    for steps in STEPS:
-        if 2.0 * last_time > PATIENCE:
-            return
-        step = case.duration / steps
-        fine, last_time = _run(case, bd.GeneralizedAlpha(step, 0.9, newton_tolerance=1e-9))
+    methods = (
+        bd.GeneralizedAlpha(case.duration / steps, 0.9, newton_tolerance=1e-9) for steps in STEPS
+    )
+    for coarse, fine in pairwise(_run_in_turn(case, methods, 2.0)):
         if coarse is not None and fine is not None:
-            method = f"GeneralizedAlpha({step:.3g} s), extrapolated"
-            yield MethodResult(method, fine + (fine - coarse) / 3.0)
-        coarse = fine
+            rows = fine.rows + (fine.rows - coarse.rows) / 3.0
+            yield MethodResult(f"{fine.method}, extrapolated", rows)
 
 
 def _modal_result(case: ToleranceCase) -> MethodResult:

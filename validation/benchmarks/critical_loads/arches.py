@@ -38,14 +38,11 @@ class BentStructure:
     drop
         Maps the slenderness to the deflection of the first loaded point, over L, at which the path
         ends; positive downward.
-    step
-        Largest step of the reference path, in EI / L^2.
     """
 
     chain: Callable[[float], Chain]
     end: float | None = None
     drop: Callable[[float], float] | None = None
-    step: float = 1.0
 
     def path(self, slenderness: float) -> dict[str, Any]:
         """Return the arguments of `bd.equilibrium`."""
@@ -67,20 +64,7 @@ class BentStructure:
             now = chain.position(chain.loaded, beam, z)[1]
             return bool(height - now > self.drop(slenderness))
 
-        return Shooting(chain, beam).trace(self.step, is_complete)
-
-
-def _reference(
-    structure: BentStructure, slenderness: float, strain: str
-) -> tuple[CriticalLoad, ...]:
-    states = structure.trace(slenderness)
-    return tuple(CriticalLoad(state.kind, state.load) for state in states)
-
-
-def _build(
-    structure: BentStructure, slenderness: float, elements: int, settings: Mapping[str, Any]
-) -> bd.Mechanism:
-    return build_chain(structure.chain(slenderness), slenderness, elements, settings)
+        return Shooting(chain, beam).trace(is_complete)
 
 
 def build_chain(
@@ -276,9 +260,13 @@ def _chain(structure: BentStructure, **fields: Any) -> dict[str, Any]:
     """Return the fields of the case of a chain, followed as `structure` says."""
     longest = max(one.length for one in structure.chain(1e2).segments)
     return {
-        "build": partial(_build, structure),
+        "build": lambda slenderness, *mesh: build_chain(
+            structure.chain(slenderness), slenderness, *mesh
+        ),
         "path": structure.path,
-        "reference": partial(_reference, structure),
+        "reference": lambda slenderness, strain: tuple(
+            CriticalLoad(state.kind, state.load) for state in structure.trace(slenderness)
+        ),
         # Arches: the error of the interpolated tangent angle.
         "order": 4,
         "mesh_constant": 2e-4,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
 from itertools import product
@@ -34,6 +34,11 @@ class CriticalLoad(NamedTuple):
 
     kind: str
     load: float
+
+
+def branches(loads: Iterable[float]) -> tuple[CriticalLoad, ...]:
+    """Return branch points at the loads."""
+    return tuple(CriticalLoad(BRANCH, load) for load in loads)
 
 
 @dataclass(frozen=True, eq=False)

@@ -44,4 +44,5 @@ def _freeze(value: Any) -> Any:
 
 
 _TABLE = pd.read_csv(Path(__file__).with_name("cases.csv"), dtype=str, keep_default_na=False)
-CASES = tuple(_read_case(row) for row in _TABLE.to_dict("records"))
+_CASES = (_read_case(row) for row in _TABLE.to_dict("records"))
+CASES = {f"{case.group}, {case.name}": case for case in _CASES}

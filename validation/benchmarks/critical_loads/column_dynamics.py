@@ -13,13 +13,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
-from scipy.optimize import root
+from scipy.optimize import brentq, root
 
 from benchmarks.critical_loads.frame_stability import BeamStiffness
 
 Array = np.ndarray
 
 _TOLERANCE = 1e-12
+_SAMPLES = 60
 # Relative distance of the frequencies whose difference gives the slope of the determinant.
 _SLOPE_STEP = 1e-4
 
@@ -126,21 +127,20 @@ def _integrate(rates: Callable[[float], Array], first: Array) -> Array:
     return end.y[:, -1].reshape(shape)
 
 
-def divergence_loads(column: Column, beam: BeamStiffness, end: float, samples: int = 60) -> list:
+def divergence_loads(column: Column, beam: BeamStiffness, end: float) -> list:
     """Return the loads up to `end` at which the column has another equilibrium.
 
-    `samples` evaluations of the determinant must separate the loads.
+    `_SAMPLES` evaluations of the determinant must separate the loads.
     """
-    from scipy.optimize import brentq
 
     def value(load: float) -> float:
         return column.determinant(beam, load, 0.0).real
 
-    loads = np.linspace(0.0, end, samples)
+    loads = np.linspace(0.0, end, _SAMPLES)
     values = [value(load) for load in loads]
     return [
         float(brentq(value, loads[k], loads[k + 1], xtol=1e-12 * end, rtol=1e-14))
-        for k in range(samples - 1)
+        for k in range(_SAMPLES - 1)
         if values[k] * values[k + 1] < 0.0
     ]
 

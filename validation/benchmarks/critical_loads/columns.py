@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
 
-from benchmarks.critical_loads.case import BRANCH, CriticalLoad
+from benchmarks.critical_loads.case import branches
 from benchmarks.critical_loads.frame_stability import (
     FrameDescription,
     Member,
@@ -21,19 +21,13 @@ Springs = Mapping[str, tuple[float, float, float]]
 _GREEN_DEPARTURE = 0.5
 
 
-def reference(
-    frame: FrameDescription, end: float, slenderness: float, strain: str
-) -> tuple[CriticalLoad, ...]:
-    """Return the branch points of a frame up to the load `end`."""
-    loads = frame_critical_loads(frame, stiffness(slenderness, strain), end)
-    return tuple(CriticalLoad(BRANCH, load) for load in loads)
-
-
 def frame(description: FrameDescription, end: float) -> dict[str, Any]:
     """Return the fields of the case of a frame loaded up to `end` [EI / L^2]."""
     return {
         "build": partial(build_frame, description),
-        "reference": partial(reference, description, end),
+        "reference": lambda slenderness, strain: branches(
+            frame_critical_loads(description, stiffness(slenderness, strain), end)
+        ),
         "path": lambda slenderness: {"to": end},
         "phase": description.wave_angle,
         "green_departure": _GREEN_DEPARTURE * end,

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 import beamdae as bd
-from benchmarks.critical_loads.case import BRANCH, EXACT_STRAINS, CriticalLoad
+from benchmarks.critical_loads.case import EXACT_STRAINS, branches
 from benchmarks.critical_loads.frame_stability import BeamStiffness
 from benchmarks.critical_loads.structures import LENGTH, stiffness, strip
 
@@ -99,18 +99,13 @@ def build_ring(
     return mech
 
 
-def _reference(
-    pressure: str, waves: tuple[int, ...], slenderness: float, strain: str
-) -> tuple[CriticalLoad, ...]:
-    beam = stiffness(slenderness)
-    return tuple(CriticalLoad(BRANCH, ring_load(pressure, beam, n)) for n in waves)
-
-
 def ring(end: float, pressure: str, share: float, waves: tuple[int, ...]) -> dict[str, Any]:
     """Return the fields of the case of a part of a ring."""
     return {
         "build": partial(build_ring, pressure, share),
-        "reference": partial(_reference, pressure, waves),
+        "reference": lambda slenderness, strain: branches(
+            ring_load(pressure, stiffness(slenderness), n) for n in waves
+        ),
         "path": lambda slenderness: {"to": end},
         "phase": lambda load: min(2.0 * np.pi * share, np.pi) * np.sqrt(load + 1.0),
         "order": 4,

@@ -22,6 +22,7 @@ Array = np.ndarray
 
 _TOLERANCE = 1e-11
 _COMPLEX_STEP = 1e-30
+_MAX_STEP, _MAX_POINTS = 1.0, 400  # of a path; steps in EI / L^2
 # Accuracy of the search along a step of the path, before the critical state is refined.
 _SEARCH = 1e-4
 LIMIT, BRANCH = "limit point", "branch point"
@@ -182,17 +183,15 @@ class Shooting:
                 return z, self.evaluate(z)[1]
         raise ArithmeticError("shooting does not converge")
 
-    def trace(
-        self, step: float, stop: Callable[[Array], bool], most: int = 400
-    ) -> list[CriticalState]:
+    def trace(self, stop: Callable[[Array], bool]) -> list[CriticalState]:
         """Return the critical states on the path from zero load until `stop(z)` is true."""
         z = np.zeros(4)
         jacobian = self.evaluate(z)[1]
         direction = _tangent(jacobian, np.array([0.0, 0.0, 0.0, 1.0]))
         determinant = np.linalg.det(jacobian[:, :3])
         states: list[CriticalState] = []
-        size = step
-        for _ in range(most):
+        size = _MAX_STEP
+        for _ in range(_MAX_POINTS):
             while True:
                 try:
                     after, jacobian = self.correct(z + size * direction, direction)
@@ -202,7 +201,7 @@ class Shooting:
                 except (ArithmeticError, np.linalg.LinAlgError):
                     pass
                 size *= 0.5
-                if size < 1e-6 * step:
+                if size < 1e-6 * _MAX_STEP:
                     raise ArithmeticError("shooting: the path cannot be continued")
             following = np.linalg.det(jacobian[:, :3])
             if following * determinant < 0.0:
@@ -211,10 +210,10 @@ class Shooting:
                 near = _find_singular(self, z, direction, after, turned)
                 states.append(self.refine(kind, near))
             z, direction, determinant = after, turned, following
-            size = min(1.4 * size, step)
+            size = min(1.4 * size, _MAX_STEP)
             if stop(z):
                 return states
-        raise ArithmeticError(f"shooting: no end of the path after {most} points")
+        raise ArithmeticError(f"shooting: no end of the path after {_MAX_POINTS} points")
 
     def refine(self, kind: str, near: Array) -> CriticalState:
         """Return the critical state near `near`.

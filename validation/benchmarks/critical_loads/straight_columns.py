@@ -10,10 +10,10 @@ import numpy as np
 
 import beamdae as bd
 from benchmarks.critical_loads.case import (
-    BRANCH,
     EXACT_STRAINS,
     FLUTTER,
     CriticalLoad,
+    branches,
 )
 from benchmarks.critical_loads.column_dynamics import Column, divergence_loads, flutter_load
 from benchmarks.critical_loads.structures import LENGTH, STEEL, WIDTH, stiffness, strip
@@ -52,18 +52,6 @@ def build_column(
         mech.add(bd.Prismatic("head", head, beam.end, (0.0, 1.0)))
     if column.end_mass:
         mech.add(bd.PointMass("mass", column.end_mass * section.rhoA * LENGTH, on=beam.end))
-    _add_end_load(mech, column, beam, unit)
-    if column.distributed:
-        _add_distributed_load(mech, column, beam, unit / LENGTH)
-    if column.foundation:
-        modulus = column.foundation * unit / LENGTH**2
-        mech.add(
-            bd.DistributedForce("foundation", beam, lambda s, x, y, t: (-modulus * x, 0.0 * y))
-        )
-    return mech
-
-
-def _add_end_load(mech: bd.Mechanism, column: Column, beam: bd.Beam, unit: float) -> None:
     P = column.end_load * unit
     if column.line_of_action:
         mech.add(bd.Force("load", beam.end, (0.0, -P)))
@@ -85,21 +73,26 @@ def _add_end_load(mech: bd.Mechanism, column: Column, beam: bd.Beam, unit: float
         ):
             if P * share:
                 mech.add(bd.Force(name, beam.end, (0.0, -P * share), axes=axes))
+    if column.distributed:
 
+        def density(s: Any) -> Any:
+            load = unit / LENGTH
+            return sum(c * load * (s / LENGTH) ** k for k, c in enumerate(column.distributed))
 
-def _add_distributed_load(mech: bd.Mechanism, column: Column, beam: bd.Beam, unit: float) -> None:
-    """Add a uniform or linear load; uniform ones as constants, which every formulation takes."""
-
-    def density(s: Any) -> Any:
-        return sum(c * unit * (s / LENGTH) ** k for k, c in enumerate(column.distributed))
-
-    uniform = len(column.distributed) == 1
-    if column.follower_distributed:
-        law = (-density(0.0), 0.0) if uniform else lambda s, x, y, t: (-density(s), 0.0 * s)
-        mech.add(bd.DistributedForce("drag", beam, law, axes="section"))
-    else:
-        law = (0.0, -density(0.0)) if uniform else lambda s, x, y, t: (0.0 * s, -density(s))
-        mech.add(bd.DistributedForce("weight", beam, law))
+        # Uniform loads are constants, which every formulation takes.
+        uniform = len(column.distributed) == 1
+        if column.follower_distributed:
+            law = (-density(0.0), 0.0) if uniform else lambda s, x, y, t: (-density(s), 0.0 * s)
+            mech.add(bd.DistributedForce("drag", beam, law, axes="section"))
+        else:
+            law = (0.0, -density(0.0)) if uniform else lambda s, x, y, t: (0.0 * s, -density(s))
+            mech.add(bd.DistributedForce("weight", beam, law))
+    if column.foundation:
+        modulus = column.foundation * unit / LENGTH**2
+        mech.add(
+            bd.DistributedForce("foundation", beam, lambda s, x, y, t: (-modulus * x, 0.0 * y))
+        )
+    return mech
 
 
 @cache
@@ -108,21 +101,6 @@ def _flutter_near(column: Column, near: tuple[float, float], slenderness: float)
     for value in (1e6, *(s for s in (1e2, 3e1, 2e1, 1.4e1) if s > slenderness), slenderness):
         near = flutter_load(column, stiffness(value), near)
     return near
-
-
-def flutter_reference(
-    column: Column, near: tuple[float, float], slenderness: float, strain: str
-) -> tuple[CriticalLoad, ...]:
-    """Return the first onset of flutter."""
-    return (CriticalLoad(FLUTTER, _flutter_near(column, near, slenderness)[0]),)
-
-
-def divergence_reference(
-    column: Column, end: float, slenderness: float, strain: str
-) -> tuple[CriticalLoad, ...]:
-    """Return the branch points up to the load `end`."""
-    loads = divergence_loads(column, stiffness(slenderness), end)
-    return tuple(CriticalLoad(BRANCH, load) for load in loads)
 
 
 def _phase(column: Column, load: float, frequency: float = 0.0) -> float:
@@ -140,7 +118,9 @@ def flutter(
     described = Column(**column)
     return {
         "build": partial(build_column, described, None),
-        "reference": partial(flutter_reference, described, near),
+        "reference": lambda slenderness, strain: (
+            CriticalLoad(FLUTTER, _flutter_near(described, near, slenderness)[0]),
+        ),
         "path": lambda slenderness: {"to": 1.1 * near[0], "loads": loads},
         "phase": lambda load: _phase(described, load, near[1]),
         # The frequencies coincide in a double root.
@@ -155,7 +135,9 @@ def divergence(
     described = Column(**column)
     return {
         "build": partial(build_column, described, taper),
-        "reference": partial(divergence_reference, described, end),
+        "reference": lambda slenderness, strain: branches(
+            divergence_loads(described, stiffness(slenderness), end)
+        ),
         "path": lambda slenderness: {"to": end, "loads": loads},
         "phase": partial(_phase, described),
         "formulations": EXACT_STRAINS,

@@ -16,6 +16,15 @@ FORMULATIONS: dict[str, dict[str, Any]] = {
     "floating frame": {},
     "floating frame, Green's strain": {"strain": "green"},
 }
+# Joint that fixes displacements along x and y and rotations r.
+SUPPORTS: dict[str, tuple[Any, ...]] = {
+    "xyr": (bd.Weld,),
+    "xy": (bd.Revolute,),
+    "x": (bd.PointOnLine, (0.0, 1.0)),
+    "y": (bd.PointOnLine, (1.0, 0.0)),
+    "xr": (bd.Prismatic, (0.0, 1.0)),
+    "yr": (bd.Prismatic, (1.0, 0.0)),
+}
 
 
 def strip(slenderness: float, width: float = 1.0, damping: float = 0.0) -> bd.Section:
@@ -53,7 +62,8 @@ def build_frame(
             mech.add(joint(f"joint {node} {k}", joints[node], attachment))
     for node, axes in frame.supports.items():
         ground = mech.ground.at(*joints[node].point)
-        _support(mech, f"support {node}", ground, joints[node], axes)
+        kind, *direction = SUPPORTS[axes]
+        mech.add(kind(f"support {node}", ground, joints[node], *direction))
     for node, (kx, ky, kr) in frame.springs.items():
         ground = mech.ground.at(*joints[node].point)
         stiffnesses = {"kx": kx * unit / LENGTH, "ky": ky * unit / LENGTH}
@@ -65,23 +75,3 @@ def build_frame(
     for node, (fx, fy) in frame.loads.items():
         mech.add(bd.Force(f"load {node}", joints[node], (fx * unit, fy * unit)))
     return mech
-
-
-def _support(
-    mech: bd.Mechanism,
-    name: str,
-    ground: bd.results.Attachment,
-    node: bd.results.Attachment,
-    axes: str,
-) -> None:
-    """Add the joint that fixes the displacements `axes` of a node."""
-    along_x, along_y = (1.0, 0.0), (0.0, 1.0)
-    joints = {
-        "xyr": lambda: bd.Weld(name, ground, node),
-        "xy": lambda: bd.Revolute(name, ground, node),
-        "x": lambda: bd.PointOnLine(name, ground, node, along_y),
-        "y": lambda: bd.PointOnLine(name, ground, node, along_x),
-        "xr": lambda: bd.Prismatic(name, ground, node, along_y),
-        "yr": lambda: bd.Prismatic(name, ground, node, along_x),
-    }
-    mech.add(joints[axes]())

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from geometry import law_value
+from geometry import law_pieces, law_value, output_columns
 from scipy.optimize import brentq
 
 import beamdae as bd
@@ -22,24 +22,12 @@ def make_law(law: Any) -> Any:
     """Return the beamdae law of a law in a problem."""
     if isinstance(law, int | float):
         return float(law)
-    kind = law["type"]
-    if kind == "sine":
+    if law["type"] == "sine":
         return bd.sine(law["amplitude"], law["frequency"], law.get("phase", 0.0))
-    if kind == "run_up":
+    if law["type"] == "run_up":
         return bd.run_up(law["speed"], law["duration"])
-    if kind == "piecewise_linear":
-        times, values = law["times"], law["values"]
-        pieces = [
-            (t1, lambda t, a=a, slope=(b - a) / (t1 - t0), t0=t0: a + slope * (t - t0))
-            for t0, t1, a, b in zip(times[:-1], times[1:], values[:-1], values[1:], strict=True)
-        ]
-        before = [(times[0], values[0])] if times[0] > 0.0 else []
-        return bd.piecewise(*before, *pieces, values[-1])
-    amplitude, duration = law["amplitude"], law["duration"]
-    rate = math.pi / duration
-    if kind == "versine_pulse":
-        return bd.piecewise((duration, lambda t: amplitude * np.sin(rate * t) ** 2), 0.0)
-    return bd.piecewise((duration, lambda t: 0.5 * amplitude * (1.0 - np.cos(rate * t))), amplitude)
+    *pieces, (_, last) = law_pieces(law)
+    return bd.piecewise(*(piece for piece in pieces if piece[0] > 0.0), last)
 
 
 def make_curve(data: dict[str, Any]) -> Any:
@@ -156,22 +144,14 @@ def build_mechanism(
     return mech, inclinations
 
 
-def make_integrator(setting: str) -> Any:
-    """Return the integrator of a setting such as "Auto", "Radau 1e-8" or "GeneralizedAlpha"."""
-    name, _, rtol = setting.partition(" ")
-    return getattr(bd, name)(**({"rtol": float(rtol)} if rtol else {}))
-
-
 def select_columns(
     problem: dict[str, Any], times: np.ndarray, columns: Any, inclinations: dict[str, float]
 ) -> pd.DataFrame:
     """Return the columns of the problem; angles are rotations from the reference configuration."""
     table = {"t [s]": times}
-    for output in problem["outputs"]:
-        for quantity in output["quantities"]:
-            name = f"{output['name']}.{quantity} [{'rad' if quantity == 'angle' else 'm'}]"
-            angle0 = inclinations[output["name"]] if quantity == "angle" else 0.0
-            table[name] = columns[name] - angle0
+    for header, output, quantity in output_columns(problem):
+        angle0 = inclinations[output["name"]] if quantity == "angle" else 0.0
+        table[header] = columns[header] - angle0
     return pd.DataFrame(table)
 
 
@@ -215,11 +195,9 @@ def solve_static(
     return table, status
 
 
-def refine_static(
-    problem: dict[str, Any], accuracy: float, elements: int = 4
-) -> tuple[pd.DataFrame, dict[str, Any]]:
+def refine_static(problem: dict[str, Any], accuracy: float) -> tuple[pd.DataFrame, dict[str, Any]]:
     """Return the path of exact beams whose elements are doubled until it hardly changes."""
-    before = None
+    before, elements = None, 4
     while True:
         mech, inclinations = build_mechanism(problem, elements, formulation="exact")
         table, information = solve_static(problem, mech, inclinations)
@@ -260,7 +238,10 @@ def solve(
         method = bd.Auto(time_limit=300.0)
         solution = bd.simulate(mech, method, accuracy=accuracy, **settings)
     else:
-        solution = bd.simulate(mech, make_integrator(setting), **settings)
+        # Such as "Auto", "Radau 1e-8" or "GeneralizedAlpha".
+        name, _, rtol = setting.partition(" ")
+        method = getattr(bd, name)(**({"rtol": float(rtol)} if rtol else {}))
+        solution = bd.simulate(mech, method, **settings)
     information = {
         "success": solution.status.success,
         "reason": solution.status.sentence,

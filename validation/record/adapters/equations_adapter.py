@@ -9,10 +9,10 @@ problems are solved by CasADi's rootfinder.
 
 from __future__ import annotations
 
-import math
 import re
 import sys
 import time
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -23,8 +23,7 @@ import scipy.sparse as sp
 from scipy.integrate import solve_ivp
 
 sys.path.append(str(Path(__file__).resolve().parents[1]))
-import itertools
-
+from geometry import QUANTITIES, law_pieces
 from plain_beams import Model
 
 RTOL, ATOL = 1e-6, 1e-8
@@ -33,43 +32,23 @@ _TRIAL_TIME = 1.0  # processor time [s] after which the time of the whole run is
 _HOPELESS_RATIO = 10.0  # of the projected time to the limit, from which a run is given up
 _PARTS = 20  # of a run of IDAS, between which the time limit is checked
 _STATIC_STEPS = 3  # between two rows
-_BREAKING_LAWS = ("piecewise_linear", "run_up", "versine_pulse", "cosine_ramp")
 
 
 def law_expression(law: Any, t: Any) -> Any:
     """Return a time law as an expression in t."""
-    if isinstance(law, int | float):
-        return ca.SX(law)
-    kind = law["type"]
-    if kind == "sine":
-        phase = 2.0 * math.pi * law["frequency"] * t + law.get("phase", 0.0)
-        return law["amplitude"] * ca.sin(phase)
-    if kind == "piecewise_linear":
-        times, values = law["times"], law["values"]
-        result = ca.SX(values[-1])
-        for i in range(len(times) - 1, 0, -1):
-            slope = (values[i] - values[i - 1]) / (times[i] - times[i - 1])
-            piece = values[i - 1] + slope * (t - times[i - 1])
-            result = ca.if_else(t < times[i], piece, result)
-        return ca.if_else(t < times[0], values[0], result)
-    end = law["duration"]
-    if kind == "run_up":
-        ratio = end / (2.0 * math.pi)
-        rise = law["speed"] / end * (0.5 * t**2 + ratio**2 * (ca.cos(t / ratio) - 1.0))
-        return ca.if_else(t < end, rise, law["speed"] * (t - 0.5 * end))
-    if kind == "versine_pulse":
-        return ca.if_else(t < end, law["amplitude"] * ca.sin(math.pi * t / end) ** 2, 0.0)
-    rise = 0.5 * law["amplitude"] * (1.0 - ca.cos(math.pi * t / end))
-    return ca.if_else(t < end, rise, law["amplitude"])
+    *pieces, (_, last) = law_pieces(law, ca)
+    result = ca.SX(last(t))
+    for end, piece in reversed(pieces):
+        result = ca.if_else(t < end, piece(t), result)
+    return result
 
 
 def breakpoints(problem: dict[str, Any]) -> list[float]:
     """Return the times at which a law is not smooth."""
     laws = [x["law"] for key in ("joints", "loads") for x in problem.get(key, []) if "law" in x]
     laws += [law for load in problem.get("loads", []) for law in load.get("components", [])]
-    laws = [x for x in laws if isinstance(x, dict) and x["type"] in _BREAKING_LAWS]
-    times = [t for law in laws for t in law.get("times", [law.get("duration")])]
-    return sorted({t for t in times if 0.0 < t < problem["time"]["end"]})
+    times = {end for law in laws for end, _ in law_pieces(law)}
+    return sorted(t for t in times if 0.0 < t < problem["time"]["end"])
 
 
 def to_casadi(matrix: Any) -> ca.DM:
@@ -216,7 +195,7 @@ def run_idas(equations: Equations, times: np.ndarray, start: float) -> tuple[np.
     breaks = [0, len(times) - 1, *np.linspace(0, len(times) - 1, _PARTS + 1).astype(int)]
     breaks += [int(np.argmin(abs(times - x))) for x in breakpoints(e.problem)]
     breaks = sorted(set(breaks))
-    for first, last in itertools.pairwise(breaks):
+    for first, last in pairwise(breaks):
         grid = np.linspace(0.0, 1.0, last - first + 1)
         integrator = ca.integrator("run", "idas", dae, 0.0, grid[1:], options)
         matrix, right = saddle(y[:n], y[n:], times[first])
@@ -258,26 +237,16 @@ def run_scipy(
 
     y, rows, steps = np.concatenate([model.q0, model.v0]), [model.q0], 0
     ends = [0.0, *breakpoints(equations.problem), float(times[-1])]
-    for a, b in itertools.pairwise(ends):
-        inside = times[(times > a + 1e-12) & (times <= b + 1e-12)]
-        solution = solve_ivp(
-            rates, (a, b), y, method, np.clip(inside, a, b), rtol=RTOL, atol=ATOL * model.size,
-            dense_output=False,
-        )  # fmt: skip
+    for a, b in pairwise(ends):
+        inside = np.clip(times[(times > a + 1e-12) & (times <= b + 1e-12)], a, b)
+        moments = np.union1d(inside, [b])
+        accuracy = {"rtol": RTOL, "atol": ATOL * model.size}
+        solution = solve_ivp(rates, (a, b), y, method, moments, **accuracy)
         if not solution.success:
             raise RuntimeError(solution.message)
-        rows += list(solution.y[:n].T)
-        end = solve_last(rates, solution, b, method, model.size)
-        y, steps = end, steps + solution.njev + solution.nfev
+        rows += list(solution.y[:n, : len(inside)].T)
+        y, steps = solution.y[:, -1], steps + solution.njev + solution.nfev
     return np.array(rows), steps
-
-
-def solve_last(rates: Any, solution: Any, end: float, method: str, size: float) -> np.ndarray:
-    """Return the state at the end of an interval, which need not be a row."""
-    if abs(solution.t[-1] - end) < 1e-12 * max(end, 1.0):
-        return solution.y[:, -1]
-    start = solution.t[-1], end
-    return solve_ivp(rates, start, solution.y[:, -1], method, rtol=RTOL, atol=ATOL * size).y[:, -1]
 
 
 def run_statics(
@@ -294,7 +263,7 @@ def run_statics(
         value = (
             ca.norm_2(P[:2] - ca.DM(control["from"]))
             if control["quantity"] == "distance"
-            else P[["x", "y", "angle"].index(control["quantity"])]
+            else P[QUANTITIES.index(control["quantity"])]
         )
         first = ca.Function("value", [e.q], [value])(model.q0)
         unknowns.append(e.factor)
@@ -305,7 +274,7 @@ def run_statics(
     newton = ca.rootfinder("newton", "newton", problem, options)
     y = np.concatenate([model.q0, np.zeros(model.m + bool(control))])
     rows = [y]
-    for a, b in itertools.pairwise(times):
+    for a, b in pairwise(times):
         for t in np.linspace(a, b, _STATIC_STEPS + 1)[1:]:
             y = np.array(newton(y, t)).ravel()
         check_time(start, float(b), float(times[-1]))

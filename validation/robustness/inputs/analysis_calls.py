@@ -18,6 +18,7 @@ from robustness.inputs.sandbox import (
     T_END,
     Sandbox,
     WorkingCall,
+    tabulate,
 )
 
 
@@ -44,11 +45,11 @@ def _pushed_bar_angle(sandbox: Sandbox) -> bd.results.LinearModel:
 MODE_CALLS: dict[str, WorkingCall] = {
     "modes": WorkingCall(
         lambda box: {"model": box.mech, "about": "reference", "n": 3, "damping": True, "t": 0.0},
-        lambda box, result: result.table(),
+        tabulate,
     ),
     "modes about": WorkingCall(
         lambda box: {"about": {"bar.angle": -1.0}},
-        lambda box, result: result.table(),
+        tabulate,
         model=lambda box: box.mech,
     ),
     "rotation": WorkingCall(
@@ -73,7 +74,7 @@ MODE_CALLS: dict[str, WorkingCall] = {
             "damping": True,
             "multiples": (1, 2),
         },
-        lambda box, result: result.table(),
+        tabulate,
     ),
     "linearize": WorkingCall(
         lambda box: {
@@ -101,11 +102,11 @@ MODE_CALLS: dict[str, WorkingCall] = {
     ),
     "margins": WorkingCall(
         lambda box: {"model": _pushed_bar_angle(box), "at": "push.Fy", "controller": [2.0]},
-        lambda box, result: result.table(),
+        tabulate,
     ),
     "margins every": WorkingCall(
         lambda box: {"every": 0.01, "delay": 1},
-        lambda box, result: result.table(),
+        tabulate,
         call=lambda box, every, delay: bd.margins(
             _pushed_bar_angle(box), "push.Fy", every=every, delay=delay
         ),
@@ -146,6 +147,12 @@ def _shaken_model(sandbox: Sandbox) -> bd.results.Model:
         return mech
 
     return shaken
+
+
+def _response(sandbox: Sandbox) -> bd.results.FrequencyResponse:
+    return bd.frequency_response(
+        _shaken_model(sandbox), "frequency", (100.0, 101.0), step=0.5, settle=1
+    )
 
 
 def _self_excited(sandbox: Sandbox) -> bd.ConstrainedSystem:
@@ -191,19 +198,15 @@ PERIODIC_CALLS: dict[str, WorkingCall] = {
             "parameters": {},
             "progress": lambda standing: None,
         },
-        lambda box, response: response.table(),
+        tabulate,
     ),
     "FrequencyResponse.plot": WorkingCall(
         lambda box: {"column": "bob.x [m]", "x": "bob.x_dot"},
-        on=lambda box: bd.frequency_response(
-            _shaken_model(box), "frequency", (100.0, 101.0), step=0.5, settle=1
-        ),
+        on=_response,
     ),
     "FrequencyResponse.peaks": WorkingCall(
         lambda box: {"column": "bob.x [m]"},
-        on=lambda box: bd.frequency_response(
-            _shaken_model(box), "frequency", (100.0, 101.0), step=0.5, settle=1
-        ),
+        on=_response,
     ),
 }
 
@@ -256,11 +259,11 @@ STATIC_CALLS: dict[str, WorkingCall] = {
             "start": {"bar.angle": -1.0},
             "partial": "raise",
         },
-        lambda box, result: result.table(),
+        tabulate,
     ),
     "buckling": WorkingCall(
         lambda box: {"model": _column(), "n": 1, "loads": ["press"], "t": 0.0, "start": None},
-        lambda box, result: result.table(),
+        tabulate,
     ),
     "imperfect": WorkingCall(
         lambda box: {
@@ -281,7 +284,7 @@ STATIC_CALLS: dict[str, WorkingCall] = {
             "shape": bd.buckling(_column(), n=1),
             "amplitudes": [1e-3],
         },
-        lambda box, result: result.table(),
+        tabulate,
         call=lambda box, **arguments: bd.knock_down(to=0.5, step=0.5, **arguments),
     ),
     "boundary": WorkingCall(
@@ -295,23 +298,23 @@ STATIC_CALLS: dict[str, WorkingCall] = {
             "max_points": 4,
             "parameters": {},
         },
-        lambda box, result: result.table(),
+        tabulate,
         call=lambda box, **arguments: bd.boundary(to={"crown.y": 0.0}, **arguments),
     ),
     "equilibrium displaced": WorkingCall(
         lambda box: {"to": {"knee.x": 0.1}, "switch": 0},
-        lambda box, result: result.table(),
+        tabulate,
         model=_bar_on_torsion_spring,
     ),
     "Equilibrium.at": WorkingCall(lambda box: {"row": 0}, on=lambda box: bd.equilibrium(box.mech)),
     "equilibrium switched": WorkingCall(
         lambda box: {"to": {"knee.x": 0.1}, "switch": [1, -1], "max_points": 20},
-        lambda box, result: result.table(),
+        tabulate,
         model=_bar_on_torsion_spring,
     ),
     "equilibrium over the time": WorkingCall(
         lambda box: {"over": "t", "from_": 0.0, "to": 1.0},
-        lambda box, result: result.table(),
+        tabulate,
         model=lambda box: box.mech,
     ),
     "Equilibrium.__getitem__": WorkingCall(
@@ -349,8 +352,8 @@ def _loaded_cantilever(sandbox: Sandbox) -> bd.results.Equilibrium:
 SECTION_FORCE_CALLS: dict[str, WorkingCall] = {
     "Solution.section_forces": WorkingCall(
         lambda box: {"beam": "beam", "t": [0.0, OUTPUT_STEP], "s": [0.0, 0.5]},
-        lambda box, forces: forces.table(),
-        call=lambda box, **arguments: _section_forces(box, **arguments),
+        tabulate,
+        call=_section_forces,
     ),
     "Solution.diagram": WorkingCall(
         lambda box: {"beam": "beam", "what": "M", "t": OUTPUT_STEP},
@@ -358,7 +361,7 @@ SECTION_FORCE_CALLS: dict[str, WorkingCall] = {
     ),
     "Equilibrium.section_forces": WorkingCall(
         lambda box: {"beam": "beam", "s": [0.0, 0.5]},
-        lambda box, forces: forces.table(),
+        tabulate,
         on=_loaded_cantilever,
     ),
     "Equilibrium.diagram": WorkingCall(
@@ -403,7 +406,7 @@ def _mode_sensitivities(sandbox: Sandbox) -> bd.results.ModeSensitivities:
     return bd.mode_sensitivities(sandbox.swing, "mass", "equilibrium")
 
 
-def _periodic_sensitivities() -> bd.results.PeriodicSensitivities:
+def _periodic_sensitivities(sandbox: Sandbox) -> bd.results.PeriodicSensitivities:
     return bd.periodic_sensitivities(shaken, "stiffness", 0.1, bd.Radau(1e-6), settle=1)
 
 
@@ -420,6 +423,10 @@ def _fit(sandbox: Sandbox) -> bd.results.Fit:
     return bd.fit(
         sandbox.swing, _FIT_DATA, "mass", _SENSITIVITY_METHOD, sigma=1e-3, max_evaluations=1
     )
+
+
+def _get_label(sandbox: Sandbox, quantity: Any) -> str:
+    return quantity.label
 
 
 def _fit_from_several_starts(sandbox: Sandbox, **options: Any) -> bd.results.Fit:
@@ -459,7 +466,7 @@ SENSITIVITY_CALLS: dict[str, WorkingCall] = {
             "start": {"bob.angle": -1.0},
             "estimate_error": False,
         },
-        lambda box, result: result.table(),
+        tabulate,
     ),
     "Sensitivities.to_csv": WorkingCall(
         lambda box: {"path": "derivatives.csv"}, on=_sensitivities, writes=True
@@ -468,7 +475,7 @@ SENSITIVITY_CALLS: dict[str, WorkingCall] = {
         lambda box: {"column": "bob.y", "parameter": "mass"}, on=_sensitivities
     ),
     "Sensitivities.at_times": WorkingCall(
-        lambda box: {"times": [0.0, 0.005]}, lambda box, result: result.table(), on=_sensitivities
+        lambda box: {"times": [0.0, 0.005]}, tabulate, on=_sensitivities
     ),
     "equilibrium_sensitivities": WorkingCall(
         lambda box: {
@@ -506,7 +513,7 @@ SENSITIVITY_CALLS: dict[str, WorkingCall] = {
             "t": 0.0,
             "parameters": {"spin": 1},
         },
-        lambda box, result: result.table(),
+        tabulate,
     ),
     "ModeSensitivities.sensitivity": WorkingCall(
         lambda box: {"column": "frequency", "parameter": "mass"}, on=_mode_sensitivities
@@ -527,15 +534,15 @@ SENSITIVITY_CALLS: dict[str, WorkingCall] = {
             "period_guess": None,
             "parameters": {"damping": 50.0},
         },
-        lambda box, result: result.table(),
+        tabulate,
     ),
     "PeriodicSensitivities.sensitivity": WorkingCall(
         lambda box: {"column": "bob.x", "parameter": "stiffness"},
-        on=lambda box: _periodic_sensitivities(),
+        on=_periodic_sensitivities,
     ),
     "PeriodicSensitivities.to_csv": WorkingCall(
         lambda box: {"path": "derivatives.csv"},
-        on=lambda box: _periodic_sensitivities(),
+        on=_periodic_sensitivities,
         writes=True,
     ),
     "fit": WorkingCall(
@@ -559,7 +566,7 @@ SENSITIVITY_CALLS: dict[str, WorkingCall] = {
             "jobs": 1,
             "partial": "raise",
         },
-        lambda box, result: result.table(),
+        tabulate,
     ),
     "fit of several starts": WorkingCall(
         lambda box: {
@@ -571,16 +578,14 @@ SENSITIVITY_CALLS: dict[str, WorkingCall] = {
             "jobs": 1,
             "progress": lambda standing: None,
         },
-        lambda box, result: result.table(),
+        tabulate,
         call=_fit_from_several_starts,
         writes=True,
     ),
     "Fit.to_csv": WorkingCall(lambda box: {"path": "fit.csv"}, on=_fit, writes=True),
     "Fit.page": WorkingCall(lambda box: {"path": "fit.html"}, on=_fit, writes=True),
     "Fit.prediction": WorkingCall(lambda box: {"column": "bob.y", "experiment": ""}, on=_fit),
-    "Fit.profile": WorkingCall(
-        lambda box: {"name": "mass", "max_points": 1}, lambda box, result: result.table(), on=_fit
-    ),
+    "Fit.profile": WorkingCall(lambda box: {"name": "mass", "max_points": 1}, tabulate, on=_fit),
     "gradient": WorkingCall(
         lambda box: {
             "model": box.swing,
@@ -624,20 +629,20 @@ SENSITIVITY_CALLS: dict[str, WorkingCall] = {
     ),
     "at_most": WorkingCall(
         lambda box: {"quantity": bd.quantities.Frequency(1), "limit": 2.0},
-        lambda box, limit: limit.label,
+        _get_label,
     ),
     "at_least": WorkingCall(
         lambda box: {"quantity": bd.quantities.EndValue("bob.y"), "limit": 2.0},
-        lambda box, limit: limit.label,
+        _get_label,
     ),
     "LargestOf": WorkingCall(
         lambda box: {
             "quantities": [bd.quantities.Mass(), bd.quantities.EndValue("bob.y")],
             "exponent": 20.0,
         },
-        lambda box, quantity: quantity.label,
+        _get_label,
     ),
-    "Mass": WorkingCall(lambda box: {}, lambda box, quantity: quantity.label),
+    "Mass": WorkingCall(lambda box: {}, _get_label),
 }
 
 

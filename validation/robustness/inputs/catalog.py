@@ -14,58 +14,39 @@ from typing import Any
 
 import beamdae as bd
 from beamdae import catalog
-from robustness.inputs.analysis_calls import (
-    EXPORT_CALLS,
-    MODE_CALLS,
-    PERIODIC_CALLS,
-    REFINEMENT_CALLS,
-    SECTION_FORCE_CALLS,
-    SENSITIVITY_CALLS,
-    STATIC_CALLS,
-)
+from robustness.inputs import analysis_calls, control_calls, model_calls, run_calls
 from robustness.inputs.bad_input import NO_BAD_VALUE, BadInput, try_input
 from robustness.inputs.bad_values import BAD_VALUES
 from robustness.inputs.command_line import command_inputs, file_inputs
-from robustness.inputs.control_calls import CONTROL_CALLS
-from robustness.inputs.model_calls import (
-    MECHANISM_CALLS,
-    NUMBER_CALLS,
-    PART_CALLS,
-    SYSTEM_CALLS,
-    VARIANT_CALLS,
-)
-from robustness.inputs.run_calls import (
-    INTEGRATOR_CALLS,
-    MODEL_CALLS,
-    SOLUTION_CALLS,
-    STUDY_CALLS,
-    SWEEP_CALLS,
-)
 from robustness.inputs.sandbox import Sandbox, WorkingCall
 from robustness.inputs.situations import situation_inputs
 from robustness.isolation import draw_sample
 from robustness.judge import escape_unprintable
 
-WORKING_CALLS: dict[str, WorkingCall] = (
-    PART_CALLS
-    | VARIANT_CALLS
-    | NUMBER_CALLS
-    | MECHANISM_CALLS
-    | SYSTEM_CALLS
-    | MODEL_CALLS
-    | INTEGRATOR_CALLS
-    | STUDY_CALLS
-    | SOLUTION_CALLS
-    | STATIC_CALLS
-    | SECTION_FORCE_CALLS
-    | PERIODIC_CALLS
-    | MODE_CALLS
-    | SWEEP_CALLS
-    | REFINEMENT_CALLS
-    | SENSITIVITY_CALLS
-    | EXPORT_CALLS
-    | CONTROL_CALLS
-)
+WORKING_CALLS: dict[str, WorkingCall] = {
+    key: call
+    for calls in (
+        model_calls.PART_CALLS,
+        model_calls.VARIANT_CALLS,
+        model_calls.NUMBER_CALLS,
+        model_calls.MECHANISM_CALLS,
+        model_calls.SYSTEM_CALLS,
+        run_calls.MODEL_CALLS,
+        run_calls.INTEGRATOR_CALLS,
+        run_calls.STUDY_CALLS,
+        run_calls.SOLUTION_CALLS,
+        analysis_calls.STATIC_CALLS,
+        analysis_calls.SECTION_FORCE_CALLS,
+        analysis_calls.PERIODIC_CALLS,
+        analysis_calls.MODE_CALLS,
+        run_calls.SWEEP_CALLS,
+        analysis_calls.REFINEMENT_CALLS,
+        analysis_calls.SENSITIVITY_CALLS,
+        analysis_calls.EXPORT_CALLS,
+        control_calls.CONTROL_CALLS,
+    )
+    for key, call in calls.items()
+}
 
 # Public names without a working call: exceptions, warnings and a base class. Bad values replace
 # results where these are arguments of other calls.

@@ -64,10 +64,6 @@ def _follow(sandbox: Sandbox, rate: Any) -> bd.results.Solution:
     return sandbox.run()
 
 
-def _simulate_inputs(sandbox: Sandbox, inputs: Any) -> bd.results.Solution:
-    return sandbox.run(inputs=inputs)
-
-
 def _input_values(sandbox: Sandbox) -> dict[str, Any]:
     _drive(sandbox)
     return {"inputs": {"drive": 1.0}}
@@ -147,7 +143,7 @@ CONTROL_CALLS: dict[str, WorkingCall] = {
         },
         run_with_law,
     ),
-    "simulate inputs": WorkingCall(_input_values, call=_simulate_inputs),
+    "simulate inputs": WorkingCall(_input_values, call=lambda box, inputs: box.run(inputs=inputs)),
     "simulate value of an input": WorkingCall(lambda box: {"value": 1.0}, call=_simulate_value),
     "table_from_csv": WorkingCall(
         lambda box: {

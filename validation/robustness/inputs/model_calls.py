@@ -206,7 +206,7 @@ NUMBER_CALLS: dict[str, WorkingCall] = {
 MECHANISM_CALLS: dict[str, WorkingCall] = {
     "Mechanism": WorkingCall(
         lambda box: {"gravity": (0.0, -9.81), "start": "as drawn", "redundant": "refuse"},
-        lambda box, mech: _run_with_falling_body(box, mech),
+        _run_with_falling_body,
     ),
     "Mechanism.add": WorkingCall(
         lambda box: {"part": bd.RigidBody("disk", 1.0, 0.1)},
@@ -249,7 +249,7 @@ MECHANISM_CALLS: dict[str, WorkingCall] = {
         lambda box: {"s": 0.5, "axes": "local"}, run_with_observable, on=lambda box: box.beam
     ),
     "equations_of_motion": WorkingCall(
-        lambda box: {"mechanism": box.mech, "start": "as drawn"}, lambda box, e: box.run(e)
+        lambda box: {"mechanism": box.mech, "start": "as drawn"}, Sandbox.run
     ),
 }
 
@@ -387,13 +387,11 @@ def _make_system_with_parameter(sandbox: Sandbox, m: Any) -> bd.ConstrainedSyste
 
 
 SYSTEM_CALLS: dict[str, WorkingCall] = {
-    "ConstrainedSystem": WorkingCall(_system_arguments, lambda box, system: box.run(system)),
-    "ConstrainedSystem of velocities": WorkingCall(
-        _sleigh_arguments, lambda box, system: box.run(system)
-    ),
+    "ConstrainedSystem": WorkingCall(_system_arguments, Sandbox.run),
+    "ConstrainedSystem of velocities": WorkingCall(_sleigh_arguments, Sandbox.run),
     "ConstrainedSystem of a parameter": WorkingCall(
         lambda box: {"m": 2.0},
-        lambda box, system: box.run(system),
+        Sandbox.run,
         call=_make_system_with_parameter,
     ),
     "Event": WorkingCall(

@@ -16,6 +16,7 @@ from robustness.inputs.sandbox import (
     WorkingCall,
     run_study,
     run_with_integrator,
+    tabulate,
 )
 
 
@@ -38,10 +39,6 @@ def _run_sweep(sandbox: Sandbox) -> bd.results.SweepResults:
 
 def _get_table(sandbox: Sandbox, result: bd.results.SweepResults) -> Any:
     return result.table
-
-
-def _plot_sweep(sandbox: Sandbox, names: Any, x: Any) -> None:
-    _run_sweep(sandbox).plot(names, x=x)
 
 
 SWEEP_CALLS: dict[str, WorkingCall] = {
@@ -81,11 +78,11 @@ SWEEP_CALLS: dict[str, WorkingCall] = {
         lambda box: {"over": [{"mass": 1.0}]}, _get_table, call=_run_decorated_sweep
     ),
     "sweep.plot": WorkingCall(
-        lambda box: {"names": "bob.x max", "x": "mass"}, lambda box, _: None, call=_plot_sweep
+        lambda box: {"names": "bob.x max", "x": "mass"},
+        lambda box, _: None,
+        call=lambda box, names, x: _run_sweep(box).plot(names, x=x),
     ),
-    "sweep.run": WorkingCall(
-        lambda box: {"mass": 2.0}, lambda box, run: run.table(), on=_run_sweep
-    ),
+    "sweep.run": WorkingCall(lambda box: {"mass": 2.0}, tabulate, on=_run_sweep),
 }
 
 
@@ -185,10 +182,7 @@ def _study_arguments(sandbox: Sandbox) -> dict[str, Any]:
 
 
 def _run_decorated_study(sandbox: Sandbox, decorate: Any) -> Any:
-    def few() -> list[bd.Case]:
-        return [sandbox.case(mass=2.0)]
-
-    return run_study(sandbox, decorate(few))
+    return run_study(sandbox, decorate(_function_returning([sandbox.case(mass=2.0)])))
 
 
 def _compare_arguments(sandbox: Sandbox) -> dict[str, Any]:
@@ -203,22 +197,12 @@ def _compare_arguments(sandbox: Sandbox) -> dict[str, Any]:
     }
 
 
-def _run_model(sandbox: Sandbox, model: Any) -> bd.results.Solution:
-    return sandbox.run(model)
+def _model_returning(sandbox: Sandbox, mechanism: Any) -> bd.results.Model:
+    return bd.model(t_end=T_END)(_function_returning(mechanism))
 
 
-def _model_returning(mechanism: Any) -> bd.results.Model:
-    def swing() -> Any:
-        return mechanism
-
-    return bd.model(t_end=T_END)(swing)
-
-
-def _study_listing(cases: Any) -> bd.results.Study:
-    def few() -> Any:
-        return cases
-
-    return bd.study(output_step=OUTPUT_STEP)(few)
+def _study_listing(sandbox: Sandbox, cases: Any) -> bd.results.Study:
+    return bd.study(output_step=OUTPUT_STEP)(_function_returning(cases))
 
 
 def _load_written_model(sandbox: Sandbox, path: Any, name: Any) -> bd.results.Model:
@@ -240,11 +224,11 @@ MODEL_CALLS: dict[str, WorkingCall] = {
             "parameters": box.swing.parameters,
             "data": (__file__,),
         },
-        _run_model,
+        Sandbox.run,
     ),
     "Model of": WorkingCall(
         lambda box: {"mass": 1.0, "spin": 1, "stiff": True, "name": "bob", "at": (1.0, 0.0)},
-        _run_model,
+        Sandbox.run,
         call=lambda box, **arguments: box.swing(**arguments),
     ),
     "model": WorkingCall(
@@ -253,18 +237,18 @@ MODEL_CALLS: dict[str, WorkingCall] = {
     ),
     "model defaults": WorkingCall(
         lambda box: {"mass": 1.0, "spin": 1, "name": "bob", "at": (1.0, 0.0)},
-        _run_model,
+        Sandbox.run,
         call=lambda box, **defaults: bd.results.Model(
             box.swing.build, T_END, {"stiff": True, **defaults}
         ),
     ),
     "model returning": WorkingCall(
         lambda box: {"mechanism": box.mech},
-        _run_model,
-        call=lambda box, mechanism: _model_returning(mechanism),
+        Sandbox.run,
+        call=_model_returning,
     ),
     "load_model": WorkingCall(
-        lambda box: {"path": "out/swing.py", "name": "swing"}, _run_model, call=_load_written_model
+        lambda box: {"path": "out/swing.py", "name": "swing"}, Sandbox.run, call=_load_written_model
     ),
     "simulate": WorkingCall(
         lambda box: {
@@ -382,7 +366,7 @@ STUDY_CALLS: dict[str, WorkingCall] = {
     "study listing": WorkingCall(
         lambda box: {"cases": [box.case(mass=2.0)]},
         run_study,
-        call=lambda box, cases: _study_listing(cases),
+        call=_study_listing,
     ),
     "compare": WorkingCall(_compare_arguments),
     "grid": WorkingCall(

@@ -165,6 +165,11 @@ class WorkingCall:
         return self.use(sandbox, result) if self.use else result
 
 
+def tabulate(sandbox: Sandbox, result: Any) -> Any:
+    """Return the table of a result."""
+    return result.table()
+
+
 def run_with_part(sandbox: Sandbox, part: Any) -> bd.results.Solution:
     """Simulate with the part added."""
     sandbox.mech.add(part)
