@@ -588,12 +588,8 @@ def _split_at_rows(
                     "have breakpoints in each period; use kind='pchip', or repeat the rows of one "
                     "period for the whole run."
                 )
-
-            def find_times(values: Any, rate: float = rate, offset: float = offset) -> list[float]:
-                return sorted(((values - offset) / rate).tolist())
-
-            times.update(find_times(table.kinks(axis)))
-            row_times = find_times(knots)
+            times.update(((table.kinks(axis) - offset) / rate).tolist())
+            row_times = sorted(((knots - offset) / rate).tolist())
             if table.is_smooth:
                 shortest = float(np.min(np.diff(row_times)))
                 time_scales.append(MIN_STEPS_PER_TIME_SCALE * shortest)

@@ -29,8 +29,6 @@ _ROUNDING, _ROUNDING_OF_GROWTH = 1e-6, 1e-13
 # Reciprocal eigenvalues, or their squares without damping, below this fraction of the largest one
 # are rounding errors.
 _NEGLIGIBLE = 1e-7
-# Iterations of an estimate within a factor of two.
-_ESTIMATE_ITERATIONS = 4
 # Largest number of coordinates for dense matrices; beyond, number of the slowest motions that are
 # sought.
 MAX_DENSE, _SLOW_COUNT = 300, 20
@@ -167,15 +165,6 @@ def has_potential(respond: Callable[[Array], Array], n: int, m: int) -> bool:
         vectors = np.linalg.qr(move(vectors))[0]
     reduced = vectors.T @ move(vectors)
     return bool(np.abs(reduced - reduced.T).max() <= _MIN_ASYMMETRY * np.abs(reduced).max())
-
-
-def estimate_slowest_rate(respond: Callable[[Array], Array], mass: sp.csc_array) -> float:
-    """Return about the slowest angular frequency without damping, see `invert_motion`."""
-    motion, size = np.cos(np.arange(mass.shape[1]) ** 2.0)[:, None], 1.0
-    for _ in range(_ESTIMATE_ITERATIONS):
-        motion = respond(mass @ (motion / size))
-        size = float(np.max(np.abs(motion)))
-    return size**-0.5
 
 
 def count_growing(

@@ -13,7 +13,6 @@ from beamdae.analysis.continuation.critical import (
     BRANCH,
     FLUTTER,
     LIMIT,
-    critical_mode,
     explain_counts,
 )
 from beamdae.analysis.continuation.critical import CriticalPoint as CurvePoint
@@ -460,22 +459,9 @@ def _begin_under_load(path: StagePath, targets: Sequence[float]) -> bool:
 
 
 def free_coordinate(point: Point) -> str:
-    """Return the name of the coordinate that moves most in a motion without stiffness.
-
-    The name is "" if there is no such motion.
-    """
-    problem = point.problem
-    e, held = problem.system.equations, problem.held
-    if held:
-        return e.q_names[min(held)]
-    if not point.monitor.free:
-        return ""
-    try:
-        mode = critical_mode(point)
-    except CurveError:
-        diagonal = problem.matrix(point.x, point.p).diagonal()[: e.n]
-        mode = np.where(diagonal == 0.0, e.position_scales, 0.0)
-    return dominant_coordinate(e, mode)
+    """Return the name of the coordinate that holds a motion without stiffness, or ""."""
+    problem = hold_neutral_motions(point).problem
+    return problem.system.equations.q_names[min(problem.held)] if problem.held else ""
 
 
 def dominant_coordinate(e: EquationsOfMotion, mode: Array) -> str:

@@ -16,7 +16,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, reduce
 from itertools import compress
-from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -35,11 +34,7 @@ from beamdae.analysis.continuation.engine import (
     Problem,
     Row,
 )
-from beamdae.analysis.continuation.spectrum import (
-    count_growing,
-    estimate_slowest_rate,
-    has_potential,
-)
+from beamdae.analysis.continuation.spectrum import count_growing, has_potential
 from beamdae.analysis.statics.load_scaling import LoadedEquations
 from beamdae.analysis.statics.pivot_signs import (
     ASYMMETRY_TOLERANCE,
@@ -271,13 +266,13 @@ class StaticProblem(Problem):
     def __init__(
         self,
         system: LoadedEquations,
-        held: Mapping[int, float] = MappingProxyType({}),
+        held: Mapping[int, float] | None = None,
         idle: Array | None = None,
     ) -> None:
         if idle is None and not system.is_linear:
             # The stiffness of a spring may begin or end at zero.
             idle = find_idle_forces(system.unloaded) | find_idle_forces(system.loaded)
-        self.system, self.held, self.idle = system, held, idle
+        self.system, self.held, self.idle = system, held or {}, idle
         self.mixed = system.in_mixed_form(idle)
         first, last = self.mixed.unloaded.equations, self.mixed.loaded.equations
         self.n, self.rigid_size = last.n, last.n + system.equations.m
@@ -286,7 +281,7 @@ class StaticProblem(Problem):
         else:
             none = _select_terms(last.structure, (False,) * len(_term_keys(last.structure)))
             structures = none, last.structure, last.structure
-        added = (*held, *range(self.rigid_size, last.n + last.m))
+        added = (*self.held, *range(self.rigid_size, last.n + last.m))
         remainder = introduce_resultants(self.system.equations, self.idle).remainder
         self._plan = _plan_system(*structures, added, (remainder == 0.0).tobytes())
         self._remainder = remainder
@@ -437,17 +432,17 @@ class StaticProblem(Problem):
             return by_signs
         motion, scales = self.system.linearize_motion(x, p, self.idle), self.scales
         _, damping, mass = (
-            sp.csc_array(y[:, : self.n] * scales[: self.n] * scales[:, None])
-            for y in motion.pencil.matrices
+            sp.csc_array(y * scales * scales[:, None]) for y in motion.pencil.matrices
         )
         shift = 0.0
         if self.held:
             # Springs would take part in other motions; about a shift, inertia replaces them.
-            shift, size = estimate_slowest_rate(respond, mass), len(x)
-            springs = sp.csc_array((np.ones(len(self.held)), (list(self.held),) * 2), (size, size))
-            inertia = sp.hstack([shift * damping + shift**2 * mass, sp.csc_array((size, m))])
-            factors = splu(sp.csc_matrix(self.matrix(x, p) - springs + inertia))
-        return count_growing(respond, damping, mass, shift)._replace(free=free)
+            shift, matrix = float(mass.diagonal().sum()) ** -0.5, self.matrix(x, p)
+            for k in self.held:
+                matrix[k, k] -= 1.0
+            factors = splu(sp.csc_matrix(matrix + shift * damping + shift**2 * mass))
+        count = count_growing(respond, damping[:, : self.n], mass[:, : self.n], shift)
+        return count._replace(free=free)
 
     def residual(self, x: Array, mu: float) -> tuple[Array, Array]:
         """Return F and F_mu at x = (q, lam), (n + m,) each."""

@@ -83,15 +83,8 @@ def directional_plan(
     of_values = of_values._replace(
         sources=of_values.sources + plan.sizes[1][of_values.batches], weights=changes[changed]
     )
-    batches = [(x, b.lanes, b.copies) for x, b in zip(kernels, plan.batches, strict=True)]
     # Entries beyond the last batch add shared numbers, which are constant.
-    return SumPlan.of(
-        plan.n_shared,
-        batches,
-        (data_values, plan.data_sources),
-        all_inputs,
-        join(entries, of_values),
-    )
+    return plan.with_kernels(kernels, data_values, all_inputs, join(entries, of_values))
 
 
 def motion_plan(plan: SumPlan, n_inputs: int) -> SumPlan:
@@ -100,10 +93,9 @@ def motion_plan(plan: SumPlan, n_inputs: int) -> SumPlan:
     `n_inputs` is the size of x. Many more numbers belong to the data of copies than to their
     motion; those of a direction are the same in all steps, see `direction_inputs`.
     """
-    batches = [(b.kernel, b.lanes, b.copies) for b in plan.batches]
     inputs = select(plan.inputs, plan.inputs.sources < 2 * n_inputs)
-    data = plan.data_targets, plan.data_sources
-    return SumPlan.of(plan.n_shared, batches, data, inputs, plan.entries)
+    kernels = [batch.kernel for batch in plan.batches]
+    return plan.with_kernels(kernels, plan.data_targets, inputs, plan.entries)
 
 
 def direction_inputs(plan: SumPlan, n_inputs: int, p: Array, numbers: Array) -> Array:

@@ -384,6 +384,14 @@ class SumPlan:
             weights=entries.weights[weighted],
         )
 
+    def with_kernels(
+        self, kernels: Sequence[Kernel], data_targets: Array, inputs: Inputs, entries: Entries
+    ) -> SumPlan:
+        """Return the plan of other kernels of the same copies."""
+        batches = [(x, b.lanes, b.copies) for x, b in zip(kernels, self.batches, strict=True)]
+        data = data_targets, self.data_sources
+        return SumPlan.of(self.n_shared, batches, data, inputs, entries)
+
     @property
     def sizes(self) -> tuple[Array, Array]:
         """Numbers of local inputs and of outputs of each batch."""

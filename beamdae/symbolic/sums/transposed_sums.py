@@ -74,15 +74,9 @@ def transposed_plan(plan: SumPlan, n_inputs: int) -> SumPlan:
     of_inputs = Entries(
         inputs.sources, batch, inputs.targets - starts[batch], inputs.weights, is_picked
     )
-    batches = [(x, b.lanes, b.copies) for x, b in zip(kernels, plan.batches, strict=True)]
     # Entries beyond the last batch add shared numbers, which are constant.
-    return SumPlan.of(
-        plan.n_shared,
-        batches,
-        (data_targets + shifts[data_batch], plan.data_sources),
-        all_inputs,
-        join(of_inputs, select(of_data, is_copy)),
-    )
+    entries = join(of_inputs, select(of_data, is_copy))
+    return plan.with_kernels(kernels, data_targets + shifts[data_batch], all_inputs, entries)
 
 
 def _transposed_kernel(kernel: Kernel) -> Kernel:
