@@ -86,15 +86,17 @@ class Animation:
         return f'<iframe srcdoc="{escape(self.page)}" style="{style}" title="motion"></iframe>'
 
 
-class HasTable:
-    """Base class of results with a method `table`, which can be written as CSV."""
+class HasCsv:
+    """Base class of results of which a table is written as CSV."""
 
-    def table(self) -> pd.DataFrame:
-        """Return the result as a table."""
+    @property
+    def _written_table(self) -> pd.DataFrame:
         raise NotImplementedError
 
     def to_csv(self, path: str | Path, *, sep: str = ",", decimal: str = ".") -> Path:
-        """Write `table` as CSV and return the path.
+        """Write the table of the result as CSV and return the path.
+
+        Text that spreadsheets would evaluate as a formula is escaped.
 
         Parameters
         ----------
@@ -108,7 +110,19 @@ class HasTable:
         BeamdaeError
             If an argument is invalid or the file cannot be written.
         """
-        return write_escaped_table(path, self.table(), sep, decimal)
+        return write_escaped_table(path, self._written_table, sep, decimal)
+
+
+class HasTable(HasCsv):
+    """Base class of results with a method `table`."""
+
+    def table(self) -> pd.DataFrame:
+        """Return the result as a table."""
+        raise NotImplementedError
+
+    @property
+    def _written_table(self) -> pd.DataFrame:
+        return self.table()
 
 
 class HasPage:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -26,7 +25,6 @@ from beamdae.results.section_forces.recovery import SectionSampler, find_beam
 from beamdae.results.section_forces.section_forces import SectionForces
 from beamdae.results.selection import HasColumns
 from beamdae.results.storage.checkpoint import Checkpoint
-from beamdae.results.storage.files import write_result
 
 Array = np.ndarray
 
@@ -483,25 +481,6 @@ class Equilibrium(HasColumns, HasPage):
             "warnings": list(self.warnings),
             **further,
         }
-
-    def to_csv(self, path: str | Path, *, sep: str = ",", decimal: str = ".") -> Path:
-        """Write the table as CSV, and settings and status as JSON; return the path of the CSV file.
-
-        The JSON file has the name of the CSV file, but the suffix .json.
-
-        Parameters
-        ----------
-        path
-            See `Solution.to_csv`.
-        sep, decimal
-            See `Solution.to_csv`.
-
-        Raises
-        ------
-        BeamdaeError
-            If an argument is invalid, `path` ends with .json, or a file cannot be written.
-        """
-        return write_result(path, self.all_columns(), self.status, self.metadata(), sep, decimal)
 
     def to_checkpoint(self) -> Checkpoint:
         """Return a checkpoint that starts a run at rest from the end of the path."""

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from beamdae.results.columns import can_select, merge_columns, select_columns
+from beamdae.results.outcome import Status
+from beamdae.results.storage.files import write_result
 
 # Imported by the methods that return tables: importing pandas takes as long as a short run.
 if TYPE_CHECKING:
@@ -19,10 +22,15 @@ Array = np.ndarray
 class HasColumns:
     """Base class of results whose columns are selected by name, over their times or load factors.
 
-    Subclasses define `all_columns`, `coordinate_columns` and `_index`.
+    Subclasses define `status`, `metadata`, `all_columns`, `coordinate_columns` and `_index`.
     """
 
+    status: Status
     _result_name = "Solution"  # in messages
+
+    def metadata(self) -> dict[str, Any]:
+        """Return the entries of the JSON file of `to_csv`."""
+        raise NotImplementedError
 
     def all_columns(self) -> dict[str, Any]:
         """Return the columns (k,) of `table` by header."""
@@ -42,6 +50,36 @@ class HasColumns:
         import pandas as pd
 
         return pd.DataFrame(self.all_columns())
+
+    def to_csv(self, path: str | Path, *, sep: str = ",", decimal: str = ".") -> Path:
+        """Write the table as CSV and the metadata to a JSON file of the same name.
+
+        The metadata contain status, settings, versions and, of runs, statistics. If the result is
+        not complete, the table has an additional last column "status" with "failed", "limited" or
+        "interrupted" in each row. Existing files are replaced atomically. Headers that a
+        spreadsheet would read as formulas begin with an additional apostrophe.
+
+        Parameters
+        ----------
+        path
+            Path of the CSV file, with any suffix except .json.
+        sep
+            Separator of the columns: ",", ";" or a tab. Spreadsheets with decimal commas, as in
+            most European countries, need ";".
+        decimal
+            Decimal sign: "." or ",", other than `sep`.
+
+        Returns
+        -------
+        Path
+            The path of the CSV file.
+
+        Raises
+        ------
+        BeamdaeError
+            If an argument is invalid, `path` ends with .json, or a file cannot be written.
+        """
+        return write_result(path, self.all_columns(), self.status, self.metadata(), sep, decimal)
 
     def coordinates(self) -> pd.DataFrame:
         """Return coordinates and multipliers, one row per time or point of a path.

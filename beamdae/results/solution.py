@@ -34,7 +34,6 @@ from beamdae.results.displays import Animation, HasPage, Plot
 from beamdae.results.event_records import tabulate_events
 from beamdae.results.provenance import describe_provenance
 from beamdae.results.run_data import RunData, coordinate_headers
-from beamdae.results.storage.files import write_result
 from beamdae.results.time_series import TimeSeries
 from beamdae.results.trajectory import Instant, Trajectory
 from beamdae.symbolic.signal_pickling import pickle_with_signals
@@ -426,36 +425,6 @@ class Solution(RunData, TimeSeries, HasPage):
     @cached_property
     def _provenance(self) -> dict[str, Any]:
         return describe_provenance(self.equations)
-
-    def to_csv(self, path: str | Path, *, sep: str = ",", decimal: str = ".") -> Path:
-        """Write the table as CSV and the metadata to a JSON file of the same name.
-
-        The metadata contain status, settings, versions and statistics. If the run did not succeed,
-        the table has an additional last column "status" with "failed", "limited" or "interrupted"
-        in each row. Existing files are replaced atomically. Headers that a spreadsheet would read
-        as formulas begin with an additional apostrophe.
-
-        Parameters
-        ----------
-        path
-            Path of the CSV file, with any suffix except .json.
-        sep
-            Separator of the columns: ",", ";" or a tab. Spreadsheets with decimal commas, as in
-            most European countries, need ";".
-        decimal
-            Decimal sign: "." or ",", other than `sep`.
-
-        Returns
-        -------
-        Path
-            The path of the CSV file.
-
-        Raises
-        ------
-        BeamdaeError
-            If an argument is invalid, `path` ends with .json, or a file cannot be written.
-        """
-        return write_result(path, self.all_columns(), self.status, self.metadata(), sep, decimal)
 
     def save(self, path: str | Path) -> Path:
         """Write all data of the run to one file and return the path; `load` reads the file.

@@ -275,7 +275,7 @@ def test_free_motions_stay_still_on_paths_of_any_control():
         mech = frame(damping=0.0)
         line = bd.Line((1.0, 1.0), (1.5, 1.5))
         strip = mech.add(bd.Beam("strip", line, rectangle(0.004), 8, **EXACT))
-        mech.add(bd.Revolute("hinge", mech.part("arm").end, strip.start))
+        mech.add(bd.Revolute("hinge", mech.part("beam 1").end, strip.start))
         mech.observe("strip", strip.start)
         paths.append(bd.equilibrium(mech, control=control))
     by_load, by_arc_length = ([point.factor for point in path.critical] for path in paths)

@@ -6,7 +6,6 @@ import html
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -33,10 +32,9 @@ from beamdae.errors import BeamdaeError, kind_of_message, require_choice, warn_u
 from beamdae.interrupts import acknowledge
 from beamdae.read_only import read_only_data
 from beamdae.results.columns import require_one_column, select_observed_columns
-from beamdae.results.displays import HasPage, Plot
+from beamdae.results.displays import HasPage, HasTable, Plot
 from beamdae.results.outcome import Status
 from beamdae.results.solution import Solution
-from beamdae.results.storage.files import write_escaped_table
 
 Array = np.ndarray
 
@@ -49,7 +47,7 @@ _MAX_SUM_DIFFERENCE = 0.1
 
 @read_only_data
 @dataclass(frozen=True, eq=False, repr=False)
-class Fit(HasPage):
+class Fit(HasTable, HasPage):
     """Result of `fit`: estimates with covariance, and what the data do not determine.
 
     Attributes
@@ -310,23 +308,11 @@ class Fit(HasPage):
         """Estimated factor of the standard deviations of the data, 1 if these are known."""
         return 1.0 if self.is_sigma_known else next(iter(self.sigma.values()))
 
-    def to_csv(self, path: str | Path, *, sep: str = ",", decimal: str = ".") -> Path:
-        """Write `table` and the units of the estimates as CSV and return the path.
-
-        Parameters
-        ----------
-        path
-            Path of the file. An existing file is replaced.
-        sep, decimal
-            See `Solution.to_csv`.
-
-        Raises
-        ------
-        BeamdaeError
-            If an argument is invalid or the file cannot be written.
-        """
+    @property
+    def _written_table(self) -> pd.DataFrame:
+        """Table with the units of the estimates."""
         table = self.table().assign(unit=list(self.units.values()))
-        return write_escaped_table(path, table.reset_index(names="parameter"), sep, decimal)
+        return table.reset_index(names="parameter")
 
     def correlations(self) -> pd.DataFrame:
         """Return the correlation matrix C_ij / sqrt(C_ii C_jj) of the estimates [-].

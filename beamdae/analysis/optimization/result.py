@@ -6,7 +6,6 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -21,10 +20,9 @@ from beamdae.interrupts import acknowledge
 from beamdae.model_parameters import format_with_unit
 from beamdae.read_only import read_only_data
 from beamdae.results.columns import remove_unit
-from beamdae.results.displays import HasPage
+from beamdae.results.displays import HasCsv, HasPage
 from beamdae.results.outcome import Status
 from beamdae.results.solution import Solution
-from beamdae.results.storage.files import write_escaped_table
 
 # Imported by the methods that return tables: importing pandas takes as long as a short run.
 if TYPE_CHECKING:
@@ -87,7 +85,7 @@ class Constraint(NamedTuple):
 
 @read_only_data
 @dataclass(frozen=True, eq=False, repr=False)
-class Optimization(HasPage):
+class Optimization(HasCsv, HasPage):
     """Best design of a search, with all evaluated designs; see `optimize`.
 
     Attributes
@@ -289,22 +287,9 @@ class Optimization(HasPage):
         trial = self._search.best if is_best else self._search.trials[0]
         return self._problem.flat.whole(**self._problem.parameters(trial.numbers))
 
-    def to_csv(self, path: str | Path, *, sep: str = ",", decimal: str = ".") -> Path:
-        """Write `history` as CSV and return the path.
-
-        Parameters
-        ----------
-        path
-            Path of the file. An existing file is replaced.
-        sep, decimal
-            See `Solution.to_csv`.
-
-        Raises
-        ------
-        BeamdaeError
-            If an argument is invalid or the file cannot be written.
-        """
-        return write_escaped_table(path, self.history(), sep, decimal)
+    @property
+    def _written_table(self) -> pd.DataFrame:
+        return self.history()
 
     @property
     def _problem(self) -> DesignProblem:

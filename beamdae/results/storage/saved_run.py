@@ -18,7 +18,7 @@ from beamdae.results.outcome import Statistics, Status
 from beamdae.results.solution import Solution, unpack_solution
 from beamdae.results.storage.checkpoint import SAVED_RUN, SAVED_RUN_VERSION, Checkpoint
 from beamdae.results.storage.documents import Format
-from beamdae.results.storage.files import atomic_write, require_file_path, write_result
+from beamdae.results.storage.files import atomic_write, require_file_path
 from beamdae.results.storage.packed_run import (
     PackedRun,
     PlainRun,
@@ -154,23 +154,6 @@ class SavedRun(TimeSeries):
         return SavedRun(
             self.status, self.statistics, self._metadata, columns, coordinates, derivatives
         )
-
-    def to_csv(self, path: str | Path, *, sep: str = ",", decimal: str = ".") -> Path:
-        """Write the table as CSV and the metadata as JSON, and return the path of the CSV file.
-
-        Parameters
-        ----------
-        path
-            See `Solution.to_csv`.
-        sep, decimal
-            See `Solution.to_csv`.
-
-        Raises
-        ------
-        BeamdaeError
-            If an argument is invalid, `path` ends with .json, or a file cannot be written.
-        """
-        return write_result(path, self._columns, self.status, self._metadata, sep, decimal)
 
     def __repr__(self) -> str:
         return (

@@ -19,9 +19,9 @@ from beamdae.read_only import read_only_data
 from beamdae.report.page.page_content import Content
 from beamdae.report.page.page_file import write_page
 from beamdae.report.page_parts import slider
-from beamdae.results.displays import Plot
+from beamdae.results.displays import HasCsv, Plot
 from beamdae.results.outcome import Status
-from beamdae.results.storage.files import require_file_path, write_escaped_table
+from beamdae.results.storage.files import require_file_path
 from beamdae.results.time_series import TimeSeries
 from beamdae.studies.case import format_parameter
 from beamdae.studies.execution.study_run import StudyResults
@@ -95,6 +95,16 @@ class SweepRun(TimeSeries):
         columns = {str(c): self.rows[c].to_numpy(float) for c in self.rows}
         return {TIME: self.rows.index.to_numpy(float), **columns}
 
+    def metadata(self) -> dict[str, Any]:
+        """Return name, parameters, status and warnings of the run."""
+        return {
+            "name": self.name,
+            "parameters": dict(self.parameters),
+            "status": self.status.kind,
+            "reason": self.status.sentence,
+            "warnings": list(self.warnings),
+        }
+
     def coordinate_columns(self) -> dict[str, Array]:
         """Return no columns, because sweeps do not store coordinates."""
         return {}
@@ -112,7 +122,7 @@ class SweepRun(TimeSeries):
 
 @read_only_data
 @dataclass(frozen=True, repr=False)
-class SweepResults:
+class SweepResults(HasCsv):
     """Results of a sweep; notebooks display them as a table.
 
     Attributes
@@ -290,27 +300,8 @@ class SweepResults:
         panels = self.panels(*names)
         return panels if names else choose_panels(self.sweep, self.table, panels)
 
-    def to_csv(self, path: str | Path, *, sep: str = ",", decimal: str = ".") -> Path:
-        """Write the table as CSV; text that spreadsheets would evaluate as a formula is escaped.
-
-        Empty columns of messages are omitted.
-
-        Parameters
-        ----------
-        path
-            Path of the file.
-        sep, decimal
-            See `Solution.to_csv`.
-
-        Raises
-        ------
-        BeamdaeError
-            If an argument is invalid or the file cannot be written.
-        """
-        return write_escaped_table(path, self._filled_table, sep, decimal)
-
     @property
-    def _filled_table(self) -> pd.DataFrame:
+    def _written_table(self) -> pd.DataFrame:
         """Table without empty columns of messages, files and errors."""
         optional = {MEASURED_ERROR_COLUMN, REASON, TRAJECTORY, WARNINGS}
         values = {name: self.table[name] for name in self.table if name in optional}
@@ -339,7 +330,7 @@ class SweepResults:
         return f"<SweepResults of {self._summary}>"
 
     def _repr_html_(self) -> str:
-        rows = self._filled_table.to_html(
+        rows = self._written_table.to_html(
             max_rows=_MAX_NOTEBOOK_ROWS, max_cols=_MAX_NOTEBOOK_COLUMNS
         )
         return f"<b>{html.escape(self._summary)}</b>{rows}"
