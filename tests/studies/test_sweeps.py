@@ -1,5 +1,6 @@
 """`bd.sweep`: table of responses, swept values, runs, and sweeps with a folder."""
 
+import json
 import subprocess
 import sys
 from dataclasses import replace
@@ -89,7 +90,7 @@ def test_failed_output_fails_its_row(output, reason):
 
 
 @pytest.mark.slow(reason="many small runs")
-def test_values_of_any_type_are_swept_and_labeled():
+def test_values_of_any_type_are_swept_and_labeled(tmp_path):
     sections = {"thin": THIN, "thick": THICK}
     swept = run_sweep({"section": sections, "turns": [1, 2], "color": ["red"]})
     assert list(swept.table["section"]) == ["thin", "thin", "thick", "thick"]
@@ -100,7 +101,9 @@ def test_values_of_any_type_are_swept_and_labeled():
     assert all(x.startswith("Section #") for x in unnamed.table["section"])
     twice = run_sweep({"speed": [1.0, 1.0]})
     assert twice.run().label == twice.runs[1].label == "speed=1"
-    assert unnamed.run(section=THICK).parameters["section"] == unnamed.table["section"][1]
+    thick = unnamed.run(section=THICK)
+    assert thick.parameters["section"] == unnamed.table["section"][1]
+    assert thick.to_csv(tmp_path / "thick.csv").with_suffix(".json").exists()
 
 
 @pytest.mark.slow(reason="many small runs")
@@ -173,9 +176,13 @@ def test_wrong_arguments_are_rejected(arguments, message):
 # Runs ---------------------------------------------------------------------------------------------
 
 
-def test_runs_are_looked_up_by_their_parameters(speed_radius_sweep):
+def test_runs_are_looked_up_by_their_parameters(speed_radius_sweep, tmp_path):
     run = speed_radius_sweep.run(speed=2, radius=0.5)
     assert run["tip.x"].iloc[0] == 0.5
+    written = pd.read_csv(run.to_csv(tmp_path / "run.csv"))
+    pd.testing.assert_frame_equal(written, run.table(), rtol=1e-14)
+    parameters = json.loads((tmp_path / "run.json").read_text())["parameters"]
+    assert parameters == {"speed": 2.0, "radius": 0.5}
     assert run.label == "speed=2, radius=0.5"
     assert [one.label for one in speed_radius_sweep.runs][:2] == [
         "speed=4, radius=0.5",
