@@ -29,7 +29,7 @@ def test_page_opens_and_fits_its_window(show):
     for width in (1280, 600):
         tab.set_viewport_size({"width": width, "height": 800})
         # Charts follow the size of the window after it has changed.
-        tab.wait_for_function(f"document.documentElement.scrollWidth <= {width}", timeout=20_000)
+        wait_until(tab, f"document.documentElement.scrollWidth <= {width}")
 
 
 def test_points_have_tooltips_and_failures_are_listed(show):
