@@ -269,7 +269,7 @@ def screen_position(tab, key, x, y):
 
 def wait_until(tab, expression):
     """Wait for a condition; the policy of the page forbids playwright's own `wait_for_function`."""
-    for _ in range(100):
+    for _ in range(1000):
         if tab.evaluate(expression):
             return
         tab.wait_for_timeout(20)
