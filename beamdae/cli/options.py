@@ -386,7 +386,13 @@ def create_periodic_integrator(command: str, name: str, rtol: float | None, file
     return create_integrator(command, name, {"rtol": rtol}, file)
 
 
-def create_integrator(command: str, name: str, options: Mapping[str, Any], file: ModelFile) -> Any:
+def create_integrator(
+    command: str,
+    name: str,
+    options: Mapping[str, Any],
+    file: ModelFile,
+    further: list[str] | None = None,
+) -> Any:
     """Return an integrator by its name on the command line.
 
     Parameters
@@ -400,6 +406,8 @@ def create_integrator(command: str, name: str, options: Mapping[str, Any], file:
         settings; in an instance, they replace the fields.
     file
         The model file.
+    further
+        Settings NAME=VALUE of --option, which `options` precede.
 
     Raises
     ------
@@ -421,7 +429,8 @@ def create_integrator(command: str, name: str, options: Mapping[str, Any], file:
         return file.integrators[key] if public is None else getattr(beamdae, public.name)
 
     integrator = find_integrator(name)
-    values = {option: value for option, value in options.items() if value is not None}
+    values: dict[str, Any] = {**parse_assignments(further, "--option")}
+    values |= {option: value for option, value in options.items() if value is not None}
     for option in values:
         if option not in _field_names(integrator):
             supporting = [x for x in names if option in _field_names(find_integrator(x))]

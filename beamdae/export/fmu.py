@@ -92,7 +92,8 @@ _INTERFACE_HEADERS = {
 }
 _DEFAULT_STEP = 1e-3  # s, of the communication with adaptive steps
 _BENCHMARK = "benchmark.c"
-_FIXED_SETTINGS = ("rtol", "formulation", "start")  # of GeneralizedAlpha
+# Settings of GeneralizedAlpha whose defaults alone the C code knows.
+_FIXED_SETTINGS = ("rtol", "formulation", "start")
 _MAX_NAMES = 3  # of beams in a warning
 # Entries of the archive have the same date, so that equal models give equal files.
 _DATE = (1980, 1, 1, 0, 0, 0)
@@ -199,9 +200,9 @@ def export_fmu(
     warnings, such as those of fixed steps that are too long, are those of the export.
 
     Communication steps can have any length. Generalized-alpha divides them into equal internal
-    steps of at most its own. Each change of the internal step, and each breakpoint of a law,
+    steps of at most its `step`. Each change of the internal step, and each breakpoint of a law,
     restarts the method with consistent accelerations; constant communication steps that are
-    multiples of its step avoid this. A communication step shorter than 1 % of it extrapolates the
+    multiples of `step` avoid this. A communication step shorter than 1 % of `step` extrapolates the
     motion and is part of the next. With generalized-alpha, contacts that begin and end within one
     internal step are not noticed; a step of Radau that passes over a contact is repeated with half
     its length.
@@ -293,8 +294,8 @@ def export_fmu(
     is_adaptive = isinstance(method, Radau)
     if is_adaptive and real_time is not None:
         raise BeamdaeError(
-            f"{PART}: real_time requires fixed steps, but the integrator is {method.label}; pass "
-            "GeneralizedAlpha, or omit real_time."
+            f"{PART}: real_time requires fixed steps, but integrator= is {method.label}; set it to "
+            "GeneralizedAlpha(step), or omit real_time=."
         )
     if communication_step is None:
         communication_step = method.step if isinstance(method, GeneralizedAlpha) else _DEFAULT_STEP
@@ -365,13 +366,17 @@ def export_fmu(
 
 
 def _require_method(integrator: Any) -> Radau | GeneralizedAlpha:
-    fixed = GeneralizedAlpha()
-    if isinstance(integrator, Radau) or (
-        isinstance(integrator, GeneralizedAlpha)
-        and all(getattr(integrator, x) == getattr(fixed, x) for x in _FIXED_SETTINGS)
-    ):
+    """Return the integrator if the C code takes its steps."""
+    if isinstance(integrator, Radau):
         return integrator
+    fixed = GeneralizedAlpha()
     given = integrator.label if isinstance(integrator, Integrator) else short_repr(integrator)
+    if isinstance(integrator, GeneralizedAlpha):
+        values = {x: getattr(integrator, x) for x in _FIXED_SETTINGS}
+        wrong = [f"{x}={y!r}" for x, y in values.items() if y != getattr(fixed, x)]
+        if not wrong:
+            return integrator
+        given = f"GeneralizedAlpha({', '.join(wrong)})"
     raise BeamdaeError(
         f"{PART}: integrator must be Radau, or GeneralizedAlpha with fixed steps, "
         f'formulation="{fixed.formulation}" and start="{fixed.start}", got {given}.'
@@ -379,12 +384,12 @@ def _require_method(integrator: Any) -> Radau | GeneralizedAlpha:
 
 
 def _plan_steps(
-    equations: EquationsOfMotion, method: Radau | GeneralizedAlpha, step: float, stop: float
+    equations: EquationsOfMotion,
+    method: Radau | GeneralizedAlpha,
+    communication_step: float,
+    stop: float,
 ) -> dict[str, Any]:
-    """Return the fields of `ExportedModel` that describe the steps and the state at the start.
-
-    `step` is the communication step [s].
-    """
+    """Return the fields method, state, step, shift and start_rate of `ExportedModel`."""
     times = np.array([0.0, stop])
     plan = plan_run(equations, times)
     if isinstance(method, Radau):
@@ -392,7 +397,7 @@ def _plan_steps(
         return {
             "method": workspace,
             "state": plan.state,
-            "step": step,
+            "step": communication_step,
             "start_rate": start_rate,
         }
     return {

@@ -42,8 +42,9 @@ def warn_of_trial_run(
     (headers) are measured. Runs of more than `_MAX_TRIAL_STEPS` steps are omitted
     (generalized-alpha) or end there (Radau).
     """
+    method = replace(method, time_limit=None)
     if isinstance(method, Radau):
-        method = replace(method, max_steps=_MAX_TRIAL_STEPS, time_limit=None)
+        method = replace(method, max_steps=_MAX_TRIAL_STEPS)
     elif t_end > _MAX_TRIAL_STEPS * method.step:
         return
     run = method.integrate(equations, compute_output_times(call, t_end, None))

@@ -34,6 +34,7 @@ def test_adaptive_steps(here):
     assert "Radau(rtol=" in run().stdout
     fixed = run("--integrator", "generalized-alpha", "--step", "2ms", "--option", "rho_inf=0.5")
     assert "GeneralizedAlpha(step=0.002)" in fixed.stdout
+    assert "Radau(rtol=0.01)" in run("--option", "rtol=0.01").stdout
     assert run("--real-time", "2").exit_code == 2
 
 

@@ -153,6 +153,7 @@ def test_unsuitable_models_and_arguments_are_rejected(tmp_path):
         (swing, {"real_time": 2, "integrator": bd.Radau()}, "real_time requires fixed steps"),
         (swing, {"integrator": bd.Ida()}, r"integrator must be .*, got Ida\(rtol=0.0001\)"),
         (swing, {"integrator": replace(ALPHA, formulation="stabilized-index2")}, "index3"),
+        (swing, {"integrator": replace(ALPHA, start="plain")}, r"GeneralizedAlpha\(start='plain'"),
         (swing, {"integrator": bd.GeneralizedAlpha(rtol=1e-4)}, "with fixed steps"),
     ):
         with pytest.raises(bd.BeamdaeError, match=message):

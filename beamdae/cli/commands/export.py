@@ -19,7 +19,6 @@ from beamdae.cli.options import (
     accuracy_option,
     create_integrator,
     load_model,
-    parse_assignments,
     parse_seconds,
     parse_start,
     split_names,
@@ -93,9 +92,8 @@ def export_command(
     model cannot be exported.
     """
     model, file = load_model(path, model_name, settings)
-    options: dict[str, Any] = {**parse_assignments(option, "--option")}
-    options |= {"rtol": rtol, "step": step}
-    method = create_integrator("export", integrator, options, file)
+    named = {"rtol": rtol, "step": step}
+    method = create_integrator("export", integrator, named, file, option)
     require_writable(("--fmu", [fmu]))
     from beamdae.export.fmu import export_fmu
     from beamdae.report.descriptions import Description

@@ -107,9 +107,7 @@ def run_command(
     Ctrl-C, and 143 after SIGTERM, which skips the PNG and the page.
     """
     named = {"rtol": rtol, "step": step, "time_limit": time_limit}
-    options: dict[str, Any] = {**parse_assignments(option, "--option")}
-    options |= {name: x for name, x in named.items() if x is not None}
-    method = create_integrator("run", integrator, options, job.file)
+    method = create_integrator("run", integrator, named, job.file, option)
     names = None if sensitivities is None else split_names(sensitivities)
     accuracy = job.accuracy["accuracy"]
     is_verified = verify or None
