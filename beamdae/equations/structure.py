@@ -113,7 +113,7 @@ class Structure:
 
     @property
     def smooth_forces(self) -> tuple[ForceTerm, ...]:
-        """Forces without kinks over the motion, such as those of contacts."""
+        """All forces but those with kinks over the motion, such as forces of contacts."""
         return tuple(x for x in self.forces if not x.kernel.has_kinks_over_motion)
 
     def __post_init__(self) -> None:

@@ -320,10 +320,11 @@ class StepHistory:
 def _interpolate_balanced(
     interval: Interval, times: Array, step: float, starter: StateEvaluator
 ) -> State:
-    """Return states inside a step of this length [s] whose stiff forces are interpolated.
+    """Return states inside a step of this length [s] whose forces without kinks are interpolated.
 
     Errors of interpolated positions, multiplied by the stiffness, would be the first forces of a
-    run that restarts there. One iteration of an implicit step from these states removes them.
+    run that restarts there. One iteration of an implicit step h from these states removes them:
+    (K + C / h + M / h^2) dq is the difference of the forces.
     """
     nodes, weights = interval.force_weights_at(times)
     at_nodes = zip(*(x[nodes] for x in (interval.times, *interval.rows[:2])), strict=True)

@@ -198,14 +198,14 @@ class PointPart(Part):
 
     def _observe(self, build: Callable[..., SX], columns: tuple[Variable, ...]) -> Quantity:
         """Return a quantity of the points; see `PointFormula` for `build`."""
-        source = {"is_elastic": self.is_elastic and all(x.unit in LOAD_UNITS for x in columns)}
+        is_force = all(x.unit in LOAD_UNITS for x in columns)
         return observe_points(
             tuple(self.points.values()),
             build,
             columns,
             self._functions,
             self._is_shared,
-            **source,
+            is_elastic=self.is_elastic and is_force,
             **self._source,
         )
 

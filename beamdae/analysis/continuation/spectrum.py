@@ -170,9 +170,10 @@ def has_potential(respond: Callable[[Array], Array], n: int, m: int) -> bool:
 def count_growing(
     respond: Callable[[Array], Array], damping: sp.csc_array, mass: sp.csc_array, s: float = 0.0
 ) -> Count:
-    """Return the number of growing motions, see `invert_motion`.
+    """Return the number of growing motions; see `invert_motion` for the arguments.
 
-    In large systems, they are those among the slowest ones.
+    In large systems, they are those among the slowest ones. About a shift s, motions without
+    stiffness, l = 0, are not counted.
     """
     is_damped, n = damping.nnz > 0 and abs(damping).max() > 0.0, mass.shape[1]
     apply, size = invert_motion(respond, damping if is_damped else None, mass, s), n + n * is_damped
@@ -183,7 +184,8 @@ def count_growing(
         values = la.eigvals(find_slow_space(apply, size, _SLOW_COUNT, **further).reduced)
     # Others are rounding errors of the slowest one.
     values = values[np.abs(values) > _NEGLIGIBLE * np.abs(values).max(initial=0.0)]
-    # Those without a shift; motions without stiffness vanish.
+    # With w = 1 / (l - s), 1 / l = w / (1 + s w); with w = 1 / (s^2 - l^2), -1 / l^2 is
+    # w / (1 - s^2 w).
     ratios = 1.0 + s * values if is_damped else 1.0 - s**2 * values
     has_stiffness = np.abs(ratios) > _ROUNDING
     values = values[has_stiffness] / ratios[has_stiffness]

@@ -50,6 +50,8 @@ _MAX_SUM_DIFFERENCE = 0.1
 class Fit(HasTable, HasPage):
     """Result of `fit`: estimates with covariance, and what the data do not determine.
 
+    `to_csv` writes `table` and the units of the estimates.
+
     Attributes
     ----------
     parameters
@@ -310,7 +312,7 @@ class Fit(HasTable, HasPage):
 
     @property
     def _written_table(self) -> pd.DataFrame:
-        """Table with the units of the estimates."""
+        """Value of `table` with the units of the estimates."""
         table = self.table().assign(unit=list(self.units.values()))
         return table.reset_index(names="parameter")
 

@@ -206,8 +206,8 @@ def gradient(
     is_quantity = isinstance(objective, Quantity)
     if not (is_quantity and all(isinstance(x, Objective) for x in objective.leaves)):
         raise BeamdaeError(
-            "gradient: objective must be an Objective such as EndValue('tip.y'), or consist of "
-            f"such ones, got {short_repr(objective)}."
+            "gradient: objective must be an Objective such as EndValue('tip.y'), or a weighted sum "
+            f"or LargestOf several, got {short_repr(objective)}."
         )
     flat = flatten_model("gradient", model, by, parameters)
     return assess_derivatives(

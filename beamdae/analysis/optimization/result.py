@@ -88,6 +88,8 @@ class Constraint(NamedTuple):
 class Optimization(HasCsv, HasPage):
     """Best design of a search, with all evaluated designs; see `optimize`.
 
+    `to_csv` writes `history`.
+
     Attributes
     ----------
     parameters

@@ -366,7 +366,7 @@ class Search:
         end = self._end
         if end is None or end.failure:
             return best
-        is_worse = self._violation(end) and not self._violation(best)
+        is_worse = self._violation(end) > 0.0 and self._violation(best) == 0.0
         return best if is_worse else end
 
 

@@ -151,6 +151,7 @@ def differentiate_event_time(
         If the event quantity hardly changes at the event.
     """
     term, here = equations.events[number], np.array([t])
+    # Elastic forces follow from the states at several nodes, with weights, others from that at t.
     is_elastic = term.observable.is_elastic
     ((inactive, points),) = group_times(Trajectory((interval,)), here, is_elastic)
     times, at = join_points(points, Trajectory((interval,)))

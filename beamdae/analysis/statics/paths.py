@@ -460,8 +460,9 @@ def _begin_under_load(path: StagePath, targets: Sequence[float]) -> bool:
 
 def free_coordinate(point: Point) -> str:
     """Return the name of the coordinate that holds a motion without stiffness, or ""."""
-    problem = hold_neutral_motions(point).problem
-    return problem.system.equations.q_names[min(problem.held)] if problem.held else ""
+    problem = point.problem
+    held = problem.held or hold_neutral_motions(point).problem.held
+    return problem.system.equations.q_names[min(held)] if held else ""
 
 
 def dominant_coordinate(e: EquationsOfMotion, mode: Array) -> str:

@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property, reduce
+from functools import cached_property, partial, reduce
 from itertools import compress
 from typing import Any, NamedTuple
 
@@ -423,7 +423,7 @@ class StaticProblem(Problem):
         except RuntimeError:
             return by_signs
 
-        def respond(right: Array) -> Array:
+        def respond(right: Array, factors: SuperLU = factors) -> Array:
             return factors.solve(right)[: self.n]
 
         # Close to a critical point, the symmetric part has another sign in the softest motion.
@@ -434,14 +434,16 @@ class StaticProblem(Problem):
         _, damping, mass = (
             sp.csc_array(y * scales * scales[:, None]) for y in motion.pencil.matrices
         )
-        shift = 0.0
+        shift, flexibility = 0.0, respond
         if self.held:
-            # Springs would take part in other motions; about a shift, inertia replaces them.
+            # The springs that hold motions, of stiffness 1, would take part in others: inertia
+            # replaces them, about the rate of stiffness 1 and all inertia.
             shift, matrix = float(mass.diagonal().sum()) ** -0.5, self.matrix(x, p)
             for k in self.held:
                 matrix[k, k] -= 1.0
-            factors = splu(sp.csc_matrix(matrix + shift * damping + shift**2 * mass))
-        count = count_growing(respond, damping[:, : self.n], mass[:, : self.n], shift)
+            about = splu(sp.csc_matrix(matrix + shift * damping + shift**2 * mass))
+            flexibility = partial(respond, factors=about)
+        count = count_growing(flexibility, damping[:, : self.n], mass[:, : self.n], shift)
         return count._replace(free=free)
 
     def residual(self, x: Array, mu: float) -> tuple[Array, Array]:

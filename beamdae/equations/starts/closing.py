@@ -352,13 +352,13 @@ class _Path:
     ) -> tuple[_Point, float] | None:
         """Return the point near `begin` at which this fraction of the gaps remains, or None.
 
-        The `_predict_rotation` of the point follows.
+        The `_predict_rotation` of the point follows, unless the path ends there.
         """
         try:
             point = self._close(begin, remaining * self.drawn_gaps, max_contraction)
             if point is None or self._rotation(point.q - begin.q) > _MAX_ROTATION:
                 return None
-            return point, self._predict_rotation(point)
+            return point, self._predict_rotation(point) if remaining else 0.0
         except (BeamdaeError, RuntimeError):  # SuperLU raises the latter if a matrix is singular.
             return None
 
@@ -374,12 +374,12 @@ class _Path:
             is_stalled = size <= _POSITION_TOLERANCE and size > _CLOSING_RATIO * last_size
             # Less inertia makes soft parts converge faster.
             is_slow = change_size > _FAST_CONTRACTION * last_change and share > _MIN_INERTIA_SHARE
-            contracts = is_slow or change_size <= max_contraction * last_change
-            limit = _CONVERGED_CHANGE if contracts else _SMALL_CHANGE
+            proceeds = is_slow or change_size <= max_contraction * last_change
+            limit = _CONVERGED_CHANGE if proceeds else _SMALL_CHANGE
             if (size <= rounding or is_stalled) and change_size < limit:
                 return point
             is_large = size > _POSITION_TOLERANCE or not change_size < _SMALL_CHANGE
-            if not change_size < np.inf or (is_large and not contracts):
+            if not change_size < np.inf or (is_large and not proceeds):
                 return None
             if is_slow:
                 share *= _INERTIA_REDUCTION

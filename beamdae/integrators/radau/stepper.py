@@ -16,13 +16,8 @@ from beamdae.core.return_codes import (
 )
 from beamdae.core.tables import Workspace
 from beamdae.equations.equations_of_motion import State
-from beamdae.equations.formulations.first_order import (
-    FirstOrderForm,
-    formulate_first_order,
-)
-from beamdae.equations.formulations.kinematic_reduction import (
-    reduce_kinematics,
-)
+from beamdae.equations.formulations.first_order import FirstOrderForm, formulate_first_order
+from beamdae.equations.formulations.kinematic_reduction import reduce_kinematics
 from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
 from beamdae.integrators.error_control import (
     POSITION_ROUNDING,

@@ -125,6 +125,8 @@ class SweepRun(TimeSeries):
 class SweepResults(HasCsv):
     """Results of a sweep; notebooks display them as a table.
 
+    `to_csv` writes `table` without empty columns of messages.
+
     Attributes
     ----------
     sweep
