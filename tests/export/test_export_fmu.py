@@ -621,6 +621,13 @@ def test_regression_default_exports_resolve_vibrations_and_fixed_steps_warn(tmp_
         assert any("the error is more than 100 %" in x for x in fixed.warnings)
 
 
+@pytest.mark.parametrize("method", [bd.GeneralizedAlpha(1e-4), bd.Radau()], ids=["alpha", "radau"])
+def test_limits_of_the_wall_time_are_those_of_runs(tmp_path, method):
+    """The trial run with fixed steps ended at the limit, and its warning spoke of Radau."""
+    limited = replace(method, time_limit=1e-6)
+    assert export(tmp_path, integrator=limited, t_end=1.0).warnings == ()
+
+
 @pytest.mark.slow(reason="20 000 steps")
 def test_regression_fmus_with_very_many_adaptive_steps_have_a_warning(tmp_path):
     """A beam without damping took 300 000 steps in 0.5 s, of which nothing was said."""
