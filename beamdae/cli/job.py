@@ -173,12 +173,12 @@ class Job:
             return complete(result, Report(name, describe(result), status, warnings))
 
         def write_page(result: Any, path: Path, title: str) -> Path:
-            from beamdae.report.result_pages import write_analysis_page
+            from beamdae.report.result_displays import write_analysis_page
 
             return write_analysis_page(result, path, title)
 
         def draw(result: Any, title: str) -> Any:
-            from beamdae.report.pictures.result_figures import create_result_figure
+            from beamdae.report.result_displays import create_result_figure
 
             return create_result_figure(result, title, names, x)
 

@@ -117,12 +117,12 @@ class Report:
         return data | ({"accuracy": reached} if reached else {})
 
     def _show_facts(self, console: Any, facts: Mapping[str, str]) -> None:
-        from beamdae.report.terminal.responsive_table import FactList
+        from beamdae.report.tables import FactList
 
         show(console, FactList(facts))
 
     def _show_table(self, console: Any, content: Any) -> None:
-        from beamdae.report.terminal.text_tables import table_of
+        from beamdae.report.tables import table_of
 
         if isinstance(content, str):
             show(console, content, "dim")

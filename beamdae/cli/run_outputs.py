@@ -177,7 +177,7 @@ def describe_run(
     """
     from beamdae.model_parameters import format_with_unit, split_unit
     from beamdae.report.descriptions import Description
-    from beamdae.report.terminal.text_tables import column_extremes, range_rows, run_facts
+    from beamdae.report.tables import column_extremes, range_rows, run_facts
     from beamdae.results.columns import remove_unit
     from beamdae.results.outcome import REACHED_END
     from beamdae.results.storage.files import write_metadata

@@ -165,11 +165,11 @@ def run_and_write(
         return study.tables
 
     def describe(study: StudyReport) -> Report:
-        from beamdae.report.terminal import text_tables
+        from beamdae.report import tables
 
         written.failed |= study.results.failed
         rows = study.results.table
-        failed = text_tables.failure_sentences(rows[~rows["status"].isin(MISSING_KINDS)])
+        failed = tables.failure_sentences(rows[~rows["status"].isin(MISSING_KINDS)])
         failures = [*study.report.failures, *failed]
         status = _describe_end(study.results, n_runs)
         return replace(study.report, failures=failures, status=status)

@@ -24,7 +24,7 @@ from beamdae.errors import (
 )
 from beamdae.live.session import LiveSession
 from beamdae.model_functions import Model
-from beamdae.report.page.page_data import encode
+from beamdae.report.page.content import encode
 from beamdae.report.page.page_file import fill_template
 
 _HOST = "127.0.0.1"

@@ -14,10 +14,9 @@ from beamdae.integrators.auto import Auto
 from beamdae.live.controls import create_controls
 from beamdae.model_functions import Model
 from beamdae.parts.mechanism import Mechanism
-from beamdae.report.scene.frame_export import export_frames, export_run_frames
-from beamdae.report.scene.mechanism_scene import build_scene
-from beamdae.report.scene.poses import reference_poses
-from beamdae.report.terminal.text_tables import range_rows, table_of
+from beamdae.report.scene.mechanism_scene import build_scene, reference_poses
+from beamdae.report.scene.run_scene import export_frames, export_run_frames
+from beamdae.report.tables import range_rows, table_of
 from beamdae.results.columns import observed_columns
 from beamdae.results.solution import Solution
 from beamdae.simulation import simulate

@@ -8,10 +8,14 @@ import numpy as np
 import pandas as pd
 
 from beamdae.equations.measures import TIME
-from beamdae.report.page.page_content import Content
-from beamdae.report.page.page_data import compute_row_limit, select_curves
-from beamdae.report.page_parts import describe_columns, describe_page
-from beamdae.report.terminal.text_tables import RESULT_COLUMNS, SOLVER_COLUMNS
+from beamdae.report.page.content import (
+    Content,
+    compute_row_limit,
+    describe_columns,
+    describe_page,
+    select_curves,
+)
+from beamdae.report.tables import RESULT_COLUMNS, SOLVER_COLUMNS
 from beamdae.studies.case_table import BOUND_COLUMN
 from beamdae.studies.definition import Study
 from beamdae.studies.deviations import compute_deviations

@@ -9,8 +9,7 @@ from pendulum import pendulum
 
 import beamdae as bd
 from beamdae.parts.part import Drawing
-from beamdae.report.scene.frame_export import export_run_frames
-from beamdae.report.scene.run_scene import build_run_scene, frame_times
+from beamdae.report.scene.run_scene import build_run_scene, export_run_frames, frame_times
 
 FRAMES = 11
 

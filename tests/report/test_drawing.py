@@ -11,8 +11,7 @@ from numpy.testing import assert_allclose
 from support import ARC, SOFT_MATERIAL
 
 import beamdae as bd
-from beamdae.report.scene.mechanism_scene import build_scene
-from beamdae.report.scene.poses import reference_poses
+from beamdae.report.scene.mechanism_scene import build_scene, reference_poses
 
 SLOW = pytest.mark.slow(reason="half a second and more")
 PARTS = JOINTS | NONHOLONOMIC | LOADS

@@ -9,8 +9,7 @@ from numpy.testing import assert_allclose
 from pages import study_page, wait_until
 
 import beamdae as bd
-from beamdae.report.scene.frame_export import export_run_frames
-from beamdae.report.scene.run_scene import build_run_scene, frame_times
+from beamdae.report.scene.run_scene import build_run_scene, export_run_frames, frame_times
 
 
 def bar_ends(tab, k):

@@ -10,7 +10,7 @@ from pages import find_violations, list_lines, selected_options
 import beamdae as bd
 from beamdae.report.page.page_file import write_page
 from beamdae.report.pictures.time_plots import PlotSelection
-from beamdae.report.run_page import build_run_page
+from beamdae.report.run_pages import build_run_page
 
 
 @pytest.fixture(scope="module")

@@ -14,11 +14,14 @@ from spin_up import spin_up
 from support import ARC, SOFT_MATERIAL
 
 import beamdae as bd
-from beamdae.report.page.page_data import encode
-from beamdae.report.scene.frame_export import export_run_frames
-from beamdae.report.scene.mechanism_scene import MAX_BEAM_SECTIONS, build_scene
-from beamdae.report.scene.poses import CoordinatePoses, reference_poses
-from beamdae.report.scene.run_scene import build_run_scene, frame_times
+from beamdae.report.page.content import encode
+from beamdae.report.scene.mechanism_scene import (
+    MAX_BEAM_SECTIONS,
+    CoordinatePoses,
+    build_scene,
+    reference_poses,
+)
+from beamdae.report.scene.run_scene import build_run_scene, export_run_frames, frame_times
 
 FRAMES = 11
 T_END = 0.2

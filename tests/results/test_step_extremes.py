@@ -12,8 +12,8 @@ from numpy.testing import assert_allclose
 
 import beamdae as bd
 from beamdae.live.session import summarize
-from beamdae.report.run_page import build_run_page
-from beamdae.report.terminal import text_tables
+from beamdae.report import tables
+from beamdae.report.run_pages import build_run_page
 from beamdae.studies.column_measures import MEASURES, measure_rows
 
 MISSED = "the output rows miss its largest value"
@@ -27,7 +27,7 @@ def test_regression_tables_and_pages_contain_contacts_between_two_rows(integrato
     run = bd.simulate(ball, integrator)
     assert run["stop.N"].max() == 0.0
     assert_allclose(run.step_extremes["stop.N [N]"].max, peak(1e10), rtol=0.02)
-    extremes = text_tables.column_extremes(run.columns, run.step_extremes)
+    extremes = tables.column_extremes(run.columns, run.step_extremes)
     assert_allclose(extremes["stop.N [N]"]["max"], peak(1e10), rtol=0.02)
     (table,) = (x for x in build_run_page(run, "ball")["tables"] if x["title"] == "Observed")
     assert_allclose(float(table["rows"][0][-1]), peak(1e10), rtol=0.02)
@@ -139,7 +139,7 @@ def test_regression_extremes_of_all_kinds_of_columns_include_the_steps():
     times = np.concatenate([x.t for x in run.trajectory.intervals])
     steps = run.at_times(times).columns
     dense = run.at_times(np.unique([*np.linspace(0.0, 0.02, 20_001), *times])).columns
-    shown = text_tables.column_extremes(run.columns, run.step_extremes)
+    shown = tables.column_extremes(run.columns, run.step_extremes)
     reported = set(run.missed_peaks)
     units = set()
     for header, values in steps.items():

@@ -440,7 +440,7 @@ class Fit(HasTable, HasPage):
             The figure, displayed by a notebook; `Plot.save` writes it to a file. At most six
             columns of experiments are drawn.
         """
-        return deferred.module("report.pictures.result_figures").draw_result(self)
+        return deferred.module("report.result_displays").draw_result(self)
 
     def sensor_of(self, number: int) -> tuple[float, float, float]:
         """Return the estimated shift [s], scale and offset of a row of `residual_table`.

@@ -40,7 +40,7 @@ def check_command(
     from beamdae.checks import check
     from beamdae.parts.mechanism import Mechanism
     from beamdae.report.descriptions import Description
-    from beamdae.report.terminal.check_report import describe_check
+    from beamdae.report.summaries import describe_check
 
     mechanism = model()
     result = check(mechanism, model.t_end, predict, parse_start(start, model))

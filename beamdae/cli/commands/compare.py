@@ -65,8 +65,8 @@ def compare_command(
 
 
 def _create_report(results: StudyResults) -> StudyReport:
+    from beamdae.report import tables
     from beamdae.report.descriptions import Description
-    from beamdae.report.terminal import text_tables
     from beamdae.report.text import make_printable
     from beamdae.studies.study_pictures import list_plots
 
@@ -84,7 +84,7 @@ def _create_report(results: StudyResults) -> StudyReport:
     for group in groups:
         reference = results.references[group].sentence
         shown[f"reference {group}"] = make_printable(f"{group}: {reference}")
-        shown[f"cases {group}"] = text_tables.comparison_table(table[table["group"] == group])
+        shown[f"cases {group}"] = tables.comparison_table(table[table["group"] == group])
     failures = [f"{k}: {x.sentence}" for k, x in results.references.items() if x.table is None]
     data = {
         "study": results.study.name,

@@ -171,7 +171,7 @@ def run_command(
 
     def write_page(solution: Solution, path: Path, title: str) -> Path:
         from beamdae.report.page import page_file
-        from beamdae.report.run_page import build_run_page
+        from beamdae.report.run_pages import build_run_page
 
         of_page, name = charts[0], job.model.name
         content = build_run_page(solution, name, warnings=warnings, charts=of_page)

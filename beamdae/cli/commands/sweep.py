@@ -232,8 +232,8 @@ def _sweep_of_file(file: ModelFile, name: str | None) -> Sweep:
 
 
 def _create_report(results: StudyResults) -> StudyReport:
+    from beamdae.report import tables
     from beamdae.report.descriptions import Description
-    from beamdae.report.terminal import text_tables
     from beamdae.studies.sweeps.response_plots import list_response_plots
     from beamdae.studies.sweeps.sweep_results import TABLE_FILE, create_sweep_results
 
@@ -241,7 +241,7 @@ def _create_report(results: StudyResults) -> StudyReport:
     sweep, table = swept.sweep, swept.table
     shown: dict[str, Any] = {"completion": results.describe_completion(sweep.cases)}
     responses = [list(panel.lines.values()) for panel in swept.panels()]
-    shown["cases"] = text_tables.sweep_table(table, swept.parameters, responses)
+    shown["cases"] = tables.sweep_table(table, swept.parameters, responses)
     data = {
         "sweep": sweep.name,
         "folder": folder,

@@ -10,8 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from beamdae.report.option_names import name_options
-from beamdae.report.page.page_content import Content
-from beamdae.report.page.page_data import encode
+from beamdae.report.page.content import Content, encode
 from beamdae.report.pictures.figures import characteristic_columns
 from beamdae.report.text import make_printable
 from beamdae.results.storage.files import write_text
@@ -53,7 +52,7 @@ def write_page(path: Path, page: Content) -> Path:
     path
         Path of the HTML file.
     page
-        Content of the page; see `page_content`.
+        Content of the page; see `content`.
 
     Returns
     -------

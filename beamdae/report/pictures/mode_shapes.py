@@ -14,8 +14,7 @@ from beamdae.analysis.linear_dynamics.natural_modes import Modes
 from beamdae.analysis.statics.linear_buckling import Buckling
 from beamdae.errors import BeamdaeError, require_count
 from beamdae.parts.mechanism import Mechanism
-from beamdae.report.page.motion_player import build_motion_player
-from beamdae.report.pictures.animation_files import save_animation
+from beamdae.report.pictures.animations import MAX_FRAMES, build_motion_player, save_animation
 from beamdae.report.pictures.figures import (
     COLORS,
     MAX_PANELS,
@@ -24,7 +23,6 @@ from beamdae.report.pictures.figures import (
     draw_panels,
     wrap_title,
 )
-from beamdae.report.pictures.run_animation import MAX_FRAMES
 from beamdae.report.pictures.scene_artists import (
     SceneArtists,
     add_caption,
@@ -32,14 +30,15 @@ from beamdae.report.pictures.scene_artists import (
     padded_extent,
     show_region,
 )
-from beamdae.report.scene.frame_export import FRAMES_PER_PERIOD, export_frames
 from beamdae.report.scene.mechanism_scene import (
+    CoordinatePoses,
+    VibrationPoses,
     build_scene,
     collect_drawings,
     count_beam_sections,
 )
-from beamdae.report.scene.poses import CoordinatePoses, Poses, VibrationPoses
-from beamdae.report.scene.scene import Scene
+from beamdae.report.scene.run_scene import FRAMES_PER_PERIOD, export_frames
+from beamdae.report.scene.scene import Poses, Scene
 from beamdae.results.displays import Animation
 
 if TYPE_CHECKING:

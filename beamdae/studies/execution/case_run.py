@@ -15,8 +15,8 @@ from typing import Any
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import BeamdaeError, BeamdaeWarning, KernelWarning, working_folder
-from beamdae.report.page.page_data import encode
-from beamdae.report.scene.frame_export import export_run_frames
+from beamdae.report.page.content import encode
+from beamdae.report.scene.run_scene import export_run_frames
 from beamdae.results.outcome import Status
 from beamdae.results.solution import Solution
 from beamdae.results.storage.files import is_in_deleted_folder

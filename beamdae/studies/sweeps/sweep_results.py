@@ -16,9 +16,8 @@ from beamdae.equations.measures import TIME
 from beamdae.errors import BeamdaeError, as_real, short_repr, suggest, unbox_scalar
 from beamdae.model_parameters import convert_text
 from beamdae.read_only import read_only_data
-from beamdae.report.page.page_content import Content
+from beamdae.report.page.content import Content, slider
 from beamdae.report.page.page_file import write_page
-from beamdae.report.page_parts import slider
 from beamdae.results.displays import HasCsv, Plot
 from beamdae.results.outcome import Status
 from beamdae.results.storage.files import require_file_path

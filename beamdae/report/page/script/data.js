@@ -1,6 +1,6 @@
 // Data of the page, and creation of HTML and SVG elements.
 
-// Arrays are stored as 32-bit numbers, see page_data.py; numbers that are missing become null.
+// Arrays are stored as 32-bit numbers, see page_file.py; numbers that are missing become null.
 function parseData(text) {
   return JSON.parse(text, (_, value) => (typeof value?.[""] === "string" ? decodeArray(value[""]) : value));
 }

@@ -4,7 +4,7 @@ const BODY_KINDS = ["rigid", "beam", "beam solid", "point"]; // their initial po
 const SYMBOL_KINDS = ["ground", "guide", "surface", "gear", "wheel", "spring", "damper", "load"]; // kinds shown in the legend
 const MAX_LEGEND_NAMES = 3; // per kind
 
-// SVG units; keep the first four in step with motion_player.py.
+// SVG units; keep the first four in step with animations.py.
 const STAGE_WIDTH = 420;
 const MIN_STAGE_HEIGHT = 180;
 const MAX_STAGE_HEIGHT = 400;

@@ -1,15 +1,43 @@
-"""Text report of a model check."""
+"""Summaries of runs for notebooks, and of model checks."""
 
 from __future__ import annotations
 
+import html
+from collections.abc import Mapping
 from typing import Any
 
 from beamdae.analysis.eigenproblems.frequency_range import FrequencyRange
 from beamdae.equations.starts.dependent_constraints import describe_dependent_sets
 from beamdae.errors import list_first
+from beamdae.report.tables import run_facts
+from beamdae.results.solution import Solution
 
+_CELL_STYLE = 'style="text-align: left; padding: 1px 12px 1px 0; vertical-align: top; {}"'
+_NAME_STYLE = _CELL_STYLE.format("white-space: nowrap")
+_VALUE_STYLE = _CELL_STYLE.format("")
 _MAX_FREE_MOTIONS = 8
 _MAX_ERRORS = 8
+
+
+def summarize_as_html(solution: Solution) -> str:
+    """Return the summary of a run as a self-contained HTML fragment."""
+    name = solution.model.get("name", "")
+    method = str(solution.integrator.get("integrator", ""))
+    title = " by ".join(filter(None, (name, method))) or "run"
+    facts = run_facts(solution)
+    facts["observed"] = ", ".join(o.name for o in solution.equations.observables) or "nothing"
+    facts |= {f"warning {k + 1}": sentence for k, sentence in enumerate(solution.warnings)}
+    return f"<div><b>{html.escape(title)}</b>{format_html_table(facts)}</div>"
+
+
+def format_html_table(facts: Mapping[str, str]) -> str:
+    """Return an HTML table with a column of names and a column of values."""
+    rows = "".join(
+        f"<tr><td {_NAME_STYLE}>{html.escape(name)}</td>"
+        f"<td {_VALUE_STYLE}>{html.escape(value)}</td></tr>"
+        for name, value in facts.items()
+    )
+    return f"<table>{rows}</table>"
 
 
 def describe_check(check: Any) -> dict[str, str]:

@@ -1,16 +1,17 @@
-"""Animations of runs."""
+"""Animations of runs, played in notebooks or written to files."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from beamdae.errors import require_count, require_positive
-from beamdae.report.page.motion_player import build_motion_player
-from beamdae.report.pictures.animation_files import save_animation
+from beamdae.errors import BeamdaeError, require_count, require_positive
+from beamdae.report.page.page_file import fill_template
+from beamdae.report.pictures.figures import require_picture_path
 from beamdae.report.pictures.scene_artists import (
     SceneArtists,
     add_caption,
@@ -20,11 +21,16 @@ from beamdae.report.pictures.scene_artists import (
     padded_extent,
 )
 from beamdae.report.scene.beam_colors import BeamColors, available_colors
-from beamdae.report.scene.frame_export import export_frames
-from beamdae.report.scene.run_scene import build_run_scene, choose_run_scale, frame_times
+from beamdae.report.scene.run_scene import (
+    build_run_scene,
+    choose_run_scale,
+    export_frames,
+    frame_times,
+)
 from beamdae.report.scene.scene import Scene
-from beamdae.results.displays import Animation
+from beamdae.results.displays import ANIMATION_WIDTH, Animation
 from beamdae.results.solution import Solution
+from beamdae.results.storage.files import atomic_write
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -37,6 +43,16 @@ _MIN_RATE = 0.1  # frames per second
 _MIN_FRAMES = 2
 MAX_FRAMES = 500
 _COLOR_BAR_STRIP = 0.62  # height of the strip for the color bar below the picture [inch]
+_RESOLUTION = 100  # [dots per inch]
+_STYLES = ("page", "charts", "mechanism")
+_SCRIPTS = ("data", "numbers", "markers", "mechanism", "player", "notebook_player")
+# Size of the picture [units of the SVG view box]; must agree with script/mechanism.js.
+_DRAWING_WIDTH = 420.0
+_MIN_DRAWING_HEIGHT = 180.0
+_MAX_DRAWING_HEIGHT = 400.0
+_SCALE_BAR_HEIGHT = 16.0
+_CONTROLS_HEIGHT = 150  # below the picture [pixels]
+_MIN_EXTENT = 1e-300  # avoids division by zero [m]
 
 
 def animate(
@@ -110,3 +126,81 @@ def _add_color_bar(figure: Figure, colors: BeamColors) -> None:
     axis.tick_params(labelsize=8, color="0.4", labelcolor="0.3", length=2)
     axis.locator_params(nbins=6)
     axis.set_title(colors.title, fontsize=8, color="0.3", pad=3)
+
+
+def save_animation(
+    name: str, path: str | Path, figure: Figure, show: Callable[[int], Any], frames: int, rate: Any
+) -> Path:
+    """Write an animation to a file and return the path.
+
+    Parameters
+    ----------
+    name
+        Name of the calling function, used in error messages.
+    path
+        Path of the file, with the suffix .gif or .mp4.
+    figure
+        The figure with all its artists.
+    show
+        Function that updates the figure to a frame, given by its index.
+    frames
+        Number of frames.
+    rate
+        Frames per second.
+
+    Raises
+    ------
+    BeamdaeError
+        If the suffix is not .gif or .mp4, ffmpeg is missing for MP4, or the file cannot be written.
+    """
+    from matplotlib.animation import FFMpegWriter, FuncAnimation, PillowWriter
+
+    kind = require_picture_path(name, path).suffix.lower()
+    if kind not in (".gif", ".mp4"):
+        raise BeamdaeError(f"{name}: path {path} must end in .gif or .mp4.")
+    if kind == ".mp4" and not FFMpegWriter.isAvailable():
+        raise BeamdaeError(
+            f"{name}: MP4 files need the program ffmpeg, which was not found; install "
+            "ffmpeg or write a GIF file."
+        )
+    writer = PillowWriter(rate) if kind == ".gif" else FFMpegWriter(rate)
+    with atomic_write(Path(path)) as scratch:
+        animation = FuncAnimation(figure, show, frames=frames, blit=False)
+        # The writers select the format by the suffix.
+        with_suffix = scratch.with_name(f"{scratch.name}{kind}")
+        try:
+            animation.save(str(with_suffix), writer=writer, dpi=_RESOLUTION)
+            with_suffix.replace(scratch)
+        finally:
+            with_suffix.unlink(missing_ok=True)
+    return Path(path)
+
+
+def build_motion_player(
+    frames: Mapping[str, Any], size: tuple[float, float], caption: str, speed: float, colored: bool
+) -> Animation:
+    """Return an animation that plays exported frames in a notebook.
+
+    Parameters
+    ----------
+    frames
+        Frames from `beamdae.report.scene.run_scene.export_frames`.
+    size
+        Width and height of the visible region [m].
+    caption
+        Text above the animation.
+    speed
+        Playback speed relative to real time.
+    colored
+        If true, beams are initially colored by the first color quantity.
+    """
+    data = {
+        "frames": frames,
+        "caption": caption,
+        "speed": speed,
+        "colored": colored,
+    }
+    document = fill_template("notebook_player", _STYLES, _SCRIPTS, data)
+    height = _DRAWING_WIDTH * size[1] / max(size[0], _MIN_EXTENT)
+    height = min(max(height, _MIN_DRAWING_HEIGHT), _MAX_DRAWING_HEIGHT) + _SCALE_BAR_HEIGHT
+    return Animation(document, round(height * ANIMATION_WIDTH / _DRAWING_WIDTH) + _CONTROLS_HEIGHT)

@@ -1,4 +1,4 @@
-"""Plots of equilibrium paths and of frequency responses."""
+"""Plots of equilibrium paths, responses, Bode diagrams, fits and section forces."""
 
 from __future__ import annotations
 
@@ -8,26 +8,44 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from beamdae.analysis.linear_dynamics.bode_diagram import Bode
 from beamdae.analysis.statics.boundary import Boundary
 from beamdae.analysis.statics.imperfections import KnockDown
+from beamdae.errors import (
+    BeamdaeError,
+    format_distinct,
+    require_choice,
+    require_finite,
+)
 from beamdae.report.pictures.figures import (
     COLORS,
     Panel,
+    disable_math_text,
+    draw_grid,
     draw_panels,
     select_default,
+    wrap_title,
 )
+from beamdae.report.pictures.tick_labels import format_ticks
 from beamdae.results.columns import (
     Header,
     merge_columns,
+    remove_unit,
     require_one_column,
     select_column,
     select_columns,
 )
+from beamdae.results.displays import Plot
 from beamdae.results.equilibrium import Equilibrium
 from beamdae.results.frequency_response import FrequencyResponse
+from beamdae.results.section_forces.section_forces import SECTION_FORCE_HEADERS, SectionForces
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+    from beamdae.analysis.fit.profile import ProfileLikelihood
+    from beamdae.analysis.fit.result import Fit
 
 Array = np.ndarray
 
@@ -36,6 +54,16 @@ _MIN_RANGE = 1e-9
 _PEAK = {"color": COLORS[1], "ls": "", "marker": "o", "ms": 4}
 _UNSTABLE_DASHES = (0, (3, 2))
 _MARKERS = {"limit point": "o", "branch point": "s", "flutter point": "^", "stopped": "x"}
+_PHASE_STEPS = [1.0, 1.5, 3.0, 4.5, 9.0, 10.0]  # of ticks; 4.5 is that of 45 degrees
+# Least ranges of axes.
+_MIN_MAGNITUDE_RATIO, _MIN_PHASE_RANGE = 10.0, 20.0
+_PROFILE_SIZE = (5.6, 3.6)  # [inch]
+# Standard deviations between which 95 % of the residuals of a right model are.
+_BAND = 1.96
+# Largest distance of a requested time from the nearest row, relative to the mean row spacing. With
+# equally spaced rows, all times between the first and the last row are accepted.
+_MAX_TIME_DISTANCE = 0.51
+_TIME_ROUNDING = 1e-12
 
 
 def create_path_figure(
@@ -169,3 +197,131 @@ def _label_half_range(response: FrequencyResponse, name: str) -> str:
     header = select_column("frequency_response", response.points[0].solution.columns, name)
     unit = Header.of(header).unit
     return f"{header.removesuffix(f' [{unit}]')}, half range [{unit}]"
+
+
+def create_bode_figure(diagram: Bode, title: str = "") -> Figure:
+    """Draw the magnitudes on the left and the phases on the right, one transfer function a row.
+
+    Transfer functions that are zero but for rounding errors are omitted.
+    """
+    model, panels = diagram.model, []
+    style = {"color": COLORS[0], "lw": 1.2}
+    for x in diagram.transfer_functions:
+        if not x.is_noise:
+            name = x.name.replace(f" [{model.outputs[x.output].unit}]", "", 1)
+            name = name.removesuffix(f" [{model.inputs[x.input].unit}]")
+            size, phase = ((diagram.frequencies, y, style) for y in (np.abs(x.response), x.phase))
+            panels.append(Panel(name, f"magnitude [{x.unit}]", [size], scales=("log", "log")))
+            panels.append(Panel(name, "phase [deg]", [phase], scales=("log", "linear")))
+    figure = draw_panels(panels, title, what="panels", x_label="frequency [Hz]")
+    for axis in figure.axes:
+        format_ticks(axis.xaxis)
+    for upper, lower in zip(figure.axes[::2], figure.axes[1::2], strict=True):
+        lower.locator_params(axis="y", steps=_PHASE_STEPS)
+        _widen_ranges(upper, lower)
+    return figure
+
+
+def _widen_ranges(magnitude: Axes, phase: Axes) -> None:
+    """Show at least a decade of magnitudes and 20 degrees, so that constants are drawn as such."""
+    least, most = magnitude.get_ylim()
+    if most < _MIN_MAGNITUDE_RATIO * least:
+        center, factor = np.sqrt(least * most), np.sqrt(_MIN_MAGNITUDE_RATIO)
+        magnitude.set_ylim(center / factor, center * factor)
+    least, most = phase.get_ylim()
+    if most - least < _MIN_PHASE_RANGE:
+        center = 0.5 * (least + most)
+        phase.set_ylim(center - 0.5 * _MIN_PHASE_RANGE, center + 0.5 * _MIN_PHASE_RANGE)
+
+
+def create_fit_figure(fit: Fit, title: str = "") -> Figure:
+    """Plot data and model, and the residuals in standard deviations; see `Fit.plot`."""
+    data: dict[str, Any] = {"color": COLORS[0], "ls": "", "marker": "o", "ms": 2.5}
+    model: dict[str, Any] = {"color": COLORS[3], "lw": 1.2}
+    band = {"color": "0.6", "lw": 1.0, "ls": "--"}
+    panels = []
+    table = fit.residual_table()
+    for (experiment, column), rows in table.groupby(["experiment", "observable"], sort=False):
+        time = rows["t [s]"].to_numpy()
+        name, unit = remove_unit(str(column)), Header.of(str(column)).unit
+        label = f"{name} in {experiment}" if experiment else name
+        curves = [(time, rows["model"], model), (time, rows["value"], data)]
+        limits = [(time[[0, -1]], np.full(2, x), band) for x in (-_BAND, _BAND)]
+        residuals = [*limits, (time, rows["residual"], data)]
+        panels += [Panel(label, f"[{unit}]", curves)]
+        panels += [Panel(f"residuals of {label}", "[sigma]", residuals)]
+    entries = {"data": data, "model": model, "95 % of residuals": band}
+    return draw_panels(panels, title, entries)
+
+
+def create_profile_figure(profile: ProfileLikelihood, title: str = "") -> Figure:
+    """Plot the increase of the sum of squares over the parameter; see `ProfileLikelihood.plot`."""
+    # Imported here because importing Matplotlib takes longer than some commands.
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=_PROFILE_SIZE, layout="constrained")
+    axis = figure.add_subplot()
+    axis.plot(profile.values, profile.increases, "o-", color=COLORS[0], lw=1.4, ms=3)
+    axis.axhline(profile.threshold, color="0.5", lw=1.0, ls="--")
+    for limit in profile.interval:
+        if np.isfinite(limit):
+            axis.axvline(limit, color=COLORS[1], lw=1.0)
+    axis.set_xlabel(profile.name)
+    axis.set_ylabel("increase of chi-square")
+    draw_grid(axis)
+    disable_math_text(figure)
+    return figure
+
+
+def plot_section_diagram(forces: SectionForces, what: str = "M", t: float | None = None) -> Plot:
+    """Plot N, Q or M of a beam over its arc length; see `SectionForces.diagram`."""
+    # Imported here because importing Matplotlib takes longer than some commands.
+    from matplotlib.figure import Figure
+
+    name = forces.beam.name
+    require_choice(name, "what", what, tuple(SECTION_FORCE_HEADERS))
+    k = list(SECTION_FORCE_HEADERS).index(what)
+    values = (forces.N, forces.Q, forces.M)[k]
+    figure = Figure(figsize=(5.6, 3.2), layout="constrained")
+    axis = figure.add_subplot()
+    row = _find_row(forces, t)
+    axis.axhline(0.0, color="0.6", lw=0.8)
+    if row is None:
+        envelope, unit = forces.envelope(), SECTION_FORCE_HEADERS[what].partition(" [")[2]
+        (lowest, lower), (highest, upper) = (
+            [envelope[f"{what} {name} [{unit}"] for name in (word, f"{word} error")]
+            for word in ("min", "max")
+        )
+        axis.fill_between(forces.s, lowest - lower, highest + upper, color="0.93", lw=0.0)
+        axis.fill_between(forces.s, lowest, highest, color="0.85")
+        axis.plot(forces.s, highest, color=COLORS[0], lw=1.4)
+        axis.plot(forces.s, lowest, color=COLORS[1], lw=1.4)
+        time = f"{forces.t[0]:g} to {forces.t[-1]:g} s"
+    else:
+        line, error = values[row], forces.error[k, row]
+        axis.fill_between(forces.s, line - error, line + error, color="0.85", lw=0.0)
+        axis.plot(forces.s, line, color=COLORS[0], lw=1.6)
+        axis.plot(forces.s, forces.strained[k, row], ".", color=COLORS[1], ms=4)
+        time = f"t = {forces.t[row]:g} s"
+    axis.set_title(wrap_title(f"{name}, {time}"), fontsize=10)
+    axis.set_xlabel("s [m]")
+    axis.set_ylabel(SECTION_FORCE_HEADERS[what])
+    axis.margins(x=0.0)
+    draw_grid(axis)
+    disable_math_text(figure)
+    return Plot(figure)
+
+
+def _find_row(forces: SectionForces, t: Any) -> int | None:
+    if t is None:
+        return 0 if len(forces.t) == 1 else None
+    t = require_finite(forces.beam.name, "t", t)
+    row = int(np.argmin(np.abs(forces.t - t)))
+    distance = np.ptp(forces.t) / max(len(forces.t) - 1, 1)
+    if abs(forces.t[row] - t) > _MAX_TIME_DISTANCE * distance + _TIME_ROUNDING * abs(t):
+        first, last, given = format_distinct(forces.t[0], forces.t[-1], t)
+        raise BeamdaeError(
+            f"{forces.beam.name}: t must be close to a time of the section forces ({first} to "
+            f"{last} s), got {given} s."
+        )
+    return row
