@@ -7,7 +7,7 @@ import re
 
 SUPERSCRIPTS = str.maketrans("-\N{MINUS SIGN}0123456789", "⁻⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 # Axes show values of 1e4 and more, and below 1e-2, in multiples of 1000 of their unit. Pages follow
-# the same rule, see page/script/numbers.js.
+# the same rule, see page/script/data.js.
 _SMALL, _LARGE = -3, 4  # exponents of ten
 _PREFIXES = {-9: "n", -6: "µ", -3: "m", 3: "k", 6: "M", 9: "G"}
 _PREFIXED_UNIT = re.compile(r"(Pa|N|J|W|Hz|V|A)(?=$|[ /*·])")

@@ -18,8 +18,7 @@ from beamdae.results.storage.files import write_text
 # Files in the order of concatenation; all scripts share one global scope.
 _STYLES = ("page", "charts", "tables", "mechanism", "media")
 _SCRIPTS = (
-    *("data", "numbers", "markers", "chart", "cases", "scatter", "curves", "mechanism", "player"),
-    *("sliders", "fact_tables", "case_table", "selection"),
+    *("data", "markers", "chart", "cases", "scatter", "curves", "mechanism", "tables"),
     "main",  # must be last because it initializes the page
 )
 

@@ -45,7 +45,7 @@ MAX_FRAMES = 500
 _COLOR_BAR_STRIP = 0.62  # height of the strip for the color bar below the picture [inch]
 _RESOLUTION = 100  # [dots per inch]
 _STYLES = ("page", "charts", "mechanism")
-_SCRIPTS = ("data", "numbers", "markers", "mechanism", "player", "notebook_player")
+_SCRIPTS = ("data", "markers", "mechanism", "notebook_player")
 # Size of the picture [units of the SVG view box]; must agree with script/mechanism.js.
 _DRAWING_WIDTH = 420.0
 _MIN_DRAWING_HEIGHT = 180.0
