@@ -34,7 +34,7 @@ from .beams.structures import frame as frame
 from .beams.structures import welded_beams as welded_beams
 from .beams.viscoelasticity import StandardLinearSolid as StandardLinearSolid
 from .checks import check as check
-from .cli.model_files.model_file import load_model as load_model
+from .cli.model_file import load_model as load_model
 from .curves.intrinsic_curve import IntrinsicCurve as IntrinsicCurve
 from .curves.plane_curves import Arc as Arc
 from .curves.plane_curves import Line as Line

@@ -106,7 +106,7 @@ GROUPS = (
         model model_functions
         results.Model model_functions
         param model_parameters
-        load_model cli.model_files.model_file
+        load_model cli.model_file
         ConstrainedSystem equations.assembly.constrained_system
         equations_of_motion equations.assembly.assemble
         results.EquationsOfMotion equations.equations_of_motion

@@ -1,6 +1,6 @@
 """Runs of studies in this process, in other processes and on a cluster, which commands start."""
 
-from beamdae.cli.model_files.model_file import ModelFile
+from beamdae.cli.model_file import ModelFile
 from beamdae.errors import KernelWarning
 from beamdae.results.outcome import Status
 from beamdae.studies.case_summaries import summarize_cases

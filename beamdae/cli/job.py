@@ -26,7 +26,7 @@ from beamdae.cli.results import Report, ResultFiles, run_analysis
 from beamdae.errors import BeamdaeError
 
 if TYPE_CHECKING:
-    from beamdae.cli.model_files.model_file import ModelFile
+    from beamdae.cli.model_file import ModelFile
     from beamdae.model_functions import Model
 
 # Arguments and options of a command with a job, by name: annotation and default value.

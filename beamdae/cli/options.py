@@ -12,14 +12,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from beamdae.catalog import INTEGRATORS
-from beamdae.cli import startup
+from beamdae.cli import process
 from beamdae.cli.output import record_results
 from beamdae.cli.ranges import parse_ends
 from beamdae.errors import BeamdaeError, require_choice, short_repr, suggest
 from beamdae.report.option_names import form_of_option
 
 if TYPE_CHECKING:
-    from beamdae.cli.model_files.model_file import ModelFile
+    from beamdae.cli.model_file import ModelFile
     from beamdae.model_functions import Model
     from beamdae.parts.rotation import Rotation
 
@@ -338,10 +338,10 @@ Out = Annotated[Path, output_option(help="Output folder.")]
 
 
 def load_model(
-    path: Path, name: str | None, settings: list[str] | None, needs: str = startup.RUNS
+    path: Path, name: str | None, settings: list[str] | None, needs: str = process.RUNS
 ) -> tuple[Model, ModelFile]:
     """Return a model with the values of --set as defaults, and its file; see `ModelFile`."""
-    from beamdae.cli.model_files.model_file import ModelFile
+    from beamdae.cli.model_file import ModelFile
 
     file = ModelFile(path, needs)
     model = file.model(name)
@@ -415,7 +415,7 @@ def create_integrator(
         If the name is unknown, or the integrator does not have a setting or rejects its value.
     """
     import beamdae
-    from beamdae.cli.model_files.model_file import translate_errors
+    from beamdae.cli.model_file import translate_errors
 
     names = list(dict.fromkeys([*INTEGRATORS, *file.integrators]))
     if name not in names:

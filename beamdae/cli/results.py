@@ -15,16 +15,16 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from beamdae.cli import signals
+from beamdae.cli import process
 from beamdae.cli.output import (
     create_console,
     current_output,
     print_error,
     print_warnings,
     record_results,
+    require_writable,
     show,
 )
-from beamdae.cli.output_paths import require_writable
 from beamdae.errors import BeamdaeError, format_count, format_exception
 from beamdae.input_files import is_input
 from beamdae.interrupts import acknowledge
@@ -257,10 +257,10 @@ class ResultFiles:
         self.print_paths()
         failures = [(prefix, x) for prefix, x in outcomes if x is not None and not x.success]
         reasons = [x.sentence for _, x in failures if x.kind == "interrupted"]
-        if reasons or signals.is_interrupted():
+        if reasons or process.is_interrupted():
             reason = (*reasons, "interrupted after the tables were written")[0]
             print_error(f"{reason}; the results so far are in {self.paths[0]}")
-            raise typer.Exit(signals.exit_code())
+            raise typer.Exit(process.exit_code())
         is_incomplete = any(x.kind == "not run" for _, x in failures)
         for prefix, status in failures:
             prefix = "not run" if is_incomplete else prefix
@@ -313,9 +313,9 @@ def run_analysis(
         Function that writes further files, after page and picture.
     """
     try:
-        with signals.defer_interrupts(immediate=1):
+        with process.defer_interrupts(immediate=1):
             result = analyze()
-            with signals.defer_interrupts():
+            with process.defer_interrupts():
                 files.add(*write_tables(result))
     except KeyboardInterrupt:
         if not files.paths:
@@ -325,7 +325,7 @@ def run_analysis(
     from beamdae.simulation import unchecked
 
     report = None
-    if not signals.is_interrupted():
+    if not process.is_interrupted():
         with continue_after_interrupt():
             report = describe(result)
     if report is None:
@@ -342,7 +342,7 @@ def run_analysis(
 
     page, picture = files.page, files.picture
     with continue_after_interrupt():
-        if not signals.is_terminated():
+        if not process.is_terminated():
             if page is not None:
                 files.write(page.name, lambda: [write_page(result, page, title(result))])
             if picture is not None:

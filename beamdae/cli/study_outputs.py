@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from beamdae.cli import signals
+from beamdae.cli import process
 from beamdae.cli.options import parse_start, split_names
-from beamdae.cli.output_paths import require_writable
+from beamdae.cli.output import require_writable
 from beamdae.cli.progress import show_study_progress
 from beamdae.cli.results import Report, ResultFiles, run_analysis
 from beamdae.errors import require_positive
@@ -141,7 +141,7 @@ def run_and_write(
     def analyze() -> StudyReport:
         try:
             # The exception may have been swallowed, for example by a callback of other code.
-            if signals.is_interrupted():
+            if process.is_interrupted():
                 raise KeyboardInterrupt
             from beamdae.studies.execution.executors import create_executor
             from beamdae.studies.execution.study_run import run_study
@@ -194,7 +194,7 @@ def _describe_end(results: StudyResults, n_runs: int) -> Status | None:
     """Return the status of a study with missing runs, which resumes with them."""
     from beamdae.results.outcome import Status
 
-    if results.interrupted or signals.is_interrupted():
+    if results.interrupted or process.is_interrupted():
         n_done = sum(x.status.kind not in MISSING_KINDS for x in results.outcomes.values())
         reason = f"interrupted, {n_done} of {n_runs} runs done; {_RESUME_HINT}"
         return Status("interrupted", reason)

@@ -111,7 +111,7 @@ def _create_report(results: StudyResults) -> StudyReport:
 
 def _select_study(path: Path, name: str | None, settings: dict[str, str]) -> Study:
     """Return a study of the file, or a study of one of its models with the default integrators."""
-    from beamdae.cli.model_files.model_file import ModelFile, select_name
+    from beamdae.cli.model_file import ModelFile, select_name
     from beamdae.studies import Case, Study, Sweep, default_integrators
 
     file = ModelFile(path)

@@ -23,7 +23,7 @@ from beamdae.cli.options import (
     parse_start,
     split_names,
 )
-from beamdae.cli.output_paths import require_writable
+from beamdae.cli.output import require_writable
 from beamdae.cli.results import Report, ResultFiles
 
 if TYPE_CHECKING:

@@ -41,7 +41,7 @@ from beamdae.errors import BeamdaeError, require_count, suggest
 
 # NumPy and CasADi are imported inside functions, so that --help responds quickly.
 if TYPE_CHECKING:
-    from beamdae.cli.model_files.model_file import ModelFile
+    from beamdae.cli.model_file import ModelFile
     from beamdae.model_functions import Model
     from beamdae.studies import Sweep
     from beamdae.studies.execution.study_run import StudyResults
@@ -99,7 +99,7 @@ def sweep_command(
     (@bd.sweep) needs no --over. Finished runs are stored in the results folder: run the same
     command again to resume. The exit codes are the same as for compare.
     """
-    from beamdae.cli.model_files.model_file import ModelFile
+    from beamdae.cli.model_file import ModelFile
 
     named = None if integrator == "auto" else integrator
     method_options = {"--integrator": named, "--rtol": rtol, "--step": step}
@@ -210,7 +210,7 @@ def _split_at_commas(text: str) -> list[str]:
 
 def _sweep_of_file(file: ModelFile, name: str | None) -> Sweep:
     """Return the sweep called `name`, or the only sweep of the file."""
-    from beamdae.cli.model_files.model_file import select_name
+    from beamdae.cli.model_file import select_name
     from beamdae.studies import Sweep
 
     models = file.models

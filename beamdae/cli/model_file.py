@@ -1,23 +1,25 @@
-"""Model files: Python files that define models, imported from their paths."""
+"""Model files: Python files that define models, imported from their paths, and examples."""
 
 from __future__ import annotations
 
+import builtins
 import importlib.util
 import inspect
+import re
 import sys
+import traceback
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import wraps
 from pathlib import Path
 from types import CodeType, ModuleType
 from typing import TYPE_CHECKING, Any
 
-from beamdae.cli.model_files.example_files import resolve_path
-from beamdae.cli.model_files.user_errors import describe_error
-from beamdae.cli.startup import RUNS, import_before_models
+from beamdae.cli.process import RUNS, import_before_models
 from beamdae.errors import (
     BeamdaeError,
+    format_message,
     path_as_text,
     plain_text,
     require_valid_path,
@@ -29,6 +31,95 @@ from beamdae.model_functions import Model, extend_import_path
 
 if TYPE_CHECKING:
     from beamdae.studies import Study
+
+
+PREFIX = "example:"
+
+
+# Python 3.13 and later suggest arguments themselves.
+_SUGGESTION = re.compile(r"\. Did you mean '\w+'\?$")
+
+
+def examples_folder() -> Path:
+    """Return the folder of the examples, which is next to the package in a source checkout."""
+    import beamdae
+
+    package = Path(beamdae.__file__).parent
+    installed = package / "examples"
+    return installed if installed.is_dir() else package.parent / "models"
+
+
+def example_names() -> list[str]:
+    """Return the names of all examples in alphabetical order."""
+    files = examples_folder().glob("*.py")
+    return sorted(file.stem for file in files if file.stem != "__init__")
+
+
+def resolve_path(path: Path) -> Path:
+    """Return the path of a model file; `example:NAME` becomes the file of that example.
+
+    Raises
+    ------
+    BeamdaeError
+        If no example has this name.
+    """
+    text = str(path)
+    return example_file(text.removeprefix(PREFIX)) if text.startswith(PREFIX) else path
+
+
+def example_file(name: str) -> Path:
+    """Return the file of an example.
+
+    Raises
+    ------
+    BeamdaeError
+        If no example has this name.
+    """
+    names = example_names()
+    if name not in names:
+        raise BeamdaeError(
+            f"{PREFIX}{name}: there is no example {short_repr(name)}{suggest(name, names)}; "
+            f"available examples: {', '.join(names)}."
+        )
+    return examples_folder() / f"{name}.py"
+
+
+def describe_error(problem: BaseException, path: Path) -> str:
+    """Describe an exception in one line: type, line number in `path`, message and suggestion."""
+    file_names = (path, path.absolute())
+    lines = [
+        frame.lineno
+        for frame in traceback.extract_tb(problem.__traceback__)
+        if Path(frame.filename) in file_names
+    ]
+    message = format_message(problem).replace(".__init__()", "()")
+    suggestion = _suggest_name(problem)
+    if suggestion:
+        message = _SUGGESTION.sub("", message)
+    if isinstance(problem, SystemExit):
+        code = "" if problem.code is None else short_repr(problem.code)
+        message = f"sys.exit({code}) was called"
+    if isinstance(problem, SyntaxError):
+        # str() repeats the line number, and the error may be in an imported file.
+        is_elsewhere = problem.filename is not None and Path(problem.filename) not in file_names
+        place = f" of {problem.filename}" if is_elsewhere else ""
+        lines, message = [problem.lineno or 1], f"{problem.msg}{place}"
+    line = f" at line {lines[-1]}" if lines else ""
+    text = f": {message}" if message else ""
+    return f"{type(problem).__name__}{line}{text}{suggestion}"
+
+
+def _suggest_name(problem: BaseException) -> str:
+    """Return a suggestion for the name that an exception reports as missing, or ""."""
+    missing, names = getattr(problem, "name", None) or "", []
+    if isinstance(problem, AttributeError):
+        with suppress(Exception):  # of the object
+            names = dir(problem.obj)
+    elif isinstance(problem, NameError):
+        *_, (frame, _) = traceback.walk_tb(problem.__traceback__)
+        names = [*frame.f_globals, *frame.f_locals, *dir(builtins)]
+    is_private = missing.startswith("_")
+    return suggest(missing, [x for x in names if is_private or not x.startswith("_")])
 
 
 def load_model(path: str | Path, name: str | None = None) -> Model:
@@ -79,7 +170,7 @@ class ModelFile:
         Path of the file, or `example:NAME`.
     needs
         What is done with the models, which determines the modules that are imported before the
-        file: `startup.RUNS` or `startup.MODELS`.
+        file: `process.RUNS` or `process.MODELS`.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""`beamdae static`: equilibria of a model under increasing loads."""
+"""Commands `static` and `buckling`."""
 
 from __future__ import annotations
 
@@ -181,3 +181,26 @@ def _parse_targets(
         return {"": units[name]} if name in units else {}
 
     return targets, parse_named_number("--step", "", step, find_unit)
+
+
+def buckling_command(
+    job: AccurateJob,
+    number: Annotated[int, typer.Option("-n", "--number", help="Number of load factors.")] = 5,
+    load: Loads = None,
+    t: LoadTime = 0.0,
+    start: Starts = None,
+) -> None:
+    """Compute linear buckling loads of a model; write a table (CSV), a picture (PNG) and a page.
+
+    Exits with 0 on success, 1 if --accuracy was not reached or the page or picture failed, and 2
+    for a usage or model error.
+    """
+    files = job.plan("_buckling")
+    loads, initial_state = split_names(load) or None, job.start(start)
+
+    def analyze() -> Any:
+        from beamdae.analysis.statics.linear_buckling import buckling
+
+        return buckling(job.model, number, loads, t, initial_state, **job.accuracy)
+
+    job.run(files, "linear buckling", analyze)
