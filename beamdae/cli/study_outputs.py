@@ -20,8 +20,8 @@ from beamdae.interrupts import Interrupted
 if TYPE_CHECKING:
     from beamdae.results.outcome import Status
     from beamdae.studies import Study
-    from beamdae.studies.execution.study_progress import StudyProgress
-    from beamdae.studies.execution.study_run import StudyResults
+    from beamdae.studies.study_run import StudyResults
+    from beamdae.studies.tasks import StudyProgress
 
 # Statuses of runs that are computed when the study resumes.
 MISSING_KINDS = ("interrupted", "not run")
@@ -33,7 +33,7 @@ _RESUME_HINT = "run the same command again to resume"
 
 def results_folder_name(stem: str, settings: Mapping[str, Any]) -> str:
     """Return the name of the results folder; long names are shortened and end with a hash."""
-    from beamdae.studies.store.fingerprints import digest
+    from beamdae.studies.fingerprints import digest
 
     parts = [re.sub(r"[^A-Za-z0-9.=-]+", "-", f"{key}={value}") for key, value in settings.items()]
     name = "_".join([stem, *parts])
@@ -143,8 +143,8 @@ def run_and_write(
             # The exception may have been swallowed, for example by a callback of other code.
             if process.is_interrupted():
                 raise KeyboardInterrupt
-            from beamdae.studies.execution.executors import create_executor
-            from beamdae.studies.execution.study_run import run_study
+            from beamdae.studies.executors import create_executor
+            from beamdae.studies.study_run import run_study
 
             with show_study_progress() as show_progress:
 

@@ -190,7 +190,7 @@ def test_checkpoints_that_were_read_cannot_be_changed(tmp_path, run):
 @posix
 def test_hashes_and_outlines_of_pipes_do_not_wait(tmp_path):
     from beamdae.cli.commands.list import Outline, read_outline
-    from beamdae.studies.store.file_hashes import digest_file
+    from beamdae.studies.file_reads import digest_file
 
     os.mkfifo(tmp_path / "pipe")
     (tmp_path / "file").write_bytes(b"content")

@@ -14,7 +14,7 @@ import beamdae as bd
 from beamdae.live.session import summarize
 from beamdae.report import tables
 from beamdae.report.run_pages import build_run_page
-from beamdae.studies.column_measures import MEASURES, measure_rows
+from beamdae.studies.run_values import MEASURES, measure_rows
 
 MISSED = "the output rows miss its largest value"
 

@@ -119,6 +119,6 @@ def test_a_scheduler_is_an_address_or_an_executor():
 @pytest.mark.slow(reason="waits for an answer")
 @pytest.mark.usefixtures("distributed")
 def test_missing_scheduler_is_an_error(monkeypatch):
-    monkeypatch.setattr("beamdae.studies.execution.executors._CONNECT_TIMEOUT", 0.2)
+    monkeypatch.setattr("beamdae.studies.executors._CONNECT_TIMEOUT", 0.2)
     with pytest.raises(bd.BeamdaeError, match=r"scheduler tcp://127\.0\.0\.1:9 does not answer"):
         bd.sweep(swing, {"mass": [1.0]}, scheduler="tcp://127.0.0.1:9")

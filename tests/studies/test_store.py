@@ -19,9 +19,9 @@ import beamdae as bd
 from beamdae.results.outcome import Status
 from beamdae.results.storage.documents import checksum
 from beamdae.studies.case_table import tabulate_case
-from beamdae.studies.column_measures import measure_rows
 from beamdae.studies.references import REFERENCE_NOT_RUN
-from beamdae.studies.store.store import Store, format_trajectory
+from beamdae.studies.run_values import measure_rows
+from beamdae.studies.store import Store, format_trajectory
 from beamdae.studies.tasks import Outcome, Rows, Task
 
 CASE = bd.Case(swing, {"mass": 1.0}, bd.GeneralizedAlpha(step=0.01))

@@ -166,7 +166,7 @@ def is_alive(pid):
 @pytest.mark.slow(reason="processes die and are started again")
 def test_processes_that_die_or_hang_are_rows(tmp_path, monkeypatch, capfd):
     # It includes the start of a process, which takes seconds on a busy machine.
-    monkeypatch.setattr("beamdae.studies.execution.executors._KILL_DELAY", 20.0)
+    monkeypatch.setattr("beamdae.studies.executors._KILL_DELAY", 20.0)
     marker = tmp_path / "children"
     kinds = [*REASONS, "interrupt", "at once", "at once, 3", "killed", "hanging"]
     harmless = ["talkative", "threads", "children", "fork", "elsewhere", "killed once", "none"]

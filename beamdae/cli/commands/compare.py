@@ -33,7 +33,7 @@ from beamdae.errors import BeamdaeError, suggest
 # NumPy and CasADi are imported inside functions, so that --help responds quickly.
 if TYPE_CHECKING:
     from beamdae.studies import Study
-    from beamdae.studies.execution.study_run import StudyResults
+    from beamdae.studies.study_run import StudyResults
 
 
 def compare_command(
@@ -68,7 +68,7 @@ def _create_report(results: StudyResults) -> StudyReport:
     from beamdae.report import tables
     from beamdae.report.descriptions import Description
     from beamdae.report.text import make_printable
-    from beamdae.studies.study_pictures import list_plots
+    from beamdae.studies.study_page import list_plots
 
     def write_page(path: Path) -> Path:
         from beamdae.report.page.page_file import write_page as write

@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from beamdae.cli.model_file import ModelFile
     from beamdae.model_functions import Model
     from beamdae.studies import Sweep
-    from beamdae.studies.execution.study_run import StudyResults
+    from beamdae.studies.study_run import StudyResults
 
 _VALUE_FORMS = f"VALUE,VALUE,... or {SPACED_FORMS}"
 _MAX_MEASURES = 100

@@ -23,9 +23,9 @@ from beamdae.results.outcome import Status
 from beamdae.results.storage.files import require_file_path
 from beamdae.results.time_series import TimeSeries
 from beamdae.studies.case import format_parameter
-from beamdae.studies.execution.study_run import StudyResults
 from beamdae.studies.run_values import MEASURED_ERROR_COLUMN
 from beamdae.studies.study_page import MAX_CURVES, create_study_page, extra_column_key
+from beamdae.studies.study_run import StudyResults
 from beamdae.studies.sweeps.parameter_grid import ParameterGrid
 from beamdae.studies.sweeps.response_plots import (
     choose_panels,

@@ -22,22 +22,22 @@ from beamdae.results.solution import Solution
 from beamdae.results.storage.files import is_in_deleted_folder
 from beamdae.simulation import as_equations, simulate, unchecked
 from beamdae.studies.case import Case
-from beamdae.studies.column_measures import measure_rows
+from beamdae.studies.file_reads import (
+    FileReads,
+    are_unchanged,
+    digest_reads,
+    record_file_reads,
+)
 from beamdae.studies.run_values import (
     MEASURING_TIME_COLUMN,
     WALL_TIME_COLUMN,
     collect_rows,
     collect_run_values,
     evaluate_outputs,
+    measure_rows,
     summarize_wall_times,
 )
-from beamdae.studies.store.file_reads import (
-    FileReads,
-    are_unchanged,
-    digest_reads,
-    record_file_reads,
-)
-from beamdae.studies.store.store import format_trajectory
+from beamdae.studies.store import format_trajectory
 from beamdae.studies.tasks import MEASURED, Outcome, Task, describe_exception
 
 

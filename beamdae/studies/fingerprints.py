@@ -34,7 +34,7 @@ from typing import Any
 import numpy as np
 
 from beamdae.read_only import ReadOnlyDict
-from beamdae.studies.store.file_hashes import PACKAGE_FOLDER, is_installed
+from beamdae.studies.file_reads import PACKAGE_FOLDER, is_installed
 
 # Class members that Python generates, some of them lazily or in no fixed order.
 _GENERATED_MEMBERS = {

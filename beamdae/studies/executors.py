@@ -28,12 +28,13 @@ from beamdae.interrupts import DeferredInterrupts
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.report.text import shorten_text
 from beamdae.results.outcome import Status
-from beamdae.studies.execution.case_run import run_task
-from beamdae.studies.store.file_reads import clear_module_reads
+from beamdae.studies.case_run import run_task
+from beamdae.studies.file_reads import clear_module_reads
 from beamdae.studies.tasks import Outcome, Task, describe_exception
 
 if TYPE_CHECKING:
     from multiprocessing.connection import Connection
+
 
 _KILL_DELAY = 60.0  # time after the time limit of a task until its process is killed [s]
 _MAX_ATTEMPTS = 2  # per task, if its process dies

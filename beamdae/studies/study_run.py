@@ -24,11 +24,10 @@ from beamdae.results.columns import observed_columns, select_observed_columns
 from beamdae.results.outcome import REACHED_END, Status
 from beamdae.results.storage.files import write_escaped_table
 from beamdae.studies.case import Case, DigestCache
-from beamdae.studies.case_summaries import summarize_cases
-from beamdae.studies.case_table import assemble_case_table, tabulate_case
+from beamdae.studies.case_table import assemble_case_table, summarize_cases, tabulate_case
 from beamdae.studies.definition import Study
-from beamdae.studies.execution.executors import TaskExecutor
-from beamdae.studies.execution.study_progress import StudyProgress, count_runs
+from beamdae.studies.executors import TaskExecutor
+from beamdae.studies.file_reads import register_reads
 from beamdae.studies.references import (
     REFERENCE_NOT_RUN,
     Reference,
@@ -36,10 +35,8 @@ from beamdae.studies.references import (
     create_reference_tasks,
     group_cases,
 )
-from beamdae.studies.store.file_reads import register_reads
-from beamdae.studies.store.folder_lock import lock_folder
-from beamdae.studies.store.store import Store
-from beamdae.studies.tasks import MEASURED, NOT_RUN, Outcome, Task
+from beamdae.studies.store import Store, lock_folder
+from beamdae.studies.tasks import MEASURED, NOT_RUN, Outcome, StudyProgress, Task, count_runs
 
 _CHECKED_EVERY = 20  # cases whose errors are measured, and the last one
 _MAX_WARNING_KINDS = 5  # kinds of warnings that are described
@@ -120,7 +117,7 @@ class StudyResults:
     table
         One row per case, failures included.
     summary
-        Summary of the table by group; see `case_summaries`.
+        Summary of the table by group; see `case_table`.
     references
         References by group, for the groups whose errors are computed; see `Reference`.
     outcomes

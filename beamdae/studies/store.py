@@ -1,10 +1,12 @@
-"""Store of outcomes on disk: JSON records and CSV trajectories, each written atomically."""
+"""Store of outcomes in a results folder: JSON records, CSV trajectories, and a lock."""
 
 from __future__ import annotations
 
 import csv
 import hashlib
-from collections.abc import Sequence
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from io import StringIO
 from pathlib import Path
@@ -13,21 +15,25 @@ from typing import Any
 import numpy as np
 
 from beamdae.equations.measures import TIME
-from beamdae.errors import FileContentError
+from beamdae.errors import BeamdaeError, FileContentError
 from beamdae.results.outcome import Status
 from beamdae.results.storage.documents import Format
 from beamdae.results.storage.files import (
+    describe_write_error,
     escape_cell,
     format_rows,
     remove_stale_scratch_files,
     write_bytes,
 )
 from beamdae.results.storage.reader import FileKind, read_bytes
+from beamdae.studies.file_reads import changed_files
 from beamdae.studies.run_values import COUNT_COLUMNS
-from beamdae.studies.store.file_reads import changed_files
 from beamdae.studies.tasks import TRAJECTORY, Outcome, Rows, Task
 
 Array = np.ndarray
+
+
+_LOCK_FILE = ".lock"
 
 
 @dataclass(frozen=True)
@@ -154,3 +160,68 @@ def _is_usable(task: Task, record: Record) -> bool:
     if not record.status.success:
         return record.time_limit == task.time_limit
     return record.repetitions >= task.repetitions and not (task.frames and record.frames is None)
+
+
+@contextmanager
+def lock_folder(folder: Path) -> Iterator[None]:
+    """Hold the lock of a results folder, which is created if needed.
+
+    The lock is a file that the system unlocks when the process ends, even if the process is killed;
+    the file remains. File systems without locks are not protected.
+
+    Raises
+    ------
+    BeamdaeError
+        If another process runs a study in this folder, the file cannot be created, or an operation
+        in the block misses the folder, because it has been deleted.
+    """
+    path = folder / _LOCK_FILE
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+    except OSError as problem:
+        raise describe_write_error(path, problem) from problem
+    try:
+        if not _lock_file(descriptor):
+            raise BeamdaeError(
+                f"{folder}: another process is running a study in this folder; wait until it ends, "
+                "or choose another folder."
+            )
+        yield
+    except FileNotFoundError as problem:
+        # Any operation of the study may be the first to miss the folder.
+        if folder.is_dir():
+            raise
+        raise describe_write_error(path, problem) from problem
+    finally:
+        os.close(descriptor)
+
+
+def _lock_file(descriptor: int) -> bool:
+    """Lock an open file; return False if another process holds the lock.
+
+    If the file system has no locks, return True.
+    """
+    try:
+        import fcntl
+    except ImportError:
+        return _lock_file_on_windows(descriptor)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:  # The file system has no locks.
+        return True
+    return True
+
+
+def _lock_file_on_windows(descriptor: int) -> bool:
+    try:
+        import msvcrt
+    except ImportError:  # A browser has neither locks nor other processes.
+        return True
+    try:
+        msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)  # type: ignore[attr-defined,unused-ignore]
+    except OSError:
+        return False
+    return True
