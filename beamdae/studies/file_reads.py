@@ -14,7 +14,7 @@ from pathlib import Path
 
 from beamdae.errors import working_folder
 from beamdae.input_files import find_source, is_written, register_input, watch_files
-from beamdae.results.storage.reader import open_regular_file
+from beamdae.results.storage.documents import open_regular_file
 
 # Replaces the hash of a file that changed after it was read; differs from every hash.
 _CHANGED_WHILE_READ = "changed while it was read"

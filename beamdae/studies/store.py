@@ -17,7 +17,7 @@ import numpy as np
 from beamdae.equations.measures import TIME
 from beamdae.errors import BeamdaeError, FileContentError
 from beamdae.results.outcome import Status
-from beamdae.results.storage.documents import Format
+from beamdae.results.storage.documents import FileKind, Format, read_bytes
 from beamdae.results.storage.files import (
     describe_write_error,
     escape_cell,
@@ -25,7 +25,6 @@ from beamdae.results.storage.files import (
     remove_stale_scratch_files,
     write_bytes,
 )
-from beamdae.results.storage.reader import FileKind, read_bytes
 from beamdae.studies.file_reads import changed_files
 from beamdae.studies.run_values import COUNT_COLUMNS
 from beamdae.studies.tasks import TRAJECTORY, Outcome, Rows, Task

@@ -20,7 +20,7 @@ from beamdae.errors import call_progress, format_exception, short_repr
 from beamdae.function_pickler import pickle_with_functions
 from beamdae.read_only import read_only_data
 from beamdae.results.outcome import REACHED_END, Status
-from beamdae.results.storage.reader import ContentError, FileKind, read_bytes
+from beamdae.results.storage.documents import ContentError, FileKind, read_bytes
 from beamdae.studies.case import Case
 
 if TYPE_CHECKING:

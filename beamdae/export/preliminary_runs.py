@@ -1,19 +1,52 @@
-"""Warnings about the steps of an FMU, from a trial run and from the contacts of the model."""
+"""Runs before an export: the settings of Radau from a pilot run, and warnings from a trial run."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import replace
 
+import numpy as np
+
+from beamdae.core.tables import Workspace
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.surface_gaps import SurfaceGapTerm
 from beamdae.errors import list_first, warn_user
 from beamdae.integrators.alpha.generalized_alpha import GeneralizedAlpha
+from beamdae.integrators.drive import drive
+from beamdae.integrators.error_control import motion_scales
+from beamdae.integrators.pilot_run import PILOT_RTOL
 from beamdae.integrators.radau.radau import Radau
+from beamdae.integrators.radau.stepper import RadauStepper
+from beamdae.integrators.run_plan import RunPlan
 from beamdae.simulation import compute_output_times
+
+Array = np.ndarray
+
 
 _MAX_NAMES = 3  # of parts in a warning
 _MAX_TRIAL_STEPS = 20_000
+
+
+def plan_radau(
+    equations: EquationsOfMotion, times: Array, integrator: Radau
+) -> tuple[Workspace, float]:
+    """Return the steps that Radau takes in a run over `times` [s], with its pilot run.
+
+    The lower bound on 2 / h^2 of the first step h [1/s^2] follows the work arrays.
+    """
+    method = replace(integrator, max_steps=1, time_limit=None)
+    pilot = replace(method, rtol=PILOT_RTOL)
+    plans: list[RunPlan] = []
+
+    def method_on(plan: RunPlan) -> RadauStepper:
+        plans.append(plan)
+        return method.method_on(plan)
+
+    # The main run ends after one step.
+    drive(method, equations, times, method_on, None, pilot.method_on)
+    stepper = method.method_on(plans[-1])
+    local = stepper.resolved_options["local_tolerance"]
+    return stepper.workspace, motion_scales(plans[-1]).rate ** 2 / local
 
 
 def warn_of_fixed_steps(call: str, gaps: Sequence[SurfaceGapTerm], step: float) -> None:
