@@ -1,4 +1,4 @@
-"""`beamdae static`: files and messages of complete and incomplete paths."""
+"""`beamdae static` and `beamdae buckling`: tables, options and messages."""
 
 import json
 from pathlib import Path
@@ -8,6 +8,7 @@ import pandas as pd
 import pytest
 from command_line import invoke
 from matplotlib.image import imread
+from model_texts import STRUT
 
 TRUSS = """
 import beamdae as bd
@@ -176,3 +177,30 @@ def test_regression_values_of_a_parameter_are_converted_to_its_unit(static):
     result = static("--over", "height", "--to", "3s", model="low_truss")
     assert result.exit_code == 2
     assert "--to height=3s: the unit s measures another quantity" in result.stderr
+
+
+@pytest.fixture
+def buckling(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("column.py").write_text(STRUT, encoding="utf-8")
+    return lambda *arguments: invoke("buckling", "column.py", *arguments)
+
+
+@pytest.mark.slow(reason="half a second and more")
+def test_a_table_and_a_picture_are_written(buckling):
+    result = buckling("-n", "2", "--set", "height=0.001")
+    assert result.exit_code == 0, result.output
+    assert "2.467" in result.stdout
+    assert "error" in result.stdout
+    assert "loads  press" in result.stdout
+    table = pd.read_csv("results/column_buckling.csv")
+    assert table["load factor [-]"].tolist() == pytest.approx([2.467, 22.207], rel=1e-3)
+    assert Path("results/column_buckling.png").stat().st_size > 1000
+
+
+@pytest.mark.slow(reason="a quarter of a second")
+def test_json_contains_the_factors(buckling):
+    result = buckling("-n", "1", "--json")
+    document = json.loads(result.stdout)
+    assert document["loads"] == ["press"]
+    assert document["modes"][0]["load factor [-]"] == pytest.approx(2.467, rel=1e-3)

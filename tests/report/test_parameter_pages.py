@@ -1,20 +1,84 @@
-"""The page of an optimization: the first and the best design, the history, and the tables."""
+"""Pages of fits and of optimized designs."""
 
+import numpy as np
 import pytest
 from mechanisms import clamped_beam, rectangle, rope_swing
+from numpy.testing import assert_allclose
 from pages import find_violations, list_lines, read_page
 
 import beamdae as bd
 from beamdae import quantities
 
 pytestmark = pytest.mark.slow(reason="a fit")
-METHOD = bd.GeneralizedAlpha(step=0.02)
-LIMITS_OF_MASS = {"mass": (0.5, 3.0)}
-LIMITS = {"length": (0.2, 2.0), **LIMITS_OF_MASS}
+
+
+TIMES = np.linspace(0.1, 1.0, 10)
 
 
 @bd.model(t_end=1.0)
 def swinging(length=0.5, mass=1.0):
+    """Pendulum of `length` [m] with a bob of `mass` [kg]."""
+    return rope_swing(length, mass)
+
+
+@pytest.fixture(scope="module")
+def fit():
+    method = bd.GeneralizedAlpha(step=0.01)
+    run = bd.simulate(swinging(length=0.6), method, output_step=0.1).at_times(TIMES)
+    y_dot = run["bob.y_dot"].to_numpy() + 0.01 * np.cos(40.0 * TIMES)
+    data = {"t [s]": TIMES + 0.02, "bob.y_dot": 0.5 + 2.0 * y_dot}
+    sensor = {"scale": "bob.y_dot", "offset": "bob.y_dot", "shift": {"bob.y_dot": (-0.1, 0.1)}}
+    return bd.fit(swinging, data, ["length"], method, **sensor)
+
+
+def test_the_page_opens_on_the_measured_column(fit, tmp_path):
+    page = read_page(fit.page(tmp_path / "fit.html"))
+    header, residual = "bob.y_dot [m/s]", "residual of bob.y_dot [sigma]"
+    assert page["featured"] == [header, residual]
+    model, data = (case["curves"] for case in page["cases"])
+    assert_allclose(data["observed"][residual], fit.residuals, atol=1e-5 * np.ptp(fit.residuals))
+    y_dot = np.interp(data["t"], model["t"], model["observed"][header])
+    assert_allclose(data["observed"][header], y_dot, atol=0.02)  # twice the noise
+    (estimates,) = (table for table in page["tables"] if table["title"] == "Estimates")
+    assert estimates["rows"][0][0] == "length [m]"
+
+
+def test_the_page_in_a_browser(fit, show):
+    tab = show(fit)
+    choice = tab.get_by_label("Observed: quantity")
+    assert choice.input_value() == "bob.y_dot [m/s]"
+    # The points of the data are above the curve of the model.
+    model, data = tab.evaluate(
+        "state.charts.get('observed').spec.series.map(({type, z, data}) => [type, z, data.length])"
+    )
+    assert (model[0], data[0], data[2]) == ("line", "scatter", len(TIMES))
+    assert data[1] > model[1]
+    assert not tab.locator("#errors").is_visible()
+
+
+def test_the_page_of_a_fit_has_no_violations(fit, open_page):
+    size = {"width": 390, "height": 844}
+    tab = open_page(fit, viewport=size, color_scheme="dark")
+    assert find_violations(tab) == []
+    assert tab.evaluate("document.documentElement.scrollWidth") <= size["width"]
+
+
+def test_units_of_estimates_are_in_the_file(fit, tmp_path):
+    lines = fit.to_csv(tmp_path / "fit.csv").read_text(encoding="utf-8").splitlines()
+    assert lines[0].endswith(",unit")
+    assert lines[1].startswith("length,")
+    assert lines[1].endswith(",m")
+
+
+METHOD = bd.GeneralizedAlpha(step=0.02)
+LIMITS_OF_MASS = {"mass": (0.5, 3.0)}
+
+
+LIMITS = {"length": (0.2, 2.0), **LIMITS_OF_MASS}
+
+
+@bd.model(t_end=1.0)
+def sprung(length=0.5, mass=1.0):
     """Pendulum of `length` [m] with a bob of `mass` [kg] on a spring."""
     return rope_swing(length, mass)
 
@@ -26,7 +90,7 @@ def result():
         quantities.at_most(quantities.Mass(), 2.0),
     ]
     objective = quantities.EndValue("bob.x")
-    return bd.optimize(swinging, objective, ["length", "mass"], limits, LIMITS, METHOD)
+    return bd.optimize(sprung, objective, ["length", "mass"], limits, LIMITS, METHOD)
 
 
 @pytest.fixture
@@ -89,7 +153,7 @@ def test_regression_quantities_with_a_sign_keep_their_unit(read):
     ]
     limits.append(quantities.at_most(2.0 * quantities.Mass(), 6.0))
     result = bd.optimize(
-        swinging, -quantities.EndValue("bob.x"), "mass", limits, LIMITS_OF_MASS, METHOD
+        sprung, -quantities.EndValue("bob.x"), "mass", limits, LIMITS_OF_MASS, METHOD
     )
     page = read(result)
     objective = dict(facts(page, "Optimization"))["objective"]
@@ -128,7 +192,7 @@ def test_regression_limits_that_are_reached_have_no_rounding_errors(lists, read)
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_the_page_has_no_violations(result, open_page, scheme):
+def test_the_page_of_a_design_has_no_violations(result, open_page, scheme):
     tab = open_page(result, color_scheme=scheme, viewport={"width": 1366, "height": 768})
     assert find_violations(tab) == []
 
@@ -145,12 +209,12 @@ def test_the_page_fits_a_phone(name, phone, request):
 
 
 def test_designs_without_runs_have_a_drawing(tmp_path):
-    result = bd.optimize(swinging, quantities.Mass(), "mass", bounds={"mass": (0.5, 3.0)})
+    result = bd.optimize(sprung, quantities.Mass(), "mass", bounds={"mass": (0.5, 3.0)})
     path = result.page(tmp_path / "design.html")
     page = read_page(path)
     assert [bool(x.get("frames")) for x in page["cases"]] == [True, True]
     assert not [x for x in page["tables"] if x["title"] == "Constraints"]
-    assert "Design of swinging" in path.read_text(encoding="utf-8")
+    assert "Design of sprung" in path.read_text(encoding="utf-8")
 
 
 def test_failed_designs_are_listed(show):
@@ -158,7 +222,7 @@ def test_failed_designs_are_listed(show):
     def rod(mass=2.0):
         if mass < 1.0:
             raise bd.BeamdaeError("rod: it is too light.")
-        return swinging(mass=mass)
+        return sprung(mass=mass)
 
     with pytest.warns(bd.BeamdaeWarning, match="it is too light"):
         result = bd.optimize(rod, quantities.Mass(), "mass", bounds={"mass": (0.5, 3.0)})
