@@ -22,7 +22,6 @@ from beamdae.results.storage.files import (
     describe_write_error,
     escape_cell,
     format_rows,
-    remove_stale_scratch_files,
     write_bytes,
 )
 from beamdae.studies.file_reads import changed_files
@@ -136,11 +135,6 @@ class Store:
             record.read,
             file,
         )
-
-    def remove_scratch_files(self) -> None:
-        """Remove unfinished files left by processes that have ended."""
-        for folder in (self.folder, self.folder / "outcomes", self.folder / "trajectories"):
-            remove_stale_scratch_files(folder)
 
 
 def format_trajectory(columns: Sequence[str], numbers: Array) -> bytes:

@@ -256,7 +256,6 @@ def run_study(
         interrupts.immediate = True
         plan = StudyPlan.of(study)
         store = Store(folder)
-        store.remove_scratch_files()
         outcomes = _load_stored_outcomes(plan, store, interrupts)
         interrupted, progress_error = False, None
         try:
