@@ -26,7 +26,6 @@ from beamdae.cli.output import (
     show,
 )
 from beamdae.errors import BeamdaeError, format_count, format_exception
-from beamdae.input_files import is_input
 from beamdae.interrupts import acknowledge
 from beamdae.report.option_names import name_options
 from beamdae.report.text import make_printable
@@ -148,7 +147,7 @@ class ResultFiles:
     ----------
     paths
         Paths of the files written so far.
-    removed
+    earlier
         Paths of pages and pictures of earlier results.
     failed
         True if a file could not be written.
@@ -157,7 +156,7 @@ class ResultFiles:
     """
 
     paths: list[Path] = field(default_factory=list)
-    removed: list[Path] = field(default_factory=list)
+    earlier: list[Path] = field(default_factory=list)
     failed: bool = False
     table: Path = Path()
     page: Path | None = None
@@ -188,24 +187,13 @@ class ResultFiles:
         return cls(table=table, page=html, picture=png)
 
     def add(self, *paths: Path) -> None:
-        """Add written tables, and remove the page and the picture of earlier ones."""
+        """Add written tables; a page or a picture that exists already shows earlier results."""
         self.paths = [*paths, *self.paths]
-        for suffix in (".html", ".png"):
-            self.remove(self.table.with_suffix(suffix))
+        self.note_earlier(self.table.with_suffix(suffix) for suffix in (".html", ".png"))
 
-    def remove(self, path: Path) -> None:
-        """Remove a page or a picture, which show earlier results, unless it is an input."""
-        if is_input(path):
-            return
-        try:
-            path.unlink()
-            self.removed.append(path)
-        except FileNotFoundError:
-            return
-        except OSError as problem:
-            reason = f"shows earlier results and cannot be removed ({problem.strerror})"
-            print_error(f"failed: {path}: the file {reason}; remove it.")
-            self.failed = True
+    def note_earlier(self, paths: Iterable[Path]) -> None:
+        """Note the existing ones of these pages and pictures, which show earlier results."""
+        self.earlier += filter(Path.exists, paths)
 
     def write(self, name: str, write: Callable[[], Iterable[Path]]) -> None:
         """Write files; if this fails, print one line and set `failed`."""
@@ -237,8 +225,8 @@ class ResultFiles:
         for path in map(make_printable, map(str, self.paths)):
             current_output().files.append(path)
             console.print(f"written: {path}", style="dim", soft_wrap=True)
-        for old in (x for x in self.removed if x not in self.paths):
-            text = f"removed: {make_printable(str(old))}, which showed earlier results"
+        for old in (x for x in self.earlier if x not in self.paths):
+            text = f"not renewed: {make_printable(str(old))}, which shows earlier results"
             console.print(text, style="dim", soft_wrap=True)
 
     def finish(self, *outcomes: tuple[str, Status | None]) -> None:

@@ -160,8 +160,7 @@ def run_and_write(
             raise Interrupted(reason) from None
 
     def write_tables(study: StudyReport) -> list[Path]:
-        for path in (page, *map(folder.joinpath, study.pictures)):
-            written.remove(path)
+        written.note_earlier((page, *map(folder.joinpath, study.pictures)))
         return study.tables
 
     def describe(study: StudyReport) -> Report:
