@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
+from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -117,7 +118,7 @@ def _measure(
 
     compare = partial(_compare, headers, relative_to)
     failed = Errors.unchecked(headers, peaks, "a refined repetition fails", has_failed=True)
-    return measure_errors(failed, values, repeat_values, compare, has_accuracy=False)
+    return replace(measure_errors(failed, values, repeat_values, compare), has_accuracy=False)
 
 
 def _compare(
@@ -178,7 +179,7 @@ def measure_design(search: SearchResult) -> Errors:
 
     compare = partial(Errors.of_values, headers, scales=sizes)
     unchecked = Errors.unchecked(headers, values, "the refined design cannot be analyzed")
-    return measure_errors(unchecked, values, repeat, compare, has_accuracy=False)
+    return replace(measure_errors(unchecked, values, repeat, compare), has_accuracy=False)
 
 
 def measure_fit(problem: FitProblem, evaluation: Evaluation) -> Errors:
@@ -234,4 +235,4 @@ def measure_fit(problem: FitProblem, evaluation: Evaluation) -> Errors:
 
     none = np.zeros(len(problem.weights))
     unchecked = Errors.unchecked(headers, np.append(values, peaks), "a refined run fails")
-    return measure_errors(unchecked, none, repeat, compare, has_accuracy=False)
+    return replace(measure_errors(unchecked, none, repeat, compare), has_accuracy=False)

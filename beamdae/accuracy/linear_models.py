@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -202,7 +203,8 @@ def measure_modes(modes: Modes) -> Errors:
             headers, tabulate(values)[:, 0].real, "the model is not a mechanism"
         )
     state = lin, request.about, request.t, modes.eigenvalues
-    return measure_about_state(*state, headers, tabulate(values), solve, request.has_accuracy)
+    errors: Errors = measure_about_state(*state, headers, tabulate(values), solve)
+    return replace(errors, has_accuracy=request.has_accuracy)
 
 
 @single_threaded
@@ -214,7 +216,6 @@ def measure_about_state(
     headers: Sequence[str],
     samples: Array,
     solve: Callable[[Refinement, Linearization], Array],
-    has_accuracy: bool = True,
 ) -> Errors:
     """Return the errors of samples of a linearized mechanism.
 
@@ -232,8 +233,6 @@ def measure_about_state(
         Values of the columns (columns, k), see `Errors.of_values`.
     solve
         Function that returns the samples of the companion.
-    has_accuracy
-        See `Errors`.
     """
     beams = beams_of(lin.full_equations.mechanism)
 
@@ -249,7 +248,7 @@ def measure_about_state(
 
     compare = partial(Errors.of_values, headers)
     unchecked = Errors.unchecked(headers, samples[:, 0].real, "no refined model")
-    return measure_errors(unchecked, samples, repeat, compare, has_accuracy=has_accuracy)
+    return measure_errors(unchecked, samples, repeat, compare)
 
 
 def pair_modes(
