@@ -6,8 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from benchmarks.cases import PARALLELOGRAM
-from benchmarks.mechanism_cases import MECHANISM_CASES
-from benchmarks.mechanisms import moving_load
+from benchmarks.mechanism_cases import MECHANISM_CASES, moving_load
 from benchmarks.orders import CURVES, FORMULATIONS, observe_orders
 from benchmarks.systems import (
     car_axis,
@@ -23,8 +22,7 @@ from scipy.integrate import simpson
 from scipy.optimize import brentq
 from tolerances.cases import ALL
 from tolerances.mechanisms import STEEL, cantilever
-from tolerances.modal import solve_small_vibrations
-from tolerances.references import SUMMARY, reference_uncertainties
+from tolerances.references import SUMMARY, reference_uncertainties, solve_small_vibrations
 
 import beamdae as bd
 

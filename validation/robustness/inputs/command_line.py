@@ -10,12 +10,12 @@ from dataclasses import replace
 from pathlib import Path
 from unittest import mock
 
+from robustness.inputs.bad_input import BadInput
+from robustness.judge import TrialOutcome, outcome_of_command, outcome_of_exception
 from typer.testing import CliRunner
 
 from beamdae.cli.app import app
 from beamdae.studies.executors import SerialPool
-from robustness.inputs.bad_input import BadInput
-from robustness.judge import TrialOutcome, outcome_of_command, outcome_of_exception
 
 GOOD_MODEL = """import beamdae as bd
 
