@@ -385,14 +385,14 @@ GROUPS = (
         "studies",
         "",
         """
-        sweep studies
-        results.Sweep studies
-        results.SweepResults studies
-        study studies
-        results.Study studies
-        Case studies
-        grid studies
-        compare studies
+        sweep studies.sweeps.sweep
+        results.Sweep studies.sweeps.sweep
+        results.SweepResults studies.sweeps.sweep_results
+        study studies.definition
+        results.Study studies.definition
+        Case studies.case
+        grid studies.case
+        compare studies.comparison
         """,
     ),
     _create_group(

@@ -30,7 +30,7 @@ from beamdae.input_files import reading_inputs, register_input
 from beamdae.model_functions import Model, extend_import_path
 
 if TYPE_CHECKING:
-    from beamdae.studies import Study
+    from beamdae.studies.definition import Study
 
 
 PREFIX = "example:"
@@ -196,7 +196,7 @@ class ModelFile:
         # The file has imported this module if it contains a study; models load faster without it.
         if "beamdae.studies.definition" not in sys.modules:
             return {}
-        from beamdae.studies import Study
+        from beamdae.studies.definition import Study
 
         studies = [value for value in vars(self._module).values() if isinstance(value, Study)]
         return {study.name: study for study in studies}

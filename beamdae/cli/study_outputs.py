@@ -19,7 +19,7 @@ from beamdae.interrupts import Interrupted
 # NumPy and CasADi are imported inside functions, so that --help responds quickly.
 if TYPE_CHECKING:
     from beamdae.results.outcome import Status
-    from beamdae.studies import Study
+    from beamdae.studies.definition import Study
     from beamdae.studies.study_run import StudyResults
     from beamdae.studies.tasks import StudyProgress
 

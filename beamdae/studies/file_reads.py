@@ -176,15 +176,12 @@ def is_installed(file: str) -> bool:
 
 
 @cache
-def digest_package(*also: str) -> str:
-    """Return the hash of the source code of beamdae, cached.
-
-    The packages `cli` and `report` are included only if `also` contains their names.
-    """
-    digest, excluded = hashlib.sha256(), _PACKAGES_WITHOUT_EFFECT - {*also}
+def digest_package() -> str:
+    """Return the hash of the source code of beamdae without `cli` and `report`, cached."""
+    digest = hashlib.sha256()
     for path in sorted(PACKAGE_FOLDER.rglob("*.py")):
         relative = path.relative_to(PACKAGE_FOLDER)
-        if relative.parts[0] not in excluded:
+        if relative.parts[0] not in _PACKAGES_WITHOUT_EFFECT:
             digest.update(f"{relative.as_posix()}\0".encode())
             digest.update(path.read_bytes() + b"\0")
     return digest.hexdigest()

@@ -32,7 +32,7 @@ from beamdae.errors import BeamdaeError, suggest
 
 # NumPy and CasADi are imported inside functions, so that --help responds quickly.
 if TYPE_CHECKING:
-    from beamdae.studies import Study
+    from beamdae.studies.definition import Study
     from beamdae.studies.study_run import StudyResults
 
 
@@ -112,7 +112,9 @@ def _create_report(results: StudyResults) -> StudyReport:
 def _select_study(path: Path, name: str | None, settings: dict[str, str]) -> Study:
     """Return a study of the file, or a study of one of its models with the default integrators."""
     from beamdae.cli.model_file import ModelFile, select_name
-    from beamdae.studies import Case, Study, Sweep, default_integrators
+    from beamdae.studies.case import Case, default_integrators
+    from beamdae.studies.definition import Study
+    from beamdae.studies.sweeps.sweep import Sweep
 
     file = ModelFile(path)
     sweeps = [key for key, study in file.studies.items() if isinstance(study, Sweep)]

@@ -43,8 +43,8 @@ from beamdae.errors import BeamdaeError, require_count, suggest
 if TYPE_CHECKING:
     from beamdae.cli.model_file import ModelFile
     from beamdae.model_functions import Model
-    from beamdae.studies import Sweep
     from beamdae.studies.study_run import StudyResults
+    from beamdae.studies.sweeps.sweep import Sweep
 
 _VALUE_FORMS = f"VALUE,VALUE,... or {SPACED_FORMS}"
 _MAX_MEASURES = 100
@@ -211,7 +211,7 @@ def _split_at_commas(text: str) -> list[str]:
 def _sweep_of_file(file: ModelFile, name: str | None) -> Sweep:
     """Return the sweep called `name`, or the only sweep of the file."""
     from beamdae.cli.model_file import select_name
-    from beamdae.studies import Sweep
+    from beamdae.studies.sweeps.sweep import Sweep
 
     models = file.models
     sweeps = {key: study for key, study in file.studies.items() if isinstance(study, Sweep)}

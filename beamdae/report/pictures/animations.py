@@ -81,9 +81,7 @@ def animate(
         scene = build_run_scene("animate", solution, times, trail, factor)
     if path is None:
         data = export_frames(scene, times, available_colors(solution, times, color), factor)
-        low, high = scene.extent()
-        width, height = (high - low).tolist()
-        return build_motion_player(data, (width, height), "", speed, color is not None)
+        return build_motion_player(scene, data, "", speed, color is not None)
     colors = None if color is None else available_colors(solution, times, color)[0]
     captions = _format_captions(times, speed, factor, scene.caption)
     return _save(path, scene, colors, captions, rate)
@@ -177,16 +175,14 @@ def save_animation(
 
 
 def build_motion_player(
-    frames: Mapping[str, Any], size: tuple[float, float], caption: str, speed: float, colored: bool
+    scene: Scene, frames: Mapping[str, Any], caption: str, speed: float, colored: bool
 ) -> Animation:
     """Return an animation that plays exported frames in a notebook.
 
     Parameters
     ----------
-    frames
-        Frames from `beamdae.report.scene.run_scene.export_frames`.
-    size
-        Width and height of the visible region [m].
+    scene, frames
+        The scene, and its frames from `beamdae.report.scene.run_scene.export_frames`.
     caption
         Text above the animation.
     speed
@@ -194,13 +190,10 @@ def build_motion_player(
     colored
         If true, beams are initially colored by the first color quantity.
     """
-    data = {
-        "frames": frames,
-        "caption": caption,
-        "speed": speed,
-        "colored": colored,
-    }
+    data = {"frames": frames, "caption": caption, "speed": speed, "colored": colored}
     document = fill_template("notebook_player", _STYLES, _SCRIPTS, data)
-    height = _DRAWING_WIDTH * size[1] / max(size[0], _MIN_EXTENT)
+    low, high = scene.extent()
+    width, height = (high - low).tolist()
+    height = _DRAWING_WIDTH * height / max(width, _MIN_EXTENT)
     height = min(max(height, _MIN_DRAWING_HEIGHT), _MAX_DRAWING_HEIGHT) + _SCALE_BAR_HEIGHT
     return Animation(document, round(height * ANIMATION_WIDTH / _DRAWING_WIDTH) + _CONTROLS_HEIGHT)

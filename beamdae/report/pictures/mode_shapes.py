@@ -159,12 +159,8 @@ def animate_mode(
     if path is None:
         frequency = float(modes.frequencies[k]) if isinstance(modes, Modes) else 0.0
         period = 1.0 / frequency if frequency > 0.0 else _DISPLAYED_PERIOD
-        low, high = scene.extent()
-        width, height = (high - low).tolist()
         data = export_frames(scene, np.arange(number) * period / number)
-        return build_motion_player(
-            data, (width, height), caption, period / _DISPLAYED_PERIOD, False
-        )
+        return build_motion_player(scene, data, caption, period / _DISPLAYED_PERIOD, False)
     figure, axis = create_bare_axis(padded_extent([scenes.rest, scene]))
     SceneArtists(axis, scenes.rest, is_pale=True)
     add_caption(axis).set_text(caption)
