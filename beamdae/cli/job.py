@@ -9,6 +9,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from beamdae.cli.option_values import split_names
 from beamdae.cli.options import (
     AccurateColumns,
     ModelName,
@@ -20,7 +21,6 @@ from beamdae.cli.options import (
     Settings,
     load_model,
     parse_start,
-    split_names,
 )
 from beamdae.cli.results import Report, ResultFiles, run_analysis
 from beamdae.errors import BeamdaeError

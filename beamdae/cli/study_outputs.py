@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from beamdae.cli import process
-from beamdae.cli.options import parse_start, split_names
+from beamdae.cli.option_values import split_names
+from beamdae.cli.options import parse_start
 from beamdae.cli.output import require_writable
 from beamdae.cli.progress import show_study_progress
 from beamdae.cli.results import Report, ResultFiles, run_analysis

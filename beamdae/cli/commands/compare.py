@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from beamdae.cli.option_values import parse_assignments
 from beamdae.cli.options import (
     ComparedColumns,
     EndTime,
@@ -19,7 +20,6 @@ from beamdae.cli.options import (
     Starts,
     StudyPath,
     TimeLimit,
-    parse_assignments,
 )
 from beamdae.cli.results import Report
 from beamdae.cli.study_outputs import (

@@ -18,6 +18,7 @@ from beamdae.cli.model_file import (
     example_names,
     examples_folder,
 )
+from beamdae.cli.option_values import parse_assignments, parse_ends, parse_seconds
 from beamdae.cli.options import (
     EndTime,
     ModelName,
@@ -26,12 +27,9 @@ from beamdae.cli.options import (
     Settings,
     Starts,
     load_model,
-    parse_assignments,
-    parse_seconds,
     parse_start,
 )
 from beamdae.cli.output import create_console, record_results, record_warning, require_writable
-from beamdae.cli.ranges import parse_ends
 from beamdae.cli.results import Report, ResultFiles
 from beamdae.errors import BeamdaeError
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from beamdae.cli.job import Job
+from beamdae.cli.option_values import parse_assignments, parse_bounds, parse_ends, split_names
 from beamdae.cli.options import (
     Bounds,
     DataColumns,
@@ -23,12 +24,8 @@ from beamdae.cli.options import (
     Starts,
     StartSeed,
     create_integrator,
-    parse_assignments,
-    parse_bounds,
-    split_names,
 )
 from beamdae.cli.progress import show_design_progress, show_study_progress
-from beamdae.cli.ranges import parse_ends
 from beamdae.cli.results import Report
 from beamdae.errors import BeamdaeError
 

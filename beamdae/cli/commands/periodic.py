@@ -8,17 +8,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from beamdae.cli.job import AccurateJob
+from beamdae.cli.option_values import parse_assignments, parse_ends, parse_seconds
 from beamdae.cli.options import (
     IntegratorName,
     PlottedColumns,
     RelativeTolerance,
     Starts,
     create_periodic_integrator,
-    parse_assignments,
-    parse_seconds,
 )
 from beamdae.cli.progress import show_curve_progress
-from beamdae.cli.ranges import parse_ends
 from beamdae.errors import BeamdaeError, require_positive
 
 if TYPE_CHECKING:

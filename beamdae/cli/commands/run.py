@@ -13,6 +13,7 @@ import typer
 
 from beamdae.cli import process
 from beamdae.cli.job import AccurateJob
+from beamdae.cli.option_values import parse_assignments, split_names
 from beamdae.cli.options import (
     DataColumns,
     EndTime,
@@ -29,8 +30,6 @@ from beamdae.cli.options import (
     create_integrator,
     expert_option,
     output_option,
-    parse_assignments,
-    split_names,
 )
 from beamdae.cli.output import record_results
 from beamdae.cli.progress import show_run_progress

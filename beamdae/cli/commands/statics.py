@@ -10,15 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from beamdae.cli.job import AccurateJob
-from beamdae.cli.options import (
-    HorizontalColumn,
-    Loads,
-    LoadTime,
-    PlottedColumns,
-    Starts,
-    parse_named_number,
-    split_names,
-)
+from beamdae.cli.option_values import parse_named_number, split_names
+from beamdae.cli.options import HorizontalColumn, Loads, LoadTime, PlottedColumns, Starts
 from beamdae.cli.output import withdraw_warnings
 from beamdae.errors import BeamdaeError
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from beamdae.cli.option_values import SPACED_FORMS, parse_assignments, parse_spaced_values
 from beamdae.cli.options import (
     About,
     EndTime,
@@ -27,9 +28,7 @@ from beamdae.cli.options import (
     TimeLimit,
     create_integrator,
     find_state,
-    parse_assignments,
 )
-from beamdae.cli.ranges import SPACED_FORMS, parse_spaced_values
 from beamdae.cli.results import Report
 from beamdae.cli.study_outputs import (
     StudyReport,

@@ -12,15 +12,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from beamdae.cli.job import AccurateJob
-from beamdae.cli.options import (
-    About,
-    LoadTime,
+from beamdae.cli.option_values import (
+    SPACED_FORMS,
     as_bad_parameter,
-    find_state,
+    parse_ends,
     parse_number,
+    parse_spaced_values,
     split_names,
 )
-from beamdae.cli.ranges import SPACED_FORMS, parse_ends, parse_spaced_values
+from beamdae.cli.options import About, LoadTime, find_state
 from beamdae.cli.results import Report
 from beamdae.errors import BeamdaeError, require_count, short_repr, warn_user
 
