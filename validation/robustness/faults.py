@@ -260,13 +260,13 @@ def _kill_often(bench: Bench, command: tuple[str, ...]) -> None:
     expect_exit(bench.run(*command, time_limit=STUDY_TIME_LIMIT), 0)
     for path in bench.folder.glob("results/*/cases.csv"):
         expect((pd.read_csv(path)["status"] == "ok").all(), "not all cases ended")
+    leftover = [x.name for x in bench.folder.rglob("*.scratch*")]
+    expect(not leftover, f"files of killed processes remain: {leftover[:3]}")
 
 
 def killed_sweep(bench: Bench) -> None:
     """SIGKILL of a sweep leaves no process and no damaged file, and a restart completes it."""
     _kill_often(bench, _SWEEP)
-    leftover = [x.name for x in bench.folder.rglob("*") if x.suffix == ".scratch"]
-    expect(not leftover, f"files of killed processes remain: {leftover[:3]}")
 
 
 def killed_run(bench: Bench) -> None:
