@@ -267,7 +267,7 @@ GROUPS = (
         "results",
         "Pictures",
         """
-        results.LiveView live.server
+        results.LiveView live
         plot report.pictures.time_plots
         results.Plot results.displays
         results.Animation results.displays

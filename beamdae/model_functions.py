@@ -330,7 +330,7 @@ class Model:
         True
         >>> live.close()
         """
-        return module("live.server").view(self, ranges, t_end, **settings)
+        return module("live").view(self, ranges, t_end, **settings)
 
     def _with_units(self, parameters: dict[str, Any]) -> dict[str, Any]:
         values: dict[str, Any] = {}

@@ -23,7 +23,7 @@ from ..beams.structures import Frame as Frame
 from ..checks import Check as Check
 from ..equations.equations_of_motion import EquationsOfMotion as EquationsOfMotion
 from ..export.fmu import ExportedFmu as ExportedFmu
-from ..live.server import LiveView as LiveView
+from ..live import LiveView as LiveView
 from ..model_functions import Model as Model
 from ..parts.attachments import Attachment as Attachment
 from ..parts.control.controller import Sample as Sample

@@ -15,8 +15,8 @@ from mechanisms import rope_swing
 from terminals import process
 
 import beamdae as bd
-from beamdae.live import session as live_session
-from beamdae.live.session import create_controls
+from beamdae import live as live_session
+from beamdae.live import create_controls
 
 
 @bd.model(t_end=0.2)

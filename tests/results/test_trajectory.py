@@ -15,7 +15,7 @@ from numpy.testing import assert_allclose
 import beamdae as bd
 from beamdae.equations.equations_of_motion import State
 from beamdae.integrators.radau.coefficients import C
-from beamdae.live.session import summarize
+from beamdae.live import summarize
 from beamdae.report import tables
 from beamdae.report.run_pages import build_run_page
 from beamdae.results.trajectory import Interval, Trajectory

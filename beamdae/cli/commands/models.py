@@ -219,7 +219,7 @@ def view_command(
     after Ctrl-C, and with 2 and a message for a usage or model error.
     """
     model, _ = load_model(path, model_name, settings)
-    from beamdae.live.server import LiveView, create_session
+    from beamdae.live import LiveView, create_session
 
     texts = parse_assignments(ranges, "--range")
     ends = {name: _parse_range(model, name, text) for name, text in texts.items()}
