@@ -15,7 +15,6 @@ import numpy as np
 from beamdae.core.linear_solver import LinearSolver
 from beamdae.core.tables import Layout, Workspace
 from beamdae.equations.equations_of_motion import EquationsOfMotion, Observable, State
-from beamdae.equations.formulations.first_order import formulate_first_order
 from beamdae.equations.formulations.kinematic_reduction import reduce_kinematics
 from beamdae.equations.formulations.step_equations import formulate_step
 from beamdae.equations.formulations.sums import TIME_SIZE
@@ -37,7 +36,7 @@ from beamdae.export.c_code import (
 from beamdae.export.elimination_order import plan_elimination
 from beamdae.export.image import Image
 from beamdae.integrators.input_jumps import make_motion_buffers
-from beamdae.integrators.radau.stepper import STABILIZED_FORM
+from beamdae.integrators.radau.stepper import formulate_stages
 from beamdae.linear.elimination import EliminationPlan
 from beamdae.native.lane_code import LANE_WIDTH
 from beamdae.native.lane_kernels import rewrite
@@ -268,7 +267,7 @@ class _SourceWriter:
     def _add_radau(self, table: SimpleNamespace, run: Workspace) -> tuple[Array, ...]:
         """Add the fields of `RadauTable`; return the arrays that determine the motion."""
         e = self._exported.equations
-        form = formulate_first_order(e, STABILIZED_FORM, apart=True)
+        form = formulate_stages(e)
         pattern, matrix, reduction = reduce_kinematics(form)
         order = plan_elimination(pattern, e.n, first=len(reduction.corrected), last=e.m)
         gaps = compile_surface_gaps(e)
@@ -276,6 +275,7 @@ class _SourceWriter:
         run.rows = run.rows[:3].copy()  # one step per call
         run.real_solver, run.complex_solver = (_make_solver(order, x) for x in (float, complex))
         table.run = run
+        table.zeros = np.zeros(form.size)
         table.start_rate = self._exported.start_rate
         table.residual_direction = self._direction(form.sums[0], 2 * form.size)
         table.gap_sum = self._sum(plan_gaps(gaps) if gaps else None)
