@@ -12,6 +12,8 @@
 /* The iteration stagnates at its rounding errors if a correction shrinks by less than this
    factor. */
 #define STAGNATION_RATE 0.5
+/* Errors of the laws of resultants after the last correction, relative to the largest resultant. */
+#define LAW_TOLERANCE 1e-7
 /* The local error of the embedded third-order method is of order 4. */
 #define ERROR_EXPONENT 0.25
 #define SAFETY 0.9
@@ -219,10 +221,24 @@ double max_modulus(Complexes x, Reals weights) {
     return largest;
 }
 
+/* Largest residual of the laws of resultants in the stages, relative to the largest resultant. */
+static double law_error(const RadauWorkspace *run) {
+    const int64_t count = run->base.reduction.law_starts.size - 1;
+    double error = 0.0, largest = 0.0;
+    for (int i = 0; i < 3; i++) {
+        const Reals residual = row(run->stage_residuals, i), rates = row(run->base.rates, i);
+        for (int64_t k = residual.size - count; k < residual.size; k++) {
+            error = join_largest(error, fabs(residual.at[k]));
+            largest = join_largest(largest, fabs(rates.at[k]));
+        }
+    }
+    return largest > 0.0 ? error / largest : 0.0;
+}
+
 static int iterate_newton(RadauWorkspace *run, double h) {
     Stages *base = &run->base;
     const Reals weights = run->iteration_weights;
-    double previous = INFINITY, rate = FIRST_RATE;
+    double previous = INFINITY, rate = FIRST_RATE, last_law_error = INFINITY;
     for (int k = 0; k < MAX_ITERATIONS; k++) {
         run->iterations = k + 1;
         if (k > 0) set_stages(base, h);
@@ -231,6 +247,7 @@ static int iterate_newton(RadauWorkspace *run, double h) {
                               row(base->stages, i), row(base->rates, i),
                               row(run->stage_residuals, i));
         run->residuals += 3;
+        const double error = law_error(run);
         correct_stages(run, h);
         const double real_size = max_norm(part(base->real_change, 0, weights.size), weights);
         const double complex_size = max_modulus(base->complex_change, weights);
@@ -244,11 +261,15 @@ static int iterate_newton(RadauWorkspace *run, double h) {
             }
             if (rate > 1.0) break;
         }
-        if (rate < 1.0 && size * rate <= 1.0 - rate) {
+        /* The laws are quadratic functions of corrections, up to rounding errors. */
+        const int obeys = error * rate * rate <= LAW_TOLERANCE ||
+                          error > STAGNATION_RATE * last_law_error;
+        if (rate < 1.0 && size * rate <= 1.0 - rate && obeys) {
             run->rate = k > 0 ? rate : 0.0;
             return DONE;
         }
         previous = size;
+        last_law_error = error;
     }
     return NOT_CONVERGED;
 }
