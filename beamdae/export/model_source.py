@@ -16,7 +16,6 @@ import scipy.sparse as sp
 from beamdae.core.linear_solver import LinearSolver
 from beamdae.core.tables import Layout, Workspace
 from beamdae.equations.equations_of_motion import EquationsOfMotion, Observable, State
-from beamdae.equations.formulations.first_order import formulate_first_order
 from beamdae.equations.formulations.kinematic_reduction import reduce_kinematics
 from beamdae.equations.formulations.step_equations import formulate_step
 from beamdae.equations.formulations.sums import TIME_SIZE
@@ -37,7 +36,7 @@ from beamdae.export.c_code import (
 )
 from beamdae.export.image import Image
 from beamdae.integrators.input_jumps import make_motion_buffers
-from beamdae.integrators.radau.stepper import STABILIZED_FORM
+from beamdae.integrators.radau.stepper import formulate_stages
 from beamdae.linear.elimination import N_EXTRA_ENTRIES, EliminationPlan, empty_plan
 from beamdae.linear.fixed_order import FixedOrder
 from beamdae.linear.orderings import has_many_couplings, order_along_band
@@ -270,7 +269,7 @@ class _SourceWriter:
     def _add_radau(self, table: SimpleNamespace, run: Workspace) -> tuple[Array, ...]:
         """Add the fields of `RadauTable`; return the arrays that determine the motion."""
         e = self._exported.equations
-        form = formulate_first_order(e, STABILIZED_FORM, apart=True)
+        form = formulate_stages(e)
         pattern, matrix, reduction = reduce_kinematics(form)
         order = plan_elimination(pattern, e.n, first=len(reduction.corrected), last=e.m)
         gaps = compile_surface_gaps(e)
@@ -278,6 +277,7 @@ class _SourceWriter:
         run.rows = run.rows[:3].copy()  # one step per call
         run.real_solver, run.complex_solver = (_make_solver(order, x) for x in (float, complex))
         table.run = run
+        table.zeros = np.zeros(form.size)
         table.start_rate = self._exported.start_rate
         table.residual_direction = self._direction(form.sums[0], 2 * form.size)
         table.gap_sum = self._sum(plan_gaps(gaps) if gaps else None)
