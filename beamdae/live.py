@@ -56,7 +56,6 @@ _RANGE_FACTOR = 4.0
 _MIN_LOGARITHMIC_RATIO = 8.0
 _FULL_TURN = {"rad": math.pi, "deg": 180.0, "°": 180.0}  # half a turn, in both directions
 
-
 _HOST = "127.0.0.1"
 _TOKEN_BYTES = 24
 _MAX_BODY = 100_000  # bytes of a request

@@ -30,7 +30,6 @@ settings.register_profile("beamdae", deadline=None, max_examples=25, derandomize
 settings.register_profile("explore", deadline=None, max_examples=25)
 settings.load_profile("beamdae")
 
-
 # Of fewer variants of a test, one is a default test and the others are slow ones. Of at least as
 # many, one of these numbers is a default test, or at least a slow one; the others are left out.
 _MANY_VARIANTS = 4

@@ -56,7 +56,6 @@ _OUTPUT_OPTIONS = {
 _OUTPUT_PATHS = {"out", "fmu", "checkpoint"}
 _UsageError: Any = typer.BadParameter.__base__
 
-
 # Modules in `cli.commands` by command, in the groups of the help.
 _GROUPS = {
     "Models": {

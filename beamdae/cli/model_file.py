@@ -35,7 +35,6 @@ if TYPE_CHECKING:
 
 PREFIX = "example:"
 
-
 # Python 3.13 and later suggest arguments themselves.
 _SUGGESTION = re.compile(r"\. Did you mean '\w+'\?$")
 

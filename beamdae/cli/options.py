@@ -34,7 +34,6 @@ expert_option = partial(typer.Option, rich_help_panel="Expert options")
 _STATES = ("as drawn", "equilibrium")
 _ROTATION = "rotation="  # start in steady rotation at the speed that follows
 
-
 ModelPath = Annotated[
     Path,
     typer.Argument(

@@ -28,14 +28,12 @@ _raise_times: list[float] = []
 # Argument `immediate` of each active `defer_interrupts`.
 _immediate_counts: list[int] = []
 
-
 # Modules that import everything that runs of models, or models alone, need.
 RUNS = "beamdae.simulation"
 MODELS = "beamdae.parts.mechanism"
 
 _is_starting = False
 _exit_codes: list[int] = []
-
 
 # Characters that a stream cannot encode are written as escapes.
 _ENCODING_ERRORS = "backslashreplace"

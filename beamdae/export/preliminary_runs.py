@@ -22,7 +22,6 @@ from beamdae.simulation import compute_output_times
 
 Array = np.ndarray
 
-
 _MAX_NAMES = 3  # of parts in a warning
 _MAX_TRIAL_STEPS = 20_000
 

@@ -53,7 +53,7 @@ from beamdae.results.equilibrium import Equilibrium
 Array = np.ndarray
 
 _LOAD_FACTOR = "load factor [-]"
-_MAX_FRAMES = 120
+_MAX_PATH_FRAMES = 120
 _MAX_MOTIONS = 120  # modes with a motion; others have none
 _FREQUENCY = "frequency [Hz]"
 _GROWTH_RATE = "growth rate [1/s]"
@@ -124,7 +124,7 @@ def _export_path_frames(equilibrium: Equilibrium) -> dict[str, Any] | None:
     mechanism = equilibrium.equations.mechanism
     if mechanism is None:
         return None
-    rows = sorted(sample_evenly(len(equilibrium.q), _MAX_FRAMES))
+    rows = sorted(sample_evenly(len(equilibrium.q), _MAX_PATH_FRAMES))
     poses: Poses = CoordinatePoses(mechanism, equilibrium.q[rows])
     times = np.array(rows, float)
     try:

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from beamdae.analysis.fit.result import Fit
     from beamdae.analysis.optimization.result import Optimization
 
-_GROUP = "data"  # id of the group of experiments without a name
+_DATA_GROUP = "data"  # id of the group of experiments without a name
 _BEST, _FIRST, _FEASIBLE, _INFEASIBLE = "best", "first", "within limits", "beyond a limit"
 _OBJECTIVE, _VIOLATION = "objective", "violation"
 # Numbers of more parameters, such as the heights of a beam, are in the table of parameters only.
@@ -52,7 +52,7 @@ def build_fit_page(fit: Fit, title: str) -> Content:
         cases.append(
             {
                 "id": f"model {experiment}",
-                "group": experiment or _GROUP,
+                "group": experiment or _DATA_GROUP,
                 "label": "model",
                 "family": "model",
                 "curves": select_curves({TIME: run.t, **run.columns}, limit),
@@ -68,7 +68,7 @@ def build_fit_page(fit: Fit, title: str) -> Content:
         cases.append(
             {
                 "id": f"data {k}",
-                "group": experiment or _GROUP,
+                "group": experiment or _DATA_GROUP,
                 "label": f"data of {header}",
                 "family": "data",
                 "points": True,
@@ -94,7 +94,7 @@ def build_fit_page(fit: Fit, title: str) -> Content:
         made=next(iter(runs.values())).versions,
         groups=[
             {
-                "id": experiment or _GROUP,
+                "id": experiment or _DATA_GROUP,
                 "label": experiment or fit.model_name,
                 "frames": export_run_frames(run, enlarges=True),
             }

@@ -8,7 +8,7 @@ import re
 SUPERSCRIPTS = str.maketrans("-\N{MINUS SIGN}0123456789", "⁻⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 # Axes show values of 1e4 and more, and below 1e-2, in multiples of 1000 of their unit. Pages follow
 # the same rule, see page/script/data.js.
-_SMALL, _LARGE = -3, 4  # exponents of ten
+_SMALL_EXPONENT, _LARGE_EXPONENT = -3, 4  # exponents of ten
 _PREFIXES = {-9: "n", -6: "µ", -3: "m", 3: "k", 6: "M", 9: "G"}
 _PREFIXED_UNIT = re.compile(r"(Pa|N|J|W|Hz|V|A)(?=$|[ /*·])")
 _REDUCED_UNIT = re.compile(r"(m|rad|s)(?=$|[ /*·])")  # no usual prefix enlarges these
@@ -43,7 +43,7 @@ def engineering_order(largest: float) -> int:
     if not 0.0 < largest < math.inf:
         return 0
     exponent = math.floor(math.log10(largest) + 1e-9)
-    return 3 * (exponent // 3) if exponent >= _LARGE or exponent <= _SMALL else 0
+    return 3 * (exponent // 3) if exponent >= _LARGE_EXPONENT or exponent <= _SMALL_EXPONENT else 0
 
 
 def scale_unit(unit: str, order: int) -> str:

@@ -27,8 +27,7 @@ ACCURACY_COLUMNS = {"rtol": "rtol", "step": "step [s]"}
 _PARAMETER_PREFIX = "parameter: "
 _MAX_INTEGER = 2**63  # larger integers do not fit into the columns of tables
 
-
-_COLUMNS = ["group", "what", "at", "answer", "value"]
+_SUMMARY_COLUMNS = ["group", "what", "at", "answer", "value"]
 
 
 def tabulate_case(
@@ -139,7 +138,7 @@ def summarize_cases(cases: pd.DataFrame, over: str | None = None) -> pd.DataFram
         for group, rows in resolved.groupby("group", sort=False):
             name = str(group)
             lines += _fit_orders(name, rows) if over is None else _compare_meshes(name, rows, over)
-    return pd.DataFrame(lines, columns=_COLUMNS)
+    return pd.DataFrame(lines, columns=_SUMMARY_COLUMNS)
 
 
 def _compare_meshes(group: str, rows: pd.DataFrame, over: str) -> list[tuple[Any, ...]]:

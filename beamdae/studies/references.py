@@ -23,7 +23,6 @@ DEFAULT_REFERENCES = (Radau(rtol=1e-7), GeneralizedAlpha(step=1e-4, newton_toler
 RESOLUTION_FACTOR = 10.0  # smallest error that a reference can resolve, relative to its uncertainty
 _MAX_UNCERTAINTY = 1e-2  # largest accepted difference between the methods, relative to amplitudes
 
-
 RELATIVE_TIME_TOLERANCE = 1e-12  # output times within it are considered equal
 # Ratio of ranges in the same unit; points that joints hold fixed move by less.
 _MIN_RELATIVE_MOTION = 1e-6

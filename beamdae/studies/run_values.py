@@ -42,7 +42,6 @@ MEASURE_COLUMNS = {
     "energy imbalance [-]": "energy_imbalance",
 }
 
-
 Array = np.ndarray
 
 

@@ -30,7 +30,6 @@ from beamdae.studies.tasks import TRAJECTORY, Outcome, Rows, Task
 
 Array = np.ndarray
 
-
 _LOCK_FILE = ".lock"
 
 

@@ -49,7 +49,6 @@ _NO_ERRORS = "These cases have no errors: no other case has the same parameters.
 # Prefix of the keys of extra columns, whose names may also occur in the case table.
 _EXTRA_COLUMN_PREFIX = "extra: "
 
-
 _MARKERS = "osD^vPX"
 _ERROR_LABEL = "error / amplitude [-]"
 

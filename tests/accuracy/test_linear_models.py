@@ -9,7 +9,6 @@ import beamdae as bd
 
 WRONG, ACCURATE = 0.04, 0.01
 
-
 ABSOLUTE = "exact"
 
 

@@ -241,15 +241,12 @@ def test_all_runs_of_a_required_accuracy_show_progress():
 
 LENGTH = 0.9
 
-
 # Shear and rotary inertia change frequencies and loads by less than 1e-4.
 CLAMPED_STRIP = rectangle(0.002, 0.025, material=ALLOY)
-
 
 # Euler-Bernoulli beams: roots of cos(b) cosh(b) = -1.
 ROOTS = np.array([1.8751041, 4.6940911, 7.8547574])
 FREQUENCIES = ROOTS**2 * np.sqrt(CLAMPED_STRIP.EI / CLAMPED_STRIP.rhoA) / (2.0 * np.pi * LENGTH**2)
-
 
 ACCURACIES = (0.02, 5e-4)
 MESHES = ({"elements": 1}, {})  # coarse, and chosen by the program

@@ -26,7 +26,6 @@ every_variant = parametrize_variants(VARIANTS)
 # The inertia has separate quadrature points and does not depend on strains.
 every_motion = pytest.mark.parametrize("variant", MOTION_VARIANTS, ids=str)
 
-
 RHO_A, RHO_I = SOFT_MATERIAL.rho * 0.9, SOFT_MATERIAL.rho * 0.05
 EA = SOFT_MATERIAL.E * 0.9
 

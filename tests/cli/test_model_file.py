@@ -314,7 +314,6 @@ def spring(stiffness=100.0, frequency=1.0):
     return mech
 """
 
-
 SENTENCE = "stop: the spline reaches "
 COMMANDS = {
     "check": (),
@@ -335,10 +334,8 @@ COMMANDS = {
     "compare": ("--jobs", "1"),
 }
 
-
 FAST = ("run", "static", "modes", "buckling", "draw")
 SLOW = pytest.mark.slow(reason="several runs or a picture")
-
 
 WITHOUT_PICTURES = ("check", "draw", "optimize")
 

@@ -32,7 +32,6 @@ def mass(force=1.0, step=0.1):
     return mech
 """
 
-
 COMMAND = ["periodic", "mass.py", "--settle", "1"]
 
 
@@ -166,7 +165,6 @@ def leaf():
     mech.observe("tip", beam.end)
     return mech
 """
-
 
 START_MODEL = Path(__file__).parents[2] / "models" / "hub_beam.py"
 

@@ -22,7 +22,6 @@ def oscillator(stiffness=30.0, damping=0.5, mass=1.0):
     return mech
 '''
 
-
 TIMES = np.linspace(0.1, 1.0, 19)
 
 

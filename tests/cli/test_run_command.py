@@ -30,7 +30,6 @@ def ball(push=0.5):
     return mech
 '''
 
-
 ROWS = ("--output-step", "0.01", "--no-estimate")
 
 

@@ -26,7 +26,6 @@ def arm(mass=2.0, note="[/b] :smile:"):
     return mech
 '''
 
-
 STUDY = """
 
 @bd.study(references=(bd.Ida(1e-8), bd.GeneralizedAlpha(2e-3)))
@@ -173,7 +172,6 @@ def test_lines_in_a_pipe_are_not_wrapped_unless_columns_is_set(here):
 
 # Lists.
 RUN = "import pathlib\npathlib.Path('ran').touch()\n"
-
 
 # Files without models.
 UNLISTED_FILES = {

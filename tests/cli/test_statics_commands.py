@@ -43,7 +43,6 @@ def falling():
     return mech
 """
 
-
 LOW_TRUSS = (
     TRUSS
     + '''

@@ -244,7 +244,6 @@ def test_segments_equal_their_part_of_the_curve(curve, percents):
 
 nan = float("nan")
 
-
 SENTENCES = {
     r"^Line: start and end must differ.*\(1.0, 2.0\)": lambda: bd.Line((1.0, 2.0), (1.0, 2.0)),
     "^Arc: radius must not be zero": lambda: bd.Arc(0.0, 1.0),

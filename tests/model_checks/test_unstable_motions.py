@@ -52,7 +52,6 @@ def test_rigid_bodies_that_slide_to_rest_have_no_vibrations():
 STRIP = rectangle(0.002, damping=2e-4)
 SPAN = 0.5  # m
 
-
 BUCKLING_LOAD = np.pi**2 * STRIP.EI / (4.0 * SPAN**2)  # N, of a cantilever (Euler)
 
 

@@ -9,7 +9,6 @@ import beamdae as bd
 SOFT = bd.Material(E=1e7, nu=0.3, rho=1000.0)
 STRIP = rectangle(0.01, 1.0, damping=0.3, material=SOFT)
 
-
 LINE = bd.Line((0.0, 0.0), (1.0, 0.0))
 
 
@@ -89,7 +88,6 @@ def turning(rows, values, outside="hold", unit=1.0):
 
 
 TURN, LOAD = np.radians([0.0, 90.0, 180.0, 270.0, 360.0]), [0.0, 0.0, -1.0, 0.0, 0.0]
-
 
 # Model, end of the run, and words of the warning, or "".
 CASES = {

@@ -10,7 +10,6 @@ import beamdae as bd
 
 MASS, INERTIA = 1.3, 0.4
 
-
 # Chaplygin's sleigh: the blade is ARM behind the center of mass. With J = I + m ARM^2 the speed
 # along it is SPIN sqrt(J/m) tanh(k t), the angular velocity SPIN / cosh(k t), k = ARM SPIN
 # sqrt(m/J), and the side force m (v w)(I/J).

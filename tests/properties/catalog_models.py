@@ -221,7 +221,6 @@ ENTRIES = {
     "Material": beam_of(lambda x: bd.Section(bd.Material(60.0 * x, 0.3, 1.3 * x), 0.9, 0.05)),
 }  # fmt: skip
 
-
 T_END = 0.2
 
 

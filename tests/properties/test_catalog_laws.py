@@ -40,7 +40,6 @@ MOTION_LAWS = EQUILIBRIUM_LAWS | MOTIONS
 # Kinds of parts that cannot be part of a free mechanism, or of one without external actions.
 OUTSIDE = {"momentum": {*EXTERNAL_FORCES}, "ground": {*EXTERNAL_FORCES} - {"skate"}}
 
-
 SLOW = pytest.mark.slow(reason="several mechanisms or runs")
 
 

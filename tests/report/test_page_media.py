@@ -197,7 +197,6 @@ def test_regression_tables_of_facts_fit_the_screen_of_a_phone(phone, width):
 # Size of the printed area at margins of 12 mm [px].
 A4_LANDSCAPE, A4_PORTRAIT = 1032, 703
 
-
 SHEET_HEIGHT = A4_PORTRAIT  # of a sheet in landscape
 CUT_CELLS = """() => {
     const cut = [];

@@ -11,7 +11,6 @@ from beamdae import quantities
 
 pytestmark = pytest.mark.slow(reason="a fit")
 
-
 TIMES = np.linspace(0.1, 1.0, 10)
 
 
@@ -72,7 +71,6 @@ def test_units_of_estimates_are_in_the_file(fit, tmp_path):
 
 METHOD = bd.GeneralizedAlpha(step=0.02)
 LIMITS_OF_MASS = {"mass": (0.5, 3.0)}
-
 
 LIMITS = {"length": (0.2, 2.0), **LIMITS_OF_MASS}
 

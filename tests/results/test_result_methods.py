@@ -38,11 +38,9 @@ METHODS = {
     "SweepResults": {"plot", "page"},
 }
 
-
 # Results without warnings: quantities of another result.
 WITHOUT_WARNINGS = {"Errors", "SectionForces"}
 OTHER_RESULTS = {"Check", "ExportedFmu", "Gradient"}
-
 
 NAMES = {"table", "to_csv", "plot", "page"}
 

@@ -47,7 +47,6 @@ FALLS = {
     "stiff": {"formulation": "exact", "guided": False, "modulus": 22e12},
 }
 
-
 ROUNDING_INTEGRATORS = {"auto": None, "ida": bd.Ida(), "fixed": bd.GeneralizedAlpha(1e-3)}
 
 
@@ -81,7 +80,6 @@ def test_vibrations_by_small_sudden_loads_have_warnings(force: float) -> None:
 
 STEEL = bd.Material(E=2e11, nu=0.3, rho=7800.0)
 SECTION = rectangle(0.02, damping=1e-5, material=STEEL)
-
 
 FAR = (100.0, -70.0)
 INTEGRATORS = {"radau": bd.Radau(1e-3), "alpha": bd.GeneralizedAlpha(step=5e-3)}

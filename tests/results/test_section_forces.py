@@ -17,11 +17,9 @@ from beamdae.results.section_forces.applied_loads import collect_applied_loads
 
 STEEL = bd.Material(E=2.1e11, nu=0.3, rho=7850.0, yield_stress=235e6)
 
-
 # Thick enough that the rounding of axial forces (EA) is small relative to bending.
 BAR = rectangle(0.1, material=STEEL)
 LINE = bd.Line((0.0, 0.0), (1.0, 0.0))
-
 
 # A load [N] that deflects the bar by 1e-6 of its length; the section forces differ by as much from
 # the closed forms of the undeformed beam.
@@ -31,7 +29,6 @@ FORMULATIONS = {
     "moderate strain": {"strain": "green"},
     "exact": {"formulation": "exact"},
 }
-
 
 every_formulation = pytest.mark.parametrize(
     "kind",
@@ -298,7 +295,6 @@ def test_regression_axial_forces_act_normal_to_the_deformed_section(settings, he
 
 SECTION = bd.Section(SOFT_MATERIAL, area=0.9, second_moment=0.05, damping=0.03)
 PARTS = JOINTS | LOADS
-
 
 FRAME, NODES = "chord frame, Green's strain", "nodes"
 

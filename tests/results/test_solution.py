@@ -45,7 +45,6 @@ def pushed(law):
 
 ALPHA = bd.GeneralizedAlpha(step=1e-3)
 
-
 # At this tolerance an adaptive method of second order takes ten times as long as the others. The
 # stabilized form takes the same steps.
 every_integrator = integrators(

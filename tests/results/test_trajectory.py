@@ -23,7 +23,6 @@ from beamdae.studies.run_values import MEASURES, measure_rows
 
 STEPS = np.array([0.0, 0.1, 0.15, 0.4, 0.9, 1.0])
 
-
 # Three nodes per step, as for Radau IIA.
 STAGES = np.append((STEPS[:-1, None] + np.append(0.0, C[:-1]) * np.diff(STEPS)[:, None]).ravel(), 1)
 BETWEEN = np.linspace(0.0, 1.0, 137)

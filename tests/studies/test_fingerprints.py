@@ -62,7 +62,6 @@ def count_stored_runs(study, folder, executor=None):
 
 CURVE = 'from pathlib import Path\nimport numpy as np\nFILE = Path(__file__).parent / "curve.csv"\n'
 
-
 NUMBER = {"params_py": "MASS = {}\n"}
 HELPER = NUMBER | {"helper_py": "import params\ndef mass():\n    return params.MASS\n"}
 DYNAMIC = NUMBER | {

@@ -31,7 +31,6 @@ def swing(mass=1.0):
 """
 OVER = ("--over", "mass=1,2,3")
 
-
 STUDY = bd.results.Study("swings", tuple(bd.Case(swing, {"mass": m}) for m in (1.0, 2.0, 3.0)))
 
 

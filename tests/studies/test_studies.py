@@ -18,7 +18,6 @@ REFERENCES = (bd.Ida(rtol=1e-7), bd.GeneralizedAlpha(step=5e-4, newton_tolerance
 # For tests that do not check errors.
 COARSE = (bd.Ida(rtol=1e-5), bd.GeneralizedAlpha(step=5e-3, newton_tolerance=1e-10))
 
-
 swing = bd.model(t_end=0.4)(mechanisms.swing)
 
 

@@ -14,7 +14,6 @@ import beamdae as bd
 ALPHA = bd.GeneralizedAlpha(step=5e-3)
 REFERENCES = (bd.Ida(rtol=1e-6), bd.GeneralizedAlpha(step=1e-3))
 
-
 # Names ----------------------------------------------------------------------------------------
 INVALID_NAMES = [
     "../x",
@@ -77,7 +76,6 @@ WRONG_CASES = [
     lambda: bd.Case(swing, start="equilibrum"),
     lambda: bd.Case(swing, start=3.0),
 ]
-
 
 WRONG_STUDIES = [
     {"name": None},

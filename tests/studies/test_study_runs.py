@@ -187,7 +187,6 @@ def test_regression_warnings_that_several_cases_share_are_described_once(swept):
 METHOD = bd.GeneralizedAlpha(step=0.02)
 TIMES = np.linspace(0.1, 2.0, 20)
 
-
 BOUNDS = {"stiffness": (10.0, 300.0)}
 
 

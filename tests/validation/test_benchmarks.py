@@ -101,7 +101,6 @@ def test_parallelogram_stays_on_its_branch_at_change_points(integrator):
 
 STEP, RTOL = 2.5e-4, 1e-6
 
-
 BEAM_CASES = ("moving load", "follower load")
 
 

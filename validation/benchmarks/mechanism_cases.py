@@ -15,7 +15,6 @@ STRIP = bd.Section.rectangle(bd.Material(E=2e11, nu=0.3, rho=7800.0), width=0.02
 # Relative to critical damping: under-, critically and overdamped.
 DAMPING_RATIOS = (0.2, 1.0, 2.5)
 
-
 Array = np.ndarray
 
 
@@ -60,22 +59,18 @@ def bouncing_ball(height=1.0, stiffness=1e5, restitution=0.7):
 # Planetary gear: a sun, one planet on an arm, and a fixed ring.
 SUN = 0.2  # pitch radius [m]
 
-
 PLANET = 0.1  # pitch radius [m]
 
 
 ARM = SUN + PLANET  # length [m]
-
 
 RING = SUN + 2.0 * PLANET  # pitch radius [m]
 
 
 PLANET_MASS = 0.7  # [kg]
 
-
 # [kg m^2]
 GEAR_INERTIAS = {"arm": 0.05, "sun": 0.02, "planet": 0.003}
-
 
 # Angular velocities relative to that of the arm.
 GEAR_RATIOS = {"arm": 1.0, "sun": 1.0 + RING / SUN, "planet": 1.0 - RING / PLANET}
@@ -309,7 +304,6 @@ def follower_equilibrium(t: Array) -> dict[str, Array]:
 
 
 _HALF_PERIOD = np.pi * np.sqrt(2.0 / 800.0)  # [s] of the rubbing mass
-
 
 _CONTACT_DURATION = 0.025  # [s] of the bouncing ball
 

@@ -17,7 +17,6 @@ import beamdae as bd
 
 Array = np.ndarray
 
-
 # A slender cantilever under a sinusoidal tip force, with strong material damping.
 LENGTH = 1.0  # [m]
 DAMPING = 2e-3  # Kelvin-Voigt time [s]

@@ -91,7 +91,6 @@ FORMULATIONS: dict[str, dict[str, Any]] = {
 }
 SLENDERNESS = (4, 20, 100, 500, 2500, 100_000)
 
-
 static_case = partial(beam_case, formulations=FORMULATIONS)
 
 

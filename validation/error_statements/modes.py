@@ -94,7 +94,6 @@ def column(rng: np.random.Generator, **settings: Any) -> Drawn:
 
 MODELS = (cantilever, arch, bent, stretched, blade, column)
 
-
 MESHES = ((1, FLOATING), (1, EXACT), (2, FLOATING), (3, EXACT), (6, FLOATING), (8, EXACT))
 
 

@@ -117,7 +117,6 @@ EXUDYN_MESHES = ((3, 3), (4, 3), (6, 3), (8, 3), (16, 3), (16, 2), (32, 2))
 REFERENCE_SETTINGS = {"elements": 64, "nodes": 3, "step": 5e-5}
 FINEST_BEAMDAE = ((4, 4), bd.Radau(1e-6))
 
-
 # Path of the tip (times, 2), and times of the integration and of the whole run [s].
 Outcome = tuple[Array, float, float]
 

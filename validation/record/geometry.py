@@ -15,7 +15,6 @@ from scipy.optimize import brentq
 QUANTITIES = ("x", "y", "angle")
 _COMPLEX_STEP = 1e-30  # s
 
-
 Piece = tuple[float, Callable[[Any], Any]]  # end, and a smooth function of time
 
 

@@ -14,7 +14,6 @@ TIME = "t [s]"
 TIME_TOLERANCE = 1e-9  # relative to the end time
 COSTS = ("wall_time", "processor_time", "steps", "max_position_drift", "energy_imbalance")
 
-
 Reference = tuple[pd.DataFrame, pd.DataFrame]  # the solution and its uncertainty, a row a time
 
 

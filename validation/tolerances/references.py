@@ -226,7 +226,6 @@ def _run_in_turn(
 # At order 5 a tenth of the tolerance takes 1.6 times the steps.
 _GROWTH = 1.6
 
-
 _LIMIT = {"time_limit": TIME_LIMIT_RATIO * PATIENCE}
 
 

@@ -31,11 +31,10 @@ if TYPE_CHECKING:
 
 
 _MIN_SPEEDS = 2  # of a Campbell diagram
-_RANGE_COUNTS = (_MIN_SPEEDS, 1000)
+_SPEED_COUNTS = (_MIN_SPEEDS, 1000)
 
-
-_COUNTS = (1, 100_000)  # of frequencies
-_FORMS = f"FIRST:LAST, {SPACED_FORMS}"
+_FREQUENCY_COUNTS = (1, 100_000)  # of frequencies
+_FREQUENCY_FORMS = f"FIRST:LAST, {SPACED_FORMS}"
 
 
 def parse_speeds(text: str) -> tuple[list[float], str]:
@@ -54,7 +53,7 @@ def parse_speeds(text: str) -> tuple[list[float], str]:
         return [parse_number(text, "rad/s")], unit
     try:
         return (
-            parse_spaced_values("--speed", "", text, "rad/s", _RANGE_COUNTS, SPACED_FORMS),
+            parse_spaced_values("--speed", "", text, "rad/s", _SPEED_COUNTS, SPACED_FORMS),
             unit,
         )
     except BeamdaeError as problem:
@@ -170,10 +169,12 @@ def parse_frequencies(text: str) -> tuple[list[float] | None, tuple[float, float
     values: list[float] | None = None
     try:
         if text.count(":") > 1:
-            values = parse_spaced_values("--frequencies", "", text, "Hz", _COUNTS, _FORMS)
+            values = parse_spaced_values(
+                "--frequencies", "", text, "Hz", _FREQUENCY_COUNTS, _FREQUENCY_FORMS
+            )
             ends = values[0], values[-1]
         else:
-            ends = parse_ends("--frequencies", "", text, "Hz", _FORMS)
+            ends = parse_ends("--frequencies", "", text, "Hz", _FREQUENCY_FORMS)
     except BeamdaeError as problem:
         raise as_bad_parameter(text, problem) from None
     if not 0.0 < ends[0] <= ends[1] < math.inf or (values is None and ends[0] == ends[1]):

@@ -31,7 +31,6 @@ SUPPORTS: dict[str, tuple[Any, ...]] = {
     "yr": (bd.Prismatic, (1.0, 0.0)),
 }
 
-
 LIMIT, BRANCH, FLUTTER = "limit point", "branch point", "flutter point"
 # Thick and very slender structures, and their mesh.
 SLENDERNESS = (1e2, 1e5)

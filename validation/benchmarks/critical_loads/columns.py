@@ -36,7 +36,6 @@ Springs = Mapping[str, tuple[float, float, float]]
 # with a chord, times the largest P / EA = P L^2 / (12 s^2 EI) of the cases.
 _GREEN_DEPARTURE = 0.5
 
-
 # Sections of a tapered column at s: width and height relative to s = 0.
 Taper = Callable[[float], tuple[float, float]]
 

@@ -32,7 +32,6 @@ import beamdae as bd
 # Half waves of buckled bars that are considered.
 _MAX_HALF_WAVES = 10
 
-
 FLUID, DEAD, CENTRAL = "fluid", "dead", "central"
 
 

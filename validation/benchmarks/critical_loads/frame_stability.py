@@ -25,7 +25,6 @@ _PARTS = 4
 # Relative accuracy of the bisection.
 _LOAD_TOLERANCE = 1e-11
 
-
 _TOLERANCE = 1e-12
 _SAMPLES = 60
 # Relative distance of the frequencies whose difference gives the slope of the determinant.

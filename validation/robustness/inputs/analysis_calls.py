@@ -120,7 +120,6 @@ MODE_CALLS: dict[str, WorkingCall] = {
     ),
 }
 
-
 _PERIOD = 0.01
 
 
@@ -373,7 +372,6 @@ SECTION_FORCE_CALLS: dict[str, WorkingCall] = {
         lambda box: {"what": "M", "t": OUTPUT_STEP}, on=_section_forces
     ),
 }
-
 
 _ACCURACY = 0.1
 
@@ -644,7 +642,6 @@ SENSITIVITY_CALLS: dict[str, WorkingCall] = {
     ),
     "Mass": WorkingCall(lambda box: {}, _get_label),
 }
-
 
 REFINEMENT_CALLS: dict[str, WorkingCall] = {
     "simulate accuracy": WorkingCall(_refine_arguments),

@@ -37,7 +37,6 @@ def _raise(*arguments: Any, **options: Any) -> Any:
 
 _METHODS_OF_OBJECTS = ("bool", "eq", "hash", "len", "repr", "str")
 
-
 _METHODS_OF_NUMBERS = ("abs", "add", "float", "ge", "gt", "index", "int", "le", "lt", "mul", "neg")
 
 

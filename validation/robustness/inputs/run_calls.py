@@ -147,7 +147,6 @@ SOLUTION_CALLS: dict[str, WorkingCall] = {
     ),
 }
 
-
 _LIMITS = {"max_step": None, "max_steps": 1000, "time_limit": RUN_TIME_LIMIT}
 _INTEGRATOR_MEMBERS = ("method", "label", "order", "accuracy")
 
