@@ -37,11 +37,11 @@ from beamdae.integrators.auto import Auto
 from beamdae.model_functions import Model
 from beamdae.model_parameters import ModelParameter
 from beamdae.parts.mechanism import Mechanism
-from beamdae.report.page.content import encode
+from beamdae.report.page.content import encode, export_table
 from beamdae.report.page.page_file import fill_template
 from beamdae.report.scene.mechanism_scene import build_scene, reference_poses
 from beamdae.report.scene.run_scene import export_frames, export_run_frames
-from beamdae.report.tables import range_rows, table_of
+from beamdae.report.tables import range_rows
 from beamdae.results.columns import observed_columns
 from beamdae.results.solution import Solution
 from beamdae.simulation import simulate
@@ -182,13 +182,11 @@ def summarize(solution: Solution) -> dict[str, Any]:
     cost = solution.statistics
     columns = solution.all_columns()
     observed = {name: columns[name] for name in observed_columns(columns)}
-    rows = range_rows(observed, steps=solution.step_extremes)
-    head, *texts = table_of(rows).texts if rows else [[]]
     return {
         "status": f"{solution.status.sentence}; {cost.steps} steps, {cost.wall_time:.2g} s",
         "ok": solution.status.success,
         "warnings": list(solution.warnings),
-        "table": {"head": head, "rows": texts},
+        "table": export_table("Observed", range_rows(observed, steps=solution.step_extremes)),
     }
 
 

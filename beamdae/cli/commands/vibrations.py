@@ -26,7 +26,6 @@ from beamdae.errors import BeamdaeError, require_count, short_repr, warn_user
 
 if TYPE_CHECKING:
     from beamdae.analysis.linear_dynamics.bode_diagram import Bode
-    from beamdae.analysis.linear_dynamics.linear_model import LinearModel
     from beamdae.analysis.linear_dynamics.stability_margins import StabilityMargins
 
 
@@ -139,7 +138,7 @@ def modes_command(
 
     def animate_modes(modes: Any) -> None:
         for k, file in animations.items():
-            files.write(file.name, partial(_animate, modes, k, file))
+            files.write(file.name, lambda k=k, file=file: [modes.animate(k, file)])
 
     def write_tables(diagram: Any) -> list[Path]:
         from beamdae.results.storage.files import write_escaped_table
@@ -151,10 +150,6 @@ def modes_command(
         job.run(files, "natural modes", analyze, further=animate_modes)
     else:
         job.run(files, "Campbell diagram", analyze, write_tables)
-
-
-def _animate(modes: Any, k: int, path: Path) -> list[Path]:
-    return [modes.animate(k, path)]
 
 
 def parse_frequencies(text: str) -> tuple[list[float] | None, tuple[float, float] | None]:
@@ -243,33 +238,25 @@ def bode_command(
     job.run(files, "linear response", analyze, complete=partial(_add_margins, mechanism.outputs))
 
 
-def _compute_margins(
-    linear: LinearModel, controllers: Iterable[str]
-) -> tuple[dict[str, StabilityMargins], list[str]]:
-    """Return the margins of the loop of each `pid`, and why loops have none."""
+def _add_margins(controllers: Iterable[str], diagram: Bode, report: Report) -> Report:
+    """Add the margins of the loop of each `pid`, and the reasons why loops have none."""
     from beamdae.analysis.linear_dynamics.stability_margins import margins
 
     loops: dict[str, StabilityMargins] = {}
     notes = []
     for name in controllers:
         try:
-            loops[name] = margins(linear, name)
+            loops[name] = margins(diagram.model, name)
         except BeamdaeError as problem:
             notes.append(str(problem))
-            continue
-        notes.extend(loops[name].warnings)
-    return loops, notes
-
-
-def _add_margins(controllers: Iterable[str], diagram: Bode, report: Report) -> Report:
-    """Add the margins of control loops."""
-    loops, notes = _compute_margins(diagram.model, controllers)
+        else:
+            notes.extend(loops[name].warnings)
     x = report.description
-    margins = {loop: margin.table() for loop, margin in loops.items()}
+    tables = {loop: margin.table() for loop, margin in loops.items()}
     description = replace(
         x,
         facts={**x.facts, **{f"loop of {loop}": str(margin) for loop, margin in loops.items()}},
-        data=lambda: {**x.data(), "margins": margins},
+        data=lambda: {**x.data(), "margins": tables},
     )
     warnings = [*report.warnings, *notes]
     return replace(report, description=description, warnings=warnings, source="--json")
