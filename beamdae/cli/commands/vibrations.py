@@ -138,7 +138,7 @@ def modes_command(
 
     def animate_modes(modes: Any) -> None:
         for k, file in animations.items():
-            files.write(file.name, lambda k=k, file=file: [modes.animate(k, file)])
+            files.write(file.name, partial(map, modes.animate, [k], [file]))
 
     def write_tables(diagram: Any) -> list[Path]:
         from beamdae.results.storage.files import write_escaped_table
