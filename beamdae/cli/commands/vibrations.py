@@ -137,8 +137,11 @@ def modes_command(
         return replace(diagram, speed_unit=speed[0][1] if speed else "rad/s")
 
     def animate_modes(modes: Any) -> None:
+        def animate(k: int, file: Path) -> list[Path]:
+            return [modes.animate(k, file)]
+
         for k, file in animations.items():
-            files.write(file.name, partial(map, modes.animate, [k], [file]))
+            files.write(file.name, partial(animate, k, file))
 
     def write_tables(diagram: Any) -> list[Path]:
         from beamdae.results.storage.files import write_escaped_table
