@@ -30,10 +30,8 @@ from beamdae.linear.orderings import (
 
 Array = np.ndarray
 
-# Number of unknowns up to which orderings and plans are cached.
-_MAX_CACHED_SIZE = 3000
 # Largest memory of the cached orderings, and of the cached plans [bytes]. A run needs a few
-# patterns; those of the largest cached size take about 1 MB each.
+# patterns; those of 3000 unknowns take about 1 MB each.
 _MAX_CACHED_BYTES = 8 * 2**20
 
 
@@ -69,15 +67,14 @@ def propose_plans(
         raise SingularMatrixError("the matrix is singular")
     key = _PatternKey.of(pattern.indptr, pattern.indices)
     scale = _compute_row_scale(key, nonzeros)
-    find = _cached_find_blocks if key.is_cached else _find_blocks
-    blocks = find(key) if in_blocks else None
+    blocks = _find_blocks(key) if in_blocks else None
     if blocks is not None:
         with suppress(RuntimeError, np.linalg.LinAlgError):
             remainder = blocks.eliminate(scale[pattern.indices] * nonzeros)
             yield _plan_blocks(key, blocks, remainder, scale)
     # Without the largest pivots, a matrix may become singular by rounding.
     with suppress(RuntimeError):
-        bordered = _choose_order(key)
+        bordered = _order_pattern(key)
         factors = factorize_in_order(_scale_matrix(bordered, nonzeros, scale))
         yield _plan_pivots(key, key, bordered, factors, scale)
     natural = _natural_order(key)
@@ -103,11 +100,6 @@ class _PatternKey(NamedTuple):
     def size(self) -> int:
         """Number of columns."""
         return len(self.starts) // np.dtype(np.intp).itemsize - 1
-
-    @property
-    def is_cached(self) -> bool:
-        """True if results for this pattern are cached."""
-        return self.size <= _MAX_CACHED_SIZE
 
     def entry_numbers(self) -> sp.csc_array:
         """Return a matrix with this pattern whose entries are the indices of its non-zeros."""
@@ -136,6 +128,7 @@ class _OrderedPattern(NamedTuple):
     weights: Array
 
 
+@bounded_cache(_MAX_CACHED_BYTES, array_bytes)
 def _order_pattern(key: _PatternKey) -> _OrderedPattern:
     entry_numbers = key.entry_numbers()
     ordering = compute_bordered_ordering(entry_numbers)
@@ -146,18 +139,9 @@ def _order_pattern(key: _PatternKey) -> _OrderedPattern:
     )
 
 
-_cached_order_pattern = bounded_cache(_MAX_CACHED_BYTES, array_bytes)(_order_pattern)
-
-
-def _choose_order(key: _PatternKey) -> _OrderedPattern:
-    return (_cached_order_pattern if key.is_cached else _order_pattern)(key)
-
-
+@bounded_cache(_MAX_CACHED_BYTES, array_bytes)
 def _find_blocks(key: _PatternKey) -> BlockElimination | None:
     return find_blocks(key.entry_numbers())
-
-
-_cached_find_blocks = bounded_cache(_MAX_CACHED_BYTES, array_bytes)(_find_blocks)
 
 
 def _natural_order(key: _PatternKey) -> _OrderedPattern:
@@ -200,7 +184,7 @@ def _plan_blocks(
 ) -> EliminationPlan:
     """Return the plan that eliminates blocks first; `remainder` holds the remaining non-zeros."""
     rest = _PatternKey.of(blocks.starts, blocks.indices)
-    order = _choose_order(rest)
+    order = _order_pattern(rest)
     rest_scale = _compute_row_scale(rest, remainder)
     factors = factorize_in_order(_scale_matrix(order, remainder, rest_scale))
     plan = _plan_pivots(key, rest, order, factors, scale)
@@ -222,9 +206,8 @@ def _plan_pivots(
     """Return the plan of a matrix without blocks, or of the rest of the matrix without them."""
     rows = ordered.order[np.argsort(factors.perm_r)]
     columns = ordered.order[np.argsort(factors.perm_c)]
-    analyze = _cached_analyze_pattern if rest.is_cached else _analyze_pattern
     starts, matrix_rows = (_to_unsigned(np.frombuffer(x, np.intp)) for x in key)
-    return analyze(rest, rows.tobytes(), columns.tobytes())._replace(
+    return _analyze_pattern(rest, rows.tobytes(), columns.tobytes())._replace(
         scale=scale,
         matrix_starts=starts,
         matrix_rows=matrix_rows,
@@ -232,6 +215,7 @@ def _plan_pivots(
     )
 
 
+@bounded_cache(_MAX_CACHED_BYTES, array_bytes)
 def _analyze_pattern(key: _PatternKey, row_bytes: bytes, column_bytes: bytes) -> EliminationPlan:
     """Return the plan for pivots in these rows and columns, without matrix and scaling."""
     rows, columns = (np.frombuffer(x, np.intp) for x in (row_bytes, column_bytes))
@@ -255,9 +239,6 @@ def _analyze_pattern(key: _PatternKey, row_bytes: bytes, column_bytes: bytes) ->
         lower_starts=lower_starts,
         lower_rows=lower_rows,
     )
-
-
-_cached_analyze_pattern = bounded_cache(_MAX_CACHED_BYTES, array_bytes)(_analyze_pattern)
 
 
 def flatten_columns(columns: list[list[int]]) -> tuple[Array, Array]:

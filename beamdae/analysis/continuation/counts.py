@@ -5,6 +5,13 @@ from __future__ import annotations
 from typing import NamedTuple
 
 
+class Determinant(NamedTuple):
+    """Sign of a determinant, 0 if it is not known, and the logarithm of its magnitude."""
+
+    sign: int = 0
+    log_size: float = 0.0
+
+
 class Count(NamedTuple):
     """Numbers of growing motions at a point.
 
@@ -16,17 +23,15 @@ class Count(NamedTuple):
         Motions that alternate from period to period.
     free
         Motions without stiffness.
-    sign, log_size
-        Sign of a determinant that vanishes at critical points, 0 if it is not known, and the
-        logarithm of its magnitude, which exceeds the range of numbers.
+    determinant
+        Determinant that vanishes at critical points.
     """
 
     divergent: int
     oscillating: int
     alternating: int = 0
     free: int = 0
-    sign: int = 0
-    log_size: float = 0.0
+    determinant: Determinant = Determinant()
 
     @property
     def growing(self) -> tuple[int, int, int]:

@@ -155,8 +155,9 @@ def _find_hidden_change(segment: Segment, low: _Sample, high: _Sample) -> float 
     bubble, line = t * (1.0 - t), (1.0 - t) * low.rate + t * high.rate
     surplus = (high.point.p - low.point.p) / way - 0.5 * (low.rate + high.rate)
     share = _find_other_sign(line + 6.0 * surplus * bubble)
-    if share is None and low.counts.sign and high.counts.sign == low.counts.sign:
-        unit = max(low.counts.log_size, high.counts.log_size)
+    first, last = (x.counts.determinant for x in (low, high))
+    if share is None and first.sign == last.sign != 0:
+        unit = max(first.log_size, last.log_size)
         try:
             (begin, begin_rate), (end, end_rate) = (
                 _differentiate_determinant(x, way, unit) for x in (low, high)
@@ -181,7 +182,8 @@ def _differentiate_determinant(sample: _Sample, way: float, unit: float) -> tupl
     tangent = way * sample.tangent
     move, beside = sample.point.neighbor(_NEIGHBOR_DISTANCE * tangent)
     largest = int(np.argmax(np.abs(np.append(sample.point.problem.weights, 1.0) * tangent)))
-    value, near = (x.sign * np.exp(x.log_size - unit) for x in (sample.counts, beside))
+    here = sample.counts.determinant
+    value, near = (x.sign * np.exp(x.log_size - unit) for x in (here, beside))
     return value, (near - value) * float(tangent[largest] / move[largest])
 
 

@@ -195,9 +195,10 @@ def trace_path(loading: Loading, q: Array, settings: PathSettings) -> Equilibriu
             critical.append(CriticalPoint(one.kind, *place, moves, count))
         points += path.points
         stages += [k] * len(path.points)
-        causes = [describe_zero_loads(point, loading.parameter) for point in path.points]
-        if len(causes) > 1 and all(causes):
-            notes.append(f"equilibrium: all points of the path are equal, because {causes[-1]}.")
+        cause = describe_zero_loads(path.end, loading.parameter)
+        others = (describe_zero_loads(point, loading.parameter) for point in path.points[:-1])
+        if cause and len(path.points) > 1 and all(others):
+            notes.append(f"equilibrium: all points of the path are equal, because {cause}.")
         status = path.status
         if not status.success:
             sentence = f"{status.sentence} (last converged {loading.quantity}: {path.end.p:.6g})"
