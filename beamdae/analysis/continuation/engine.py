@@ -273,8 +273,7 @@ class Point:
         They are those of the first call: the tangent of a curve is unique.
         """
         if not self._neighbor:
-            x, p = self.x + move[:-1], self.p + float(move[-1])
-            self._neighbor.append((move, self.problem.determinant(x, p)))
+            self._neighbor.append((move, self.problem.determinant(self, move)))
         return self._neighbor[0]
 
     def plus(self, move: Array) -> Point:
