@@ -13,7 +13,7 @@ import numpy as np
 
 from beamdae.accuracy.errors import Errors
 from beamdae.accuracy.runs import check_errors
-from beamdae.analysis.eigenproblems.frequency_range import (
+from beamdae.analysis.eigenproblems.eigensolution import (
     FrequencyRange,
     compute_frequency_range,
 )

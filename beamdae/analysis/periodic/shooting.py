@@ -15,7 +15,7 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 import scipy.linalg as la
 
-from beamdae.analysis.continuation.counts import Count
+from beamdae.analysis.continuation.critical import Count
 from beamdae.analysis.continuation.engine import (
     Control,
     CurveError,

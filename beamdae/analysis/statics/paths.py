@@ -33,8 +33,13 @@ from beamdae.analysis.statics.neutral_motions import (
     prefer_angles,
 )
 from beamdae.analysis.statics.path_parameters import PathParameter
-from beamdae.analysis.statics.path_settings import ARC_LENGTH, DISPLACEMENT, LOAD, PathSettings
-from beamdae.analysis.statics.prescribed_column import PrescribedColumn
+from beamdae.analysis.statics.path_settings import (
+    ARC_LENGTH,
+    DISPLACEMENT,
+    LOAD,
+    PathSettings,
+    PrescribedColumn,
+)
 from beamdae.analysis.statics.static_problem import StaticProblem
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.starts.relaxation import relax_to_equilibrium

@@ -23,7 +23,7 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import SuperLU, splu
 
-from beamdae.analysis.continuation.counts import Count, Determinant
+from beamdae.analysis.continuation.critical import Count, Determinant
 from beamdae.analysis.continuation.engine import (
     FAILURES,
     Control,

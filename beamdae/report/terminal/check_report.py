@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from beamdae.analysis.eigenproblems.frequency_range import FrequencyRange
+from beamdae.analysis.eigenproblems.eigensolution import FrequencyRange
 from beamdae.equations.starts.dependent_constraints import describe_dependent_sets
 from beamdae.errors import list_first
 
