@@ -205,10 +205,6 @@ class Loop:
         self.unload()
         return int(code)
 
-    def call_loaded(self) -> int:
-        """Call the function with the numbers in the table; return the code."""
-        return int(self._call(self._address))
-
     def bind(self, *owners: Any) -> None:
         """Update the table after arrays of these nested objects, or of any, have been replaced.
 

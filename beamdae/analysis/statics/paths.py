@@ -476,13 +476,6 @@ def dominant_coordinate(e: EquationsOfMotion, mode: Array) -> str:
     return e.q_names[locate_largest(mode[: e.n] / e.position_scales * prefer_angles(e))]
 
 
-def _describe_freedom(coordinate: str) -> str:
-    return (
-        f"{coordinate} is free to move under the loads, which do not change it; choose its value "
-        f"with start={{{coordinate!r}: ...}}, and set to= to a load factor"
-    )
-
-
 def _find_remedy(path: StagePath) -> str:
     """Return why steps probably fail, and a remedy; "" if unknown."""
     system, end, is_first = path.end.problem.system, path.end, len(path.points) == 1
@@ -493,5 +486,8 @@ def _find_remedy(path: StagePath) -> str:
             if abs(jump - end.p) <= distance:
                 return f"the loads jump at t = {jump:g} s, so begin another path there with from_="
     if path.settings.control == DISPLACEMENT and is_first and (free := free_coordinate(end)):
-        return _describe_freedom(free)
+        return (
+            f"{free} is free to move under the loads, which do not change it; choose its value "
+            f"with start={{{free!r}: ...}}, and set to= to a load factor"
+        )
     return _REMEDIES.get((path.settings.control, is_first), "")
