@@ -28,8 +28,7 @@ from beamdae.equations.formulations.tangents import compute_tangent
 from beamdae.equations.starts.reduced_equations import select_independent
 from beamdae.errors import BeamdaeError, hold_messages
 from beamdae.linear.blas_threads import single_threaded
-from beamdae.linear.factorizations import SingularMatrixError
-from beamdae.linear.saddle_point import factorize_saddle_point
+from beamdae.linear.factorizations import SingularMatrixError, factorize_saddle_point
 from beamdae.parts.mechanism import AS_DRAWN
 from beamdae.results.equilibrium import Equilibrium
 from beamdae.results.trajectory import Instant

@@ -23,7 +23,7 @@ from beamdae.parts.laws import Law
 from beamdae.parts.mechanism import AS_DRAWN, Mechanism
 from beamdae.parts.part import Part, RegularizedFriction
 from beamdae.read_only import read_only_copy, read_only_data
-from beamdae.symbolic.functions.compiled import RowFunction
+from beamdae.symbolic.compiled import RowFunction
 from beamdae.symbolic.signal_pickling import pickle_with_signals
 from beamdae.symbolic.statements import (
     ConstraintStatement,

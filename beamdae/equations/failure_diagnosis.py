@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
-from beamdae.equations.formula_forces import name_copies
 from beamdae.equations.formulations.sums import term_data
-from beamdae.equations.starts.rank import build_constraint_jacobian
+from beamdae.equations.starts.dependent_constraints import build_constraint_jacobian
 from beamdae.equations.starts.state_evaluator import StateEvaluator
+from beamdae.equations.watched_terms import name_copies
 
 Array = np.ndarray
 

@@ -6,8 +6,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from beamdae.linear.elimination import N_EXTRA_ENTRIES, EliminationPlan, empty_plan
+from beamdae.linear.factorizations import has_many_couplings, order_along_band
 from beamdae.linear.fixed_order import FixedOrder
-from beamdae.linear.orderings import has_many_couplings, order_along_band
 
 Array = np.ndarray
 

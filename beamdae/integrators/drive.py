@@ -37,8 +37,11 @@ from beamdae.integrators.method import (
     take_steps,
 )
 from beamdae.integrators.pilot_run import PILOT_LABEL, adopt_amplitudes, run_pilot
-from beamdae.integrators.reaction_balance import balance_reactions
-from beamdae.integrators.redundant_constraints import remove_redundant, restore_reactions
+from beamdae.integrators.reaction_balance import (
+    balance_reactions,
+    remove_redundant,
+    restore_reactions,
+)
 from beamdae.integrators.run_plan import RunPlan, plan_run
 from beamdae.integrators.sampling import RepeatedSample, Sampler
 from beamdae.integrators.step_history import (
@@ -395,7 +398,7 @@ class _RunInProgress:
         # An event at the time of the sample has begun a segment of one row: the method has not.
         resumed = None
         if hasattr(self.method, "resume") and self._history.count > 1 and self._is_sample(start):
-            resumed = cast(ResumableMethod, self.method).resume(start, following, state.q)
+            resumed = cast("ResumableMethod", self.method).resume(start, following, state.q)
         if resumed is not None:
             self._history.append_jump(resumed)
         elif stop := self._find_stop():

@@ -164,12 +164,12 @@ def take_steps(method: Method, history: StepHistory, most: int, end: float) -> i
         `end`, or that differ in their number of stages.
     """
     if not hasattr(method, "advance"):
-        t, state, *stages = cast(StepMethod, method).step()
+        t, state, *stages = cast("StepMethod", method).step()
         _require_progress(history, t, end)
         if not history.append(t, state, *stages):
             raise StepError(_UNORDERED_STAGES)
         return 1
-    loop = cast(LoopMethod, method)
+    loop = cast("LoopMethod", method)
     rows = loop.advance(most)
     _require_progress(history, rows[-1, 0], end)
     if not history.extend(rows, loop.rows_per_step):

@@ -13,7 +13,7 @@ from beamdae.errors import list_first
 from beamdae.integrators.integrator import DEFAULT_RTOL, Integrator
 from beamdae.integrators.limits import PaceCheck, followed_vibration
 from beamdae.integrators.sampling import RepeatedSample, describe_growth
-from beamdae.model_checks.strain_limits import describe_meaningless_strain, names_strains
+from beamdae.model_checks.validity_ranges import describe_meaningless_strain, names_strains
 from beamdae.results.outcome import Status
 from beamdae.results.trajectory import Trajectory
 

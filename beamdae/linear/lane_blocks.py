@@ -20,8 +20,8 @@ from beamdae.linear.elimination import (
     UNUSED_ENTRY,
     ZERO_ENTRY,
 )
+from beamdae.linear.factorizations import classify_unknowns
 from beamdae.linear.lanes import LANES
-from beamdae.linear.orderings import classify_unknowns
 
 Array = np.ndarray
 

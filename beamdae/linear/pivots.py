@@ -19,14 +19,14 @@ from scipy.sparse.linalg import SuperLU
 
 from beamdae.bounded_cache import array_bytes, bounded_cache
 from beamdae.linear.elimination import N_EXTRA_ENTRIES, EliminationPlan, empty_plan
-from beamdae.linear.factorizations import SingularMatrixError
-from beamdae.linear.lane_blocks import BlockElimination, find_blocks
-from beamdae.linear.orderings import (
+from beamdae.linear.factorizations import (
+    SingularMatrixError,
     compute_bordered_ordering,
     factorize_in_order,
     factorize_with_partial_pivoting,
     invert_to_power_of_two,
 )
+from beamdae.linear.lane_blocks import BlockElimination, find_blocks
 
 Array = np.ndarray
 

@@ -16,7 +16,7 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.starts.mobility import find_loose_groups
 from beamdae.equations.starts.rigid_motions import collect_bodies
 from beamdae.equations.starts.state_evaluator import StateEvaluator
-from beamdae.equations.surface_gaps import compile_surface_gaps
+from beamdae.equations.watched_terms import compile_surface_gaps
 from beamdae.errors import name_with_others
 from beamdae.parts.attachments import measure_extent
 from beamdae.parts.bodies.rigid_body import RigidBody

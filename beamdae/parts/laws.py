@@ -31,10 +31,16 @@ from beamdae.native.instructions import read_operations
 from beamdae.parts.forces.formula_checks import JUMP_OPERATIONS
 from beamdae.parts.tables import Table, locked_pieces
 from beamdae.symbolic.formula import Formula
-from beamdae.symbolic.scalar_expression import FormulaError, as_scalar
-from beamdae.symbolic.signals import Signal, as_expression, find_other_symbols, with_references
+from beamdae.symbolic.signals import (
+    FormulaError,
+    Signal,
+    as_expression,
+    as_scalar,
+    find_other_symbols,
+    with_references,
+)
 from beamdae.symbolic.statements import SX
-from beamdae.symbolic.table_calls import TableCall, record_calls
+from beamdae.symbolic.table_lookups import TableCall, record_calls
 
 # Operations with jumps or kinks, at which an integrator would not stop.
 _NONSMOOTH_OPERATIONS = JUMP_OPERATIONS | {

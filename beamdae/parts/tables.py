@@ -24,15 +24,15 @@ from beamdae.errors import (
     short_repr,
     warn_user,
 )
-from beamdae.symbolic.functions.compiled import RowFunction
-from beamdae.symbolic.functions.table_lookups import find_row, pick_numbers
-from beamdae.symbolic.scalar_expression import as_scalar
-from beamdae.symbolic.signals import Signal, as_expression, find_signals
+from beamdae.symbolic.compiled import RowFunction
+from beamdae.symbolic.signals import Signal, as_expression, as_scalar, find_signals
 from beamdae.symbolic.statements import SX, Local
-from beamdae.symbolic.table_calls import (
+from beamdae.symbolic.table_lookups import (
     TableCall,
+    find_row,
     is_inside_formula,
     is_inside_time_law,
+    pick_numbers,
     record_call,
     uses_symbols_for_numbers,
 )

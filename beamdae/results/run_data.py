@@ -213,9 +213,9 @@ class RunData:
     def missed_peaks(self) -> ColumnDict:
         """Largest miss of the rows of each column that they miss by more than 4 %, by header.
 
-        The entries have the attributes of `model_checks.coarse_rows.MissedPeak`.
+        The entries have the attributes of `model_checks.run_checks.MissedPeak`.
         """
-        return deferred.module("model_checks.coarse_rows").find_missed_peaks(self)
+        return deferred.module("model_checks.run_checks").find_missed_peaks(self)
 
     def all_columns(self) -> dict[str, Array]:
         """Return the columns (k,) of `table` by header."""

@@ -9,7 +9,7 @@ from itertools import groupby
 import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.starts.rank import (
+from beamdae.equations.starts.dependent_constraints import (
     ConstraintJacobian,
     build_constraint_jacobian,
     has_closed_loops,

@@ -17,13 +17,13 @@ from beamdae.native.instructions import (
     repeat_operation,
     trace_dependence,
 )
+from beamdae.symbolic.compiled import RowFunction
 from beamdae.symbolic.constraint_kernel import ConstraintKernel
-from beamdae.symbolic.functions.compiled import RowFunction
 from beamdae.symbolic.local_symbols import SX, Local, describe_column_error
 from beamdae.symbolic.signals import SignalBinding, bind_signals, find_signals
 from beamdae.symbolic.sums.kernel_sums import Kernel
 from beamdae.symbolic.sums.point_sums import PointSum, PointTerm
-from beamdae.symbolic.table_calls import TableCall
+from beamdae.symbolic.table_lookups import TableCall
 
 Array = np.ndarray
 

@@ -24,7 +24,6 @@ from beamdae.native.instructions import (
 )
 from beamdae.read_only import read_only
 from beamdae.symbolic.formula import cache_kernels
-from beamdae.symbolic.functions.table_lookups import LOOKUPS, look_up
 from beamdae.symbolic.statements import (
     SX,
     ConstraintKernel,
@@ -34,6 +33,7 @@ from beamdae.symbolic.statements import (
     Local,
     QuantityKernel,
 )
+from beamdae.symbolic.table_lookups import LOOKUPS, look_up
 
 Array = np.ndarray
 AnyKernel = ForceKernel | ConstraintKernel | QuantityKernel

@@ -18,10 +18,10 @@ import scipy.sparse as sp
 
 from beamdae.errors import BeamdaeError, set_fields
 from beamdae.read_only import read_only_data
+from beamdae.symbolic.compiled import RowFunction
 from beamdae.symbolic.constraint_kernel import ConstraintKernel, NonholonomicKernel
 from beamdae.symbolic.force_kernel import ForceAtPoint, ForceKernel
 from beamdae.symbolic.formula import FormulaExpression
-from beamdae.symbolic.functions.compiled import RowFunction
 from beamdae.symbolic.local_symbols import SX, Local
 from beamdae.symbolic.signals import (
     LocalView,
@@ -32,7 +32,7 @@ from beamdae.symbolic.signals import (
     find_signals,
     select_table_calls,
 )
-from beamdae.symbolic.table_calls import TableCall
+from beamdae.symbolic.table_lookups import TableCall
 
 __all__ = [
     "SX",

@@ -7,7 +7,10 @@ from slider_crank import slider_crank
 
 import beamdae as bd
 from beamdae.equations.equations_of_motion import State
-from beamdae.equations.starts.rank import build_constraint_jacobian, has_closed_loops
+from beamdae.equations.starts.dependent_constraints import (
+    build_constraint_jacobian,
+    has_closed_loops,
+)
 from beamdae.results.singular_positions import (
     _smallest_singular_values,
     find_singular_positions,

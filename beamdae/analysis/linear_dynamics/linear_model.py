@@ -25,7 +25,7 @@ from beamdae.equations.assembly.coordinate_map import map_coordinates
 from beamdae.equations.assembly.statement_checks import collect_statements
 from beamdae.equations.equations_of_motion import EquationsOfMotion, InputTerm, Observable
 from beamdae.equations.formulations.tangents import compute_tangent, differentiate_residual
-from beamdae.equations.starts.rank import normalize_rows, select_independent_rows
+from beamdae.equations.starts.dependent_constraints import normalize_rows, select_independent_rows
 from beamdae.equations.starts.steady_rotation import RotatingCoordinates
 from beamdae.errors import (
     BeamdaeError,
@@ -553,7 +553,7 @@ def _part_residual(
     """Return the residual of one part with constant laws, (n + m,)."""
     coordinate_map, e = map_coordinates(mechanism), lin.equations
     law = laws[0] if len(laws) == 1 else tuple(laws)
-    part = replace(cast(Any, part), law=law)
+    part = replace(cast("Any", part), law=law)
     forces, constraints = collect_statements(part, mechanism.gravity, coordinate_map.sizes)
     terms = build_terms(Statements(forces, constraints), e.coordinates, e.parts, coordinate_map)
     equations = EquationsOfMotion(

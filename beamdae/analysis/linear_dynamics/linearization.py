@@ -40,16 +40,15 @@ from beamdae.equations.starts.steady_rotation import (
     find_steady_rotation,
     rotating_tangent,
 )
-from beamdae.equations.table_arguments import list_arguments_outside
+from beamdae.equations.watched_terms import list_arguments_outside
 from beamdae.errors import (
     BeamdaeError,
     plain_text,
     short_repr,
     suggest,
 )
-from beamdae.linear.saddle_point import factorize_saddle_point
-from beamdae.model_checks.friction import DAMPING, friction_warnings
-from beamdae.model_checks.strain_limits import strain_warnings
+from beamdae.linear.factorizations import factorize_saddle_point
+from beamdae.model_checks.validity_ranges import DAMPING, friction_warnings, strain_warnings
 from beamdae.model_functions import Model
 from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM, Mechanism, require_start
 from beamdae.results.equilibrium import Equilibrium

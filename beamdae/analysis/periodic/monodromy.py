@@ -20,9 +20,10 @@ import scipy.sparse as sp
 from beamdae.analysis.continuation.engine import CurveError
 from beamdae.core.tables import Workspace
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
-from beamdae.equations.formulations.first_order import FirstOrderForm, formulate_first_order
-from beamdae.equations.formulations.kinematic_reduction import (
+from beamdae.equations.formulations.first_order import (
+    FirstOrderForm,
     KinematicReduction,
+    formulate_first_order,
     reduce_kinematics,
 )
 from beamdae.equations.formulations.tangents import compute_tangent

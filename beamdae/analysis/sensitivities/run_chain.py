@@ -50,9 +50,8 @@ from beamdae.equations.starts.state_evaluator import StateEvaluator
 from beamdae.equations.structure import has_same_patterns
 from beamdae.errors import BeamdaeError
 from beamdae.integrators import GeneralizedAlpha, Radau
-from beamdae.integrators.events.impacts import apply_impact
-from beamdae.integrators.reaction_balance import bound_reactions
-from beamdae.integrators.redundant_constraints import remove_redundant
+from beamdae.integrators.events.switching import apply_impact
+from beamdae.integrators.reaction_balance import bound_reactions, remove_redundant
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.memory import require_memory
 from beamdae.parts.events import select_impacts

@@ -15,8 +15,8 @@ import scipy.sparse as sp
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.mechanism import Mechanism
 from beamdae.parts.part import Part
+from beamdae.symbolic.compiled import RowFunction
 from beamdae.symbolic.formula import MAX_SHARED_KERNELS, Formula
-from beamdae.symbolic.functions.compiled import RowFunction
 from beamdae.symbolic.sparse_operators import assemble_csr
 from beamdae.symbolic.statements import SX, Piece
 

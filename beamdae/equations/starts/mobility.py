@@ -11,7 +11,11 @@ from scipy.sparse.csgraph import connected_components
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.tangents import compute_tangent
-from beamdae.equations.starts.rank import RANK_TOLERANCE, ConstraintRank, list_tied_parts
+from beamdae.equations.starts.dependent_constraints import (
+    RANK_TOLERANCE,
+    ConstraintRank,
+    list_tied_parts,
+)
 from beamdae.equations.starts.rigid_motions import collect_bodies, compute_rigid_motions
 from beamdae.equations.starts.state_evaluator import StateEvaluator, plan_state_sums
 from beamdae.parts.mechanism import Mechanism

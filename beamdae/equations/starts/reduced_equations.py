@@ -9,8 +9,11 @@ import scipy.linalg as la
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.starts.consistent_start import ConsistencySolver
-from beamdae.equations.starts.dependent_constraints import find_dependent_sets
-from beamdae.equations.starts.rank import analyze_constraint_rank, build_constraint_jacobian
+from beamdae.equations.starts.dependent_constraints import (
+    analyze_constraint_rank,
+    build_constraint_jacobian,
+    find_dependent_sets,
+)
 from beamdae.equations.starts.state_evaluator import StateEvaluator
 from beamdae.equations.structure import intern_structure
 from beamdae.errors import BeamdaeError

@@ -14,8 +14,7 @@ from functools import partial
 import numpy as np
 
 from beamdae.equations.equations_of_motion import State
-from beamdae.equations.surface_gaps import SurfaceGapTerm
-from beamdae.equations.table_arguments import TableArgumentTerm
+from beamdae.equations.watched_terms import SurfaceGapTerm, TableArgumentTerm
 from beamdae.integrators.events.watches import (
     Scalar,
     Stop,

@@ -5,9 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.formula_forces import compile_formula_forces
-from beamdae.equations.surface_gaps import compile_surface_gaps
-from beamdae.equations.table_arguments import compile_table_arguments
+from beamdae.equations.watched_terms import (
+    compile_formula_forces,
+    compile_surface_gaps,
+    compile_table_arguments,
+)
 from beamdae.integrators.events.watches import Stop, Watch
 from beamdae.integrators.run_plan import RunPlan
 from beamdae.integrators.step_history import RunSegment

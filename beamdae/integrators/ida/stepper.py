@@ -13,6 +13,7 @@ from beamdae.core.return_codes import NO_ADVANCE
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.first_order import FirstOrderForm, formulate_first_order
 from beamdae.errors import MissingPackageError, format_exception
+from beamdae.integrators.compiled_run import InputJump
 from beamdae.integrators.error_control import (
     STIFF_RATIO_BDF,
     motion_scales,
@@ -20,7 +21,6 @@ from beamdae.integrators.error_control import (
 )
 from beamdae.integrators.ida.compiled_solver import CompiledIda
 from beamdae.integrators.ida.kinematic_scaling import scale_kinematic_rows
-from beamdae.integrators.input_jumps import InputJump
 from beamdae.integrators.method import (
     PROBE_SHARE,
     RESIDUAL_NOT_FINITE,

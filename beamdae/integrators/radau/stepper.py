@@ -16,8 +16,11 @@ from beamdae.core.return_codes import (
 )
 from beamdae.core.tables import Workspace
 from beamdae.equations.equations_of_motion import State
-from beamdae.equations.formulations.first_order import FirstOrderForm, formulate_first_order
-from beamdae.equations.formulations.kinematic_reduction import reduce_kinematics
+from beamdae.equations.formulations.first_order import (
+    FirstOrderForm,
+    formulate_first_order,
+    reduce_kinematics,
+)
 from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
 from beamdae.integrators.error_control import (
     POSITION_ROUNDING,
@@ -37,7 +40,7 @@ from beamdae.integrators.run_plan import RunPlan
 from beamdae.results.outcome import Statistics
 
 if TYPE_CHECKING:
-    from beamdae.integrators.input_jumps import InputJump
+    from beamdae.integrators.compiled_run import InputJump
 
 Array = np.ndarray
 
@@ -268,7 +271,7 @@ class RadauStepper:
     @cached_property
     def _input_jump(self) -> InputJump:
         # Models without sampled inputs start faster without this import.
-        from beamdae.integrators.input_jumps import InputJump
+        from beamdae.integrators.compiled_run import InputJump
 
         return InputJump(self._form.equations)
 

@@ -24,7 +24,7 @@ from beamdae.errors import (
 from beamdae.model_parameters import conversion_factor
 from beamdae.parts.attachments import Attachment, require_angle, require_attachment
 from beamdae.parts.forces.friction import require_stribeck
-from beamdae.parts.forces.point_force import ForceFormula, PointForce
+from beamdae.parts.forces.loads import ForceFormula, PointForce
 from beamdae.parts.forces.surfaces import CircleSurface, LineSurface, perpendicular
 from beamdae.parts.laws import MIN_STEPS_PER_TIME_SCALE, Law, as_law
 from beamdae.parts.part import RegularizedFriction, SurfaceGap

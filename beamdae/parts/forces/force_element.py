@@ -23,7 +23,7 @@ from beamdae.parts.forces.formula_checks import (
     require_continuous_formula,
     require_function,
 )
-from beamdae.parts.forces.point_force import ForceFormula, PointForce
+from beamdae.parts.forces.loads import ForceFormula, PointForce
 from beamdae.parts.point_parts import PlacedPoint
 from beamdae.parts.tables import Table
 from beamdae.symbolic.force_kernel import CompliantForm

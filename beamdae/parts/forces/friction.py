@@ -21,7 +21,7 @@ from beamdae.errors import (
     short_repr,
 )
 from beamdae.parts.attachments import Attachment, require_angle, rotate
-from beamdae.parts.forces.point_force import ForceFormula, PointForce
+from beamdae.parts.forces.loads import ForceFormula, PointForce
 from beamdae.parts.joints.joint import Joint, Revolute
 from beamdae.parts.part import RegularizedFriction
 from beamdae.parts.point_parts import MOMENT, PlacedPoint

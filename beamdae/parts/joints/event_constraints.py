@@ -19,8 +19,8 @@ from beamdae.parts.joints.kinematic_constraint import (
 from beamdae.parts.laws import Law
 from beamdae.parts.part import Part
 from beamdae.parts.point_parts import PlacedPoint
+from beamdae.symbolic.compiled import RowFunction
 from beamdae.symbolic.formula import MAX_SHARED_KERNELS, FormulaExpression
-from beamdae.symbolic.functions.compiled import RowFunction
 from beamdae.symbolic.signals import with_references
 from beamdae.symbolic.statements import (
     SX,

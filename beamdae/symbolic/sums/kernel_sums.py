@@ -33,12 +33,12 @@ from beamdae.native.lane_kernels import (
     rewrite,
 )
 from beamdae.native.object_code import is_native_enabled
-from beamdae.symbolic.functions.compiled import Compiled, RowFunction, keep_latest
-from beamdae.symbolic.functions.table_lookups import has_lookups, remove_zero_lookups
+from beamdae.symbolic.compiled import Compiled, RowFunction, keep_latest
 from beamdae.symbolic.local_symbols import C_A, C_H, C_L, C_Q, C_R, C_V, SHARED_BRANCH, SHARED_T
 from beamdae.symbolic.sums.lane_tiles import BatchRows, Tiles, find_tiles
 from beamdae.symbolic.sums.point_sums import PointSum
 from beamdae.symbolic.sums.vector_sines import expand_sines
+from beamdae.symbolic.table_lookups import has_lookups, remove_zero_lookups
 
 Array = np.ndarray
 SX = ca.SX
