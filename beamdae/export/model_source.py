@@ -42,8 +42,8 @@ from beamdae.native.lane_code import LANE_WIDTH
 from beamdae.native.lane_kernels import rewrite
 from beamdae.symbolic.local_symbols import MATRIX_SHARED
 from beamdae.symbolic.sparse_operators import build_selection
+from beamdae.symbolic.sums.kernel_code import PointSum
 from beamdae.symbolic.sums.kernel_sums import Batch, Kernel, SumPlan
-from beamdae.symbolic.sums.point_sums import PointSum
 from beamdae.symbolic.sums.sum_builder import LocalInput, SumBuilder
 from beamdae.symbolic.sums.sum_derivatives import directional_plan
 

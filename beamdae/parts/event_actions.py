@@ -7,8 +7,7 @@ from typing import Any
 from beamdae.errors import BeamdaeError, require_choice, require_finite, short_repr
 from beamdae.parts.events import Impact, Switch
 from beamdae.parts.joints.drivers import DrivenJoint, Driver, TranslationalDriver
-from beamdae.parts.joints.joint import Joint
-from beamdae.parts.joints.kinematic_constraint import KinematicConstraint
+from beamdae.parts.joints.joint import Joint, KinematicConstraint
 from beamdae.parts.laws import as_law
 from beamdae.parts.part import Part
 from beamdae.symbolic.statements import Quantity

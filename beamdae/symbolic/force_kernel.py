@@ -21,8 +21,8 @@ from beamdae.symbolic.compiled import RowFunction
 from beamdae.symbolic.constraint_kernel import ConstraintKernel
 from beamdae.symbolic.local_symbols import SX, Local, describe_column_error
 from beamdae.symbolic.signals import SignalBinding, bind_signals, find_signals
+from beamdae.symbolic.sums.kernel_code import PointSum, PointTerm
 from beamdae.symbolic.sums.kernel_sums import Kernel
-from beamdae.symbolic.sums.point_sums import PointSum, PointTerm
 from beamdae.symbolic.table_lookups import TableCall
 
 Array = np.ndarray

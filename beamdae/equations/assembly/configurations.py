@@ -24,8 +24,7 @@ from beamdae.parts.joints.event_constraints import (
     FrozenGaps,
     evaluate_frozen_gap,
 )
-from beamdae.parts.joints.joint import Joint
-from beamdae.parts.joints.kinematic_constraint import KinematicConstraint
+from beamdae.parts.joints.joint import Joint, KinematicConstraint
 from beamdae.parts.laws import Law, shift_law
 from beamdae.parts.mechanism import Mechanism
 from beamdae.parts.part import Part

@@ -11,8 +11,7 @@ import casadi as ca
 from beamdae.errors import BeamdaeError, convert_fields
 from beamdae.parts.attachments import require_direction, rotate
 from beamdae.parts.joints.guides import project_along
-from beamdae.parts.joints.joint import Joint
-from beamdae.parts.joints.kinematic_constraint import GapFormula
+from beamdae.parts.joints.joint import GapFormula, Joint
 from beamdae.parts.laws import Law, as_law
 from beamdae.parts.point_parts import PlacedPoint
 from beamdae.symbolic.signals import find_signals, with_references

@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 
 from beamdae.parts.attachments import Attachment, rotate
-from beamdae.parts.joints.kinematic_constraint import (
+from beamdae.parts.joints.joint import (
     GapFormula,
     KinematicConstraint,
     list_functions,

@@ -22,8 +22,7 @@ from beamdae.parts.attachments import (
     rotate,
 )
 from beamdae.parts.joints.guides import left_normal
-from beamdae.parts.joints.joint import Joint
-from beamdae.parts.joints.kinematic_constraint import KinematicConstraint, MovingPoint
+from beamdae.parts.joints.joint import Joint, KinematicConstraint, MovingPoint
 from beamdae.parts.point_parts import PlacedPoint
 from beamdae.symbolic.statements import SX, Quantity, Variable
 

@@ -35,9 +35,7 @@ from beamdae.native.lane_kernels import (
 from beamdae.native.object_code import is_native_enabled
 from beamdae.symbolic.compiled import Compiled, RowFunction, keep_latest
 from beamdae.symbolic.local_symbols import C_A, C_H, C_L, C_Q, C_R, C_V, SHARED_BRANCH, SHARED_T
-from beamdae.symbolic.sums.lane_tiles import BatchRows, Tiles, find_tiles
-from beamdae.symbolic.sums.point_sums import PointSum
-from beamdae.symbolic.sums.vector_sines import expand_sines
+from beamdae.symbolic.sums.kernel_code import BatchRows, PointSum, Tiles, expand_sines, find_tiles
 from beamdae.symbolic.table_lookups import has_lookups, remove_zero_lookups
 
 Array = np.ndarray

@@ -24,6 +24,7 @@ import numpy as np
 
 from beamdae.linear.lanes import aligned_zeros
 from beamdae.native.instructions import expand_powers
+from beamdae.symbolic.sums.kernel_code import expand_sines
 from beamdae.symbolic.sums.kernel_sums import (
     START,
     Entries,
@@ -33,7 +34,6 @@ from beamdae.symbolic.sums.kernel_sums import (
     join,
     select,
 )
-from beamdae.symbolic.sums.vector_sines import expand_sines
 from beamdae.symbolic.table_lookups import directional_derivative, has_lookups, weighted_derivative
 
 Array = np.ndarray
