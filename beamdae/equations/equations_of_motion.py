@@ -24,7 +24,6 @@ from beamdae.parts.mechanism import AS_DRAWN, Mechanism
 from beamdae.parts.part import Part, RegularizedFriction
 from beamdae.read_only import read_only_copy, read_only_data
 from beamdae.symbolic.compiled import RowFunction
-from beamdae.symbolic.signal_pickling import pickle_with_signals
 from beamdae.symbolic.statements import (
     ConstraintStatement,
     ForceStatement,
@@ -394,6 +393,9 @@ class EquationsOfMotion:
                 "EquationsOfMotion: equations without a mechanism cannot be pickled; use a "
                 "Mechanism, or pickle the arrays of the result."
             )
+        # Imported here, because most runs are not pickled.
+        from beamdae.symbolic.signal_pickling import pickle_with_signals
+
         numbers = {name: getattr(self, name) for name in _PICKLED_NUMBERS}
         return _reassemble, (pickle_with_signals(self.mechanism), numbers)
 

@@ -15,7 +15,6 @@ import numpy as np
 
 from beamdae import deferred
 from beamdae.equations.equations_of_motion import State
-from beamdae.equations.formulations.tangents import compute_tangent
 from beamdae.equations.starts.dependent_constraints import scaled_null_space
 from beamdae.equations.starts.state_evaluator import StateEvaluator
 from beamdae.errors import BeamdaeError, format_percent, list_first
@@ -129,6 +128,9 @@ def unstable_motion_warnings(run: RunData) -> Iterator[str]:
 
 def _find_growth(run: RunData, t: float, min_rate: float) -> float:
     """Return the largest growth rate [1/s] above `min_rate` about a state of the run, or 0."""
+    # Imported here, because few runs start in an equilibrium or end in a slow motion.
+    from beamdae.equations.formulations.tangents import compute_tangent
+
     e, trajectory, times = run.equations, run.trajectory, np.array([t])
     (time,), state = trajectory.at(times)
     interval = trajectory.intervals[int(trajectory.interval_index(times)[0])]

@@ -36,7 +36,6 @@ from beamdae.results.provenance import describe_provenance
 from beamdae.results.run_data import RunData, coordinate_headers
 from beamdae.results.time_series import TimeSeries
 from beamdae.results.trajectory import Instant, Trajectory
-from beamdae.symbolic.signal_pickling import pickle_with_signals
 from beamdae.symbolic.statements import SX, Quantity
 
 # Imported by the methods that need them: importing pandas takes as long as a short run.
@@ -504,6 +503,7 @@ class Solution(RunData, TimeSeries, HasPage):
                 "solution.save(path), and call bd.load(path, model) in the other process."
             )
         from beamdae.results.storage.packed_run import pack_run
+        from beamdae.symbolic.signal_pickling import pickle_with_signals
 
         return _unpickle, (pickle_with_signals((mechanism, self.made_by)), pack_run(self))
 
