@@ -128,12 +128,6 @@ class ForceKernel:
         return [self.force, self.energies, self.powers]
 
     @classmethod
-    def from_outputs(cls, local: Local, outputs: list[SX]) -> ForceKernel:
-        """Return the kernel with these `outputs`."""
-        force, energies, powers = outputs
-        return cls(local, force, energies, powers)
-
-    @classmethod
     def of_points(
         cls, local: Local, points: Sequence[ForceAtPoint], compliant: CompliantForm | None = None
     ) -> ForceKernel:

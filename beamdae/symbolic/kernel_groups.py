@@ -190,7 +190,7 @@ def _rebuild_kernel(recipe: _KernelRecipe) -> AnyKernel:
     count = sum(operation == ca.OP_CONST for operation, _, _ in recipe.steps)
     local = Local(recipe.size, recipe.n_data + count, recipe.n_multipliers)
     outputs = [SX.zeros(shape) for shape in recipe.shapes]
-    inputs = recipe.type.from_outputs(local, outputs).inputs
+    inputs = recipe.type(local, *outputs).inputs
     constants = iter(ca.vertsplit(local.data[recipe.n_data :]))
 
     def operate(operation: Any, operands: list[SX], count: int) -> Sequence[SX]:
@@ -199,4 +199,4 @@ def _rebuild_kernel(recipe: _KernelRecipe) -> AnyKernel:
         return repeat_operation(operation, operands, count)
 
     repeat_instructions(recipe.steps, inputs, outputs, lambda: next(constants), operate)
-    return recipe.type.from_outputs(local, outputs)
+    return recipe.type(local, *outputs)

@@ -177,7 +177,7 @@ class ConstraintStatement:
                 "a moment instead."
             )
         binding = bind_signals(self.kernel.local, self.kernel.outputs, signals)
-        kernel = type(self.kernel).from_outputs(binding.local, binding.outputs)
+        kernel = type(self.kernel)(binding.local, *binding.outputs)
         _set_binding(self, binding, kernel)
 
 
@@ -222,7 +222,7 @@ def apply_laws(statement: _Statement, laws: Mapping[str, Callable[[SX], SX]]) ->
     if not any(one.signal.name in laws for one in statement.signals):
         return statement
     outputs = bind_laws(kernel.local, kernel.outputs, statement.signals, laws)
-    return replace(statement, kernel=type(kernel).from_outputs(kernel.local, outputs))
+    return replace(statement, kernel=type(kernel)(kernel.local, *outputs))
 
 
 LOAD_UNITS = ("N", "N m", "W")  # of forces, moments and powers
@@ -417,12 +417,6 @@ class QuantityKernel:
     def outputs(self) -> list[SX]:
         """List that contains the column of values."""
         return [self.values]
-
-    @classmethod
-    def from_outputs(cls, local: Local, outputs: list[SX]) -> QuantityKernel:
-        """Return the kernel with these `outputs`."""
-        (values,) = outputs
-        return cls(local, values)
 
     @cached_property
     def function(self) -> RowFunction:

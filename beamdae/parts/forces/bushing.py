@@ -11,18 +11,12 @@ import numpy as np
 
 from beamdae.errors import convert_fields, require_finite, require_non_negative, set_fields
 from beamdae.parts.attachments import require_angle, rotate
-from beamdae.parts.forces.force_element import (
-    ElementResponse,
-    ForceElement,
-    LinearLaw,
-    UserLaw,
-)
+from beamdae.parts.forces.force_element import ForceElement
 from beamdae.parts.point_parts import LOAD
 from beamdae.symbolic.statements import SX, Quantity, Variable
 
 # Typical deformation at which a user's energy and law are compared [m] or [rad].
 _TYPICAL_DEFORMATION = 1e-2
-_COEFFICIENTS = ("kx", "ky", "ktheta", "cx", "cy", "ctheta")
 
 
 def _bushing_displacement(a: Any, b: Any, numbers: Any) -> SX:
@@ -101,26 +95,20 @@ class Bushing(ForceElement):
     energy: Callable[..., Any] | None = None
 
     _force_columns = LOAD
+    _coefficients = ("kx", "ky", "ktheta", "cx", "cy", "ctheta")
 
     def __post_init__(self) -> None:
         super().__post_init__()
         require_angle(self.name, self.a)
         require_angle(self.name, self.b)
-        convert_fields(self, **dict.fromkeys(_COEFFICIENTS, require_non_negative))
+        convert_fields(self, **dict.fromkeys(self._coefficients, require_non_negative))
         angle = self.a.inclination if self.angle is None else self.angle
         set_fields(self, angle=require_finite(self.name, "angle", angle))
-        self._require_law(3, _TYPICAL_DEFORMATION, _COEFFICIENTS)
+        self._require_law(_TYPICAL_DEFORMATION)
 
     @property
     def _deformation(self) -> Callable[..., SX]:
         return _bushing_displacement
-
-    @property
-    def _law(self) -> tuple[Callable[..., ElementResponse], tuple[float, ...]]:
-        if self.law is not None:
-            return UserLaw(self.name, 3, self.law, self.energy), ()
-        numbers = tuple(float(getattr(self, name)) for name in _COEFFICIENTS)
-        return LinearLaw(3), (*numbers, 0.0, 0.0, 0.0)
 
     @property
     def _deformation_numbers(self) -> tuple[float, ...]:

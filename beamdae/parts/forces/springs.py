@@ -21,7 +21,6 @@ from beamdae.parts.forces.force_element import (
     ElementResponse,
     ForceElement,
     LinearLaw,
-    UserLaw,
 )
 from beamdae.symbolic.statements import SX, Quantity, Variable
 
@@ -56,6 +55,8 @@ class _SpringLaw(ForceElement):
     law: Callable[..., Any] | None
     energy: Callable[..., Any] | None
 
+    _coefficients = ("stiffness", "damping", "preload")
+
     def _check_law(self, size: float) -> None:
         """Check the coefficients or the law; `size` is the typical size of the deformation."""
         convert_fields(
@@ -64,13 +65,7 @@ class _SpringLaw(ForceElement):
             damping=require_non_negative,
             preload=require_finite,
         )
-        self._require_law(1, size, ("stiffness", "damping", "preload"))
-
-    @property
-    def _law(self) -> tuple[Callable[..., ElementResponse], tuple[float, ...]]:
-        if self.law is not None:
-            return UserLaw(self.name, 1, self.law, self.energy), ()
-        return LinearLaw(1), (self.stiffness, self.damping, self.preload)
+        self._require_law(size)
 
 
 @dataclass(frozen=True, eq=False)

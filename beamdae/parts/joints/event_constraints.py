@@ -133,7 +133,7 @@ def evaluate_frozen_gap(
     """
     assert joint.gap is not None
     parameters, laws = joint.gap_parameters, joint.laws if law is None else (law,)
-    build = _GapOffsets(GapFormula(joint.gap, len(parameters)), _carrier_index(joint))
+    build = _GapOffsets(GapFormula(joint.gap), _carrier_index(joint))
     arguments = joint._arguments(build, list_functions(parameters, laws))
     expression, data = FormulaExpression.of(*arguments)
     values = _offset_function(expression, len(local), len(data))(time[None], local[None], data)

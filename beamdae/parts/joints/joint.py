@@ -20,7 +20,7 @@ from beamdae.parts.attachments import (
 )
 from beamdae.parts.laws import Law
 from beamdae.parts.point_parts import PlacedPoint, PointPart
-from beamdae.symbolic.formula import constant_formula
+from beamdae.symbolic.formula import Formula, constant_formula
 from beamdae.symbolic.statements import (
     SX,
     ConstraintKernel,
@@ -57,29 +57,23 @@ class MovingPoint(NamedTuple):
 class GapFormula:
     """A gap function as a formula of placed points.
 
-    The other functions are a formula that returns the parameters (if there are any), and the laws.
+    The other functions are a formula that returns the parameters, and the laws.
 
     Attributes
     ----------
     function
         Function (t, *points, *parameters, *values of the laws) -> SX.
-    n_parameters
-        Number of parameters.
     """
 
     function: Callable[..., SX]
-    n_parameters: int
     kernel: ClassVar[type[ConstraintKernel]] = ConstraintKernel
 
-    def __call__(self, local: Local, points: Sequence[Any], *functions: Any) -> SX:
+    def __call__(
+        self, local: Local, points: Sequence[Any], parameters: Formula, *laws: Callable[[SX], SX]
+    ) -> SX:
         """Return the gap."""
-        laws, parameters = list(functions), []
-        if self.n_parameters:
-            values = laws.pop(0)()
-            parameters = [values[k] for k in range(self.n_parameters)]
-        return self.function(
-            local.time[0], *points, *parameters, *(law(local.time) for law in laws)
-        )
+        numbers, values = ca.vertsplit(SX(parameters())), (law(local.time) for law in laws)
+        return self.function(local.time[0], *points, *numbers, *values)
 
 
 class _SlipFormula(GapFormula):
@@ -242,9 +236,9 @@ class KinematicConstraint(PointPart):
             )
         rows, statements = self._n_gap_rows, []
         if gap is not None:
-            formula = GapFormula(gap, len(parameters))
             functions = list_functions(parameters, laws)
-            statements.append(self._statement(formula, functions, self.multipliers[:rows]))
+            multipliers = self.multipliers[:rows]
+            statements.append(self._statement(GapFormula(gap), functions, multipliers))
         if (slip := self._slip_formula) is not None:
             statements.append(self._statement(slip, self._functions, self.multipliers[rows:]))
         return statements
@@ -269,11 +263,11 @@ class KinematicConstraint(PointPart):
 
     @property
     def _gap_formula(self) -> GapFormula | None:
-        return None if self.gap is None else GapFormula(self.gap, len(self.gap_parameters))
+        return None if self.gap is None else GapFormula(self.gap)
 
     @property
     def _slip_formula(self) -> GapFormula | None:
-        return None if self.slip is None else _SlipFormula(self.slip, len(self.gap_parameters))
+        return None if self.slip is None else _SlipFormula(self.slip)
 
     @property
     def _generalized_force(self) -> Callable[..., SX]:
@@ -298,8 +292,7 @@ def list_functions(
     parameters: Sequence[float], laws: Sequence[Law]
 ) -> tuple[Callable[..., Any], ...]:
     """Return the functions that a `GapFormula` receives after the points."""
-    constants = (constant_formula(*parameters),) if parameters else ()
-    return (*constants, *(law.formula for law in laws))
+    return (constant_formula(*parameters), *(law.formula for law in laws))
 
 
 # Relative to the size of the bodies; allows for coordinates rounded by hand.

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import casadi as ca
-import numpy as np
 
 from beamdae.errors import (
     BeamdaeError,
@@ -17,11 +17,13 @@ from beamdae.errors import (
 )
 from beamdae.parts.attachments import (
     Attachment,
+    left_normal,
     require_angle,
+    require_direction,
     require_movable,
     rotate,
 )
-from beamdae.parts.joints.guides import left_normal
+from beamdae.parts.joints.guides import project_across, project_along
 from beamdae.parts.joints.joint import Joint, KinematicConstraint, MovingPoint
 from beamdae.parts.point_parts import PlacedPoint
 from beamdae.symbolic.statements import SX, Quantity, Variable
@@ -37,11 +39,6 @@ class _RollingJoint(Joint):
     _with_angle = ("a", "b")
     multipliers = (Variable("normal", "N"), Variable("rolling", "N"))
     reactions = ("Fn", "Ft")
-
-    @property
-    def _reference_arm(self) -> np.ndarray:
-        """Vector from `a` to `b` in the reference configuration [m]."""
-        return np.subtract(self.b.point, self.a.point)
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,8 +78,8 @@ class RollingOnLine(_RollingJoint):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        convert_fields(self, radius=require_positive)
-        height = abs(float(self._reference_arm @ left_normal(self.name, self.direction)))
+        convert_fields(self, radius=require_positive, direction=require_direction)
+        height = abs(project_across(self.direction, self.a, self.b)[-1])
         if abs(height - self.radius) > _CONTACT_TOLERANCE * self.radius:
             distance, radius = format_distinct(height, self.radius)
             raise BeamdaeError(
@@ -94,9 +91,8 @@ class RollingOnLine(_RollingJoint):
     @property
     def gap_parameters(self) -> tuple[float, ...]:
         """Unit normal of the line, and reference height and travel of the disk [m]."""
-        nx, ny = left_normal(self.name, self.direction)
-        dx, dy = self._reference_arm.tolist()
-        return (nx, ny, nx * dx + ny * dy, ny * dx - nx * dy)
+        *_, travel = project_along(self.direction, self.a, self.b)
+        return (*project_across(self.direction, self.a, self.b), travel)
 
     @staticmethod
     def gap(
@@ -159,7 +155,7 @@ class RollingOnCircle(_RollingJoint):
         BeamdaeError
             If the disk does not touch the circle in the reference configuration.
         """
-        distance, (circle, disk) = float(np.hypot(*self._reference_arm)), self.radii
+        distance, (circle, disk) = math.dist(self.a.point, self.b.point), self.radii
         arms_by_distance = {
             circle + disk: (circle, -disk),
             circle - disk: (circle, disk),
@@ -224,7 +220,7 @@ class Skate(KinematicConstraint):
     def __post_init__(self) -> None:
         convert_fields(self, on=require_movable)
         require_angle(self.name, self.on)
-        _ = left_normal(self.name, self.direction)
+        convert_fields(self, direction=require_direction)
 
     @property
     def points(self) -> dict[str, Attachment]:
@@ -234,7 +230,7 @@ class Skate(KinematicConstraint):
     @property
     def gap_parameters(self) -> tuple[float, ...]:
         """Left unit normal of the blade in the reference configuration."""
-        return left_normal(self.name, self.direction)
+        return left_normal(self.direction)
 
     @staticmethod
     def slip(t: SX, on: MovingPoint, nx: SX, ny: SX) -> SX:
