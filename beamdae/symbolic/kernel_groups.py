@@ -189,7 +189,7 @@ def _rebuild_kernel(recipe: _KernelRecipe) -> AnyKernel:
     """
     count = sum(operation == ca.OP_CONST for operation, _, _ in recipe.steps)
     local = Local(recipe.size, recipe.n_data + count, recipe.n_multipliers)
-    outputs = [SX.zeros(shape) for shape in recipe.shapes]
+    outputs: list[Any] = [SX.zeros(shape) for shape in recipe.shapes]
     inputs = recipe.type(local, *outputs).inputs
     constants = iter(ca.vertsplit(local.data[recipe.n_data :]))
 

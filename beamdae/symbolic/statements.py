@@ -177,7 +177,8 @@ class ConstraintStatement:
                 "a moment instead."
             )
         binding = bind_signals(self.kernel.local, self.kernel.outputs, signals)
-        kernel = type(self.kernel)(binding.local, *binding.outputs)
+        outputs: list[Any] = binding.outputs
+        kernel = type(self.kernel)(binding.local, *outputs)
         _set_binding(self, binding, kernel)
 
 
@@ -221,7 +222,7 @@ def apply_laws(statement: _Statement, laws: Mapping[str, Callable[[SX], SX]]) ->
     kernel = statement.kernel
     if not any(one.signal.name in laws for one in statement.signals):
         return statement
-    outputs = bind_laws(kernel.local, kernel.outputs, statement.signals, laws)
+    outputs: list[Any] = bind_laws(kernel.local, kernel.outputs, statement.signals, laws)
     return replace(statement, kernel=type(kernel)(kernel.local, *outputs))
 
 
