@@ -213,10 +213,8 @@ _INVERSE_ITERATIONS = 3
 _MAX_EXPLAINED_CONSTRAINTS = 300  # the cost of describing the blocked motions is cubic
 
 _MIN_SHARE = 1e-7  # relative to the largest coefficient; smaller ones are rounding errors
-_SIDE_STEP = 1e-2  # distance of the nearby test position, relative to the mechanism
-_MAX_SIDE_ITERATIONS = 20
+_CURVATURE_TOLERANCE = 1e-7  # of scaled constraints along a motion of size one
 _AGREEMENT_TOLERANCE = 1e-10  # gap of constraints that agree, relative to its scale
-_LEAST_SQUARES_TOLERANCE = 1e-8  # relative singular value
 _MAX_DESCRIBED_SETS = 8
 
 
@@ -363,9 +361,9 @@ def find_dependent_sets(
     e, rows = evaluator.equations, constraint_rank.rows
     if not len(rows.dependent):
         return ()
-    nearby = _gradients_nearby(evaluator, time, q, constraint_rank)
-    levels = evaluator.constraint_levels(time, q, v)[:2]
     lengths = np.where(constraint_rank.lengths > 0.0, constraint_rank.lengths, 1.0)
+    accelerations = _accelerations(evaluator, time, q, constraint_rank) / lengths
+    levels = evaluator.constraint_levels(time, q, v)[:2]
     sets = []
     for row, coefficients in zip(rows.dependent, rows.coefficients, strict=True):
         weights = np.zeros(e.m)
@@ -375,40 +373,39 @@ def find_dependent_sets(
         differences = np.abs(levels @ (weights / lengths)) * np.median(lengths[members])
         tolerance = _AGREEMENT_TOLERANCE * np.median(e.constraint_scales[members])
         gap, rate = (float(x) if x > tolerance else 0.0 for x in differences)
-        # At the nearby position, the row may depend on further independent rows.
-        rank_nearby = len(select_independent_rows(nearby[[*rows.independent, row]]).independent)
+        terms = weights * accelerations
+        limit = _CURVATURE_TOLERANCE * max(1.0, float(np.max(np.abs(terms))))
         sets.append(
             DependentSet(
                 names,
                 tuple(dict.fromkeys(_part_name(name) for name in names)),
                 _describe_blocked_motion(e, q, constraint_rank.matrix, members, weights),
                 (gap, rate),
-                rank_nearby <= len(rows.independent),
+                bool(abs(terms.sum()) <= limit),
             )
         )
     return tuple(sets)
 
 
-def _gradients_nearby(
+def _accelerations(
     evaluator: StateEvaluator, time: Array, q: Array, constraint_rank: ConstraintRank
 ) -> Array:
-    """Return the scaled G at a nearby position that the constraints allow, or else at `q`."""
-    e = evaluator.equations
-    (nonzero_columns,) = np.nonzero(np.any(constraint_rank.matrix, axis=0))
-    free = la.null_space(constraint_rank.matrix[:, nonzero_columns], rcond=RANK_TOLERANCE)
-    if not free.shape[1]:
-        return constraint_rank.matrix
+    """Return the second derivatives of the scaled constraints along a straight free motion, (m,).
+
+    Along curves on which the independent constraints stay closed, constraints that follow from them
+    everywhere stay closed, too: the same combination of second derivatives vanishes.
+    """
+    e, matrix = evaluator.equations, constraint_rank.matrix
+    (nonzero_columns,) = np.nonzero(np.any(matrix, axis=0))
+    free = la.null_space(matrix[:, nonzero_columns], rcond=RANK_TOLERANCE)
     direction = np.zeros(e.n)
     direction[nonzero_columns] = free @ np.cos(np.arange(free.shape[1]) ** 2.0)
-    nearby = q + _SIDE_STEP * e.position_scales * direction / np.max(np.abs(direction))
-    for _ in range(_MAX_SIDE_ITERATIONS):
-        g = evaluator.position_gaps(time, nearby)
-        if np.max(np.abs(g) / e.constraint_scales) <= _AGREEMENT_TOLERANCE:
-            return analyze_constraint_rank(evaluator, time, nearby).matrix
-        gradients = evaluator.constraint_matrix(time, nearby).toarray() * e.position_scales
-        change = la.lstsq(gradients[:, nonzero_columns], g, cond=_LEAST_SQUARES_TOLERANCE)[0]
-        nearby[nonzero_columns] -= (e.position_scales[nonzero_columns]) * change
-    return constraint_rank.matrix
+    direction /= np.max(np.abs(direction), initial=1e-300)
+    ahead, behind, at_rest = (
+        evaluator.constraint_levels(time, q, k * e.position_scales * direction)[2]
+        for k in (1.0, -1.0, 0.0)
+    )
+    return 0.5 * (ahead + behind) - at_rest
 
 
 def _part_name(constraint: str) -> str:

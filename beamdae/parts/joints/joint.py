@@ -72,7 +72,8 @@ class GapFormula:
         self, local: Local, points: Sequence[Any], parameters: Formula, *laws: Callable[[SX], SX]
     ) -> SX:
         """Return the gap."""
-        numbers, values = ca.vertsplit(SX(parameters())), (law(local.time) for law in laws)
+        numbers = ca.vertsplit(ca.vec(SX(parameters())))
+        values = (law(local.time) for law in laws)
         return self.function(local.time[0], *points, *numbers, *values)
 
 
