@@ -11,8 +11,6 @@ from functools import cache, partial
 from typing import Any
 
 import numpy as np
-import scipy.sparse as sp
-from scipy.sparse.linalg import splu
 
 from beamdae.equations.equations_of_motion import (
     Configuration,
@@ -24,6 +22,7 @@ from beamdae.equations.equations_of_motion import (
 from beamdae.equations.smooth_intervals import branch_time, plan_ends
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.starts.dependent_constraints import require_independent_constraints
+from beamdae.equations.starts.reduced_equations import keep_constraints
 from beamdae.errors import BeamdaeError
 from beamdae.integrators.method import Method
 from beamdae.integrators.run_plan import RunPlan, estimate_fastest_modes
@@ -31,23 +30,6 @@ from beamdae.parts.events import select_impacts, select_switches
 from beamdae.results.outcome import Statistics
 
 Array = np.ndarray
-
-
-def solve_impulses(
-    names: tuple[str, ...], mass: sp.csc_array, gradient: sp.csc_array, rate_changes: Array
-) -> tuple[Array, Mapping[str, float]]:
-    """Return the velocity jump for given changes of constraint rates, and impulses by name.
-
-    With M = `mass` and G = `gradient`, M (v+ - v-) = -G^T P and G (v+ - v-) = `rate_changes` are
-    solved for the jump v+ - v-, (n,), and the impulses P [N s or N m s], (m,), of the constraints
-    `names`.
-    """
-    n, m = mass.shape[0], len(rate_changes)
-    if not m or not np.any(rate_changes):
-        return np.zeros(n), dict.fromkeys(names, 0.0)
-    saddle = sp.block_array([[mass, gradient.T], [gradient, None]], format="csc")
-    unknowns = splu(saddle).solve(np.concatenate([np.zeros(n), rate_changes]))
-    return unknowns[:n], dict(zip(names, unknowns[n:].tolist(), strict=True))
 
 
 def apply_impact(
@@ -62,21 +44,22 @@ def apply_impact(
     BeamdaeError
         If the active joints depend on each other at the impact.
     """
-    solver, names = ConsistencySolver(impact.equations), impact.equations.lam_names
+    solver = ConsistencySolver(impact.equations)
     rates = solver.constraint_levels(time, state.q, state.v)[1]
     active = select_active_constraints(impact, rates)
     if not len(active):
         return state.v, {}
-    restitution = impact.coefficients
+    if len(active) < len(rates):
+        solver = ConsistencySolver(keep_constraints(impact.equations, active))
     require_independent_constraints(solver, time, state.q)
-    gradient = sp.csc_array(solver.constraint_matrix(time, state.q)[active])
-    change, impulses = solve_impulses(
-        tuple(names[k] for k in active),
-        solver.mass_matrix(time, state.q),
-        gradient,
-        -(1.0 + restitution[active]) * rates[active],
-    )
-    return state.v + change, impulses
+    # M (v+ - v-) = -G^T P and G (v+ - v-) = -(1 + e) G v- with the impulses P.
+    changes = -(1.0 + impact.coefficients[active]) * rates[active]
+    change, impulses = solver.solve_saddle(time, state.q, None, 0.0, changes)
+    return state.v + change, _name_impulses(solver, impulses)
+
+
+def _name_impulses(solver: ConsistencySolver, impulses: Array) -> dict[str, float]:
+    return dict(zip(solver.equations.lam_names, impulses.tolist(), strict=True))
 
 
 def select_active_constraints(impact: ImpactEquations, rates: Array) -> Array:
@@ -182,9 +165,9 @@ def apply_event(
     _require_closed(solver, time, state.q)
     restart = solver.state(time, state.q, v)
     mass = solver.mass_matrix(time, restart.q)
-    gradient = solver.constraint_matrix(time, restart.q)
-    _, switch_impulses = solve_impulses(
-        after.equations.lam_names, mass, gradient, gradient @ (restart.v - v)
+    changes = solver.constraint_matrix(time, restart.q) @ (restart.v - v)
+    switch_impulses = _name_impulses(
+        solver, solver.solve_saddle(time, restart.q, restart.v, 0.0, changes)[1]
     )
     energy_lost = 0.5 * float(state.v @ (mass @ state.v) - restart.v @ (mass @ restart.v))
     plan_after = replace(
