@@ -9,8 +9,7 @@ from inspect import getattr_static
 from typing import Any
 
 from beamdae.beams.beam import CUSTOM_FORMULATION, Beam, beams_of
-from beamdae.beams.mesh import Mesh
-from beamdae.beams.resolution import mesh_of_modes
+from beamdae.beams.mesh import Mesh, mesh_of_modes
 from beamdae.errors import BeamdaeError, format_exception, set_fields
 from beamdae.parts.events import select_impacts
 from beamdae.parts.mechanism import Mechanism

@@ -21,20 +21,21 @@ from beamdae.errors import BeamdaeError, ProgressError, list_first
 from beamdae.integrators.events.stop_search import StopSearch
 from beamdae.integrators.events.switching import MethodCache, apply_event, initial_configuration
 from beamdae.integrators.events.watches import Stop
-from beamdae.integrators.integrator import Integrator, require_limits
+from beamdae.integrators.integrator import (
+    PROBE_SHARE,
+    STEPS_PER_CHECK,
+    Integrator,
+    Method,
+    ResumableMethod,
+    StepError,
+    require_limits,
+    take_steps,
+)
 from beamdae.integrators.limits import (
     PaceCheck,
     Progress,
     RunLimits,
     followed_vibration,
-)
-from beamdae.integrators.method import (
-    PROBE_SHARE,
-    STEPS_PER_CHECK,
-    Method,
-    ResumableMethod,
-    StepError,
-    take_steps,
 )
 from beamdae.integrators.pilot_run import PILOT_LABEL, adopt_amplitudes, run_pilot
 from beamdae.integrators.reaction_balance import (
@@ -52,8 +53,7 @@ from beamdae.integrators.step_history import (
 )
 from beamdae.interrupts import Interrupted, acknowledge, attach_partial, raise_pending
 from beamdae.linear.blas_threads import single_threaded
-from beamdae.results.event_records import EventRecord
-from beamdae.results.outcome import REACHED_END, Status
+from beamdae.results.outcome import REACHED_END, EventRecord, Status
 from beamdae.results.solution import Solution
 from beamdae.results.trajectory import Trajectory
 

@@ -23,8 +23,8 @@ from beamdae.results.outcome import Status
 from beamdae.results.section_forces.balance import RowGroup
 from beamdae.results.section_forces.recovery import SectionSampler, find_beam
 from beamdae.results.section_forces.section_forces import SectionForces
-from beamdae.results.selection import HasColumns
 from beamdae.results.storage.checkpoint import Checkpoint
+from beamdae.results.time_series import HasColumns
 
 Array = np.ndarray
 

@@ -31,7 +31,7 @@ from beamdae.parts.attachments import Attachment
 from beamdae.parts.mechanism import AS_DRAWN
 from beamdae.read_only import read_only_data
 from beamdae.results.displays import Animation, HasPage, Plot
-from beamdae.results.event_records import tabulate_events
+from beamdae.results.outcome import tabulate_events
 from beamdae.results.provenance import describe_provenance
 from beamdae.results.run_data import RunData, coordinate_headers
 from beamdae.results.time_series import TimeSeries

@@ -31,9 +31,14 @@ from beamdae.integrators.error_control import (
     motion_scales,
     plan_multiplier_tolerances,
 )
-from beamdae.integrators.integrator import Accuracy, Integrator, require_limits, require_tolerance
+from beamdae.integrators.integrator import (
+    Accuracy,
+    Integrator,
+    Method,
+    require_limits,
+    require_tolerance,
+)
 from beamdae.integrators.limits import Progress, require_feasible_step
-from beamdae.integrators.method import Method
 from beamdae.integrators.pilot_run import PILOT_RTOL
 from beamdae.integrators.radau.radau import Radau
 from beamdae.integrators.run_plan import SMALL_DEFORMATION_SHARE, RunPlan

@@ -25,7 +25,7 @@ from beamdae.errors import BeamdaeError
 from beamdae.integrators.alpha.family import AlphaStart, Motion
 from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop, make_motion_buffers
 from beamdae.integrators.error_control import UNTESTED_MULTIPLIERS, MultiplierTolerances
-from beamdae.integrators.method import (
+from beamdae.integrators.integrator import (
     FIXED_STEPS_PER_CHECK,
     STEPS_PER_CHECK,
     StepError,

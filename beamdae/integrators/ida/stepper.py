@@ -21,7 +21,7 @@ from beamdae.integrators.error_control import (
 )
 from beamdae.integrators.ida.compiled_solver import CompiledIda
 from beamdae.integrators.ida.kinematic_scaling import scale_kinematic_rows
-from beamdae.integrators.method import (
+from beamdae.integrators.integrator import (
     PROBE_SHARE,
     RESIDUAL_NOT_FINITE,
     STEP_TOO_SMALL,

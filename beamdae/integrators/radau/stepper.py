@@ -30,7 +30,7 @@ from beamdae.integrators.error_control import (
     reduce_tolerance,
     resolve_error_control,
 )
-from beamdae.integrators.method import (
+from beamdae.integrators.integrator import (
     MATRIX_SINGULAR,
     RESIDUAL_NOT_FINITE,
     StepError,
