@@ -208,7 +208,7 @@ class Sum:
     weighted_targets, weighted_sources, weights
         result[weighted_targets] += weights out[weighted_sources], for weights other than 1.
     pick_tiles, add_tiles
-        Entries that the core moves by vectors, see `lane_tiles`, in place of the same entries of
+        Entries that the core moves by vectors, see `kernel_code`, in place of the same entries of
         `pick_targets` and `add_targets`. Tiles are added before the other entries.
     code_owners
         Objects with the functions at the addresses of `kernels`.
