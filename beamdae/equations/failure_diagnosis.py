@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
-from beamdae.equations.formulations.sums import term_data
 from beamdae.equations.starts.dependent_constraints import build_constraint_jacobian
 from beamdae.equations.starts.state_evaluator import StateEvaluator
-from beamdae.equations.watched_terms import name_copies
+from beamdae.equations.watched_terms import compile_formula_forces
 
 Array = np.ndarray
 
@@ -115,17 +114,13 @@ def _measure_changes(e: EquationsOfMotion, times: Array, q: Array, v: Array) -> 
     Inertia, floating frames and forces by multipliers are left out.
     """
     changes: dict[str, float] = {}
-    for term, names in zip(e.forces, name_copies(e), strict=True):
-        kernel, size = term.kernel, term.kernel.local.size
-        if term.rotation is not None or kernel.has_accelerations or kernel.local.n_multipliers:
-            continue
-        data = term_data(e, term).T.reshape(term.count, -1)
-        for k, name in enumerate(names):
-            operator = term.operator[k * size : (k + 1) * size]
-            force = kernel.load_function(times, *((operator @ x.T).T for x in (q, v)), data[k])
-            scaled = np.abs(force - force[0]) * (abs(operator) @ e.position_scales)
-            change = float(np.max(np.nan_to_num(scaled, nan=np.inf), initial=0.0))
-            changes[name] = max(change, changes.get(name, 0.0))
+    for term in compile_formula_forces(
+        e, lambda kernel: not (kernel.has_accelerations or kernel.local.n_multipliers)
+    ):
+        force = term.evaluate(times, q[:, term.columns], v[:, term.columns])
+        scaled = np.abs(force - force[0]) * (abs(term.operator) @ e.position_scales)
+        change = float(np.max(np.nan_to_num(scaled, nan=np.inf), initial=0.0))
+        changes[term.part] = max(change, changes.get(term.part, 0.0))
     return changes
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from operator import attrgetter
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -218,7 +219,7 @@ class FormulaForceTerm:
     Attributes
     ----------
     part
-        Name of the part, see `name_copies`.
+        Name of the part, see `_name_copies`.
     kernel
         Kernel of the force.
     operator
@@ -250,7 +251,7 @@ class FormulaForceTerm:
         return [np.asarray(self.to_local @ x.T).T for x in rows]
 
 
-def name_copies(equations: EquationsOfMotion) -> list[list[str]]:
+def _name_copies(equations: EquationsOfMotion) -> list[list[str]]:
     """Return the name of the part of each copy of each term in `equations.forces`.
 
     Equations of a `ConstrainedSystem` have no statements: their forces are called "force".
@@ -265,11 +266,14 @@ def name_copies(equations: EquationsOfMotion) -> list[list[str]]:
     ]
 
 
-def compile_formula_forces(equations: EquationsOfMotion) -> tuple[FormulaForceTerm, ...]:
-    """Return the forces that may have narrow peaks over time or over the motion."""
+def compile_formula_forces(
+    equations: EquationsOfMotion,
+    includes: Callable[[ForceKernel], bool] = attrgetter("may_have_peaks"),
+) -> tuple[FormulaForceTerm, ...]:
+    """Return the forces that may have narrow peaks over time or over the motion, or others."""
     terms = []
-    for term, names in zip(equations.forces, name_copies(equations), strict=True):
-        if term.rotation is not None or not term.kernel.may_have_peaks:
+    for term, names in zip(equations.forces, _name_copies(equations), strict=True):
+        if term.rotation is not None or not includes(term.kernel):
             continue
         size = term.kernel.local.size
         numbers = equations.p[term.data].reshape(term.count, -1)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg as la
@@ -116,23 +116,11 @@ class ConstraintJacobian:
     evaluator
         Evaluator of the equations of motion with the constraints.
     rank
-        Rank of G at regular positions; less than m if constraints are redundant. Equal to m unless
-        set by `with_rank_at`.
+        Rank of G at regular positions; less than m if constraints are redundant.
     """
 
     evaluator: StateEvaluator
     rank: int
-
-    def with_rank_at(self, time: Array, q: Array) -> ConstraintJacobian:
-        """Return a copy with `rank` set to the rank of G at `time` = (t, branch) and `q`."""
-        return replace(self, rank=analyze_constraint_rank(self.evaluator, time, q).rank)
-
-    def at(self, times: Array, q: Array) -> Array:
-        """Return the nonempty columns of the scaled G, (rows, m, columns), at rows of times and q.
-
-        The rows of `times` are (t, branch).
-        """
-        return self.scaled(times, q)[0]
 
     @property
     def columns(self) -> Array:
@@ -140,7 +128,11 @@ class ConstraintJacobian:
         return np.flatnonzero(np.diff(self.evaluator.sums.gradient_pattern.indptr))
 
     def scaled(self, times: Array, q: Array) -> tuple[Array, Array]:
-        """Return `at`, and the lengths (rows, m) by which the rows of G were divided."""
+        """Return the nonempty columns of the scaled G, (rows, m, columns), at rows of times and q.
+
+        The rows of `times` are (t, branch). The lengths (rows, m) by which the rows of G were
+        divided follow.
+        """
         return normalize_rows(_scaled_gradients(self.evaluator, times, q)[:, :, self.columns])
 
     def smallest_singular_values(self, times: Array, q: Array) -> Array:
@@ -153,7 +145,7 @@ class ConstraintJacobian:
         blocks = []
         for first in range(0, len(q), rows_at_once):
             block = slice(first, first + rows_at_once)
-            matrices = self.at(times[block], q[block])
+            matrices, _ = self.scaled(times[block], q[block])
             squares = np.linalg.eigvalsh(matrices @ np.swapaxes(matrices, 1, 2))
             blocks.append(np.sqrt(np.maximum(squares[:, m - self.rank], 0.0)))
         return np.concatenate(blocks)
@@ -164,16 +156,21 @@ class ConstraintJacobian:
         These are the joints with the largest entries in the left singular vector of the smallest
         singular value that is not zero due to redundant constraints.
         """
-        left_vectors, _, _ = np.linalg.svd(self.at(time[None], q[None])[0])
+        left_vectors, _, _ = np.linalg.svd(self.scaled(time[None], q[None])[0][0])
         share = np.abs(left_vectors[:, self.rank - 1])
         involved = np.flatnonzero(share > MIN_RELATIVE_SHARE * share.max())
         names = [self.evaluator.equations.lam_names[k] for k in involved]
         return list(dict.fromkeys(name.rpartition(".")[0] or name for name in names))
 
 
-def build_constraint_jacobian(e: EquationsOfMotion) -> ConstraintJacobian:
-    """Return the constraint Jacobian with `rank` m, as for independent constraints."""
-    return ConstraintJacobian(StateEvaluator(e), e.m)
+def build_constraint_jacobian(
+    e: EquationsOfMotion, regular: tuple[Array, Array] | None = None
+) -> ConstraintJacobian:
+    """Return the constraint Jacobian with the rank m, or that at a `regular` (t, branch) and q."""
+    evaluator = StateEvaluator(e)
+    if regular is None:
+        return ConstraintJacobian(evaluator, e.m)
+    return ConstraintJacobian(evaluator, analyze_constraint_rank(evaluator, *regular).rank)
 
 
 def list_tied_parts(e: EquationsOfMotion) -> list[Array]:
