@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, replace
 from functools import partial
 from typing import cast
 
@@ -142,28 +142,43 @@ def _drive(
 
     run_began = clock.perf_counter()
     limits = RunLimits(progress, settings.get("time_limit"), settings.get("max_steps"), run_began)
-    context = _RunContext(equations, times, rtol)
-    problem = None
+    run: _RunInProgress | None = None
+    problem, compile_time = None, 0.0
+    samples: list[RepeatedSample] = []
+
+    def execute(
+        method_on: Callable[[RunPlan], Method], label: str, plan: RunPlan, limits: RunLimits
+    ) -> tuple[Trajectory, Status]:
+        """Execute a run, which repeats and extends samples; a `label` is that of a pilot run."""
+        nonlocal run, compile_time
+        began = clock.perf_counter()
+        run = _RunInProgress(equations, plan, method_on, limits, times, rtol, samples, label)
+        preparation = clock.perf_counter() - began
+        compile_time += preparation
+        if label:
+            # Without the time to compile, or the amplitudes would depend on the state of the cache.
+            limits.begin += preparation
+        return run.execute()
+
     try:
         if pilot_on is not None and equations.scales is None:
             plan = adopt_amplitudes(plan)
             if plan.amplitudes is None:
-                plan = run_pilot(plan, partial(context.execute, pilot_on, PILOT_LABEL), limits)
+                plan = run_pilot(plan, partial(execute, pilot_on, PILOT_LABEL), limits)
         if rtol is not None and limits.max_steps is None:
             interval = plan.intervals[0][0], plan.intervals[-1][1]
             limits.pace_check = PaceCheck(*interval)
         followed_vibration.set("")
-        trajectory, status = context.execute(method_on, "", plan, limits)
+        trajectory, status = execute(method_on, "", plan, limits)
     except KeyboardInterrupt:
-        if context.run is None:
+        if run is None:
             raise
         acknowledge()
-        trajectory, status = context.run.finish_interrupted()
+        trajectory, status = run.finish_interrupted()
     except ProgressError as error:
-        assert context.run is not None
+        assert run is not None
         problem = error.problem
-        trajectory, status = context.run.finish_failed(error)
-    run, compile_time = context.run, context.compile_time
+        trajectory, status = run.finish_failed(error)
     assert run is not None
     wall_time = clock.perf_counter() - run_began - compile_time
     peaks = [f"{name} at t = {t:.4g} s" for name, t in run.force_peaks.items()]
@@ -173,7 +188,7 @@ def _drive(
         from beamdae.integrators.stop_causes import name_cause
 
         end = float(times[-1])
-        status = name_cause(status, equations, trajectory, run.repeated, end, integrator)
+        status = name_cause(status, equations, trajectory, samples, end, integrator)
     solution = Solution(
         equations,
         trajectory,
@@ -203,71 +218,47 @@ def _drive(
     return solution
 
 
-@dataclass
-class _RunContext:
-    """What the pilot runs and the run of one call share.
-
-    Attributes
-    ----------
-    equations
-        Equations with all parts, active or not.
-    output_times
-        Times [s] of rows that are stored even if the run is too long to store all steps.
-    rtol
-        Tolerance of adaptive steps; None for fixed steps.
-    repeated
-        Samples of controllers in earlier runs, which the next run repeats and extends.
-    compile_time
-        Time in which methods were created [s].
-    run
-        The latest run.
-    """
-
-    equations: EquationsOfMotion
-    output_times: Array
-    rtol: float | None
-    repeated: list[RepeatedSample] = field(default_factory=list)
-    compile_time: float = 0.0
-    run: _RunInProgress | None = None
-
-    def execute(
-        self, method_on: Callable[[RunPlan], Method], label: str, plan: RunPlan, limits: RunLimits
-    ) -> tuple[Trajectory, Status]:
-        """Execute a run; a `label` is that of a pilot run."""
-        began = clock.perf_counter()
-        self.run = _RunInProgress(self, plan, method_on, limits, label)
-        preparation = clock.perf_counter() - began
-        self.compile_time += preparation
-        if label:
-            # Without the time to compile, or the amplitudes would depend on the state of the cache.
-            limits.begin += preparation
-        return self.run.execute()
-
-
 class _RunInProgress:
     """Run in progress; the steps stored so far remain valid if it is interrupted."""
 
     def __init__(
         self,
-        context: _RunContext,
+        equations: EquationsOfMotion,
         plan: RunPlan,
         method_on: Callable[[RunPlan], Method],
         limits: RunLimits,
-        label: str = "",
+        times: Array,
+        rtol: float | None,
+        samples: list[RepeatedSample],
+        label: str,
     ) -> None:
-        """Prepare a run; `label` is appended to the message of an interrupted run."""
-        self._equations = equations = context.equations
+        """Prepare a run.
+
+        Parameters
+        ----------
+        equations
+            Equations with all parts, active or not.
+        plan, method_on, limits
+            Plan, function that creates methods, and limits of this run.
+        times
+            Times [s] of rows that are stored even if the run is too long to store all steps.
+        rtol
+            Tolerance of adaptive steps; None for fixed steps.
+        samples
+            Samples of controllers in earlier runs, which this run repeats and extends.
+        label
+            Appended to the message of an interrupted run.
+        """
+        self._equations, self._samples = equations, samples
         self._plan, self._limits, self._label = plan, limits, label
         self._configuration = initial_configuration(equations)
         self.methods = MethodCache(method_on, plan, self._configuration)
         self.method = self.methods.first
         if limits.pace_check is not None:
             limits.pace_check.relative_limit = self.method.steps_per_check / STEPS_PER_CHECK
-        self.repeated = context.repeated
-        self._search = StopSearch(equations, context.rtol)
+        self._search = StopSearch(equations, rtol)
         self._detector = self._search.detector
-        sampled = equations.with_loads_of(self._configuration)
-        self._sampler = Sampler(sampled, context.repeated)
+        self._sampler = Sampler(equations.with_loads_of(self._configuration), samples)
         self._adapt_to_active_parts()
         self.steps = 0
         # Time [s] of the first peak of each force that steps passed over at first, by its part.
@@ -278,7 +269,7 @@ class _RunInProgress:
         # Segments and number of rows before the last sample, and the history and number of rows
         # after it.
         self._last_sample: tuple[list[RunSegment], int, StepHistory, int] | None = None
-        self.thinning = StepThinning(context.output_times)
+        self.thinning = StepThinning(times)
         start, end = plan.intervals[0]
         self._begin_segment(start, branch_time(start, end), plan.state)
 
@@ -287,7 +278,7 @@ class _RunInProgress:
         self._search.adapt(self._plan)
         equations = self._equations.with_loads_of(self._configuration)
         if equations is not self._sampler.equations:
-            self._sampler = Sampler(equations, self.repeated)
+            self._sampler = Sampler(equations, self._samples)
 
     @property
     def event_records(self) -> tuple[EventRecord, ...]:
@@ -329,7 +320,7 @@ class _RunInProgress:
         if status.kind == "failed":
             return status
         try:
-            for sample in self.repeated:
+            for sample in self._samples:
                 sample.repeat()
         except BeamdaeError as problem:
             return self._failure(problem)
