@@ -157,7 +157,7 @@ GROUPS = (
         MovingForce beams.beam_loads
         Spring parts.forces.springs
         TorsionSpring parts.forces.springs
-        Bushing parts.forces.bushing
+        Bushing parts.forces.springs
         Contact parts.forces.contact
         BeamContact beams.beam_contact
         LineSurface parts.forces.surfaces

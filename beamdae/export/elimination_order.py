@@ -7,7 +7,7 @@ import scipy.sparse as sp
 
 from beamdae.linear.elimination import N_EXTRA_ENTRIES, EliminationPlan, empty_plan
 from beamdae.linear.factorizations import has_many_couplings, order_along_band
-from beamdae.linear.fixed_order import FixedOrder
+from beamdae.linear.pivots import FixedOrder
 
 Array = np.ndarray
 

@@ -27,7 +27,7 @@ import scipy.sparse as sp
 
 from beamdae.core.tables import Workspace
 from beamdae.linear.factorizations import compute_bordered_ordering
-from beamdae.linear.fixed_order import FixedOrder
+from beamdae.linear.pivots import FixedOrder
 from beamdae.symbolic.sparse_operators import column_indices
 
 Array = np.ndarray

@@ -17,8 +17,7 @@ from beamdae.equations.formulations.first_order import FirstOrderForm
 from beamdae.integrators.compiled_run import FactorizedMatrix
 from beamdae.integrators.integrator import allocate_rows
 from beamdae.results.outcome import Statistics
-from beamdae.sundials.library import load_library
-from beamdae.sundials.solver import IdaSolver
+from beamdae.sundials import IdaSolver, load_library
 
 Array = np.ndarray
 

@@ -16,9 +16,8 @@ from beamdae.report.scene.scene_builder import SceneBuilder
 from beamdae.report.scene.shapes import align_points, circle, hatched_line, join_lines
 
 if TYPE_CHECKING:
-    from beamdae.parts.forces.bushing import Bushing
     from beamdae.parts.forces.contact import Contact
-    from beamdae.parts.forces.springs import Spring, TorsionSpring
+    from beamdae.parts.forces.springs import Bushing, Spring, TorsionSpring
     from beamdae.parts.forces.surfaces import CircleSurface
 
 Array = np.ndarray
