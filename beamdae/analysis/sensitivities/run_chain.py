@@ -37,9 +37,9 @@ from beamdae.analysis.sensitivities.start_derivatives import (
     Directions,
     group_directions,
 )
+from beamdae.equations.assembly.configurations import Configurations
 from beamdae.equations.equations_of_motion import (
     Configuration,
-    Configurations,
     EquationsOfMotion,
     ImpactEquations,
     State,
@@ -377,8 +377,8 @@ def impact_equations(
 
 
 def _configurations(equations: EquationsOfMotion) -> Configurations:
-    assert equations.configurations is not None
-    return equations.configurations
+    configurations: Configurations = equations.configurations
+    return configurations
 
 
 def _activate(
