@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.equations.assembly.numbers import select_input_laws
+from beamdae.equations.assembly.coordinate_map import select_input_laws
 from beamdae.equations.assembly.observables import CompiledQuantity, compile_quantities
 from beamdae.equations.equations_of_motion import ControllerTerm, EquationsOfMotion, State
 from beamdae.equations.structure import cache_on_owner

@@ -434,13 +434,15 @@ class _RunInProgress:
         # Otherwise, the method continues after a sample.
         if history.count == 1:
             method.begin(history.end, end, segment.branch, history.last_state)
+        # Between frequent samples of controllers, searches at their times would cost more than the
+        # steps. Events are detected between samples, not across them.
+        is_sample = len(self._interval_ends) > 1 and self._is_sample(end)
         stop: Stop | None = None
         while history.end < end and stop is None:
             raise_pending()
             most = limits.steps_until_check(self.steps, steps_per_check)
             self.steps += take_steps(method, history, min(most, self._search.longest_batch), end)
-            is_at_end = history.end >= end and not self._continues(end)
-            if is_at_end or self._search.is_due(self.steps):
+            if self._search.is_due(self.steps) or (history.end >= end and not is_sample):
                 stop = self._find_stop()
             history.release(history.count if self._search.is_empty else self._search.row)
             self.thinning.enforce(self._segments)
@@ -483,14 +485,6 @@ class _RunInProgress:
         return check.describe_stall(
             describe_singular_position(equations, time, self._history.last_state)
         )
-
-    def _continues(self, end: float) -> bool:
-        """Return True if the method may continue beyond `end` [s]: steps are searched later.
-
-        Between frequent samples of controllers, searches would cost more than the steps. Events are
-        detected between samples, not across them.
-        """
-        return self._detector is None and len(self._interval_ends) > 1 and self._is_sample(end)
 
     def _find_stop(self, reason: str = "") -> Stop | None:
         """Drop the steps after the first stop in the rows not searched before; return the stop.

@@ -41,8 +41,8 @@ from beamdae.results.columns import (
     largest_of_kind,
     remove_unit,
 )
+from beamdae.results.energy_balance import has_rounding_forces
 from beamdae.results.noise import constant_limits, mark_noise
-from beamdae.results.rest import has_rounding_forces
 from beamdae.results.run_data import RunData
 from beamdae.results.singular_positions import singularity_warnings, unbounded_warnings
 from beamdae.results.step_extremes import may_have_short_peaks

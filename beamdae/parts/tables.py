@@ -296,12 +296,6 @@ class Table:
         signals[0].keep(numbers)
         return value
 
-    @property
-    def _period(self) -> tuple[float, float]:
-        """Center and length of the range of the only argument."""
-        first, last = self.axes[0][[0, -1]].tolist()
-        return 0.5 * (first + last), last - first
-
     def _express_value(self, x: _Numbers, arguments: tuple[SX, ...]) -> SX:
         if self.is_repeated:
             inside = self._wrap(x, arguments)
@@ -432,7 +426,7 @@ class Table:
         knots = self.axes[axis]
         if not self.is_repeated:
             return knots
-        _, period = self._period
+        period = float(knots[-1] - knots[0])
         first, last = (int(np.floor((x - knots[0]) / period)) for x in (low, high))
         starts = period * np.arange(first, last + 1)
         return np.append((starts[:, None] + knots[:-1]).ravel(), starts[-1] + knots[-1])

@@ -27,9 +27,8 @@ from beamdae.equations.measures import ObservedRows
 from beamdae.read_only import read_only_data
 from beamdae.results.column_derivatives import ColumnDerivatives
 from beamdae.results.columns import UNITS_OF_ACCELERATIONS, ColumnDict, Header
-from beamdae.results.energy_balance import EnergyLedger, Quality
+from beamdae.results.energy_balance import EnergyLedger, Quality, is_at_rest
 from beamdae.results.outcome import EventRecord, Statistics, Status
-from beamdae.results.rest import is_at_rest
 from beamdae.results.singular_positions import (
     SingularPosition,
     find_singular_positions,

@@ -32,7 +32,6 @@ from beamdae.parts.mechanism import AS_DRAWN
 from beamdae.read_only import read_only_data
 from beamdae.results.displays import Animation, HasPage, Plot
 from beamdae.results.outcome import tabulate_events
-from beamdae.results.provenance import describe_provenance
 from beamdae.results.run_data import RunData, coordinate_headers
 from beamdae.results.time_series import TimeSeries
 from beamdae.results.trajectory import Instant, Trajectory
@@ -423,6 +422,9 @@ class Solution(RunData, TimeSeries, HasPage):
 
     @cached_property
     def _provenance(self) -> dict[str, Any]:
+        # Imported here, because few runs are stored.
+        from beamdae.results.provenance import describe_provenance
+
         return describe_provenance(self.equations)
 
     def save(self, path: str | Path) -> Path:
