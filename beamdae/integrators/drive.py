@@ -457,7 +457,7 @@ class _RunInProgress:
         """Return the reason of a failure; for steps, with the causes that the state shows."""
         if not isinstance(problem, StepError):
             return str(problem)
-        from beamdae.equations.failure_diagnosis import diagnose_failure
+        from beamdae.integrators.stop_causes import diagnose_failure
 
         history = self._history
         time = np.array([history.end, self._segments[-1].branch])
@@ -471,8 +471,10 @@ class _RunInProgress:
         check, t = self._limits.pace_check, self._history.end
         if check is None or not check.is_due(t, self.steps):
             return ""
-        from beamdae.equations.failure_diagnosis import describe_singular_position
-        from beamdae.integrators.stop_causes import describe_hopeless_motion
+        from beamdae.integrators.stop_causes import (
+            describe_hopeless_motion,
+            describe_singular_position,
+        )
 
         # No rows can be added after thinned ones have been joined.
         if self._history.is_finite and not self.thinning.report:
