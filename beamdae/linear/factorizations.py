@@ -227,7 +227,7 @@ class SparseFactorization:
     """SuperLU factors in a bordered ordering; the cost is linear in the number of beam elements.
 
     Rows of the band are scaled to a largest entry near 1, rows of the border
-    (`orderings.compute_bordered_ordering`) to far less. SuperLU therefore chooses pivots from the
+    (`compute_bordered_ordering`) to far less. SuperLU therefore chooses pivots from the
     border only if the band has none. Without this scaling, it takes pivots from the dense rows of
     floating frames, which may increase the number of entries of the factors a hundredfold. A test
     solution after each factorization measures the accuracy lost by this choice of pivots, and
@@ -409,14 +409,6 @@ def factorize_saddle_point(
     Callable or None
         Function from b, (n + m,), to x, (n + m,). None if the matrix is singular or not finite.
     """
-    matrix = block
-    if rows.shape[0]:
-        matrix = sp.block_array([[block, reactions], [rows, None]])
-    saddle_point = sp.csc_array(matrix)
-    saddle_point.sort_indices()
-    solver = create_factorization(saddle_point, dtype=saddle_point.dtype.type)
-    try:
-        solver.factorize(saddle_point.data)
-    except SingularMatrixError:
-        return None
-    return solver.solve
+    n = block.shape[0]
+    blocks = (0, 0, 0, block), (0, 0, n, reactions), (0, n, 0, rows)
+    return SaddlePencil(n + rows.shape[0], blocks).factorize()
