@@ -13,8 +13,8 @@ from beamdae import deferred
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.errors import (
     BeamdaeError,
-    format_distinct,
     plain_text,
+    require_between,
     require_count,
     require_positive,
     set_fields,
@@ -329,11 +329,7 @@ def require_tolerance(settings: Any) -> None:
         If a value is invalid.
     """
     name = type(settings).__name__
-    rtol = require_positive(name, "rtol", settings.rtol)
-    if not _MIN_RTOL <= rtol <= _MAX_RTOL:
-        least, most, given = format_distinct(_MIN_RTOL, _MAX_RTOL, rtol)
-        raise BeamdaeError(f"{name}: rtol must lie between {least} and {most}, got {given}.")
-    set_fields(settings, rtol=rtol)
+    set_fields(settings, rtol=require_between(name, "rtol", settings.rtol, _MIN_RTOL, _MAX_RTOL))
     if getattr(settings, "max_step", None) is not None:
         set_fields(settings, max_step=require_positive(name, "max_step", settings.max_step))
     require_limits(settings)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import casadi as ca
@@ -13,8 +14,8 @@ from beamdae.errors import (
     BeamdaeError,
     NumberWithUnit,
     convert_fields,
-    format_distinct,
     optional,
+    require_between,
     require_finite,
     require_non_negative,
     require_positive,
@@ -241,22 +242,16 @@ class Contact(PointForce):
         set_fields(self, static=static, stribeck=stribeck, friction_speed=speed)
         if self.friction:
             require_angle(self.name, self.surface.on)
-        if not _MIN_EXPONENT <= self.exponent <= _MAX_EXPONENT:
-            least, most, given = format_distinct(_MIN_EXPONENT, _MAX_EXPONENT, self.exponent)
-            raise BeamdaeError(f"{self.name}: exponent must lie in [{least}, {most}], got {given}.")
-        convert_fields(self, restitution=require_finite)
-        restitution = self.restitution
-        if not _MIN_RESTITUTION <= restitution <= 1.0:
-            least, most, given = format_distinct(_MIN_RESTITUTION, 1.0, restitution)
-            raise BeamdaeError(
-                f"{self.name}: restitution must lie in [{least}, {most}], got {given}."
-            )
         convert_fields(
-            self, max_step=optional(require_positive), impact_speed=optional(require_positive)
+            self,
+            exponent=partial(require_between, least=_MIN_EXPONENT, most=_MAX_EXPONENT),
+            restitution=partial(require_between, least=_MIN_RESTITUTION, most=1.0),
+            max_step=optional(require_positive),
+            impact_speed=optional(require_positive),
         )
-        if self.impact_speed is None and restitution < 1.0:
+        if self.impact_speed is None and self.restitution < 1.0:
             raise BeamdaeError(
-                f"{self.name}: restitution={restitution:g} requires "
+                f"{self.name}: restitution={self.restitution:g} requires "
                 "impact_speed=; pass the impact speed [m/s] at which this restitution holds."
             )
 
