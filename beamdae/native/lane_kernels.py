@@ -17,6 +17,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from beamdae.deferred import installed_version
 from beamdae.native.lane_code import (
     LANE_WIDTH,
     describe_writer,
@@ -26,7 +27,6 @@ from beamdae.native.lane_code import (
 )
 from beamdae.native.llvm import LoadedObject
 from beamdae.native.object_code import ObjectSource, is_native_enabled, load_object
-from beamdae.package_versions import installed_version
 
 Array = np.ndarray
 # Returns a faster function of the same values.
