@@ -30,7 +30,7 @@ from beamdae.equations.formulations.tangents import compute_tangent
 from beamdae.errors import BeamdaeError
 from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
 from beamdae.integrators.radau.coefficients import TABLEAU, C
-from beamdae.linear.lanes import LANES, aligned_zeros, index_lanes
+from beamdae.linear.elimination import LANES, aligned_zeros, index_lanes
 from beamdae.results.trajectory import Interval, Trajectory
 from beamdae.symbolic.sparse_operators import column_indices
 from beamdae.symbolic.sums.kernel_sums import SumPlan

@@ -22,7 +22,7 @@ import scipy.sparse as sp
 
 from beamdae.core.library import load_core
 from beamdae.core.tables import Loop, Workspace
-from beamdae.linear.lanes import aligned_zeros
+from beamdae.linear.elimination import aligned_zeros
 from beamdae.native.instructions import remove_repetitions
 from beamdae.native.lane_code import LANE_WIDTH
 from beamdae.native.lane_kernels import (

@@ -22,7 +22,7 @@ from functools import partial
 import casadi as ca
 import numpy as np
 
-from beamdae.linear.lanes import aligned_zeros
+from beamdae.linear.elimination import aligned_zeros
 from beamdae.native.instructions import expand_powers
 from beamdae.symbolic.sums.kernel_code import expand_sines
 from beamdae.symbolic.sums.kernel_sums import (
