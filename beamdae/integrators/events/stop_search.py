@@ -61,7 +61,7 @@ class StopSearch:
         limited = [term for term in self._arguments if term.is_limited]
         closings = ClosingWatch(gaps, limited, equations.length)
         self._of_all_parts: tuple[Watch, ...] = (closings,) if gaps or limited else ()
-        self._watches = self._of_all_parts
+        self._watches: tuple[Watch, ...] = self._of_all_parts
 
     def adapt(self, plan: RunPlan) -> None:
         """Watch the forces of the active parts, those of the plan."""

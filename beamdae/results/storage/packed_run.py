@@ -15,7 +15,7 @@ from beamdae.parts.joints.event_constraints import FrozenGap
 from beamdae.results.column_derivatives import ColumnDerivatives
 from beamdae.results.outcome import EventRecord, Statistics, Status
 from beamdae.results.run_data import RunData
-from beamdae.results.storage.reader import ContentError
+from beamdae.results.storage.documents import ContentError
 from beamdae.results.trajectory import Interval, StepRecord, Trajectory
 
 Array = np.ndarray
