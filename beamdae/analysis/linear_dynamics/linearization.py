@@ -32,7 +32,7 @@ from beamdae.equations.formulations.tangents import Convert, Tangent, compute_ta
 from beamdae.equations.smooth_intervals import time_on_branch
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.starts.initial_conditions import apply_initial_conditions
-from beamdae.equations.starts.reduced_equations import select_independent
+from beamdae.equations.starts.reduced_equations import select_independent_constraints
 from beamdae.equations.starts.steady_rotation import (
     STIFFNESS_ROUNDING,
     Rotation,
@@ -290,7 +290,7 @@ def active_equations(
         active = e.configurations.configuration_without(e, now.inactive, now.frozen_gaps).equations
         active = replace(active, q0=e.q0, v0=e.v0)
     time = time_on_branch(active.breakpoints, t) if instant is None else instant.time
-    return select_independent(active, time), time
+    return select_independent_constraints(active, time), time
 
 
 def linearize_motion(full_equations: EquationsOfMotion, instant: Instant) -> Linearization:

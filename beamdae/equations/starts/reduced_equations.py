@@ -110,7 +110,7 @@ def remove_redundant_constraints(
     return reduction
 
 
-def select_independent(equations: EquationsOfMotion, time: Array) -> EquationsOfMotion:
+def select_independent_constraints(equations: EquationsOfMotion, time: Array) -> EquationsOfMotion:
     """Return the equations without the constraints that `remove_redundant_constraints` removes."""
     reduction = remove_redundant_constraints(equations, time)
     return equations if reduction is None else reduction.equations
