@@ -3,6 +3,9 @@
 Pivots are chosen once for many matrices with the same pattern; for each matrix, `elimination` only
 computes the values of the factors. Row scales and pivots depend on the values of the matrix for
 which they were chosen. The fill depends only on the pattern and the pivots and is therefore cached.
+
+In a fixed order, which depends on the pattern only, no search for pivots is needed, and the matrix
+has as many negative eigenvalues as negative pivots (Sylvester's law of inertia).
 """
 
 from __future__ import annotations
@@ -19,14 +22,14 @@ from scipy.sparse.linalg import SuperLU
 
 from beamdae.bounded_cache import array_bytes, bounded_cache
 from beamdae.linear.elimination import N_EXTRA_ENTRIES, EliminationPlan, empty_plan
-from beamdae.linear.factorizations import SingularMatrixError
-from beamdae.linear.lane_blocks import BlockElimination, find_blocks
-from beamdae.linear.orderings import (
+from beamdae.linear.factorizations import (
+    SingularMatrixError,
     compute_bordered_ordering,
     factorize_in_order,
     factorize_with_partial_pivoting,
     invert_to_power_of_two,
 )
+from beamdae.linear.lane_blocks import BlockElimination, find_blocks
 
 Array = np.ndarray
 
@@ -68,15 +71,22 @@ def propose_plans(
     key = _PatternKey.of(pattern.indptr, pattern.indices)
     scale = _compute_row_scale(key, nonzeros)
     blocks = _find_blocks(key) if in_blocks else None
+    # Nothing is yielded inside `with`: an interrupt while a generator is closed there is lost.
+    plan = None
     if blocks is not None:
         with suppress(RuntimeError, np.linalg.LinAlgError):
             remainder = blocks.eliminate(scale[pattern.indices] * nonzeros)
-            yield _plan_blocks(key, blocks, remainder, scale)
+            plan = _plan_blocks(key, blocks, remainder, scale)
+    if plan is not None:
+        yield plan
+        plan = None
     # Without the largest pivots, a matrix may become singular by rounding.
     with suppress(RuntimeError):
         bordered = _order_pattern(key)
         factors = factorize_in_order(_scale_matrix(bordered, nonzeros, scale))
-        yield _plan_pivots(key, key, bordered, factors, scale)
+        plan = _plan_pivots(key, key, bordered, factors, scale)
+    if plan is not None:
+        yield plan
     natural = _natural_order(key)
     try:
         factors = factorize_with_partial_pivoting(_scale_matrix(natural, nonzeros, scale))
@@ -294,3 +304,37 @@ def compute_fill(starts: list[int], indices: list[int]) -> tuple[list[list[int]]
                     followed_rows[k] = below[k][: position + 1]
                     is_pruned[k] = True
     return above, below
+
+
+class FixedOrder(NamedTuple):
+    """Pattern of the matrix and of its factors; a position is an index in the order of elimination.
+
+    Attributes
+    ----------
+    starts, positions, sources
+        Columns of the matrix, by position: their starts, the positions of their rows, and the
+        indices of their CSC non-zeros.
+    upper_starts, upper_rows, lower_starts, lower_rows
+        Columns of the factors above and below the diagonal: their starts, and the positions of
+        their rows, ascending.
+    """
+
+    starts: Array
+    positions: Array
+    sources: Array
+    upper_starts: Array
+    upper_rows: Array
+    lower_starts: Array
+    lower_rows: Array
+
+    @classmethod
+    def of(cls, pattern: sp.csc_array, order: Array) -> FixedOrder:
+        """Return the elimination of matrices with this CSC pattern, which includes the diagonal."""
+        position = np.empty(len(order), int)
+        position[order] = np.arange(len(order))
+        numbers = (np.arange(pattern.nnz), position[pattern.indices], pattern.indptr)
+        permuted = sp.csc_array(numbers, shape=pattern.shape)[:, order]
+        upper, lower = compute_fill(permuted.indptr.tolist(), permuted.indices.tolist())
+        arrays = (permuted.indptr, permuted.indices, permuted.data)
+        flat = (*flatten_columns(upper), *flatten_columns(lower))
+        return cls(*(np.asarray(x).astype(np.uint32) for x in (*arrays, *flat)))

@@ -26,8 +26,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from beamdae.core.tables import Workspace
-from beamdae.linear.fixed_order import FixedOrder
-from beamdae.linear.orderings import compute_bordered_ordering
+from beamdae.linear.factorizations import compute_bordered_ordering
+from beamdae.linear.pivots import FixedOrder
 from beamdae.symbolic.sparse_operators import column_indices
 
 Array = np.ndarray

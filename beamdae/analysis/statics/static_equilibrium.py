@@ -44,8 +44,11 @@ from beamdae.interrupts import (
 )
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.model_checks.contacts import deep_rest_warnings
-from beamdae.model_checks.friction import IGNORED, friction_warnings
-from beamdae.model_checks.strain_limits import describe_meaningless_strain
+from beamdae.model_checks.validity_ranges import (
+    IGNORED,
+    describe_meaningless_strain,
+    friction_warnings,
+)
 from beamdae.model_functions import Model
 from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM, Mechanism, require_start
 from beamdae.parts.rotation import Rotation
