@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from beamdae.symbolic.functions.compiled import Compiled, RowFunction
+from beamdae.symbolic.compiled import Compiled, RowFunction
 
 X, Y, P = ca.MX.sym("x", 2), ca.MX.sym("y"), ca.MX.sym("p", 2)
 FUNCTION = ca.Function("f", [X, Y, P], [X * Y + P, ca.dot(X, P)])
