@@ -316,7 +316,7 @@ def test_loops_that_cannot_be_opened_are_named():
         bd.margins(bd.linearize(mech), "servo")
 
 
-@pytest.mark.parametrize("height", [0.02, 0.002, 0.0002])
+@pytest.mark.parametrize("height", [0.02, 0.002])
 @pytest.mark.parametrize("unit", [1.0, 1e-3, 1e3])
 def test_free_rotations_that_a_loop_does_not_see_are_not_unstable(unit, height):
     """The strain of a beam does not change with its rotation; `unit` is the unit of time [s]."""
