@@ -243,13 +243,6 @@ class RunData:
         return dict(zip(measures.DRIFT_COLUMNS, rows.T, strict=True))
 
     @cached_property
-    def _drift(self) -> tuple[float, float]:
-        """Largest drift [m, m/s] at the output times."""
-        # That of the steps would take the energies of all of them.
-        position, velocity = (float(np.max(x, initial=0.0)) for x in self.drift_columns.values())
-        return position, velocity
-
-    @cached_property
     def quality(self) -> Quality:
         """Largest residual, drift and energy imbalance over all steps."""
         return self._energy_ledger.quality

@@ -10,7 +10,7 @@ from collections.abc import Callable
 import casadi as ca
 import numpy as np
 import pytest
-from mechanisms import ALLOY, driven, rectangle
+from mechanisms import ALLOY, driven, hinged_body, rectangle
 
 import beamdae as bd
 
@@ -111,6 +111,15 @@ def test_regression_few_elements_still_change_deformations_beside_a_fixed_pivot(
 def test_regression_rows_do_not_resolve_the_acceleration_of_a_fixed_pivot() -> None:
     """Accelerations of 3e-4 m/s^2, beside 60 m/s^2, had a warning of a fast vibration."""
     assert not sentences(lambda: bd.simulate(four_bar(), t_end=0.6, output_step=1e-3))
+
+
+@pytest.mark.parametrize("integrator", [bd.Radau(1e-5), bd.Ida(1e-5)])
+def test_regression_rows_do_not_miss_the_drift_of_a_fixed_pivot(integrator: bd.Integrator) -> None:
+    """At the steps, the drift was larger than at the few rows."""
+    mech, wheel = hinged_body(1.0, 0.3, (0.3, 0.1))
+    mech.add(bd.Moment("torque", on=wheel.at(0.0, 0.0), law=bd.sine(10.0, 1.0)))
+    mech.observe("hub", wheel.at(0.0, 0.0))
+    assert not sentences(lambda: bd.simulate(mech, integrator, t_end=1.0, output_step=0.1))
 
 
 def test_regression_errors_of_the_acceleration_of_a_fixed_pivot_are_not_estimated() -> None:
