@@ -97,7 +97,7 @@ def mark_noise(
     moves = is_doubtful & np.isin(units, _UNITS_OF_DRIFT)
     for one in (run, *others):
         if np.any(sizes[moves] > limits[moves]):
-            position, velocity = one.quality.max_position_drift, one.quality.max_velocity_drift
+            position, velocity = one._drift
             drift = position, position / e.length, velocity, velocity / e.length
             by_unit = dict(zip(_UNITS_OF_DRIFT, drift, strict=True))
             drifts = [_DRIFT_FACTOR * by_unit.get(unit, 0.0) for unit in units]

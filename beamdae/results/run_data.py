@@ -243,6 +243,16 @@ class RunData:
         return dict(zip(measures.DRIFT_COLUMNS, rows.T, strict=True))
 
     @cached_property
+    def _drift(self) -> tuple[float, float]:
+        """Largest drift [m, m/s] at the steps and the output times, between which it is larger."""
+        at_steps = self.quality.max_position_drift, self.quality.max_velocity_drift
+        at_rows = self.drift_columns.values()
+        position, velocity = (
+            float(np.max(x, initial=y)) for x, y in zip(at_rows, at_steps, strict=True)
+        )
+        return position, velocity
+
+    @cached_property
     def quality(self) -> Quality:
         """Largest residual, drift and energy imbalance over all steps."""
         return self._energy_ledger.quality
