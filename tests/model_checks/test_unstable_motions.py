@@ -80,6 +80,16 @@ def add_holding_force(mech):
     return mech
 
 
+def add_rotor(mech):
+    at = (
+        mech.ground.at(1.0, 0.0),
+        mech.add(bd.RigidBody("rotor", 1.0, 0.1, (1.0, 0.0))).at(1.0, 0.0),
+    )
+    mech.add(bd.Revolute("axle", *at))
+    mech.add(bd.Driver("motor", *at, lambda t: t))
+    return mech
+
+
 @pytest.mark.slow(reason="half a second")
 @pytest.mark.parametrize(
     ("mech", "t_end", "is_unstable"),
@@ -94,6 +104,7 @@ def add_holding_force(mech):
         (build_arch(320.0), 0.5, False),
         (build_arch(380.0), 0.5, True),
         (add_holding_force(build_cantilever(-1.5 * BUCKLING_LOAD)), 1.0, False),
+        (add_rotor(build_cantilever(-1.5 * BUCKLING_LOAD)), 1.0, True),
     ],
     ids=[
         "stable",
@@ -105,6 +116,7 @@ def add_holding_force(mech):
         "arch below",
         "arch",
         "held",
+        "beside a rotor",
     ],
 )
 def test_runs_that_stay_on_an_unstable_path_have_a_warning(mech, t_end, is_unstable):
