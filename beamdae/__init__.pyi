@@ -34,7 +34,7 @@ from .beams.structures import frame as frame
 from .beams.structures import welded_beams as welded_beams
 from .beams.viscoelasticity import StandardLinearSolid as StandardLinearSolid
 from .checks import check as check
-from .cli.model_files.model_file import load_model as load_model
+from .cli.model_file import load_model as load_model
 from .curves.intrinsic_curve import IntrinsicCurve as IntrinsicCurve
 from .curves.plane_curves import Arc as Arc
 from .curves.plane_curves import Line as Line
@@ -103,10 +103,10 @@ from .parts.tables import table as table
 from .report.pictures.time_plots import plot as plot
 from .simulation import load as load
 from .simulation import simulate as simulate
-from .studies import Case as Case
-from .studies import compare as compare
-from .studies import grid as grid
-from .studies import study as study
-from .studies import sweep as sweep
+from .studies.case import Case as Case
+from .studies.case import grid as grid
+from .studies.comparison import compare as compare
+from .studies.definition import study as study
+from .studies.sweeps.sweep import sweep as sweep
 
 __version__: str

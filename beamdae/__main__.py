@@ -12,18 +12,18 @@ def main() -> None:
     # the start of the process.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
-        from beamdae.cli import signals, startup
+        from beamdae.cli import process
 
-        signals.install_handlers()
-        startup.begin_startup()
+        process.install_handlers()
+        process.begin_startup()
     except KeyboardInterrupt:
         sys.exit(_INTERRUPTED)
     try:
         from beamdae.cli.app import main as run
     except KeyboardInterrupt:
-        signals.ignore_signals()
-        sys.exit(signals.exit_code())
-    startup.exit_without_teardown(run())
+        process.ignore_signals()
+        sys.exit(process.exit_code())
+    process.exit_without_teardown(run())
 
 
 if __name__ == "__main__":

@@ -106,7 +106,7 @@ GROUPS = (
         model model_functions
         results.Model model_functions
         param model_parameters
-        load_model cli.model_files.model_file
+        load_model cli.model_file
         ConstrainedSystem equations.assembly.constrained_system
         equations_of_motion equations.assembly.assemble
         results.EquationsOfMotion equations.equations_of_motion
@@ -385,14 +385,14 @@ GROUPS = (
         "studies",
         "",
         """
-        sweep studies
-        results.Sweep studies
-        results.SweepResults studies
-        study studies
-        results.Study studies
-        Case studies
-        grid studies
-        compare studies
+        sweep studies.sweeps.sweep
+        results.Sweep studies.sweeps.sweep
+        results.SweepResults studies.sweeps.sweep_results
+        study studies.definition
+        results.Study studies.definition
+        Case studies.case
+        grid studies.case
+        compare studies.comparison
         """,
     ),
     _create_group(

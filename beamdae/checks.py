@@ -57,7 +57,7 @@ from beamdae.parts.joints.joint import Joint
 from beamdae.parts.mechanism import AS_DRAWN, Mechanism, require_start
 from beamdae.parts.rotation import Rotation
 from beamdae.read_only import read_only_data
-from beamdae.report.terminal.check_report import describe_check
+from beamdae.report.summaries import describe_check
 from beamdae.results.solution import Solution
 from beamdae.results.start_changes import StartSummary, compare_start
 from beamdae.simulation import as_equations, simulate
@@ -215,7 +215,7 @@ class Check:
         return "ready to run" + f", but {'; '.join(notes)}" * bool(notes)
 
     def _repr_html_(self) -> str:
-        from beamdae.report.run_summary import format_html_table
+        from beamdae.report.summaries import format_html_table
 
         return format_html_table(describe_check(self))
 

@@ -49,14 +49,14 @@ def require_output(path: str | os.PathLike[str], option: str = "", kind: str = "
 
     The message begins with `option`. Only an output of a certain `kind` replaces such inputs.
     """
-    if is_input(path, kind):
+    if _is_input(path, kind):
         part = f"{option} {path}".strip()
         raise BeamdaeError(
             f"{part}: the file is an input and is not overwritten; choose another file."
         )
 
 
-def is_input(path: str | os.PathLike[str], kind: str = "") -> bool:
+def _is_input(path: str | os.PathLike[str], kind: str = "") -> bool:
     """Return True if a file is an input of another kind than `kind`."""
     try:
         output = os.stat(path)

@@ -92,7 +92,7 @@ def simulate(
         End time [s]. Defaults to the model's end time.
     output_step
         Time between rows of the result [s]. Defaults to a thousandth of the end time. The last row
-        of a completed run is at its end.
+        is at the end of the run.
     progress
         Function called repeatedly with the time reached [s], or with the start time during a pilot
         run. Return a string to stop the run; it becomes the reason.

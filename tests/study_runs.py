@@ -1,16 +1,16 @@
 """Runs of studies in this process, in other processes and on a cluster, which commands start."""
 
-from beamdae.cli.model_files.model_file import ModelFile
+from beamdae.cli.model_file import ModelFile
 from beamdae.errors import KernelWarning
 from beamdae.results.outcome import Status
-from beamdae.studies.case_summaries import summarize_cases
-from beamdae.studies.execution.executors import (
+from beamdae.studies.case_table import summarize_cases
+from beamdae.studies.executors import (
     LocalPool,
     SerialPool,
     create_executor,
 )
-from beamdae.studies.execution.study_run import run_study
 from beamdae.studies.study_page import create_study_page
+from beamdae.studies.study_run import run_study
 from beamdae.studies.tasks import Outcome
 
 __all__ = [
@@ -29,7 +29,7 @@ __all__ = [
 
 def run_serially(monkeypatch):
     """Let commands run studies without worker processes; their outputs do not depend on them."""
-    executor = "beamdae.studies.execution.executors.LocalPool"
+    executor = "beamdae.studies.executors.LocalPool"
     monkeypatch.setattr(executor, lambda workers: SerialPool())
 
 

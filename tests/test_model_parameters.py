@@ -8,8 +8,8 @@ import pytest
 from mechanisms import EARTH, hinged_body
 
 import beamdae as bd
-from beamdae.cli.model_files.example_files import example_names
-from beamdae.cli.model_files.outline import read_outline
+from beamdae.cli.commands.list import read_outline
+from beamdae.cli.model_file import example_names
 from beamdae.model_parameters import (
     parse_unit,
     parse_value,

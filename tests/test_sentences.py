@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from mechanisms import EARTH
-from robustness.inputs.bad_values import BAD_VALUES
+from robustness.inputs.bad_input import BAD_VALUES
 from robustness.inputs.catalog import USER_BASE_CLASSES, public_name_of
 from robustness.inputs.control_calls import CONTROL_CALLS
 from robustness.inputs.model_calls import (

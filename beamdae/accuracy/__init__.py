@@ -2,5 +2,5 @@
 
 It uses all analyses; commands and studies use it, and `until` repeats analyses until their errors
 are small. The next analysis gets a module that repeats it with the mechanism of `refinement` and
-compares both with `values`.
+compares both in its module.
 """

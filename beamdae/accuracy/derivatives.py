@@ -1,24 +1,29 @@
-"""Errors of derivatives of runs, measured by a repetition with everything refined together."""
+"""Errors of derivatives of runs, designs and fits, measured by refined repetitions."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
+from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from beamdae.accuracy.errors import FACTOR, Errors, Refined, measure_errors
-from beamdae.accuracy.refinement import refine_mechanism
+from beamdae.accuracy.refinement import refine, refine_mechanism
 from beamdae.accuracy.runs import (
     RTOL_BESIDE_ACCURATE_STEPS,
     refine_method,
 )
+from beamdae.analysis.fit.problem import MIN_SINGULAR_RATIO, Evaluation, FitProblem
 from beamdae.analysis.gradients.gradients import Gradient
+from beamdae.analysis.optimization.search import SearchResult
 from beamdae.analysis.sensitivities.sensitivities import Sensitivities
+from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import hold_messages
 from beamdae.parts.mechanism import AS_DRAWN, Mechanism
 from beamdae.results.columns import largest_of_kind
+from beamdae.results.solution import Solution
 from beamdae.simulation import unchecked
 
 Array = np.ndarray
@@ -113,7 +118,7 @@ def _measure(
 
     compare = partial(_compare, headers, relative_to)
     failed = Errors.unchecked(headers, peaks, "a refined repetition fails", has_failed=True)
-    return measure_errors(failed, values, repeat_values, compare, has_accuracy=False)
+    return replace(measure_errors(failed, values, repeat_values, compare), has_accuracy=False)
 
 
 def _compare(
@@ -141,3 +146,93 @@ def _measure_effects(result: Sensitivities) -> Array:
         of_change = np.maximum(largest_of_kind(headers, means), scales / (abs(value) or 1.0))
         sizes.append(np.maximum(means, _MIN_EFFECT * of_change))
     return np.concatenate(sizes)
+
+
+def measure_design(search: SearchResult) -> Errors:
+    """Return the errors of the objective and of the limited quantities of the best design.
+
+    They are relative to the larger one of the value and the limit; without a limit, or if it is
+    zero, of the values of the best and the first design.
+    """
+    problem, best, first = search.problem, search.best, search.trials[0]
+    design = problem.design(best.numbers)
+    ratios = np.append(1.0, search.problem.ratios)
+    values = ratios * best.values
+    labels = [x.label for x in problem.quantities]
+    headers = tuple(f"{x} [{unit or '-'}]" for x, unit in zip(labels, search.units, strict=True))
+    results = [x for x in design.results if hasattr(x, "equations")]
+    if not results:
+        return Errors.unchecked(headers, values, "no quantity depends on steps or beams")
+    equations = results[0].equations
+    run = next((x for x in results if isinstance(x, Solution)), None)
+    method = None if run is None else refine_method(run)
+
+    start = problem.start_of(equations)
+    bounds = np.array([0.0, *(abs(x.bound) for x in problem.limits)])
+    sizes = np.maximum(np.abs(values), np.where(bounds > 0.0, bounds, np.abs(first.values)))
+
+    def repeat(causes: Collection[str]) -> tuple[Array, Refined]:
+        refinement = refine(equations, start, causes)
+        found = ratios * problem.repeat(best.numbers, refinement.equations.mechanism, method)
+        refined = refinement.refined
+        return found, refined if run is None else refined.with_steps(run.made_by)
+
+    compare = partial(Errors.of_values, headers, scales=sizes)
+    unchecked = Errors.unchecked(headers, values, "the refined design cannot be analyzed")
+    return replace(measure_errors(unchecked, values, repeat, compare), has_accuracy=False)
+
+
+def measure_fit(problem: FitProblem, evaluation: Evaluation) -> Errors:
+    """Return the errors of the estimates and of the fitted columns.
+
+    Estimates follow the predictions of the refined runs linearly, and their errors are relative to
+    their values. Those of columns are relative to half the range of the data.
+    """
+    values, sources = evaluation.values, problem.data.sources
+    headers = [f"{name} [{problem.units[name] or '-'}]" for name in problem.variables]
+    headers += [f"{x.experiment}: {x.header}" if x.experiment else x.header for x in sources]
+    predictions = problem.recorded_values(evaluation)
+    rows = [x for _, x in problem.data.rows]
+    peaks = [float(np.max(np.abs(predictions[x]))) for x in rows]
+    sizes = np.where(values, values, 1.0)
+    jacobian = evaluation.projected_jacobian * sizes
+    measured = problem.data.table["value"].to_numpy()
+    half_ranges = np.array([0.5 * np.ptp(measured[x]) for x in rows])
+    run = next(iter(evaluation.runs.values())).solution
+    method = refine_method(run, RTOL_BESIDE_ACCURATE_STEPS)
+
+    def repeat(causes: Collection[str]) -> tuple[Array, Refined]:
+        """Return the change of the residuals."""
+        refined = Refined()
+
+        def change(equations: EquationsOfMotion) -> Any:
+            nonlocal refined
+            refinement = refine(equations, problem.start_of(equations), causes)
+            refined = refinement.refined.with_steps(run.made_by)
+            return refinement.equations.mechanism
+
+        return problem.change_of_residuals(evaluation, change, method), refined
+
+    def compare(first: Array, second: Array, refined: Refined) -> Errors:
+        changes = second - first
+        shifts = -np.linalg.lstsq(jacobian, changes, rcond=MIN_SINGULAR_RATIO)[0] * sizes
+        names = headers[: len(values)]
+        of_estimates = Errors.of_values(names, values, values + shifts, refined, sizes)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            differences = np.where(problem.weights > 0.0, changes / problem.weights, 0.0)
+        largest = np.array([np.max(np.abs(differences[x])) for x in rows]) / half_ranges
+        peaks_of_companion = [float(np.max(np.abs((predictions + differences)[x]))) for x in rows]
+        of_columns = Errors(
+            tuple(headers[len(values) :]),
+            np.array(peaks),
+            np.array(peaks_of_companion),
+            FACTOR * largest,
+            largest,
+            refined,
+            ("half the range of the data",) * len(rows),
+        )
+        return Errors.join([of_estimates, of_columns])
+
+    none = np.zeros(len(problem.weights))
+    unchecked = Errors.unchecked(headers, np.append(values, peaks), "a refined run fails")
+    return replace(measure_errors(unchecked, none, repeat, compare), has_accuracy=False)

@@ -400,7 +400,6 @@ def measure_errors(
     repeat: Callable[[Collection[str]], tuple[Any, Refined]],
     compare: Callable[[Any, Any, Refined], Errors],
     failures: tuple[type[Exception], ...] = (BeamdaeError,),
-    has_accuracy: bool = True,
 ) -> Errors:
     """Return the errors of a result, measured by one repetition with everything refined together.
 
@@ -418,8 +417,6 @@ def measure_errors(
         description of the companion.
     failures
         Exceptions of repetitions that fail.
-    has_accuracy
-        See `Errors`.
     """
     try:
         companion, refined = repeat(CAUSES)
@@ -433,7 +430,7 @@ def measure_errors(
 
     split = Split(result, companion, repeat, compare_refined, failures)
     errors = compare_refined(result, companion)
-    return replace(errors, has_accuracy=has_accuracy, _split=split)
+    return replace(errors, _split=split)
 
 
 def _describe(error: float) -> str:

@@ -11,10 +11,10 @@ from beamdae.accuracy.errors import Errors, Refined, measure_errors
 from beamdae.accuracy.refinement import Refinement, refine
 from beamdae.accuracy.runs import (
     RTOL_BESIDE_ACCURATE_STEPS,
+    compare_columns,
     leave_unchecked,
     refine_method,
 )
-from beamdae.accuracy.values import compare_columns
 from beamdae.analysis.periodic.period_map import PeriodMap
 from beamdae.analysis.periodic.shooting import Tolerance, settle_and_solve, solve_shooting
 from beamdae.errors import BeamdaeError, hold_messages

@@ -14,7 +14,7 @@ import numpy as np
 from beamdae.beams.element_data import STIFFNESS_VALUES, ElementDataLayout
 from beamdae.beams.shape_functions import gauss_points, shape_functions, weigh_nodes
 from beamdae.beams.strains import SHEAR, STRAIN_SIZE, slice_column
-from beamdae.symbolic.force_kernel import CompliantForm
+from beamdae.symbolic.force_kernel import CompliantForm, mix_law
 from beamdae.symbolic.formula import cache_kernels
 from beamdae.symbolic.functions.compiled import RowFunction
 from beamdae.symbolic.statements import SX, ConstraintKernel, ForceAtPoint, ForceKernel, Local
@@ -270,7 +270,9 @@ def stiffness_kernel(element: PointElement, has_elasticity: bool = True) -> Forc
     weight = local.data[0]
     force = weight * ca.jtimes(strain, local.q, elastic + viscous, True)
     energies = ca.vertcat(0, 0.5 * weight * ca.dot(elastic, strain), 0)
-    return ForceKernel(local, force, energies, ca.vertcat(0, weight * ca.dot(viscous, rate)))
+    powers = ca.vertcat(0, weight * ca.dot(viscous, rate))
+    mix = partial(mix_law, local, strain, weight * (elastic + viscous), RESULTANTS)
+    return ForceKernel(local, force, energies, powers, mix=mix)
 
 
 @dataclass(frozen=True)

@@ -18,13 +18,14 @@ import scipy.sparse as sp
 
 from beamdae.beams.beam import Beam, require_beam
 from beamdae.beams.element_data import STIFFNESS_VALUES
-from beamdae.beams.elements import NODE_SIZE, InterpolatedForces, PointElement
+from beamdae.beams.elements import NODE_SIZE, RESULTANTS, InterpolatedForces, PointElement
 from beamdae.beams.kinematics import PointValues
 from beamdae.beams.shape_functions import gauss_points, lagrange_weights
 from beamdae.beams.strains import AXIAL, SHEAR, STRAIN_SIZE, identity
 from beamdae.errors import convert_fields, require_positive
 from beamdae.parts.forces.load_observables import ObservablePower
 from beamdae.parts.part import Part
+from beamdae.symbolic.force_kernel import mix_law
 from beamdae.symbolic.formula import Formula, cache_kernels
 from beamdae.symbolic.sparse_operators import select_rows
 from beamdae.symbolic.statements import (
@@ -260,10 +261,12 @@ def _section_force_function(element: PointElement) -> ca.Function:
 def _point_kernel(element: PointElement) -> ForceKernel:
     local, elongation, forces = _MaxwellPoint.of(element)
     weight, rates = local.data[0], local.v[2 * NODE_SIZE :]
-    force = weight * ca.jtimes(elongation, local.q, forces, True)
-    force += ca.vertcat(SX.zeros(2 * NODE_SIZE), rates)
+    rest = ca.vertcat(SX.zeros(2 * NODE_SIZE), rates)
+    force = weight * ca.jtimes(elongation, local.q, forces, True) + rest
     energy = 0.5 * weight * ca.dot(forces, elongation)
-    return ForceKernel(local, force, ca.vertcat(0, energy, 0), ca.vertcat(0, ca.sumsqr(rates)))
+    energies, powers = ca.vertcat(0, energy, 0), ca.vertcat(0, ca.sumsqr(rates))
+    mix = partial(mix_law, local, elongation, weight * forces, RESULTANTS, rest)
+    return ForceKernel(local, force, energies, powers, mix=mix)
 
 
 def _maxwell_points(element: PointElement, numbers: Sequence[SX]) -> list[ForceAtPoint]:

@@ -9,6 +9,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from beamdae.cli.option_values import split_names
 from beamdae.cli.options import (
     AccurateColumns,
     ModelName,
@@ -20,13 +21,12 @@ from beamdae.cli.options import (
     Settings,
     load_model,
     parse_start,
-    split_names,
 )
 from beamdae.cli.results import Report, ResultFiles, run_analysis
 from beamdae.errors import BeamdaeError
 
 if TYPE_CHECKING:
-    from beamdae.cli.model_files.model_file import ModelFile
+    from beamdae.cli.model_file import ModelFile
     from beamdae.model_functions import Model
 
 # Arguments and options of a command with a job, by name: annotation and default value.
@@ -173,12 +173,12 @@ class Job:
             return complete(result, Report(name, describe(result), status, warnings))
 
         def write_page(result: Any, path: Path, title: str) -> Path:
-            from beamdae.report.result_pages import write_analysis_page
+            from beamdae.report.result_displays import write_analysis_page
 
             return write_analysis_page(result, path, title)
 
         def draw(result: Any, title: str) -> Any:
-            from beamdae.report.pictures.result_figures import create_result_figure
+            from beamdae.report.result_displays import create_result_figure
 
             return create_result_figure(result, title, names, x)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import fields, is_dataclass, replace
 from functools import cache, partial
 from pathlib import Path
@@ -12,14 +12,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from beamdae.catalog import INTEGRATORS
-from beamdae.cli import startup
+from beamdae.cli import process
+from beamdae.cli.option_values import (
+    parse_accuracy,
+    parse_assignments,
+    parse_named_number,
+    parse_seconds,
+)
 from beamdae.cli.output import record_results
-from beamdae.cli.ranges import parse_ends
 from beamdae.errors import BeamdaeError, require_choice, short_repr, suggest
-from beamdae.report.option_names import form_of_option
 
 if TYPE_CHECKING:
-    from beamdae.cli.model_files.model_file import ModelFile
+    from beamdae.cli.model_file import ModelFile
     from beamdae.model_functions import Model
     from beamdae.parts.rotation import Rotation
 
@@ -29,93 +33,6 @@ accuracy_option = partial(typer.Option, rich_help_panel="Integrator and accuracy
 expert_option = partial(typer.Option, rich_help_panel="Expert options")
 _STATES = ("as drawn", "equilibrium")
 _ROTATION = "rotation="  # start in steady rotation at the speed that follows
-
-
-def parse_number(text: str, unit: str) -> float:
-    """Return the number of an option such as "3000rpm" in a unit; without its unit, as it is.
-
-    Raises
-    ------
-    typer.BadParameter
-        If the text is not a number, or its unit is unknown or measures another quantity.
-    """
-    from beamdae import model_parameters
-
-    try:
-        value = model_parameters.parse_number("", "", text, unit)
-    except BeamdaeError as problem:
-        raise as_bad_parameter(text, problem) from None
-    if value is None:
-        raise typer.BadParameter(
-            f"{short_repr(text)} is not a number in {unit}, with or without a unit."
-        )
-    return value
-
-
-def parse_named_number(
-    option: str, name: str, text: str, find_units: Callable[[], Mapping[str, str]]
-) -> float:
-    """Return the number of an option NAME=VALUE; one with a unit is converted to that of `name`.
-
-    Parameters
-    ----------
-    find_units
-        Function that returns the units by name; called for values with units only. The analysis
-        rejects other names.
-
-    Raises
-    ------
-    BeamdaeError
-        If the text is not a number, or its unit is unknown or measures another quantity.
-    """
-    try:
-        return float(text)
-    except ValueError:
-        pass
-    from beamdae import model_parameters
-
-    call = f"{option} {name}={text}" if name else f"{option} {text}"
-    unit, quantity = find_units().get(name), model_parameters.parse_quantity(text)
-    if unit is None and quantity is not None:
-        return quantity[0]
-    try:
-        value = model_parameters.parse_number("", "", text, unit or "-")
-    except BeamdaeError as problem:
-        raise BeamdaeError(f"{call}: {_reason(problem)}") from None
-    if value is None:
-        raise BeamdaeError(f"{call}: the value must be a number, with or without a unit.")
-    return value
-
-
-def as_bad_parameter(text: str, problem: BeamdaeError) -> typer.BadParameter:
-    """Return the error of an option for an error of its value, without the names of arguments."""
-    return typer.BadParameter(f"{short_repr(text)}: {_reason(problem)}")
-
-
-def _reason(problem: BeamdaeError) -> str:
-    """Return the message of an error without the names of the call and its argument."""
-    return str(problem).rpartition(": ")[2]
-
-
-def parse_seconds(text: str) -> float:
-    """Return the number of an option such as "20ms" in seconds; see `parse_number`."""
-    return parse_number(text, "s")
-
-
-def parse_accuracy(text: str) -> float:
-    """Return the accuracy given by --accuracy as a fraction: 0.01 for "1%" or "0.01".
-
-    Raises
-    ------
-    typer.BadParameter
-        If the text is not a number with or without a percent sign.
-    """
-    number = text.strip()
-    try:
-        return 0.01 * float(number[:-1]) if number.endswith("%") else float(number)
-    except ValueError:
-        problem = f"must be a number such as 1% or 0.01, got {short_repr(text)}."
-        raise typer.BadParameter(problem) from None
 
 
 ModelPath = Annotated[
@@ -338,10 +255,10 @@ Out = Annotated[Path, output_option(help="Output folder.")]
 
 
 def load_model(
-    path: Path, name: str | None, settings: list[str] | None, needs: str = startup.RUNS
+    path: Path, name: str | None, settings: list[str] | None, needs: str = process.RUNS
 ) -> tuple[Model, ModelFile]:
     """Return a model with the values of --set as defaults, and its file; see `ModelFile`."""
-    from beamdae.cli.model_files.model_file import ModelFile
+    from beamdae.cli.model_file import ModelFile
 
     file = ModelFile(path, needs)
     model = file.model(name)
@@ -415,7 +332,7 @@ def create_integrator(
         If the name is unknown, or the integrator does not have a setting or rejects its value.
     """
     import beamdae
-    from beamdae.cli.model_files.model_file import translate_errors
+    from beamdae.cli.model_file import translate_errors
 
     names = list(dict.fromkeys([*INTEGRATORS, *file.integrators]))
     if name not in names:
@@ -457,60 +374,6 @@ def _parse_setting(text: str) -> Any:
 
 def _field_names(integrator: Any) -> list[str]:
     return [field.name for field in fields(integrator)] if is_dataclass(integrator) else []
-
-
-def split_names(texts: str | Sequence[str] | None) -> list[str]:
-    """Return the names in the values of an option, which are separated by commas."""
-    values = [texts] if isinstance(texts, str) else texts or ()
-    return [x.strip() for text in values for x in text.split(",") if x.strip()]
-
-
-def parse_assignments(settings: list[str] | None, option: str = "--set") -> dict[str, str]:
-    """Return the values of a repeated option NAME=VALUE by name.
-
-    Raises
-    ------
-    BeamdaeError
-        If an entry does not have this form, or two have the same name.
-    """
-    values: dict[str, str] = {}
-    for setting in settings or []:
-        key, equals, value = (part.strip() for part in setting.partition("="))
-        if not equals or not key:
-            raise BeamdaeError(
-                f"{option} {setting}: the setting must have the form {form_of_option(option)}."
-            )
-        if key in values:
-            raise BeamdaeError(
-                f"{option} {setting}: {key} already has the value {values[key]}; omit one of them."
-            )
-        values[key] = value
-    return values
-
-
-def parse_bounds(model: Model, settings: list[str] | None) -> dict[str, tuple[float, float]]:
-    """Return the bounds of --bounds NAME=LOW:HIGH by name, in the units of the parameters.
-
-    Raises
-    ------
-    BeamdaeError
-        If an entry does not have this form, the parameter is unknown, or a unit is unknown or
-        measures another quantity.
-    """
-    bounds = {}
-    for name, text in parse_assignments(settings, "--bounds").items():
-        info = model.parameter_info.get(name)
-        if info is None:
-            names = list(model.parameter_info)
-            raise BeamdaeError(
-                f"--bounds {name}={text}: {model.name} has no parameter {name}"
-                f"{suggest(name, names)}; its parameters are {', '.join(names)}."
-            )
-        low, _, high = text.partition(":")
-        closed = f"{low or '-inf'}:{high or 'inf'}" if ":" in text else text
-        form = "LOW:HIGH, LOW: or :HIGH, numbers with or without units"
-        bounds[name] = parse_ends("--bounds", name, closed, info.unit, form)
-    return bounds
 
 
 def parse_start(

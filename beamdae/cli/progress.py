@@ -16,7 +16,7 @@ from beamdae.integrators.limits import followed_vibration
 
 if TYPE_CHECKING:
     from beamdae.results.frequency_response import ResponsePoint
-    from beamdae.studies.execution.study_progress import StudyProgress
+    from beamdae.studies.tasks import StudyProgress
 
 _BAR_WIDTH = 14  # columns
 _LINE_INTERVAL = 10.0  # between progress lines without a terminal [s]

@@ -15,18 +15,17 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from beamdae.cli import signals
+from beamdae.cli import process
 from beamdae.cli.output import (
     create_console,
     current_output,
     print_error,
     print_warnings,
     record_results,
+    require_writable,
     show,
 )
-from beamdae.cli.output_paths import require_writable
 from beamdae.errors import BeamdaeError, format_count, format_exception
-from beamdae.input_files import is_input
 from beamdae.interrupts import acknowledge
 from beamdae.report.option_names import name_options
 from beamdae.report.text import make_printable
@@ -117,12 +116,12 @@ class Report:
         return data | ({"accuracy": reached} if reached else {})
 
     def _show_facts(self, console: Any, facts: Mapping[str, str]) -> None:
-        from beamdae.report.terminal.responsive_table import FactList
+        from beamdae.report.tables import FactList
 
         show(console, FactList(facts))
 
     def _show_table(self, console: Any, content: Any) -> None:
-        from beamdae.report.terminal.text_tables import table_of
+        from beamdae.report.tables import table_of
 
         if isinstance(content, str):
             show(console, content, "dim")
@@ -148,7 +147,7 @@ class ResultFiles:
     ----------
     paths
         Paths of the files written so far.
-    removed
+    earlier
         Paths of pages and pictures of earlier results.
     failed
         True if a file could not be written.
@@ -157,7 +156,7 @@ class ResultFiles:
     """
 
     paths: list[Path] = field(default_factory=list)
-    removed: list[Path] = field(default_factory=list)
+    earlier: list[Path] = field(default_factory=list)
     failed: bool = False
     table: Path = Path()
     page: Path | None = None
@@ -188,24 +187,13 @@ class ResultFiles:
         return cls(table=table, page=html, picture=png)
 
     def add(self, *paths: Path) -> None:
-        """Add written tables, and remove the page and the picture of earlier ones."""
+        """Add written tables; a page or a picture that exists already shows earlier results."""
         self.paths = [*paths, *self.paths]
-        for suffix in (".html", ".png"):
-            self.remove(self.table.with_suffix(suffix))
+        self.note_earlier(self.table.with_suffix(suffix) for suffix in (".html", ".png"))
 
-    def remove(self, path: Path) -> None:
-        """Remove a page or a picture, which show earlier results, unless it is an input."""
-        if is_input(path):
-            return
-        try:
-            path.unlink()
-            self.removed.append(path)
-        except FileNotFoundError:
-            return
-        except OSError as problem:
-            reason = f"shows earlier results and cannot be removed ({problem.strerror})"
-            print_error(f"failed: {path}: the file {reason}; remove it.")
-            self.failed = True
+    def note_earlier(self, paths: Iterable[Path]) -> None:
+        """Note the existing ones of these pages and pictures, which show earlier results."""
+        self.earlier += filter(Path.exists, paths)
 
     def write(self, name: str, write: Callable[[], Iterable[Path]]) -> None:
         """Write files; if this fails, print one line and set `failed`."""
@@ -237,8 +225,8 @@ class ResultFiles:
         for path in map(make_printable, map(str, self.paths)):
             current_output().files.append(path)
             console.print(f"written: {path}", style="dim", soft_wrap=True)
-        for old in (x for x in self.removed if x not in self.paths):
-            text = f"removed: {make_printable(str(old))}, which showed earlier results"
+        for old in (x for x in self.earlier if x not in self.paths):
+            text = f"not renewed: {make_printable(str(old))}, which shows earlier results"
             console.print(text, style="dim", soft_wrap=True)
 
     def finish(self, *outcomes: tuple[str, Status | None]) -> None:
@@ -257,10 +245,10 @@ class ResultFiles:
         self.print_paths()
         failures = [(prefix, x) for prefix, x in outcomes if x is not None and not x.success]
         reasons = [x.sentence for _, x in failures if x.kind == "interrupted"]
-        if reasons or signals.is_interrupted():
+        if reasons or process.is_interrupted():
             reason = (*reasons, "interrupted after the tables were written")[0]
             print_error(f"{reason}; the results so far are in {self.paths[0]}")
-            raise typer.Exit(signals.exit_code())
+            raise typer.Exit(process.exit_code())
         is_incomplete = any(x.kind == "not run" for _, x in failures)
         for prefix, status in failures:
             prefix = "not run" if is_incomplete else prefix
@@ -313,9 +301,9 @@ def run_analysis(
         Function that writes further files, after page and picture.
     """
     try:
-        with signals.defer_interrupts(immediate=1):
+        with process.defer_interrupts(immediate=1):
             result = analyze()
-            with signals.defer_interrupts():
+            with process.defer_interrupts():
                 files.add(*write_tables(result))
     except KeyboardInterrupt:
         if not files.paths:
@@ -325,7 +313,7 @@ def run_analysis(
     from beamdae.simulation import unchecked
 
     report = None
-    if not signals.is_interrupted():
+    if not process.is_interrupted():
         with continue_after_interrupt():
             report = describe(result)
     if report is None:
@@ -342,7 +330,7 @@ def run_analysis(
 
     page, picture = files.page, files.picture
     with continue_after_interrupt():
-        if not signals.is_terminated():
+        if not process.is_terminated():
             if page is not None:
                 files.write(page.name, lambda: [write_page(result, page, title(result))])
             if picture is not None:

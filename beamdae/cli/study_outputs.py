@@ -8,9 +8,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from beamdae.cli import signals
-from beamdae.cli.options import parse_start, split_names
-from beamdae.cli.output_paths import require_writable
+from beamdae.cli import process
+from beamdae.cli.option_values import split_names
+from beamdae.cli.options import parse_start
+from beamdae.cli.output import require_writable
 from beamdae.cli.progress import show_study_progress
 from beamdae.cli.results import Report, ResultFiles, run_analysis
 from beamdae.errors import require_positive
@@ -19,9 +20,9 @@ from beamdae.interrupts import Interrupted
 # NumPy and CasADi are imported inside functions, so that --help responds quickly.
 if TYPE_CHECKING:
     from beamdae.results.outcome import Status
-    from beamdae.studies import Study
-    from beamdae.studies.execution.study_progress import StudyProgress
-    from beamdae.studies.execution.study_run import StudyResults
+    from beamdae.studies.definition import Study
+    from beamdae.studies.study_run import StudyResults
+    from beamdae.studies.tasks import StudyProgress
 
 # Statuses of runs that are computed when the study resumes.
 MISSING_KINDS = ("interrupted", "not run")
@@ -33,7 +34,7 @@ _RESUME_HINT = "run the same command again to resume"
 
 def results_folder_name(stem: str, settings: Mapping[str, Any]) -> str:
     """Return the name of the results folder; long names are shortened and end with a hash."""
-    from beamdae.studies.store.fingerprints import digest
+    from beamdae.studies.fingerprints import digest
 
     parts = [re.sub(r"[^A-Za-z0-9.=-]+", "-", f"{key}={value}") for key, value in settings.items()]
     name = "_".join([stem, *parts])
@@ -141,10 +142,10 @@ def run_and_write(
     def analyze() -> StudyReport:
         try:
             # The exception may have been swallowed, for example by a callback of other code.
-            if signals.is_interrupted():
+            if process.is_interrupted():
                 raise KeyboardInterrupt
-            from beamdae.studies.execution.executors import create_executor
-            from beamdae.studies.execution.study_run import run_study
+            from beamdae.studies.executors import create_executor
+            from beamdae.studies.study_run import run_study
 
             with show_study_progress() as show_progress:
 
@@ -160,16 +161,15 @@ def run_and_write(
             raise Interrupted(reason) from None
 
     def write_tables(study: StudyReport) -> list[Path]:
-        for path in (page, *map(folder.joinpath, study.pictures)):
-            written.remove(path)
+        written.note_earlier((page, *map(folder.joinpath, study.pictures)))
         return study.tables
 
     def describe(study: StudyReport) -> Report:
-        from beamdae.report.terminal import text_tables
+        from beamdae.report import tables
 
         written.failed |= study.results.failed
         rows = study.results.table
-        failed = text_tables.failure_sentences(rows[~rows["status"].isin(MISSING_KINDS)])
+        failed = tables.failure_sentences(rows[~rows["status"].isin(MISSING_KINDS)])
         failures = [*study.report.failures, *failed]
         status = _describe_end(study.results, n_runs)
         return replace(study.report, failures=failures, status=status)
@@ -194,7 +194,7 @@ def _describe_end(results: StudyResults, n_runs: int) -> Status | None:
     """Return the status of a study with missing runs, which resumes with them."""
     from beamdae.results.outcome import Status
 
-    if results.interrupted or signals.is_interrupted():
+    if results.interrupted or process.is_interrupted():
         n_done = sum(x.status.kind not in MISSING_KINDS for x in results.outcomes.values())
         reason = f"interrupted, {n_done} of {n_runs} runs done; {_RESUME_HINT}"
         return Status("interrupted", reason)

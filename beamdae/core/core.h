@@ -153,6 +153,7 @@ typedef struct {
 
 typedef struct {
     Indices corrected, defined, corrected_velocities, defined_velocities, remaining_velocities;
+    Indices force_starts, force_rows, law_starts, law_columns;
 } KinematicReduction;
 
 Reals evaluate_step_position(StepBuffers *form, const StepPrediction *at, Reals x);
@@ -256,12 +257,9 @@ typedef struct {
 
 /* Step size control with the errors e_n of the last two steps, relative to the tolerance:
    h_{n+1} = 0.9 h_n e_n^(-1/4) min(1, (h_n / h_{n-1}) (e_{n-1} / e_n)^(1/4)), within bounds and
-   reduced after many Newton iterations; Gustafsson, ACM Trans. Math. Softw. 20 (1994) 496. Slender
-   beams are easy to bend and hard to stretch: Newton's iteration may fail for steps that rotate an
-   element too far, long before the error test fails. Half of such a step becomes `newton_limit`,
-   the limit of the following steps, which then grows again by small factors. */
+   reduced after many Newton iterations; Gustafsson, ACM Trans. Math. Softw. 20 (1994) 496. */
 typedef struct {
-    double longest, smallest, next_step, newton_limit, last_step, last_error;
+    double longest, smallest, next_step, last_step, last_error;
     int64_t is_retry; /* 1 if the previous attempt at this step was rejected */
 } StepSizeState;
 
@@ -278,13 +276,15 @@ typedef struct {
     Complexes complex_change, complex_right, complex_nonzeros;
     Reals2 extrapolation;
     Reals velocities;
+    /* Parts of the reduced matrices at the last factorization, derivatives of forces by resultants
+       and of resultants by q and by v; see `KinematicReduction`. */
+    Reals jacobian;
 } Stages;
 
 typedef struct {
     Stages base;
     FirstOrderBuffers form;
     Reals2 stage_residuals;
-    Reals jacobian; /* parts of the reduced matrices at the last factorization */
     Integers entry_rows, entry_columns; /* of the non-zeros of these matrices */
     /* Error estimate, difference between the embedded solution and the step, work arrays. */
     Reals error, difference, vector, product, constraint_errors;

@@ -9,15 +9,11 @@
 #define MAX_ITERATIONS 10
 /* Rate of convergence assumed in the first iteration; later iterations measure it. */
 #define FIRST_RATE 0.99
-/* The iteration continues if the second correction grows by less than this factor: the first,
-   linear correction stretches a rotating beam, and the second correction removes the stretch. */
-#define MAX_SECOND_GROWTH 2.0
 /* The iteration stagnates at its rounding errors if a correction shrinks by less than this
    factor. */
 #define STAGNATION_RATE 0.5
-/* Relative rounding error of positions in the residual, two units in the last place. Corrections of
-   strips of 0.1 and 1 mm stagnated at 0.004 to 0.5 of the estimate. */
-#define POSITION_ROUNDING 0x1p-51
+/* Errors of the laws of resultants after the last correction, relative to the largest resultant. */
+#define LAW_TOLERANCE 1e-7
 /* The local error of the embedded third-order method is of order 4. */
 #define ERROR_EXPONENT 0.25
 #define SAFETY 0.9
@@ -33,11 +29,8 @@
 /* Relative difference below which two steps are equal: steps between the samples of a controller
    differ by rounding. */
 #define STEP_ROUNDING 1e-9
-/* Factor that reduces the step, and limits the next ones, after a failure of Newton's iteration,
-   and growth factor of this limit per step while the iteration converges faster than SLOW_RATE. */
+/* Factor that reduces the step after a failure of Newton's iteration. */
 #define FAILURE_FACTOR 0.5
-#define RECOVERY_FACTOR 1.1
-#define SLOW_RATE 0.2
 
 static inline double entry(Reals2 x, int64_t i, int64_t j) { return x.at[i * x.columns + j]; }
 
@@ -127,29 +120,51 @@ int factorize_stages(Stages *run, double h, Reals jacobian) {
     return real_code == SINGULAR || complex_code == SINGULAR ? SINGULAR : DONE;
 }
 
-/* Remaining entries of a right-hand side. */
-#define REDUCE_RIGHT(reduction, n, full, reduced)                                                  \
+/* Derivatives of forces by resultants, followed by those of resultants by q and v. */
+static const double *resultant_derivatives(const Stages *run) {
+    return run->jacobian.at + 3 * run->real_nonzeros.size;
+}
+
+/* Remaining entries of a right-hand side, with the forces of the residuals of resultants. */
+#define REDUCE_RIGHT(run, n, full, reduced)                                                        \
     do {                                                                                           \
-        const int64_t count_ = (reduction)->corrected.size, n_ = (n);                              \
+        const KinematicReduction *at_ = &(run)->reduction;                                         \
+        const double *forces_ = resultant_derivatives(run);                                        \
+        const uint32_t *starts_ = at_->force_starts.at, *rows_ = at_->force_rows.at;               \
+        const int64_t count_ = at_->corrected.size, n_ = (n);                                      \
+        const int64_t last_ = (reduced).size - count_ + n_;                                        \
         for (int64_t i_ = 0; i_ < n_; i_++) (reduced).at[i_] = (full).at[n_ + i_];                 \
-        PICK((reduced).at, (reduction)->remaining_velocities.at, (full).at,                        \
-             (reduction)->corrected.at, 0, count_);                                                \
+        PICK((reduced).at, at_->remaining_velocities.at, (full).at, at_->corrected.at, 0, count_); \
         for (int64_t i_ = n_ + count_; i_ < (reduced).size; i_++)                                  \
             (reduced).at[i_] = (full).at[i_ - count_ + n_];                                        \
+        for (int64_t i_ = last_; i_ < (full).size; i_++)                                           \
+            for (uint32_t e_ = starts_[i_ - last_]; e_ < starts_[i_ - last_ + 1]; e_++)            \
+                (reduced).at[rows_[e_]] += forces_[e_] * (full).at[i_];                            \
     } while (0)
 
 static inline double multiply_real(double x, double y) { return x * y; }
 
-/* Correction of all unknowns, with x_v = c x_q for defined velocities. */
-#define EXPAND_SOLUTION(product, reduction, n, c, reduced, full)                                   \
+/* Correction of all unknowns, with x_v = c x_q for defined velocities. Resultants satisfy their
+   linearized laws, whose residuals `full` contains. */
+#define EXPAND_SOLUTION(product, run, n, c, reduced, full)                                         \
     do {                                                                                           \
-        const int64_t count_ = (reduction)->corrected.size, n_ = (n);                              \
+        const KinematicReduction *at_ = &(run)->reduction;                                         \
+        const double *laws_ = resultant_derivatives(run) + at_->force_rows.size;                   \
+        const uint32_t *starts_ = at_->law_starts.at, *columns_ = at_->law_columns.at;             \
+        const int64_t count_ = at_->corrected.size, n_ = (n);                                      \
+        const int64_t last_ = (reduced).size - count_ + n_;                                        \
         for (int64_t i_ = 0; i_ < n_; i_++) (full).at[i_] = (reduced).at[i_];                      \
         for (int64_t i_ = 0; i_ < n_; i_++) (full).at[n_ + i_] = product(c, (reduced).at[i_]);     \
-        PICK((full).at, (reduction)->corrected_velocities.at, (reduced).at,                        \
-             (reduction)->remaining_velocities.at, 0, count_);                                     \
-        for (int64_t i_ = 2 * n_; i_ < (full).size; i_++)                                          \
+        PICK((full).at, at_->corrected_velocities.at, (reduced).at,                                \
+             at_->remaining_velocities.at, 0, count_);                                             \
+        for (int64_t i_ = 2 * n_; i_ < last_; i_++)                                                \
             (full).at[i_] = (reduced).at[i_ - n_ + count_];                                        \
+        for (int64_t i_ = last_; i_ < (full).size; i_++) {                                         \
+            (full).at[i_] = -(full).at[i_];                                                        \
+            for (uint32_t e_ = starts_[i_ - last_]; e_ < starts_[i_ - last_ + 1]; e_++)            \
+                (full).at[i_] += laws_[e_] * (full).at[columns_[e_]];                              \
+            (full).at[i_] = product(1.0 / (c), (full).at[i_]);                                     \
+        }                                                                                          \
     } while (0)
 
 /* Subtract the corrections from W that belong to the solutions `right` and `complex_right` of the
@@ -158,8 +173,8 @@ void subtract_corrections(Stages *run, double h) {
     const int64_t n = run->velocities.size;
     const double rate = real_eigenvalue(run) / h;
     const double _Complex complex_rate = complex_eigenvalue(run) / h;
-    EXPAND_SOLUTION(multiply_real, &run->reduction, n, rate, run->right, run->real_change);
-    EXPAND_SOLUTION(multiply_complex, &run->reduction, n, complex_rate, run->complex_right,
+    EXPAND_SOLUTION(multiply_real, run, n, rate, run->right, run->real_change);
+    EXPAND_SOLUTION(multiply_complex, run, n, complex_rate, run->complex_right,
                     run->complex_change);
     for (int64_t i = 0; i < run->complex_change.size; i++) {
         run->complex_real.at[i] = creal(run->complex_change.at[i]);
@@ -176,8 +191,8 @@ int factorize_matrices(RadauWorkspace *run, double h) {
     Stages *base = &run->base;
     run->factors_step = 0.0;
     evaluate_jacobian_parts(&run->form, run->t + base->tableau.nodes.at[1] * h, run->branch,
-                            row(base->stages, 1), row(base->rates, 1), run->jacobian);
-    const int code = factorize_stages(base, h, run->jacobian);
+                            row(base->stages, 1), row(base->rates, 1), base->jacobian);
+    const int code = factorize_stages(base, h, base->jacobian);
     if (code != NEW_PIVOTS) run->jacobians++;
     if (code == DONE) run->factors_step = h;
     return code;
@@ -192,8 +207,8 @@ void correct_stages(RadauWorkspace *run, double h) {
     for (int64_t i = 0; i < base->complex_change.size; i++)
         base->complex_change.at[i] = CMPLX(a[3] * r0.at[i] + a[4] * r1.at[i] + a[5] * r2.at[i],
                                            a[6] * r0.at[i] + a[7] * r1.at[i] + a[8] * r2.at[i]);
-    REDUCE_RIGHT(&base->reduction, run->form.n, base->real_change, base->right);
-    REDUCE_RIGHT(&base->reduction, run->form.n, base->complex_change, base->complex_right);
+    REDUCE_RIGHT(base, run->form.n, base->real_change, base->right);
+    REDUCE_RIGHT(base, run->form.n, base->complex_change, base->complex_right);
     solve(&base->real_solver, base->right);
     solve_complex(&base->complex_solver, base->complex_right);
     subtract_corrections(base, h);
@@ -206,37 +221,24 @@ double max_modulus(Complexes x, Reals weights) {
     return largest;
 }
 
-/* Return 1 if rounding errors of the residual explain corrections of a weighted size.
-
-   Rounding errors eps |q| of positions cause errors of up to eps |R_q| |q| of the residual R. In a
-   thin beam, these errors of axial and shear forces are large compared with the bending stiffness.
-   The resulting corrections of velocities are those of positions divided by the step, so that a
-   shorter step does not reduce them. Corrections of positions above `stagnation_limit` are not
-   accepted. */
-static int is_rounding(RadauWorkspace *run, double h, double size) {
-    Stages *base = &run->base;
-    const int64_t n = run->form.n;
-    const Reals weights = run->iteration_weights, positions = part(weights, 0, n);
-    const double real_size = max_norm(part(base->real_change, 0, n), positions);
-    if (largest_of(real_size, max_modulus(base->complex_change, positions)) >
-        run->stagnation_limit)
-        return 0;
-    fill(run->vector, 0.0);
-    scale(part(run->vector, 0, n), POSITION_ROUNDING, row(base->stages, 1));
-    fill(base->right, 0.0);
-    for (int64_t e = 0; e < run->entry_rows.size; e++)
-        base->right.at[run->entry_rows.at[e]] +=
-            fabs(run->jacobian.at[e] * run->vector.at[run->entry_columns.at[e]]);
-    solve(&base->real_solver, base->right);
-    EXPAND_SOLUTION(multiply_real, &base->reduction, n, real_eigenvalue(base) / h, base->right,
-                    run->error);
-    return size <= max_norm(part(run->error, 0, weights.size), weights);
+/* Largest residual of the laws of resultants in the stages, relative to the largest resultant. */
+static double law_error(const RadauWorkspace *run) {
+    const int64_t count = run->base.reduction.law_starts.size - 1;
+    double error = 0.0, largest = 0.0;
+    for (int i = 0; i < 3; i++) {
+        const Reals residual = row(run->stage_residuals, i), rates = row(run->base.rates, i);
+        for (int64_t k = residual.size - count; k < residual.size; k++) {
+            error = join_largest(error, fabs(residual.at[k]));
+            largest = join_largest(largest, fabs(rates.at[k]));
+        }
+    }
+    return largest > 0.0 ? error / largest : 0.0;
 }
 
 static int iterate_newton(RadauWorkspace *run, double h) {
     Stages *base = &run->base;
     const Reals weights = run->iteration_weights;
-    double previous = INFINITY, rate = FIRST_RATE, last_rate = 0.0;
+    double previous = INFINITY, rate = FIRST_RATE, last_law_error = INFINITY;
     for (int k = 0; k < MAX_ITERATIONS; k++) {
         run->iterations = k + 1;
         if (k > 0) set_stages(base, h);
@@ -245,6 +247,7 @@ static int iterate_newton(RadauWorkspace *run, double h) {
                               row(base->stages, i), row(base->rates, i),
                               row(run->stage_residuals, i));
         run->residuals += 3;
+        const double error = law_error(run);
         correct_stages(run, h);
         const double real_size = max_norm(part(base->real_change, 0, weights.size), weights);
         const double complex_size = max_modulus(base->complex_change, weights);
@@ -252,28 +255,39 @@ static int iterate_newton(RadauWorkspace *run, double h) {
         const double size = largest_of(real_size, complex_size);
         if (k > 0) {
             rate = previous > 0.0 ? size / previous : 0.0;
-            if (rate > STAGNATION_RATE) {
-                const int rounds = is_rounding(run, h, size);
-                if (rounds || size <= run->stagnation_limit) {
-                    /* Rounding errors do not indicate how fast the iteration converged. */
-                    run->rate = rounds ? last_rate : rate;
-                    return DONE;
-                }
+            if (rate > STAGNATION_RATE && size <= run->stagnation_limit) {
+                run->rate = rate;
+                return DONE;
             }
-            if (rate > (k == 1 ? MAX_SECOND_GROWTH : 1.0)) break;
+            if (rate > 1.0) break;
         }
-        if (rate < 1.0 && size * rate <= 1.0 - rate) {
+        /* The laws are quadratic functions of corrections, up to rounding errors. */
+        const int obeys = error * rate * rate <= LAW_TOLERANCE ||
+                          error > STAGNATION_RATE * last_law_error;
+        if (rate < 1.0 && size * rate <= 1.0 - rate && obeys) {
             run->rate = k > 0 ? rate : 0.0;
             return DONE;
         }
-        if (k > 0) last_rate = rate;
         previous = size;
+        last_law_error = error;
     }
     return NOT_CONVERGED;
 }
 
+/* At the start of an interval, set resultants to those of the positions and velocities: the values
+   of their laws, which are last in the residual, without them. */
+static void determine_resultants(RadauWorkspace *run) {
+    const Reals residual = row(run->stage_residuals, 0);
+    const int64_t count = run->base.reduction.law_starts.size - 1;
+    const Reals resultants = from(run->base.yp, residual.size - count);
+    fill(resultants, 0.0);
+    evaluate_residual(&run->form, run->t, run->branch, run->base.y, run->base.yp, residual);
+    copy(resultants, from(residual, residual.size - count));
+}
+
 /* Solve for the stages of a step h; `renew` requests new factors. */
 static int solve_stages(RadauWorkspace *run, double h, int renew) {
+    if (run->base.step_size.last_step == 0.0) determine_resultants(run);
     predict_stages(&run->base, h);
     set_stages(&run->base, h);
     minimum(from(run->iteration_weights, run->form.n), run->velocity_weights,
@@ -289,7 +303,7 @@ static int solve_stages(RadauWorkspace *run, double h, int renew) {
 
 /* Set `out` to a part of the matrix times a vector. */
 static void multiply_part(const RadauWorkspace *run, int power, Reals x, Reals out) {
-    const Reals values = jacobian_part(&run->base, run->jacobian, power);
+    const Reals values = jacobian_part(&run->base, run->base.jacobian, power);
     fill(out, 0.0);
     for (int64_t e = 0; e < values.size; e++)
         out.at[run->entry_rows.at[e]] += values.at[e] * x.at[run->entry_columns.at[e]];
@@ -326,7 +340,7 @@ static void estimate_error(RadauWorkspace *run, double h) {
     combine2(from(right, first), 1.0, from(run->constraint_errors, first), 1.0,
              from(run->product, first));
     solve(&base->real_solver, right);
-    EXPAND_SOLUTION(multiply_real, at, n, rate, right, run->error);
+    EXPAND_SOLUTION(multiply_real, base, n, rate, right, run->error);
     combine2(velocities, rate, right, -rate, difference);
     PICK(run->error.at, at->defined_velocities.at, velocities.at, at->defined.at, 0,
          at->defined.size);
@@ -367,9 +381,7 @@ static void accept_step(RadauWorkspace *run, double h, double error) {
         factor *= smallest_of(1.0, h / size->last_step *
                                        pow(size->last_error / error, ERROR_EXPONENT));
     factor = smallest_of(largest_of(factor, MIN_FACTOR), size->is_retry ? 1.0 : MAX_FACTOR);
-    if (run->rate < SLOW_RATE)
-        size->newton_limit = smallest_of(RECOVERY_FACTOR * size->newton_limit, size->longest);
-    const double candidate = smallest_of(factor * h, size->newton_limit);
+    const double candidate = smallest_of(factor * h, size->longest);
     const int keep = h <= candidate && candidate <= KEPT_GROWTH * h && can_reuse_factors(run, h);
     size->next_step = keep ? h : candidate;
     /* After a rejected attempt, its failure explains why the next step may be too small. */
@@ -420,7 +432,7 @@ int take_radau_steps(RadauWorkspace *run) {
             if (renew) {
                 run->rejections++;
                 run->failure_code = code;
-                size->next_step = size->newton_limit = FAILURE_FACTOR * h;
+                size->next_step = FAILURE_FACTOR * h;
                 size->is_retry = 1;
             }
             continue;

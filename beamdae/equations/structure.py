@@ -57,6 +57,9 @@ class ForceTerm:
     rows
         Operator that selects the multipliers on which the force depends; None if it depends on
         none.
+    resultants
+        Operator that selects the local coordinates that are resultants from those of all terms;
+        None if the kernel has none.
     """
 
     kernel: ForceKernel
@@ -65,6 +68,7 @@ class ForceTerm:
     data: slice
     count: int
     rows: sp.csr_array | None = None
+    resultants: sp.csr_array | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,6 +119,11 @@ class Structure:
     def smooth_forces(self) -> tuple[ForceTerm, ...]:
         """All forces but those with kinks over the motion, such as forces of contacts."""
         return tuple(x for x in self.forces if not x.kernel.has_kinks_over_motion)
+
+    @property
+    def resultant_count(self) -> int:
+        """Number of resultants of all forces, in mixed equations."""
+        return sum(x.count * x.kernel.resultants for x in self.forces)
 
     def __post_init__(self) -> None:
         terms = (*self.forces, *self.joints)

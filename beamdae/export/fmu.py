@@ -53,8 +53,7 @@ from beamdae.export.model_description import (
 )
 from beamdae.export.model_source import ExportedModel, Output, Value, write_model_source
 from beamdae.export.parameter_maps import map_numbers
-from beamdae.export.radau_settings import plan_radau
-from beamdae.export.trial_run import warn_of_fixed_steps, warn_of_trial_run
+from beamdae.export.preliminary_runs import plan_radau, warn_of_fixed_steps, warn_of_trial_run
 from beamdae.integrators.alpha.family import family_parameters
 from beamdae.integrators.alpha.generalized_alpha import GeneralizedAlpha
 from beamdae.integrators.alpha.stepper import AlphaStepper

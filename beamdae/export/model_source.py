@@ -11,11 +11,11 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
+import scipy.sparse as sp
 
 from beamdae.core.linear_solver import LinearSolver
 from beamdae.core.tables import Layout, Workspace
 from beamdae.equations.equations_of_motion import EquationsOfMotion, Observable, State
-from beamdae.equations.formulations.first_order import formulate_first_order
 from beamdae.equations.formulations.kinematic_reduction import reduce_kinematics
 from beamdae.equations.formulations.step_equations import formulate_step
 from beamdae.equations.formulations.sums import TIME_SIZE
@@ -34,11 +34,12 @@ from beamdae.export.c_code import (
     write_operations,
     write_point_kernel,
 )
-from beamdae.export.elimination_order import plan_elimination
 from beamdae.export.image import Image
 from beamdae.integrators.input_jumps import make_motion_buffers
-from beamdae.integrators.radau.stepper import STABILIZED_FORM
-from beamdae.linear.elimination import EliminationPlan
+from beamdae.integrators.radau.stepper import formulate_stages
+from beamdae.linear.elimination import N_EXTRA_ENTRIES, EliminationPlan, empty_plan
+from beamdae.linear.fixed_order import FixedOrder
+from beamdae.linear.orderings import has_many_couplings, order_along_band
 from beamdae.native.lane_code import LANE_WIDTH
 from beamdae.native.lane_kernels import rewrite
 from beamdae.symbolic.local_symbols import MATRIX_SHARED
@@ -268,7 +269,7 @@ class _SourceWriter:
     def _add_radau(self, table: SimpleNamespace, run: Workspace) -> tuple[Array, ...]:
         """Add the fields of `RadauTable`; return the arrays that determine the motion."""
         e = self._exported.equations
-        form = formulate_first_order(e, STABILIZED_FORM, apart=True)
+        form = formulate_stages(e)
         pattern, matrix, reduction = reduce_kinematics(form)
         order = plan_elimination(pattern, e.n, first=len(reduction.corrected), last=e.m)
         gaps = compile_surface_gaps(e)
@@ -276,6 +277,7 @@ class _SourceWriter:
         run.rows = run.rows[:3].copy()  # one step per call
         run.real_solver, run.complex_solver = (_make_solver(order, x) for x in (float, complex))
         table.run = run
+        table.zeros = np.zeros(form.size)
         table.start_rate = self._exported.start_rate
         table.residual_direction = self._direction(form.sums[0], 2 * form.size)
         table.gap_sum = self._sum(plan_gaps(gaps) if gaps else None)
@@ -391,3 +393,51 @@ def _output_kernel(observable: Observable, n_rows: int, columns: list[int]) -> K
     value = observable.function.express(time, q, v, data, lam)
     local = ca.vertcat(q, v, lam, data)
     return Kernel.of("output", time, local, [value[columns]])
+
+
+def plan_elimination(
+    pattern: sp.csc_array, n: int, first: int = 0, last: int = 0
+) -> EliminationPlan:
+    """Return the elimination of a matrix of n coordinates, followed by multipliers.
+
+    The next `first` unknowns after the coordinates are eliminated before them, and the last `last`
+    unknowns after all others.
+
+    Coordinates are eliminated first: their block, dominated by inertia, has suitable diagonal
+    pivots in all positions. The remaining block of the multipliers is then definite if the
+    constraints are independent. Pivots chosen for one position would fail in others.
+    """
+    size = pattern.shape[0]
+    ones = sp.csc_array((np.ones(pattern.nnz), pattern.indices, pattern.indptr), pattern.shape)
+    symmetric = sp.csr_array(ones + ones.T)
+    in_border = has_many_couplings(np.diff(symmetric.indptr)[:n])
+    path = order_along_band(symmetric)
+    is_coordinate = path < n
+    band = np.flatnonzero(~in_border)
+    wide = path[is_coordinate]
+    is_first, is_last = ~is_coordinate & (path < n + first), path >= size - last
+    order = np.concatenate(
+        [
+            path[is_first],
+            band[order_along_band(symmetric[band][:, band])],
+            wide[in_border[wide]],
+            path[~is_coordinate & ~is_first & ~is_last],
+            path[is_last],
+        ]
+    ).astype(int)
+    # Only entries on the diagonal of the multipliers may be missing; a zero is their source.
+    count = pattern.nnz + 1
+    numbers = sp.csc_array((np.arange(1, count), pattern.indices, pattern.indptr), pattern.shape)
+    whole = sp.csc_array(numbers + count * sp.eye_array(size, dtype=int, format="csc"))
+    whole.sort_indices()
+    plan, pivots = FixedOrder.of(whole, order), order.astype(np.uint32)
+    fields = plan._asdict() | {
+        "scale": np.ones(size),
+        "matrix_starts": pattern.indptr.astype(np.uint32),
+        "matrix_rows": pattern.indices.astype(np.uint32),
+        "n_entries": pattern.nnz + N_EXTRA_ENTRIES,
+        "rows": pivots,
+        "columns": pivots,
+        "sources": ((whole.data - 1) % count)[plan.sources].astype(np.uint32),
+    }
+    return empty_plan()._replace(**fields)

@@ -174,7 +174,7 @@ def _drive(
     solution = Solution(
         equations,
         trajectory,
-        _output_times(times, trajectory.end, status),
+        _output_times(times, trajectory.end),
         status,
         replace(
             run.methods.counts,
@@ -545,9 +545,9 @@ class _RunInProgress:
         return Stop(t, t, event=following) if following else None
 
 
-def _output_times(times: Array, end: float, status: Status) -> Array:
-    """Return the output times up to `end` [s], including `end` if an event stopped the run."""
+def _output_times(times: Array, end: float) -> Array:
+    """Return the output times up to `end` [s] of a run, which is the last of them."""
     times_until_end = times[times <= end * (1.0 + SAME_TIME)]
-    if status.success and end > times_until_end[-1] * (1.0 + SAME_TIME):
+    if end > times_until_end[-1] * (1.0 + SAME_TIME):
         times_until_end = np.append(times_until_end, end)
     return times_until_end

@@ -268,7 +268,7 @@ class StepHistory:
         """Drop the steps that end after time `t` [s], and make the last step end at `t`.
 
         `t` is in the interval that `tail` returned last, from which the rows of a last step up to
-        `t` are interpolated if no step ends there, see `_interpolate_balanced`; `starter` evaluates
+        `t` are interpolated if no step ends there, see `interpolate_balanced`; `starter` evaluates
         the equations. A jump at `t` is dropped, too: a run that continues there takes the sample
         again.
         """
@@ -288,7 +288,8 @@ class StepHistory:
             share = (nodes[1:] - nodes[0]) / (nodes[-1] - nodes[0])
             times = nodes[0] + share * (t - nodes[0])
             times[-1] = t
-            state = _interpolate_balanced(tail, times, nodes[-1] - nodes[0], starter)
+            steps = np.full(len(times), np.ptp(nodes))
+            state = interpolate_balanced(tail, times, steps, starter)
             rows = np.column_stack([times, *state])
             # Rounding errors would change the states of laws, which may be numbers of samples.
             is_constant = (step == step[0]).all(axis=0)
@@ -317,25 +318,25 @@ class StepHistory:
         return Interval(t[:, 0].copy(), State(*state), branch, rows_per_step)
 
 
-def _interpolate_balanced(
-    interval: Interval, times: Array, step: float, starter: StateEvaluator
+def interpolate_balanced(
+    interval: Interval, times: Array, steps: Array, evaluator: StateEvaluator
 ) -> State:
-    """Return states inside a step of this length [s] whose forces without kinks are interpolated.
+    """Return states at times (k,) [s], whose forces without kinks are interpolated.
 
-    Errors of interpolated positions, multiplied by the stiffness, would be the first forces of a
-    run that restarts there. One iteration of an implicit step h from these states removes them:
+    Errors of interpolated positions, multiplied by the stiffness, would be errors of forces. One
+    iteration of implicit steps of lengths h (k,) [s] from these states removes them:
     (K + C / h + M / h^2) dq is the difference of the forces.
     """
     nodes, weights = interval.force_weights_at(times)
     at_nodes = zip(*(x[nodes] for x in (interval.times, *interval.rows[:2])), strict=True)
-    forces = weights @ np.array([starter.smooth_force(*x) for x in at_nodes])
-    state, coefficients = interval.at(times, limited=True), (1.0, 1.0 / step, 1.0 / step**2)
-    rows = interval.with_branch(times), state.q, state.v, forces
-    for time, q, v, force in zip(*rows, strict=True):
-        missing = starter.equations.without_states(force - starter.smooth_force(time, q, v))
-        change, _ = starter.solve_saddle(time, q, v, missing, 0.0, coefficients)
+    forces = weights @ np.array([evaluator.smooth_force(*x) for x in at_nodes])
+    state = interval.at(times, limited=True)
+    rows = interval.with_branch(times), state.q, state.v, forces, steps
+    for time, q, v, force, h in zip(*rows, strict=True):
+        missing = evaluator.equations.without_states(force - evaluator.smooth_force(time, q, v))
+        change, _ = evaluator.solve_saddle(time, q, v, missing, 0.0, (1.0, 1.0 / h, 1.0 / h**2))
         q += change
-        v += change / step
+        v += change / h
     return state
 
 

@@ -71,15 +71,22 @@ def propose_plans(
     scale = _compute_row_scale(key, nonzeros)
     find = _cached_find_blocks if key.is_cached else _find_blocks
     blocks = find(key) if in_blocks else None
+    # Nothing is yielded inside `with`: an interrupt while a generator is closed there is lost.
+    plan = None
     if blocks is not None:
         with suppress(RuntimeError, np.linalg.LinAlgError):
             remainder = blocks.eliminate(scale[pattern.indices] * nonzeros)
-            yield _plan_blocks(key, blocks, remainder, scale)
+            plan = _plan_blocks(key, blocks, remainder, scale)
+    if plan is not None:
+        yield plan
+        plan = None
     # Without the largest pivots, a matrix may become singular by rounding.
     with suppress(RuntimeError):
         bordered = _choose_order(key)
         factors = factorize_in_order(_scale_matrix(bordered, nonzeros, scale))
-        yield _plan_pivots(key, key, bordered, factors, scale)
+        plan = _plan_pivots(key, key, bordered, factors, scale)
+    if plan is not None:
+        yield plan
     natural = _natural_order(key)
     try:
         factors = factorize_with_partial_pivoting(_scale_matrix(natural, nonzeros, scale))

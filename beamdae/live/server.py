@@ -24,7 +24,7 @@ from beamdae.errors import (
 )
 from beamdae.live.session import LiveSession
 from beamdae.model_functions import Model
-from beamdae.report.page.page_data import encode
+from beamdae.report.page.content import encode
 from beamdae.report.page.page_file import fill_template
 
 _HOST = "127.0.0.1"
@@ -37,7 +37,7 @@ _FRAME_HEIGHT = 720  # of the page in a notebook [pixels]
 DEFAULT_TIME_LIMIT = 10.0  # wall time of a run [s]
 
 _STYLES = ("page", "charts", "tables", "mechanism", "media", "live")
-_SCRIPTS = ("data", "numbers", "markers", "mechanism", "player", "live")
+_SCRIPTS = ("data", "markers", "mechanism", "live")
 _POLICY = (
     "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'; "
     "img-src data:; connect-src 'self'; base-uri 'none'; form-action 'none'"

@@ -1,4 +1,4 @@
-"""HTML pages of equilibria, modes, buckling, critical loads, periodic motions and responses."""
+"""HTML pages of equilibria, critical loads, modes, Campbell diagrams and linear models."""
 
 from __future__ import annotations
 
@@ -6,6 +6,13 @@ from typing import Any
 
 import numpy as np
 
+from beamdae.analysis.linear_dynamics.bode_diagram import (
+    Bode,
+    TransferFunction,
+    bode,
+)
+from beamdae.analysis.linear_dynamics.campbell_diagram import Campbell
+from beamdae.analysis.linear_dynamics.linear_model import LinearModel
 from beamdae.analysis.linear_dynamics.natural_modes import Modes
 from beamdae.analysis.statics.boundary import Boundary
 from beamdae.analysis.statics.imperfections import KnockDown
@@ -13,35 +20,46 @@ from beamdae.analysis.statics.linear_buckling import Buckling
 from beamdae.equations.measures import TIME
 from beamdae.errors import BeamdaeError, format_count
 from beamdae.report.descriptions import describe
-from beamdae.report.page.page_content import Content
-from beamdae.report.page.page_data import compute_row_limit, sample_evenly, select_curves
-from beamdae.report.page_parts import (
+from beamdae.report.page.content import (
     GROUP,
+    Content,
+    compute_row_limit,
     create_cases,
     describe_columns,
     describe_page,
     export_table,
     export_tables,
     fact_table,
+    sample_evenly,
+    select_curves,
     slider,
 )
-from beamdae.report.pictures.mode_shapes import export_modes
-from beamdae.report.pictures.path_plots import mark_rows
-from beamdae.report.run_page import build_run_page
-from beamdae.report.scene.frame_export import FRAMES_PER_PERIOD, export_frames, export_run_frames
-from beamdae.report.scene.mechanism_scene import build_scene
-from beamdae.report.scene.poses import CoordinatePoses, EnlargedPoses, Poses
-from beamdae.report.scene.run_scene import choose_scale
+from beamdae.report.pictures.analysis_plots import mark_rows
+from beamdae.report.pictures.mode_shapes import (
+    choose_frequency_limit,
+    describe_hidden_modes,
+    export_modes,
+    find_overdamped,
+)
+from beamdae.report.scene.mechanism_scene import CoordinatePoses, EnlargedPoses, build_scene
+from beamdae.report.scene.run_scene import (
+    choose_scale,
+    export_frames,
+)
+from beamdae.report.scene.scene import Poses
 from beamdae.results.columns import Header
 from beamdae.results.equilibrium import Equilibrium
-from beamdae.results.frequency_response import FrequencyResponse
-from beamdae.results.periodic_motion import PeriodicMotion
 
 Array = np.ndarray
 
 _LOAD_FACTOR = "load factor [-]"
 _MAX_FRAMES = 120
-_MAX_RESPONSE_MOTIONS = 25  # motions on the page of a response
+_MAX_MOTIONS = 120  # modes with a motion; others have none
+_FREQUENCY = "frequency [Hz]"
+_GROWTH_RATE = "growth rate [1/s]"
+_GUIDE_POINTS = 101
+_VIEW_MARGIN = 0.05  # of the frequencies shown first, relative to the largest one
+_MAX_VIBRATIONS, _MAX_DECAYS = 16, 8  # the slowest ones; growing ones are listed, too
 
 
 def build_path_page(equilibrium: Equilibrium, title: str) -> Content:
@@ -179,73 +197,184 @@ def build_critical_loads_page(result: Boundary | KnockDown, title: str) -> Conte
     )
 
 
-def build_periodic_page(motion: PeriodicMotion, title: str) -> Content:
-    """Return the page content of a periodic motion: one period as a run, and its stability."""
-    page = build_run_page(motion.solution, title, warnings=motion.warnings)
-    description = describe(motion)
-    facts = {"status": motion.status.sentence, **description.facts}
-    added = [fact_table("Periodic motion", facts), *export_tables(description)]
-    tables = [table for table in page["tables"] if table["title"] != "Observed"]
-    subtitle = f"{motion.status.sentence}; {motion.stability}"
-    return page | {"subtitle": subtitle, "tables": [*added, *tables]}
+def build_campbell_page(diagram: Campbell, title: str) -> Content:
+    """Return the page content of a Campbell diagram: one case per mode and speed.
 
-
-def build_response_page(response: FrequencyResponse, title: str) -> Content:
-    """Return the page content of a response curve: one case per periodic motion along the curve.
-
-    The scatter plot shows a half range over the parameter, with peaks marked and lines to unstable
-    motions dashed.
+    The scatter plot shows the frequencies over the speed, with the multiples of the speed as lines
+    and the resonances as marks.
     """
-    table, points, parameter = response.table(), response.points, response.parameter
-    observed = list(points[0].solution.columns) if points else []
-    amplitudes = {name: response.curve(name)[1] for name in observed}
-    lengths = [name for name in observed if Header.of(name).unit == "m"]
-    largest = max(lengths or observed, key=lambda name: amplitudes[name].max(), default=None)
-    peaks, description = response.peak_table(), describe(response)
-    moving = sample_evenly(len(points), _MAX_RESPONSE_MOTIONS)
-    max_rows = compute_row_limit(len(points) * len(observed))
+    import pandas as pd
+
+    order = np.argsort(diagram.speeds)
+    unit, key = diagram.speed_unit, f"speed [{diagram.speed_unit}]"
+    speeds = diagram.speeds[order] / diagram.speed_factor
+    frequencies, rates = diagram.frequencies[order], diagram.eigenvalues.real[order]
+    n_modes, n_speeds = frequencies.shape[1], len(speeds)
+    # Overdamped modes have no frequency.
+    frequencies = np.where(find_overdamped(diagram), np.nan, frequencies)
+    columns = {
+        key: np.tile(speeds, n_modes),
+        _FREQUENCY: frequencies.T.ravel(),
+        _GROWTH_RATE: rates.T.ravel(),
+    }
+    table = pd.DataFrame(columns)
+    frames = _export_frames(diagram, order.tolist())
+    places = [(i, k) for k in range(n_modes) for i in range(n_speeds)]
+    labels = [f"mode {k + 1} at {speeds[i]:.6g} {unit}" for i, k in places]
     motions = [
         {
-            "family": "stable" if point.stable else "unstable",
-            "at": [k],
-            "dashed": not point.stable,
-            "curves": select_curves({TIME: point.solution.t, **point.solution.columns}, max_rows),
-            "frames": export_run_frames(point.solution, FRAMES_PER_PERIOD) if k in moving else None,
+            "family": f"mode {k + 1}",
+            "series": f"mode {k + 1}",
+            "rank": i,
+            "at": [i, k],
+            "frames": x,
         }
-        for k, point in enumerate(points)
+        for i, k in places
+        for x in [frames.get((i, k))]
     ]
-    labels = [f"{parameter} = {x.parameter:.6g} {response.unit}".rstrip() for x in points]
+    resonances = describe(diagram).tables["Resonances"]
+    marks = resonances[[key, _FREQUENCY]].to_numpy(float).tolist()
+    guide = np.linspace(speeds[0], speeds[-1], _GUIDE_POINTS)
+    revolutions = np.abs(guide) * diagram.speed_factor / (2.0 * np.pi)  # per second
+    lines = [
+        {"label": f"{n}\u00d7", "x": guide.tolist(), "y": (n * revolutions).tolist()}
+        for n in diagram.multiples
+    ]
+    hidden, limit = describe_hidden_modes(diagram), choose_frequency_limit(diagram)
+    view = {"y": [-_VIEW_MARGIN * limit, (1.0 + _VIEW_MARGIN) * limit]}
     return describe_page(
         title,
-        f"periodic motions over {parameter}: {response.status.sentence}",
-        response.warnings,
-        [
-            fact_table("Response", {"status": response.status.sentence, **description.facts}),
-            *export_tables(description),
-        ],
-        noun="motions",
-        families=["stable", "unstable"],
+        f"{format_count(n_modes, 'mode')} at {format_count(n_speeds, 'speed')}"
+        + (f"; {hidden} above the range shown first, Reset shows all" if hidden else ""),
+        diagram.warnings,
+        [export_table("Resonances", resonances)],
+        time={"name": "phase", "unit": "periods"},
+        noun="modes",
         leads=True,
-        columns=describe_columns("motion", table, {parameter: response.unit}),
-        axes={"x": parameter, "y": largest and _half_range_column(largest)},
+        columns=describe_columns("mode", table),
+        axes={"x": key, "y": _FREQUENCY},
+        views={"scatter": view} if hidden else {},
         overlays=[
             {
-                "x": parameter,
-                "y": _half_range_column(str(name)),
-                "lines": [],
-                "marks": [
-                    {"label": f"{x:.4g}", "x": x, "y": y}
-                    for x, y in rows[[parameter, "half range"]].to_numpy().tolist()
-                ],
+                "x": key,
+                "y": _FREQUENCY,
+                "lines": lines,
+                "marks": [{"label": "", "x": x, "y": y} for x, y in marks],
             }
-            for name, rows in peaks.groupby("observed", sort=False)
         ],
-        sliders=[slider(parameter, [point.parameter for point in points], response.unit)],
-        cases=create_cases(table, labels, *motions, series="curve"),
+        sliders=[slider("speed", speeds.tolist(), unit), slider("mode", range(1, n_modes + 1))],
+        cases=create_cases(table, labels, *motions),
     )
 
 
-def _half_range_column(header: str) -> str:
-    """Return the name of the column of `FrequencyResponse.table` with the half ranges."""
-    name, _, unit = header.partition(" [")
-    return f"{name} half range [{unit}"
+def _export_frames(diagram: Campbell, order: list[int]) -> dict[tuple[int, int], Any]:
+    """Return one animation per mode at evenly sampled speeds, by position of speed and mode.
+
+    Shapes have the phase of the shape at the speed before.
+    """
+    n_modes = diagram.eigenvalues.shape[1]
+    frames: dict[tuple[int, int], Any] = {}
+    before: dict[int, Array] = {}
+    for i in sorted(sample_evenly(len(order), max(_MAX_MOTIONS // max(n_modes, 1), 2))):
+        modes = diagram.modes[order[i]]
+        numbers = _find_modes(modes, diagram.eigenvalues[order[i]])
+        phases = []
+        for k, number in enumerate(numbers):
+            product = np.vdot(modes.shapes[number], before.get(k, modes.shapes[number]))
+            phases.append(product / abs(product) if product else 1.0)
+            before[k] = phases[-1] * modes.shapes[number]
+        exported = export_modes(modes, numbers, phases)
+        frames |= {(i, k): x for k, x in enumerate(exported)}
+    return frames
+
+
+def _find_modes(modes: Modes, eigenvalues: Array) -> list[int]:
+    """Return the numbers of the modes with these eigenvalues; equal ones in ascending order."""
+    free = list(range(len(modes)))
+    numbers = []
+    for eigenvalue in eigenvalues:
+        numbers.append(min(free, key=lambda k: abs(modes.eigenvalues[k] - eigenvalue)))
+        free.remove(numbers[-1])
+    return numbers
+
+
+def build_linear_page(content: LinearModel | Bode, title: str) -> Content:
+    """Return the page content of a linear model: its poles and one case per transfer function.
+
+    The charts show magnitude and phase over the frequency (Bode diagram).
+    """
+    diagram = content if isinstance(content, Bode) else bode(content)
+    model, transfers = diagram.model, diagram.transfer_functions
+    poles = model.poles[model.poles.imag >= 0.0]
+    # Adding zero changes -0 to 0.
+    ratios = -poles.real / np.where(poles == 0.0, 1.0, np.abs(poles)) + 0.0
+    columns = np.stack([poles.imag / (2.0 * np.pi), ratios, poles.real + 0.0], axis=1)
+    is_decay = poles.imag == 0.0
+    is_listed = (~is_decay & (np.cumsum(~is_decay) <= _MAX_VIBRATIONS)) | (poles.real > 0.0)
+    is_listed |= is_decay & (np.cumsum(is_decay) <= _MAX_DECAYS)
+    listed = np.flatnonzero(is_listed).tolist()
+    rows = [[str(k + 1), *(f"{x:.6g}" for x in columns[k])] for k in listed]
+    facts = {
+        "about": model.about,
+        "size": f"{format_count(len(model.states), 'state')}, "
+        f"{format_count(len(model.inputs), 'input')}, "
+        f"{format_count(len(model.outputs), 'output')}",
+        "largest growth rate": f"{np.max(poles.real) + 0.0:.6g} 1/s" if len(poles) else "-",
+    }
+    if not is_listed.all():
+        fastest = np.max(np.abs(poles[~is_listed]))
+        facts["not listed"] = f"{np.sum(~is_listed)} poles, up to |p| = {fastest:.4g} 1/s"
+    values = [
+        [x.name, x.unit, "output", f"{y:.6g}"]
+        for x, y in zip(model.outputs, model.output_values, strict=True)
+    ]
+    quantities = [*([x.name, x.unit, "input", "-"] for x in model.inputs), *values]
+    import pandas as pd
+
+    largest = [int(np.argmax(np.abs(x.response))) for x in transfers]
+    table = pd.DataFrame(
+        {
+            "largest magnitude": [
+                float(np.abs(x.response[k])) for x, k in zip(transfers, largest, strict=True)
+            ],
+            "at frequency [Hz]": diagram.frequencies[largest],
+        }
+    )
+    curves = [
+        {"family": model.inputs[x.input].name, "curves": _select_response(diagram, x)}
+        for x in transfers
+    ]
+    return describe_page(
+        title,
+        f"{facts['size']}, {format_count(len(transfers), 'transfer function')}",
+        diagram.warnings,
+        [
+            fact_table("Linear model", facts),
+            {
+                "title": "Poles",
+                "head": ["pole", "frequency [Hz]", "damping ratio [-]", "growth rate [1/s]"],
+                "rows": rows,
+            },
+            {
+                "title": "Inputs and outputs",
+                "head": ["name", "unit", "kind", "value at the state"],
+                "rows": quantities,
+            },
+        ],
+        time={"name": "frequency", "unit": "Hz", "log": True},
+        noun="transfer functions",
+        axes=None,
+        columns=describe_columns("output / input", table),
+        cases=create_cases(table, [x.name for x in transfers], *curves),
+    )
+
+
+def _select_response(diagram: Bode, x: TransferFunction) -> dict[str, Any] | None:
+    """Return the curves of a transfer function; None if it is zero but for rounding errors."""
+    if x.is_noise:
+        return None
+    return {
+        "t": diagram.frequencies,
+        "magnitude": {f"magnitude [{x.unit}]": np.abs(x.response)},
+        "phase": {"phase [deg]": x.phase},
+    }

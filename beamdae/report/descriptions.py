@@ -10,7 +10,7 @@ import numpy as np
 
 from beamdae.errors import format_count, format_distinct
 from beamdae.model_parameters import format_with_unit
-from beamdae.report.terminal.text_tables import (
+from beamdae.report.tables import (
     ERROR_DIGITS,
     ERROR_HEADER,
     column_extremes,

@@ -1,6 +1,17 @@
-"""Conversion of arbitrary text to a form that terminals, figures and pages can display."""
+"""Texts that terminals, figures and pages can display: printable characters and units."""
 
 from __future__ import annotations
+
+import math
+import re
+
+SUPERSCRIPTS = str.maketrans("-\N{MINUS SIGN}0123456789", "⁻⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+# Axes show values of 1e4 and more, and below 1e-2, in multiples of 1000 of their unit. Pages follow
+# the same rule, see page/script/data.js.
+_SMALL, _LARGE = -3, 4  # exponents of ten
+_PREFIXES = {-9: "n", -6: "µ", -3: "m", 3: "k", 6: "M", 9: "G"}
+_PREFIXED_UNIT = re.compile(r"(Pa|N|J|W|Hz|V|A)(?=$|[ /*·])")
+_REDUCED_UNIT = re.compile(r"(m|rad|s)(?=$|[ /*·])")  # no usual prefix enlarges these
 
 
 def make_printable(text: str) -> str:
@@ -25,3 +36,20 @@ def _escape(character: str) -> str:
     if character.isprintable():
         return character
     return " " if character.isspace() else character.encode("unicode_escape").decode()
+
+
+def engineering_order(largest: float) -> int:
+    """Return the power of ten, a multiple of 3, by which axes up to `largest` divide values."""
+    if not 0.0 < largest < math.inf:
+        return 0
+    exponent = math.floor(math.log10(largest) + 1e-9)
+    return 3 * (exponent // 3) if exponent >= _LARGE or exponent <= _SMALL else 0
+
+
+def scale_unit(unit: str, order: int) -> str:
+    """Return the unit of values that are divided by ten to the power `order`."""
+    is_reduced = order < 0 and _REDUCED_UNIT.match(unit)
+    if order in _PREFIXES and (is_reduced or _PREFIXED_UNIT.match(unit)):
+        return _PREFIXES[order] + unit
+    power = f"10{str(order).translate(SUPERSCRIPTS)}" if order else ""
+    return f"{power} {'' if order and unit == '-' else unit}".strip()

@@ -42,6 +42,6 @@ from ..results.section_forces.section_forces import SectionForces as SectionForc
 from ..results.solution import Solution as Solution
 from ..results.step_response import StepResponse as StepResponse
 from ..results.storage.saved_run import SavedRun as SavedRun
-from ..studies import Study as Study
-from ..studies import Sweep as Sweep
-from ..studies import SweepResults as SweepResults
+from ..studies.definition import Study as Study
+from ..studies.sweeps.sweep import Sweep as Sweep
+from ..studies.sweeps.sweep_results import SweepResults as SweepResults

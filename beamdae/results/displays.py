@@ -141,7 +141,7 @@ class HasPage:
         BeamdaeError
             If the file cannot be written.
         """
-        return deferred.module("report.result_pages").write_analysis_page(
+        return deferred.module("report.result_displays").write_analysis_page(
             self, require_file_path("page", path)
         )
 
@@ -159,7 +159,7 @@ class HasModeShapes(HasTable, HasPage):
         BeamdaeError
             If there are no modes, or no mechanism with parts that can be drawn.
         """
-        return deferred.module("report.pictures.result_figures").draw_result(self)
+        return deferred.module("report.result_displays").draw_result(self)
 
     def animate(
         self, mode: int, path: str | Path | None = None, frames: int = 32

@@ -355,7 +355,7 @@ class Equilibrium(HasColumns, HasPage):
         BeamdaeError
             If a name selects no column, or `x` selects several columns.
         """
-        return deferred.module("report.pictures.result_figures").draw_result(self, *names, x=x)
+        return deferred.module("report.result_displays").draw_result(self, *names, x=x)
 
     def coordinate_columns(self) -> dict[str, Array]:
         """Return the columns of `coordinates`, one value per point of the path, by header."""

@@ -195,7 +195,7 @@ class FrequencyResponse(HasTable, HasPage):
         BeamdaeError
             If no observed column has this name.
         """
-        return deferred.module("report.pictures.result_figures").draw_result(self, column, x=x)
+        return deferred.module("report.result_displays").draw_result(self, column, x=x)
 
     @property
     def folds(self) -> list[float]:

@@ -110,7 +110,7 @@ class Solution(RunData, TimeSeries, HasPage):
         )
 
     def _repr_html_(self) -> str:
-        return deferred.module("report.run_summary").summarize_as_html(self)
+        return deferred.module("report.summaries").summarize_as_html(self)
 
     @property
     def observed(self) -> pd.DataFrame:
@@ -341,7 +341,7 @@ class Solution(RunData, TimeSeries, HasPage):
             If an argument is invalid, the run has no mechanism, the color quantity or a traced
             point does not exist, ffmpeg is required but missing, or the file cannot be written.
         """
-        return deferred.module("report.pictures.run_animation").animate(
+        return deferred.module("report.pictures.animations").animate(
             self, path, speed, frames, color, trail, scale
         )
 

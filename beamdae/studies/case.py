@@ -27,8 +27,8 @@ from beamdae.read_only import ReadOnlyDict, copy_containers
 from beamdae.results.solution import Solution
 from beamdae.results.storage.files import versions
 from beamdae.simulation import simulate
-from beamdae.studies.store.file_hashes import digest_file, digest_package
-from beamdae.studies.store.fingerprints import FingerprintError, digest
+from beamdae.studies.file_reads import digest_file, digest_package
+from beamdae.studies.fingerprints import FingerprintError, digest
 
 FINGERPRINT_LENGTH = 20  # hexadecimal digits: 80 bits
 _LABEL_HASH_LENGTH = 6

@@ -29,8 +29,7 @@ from beamdae.results.outcome import Status
 from beamdae.results.solution import Solution
 from beamdae.studies.case import Case
 from beamdae.studies.case_table import assemble_case_table, tabulate_case
-from beamdae.studies.deviations import RELATIVE_TIME_TOLERANCE, select_error_columns
-from beamdae.studies.references import Reference
+from beamdae.studies.references import RELATIVE_TIME_TOLERANCE, Reference, select_error_columns
 from beamdae.studies.run_values import collect_rows, collect_run_values
 from beamdae.studies.tasks import NOT_RUN, Outcome, describe_exception
 

@@ -15,10 +15,10 @@ from beamdae.errors import BeamdaeError, as_real, require_progress
 from beamdae.interrupts import Interrupted, attach_partial
 from beamdae.model_functions import Model
 from beamdae.studies.case import Case
-from beamdae.studies.execution.executors import SerialPool, create_executor
-from beamdae.studies.execution.study_run import StudyResults, run_study
+from beamdae.studies.executors import SerialPool, create_executor
+from beamdae.studies.fingerprints import FingerprintError, digest
 from beamdae.studies.run_values import format_output_column
-from beamdae.studies.store.fingerprints import FingerprintError, digest
+from beamdae.studies.study_run import StudyResults, run_study
 from beamdae.studies.sweeps.sweep import Sweep, require_folder
 
 Array = np.ndarray

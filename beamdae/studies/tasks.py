@@ -1,12 +1,13 @@
-"""Tasks of a study: cases with a time limit, their outcomes, and transfer to other processes."""
+"""Tasks of a study: cases with a time limit, their outcomes, and the progress of a study."""
 
 from __future__ import annotations
 
 import copyreg
 import re
 import sys
+import time as clock
 import unicodedata
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import _lru_cache_wrapper, cached_property, lru_cache
 from pathlib import Path
@@ -15,15 +16,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from beamdae.equations.measures import TIME
-from beamdae.errors import format_exception, short_repr
+from beamdae.errors import call_progress, format_exception, short_repr
 from beamdae.function_pickler import pickle_with_functions
 from beamdae.read_only import read_only_data
 from beamdae.results.outcome import REACHED_END, Status
-from beamdae.results.storage.reader import ContentError, FileKind, read_bytes
+from beamdae.results.storage.documents import ContentError, FileKind, read_bytes
 from beamdae.studies.case import Case
 
 if TYPE_CHECKING:
     import pandas as pd
+
 
 Array = np.ndarray
 
@@ -219,4 +221,71 @@ def _reduce_cached_function(function: _lru_cache_wrapper[Any]) -> Any:
 # Neither can be pickled: in CPython 3.11, a cached property contains a lock, and a cached function
 # contains its cache.
 copyreg.pickle(cached_property, lambda x: (_create_cached_property, (x.func, x.attrname)))
+
+
 copyreg.pickle(_lru_cache_wrapper, _reduce_cached_function)
+
+
+@dataclass(frozen=True)
+class StudyProgress:
+    """Progress of a study.
+
+    Attributes
+    ----------
+    total
+        Number of runs, including references.
+    done
+        Number of runs that have ended or were stored before.
+    failed
+        Number of runs in `done` that were not successful.
+    stored
+        Number of runs whose outcome was already stored in the results folder.
+    running
+        Number of runs in progress, assuming that no worker is idle.
+    last_label
+        Label of the run that ended last; "" at the start.
+    remaining_time
+        Estimated remaining time [s]; None until a run has ended.
+    """
+
+    total: int
+    done: int
+    failed: int
+    stored: int
+    running: int
+    last_label: str
+    remaining_time: float | None = None
+
+
+def count_runs(
+    tasks: Sequence[Task],
+    outcomes: Mapping[str, Outcome],
+    workers: int,
+    progress: Callable[[StudyProgress], None] | None,
+) -> Callable[..., None]:
+    """Return a function that reports the progress after a run.
+
+    Its arguments are the label and the outcome of the run, or "" at the start.
+
+    `outcomes` are those by key of the task, to which the caller adds.
+    """
+    start, stored = clock.monotonic(), len(outcomes)
+    failed = sum(not outcome.status.success for outcome in outcomes.values())
+
+    def report(last_label: str, outcome: Outcome | None = None) -> None:
+        nonlocal failed
+        failed += outcome is not None and not outcome.status.success
+        if progress is None:
+            return
+        missing, ended = len(tasks) - len(outcomes), len(outcomes) - stored
+        elapsed = clock.monotonic() - start
+        remaining = 0.0 if not missing else elapsed * missing / ended if ended else None
+        running = min(workers, missing)
+        call_progress(
+            progress,
+            StudyProgress(
+                len(tasks), len(outcomes), failed, stored, running, last_label, remaining
+            ),
+        )
+
+    return report

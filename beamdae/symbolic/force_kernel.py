@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Container, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -101,6 +101,13 @@ class ForceKernel:
         Points whose forces are the whole force; empty if the force has another form.
     compliant
         Form of the force whose stiff parts are constraints with compliance, or None.
+    mix
+        Function that returns the kernel of the same force with resultants as unknowns, or None; see
+        `mixed`.
+    resultants
+        Number of resultants r, which are the last coordinates. The last forces are g(q, v) - r, by
+        the laws r = g of the resultants; the derivatives of the other forces with respect to the
+        other coordinates include those through the laws.
     """
 
     local: Local
@@ -111,10 +118,34 @@ class ForceKernel:
     table_calls: tuple[TableCall, ...] = ()
     points: tuple[ForceAtPoint, ...] = field(default=(), repr=False)
     compliant: CompliantForm | None = field(default=None, repr=False)
+    mix: Callable[[], ForceKernel] | None = field(default=None, repr=False)
+    resultants: int = 0
     _tangents: dict[Tangents, Kernel] = field(default_factory=dict, init=False, repr=False)
     _tangent_functions: dict[tuple[int, ...], ca.Function] = field(
         default_factory=dict, init=False, repr=False
     )
+
+    @cached_property
+    def mixed(self) -> ForceKernel:
+        """Kernel of the same force with resultants as unknowns; this kernel if it has none."""
+        if self.mix is not None:
+            return self.mix()
+        counts = [point.kernel.mixed.resultants for point in self.points]
+        total, old = sum(counts), self.local
+        if not total:
+            return self
+        local, eye = Local(old.size + total, old.n_data), ca.DM.eye(total)
+        own = ca.vertsplit(eye, [0, *np.cumsum(counts).tolist()])
+        points = [
+            ForceAtPoint(
+                ca.diagcat(point.differences, eye),
+                ca.diagcat(point.weights, rows),
+                point.kernel.mixed,
+                ca.substitute(point.data, old.data, local.data),
+            )
+            for point, rows in zip(self.points, own, strict=True)
+        ]
+        return replace(ForceKernel.of_points(local, points), resultants=total)
 
     @property
     def inputs(self) -> list[SX]:
@@ -333,7 +364,11 @@ class ForceKernel:
         if self.points:
             return total
         symbols = {STIFFNESS: x.q, DAMPING: x.v, MASS: x.a}
-        return sum((c * ca.jacobian(self.force, symbols[k]) for k, c in factors.items()), total)
+        total = sum((c * ca.jacobian(self.force, symbols[k]) for k, c in factors.items()), total)
+        size = x.size - self.resultants
+        by_resultants = ca.jacobian(self.force[:size], x.q[size:])
+        total[:size, :size] += by_resultants @ total[size:, :size]
+        return total
 
     def _tangent_function(self, terms: tuple[int, ...]) -> ca.Function:
         """Return the function of (factors of `terms`, time, q, v, a, data) for their sum."""
@@ -374,6 +409,27 @@ class ForceKernel:
                 )
             )
         return PointSum(tuple(terms), 3, self.local.n_data)
+
+
+def mix_law(
+    local: Local, deformation: SX, law: SX, count: int, rest: SX | None = None
+) -> ForceKernel:
+    """Return the kernel of a law of deformations whose first `count` forces are unknowns.
+
+    The force is J^T law + `rest`, with the Jacobian J of the deformation. Computed from
+    deformations, stiff forces would be wrong after every correction of Newton's method that turns
+    them; as unknowns, they are as accurate as the reactions of joints.
+    """
+    mixed, resultants = Local(local.size + count, local.n_data), SX.sym("resultants", count)
+    stiff, others = ca.vertsplit(law, [0, count, law.numel()])
+    forces = ca.vertcat(resultants, others)
+    force = ca.jtimes(deformation, local.q, forces, True) + (0 if rest is None else rest)
+    old = local.time, ca.vertcat(local.q, resultants), local.v, local.data
+    new = mixed.time, mixed.q, mixed.v[: local.size], mixed.data
+    (force,) = ca.substitute(
+        [ca.vertcat(force, stiff - resultants)], [ca.vertcat(*old)], [ca.vertcat(*new)]
+    )
+    return ForceKernel(mixed, force, resultants=count)
 
 
 class CompliantForm(NamedTuple):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from hub_beam import hub_beam
-from mechanisms import beam_pendulum, clamped_beam, free_ball, rectangle
+from mechanisms import beam_pendulum, cantilever, clamped_beam, free_ball, rectangle
 from quick_return import quick_return
 
 import beamdae as bd
@@ -167,3 +167,11 @@ def test_another_method_shows_errors_of_steps_only():
     assert compared.largest < 0.01
     with pytest.raises(bd.BeamdaeError, match="solution must be a Solution of a run, got 1"):
         bd.verify(1)
+
+
+def test_beams_that_keep_their_mesh_are_named_in_the_table():
+    floating_frame = type(cantilever(2).parts["beam"].kinematics)
+    mech = cantilever(2, load=(0.0, -1.0), kinematics=floating_frame)
+    run = bd.simulate(mech, bd.Radau(), 0.01)
+    (status,) = set(run.errors.table()["status"])
+    assert status == "measured; beam is not refined: its kinematics are custom ones"

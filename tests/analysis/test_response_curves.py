@@ -13,7 +13,7 @@ import beamdae as bd
 from beamdae.accuracy.errors import Errors
 from beamdae.analysis.periodic.monodromy import LinearizationError
 from beamdae.analysis.periodic.period_map import PeriodRun
-from beamdae.report.pictures.path_plots import create_response_figure
+from beamdae.report.pictures.analysis_plots import create_response_figure
 from beamdae.results.frequency_response import FrequencyResponse, ResponsePoint
 from beamdae.results.outcome import Status
 from beamdae.results.step_extremes import ColumnRange

@@ -10,7 +10,7 @@ from mechanisms import mass_on_rail
 import beamdae as bd
 from beamdae.analysis.sensitivities import differentiable_run as implementation
 from beamdae.report.pictures.figures import characteristic_columns
-from beamdae.report.run_page import build_run_page
+from beamdae.report.run_pages import build_run_page
 from beamdae.results.columns import Header
 
 HEADER = "d(mass.x)/d(stiffness) [m per unit of stiffness]"

@@ -16,7 +16,7 @@ from terminals import process
 
 import beamdae as bd
 from beamdae.live import session as live_session
-from beamdae.live.controls import create_controls
+from beamdae.live.session import create_controls
 
 
 @bd.model(t_end=0.2)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from benchmarks.mechanisms import slider_on_rod
+from benchmarks.mechanism_cases import slider_on_rod
 from mechanisms import EARTH
 from numpy.testing import assert_allclose
 

@@ -11,15 +11,14 @@ from pages import find_violations, tool_buttons, visible_labels, visible_ranges
 
 import beamdae as bd
 from beamdae.report.analysis_pages import (
+    build_campbell_page,
     build_critical_loads_page,
+    build_linear_page,
     build_modes_page,
     build_path_page,
-    build_periodic_page,
-    build_response_page,
 )
-from beamdae.report.campbell_page import build_campbell_page
-from beamdae.report.linear_page import build_linear_page
 from beamdae.report.pictures.mode_shapes import create_campbell_figure
+from beamdae.report.run_pages import build_periodic_page, build_response_page
 from beamdae.results.frequency_response import FrequencyResponse, ResponsePoint
 from beamdae.results.outcome import Status
 

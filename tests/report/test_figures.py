@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 import beamdae as bd
 from beamdae.report.pictures import figures, time_plots
 from beamdae.report.pictures.tick_labels import format_ticks
-from beamdae.studies import study_pictures
+from beamdae.studies import study_page
 from beamdae.studies.references import Reference
 
 T = np.linspace(0.0, 1.0, 11)
@@ -212,7 +212,7 @@ def figure_of():
     """Return a function that draws a plot of a study."""
 
     def draw(results, name):
-        return study_pictures.list_plots(results)[f"{name}.png"]()
+        return study_page.list_plots(results)[f"{name}.png"]()
 
     return draw
 
@@ -229,9 +229,9 @@ NOTHING = {
 @pytest.mark.parametrize("rows", NOTHING.values(), ids=NOTHING)
 def test_a_study_without_data_has_no_plots(tmp_path, rows):
     rows = [{"elements": n} | row for n in (4, 8) for row in rows]
-    assert study_pictures.list_plots(study(tmp_path, rows))["work_precision.png"]() is None
+    assert study_page.list_plots(study(tmp_path, rows))["work_precision.png"]() is None
     if "wall time [s]" not in rows[0]:
-        plots = study_pictures.list_plots(study(tmp_path, rows, "elements"))
+        plots = study_page.list_plots(study(tmp_path, rows, "elements"))
         assert plots["mesh_convergence.png"]() is None
 
 

@@ -8,8 +8,8 @@ import pandas as pd
 import pytest
 from rich.console import Console
 
-from beamdae.report.terminal import text_tables as terminal
-from beamdae.report.terminal.responsive_table import FactList, ResponsiveTable
+from beamdae.report import tables as terminal
+from beamdae.report.tables import FactList, ResponsiveTable
 
 WIDTHS = (40, 60, 80, 100, 120, 10_000)
 LABELS = ("Ida(rtol=0.0001)", "GeneralizedAlpha(step=0.001)", "Radau(rtol=1e-05)")

@@ -4,6 +4,7 @@ import csv
 import errno
 import json
 import os
+import platform
 import stat
 import subprocess
 import sys
@@ -93,6 +94,23 @@ def test_an_interrupt_keeps_the_old_file_and_is_raised_again(tmp_path, monkeypat
     with pytest.raises(KeyboardInterrupt):
         writer(tmp_path)
     assert read_folder(tmp_path) == {}
+
+
+def test_scratch_files_of_killed_processes_are_removed_by_the_next_one(tmp_path):
+    ended = subprocess.Popen([sys.executable, "-S", "-E", "-c", ""])
+    ended.wait()
+    node = platform.node()
+    names = {
+        f".{ended.pid}@{node}@aaaaaaaa.scratch": False,
+        f".{ended.pid}@{node}@dddddddd.scratch.gif": False,
+        f".{os.getpid()}@{node}@bbbbbbbb.scratch": True,
+        f".{ended.pid}@elsewhere@cccccccc.scratch": True,
+        f".{ended.pid}.scratch": True,
+    }
+    for name in names:
+        (tmp_path / name).write_text("half")
+    write_text(tmp_path / "file.txt", "new")
+    assert {name: (tmp_path / name).exists() for name in names} == names
 
 
 def test_a_block_that_fails_keeps_the_old_file(tmp_path):

@@ -1,12 +1,14 @@
-"""Methods of public result classes: one law, all classes."""
+"""Methods, representations and read-only data of results."""
 
 import dataclasses
 import inspect
+import re
 
 import numpy as np
 import pandas as pd
 import pytest
-from mechanisms import mass_on_rail
+from handed_out import RESULTS, STRIP, list_changes, run
+from mechanisms import clamped_beam, mass_on_rail, rectangle
 
 import beamdae as bd
 
@@ -35,9 +37,13 @@ METHODS = {
     "StabilityMargins": set(),
     "SweepResults": {"plot", "page"},
 }
+
+
 # Results without warnings: quantities of another result.
 WITHOUT_WARNINGS = {"Errors", "SectionForces"}
 OTHER_RESULTS = {"Check", "ExportedFmu", "Gradient"}
+
+
 NAMES = {"table", "to_csv", "plot", "page"}
 
 
@@ -172,3 +178,120 @@ def test_the_page_of_a_saved_run_needs_its_model(results, disk, tmp_path):
     with pytest.raises(bd.BeamdaeError, match="page needs the equations"):
         bd.load(path).page(tmp_path / "page.html")
     assert bd.load(path, disk).page(tmp_path / "page.html").stat().st_size > 10_000
+
+
+THIN_STRIP = rectangle(0.004, damping=1e-3, material=bd.Material(E=2e9, nu=0.3, rho=1200.0))
+
+
+def clamped(weight=9.81):
+    mech, beam = clamped_beam(THIN_STRIP, 1, 0.3, name="strip", gravity=weight)
+    mech.add(bd.Force("push", beam.end, (0.0, bd.sine(0.01, 2.0)), axes="body"))
+    mech.observe("tip", beam.end)
+    return mech
+
+
+REPRESENTED = {
+    "solution": (lambda: bd.simulate(clamped(), bd.Radau(1e-3), 0.01), r"Solution by Radau.*tip"),
+    "mechanism": (clamped, r"Mechanism of 3 parts: strip, clamp, push"),
+    "check": (lambda: bd.check(clamped()), r"Check of mechanism: .*; ready to run"),
+    "equilibrium": (lambda: bd.equilibrium(clamped()), r"Equilibrium: ok.*load factor 1"),
+    "modes": (lambda: bd.modes(clamped(), n=2), r"Modes about reference: 2, [\d.]+ Hz, [\d.]+ Hz"),
+    "many modes": (
+        lambda: bd.modes(clamped(), n=6),
+        r"Modes about reference: 6, .* Hz, .*, \.\.\.",
+    ),
+    "campbell": (
+        lambda: bd.campbell(clamped(weight=0.0), [0.0, 5.0], 2),
+        r"Campbell: 2 modes at 2 speeds, 0 to 5 rad/s",
+    ),
+    "linear model": (
+        lambda: bd.linearize(clamped(), inputs=["push"], outputs=["tip"]),
+        r"LinearModel about .*inputs: push\.Fx, push\.Fy; outputs: tip\.x, tip\.y, ",
+    ),
+    "periodic": (lambda: bd.periodic(clamped(), 0.5), r"PeriodicMotion: period 0\.5 s, ok, stable"),
+    "section forces": (
+        lambda: bd.simulate(clamped(), bd.Radau(1e-3), 0.01).section_forces("strip"),
+        r"SectionForces of strip: \d+ sections at 1001 times, 0 to 0\.01 s",
+    ),
+}
+
+
+@pytest.mark.parametrize(("make", "pattern"), REPRESENTED.values(), ids=REPRESENTED)
+def test_results_are_printed_as_one_short_line(make, pattern):
+    text = repr(make())
+    assert len(text) < 250
+    assert text.isprintable()
+    assert re.match(rf"<{pattern}.*>$", text)
+
+
+def test_long_mechanisms_and_beams_are_abbreviated():
+    mech = bd.Mechanism()
+    assert repr(mech) == "<Mechanism of 0 parts>"
+    for k in range(1000):
+        mech.add(bd.PointMass(f"ball {k}", 1.0, at=(0.1 * k, 0.0)))
+    assert re.match(r"<Mechanism of 1000 parts: ball 0, .*ball 5, \.\.\.>$", repr(mech))
+    beam = bd.Beam("strip", bd.Line((0.0, 0.0), (0.3, 0.0)), THIN_STRIP, elements=2)
+    assert repr(beam) == "Beam(name='strip', 0.3 m in 2 elements)"
+
+
+def test_a_check_is_displayed_as_a_table():
+    page = bd.check(clamped())._repr_html_()
+    assert "ready to run" in page
+    assert page.count("<tr>") == len(str(bd.check(clamped())).splitlines()) - 1
+
+
+def test_regression_decaying_modes_are_no_vibrations_of_zero_hertz():
+    """An overdamped axial mode of a leaf spring was shown as 0 Hz beside vibrations."""
+    mech, _mass = mass_on_rail(x=1.0, spring=(100.0, 50.0))
+    assert repr(bd.modes(mech)) == "<Modes about reference: 2, decay, decay>"
+
+
+@pytest.mark.slow(reason="half a second")
+@pytest.mark.parametrize("name", list(RESULTS))
+def test_writing_into_everything_handed_out_changes_nothing(name, tmp_path):
+    with np.errstate(all="ignore"):
+        assert list_changes(RESULTS[name](tmp_path)) == []
+
+
+def test_arrays_of_runs_reject_writing():
+    solution = run()
+    for name in ("q", "v", "a", "lam", "t", "times"):
+        with pytest.raises(ValueError, match="read-only"):
+            getattr(solution, name)[...] = 0.0
+    with pytest.raises(bd.BeamdaeError, match="it is read-only; change a copy"):
+        solution.integrator["rtol"] = 1.0
+
+
+def test_parameters_are_copied():
+    """Neither the caller's list nor the function changes the defaults of a model."""
+    points = [0.0, 1.0]
+
+    def bar(at=points):
+        mech = bd.Mechanism()
+        mech.add(bd.PointMass("bob", 1.0, at=tuple(at)))
+        at.append("changed by the function")
+        return mech
+
+    model = bd.model(t_end=1.0)(bar)
+    points[0] = 5.0
+    for _ in range(2):
+        mech = model()
+        assert mech.parts["bob"].at == (0.0, 1.0)
+        assert mech.origin.parameters == {"at": [0.0, 1.0]}
+    given = [2.0, 3.0]
+    case = bd.Case(model, {"at": given})
+    given[0] = 7.0
+    assert case.parameters == {"at": [2.0, 3.0]}
+
+
+def test_laws_keep_the_values_that_they_had_in_the_run():
+    """Section forces are recovered after the run, from the same loads."""
+    factors = np.array([1.0])
+    mech, beam = clamped_beam(STRIP, 2, name="arm")
+    mech.add(bd.Force("push", beam.at(0.5), (0.0, lambda t: factors[0] * t)))
+    solution = bd.simulate(mech, bd.Radau(1e-3), t_end=0.01, output_step=0.005)
+    before = solution.section_forces("arm").M
+    factors[0] = 1000.0
+    mech.add(bd.Force("late", beam.end, (0.0, 1.0)))
+    assert (before == solution.section_forces("arm").M).all()
+    assert np.abs(before).max() > 0.0

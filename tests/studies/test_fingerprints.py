@@ -18,9 +18,9 @@ from study_runs import LocalPool, ModelFile, SerialPool, run_study
 
 import beamdae as bd
 from beamdae.studies import case as case_module
-from beamdae.studies.store.file_hashes import digest_package
-from beamdae.studies.store.fingerprints import digest
-from beamdae.studies.store.store import Store
+from beamdae.studies.file_reads import digest_package
+from beamdae.studies.fingerprints import digest
+from beamdae.studies.store import Store
 
 BODY = """
 @bd.model(t_end=0.01{data})
@@ -353,7 +353,7 @@ def test_fingerprints_are_the_same_in_every_process():
     code = (
         "import sys; sys.path[:0] = ['tests', 'tests/studies']\n"
         "import test_fingerprints as t, beamdae as bd\n"
-        "from beamdae.studies.store.fingerprints import digest\n"
+        "from beamdae.studies.fingerprints import digest\n"
         "print([digest(x) for x in t.create_values().values()])\n"
         "for x in t.create_values().values():\n"
         "    print(bd.Case(t.swing, {'note': x}).mechanism_fingerprint())\n"

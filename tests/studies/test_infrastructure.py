@@ -40,7 +40,7 @@ STUDY = bd.results.Study("swings", tuple(bd.Case(swing, {"mass": m}) for m in (1
 
 @pytest.mark.slow(reason="draws pictures")
 def test_exit_code_of_a_study_with_lost_tasks(tmp_path, monkeypatch):
-    executor = "beamdae.studies.execution.executors.create_executor"
+    executor = "beamdae.studies.executors.create_executor"
     monkeypatch.setattr(executor, lambda *_: LosingPool())
     model = tmp_path / "model.py"
     model.write_text(MODEL.replace("BODY", "pass"))

@@ -3,9 +3,6 @@
 import json
 import os
 import pickle
-import platform
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,9 +16,9 @@ import beamdae as bd
 from beamdae.results.outcome import Status
 from beamdae.results.storage.documents import checksum
 from beamdae.studies.case_table import tabulate_case
-from beamdae.studies.column_measures import measure_rows
 from beamdae.studies.references import REFERENCE_NOT_RUN
-from beamdae.studies.store.store import Store, format_trajectory
+from beamdae.studies.run_values import measure_rows
+from beamdae.studies.store import Store, format_trajectory
 from beamdae.studies.tasks import Outcome, Rows, Task
 
 CASE = bd.Case(swing, {"mass": 1.0}, bd.GeneralizedAlpha(step=0.01))
@@ -252,23 +249,6 @@ def test_regression_a_full_disk_ends_the_study_with_an_error(tmp_path, monkeypat
     results = run_study(STUDY, tmp_path, SerialPool(), seen.append)
     assert seen[0].stored == 1
     assert set(results.table["status"]) == {"ok"}
-
-
-def test_scratch_files_of_killed_processes_are_removed(filled):
-    ended = subprocess.Popen([sys.executable, "-S", "-E", "-c", ""])
-    ended.wait()
-    node, folder = platform.node(), filled.folder / "outcomes"
-    names = {
-        f".{ended.pid}@{node}@aaaaaaaa.scratch": False,
-        f".{os.getpid()}@{node}@bbbbbbbb.scratch": True,
-        f".{ended.pid}@elsewhere@cccccccc.scratch": True,
-        f".{ended.pid}.scratch": True,
-    }
-    for name in names:
-        (folder / name).write_text("half")
-    filled.remove_scratch_files()
-    assert {name: (folder / name).exists() for name in names} == names
-    assert filled.load(TASK) is not None
 
 
 # Cells ----------------------------------------------------------------------------------------

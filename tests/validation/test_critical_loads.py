@@ -2,12 +2,10 @@
 
 import numpy as np
 import pytest
-from benchmarks.critical_loads.arches import BentStructure, sine_arch, sine_arch_loads
-from benchmarks.critical_loads.case import BRANCH, LIMIT, CriticalLoad
+from benchmarks.critical_loads.case import BRANCH, LIMIT, CriticalLoad, stiffness
 from benchmarks.critical_loads.cases import CASES
-from benchmarks.critical_loads.column_dynamics import Column, divergence_loads
-from benchmarks.critical_loads.frame_stability import BeamStiffness
-from benchmarks.critical_loads.structures import stiffness
+from benchmarks.critical_loads.curved_structures import BentStructure, sine_arch, sine_arch_loads
+from benchmarks.critical_loads.frame_stability import BeamStiffness, Column, divergence_loads
 from scipy.optimize import brentq
 from scipy.special import jv, yv
 

@@ -1,4 +1,4 @@
-"""Benchmark of record: data, scorer and second code; a few mechanisms by beamdae."""
+"""Benchmark of record, scoreboard, and programs of validation/performance."""
 
 import sys
 from functools import cache
@@ -7,12 +7,14 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+import scoreboard
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 from scipy.special import ellipj, ellipk
 
 FOLDER = Path(__file__).parents[2] / "validation" / "record"
-sys.path.insert(0, str(FOLDER))
+PERFORMANCE = FOLDER.with_name("performance")
+sys.path[:0] = [str(FOLDER), str(PERFORMANCE)]
 
 import record  # noqa: E402
 import scorer  # noqa: E402
@@ -123,19 +125,6 @@ def test_references_of_iftomm_problems_are_those_of_one_unknown():
         np.testing.assert_allclose(table[f"{rocker}.angle [rad]"], -run.y[0], atol=1e-4)
 
 
-@pytest.mark.parametrize("name", ["princeton_cantilever", "lee_frame_static"])
-def test_equations_for_casadi_agree_with_the_reference(name):
-    from adapters import equations_adapter
-
-    problem = record.load_problem(name)
-    problem["time"]["end"] = 5.0 * problem["time"]["output_step"]
-    table, information = equations_adapter.solve(problem, "casadi", "idas", 4)
-    assert information["success"], information["reason"]
-    reference = read(name).iloc[:6]
-    assert list(table.columns) == list(reference.columns)
-    np.testing.assert_allclose(table, reference, rtol=1e-4, atol=1e-5)
-
-
 @pytest.mark.slow(reason="half a second")
 def test_table_of_results_shows_the_stored_scores(tmp_path):
     scores = record.read_scores(FOLDER / "results" / "scores.csv")
@@ -186,3 +175,91 @@ def test_exact_beams_agree_with_the_reference(name):
     assert information["success"]
     scores = scorer.score_columns(*read_all()[name], table)
     assert scores["error"].max() < 5e-5
+
+
+@pytest.mark.slow(reason="starts worker processes")
+def test_worse_values_are_refused(monkeypatch, tmp_path, capsys):
+    path = tmp_path / "scoreboard.csv"
+    modes = next(x for x in scoreboard.BOARDS if x.name == "modes")
+    names = list(modes.cases())[:2]
+    board = scoreboard.Board("modes", lambda: names, modes.attempt, quick=2)
+    broken = scoreboard.Board("broken", lambda: ["no number"], int, quick=1)
+    monkeypatch.setattr(scoreboard, "BOARDS", (board, broken))
+    monkeypatch.setattr(scoreboard, "STORED", path)
+    monkeypatch.setattr("sys.argv", ["scoreboard.py", "--store"])
+    assert scoreboard.main() == 0
+    rows = scoreboard.read_stored(path)
+    assert list(rows["verdict"]) == ["right", "right", "missed"]
+    assert rows["reason"].iloc[-1].startswith("ValueError")
+    # Worst digits of a board may decrease by less than 0.3.
+    assert not scoreboard.find_losses(rows[:2], rows.assign(digits=rows["digits"] + 0.2))
+    losses = scoreboard.find_losses(rows[:2], rows.assign(digits=rows["digits"] + 0.4))
+    assert losses[0].startswith("modes: digits ")
+    # Machines differ, but not tenfold.
+    assert not scoreboard.find_losses(rows[:2], rows.assign(seconds=0.2 * rows["seconds"]))
+    losses = scoreboard.find_losses(rows[:2].assign(seconds=200.0), rows.assign(seconds=2.0))
+    assert losses[0] == "modes: seconds 2.0 -> 200"
+    # What becomes better is no loss.
+    assert not scoreboard.find_losses(rows[:2], rows.assign(verdict="false"))
+    rows.assign(verdict="right").to_csv(path, index=False)
+    monkeypatch.setattr("sys.argv", ["scoreboard.py"])
+    capsys.readouterr()
+    assert scoreboard.main() == 1
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[-2] == "broken: right 1 -> 0, missed 0 -> 1"
+    assert lines[-1].startswith("  no number: missed, ValueError")
+
+
+BOARDS = (
+    *("critical loads", "tolerances", "record"),
+    *("equilibria", "modes", "periodic motions", "section forces"),
+    *("errors of equilibria", "errors of modes", "errors of motions"),
+)
+
+
+STORED = scoreboard.read_stored(scoreboard.STORED)
+ATTEMPTS = {board.name: board.attempt for board in scoreboard.BOARDS}
+
+
+def short_cases():
+    cases = STORED[STORED["board"].isin(BOARDS) & (STORED["seconds"] < 3.0)]
+    for row in cases.itertuples():
+        marks = [] if row.seconds < 0.1 else [pytest.mark.slow(reason="0.1 to 3 s")]
+        yield pytest.param(
+            row.board, row.case, row.verdict, id=f"{row.board}: {row.case}", marks=marks
+        )
+
+
+@pytest.mark.parametrize(("board", "case", "verdict"), list(short_cases()))
+def test_no_verdict_is_worse_than_the_stored_one(board, case, verdict):
+    for outcome in scoreboard.run_case(ATTEMPTS[board], case):
+        order = scoreboard.VERDICTS.index
+        assert order(outcome.verdict) <= order(verdict), outcome.reason
+
+
+SLOW = pytest.mark.slow(reason="repeats runs in turns")
+
+
+@SLOW
+def test_checkout_takes_the_same_time_as_itself():
+    import benchmark
+
+    table = benchmark.compare_with_checkout(PERFORMANCE.parents[1], 3, benchmark.SYSTEMS[:1])
+    assert table["of medians"].between(0.2, 5.0).all()
+
+
+@SLOW
+def test_errors_against_the_stored_reference():
+    import work_precision as wp
+
+    case = wp.CASES[0]
+    settings = [
+        setting
+        for setting in wp.list_settings(case, None, quick=False)
+        if setting.mesh == "1 x 6" and setting.integrator in ("GeneralizedAlpha(step=0.001)",)
+    ]
+    table = wp.run_settings(case, settings, wp.load_reference(case.name))
+    table = wp.time_finalists(table, settings, 1)
+    # Mesh and floating frame have an error of 0.02 mm; the steps of 1 ms add to it.
+    assert table["error [mm]"].between(0.005, 0.1).all()
+    assert wp.select_fastest(table)["beamdae"].notna().any()

@@ -8,9 +8,6 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from scipy.integrate import solve_ivp
-
-import beamdae as bd
 from benchmarks.systems import (
     CAR_AXIS_END,
     IFTOMM_END,
@@ -25,6 +22,9 @@ from benchmarks.systems import (
     rotating_rod,
     spring_slider_crank,
 )
+from scipy.integrate import solve_ivp
+
+import beamdae as bd
 
 Array = np.ndarray
 

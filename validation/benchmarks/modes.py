@@ -6,10 +6,10 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-
-import beamdae as bd
 from benchmarks import mode_closed_forms as closed_forms
 from benchmarks.reference_case import ReferenceCase, beam_case
+
+import beamdae as bd
 
 Array = np.ndarray
 

@@ -8,12 +8,12 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
+from benchmarks.reference_case import ReferenceCase
 from scipy.integrate import solve_ivp
 from scipy.optimize import minimize_scalar
 from scipy.special import ellipk, mathieu_a, mathieu_b
 
 import beamdae as bd
-from benchmarks.reference_case import ReferenceCase
 
 Array = np.ndarray
 

@@ -8,9 +8,9 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from benchmarks.static_cases import build_pinched_ring, static_case
 
 import beamdae as bd
-from benchmarks.static_cases import build_pinched_ring, static_case
 
 STEEL = bd.Material(E=2.1e11, nu=0.3, rho=7850.0)
 BAR = bd.Section.rectangle(STEEL, width=0.1, height=0.1)

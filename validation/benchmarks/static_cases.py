@@ -7,11 +7,11 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from benchmarks.reference_case import ReferenceCase, beam_case
 from scipy.optimize import brentq
 from scipy.special import ellipe, ellipeinc, ellipk, ellipkinc
 
 import beamdae as bd
-from benchmarks.reference_case import ReferenceCase, beam_case
 
 # Closed forms ---------------------------------------------------------------------------------
 

@@ -15,9 +15,9 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from error_statements.mechanisms import EXACT
 
 import beamdae as bd
-from error_statements.mechanisms import EXACT
 
 FOLDER = Path(__file__).parent
 CASES, REFERENCES = FOLDER / "cases.csv", FOLDER / "results" / "references.npz"

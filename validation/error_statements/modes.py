@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-
-import beamdae as bd
 from error_statements.mechanisms import EXACT, FLOATING, PLASTIC, RUBBER, STEEL
 from error_statements.statements import Comparison, judge_columns
+
+import beamdae as bd
 
 COUNT = 3  # modes
 Drawn = tuple[bd.Mechanism, Any]

@@ -10,11 +10,11 @@ from functools import partial
 
 import numpy as np
 import pandas as pd
-
-import beamdae as bd
 from error_statements.cases import compare_rows
 from error_statements.mechanisms import PLASTIC, STEEL
 from error_statements.statements import Comparison, judge_columns
+
+import beamdae as bd
 
 SEEDS = range(8)
 ALLOY = bd.Material(E=7.1e10, nu=0.33, rho=2740.0)

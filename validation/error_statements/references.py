@@ -16,7 +16,6 @@ ROOT = Path(__file__).parents[2]
 sys.path[:0] = [str(ROOT), str(ROOT / "models"), str(ROOT / "validation")]
 
 import numpy as np
-
 from error_statements.cases import (
     ALL,
     CHECK,

@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
+from error_statements.cases import ErrorCase, measure_errors
 
 import beamdae as bd
-from error_statements.cases import ErrorCase, measure_errors
 
 WRONG, ACCURATE = 0.04, 0.01  # true errors [-]
 FACTOR = 2.0  # of a stated error from the true one

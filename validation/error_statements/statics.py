@@ -12,10 +12,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
-
-import beamdae as bd
 from error_statements.mechanisms import STEEL
 from error_statements.statements import Comparison, judge_columns
+
+import beamdae as bd
 
 SEEDS, FINER = (1, 2), 8
 OPTIONS: list[dict[str, Any]] = [{"strain": "green"}, {"formulation": "exact"}, {}]

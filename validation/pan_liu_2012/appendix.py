@@ -13,10 +13,10 @@ from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
+from pan_liu_2012.claims import DIFFERS, Judgement, Tables, claim, judge_condition
 
 import beamdae as bd
 from beamdae.equations.starts.state_evaluator import StateEvaluator
-from pan_liu_2012.claims import DIFFERS, Judgement, Tables, claim, judge_condition
 
 SECTION = bd.Section(bd.Material(E=60.0, nu=0.3, rho=1.3), area=0.9, second_moment=0.05)
 ARC = bd.Arc(radius=1.6, length=2.0, start=(0.3, -0.2), angle=0.4)

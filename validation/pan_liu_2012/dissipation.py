@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pandas as pd
+from pan_liu_2012.claims import UNDECIDED, Judgement, Tables, claim
+from pan_liu_2012.runs import measure_deviation
 from pendulum import pendulum
 
 import beamdae as bd
-from pan_liu_2012.claims import UNDECIDED, Judgement, Tables, claim
-from pan_liu_2012.runs import measure_deviation
 
 T_END = 2.0  # s
 OUTPUT_STEP = 1e-3  # s

@@ -7,9 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 from hub_beam import hub_beam
-from spin_up import spin_up
-
-import beamdae as bd
 from pan_liu_2012.claims import (
     CONVERGED_ERROR,
     CONVERGED_TEXT,
@@ -26,6 +23,9 @@ from pan_liu_2012.runs import (
     measure_deviation,
     observe_run,
 )
+from spin_up import spin_up
+
+import beamdae as bd
 
 SPEEDS = (0.5, 1.0, 2.0, 4.0, 6.0)  # rad/s
 ROTARY_INERTIA_SPEED = 4.0  # rad/s, at which the effect of rotary inertia is computed

@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pandas as pd
-from pendulum import pendulum
-
-import beamdae as bd
 from pan_liu_2012.claims import (
     AGREES,
     AGREES_IN_DIRECTION,
@@ -41,6 +38,9 @@ from pan_liu_2012.runs import (
     measure_deviation,
     observe_run,
 )
+from pendulum import pendulum
+
+import beamdae as bd
 
 # The paper does not state its damping coefficients. Ours: drag of a flat strip (C_d = 2) of
 # 0.03 m in air of 1.2 kg/m^3, c = C_d rho_air width / 2, and a damping ratio of 0.28 percent in the

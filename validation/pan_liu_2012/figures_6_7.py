@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import pandas as pd
 from hub_beam import hub_beam
-
 from pan_liu_2012.claims import (
     BY_CONSTRUCTION,
     FIGURE_6,

@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pandas as pd
-from slider_crank import slider_crank
-
-import beamdae as bd
 from pan_liu_2012.claims import (
     BY_CONSTRUCTION,
     FIGURE_9,
@@ -34,6 +31,9 @@ from pan_liu_2012.runs import (
     measure_deviation,
     observe_run,
 )
+from slider_crank import slider_crank
+
+import beamdae as bd
 
 OUTPUT_STEP = 1e-2  # s
 # The reading used: chord frame, angular velocity of the start section (see the claims below).

@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-
 from pan_liu_2012.claims import (
     FIGURE_5A,
     FIGURE_5B,

@@ -7,10 +7,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from hub_beam import hub_beam
-from pendulum import pendulum
-from slider_crank import slider_crank
-
-import beamdae as bd
 from pan_liu_2012.claims import FIGURE_6, FIGURE_7, FIGURE_9, FIGURE_10, Axis, fits_axis
 from pan_liu_2012.figures_9_10 import (
     MIDDLE_COLUMNS,
@@ -28,6 +24,10 @@ from pan_liu_2012.runs import (
     format_range,
     observe_run,
 )
+from pendulum import pendulum
+from slider_crank import slider_crank
+
+import beamdae as bd
 
 PENDULUM = "pendulum (Table 1)"
 HUB_BEAM = "hub and beam (eqs. 25-27)"

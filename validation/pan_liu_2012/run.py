@@ -24,9 +24,6 @@ from typing import Any, NamedTuple
 sys.path[:0] = [str(Path(__file__).parents[2] / "models"), str(Path(__file__).parents[1])]
 
 import pandas as pd
-from rich.console import Console
-from stored_columns import write_columns
-
 from pan_liu_2012 import (
     appendix,
     dissipation,
@@ -40,6 +37,8 @@ from pan_liu_2012 import (
 )
 from pan_liu_2012.claims import summarize_claims
 from pan_liu_2012.plots import draw_all
+from rich.console import Console
+from stored_columns import write_columns
 
 Tables = dict[str, pd.DataFrame]
 RESULTS = Path(__file__).parent / "results"

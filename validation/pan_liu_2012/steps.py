@@ -7,10 +7,6 @@ from collections.abc import Callable
 import numpy as np
 import pandas as pd
 from hub_beam import hub_beam
-from pendulum import pendulum
-from slider_crank import slider_crank
-
-import beamdae as bd
 from pan_liu_2012.claims import (
     CONVERGED_ERROR,
     CONVERGED_TEXT,
@@ -29,6 +25,10 @@ from pan_liu_2012.runs import (
     observe_run,
 )
 from pan_liu_2012.table_2 import ELEMENTS, FULL
+from pendulum import pendulum
+from slider_crank import slider_crank
+
+import beamdae as bd
 
 PAPER_STEP = 1e-3  # s
 STEPS = (2e-3, PAPER_STEP, 5e-4)

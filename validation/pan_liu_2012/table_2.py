@@ -7,8 +7,6 @@ from functools import partial
 import numpy as np
 import pandas as pd
 from hub_beam import hub_beam
-
-import beamdae as bd
 from pan_liu_2012.claims import (
     AGREES,
     AGREES_IN_DIRECTION,
@@ -32,6 +30,8 @@ from pan_liu_2012.runs import (
     measure_deviation,
     run_to_end,
 )
+
+import beamdae as bd
 
 DEFAULT = "curved, default"
 FULL, REDUCED = "curved, paper's continuity, full", "curved, paper's continuity, reduced"

@@ -67,8 +67,6 @@ SETTINGS = {
         "Radau": 8,
         "GeneralizedAlpha": 8,
     },
-    "casadi": {"idas": 2},
-    "scipy": {"Radau": 2},
 }
 CONFIRMING = {"beamdae": "Radau 1e-8 exact", "exudyn": "fine"}
 # Factors of the elements above for short elements between attachments, and for waves.
@@ -133,10 +131,6 @@ def run_tool(tool: str, problem: dict[str, Any], setting: str, elements: int) ->
             elements, steps = max(1, 2 * elements // 3), 2 * steps // 3
         run = plain_beams.solve(problem, elements, steps)
         return pd.DataFrame(run["columns"]), {"success": True, "reason": ""} | run["statistics"]
-    if tool in ("casadi", "scipy"):
-        from adapters import equations_adapter
-
-        return equations_adapter.solve(problem, tool, setting, elements)
     if tool == "exudyn":
         from adapters import exudyn_adapter
 
@@ -169,7 +163,7 @@ def default_elements(tool: str, setting: str, name: str) -> int:
 
 @app.command()
 def solve(
-    tool: Annotated[str, typer.Argument(help="plain, beamdae, exudyn, casadi or scipy.")],
+    tool: Annotated[str, typer.Argument(help="plain, beamdae or exudyn.")],
     names: Names,
     setting: Annotated[str, typer.Option(help="beamdae: Auto, Radau 1e-8, refine 0.01 ...")] = "",
     elements: Annotated[int, typer.Option(help="Elements per beam; 0: as in the table.")] = 0,

@@ -21,7 +21,6 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
-
 from robustness.inputs.command_line import add_line
 from robustness.isolation import ScratchFolder
 from robustness.judge import find_complaint, outcome_of_command

@@ -20,16 +20,16 @@ from tempfile import mkdtemp
 from typing import Any
 
 import numpy as np
+from robustness import judge
+from robustness.isolation import ScratchFolder
 
 import beamdae as bd
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import BeamdaeError, BeamdaeWarning, KernelWarning
 from beamdae.results.storage.documents import checksum
 from beamdae.simulation import as_equations
-from beamdae.studies.execution.executors import SerialPool
-from beamdae.studies.execution.study_run import run_study
-from robustness import judge
-from robustness.isolation import ScratchFolder
+from beamdae.studies.executors import SerialPool
+from beamdae.studies.study_run import run_study
 
 # Mutations ------------------------------------------------------------------------------------
 

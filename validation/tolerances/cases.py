@@ -19,11 +19,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from benchmarks import systems
-
-import beamdae as bd
 from tolerances.flexible_slider_crank import CRANK_END
 from tolerances.lumped_systems import kepler_motion
 from tolerances.mechanisms import double_four_bar_motion
+
+import beamdae as bd
 
 FOLDER = Path(__file__).parent
 REFERENCES = FOLDER / "references" / "references.json"

@@ -9,9 +9,9 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from tolerances.mechanisms import ALLOY, GRAVITY, STEEL, attract, triangle_apex
 
 import beamdae as bd
-from tolerances.mechanisms import ALLOY, GRAVITY, STEEL, attract, triangle_apex
 
 SILICON = bd.Material(E=169e9, nu=0.22, rho=2330.0)
 LEATHER = bd.Material(E=5e7, nu=0.4, rho=1000.0)

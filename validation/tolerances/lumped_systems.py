@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.optimize import brentq
+from tolerances.mechanisms import GRAVITY, attract
 
 import beamdae as bd
-from tolerances.mechanisms import GRAVITY, attract
 
 ECCENTRICITY = 0.9
 KEPLER_PERIOD = 2.0 * np.pi  # [s], semi-major axis 1 m, gravitational parameter 1 m^3/s^2

@@ -18,10 +18,10 @@ from pathlib import Path
 sys.path[:0] = [str(Path(__file__).parents[2] / "models"), str(Path(__file__).parents[1])]
 
 import pandas as pd
-
-import beamdae as bd
 from tolerances.cases import ALL, ToleranceCase
 from tolerances.references import measure_errors, store_reference
+
+import beamdae as bd
 
 TIME_LIMIT = 10.0  # wall time of a run [s]
 INTEGRATORS: dict[str, Callable[[float], bd.Integrator]] = {

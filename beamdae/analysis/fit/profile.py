@@ -114,7 +114,7 @@ class ProfileLikelihood(HasTable):
         Plot
             The figure, displayed by a notebook; `Plot.save` writes it to a file.
         """
-        return deferred.module("report.pictures.result_figures").draw_result(self)
+        return deferred.module("report.result_displays").draw_result(self)
 
 
 def trace_profile(

@@ -186,7 +186,9 @@ class Fit(HasTable, HasPage):
         Errors of estimates are relative to their values, those of columns to half the range of the
         data.
         """
-        return deferred.module("accuracy.fits").measure_fit(self._problem, self._search.evaluation)
+        return deferred.module("accuracy.derivatives").measure_fit(
+            self._problem, self._search.evaluation
+        )
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -440,7 +442,7 @@ class Fit(HasTable, HasPage):
             The figure, displayed by a notebook; `Plot.save` writes it to a file. At most six
             columns of experiments are drawn.
         """
-        return deferred.module("report.pictures.result_figures").draw_result(self)
+        return deferred.module("report.result_displays").draw_result(self)
 
     def sensor_of(self, number: int) -> tuple[float, float, float]:
         """Return the estimated shift [s], scale and offset of a row of `residual_table`.
@@ -527,7 +529,7 @@ def _check(
     is_computed = end.chi_square <= problem.rounding and not problem.data.is_sigma_known
     if status.kind != "interrupted" and not is_computed:
         try:
-            errors = deferred.module("accuracy.fits").measure_fit(problem, end)
+            errors = deferred.module("accuracy.derivatives").measure_fit(problem, end)
             sentences += check_errors(end, errors, sigma, residuals)
         except KeyboardInterrupt:
             acknowledge()

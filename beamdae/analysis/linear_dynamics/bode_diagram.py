@@ -211,7 +211,7 @@ class Bode(HasTable, HasPage):
 
     def plot(self) -> Plot:
         """Draw magnitudes and phases over the frequency, of up to six transfer functions."""
-        return deferred.module("report.pictures.result_figures").draw_result(self)
+        return deferred.module("report.result_displays").draw_result(self)
 
     def _short_name(self, x: TransferFunction) -> str:
         return f"{self.model.outputs[x.output].name} / {self.model.inputs[x.input].name}"

@@ -153,7 +153,7 @@ class Campbell(HasTable, HasPage):
         Circles mark the resonances where they are equal, see `resonances`. The picture ends above
         the first mode beyond the multiples; a note names modes of higher frequencies.
         """
-        return deferred.module("report.pictures.result_figures").draw_result(self)
+        return deferred.module("report.result_displays").draw_result(self)
 
     def table(self) -> pd.DataFrame:
         """Return a table with one row per speed [rad/s]: frequencies [Hz], growth rates [1/s]."""

@@ -553,7 +553,7 @@ def _part_residual(
     """Return the residual of one part with constant laws, (n + m,)."""
     coordinate_map, e = map_coordinates(mechanism), lin.equations
     law = laws[0] if len(laws) == 1 else tuple(laws)
-    part = replace(cast(Any, part), law=law)
+    part = replace(cast("Any", part), law=law)
     forces, constraints = collect_statements(part, mechanism.gravity, coordinate_map.sizes)
     terms = build_terms(Statements(forces, constraints), e.coordinates, e.parts, coordinate_map)
     equations = EquationsOfMotion(

@@ -138,7 +138,7 @@ class Modes(HasModeShapes):
 
         If all modes are requested, they are those of the first ten.
         """
-        return deferred.module("accuracy.modes").measure_modes(self)
+        return deferred.module("accuracy.linear_models").measure_modes(self)
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:

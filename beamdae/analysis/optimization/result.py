@@ -163,7 +163,7 @@ class Optimization(HasCsv, HasPage):
 
         They are relative to the larger one of the value and the limit.
         """
-        return deferred.module("accuracy.designs").measure_design(self._search)
+        return deferred.module("accuracy.derivatives").measure_design(self._search)
 
     @property
     def solution(self) -> Solution | None:
@@ -313,7 +313,7 @@ def create_optimization(
     design, warnings = problem.design(best.numbers), list[str]()
     if not search.was_ended:
         try:
-            errors = deferred.module("accuracy.designs").measure_design(search)
+            errors = deferred.module("accuracy.derivatives").measure_design(search)
             warnings = [*errors.sentences(), *_list_warnings(problem, design.results)]
         except KeyboardInterrupt:
             acknowledge()

@@ -26,9 +26,11 @@ from beamdae.equations.formulations.kinematic_reduction import (
     reduce_kinematics,
 )
 from beamdae.equations.formulations.tangents import compute_tangent
+from beamdae.equations.starts.state_evaluator import StateEvaluator
 from beamdae.errors import BeamdaeError
 from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
 from beamdae.integrators.radau.coefficients import TABLEAU, C
+from beamdae.integrators.step_history import interpolate_balanced
 from beamdae.linear.lanes import LANES, aligned_zeros, index_lanes
 from beamdae.results.trajectory import Interval, Trajectory
 from beamdae.symbolic.sparse_operators import column_indices
@@ -70,6 +72,10 @@ class VariationalEquations:
     def form(self) -> FirstOrderForm:
         """First-order form with R_y and R_y' evaluated separately."""
         return formulate_first_order(self.equations, _FORM, apart=True)
+
+    @cached_property
+    def _evaluator(self) -> StateEvaluator:
+        return StateEvaluator(self.equations)
 
     @cached_property
     def _loop(self) -> StepLoop[Workspace]:
@@ -240,7 +246,7 @@ class VariationalEquations:
         if interval.nodes_per_step == _STAGES and np.array_equal(ends, nodes):
             state = State(*(x[first + 1 : first + 1 + len(times)] for x in interval.rows))
         else:
-            state = interval.at(times)
+            state = interpolate_balanced(interval, times, np.repeat(h, _STAGES), self._evaluator)
         stages = slice(0, len(times))
         work.times[stages], work.h[: len(h)] = times, h
         work.states[stages, : 2 * n] = np.hstack([state.q, state.v])

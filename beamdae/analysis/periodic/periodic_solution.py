@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -56,6 +57,9 @@ _NAME = "periodic"
 # Steps of the variational equations are halved up to this number of times, until the largest
 # multiplier changes by at most this amount and by this fraction.
 _MAX_REFINEMENTS, _MULTIPLIER_TOLERANCE, _MAX_RELATIVE_CHANGE = 4, 1e-5, 0.1
+# Times at which a run is compared with a state, and those near a guessed period.
+_COMPARED_TIMES = 4001
+_PERIODS_NEAR_GUESS = np.linspace(0.6, 1.5, _COMPARED_TIMES)
 # Parts of the monodromy matrix below this fraction of its norm are neglected.
 _MULTIPLIER_RANK_TOLERANCE = 1e-6
 # A motion is a state of rest if its rates, relative to amplitudes and period, are below this value.
@@ -117,8 +121,8 @@ def periodic(
         integrator, but 1e-8 to 1e-3, or to 1e-6 for fixed steps. With the default, an iteration
         that stagnates at the errors of adaptive steps succeeds up to ten times this value.
     period_guess
-        Approximate period [s] if `period` is None. Defaults to the time after which the motion at
-        the end time of the model recurs.
+        Approximate period [s] if `period` is None, which a run of two periods corrects. Defaults to
+        the time after which the motion at the end time of the model recurs.
     accuracy
         Largest error of the required columns [-], from 1e-6 to 0.1, see `Errors`.
     accuracy_columns
@@ -179,7 +183,7 @@ def periodic(
         period_map = PeriodMap.from_equations(equations, method, t_start, guess)
         try:
             if is_free:
-                period_map, q, v = _settle_freely(period_map, settle, period_guess is None)
+                period_map, q, v = _settle_freely(period_map, settle, period_guess is not None)
                 linear = solve_shooting(period_map, q, v, limits, is_free)
             else:
                 linear = settle_and_solve(period_map, settle, limits)
@@ -244,35 +248,42 @@ def _first_period(
             "periodic: the model has no end time from which to estimate the period; pass period= "
             "or period_guess=."
         )
-    return float(origin.t_end), 1
+    return float(origin.t_end), 0
 
 
 def _settle_freely(
-    period_map: PeriodMap, settle: int, must_recur: bool
+    period_map: PeriodMap, settle: int, is_guess: bool
 ) -> tuple[PeriodMap, Array, Array]:
-    """Run `settle` periods; return the map with the estimated period and the final state (q, v).
+    """Return the map with the period that a run shows, and the state (q, v) from which it repeats.
 
-    The period is unchanged if `settle` is 0 or the motion does not recur.
+    A run of two periods from the state after `settle` periods shows the period near a guess, unless
+    it ends early or does not recur. Without a guess, a run to the end time shows it.
 
     Raises
     ------
     IncompleteRunError
-        If the run ends early.
+        If the run to settle or to the end time ends early.
     BeamdaeError
-        If `must_recur` is True and the motion of the run does not recur.
+        If the period is no guess and the motion of the run does not recur.
     """
-    if not settle:
-        return period_map, *period_map.settle(0)[:2]
-    solution = period_map.run(*period_map.settle(0)[:2], periods=settle)
-    estimate = estimate_period(solution)
-    if estimate is None and must_recur:
+    begin, period = period_map.begin, period_map.period
+    q, v, _ = period_map.settle(settle)
+    estimate = None
+    if is_guess:
+        with suppress(IncompleteRunError):
+            run = period_map.run(q, v, periods=2)
+            estimate = estimate_period(run, begin, begin + period * _PERIODS_NEAR_GUESS)
+        return replace(period_map, period=estimate or period), q, v
+    run = period_map.run(q, v)
+    end = begin + period
+    estimate = estimate_period(run, end, np.linspace(end, begin, _COMPARED_TIMES))
+    if estimate is None:
         raise BeamdaeError(
-            f"periodic: the motion does not recur within {period_map.period:g} s; pass "
-            "period_guess=, a longer end time of the model or a start closer to the motion."
+            f"periodic: the motion does not recur within {period:g} s; pass period_guess=, a "
+            "longer end time of the model or a start closer to the motion."
         )
-    if estimate is not None:
-        period_map = replace(period_map, period=estimate)
-    return period_map, *PeriodRun(period_map, solution).end_state()
+    period_map = replace(period_map, period=estimate)
+    return period_map, *PeriodRun(period_map, run).end_state()
 
 
 def _describe_outcome(linear: PeriodLinearization, limits: Tolerance, is_free: bool) -> Status:

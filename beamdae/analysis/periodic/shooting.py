@@ -71,7 +71,7 @@ _DAMPING_RATIO = 0.1  # of corrections with a free period, relative to the devia
 # A run has returned to its final state where it differs by at most this fraction of the range of
 # each coordinate and velocity; coordinates with a far smaller range than others are at rest. Number
 # of times at which states are compared.
-_RETURN_DISTANCE, _REST_RATIO, _RETURN_SAMPLES = 0.2, 1e-6, 4001
+_RETURN_DISTANCE, _REST_RATIO, _RETURN_SAMPLES = 0.2, 1e-6, 2001
 # Errors of runs are amplified at resonances without damping.
 DAMPING_REMEDY = (
     "add damping, such as damping= of the sections, or, for small motions, use "
@@ -483,19 +483,23 @@ def settle_and_solve(
     return solve_shooting(period_map, q, v, tolerance, False, amplitudes)
 
 
-def estimate_period(solution: Solution) -> float | None:
-    """Return the time since a run was last near its final state [s], or None.
+def estimate_period(solution: Solution, since: float, times: Array) -> float | None:
+    """Return the time from `since` to the first of `times` [s] near its state again, or None.
 
     Differences are measured relative to the ranges of (q, v) in the second half of the run.
     """
     trajectory, is_angle = solution.trajectory, solution.equations.is_angle
-    # From the end backward.
-    times = np.linspace(trajectory.end, trajectory.start, _RETURN_SAMPLES)
-    state = trajectory.at(times)[1]
-    q, v = state.q - state.q[0], state.v - state.v[0]
-    changes = np.hstack([q - np.where(is_angle, FULL_TURN * np.round(q / FULL_TURN), 0.0), v])
-    ranges = np.ptp(changes[: _RETURN_SAMPLES // 2], axis=0)
-    largest = np.repeat([np.max(x) for x in np.split(ranges, 2)], len(is_angle))
+
+    def states(times: Array) -> Array:
+        state = trajectory.at(times)[1]
+        return np.hstack([state.q, state.v])
+
+    changes, n = states(times) - states(np.array([since])), len(is_angle)
+    q = changes[:, :n]
+    q -= np.where(is_angle, FULL_TURN * np.round(q / FULL_TURN), 0.0)
+    middle = 0.5 * (trajectory.start + trajectory.end)
+    ranges = np.ptp(states(np.linspace(middle, trajectory.end, _RETURN_SAMPLES)), axis=0)
+    largest = np.repeat([np.max(x) for x in np.split(ranges, 2)], n)
     ranges[ranges <= _REST_RATIO * largest] = np.inf
     distance = np.max(np.abs(changes / ranges), axis=1)
     has_left = np.maximum.accumulate(distance > 2.0 * _RETURN_DISTANCE)
@@ -504,4 +508,4 @@ def estimate_period(solution: Solution) -> float | None:
         return None
     first = int(np.argmax(is_near))
     last = first + int(np.argmin(np.append(is_near[first:], False)))
-    return float(trajectory.end - times[first + np.argmin(distance[first:last])])
+    return float(abs(times[first + np.argmin(distance[first:last])] - since))

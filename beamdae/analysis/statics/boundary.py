@@ -148,7 +148,7 @@ class Boundary(HasTable, HasPage):
 
     def plot(self) -> Plot:
         """Plot the critical load factor over the parameter, with the special points."""
-        return deferred.module("report.pictures.result_figures").draw_result(self)
+        return deferred.module("report.result_displays").draw_result(self)
 
     def table(self) -> pd.DataFrame:
         """Return a table with the values of the parameter, the load factors and `unstable`."""

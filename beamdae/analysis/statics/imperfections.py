@@ -213,7 +213,7 @@ class KnockDown(HasTable, HasPage):
 
     def plot(self) -> Plot:
         """Plot the critical load factor over the amplitude of the imperfection."""
-        return deferred.module("report.pictures.result_figures").draw_result(self)
+        return deferred.module("report.result_displays").draw_result(self)
 
     def table(self) -> pd.DataFrame:
         """Return a table with amplitude, load factor, its ratio to the perfect structure, kind."""

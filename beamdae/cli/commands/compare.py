@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from beamdae.cli.option_values import parse_assignments
 from beamdae.cli.options import (
     ComparedColumns,
     EndTime,
@@ -19,7 +20,6 @@ from beamdae.cli.options import (
     Starts,
     StudyPath,
     TimeLimit,
-    parse_assignments,
 )
 from beamdae.cli.results import Report
 from beamdae.cli.study_outputs import (
@@ -32,8 +32,8 @@ from beamdae.errors import BeamdaeError, suggest
 
 # NumPy and CasADi are imported inside functions, so that --help responds quickly.
 if TYPE_CHECKING:
-    from beamdae.studies import Study
-    from beamdae.studies.execution.study_run import StudyResults
+    from beamdae.studies.definition import Study
+    from beamdae.studies.study_run import StudyResults
 
 
 def compare_command(
@@ -65,10 +65,10 @@ def compare_command(
 
 
 def _create_report(results: StudyResults) -> StudyReport:
+    from beamdae.report import tables
     from beamdae.report.descriptions import Description
-    from beamdae.report.terminal import text_tables
     from beamdae.report.text import make_printable
-    from beamdae.studies.study_pictures import list_plots
+    from beamdae.studies.study_page import list_plots
 
     def write_page(path: Path) -> Path:
         from beamdae.report.page.page_file import write_page as write
@@ -84,7 +84,7 @@ def _create_report(results: StudyResults) -> StudyReport:
     for group in groups:
         reference = results.references[group].sentence
         shown[f"reference {group}"] = make_printable(f"{group}: {reference}")
-        shown[f"cases {group}"] = text_tables.comparison_table(table[table["group"] == group])
+        shown[f"cases {group}"] = tables.comparison_table(table[table["group"] == group])
     failures = [f"{k}: {x.sentence}" for k, x in results.references.items() if x.table is None]
     data = {
         "study": results.study.name,
@@ -111,8 +111,10 @@ def _create_report(results: StudyResults) -> StudyReport:
 
 def _select_study(path: Path, name: str | None, settings: dict[str, str]) -> Study:
     """Return a study of the file, or a study of one of its models with the default integrators."""
-    from beamdae.cli.model_files.model_file import ModelFile, select_name
-    from beamdae.studies import Case, Study, Sweep, default_integrators
+    from beamdae.cli.model_file import ModelFile, select_name
+    from beamdae.studies.case import Case, default_integrators
+    from beamdae.studies.definition import Study
+    from beamdae.studies.sweeps.sweep import Sweep
 
     file = ModelFile(path)
     sweeps = [key for key, study in file.studies.items() if isinstance(study, Sweep)]

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from beamdae.cli.option_values import parse_seconds, split_names
 from beamdae.cli.options import (
     FixedStep,
     FurtherSettings,
@@ -19,11 +20,9 @@ from beamdae.cli.options import (
     accuracy_option,
     create_integrator,
     load_model,
-    parse_seconds,
     parse_start,
-    split_names,
 )
-from beamdae.cli.output_paths import require_writable
+from beamdae.cli.output import require_writable
 from beamdae.cli.results import Report, ResultFiles
 
 if TYPE_CHECKING:

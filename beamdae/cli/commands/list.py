@@ -1,17 +1,127 @@
-"""`beamdae list`: list the models and studies of a folder or a file."""
+"""Outlines of model files: the models and studies they define, read without executing them."""
 
 from __future__ import annotations
 
+import ast
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from beamdae.cli.model_files.example_files import resolve_path
-from beamdae.cli.model_files.outline import read_outline
+from beamdae.cli.model_file import resolve_path
 from beamdae.cli.results import Report
 from beamdae.errors import BeamdaeError
+from beamdae.model_parameters import ModelParameter, read_docstring
+
+# Decorators of beamdae that define a model, or a study or sweep.
+_MODEL, _STUDIES = "model", ("study", "sweep")
+
+
+@dataclass(frozen=True)
+class OutlinedModel:
+    """Model defined by a function.
+
+    Attributes
+    ----------
+    t_end
+        End time [s], or its source text.
+    parameters
+        Parameters by name; defaults that are no plain values are source texts.
+    about
+        First line of the docstring of the function or, if missing, of the file.
+    """
+
+    t_end: Any
+    parameters: dict[str, ModelParameter]
+    about: str
+
+
+@dataclass(frozen=True)
+class Outline:
+    """Models by name, and names of studies and sweeps, that functions of a file define."""
+
+    models: dict[str, OutlinedModel]
+    studies: tuple[str, ...] = ()
+
+
+def read_outline(file: Path) -> Outline:
+    """Return the outline of a file; that of a pipe or device, and without beamdae, is empty.
+
+    Raises
+    ------
+    BeamdaeError
+        If a file that mentions beamdae cannot be read or parsed.
+    """
+    try:
+        source = file.read_bytes() if file.is_file() else b""
+        tree = ast.parse(source if b"beamdae" in source else b"")
+    except (OSError, SyntaxError, ValueError, RecursionError, MemoryError) as problem:
+        line = getattr(problem, "lineno", None)
+        reason = getattr(problem, "msg", None) or problem
+        place = f"line {line}: " if line else ""
+        raise BeamdaeError(f"{file}: {place}{reason}; correct the file.") from None
+    imports = [node for node in ast.walk(tree) if isinstance(node, (ast.Import, ast.ImportFrom))]
+    # Public names by their names in the file; "" is the package.
+    names = {
+        alias.asname or alias.name: alias.name if isinstance(node, ast.ImportFrom) else ""
+        for node in imports
+        for alias in node.names
+        if (getattr(node, "module", None) or alias.name) == "beamdae"
+    }
+    models, studies = {}, []
+    for function in (node for node in tree.body if isinstance(node, ast.FunctionDef)):
+        for decorator in function.decorator_list:
+            call = decorator if isinstance(decorator, ast.Call) else None
+            kind = _public_name(decorator if call is None else call.func, names)
+            if kind == _MODEL:
+                t_end = {x.arg: x.value for x in (call.keywords if call else ())}.get("t_end")
+                about = ast.get_docstring(function) or ast.get_docstring(tree) or ""
+                about = about.partition("\n")[0]
+                models[function.name] = OutlinedModel(_plain(t_end), _parameters(function), about)
+            elif kind in _STUDIES:
+                studies.append(function.name)
+    return Outline(models, tuple(studies))
+
+
+def _public_name(node: ast.AST, names: dict[str, str]) -> str:
+    """Return the name in beamdae of the object that a node refers to, or an empty string."""
+    if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
+        return node.attr if names.get(node.value.id) == "" else ""
+    return names.get(node.id, "") if isinstance(node, ast.Name) else ""
+
+
+def _plain(node: ast.AST | None) -> Any:
+    """Return the value of a literal, otherwise the source text; "" for a missing expression."""
+    if node is None:
+        return ""
+    try:
+        value = ast.literal_eval(node)
+    except ValueError:
+        return ast.unparse(node)
+    return value if value is None or isinstance(value, (bool, int, float, str)) else str(value)
+
+
+def _parameters(function: ast.FunctionDef) -> dict[str, ModelParameter]:
+    signature = function.args
+    positional = [*signature.posonlyargs, *signature.args]
+    missing = [None] * (len(positional) - len(signature.defaults))
+    defaults = [*missing, *signature.defaults, *signature.kw_defaults]
+    names = [x.arg for x in (*positional, *signature.kwonlyargs)]
+    documented = read_docstring(ast.get_docstring(function) or "", tuple(names))
+    parameters = {}
+    for name, default in zip(names, defaults, strict=True):
+        unit, description = documented.get(name, ("", ""))
+        if isinstance(default, ast.Call) and ast.unparse(default.func).endswith("param"):
+            # The arguments of bd.param(0.85, "m", "radius of the arc").
+            values = dict(zip(("value", "unit", "description"), default.args, strict=False))
+            values |= {x.arg or "": x.value for x in default.keywords}
+            unit = str(_plain(values.get("unit"))) or "-"
+            description = str(_plain(values.get("description"))) or description
+            default = values.get("value")
+        parameters[name] = ModelParameter(name, _plain(default), unit, description)
+    return parameters
 
 
 def list_command(

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from beamdae.cli.option_values import SPACED_FORMS, parse_assignments, parse_spaced_values
 from beamdae.cli.options import (
     About,
     EndTime,
@@ -27,9 +28,7 @@ from beamdae.cli.options import (
     TimeLimit,
     create_integrator,
     find_state,
-    parse_assignments,
 )
-from beamdae.cli.ranges import SPACED_FORMS, parse_spaced_values
 from beamdae.cli.results import Report
 from beamdae.cli.study_outputs import (
     StudyReport,
@@ -41,10 +40,10 @@ from beamdae.errors import BeamdaeError, require_count, suggest
 
 # NumPy and CasADi are imported inside functions, so that --help responds quickly.
 if TYPE_CHECKING:
-    from beamdae.cli.model_files.model_file import ModelFile
+    from beamdae.cli.model_file import ModelFile
     from beamdae.model_functions import Model
-    from beamdae.studies import Sweep
-    from beamdae.studies.execution.study_run import StudyResults
+    from beamdae.studies.study_run import StudyResults
+    from beamdae.studies.sweeps.sweep import Sweep
 
 _VALUE_FORMS = f"VALUE,VALUE,... or {SPACED_FORMS}"
 _MAX_MEASURES = 100
@@ -99,7 +98,7 @@ def sweep_command(
     (@bd.sweep) needs no --over. Finished runs are stored in the results folder: run the same
     command again to resume. The exit codes are the same as for compare.
     """
-    from beamdae.cli.model_files.model_file import ModelFile
+    from beamdae.cli.model_file import ModelFile
 
     named = None if integrator == "auto" else integrator
     method_options = {"--integrator": named, "--rtol": rtol, "--step": step}
@@ -210,8 +209,8 @@ def _split_at_commas(text: str) -> list[str]:
 
 def _sweep_of_file(file: ModelFile, name: str | None) -> Sweep:
     """Return the sweep called `name`, or the only sweep of the file."""
-    from beamdae.cli.model_files.model_file import select_name
-    from beamdae.studies import Sweep
+    from beamdae.cli.model_file import select_name
+    from beamdae.studies.sweeps.sweep import Sweep
 
     models = file.models
     sweeps = {key: study for key, study in file.studies.items() if isinstance(study, Sweep)}
@@ -232,8 +231,8 @@ def _sweep_of_file(file: ModelFile, name: str | None) -> Sweep:
 
 
 def _create_report(results: StudyResults) -> StudyReport:
+    from beamdae.report import tables
     from beamdae.report.descriptions import Description
-    from beamdae.report.terminal import text_tables
     from beamdae.studies.sweeps.response_plots import list_response_plots
     from beamdae.studies.sweeps.sweep_results import TABLE_FILE, create_sweep_results
 
@@ -241,7 +240,7 @@ def _create_report(results: StudyResults) -> StudyReport:
     sweep, table = swept.sweep, swept.table
     shown: dict[str, Any] = {"completion": results.describe_completion(sweep.cases)}
     responses = [list(panel.lines.values()) for panel in swept.panels()]
-    shown["cases"] = text_tables.sweep_table(table, swept.parameters, responses)
+    shown["cases"] = tables.sweep_table(table, swept.parameters, responses)
     data = {
         "sweep": sweep.name,
         "folder": folder,

@@ -132,7 +132,7 @@ class FirstOrderForm:
         return slice(0, n), slice(n, 2 * n), slice(2 * n, 2 * n + m)
 
     def pack(self, state: State) -> tuple[Array, Array]:
-        """Return consistent (y, y') of a consistent state."""
+        """Return consistent (y, y') of a consistent state, in which resultants are zero."""
         q, v, lam = self._slices
         y, yp = np.zeros(self.size), np.zeros(self.size)
         y[q], y[v], yp[q], yp[v] = state.q, state.v, state.v, state.a
@@ -218,14 +218,16 @@ def formulate_first_order(
 
 
 def _size(structure: Structure, form: Formulation) -> int:
-    return 2 * structure.n + structure.m * (2 if form.stabilized else 1)
+    constraints = structure.m * (2 if form.stabilized else 1)
+    return 2 * structure.n + constraints + structure.resultant_count
 
 
 def _input_layout(structure: Structure, form: Formulation) -> InputLayout:
     """Return the offsets of the kernel inputs in (y, y')."""
     n, m, size = structure.n, structure.m, _size(structure, form)
     lam = 2 * n + (size if form.impulses else 0)
-    return InputLayout(q=0, v=n, a=size + n, lam=lam, mu=lam + m)
+    resultants = lam - 2 * n + size - structure.resultant_count
+    return InputLayout(q=0, v=n, a=size + n, lam=lam, mu=lam + m, resultants=resultants)
 
 
 @cache_on_owner
@@ -257,6 +259,11 @@ def plan_jacobian(structure: Structure, name: str, apart: bool) -> tuple[sp.csc_
     for term, copies in add_tangents(total, structure, layout, sums):
         for output, block in enumerate(blocks):
             total.add_matrix(copies, output, term.operator, term.operator, block)
+        if term.resultants is not None:
+            first = size - structure.resultant_count
+            total.add_matrix(copies, 0, term.operator, term.resultants, (by_c + n, first))
+            for output, column in ((0, 0), (1, n)):
+                total.add_matrix(copies, output, term.resultants, term.operator, (first, column))
         if term.rows is not None:
             block = (by_c + n, 2 * n)
             total.add_matrix(copies, len(sums) + reaction, term.operator, term.rows, block)

@@ -38,13 +38,14 @@ CORRECTION_STIFFNESS = 3  # d(G^T mu)/dq, if there is mu; the derivatives of the
 
 @dataclass(frozen=True)
 class InputLayout:
-    """Offsets of q, v, a, lam and mu in the input vector of a sum."""
+    """Offsets of q, v, a, lam, mu and resultants in the input vector of a sum."""
 
     q: int
     v: int = 0
     a: int = 0
     lam: int = 0
     mu: int = 0
+    resultants: int = 0
 
 
 def term_data(equations: EquationsOfMotion, term: ForceTerm | ConstraintTerm) -> Array:
@@ -75,11 +76,14 @@ def _joint_inputs(
 
 def _add_forces(
     total: SumBuilder, forces: Iterable[ForceTerm], layout: InputLayout, row: int
-) -> None:
-    """Add F, starting at row `row`."""
+) -> list[tuple[ForceTerm, KernelCopies]]:
+    """Add F, starting at row `row`; return each term with its kernels in the sum."""
+    force_copies = []
     for term in forces:
         copies = _add_force(total, layout, term, term.kernel.force_kernel)
         total.add_column(copies, 0, term.operator, row)
+        force_copies.append((term, copies))
+    return force_copies
 
 
 def _add_force(
@@ -90,6 +94,11 @@ def _add_force(
     The last `scalars` outputs of the kernel do not refer to local coordinates.
     """
     inputs = _local_inputs(term.operator, layout.q, layout.v, layout.a)
+    if term.resultants is not None:
+        height, n = term.operator.shape
+        between = sp.csr_array((height, layout.resultants - layout.q - n))
+        columns = sp.hstack([term.operator, between, term.resultants], format="csr")
+        inputs[0] = LocalInput(columns, layout.q)
     if term.rows is not None:
         inputs += _local_inputs(term.rows, layout.lam)
     if term.rotation is not None:
@@ -110,7 +119,10 @@ def assemble_residual(
     first n rows are P G^T mu, so that `dynamic` must be n. See `ConstraintKernel.residual_kernel`.
     """
     n, m, total = structure.n, structure.m, SumBuilder(TIME_SIZE)
-    _add_forces(total, structure.forces, layout, dynamic)
+    for term, copies in _add_forces(total, structure.forces, layout, dynamic):
+        if term.resultants is not None:
+            row = dynamic + n + len(levels) * m
+            total.add_column(copies, 0, term.resultants, row)
     for joint in structure.joints:
         own_levels, corrects = joint.kernel.effective_levels(levels, stabilized)
         copies = _add_joint(total, joint, layout, own_levels, corrects)

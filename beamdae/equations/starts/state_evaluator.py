@@ -74,8 +74,8 @@ def plan_state_sums(structure: Structure) -> StateSums:
         jacobian.add_matrix(copies, GRADIENT, joint.rows, joint.operator, (0, 0))
     gradient_pattern, gradients = jacobian.matrix((m, n))
     total = create_matrix_sum()
-    # As in the Jacobians of Radau, so that both use the same kernels: deriving a kernel takes
-    # longer than all evaluations at single states.
+    # As in the tangents of states, so that all use the same kernels: deriving a kernel takes longer
+    # than all evaluations at single states.
     sums: Tangents = ((STIFFNESS,), (DAMPING,), (MASS,))
     add_saddle_point(total, structure, layout, sums, with_reaction_stiffness=False)
     # First-order states have no inertia; a unit diagonal separates them from the accelerations.

@@ -316,7 +316,6 @@ int method_restart(Instance *s) {
     }
     size->next_step = fmax(sqrt(2.0 / fastest), MIN_RELATIVE_STEP * fabs(base->t));
     size->next_step = fmin(size->next_step, size->longest);
-    size->newton_limit = size->longest;
     run->factors_step = 0.0;
     run->iterations = 0;
     run->rate = 1.0;

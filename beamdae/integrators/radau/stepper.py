@@ -15,9 +15,10 @@ from beamdae.core.return_codes import (
     TOO_SMALL,
 )
 from beamdae.core.tables import Workspace
-from beamdae.equations.equations_of_motion import State
+from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.first_order import FirstOrderForm, formulate_first_order
 from beamdae.equations.formulations.kinematic_reduction import reduce_kinematics
+from beamdae.equations.formulations.mixed_equations import introduce_unknown_resultants
 from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
 from beamdae.integrators.error_control import (
     POSITION_ROUNDING,
@@ -98,7 +99,8 @@ class RadauStepper:
         max_step: float | None,
         plan: RunPlan,
     ) -> None:
-        self._form = form = formulate_first_order(plan.equations, STABILIZED_FORM, apart=True)
+        self._equations = plan.equations
+        self._form = form = formulate_stages(plan.equations)
         self._scales = motion_scales(plan)
         self._control = resolve_error_control(
             error_control,
@@ -140,7 +142,7 @@ class RadauStepper:
             complex_right=np.zeros(reduced_size, complex),
             extrapolation=np.zeros((3, 3)),
             velocities=np.zeros(n),
-            jacobian=np.zeros(3 * pattern.nnz + 1),
+            jacobian=np.zeros(reduction.entry_count(pattern)),
             real_nonzeros=real.nonzeros,
             complex_nonzeros=complex_.nonzeros,
             entry_rows=pattern.indices.astype(np.intp),
@@ -230,7 +232,6 @@ class RadauStepper:
         self._set_end(start, end)
         run.y[:], run.yp[:] = self._form.pack(state)
         run.factors_step, run.iterations, run.rate, run.failure_code = 0.0, 0, 1.0, TOO_SMALL
-        size.newton_limit = size.longest
         # A long run with a law that changes fast may ask for a first step too small for the clock.
         first = max(self._scales.first_step(self._local, state), size.smallest)
         size.next_step = min(first, size.longest)
@@ -270,7 +271,7 @@ class RadauStepper:
         # Models without sampled inputs start faster without this import.
         from beamdae.integrators.input_jumps import InputJump
 
-        return InputJump(self._form.equations)
+        return InputJump(self._equations)
 
     def advance(self, most: int) -> Array:
         """Take 1 to `most` steps, but at most 8; return rows (t, q, v, a, lam) of all stages.
@@ -287,6 +288,12 @@ class RadauStepper:
         if run.filled == 0:
             raise StepError(_FAILURES[code])
         return run.rows[: run.filled]
+
+
+def formulate_stages(equations: EquationsOfMotion) -> FirstOrderForm:
+    """Return the form of the stages, with the resultants of beams as unknowns."""
+    mixed = introduce_unknown_resultants(equations)
+    return formulate_first_order(mixed, STABILIZED_FORM, apart=True)
 
 
 def _local_tolerance(rtol: float, policy: str, periods: float, form: FirstOrderForm) -> float:

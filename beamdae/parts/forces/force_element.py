@@ -26,7 +26,7 @@ from beamdae.parts.forces.formula_checks import (
 from beamdae.parts.forces.point_force import ForceFormula, PointForce
 from beamdae.parts.point_parts import PlacedPoint
 from beamdae.parts.tables import Table
-from beamdae.symbolic.force_kernel import CompliantForm
+from beamdae.symbolic.force_kernel import CompliantForm, mix_law
 from beamdae.symbolic.formula import (
     Formula,
     constant_formula,
@@ -223,6 +223,7 @@ class _ElementFormula:
             energies=ca.vertcat(0, response.energy, 0),
             powers=ca.vertcat(response.power, response.dissipated),
             compliant=self._compliant_form(local, x, law_numbers, deformation_numbers),
+            mix=partial(mix_law, local, x, response.force, response.force.numel()),
         )
         values: dict[str, SX] = {}
         for name, column in (("deformation", x), ("force", response.force)):

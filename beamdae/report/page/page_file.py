@@ -10,8 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from beamdae.report.option_names import name_options
-from beamdae.report.page.page_content import Content
-from beamdae.report.page.page_data import encode
+from beamdae.report.page.content import Content, encode
 from beamdae.report.pictures.figures import characteristic_columns
 from beamdae.report.text import make_printable
 from beamdae.results.storage.files import write_text
@@ -19,8 +18,7 @@ from beamdae.results.storage.files import write_text
 # Files in the order of concatenation; all scripts share one global scope.
 _STYLES = ("page", "charts", "tables", "mechanism", "media")
 _SCRIPTS = (
-    *("data", "numbers", "markers", "chart", "cases", "scatter", "curves", "mechanism", "player"),
-    *("sliders", "fact_tables", "case_table", "selection"),
+    *("data", "markers", "chart", "cases", "scatter", "curves", "mechanism", "tables"),
     "main",  # must be last because it initializes the page
 )
 
@@ -53,7 +51,7 @@ def write_page(path: Path, page: Content) -> Path:
     path
         Path of the HTML file.
     page
-        Content of the page; see `page_content`.
+        Content of the page; see `content`.
 
     Returns
     -------

@@ -14,8 +14,7 @@ from beamdae.analysis.linear_dynamics.natural_modes import Modes
 from beamdae.analysis.statics.linear_buckling import Buckling
 from beamdae.errors import BeamdaeError, require_count
 from beamdae.parts.mechanism import Mechanism
-from beamdae.report.page.motion_player import build_motion_player
-from beamdae.report.pictures.animation_files import save_animation
+from beamdae.report.pictures.animations import MAX_FRAMES, build_motion_player, save_animation
 from beamdae.report.pictures.figures import (
     COLORS,
     MAX_PANELS,
@@ -24,7 +23,6 @@ from beamdae.report.pictures.figures import (
     draw_panels,
     wrap_title,
 )
-from beamdae.report.pictures.run_animation import MAX_FRAMES
 from beamdae.report.pictures.scene_artists import (
     SceneArtists,
     add_caption,
@@ -32,14 +30,15 @@ from beamdae.report.pictures.scene_artists import (
     padded_extent,
     show_region,
 )
-from beamdae.report.scene.frame_export import FRAMES_PER_PERIOD, export_frames
 from beamdae.report.scene.mechanism_scene import (
+    CoordinatePoses,
+    VibrationPoses,
     build_scene,
     collect_drawings,
     count_beam_sections,
 )
-from beamdae.report.scene.poses import CoordinatePoses, Poses, VibrationPoses
-from beamdae.report.scene.scene import Scene
+from beamdae.report.scene.run_scene import FRAMES_PER_PERIOD, export_frames
+from beamdae.report.scene.scene import Poses, Scene
 from beamdae.results.displays import Animation
 
 if TYPE_CHECKING:
@@ -160,12 +159,8 @@ def animate_mode(
     if path is None:
         frequency = float(modes.frequencies[k]) if isinstance(modes, Modes) else 0.0
         period = 1.0 / frequency if frequency > 0.0 else _DISPLAYED_PERIOD
-        low, high = scene.extent()
-        width, height = (high - low).tolist()
         data = export_frames(scene, np.arange(number) * period / number)
-        return build_motion_player(
-            data, (width, height), caption, period / _DISPLAYED_PERIOD, False
-        )
+        return build_motion_player(scene, data, caption, period / _DISPLAYED_PERIOD, False)
     figure, axis = create_bare_axis(padded_extent([scenes.rest, scene]))
     SceneArtists(axis, scenes.rest, is_pale=True)
     add_caption(axis).set_text(caption)

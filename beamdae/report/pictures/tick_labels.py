@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axis import Axis
 from matplotlib.ticker import Formatter, LogFormatterSciNotation, ScalarFormatter
 
-from beamdae.report.scaled_units import SUPERSCRIPTS, engineering_order, scale_unit
+from beamdae.report.text import SUPERSCRIPTS, engineering_order, scale_unit
 
 _MINUS, _TIMES = "\N{MINUS SIGN}", "\N{MULTIPLICATION SIGN}"
 _MIN_SHORT, _MAX_SHORT = 1e-2, 1e4  # of numbers that are not multiples of a power of ten

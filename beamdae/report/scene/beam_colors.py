@@ -12,8 +12,8 @@ from beamdae.beams.beam import Beam, beams_of
 from beamdae.beams.strains import identity
 from beamdae.equations.assembly.coordinate_map import map_coordinates
 from beamdae.errors import BeamdaeError, require_choice
-from beamdae.report.scaled_units import engineering_order, scale_unit
 from beamdae.report.scene.mechanism_scene import count_beam_sections
+from beamdae.report.text import engineering_order, scale_unit
 from beamdae.results.section_forces.section_motions import (
     evaluate_sections,
 )

@@ -14,8 +14,8 @@ import numpy as np
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.bodies.rigid_body import Ground, RigidBody
 from beamdae.parts.part import Part
-from beamdae.report.scene.scene_builder import SceneBuilder
-from beamdae.report.scene.shapes import (
+from beamdae.report.scene.scene import (
+    SceneBuilder,
     align_points,
     arrow_head,
     box,

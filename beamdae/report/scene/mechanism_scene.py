@@ -1,4 +1,4 @@
-"""Scene of a mechanism: beam axes, outlines of rigid bodies and symbols of other parts."""
+"""Scene of a mechanism: poses of attachments, beam axes, outlines of bodies and symbols."""
 
 from __future__ import annotations
 
@@ -8,18 +8,32 @@ import numpy as np
 
 from beamdae.beams.beam import Beam, beams_of
 from beamdae.beams.sections import VaryingSection
+from beamdae.equations.assembly.coordinate_map import map_coordinates
 from beamdae.errors import BeamdaeError
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.mechanism import Mechanism
 from beamdae.parts.part import Drawing, Part
-from beamdae.report.scene.poses import Poses
-from beamdae.report.scene.scene import Scene, bounding_box, outline, round_down_scale
-from beamdae.report.scene.scene_builder import Measure, SceneBuilder
-from beamdae.report.scene.shapes import circle
+from beamdae.report.scene.scene import (
+    Measure,
+    Poses,
+    Scene,
+    SceneBuilder,
+    bounding_box,
+    circle,
+    outline,
+    round_down_scale,
+)
 from beamdae.report.scene.symbols import draw_symbol
+from beamdae.results.section_forces.section_motions import (
+    evaluate_sections,
+    position_and_angle,
+)
 
 Array = np.ndarray
 
+# Step of the central differences, for a mode shape whose largest component is 1.
+_DIFFERENCE_STEP = 1e-5
+_SMALLEST_SHAPE = 1e-300  # avoids division by zero for a mode without motion
 MAX_BEAM_SECTIONS = 49  # per beam, enough for a smooth curve in a figure
 _MIN_BEAM_SECTIONS = 9  # per beam
 _MAX_SECTIONS = 600  # total of all beams, unless the minimum per beam requires more
@@ -30,6 +44,92 @@ _VISIBLE_HEIGHT = 0.025
 # larger than the pin of a joint at the same point.
 _PARTICLE_RADIUS = 0.42
 _SINGLE_POINT_RADIUS = 0.28
+
+
+def reference_poses(attachments: Sequence[Attachment]) -> Array:
+    """Return the poses (1, attachments, 3) in the reference configuration."""
+    poses = [[(*attachment.point, 0.0) for attachment in attachments]]
+    return np.array(poses, float).reshape(1, -1, 3)
+
+
+class CoordinatePoses:
+    """Poses of a mechanism at given coordinates, one frame per row.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    q
+        Coordinates (frames, n) of the mechanism.
+    """
+
+    def __init__(self, mechanism: Mechanism, q: Array) -> None:
+        self._coordinates, self._q = map_coordinates(mechanism), q
+
+    def __call__(self, attachments: Sequence[Attachment]) -> Array:
+        """Return the poses, (frames, attachments, 3)."""
+        poses = np.repeat(reference_poses(attachments), len(self._q), axis=0)
+        bodies: dict[int, list[int]] = {}
+        for k, attachment in enumerate(attachments):
+            # Attachments without coordinates stay at their reference position.
+            if attachment.size:
+                bodies.setdefault(id(attachment.body), []).append(k)
+        for members in bodies.values():
+            q = self._q[:, self._coordinates.slice_of(attachments[members[0]].body)]
+            functions = [
+                (attachments[k].operator, attachments[k].checked_kinematics) for k in members
+            ]
+            at_rest = np.zeros_like(q)
+            poses[:, members] = evaluate_sections(
+                position_and_angle, functions, q, at_rest, at_rest
+            )
+        return poses
+
+
+class EnlargedPoses:
+    """Poses whose differences from the first frame are multiplied by a factor."""
+
+    def __init__(self, poses: Poses, scale: float) -> None:
+        self._poses, self._scale = poses, scale
+
+    def __call__(self, attachments: Sequence[Attachment]) -> Array:
+        """Return the poses, (frames, attachments, 3)."""
+        return enlarge(self._poses(attachments), self._scale)
+
+
+def enlarge(values: Array, scale: float) -> Array:
+    """Return values whose differences from the first entry are multiplied by `scale`."""
+    return values[:1] + scale * (values - values[:1])
+
+
+class VibrationPoses:
+    """Poses of a small vibration about a state, one frame per phase.
+
+    The pose p(q) of an attachment becomes p(q) + Re(phase * dp/dq . shape).
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    q
+        Coordinates (n,) of the state.
+    shape
+        Complex mode shape (n,).
+    phases
+        Complex phases, one per frame.
+    """
+
+    def __init__(self, mechanism: Mechanism, q: Array, shape: Array, phases: Array) -> None:
+        self._step = _DIFFERENCE_STEP / max(float(np.max(np.abs(shape))), _SMALLEST_SHAPE)
+        ends = [self._step * s for s in (shape.real, -shape.real, shape.imag, -shape.imag)]
+        self._displaced = CoordinatePoses(mechanism, np.concatenate([q[None], q + ends]))
+        self._phases = phases
+
+    def __call__(self, attachments: Sequence[Attachment]) -> Array:
+        """Return the poses, (frames, attachments, 3)."""
+        rest, *ends = self._displaced(attachments)
+        slope = (ends[0] - ends[1] + 1j * (ends[2] - ends[3])) / (2.0 * self._step)
+        return rest + (slope * self._phases[:, None, None]).real
 
 
 def build_scene(

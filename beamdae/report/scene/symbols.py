@@ -1,18 +1,15 @@
-"""Drawing functions of all symbols, by the symbol names used in `Part.symbol`."""
+"""Symbols of springs, contacts and loads, and the symbols of all parts by name."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
+import math
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from beamdae.errors import require_choice
 from beamdae.parts.part import Part
-from beamdae.report.scene.elastic_symbols import (
-    draw_bushing,
-    draw_contact,
-    draw_spring_damper,
-    draw_torsion_spring,
-)
 from beamdae.report.scene.joint_symbols import (
     draw_distance,
     draw_driver,
@@ -29,15 +26,298 @@ from beamdae.report.scene.joint_symbols import (
     draw_sliding_on_beam,
     draw_translational_driver,
     draw_weld,
+    find_travel,
 )
-from beamdae.report.scene.load_arrows import (
-    draw_distributed_force,
-    draw_force,
-    draw_force_law,
-    draw_moment,
-    draw_moving_force,
+from beamdae.report.scene.scene import (
+    SceneBuilder,
+    align_points,
+    arrow_head,
+    circle,
+    hatched_line,
+    join_lines,
 )
-from beamdae.report.scene.scene_builder import SceneBuilder
+
+if TYPE_CHECKING:
+    from beamdae.beams.beam_loads import DistributedForce, MovingForce
+    from beamdae.parts.forces.bushing import Bushing
+    from beamdae.parts.forces.contact import Contact
+    from beamdae.parts.forces.force_law import ForceLaw
+    from beamdae.parts.forces.loads import Force, Moment
+    from beamdae.parts.forces.springs import Spring, TorsionSpring
+    from beamdae.parts.forces.surfaces import CircleSurface
+    from beamdae.parts.laws import Law
+
+Array = np.ndarray
+
+_COIL_COUNT = 6
+_COIL_HALF_WIDTH = 0.45
+_DASHPOT_HALF_WIDTH = 0.42
+# Distance of coil and dashpot from the line between the points if they are drawn side by side.
+_SIDE_BY_SIDE_OFFSET = 0.55
+_STUB = 0.12  # at both ends of elements side by side, relative to the distance of the points
+# A spring is drawn as a spiral if the distance of its points never exceeds this.
+_COINCIDENT_DISTANCE = 0.1
+_SPIRAL_WINDINGS = 2.25
+_SPIRAL_POINTS = 90
+# Rotary dampers: an open drum with a vane.
+_DRUM_RADIUS = 0.85
+_DRUM_HALF_OPENING = math.pi / 6.0
+_VANE_HALF_LENGTH = 0.6
+_BUSHING_RADIUS = 0.85
+_BUSHING_PIN_RADIUS = 0.3
+_CONTACT_RADIUS = 0.2
+_SURFACE_HATCHES = 36
+_SURFACE_CORNERS = 90
+# Length of the arrow of the largest force.
+_FORCE_LENGTH = 4.0
+# Loads below this fraction of the maximum load of the part are not drawn.
+_MIN_VISIBLE_LOAD = 0.02
+_DISTRIBUTED_ARROWS = 9  # number of arrows of a distributed load
+_AXIS_SECTIONS = 101  # sections between which the position of a moving load is interpolated
+_MOMENT_ANGLE = 1.3 * math.pi  # angle of the arrow of the largest moment [rad]
+_MOMENT_RADIUS = 1.6
+# Times at which a drawing evaluates loads that are zero at t = 0 [s].
+_LATER_TIMES = (1e-3, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0)
+
+# Symbols with a support at each point of the ground.
+_SUPPORTED = ("joint", "hinge", "link", "driver", "spring-damper", "torsion spring", "bushing")
+
+
+def draw_spring_damper(part: Spring, builder: SceneBuilder) -> int:
+    """Draw a coil, a dashpot or both side by side, or a spiral if the points stay close."""
+    a, b = builder.add_attachment(part.a), builder.add_attachment(part.b)
+    longest = np.max(np.hypot(*builder.relative_position(a, b).T))
+    has_damper = part.damping > 0.0
+    if longest < _COINCIDENT_DISTANCE * builder.size:
+        builder.add_between("spring", a, b, _spiral())
+    elif has_damper and part.stiffness > 0.0:
+        side = _SIDE_BY_SIDE_OFFSET
+        builder.add_stretched("spring", a, b, _coil(_STUB, side))
+        builder.add_stretched("damper", a, b, _dashpot(_STUB, -side))
+        ends = ((0.0, _STUB), (1.0, 1.0 - _STUB))
+        bars = [[(x, 0.0, -side), (x, 0.0, side)] for _, x in ends]
+        stubs = [[(end, 0.0, 0.0), (x, 0.0, 0.0)] for end, x in ends]
+        builder.add_stretched("spring", a, b, join_lines(*map(np.array, (*bars, *stubs))))
+    elif has_damper:
+        builder.add_stretched("damper", a, b, _dashpot())
+    else:
+        builder.add_stretched("spring", a, b, _coil())
+    return builder.add_midpoint(a, b)
+
+
+def _coil(end: float = 0.0, side: float = 0.0) -> Array:
+    """Return the points of a zigzag line between two stubs, see `Symbol.points`."""
+    share = np.linspace(0.2, 0.8, 4 * _COIL_COUNT + 1)[1::2]
+    along = np.array([0.0, 0.2, *share, 0.8, 1.0])
+    across = [0.0, 0.0, *(_COIL_HALF_WIDTH * (-1.0) ** np.arange(len(share))), 0.0, 0.0]
+    share = end + (1.0 - 2.0 * end) * along
+    return np.column_stack([share, np.zeros(len(share)), side + np.array(across)])
+
+
+def _dashpot(end: float = 0.0, side: float = 0.0) -> Array:
+    """Return the points of a cup with a piston inside, see `Symbol.points`."""
+    half, bottom, piston, mouth = _DASHPOT_HALF_WIDTH, 0.3, 0.5, 0.7
+    lines = [
+        [(end, 0.0), (bottom, 0.0)],
+        [(mouth, half), (bottom, half), (bottom, -half), (mouth, -half)],
+        [(piston, -0.75 * half), (piston, 0.75 * half)],
+        [(piston, 0.0), (1.0 - end, 0.0)],
+    ]
+    return join_lines(*(np.array([(x, 0.0, side + y) for x, y in line]) for line in lines))
+
+
+def _spiral() -> Array:
+    """Return the points of a spiral that winds up as its end poses rotate, see `Symbol.points`."""
+    share = np.linspace(0.0, 1.0, _SPIRAL_POINTS)
+    angle = 2.0 * math.pi * _SPIRAL_WINDINGS * (1.0 - share)
+    radius = 1.3 - 1.05 * share
+    return np.column_stack([share, radius * np.cos(angle), radius * np.sin(angle)])
+
+
+def draw_torsion_spring(part: TorsionSpring, builder: SceneBuilder) -> int:
+    """Draw a spiral, or a drum with a vane for a damper, and a line between distant points."""
+    a, b = builder.add_attachment(part.a), builder.add_attachment(part.b)
+    # The moment depends only on the angles of the bodies; the part is drawn at the first point.
+    inner = builder.add_pose(np.column_stack([builder.pose(a)[:, :2], builder.pose(b)[:, 2]]))
+    if part.damping > 0.0 and part.stiffness == 0.0:
+        angle = np.linspace(_DRUM_HALF_OPENING, 2.0 * math.pi - _DRUM_HALF_OPENING, _SPIRAL_POINTS)
+        drum = _DRUM_RADIUS * np.column_stack([np.cos(angle), np.sin(angle)])
+        builder.add_rigid("damper", a, drum)
+        builder.add_rigid("damper", inner, [(0.0, -_VANE_HALF_LENGTH), (0.0, _VANE_HALF_LENGTH)])
+    else:
+        builder.add_between("spring", a, inner, _spiral())
+    if np.max(np.hypot(*builder.relative_position(a, b).T)) > builder.size:
+        builder.add_link("link", a, b)
+    return a
+
+
+def draw_bushing(part: Bushing, builder: SceneBuilder) -> int:
+    """Draw a ring on the first body and a pin on the second body, connected by four spokes."""
+    a, b = builder.add_attachment(part.a), builder.add_attachment(part.b)
+    center = np.subtract(part.b.point, part.a.point) / builder.size
+    builder.add_rigid("spring", a, circle(_BUSHING_RADIUS, 40) + center)
+    for direction in circle(1.0, 4)[:4] @ [(0.5**0.5, 0.5**0.5), (-(0.5**0.5), 0.5**0.5)]:
+        outer, inner = center + _BUSHING_RADIUS * direction, _BUSHING_PIN_RADIUS * direction
+        builder.add_between("spring", a, b, [(0.0, *outer), (1.0, *inner)])
+    builder.add_rigid("weld", b, circle(_BUSHING_PIN_RADIUS))
+    return b
+
+
+def draw_contact(part: Contact, builder: SceneBuilder) -> int:
+    """Draw the surface, with hatches on its inaccessible side, and the contact point."""
+    from beamdae.parts.forces.surfaces import CircleSurface
+
+    surface, point = part.surface, builder.add_attachment(part.point)
+    if isinstance(surface, CircleSurface):
+        line = _hatched_circle(surface, builder.size)
+    else:
+        travel = find_travel(surface.on, part.point, surface.direction, builder)
+        line = align_points(hatched_line(*travel), surface.direction)
+    builder.add_rigid("surface", builder.add_attachment(surface.on), line)
+    builder.add_rigid("contact", point, circle(_CONTACT_RADIUS))
+    return point
+
+
+def _hatched_circle(surface: CircleSurface, size: float) -> Array:
+    radius = surface.radius / size
+    outward = circle(1.0, _SURFACE_HATCHES)[1:]
+    inward = outward * (-1.0 if surface.side == "outside" else 1.0)
+    feet, length = radius * outward, 0.4 * min(1.0, radius)
+    ends = feet + length * (inward + np.column_stack([-inward[:, 1], inward[:, 0]]))
+    return join_lines(circle(radius, _SURFACE_CORNERS), *np.stack([feet, ends], axis=1))
+
+
+def draw_force(part: Force, builder: SceneBuilder) -> int:
+    """Draw an arrow that ends at the point of application."""
+    row = builder.add_attachment(part.on)
+    load = _evaluate_laws(part.laws, builder)
+    _draw_force_arrow(builder, row, _rotate(load, builder, row) if part.axes == "body" else load)
+    return row
+
+
+def _rotate(load: Array, builder: SceneBuilder, row: int, inclination: float = 0.0) -> Array:
+    """Rotate components (frames, 2) from the axes of a pose to the inertial axes.
+
+    `inclination` is the angle of the axes in the reference configuration [rad].
+    """
+    angle = builder.pose(row)[:, 2] + inclination
+    c, s = np.cos(angle), np.sin(angle)
+    return np.stack([c * load[:, 0] - s * load[:, 1], s * load[:, 0] + c * load[:, 1]], axis=-1)
+
+
+def draw_moment(part: Moment, builder: SceneBuilder) -> int:
+    """Draw an arc-shaped arrow around each point of application."""
+    rows = [builder.add_attachment(attachment) for attachment in part.attachments]
+    moment = _evaluate_laws(part.laws, builder)
+    for row, sign in zip(rows, (1.0, -1.0), strict=False):
+        _draw_moment_arrow(builder, row, sign * moment)
+    return rows[0]
+
+
+def draw_force_law(part: ForceLaw, builder: SceneBuilder) -> int | None:
+    """Draw arrows in animations and markers in drawings, where the load cannot be evaluated."""
+    if builder.measure is None:
+        return draw_markers(part, builder)
+    rows = [builder.add_attachment(attachment) for attachment in part.on]
+    loads = builder.measure(part.load).reshape(len(builder.times), -1, 3)
+    for k, row in enumerate(rows):
+        _draw_force_arrow(builder, row, loads[:, k, :2])
+        _draw_moment_arrow(builder, row, loads[:, k, 2:])
+    return rows[0]
+
+
+def draw_distributed_force(part: DistributedForce, builder: SceneBuilder) -> int:
+    """Draw arrows and a line through their tails; only heads if the load varies with s."""
+    sections = [part.beam.at(s) for s in np.linspace(0.0, part.beam.length, _DISTRIBUTED_ARROWS)]
+    rows = [builder.add_attachment(section) for section in sections]
+    if not part.laws:
+        # If the load depends on the section, it has no common direction; only heads are drawn.
+        for row in rows:
+            builder.add_rigid("load", row, arrow_head())
+        return rows[_DISTRIBUTED_ARROWS // 2]
+    load, turns = _evaluate_laws(part.laws, builder), part.axes == "section"
+    tails = []
+    for row, x in zip(rows, sections, strict=True):
+        here = _rotate(load, builder, row, x.inclination) if turns else load
+        tails.append(_draw_force_arrow(builder, row, here, 0.5 * _FORCE_LENGTH))
+    builder.add_curve("load", np.stack([builder.pose(x)[:, :2] for x in tails], axis=1))
+    return tails[_DISTRIBUTED_ARROWS // 2]
+
+
+def draw_moving_force(part: MovingForce, builder: SceneBuilder) -> int:
+    """Draw an arrow that ends on the beam axis at the current position of the force."""
+    beam = part.beam
+    sections = np.linspace(0.0, beam.length, _AXIS_SECTIONS)
+    axis = builder.positions([beam.at(s) for s in sections])
+    s = part.start + part.speed * builder.times
+    pose = np.zeros((len(s), 3))
+    for k in range(2):
+        pose[:, k] = [np.interp(x, sections, y) for x, y in zip(s, axis[..., k], strict=True)]
+    # A drawing shows the force even if it is off the beam.
+    off_beam = (s < 0.0) | (s > beam.length)
+    load = np.where(off_beam[:, None] & (len(s) > 1), 0.0, np.array(part.force))
+    return _draw_force_arrow(builder, builder.add_pose(pose), load)
+
+
+def _draw_force_arrow(
+    builder: SceneBuilder, row: int, load: Array, length: float = _FORCE_LENGTH
+) -> int:
+    """Draw the arrow of a force (frames, 2), which ends at the pose with index `row`.
+
+    Return the index of the pose at the tail of the arrow.
+    """
+    tail = builder.pose(row).copy()
+    tail[:, :2] -= length * builder.size * _relative_to_largest(load)
+    tail[:, 2] = np.arctan2(load[:, 1], load[:, 0])
+    start = builder.add_pose(tail)
+    builder.add_link("load", start, row)
+    builder.add_stretched("load tip", start, row, np.column_stack([np.ones(4), arrow_head()]))
+    return start
+
+
+def _draw_moment_arrow(builder: SceneBuilder, row: int, moment: Array) -> None:
+    """Draw the arrow of a moment (frames, 1) around a pose, counter-clockwise if positive."""
+    share = _relative_to_largest(moment)[:, 0]
+    if not np.any(np.isfinite(share)):
+        return
+    ends = np.tile(builder.pose(row), (2, 1, 1))
+    ends[0, :, 2] = -0.25 * math.pi
+    ends[1, :, 2] = ends[0, :, 2] + _MOMENT_ANGLE * share
+    angle, head = ends[1, :, 2], ends[1].copy()
+    arm = np.column_stack([np.cos(angle), np.sin(angle)])
+    head[:, :2] += _MOMENT_RADIUS * builder.size * arm
+    head[:, 2] = angle + np.sign(share) * 0.5 * math.pi
+    first, last = map(builder.add_pose, ends)
+    arc = [(x, _MOMENT_RADIUS, 0.0) for x in np.linspace(0.0, 0.95, 24)]
+    builder.add_between("load", first, last, arc)
+    builder.add_rigid("load tip", builder.add_pose(head), np.add(arrow_head(), (0.2, 0.0)))
+
+
+def _relative_to_largest(load: Array) -> Array:
+    """Divide loads (frames, k) by the largest magnitude; negligible loads become nan."""
+    size = np.linalg.norm(load, axis=1)
+    largest = float(np.max(size[np.isfinite(size)], initial=0.0))
+    visible = size > _MIN_VISIBLE_LOAD * largest
+    shares = np.full(load.shape, math.nan)
+    shares[visible] = load[visible] / largest
+    return shares
+
+
+def _evaluate_laws(laws: Sequence[Law], builder: SceneBuilder) -> Array:
+    """Return the values (frames, laws) of laws in all frames.
+
+    In a drawing, which has a single frame, the laws are evaluated at the first of several times at
+    which at least one law is not zero; if there is no such time, a unit load is returned.
+    """
+    is_drawing = len(builder.times) == 1
+    times = (0.0, *_LATER_TIMES) if is_drawing else builder.times
+    values = np.array([[law.at(t) for law in laws] for t in times])
+    if not is_drawing:
+        return values
+    # Loads that are zero at all these times are drawn as unit loads, forces pointing downward.
+    unit = np.array([[1.0] if len(laws) == 1 else [0.0, -1.0]])
+    return np.concatenate([values[values.any(axis=1)], unit])[:1]
+
 
 # A function may use any field of the built-in parts with its symbol, such as `a` and `direction`.
 _SYMBOLS: dict[str, Callable[[Any, SceneBuilder], int | None]] = {
@@ -69,10 +349,6 @@ _SYMBOLS: dict[str, Callable[[Any, SceneBuilder], int | None]] = {
     "distributed force": draw_distributed_force,
     "moving force": draw_moving_force,
 }
-
-
-# Symbols with a support at each point of the ground.
-_SUPPORTED = ("joint", "hinge", "link", "driver", "spring-damper", "torsion spring", "bushing")
 
 
 def require_symbol(owner: str, name: object) -> str:

@@ -443,9 +443,7 @@ class SectionForces(HasTable):
         BeamdaeError
             If `what` is invalid, or `t` is too far from the nearest available time.
         """
-        return deferred.module("report.pictures.section_diagrams").plot_section_diagram(
-            self, what, t
-        )
+        return deferred.module("report.pictures.analysis_plots").plot_section_diagram(self, what, t)
 
 
 def _excess(values: Array, others: Array) -> float:

@@ -17,8 +17,7 @@ from beamdae.parts.joints.event_constraints import FrozenGap
 from beamdae.read_only import read_only_data
 from beamdae.results.outcome import PILOT_RUN_SUFFIX
 from beamdae.results.run_data import RunData
-from beamdae.results.storage.documents import Format
-from beamdae.results.storage.reader import FileKind
+from beamdae.results.storage.documents import FileKind, Format
 
 # Files of runs, whose last states are checkpoints.
 SAVED_RUN, SAVED_RUN_VERSION = FileKind("saved run", "simulate and save the run again"), 4

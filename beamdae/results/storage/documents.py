@@ -1,27 +1,39 @@
-"""Documents: JSON objects with a format, a version and a checksum, alone or with NumPy arrays.
-
-The content is decoded to a type: a dataclass, or a structure of the package `msgspec`. Arrays are
-stored beside it in a zip archive, not compressed, so that a file never unpacks to more than its
-size.
-"""
+"""Documents: regular files in JSON with a format, a version and checked fields."""
 
 from __future__ import annotations
 
+import csv
+import errno
 import hashlib
 import json
+import math
+import os
 import re
+import stat
+import struct
 import zipfile
-from collections.abc import Mapping
+import zlib
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
+from io import BufferedReader
 from pathlib import Path
 from typing import Any, BinaryIO, Generic, TypeVar, cast
 
 import msgspec
 import numpy as np
 
-from beamdae.errors import short_repr
+from beamdae.errors import BeamdaeError, FileContentError, require_valid_path, short_repr
 from beamdae.memory import require_memory
-from beamdae.results.storage.reader import ContentError, FileKind, open_result, read_bytes
+
+_MAX_BYTES = 4_000_000_000
+# Exceptions of NumPy, zipfile, JSON and of functions that evaluate damaged content.
+_CONTENT_ERRORS = (
+    *(ArithmeticError, AttributeError, EOFError, LookupError, MemoryError, OSError),
+    *(RuntimeError, SyntaxError, TypeError, ValueError, zipfile.BadZipFile, zlib.error),
+    *(struct.error, csv.Error),
+)
+
 
 Array = np.ndarray
 _T = TypeVar("_T")
@@ -32,6 +44,98 @@ _MAX_JSON_BYTES = 100_000_000
 _CONTROL_CHARACTER = re.compile(r"\x7f|(?<!\\)(?:\\\\)*\\(?:u00[0189][0-9a-f]|[bf])")
 _CHECKSUM = "checksum"
 _CONTENT = "document"  # array that contains the JSON text
+
+
+class ContentError(Exception):
+    """Raised for content that is not allowed; the message names the field and what is allowed."""
+
+
+@dataclass(frozen=True)
+class FileKind:
+    """Kind of a result file, for messages.
+
+    Attributes
+    ----------
+    name
+        Name of the kind, such as "saved run".
+    remedy
+        Advice if the file cannot be used, such as "run the model again from the start".
+    """
+
+    name: str
+    remedy: str
+
+    def error(self, path: Path, problem: str) -> FileContentError:
+        """Return the error for the file at `path`."""
+        return FileContentError(path, problem, self.remedy)
+
+    @contextmanager
+    def errors_of(self, path: Path) -> Iterator[None]:
+        """Convert errors of reading or evaluating the content of a file to FileContentError."""
+        try:
+            yield
+        except ContentError as problem:
+            raise self.error(path, str(problem)) from None
+        except BeamdaeError:
+            raise
+        except _CONTENT_ERRORS as problem:
+            message = f"the file is not a complete {self.name}"
+            raise self.error(path, message) from problem
+
+
+@contextmanager
+def open_regular_file(path: str | Path) -> Iterator[BufferedReader]:
+    """Open a regular file for reading; links are followed.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be opened, or is a device, a pipe, a socket or a folder.
+    """
+    _require_regular(os.stat(path).st_mode)
+    # Opening a pipe that has no writer would wait; the file may be replaced after `stat`.
+    flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
+    with os.fdopen(os.open(path, flags), "rb") as stream:
+        _require_regular(os.fstat(stream.fileno()).st_mode)
+        yield stream
+
+
+def _require_regular(mode: int) -> None:
+    if stat.S_ISDIR(mode):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+    if not stat.S_ISREG(mode):
+        raise OSError(errno.EINVAL, "not a regular file")
+
+
+@contextmanager
+def open_result(path: Path, kind: FileKind, most: float = math.inf) -> Iterator[BufferedReader]:
+    """Open a regular file of at most `most` bytes for reading.
+
+    Raises
+    ------
+    FileContentError
+        If the file cannot be opened, is not a regular file, or has more than `most` bytes.
+    """
+    require_valid_path(path)
+    with ExitStack() as files:
+        try:
+            stream = files.enter_context(open_regular_file(path))
+        except OSError as problem:
+            why = problem.strerror or problem
+            raise kind.error(path, f"the {kind.name} cannot be read: {why}") from None
+        size = os.fstat(stream.fileno()).st_size
+        if size > most:
+            raise kind.error(
+                path, f"the {kind.name} has {size} bytes, but at most {most} bytes are allowed"
+            )
+        yield stream
+
+
+def read_bytes(path: Path, kind: FileKind, most: int = _MAX_BYTES) -> bytes:
+    """Return the content of a regular file, see `open_result`."""
+    with open_result(path, kind, most) as stream, kind.errors_of(path):
+        # Files that grow while they are read are truncated, and fail their checksum.
+        return stream.read(most)
 
 
 @dataclass(frozen=True)

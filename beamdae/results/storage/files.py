@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 # Names of scratch files contain the id and the host name of the writing process.
-_SCRATCH = re.compile(r"\.(?P<process>\d+)@(?P<node>[^@]*)@[0-9a-f]+\.scratch")
+_SCRATCH = re.compile(r"\.(?P<process>\d+)@(?P<node>[^@]*)@[0-9a-f]+\.scratch(\.\w+)?")
 # Spreadsheets read text that starts with these (half- or full-width) characters as a formula.
 _FORMULA = re.compile("'*[=+\\-@\t\r＝＋－＠]")  # noqa: RUF001
 _NOT_INSTALLED = "not installed"
@@ -265,8 +265,9 @@ def atomic_write(path: Path, durable: bool = True, kind: str = "") -> Iterator[P
     """Yield a scratch file that replaces the file at `path` when the block ends.
 
     The folder of `path` is created if needed. If the block raises any exception, including
-    KeyboardInterrupt, the file at `path` is unchanged and the scratch file is removed. Permissions
-    of an existing file are preserved. If `path` is a symbolic link, the link is replaced and its
+    KeyboardInterrupt, the file at `path` is unchanged and the scratch file is removed; those of
+    killed processes are removed with the first file that is written to their folder. Permissions of
+    an existing file are preserved. If `path` is a symbolic link, the link is replaced and its
     target is unchanged; links to folders in the path are followed. Devices and pipes, and links of
     the system such as /dev/stdout, are written directly. A file that is not `durable` may be empty
     after a power failure.
@@ -287,6 +288,7 @@ def atomic_write(path: Path, durable: bool = True, kind: str = "") -> Iterator[P
             yield target
             return
         require_output(target, kind=kind)
+        _remove_stale_scratch_files(target.parent)
         scratch.touch(exist_ok=False)
         try:
             yield scratch
@@ -349,9 +351,10 @@ def _replace_file(target: Path, scratch: Path) -> None:
     os.replace(scratch, target)
 
 
-def remove_stale_scratch_files(folder: Path) -> None:
-    """Remove scratch files left by processes of this machine that are no longer running."""
-    for path in folder.glob(".*.scratch"):
+@cache
+def _remove_stale_scratch_files(folder: Path) -> None:
+    """Remove scratch files of killed processes of this machine, once in each folder."""
+    for path in folder.glob(".*.scratch*"):
         name = _SCRATCH.fullmatch(path.name)
         if name and name["node"] == platform.node() and not _is_running(int(name["process"])):
             with suppress(OSError):

@@ -16,7 +16,7 @@ from beamdae.results.column_derivatives import ColumnDerivatives
 from beamdae.results.event_records import EventRecord
 from beamdae.results.outcome import Statistics, Status
 from beamdae.results.run_data import RunData
-from beamdae.results.storage.reader import ContentError
+from beamdae.results.storage.documents import ContentError
 from beamdae.results.trajectory import Interval, StepRecord, Trajectory
 
 Array = np.ndarray

@@ -1,4 +1,4 @@
-"""Positions of the cases of a sweep among its parameters, and samples of the cases."""
+"""Parameter values of the cases of a sweep, their positions in a grid, and samples of the cases."""
 
 from __future__ import annotations
 
@@ -9,7 +9,16 @@ from typing import Any
 
 import numpy as np
 
+from beamdae.errors import (
+    BeamdaeError,
+    require_entries,
+    require_iterable,
+    require_mapping,
+    short_repr,
+)
+from beamdae.model_functions import Model
 from beamdae.read_only import read_only_data
+from beamdae.studies.case import MAX_CASES, format_parameter, grid
 
 Array = np.ndarray
 
@@ -94,3 +103,70 @@ class ParameterGrid:
             nodes = np.linspace(0, len(axis.values) - 1, count).round().astype(int)
             is_in_sample &= np.isin(self.positions[:, k], nodes)
         return set(np.flatnonzero(is_in_sample).tolist())
+
+
+@dataclass(frozen=True)
+class ParameterValue:
+    """Value of a parameter, and its form in tables and labels."""
+
+    value: Any
+    label: Any
+
+
+def expand_values(part: str, model: Model, over: Any) -> list[dict[str, ParameterValue]]:
+    """Return the parameters of each case.
+
+    `over` contains values by parameter, or is a list of combinations. A parameter that a
+    combination omits has the default of the model.
+
+    Raises
+    ------
+    BeamdaeError
+        If `over` has the wrong form, or a parameter is unknown, has no values, or has a value of
+        the wrong type.
+    """
+    allowed = "a dict of values by parameter, or a list of parameter combinations"
+    if isinstance(over, Mapping):
+        by_name = require_mapping(part, "over", over, allowed)
+        if not by_name:
+            raise BeamdaeError(f"{part}: over must be {allowed}, got {{}}.")
+        return grid(**{x: _require_values(part, model, x, y) for x, y in by_name.items()})
+    entries = _require_list(part, "over", over, allowed)
+    if not entries or not all(isinstance(combination, Mapping) for combination in entries):
+        raise BeamdaeError(f"{part}: over must be {allowed}, got {short_repr(over)}.")
+    listed = [require_mapping(part, "over", combination, allowed) for combination in entries]
+    names = list(dict.fromkeys(name for combination in listed for name in combination))
+    return [
+        {x: _check_value(model, x, combination.get(x, model.parameters.get(x))) for x in names}
+        for combination in listed
+    ]
+
+
+def _require_values(part: str, model: Model, name: Any, values: Any) -> list[ParameterValue]:
+    if name not in model.parameters:
+        model.complete({name: None})  # raises the error that names the model's parameters
+    allowed = "a list of values, or a dict of values by name"
+    if isinstance(values, Mapping):
+        by_label = require_entries(part, name, values, allowed)
+        checked = [_check_value(model, name, x, str(label)) for label, x in by_label.items()]
+    else:
+        checked = [_check_value(model, name, x) for x in _require_list(part, name, values, allowed)]
+    if not checked:
+        raise BeamdaeError(f"{part}: {name} must have at least one value, got none.")
+    return checked
+
+
+def _require_list(part: str, name: str, values: Any, allowed: str) -> list[Any]:
+    unordered = isinstance(values, (str, bytes, set, frozenset))
+    entries = require_iterable(part, name, None if unordered else values, allowed, MAX_CASES + 1)
+    if len(entries) > MAX_CASES:
+        raise BeamdaeError(f"{part}: {name} has more than {MAX_CASES} values; use fewer values.")
+    return entries
+
+
+def _check_value(model: Model, name: str, value: Any, label: str | None = None) -> ParameterValue:
+    checked = model.complete({name: value})[name]
+    if label is not None:
+        return ParameterValue(checked, label)
+    plain = isinstance(checked, (bool, int, float, str))
+    return ParameterValue(checked, checked if plain else format_parameter(checked))

@@ -23,13 +23,13 @@ from beamdae.results.columns import (
     select_columns,
     select_observed_columns,
 )
-from beamdae.studies.column_measures import MEASURES
-from beamdae.studies.execution.study_run import StudyResults
 from beamdae.studies.run_values import (
     MEASURED_ERROR_COLUMN,
+    MEASURES,
     WALL_TIME_COLUMN,
     format_output_column,
 )
+from beamdae.studies.study_run import StudyResults
 from beamdae.studies.sweeps.sweep import (
     REASON,
     STATUS,

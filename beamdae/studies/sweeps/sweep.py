@@ -18,7 +18,6 @@ from beamdae.errors import (
     path_as_text,
     require_choice,
     require_entries,
-    require_iterable,
     require_mapping,
     require_positive,
     require_progress,
@@ -44,21 +43,17 @@ from beamdae.results.columns import require_column_names
 from beamdae.results.solution import Solution
 from beamdae.studies.case import (
     FINGERPRINT_LENGTH,
-    MAX_CASES,
     Case,
     DigestCache,
     cached_digest,
-    format_parameter,
-    grid,
 )
 from beamdae.studies.definition import Study, call_definition
-from beamdae.studies.execution.executors import SerialPool, create_executor
-from beamdae.studies.execution.study_progress import StudyProgress
-from beamdae.studies.execution.study_run import StudyResults, run_study
+from beamdae.studies.executors import SerialPool, create_executor
+from beamdae.studies.fingerprints import FingerprintError, digest
 from beamdae.studies.run_values import MEASURED_ERROR_COLUMN, WALL_TIME_COLUMN
-from beamdae.studies.store.fingerprints import FingerprintError, digest
-from beamdae.studies.sweeps.parameter_grid import GridAxis, ParameterGrid
-from beamdae.studies.tasks import Task
+from beamdae.studies.study_run import StudyResults, run_study
+from beamdae.studies.sweeps.parameter_grid import GridAxis, ParameterGrid, expand_values
+from beamdae.studies.tasks import StudyProgress, Task
 
 Output = Callable[[Solution], Any]
 # Function of a model whose defaults are the parameters of the case.
@@ -494,73 +489,6 @@ def _require_model(model: Any, t_end: float | None, measure: Any) -> Model:
         return create_model(t_end=t_end)(model)
     except BeamdaeError as problem:
         raise BeamdaeError(f"sweep: model must have named parameters: {problem}") from None
-
-
-@dataclass(frozen=True)
-class ParameterValue:
-    """Value of a parameter, and its form in tables and labels."""
-
-    value: Any
-    label: Any
-
-
-def expand_values(part: str, model: Model, over: Any) -> list[dict[str, ParameterValue]]:
-    """Return the parameters of each case.
-
-    `over` contains values by parameter, or is a list of combinations. A parameter that a
-    combination omits has the default of the model.
-
-    Raises
-    ------
-    BeamdaeError
-        If `over` has the wrong form, or a parameter is unknown, has no values, or has a value of
-        the wrong type.
-    """
-    allowed = "a dict of values by parameter, or a list of parameter combinations"
-    if isinstance(over, Mapping):
-        by_name = require_mapping(part, "over", over, allowed)
-        if not by_name:
-            raise BeamdaeError(f"{part}: over must be {allowed}, got {{}}.")
-        return grid(**{x: _require_values(part, model, x, y) for x, y in by_name.items()})
-    entries = _require_list(part, "over", over, allowed)
-    if not entries or not all(isinstance(combination, Mapping) for combination in entries):
-        raise BeamdaeError(f"{part}: over must be {allowed}, got {short_repr(over)}.")
-    listed = [require_mapping(part, "over", combination, allowed) for combination in entries]
-    names = list(dict.fromkeys(name for combination in listed for name in combination))
-    return [
-        {x: _check_value(model, x, combination.get(x, model.parameters.get(x))) for x in names}
-        for combination in listed
-    ]
-
-
-def _require_values(part: str, model: Model, name: Any, values: Any) -> list[ParameterValue]:
-    if name not in model.parameters:
-        model.complete({name: None})  # raises the error that names the model's parameters
-    allowed = "a list of values, or a dict of values by name"
-    if isinstance(values, Mapping):
-        by_label = require_entries(part, name, values, allowed)
-        checked = [_check_value(model, name, x, str(label)) for label, x in by_label.items()]
-    else:
-        checked = [_check_value(model, name, x) for x in _require_list(part, name, values, allowed)]
-    if not checked:
-        raise BeamdaeError(f"{part}: {name} must have at least one value, got none.")
-    return checked
-
-
-def _require_list(part: str, name: str, values: Any, allowed: str) -> list[Any]:
-    unordered = isinstance(values, (str, bytes, set, frozenset))
-    entries = require_iterable(part, name, None if unordered else values, allowed, MAX_CASES + 1)
-    if len(entries) > MAX_CASES:
-        raise BeamdaeError(f"{part}: {name} has more than {MAX_CASES} values; use fewer values.")
-    return entries
-
-
-def _check_value(model: Model, name: str, value: Any, label: str | None = None) -> ParameterValue:
-    checked = model.complete({name: value})[name]
-    if label is not None:
-        return ParameterValue(checked, label)
-    plain = isinstance(checked, (bool, int, float, str))
-    return ParameterValue(checked, checked if plain else format_parameter(checked))
 
 
 def _require_outputs(part: str, value: Any, columns: Collection[str]) -> dict[str, Any]:

@@ -16,17 +16,16 @@ from beamdae.equations.measures import TIME
 from beamdae.errors import BeamdaeError, as_real, short_repr, suggest, unbox_scalar
 from beamdae.model_parameters import convert_text
 from beamdae.read_only import read_only_data
-from beamdae.report.page.page_content import Content
+from beamdae.report.page.content import Content, slider
 from beamdae.report.page.page_file import write_page
-from beamdae.report.page_parts import slider
 from beamdae.results.displays import HasCsv, Plot
 from beamdae.results.outcome import Status
 from beamdae.results.storage.files import require_file_path
 from beamdae.results.time_series import TimeSeries
 from beamdae.studies.case import format_parameter
-from beamdae.studies.execution.study_run import StudyResults
 from beamdae.studies.run_values import MEASURED_ERROR_COLUMN
 from beamdae.studies.study_page import MAX_CURVES, create_study_page, extra_column_key
+from beamdae.studies.study_run import StudyResults
 from beamdae.studies.sweeps.parameter_grid import ParameterGrid
 from beamdae.studies.sweeps.response_plots import (
     choose_panels,

@@ -9,8 +9,28 @@ from functools import cache
 from itertools import product
 from typing import Any, NamedTuple
 
+from benchmarks.critical_loads.frame_stability import BeamStiffness, FrameDescription
+
 import beamdae as bd
-from benchmarks.critical_loads.structures import FORMULATIONS
+
+LENGTH = 1.0  # [m]
+WIDTH = 0.02  # [m]
+STEEL = bd.Material(E=2.1e11, nu=0.3, rho=7850.0)
+FORMULATIONS: dict[str, dict[str, Any]] = {
+    "exact": {"formulation": "exact"},
+    "floating frame": {},
+    "floating frame, Green's strain": {"strain": "green"},
+}
+# Joint that fixes displacements along x and y and rotations r.
+SUPPORTS: dict[str, tuple[Any, ...]] = {
+    "xyr": (bd.Weld,),
+    "xy": (bd.Revolute,),
+    "x": (bd.PointOnLine, (0.0, 1.0)),
+    "y": (bd.PointOnLine, (1.0, 0.0)),
+    "xr": (bd.Prismatic, (0.0, 1.0)),
+    "yr": (bd.Prismatic, (1.0, 0.0)),
+}
+
 
 LIMIT, BRANCH, FLUTTER = "limit point", "branch point", "flutter point"
 # Thick and very slender structures, and their mesh.
@@ -27,6 +47,56 @@ _MESH_CONSTANT = 4e-5
 ROUNDING = 1e-13
 # Accuracy of the search for a critical point on the path.
 _SEARCH = 3e-7
+
+
+def strip(slenderness: float, width: float = 1.0, damping: float = 0.0) -> bd.Section:
+    """Return the rectangular section of height L / `slenderness`; `width` is relative."""
+    height = LENGTH / slenderness
+    return bd.Section.rectangle(STEEL, width=WIDTH * width, height=height, damping=damping)
+
+
+def stiffness(slenderness: float, strain: str = "exact") -> BeamStiffness:
+    """Return the stiffness of the section over EI / L^2."""
+    section = strip(slenderness)
+    unit = section.EI / LENGTH**2
+    return BeamStiffness(section.EA / unit, section.GA / unit, strain)
+
+
+def build_frame(
+    frame: FrameDescription, slenderness: float, elements: int, settings: Mapping[str, Any]
+) -> bd.Mechanism:
+    """Return the frame under its loads times EI / L^2, with `elements` elements per member."""
+    mech = bd.Mechanism()
+    unit = strip(slenderness).EI / LENGTH**2
+    joints: dict[str, bd.results.Attachment] = {}
+    for k, member in enumerate(frame.members):
+        a, b = (tuple(LENGTH * x for x in frame.nodes[node]) for node in (member.a, member.b))
+        section = strip(slenderness, member.width)
+        name = f"{member.a}-{member.b}"
+        beam = mech.add(bd.Beam(name, bd.Line(a, b), section, elements, **settings))
+        for end, node, attachment in (("a", member.a, beam.start), ("b", member.b, beam.end)):
+            if node not in joints:
+                joints[node] = attachment
+                if end in member.hinges:
+                    raise ValueError(f"{node}: the first member at a node cannot be hinged")
+                continue
+            joint = bd.Revolute if end in member.hinges else bd.Weld
+            mech.add(joint(f"joint {node} {k}", joints[node], attachment))
+    for node, axes in frame.supports.items():
+        ground = mech.ground.at(*joints[node].point)
+        kind, *direction = SUPPORTS[axes]
+        mech.add(kind(f"support {node}", ground, joints[node], *direction))
+    for node, (kx, ky, kr) in frame.springs.items():
+        ground = mech.ground.at(*joints[node].point)
+        stiffnesses = {"kx": kx * unit / LENGTH, "ky": ky * unit / LENGTH}
+        mech.add(
+            bd.Bushing(
+                f"spring {node}", ground, joints[node], **stiffnesses, ktheta=kr * unit * LENGTH
+            )
+        )
+    for node, (fx, fy) in frame.loads.items():
+        mech.add(bd.Force(f"load {node}", joints[node], (fx * unit, fy * unit)))
+    return mech
 
 
 class CriticalLoad(NamedTuple):

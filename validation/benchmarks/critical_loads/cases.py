@@ -8,13 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
-
-from benchmarks.critical_loads.arches import BENT
 from benchmarks.critical_loads.case import CriticalLoadCase
-from benchmarks.critical_loads.columns import FRAMES, frame
-from benchmarks.critical_loads.discrete import bars
-from benchmarks.critical_loads.rings import ring
-from benchmarks.critical_loads.straight_columns import divergence, flutter, tapered
+from benchmarks.critical_loads.columns import FRAMES, bars, divergence, flutter, frame, tapered
+from benchmarks.critical_loads.curved_structures import BENT, ring
 
 # Functions of the end of the path and of parameters that return fields of a `CriticalLoadCase`.
 STRUCTURES: dict[str, Callable[..., dict[str, Any]]] = {

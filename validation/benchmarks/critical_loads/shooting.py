@@ -12,11 +12,10 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
+from benchmarks.critical_loads.frame_stability import BeamStiffness
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import brentq, root
-
-from benchmarks.critical_loads.frame_stability import BeamStiffness
 
 Array = np.ndarray
 

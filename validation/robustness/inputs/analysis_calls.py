@@ -9,8 +9,6 @@ from typing import Any
 
 import casadi as ca
 from handed_out import shaken
-
-import beamdae as bd
 from robustness.inputs.sandbox import (
     KNEE,
     OUTPUT_STEP,
@@ -20,6 +18,8 @@ from robustness.inputs.sandbox import (
     WorkingCall,
     tabulate,
 )
+
+import beamdae as bd
 
 
 def _spinning_disk(sandbox: Sandbox) -> bd.Mechanism:

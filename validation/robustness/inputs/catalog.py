@@ -12,16 +12,16 @@ from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
-import beamdae as bd
-from beamdae import catalog
 from robustness.inputs import analysis_calls, control_calls, model_calls, run_calls
-from robustness.inputs.bad_input import NO_BAD_VALUE, BadInput, try_input
-from robustness.inputs.bad_values import BAD_VALUES
+from robustness.inputs.bad_input import BAD_VALUES, NO_BAD_VALUE, BadInput, try_input
 from robustness.inputs.command_line import command_inputs, file_inputs
 from robustness.inputs.sandbox import Sandbox, WorkingCall
 from robustness.inputs.situations import situation_inputs
 from robustness.isolation import draw_sample
 from robustness.judge import escape_unprintable
+
+import beamdae as bd
+from beamdae import catalog
 
 WORKING_CALLS: dict[str, WorkingCall] = {
     key: call

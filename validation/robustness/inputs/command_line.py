@@ -10,12 +10,12 @@ from dataclasses import replace
 from pathlib import Path
 from unittest import mock
 
+from robustness.inputs.bad_input import BadInput
+from robustness.judge import TrialOutcome, outcome_of_command, outcome_of_exception
 from typer.testing import CliRunner
 
 from beamdae.cli.app import app
-from beamdae.studies.execution.executors import SerialPool
-from robustness.inputs.bad_input import BadInput
-from robustness.judge import TrialOutcome, outcome_of_command, outcome_of_exception
+from beamdae.studies.executors import SerialPool
 
 GOOD_MODEL = """import beamdae as bd
 
@@ -235,7 +235,7 @@ def _write_folder() -> None:
 
 def invoke_command(arguments: list[str]) -> TrialOutcome:
     """Run a command in this process, the cases of a study one after the other."""
-    with mock.patch("beamdae.studies.execution.executors.LocalPool", return_value=SerialPool()):
+    with mock.patch("beamdae.studies.executors.LocalPool", return_value=SerialPool()):
         result = CliRunner().invoke(app, arguments, prog_name="beamdae")
     error = result.exception
     if error is not None and not isinstance(error, SystemExit):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import beamdae as bd
 from robustness.inputs.sandbox import (
     KNEE,
     Sandbox,
@@ -12,6 +11,8 @@ from robustness.inputs.sandbox import (
     run_with_law,
     run_with_part,
 )
+
+import beamdae as bd
 
 
 def _sense(sandbox: Sandbox, name: str = "tilt", column: str = "angle") -> bd.results.Sensor:

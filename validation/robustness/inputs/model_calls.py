@@ -10,11 +10,6 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from sample_parts import SAMPLES
-
-import beamdae as bd
-from beamdae import catalog
-from beamdae.analysis.gradients.objectives import SampleGrid
 from robustness.inputs.sandbox import (
     KNEE,
     Sandbox,
@@ -26,6 +21,11 @@ from robustness.inputs.sandbox import (
     run_with_part,
     run_with_section,
 )
+from sample_parts import SAMPLES
+
+import beamdae as bd
+from beamdae import catalog
+from beamdae.analysis.gradients.objectives import SampleGrid
 
 _PROPERTIES = ("coordinates", "initial_position", "initial_velocity", "outline", "laws")
 _METHODS = ("forces", "constraints", "ranges", "draw")

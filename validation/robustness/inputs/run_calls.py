@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import beamdae as bd
 from robustness.inputs.command_line import GOOD_MODEL
 from robustness.inputs.sandbox import (
     KNEE,
@@ -18,6 +17,8 @@ from robustness.inputs.sandbox import (
     run_with_integrator,
     tabulate,
 )
+
+import beamdae as bd
 
 
 def _function_returning(values: Any) -> Any:

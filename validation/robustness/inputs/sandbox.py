@@ -15,8 +15,8 @@ from sample_parts import SampleMechanism
 
 import beamdae as bd
 from beamdae import catalog
-from beamdae.studies.execution import study_run as study_execution
-from beamdae.studies.execution.executors import SerialPool
+from beamdae.studies import study_run as study_execution
+from beamdae.studies.executors import SerialPool
 
 T_END = 0.01  # s
 OUTPUT_STEP = 0.002  # s

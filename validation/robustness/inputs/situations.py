@@ -8,8 +8,6 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-
-import beamdae as bd
 from robustness.inputs.bad_input import BadInput
 from robustness.inputs.sandbox import (
     INTEGRATORS,
@@ -19,6 +17,8 @@ from robustness.inputs.sandbox import (
     run_with_curve,
     run_with_law,
 )
+
+import beamdae as bd
 
 # Laws with poles, jumps, values that are not real from some time on, or unbounded growth. Runs end
 # at 0.01 s.

@@ -7,7 +7,7 @@ const columns = listTableColumns();
 const quantities = listQuantities();
 const state = {
   group: null,
-  slots: [], // selected cases, see selection.js
+  slots: [], // selected cases, see cases.js
   sliderSlot: null, // slot of the case that was selected by the sliders
   position: page.sliders.map(() => 0), // of the sliders, as indices of values
   listed: [], // cases of the table

@@ -1,0 +1,206 @@
+"""`beamdae static` and `beamdae buckling`: tables, options and messages."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from command_line import invoke
+from matplotlib.image import imread
+from model_texts import STRUT
+
+TRUSS = """
+import beamdae as bd
+
+
+@bd.model(t_end=1.0)
+def truss(rise=0.2, load=1.0):
+    mech = bd.Mechanism()
+    crown = mech.add(bd.PointMass("crown", 1.0, at=(0.0, rise)))
+    for name, x in (("left", -1.0), ("right", 1.0)):
+        mech.add(bd.Spring(name, mech.ground.at(x, 0.0), crown.point, 1000.0))
+    mech.add(bd.Force("press", crown.point, (0.0, -load)))
+    mech.observe("crown", crown.point)
+    return mech
+
+
+calls = []
+
+
+@bd.model(t_end=1.0)
+def interrupted(load=1.0):
+    calls.append(load)
+    if len(calls) == 30:
+        raise KeyboardInterrupt
+    return truss(load=load)
+
+
+@bd.model(t_end=1.0)
+def falling():
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech.add(bd.PointMass("stone", 1.0, at=(0.0, 0.0)))
+    return mech
+"""
+
+
+LOW_TRUSS = (
+    TRUSS
+    + '''
+
+@bd.model(t_end=1.0)
+def low_truss(height=200.0):
+    """Truss whose crown has the height `height` [mm]."""
+    return truss(rise=height / 1000.0)
+'''
+)
+
+
+@pytest.fixture
+def static(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("truss.py").write_text(LOW_TRUSS)
+
+    def run(*arguments, model="truss"):
+        return invoke("static", "truss.py", "--model", model, *arguments)
+
+    return run
+
+
+def test_an_interrupted_path_is_written(static):
+    result = static("--over", "load", "--to", "2", "--step", "0.05", model="interrupted")
+    assert result.exit_code == 130
+    assert len(pd.read_csv("results/interrupted_static.csv")) > 1
+    assert read_metadata("interrupted")["status"] == "interrupted"
+    assert "interrupted" in result.stderr
+    assert "the results so far are in results/interrupted_static.csv" in result.stderr
+    assert Path("results/interrupted_static.png").exists()
+
+
+def read_metadata(name="truss"):
+    return json.loads(Path(f"results/{name}_static.json").read_text())
+
+
+@pytest.mark.slow(reason="a fifth of a second")
+def test_a_path_is_written_and_printed(static):
+    result = static("--to", "crown.y=0", "--to", "crown.y=-0.25")
+    assert result.exit_code == 0, result.output
+    assert "limit point at 3.019147, crown.y moves most; limit point at -3.019147" in result.stdout
+    assert "equilibrium      stable" in result.stdout
+    table = pd.read_csv("results/truss_static.csv")
+    assert table["crown.y [m]"].iloc[-1] == -0.25
+    # The truss is .2 m high.
+    assert np.abs(table["crown.y [m]"]).min() < 1e-15
+    assert read_metadata()["critical points"][0]["kind"] == "limit point"
+    picture = imread("results/truss_static.png")
+    assert picture.std() > 0.01
+
+
+@pytest.mark.slow(reason="half a second")
+def test_an_incomplete_path_is_written_with_its_reason(static):
+    result = static("--to", "4", "--control", "load")
+    assert result.exit_code == 1
+    assert "failed: " in result.stderr
+    assert "last converged load factor: 3.019" in result.stderr
+    assert read_metadata()["status"] == "failed"
+    assert set(pd.read_csv("results/truss_static.csv")["status"]) == {"failed"}
+    assert Path("results/truss_static.png").exists()
+
+
+@pytest.mark.slow(reason="a fifth of a second")
+def test_paths_pass_limit_points_by_default(static):
+    result = static("--to", "4", "--no-page", "--no-picture")
+    assert result.exit_code == 0, result.output
+    # The path by the load, which ends at the limit point, is replaced.
+    assert "Newton's method diverges" not in result.stderr
+    kinds = [point["kind"] for point in read_metadata()["critical points"]]
+    assert kinds == ["limit point", "limit point"]
+    table = pd.read_csv("results/truss_static.csv")
+    assert table["crown.y [m]"].iloc[-1] < -0.2
+    assert table["load factor [-]"].min() == pytest.approx(-3.019, abs=1e-3)
+
+
+@pytest.mark.slow(reason="takes more than half a second")
+def test_branch_switches_are_made_in_turn(static):
+    arguments = ("--set", "rise=3", "--to", "crown.y=-3.5", "--step", "0.3")
+    once = static(*arguments, "--switch", "1")
+    assert once.exit_code == 1
+    assert "the path is closed" in once.stderr
+    twice = static(*arguments, "--switch", "1", "--switch", "1")
+    assert twice.exit_code == 0, twice.output
+    assert read_metadata()["settings"]["switch"] == [1, 1]
+
+
+@pytest.mark.slow(reason="one second")
+def test_a_model_without_equilibrium_fails_with_the_coordinate(static):
+    result = static(model="falling")
+    assert result.exit_code == 1
+    assert "stone.y: no equilibrium was found under the loads at t = 0 s" in result.stderr
+    assert read_metadata("falling")["load factor"] == 0.0
+
+
+@pytest.mark.slow(reason="half a second")
+def test_targets_and_steps_with_units(static):
+    result = static("--to", "crown.y=150mm", "--to", "crown.y=10cm", "--step", "20mm")
+    assert result.exit_code == 0
+    heights = pd.read_csv("results/truss_static.csv")["crown.y [m]"].to_numpy()
+    assert {0.15, 0.1} <= set(heights)
+    assert np.max(np.abs(np.diff(heights))) <= 0.02 * (1 + 1e-12)
+    assert static("--to", "50%").exit_code == 0
+    factors = pd.read_csv("results/truss_static.csv")["load factor [-]"]
+    assert factors.iloc[-1] == 0.5
+
+
+@pytest.mark.slow(reason="half a second")
+def test_another_quantity_varies(static):
+    result = static("--over", "load", "--from", "1", "--to", "2", "--step", "0.25")
+    assert result.exit_code == 0, result.output
+    table = pd.read_csv("results/truss_static.csv")
+    assert table["load"].tolist() == [1.0, 1.25, 1.5, 1.75, 2.0]
+    assert read_metadata()["settings"]["over"] == "load"
+    result = static("--over", "height", "--to", "2")
+    assert result.exit_code == 2
+    assert "--over must be 't' or the name" in result.stderr
+
+
+@pytest.mark.slow(reason="a quarter of a second")
+def test_regression_values_of_a_parameter_are_converted_to_its_unit(static):
+    """A text with a unit became a value in SI units: 0.25 mm for a height of 0.25 m."""
+    result = static("--over", "height", "--to", "0.25m", "--step", "1cm", model="low_truss")
+    assert result.exit_code == 0, result.output
+    table = pd.read_csv("results/low_truss_static.csv")
+    heights = table["height [mm]"].to_numpy()
+    assert heights[[0, -1]].tolist() == [200.0, 250.0]
+    assert np.max(np.diff(heights)) <= 10.0 * (1 + 1e-12)
+    # The force of 1 N lowers the crown by less than 0.01 m.
+    assert table["crown.y [m]"].iloc[-1] == pytest.approx(0.25, abs=0.01)
+    result = static("--over", "height", "--to", "3s", model="low_truss")
+    assert result.exit_code == 2
+    assert "--to height=3s: the unit s measures another quantity" in result.stderr
+
+
+@pytest.fixture
+def buckling(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("column.py").write_text(STRUT, encoding="utf-8")
+    return lambda *arguments: invoke("buckling", "column.py", *arguments)
+
+
+@pytest.mark.slow(reason="half a second and more")
+def test_a_table_and_a_picture_are_written(buckling):
+    result = buckling("-n", "2", "--set", "height=0.001")
+    assert result.exit_code == 0, result.output
+    assert "2.467" in result.stdout
+    assert "error" in result.stdout
+    assert "loads  press" in result.stdout
+    table = pd.read_csv("results/column_buckling.csv")
+    assert table["load factor [-]"].tolist() == pytest.approx([2.467, 22.207], rel=1e-3)
+    assert Path("results/column_buckling.png").stat().st_size > 1000
+
+
+@pytest.mark.slow(reason="a quarter of a second")
+def test_json_contains_the_factors(buckling):
+    result = buckling("-n", "1", "--json")
+    document = json.loads(result.stdout)
+    assert document["loads"] == ["press"]
+    assert document["modes"][0]["load factor [-]"] == pytest.approx(2.467, rel=1e-3)
