@@ -1,4 +1,4 @@
-"""Compile the core and the kernels of the package for `beamdae.native.prebuilt_objects`.
+"""Compile the core and the kernels of the package for `beamdae.native.object_code`.
 
     python .build/prebuild.py FOLDER
 
@@ -46,7 +46,7 @@ from beamdae.core import library  # noqa: E402
 from beamdae.core.compilers import PLATFORMS  # noqa: E402
 from beamdae.equations.formulations.first_order import FIRST_ORDER  # noqa: E402
 from beamdae.integrators.alpha import generalized_alpha  # noqa: E402
-from beamdae.native import lane_kernels, llvm, object_code, prebuilt_objects  # noqa: E402
+from beamdae.native import lane_kernels, llvm, object_code  # noqa: E402
 from beamdae.parts.part import Part  # noqa: E402
 
 # Without x86-64-v2 (before AVX2, of 2013), for which LLVM takes four to six times as long.
@@ -110,7 +110,7 @@ def compile_objects(folder: Path) -> None:
     print(f"compiling {len(sources)} objects for {', '.join(x.cpu for x in targets)}", flush=True)
     with ProcessPoolExecutor(mp_context=get_context("spawn")) as pool:
         for target in targets:
-            target_folder = folder / prebuilt_objects.target_folder(target)
+            target_folder = folder / object_code.target_folder(target)
             target_folder.mkdir(parents=True)
             contents = pool.map(
                 partial(llvm.compile_module, target=target),
@@ -118,9 +118,9 @@ def compile_objects(folder: Path) -> None:
                 [source.level for source in sources],
             )
             core = library.compile_core(target)
-            prebuilt_objects.write_prebuilt_object(target_folder, identity, library.NAME, core)
+            object_code.write_prebuilt_object(target_folder, identity, library.NAME, core)
             for source, content in zip(sources, contents, strict=True):
-                prebuilt_objects.write_prebuilt_object(
+                object_code.write_prebuilt_object(
                     target_folder, source.identity, source.name, content
                 )
     with ThreadPoolExecutor() as pool:
@@ -246,7 +246,7 @@ def check_level(folder: Path, cpu: str) -> str:
     """
     target = llvm.host_target()._replace(cpu=cpu)
     llvm.host_target = lambda: target
-    prebuilt_objects.FOLDER = folder
+    object_code.FOLDER = folder
 
     def refuse(*_: Any) -> bytes:
         raise RuntimeError("an object was not compiled in advance, or is wrong")

@@ -39,7 +39,7 @@ def bounded_cache(
             with lock:
                 if key in results:
                     results.move_to_end(key)
-                    return cast(Result, results[key][0])
+                    return cast("Result", results[key][0])
             result = function(*arguments, **options)
             size = measure_size(result)
             if size > limit:
@@ -47,7 +47,7 @@ def bounded_cache(
             with lock:
                 # Concurrent threads obtain the same object for equal arguments.
                 if key in results:
-                    return cast(Result, results[key][0])
+                    return cast("Result", results[key][0])
                 results[key] = result, size
                 # A sum over all results would make each new one slower than the one before.
                 total += size
@@ -61,7 +61,7 @@ def bounded_cache(
                 results.clear()
                 total = 0.0
 
-        cast(Any, cached).cache_clear = clear
+        cast("Any", cached).cache_clear = clear
         return cached
 
     return decorate

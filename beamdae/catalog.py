@@ -130,10 +130,10 @@ GROUPS = (
         Weld parts.joints.joint
         Prismatic parts.joints.guides
         PointOnLine parts.joints.guides
-        Distance parts.joints.distance
+        Distance parts.joints.drivers
         SlidingOnBeam beams.sliding
-        Gear parts.joints.gears
-        RackAndPinion parts.joints.gears
+        Gear parts.joints.rolling
+        RackAndPinion parts.joints.rolling
         RollingOnLine parts.joints.rolling
         RollingOnCircle parts.joints.rolling
         Skate parts.joints.rolling
@@ -157,7 +157,7 @@ GROUPS = (
         MovingForce beams.beam_loads
         Spring parts.forces.springs
         TorsionSpring parts.forces.springs
-        Bushing parts.forces.bushing
+        Bushing parts.forces.springs
         Contact parts.forces.contact
         BeamContact beams.beam_contact
         LineSurface parts.forces.surfaces

@@ -13,18 +13,19 @@ import numpy as np
 
 from beamdae.accuracy.errors import Errors
 from beamdae.accuracy.runs import check_errors
-from beamdae.analysis.eigenproblems.frequency_range import (
+from beamdae.analysis.eigenproblems.eigensolution import (
     FrequencyRange,
     compute_frequency_range,
 )
 from beamdae.beams.damping import EXAMPLE_DAMPING, find_undamped_beams
 from beamdae.equations.assembly.assemble import equations_of_motion
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.part_warnings import switch_warnings
 from beamdae.equations.smooth_intervals import time_on_branch
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.starts.dependent_constraints import (
+    ConstraintRank,
     DependentSet,
+    analyze_constraint_rank,
     find_dependent_sets,
 )
 from beamdae.equations.starts.mobility import (
@@ -33,7 +34,6 @@ from beamdae.equations.starts.mobility import (
     find_loose_groups,
     find_unheld_motions,
 )
-from beamdae.equations.starts.rank import ConstraintRank, analyze_constraint_rank
 from beamdae.equations.starts.reduced_equations import drop_dependent_constraints
 from beamdae.equations.starts.rigid_motions import describe_free_motion
 from beamdae.errors import (
@@ -52,6 +52,7 @@ from beamdae.model_checks.contacts import (
     start_inside_warnings,
     starts_in_equilibrium,
 )
+from beamdae.model_checks.run_checks import switch_warnings
 from beamdae.model_functions import HasOrigin, Model
 from beamdae.parts.joints.joint import Joint
 from beamdae.parts.mechanism import AS_DRAWN, Mechanism, require_start

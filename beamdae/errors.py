@@ -536,6 +536,15 @@ def require_non_negative(part: str, name: str, value: Any) -> float:
     return number
 
 
+def require_between(part: str, name: str, value: Any, least: float, most: float) -> float:
+    """Return `value` as a float from `least` to `most`, or raise BeamdaeError."""
+    number = require_finite(part, name, value)
+    if not least <= number <= most:
+        low, high, given = format_distinct(least, most, number)
+        raise BeamdaeError(f"{part}: {name} must lie in [{low}, {high}], got {given}.")
+    return number
+
+
 def warn_of_degrees(part: str, name: str, angle: float) -> None:
     """Warn of an angle [rad] of more than a full turn that is a usual number of degrees."""
     if 2.0 * math.pi < abs(angle) <= _MAX_DEGREES and angle % _USUAL_DEGREES == 0.0:

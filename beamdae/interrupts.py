@@ -193,7 +193,7 @@ def interruptible(function: Callable[Parameters, Result]) -> Callable[Parameters
             if options.get("partial") == "return" and hasattr(result, "status"):
                 interrupted: Any = result
                 status = replace(interrupted.status, kind="interrupted", sentence=_AFTER_LAST_STEP)
-                return cast(Result, replace(interrupted, status=status))
+                return cast("Result", replace(interrupted, status=status))
             raise _end_call(name, _AFTER_LAST_STEP, result)
         finally:
             _running.set(running)

@@ -194,7 +194,7 @@ def param(default: float | Sequence[float], unit: str = "-", description: str = 
     value = plain_value(unbox_scalar(default))
     is_list = is_sequence(value)
     entries = require_sequence("param", "default", value, "numbers") if is_list else [value]
-    numbers = [None if isinstance(x, bool) else as_real(x) for x in entries]
+    numbers = [as_real(x) for x in entries]
     if not numbers or any(x is None or not math.isfinite(x) for x in numbers):
         raise BeamdaeError(
             "param: default must be a finite number or a tuple of them, got "

@@ -12,9 +12,9 @@ from beamdae.equations import measures
 from beamdae.equations.formulations.sums import InputLayout, assemble_reactions
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.starts.state_evaluator import StateEvaluator
-from beamdae.integrators.ida import stepper
+from beamdae.integrators.ida import ida as stepper
 from beamdae.native.object_code import is_native_enabled
-from beamdae.sundials.library import UnavailableError
+from beamdae.sundials import UnavailableError
 from beamdae.symbolic.sums.kernel_sums import evaluate_sum
 
 compiled = pytest.mark.skipif(not is_native_enabled(), reason="without machine code")

@@ -105,7 +105,7 @@ def run_python(folder, hidden, *arguments):
 
 def test_auto_uses_radau_if_ida_cannot_be_imported(monkeypatch):
     def fail():
-        raise sys.modules["beamdae.sundials.library"].UnavailableError(
+        raise sys.modules["beamdae.sundials"].UnavailableError(
             "the functions of SUNDIALS cannot be loaded"
         )
 

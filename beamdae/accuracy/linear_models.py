@@ -29,11 +29,10 @@ from beamdae.analysis.linear_dynamics.natural_modes import Modes, compare_shapes
 from beamdae.beams.beam import beams_of
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.tangents import compute_tangent
-from beamdae.equations.starts.reduced_equations import select_independent
+from beamdae.equations.starts.reduced_equations import select_independent_constraints
 from beamdae.errors import BeamdaeError, hold_messages
 from beamdae.linear.blas_threads import single_threaded
-from beamdae.linear.factorizations import SingularMatrixError
-from beamdae.linear.saddle_point import factorize_saddle_point
+from beamdae.linear.factorizations import SingularMatrixError, factorize_saddle_point
 from beamdae.parts.mechanism import AS_DRAWN
 from beamdae.results.equilibrium import Equilibrium
 from beamdae.results.trajectory import Instant
@@ -320,7 +319,7 @@ def _prolong_instant(
     if now is not None and active.configurations is not None:
         now = active.configurations.configuration_without(active, now.inactive, now.frozen_gaps)
         active = now.equations
-    e = select_independent(active, time)
+    e = select_independent_constraints(active, time)
     q, v, a, lam = instant.state
     multipliers = dict(zip(lin.full_equations.lam_names, lam, strict=True))
     lam = np.array([multipliers[name] for name in e.lam_names])

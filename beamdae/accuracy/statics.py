@@ -36,13 +36,12 @@ from beamdae.analysis.statics.load_scaling import (
 )
 from beamdae.analysis.statics.neutral_motions import hold_neutral_motions
 from beamdae.analysis.statics.path_parameters import quantity_units, resolve_parameter
-from beamdae.analysis.statics.path_settings import PathSettings
+from beamdae.analysis.statics.path_settings import PathSettings, PrescribedColumn
 from beamdae.analysis.statics.paths import (
     EquilibriumPath,
     tabulate_points,
     trace_path,
 )
-from beamdae.analysis.statics.prescribed_column import PrescribedColumn
 from beamdae.analysis.statics.static_problem import StaticProblem
 from beamdae.beams.beam import Beam, beams_of
 from beamdae.equations.equations_of_motion import EquationsOfMotion, format_headers

@@ -21,9 +21,8 @@ from beamdae.beams.kinematics import (
     MaterialPoint,
     create_custom_kinematics,
 )
-from beamdae.beams.mesh import Mesh, intern_mesh
+from beamdae.beams.mesh import Mesh, choose_mesh, intern_mesh
 from beamdae.beams.prolongation import prolongation_matrix
-from beamdae.beams.resolution import choose_mesh
 from beamdae.beams.sections import Section, SectionLaw, Taper, VaryingSection, require_section
 from beamdae.beams.strains import (
     LargestStress,

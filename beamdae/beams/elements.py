@@ -14,9 +14,9 @@ import numpy as np
 from beamdae.beams.element_data import STIFFNESS_VALUES, ElementDataLayout
 from beamdae.beams.shape_functions import gauss_points, shape_functions, weigh_nodes
 from beamdae.beams.strains import SHEAR, STRAIN_SIZE, slice_column
+from beamdae.symbolic.compiled import RowFunction
 from beamdae.symbolic.force_kernel import CompliantForm, mix_law
 from beamdae.symbolic.formula import cache_kernels
-from beamdae.symbolic.functions.compiled import RowFunction
 from beamdae.symbolic.statements import SX, ConstraintKernel, ForceAtPoint, ForceKernel, Local
 
 Array = np.ndarray

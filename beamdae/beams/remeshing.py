@@ -9,13 +9,11 @@ from inspect import getattr_static
 from typing import Any
 
 from beamdae.beams.beam import CUSTOM_FORMULATION, Beam, beams_of
-from beamdae.beams.mesh import Mesh
-from beamdae.beams.resolution import mesh_of_modes
+from beamdae.beams.mesh import Mesh, mesh_of_modes
 from beamdae.errors import BeamdaeError, format_exception, set_fields
 from beamdae.parts.events import select_impacts
 from beamdae.parts.mechanism import Mechanism
 from beamdae.parts.part import Part
-from beamdae.symbolic.signal_pickling import copy_with_signals
 from beamdae.symbolic.statements import Quantity
 
 
@@ -49,6 +47,9 @@ def replace_beams(
     memo: dict[int, Any] = {id(mechanism.parts[name]): beam for name, beam in beams.items()}
     try:
         if mechanism.has_coordinate_signals:
+            # Imported here, because few models have such signals.
+            from beamdae.symbolic.signal_pickling import copy_with_signals
+
             other = copy_with_signals(mechanism, memo)
         else:
             other = deepcopy(mechanism, memo)

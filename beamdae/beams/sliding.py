@@ -22,8 +22,7 @@ from beamdae.curves.plane_curves import PlaneCurve
 from beamdae.errors import BeamdaeError, choice_of, convert_fields, require_choice
 from beamdae.parts.attachments import Attachment, require_attachment, rotate
 from beamdae.parts.events import Event
-from beamdae.parts.joints.joint import meeting_tolerance
-from beamdae.parts.joints.kinematic_constraint import GapFormula, KinematicConstraint
+from beamdae.parts.joints.joint import GapFormula, KinematicConstraint, meeting_tolerance
 from beamdae.parts.point_parts import FORCE, PlacedPoint
 from beamdae.symbolic.formula import Formula
 from beamdae.symbolic.statements import (

@@ -392,7 +392,7 @@ typedef struct {
 typedef struct {
     SaddlePattern pattern;
     FixedOrderFactors factors;
-    Indices left, right; /* those of the pattern, as indices of the argument of `count_signs` */
+    Indices left, right; /* those of the pattern, as indices of the tangent */
     /* Weights of the terms in natural sizes, their products with the first factors, differences of
        opposite entries, the saddle-point matrix, and ones for norms. */
     Reals weights, values, skew, nonzeros, ones;
@@ -400,8 +400,10 @@ typedef struct {
        stiffness may vanish at a critical point; its largest entry, at least `reference`; and the
        largest difference of opposite entries. */
     double reference, size, asymmetry;
-    /* Negative pivots with a shift slightly below and above zero; -1 if a pivot vanishes. */
+    /* Negative pivots with a shift slightly below and above zero; -1 if a pivot vanishes. Logarithm
+       of the magnitude of the determinant with the first shift. */
     int64_t below, above;
+    double log_size;
 } SaddlePoint;
 
 typedef struct {
@@ -434,9 +436,10 @@ typedef struct {
     int64_t has_forces, has_tangent, has_factors;
 } StaticWorkspace;
 
-/* Tasks of `perform_task`: forces; also the tangent; also its negative pivots; or correct the point
-   by Newton's method until it is a solution or, if the control is not linear, once. */
-enum { EVALUATE_FORCES, EVALUATE_TANGENT, COUNT_SIGNS, CORRECT };
+/* Tasks of `perform_task`: forces; tangent; correct the point by Newton's method until it is a
+   solution or, if the control is not linear, once; determinant of the tangent, with a shift slightly
+   above zero; and its negative pivots with both shifts. */
+enum { EVALUATE_FORCES, EVALUATE_TANGENT, CORRECT, FIND_DETERMINANT, COUNT_SIGNS };
 
 int perform_task(StaticWorkspace *run);
 

@@ -14,8 +14,14 @@ from pathlib import Path
 from beamdae.core.compilers import CORE_FLAGS, compile_library, find_compiler
 from beamdae.errors import BeamdaeError, warn_once
 from beamdae.native import llvm
-from beamdae.native.object_cache import CacheError, cache_folder, read_object, write_object
-from beamdae.native.prebuilt_objects import has_prebuilt_objects, read_prebuilt_object
+from beamdae.native.object_code import (
+    CacheError,
+    cache_folder,
+    has_prebuilt_objects,
+    read_object,
+    read_prebuilt_object,
+    write_object,
+)
 
 FOLDER = Path(__file__).parent
 NAME = "core"

@@ -7,8 +7,15 @@ from typing import Self
 
 import numpy as np
 
-from beamdae.linear.elimination import EliminationPlan, Factors, allocate_factors, empty_plan
-from beamdae.linear.lanes import LANES, aligned_zeros, index_lanes
+from beamdae.linear.elimination import (
+    LANES,
+    EliminationPlan,
+    Factors,
+    aligned_zeros,
+    allocate_factors,
+    empty_plan,
+    index_lanes,
+)
 
 Array = np.ndarray
 

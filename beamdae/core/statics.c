@@ -46,12 +46,19 @@ static void shift_diagonal(SaddlePoint *run, double shift) {
     for (int64_t k = 0; k < diagonal.size; k++) run->nonzeros.at[diagonal.at[k]] += shift;
 }
 
-static void count_signs(SaddlePoint *run, Reals tangent) {
+static void find_determinant(SaddlePoint *run, Reals tangent) {
     assemble_saddle_point(run, tangent);
-    shift_diagonal(run, -SHIFT_RATIO * run->size);
-    run->above = count_negative_pivots(&run->factors, run->nonzeros);
-    shift_diagonal(run, 2.0 * SHIFT_RATIO * run->size);
+    shift_diagonal(run, SHIFT_RATIO * run->size);
     run->below = count_negative_pivots(&run->factors, run->nonzeros);
+    run->log_size = 0.0;
+    for (int64_t k = 0; k < run->factors.pivots.size; k++)
+        run->log_size += log(fabs(run->factors.pivots.at[k]));
+}
+
+static void count_signs(SaddlePoint *run, Reals tangent) {
+    find_determinant(run, tangent);
+    shift_diagonal(run, -2.0 * SHIFT_RATIO * run->size);
+    run->above = count_negative_pivots(&run->factors, run->nonzeros);
 }
 
 /* Forces and tangent */
@@ -179,10 +186,12 @@ static int correct(StaticWorkspace *run) {
 
 int perform_task(StaticWorkspace *run) {
     if (run->task == CORRECT) return correct(run);
-    if (run->task == EVALUATE_FORCES)
+    if (run->task == EVALUATE_FORCES) {
         evaluate_forces(run);
-    else
-        evaluate_tangent(run);
+        return DONE;
+    }
+    evaluate_tangent(run);
+    if (run->task == FIND_DETERMINANT) find_determinant(&run->saddle, run->nonzeros);
     if (run->task == COUNT_SIGNS) count_signs(&run->saddle, run->nonzeros);
     return DONE;
 }

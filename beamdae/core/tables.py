@@ -19,7 +19,7 @@ from beamdae.core.library import FOLDER, load_core
 
 Array = np.ndarray
 
-_NUMBERS: dict[str, type] = {"double": float, "int64_t": int}
+_NUMBERS: dict[str, Any] = {"double": np.float64, "int64_t": np.int64}
 _DTYPES = {
     "Reals": np.float64,
     "Complexes": np.complex128,
@@ -87,7 +87,7 @@ class Workspace:
         known = _list_fields(structure)
         if unknown := fields.keys() - known.keys():
             raise TypeError(f"{structure} has no fields {', '.join(sorted(unknown))}")
-        numbers = {name: _NUMBERS[kind](0) for name, kind in known.items() if kind in _NUMBERS}
+        numbers = {x: _NUMBERS[kind](0).item() for x, kind in known.items() if kind in _NUMBERS}
         vars(self).update(numbers | fields, structure=structure)
 
     if TYPE_CHECKING:
@@ -98,11 +98,12 @@ class Workspace:
 
 
 class Number(NamedTuple):
-    """Number in a table: attribute of an object, and index of its word."""
+    """Number in a table: words of the table as its type, index, and attribute of an object."""
 
+    words: memoryview
+    word: int
     owner: Any
     name: str
-    word: int
 
 
 class Layout:
@@ -112,8 +113,6 @@ class Layout:
     ----------
     words
         Words of 64 bits, with zeros in place of numbers.
-    numbers
-        Numbers by type.
     arrays
         Arrays, each with the index of the word that contains its address.
     objects
@@ -123,7 +122,7 @@ class Layout:
     def __init__(self, structure: str, owner: Any, *headers: Path) -> None:
         """Lay out an object of a structure in `core.h` or in one of `headers`."""
         self.words: list[int] = []
-        self.numbers: dict[type, list[Number]] = {float: [], int: []}
+        self._numbers: list[tuple[Any, int, Any, str]] = []
         self.arrays: list[tuple[int, Array]] = []
         self.objects: list[tuple[Any, int, str]] = []
         self._structures = _read_structures(*headers)
@@ -149,10 +148,15 @@ class Layout:
                 words += value.shape
             elif kind in _NUMBERS:
                 if value is not None:
-                    self.numbers[_NUMBERS[kind]].append(Number(owner, name, len(words)))
+                    self._numbers.append((_NUMBERS[kind], len(words), owner, name))
                 words.append(0)
             else:
                 self._add(kind, value)
+
+    def numbers_in(self, table: Array) -> list[Number]:
+        """Return the numbers in a table of these words, int64."""
+        views = {dtype: memoryview(table.view(dtype)) for dtype in _NUMBERS.values()}
+        return [Number(views[dtype], *number) for dtype, *number in self._numbers]
 
 
 def address_of(array: Array) -> int:
@@ -188,11 +192,7 @@ class Loop:
         layout = Layout(_structure_of(function), work)
         self._objects = layout.objects
         self.table = np.array(layout.words, np.int64)
-        self._views = {float: self.table.view(np.float64), int: self.table}
-        self._numbers = [
-            (kind, np.array([x.word for x in numbers], np.intp), numbers)
-            for kind, numbers in layout.numbers.items()
-        ]
+        self._numbers = layout.numbers_in(self.table)
         self._call = _CALL((function, core))
         self._address = self.table.ctypes.data
         # Kept because the table holds addresses of its arrays.
@@ -204,10 +204,6 @@ class Loop:
         code = self._call(self._address)
         self.unload()
         return int(code)
-
-    def call_loaded(self) -> int:
-        """Call the function with the numbers in the table; return the code."""
-        return int(self._call(self._address))
 
     def bind(self, *owners: Any) -> None:
         """Update the table after arrays of these nested objects, or of any, have been replaced.
@@ -223,13 +219,10 @@ class Loop:
 
     def load(self) -> None:
         """Copy the numbers of the object into the table."""
-        for kind, words, numbers in self._numbers:
-            self._views[kind][words] = [getattr(x.owner, x.name) for x in numbers]
+        for words, word, owner, name in self._numbers:
+            words[word] = getattr(owner, name)
 
     def unload(self) -> None:
         """Copy the numbers in the table into the object."""
-        for kind, words, numbers in self._numbers:
-            # One access to the table: its entries, one by one, would take five times as long.
-            values = self._views[kind][words].tolist()
-            for x, value in zip(numbers, values, strict=True):
-                setattr(x.owner, x.name, value)
+        for words, word, owner, name in self._numbers:
+            setattr(owner, name, words[word])

@@ -108,7 +108,7 @@ def differentiate_laws(
         if part.name == f"{name} integral":
             continue
         formulas = [law(at) for law in part.laws]
-        if not any(_contains(x, {output.element_hash()}) for x in formulas):
+        if not any(_contains(x, output) for x in formulas):
             continue
         try:
             replaced = [_replace_term(x, output.element_hash(), symbol) for x in formulas]
@@ -174,7 +174,7 @@ def unused_command_warnings(
         integral = f"{name} integral"
         others = (formula for part, formula in formulas if part != integral)
         is_used = any(signals <= group for part, group in groups if part != integral)
-        if not is_used and not any(_contains(x, {output.element_hash()}) for x in others):
+        if not is_used and not any(_contains(x, output) for x in others):
             yield (
                 f"{name}: its output is used by no part; pass it to a part, such as a Force or a "
                 "Moment."
@@ -193,13 +193,13 @@ def unused_command_warnings(
             )
 
 
-def _contains(formula: SX, hashes: set[int]) -> bool:
-    """Return True if a part of the formula has one of the hashes."""
+def _contains(formula: SX, part: SX) -> bool:
+    """Return True if an expression is a part of the formula."""
     pending, known = [formula], set()
     while pending:
         term = pending.pop()
         key = term.element_hash()
-        if key in hashes:
+        if key == part.element_hash():
             return True
         if key not in known:
             known.add(key)

@@ -6,10 +6,10 @@ They include a structure, which models that differ only in numbers share, and th
 from __future__ import annotations
 
 import pickle
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -18,13 +18,11 @@ from beamdae import deferred
 from beamdae.equations.singular_laws import PartLaw
 from beamdae.equations.structure import ConstraintTerm, ForceTerm, Structure
 from beamdae.errors import BeamdaeError
-from beamdae.parts.events import Impact
 from beamdae.parts.laws import Law
 from beamdae.parts.mechanism import AS_DRAWN, Mechanism
 from beamdae.parts.part import Part, RegularizedFriction
 from beamdae.read_only import read_only_copy, read_only_data
-from beamdae.symbolic.functions.compiled import RowFunction
-from beamdae.symbolic.signal_pickling import pickle_with_signals
+from beamdae.symbolic.compiled import RowFunction
 from beamdae.symbolic.statements import (
     ConstraintStatement,
     ForceStatement,
@@ -375,7 +373,7 @@ class EquationsOfMotion:
     start: Start | None = field(default=None, repr=False)
     redundant: bool = False
     events: tuple[EventTerm, ...] = field(default=(), repr=False)
-    configurations: Configurations | None = field(default=None, repr=False)
+    configurations: Any = field(default=None, repr=False)
     mechanism: Mechanism | None = field(default=None, repr=False)
     statements: tuple[PartStatements, ...] = field(default=(), repr=False)
     inputs: tuple[InputTerm, ...] = field(default=(), repr=False)
@@ -394,6 +392,9 @@ class EquationsOfMotion:
                 "EquationsOfMotion: equations without a mechanism cannot be pickled; use a "
                 "Mechanism, or pickle the arrays of the result."
             )
+        # Imported here, because most runs are not pickled.
+        from beamdae.symbolic.signal_pickling import pickle_with_signals
+
         numbers = {name: getattr(self, name) for name in _PICKLED_NUMBERS}
         return _reassemble, (pickle_with_signals(self.mechanism), numbers)
 
@@ -623,49 +624,3 @@ class ImpactEquations:
     def coefficients(self) -> Array:
         """Coefficient of restitution of each constraint, (m,); 0 for active joints."""
         return np.array([self.restitution.get(x, 0.0) for x in self.equations.lam_names])
-
-
-class Configurations(Protocol):
-    """Configurations of a mechanism whose parts are switched by events.
-
-    `whole` denotes the equations of all parts; times are arrays (t, branch).
-    """
-
-    @property
-    def initially_inactive(self) -> frozenset[str]:
-        """Names of the parts that are inactive at the start of a run."""
-
-    @property
-    def switched_parts(self) -> frozenset[str]:
-        """Names of the parts that are inactive at times."""
-
-    def starting_with(self, inactive: frozenset[str], frozen_gaps: FrozenGaps) -> Configurations:
-        """Return a copy with these parts inactive and these gaps frozen at the start of a run."""
-
-    def initial_configuration(self, whole: EquationsOfMotion) -> Configuration:
-        """Return the configuration at the start of a run."""
-
-    def configuration_without(
-        self, whole: EquationsOfMotion, inactive: frozenset[str], frozen_gaps: FrozenGaps
-    ) -> Configuration:
-        """Return the configuration with these parts inactive and these gaps frozen."""
-
-    def configuration_after(
-        self,
-        whole: EquationsOfMotion,
-        now: Configuration,
-        event: EventTerm,
-        time: Array,
-        q: Array,
-    ) -> Configuration:
-        """Return the configuration after an event at `time` and positions `q`."""
-
-    def switch_parts(
-        self, now: Configuration, event: EventTerm, time: Array, q: Array
-    ) -> tuple[frozenset[str], FrozenGaps]:
-        """Return the inactive parts and frozen gaps after an event at `time` and positions `q`."""
-
-    def impact_equations(
-        self, whole: EquationsOfMotion, now: Configuration, event: str, impacts: Iterable[Impact]
-    ) -> ImpactEquations:
-        """Return the equations of all active parts and of the impacts of an event."""

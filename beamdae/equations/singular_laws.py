@@ -13,8 +13,8 @@ from beamdae.native.instructions import trace_dependence
 from beamdae.parts.gravity import GravityLaws
 from beamdae.parts.laws import Law
 from beamdae.parts.part import Part
+from beamdae.symbolic.compiled import RowFunction
 from beamdae.symbolic.formula import MAX_SHARED_KERNELS, Formula
-from beamdae.symbolic.functions.compiled import RowFunction
 from beamdae.symbolic.signals import with_references
 
 Array = np.ndarray

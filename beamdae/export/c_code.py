@@ -15,7 +15,7 @@ from beamdae.native.instructions import evaluate_instructions, read_instructions
 from beamdae.native.lane_code import BINARY_FUNCTIONS, LIBRARY_NAMES
 from beamdae.native.point_programs import Call, Load, Loop, Mix, Place, Program, Set, Spread, Step
 from beamdae.native.table_functions import FIND, PICK
-from beamdae.symbolic.functions.table_lookups import has_lookups
+from beamdae.symbolic.table_lookups import has_lookups
 
 Array = np.ndarray
 

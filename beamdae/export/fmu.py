@@ -29,8 +29,7 @@ from beamdae.core.compilers import (
 )
 from beamdae.core.library import FOLDER
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
-from beamdae.equations.surface_gaps import compile_surface_gaps
-from beamdae.equations.table_arguments import compile_table_arguments
+from beamdae.equations.watched_terms import compile_surface_gaps, compile_table_arguments
 from beamdae.errors import (
     BeamdaeError,
     list_first,
@@ -60,7 +59,7 @@ from beamdae.integrators.alpha.stepper import AlphaStepper
 from beamdae.integrators.compiled_run import require_core
 from beamdae.integrators.integrator import Integrator
 from beamdae.integrators.radau.radau import Radau
-from beamdae.integrators.redundant_constraints import remove_redundant
+from beamdae.integrators.reaction_balance import remove_redundant
 from beamdae.integrators.run_plan import plan_run
 from beamdae.interrupts import interruptible
 from beamdae.model_functions import Model

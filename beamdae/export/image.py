@@ -72,10 +72,8 @@ class Image:
         """Return fields of `Model` by name, as C expressions."""
         words = np.array(self._layout.words, np.int64)
         words[[k for k, _ in self._layout.arrays]] = 0  # addresses
-        for kind, numbers in self._layout.numbers.items():
-            values = [getattr(x.owner, x.name) for x in numbers]
-            view = words.view(np.float64) if kind is float else words
-            view[[x.word for x in numbers]] = values
+        for x in self._layout.numbers_in(words):
+            x.words[x.word] = getattr(x.owner, x.name)
         segments = [f"{{0, {len(words)}, {tables.integers(words)}}}"]
         # Of views that begin at the same word, the longest.
         arrays = sorted((x for _, x in self._arrays if x.any()), key=lambda x: x.nbytes)

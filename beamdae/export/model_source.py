@@ -16,7 +16,7 @@ import scipy.sparse as sp
 from beamdae.core.linear_solver import LinearSolver
 from beamdae.core.tables import Layout, Workspace
 from beamdae.equations.equations_of_motion import EquationsOfMotion, Observable, State
-from beamdae.equations.formulations.kinematic_reduction import reduce_kinematics
+from beamdae.equations.formulations.first_order import reduce_kinematics
 from beamdae.equations.formulations.step_equations import formulate_step
 from beamdae.equations.formulations.sums import TIME_SIZE
 from beamdae.equations.starts.state_evaluator import (
@@ -24,7 +24,7 @@ from beamdae.equations.starts.state_evaluator import (
     plan_smooth_motion,
     plan_state_sums,
 )
-from beamdae.equations.surface_gaps import SurfaceGapTerm, compile_surface_gaps
+from beamdae.equations.watched_terms import SurfaceGapTerm, compile_surface_gaps
 from beamdae.export.c_code import (
     Tables,
     format_number,
@@ -35,19 +35,19 @@ from beamdae.export.c_code import (
     write_point_kernel,
 )
 from beamdae.export.image import Image
-from beamdae.integrators.input_jumps import make_motion_buffers
+from beamdae.integrators.compiled_run import make_motion_buffers
 from beamdae.integrators.radau.stepper import formulate_stages
 from beamdae.linear.elimination import N_EXTRA_ENTRIES, EliminationPlan, empty_plan
-from beamdae.linear.fixed_order import FixedOrder
-from beamdae.linear.orderings import has_many_couplings, order_along_band
+from beamdae.linear.factorizations import has_many_couplings, order_along_band
+from beamdae.linear.pivots import FixedOrder
 from beamdae.native.lane_code import LANE_WIDTH
 from beamdae.native.lane_kernels import rewrite
 from beamdae.symbolic.local_symbols import MATRIX_SHARED
 from beamdae.symbolic.sparse_operators import build_selection
-from beamdae.symbolic.sums.directional_sums import directional_plan
+from beamdae.symbolic.sums.kernel_code import PointSum
 from beamdae.symbolic.sums.kernel_sums import Batch, Kernel, SumPlan
-from beamdae.symbolic.sums.point_sums import PointSum
 from beamdae.symbolic.sums.sum_builder import LocalInput, SumBuilder
+from beamdae.symbolic.sums.sum_derivatives import directional_plan
 
 Array = np.ndarray
 SX = ca.SX

@@ -9,7 +9,7 @@ import numpy as np
 
 from beamdae.core.tables import Workspace
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.surface_gaps import SurfaceGapTerm
+from beamdae.equations.watched_terms import SurfaceGapTerm
 from beamdae.errors import list_first, warn_user
 from beamdae.integrators.alpha.generalized_alpha import GeneralizedAlpha
 from beamdae.integrators.drive import drive

@@ -12,9 +12,13 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import MissingPackageError, warn_once
 from beamdae.integrators.drive import drive
 from beamdae.integrators.error_control import needs_radau
-from beamdae.integrators.integrator import DEFAULT_RTOL, AdaptiveIntegrator, require_tolerance
+from beamdae.integrators.integrator import (
+    DEFAULT_RTOL,
+    AdaptiveIntegrator,
+    Method,
+    require_tolerance,
+)
 from beamdae.integrators.limits import Progress
-from beamdae.integrators.method import Method
 from beamdae.integrators.pilot_run import PILOT_RTOL
 from beamdae.integrators.radau.radau import Radau
 from beamdae.integrators.run_plan import RunPlan

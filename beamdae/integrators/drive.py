@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, replace
 from functools import partial
 from typing import cast
 
@@ -21,24 +21,28 @@ from beamdae.errors import BeamdaeError, ProgressError, list_first
 from beamdae.integrators.events.stop_search import StopSearch
 from beamdae.integrators.events.switching import MethodCache, apply_event, initial_configuration
 from beamdae.integrators.events.watches import Stop
-from beamdae.integrators.integrator import Integrator, require_limits
+from beamdae.integrators.integrator import (
+    PROBE_SHARE,
+    STEPS_PER_CHECK,
+    Integrator,
+    Method,
+    ResumableMethod,
+    StepError,
+    require_limits,
+    take_steps,
+)
 from beamdae.integrators.limits import (
     PaceCheck,
     Progress,
     RunLimits,
     followed_vibration,
 )
-from beamdae.integrators.method import (
-    PROBE_SHARE,
-    STEPS_PER_CHECK,
-    Method,
-    ResumableMethod,
-    StepError,
-    take_steps,
-)
 from beamdae.integrators.pilot_run import PILOT_LABEL, adopt_amplitudes, run_pilot
-from beamdae.integrators.reaction_balance import balance_reactions
-from beamdae.integrators.redundant_constraints import remove_redundant, restore_reactions
+from beamdae.integrators.reaction_balance import (
+    balance_reactions,
+    remove_redundant,
+    restore_reactions,
+)
 from beamdae.integrators.run_plan import RunPlan, plan_run
 from beamdae.integrators.sampling import RepeatedSample, Sampler
 from beamdae.integrators.step_history import (
@@ -49,8 +53,7 @@ from beamdae.integrators.step_history import (
 )
 from beamdae.interrupts import Interrupted, acknowledge, attach_partial, raise_pending
 from beamdae.linear.blas_threads import single_threaded
-from beamdae.results.event_records import EventRecord
-from beamdae.results.outcome import REACHED_END, Status
+from beamdae.results.outcome import REACHED_END, EventRecord, Status
 from beamdae.results.solution import Solution
 from beamdae.results.trajectory import Trajectory
 
@@ -139,28 +142,43 @@ def _drive(
 
     run_began = clock.perf_counter()
     limits = RunLimits(progress, settings.get("time_limit"), settings.get("max_steps"), run_began)
-    context = _RunContext(equations, times, rtol)
-    problem = None
+    run: _RunInProgress | None = None
+    problem, compile_time = None, 0.0
+    samples: list[RepeatedSample] = []
+
+    def execute(
+        method_on: Callable[[RunPlan], Method], label: str, plan: RunPlan, limits: RunLimits
+    ) -> tuple[Trajectory, Status]:
+        """Execute a run, which repeats and extends samples; a `label` is that of a pilot run."""
+        nonlocal run, compile_time
+        began = clock.perf_counter()
+        run = _RunInProgress(equations, plan, method_on, limits, times, rtol, samples, label)
+        preparation = clock.perf_counter() - began
+        compile_time += preparation
+        if label:
+            # Without the time to compile, or the amplitudes would depend on the state of the cache.
+            limits.begin += preparation
+        return run.execute()
+
     try:
         if pilot_on is not None and equations.scales is None:
             plan = adopt_amplitudes(plan)
             if plan.amplitudes is None:
-                plan = run_pilot(plan, partial(context.execute, pilot_on, PILOT_LABEL), limits)
+                plan = run_pilot(plan, partial(execute, pilot_on, PILOT_LABEL), limits)
         if rtol is not None and limits.max_steps is None:
             interval = plan.intervals[0][0], plan.intervals[-1][1]
             limits.pace_check = PaceCheck(*interval)
         followed_vibration.set("")
-        trajectory, status = context.execute(method_on, "", plan, limits)
+        trajectory, status = execute(method_on, "", plan, limits)
     except KeyboardInterrupt:
-        if context.run is None:
+        if run is None:
             raise
         acknowledge()
-        trajectory, status = context.run.finish_interrupted()
+        trajectory, status = run.finish_interrupted()
     except ProgressError as error:
-        assert context.run is not None
+        assert run is not None
         problem = error.problem
-        trajectory, status = context.run.finish_failed(error)
-    run, compile_time = context.run, context.compile_time
+        trajectory, status = run.finish_failed(error)
     assert run is not None
     wall_time = clock.perf_counter() - run_began - compile_time
     peaks = [f"{name} at t = {t:.4g} s" for name, t in run.force_peaks.items()]
@@ -170,7 +188,7 @@ def _drive(
         from beamdae.integrators.stop_causes import name_cause
 
         end = float(times[-1])
-        status = name_cause(status, equations, trajectory, run.repeated, end, integrator)
+        status = name_cause(status, equations, trajectory, samples, end, integrator)
     solution = Solution(
         equations,
         trajectory,
@@ -200,71 +218,47 @@ def _drive(
     return solution
 
 
-@dataclass
-class _RunContext:
-    """What the pilot runs and the run of one call share.
-
-    Attributes
-    ----------
-    equations
-        Equations with all parts, active or not.
-    output_times
-        Times [s] of rows that are stored even if the run is too long to store all steps.
-    rtol
-        Tolerance of adaptive steps; None for fixed steps.
-    repeated
-        Samples of controllers in earlier runs, which the next run repeats and extends.
-    compile_time
-        Time in which methods were created [s].
-    run
-        The latest run.
-    """
-
-    equations: EquationsOfMotion
-    output_times: Array
-    rtol: float | None
-    repeated: list[RepeatedSample] = field(default_factory=list)
-    compile_time: float = 0.0
-    run: _RunInProgress | None = None
-
-    def execute(
-        self, method_on: Callable[[RunPlan], Method], label: str, plan: RunPlan, limits: RunLimits
-    ) -> tuple[Trajectory, Status]:
-        """Execute a run; a `label` is that of a pilot run."""
-        began = clock.perf_counter()
-        self.run = _RunInProgress(self, plan, method_on, limits, label)
-        preparation = clock.perf_counter() - began
-        self.compile_time += preparation
-        if label:
-            # Without the time to compile, or the amplitudes would depend on the state of the cache.
-            limits.begin += preparation
-        return self.run.execute()
-
-
 class _RunInProgress:
     """Run in progress; the steps stored so far remain valid if it is interrupted."""
 
     def __init__(
         self,
-        context: _RunContext,
+        equations: EquationsOfMotion,
         plan: RunPlan,
         method_on: Callable[[RunPlan], Method],
         limits: RunLimits,
-        label: str = "",
+        times: Array,
+        rtol: float | None,
+        samples: list[RepeatedSample],
+        label: str,
     ) -> None:
-        """Prepare a run; `label` is appended to the message of an interrupted run."""
-        self._equations = equations = context.equations
+        """Prepare a run.
+
+        Parameters
+        ----------
+        equations
+            Equations with all parts, active or not.
+        plan, method_on, limits
+            Plan, function that creates methods, and limits of this run.
+        times
+            Times [s] of rows that are stored even if the run is too long to store all steps.
+        rtol
+            Tolerance of adaptive steps; None for fixed steps.
+        samples
+            Samples of controllers in earlier runs, which this run repeats and extends.
+        label
+            Appended to the message of an interrupted run.
+        """
+        self._equations, self._samples = equations, samples
         self._plan, self._limits, self._label = plan, limits, label
         self._configuration = initial_configuration(equations)
         self.methods = MethodCache(method_on, plan, self._configuration)
         self.method = self.methods.first
         if limits.pace_check is not None:
             limits.pace_check.relative_limit = self.method.steps_per_check / STEPS_PER_CHECK
-        self.repeated = context.repeated
-        self._search = StopSearch(equations, context.rtol)
+        self._search = StopSearch(equations, rtol)
         self._detector = self._search.detector
-        sampled = equations.with_loads_of(self._configuration)
-        self._sampler = Sampler(sampled, context.repeated)
+        self._sampler = Sampler(equations.with_loads_of(self._configuration), samples)
         self._adapt_to_active_parts()
         self.steps = 0
         # Time [s] of the first peak of each force that steps passed over at first, by its part.
@@ -275,7 +269,7 @@ class _RunInProgress:
         # Segments and number of rows before the last sample, and the history and number of rows
         # after it.
         self._last_sample: tuple[list[RunSegment], int, StepHistory, int] | None = None
-        self.thinning = StepThinning(context.output_times)
+        self.thinning = StepThinning(times)
         start, end = plan.intervals[0]
         self._begin_segment(start, branch_time(start, end), plan.state)
 
@@ -284,7 +278,7 @@ class _RunInProgress:
         self._search.adapt(self._plan)
         equations = self._equations.with_loads_of(self._configuration)
         if equations is not self._sampler.equations:
-            self._sampler = Sampler(equations, self.repeated)
+            self._sampler = Sampler(equations, self._samples)
 
     @property
     def event_records(self) -> tuple[EventRecord, ...]:
@@ -326,7 +320,7 @@ class _RunInProgress:
         if status.kind == "failed":
             return status
         try:
-            for sample in self.repeated:
+            for sample in self._samples:
                 sample.repeat()
         except BeamdaeError as problem:
             return self._failure(problem)
@@ -395,7 +389,7 @@ class _RunInProgress:
         # An event at the time of the sample has begun a segment of one row: the method has not.
         resumed = None
         if hasattr(self.method, "resume") and self._history.count > 1 and self._is_sample(start):
-            resumed = cast(ResumableMethod, self.method).resume(start, following, state.q)
+            resumed = cast("ResumableMethod", self.method).resume(start, following, state.q)
         if resumed is not None:
             self._history.append_jump(resumed)
         elif stop := self._find_stop():
@@ -440,13 +434,15 @@ class _RunInProgress:
         # Otherwise, the method continues after a sample.
         if history.count == 1:
             method.begin(history.end, end, segment.branch, history.last_state)
+        # Between frequent samples of controllers, searches at their times would cost more than the
+        # steps. Events are detected between samples, not across them.
+        is_sample = len(self._interval_ends) > 1 and self._is_sample(end)
         stop: Stop | None = None
         while history.end < end and stop is None:
             raise_pending()
             most = limits.steps_until_check(self.steps, steps_per_check)
             self.steps += take_steps(method, history, min(most, self._search.longest_batch), end)
-            is_at_end = history.end >= end and not self._continues(end)
-            if is_at_end or self._search.is_due(self.steps):
+            if self._search.is_due(self.steps) or (history.end >= end and not is_sample):
                 stop = self._find_stop()
             history.release(history.count if self._search.is_empty else self._search.row)
             self.thinning.enforce(self._segments)
@@ -461,7 +457,7 @@ class _RunInProgress:
         """Return the reason of a failure; for steps, with the causes that the state shows."""
         if not isinstance(problem, StepError):
             return str(problem)
-        from beamdae.equations.failure_diagnosis import diagnose_failure
+        from beamdae.integrators.stop_causes import diagnose_failure
 
         history = self._history
         time = np.array([history.end, self._segments[-1].branch])
@@ -475,8 +471,10 @@ class _RunInProgress:
         check, t = self._limits.pace_check, self._history.end
         if check is None or not check.is_due(t, self.steps):
             return ""
-        from beamdae.equations.failure_diagnosis import describe_singular_position
-        from beamdae.integrators.stop_causes import describe_hopeless_motion
+        from beamdae.integrators.stop_causes import (
+            describe_hopeless_motion,
+            describe_singular_position,
+        )
 
         # No rows can be added after thinned ones have been joined.
         if self._history.is_finite and not self.thinning.report:
@@ -489,14 +487,6 @@ class _RunInProgress:
         return check.describe_stall(
             describe_singular_position(equations, time, self._history.last_state)
         )
-
-    def _continues(self, end: float) -> bool:
-        """Return True if the method may continue beyond `end` [s]: steps are searched later.
-
-        Between frequent samples of controllers, searches would cost more than the steps. Events are
-        detected between samples, not across them.
-        """
-        return self._detector is None and len(self._interval_ends) > 1 and self._is_sample(end)
 
     def _find_stop(self, reason: str = "") -> Stop | None:
         """Drop the steps after the first stop in the rows not searched before; return the stop.

@@ -14,8 +14,7 @@ import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.first_order import FirstOrderForm, Formulation
-from beamdae.equations.natural_frequencies import Mode
-from beamdae.integrators.run_plan import RunPlan
+from beamdae.integrators.run_plan import Mode, RunPlan
 
 Array = np.ndarray
 

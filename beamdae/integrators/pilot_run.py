@@ -9,9 +9,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from beamdae.integrators.amplitudes import Amplitudes
 from beamdae.integrators.limits import RunLimits
-from beamdae.integrators.run_plan import RunPlan
+from beamdae.integrators.run_plan import Amplitudes, RunPlan
 from beamdae.results.outcome import PILOT_RUN_SUFFIX, REACHED_END, Status
 from beamdae.results.trajectory import Trajectory
 

@@ -1,4 +1,4 @@
-"""Reactions near singular positions, from the balance of momentum over several steps.
+"""Reactions after a run: balance with the forces, and those of redundant constraints.
 
 Where the constraint Jacobian G nearly loses rank, a step determines the reactions only up to its
 errors divided by the smallest singular value of G and by the length of the step, although the
@@ -12,12 +12,13 @@ determine their reactions keep them. All terms are scaled: rows of G have length
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.polynomial.legendre import legvander
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.starts.rank import (
+from beamdae.equations.starts.dependent_constraints import (
     MIN_RELATIVE_SHARE,
     build_constraint_jacobian,
     has_closed_loops,
@@ -26,7 +27,45 @@ from beamdae.equations.starts.state_evaluator import StateEvaluator
 from beamdae.results.solution import Solution
 from beamdae.results.trajectory import Interval, Trajectory
 
+if TYPE_CHECKING:
+    from beamdae.equations.starts.reduced_equations import ReducedEquations
+
 Array = np.ndarray
+
+
+def remove_redundant(equations: EquationsOfMotion, start: float) -> ReducedEquations | None:
+    """Return equations without the constraints that are redundant after `start` [s], or None.
+
+    None means that the model does not request the removal or has no redundant constraints.
+    """
+    if not equations.redundant:
+        return None
+    # Models without redundant constraints start faster without this import.
+    from beamdae.equations.starts.reduced_equations import remove_redundant_constraints
+
+    after = next((b for b in equations.breakpoints if b > start), start + 1.0)
+    return remove_redundant_constraints(equations, np.array([start, 0.5 * (start + after)]))
+
+
+def restore_reactions(solution: Solution, reduced: ReducedEquations) -> Solution:
+    """Return the solution of the full equations.
+
+    The multipliers of all constraints have the minimum norm among those that give the same forces;
+    see `ReducedEquations.restore_reactions` for the norm.
+    """
+
+    def restore(interval: Interval) -> Interval:
+        rows = interval.rows
+        lam = reduced.restore_reactions(interval.times, rows.q, rows.lam)
+        return replace(interval, rows=rows._replace(lam=lam))
+
+    return replace(
+        solution,
+        equations=reduced.full,
+        trajectory=Trajectory(tuple(map(restore, solution.trajectory.intervals))),
+        integrator={**solution.integrator, "redundant": reduced.description},
+    )
+
 
 # Smallest singular values of G, relative to their largest value over a run, below which positions
 # are nearly singular, and below which steps belong to the polynomial through such a position.

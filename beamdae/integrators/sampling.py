@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from beamdae.equations.controller_reads import compile_reads
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.smooth_intervals import SAME_TIME
+from beamdae.equations.watched_terms import compile_reads
 
 if TYPE_CHECKING:
     from beamdae.parts.control.controller import Controller

@@ -1,5 +1,8 @@
 """Plans for the elimination of sparse matrices with known pivots, and arrays of their factors.
 
+An array of lanes holds the first entry of all lanes, then the second entry of all lanes, and so on.
+Of complex lanes, it holds the real parts of an entry, then its imaginary parts.
+
 The core factorizes and solves: `elimination.h`.
 """
 
@@ -9,9 +12,26 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from beamdae.linear.lanes import LANES, aligned_zeros
-
 Array = np.ndarray
+
+# Number of lanes.
+LANES = 8
+
+# Size of a cache line [bytes]; vectors that cross lines take twice as long to load and store.
+_CACHE_LINE = 64
+
+
+def aligned_zeros(size: int, dtype: Any = float) -> Array:
+    """Return zeros that begin at a cache line, as arrays of lanes should."""
+    itemsize = np.dtype(dtype).itemsize
+    numbers = np.zeros(size + _CACHE_LINE // itemsize, dtype)
+    first = -numbers.ctypes.data % _CACHE_LINE // itemsize
+    return numbers[first : first + size]
+
+
+def index_lanes(indices: Array) -> Array:
+    """Return the flat, unsigned indices of all lanes of these entries."""
+    return (LANES * indices.astype(np.uint32)[:, None] + np.arange(LANES, dtype=np.uint32)).ravel()
 
 
 class EliminationPlan(NamedTuple):

@@ -15,13 +15,13 @@ import numpy as np
 import scipy.sparse as sp
 
 from beamdae.linear.elimination import (
+    LANES,
     N_EXTRA_ENTRIES,
     ONE_ENTRY,
     UNUSED_ENTRY,
     ZERO_ENTRY,
 )
-from beamdae.linear.lanes import LANES
-from beamdae.linear.orderings import classify_unknowns
+from beamdae.linear.factorizations import classify_unknowns
 
 Array = np.ndarray
 

@@ -3,6 +3,9 @@
 Pivots are chosen once for many matrices with the same pattern; for each matrix, `elimination` only
 computes the values of the factors. Row scales and pivots depend on the values of the matrix for
 which they were chosen. The fill depends only on the pattern and the pivots and is therefore cached.
+
+In a fixed order, which depends on the pattern only, no search for pivots is needed, and the matrix
+has as many negative eigenvalues as negative pivots (Sylvester's law of inertia).
 """
 
 from __future__ import annotations
@@ -19,21 +22,19 @@ from scipy.sparse.linalg import SuperLU
 
 from beamdae.bounded_cache import array_bytes, bounded_cache
 from beamdae.linear.elimination import N_EXTRA_ENTRIES, EliminationPlan, empty_plan
-from beamdae.linear.factorizations import SingularMatrixError
-from beamdae.linear.lane_blocks import BlockElimination, find_blocks
-from beamdae.linear.orderings import (
+from beamdae.linear.factorizations import (
+    SingularMatrixError,
     compute_bordered_ordering,
     factorize_in_order,
     factorize_with_partial_pivoting,
     invert_to_power_of_two,
 )
+from beamdae.linear.lane_blocks import BlockElimination, find_blocks
 
 Array = np.ndarray
 
-# Number of unknowns up to which orderings and plans are cached.
-_MAX_CACHED_SIZE = 3000
 # Largest memory of the cached orderings, and of the cached plans [bytes]. A run needs a few
-# patterns; those of the largest cached size take about 1 MB each.
+# patterns; those of 3000 unknowns take about 1 MB each.
 _MAX_CACHED_BYTES = 8 * 2**20
 
 
@@ -69,8 +70,7 @@ def propose_plans(
         raise SingularMatrixError("the matrix is singular")
     key = _PatternKey.of(pattern.indptr, pattern.indices)
     scale = _compute_row_scale(key, nonzeros)
-    find = _cached_find_blocks if key.is_cached else _find_blocks
-    blocks = find(key) if in_blocks else None
+    blocks = _find_blocks(key) if in_blocks else None
     # Nothing is yielded inside `with`: an interrupt while a generator is closed there is lost.
     plan = None
     if blocks is not None:
@@ -82,7 +82,7 @@ def propose_plans(
         plan = None
     # Without the largest pivots, a matrix may become singular by rounding.
     with suppress(RuntimeError):
-        bordered = _choose_order(key)
+        bordered = _order_pattern(key)
         factors = factorize_in_order(_scale_matrix(bordered, nonzeros, scale))
         plan = _plan_pivots(key, key, bordered, factors, scale)
     if plan is not None:
@@ -111,11 +111,6 @@ class _PatternKey(NamedTuple):
         """Number of columns."""
         return len(self.starts) // np.dtype(np.intp).itemsize - 1
 
-    @property
-    def is_cached(self) -> bool:
-        """True if results for this pattern are cached."""
-        return self.size <= _MAX_CACHED_SIZE
-
     def entry_numbers(self) -> sp.csc_array:
         """Return a matrix with this pattern whose entries are the indices of its non-zeros."""
         starts, indices = (np.frombuffer(x, np.intp) for x in self)
@@ -143,6 +138,7 @@ class _OrderedPattern(NamedTuple):
     weights: Array
 
 
+@bounded_cache(_MAX_CACHED_BYTES, array_bytes)
 def _order_pattern(key: _PatternKey) -> _OrderedPattern:
     entry_numbers = key.entry_numbers()
     ordering = compute_bordered_ordering(entry_numbers)
@@ -153,18 +149,9 @@ def _order_pattern(key: _PatternKey) -> _OrderedPattern:
     )
 
 
-_cached_order_pattern = bounded_cache(_MAX_CACHED_BYTES, array_bytes)(_order_pattern)
-
-
-def _choose_order(key: _PatternKey) -> _OrderedPattern:
-    return (_cached_order_pattern if key.is_cached else _order_pattern)(key)
-
-
+@bounded_cache(_MAX_CACHED_BYTES, array_bytes)
 def _find_blocks(key: _PatternKey) -> BlockElimination | None:
     return find_blocks(key.entry_numbers())
-
-
-_cached_find_blocks = bounded_cache(_MAX_CACHED_BYTES, array_bytes)(_find_blocks)
 
 
 def _natural_order(key: _PatternKey) -> _OrderedPattern:
@@ -207,7 +194,7 @@ def _plan_blocks(
 ) -> EliminationPlan:
     """Return the plan that eliminates blocks first; `remainder` holds the remaining non-zeros."""
     rest = _PatternKey.of(blocks.starts, blocks.indices)
-    order = _choose_order(rest)
+    order = _order_pattern(rest)
     rest_scale = _compute_row_scale(rest, remainder)
     factors = factorize_in_order(_scale_matrix(order, remainder, rest_scale))
     plan = _plan_pivots(key, rest, order, factors, scale)
@@ -229,9 +216,8 @@ def _plan_pivots(
     """Return the plan of a matrix without blocks, or of the rest of the matrix without them."""
     rows = ordered.order[np.argsort(factors.perm_r)]
     columns = ordered.order[np.argsort(factors.perm_c)]
-    analyze = _cached_analyze_pattern if rest.is_cached else _analyze_pattern
     starts, matrix_rows = (_to_unsigned(np.frombuffer(x, np.intp)) for x in key)
-    return analyze(rest, rows.tobytes(), columns.tobytes())._replace(
+    return _analyze_pattern(rest, rows.tobytes(), columns.tobytes())._replace(
         scale=scale,
         matrix_starts=starts,
         matrix_rows=matrix_rows,
@@ -239,6 +225,7 @@ def _plan_pivots(
     )
 
 
+@bounded_cache(_MAX_CACHED_BYTES, array_bytes)
 def _analyze_pattern(key: _PatternKey, row_bytes: bytes, column_bytes: bytes) -> EliminationPlan:
     """Return the plan for pivots in these rows and columns, without matrix and scaling."""
     rows, columns = (np.frombuffer(x, np.intp) for x in (row_bytes, column_bytes))
@@ -262,9 +249,6 @@ def _analyze_pattern(key: _PatternKey, row_bytes: bytes, column_bytes: bytes) ->
         lower_starts=lower_starts,
         lower_rows=lower_rows,
     )
-
-
-_cached_analyze_pattern = bounded_cache(_MAX_CACHED_BYTES, array_bytes)(_analyze_pattern)
 
 
 def flatten_columns(columns: list[list[int]]) -> tuple[Array, Array]:
@@ -320,3 +304,37 @@ def compute_fill(starts: list[int], indices: list[int]) -> tuple[list[list[int]]
                     followed_rows[k] = below[k][: position + 1]
                     is_pruned[k] = True
     return above, below
+
+
+class FixedOrder(NamedTuple):
+    """Pattern of the matrix and of its factors; a position is an index in the order of elimination.
+
+    Attributes
+    ----------
+    starts, positions, sources
+        Columns of the matrix, by position: their starts, the positions of their rows, and the
+        indices of their CSC non-zeros.
+    upper_starts, upper_rows, lower_starts, lower_rows
+        Columns of the factors above and below the diagonal: their starts, and the positions of
+        their rows, ascending.
+    """
+
+    starts: Array
+    positions: Array
+    sources: Array
+    upper_starts: Array
+    upper_rows: Array
+    lower_starts: Array
+    lower_rows: Array
+
+    @classmethod
+    def of(cls, pattern: sp.csc_array, order: Array) -> FixedOrder:
+        """Return the elimination of matrices with this CSC pattern, which includes the diagonal."""
+        position = np.empty(len(order), int)
+        position[order] = np.arange(len(order))
+        numbers = (np.arange(pattern.nnz), position[pattern.indices], pattern.indptr)
+        permuted = sp.csc_array(numbers, shape=pattern.shape)[:, order]
+        upper, lower = compute_fill(permuted.indptr.tolist(), permuted.indices.tolist())
+        arrays = (permuted.indptr, permuted.indices, permuted.data)
+        flat = (*flatten_columns(upper), *flatten_columns(lower))
+        return cls(*(np.asarray(x).astype(np.uint32) for x in (*arrays, *flat)))

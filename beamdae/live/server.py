@@ -58,7 +58,7 @@ class LiveView:
     """
 
     def __init__(self, session: LiveSession, port: int, is_embedded: bool = True) -> None:
-        number = None if isinstance(port, bool) else as_real(port)
+        number = as_real(port)
         if number is None or not number.is_integer() or not 0 <= number <= _MAX_PORT:
             raise BeamdaeError(
                 f"view: port must be an integer from 0 to {_MAX_PORT}, got {short_repr(port)}."

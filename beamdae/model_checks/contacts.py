@@ -13,10 +13,9 @@ from beamdae.beams.beam import BeamAttachment
 from beamdae.equations.assembly.assemble import equations_of_motion
 from beamdae.equations.assembly.observables import compile_quantities
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
-from beamdae.equations.starts.mobility import find_loose_groups
 from beamdae.equations.starts.rigid_motions import collect_bodies
 from beamdae.equations.starts.state_evaluator import StateEvaluator
-from beamdae.equations.surface_gaps import compile_surface_gaps
+from beamdae.equations.watched_terms import compile_surface_gaps
 from beamdae.errors import name_with_others
 from beamdae.parts.attachments import measure_extent
 from beamdae.parts.bodies.rigid_body import RigidBody
@@ -201,6 +200,8 @@ def _list_sizes(equations: EquationsOfMotion, name: str) -> Iterator[tuple[float
 
     Beams that no joint connects to the ground may fall on a layer that is thicker than they are.
     """
+    # Imported here, because few models have contacts.
+    from beamdae.equations.starts.mobility import find_loose_groups
     from beamdae.parts.forces.surfaces import CircleSurface
 
     assert equations.mechanism is not None

@@ -17,6 +17,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from beamdae.deferred import installed_version
 from beamdae.native.lane_code import (
     LANE_WIDTH,
     describe_writer,
@@ -26,7 +27,6 @@ from beamdae.native.lane_code import (
 )
 from beamdae.native.llvm import LoadedObject
 from beamdae.native.object_code import ObjectSource, is_native_enabled, load_object
-from beamdae.package_versions import installed_version
 
 Array = np.ndarray
 # Returns a faster function of the same values.
@@ -137,10 +137,6 @@ def build_lane_kernel(
     require_lane_form(function)
     name = function.name()
 
-    def wrap_code(code: LoadedObject) -> LaneKernel:
-        sizes = (function.nnz_in(0), function.nnz_in(1), function.nnz_out(0))
-        return LaneKernel(name, code.addresses[name], *sizes, code)
-
     # The function, the rewrites and the writer determine the IR; writing the IR to build a cache
     # key is slower.
     text = "\n".join([function.serialize(), *map(_describe_rewrite, rewrites), describe_writer()])
@@ -154,15 +150,15 @@ def build_lane_kernel(
         # Prebuilt objects are checked against the installed CasADi before use.
         version=f"casadi {installed_version('casadi')}",
     )
+
+    def is_correct(kernel: LaneKernel) -> bool:
+        values = _evaluate_both(rewrite(function, rewrites), kernel)
+        return np.array_equal(*values, equal_nan=True)
+
     try:
-        code = load_object(
-            source,
-            lambda code: _matches_virtual_machine(rewrite(function, rewrites), wrap_code(code)),
-            compiles,
-        )
+        return _load_kernel(source, function, is_correct, compiles)
     except ValueError:
         return None
-    return None if code is None else wrap_code(code)
 
 
 def build_loop_kernel(
@@ -177,12 +173,8 @@ def build_loop_kernel(
     """
     name = function.name()
 
-    def wrap_code(code: LoadedObject) -> LaneKernel:
-        sizes = (function.nnz_in(0), function.nnz_in(1), function.nnz_out(0))
-        return LaneKernel(name, code.addresses[name], *sizes, code, tuple(called.values()))
-
-    def is_correct(code: LoadedObject) -> bool:
-        values, expected = _evaluate_both(function, wrap_code(code))
+    def is_correct(kernel: LaneKernel) -> bool:
+        values, expected = _evaluate_both(function, kernel)
         scale = np.abs(expected).max(initial=0.0)
         return bool(np.all(np.abs(values - expected) <= _ROUNDING * scale))
 
@@ -193,18 +185,28 @@ def build_loop_kernel(
         imports={symbol: kernel.address for symbol, kernel in called.items()},
         level=_OPTIMIZATION_LEVEL_OF_LOOPS,
     )
-    code = load_object(source, is_correct, compiles)
+    return _load_kernel(source, function, is_correct, compiles, tuple(called.values()))
+
+
+def _load_kernel(
+    source: ObjectSource,
+    function: ca.Function,
+    is_correct: Callable[[LaneKernel], bool],
+    compiles: bool,
+    called: tuple[LaneKernel, ...] = (),
+) -> LaneKernel | None:
+    sizes = function.nnz_in(0), function.nnz_in(1), function.nnz_out(0)
+
+    def wrap_code(code: LoadedObject) -> LaneKernel:
+        return LaneKernel(source.name, code.addresses[source.name], *sizes, code, called)
+
+    code = load_object(source, lambda code: is_correct(wrap_code(code)), compiles)
     return None if code is None else wrap_code(code)
 
 
 @cache
 def _describe_rewrite(step: Rewrite) -> str:
     return f"{step.__qualname__}\n{inspect.getsource(sys.modules[step.__module__])}"
-
-
-def _matches_virtual_machine(function: ca.Function, kernel: LaneKernel) -> bool:
-    """Return True if a kernel agrees bitwise with CasADi's virtual machine at random points."""
-    return np.array_equal(*_evaluate_both(function, kernel), equal_nan=True)
 
 
 def _evaluate_both(function: ca.Function, kernel: LaneKernel) -> tuple[Array, Array]:

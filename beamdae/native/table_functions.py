@@ -1,7 +1,7 @@
 """Functions that read single rows of tables, for CasADi and as LLVM IR.
 
 Kernels call them instead of evaluating all rows, so that neither compilation nor evaluation takes
-longer for long tables. `beamdae.symbolic.functions.table_lookups` differentiates them.
+longer for long tables. `beamdae.symbolic.table_lookups` differentiates them.
 """
 
 from __future__ import annotations

@@ -195,6 +195,18 @@ def require_direction(part: str, name: str, value: Any) -> tuple[float, float]:
     return direction
 
 
+def normalize(direction: tuple[float, float]) -> tuple[float, float]:
+    """Return the unit vector (x, y) of a direction."""
+    x, y = np.divide(direction, np.hypot(*direction)).tolist()
+    return x, y
+
+
+def left_normal(direction: tuple[float, float]) -> tuple[float, float]:
+    """Return the unit vector to the left of a direction."""
+    x, y = normalize(direction)
+    return -y, x
+
+
 def rotate(angle: Any, vector: Any) -> SX:
     """Return the vector (x, y), rotated counter-clockwise by `angle` [rad], as a column."""
     c, s = ca.cos(angle), ca.sin(angle)

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from beamdae.errors import BeamdaeError, require_choice, require_finite, short_repr
+from beamdae.errors import BeamdaeError, require_between, require_choice, short_repr
 from beamdae.parts.events import Impact, Switch
 from beamdae.parts.joints.drivers import DrivenJoint, Driver, TranslationalDriver
-from beamdae.parts.joints.joint import Joint
-from beamdae.parts.joints.kinematic_constraint import KinematicConstraint
+from beamdae.parts.joints.joint import Joint, KinematicConstraint
 from beamdae.parts.laws import as_law
 from beamdae.parts.part import Part
 from beamdae.symbolic.statements import Quantity
@@ -171,10 +170,7 @@ def impact(on: Joint | Quantity, restitution: float = 1.0) -> Impact:
             f"impact: on must be a gap, such as surface.gap(point), or a joint, "
             f"got {short_repr(on)}."
         )
-    restitution = require_finite("impact", "restitution", restitution)
-    if not 0.0 <= restitution <= 1.0:
-        raise BeamdaeError(f"impact: restitution must lie in [0, 1], got {restitution:g}.")
-    return Impact(on, restitution)
+    return Impact(on, require_between("impact", "restitution", restitution, 0.0, 1.0))
 
 
 def name_parts(call: str, parts: tuple[Any, ...]) -> tuple[str, ...]:

@@ -11,10 +11,14 @@ import casadi as ca
 import numpy as np
 
 from beamdae.parts.laws import Law
-from beamdae.symbolic.formula import Formula
+from beamdae.symbolic.formula import FormulaExpression
 from beamdae.symbolic.statements import SX, ForceKernel, ForceStatement, Local
 
 Array = np.ndarray
+
+
+def _evaluate_laws(local: Local, *laws: Callable[[SX], SX]) -> list[SX]:
+    return [law(local.time) for law in laws]
 
 
 @dataclass(frozen=True)
@@ -69,16 +73,14 @@ class GravityLaws:
         key = (id(weightless.kernel), tuple(rows.tolist()))
         if key not in self._kernels:
             self._kernels[key] = weightless.kernel, self._kernel(weightless.kernel, rows)
-        law_numbers = np.array([n for _, numbers in self._formulas for n in numbers], float)
-        law_data = np.repeat(law_numbers[:, None], weightless.count, axis=1)
+        law_data = np.repeat(self._expression[1][:, None], weightless.count, axis=1)
         data = np.concatenate([weightless.data, slopes[0][rows], slopes[1][rows], law_data])
         return ForceStatement(weightless.part, self._kernels[key][1], weightless.pieces, data)
 
     @property
-    def _formulas(self) -> list[tuple[Callable[[SX], SX], tuple[float, ...]]]:
-        """Function and numbers of each law; no numbers unless the law is a `Formula`."""
-        formulas = [law.formula for law in self.laws]
-        return [(x, tuple(x.numbers) if isinstance(x, Formula) else ()) for x in formulas]
+    def _expression(self) -> tuple[FormulaExpression, Array]:
+        """Expression of the values of the laws, and the numbers in it."""
+        return FormulaExpression.of(_evaluate_laws, [law.formula for law in self.laws])
 
     def _kernel(self, kernel: ForceKernel, rows: Array) -> ForceKernel:
         """Return the kernel of the weight under the laws, in proportion to which forces change.
@@ -87,16 +89,9 @@ class GravityLaws:
         gravity, the derivatives of `rows` with respect to gx and gy, and the numbers of the laws.
         """
         old, n_rows = kernel.local, len(rows)
-        n_law_numbers = sum(len(numbers) for _, numbers in self._formulas)
-        local = Local(old.size, old.n_data + 2 * n_rows + n_law_numbers)
-        gravity: list[SX] = []
-        first = old.n_data + 2 * n_rows
-        for formula, numbers in self._formulas:
-            law: Any = formula
-            if isinstance(formula, Formula):
-                law = Formula(formula.kind, local.data[first : first + len(numbers)])
-            first += len(numbers)
-            gravity.append(law(local.time))
+        first, (expression, numbers) = old.n_data + 2 * n_rows, self._expression
+        local = Local(old.size, first + len(numbers))
+        gravity = expression(local, local.data[first:])
         change = SX.zeros(old.n_data)
         for k, row in enumerate(rows.tolist()):
             slope_x, slope_y = local.data[old.n_data + k], local.data[old.n_data + n_rows + k]

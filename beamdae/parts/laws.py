@@ -30,11 +30,17 @@ from beamdae.errors import (
 from beamdae.native.instructions import read_operations
 from beamdae.parts.forces.formula_checks import JUMP_OPERATIONS
 from beamdae.parts.tables import Table, locked_pieces
-from beamdae.symbolic.formula import Formula
-from beamdae.symbolic.scalar_expression import FormulaError, as_scalar
-from beamdae.symbolic.signals import Signal, as_expression, find_other_symbols, with_references
+from beamdae.symbolic.formula import Formula, FormulaExpression, constant_formula
+from beamdae.symbolic.signals import (
+    FormulaError,
+    Signal,
+    as_expression,
+    as_scalar,
+    find_other_symbols,
+    with_references,
+)
 from beamdae.symbolic.statements import SX
-from beamdae.symbolic.table_calls import TableCall, record_calls
+from beamdae.symbolic.table_lookups import TableCall, record_calls
 
 # Operations with jumps or kinks, at which an integrator would not stop.
 _NONSMOOTH_OPERATIONS = JUMP_OPERATIONS | {
@@ -174,10 +180,7 @@ class Law:
         # A subclass may evaluate its pieces in another way.
         if type(self) is not Law or not all(isinstance(piece, Formula) for piece in self.pieces):
             return self
-        pieces: Any = self.pieces
-        kind = _PiecewiseKind(tuple(x.kind for x in pieces), tuple(len(x.numbers) for x in pieces))
-        piece_numbers = (number for piece in pieces for number in piece.numbers)
-        return Formula(kind, (*self.breakpoints, *piece_numbers))
+        return _combine(_select_formula, constant_formula(*self.breakpoints), *self.pieces)
 
     def at(self, t: float) -> float:
         """Return the value at time `t` [s].
@@ -244,56 +247,28 @@ def _evaluate_at(piece: Callable[[Any], Any], t: float) -> float:
             raise problem from None
 
 
-@dataclass(frozen=True)
-class _PiecewiseKind:
-    """Kind of a piecewise law; `numbers` are the breakpoints, then the numbers of each piece.
-
-    Attributes
-    ----------
-    kinds
-        Kind of each piece.
-    counts
-        Length of `numbers` of each piece.
-    """
-
-    kinds: tuple[Callable[..., Any], ...]
-    counts: tuple[int, ...]
-
-    def __call__(self, time: SX, numbers: Any) -> SX:
-        first, pieces = len(self.kinds) - 1, []
-        for kind, count in zip(self.kinds, self.counts, strict=True):
-            pieces.append(Formula(kind, numbers[first : first + count]))
-            first += count
-        return _select_piece(pieces, numbers, time)
+def _combine(build: Callable[..., Any], *functions: Callable[..., Any]) -> Formula:
+    """Return the formula `build(t, *functions)` of formulas."""
+    expression, numbers = FormulaExpression.of(build, functions)
+    return Formula(expression, tuple(numbers.tolist()))
 
 
-@dataclass(frozen=True)
-class _SumKind:
-    """Kind of the sum of two formulas; `numbers` are those of the first, then of the second."""
+def _select_formula(time: SX, breakpoints: Formula, *pieces: Formula) -> SX:
+    return _select_piece(pieces, breakpoints(), time)
 
-    first: Callable[..., Any]
-    second: Callable[..., Any]
-    count: int
 
-    def __call__(self, t: Any, numbers: Any) -> Any:
-        return self.first(t, numbers[: self.count]) + self.second(t, numbers[self.count :])
+def _add_formulas(t: Any, first: Formula, second: Formula) -> Any:
+    return first(t) + second(t)
+
+
+def _shift_formula(t: Any, since: Formula, law: Formula) -> Any:
+    return law(t - since()[0])
 
 
 def _add_pieces(first: Callable[[Any], Any], second: Callable[[Any], Any]) -> Callable[[Any], Any]:
     if isinstance(first, Formula) and isinstance(second, Formula):
-        kind = _SumKind(first.kind, second.kind, len(first.numbers))
-        return Formula(kind, (*first.numbers, *second.numbers))
+        return _combine(_add_formulas, first, second)
     return lambda t: first(t) + second(t)
-
-
-@dataclass(frozen=True)
-class _ShiftedKind:
-    """Kind of a law shifted in time; `numbers` are the start time and the numbers of the law."""
-
-    kind: Callable[..., Any]
-
-    def __call__(self, t: Any, numbers: Any) -> Any:
-        return self.kind(t - numbers[0], numbers[1:])
 
 
 def _identify(*pieces: Any) -> tuple[int, ...]:
@@ -306,7 +281,7 @@ def shift_law(law: Law, since: float) -> Law:
 
     def shift_piece(piece: Callable[[Any], Any]) -> Callable[[Any], Any]:
         if isinstance(piece, Formula):
-            return Formula(_ShiftedKind(piece.kind), (since, *piece.numbers))
+            return _combine(_shift_formula, constant_formula(since), piece)
         return lambda t: piece(t - since)
 
     shifted = {_identify(piece): shift_piece(piece) for piece in law.pieces}

@@ -24,15 +24,15 @@ from beamdae.errors import (
     short_repr,
     warn_user,
 )
-from beamdae.symbolic.functions.compiled import RowFunction
-from beamdae.symbolic.functions.table_lookups import find_row, pick_numbers
-from beamdae.symbolic.scalar_expression import as_scalar
-from beamdae.symbolic.signals import Signal, as_expression, find_signals
+from beamdae.symbolic.compiled import RowFunction
+from beamdae.symbolic.signals import Signal, as_expression, as_scalar, find_signals
 from beamdae.symbolic.statements import SX, Local
-from beamdae.symbolic.table_calls import (
+from beamdae.symbolic.table_lookups import (
     TableCall,
+    find_row,
     is_inside_formula,
     is_inside_time_law,
+    pick_numbers,
     record_call,
     uses_symbols_for_numbers,
 )
@@ -296,12 +296,6 @@ class Table:
         signals[0].keep(numbers)
         return value
 
-    @property
-    def _period(self) -> tuple[float, float]:
-        """Center and length of the range of the only argument."""
-        first, last = self.axes[0][[0, -1]].tolist()
-        return 0.5 * (first + last), last - first
-
     def _express_value(self, x: _Numbers, arguments: tuple[SX, ...]) -> SX:
         if self.is_repeated:
             inside = self._wrap(x, arguments)
@@ -432,7 +426,7 @@ class Table:
         knots = self.axes[axis]
         if not self.is_repeated:
             return knots
-        _, period = self._period
+        period = float(knots[-1] - knots[0])
         first, last = (int(np.floor((x - knots[0]) / period)) for x in (low, high))
         starts = period * np.arange(first, last + 1)
         return np.append((starts[:, None] + knots[:-1]).ravel(), starts[-1] + knots[-1])

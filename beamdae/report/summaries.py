@@ -6,7 +6,7 @@ import html
 from collections.abc import Mapping
 from typing import Any
 
-from beamdae.analysis.eigenproblems.frequency_range import FrequencyRange
+from beamdae.analysis.eigenproblems.eigensolution import FrequencyRange
 from beamdae.equations.starts.dependent_constraints import describe_dependent_sets
 from beamdae.errors import list_first
 from beamdae.report.tables import run_facts

@@ -225,7 +225,7 @@ def table_of(
 
 def run_facts(solution: Solution) -> dict[str, str]:
     """Return texts about status, cost, accuracy and events of a run, by topic."""
-    from beamdae.results.event_records import describe_events
+    from beamdae.results.outcome import describe_events
 
     summary, settings, equations = solution.summary(), solution.integrator, solution.equations
     s = {name: format_number(value) for name, value in summary.items()}

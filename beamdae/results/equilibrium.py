@@ -13,7 +13,7 @@ from beamdae import deferred
 from beamdae.equations.commands import limit_warnings
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.measures import ObservedRows
-from beamdae.equations.table_arguments import list_arguments_outside
+from beamdae.equations.watched_terms import list_arguments_outside
 from beamdae.errors import format_count, require_count
 from beamdae.interrupts import interruptible
 from beamdae.read_only import read_only_data
@@ -23,8 +23,8 @@ from beamdae.results.outcome import Status
 from beamdae.results.section_forces.balance import RowGroup
 from beamdae.results.section_forces.recovery import SectionSampler, find_beam
 from beamdae.results.section_forces.section_forces import SectionForces
-from beamdae.results.selection import HasColumns
 from beamdae.results.storage.checkpoint import Checkpoint
+from beamdae.results.time_series import HasColumns
 
 Array = np.ndarray
 
@@ -438,7 +438,7 @@ class Equilibrium(HasColumns, HasPage):
                     "equilibrium depends on the start; add a spring or a joint, or choose it with "
                     f"start={{{self.free!r}: ...}}."
                 )
-        strain_limits = deferred.module("model_checks.strain_limits")
+        strain_limits = deferred.module("model_checks.validity_ranges")
         strains: Iterable[str] = ()
         if not strain_limits.names_strains(self.status):
             strains = strain_limits.strain_warnings(self.equations, self._checked_positions)

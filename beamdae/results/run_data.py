@@ -1,12 +1,19 @@
 """Data of a run as arrays: states at the output times and quantities derived from them.
 
+At the steps and stages, elastic forces are in equilibrium with the loads. Between them,
+interpolated positions have errors within the tolerance, which deform stiff parts: the axial force
+at the clamp of a thin blade was wrong by 93 % of its largest value, the force of a stiff bushing by
+49 %. Interpolated forces are as accurate as accelerations and reactions. Quantities with kinks,
+which polynomials overshoot, follow from the positions: magnitudes, such as the largest stress, the
+force of a contact, and formulas of the user. Events monitor the interpolated forces, too.
+
 This module does not import pandas, because importing pandas takes as long as a short run.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -16,18 +23,12 @@ from beamdae import deferred
 from beamdae.beams.beam import beams_of
 from beamdae.equations import measures
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
+from beamdae.equations.measures import ObservedRows
 from beamdae.read_only import read_only_data
 from beamdae.results.column_derivatives import ColumnDerivatives
 from beamdae.results.columns import UNITS_OF_ACCELERATIONS, ColumnDict, Header
-from beamdae.results.elastic_columns import (
-    find_elastic_columns,
-    interpolate_elastic_columns,
-    observe_elastic_columns,
-)
-from beamdae.results.energy_balance import EnergyLedger, Quality
-from beamdae.results.event_records import EventRecord
-from beamdae.results.outcome import Statistics, Status
-from beamdae.results.rest import is_at_rest
+from beamdae.results.energy_balance import EnergyLedger, Quality, is_at_rest
+from beamdae.results.outcome import EventRecord, Statistics, Status
 from beamdae.results.singular_positions import (
     SingularPosition,
     find_singular_positions,
@@ -44,10 +45,61 @@ from beamdae.results.step_extremes import (
     refine_extremes,
 )
 from beamdae.results.storage.files import versions as installed_versions
-from beamdae.results.trajectory import Trajectory
+from beamdae.results.trajectory import Interval, Trajectory
 from beamdae.symbolic.statements import Variable
 
 Array = np.ndarray
+
+
+def find_elastic_columns(equations: EquationsOfMotion) -> Array:
+    """Return the indices of elastic forces among the observed columns.
+
+    See `Quantity.is_elastic`.
+    """
+    counts = [len(x.columns) for x in equations.observables]
+    (columns,) = np.nonzero(np.repeat([x.is_elastic for x in equations.observables], counts))
+    return columns
+
+
+def observe_elastic_columns(
+    equations: EquationsOfMotion, trajectory: Trajectory, max_rows: int
+) -> list[Array]:
+    """Return the columns of `find_elastic_columns` at the nodes of each interval, (k, c) each.
+
+    At most `max_rows` states are evaluated together.
+    """
+    observables = tuple(x for x in equations.observables if x.is_elastic)
+    observers = {
+        inactive: ObservedRows(
+            replace(equations.without_loads_of(inactive), observables=observables)
+        )
+        for inactive in {x.inactive for x in trajectory.intervals}
+    }
+    return [_observe_nodes(observers[x.inactive], x, max_rows) for x in trajectory.intervals]
+
+
+def _observe_nodes(observe: ObservedRows, interval: Interval, max_rows: int) -> Array:
+    """Return the columns at the nodes of an interval."""
+    blocks = []
+    for first in range(0, len(interval.nodes), max_rows):
+        rows = slice(first, first + max_rows)
+        blocks.append(observe(interval.times[rows], *(x[rows] for x in interval.rows)))
+    return np.concatenate(blocks)
+
+
+def interpolate_elastic_columns(
+    trajectory: Trajectory, values: Sequence[Array], times: Array, columns: Array
+) -> None:
+    """Replace columns (j, c) at ascending times (j,) [s], given those at the nodes of intervals.
+
+    Columns of intervals that store only some of their steps remain, because their nodes are rows.
+    """
+    index = trajectory.interval_index(times)
+    for k, interval in enumerate(trajectory.intervals):
+        here = index == k
+        if interval.record is None and here.any():
+            columns[here] = interval.interpolate_forces(values[k], times[here])
+
 
 # Coordinates of the rows at which columns are evaluated together [bytes]; their local coordinates
 # take as much again.
@@ -213,9 +265,9 @@ class RunData:
     def missed_peaks(self) -> ColumnDict:
         """Largest miss of the rows of each column that they miss by more than 4 %, by header.
 
-        The entries have the attributes of `model_checks.coarse_rows.MissedPeak`.
+        The entries have the attributes of `model_checks.run_checks.MissedPeak`.
         """
-        return deferred.module("model_checks.coarse_rows").find_missed_peaks(self)
+        return deferred.module("model_checks.run_checks").find_missed_peaks(self)
 
     def all_columns(self) -> dict[str, Array]:
         """Return the columns (k,) of `table` by header."""
@@ -290,7 +342,7 @@ class RunData:
         return columns
 
     def _interpolate_elastic(self, times: Array, columns: Array) -> None:
-        """Replace elastic forces between steps, see `results.elastic_columns`."""
+        """Replace elastic forces between steps, see the module."""
         indices, values = self._elastic_at_nodes
         if len(indices):
             forces = columns[:, indices]

@@ -9,7 +9,7 @@ from itertools import groupby
 import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.starts.rank import (
+from beamdae.equations.starts.dependent_constraints import (
     ConstraintJacobian,
     build_constraint_jacobian,
     has_closed_loops,
@@ -78,10 +78,9 @@ def _find_in_stretch(
     start, end = trajectory.start, trajectory.end
     if end <= start or not has_closed_loops(equations):
         return []
-    jacobian = build_constraint_jacobian(equations)
-    if equations.redundant:
-        first = trajectory.intervals[0]
-        jacobian = jacobian.with_rank_at(first.times[0], first.state.q[0])
+    first = trajectory.intervals[0]
+    regular = (first.times[0], first.state.q[0]) if equations.redundant else None
+    jacobian = build_constraint_jacobian(equations, regular)
     samples = int(np.clip(_SAMPLING_WORK / equations.m**3, _MIN_SAMPLES, _MAX_SAMPLES))
     t = np.linspace(start, end, samples + 1)
     values = _smallest_singular_values(jacobian, trajectory, t)

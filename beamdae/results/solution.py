@@ -31,12 +31,10 @@ from beamdae.parts.attachments import Attachment
 from beamdae.parts.mechanism import AS_DRAWN
 from beamdae.read_only import read_only_data
 from beamdae.results.displays import Animation, HasPage, Plot
-from beamdae.results.event_records import tabulate_events
-from beamdae.results.provenance import describe_provenance
+from beamdae.results.outcome import tabulate_events
 from beamdae.results.run_data import RunData, coordinate_headers
 from beamdae.results.time_series import TimeSeries
 from beamdae.results.trajectory import Instant, Trajectory
-from beamdae.symbolic.signal_pickling import pickle_with_signals
 from beamdae.symbolic.statements import SX, Quantity
 
 # Imported by the methods that need them: importing pandas takes as long as a short run.
@@ -424,6 +422,9 @@ class Solution(RunData, TimeSeries, HasPage):
 
     @cached_property
     def _provenance(self) -> dict[str, Any]:
+        # Imported here, because few runs are stored.
+        from beamdae.results.provenance import describe_provenance
+
         return describe_provenance(self.equations)
 
     def save(self, path: str | Path) -> Path:
@@ -504,6 +505,7 @@ class Solution(RunData, TimeSeries, HasPage):
                 "solution.save(path), and call bd.load(path, model) in the other process."
             )
         from beamdae.results.storage.packed_run import pack_run
+        from beamdae.symbolic.signal_pickling import pickle_with_signals
 
         return _unpickle, (pickle_with_signals((mechanism, self.made_by)), pack_run(self))
 

@@ -97,7 +97,7 @@ class Interval:
     Hermite interpolation is not used: with the step size h, the terms h v and h^2 a contain modes
     that the step does not resolve, and stiff sections would amplify these modes to spurious forces
     far larger than the forces at the steps. For the same reason, observed forces of beams and
-    springs are interpolated themselves (`results.elastic_columns`).
+    springs are interpolated themselves (`results.run_data`).
 
     The first state of an interval is consistent with the laws, but fast modes have not yet
     responded to the laws of this interval. The polynomials therefore exclude the first state,

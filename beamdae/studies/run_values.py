@@ -9,7 +9,7 @@ import numpy as np
 
 from beamdae.errors import BeamdaeError, as_real, format_exception, short_repr, unbox_scalar
 from beamdae.results.columns import observed_columns
-from beamdae.results.event_records import format_event_counts
+from beamdae.results.outcome import format_event_counts
 from beamdae.results.solution import Solution
 from beamdae.results.step_extremes import StepExtremes
 from beamdae.studies.tasks import Rows

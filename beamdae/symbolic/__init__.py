@@ -2,5 +2,5 @@
 
 May import: native, linear, read_only, bounded_cache, errors. No mechanics here.
 To extend: add a derivative of statements to `force_kernel` or `constraint_kernel`. Functions are
-evaluated in `functions`, sums of kernels in `sums`.
+evaluated in `compiled`, sums of kernels in `sums`.
 """

@@ -45,12 +45,6 @@ class ConstraintKernel:
         """List that contains the column of constraints."""
         return [self.constraint]
 
-    @classmethod
-    def from_outputs(cls, local: Local, outputs: list[SX]) -> ConstraintKernel:
-        """Return the kernel with these `outputs`."""
-        (constraint,) = outputs
-        return cls(local, constraint)
-
     @property
     def size(self) -> int:
         """Number of constraints of one copy."""

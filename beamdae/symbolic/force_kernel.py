@@ -17,13 +17,13 @@ from beamdae.native.instructions import (
     repeat_operation,
     trace_dependence,
 )
+from beamdae.symbolic.compiled import RowFunction
 from beamdae.symbolic.constraint_kernel import ConstraintKernel
-from beamdae.symbolic.functions.compiled import RowFunction
 from beamdae.symbolic.local_symbols import SX, Local, describe_column_error
 from beamdae.symbolic.signals import SignalBinding, bind_signals, find_signals
+from beamdae.symbolic.sums.kernel_code import PointSum, PointTerm
 from beamdae.symbolic.sums.kernel_sums import Kernel
-from beamdae.symbolic.sums.point_sums import PointSum, PointTerm
-from beamdae.symbolic.table_calls import TableCall
+from beamdae.symbolic.table_lookups import TableCall
 
 Array = np.ndarray
 
@@ -157,12 +157,6 @@ class ForceKernel:
     def outputs(self) -> list[SX]:
         """Expressions (force, energies, powers)."""
         return [self.force, self.energies, self.powers]
-
-    @classmethod
-    def from_outputs(cls, local: Local, outputs: list[SX]) -> ForceKernel:
-        """Return the kernel with these `outputs`."""
-        force, energies, powers = outputs
-        return cls(local, force, energies, powers)
 
     @classmethod
     def of_points(

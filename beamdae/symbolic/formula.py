@@ -16,7 +16,7 @@ from beamdae.bounded_cache import bounded_cache
 from beamdae.symbolic.constraint_kernel import ConstraintKernel
 from beamdae.symbolic.force_kernel import ForceKernel
 from beamdae.symbolic.local_symbols import Local
-from beamdae.symbolic.table_calls import record_calls
+from beamdae.symbolic.table_lookups import record_calls
 
 Array = np.ndarray
 

@@ -24,7 +24,6 @@ from beamdae.native.instructions import (
 )
 from beamdae.read_only import read_only
 from beamdae.symbolic.formula import cache_kernels
-from beamdae.symbolic.functions.table_lookups import LOOKUPS, look_up
 from beamdae.symbolic.statements import (
     SX,
     ConstraintKernel,
@@ -34,6 +33,7 @@ from beamdae.symbolic.statements import (
     Local,
     QuantityKernel,
 )
+from beamdae.symbolic.table_lookups import LOOKUPS, look_up
 
 Array = np.ndarray
 AnyKernel = ForceKernel | ConstraintKernel | QuantityKernel
@@ -189,8 +189,8 @@ def _rebuild_kernel(recipe: _KernelRecipe) -> AnyKernel:
     """
     count = sum(operation == ca.OP_CONST for operation, _, _ in recipe.steps)
     local = Local(recipe.size, recipe.n_data + count, recipe.n_multipliers)
-    outputs = [SX.zeros(shape) for shape in recipe.shapes]
-    inputs = recipe.type.from_outputs(local, outputs).inputs
+    outputs: list[Any] = [SX.zeros(shape) for shape in recipe.shapes]
+    inputs = recipe.type(local, *outputs).inputs
     constants = iter(ca.vertsplit(local.data[recipe.n_data :]))
 
     def operate(operation: Any, operands: list[SX], count: int) -> Sequence[SX]:
@@ -199,4 +199,4 @@ def _rebuild_kernel(recipe: _KernelRecipe) -> AnyKernel:
         return repeat_operation(operation, operands, count)
 
     repeat_instructions(recipe.steps, inputs, outputs, lambda: next(constants), operate)
-    return recipe.type.from_outputs(local, outputs)
+    return recipe.type(local, *outputs)

@@ -18,10 +18,10 @@ import scipy.sparse as sp
 
 from beamdae.errors import BeamdaeError, set_fields
 from beamdae.read_only import read_only_data
+from beamdae.symbolic.compiled import RowFunction
 from beamdae.symbolic.constraint_kernel import ConstraintKernel, NonholonomicKernel
 from beamdae.symbolic.force_kernel import ForceAtPoint, ForceKernel
 from beamdae.symbolic.formula import FormulaExpression
-from beamdae.symbolic.functions.compiled import RowFunction
 from beamdae.symbolic.local_symbols import SX, Local
 from beamdae.symbolic.signals import (
     LocalView,
@@ -32,7 +32,7 @@ from beamdae.symbolic.signals import (
     find_signals,
     select_table_calls,
 )
-from beamdae.symbolic.table_calls import TableCall
+from beamdae.symbolic.table_lookups import TableCall
 
 __all__ = [
     "SX",
@@ -177,7 +177,8 @@ class ConstraintStatement:
                 "a moment instead."
             )
         binding = bind_signals(self.kernel.local, self.kernel.outputs, signals)
-        kernel = type(self.kernel).from_outputs(binding.local, binding.outputs)
+        outputs: list[Any] = binding.outputs
+        kernel = type(self.kernel)(binding.local, *outputs)
         _set_binding(self, binding, kernel)
 
 
@@ -221,8 +222,8 @@ def apply_laws(statement: _Statement, laws: Mapping[str, Callable[[SX], SX]]) ->
     kernel = statement.kernel
     if not any(one.signal.name in laws for one in statement.signals):
         return statement
-    outputs = bind_laws(kernel.local, kernel.outputs, statement.signals, laws)
-    return replace(statement, kernel=type(kernel).from_outputs(kernel.local, outputs))
+    outputs: list[Any] = bind_laws(kernel.local, kernel.outputs, statement.signals, laws)
+    return replace(statement, kernel=type(kernel)(kernel.local, *outputs))
 
 
 LOAD_UNITS = ("N", "N m", "W")  # of forces, moments and powers
@@ -417,12 +418,6 @@ class QuantityKernel:
     def outputs(self) -> list[SX]:
         """List that contains the column of values."""
         return [self.values]
-
-    @classmethod
-    def from_outputs(cls, local: Local, outputs: list[SX]) -> QuantityKernel:
-        """Return the kernel with these `outputs`."""
-        (values,) = outputs
-        return cls(local, values)
 
     @cached_property
     def function(self) -> RowFunction:

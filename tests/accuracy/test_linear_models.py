@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from hub_beam import hub_beam
 from mechanisms import STEEL, clamped_beam, free_ball, mass_on_rail, rectangle
 from numpy.testing import assert_allclose
 
@@ -140,6 +141,14 @@ def test_errors_about_an_instant_are_those_about_the_equilibrium_that_it_approac
     at_end, at_rest = (x.errors.total[x.eigenvalues.imag > 0.0][:2] for x in (of_run, of_rest))
     assert_allclose(at_end, at_rest, rtol=0.02)
     assert at_end[-1] > WRONG
+
+
+@pytest.mark.slow(reason="a run")
+def test_errors_about_an_instant_are_found_without_stiffness_of_the_hub():
+    mech = hub_beam(elements=2)
+    instant = bd.simulate(mech, bd.Radau(1e-4), t_end=0.2).at(0.2)
+    moving, resting = (bd.modes(mech, x, n=4).errors.total for x in (instant, "reference"))
+    assert_allclose(moving[-1], resting[-1], rtol=0.01)
 
 
 @pytest.mark.slow(reason="modes of several meshes")

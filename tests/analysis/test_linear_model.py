@@ -198,6 +198,13 @@ def test_invalid_arguments_are_rejected(arguments, message):
         bd.linearize(mount(), **arguments)
 
 
+def test_inactive_drivers_are_no_inputs():
+    mech = mount()
+    mech.deactivate(mech.part("shaker"))
+    with pytest.raises(bd.BeamdaeError, match=r"^linearize: shaker\.travel is inactive"):
+        bd.linearize(mech, inputs=["shaker"])
+
+
 @pytest.mark.slow(reason="half a second")
 def test_regression_inputs_are_selected_by_columns():
     """The columns of inputs in tables and `margins` were refused: there is no input 'push.Fy'."""

@@ -12,7 +12,7 @@ from beamdae.analysis.periodic.monodromy import (
     assemble_monodromy,
 )
 from beamdae.analysis.periodic.period_map import PeriodMap, PeriodRun, build_periodic_equations
-from beamdae.linear.lanes import LANES
+from beamdae.linear.elimination import LANES
 
 
 def test_low_rank_monodromy_matrix():

@@ -314,3 +314,33 @@ def test_loops_that_cannot_be_opened_are_named():
     mech.add(bd.Force("motor", mass.point, (law(ca.SX(command)), 0.0)))
     with pytest.raises(bd.BeamdaeError, match="motor"):
         bd.margins(bd.linearize(mech), "servo")
+
+
+@pytest.mark.parametrize("height", [0.02, 0.002, 0.0002])
+@pytest.mark.parametrize("unit", [1.0, 1e-3, 1e3])
+def test_free_rotations_that_a_loop_does_not_see_are_not_unstable(unit, height):
+    """The strain of a beam does not change with its rotation; `unit` is the unit of time [s]."""
+    mech = bd.Mechanism()
+    steel = bd.Material(E=2.1e11 * unit**2, nu=0.3, rho=7800.0)
+    strip = bd.Section.rectangle(steel, width=0.02, height=height, damping=1e-4 / unit)
+    hub = mech.add(bd.RigidBody("hub", 1.0, 0.01, center=(0.0, 0.0)))
+    line = bd.Line((0.05, 0.0), (1.0, 0.0))
+    beam = mech.add(bd.Beam("beam", line, strip, elements=6, formulation="exact"))
+    mech.add(bd.Revolute("axis", mech.ground.at(0.0, 0.0), hub.at(0.0, 0.0)))
+    mech.add(bd.Weld("clamp", hub.at(0.05, 0.0), beam.start))
+    mech.add(bd.Moment("motor", hub.at(0.0, 0.0), 0.0))
+    mech.observe("gauge", beam.strain(s=0.05, offset=0.4 * height))
+    plant = bd.linearize(mech, inputs=["motor"], outputs=["gauge"])
+    assert np.count_nonzero(plant.poles == 0.0) == 2
+    for every in (None, 1e-3 / unit):
+        loop = bd.margins(plant, controller=1e-9 * unit**2, every=every)
+        assert loop.unstable_poles == 0
+
+
+def test_loops_are_opened_at_names():
+    class Name:
+        def __eq__(self, other):
+            raise RuntimeError
+
+    with pytest.raises(bd.BeamdaeError, match=r"^margins: there is no input or pid"):
+        bd.margins(tank(), Name())

@@ -62,6 +62,7 @@ SENTENCES = {
     r"^rod: .*must ascend from 0 to 1 m, got \[0.0, 0.5, 0.5, 1.0\]": lambda: rod(
         LINE, elements=[0.0, 0.5, 0.5, 1.0]
     ),
+    r"must ascend from 0 to 1 m, got \[-0.5, 1.0\]": lambda: rod(LINE, elements=[-0.5, 1.0]),
     "^rod: arc length s must": lambda: rod().at(2.1),
     # Values that a sentence compares have enough digits to differ.
     r"must lie in \[0, 1\] m, got 1.0000001 m": lambda: rod(LINE).at(1.0000001),

@@ -20,7 +20,7 @@ from beamdae import GeneralizedAlpha as Alpha
 from beamdae.equations.formulations.first_order import formulate_first_order
 from beamdae.integrators.drive import drive
 from beamdae.integrators.integrator import Accuracy
-from beamdae.integrators.method import StepError, clip_step
+from beamdae.integrators.integrator import StepError, clip_step
 from beamdae.linear.factorizations import create_factorization
 from beamdae.results.outcome import Statistics
 

@@ -191,7 +191,7 @@ START_MODEL = Path(__file__).parents[2] / "models" / "hub_beam.py"
                 *("pandas", "scipy.optimize", "llvmlite", "threadpoolctl"),
                 *("beamdae.analysis", "beamdae.integrators", "beamdae.simulation"),
                 *("beamdae.equations.equations_of_motion", "beamdae.results.solution"),
-                *("beamdae.parts.joints.gears", "beamdae.parts.forces.springs"),
+                *("beamdae.parts.joints.rolling", "beamdae.parts.forces.springs"),
             ),
         ),
     ],

@@ -12,7 +12,7 @@ import pytest
 import beamdae as bd
 from beamdae.core import library
 from beamdae.integrators.alpha import generalized_alpha
-from beamdae.native import llvm, prebuilt_objects
+from beamdae.native import llvm, object_code
 
 ROOT = Path(bd.__file__).parents[1]
 PROGRAM = """
@@ -94,11 +94,11 @@ def test_steps_of_the_core_are_those_of_the_plain_reference(monkeypatch, name, f
 @pytest.mark.skipif(llvm.host_target().cpu not in llvm.X86_LEVELS, reason="requires x86-64")
 def test_core_of_a_wheel_needs_no_compiler(tmp_path, monkeypatch):
     content, target = library._read_library(), llvm.host_target()
-    monkeypatch.setattr(prebuilt_objects, "FOLDER", tmp_path)
-    folder = tmp_path / prebuilt_objects.target_folder(target)
+    monkeypatch.setattr(object_code, "FOLDER", tmp_path)
+    folder = tmp_path / object_code.target_folder(target)
     folder.mkdir(parents=True)
     identity = library.core_identity()
-    prebuilt_objects.write_prebuilt_object(folder, identity, library.NAME, content)
+    object_code.write_prebuilt_object(folder, identity, library.NAME, content)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.setenv("CC", "false")
     assert library._read_library() == content

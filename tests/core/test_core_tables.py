@@ -10,7 +10,7 @@ import scipy.sparse as sp
 
 from beamdae.core.library import FOLDER
 from beamdae.core.tables import Loop
-from beamdae.linear.lanes import LANES
+from beamdae.linear.elimination import LANES
 from beamdae.native.lane_code import LANE_WIDTH
 from beamdae.symbolic.sums.kernel_sums import Kernel, evaluate_plainly, evaluate_sum
 from beamdae.symbolic.sums.sum_builder import LocalInput, SumBuilder

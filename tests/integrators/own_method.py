@@ -3,8 +3,7 @@
 from dataclasses import dataclass, field
 
 import beamdae as bd
-from beamdae.integrators.integrator import Accuracy
-from beamdae.integrators.method import clip_step
+from beamdae.integrators.integrator import Accuracy, clip_step
 from beamdae.results.outcome import Statistics
 
 

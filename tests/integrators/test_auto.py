@@ -11,8 +11,8 @@ from tolerances.cases import ALL
 
 import beamdae as bd
 from beamdae.integrators import pilot_run
-from beamdae.integrators.ida.stepper import IdaStepper
-from beamdae.integrators.method import StepError
+from beamdae.integrators.ida.ida import IdaStepper
+from beamdae.integrators.integrator import StepError
 
 
 def block_on_belt(stiffness, stribeck):

@@ -9,6 +9,7 @@ from benchmarks.cases import PENDULUM
 from hub_beam import hub_beam
 from mechanisms import free_ball
 from numpy.testing import assert_allclose
+from pendulum import pendulum
 from spin_up import spin_up
 from support import compiled, use_scikit_sundae
 
@@ -109,6 +110,13 @@ def test_limiting_unknown_is_the_moving_coordinate():
     equations = bd.equations_of_motion(mech)
     solution = bd.simulate(equations, bd.Ida(1e-5, error_control="positions"), 2.0)
     assert solution.integrator["limited_by"]["fast.x"] > 0.8
+
+
+@compiled
+def test_velocities_of_frames_that_follow_a_section_do_not_limit_steps():
+    report = bd.simulate(pendulum(elements=2), bd.Ida(1e-4), t_end=0.2).integrator
+    assert report["error_control"] == "rigid velocities"
+    assert not any(name.startswith("velocity") for name in report["limited_by"])
 
 
 @compiled

@@ -27,18 +27,19 @@ class LinearSystem:
         self._call("solve", self.right)
 
     def _call(self, name, array):
-        call, table, numbers = self._bind(name, array)
+        call, numbers = self._bind(name, array)
         code = call()
         for x in numbers:
-            setattr(x.owner, x.name, int(table[x.word]))
+            setattr(x.owner, x.name, x.words[x.word])
         return code
 
     def _bind(self, name, array):
         is_complex = np.iscomplexobj(array)
         layout = Layout("ComplexSolver" if is_complex else "LinearSolver", self.linear)
-        table, numbers = np.array(layout.words, np.int64), layout.numbers[int]
+        table = np.array(layout.words, np.int64)
+        numbers = layout.numbers_in(table)
         for x in numbers:
-            table[x.word] = getattr(x.owner, x.name)
+            x.words[x.word] = getattr(x.owner, x.name)
         function = getattr(load_core(), name + "_complex" * is_complex)
         function.argtypes, function.restype = (ctypes.c_void_p, _Vector), ctypes.c_int
         vector = _Vector(array.ctypes.data, array.size)
@@ -46,4 +47,4 @@ class LinearSystem:
         def call(_kept=(self, table, array)):
             return function(table.ctypes.data, vector)
 
-        return call, table, numbers
+        return call, numbers

@@ -8,8 +8,7 @@ from hub_beam import hub_beam
 from numpy.testing import assert_allclose
 
 import beamdae as bd
-from beamdae.linear.factorizations import SparseFactorization
-from beamdae.linear.orderings import compute_bordered_ordering
+from beamdae.linear.factorizations import SparseFactorization, compute_bordered_ordering
 
 STEPS = (1e-2, 1e-4, 1e-6)
 MECHANISMS = {

@@ -15,7 +15,7 @@ from numpy.testing import assert_array_equal
 
 from beamdae import errors
 from beamdae.errors import KernelWarning
-from beamdae.native import llvm, object_cache
+from beamdae.native import llvm, object_code
 from beamdae.native.lane_kernels import LANE_WIDTH, build_lane_kernel
 
 S, X = ca.SX.sym("s"), ca.SX.sym("x", 3)
@@ -173,14 +173,14 @@ def test_object_with_the_checksum_of_another_kernel_is_not_loaded(cache, builds)
 def test_change_between_check_and_use_has_no_effect(cache, monkeypatch):
     build_lane_kernel(FUNCTION)
     (file,) = cached_objects(cache)
-    read_file = object_cache._read_private_file
+    read_file = object_code._read_private_file
 
     def replaced_after(path):
         content = read_file(path)
         path.write_bytes(b"not an object")
         return content
 
-    monkeypatch.setattr(object_cache, "_read_private_file", replaced_after)
+    monkeypatch.setattr(object_code, "_read_private_file", replaced_after)
     assert_machine_code_is_right()
     assert file.read_bytes() == b"not an object"
 
@@ -255,7 +255,7 @@ def test_permissions_of_a_writable_cache_are_restricted(cache, builds):
 
 def ignore_private_parents(monkeypatch):
     """Ignore that the folders of tests are private, which protects everything below them."""
-    monkeypatch.setattr(object_cache, "_OTHERS_ENTER", -1)
+    monkeypatch.setattr(object_code, "_OTHERS_ENTER", -1)
 
 
 def test_cache_below_a_folder_that_others_can_write_to_is_rejected(cache, builds, monkeypatch):

@@ -9,7 +9,7 @@ import pytest
 from numpy.testing import assert_array_equal
 from test_object_cache import FUNCTION, OTHER
 
-from beamdae.native import lane_kernels, llvm, prebuilt_objects
+from beamdae.native import lane_kernels, llvm, object_code
 from beamdae.native.lane_kernels import LANE_WIDTH, build_lane_kernel
 
 POINT = np.tile([[0.3], [1.7], [2.9]], LANE_WIDTH)
@@ -20,10 +20,10 @@ is_x86_level = llvm.host_target().cpu in llvm.X86_LEVELS
 @pytest.fixture(autouse=True)
 def empty_package(cache, tmp_path, monkeypatch):
     """A new cache and a package without objects for each test."""
-    monkeypatch.setattr(prebuilt_objects, "FOLDER", tmp_path / "package")
-    prebuilt_objects._file_names.cache_clear()
+    monkeypatch.setattr(object_code, "FOLDER", tmp_path / "package")
+    object_code._file_names.cache_clear()
     yield
-    prebuilt_objects._file_names.cache_clear()
+    object_code._file_names.cache_clear()
 
 
 def record_source(function, monkeypatch):
@@ -37,9 +37,9 @@ def record_source(function, monkeypatch):
 
 def prebuild(source, content):
     """Add an object to the package."""
-    folder = prebuilt_objects.FOLDER / prebuilt_objects.target_folder(llvm.host_target())
+    folder = object_code.FOLDER / object_code.target_folder(llvm.host_target())
     folder.mkdir(parents=True, exist_ok=True)
-    prebuilt_objects.write_prebuilt_object(folder, source.identity, source.name, content)
+    object_code.write_prebuilt_object(folder, source.identity, source.name, content)
     return next(folder.iterdir())
 
 
@@ -64,7 +64,7 @@ def test_prebuilt_kernel_is_loaded_where_compiling_must_wait(monkeypatch):
     source = record_source(FUNCTION, monkeypatch)
     assert build_lane_kernel(FUNCTION, compiles=False) is None
     prebuild(source, source.compile())
-    prebuilt_objects._file_names.cache_clear()
+    object_code._file_names.cache_clear()
     assert build_lane_kernel(FUNCTION, compiles=False) is not None
 
 
@@ -80,7 +80,7 @@ def test_unusable_prebuilt_object_is_compiled_instead(monkeypatch, builds, damag
         )
         content = llvm.compile_module(ir, 0)
     file = prebuild(source, content)
-    prebuilt_objects.has_prebuilt_objects(llvm.host_target())
+    object_code.has_prebuilt_objects(llvm.host_target())
     if damage == "cut":
         file.write_bytes(file.read_bytes()[:-20])
     elif damage == "missing":
@@ -134,10 +134,10 @@ def test_target_is_the_highest_complete_level(monkeypatch, missing, cpu):
     target = llvm.host_target.__wrapped__()
     assert target.cpu == cpu
     assert target.features == ("+some" if cpu == "core" else "")
-    assert prebuilt_objects.target_folder(target).as_posix() == f"x86_64-linux/{cpu}"
+    assert object_code.target_folder(target).as_posix() == f"x86_64-linux/{cpu}"
 
 
 def test_systems_have_separate_objects():
     triples = ["x86_64-unknown-linux-gnu", "x86_64-apple-darwin", "x86_64-pc-windows-msvc"]
-    folders = {prebuilt_objects.target_folder(llvm.Target(x, "x86-64-v3")) for x in triples}
+    folders = {object_code.target_folder(llvm.Target(x, "x86-64-v3")) for x in triples}
     assert len(folders) == 3

@@ -14,7 +14,7 @@ from support import ARC, EXACT_VARIANT, UNEVEN_ELEMENTS, VARIANTS, NumericEquati
 import beamdae as bd
 from beamdae.equations.measures import ObservedRows
 from beamdae.parts.forces.load_observables import ObservableBeamLoad
-from beamdae.parts.forces.point_force import PointForce
+from beamdae.parts.forces.loads import PointForce
 
 CHORD = VARIANTS[2]
 TIME = (0.7, 0.7)

@@ -532,6 +532,8 @@ def test_tables_near_their_values_have_no_warning():
         bd.table((X, X), np.outer(Y, Y))
         bd.table(np.linspace(0.0, 0.1, 11), [0.0] * 5 + [1.0] * 6)
         bd.table(places, np.sin(6.0 * places))
+        # Five rows a period.
+        bd.table(range(11), np.sin(0.4 * np.pi * np.arange(11)))
         # Constant up to rounding errors.
         bd.table([0.0, 1e-6, 2.0, 3.0], [5.0, 5.0, 5.0 + 1e-15, 5.0])
         bd.table([0.0, 1.0, 2.0], [0.0, 0.0, 0.0])

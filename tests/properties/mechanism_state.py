@@ -10,7 +10,7 @@ from support import NumericEquations
 
 import beamdae as bd
 from beamdae.equations.starts.consistent_start import ConsistencySolver
-from beamdae.equations.starts.rank import build_constraint_jacobian
+from beamdae.equations.starts.dependent_constraints import build_constraint_jacobian
 
 # Step of nine-point differences along a motion, relative to its time scale. Truncation errors are
 # 1e-20 of the ninth derivative, rounding errors 1e-16 / 3e-3.

@@ -116,7 +116,7 @@ def test_invalid_measured_data_are_refused(run, data, message):
         (lambda run: run.animate("run.avi"), r"must end in \.gif or \.mp4"),
         (lambda run: run.animate("run"), "suffix"),
         (lambda run: run.animate(speed=0.0), "speed"),
-        (lambda run: run.animate(frames=501), "frames"),
+        *((lambda run, number=x: run.animate(frames=number), "frames") for x in (1, 501)),
     ],
 )
 def test_invalid_arguments_are_refused(run, call, message):

@@ -8,7 +8,7 @@ import pytest
 from conformance import JOINTS, LOADS, NONHOLONOMIC
 from hub_beam import hub_beam
 from matplotlib.text import Text
-from mechanisms import EARTH, clamped_beam, free_ball, hinged_body, rectangle
+from mechanisms import EARTH, clamped_beam, free_ball, hinged_body, mass_on_rail, rectangle
 from numpy.testing import assert_allclose
 from pendulum import pendulum
 from slider_crank import slider_crank
@@ -170,6 +170,11 @@ def test_a_drawing_equals_the_first_frame_of_an_animation():
                 assert len(corners) > 1, f"{glyph.part} {glyph.kind}"
 
 
+def test_pictures_of_modes_show_the_whole_mechanism():
+    for axis in bd.modes(pendulum(), n=2).plot().figure.axes:
+        assert np.all(np.abs(axis.transLimits.transform(axis.dataLim) - 0.5) < 0.5)
+
+
 def test_springs_and_dampers_end_at_their_points_and_keep_their_width():
     mech = bd.Mechanism()
     ends = [mech.add(bd.PointMass(name, 1.0, at=(x, 0.0))) for name, x in (("a", 0.0), ("b", 1.0))]
@@ -183,6 +188,17 @@ def test_springs_and_dampers_end_at_their_points_and_keep_their_width():
         assert_allclose(finite[:, [0, -1]], [[(0, 0), (1, 0)], [(0, 0), (0, 1.5)]], atol=1e-15)
         # Width, before and after a rotation by a quarter turn and a stretch.
         assert_allclose(np.ptp(finite[0, :, 1]), np.ptp(finite[1, :, 0]), rtol=1e-12)
+
+
+def test_bars_join_a_spring_and_a_damper_side_by_side():
+    mech, bob = mass_on_rail(1.0, 1.0)
+    mech.add(bd.Spring("strut", mech.ground.at(0.0, 0.0), bob.point, 1.0, damping=1.0))
+    scene = build_scene(mech, reference_poses, np.zeros(1))
+    coil, dashpot, bars = (line[0] for glyph, line in scene.lines() if glyph.part == "strut")
+    for line in (coil, dashpot):
+        for end in (line[0], line[-1]):
+            bar = bars[np.isclose(bars[:, 0], end[0]), 1]
+            assert bar.min() <= end[1] <= bar.max()
 
 
 def move_rigidly(points, angle, translation):

@@ -142,6 +142,7 @@ def test_function_with_defaults_is_a_model():
         ({"of": 3}, "turning_sweep: columns must be a list of names of observed columns, got"),
         ({"outputs": {"speed": len}}, "turning_sweep: the table already has a column 'speed'; ren"),
         ({"outputs": {"a": 1}}, "turning_sweep: outputs must be a dict of functions of a sol"),
+        *(({"outputs": {x: len}}, "turning_sweep: names of outputs must be") for x in (3, " ")),
         ({"outputs": [len]}, "turning_sweep: outputs must be a dict of functions of a solution"),
         ({"integrator": "ida"}, "sweep: integrator must be Ida"),
         ({"time_limit": 0.0}, "sweep: time_limit must be positive, got 0."),

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 import sksundae
 
-from beamdae.sundials.library import UnavailableError, load_library
+from beamdae.sundials import UnavailableError, load_library
 
 
 def test_version_is_that_of_scikit_sundae():

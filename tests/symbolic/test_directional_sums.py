@@ -6,8 +6,8 @@ from mechanisms import hinged_beam, rectangle
 
 import beamdae as bd
 from beamdae.equations.formulations.step_equations import formulate_step
-from beamdae.symbolic.sums.directional_sums import directional_plan
 from beamdae.symbolic.sums.kernel_sums import evaluate_sum, set_time
+from beamdae.symbolic.sums.sum_derivatives import directional_plan
 
 
 def two_beams(formulation):

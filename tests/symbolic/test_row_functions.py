@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from beamdae.native.object_code import is_native_enabled
-from beamdae.symbolic.functions import row_kernels
-from beamdae.symbolic.functions.compiled import Compiled, RowFunction
+from beamdae.symbolic import compiled as row_kernels
+from beamdae.symbolic.compiled import Compiled, RowFunction
 
 X, Y = ca.SX.sym("x", 3), ca.SX.sym("y", 2)
 EXPRESSIONS = ca.vertcat(

@@ -12,7 +12,7 @@ from beamdae.export.c_code import UnsupportedOperationError, write_kernel
 from beamdae.native.lane_code import write_lane_module
 from beamdae.native.lane_kernels import build_lane_kernel
 from beamdae.native.object_code import is_native_enabled
-from beamdae.symbolic.functions.table_lookups import (
+from beamdae.symbolic.table_lookups import (
     directional_derivative,
     find_row,
     jacobian,

@@ -9,8 +9,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 import beamdae as bd
 from beamdae.equations.formulations.step_equations import formulate_step
 from beamdae.native.object_code import is_native_enabled
+from beamdae.symbolic.sums.kernel_code import expand_sines, sine_and_cosine
 from beamdae.symbolic.sums.kernel_sums import evaluate_sum, set_time
-from beamdae.symbolic.sums.vector_sines import expand_sines, sine_and_cosine
 
 SX = ca.SX
 

@@ -12,7 +12,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from beamdae.analysis.continuation.counts import Count
 from beamdae.analysis.continuation.engine import (
     REGULAR_DISTANCE,
     CurveError,
@@ -44,6 +43,45 @@ _SHARES = np.linspace(0.0, 1.0, 101)
 # Largest share of the derivative by the parameter along the critical mode where curves cross: it is
 # larger between two curves that pass each other.
 _MAX_IMPERFECTION = 1e-5
+
+
+class Determinant(NamedTuple):
+    """Sign of a determinant, 0 if it is not known, and the logarithm of its magnitude."""
+
+    sign: int = 0
+    log_size: float = 0.0
+
+
+class Count(NamedTuple):
+    """Numbers of growing motions at a point.
+
+    Attributes
+    ----------
+    divergent, oscillating
+        Motions without and with oscillation.
+    alternating
+        Motions that alternate from period to period.
+    free
+        Motions without stiffness.
+    determinant
+        Determinant that vanishes at critical points.
+    """
+
+    divergent: int
+    oscillating: int
+    alternating: int = 0
+    free: int = 0
+    determinant: Determinant = Determinant()
+
+    @property
+    def growing(self) -> tuple[int, int, int]:
+        """Numbers of growing motions of each kind."""
+        return self.divergent, self.oscillating, self.alternating
+
+    @property
+    def unstable(self) -> int:
+        """Number of unstable directions, in which an oscillation counts twice."""
+        return self.divergent + 2 * self.oscillating
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,8 +193,9 @@ def _find_hidden_change(segment: Segment, low: _Sample, high: _Sample) -> float 
     bubble, line = t * (1.0 - t), (1.0 - t) * low.rate + t * high.rate
     surplus = (high.point.p - low.point.p) / way - 0.5 * (low.rate + high.rate)
     share = _find_other_sign(line + 6.0 * surplus * bubble)
-    if share is None and low.counts.sign and high.counts.sign == low.counts.sign:
-        unit = max(low.counts.log_size, high.counts.log_size)
+    first, last = (x.counts.determinant for x in (low, high))
+    if share is None and first.sign == last.sign != 0:
+        unit = max(first.log_size, last.log_size)
         try:
             (begin, begin_rate), (end, end_rate) = (
                 _differentiate_determinant(x, way, unit) for x in (low, high)
@@ -181,7 +220,8 @@ def _differentiate_determinant(sample: _Sample, way: float, unit: float) -> tupl
     tangent = way * sample.tangent
     move, beside = sample.point.neighbor(_NEIGHBOR_DISTANCE * tangent)
     largest = int(np.argmax(np.abs(np.append(sample.point.problem.weights, 1.0) * tangent)))
-    value, near = (x.sign * np.exp(x.log_size - unit) for x in (sample.counts, beside))
+    here = sample.counts.determinant
+    value, near = (x.sign * np.exp(x.log_size - unit) for x in (here, beside))
     return value, (near - value) * float(tangent[largest] / move[largest])
 
 

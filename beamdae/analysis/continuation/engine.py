@@ -268,12 +268,12 @@ class Point:
         return self.beside.monitor if self.beside else self.problem.monitor(self)
 
     def neighbor(self, move: Array) -> tuple[Array, Any]:
-        """Return a small move along the curve, and the monitor after it.
+        """Return a small move along the curve, and the determinant after it.
 
         They are those of the first call: the tangent of a curve is unique.
         """
         if not self._neighbor:
-            self._neighbor.append((move, self.plus(move).monitor))
+            self._neighbor.append((move, self.problem.determinant(self, move)))
         return self._neighbor[0]
 
     def plus(self, move: Array) -> Point:

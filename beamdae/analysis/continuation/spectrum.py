@@ -15,7 +15,7 @@ import scipy.linalg as la
 import scipy.sparse as sp
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
 
-from beamdae.analysis.continuation.counts import Count
+from beamdae.analysis.continuation.critical import Count
 
 Array = np.ndarray
 

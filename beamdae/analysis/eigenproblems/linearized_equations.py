@@ -24,7 +24,7 @@ from beamdae.equations.formulations.tangents import (
 )
 from beamdae.equations.starts.steady_rotation import RotatingCoordinates
 from beamdae.linear.blas_threads import single_threaded
-from beamdae.linear.saddle_point import SaddlePencil
+from beamdae.linear.factorizations import SaddlePencil
 
 Array = np.ndarray
 

@@ -63,9 +63,9 @@ def find_turning(
     if fastest is None or v[fastest] == 0.0:
         return ()
     speed, linearized = float(v[fastest]), linearize()
-    tangent = linearized.tangent
-    potential = float(v @ (tangent.stiffness @ v)) / speed**2
-    if not is_driven and abs(potential) > _MAX_ENERGY_RATIO * float(v @ (tangent.mass @ v)):
+    potential = float(linearized.energies(v[:, None])[0][0]) / speed**2
+    kinetic = float(v @ (linearized.tangent.mass @ v))
+    if not is_driven and abs(potential) > _MAX_ENERGY_RATIO * kinetic:
         return ()
     squares = np.abs(solve_undamped(linearized, _SLOW_MODES)[0])
     slowest = np.sqrt(np.min(squares[squares > 0.0], initial=np.inf))

@@ -25,7 +25,7 @@ from beamdae.equations.assembly.coordinate_map import map_coordinates
 from beamdae.equations.assembly.statement_checks import collect_statements
 from beamdae.equations.equations_of_motion import EquationsOfMotion, InputTerm, Observable
 from beamdae.equations.formulations.tangents import compute_tangent, differentiate_residual
-from beamdae.equations.starts.rank import normalize_rows, select_independent_rows
+from beamdae.equations.starts.dependent_constraints import normalize_rows, select_independent_rows
 from beamdae.equations.starts.steady_rotation import RotatingCoordinates
 from beamdae.errors import (
     BeamdaeError,

@@ -32,7 +32,7 @@ from beamdae.equations.formulations.tangents import Convert, Tangent, compute_ta
 from beamdae.equations.smooth_intervals import time_on_branch
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.starts.initial_conditions import apply_initial_conditions
-from beamdae.equations.starts.reduced_equations import select_independent
+from beamdae.equations.starts.reduced_equations import select_independent_constraints
 from beamdae.equations.starts.steady_rotation import (
     STIFFNESS_ROUNDING,
     Rotation,
@@ -40,16 +40,15 @@ from beamdae.equations.starts.steady_rotation import (
     find_steady_rotation,
     rotating_tangent,
 )
-from beamdae.equations.table_arguments import list_arguments_outside
+from beamdae.equations.watched_terms import list_arguments_outside
 from beamdae.errors import (
     BeamdaeError,
     plain_text,
     short_repr,
     suggest,
 )
-from beamdae.linear.saddle_point import factorize_saddle_point
-from beamdae.model_checks.friction import DAMPING, friction_warnings
-from beamdae.model_checks.strain_limits import strain_warnings
+from beamdae.linear.factorizations import factorize_saddle_point
+from beamdae.model_checks.validity_ranges import DAMPING, friction_warnings, strain_warnings
 from beamdae.model_functions import Model
 from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM, Mechanism, require_start
 from beamdae.results.equilibrium import Equilibrium
@@ -291,7 +290,7 @@ def active_equations(
         active = e.configurations.configuration_without(e, now.inactive, now.frozen_gaps).equations
         active = replace(active, q0=e.q0, v0=e.v0)
     time = time_on_branch(active.breakpoints, t) if instant is None else instant.time
-    return select_independent(active, time), time
+    return select_independent_constraints(active, time), time
 
 
 def linearize_motion(full_equations: EquationsOfMotion, instant: Instant) -> Linearization:

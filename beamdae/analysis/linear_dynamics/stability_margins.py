@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -27,9 +26,9 @@ from beamdae.equations.assembly.coordinate_map import map_coordinates
 from beamdae.equations.commands import compile_commands, differentiate_laws
 from beamdae.errors import (
     BeamdaeError,
+    as_text,
     format_count,
     join_names,
-    plain_text,
     require_count,
     require_finite,
     require_non_negative,
@@ -65,13 +64,15 @@ _MULTIPLIER_ROUNDING = 1e-7  # of multipliers of stiff structures, and of double
 # Loops with a delay have a phase crossover in each turn of the phase.
 _MAX_CROSSOVERS = 1000
 _MAX_DELAY = 1000  # samples; each adds one state
-# Shift of the inverse from which slow poles are computed [1/s]: not small, because free motions are
-# poles at zero, and not a round number, because models may have poles at those.
-_POLE_SHIFT = 0.618034
+# Shift of the inverse from which slow poles are computed, relative to the slowest pole that is not
+# zero: not small, because free motions are poles at zero, and not a round number.
+_SHIFT_RATIO = 0.618034
 # Smaller damping ratios and relative growth rates are rounding errors.
 _MIN_DAMPING_RATIO = 1e-9
 _MIN_IMAGINARY_SHARE = 1e-6  # of poles; smaller ones are rounding errors of double real poles
-_MIN_POLE = 1e-4  # [1/s]; smaller ones, of free motions and integrators, are zero
+# Poles of the closed loop are zero up to this multiple of the errors of free motions in the plant,
+# and up to this share of the slowest pole.
+_ERROR_RATIO, _ZERO_RATIO = 10.0, 1e-7
 _FULL_TURN = 2.0 * np.pi
 
 
@@ -180,15 +181,16 @@ class StabilityMargins(HasTable):
 class _Loop:
     """Loop transfer function of a system with one input and one output, and a delay [s].
 
-    `every` is None in continuous time; otherwise, there is no `delay`. `closed` are the poles of
-    the closed loop if the linear model contains it, and `known` the values that were computed, by
-    frequency.
+    `every` is None in continuous time; otherwise, there is no `delay`. `poles` and `closed_poles`
+    are those of the open and the closed loop without delay [1/s], and `known` the values that were
+    computed, by frequency.
     """
 
     system: Matrices
+    poles: Array
+    closed_poles: Array
     every: float | None = None
     delay: float = 0.0
-    closed: Array | None = None
     known: dict[float, complex] = field(default_factory=dict)
 
     def at(self, f: float) -> complex:
@@ -203,42 +205,33 @@ class _Loop:
         """Return the phase above -180 degrees without the delay [rad], from 0 to a full turn."""
         return float(np.angle(-self.at(f))) % _FULL_TURN
 
-    @cached_property
-    def poles(self) -> Array:
-        """Poles without delay [1/s]."""
-        return self._find_poles(self.system[0])
 
-    @cached_property
-    def closed_poles(self) -> Array:
-        """Poles of the closed loop without delay [1/s]."""
-        a, b, c, d = self.system
-        return self._find_poles(a - b @ c / (1.0 + d)) if self.closed is None else self.closed
-
-    def _find_poles(self, matrix: Array) -> Array:
-        if self.every is None:
-            return _find_eigenvalues(matrix)
-        multipliers = np.linalg.eigvals(matrix).astype(complex)
-        logarithms = np.log(np.where(multipliers == 0.0, np.finfo(float).tiny, multipliers))
-        logarithms.real[np.abs(logarithms.real) < _MULTIPLIER_ROUNDING] = 0.0
-        return logarithms / self.every
-
-
-def _find_eigenvalues(matrix: Array) -> Array:
-    """Return the eigenvalues of a state matrix [1/s], (states,), in ascending order of magnitude.
+def _find_poles(matrix: Array, slowest: float, every: float | None) -> Array:
+    """Return the poles [1/s] of a state matrix, that of samples if `every` is not None, (states,).
 
     Elements of matrices of stiff structures are so large that errors of their eigenvalues, which
     are relative to the norm, exceed the slow ones. They are therefore those of the inverse of
     A - s I (shift and invert), with errors relative to its norm. Real parts within these are zero.
+    The shift is relative to the magnitude of the slowest pole that is not zero.
     """
     if not matrix.size:
         return np.zeros(0, complex)
-    a, _ = la.matrix_balance(matrix, permute=False)
-    values = np.linalg.eigvals(np.linalg.inv(a - _POLE_SHIFT * np.eye(len(a))))
-    poles = _POLE_SHIFT + 1.0 / values.astype(complex)
+    if every is not None:
+        return _poles_of_samples(np.linalg.eigvals(matrix), every)
+    a, shift = la.matrix_balance(matrix, permute=False)[0], _SHIFT_RATIO * slowest
+    values = np.linalg.eigvals(np.linalg.inv(a - shift * np.eye(len(a))))
+    poles = shift + 1.0 / values.astype(complex)
     rounding = np.finfo(float).eps * np.max(np.abs(values)) / np.abs(values)
     poles.real[np.abs(poles.real) <= (_MIN_DAMPING_RATIO + rounding) * np.abs(poles)] = 0.0
     poles.imag[np.abs(poles.imag) <= _MIN_IMAGINARY_SHARE * np.abs(poles)] = 0.0
-    return poles[np.argsort(np.abs(poles), kind="stable")]
+    return poles
+
+
+def _poles_of_samples(multipliers: Array, every: float) -> Array:
+    tiny = np.finfo(float).tiny
+    logarithms = np.log(np.where(multipliers == 0.0, tiny, multipliers).astype(complex))
+    logarithms.real[np.abs(logarithms.real) < _MULTIPLIER_ROUNDING] = 0.0
+    return logarithms / every
 
 
 @single_threaded
@@ -327,7 +320,7 @@ def margins(
     3.1416, 61.35 deg, 0.5354 s
     """
     require_linear_model("margins", model)
-    loop = _open_loop(model, plain_text(at), controller, every, delay)
+    loop = _open_loop(model, at, controller, every, delay)
     crossovers = _find_crossovers(loop)
     none = Crossover("", math.nan, math.inf, math.inf, math.inf)
     phases = [x for x in crossovers if x.kind == "gain"]
@@ -360,7 +353,7 @@ def margins(
 
 def _open_loop(model: LinearModel, at: Any, controller: Any, every: Any, delay: Any) -> _Loop:
     """Return the loop, opened at an input or at the command of a `pid`."""
-    inputs, lin = [x.name for x in model.inputs], model._linearization
+    inputs, lin, own = [x.name for x in model.inputs], model._linearization, model.poles
     mechanism = lin.equations.mechanism
     commands = [] if mechanism is None else list(mechanism.outputs)
     if at is None and len(inputs) == 1:
@@ -370,25 +363,28 @@ def _open_loop(model: LinearModel, at: Any, controller: Any, every: Any, delay: 
         raise BeamdaeError(
             f"margins: at must name the input or pid at which the loop is opened ({names})."
         )
-    if at not in inputs and at in commands:
+    name = as_text(at) or ""
+    if name not in inputs and name in commands:
         if every is not None or type(controller) is not float or controller != 1.0:
             raise BeamdaeError(
-                f"margins: {at} closes the loop itself, in continuous time; omit controller and "
+                f"margins: {name} closes the loop itself, in continuous time; omit controller and "
                 "every."
             )
-        a, b, c, d = _inject_at_command(lin, at)
+        a, b, c, d = _inject_at_command(lin, name)
         # x' = A x + b (w - u), u = c x: without the feedback through w = u + disturbance.
         dead_time = require_non_negative("margins", "delay", delay)
-        return _Loop((a - b @ c, b, -c, d), None, dead_time, model.poles)
+        opened = a - b @ c
+        poles = _find_poles(opened, _slowest(own, opened), None)
+        return _Loop((opened, b, -c, d), poles, own, None, dead_time)
     columns = [
         k
         for k, x in enumerate(model.inputs)
-        if at in (x.name, x.header) or x.name.startswith(f"{at}.")
+        if name in (x.name, x.header) or x.name.startswith(f"{name}.")
     ]
     if len(columns) != 1:
         raise BeamdaeError(
             f"margins: there is no input or pid {short_repr(at)}"
-            f"{suggest(at, [*inputs, *commands])}; use the name of an input of the linear model "
+            f"{suggest(name, [*inputs, *commands])}; use the name of an input of the linear model "
             "or of a pid."
         )
     law, interval = _as_system(controller, len(model.outputs), every)
@@ -402,13 +398,29 @@ def _open_loop(model: LinearModel, at: Any, controller: Any, every: Any, delay: 
         shift = np.eye(samples, k=-1), first, last, np.zeros((1, 1))
         law = _connect(law, shift) if samples else law
     system = _connect((plant.A, plant.B[:, columns], plant.C, plant.D[:, columns]), law)
-    gain = float(system[3][0, 0])
+    a, b, c, d = system
+    gain = float(d[0, 0])
     if abs(1.0 + gain) <= np.finfo(float).eps * (1.0 + abs(gain)):
         raise BeamdaeError(
-            f"margins: the loop at {at} is algebraic with the gain -1, so that it has no "
+            f"margins: the loop at {name} is algebraic with the gain -1, so that it has no "
             "solution; change the gain, or add a delay."
         )
-    return _Loop(system, interval, dead_time)
+    matrix = a - b @ c / (1.0 + gain)
+    slowest = _slowest(own, matrix)
+    closed, computed, poles = (_find_poles(x, slowest, interval) for x in (matrix, plant.A, law[0]))
+    # Poles slower than those of modes are free motions, whose errors are those of the closed loop.
+    errors = np.abs(computed[np.abs(computed) < 0.5 * slowest])
+    rounding = max(_ERROR_RATIO * np.max(errors, initial=0.0), _ZERO_RATIO * slowest)
+    closed[np.abs(closed) <= rounding] = 0.0
+    if interval is not None:
+        own = _poles_of_samples(np.exp(own * interval), interval)
+    return _Loop(system, np.append(own, poles), closed, interval, dead_time)
+
+
+def _slowest(poles: Array, matrix: Array) -> float:
+    """Return the magnitude of the slowest pole that is not zero, or that of a state matrix."""
+    sizes = np.abs(poles[poles != 0.0])
+    return float(np.min(sizes) if len(sizes) else np.max(np.abs(matrix), initial=0.0) or 1.0)
 
 
 def _inject_at_command(lin: Linearization, name: str) -> Matrices:
@@ -552,7 +564,7 @@ def _list_ends(loop: _Loop) -> list[tuple[float, float]]:
 def _sample(loop: _Loop) -> Array:
     """Return frequencies [Hz] between which magnitude and phase change little."""
     poles = np.concatenate([loop.poles, loop.closed_poles])
-    poles = poles[np.isfinite(poles) & (np.abs(poles) > _MIN_POLE)]
+    poles = poles[np.isfinite(poles) & (poles != 0.0)]
     scales = [*(np.abs(poles) / _FULL_TURN).tolist(), *([1.0 / loop.delay] if loop.delay else [])]
     low, high = min(scales, default=1.0) / 10**_DECADES, max(scales, default=1.0) * 10**_DECADES
     if loop.every is not None:
@@ -580,7 +592,7 @@ def _count_unstable_poles(loop: _Loop, crossovers: Sequence[float]) -> int:
     """Return the number of unstable poles of the closed loop; see `margins` for delays."""
     # Both poles of a pair count; negative multipliers have no conjugate but the phase pi.
     poles = loop.closed_poles
-    count = int(np.sum((np.abs(poles) > _MIN_POLE) & (poles.real > 0.0)))
+    count = int(np.sum((poles != 0.0) & (poles.real > 0.0)))
     for f in crossovers if loop.delay else ():
         is_falling = abs(loop.at((1.0 + 1e-6) * f)) < abs(loop.at((1.0 - 1e-6) * f))
         n_crossings = max(math.floor(f * loop.delay - loop.lag(f) / _FULL_TURN) + 1, 0)

@@ -20,9 +20,10 @@ import scipy.sparse as sp
 from beamdae.analysis.continuation.engine import CurveError
 from beamdae.core.tables import Workspace
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
-from beamdae.equations.formulations.first_order import FirstOrderForm, formulate_first_order
-from beamdae.equations.formulations.kinematic_reduction import (
+from beamdae.equations.formulations.first_order import (
+    FirstOrderForm,
     KinematicReduction,
+    formulate_first_order,
     reduce_kinematics,
 )
 from beamdae.equations.formulations.tangents import compute_tangent
@@ -31,7 +32,7 @@ from beamdae.errors import BeamdaeError
 from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
 from beamdae.integrators.radau.coefficients import TABLEAU, C
 from beamdae.integrators.step_history import interpolate_balanced
-from beamdae.linear.lanes import LANES, aligned_zeros, index_lanes
+from beamdae.linear.elimination import LANES, aligned_zeros, index_lanes
 from beamdae.results.trajectory import Interval, Trajectory
 from beamdae.symbolic.sparse_operators import column_indices
 from beamdae.symbolic.sums.kernel_sums import SumPlan

@@ -20,8 +20,8 @@ from beamdae.equations.smooth_intervals import time_on_branch
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.errors import BeamdaeError
 from beamdae.integrators import Integrator, Radau
-from beamdae.integrators.amplitudes import Amplitudes
-from beamdae.integrators.redundant_constraints import remove_redundant
+from beamdae.integrators.reaction_balance import remove_redundant
+from beamdae.integrators.run_plan import Amplitudes
 from beamdae.integrators.step_thinning import keep_all_steps
 from beamdae.interrupts import Interrupted
 from beamdae.results.solution import Solution

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -35,7 +35,6 @@ from beamdae.analysis.periodic.shooting import (
     Tolerance,
     settle_and_solve,
 )
-from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import (
     BeamdaeError,
     format_exception,
@@ -66,8 +65,6 @@ from beamdae.results.frequency_response import (
 )
 from beamdae.results.outcome import Status
 from beamdae.results.periodic_motion import floquet_multipliers
-
-Array = np.ndarray
 
 _NAME = "frequency_response"
 # Largest relative tolerance of the runs; with larger ones, their errors dominate the tangents.
@@ -196,12 +193,14 @@ def frequency_response(
 
     def trace(model: Model, method: Integrator) -> FrequencyResponse:
         limits = Tolerance.for_integrator(_NAME, tolerance, method)
-        curve = ResponseCurve(replace(span, model=model), period_at, method, begin, limits, start)
+        refined = replace(span, model=model)
         points: list[ResponsePoint] = []
         critical: list[tuple[str, float]] = []
         status, share = Status("ok", "reached the end of the range"), 0.0
         try:
-            for point, share, found in curve.follow(settle, steps):
+            for point, share, found in _follow_motions(
+                refined, period_at, method, begin, limits, start, settle, steps
+            ):
                 critical += found
                 points.append(point)
                 if progress is not None:
@@ -225,7 +224,10 @@ def frequency_response(
             acknowledge()
             where = f"at {span.describe(share)}" if points else "before the first point"
             status = Status("interrupted", f"interrupted {where}")
-        equations = points[0].solution.equations if points else curve.build(0.0)
+        if points:
+            equations = points[0].solution.equations
+        else:
+            equations = build_periodic_equations(_NAME, refined.build(0.0))
         headers = tuple(x for y in equations.observables for x in y.headers)
         return FrequencyResponse(
             parameter, tuple(points), status, unit.strip("-"), tuple(critical), headers
@@ -262,94 +264,62 @@ def _period_of_unit(parameter: str, unit: str) -> Callable[[float], float]:
     )
 
 
-@dataclass(frozen=True, eq=False)
-class ResponseCurve:
-    """Curve of periodic motions over the range of a parameter.
+def _follow_motions(
+    span: ParameterRange,
+    period_at: Callable[[float], float],
+    integrator: Integrator,
+    t_start: float,
+    tolerance: Tolerance,
+    start: Any,
+    settle: int,
+    steps: Steps,
+) -> Iterator[tuple[ResponsePoint, float, list[tuple[str, float]]]]:
+    """Yield motions, shares of the range, and kinds and values of critical points before.
 
-    Attributes
-    ----------
-    span
-        Model and range of its parameter; points of the curve have shares of it as parameters.
-    period
-        Function that returns the period [s] for a value of the parameter.
-    integrator, t_start, tolerance, start
-        See `periodic`; `start` applies to the first motion.
+    Raises
+    ------
+    CurveError
+        If the first or the next motion is not found.
     """
 
-    span: ParameterRange
-    period: Callable[[float], float]
-    integrator: Integrator
-    t_start: float
-    tolerance: Tolerance
-    start: Any = None
-
-    def build(self, share: float, start: Any = None) -> EquationsOfMotion:
-        """Return the equations of the model."""
-        return build_periodic_equations(_NAME, self.span.build(share), start)
-
-    def map_at(self, share: float, start: Any = None) -> PeriodMap:
-        """Return the map over a period."""
-        value = self.span.value(share)
+    def map_at(share: float, start: Any = None) -> PeriodMap:
         try:
-            period = self.period(value)
+            period = period_at(span.value(share))
         except Exception as error:
             raise BeamdaeError(
-                f"{_NAME}: the function period= failed at {self.span.describe(share)}: "
+                f"{_NAME}: the function period= failed at {span.describe(share)}: "
                 f"{format_exception(error)}."
             ) from error
         period = require_positive(_NAME, "period", period)
-        equations = self.build(share, start)
-        return PeriodMap.from_equations(equations, self.integrator, self.t_start, period)
+        equations = build_periodic_equations(_NAME, span.build(share), start)
+        return PeriodMap.from_equations(equations, integrator, t_start, period)
 
-    def first_motion(self, settle: int) -> Point:
-        """Return the first motion.
-
-        Raises
-        ------
-        CurveError
-            If it is not found.
-        """
-        period_map = self.map_at(0.0, self.start)
-        Loads(period_map.equations, self.t_start, period_map.period).require_repeating()
-        linear = settle_and_solve(period_map, settle, self.tolerance)
-        if linear.run.relative_deviation > self.tolerance.accepted:
-            raise CurveError(
-                "no periodic motion was found; change start=, increase settle=, or "
-                f"{DAMPING_REMEDY}"
-            )
-        problem = PeriodProblem(self.map_at, self.tolerance, varies=True)
-        return problem.complete(Point(problem, linear.run.state, 0.0, linear), np.zeros(0))
-
-    def follow(
-        self, settle: int, steps: Steps
-    ) -> Iterator[tuple[ResponsePoint, float, list[tuple[str, float]]]]:
-        """Yield motions, shares of the range, and kinds and values of critical points before.
-
-        Raises
-        ------
-        CurveError
-            If the first or the next motion is not found.
-        """
-        first = self.first_motion(settle)
-        yield self._describe(first, 1.0), 0.0, []
-        explain = partial(explain_counts, resolution=_RESOLUTION)
-        try:
-            for segment, found in follow(first, prescribe_parameter, 1.0, steps, explain):
-                point = self._describe(segment.end, float(segment.tangent[-1]))
-                critical = [(_KINDS[x.kind], self.span.value(x.point.p)) for x in found]
-                yield point, segment.end.p, critical
-        except CurveError as error:
-            if isinstance(error, BeamdaeError):
-                raise
-            raise CurveError(f"{error}; reduce step=, or {DAMPING_REMEDY}") from None
-
-    def _describe(self, point: Point, rate: float) -> ResponsePoint:
-        """Return a motion, at this derivative of the share along the curve, for the result."""
-        linear = point.linearization
+    def describe(point: Point, rate: float) -> ResponsePoint:
+        run, monodromy = point.linearization.run, point.linearization.matrix.monodromy
         return ResponsePoint(
-            self.span.value(point.p),
-            linear.run.period_map.period,
-            linear.run.solution,
-            floquet_multipliers(linear.matrix.monodromy),
-            rate * (self.span.last - self.span.first) > 0.0,
+            span.value(point.p),
+            run.period_map.period,
+            run.solution,
+            floquet_multipliers(monodromy),
+            rate * (span.last - span.first) > 0.0,
         )
+
+    period_map = map_at(0.0, start)
+    Loads(period_map.equations, t_start, period_map.period).require_repeating()
+    linear = settle_and_solve(period_map, settle, tolerance)
+    if linear.run.relative_deviation > tolerance.accepted:
+        raise CurveError(
+            f"no periodic motion was found; change start=, increase settle=, or {DAMPING_REMEDY}"
+        )
+    problem = PeriodProblem(map_at, tolerance, varies=True)
+    first = problem.complete(Point(problem, linear.run.state, 0.0, linear), np.zeros(0))
+    yield describe(first, 1.0), 0.0, []
+    explain = partial(explain_counts, resolution=_RESOLUTION)
+    try:
+        for segment, found in follow(first, prescribe_parameter, 1.0, steps, explain):
+            point = describe(segment.end, float(segment.tangent[-1]))
+            yield point, segment.end.p, [(_KINDS[x.kind], span.value(x.point.p)) for x in found]
+    except CurveError as error:
+        if isinstance(error, BeamdaeError):
+            raise
+        raise CurveError(f"{error}; reduce step=, or {DAMPING_REMEDY}") from None

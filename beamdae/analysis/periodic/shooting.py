@@ -15,7 +15,7 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 import scipy.linalg as la
 
-from beamdae.analysis.continuation.counts import Count
+from beamdae.analysis.continuation.critical import Count
 from beamdae.analysis.continuation.engine import (
     Control,
     CurveError,
@@ -425,7 +425,7 @@ def solve_shooting(
     BeamdaeError
         If loads or drivers are not periodic or, with `free_period`, depend on time.
     """
-    x, control = np.concatenate([q, v]), cast(Control, prescribe_parameter)
+    x, control = np.concatenate([q, v]), cast("Control", prescribe_parameter)
     p = float(np.log(period_map.period)) if free_period else 0.0
 
     def map_at(p: float) -> PeriodMap:
@@ -444,7 +444,7 @@ def solve_shooting(
     problem = replace(problem, base=base)
     try:
         solution = problem.correct(control, control(x, p).value, x, p).linearization
-        return cast(PeriodLinearization, solution)
+        return cast("PeriodLinearization", solution)
     except CurveError as error:
         if isinstance(error, BeamdaeError):
             raise

@@ -74,11 +74,11 @@ from beamdae.equations.formulations.static_equations import (
 )
 from beamdae.equations.starts.steady_rotation import rotating_state
 from beamdae.equations.structure import Structure
-from beamdae.linear.orderings import invert_to_power_of_two
+from beamdae.linear.factorizations import invert_to_power_of_two
 from beamdae.parts.mechanism import EQUILIBRIUM
 from beamdae.parts.rotation import Rotation
-from beamdae.symbolic.sums.directional_sums import StackedSum
 from beamdae.symbolic.sums.kernel_sums import SumPlan
+from beamdae.symbolic.sums.sum_derivatives import StackedSum
 
 Array = np.ndarray
 

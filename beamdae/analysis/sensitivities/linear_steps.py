@@ -35,8 +35,11 @@ from beamdae.analysis.sensitivities.start_derivatives import (
 from beamdae.core.return_codes import DONE
 from beamdae.core.tables import Workspace
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
-from beamdae.equations.formulations.first_order import formulate_first_order, plan_residual
-from beamdae.equations.formulations.kinematic_reduction import reduce_kinematics
+from beamdae.equations.formulations.first_order import (
+    formulate_first_order,
+    plan_residual,
+    reduce_kinematics,
+)
 from beamdae.equations.formulations.step_equations import formulate_step, plan_step_sums
 from beamdae.equations.structure import Structure
 from beamdae.errors import BeamdaeError
@@ -46,8 +49,8 @@ from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
 from beamdae.integrators.radau.coefficients import A, C
 from beamdae.integrators.radau.stepper import STABILIZED_FORM
 from beamdae.results.trajectory import Interval
-from beamdae.symbolic.sums.directional_sums import direction_inputs, motion_plan
 from beamdae.symbolic.sums.kernel_sums import SumPlan
+from beamdae.symbolic.sums.sum_derivatives import direction_inputs, motion_plan
 
 Array = np.ndarray
 

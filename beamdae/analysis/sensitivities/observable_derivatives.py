@@ -101,7 +101,7 @@ def differentiate_run_columns(
 ) -> dict[str, Array]:
     """Return the derivatives of observed columns of a run, (rows, columns), by parameter.
 
-    Elastic forces between steps are interpolated, see `results.elastic_columns`.
+    Elastic forces between steps are interpolated, see `results.run_data`.
 
     Parameters
     ----------

@@ -16,7 +16,7 @@ from beamdae.analysis.sensitivities.observable_derivatives import (
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.smooth_intervals import SAME_TIME
 from beamdae.errors import BeamdaeError
-from beamdae.results.event_records import EventRecord
+from beamdae.results.outcome import EventRecord
 from beamdae.results.solution import Solution
 from beamdae.results.trajectory import Interval, Trajectory
 

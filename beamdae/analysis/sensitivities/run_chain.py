@@ -37,9 +37,9 @@ from beamdae.analysis.sensitivities.start_derivatives import (
     Directions,
     group_directions,
 )
+from beamdae.equations.assembly.configurations import Configurations
 from beamdae.equations.equations_of_motion import (
     Configuration,
-    Configurations,
     EquationsOfMotion,
     ImpactEquations,
     State,
@@ -50,9 +50,8 @@ from beamdae.equations.starts.state_evaluator import StateEvaluator
 from beamdae.equations.structure import has_same_patterns
 from beamdae.errors import BeamdaeError
 from beamdae.integrators import GeneralizedAlpha, Radau
-from beamdae.integrators.events.impacts import apply_impact
-from beamdae.integrators.reaction_balance import bound_reactions
-from beamdae.integrators.redundant_constraints import remove_redundant
+from beamdae.integrators.events.switching import apply_impact
+from beamdae.integrators.reaction_balance import bound_reactions, remove_redundant
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.memory import require_memory
 from beamdae.parts.events import select_impacts
@@ -378,8 +377,8 @@ def impact_equations(
 
 
 def _configurations(equations: EquationsOfMotion) -> Configurations:
-    assert equations.configurations is not None
-    return equations.configurations
+    configurations: Configurations = equations.configurations
+    return configurations
 
 
 def _activate(

@@ -146,7 +146,7 @@ def require_parameters(
 
 def _is_list_of_numbers(value: Any) -> bool:
     is_list = isinstance(value, (tuple, list)) and len(value) > 0
-    return is_list and all(as_real(x) is not None and not isinstance(x, bool) for x in value)
+    return is_list and all(as_real(x) is not None for x in value)
 
 
 def select_parameters(

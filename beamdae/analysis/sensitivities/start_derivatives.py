@@ -41,10 +41,9 @@ from beamdae.equations.structure import (
     cache_on_owner,
 )
 from beamdae.integrators.alpha.family import JERK_INTERVAL, STIFF_TIME, AlphaParameters
-from beamdae.symbolic.sums.directional_sums import StackedSum, directional_plan
 from beamdae.symbolic.sums.kernel_sums import SumPlan, set_time
+from beamdae.symbolic.sums.sum_derivatives import StackedSum, directional_plan, transposed_plan
 from beamdae.symbolic.sums.sum_evaluator import SumEvaluator
-from beamdae.symbolic.sums.transposed_sums import transposed_plan
 
 Array = np.ndarray
 

@@ -32,7 +32,7 @@ from beamdae.analysis.sensitivities.sensitivity_result import (
     select_parameters,
 )
 from beamdae.analysis.statics.load_scaling import Loading, active_stage, build_loading
-from beamdae.analysis.statics.prescribed_column import PrescribedColumn
+from beamdae.analysis.statics.path_settings import PrescribedColumn
 from beamdae.analysis.statics.static_equilibrium import equilibrium
 from beamdae.analysis.statics.static_problem import StaticProblem
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State

@@ -21,8 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.analysis.continuation.counts import Count
-from beamdae.analysis.continuation.critical import BRANCH, critical_mode
+from beamdae.analysis.continuation.critical import BRANCH, Count, critical_mode
 from beamdae.analysis.continuation.engine import (
     CurveError,
     Linearization,

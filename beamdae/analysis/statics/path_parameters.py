@@ -19,8 +19,7 @@ from beamdae.equations.starts.reduced_equations import (
 )
 from beamdae.errors import BeamdaeError, as_text, require_finite, short_repr, suggest
 from beamdae.model_functions import Model
-from beamdae.parts.joints.distance import Distance
-from beamdae.parts.joints.drivers import DrivenJoint
+from beamdae.parts.joints.drivers import Distance, DrivenJoint
 from beamdae.parts.laws import as_law
 from beamdae.parts.mechanism import Mechanism
 

@@ -33,8 +33,13 @@ from beamdae.analysis.statics.neutral_motions import (
     prefer_angles,
 )
 from beamdae.analysis.statics.path_parameters import PathParameter
-from beamdae.analysis.statics.path_settings import ARC_LENGTH, DISPLACEMENT, LOAD, PathSettings
-from beamdae.analysis.statics.prescribed_column import PrescribedColumn
+from beamdae.analysis.statics.path_settings import (
+    ARC_LENGTH,
+    DISPLACEMENT,
+    LOAD,
+    PathSettings,
+    PrescribedColumn,
+)
 from beamdae.analysis.statics.static_problem import StaticProblem
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.starts.relaxation import relax_to_equilibrium
@@ -195,9 +200,10 @@ def trace_path(loading: Loading, q: Array, settings: PathSettings) -> Equilibriu
             critical.append(CriticalPoint(one.kind, *place, moves, count))
         points += path.points
         stages += [k] * len(path.points)
-        causes = [describe_zero_loads(point, loading.parameter) for point in path.points]
-        if len(causes) > 1 and all(causes):
-            notes.append(f"equilibrium: all points of the path are equal, because {causes[-1]}.")
+        cause = describe_zero_loads(path.end, loading.parameter)
+        others = (describe_zero_loads(point, loading.parameter) for point in path.points[:-1])
+        if cause and len(path.points) > 1 and all(others):
+            notes.append(f"equilibrium: all points of the path are equal, because {cause}.")
         status = path.status
         if not status.success:
             sentence = f"{status.sentence} (last converged {loading.quantity}: {path.end.p:.6g})"
@@ -470,13 +476,6 @@ def dominant_coordinate(e: EquationsOfMotion, mode: Array) -> str:
     return e.q_names[locate_largest(mode[: e.n] / e.position_scales * prefer_angles(e))]
 
 
-def _describe_freedom(coordinate: str) -> str:
-    return (
-        f"{coordinate} is free to move under the loads, which do not change it; choose its value "
-        f"with start={{{coordinate!r}: ...}}, and set to= to a load factor"
-    )
-
-
 def _find_remedy(path: StagePath) -> str:
     """Return why steps probably fail, and a remedy; "" if unknown."""
     system, end, is_first = path.end.problem.system, path.end, len(path.points) == 1
@@ -487,5 +486,8 @@ def _find_remedy(path: StagePath) -> str:
             if abs(jump - end.p) <= distance:
                 return f"the loads jump at t = {jump:g} s, so begin another path there with from_="
     if path.settings.control == DISPLACEMENT and is_first and (free := free_coordinate(end)):
-        return _describe_freedom(free)
+        return (
+            f"{free} is free to move under the loads, which do not change it; choose its value "
+            f"with start={{{free!r}: ...}}, and set to= to a load factor"
+        )
     return _REMEDIES.get((path.settings.control, is_first), "")

@@ -26,8 +26,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from beamdae.core.tables import Workspace
-from beamdae.linear.fixed_order import FixedOrder
-from beamdae.linear.orderings import compute_bordered_ordering
+from beamdae.linear.factorizations import compute_bordered_ordering
+from beamdae.linear.pivots import FixedOrder
 from beamdae.symbolic.sparse_operators import column_indices
 
 Array = np.ndarray
@@ -61,6 +61,12 @@ class SaddlePattern(NamedTuple):
         Non-zeros of the tangent that are compliances beside G^T G.
     diagonal
         Diagonal entries of the coordinates in the matrix.
+    groups, block_rows, block_columns
+        Parts and multipliers by number, of each unknown, and of the rows and columns of the blocks
+        that couple them.
+    counted, blocks
+        Non-zeros of the tangent in blocks of coordinates or rows of multipliers, and the block of
+        each, followed by that of its transposed.
     plan
         Elimination in order, each multiplier after the coordinates that it couples.
     """
@@ -73,6 +79,11 @@ class SaddlePattern(NamedTuple):
     shares: Array
     reduced: Array
     diagonal: Array
+    groups: Array
+    block_rows: Array
+    block_columns: Array
+    counted: Array
+    blocks: Array
     plan: FixedOrder
 
 
@@ -105,34 +116,25 @@ def allocate_saddle_point(plan: SaddlePattern, positions: Array) -> Workspace:
     )
 
 
-def scale_by_reference(
-    run: Workspace, tangent: Array, sizes: Array, parts: Array, rigid: int
-) -> Array:
+def scale_by_reference(run: Workspace, tangent: Array, sizes: Array, rigid: int) -> Array:
     """Return natural sizes (n + m,) for the tangent in the reference configuration, unloaded.
 
     Sets the weights and `reference` of a `SaddlePoint`. `tangent` are its non-zeros, `sizes` first
-    sizes of the coordinates, (n,), and `parts` the first coordinate of the part of each, (n,); the
-    first `rigid` unknowns have no compliance, that of the others is 1. The final sizes make all
-    parts equally stiff: otherwise, rounding errors of large and stiff parts would exceed the
-    stiffness of small and soft ones (D. Ruiz, A scaling algorithm to equilibrate both rows and
-    columns norms in matrices, RAL-TR-2001-034). Parts without stiffness are as stiff as their
-    softest spring or, without springs, as what their joints attach them to. By Sylvester's law of
-    inertia, sizes do not change the number of negative eigenvalues.
+    sizes of the coordinates, (n,); the first `rigid` unknowns have no compliance, that of the
+    others is 1. The final sizes make all parts equally stiff: otherwise, rounding errors of large
+    and stiff parts would exceed the stiffness of small and soft ones (D. Ruiz, A scaling algorithm
+    to equilibrate both rows and columns norms in matrices, RAL-TR-2001-034). Parts without
+    stiffness are as stiff as their softest spring or, without springs, as what their joints attach
+    them to. By Sylvester's law of inertia, sizes do not change the number of negative eigenvalues.
     """
     n, pattern, count = len(sizes), run.pattern, len(run.factors.pivots)
-    groups = np.append(parts, np.arange(n, count))
+    rows, columns = pattern.block_rows, pattern.block_columns
     scales = np.append(sizes, np.full(count - n, _FIRST_SIZE))
     is_joint = (pattern.rows < n) != (pattern.columns < n)
-    # Entries count in both directions.
-    is_counted = ~is_joint | (pattern.rows >= n)
-    ends = groups[np.stack([pattern.rows, pattern.columns])[:, is_counted]]
-    keys = np.hstack([ends[1] * count + ends[0], ends[0] * count + ends[1]])
-    blocks, of_entry = np.unique(keys, return_inverse=True)
-    columns, rows = np.divmod(blocks, count)
     values = np.abs(np.where(is_joint, 1.0, 0.5) * _weigh(pattern, scales)[:-1] * tangent)
     # Small entries of a block may be rounding errors.
-    entries = np.zeros(len(blocks))
-    np.maximum.at(entries, of_entry, np.tile(values[is_counted], 2))
+    entries = np.zeros(len(rows))
+    np.maximum.at(entries, pattern.blocks, np.tile(values[pattern.counted], 2))
     softest, factors = np.full(count, np.inf), np.ones(count)
     is_stiffness = (rows < n) & (entries > NEGLIGIBLE_STIFFNESS)
     is_spring = (rows >= rigid) & (entries > 0.0)
@@ -144,7 +146,7 @@ def scale_by_reference(
         largest = np.zeros(count)
         np.maximum.at(largest, columns, entries * factors[rows] * factors[columns])
         factors /= np.sqrt(np.where(largest > 0.0, largest, 1.0))
-    scales *= factors[groups]
+    scales *= factors[pattern.groups]
     scales[rigid:] = np.minimum(scales[rigid:], math.sqrt(_MAX_COMPLIANCE))
     weights = _weigh(pattern, scales)
     run.weights[:] = pattern.shares * weights[pattern.left] * weights[pattern.right]
@@ -160,12 +162,14 @@ def _weigh(pattern: SaddlePattern, scales: Array) -> Array:
     return weights
 
 
-def plan_saddle_point(pattern: sp.csc_array, n: int, is_shared: Array) -> SaddlePattern:
+def plan_saddle_point(pattern: sp.csc_array, parts: Array, is_shared: Array) -> SaddlePattern:
     """Return the saddle-point matrix of tangents (n + m, n + m) with a CSC pattern.
 
-    Constraints in G^T G, (m,), are those that have no stiffness of the same motion beside them.
+    `parts` are the first coordinates of the parts of all coordinates, (n,). Constraints in G^T G,
+    (m,), are those that have no stiffness of the same motion beside them.
     """
     rows, size, one = pattern.indices.astype(np.intp), pattern.shape[0], pattern.nnz
+    n = len(parts)
     is_shared = np.append(np.zeros(n, bool), is_shared)
     columns = column_indices(pattern).astype(np.intp)
     keys = columns * size + rows
@@ -193,7 +197,13 @@ def plan_saddle_point(pattern: sp.csc_array, n: int, is_shared: Array) -> Saddle
     numbers = (np.ones(len(entries)), (entries % size).astype(np.int32), indptr)
     pattern = sp.csc_array(numbers, shape=(size, size))
     order = _elimination_order(pattern, n, rows[joints], columns[joints])
-    position = np.argsort(order)
+    position, groups = np.argsort(order), np.append(parts, np.arange(n, size))
+    # Entries count in both directions.
+    counted = np.flatnonzero(is_stiffness | (rows >= n))
+    ends = groups[rows[counted]], groups[columns[counted]]
+    blocks, of_entry = np.unique(
+        np.append(ends[1] * size + ends[0], ends[0] * size + ends[1]), return_inverse=True
+    )
     # Each pair is assembled below the diagonal.
     targets = np.searchsorted(entries, np.where(position[i] < position[j], *keys_of_terms))
     single = len(halves) + len(joints)
@@ -207,6 +217,11 @@ def plan_saddle_point(pattern: sp.csc_array, n: int, is_shared: Array) -> Saddle
         shares=np.where(left == one, 0.0, np.where(np.arange(len(left)) < len(halves), 0.5, 1.0)),
         reduced=np.flatnonzero((rows == columns) & is_shared[rows]),
         diagonal=np.searchsorted(entries, diagonal[:n]).astype(np.uint32),
+        groups=groups,
+        block_rows=blocks % size,
+        block_columns=blocks // size,
+        counted=counted,
+        blocks=of_entry,
         plan=FixedOrder.of(pattern, order),
     )
 

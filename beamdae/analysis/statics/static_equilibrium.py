@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 
 from beamdae import deferred
-from beamdae.analysis.eigenproblems.linearized_equations import LinearizedEquations
+from beamdae.analysis.continuation.engine import Point
 from beamdae.analysis.eigenproblems.turning import find_turning
 from beamdae.analysis.statics.load_scaling import (
-    LoadedEquations,
     Loading,
     build_loading,
     vary_parameter,
@@ -25,7 +24,7 @@ from beamdae.analysis.statics.paths import (
     tabulate_points,
     trace_path,
 )
-from beamdae.equations.equations_of_motion import EquationsOfMotion, State
+from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import (
     BeamdaeError,
     hold_messages,
@@ -45,8 +44,11 @@ from beamdae.interrupts import (
 )
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.model_checks.contacts import deep_rest_warnings
-from beamdae.model_checks.friction import IGNORED, friction_warnings
-from beamdae.model_checks.strain_limits import describe_meaningless_strain
+from beamdae.model_checks.validity_ranges import (
+    IGNORED,
+    describe_meaningless_strain,
+    friction_warnings,
+)
 from beamdae.model_functions import Model
 from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM, Mechanism, require_start
 from beamdae.parts.rotation import Rotation
@@ -278,7 +280,7 @@ def _trace(
             notes=(
                 *start_warnings,
                 *friction_warnings(equations, IGNORED, inactive),
-                *_turning_notes(loading.systems[-1], points[-1].x, points[-1].p),
+                *_turning_notes(points[-1]),
                 *_describe_deep_contacts(loading, path),
                 *path.notes,
             ),
@@ -323,16 +325,17 @@ def trace_critical_points(model: Any, settings: Mapping[str, Any]) -> tuple[Equi
     return path, [message for message in messages if message not in about_end]
 
 
-def _turning_notes(system: LoadedEquations, x: Array, factor: float) -> tuple[str, ...]:
-    """Return a note if the mechanism turns although the equilibrium `x` is at rest, or nothing."""
-    e, at_rest = system.equations, np.zeros(system.equations.n)
-    state = State(x[: e.n], at_rest, at_rest, x[e.n : e.n + e.m])
-
-    def linearize() -> LinearizedEquations:
-        return LinearizedEquations(e, system.motion_tangent(factor, state))
-
-    time = system.time_at(factor)
-    return find_turning(e, time, state.q, linearize, "an equilibrium", _rotation_remedy)
+def _turning_notes(point: Point) -> tuple[str, ...]:
+    """Return a note if the mechanism turns although an equilibrium is at rest, or nothing."""
+    problem, e = point.problem, point.problem.system.equations
+    return find_turning(
+        e,
+        problem.system.time_at(point.p),
+        point.x[: e.n],
+        lambda: problem.system.linearize_motion(point.x, point.p, problem.idle),
+        "an equilibrium",
+        _rotation_remedy,
+    )
 
 
 def _rotation_remedy(speed: float) -> str:

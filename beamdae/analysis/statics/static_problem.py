@@ -23,7 +23,7 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import SuperLU, splu
 
-from beamdae.analysis.continuation.counts import Count
+from beamdae.analysis.continuation.critical import Count, Determinant
 from beamdae.analysis.continuation.engine import (
     FAILURES,
     Control,
@@ -51,6 +51,7 @@ from beamdae.core.return_codes import (
     DONE,
     EVALUATE_FORCES,
     EVALUATE_TANGENT,
+    FIND_DETERMINANT,
     SINGULAR,
 )
 from beamdae.core.tables import Workspace
@@ -120,13 +121,15 @@ def _plan_system(
     common: Structure,
     unloaded: Structure,
     loaded: Structure,
+    part_starts: tuple[int, ...],
     added: tuple[int, ...],
     is_shared: bytes,
 ) -> SystemPlan:
-    parts = [plan_static_sums(structure) for structure in (common, unloaded, loaded)]
-    size = parts[0].pattern.shape[0]
+    sums = [plan_static_sums(structure) for structure in (common, unloaded, loaded)]
+    size, starts = sums[0].pattern.shape[0], np.array(part_starts, np.intp)
+    parts = starts[np.searchsorted(starts, np.arange(common.n), "right") - 1]
     diagonal = sp.csc_array((np.ones(len(added)), (added, added)), (size, size))
-    pattern = sp.csc_array(reduce(lambda one, other: one + other, (x.pattern for x in parts)))
+    pattern = sp.csc_array(reduce(lambda one, other: one + other, (x.pattern for x in sums)))
     pattern = sp.csc_array(pattern + diagonal)
     pattern.sort_indices()
     border = np.ones((size, 1))
@@ -146,13 +149,13 @@ def _plan_system(
         return sums.residual, tangent
 
     return SystemPlan(
-        sums=tuple(map(plan, parts)),
+        sums=tuple(map(plan, sums)),
         pattern=pattern,
         bordered=bordered,
         tangent_targets=np.flatnonzero((rows < size) & (columns < size)),
         added_targets=np.searchsorted(keys, np.array(added) * (size + 2)).astype(np.uint32),
         row_targets=np.flatnonzero(rows == size).astype(np.uint32),
-        saddle=plan_saddle_point(pattern, common.n, np.frombuffer(is_shared, bool)),
+        saddle=plan_saddle_point(pattern, parts, np.frombuffer(is_shared, bool)),
         evaluations=np.zeros(1, int),
     )
 
@@ -283,7 +286,8 @@ class StaticProblem(Problem):
             structures = none, last.structure, last.structure
         added = (*self.held, *range(self.rigid_size, last.n + last.m))
         remainder = introduce_resultants(self.system.equations, self.idle).remainder
-        self._plan = _plan_system(*structures, added, (remainder == 0.0).tobytes())
+        starts = tuple(part.rows.start for part in self.mixed.equations.parts)
+        self._plan = _plan_system(*structures, starts, added, (remainder == 0.0).tobytes())
         self._remainder = remainder
         self.pattern = self._plan.pattern
         self._weights = np.append(1.0 / last.group_scales, np.zeros(last.m))
@@ -298,8 +302,6 @@ class StaticProblem(Problem):
         reference, ends = self.mixed.equations, (self.mixed.unloaded, self.mixed.loaded)
         held, begin = len(self.held), self.system.ends[0]
         matrix = FactorizedMatrix.from_pattern(plan.bordered)
-        starts = np.array([part.rows.start for part in reference.parts], np.intp)
-        parts = starts[np.searchsorted(starts, np.arange(self.n), "right") - 1]
 
         def make_part(plans: tuple[SumPlan, SumPlan], k: int, native: bool) -> Workspace:
             p = ends[k].equations.p
@@ -355,7 +357,6 @@ class StaticProblem(Problem):
             run.saddle,
             run.nonzeros[plan.tangent_targets],
             reference.part_scales,
-            parts,
             self.rigid_size,
         )
         run.added[:held] = run.sizes[bordered.indices[plan.added_targets[:held]]] ** -2.0
@@ -413,9 +414,8 @@ class StaticProblem(Problem):
         m = len(x) - self.n
         free = signs.above - signs.below
         by_signs = Count(signs.below - m, 0, free=free)
-        if free == 0 <= signs.below:
-            size = float(np.sum(np.log(np.abs(signs.factors.pivots))))
-            by_signs = by_signs._replace(sign=(-1) ** signs.below, log_size=size)
+        if free == 0:
+            by_signs = by_signs._replace(determinant=_determinant_of(signs))
         if signs.asymmetry <= ASYMMETRY_TOLERANCE * signs.size or self.rigid_size >= 2 * self.n:
             return by_signs
         try:
@@ -464,6 +464,14 @@ class StaticProblem(Problem):
         by_x = self.matrix(x, mu) @ (along[:-1] / sizes) / sizes
         return np.asarray(by_x + along[-1] * self.residual(x, mu)[1])
 
+    def determinant(self, point: Point, move: Array) -> Determinant:
+        """Return the determinant of the saddle-point matrix after a small move from a point.
+
+        Its sign is 0 if a pivot vanishes.
+        """
+        x, p = point.x + move[:-1], point.p + float(move[-1])
+        return _determinant_of(self._run(x, p, FIND_DETERMINANT, point.p).saddle)
+
     def count_signs(self, x: Array, mu: float) -> Workspace:
         """Return the signs of pivots at a point, a `SaddlePoint`; valid until the next call."""
         return self._run(x, mu, COUNT_SIGNS).saddle
@@ -497,8 +505,9 @@ class StaticProblem(Problem):
         self._point = p, x.tobytes()
         return x, p, code
 
-    def _run(self, x: Array, mu: float, task: int) -> Workspace:
-        self._set_point(x, mu)
+    def _run(self, x: Array, mu: float, task: int, center: float | None = None) -> Workspace:
+        """Perform a task at (x, mu), with the equations linearized about `center` or mu."""
+        self._set_point(x, mu, center)
         self._perform(task)
         return self._loop.work
 
@@ -512,15 +521,16 @@ class StaticProblem(Problem):
             raise CurveError(_SINGULAR)
         return code
 
-    def _set_point(self, x: Array, mu: float) -> None:
+    def _set_point(self, x: Array, mu: float, center: float | None = None) -> None:
         run, n, point = self._loop.work, self.n, (mu, x.tobytes())
         if point != self._point:
             run.inputs[:n], run.inputs[2 * n :], run.mu = x[:n], x[n:], mu
             self._point = point
             self._forget_point()
-        is_off = abs(mu - run.center) * run.scale > _CENTER_TOLERANCE
+        center = mu if center is None else center
+        is_off = abs(center - run.center) * run.scale > _CENTER_TOLERANCE
         if is_off and not self.system.is_linear:
-            self._center(mu)
+            self._center(center)
 
     def _forget_point(self) -> None:
         """Mark all values of the loop as those of another point."""
@@ -551,6 +561,10 @@ class StaticProblem(Problem):
         if evaluations[0] > _INTERPRETED_EVALUATIONS:
             evaluations[:] = 0
             self._prepare_loop(compiles=True)
+
+
+def _determinant_of(signs: Workspace) -> Determinant:
+    return Determinant() if signs.below < 0 else Determinant((-1) ** signs.below, signs.log_size)
 
 
 def _has_negative_determinant(factors: SuperLU) -> bool:

@@ -21,7 +21,6 @@ from beamdae.equations.assembly.statement_checks import (
     require_coordinates_fit,
 )
 from beamdae.equations.equations_of_motion import (
-    Configurations,
     EquationsOfMotion,
     PartCoordinates,
     PartStatements,
@@ -221,7 +220,7 @@ def _collect_laws(mechanism: Mechanism) -> dict[str, Any]:
     }
 
 
-def _removes_redundant(mechanism: Mechanism, configurations: Configurations | None) -> bool:
+def _removes_redundant(mechanism: Mechanism, configurations: Any) -> bool:
     if mechanism.redundant != MINIMUM_NORM:
         return False
     if configurations is not None:

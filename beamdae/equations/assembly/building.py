@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from beamdae.equations.assembly.coordinate_map import CoordinateMap
-from beamdae.equations.assembly.numbers import NumberStore, select_input_laws
+from beamdae.equations.assembly.coordinate_map import CoordinateMap, NumberStore, select_input_laws
 from beamdae.equations.assembly.observables import ObservableBuilder, require_unique_headers
 from beamdae.equations.assembly.statement_checks import select_multipliers
 from beamdae.equations.equations_of_motion import (

@@ -24,8 +24,7 @@ from beamdae.parts.joints.event_constraints import (
     FrozenGaps,
     evaluate_frozen_gap,
 )
-from beamdae.parts.joints.joint import Joint
-from beamdae.parts.joints.kinematic_constraint import KinematicConstraint
+from beamdae.parts.joints.joint import Joint, KinematicConstraint
 from beamdae.parts.laws import Law, shift_law
 from beamdae.parts.mechanism import Mechanism
 from beamdae.parts.part import Part
@@ -37,10 +36,10 @@ _SHARED_FIELDS = ("q0", "v0", "length", "parts", "controllers")
 
 
 @dataclass(eq=False)
-class MechanismConfigurations:
+class Configurations:
     """Configurations of a mechanism, assembled when they are first needed.
 
-    Implements the protocol `Configurations`, where `whole` denotes the equations of all parts.
+    `whole` denotes the equations of all parts; times are arrays (t, branch).
 
     Attributes
     ----------
@@ -67,9 +66,7 @@ class MechanismConfigurations:
     frozen_gaps: FrozenGaps = field(default_factory=dict)
     _assembled: dict[frozenset[str], EquationsOfMotion] = field(default_factory=dict, init=False)
 
-    def starting_with(
-        self, inactive: frozenset[str], frozen_gaps: FrozenGaps
-    ) -> MechanismConfigurations:
+    def starting_with(self, inactive: frozenset[str], frozen_gaps: FrozenGaps) -> Configurations:
         """Return a copy with these parts inactive and these gaps frozen at the start of a run."""
         return replace(self, initially_inactive=inactive, frozen_gaps=frozen_gaps)
 
@@ -234,7 +231,7 @@ def build_configurations(
     mechanism: Mechanism,
     coordinates: CoordinateMap,
     assemble: Callable[[Mechanism], EquationsOfMotion],
-) -> MechanismConfigurations | None:
+) -> Configurations | None:
     """Return the configurations of a mechanism whose active parts or constraints can change.
 
     Returns None if no part is inactive at the start and no event switches parts or causes an
@@ -257,4 +254,4 @@ def build_configurations(
     if not (names or mechanism.inactive or has_impacts):
         return None
     inactive = frozenset(mechanism.inactive)
-    return MechanismConfigurations(mechanism, coordinates, assemble, inactive, inactive | names)
+    return Configurations(mechanism, coordinates, assemble, inactive, inactive | names)

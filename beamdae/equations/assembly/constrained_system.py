@@ -283,31 +283,27 @@ class ConstrainedSystem(HasOrigin):
         """Return the statements of holonomic constraints, then of nonholonomic constraints."""
         expressions = self._expressions
         data, statements = expressions.numbers[:, None], []
-        local, rows, multipliers = _stack_constraints(
-            expressions, self.constraints, "constraint", "g"
+        kinds: tuple[tuple[type[ConstraintKernel], Any, str, str], ...] = (
+            (ConstraintKernel, self.constraints, "constraint", "g"),
+            (NonholonomicKernel, self.velocity_constraints, "velocity constraint", "h"),
         )
-        if multipliers:
-            if ca.depends_on(rows, local.v):
+        for kernel, given, what, letter in kinds:
+            local, rows, multipliers = _stack_constraints(expressions, given, what, letter)
+            if not multipliers:
+                continue
+            depends_on_v, on_velocities = ca.depends_on(rows, local.v), kernel is NonholonomicKernel
+            if depends_on_v and not on_velocities:
                 raise BeamdaeError(
                     f"{KIND}: constraints must not depend on v; use velocity_constraints for "
                     "expressions that are linear in v."
                 )
-            kernel = ConstraintKernel(local, rows)
-            statements.append(
-                ConstraintStatement(_CONSTRAINTS, kernel, (piece,), multipliers, data)
-            )
-        local, rows, multipliers = _stack_constraints(
-            expressions, self.velocity_constraints, "velocity constraint", "h"
-        )
-        if multipliers:
-            if not ca.is_linear(rows, local.v) or not ca.depends_on(rows, local.v):
+            if on_velocities and not (depends_on_v and ca.is_linear(rows, local.v)):
                 raise BeamdaeError(
                     f"{KIND}: velocity_constraints must depend on v linearly; use constraints for "
                     "expressions in t and q."
                 )
-            kernel = NonholonomicKernel(local, rows)
             statements.append(
-                ConstraintStatement(_CONSTRAINTS, kernel, (piece,), multipliers, data)
+                ConstraintStatement(_CONSTRAINTS, kernel(local, rows), (piece,), multipliers, data)
             )
         names = [x.name for statement in statements for x in statement.multipliers]
         require_unique(KIND, "constraints", names)

@@ -10,8 +10,12 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
-from beamdae.equations.assembly.coordinate_map import CoordinateMap, map_coordinates
-from beamdae.equations.assembly.numbers import NumberStore, select_input_laws
+from beamdae.equations.assembly.coordinate_map import (
+    CoordinateMap,
+    NumberStore,
+    map_coordinates,
+    select_input_laws,
+)
 from beamdae.equations.assembly.statement_checks import (
     call_part,
     require_columns_fit,

@@ -18,8 +18,8 @@ from beamdae.equations.formulations.first_order import (
     plan_residual,
 )
 from beamdae.equations.structure import Structure, cache_on_owner
-from beamdae.symbolic.sums.directional_sums import directional_plan
 from beamdae.symbolic.sums.kernel_sums import SumPlan, evaluate_sum, set_time
+from beamdae.symbolic.sums.sum_derivatives import directional_plan
 
 Array = np.ndarray
 

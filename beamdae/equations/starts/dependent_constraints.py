@@ -1,4 +1,4 @@
-"""Detection, description and rejection of dependent (redundant) constraints."""
+"""Rank of the constraints: detection, description and rejection of dependent constraints."""
 
 from __future__ import annotations
 
@@ -8,20 +8,200 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
+from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.starts.rank import (
-    RANK_TOLERANCE,
-    ConstraintRank,
-    analyze_constraint_rank,
-    select_independent_rows,
-)
 from beamdae.equations.starts.rigid_motions import describe_largest_motion, join_some_names
 from beamdae.equations.starts.state_evaluator import StateEvaluator
 from beamdae.errors import BeamdaeError
+from beamdae.symbolic.sparse_operators import column_indices, row_indices
 
 Array = np.ndarray
+
+RANK_TOLERANCE = 1e-9  # smaller singular values of rows of length one are treated as zero
+_MAX_ENTRIES = 2_000_000  # of the matrices evaluated together
+MIN_RELATIVE_SHARE = 0.1  # relative to the largest; joints with smaller shares are not named
+
+
+def normalize_rows(matrix: Array) -> tuple[Array, Array]:
+    """Return a matrix (..., m, n) with rows of length one, or zero, and the lengths (..., m)."""
+    lengths = np.linalg.norm(matrix, axis=-1)
+    return matrix / np.where(lengths > 0.0, lengths, 1.0)[..., None], lengths
+
+
+def _scaled_gradients(evaluator: StateEvaluator, times: Array, q: Array) -> Array:
+    """Return G with columns scaled by `position_scales` at rows of (t, branch) and q, (k, m, n)."""
+    e, pattern = evaluator.equations, evaluator.sums.gradient_pattern
+    columns, matrices = column_indices(pattern), np.zeros((len(q), e.m, e.n))
+    values = np.array([evaluator.gradients(*row) for row in zip(times, q, strict=True)])
+    matrices[:, pattern.indices, columns] = values * e.position_scales[columns]
+    return matrices
+
+
+@dataclass(frozen=True)
+class RowSelection:
+    """Independent rows of a matrix, and the other rows as combinations of them.
+
+    Attributes
+    ----------
+    independent, dependent
+        Row indices, ascending.
+    coefficients
+        Weights of the independent rows in each dependent row, (dependent, independent).
+    """
+
+    independent: Array
+    dependent: Array
+    coefficients: Array
+
+
+def select_independent_rows(matrix: Array) -> RowSelection:
+    """Select independent rows of a matrix (m, n) by pivoted QR factorization of its transpose.
+
+    Rows should have equal lengths, because the rank tolerance is relative to the longest.
+    """
+    m = len(matrix)
+    if m == 0:
+        none = np.zeros(0, int)
+        return RowSelection(none, none, np.zeros((0, 0)))
+    triangle, order = la.qr(matrix.T, mode="r", pivoting=True)
+    diagonal = np.abs(np.diag(triangle))
+    rank = int(np.sum(diagonal > RANK_TOLERANCE * max(float(diagonal[0]), 1e-300)))
+    if rank == m:
+        return RowSelection(np.arange(m), np.zeros(0, int), np.zeros((0, m)))
+    independent, dependent = order[:rank], order[rank:]
+    coefficients = la.solve_triangular(triangle[:rank, :rank], triangle[:rank, rank:]).T
+    columns, rows = np.argsort(independent), np.argsort(dependent)
+    return RowSelection(independent[columns], dependent[rows], coefficients[rows][:, columns])
+
+
+@dataclass(frozen=True)
+class ConstraintRank:
+    """Scaled constraint Jacobian G = dg/dq at one position, with its independent rows.
+
+    Attributes
+    ----------
+    matrix
+        G with columns scaled by `position_scales` and rows of length one, (m, n); rows of zeros
+        remain zero.
+    lengths
+        Lengths of the rows of G with scaled columns, before the rows are normalized, (m,).
+    rows
+        Selection of independent rows.
+    """
+
+    matrix: Array
+    lengths: Array
+    rows: RowSelection
+
+    @property
+    def rank(self) -> int:
+        """Number of linearly independent constraints."""
+        return len(self.rows.independent)
+
+
+def analyze_constraint_rank(evaluator: StateEvaluator, time: Array, q: Array) -> ConstraintRank:
+    """Return the scaled G at positions `q`, (n,), and a selection of independent rows."""
+    matrix, lengths = normalize_rows(_scaled_gradients(evaluator, time[None], q[None])[0])
+    return ConstraintRank(matrix, lengths, select_independent_rows(matrix))
+
+
+@dataclass(frozen=True)
+class ConstraintJacobian:
+    """G = dg/dq with columns scaled by `position_scales` and rows of length one.
+
+    Attributes
+    ----------
+    evaluator
+        Evaluator of the equations of motion with the constraints.
+    rank
+        Rank of G at regular positions; less than m if constraints are redundant.
+    """
+
+    evaluator: StateEvaluator
+    rank: int
+
+    @property
+    def columns(self) -> Array:
+        """Indices of the nonempty columns."""
+        return np.flatnonzero(np.diff(self.evaluator.sums.gradient_pattern.indptr))
+
+    def scaled(self, times: Array, q: Array) -> tuple[Array, Array]:
+        """Return the nonempty columns of the scaled G, (rows, m, columns), at rows of times and q.
+
+        The rows of `times` are (t, branch). The lengths (rows, m) by which the rows of G were
+        divided follow.
+        """
+        return normalize_rows(_scaled_gradients(self.evaluator, times, q)[:, :, self.columns])
+
+    def smallest_singular_values(self, times: Array, q: Array) -> Array:
+        """Return the smallest singular value of the scaled G at rows of (t, branch) and q, (rows,).
+
+        Singular values that are zero at all positions, due to redundant constraints, are skipped.
+        """
+        m = self.evaluator.equations.m
+        rows_at_once = max(1, _MAX_ENTRIES // max(m * len(self.columns), 1))
+        blocks = []
+        for first in range(0, len(q), rows_at_once):
+            block = slice(first, first + rows_at_once)
+            matrices, _ = self.scaled(times[block], q[block])
+            squares = np.linalg.eigvalsh(matrices @ np.swapaxes(matrices, 1, 2))
+            blocks.append(np.sqrt(np.maximum(squares[:, m - self.rank], 0.0)))
+        return np.concatenate(blocks)
+
+    def singular_joints(self, time: Array, q: Array) -> list[str]:
+        """Return the names of the joints that become dependent where G loses rank, at or near `q`.
+
+        These are the joints with the largest entries in the left singular vector of the smallest
+        singular value that is not zero due to redundant constraints.
+        """
+        left_vectors, _, _ = np.linalg.svd(self.scaled(time[None], q[None])[0][0])
+        share = np.abs(left_vectors[:, self.rank - 1])
+        involved = np.flatnonzero(share > MIN_RELATIVE_SHARE * share.max())
+        names = [self.evaluator.equations.lam_names[k] for k in involved]
+        return list(dict.fromkeys(name.rpartition(".")[0] or name for name in names))
+
+
+def build_constraint_jacobian(
+    e: EquationsOfMotion, regular: tuple[Array, Array] | None = None
+) -> ConstraintJacobian:
+    """Return the constraint Jacobian with the rank m, or that at a `regular` (t, branch) and q."""
+    evaluator = StateEvaluator(e)
+    if regular is None:
+        return ConstraintJacobian(evaluator, e.m)
+    return ConstraintJacobian(evaluator, analyze_constraint_rank(evaluator, *regular).rank)
+
+
+def list_tied_parts(e: EquationsOfMotion) -> list[Array]:
+    """Return the indices of the parts with coordinates that each joint constrains."""
+    ties = []
+    for joint in e.joints:
+        copies = row_indices(joint.operator) // (joint.operator.shape[0] // joint.count)
+        owners = e.part_indices[joint.operator.indices]
+        ties += [np.unique(owners[copies == copy]) for copy in range(joint.count)]
+    return ties
+
+
+def has_closed_loops(e: EquationsOfMotion) -> bool:
+    """Return True if joints or drivers form a loop; without loops, the rank of G is constant."""
+    # Parts, then the ground, then joints; those of one part tie it to the ground.
+    ground = len(e.parts)
+    ties = [x if len(x) > 1 else np.append(x, ground) for x in list_tied_parts(e)]
+    joints = ground + 1 + np.repeat(np.arange(len(ties)), [len(x) for x in ties])
+    pairs = np.concatenate(ties) if ties else np.zeros(0, int), joints
+    size = ground + 1 + len(ties)
+    graph = sp.coo_array((np.ones(len(joints)), pairs), shape=(size, size))
+    return len(joints) > size - connected_components(graph, directed=False)[0]
+
+
+def scaled_null_space(rows: sp.csc_array, scales: Array) -> Array:
+    """Return a basis (n, k) of the null space of `rows`, orthonormal if divided by `scales`."""
+    if not rows.shape[0]:
+        return np.diag(scales)
+    matrix, _ = normalize_rows(rows.toarray() * scales)
+    return scales[:, None] * la.null_space(matrix, rcond=RANK_TOLERANCE)
+
 
 _ZERO_GRADIENT_LENGTH = 1e-13  # of scaled gradients; shorter gradients are rounding errors
 _MAX_DENSE_CONSTRAINTS = 100  # dense costs are cubic; above, inverse iteration is tried first
@@ -30,10 +210,8 @@ _INVERSE_ITERATIONS = 3
 _MAX_EXPLAINED_CONSTRAINTS = 300  # the cost of describing the blocked motions is cubic
 
 _MIN_SHARE = 1e-7  # relative to the largest coefficient; smaller ones are rounding errors
-_SIDE_STEP = 1e-2  # distance of the nearby test position, relative to the mechanism
-_MAX_SIDE_ITERATIONS = 20
+_CURVATURE_TOLERANCE = 1e-7  # of scaled constraints along a motion of size one
 _AGREEMENT_TOLERANCE = 1e-10  # gap of constraints that agree, relative to its scale
-_LEAST_SQUARES_TOLERANCE = 1e-8  # relative singular value
 _MAX_DESCRIBED_SETS = 8
 
 
@@ -180,9 +358,9 @@ def find_dependent_sets(
     e, rows = evaluator.equations, constraint_rank.rows
     if not len(rows.dependent):
         return ()
-    nearby = _gradients_nearby(evaluator, time, q, constraint_rank)
-    levels = evaluator.constraint_levels(time, q, v)[:2]
     lengths = np.where(constraint_rank.lengths > 0.0, constraint_rank.lengths, 1.0)
+    accelerations = _accelerations(evaluator, time, q, constraint_rank) / lengths
+    levels = evaluator.constraint_levels(time, q, v)[:2]
     sets = []
     for row, coefficients in zip(rows.dependent, rows.coefficients, strict=True):
         weights = np.zeros(e.m)
@@ -192,40 +370,39 @@ def find_dependent_sets(
         differences = np.abs(levels @ (weights / lengths)) * np.median(lengths[members])
         tolerance = _AGREEMENT_TOLERANCE * np.median(e.constraint_scales[members])
         gap, rate = (float(x) if x > tolerance else 0.0 for x in differences)
-        # At the nearby position, the row may depend on further independent rows.
-        rank_nearby = len(select_independent_rows(nearby[[*rows.independent, row]]).independent)
+        terms = weights * accelerations
+        limit = _CURVATURE_TOLERANCE * max(1.0, float(np.max(np.abs(terms))))
         sets.append(
             DependentSet(
                 names,
                 tuple(dict.fromkeys(_part_name(name) for name in names)),
                 _describe_blocked_motion(e, q, constraint_rank.matrix, members, weights),
                 (gap, rate),
-                rank_nearby <= len(rows.independent),
+                bool(abs(terms.sum()) <= limit),
             )
         )
     return tuple(sets)
 
 
-def _gradients_nearby(
+def _accelerations(
     evaluator: StateEvaluator, time: Array, q: Array, constraint_rank: ConstraintRank
 ) -> Array:
-    """Return the scaled G at a nearby position that the constraints allow, or else at `q`."""
-    e = evaluator.equations
-    (nonzero_columns,) = np.nonzero(np.any(constraint_rank.matrix, axis=0))
-    free = la.null_space(constraint_rank.matrix[:, nonzero_columns], rcond=RANK_TOLERANCE)
-    if not free.shape[1]:
-        return constraint_rank.matrix
+    """Return the second derivatives of the scaled constraints along a straight free motion, (m,).
+
+    Along curves on which the independent constraints stay closed, constraints that follow from them
+    everywhere stay closed, too: the same combination of second derivatives vanishes.
+    """
+    e, matrix = evaluator.equations, constraint_rank.matrix
+    (nonzero_columns,) = np.nonzero(np.any(matrix, axis=0))
+    free = la.null_space(matrix[:, nonzero_columns], rcond=RANK_TOLERANCE)
     direction = np.zeros(e.n)
     direction[nonzero_columns] = free @ np.cos(np.arange(free.shape[1]) ** 2.0)
-    nearby = q + _SIDE_STEP * e.position_scales * direction / np.max(np.abs(direction))
-    for _ in range(_MAX_SIDE_ITERATIONS):
-        g = evaluator.position_gaps(time, nearby)
-        if np.max(np.abs(g) / e.constraint_scales) <= _AGREEMENT_TOLERANCE:
-            return analyze_constraint_rank(evaluator, time, nearby).matrix
-        gradients = evaluator.constraint_matrix(time, nearby).toarray() * e.position_scales
-        change = la.lstsq(gradients[:, nonzero_columns], g, cond=_LEAST_SQUARES_TOLERANCE)[0]
-        nearby[nonzero_columns] -= (e.position_scales[nonzero_columns]) * change
-    return constraint_rank.matrix
+    direction /= np.max(np.abs(direction), initial=1e-300)
+    ahead, behind, at_rest = (
+        evaluator.constraint_levels(time, q, k * e.position_scales * direction)[2]
+        for k in (1.0, -1.0, 0.0)
+    )
+    return 0.5 * (ahead + behind) - at_rest
 
 
 def _part_name(constraint: str) -> str:

@@ -13,7 +13,7 @@ from beamdae.equations.formulations.static_equations import StaticEquations
 from beamdae.equations.smooth_intervals import time_on_branch
 from beamdae.equations.starts.consistent_start import ConsistencySolver, velocity_size
 from beamdae.equations.starts.dependent_constraints import require_independent_constraints
-from beamdae.equations.starts.reduced_equations import select_independent
+from beamdae.equations.starts.reduced_equations import select_independent_constraints
 from beamdae.equations.starts.relaxation import relax_to_equilibrium
 from beamdae.equations.starts.steady_rotation import find_steady_rotation, rotating_state
 from beamdae.errors import BeamdaeError, list_first, short_repr, suggest, warn_user
@@ -64,7 +64,7 @@ def _solve_initial_conditions(
 ) -> EquationsOfMotion:
     time = time_on_branch(equations.breakpoints, t)
     # Redundant constraints make the closing problem singular.
-    independent = select_independent(equations.initially_active, time)
+    independent = select_independent_constraints(equations.initially_active, time)
     if start == EQUILIBRIUM:
         v = np.zeros(equations.n)
         closed_q = ConsistencySolver(independent).close_positions(time, independent.q0)

@@ -11,7 +11,11 @@ from scipy.sparse.csgraph import connected_components
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.tangents import compute_tangent
-from beamdae.equations.starts.rank import RANK_TOLERANCE, ConstraintRank, list_tied_parts
+from beamdae.equations.starts.dependent_constraints import (
+    RANK_TOLERANCE,
+    ConstraintRank,
+    list_tied_parts,
+)
 from beamdae.equations.starts.rigid_motions import collect_bodies, compute_rigid_motions
 from beamdae.equations.starts.state_evaluator import StateEvaluator, plan_state_sums
 from beamdae.parts.mechanism import Mechanism
@@ -62,12 +66,7 @@ def find_unheld_motions(
     rows = [np.arange(x.rows.start, x.rows.stop) for x in e.parts if x.name in waiting]
     of_contacts = np.concatenate([np.zeros(0, int), *rows])
     evaluator, scales, zero = StateEvaluator(e), e.position_scales, np.zeros(e.n)
-    tangent = compute_tangent(e, times[0], State(q, zero, zero, reactions))
-    to_scaled = sp.diags_array(scales)
-    stiffness, damping, mass = (
-        sp.csr_array(to_scaled @ x @ to_scaled)
-        for x in (tangent.stiffness, tangent.damping, tangent.mass)
-    )
+    stiffness, damping, mass = _scaled_matrices(e, times[0], q, reactions)
     inertia, matrices = abs(mass).max() / duration, [stiffness, damping]
     limits = [_STIFFNESS_ROUNDING * (abs(x).max() + inertia) for x in matrices]
     limit_of_force = _STIFFNESS_ROUNDING * (abs(stiffness).max() + inertia / duration)
@@ -90,6 +89,16 @@ def find_unheld_motions(
         ):
             unheld.append(motion)
     return unheld
+
+
+def _scaled_matrices(
+    e: EquationsOfMotion, time: Array, q: Array, reactions: Array
+) -> list[sp.csr_array]:
+    """Return stiffness, damping and mass at rest with scaled rows and columns, (n, n) each."""
+    to_scaled, zero = sp.diags_array(e.position_scales), np.zeros(e.n)
+    tangent = compute_tangent(e, time, State(q, zero, zero, reactions))
+    matrices = tangent.stiffness, tangent.damping, tangent.mass
+    return [sp.csr_array(to_scaled @ x @ to_scaled) for x in matrices]
 
 
 def find_free_motions(
@@ -182,12 +191,7 @@ def find_free_groups(
     }
     if not candidates:
         return ()
-    evaluator = StateEvaluator(e)
-    to_scaled = sp.diags_array(e.position_scales)
-    stiffness, _, mass = (
-        sp.csr_array(to_scaled @ x @ to_scaled)
-        for x in evaluator.linearize_forces(time, evaluator.rest_state(q))
-    )
+    stiffness, _, mass = _scaled_matrices(e, time, q, np.zeros(e.m))
     rows_of = {part.name: np.arange(part.rows.start, part.rows.stop) for part in e.parts}
     free = []
     for group, positions in candidates.items():
@@ -195,6 +199,7 @@ def find_free_groups(
         for body in positions:
             translations[body.points, [0, 1]] = e.length
         forces = stiffness @ (translations / e.position_scales[:, None])
+        forces[e.states] = 0.0
         rows = np.concatenate([rows_of[name] for name in group])
         size = abs(stiffness[rows]).max() + abs(mass[rows]).max() / duration**2
         if np.abs(forces).max() <= _STIFFNESS_ROUNDING * size:

@@ -9,8 +9,11 @@ import scipy.linalg as la
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.starts.consistent_start import ConsistencySolver
-from beamdae.equations.starts.dependent_constraints import find_dependent_sets
-from beamdae.equations.starts.rank import analyze_constraint_rank, build_constraint_jacobian
+from beamdae.equations.starts.dependent_constraints import (
+    analyze_constraint_rank,
+    build_constraint_jacobian,
+    find_dependent_sets,
+)
 from beamdae.equations.starts.state_evaluator import StateEvaluator
 from beamdae.equations.structure import intern_structure
 from beamdae.errors import BeamdaeError
@@ -107,7 +110,7 @@ def remove_redundant_constraints(
     return reduction
 
 
-def select_independent(equations: EquationsOfMotion, time: Array) -> EquationsOfMotion:
+def select_independent_constraints(equations: EquationsOfMotion, time: Array) -> EquationsOfMotion:
     """Return the equations without the constraints that `remove_redundant_constraints` removes."""
     reduction = remove_redundant_constraints(equations, time)
     return equations if reduction is None else reduction.equations

@@ -249,7 +249,9 @@ def relax_to_equilibrium(
     q = begin = solver.state(static.time, q, np.zeros(e.n)).q
     q, lam, is_steady = _relax(static, begin, 0.0, None, solver, measure)
     if is_steady:
-        return q, np.zeros(e.m) if _is_unloaded(static, q) else lam
+        # Without forces, all reactions are zero up to rounding.
+        is_loaded = np.any(static.residual(q, np.zeros(e.m))[: e.n])
+        return q, lam if is_loaded else np.zeros(e.m)
     displacement = np.abs(q - begin)
     worst = int(np.argmax(displacement / e.position_scales))
     sliding = list_first([*e.frictions], _MAX_NAMES)
@@ -324,9 +326,3 @@ def _follow(flow: GradientFlow, near: Array | None) -> tuple[Array, Array, bool]
         elif step.rounding > _MAX_ROUNDING_RATIO * _RELIABLE_ROUNDING:
             square /= _SQUARE_GROWTH
     return q, lam, False
-
-
-def _is_unloaded(static: StaticSystem, q: Array) -> bool:
-    """Return True if no force acts, so that all reactions are zero up to rounding."""
-    e = static.equations
-    return not np.any(static.residual(q, np.zeros(e.m))[: e.n])

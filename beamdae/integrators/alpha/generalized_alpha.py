@@ -25,19 +25,23 @@ from beamdae.integrators.alpha.family import (
 )
 from beamdae.integrators.alpha.plain import PlainAlpha
 from beamdae.integrators.alpha.stepper import AdaptiveAlphaStepper, FixedAlphaStepper
-from beamdae.integrators.amplitudes import SMALL_DEFORMATION_SHARE
 from beamdae.integrators.drive import drive
 from beamdae.integrators.error_control import (
     count_periods,
     motion_scales,
     plan_multiplier_tolerances,
 )
-from beamdae.integrators.integrator import Accuracy, Integrator, require_limits, require_tolerance
+from beamdae.integrators.integrator import (
+    Accuracy,
+    Integrator,
+    Method,
+    require_limits,
+    require_tolerance,
+)
 from beamdae.integrators.limits import Progress, require_feasible_step
-from beamdae.integrators.method import Method
 from beamdae.integrators.pilot_run import PILOT_RTOL
 from beamdae.integrators.radau.radau import Radau
-from beamdae.integrators.run_plan import RunPlan
+from beamdae.integrators.run_plan import SMALL_DEFORMATION_SHARE, RunPlan
 from beamdae.results.solution import Solution
 
 Array = np.ndarray

@@ -13,7 +13,7 @@ from beamdae.equations.equations_of_motion import State
 from beamdae.equations.formulations.step_equations import StepEquations, StepPrediction
 from beamdae.errors import BeamdaeError
 from beamdae.integrators.alpha.family import AlphaStart, Motion
-from beamdae.integrators.method import (
+from beamdae.integrators.integrator import (
     MATRIX_SINGULAR,
     RESIDUAL_NOT_FINITE,
     STEPS_PER_CHECK,

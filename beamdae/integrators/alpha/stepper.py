@@ -23,10 +23,9 @@ from beamdae.equations.formulations.step_equations import StepEquations, StepPre
 from beamdae.equations.starts.state_evaluator import plan_constraint_levels
 from beamdae.errors import BeamdaeError
 from beamdae.integrators.alpha.family import AlphaStart, Motion
-from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
+from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop, make_motion_buffers
 from beamdae.integrators.error_control import UNTESTED_MULTIPLIERS, MultiplierTolerances
-from beamdae.integrators.input_jumps import make_motion_buffers
-from beamdae.integrators.method import (
+from beamdae.integrators.integrator import (
     FIXED_STEPS_PER_CHECK,
     STEPS_PER_CHECK,
     StepError,

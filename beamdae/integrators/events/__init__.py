@@ -2,6 +2,6 @@
 
 May import: equations, parts, results, errors, and `method`, `run_plan` and `step_history` of
 integrators.
-To extend: add a `Watch` to `stop_search`, or the module of a new event action next to `impacts`,
+To extend: add a `Watch` to `stop_search`, or the module of a new event action next to `switching`,
 and apply it in `switching`.
 """

@@ -19,7 +19,7 @@ from beamdae.integrators.events.watches import (
 )
 from beamdae.integrators.step_history import RunSegment
 from beamdae.parts.events import select_impacts
-from beamdae.results.event_records import DOWN, UP, EventRecord
+from beamdae.results.outcome import DOWN, UP, EventRecord
 from beamdae.results.trajectory import Interval
 
 Array = np.ndarray

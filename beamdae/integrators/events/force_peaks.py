@@ -17,8 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from beamdae.equations.equations_of_motion import State
-from beamdae.equations.formula_forces import FormulaForceTerm
-from beamdae.equations.table_arguments import TableArgumentTerm
+from beamdae.equations.watched_terms import FormulaForceTerm, TableArgumentTerm
 from beamdae.integrators.error_control import motion_rate
 from beamdae.integrators.events.watches import Stop, locate_minima
 from beamdae.integrators.run_plan import RunPlan

@@ -5,10 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.formula_forces import compile_formula_forces
-from beamdae.equations.surface_gaps import compile_surface_gaps
-from beamdae.equations.table_arguments import compile_table_arguments
-from beamdae.integrators.events.watches import Stop, Watch
+from beamdae.equations.watched_terms import (
+    compile_formula_forces,
+    compile_surface_gaps,
+    compile_table_arguments,
+)
+from beamdae.integrators.events.watches import ClosingWatch, Stop, Watch
 from beamdae.integrators.run_plan import RunPlan
 from beamdae.integrators.step_history import RunSegment
 
@@ -55,15 +57,11 @@ class StopSearch:
             if self.detector.may_stop:
                 self.longest_batch = _STEPS_PER_EVENT_SEARCH
         self._arguments = compile_table_arguments(equations)
-        # Imported where they are created: most models have no surfaces and tables.
-        watches: list[Watch] = []
         gaps = compile_surface_gaps(equations)
         limited = [term for term in self._arguments if term.is_limited]
-        if gaps or limited:
-            from beamdae.integrators.events.closings import ClosingWatch
-
-            watches.append(ClosingWatch(gaps, limited, equations.length))
-        self._of_all_parts = self._watches = tuple(watches)
+        closings = ClosingWatch(gaps, limited, equations.length)
+        self._of_all_parts: tuple[Watch, ...] = (closings,) if gaps or limited else ()
+        self._watches: tuple[Watch, ...] = self._of_all_parts
 
     def adapt(self, plan: RunPlan) -> None:
         """Watch the forces of the active parts, those of the plan."""

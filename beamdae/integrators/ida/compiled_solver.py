@@ -15,10 +15,9 @@ from beamdae.core.return_codes import DONE, FULL
 from beamdae.core.tables import Loop, Workspace
 from beamdae.equations.formulations.first_order import FirstOrderForm
 from beamdae.integrators.compiled_run import FactorizedMatrix
-from beamdae.integrators.method import allocate_rows
+from beamdae.integrators.integrator import allocate_rows
 from beamdae.results.outcome import Statistics
-from beamdae.sundials.library import load_library
-from beamdae.sundials.solver import IdaSolver
+from beamdae.sundials import IdaSolver, load_library
 
 Array = np.ndarray
 

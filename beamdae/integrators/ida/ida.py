@@ -2,23 +2,253 @@
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, ClassVar
 
 import numpy as np
 
-from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.formulations.first_order import FIRST_ORDER
-from beamdae.errors import require_choice
+from beamdae.core.library import load_core
+from beamdae.core.return_codes import NO_ADVANCE
+from beamdae.equations.equations_of_motion import EquationsOfMotion, State
+from beamdae.equations.formulations.first_order import (
+    FIRST_ORDER,
+    FirstOrderForm,
+    formulate_first_order,
+)
+from beamdae.errors import MissingPackageError, format_exception, require_choice
+from beamdae.integrators.compiled_run import InputJump
 from beamdae.integrators.drive import drive
-from beamdae.integrators.error_control import ERROR_CONTROL
-from beamdae.integrators.ida.stepper import IdaStepper
-from beamdae.integrators.integrator import DEFAULT_RTOL, AdaptiveIntegrator, require_tolerance
+from beamdae.integrators.error_control import (
+    ERROR_CONTROL,
+    STIFF_RATIO_BDF,
+    motion_scales,
+    resolve_error_control,
+)
+from beamdae.integrators.ida.compiled_solver import CompiledIda
+from beamdae.integrators.ida.kinematic_scaling import scale_kinematic_rows
+from beamdae.integrators.integrator import (
+    DEFAULT_RTOL,
+    PROBE_SHARE,
+    RESIDUAL_NOT_FINITE,
+    STEP_TOO_SMALL,
+    STEPS_PER_CHECK,
+    AdaptiveIntegrator,
+    StepError,
+    require_tolerance,
+)
 from beamdae.integrators.limits import Progress
 from beamdae.integrators.pilot_run import PILOT_RTOL
 from beamdae.integrators.run_plan import RunPlan
+from beamdae.parts.laws import MIN_STEPS_PER_TIME_SCALE
+from beamdae.results.outcome import Statistics
 from beamdae.results.solution import Solution
+from beamdae.sundials import UnavailableError, describe_status
 
 Array = np.ndarray
+
+# IDA's return codes after repeated failures of a step.
+_ERROR_TEST_FAILED = -3
+_NEWTON_FAILED = -4
+# Fraction of each Newton correction that is applied if forces depend on multipliers or there are
+# nonholonomic constraints, because multipliers are then in the convergence test. IDA judges the
+# first correction by an earlier rate of convergence, and accepts any size if this rate was zero, as
+# in linear equations. When friction reversed, such steps increased multipliers to 1e7 times their
+# size. With this fraction, no rate is below 1/50 and no correction above 16 tolerances is accepted.
+_CORRECTION_SHARE = 0.98
+# IDA gives up after ten attempts at a step. The first step of an interval is then retried with this
+# fraction of its length, ...
+_RETRY_FACTOR = 1e-4
+# ... unless it becomes shorter than this [s].
+_MIN_FIRST_STEP = 1e-300
+# Errors are weighted by absolute tolerances; IDA requires a nonzero relative tolerance.
+_NEGLIGIBLE_RTOL = 1e-15
+# In validation/tolerances (rtol from 1e-3 to 1e-5), 20 % of such runs exceeded the bound, by
+# factors up to 6, and none with order 5.
+_RADAU_ADVICE = (
+    "fast modes limit BDF to order 2, so errors, mainly of deflections, may exceed the bound and "
+    "tight tolerances are expensive; use Radau(rtol) or Auto(rtol)"
+)
+
+
+class IdaStepper:
+    """Stepper that calls IDA: up to 64 steps per call, or 1 through scikit-sundae."""
+
+    rows_per_step: ClassVar[int] = 1
+    steps_per_check: ClassVar[int] = STEPS_PER_CHECK
+
+    def __init__(
+        self,
+        rtol: float,
+        formulation: str,
+        error_control: str,
+        max_order: int | str,
+        max_step: float | None,
+        plan: RunPlan,
+    ) -> None:
+        self._form = formulate_first_order(plan.equations, formulation)
+        self._scales = scales = motion_scales(plan)
+        multipliers_matter = _multipliers_matter(plan.equations)
+        iterated = multipliers_matter or len(plan.equations.nonholonomic_rows) > 0
+        self._control = resolve_error_control(
+            error_control,
+            max_order,
+            self._form.formulation,
+            rtol,
+            scales.rate,
+            STIFF_RATIO_BDF,
+            plan.fastest_modes,
+            multipliers_matter,
+        )
+        self._tolerance = self._control.tolerance(rtol, scales, self._form)
+        self._longest = plan.longest_step("Ida", max_step)
+        atol = self._control.absolute_tolerances(self._tolerance, scales, self._form, iterated)
+        options = {
+            "rtol": _NEGLIGIBLE_RTOL,
+            "atol": atol,
+            "untested": self._control.untested(self._form) if iterated else None,
+            "max_order": self._control.max_order,
+            "max_step": self._longest,
+        }
+        iteration = {
+            "kinematic": scale_kinematic_rows(self._form, scales.position / scales.size),
+            "correction_fraction": _CORRECTION_SHARE if iterated else 1.0,
+        }
+        self._ida = _make_solver(self._form, plan, options, iteration)
+
+    @property
+    def resolved_options(self) -> dict[str, Any]:
+        """Error control, order, local tolerance and step report of the run."""
+        note = self._form.formulation.note or (_RADAU_ADVICE if self._control.is_limited else "")
+        return {
+            "error_control": self._control.policy,
+            "max_order": self._control.max_order,
+            "auto": self._control.reason,
+            "local_tolerance": self._tolerance,
+            "method": "Ida",
+            "ida": self._ida.name,
+            **self._ida.step_report,
+            **({"note": note} if note else {}),
+        }
+
+    @property
+    def counts(self) -> Statistics:
+        """Numbers of function calls, rejected steps, factorizations and Newton failures so far."""
+        return self._ida.counts
+
+    def begin(self, start: float, end: float, branch: float, state: State) -> None:
+        """Begin the smooth interval from `start` to `end` [s] at a consistent state."""
+        self._t, self._end, self._branch = start, end, branch
+        # IDA's estimate ignores accelerations, and fails if they are huge for an instant. A step
+        # over the whole interval would miss a pulse that is zero at both of its ends.
+        resolving = (end - start) / MIN_STEPS_PER_TIME_SCALE
+        first = min(self._scales.first_step(self._tolerance, state), self._longest, resolving)
+        self._start(first, state)
+
+    def resume(self, start: float, end: float, q: Array) -> State | None:
+        """Continue from `start` to `end` [s] after held inputs have jumped; see `ResumableMethod`.
+
+        Multistep formulas do not hold across the jump: IDA begins again with order 1, unless no
+        input has changed.
+        """
+        if self._t != start:
+            return None
+        y, yp, _ = self._ida.last_point
+        before = State(*(x.copy() for x in self._form.unpack(y, yp)))
+        if np.array_equal(q, before.q):
+            self._end = end
+            self._ida.extend(end)
+            return before
+        state = self._input_jump.apply(start, self._branch, q, before)
+        if state is not None:
+            self.begin(start, end, self._branch, state)
+        return state
+
+    @cached_property
+    def _input_jump(self) -> InputJump:
+        return InputJump(self._form.equations)
+
+    def _start(self, first_step: float, state: State) -> None:
+        self._first_step = first_step
+        self._start_state: State | None = state
+        self._ida.start((self._t, self._end), self._branch, *self._form.pack(state), first_step)
+
+    def advance(self, most: int) -> Array:
+        """Take 1 to `most` steps, but at most 64; return their rows (t, q, v, a, lam).
+
+        Raises
+        ------
+        StepError
+            If no step is possible.
+        """
+        while not len(rows := self._ida.advance(most)):
+            first_step, state = _RETRY_FACTOR * self._first_step, self._start_state
+            if state is None or self._t + first_step == self._t or first_step < _MIN_FIRST_STEP:
+                raise StepError(self._describe_failure())
+            self._start(first_step, state)
+        self._t = float(rows[-1, 0])
+        self._start_state = None
+        return rows
+
+    def _describe_failure(self) -> str:
+        ahead = self._t + PROBE_SHARE * (self._end - self._t)
+        y, yp, last_residual = self._ida.last_point
+        residual_ahead = self._form.residual(np.array([ahead, self._branch]), y, yp)
+        if not (np.isfinite(last_residual).all() and np.isfinite(residual_ahead).all()):
+            return RESIDUAL_NOT_FINITE
+        code = self._ida.code
+        if code == NO_ADVANCE:
+            return STEP_TOO_SMALL
+        if code == _ERROR_TEST_FAILED:
+            unknown = next(iter(self._ida.step_report.get("limited_by", {})), "")
+            cause = f" (the step is limited most often by {unknown})" if unknown else ""
+            return (
+                f"the error test failed even after repeated step reductions{cause}; loosen rtol or "
+                "test only positions"
+            )
+        if code == _NEWTON_FAILED:
+            return (
+                "Newton's iteration did not converge even after repeated step reductions; check "
+                "the model near this time, or use another formulation"
+            )
+        return describe_status(code)
+
+
+def _multipliers_matter(equations: EquationsOfMotion) -> bool:
+    """Return True if forces depend on multipliers or all motions are prescribed."""
+    return equations.is_driven or any(
+        force.rows is not None for force in equations.structure.forces
+    )
+
+
+def _make_solver(
+    form: FirstOrderForm,
+    plan: RunPlan,
+    options: dict[str, Any],
+    iteration: dict[str, Any],
+) -> Any:
+    """Return IDA with callbacks of the core, or through scikit-sundae if they cannot be used.
+
+    Raises
+    ------
+    MissingPackageError
+        If scikit-sundae cannot be imported either.
+    """
+    if load_core() is not None:
+        with contextlib.suppress(UnavailableError):
+            return CompiledIda(form, plan.matrix("Ida", form.pattern), options, iteration)
+    # Imported here because it imports SciPy's optimizers, which takes a third of a short run.
+    try:
+        from beamdae.integrators.ida.python_solver import SksundaeIda
+    # OSError: its shared libraries are missing.
+    except (ImportError, OSError) as problem:
+        raise MissingPackageError(
+            "Ida",
+            f"scikit-sundae cannot be imported ({format_exception(problem)})",
+            "install scikit-sundae, or use Radau or GeneralizedAlpha",
+        ) from problem
+    return SksundaeIda(form, options, iteration)
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """Interface to IDA through scikit-sundae: fallback without the core or shared libraries.
 
 Used where the core cannot be compiled, and where the functions of SUNDIALS cannot be loaded
-(`sundials.library`): in builds with static libraries, with MPI, with 64-bit indices or with another
+(`beamdae.sundials`): in builds with static libraries, with MPI, with 64-bit indices or with another
 major version. Its results agree with those of the C interface within the tolerance, but it runs in
 plain Python, which is 15 to 30 times slower than the core.
 """

@@ -16,8 +16,11 @@ from beamdae.core.return_codes import (
 )
 from beamdae.core.tables import Workspace
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
-from beamdae.equations.formulations.first_order import FirstOrderForm, formulate_first_order
-from beamdae.equations.formulations.kinematic_reduction import reduce_kinematics
+from beamdae.equations.formulations.first_order import (
+    FirstOrderForm,
+    formulate_first_order,
+    reduce_kinematics,
+)
 from beamdae.equations.formulations.mixed_equations import introduce_unknown_resultants
 from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
 from beamdae.integrators.error_control import (
@@ -28,7 +31,7 @@ from beamdae.integrators.error_control import (
     reduce_tolerance,
     resolve_error_control,
 )
-from beamdae.integrators.method import (
+from beamdae.integrators.integrator import (
     MATRIX_SINGULAR,
     RESIDUAL_NOT_FINITE,
     StepError,
@@ -38,7 +41,7 @@ from beamdae.integrators.run_plan import RunPlan
 from beamdae.results.outcome import Statistics
 
 if TYPE_CHECKING:
-    from beamdae.integrators.input_jumps import InputJump
+    from beamdae.integrators.compiled_run import InputJump
 
 Array = np.ndarray
 
@@ -269,7 +272,7 @@ class RadauStepper:
     @cached_property
     def _input_jump(self) -> InputJump:
         # Models without sampled inputs start faster without this import.
-        from beamdae.integrators.input_jumps import InputJump
+        from beamdae.integrators.compiled_run import InputJump
 
         return InputJump(self._equations)
 

@@ -190,7 +190,7 @@ class RigidBody(Part):
         """
         name = require_name("RigidBody.rod", name)
         shape = plane_shapes.rod(name, a, b)
-        return cls._from_shape(name, shape, shape.mass_of(name, mass, density, area, "area"), start)
+        return cls._from_shape(name, shape, start, mass, density, area, "area")
 
     @classmethod
     def disk(
@@ -230,7 +230,7 @@ class RigidBody(Part):
         """
         name = require_name("RigidBody.disk", name)
         shape = plane_shapes.disk(name, center, radius)
-        return cls._from_shape(name, shape, shape.mass_of(name, mass, density, thickness), start)
+        return cls._from_shape(name, shape, start, mass, density, thickness)
 
     @classmethod
     def plate(
@@ -276,7 +276,7 @@ class RigidBody(Part):
         """
         name = require_name("RigidBody.plate", name)
         shape = plane_shapes.plate(name, center, width, height, angle)
-        return cls._from_shape(name, shape, shape.mass_of(name, mass, density, thickness), start)
+        return cls._from_shape(name, shape, start, mass, density, thickness)
 
     @classmethod
     def polygon(
@@ -322,12 +322,13 @@ class RigidBody(Part):
         """
         name = require_name("RigidBody.polygon", name)
         shape = plane_shapes.polygon(name, points)
-        return cls._from_shape(name, shape, shape.mass_of(name, mass, density, thickness), start)
+        return cls._from_shape(name, shape, start, mass, density, thickness)
 
     @classmethod
     def _from_shape(
-        cls, name: str, shape: plane_shapes.Shape, mass: float, start: dict[str, Any]
+        cls, name: str, shape: plane_shapes.Shape, start: dict[str, Any], *mass_or_density: Any
     ) -> RigidBody:
+        mass = shape.mass_of(name, *mass_or_density)
         unknown = sorted(start.keys() - {"velocity", "angular_velocity"})
         if unknown:
             raise BeamdaeError(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import casadi as ca
@@ -13,8 +14,8 @@ from beamdae.errors import (
     BeamdaeError,
     NumberWithUnit,
     convert_fields,
-    format_distinct,
     optional,
+    require_between,
     require_finite,
     require_non_negative,
     require_positive,
@@ -23,8 +24,12 @@ from beamdae.errors import (
 )
 from beamdae.model_parameters import conversion_factor
 from beamdae.parts.attachments import Attachment, require_angle, require_attachment
-from beamdae.parts.forces.friction import require_stribeck
-from beamdae.parts.forces.point_force import ForceFormula, PointForce
+from beamdae.parts.forces.friction import (
+    friction_force,
+    friction_numbers,
+    require_stribeck,
+)
+from beamdae.parts.forces.loads import ForceFormula, PointForce
 from beamdae.parts.forces.surfaces import CircleSurface, LineSurface, perpendicular
 from beamdae.parts.laws import MIN_STEPS_PER_TIME_SCALE, Law, as_law
 from beamdae.parts.part import RegularizedFriction, SurfaceGap
@@ -64,15 +69,9 @@ class _ContactFormula:
     ----------
     surface
         Function (rotation, vector from the attachment to the point, numbers) -> (gap, tangent).
-    has_friction
-        True if the kernel contains friction terms.
-    has_stribeck
-        True if the coefficient of friction depends on the sliding velocity.
     """
 
     surface: Callable[..., tuple[SX, SX]]
-    has_friction: bool
-    has_stribeck: bool
 
     def __call__(
         self, local: Local, points: Sequence[PlacedPoint], surface_numbers: Any, numbers: Any
@@ -82,10 +81,10 @@ class _ContactFormula:
         gap, tangent = self.surface(rotation, arm, surface_numbers())
         surface_velocity = local.dot(root) + local.dot(rotation) * perpendicular(arm)
         slip = ca.dot(tangent, local.dot(position) - surface_velocity)
-        stiffness, exponent, hysteresis = (numbers()[k] for k in range(3))
+        stiffness, exponent, hysteresis, *law = ca.vertsplit(numbers())
         elastic_force = stiffness * ca.fmax(-gap, 0) ** exponent
         normal_force = elastic_force * ca.fmax(1 - hysteresis * local.dot(gap), 0)
-        friction = self._friction(slip, normal_force, numbers()) if self.has_friction else SX(0)
+        friction = friction_force(slip, normal_force, *law) if law else SX(0)
         force = ca.jtimes(slip, local.v, friction, True) - ca.jtimes(
             gap, local.q, normal_force, True
         )
@@ -94,12 +93,6 @@ class _ContactFormula:
         energies, powers = ca.vertcat(0, energy, 0), ca.vertcat(0, dissipated)
         values = {"normal": normal_force, "friction": -friction, "slip": slip}
         return ForceKernel(local, force, energies, powers=powers), values
-
-    def _friction(self, slip: SX, normal_force: SX, numbers: Any) -> SX:
-        friction = numbers[3] * normal_force * ca.tanh(slip / numbers[4])
-        if self.has_stribeck:
-            friction *= 1 + numbers[5] * ca.exp(-((slip / numbers[6]) ** 2))
-        return friction
 
 
 def require_unit_of_stiffness(
@@ -249,22 +242,16 @@ class Contact(PointForce):
         set_fields(self, static=static, stribeck=stribeck, friction_speed=speed)
         if self.friction:
             require_angle(self.name, self.surface.on)
-        if not _MIN_EXPONENT <= self.exponent <= _MAX_EXPONENT:
-            least, most, given = format_distinct(_MIN_EXPONENT, _MAX_EXPONENT, self.exponent)
-            raise BeamdaeError(f"{self.name}: exponent must lie in [{least}, {most}], got {given}.")
-        convert_fields(self, restitution=require_finite)
-        restitution = self.restitution
-        if not _MIN_RESTITUTION <= restitution <= 1.0:
-            least, most, given = format_distinct(_MIN_RESTITUTION, 1.0, restitution)
-            raise BeamdaeError(
-                f"{self.name}: restitution must lie in [{least}, {most}], got {given}."
-            )
         convert_fields(
-            self, max_step=optional(require_positive), impact_speed=optional(require_positive)
+            self,
+            exponent=partial(require_between, least=_MIN_EXPONENT, most=_MAX_EXPONENT),
+            restitution=partial(require_between, least=_MIN_RESTITUTION, most=1.0),
+            max_step=optional(require_positive),
+            impact_speed=optional(require_positive),
         )
-        if self.impact_speed is None and restitution < 1.0:
+        if self.impact_speed is None and self.restitution < 1.0:
             raise BeamdaeError(
-                f"{self.name}: restitution={restitution:g} requires "
+                f"{self.name}: restitution={self.restitution:g} requires "
                 "impact_speed=; pass the impact speed [m/s] at which this restitution holds."
             )
 
@@ -290,15 +277,15 @@ class Contact(PointForce):
 
     @property
     def _formula(self) -> ForceFormula:
-        kind, has_friction = type(self.surface).kind, self.friction > 0.0
-        return _ContactFormula(kind, has_friction, self.static is not None)
+        return _ContactFormula(type(self.surface).kind)
 
     @property
     def _functions(self) -> tuple[Callable[..., Any], ...]:
         numbers = (self.stiffness, self.exponent, self.hysteresis)
-        friction = (self.friction, self.friction_speed) if self.friction else ()
-        if self.static is not None and self.stribeck is not None:
-            friction = (*friction, self.static / self.friction - 1.0, self.stribeck)
+        friction: tuple[float, ...] = ()
+        if self.friction and self.friction_speed:
+            law = self.friction, self.friction_speed, self.static, self.stribeck
+            friction = friction_numbers(*law)
         return constant_formula(*self.surface.numbers), constant_formula(*numbers, *friction)
 
     @property

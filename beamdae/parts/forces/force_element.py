@@ -23,7 +23,7 @@ from beamdae.parts.forces.formula_checks import (
     require_continuous_formula,
     require_function,
 )
-from beamdae.parts.forces.point_force import ForceFormula, PointForce
+from beamdae.parts.forces.loads import ForceFormula, PointForce
 from beamdae.parts.point_parts import PlacedPoint
 from beamdae.parts.tables import Table
 from beamdae.symbolic.force_kernel import CompliantForm, mix_law
@@ -290,6 +290,8 @@ class ForceElement(PointForce):
     b: Attachment
 
     _force_columns: ClassVar[tuple[Variable, ...]]
+    # Names of the stiffnesses, damping coefficients and preloads.
+    _coefficients: ClassVar[tuple[str, ...]]
 
     def __post_init__(self) -> None:
         convert_fields(self)
@@ -301,18 +303,19 @@ class ForceElement(PointForce):
                 "body."
             )
 
-    def _require_law(self, rows: int, size: float, coefficients: Sequence[str]) -> None:
+    def _require_law(self, size: float) -> None:
         """Require a valid law of this size of deformations without coefficients, or none."""
         owner: Any = self
         if owner.law is None:
             if owner.energy is not None:
                 raise BeamdaeError(f"{self.name}: energy requires law=; pass both or neither.")
-        elif any(getattr(self, name) for name in coefficients):
-            *first, last = coefficients
+        elif any(getattr(self, name) for name in self._coefficients):
+            *first, last = self._coefficients
             raise BeamdaeError(
                 f"{self.name}: give either a law or {', '.join(first)} and {last}, not both."
             )
         else:
+            rows = len(self._force_columns)
             UserLaw(self.name, rows, owner.law, owner.energy).require_valid(size)
 
     @property
@@ -326,7 +329,13 @@ class ForceElement(PointForce):
 
     @property
     def _law(self) -> tuple[Callable[..., ElementResponse], tuple[float, ...]]:
-        raise NotImplementedError
+        owner: Any = self
+        rows = len(self._force_columns)
+        if owner.law is not None:
+            return UserLaw(self.name, rows, owner.law, owner.energy), ()
+        numbers = tuple(float(getattr(self, name)) for name in self._coefficients)
+        # Without preloads, if the element has none.
+        return LinearLaw(rows), (*numbers, *[0.0] * (3 * rows - len(numbers)))
 
     @property
     def points(self) -> dict[str, Attachment]:
@@ -335,7 +344,7 @@ class ForceElement(PointForce):
 
     @property
     def _formula(self) -> ForceFormula:
-        return _ElementFormula(self._deformation, self._law[0], len(type(self)._force_columns))
+        return _ElementFormula(self._deformation, self._law[0], len(self._force_columns))
 
     @property
     def _functions(self) -> tuple[Callable[..., Any], ...]:
@@ -358,4 +367,4 @@ class ForceElement(PointForce):
     @property
     def force(self) -> Quantity:
         """Forces [N] and moments [N m], positive if they oppose an increase of the deformation."""
-        return self._observe_columns("force", type(self)._force_columns)
+        return self._observe_columns("force", self._force_columns)

@@ -24,9 +24,9 @@ from beamdae.parts.forces.formula_checks import (
     require_continuous_formula,
     require_function,
 )
-from beamdae.parts.forces.point_force import ForceFormula, PointForce
+from beamdae.parts.forces.loads import ForceFormula, PointForce
 from beamdae.parts.point_parts import LOAD, PlacedPoint
-from beamdae.symbolic.scalar_expression import as_scalar
+from beamdae.symbolic.signals import as_scalar
 from beamdae.symbolic.statements import (
     SX,
     ForceKernel,

@@ -15,10 +15,15 @@ from beamdae.errors import (
     short_repr,
 )
 from beamdae.native.instructions import read_instructions
-from beamdae.symbolic.scalar_expression import SMOOTH_ALTERNATIVES, FormulaError, as_scalar
-from beamdae.symbolic.signals import as_expression, find_other_symbols
+from beamdae.symbolic.signals import (
+    SMOOTH_ALTERNATIVES,
+    FormulaError,
+    as_expression,
+    as_scalar,
+    find_other_symbols,
+)
 from beamdae.symbolic.statements import SX
-from beamdae.symbolic.table_calls import inside_formula
+from beamdae.symbolic.table_lookups import inside_formula
 
 # Operations with jumps, as users write them; np.maximum and np.abs only have kinks.
 JUMP_OPERATIONS = {

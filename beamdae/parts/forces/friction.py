@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
-import numpy as np
 
 from beamdae.errors import (
     BeamdaeError,
@@ -20,8 +19,8 @@ from beamdae.errors import (
     set_fields,
     short_repr,
 )
-from beamdae.parts.attachments import Attachment, require_angle, rotate
-from beamdae.parts.forces.point_force import ForceFormula, PointForce
+from beamdae.parts.attachments import Attachment, normalize, require_angle, rotate
+from beamdae.parts.forces.loads import ForceFormula, PointForce
 from beamdae.parts.joints.joint import Joint, Revolute
 from beamdae.parts.part import RegularizedFriction
 from beamdae.parts.point_parts import MOMENT, PlacedPoint
@@ -80,16 +79,13 @@ class _FrictionFormula:
         self, local: Local, points: Sequence[PlacedPoint], geometry: Any, law: Any
     ) -> tuple[ForceKernel, Mapping[str, SX]]:
         travel, radius = self.travel(*points, geometry()), geometry()[0]
-        coefficient, peak, stribeck, friction_speed, smoothing = (law()[k] for k in range(5))
+        smoothing, *numbers = ca.vertsplit(law())
         velocity = local.dot(travel)
         normal_force = _smooth_magnitude(local.lam[list(self.forces)], smoothing)
         if self.moments:
             moments = local.lam[list(self.moments)]
             normal_force += _smooth_magnitude(moments, smoothing * radius) / radius
-        shape = ca.tanh(velocity / friction_speed) * (
-            1.0 + peak * ca.exp(-((velocity / stribeck) ** 2))
-        )
-        friction = coefficient * normal_force * shape
+        friction = friction_force(velocity, normal_force, *numbers)
         force = ca.jtimes(travel, local.q, friction, True)
         values = {"force": -friction, "moment": -friction * radius, "velocity": velocity}
         return ForceKernel(local, force, powers=ca.vertcat(0, friction * velocity)), values
@@ -215,14 +211,10 @@ class Friction(PointForce):
     def _functions(self) -> tuple[Callable[..., Any], ...]:
         # A bearing has no direction; its kernel ignores this default.
         direction = self.joint.slide_direction or (1.0, 0.0)
-        tx, ty = np.divide(direction, np.hypot(*direction)).tolist()
-        peak, stribeck = 0.0, 1.0
-        if self.static is not None and self.stribeck is not None:
-            peak, stribeck = self.static / self.coefficient - 1.0, self.stribeck
-        law = (self.coefficient, peak, stribeck, self.friction_speed, self.smoothing)
+        law = self.coefficient, self.friction_speed, self.static, self.stribeck
         return (
-            constant_formula(1.0 if self.radius is None else self.radius, tx, ty),
-            constant_formula(*law),
+            constant_formula(1.0 if self.radius is None else self.radius, *normalize(direction)),
+            constant_formula(self.smoothing, *friction_numbers(*law)),
         )
 
     @property
@@ -248,6 +240,26 @@ class Friction(PointForce):
     @property
     def _joint(self) -> Joint:
         return self.joint
+
+
+def friction_numbers(
+    coefficient: float, friction_speed: float, static: float | None, stribeck: float | None
+) -> tuple[float, ...]:
+    """Return the numbers that `friction_force` takes after the normal force."""
+    if static is None or stribeck is None:
+        return coefficient, friction_speed
+    return coefficient, friction_speed, static / coefficient - 1.0, stribeck
+
+
+def friction_force(
+    velocity: SX, normal_force: SX, coefficient: SX, friction_speed: SX, *stribeck: SX
+) -> SX:
+    """Return the regularized friction; `stribeck` are the relative peak and the velocity of it."""
+    force = coefficient * normal_force * ca.tanh(velocity / friction_speed)
+    if stribeck:
+        peak, speed = stribeck
+        force *= 1.0 + peak * ca.exp(-((velocity / speed) ** 2))
+    return force
 
 
 def require_stribeck(

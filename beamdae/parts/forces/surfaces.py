@@ -16,6 +16,7 @@ from beamdae.errors import (
 )
 from beamdae.parts.attachments import (
     Attachment,
+    left_normal,
     require_angle,
     require_attachment,
     require_direction,
@@ -154,9 +155,7 @@ class LineSurface(_Surface):
     @property
     def numbers(self) -> tuple[float, ...]:
         """Left unit normal of the line in the reference configuration."""
-        x, y = self.direction
-        length = math.hypot(x, y)
-        return (-y / length, x / length)
+        return left_normal(self.direction)
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 
 from beamdae.parts.attachments import Attachment, rotate
-from beamdae.parts.joints.kinematic_constraint import (
+from beamdae.parts.joints.joint import (
     GapFormula,
     KinematicConstraint,
     list_functions,
@@ -19,8 +19,8 @@ from beamdae.parts.joints.kinematic_constraint import (
 from beamdae.parts.laws import Law
 from beamdae.parts.part import Part
 from beamdae.parts.point_parts import PlacedPoint
+from beamdae.symbolic.compiled import RowFunction
 from beamdae.symbolic.formula import MAX_SHARED_KERNELS, FormulaExpression
-from beamdae.symbolic.functions.compiled import RowFunction
 from beamdae.symbolic.signals import with_references
 from beamdae.symbolic.statements import (
     SX,
@@ -133,7 +133,7 @@ def evaluate_frozen_gap(
     """
     assert joint.gap is not None
     parameters, laws = joint.gap_parameters, joint.laws if law is None else (law,)
-    build = _GapOffsets(GapFormula(joint.gap, len(parameters)), _carrier_index(joint))
+    build = _GapOffsets(GapFormula(joint.gap), _carrier_index(joint))
     arguments = joint._arguments(build, list_functions(parameters, laws))
     expression, data = FormulaExpression.of(*arguments)
     values = _offset_function(expression, len(local), len(data))(time[None], local[None], data)

@@ -3,23 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import casadi as ca
-import numpy as np
 
 from beamdae.errors import BeamdaeError, convert_fields
-from beamdae.parts.attachments import Attachment, require_direction, rotate
+from beamdae.parts.attachments import Attachment, normalize, require_direction, rotate
 from beamdae.parts.joints.joint import Joint, meeting_tolerance
 from beamdae.parts.point_parts import PlacedPoint
 from beamdae.symbolic.statements import SX, Variable
-
-
-def left_normal(part: str, direction: Any) -> tuple[float, float]:
-    """Return the unit normal to the left of a direction; see `require_direction` for errors."""
-    dx, dy = require_direction(part, "direction", direction)
-    length = float(np.hypot(dx, dy))
-    return -dy / length, dx / length
 
 
 def project_along(
@@ -29,7 +20,7 @@ def project_along(
 
     r_a and r_b are the positions of the points in the reference configuration.
     """
-    ex, ey = (float(x) for x in np.divide(direction, np.hypot(*direction)))
+    ex, ey = normalize(direction)
     return ex, ey, ex * (b.point[0] - a.point[0]) + ey * (b.point[1] - a.point[1])
 
 

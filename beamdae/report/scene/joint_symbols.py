@@ -29,12 +29,16 @@ from beamdae.report.scene.scene import (
 
 if TYPE_CHECKING:
     from beamdae.beams.sliding import SlidingOnBeam
-    from beamdae.parts.joints.distance import Distance
-    from beamdae.parts.joints.drivers import Driver, TranslationalDriver
-    from beamdae.parts.joints.gears import Gear, RackAndPinion
+    from beamdae.parts.joints.drivers import Distance, Driver, TranslationalDriver
     from beamdae.parts.joints.guides import PointOnLine, Prismatic
     from beamdae.parts.joints.joint import Joint, Revolute, Weld
-    from beamdae.parts.joints.rolling import RollingOnCircle, RollingOnLine, Skate
+    from beamdae.parts.joints.rolling import (
+        Gear,
+        RackAndPinion,
+        RollingOnCircle,
+        RollingOnLine,
+        Skate,
+    )
 
 Array = np.ndarray
 

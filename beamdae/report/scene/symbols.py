@@ -39,11 +39,10 @@ from beamdae.report.scene.scene import (
 
 if TYPE_CHECKING:
     from beamdae.beams.beam_loads import DistributedForce, MovingForce
-    from beamdae.parts.forces.bushing import Bushing
     from beamdae.parts.forces.contact import Contact
     from beamdae.parts.forces.force_law import ForceLaw
     from beamdae.parts.forces.loads import Force, Moment
-    from beamdae.parts.forces.springs import Spring, TorsionSpring
+    from beamdae.parts.forces.springs import Bushing, Spring, TorsionSpring
     from beamdae.parts.forces.surfaces import CircleSurface
     from beamdae.parts.laws import Law
 

@@ -25,7 +25,7 @@ from beamdae.results.section_forces.section_motions import (
     position_and_angle,
     section_jacobian,
 )
-from beamdae.symbolic.functions.compiled import RowFunction
+from beamdae.symbolic.compiled import RowFunction
 from beamdae.symbolic.statements import ConstraintStatement, ForceKernel, ForceStatement, Local
 from beamdae.symbolic.sums.kernel_sums import Kernel
 

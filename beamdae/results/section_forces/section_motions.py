@@ -10,8 +10,8 @@ import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 
+from beamdae.symbolic.compiled import RowFunction
 from beamdae.symbolic.formula import MAX_SHARED_KERNELS, Formula
-from beamdae.symbolic.functions.compiled import RowFunction
 from beamdae.symbolic.sparse_operators import stack_rows
 from beamdae.symbolic.statements import SX, Local
 

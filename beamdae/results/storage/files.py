@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import orjson
 
+from beamdae.deferred import installed_version
 from beamdae.errors import (
     BeamdaeError,
     format_message,
@@ -28,7 +29,6 @@ from beamdae.errors import (
     short_repr,
 )
 from beamdae.input_files import register_output, require_output
-from beamdae.package_versions import installed_version
 from beamdae.results.outcome import Status
 
 if TYPE_CHECKING:

@@ -13,8 +13,7 @@ from beamdae.equations.assembly.configurations import Configuration
 from beamdae.equations.equations_of_motion import EquationsOfMotion, Start, State
 from beamdae.parts.joints.event_constraints import FrozenGap
 from beamdae.results.column_derivatives import ColumnDerivatives
-from beamdae.results.event_records import EventRecord
-from beamdae.results.outcome import Statistics, Status
+from beamdae.results.outcome import EventRecord, Statistics, Status
 from beamdae.results.run_data import RunData
 from beamdae.results.storage.documents import ContentError
 from beamdae.results.trajectory import Interval, StepRecord, Trajectory

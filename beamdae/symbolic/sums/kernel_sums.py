@@ -22,7 +22,7 @@ import scipy.sparse as sp
 
 from beamdae.core.library import load_core
 from beamdae.core.tables import Loop, Workspace
-from beamdae.linear.lanes import aligned_zeros
+from beamdae.linear.elimination import aligned_zeros
 from beamdae.native.instructions import remove_repetitions
 from beamdae.native.lane_code import LANE_WIDTH
 from beamdae.native.lane_kernels import (
@@ -33,12 +33,10 @@ from beamdae.native.lane_kernels import (
     rewrite,
 )
 from beamdae.native.object_code import is_native_enabled
-from beamdae.symbolic.functions.compiled import Compiled, RowFunction, keep_latest
-from beamdae.symbolic.functions.table_lookups import has_lookups, remove_zero_lookups
+from beamdae.symbolic.compiled import Compiled, RowFunction, keep_latest
 from beamdae.symbolic.local_symbols import C_A, C_H, C_L, C_Q, C_R, C_V, SHARED_BRANCH, SHARED_T
-from beamdae.symbolic.sums.lane_tiles import BatchRows, Tiles, find_tiles
-from beamdae.symbolic.sums.point_sums import PointSum
-from beamdae.symbolic.sums.vector_sines import expand_sines
+from beamdae.symbolic.sums.kernel_code import BatchRows, PointSum, Tiles, expand_sines, find_tiles
+from beamdae.symbolic.table_lookups import has_lookups, remove_zero_lookups
 
 Array = np.ndarray
 SX = ca.SX
@@ -210,7 +208,7 @@ class Sum:
     weighted_targets, weighted_sources, weights
         result[weighted_targets] += weights out[weighted_sources], for weights other than 1.
     pick_tiles, add_tiles
-        Entries that the core moves by vectors, see `lane_tiles`, in place of the same entries of
+        Entries that the core moves by vectors, see `kernel_code`, in place of the same entries of
         `pick_targets` and `add_targets`. Tiles are added before the other entries.
     code_owners
         Objects with the functions at the addresses of `kernels`.

@@ -1,19 +1,44 @@
-"""Arguments of tables in force formulas, evaluated for many states at once."""
+"""Functions of the state that runs watch or sample: gaps, table arguments, formulas, readings."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any
+from operator import attrgetter
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
+import scipy.sparse as sp
 
+from beamdae.equations.assembly.coordinate_map import select_input_laws
 from beamdae.equations.assembly.observables import CompiledQuantity, compile_quantities
-from beamdae.equations.equations_of_motion import EquationsOfMotion, State
+from beamdae.equations.equations_of_motion import ControllerTerm, EquationsOfMotion, State
 from beamdae.equations.structure import cache_on_owner
+from beamdae.symbolic.compiled import Compiled
+from beamdae.symbolic.force_kernel import ForceKernel
+from beamdae.symbolic.kernel_groups import group_by_kernel
 from beamdae.symbolic.signals import find_signals
-from beamdae.symbolic.statements import Local, Quantity, TableArgument, Variable
+from beamdae.symbolic.statements import Local, Quantity, TableArgument, Variable, apply_laws
+
+
+class SurfaceGapTerm(NamedTuple):
+    """Name of a part, and its compiled gap [m], which is negative inside the surface."""
+
+    part: str
+    distance: CompiledQuantity
+
+
+@cache_on_owner
+def compile_surface_gaps(equations: EquationsOfMotion) -> tuple[SurfaceGapTerm, ...]:
+    """Return the gaps of all parts, active or not; an empty tuple for a constrained system."""
+    mechanism = equations.mechanism
+    if mechanism is None:
+        return ()
+    gaps = [(part.name, gap.quantity) for part in mechanism.parts.values() for gap in part.gaps]
+    names, compiled = (name for name, _ in gaps), compile_quantities(mechanism, gaps)
+    return tuple(map(SurfaceGapTerm, names, compiled))
+
 
 Array = np.ndarray
 
@@ -185,3 +210,107 @@ def list_arguments_outside(
                 for value in values[outside][:1]
             ]
     return phrases
+
+
+@dataclass(frozen=True, eq=False)
+class FormulaForceTerm:
+    """One copy of a force that is a formula.
+
+    Attributes
+    ----------
+    part
+        Name of the part, see `_name_copies`.
+    kernel
+        Kernel of the force.
+    operator
+        Maps global to local coordinates.
+    columns
+        Indices of the global coordinates on which the force depends.
+    to_local
+        Columns of `operator` with these indices.
+    numbers
+        Numbers of the copy.
+    """
+
+    part: str
+    kernel: ForceKernel
+    operator: sp.csr_array
+    columns: Array
+    to_local: sp.csr_array
+    numbers: Array
+
+    def evaluate(self, times: Array, q: Array, v: Array) -> Array:
+        """Return generalized forces (rows, size) at rows (t, branch), q and v of `columns`."""
+        return self.kernel.load_function(times, *self._to_local(q, v), self.numbers)
+
+    def evaluate_arguments(self, times: Array, q: Array, v: Array) -> Array:
+        """Return the values of `ForceKernel.peak_arguments`, (rows, k), as `evaluate`."""
+        return self.kernel.peak_arguments(times, *self._to_local(q, v), self.numbers)
+
+    def _to_local(self, *rows: Array) -> list[Array]:
+        return [np.asarray(self.to_local @ x.T).T for x in rows]
+
+
+def _name_copies(equations: EquationsOfMotion) -> list[list[str]]:
+    """Return the name of the part of each copy of each term in `equations.forces`.
+
+    Equations of a `ConstrainedSystem` have no statements: their forces are called "force".
+    """
+    laws = select_input_laws({} if equations.mechanism is None else equations.mechanism.inputs)
+    forces = [apply_laws(x, laws) for part in equations.statements for x in part.forces]
+    if not forces:
+        return [["force"] * term.count for term in equations.forces]
+    return [
+        [forces[k].part for k in group.members for _ in range(forces[k].count)]
+        for group in group_by_kernel(forces)
+    ]
+
+
+def compile_formula_forces(
+    equations: EquationsOfMotion,
+    includes: Callable[[ForceKernel], bool] = attrgetter("may_have_peaks"),
+) -> tuple[FormulaForceTerm, ...]:
+    """Return the forces that may have narrow peaks over time or over the motion, or others."""
+    terms = []
+    for term, names in zip(equations.forces, _name_copies(equations), strict=True):
+        if term.rotation is not None or not includes(term.kernel):
+            continue
+        size = term.kernel.local.size
+        numbers = equations.p[term.data].reshape(term.count, -1)
+        for k, name in enumerate(names):
+            operator = term.operator[k * size : (k + 1) * size]
+            columns = np.unique(operator.indices)
+            to_local = operator[:, columns]
+            terms.append(
+                FormulaForceTerm(name, term.kernel, operator, columns, to_local, numbers[k])
+            )
+    return tuple(terms)
+
+
+def compile_reads(term: ControllerTerm, p: Array) -> Callable[[float, float, Array, Array], Array]:
+    """Return a function of t and branch [s], q and v that evaluates the reads of a controller.
+
+    All reads are outputs of one function of the coordinates on which they depend.
+    """
+    if not term.reads:
+        return lambda t, branch, q, v: np.zeros(0)
+    columns = np.unique(np.concatenate([read.operator.indices for read in term.reads]))
+    time, q_read, v_read = (
+        ca.MX.sym(*x) for x in (("time", 2), ("q", len(columns)), ("v", len(columns)))
+    )
+    values = []
+    for read in term.reads:
+        to_local = ca.DM(sp.csc_matrix(read.operator[:, columns]))
+        numbers = ca.MX(ca.DM(p[read.data]))
+        values.append(read.function.apply(time, to_local @ q_read, to_local @ v_read, numbers))
+    compiled = Compiled(ca.Function("reads", [time, q_read, v_read], [ca.vertcat(*values)]))
+    (times, q_inputs, v_inputs), (outputs,) = compiled.inputs, compiled.outputs
+
+    def read_values(t: float, branch: float, q: Array, v: Array) -> Array:
+        times[0], times[1] = t, branch
+        q_inputs[:] = q[columns]
+        v_inputs[:] = v[columns]
+        compiled.evaluate()
+        return outputs.copy()
+
+    return read_values
