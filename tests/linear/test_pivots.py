@@ -157,14 +157,6 @@ def test_iteration_matrices_keep_their_pivots_over_steps(name):
             assert backward_error(*other[kind], x, right) < 1e-8
 
 
-def eliminate_pattern(pattern):
-    """Return the pattern after Gaussian elimination, on booleans."""
-    full = pattern.copy()
-    for k in range(len(full)):
-        full[k + 1 :, k + 1 :] |= np.outer(full[k + 1 :, k], full[k, k + 1 :])
-    return full
-
-
 def test_pivots_may_be_fill():
     pattern = sp.csc_array(np.array([[1.0, 1.0], [1.0, 0.0]]))
     assert compute_fill(pattern.indptr.tolist(), pattern.indices.tolist()) == ([[], [0]], [[1], []])
