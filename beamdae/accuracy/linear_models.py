@@ -176,8 +176,8 @@ def _find_vibrations(
 def measure_modes(modes: Modes) -> Errors:
     """Return the errors of the eigenvalues of natural modes, except free motions.
 
-    The companion's modes are paired by their shapes. Errors are relative to the magnitude of the
-    eigenvalue.
+    The companion's modes are paired by their shapes, but vibrations that no mode resembles by their
+    rank. Errors are relative to the magnitude of the eigenvalue.
     """
     lin, request = modes._linearization, modes._request
     rows = np.flatnonzero(modes.eigenvalues[: request.assessed])
@@ -195,6 +195,7 @@ def measure_modes(modes: Modes) -> Errors:
         problem = finer.linearized_equations
         solution = solve_eigenproblem(problem, len(modes) + FURTHER_MODES, request.damping)
         pairs = pair_modes(refinement, finer, shapes, solution)
+        _pair_missing(pairs, solution.values, is_vibration)
         return tabulate(np.append(solution.values, np.nan)[pairs])
 
     if modes.mechanism is None:
@@ -266,6 +267,17 @@ def pair_modes(
     rows = np.flatnonzero(pairs < 0)[: len(rest)]
     pairs[rows] = rest[: len(rows)]
     return pairs
+
+
+def _pair_missing(pairs: Array, values: Array, is_vibration: Array) -> None:
+    """Pair vibrations with those of the same rank in the companion that no mode resembles.
+
+    Few elements lack slow vibrations, so that the shapes of the first ones are those of fast ones.
+    """
+    fastest = np.max(pairs[is_vibration], initial=-1)
+    for row, k in zip(np.flatnonzero(is_vibration), np.flatnonzero(values.imag), strict=False):
+        if k < fastest and k not in pairs:
+            pairs[row] = k
 
 
 def _find_companion(

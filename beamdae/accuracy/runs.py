@@ -290,9 +290,8 @@ def compare_columns(
     count = min(len(run.t), len(other.t))  # An event may end one of them slightly earlier.
     rows, finer = (_stack(x)[:count] for x in (run, other))
     limits, finer_limits = _find_extremes(run, rows), _find_extremes(other, finer)
-    amplitude, is_constant = _measure_amplitudes(
-        other.equations, finer, run.integrator.get("rtol") or 0.0
-    )
+    rtol = max(x.integrator.get("rtol") or 0.0 for x in (run, other))
+    amplitude, is_constant = _measure_amplitudes(other.equations, finer, rtol)
     scale = np.where(is_constant, amplitude, 0.5 * np.ptp(finer_limits, axis=0))
     deviation = np.where(is_constant, amplitude, finer.std(axis=0))
     differences = _subtract_rows(rows, finer, scale)
@@ -347,7 +346,7 @@ def _measure_amplitudes(
     rows
         Values of the observed columns (k, columns).
     rtol
-        Tolerance of the run; 0 for fixed steps.
+        Tolerance of the columns.
     """
     headers, length = equations.observed_headers, equations.length
     half_range = 0.5 * np.ptp(rows, axis=0)

@@ -296,9 +296,12 @@ class RunData:
 
     @cached_property
     def _drift(self) -> tuple[float, float]:
-        """Largest drift [m, m/s] at the output times."""
-        # That of the steps would take the energies of all of them.
-        position, velocity = (float(np.max(x, initial=0.0)) for x in self.drift_columns.values())
+        """Largest drift [m, m/s] at the steps and the output times, between which it is larger."""
+        at_steps = self.quality.max_position_drift, self.quality.max_velocity_drift
+        at_rows = self.drift_columns.values()
+        position, velocity = (
+            float(np.max(x, initial=y)) for x, y in zip(at_rows, at_steps, strict=True)
+        )
         return position, velocity
 
     @cached_property

@@ -73,19 +73,6 @@ def test_blocks_that_others_join_are_not_larger_than_the_work_arrays_of_the_core
     assert_allclose(matrix @ x, 1.0, rtol=1e-12)
 
 
-def test_order_of_unknowns_does_not_matter():
-    order = np.random.default_rng(1).permutation(9 * 16 + 3 + BORDER)
-    dense = pattern_of_elements(16, BORDER)[np.ix_(order, order)]
-    pattern, nonzeros, matrix = random_matrix(dense, float)
-    plan = next(propose_plans(pattern, nonzeros))
-    assert len(plan.rows) < len(matrix) / 2
-    factors = allocate_factors(plan, float)
-    assert refactorize(plan, factors, nonzeros)
-    x = np.ones(len(matrix))
-    solve(plan, factors, x)
-    assert_allclose(matrix @ x, 1.0, rtol=1e-12)
-
-
 @pytest.mark.parametrize("pivot", [0.0, 1e-17])
 def test_unsuitable_pivots_of_blocks_are_rejected(pivot):
     dense = pattern_of_elements(8, BORDER)

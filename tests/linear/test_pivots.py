@@ -98,16 +98,6 @@ def test_one_plan_factorizes_all_matrices_with_suitable_pivots(kind):
         assert_allclose(solve_with(plan, factors, right), x, rtol=0.0, atol=0.0)
 
 
-def test_zeros_of_the_analyzed_matrix_may_become_nonzero():
-    size = 12
-    pattern = sp.csc_array(np.ones((size, size)))
-    plan, factors = analyze(pattern, np.eye(size).ravel())
-    matrix = np.random.default_rng(0).normal(size=(size, size)) + size * np.eye(size)
-    assert refactorize(plan, factors, matrix.T.ravel())
-    right = np.arange(1.0, size + 1.0)
-    assert_allclose(solve_with(plan, factors, right), np.linalg.solve(matrix, right), rtol=1e-12)
-
-
 @pytest.mark.parametrize("pivot", [0.0, 1e-320, 1e-30, 1e-14])
 def test_unsuitable_pivots_are_rejected_without_side_effects(pivot):
     rng, size = np.random.default_rng(0), 12
@@ -165,28 +155,6 @@ def test_iteration_matrices_keep_their_pivots_over_steps(name):
             right = matrix @ (contributions / sizes)
             x = solve_with(plan, factors, right)
             assert backward_error(*other[kind], x, right) < 1e-8
-
-
-def eliminate_pattern(pattern):
-    """Return the pattern after Gaussian elimination, on booleans."""
-    full = pattern.copy()
-    for k in range(len(full)):
-        full[k + 1 :, k + 1 :] |= np.outer(full[k + 1 :, k], full[k, k + 1 :])
-    return full
-
-
-@pytest.mark.slow(reason="a quarter of a second")
-@given(size=st.integers(1, 14), share=st.floats(0.0, 0.6), seed=st.integers(0, 2**32 - 1))
-@settings(max_examples=200, deadline=None)
-def test_fill_is_that_of_gaussian_elimination(size, share, seed):
-    dense = np.random.default_rng(seed).random((size, size)) < share
-    np.fill_diagonal(dense, True)
-    pattern = sp.csc_array(dense.astype(float))
-    above, below = compute_fill(pattern.indptr.tolist(), pattern.indices.tolist())
-    full = eliminate_pattern(dense)
-    for j in range(size):
-        assert above[j] == np.flatnonzero(full[:j, j]).tolist()
-        assert below[j] == (j + 1 + np.flatnonzero(full[j + 1 :, j])).tolist()
 
 
 def test_pivots_may_be_fill():

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from mechanisms import free_ball
+from mechanisms import free_ball, hinged_body
 from numpy.testing import assert_allclose
 
 import beamdae as bd
@@ -178,3 +178,22 @@ def test_laws_are_objects_without_a_hash():
     run = bd.simulate(mech, bd.Radau(1e-8), t_end=2.0)
     assert_allclose(run["ball.x"].iloc[-1], 2.0 * 2.0**3 / 6.0, rtol=1e-6)
     assert_allclose(run["ball.y"].iloc[-1], 3.0 * 2.0**3 / 6.0 + 1.5, rtol=1e-6)
+
+
+class HalvedLaw(bd.results.Law):
+    """Law with half the value of its pieces."""
+
+    def __call__(self, time):
+        return 0.5 * super().__call__(time)
+
+
+def test_law_of_a_user_class_is_evaluated_by_itself():
+    whole, runs = bd.sine(3.0, 2.0, 0.4), []
+    for law in (whole, HalvedLaw(whole.pieces)):
+        mech, body = hinged_body()
+        mech.add(bd.Moment("moment", on=body.at(0.0, 0.0), law=law))
+        mech.observe("body", body.at(0.0, 0.0))
+        runs.append(bd.simulate(mech, bd.GeneralizedAlpha(step=0.01), t_end=0.1))
+    one, half = (run["body.angle"] for run in runs)
+    assert one.abs().max() > 0.01
+    assert_allclose(half, 0.5 * one, rtol=1e-9, atol=1e-12)

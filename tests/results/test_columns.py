@@ -171,6 +171,29 @@ def test_regression_rows_do_not_resolve_the_acceleration_of_a_fixed_pivot() -> N
     assert not sentences(lambda: bd.simulate(four_bar(), t_end=0.6, output_step=1e-3))
 
 
+@pytest.mark.parametrize("integrator", [bd.Radau(1e-5), bd.Ida(1e-5)])
+def test_regression_rows_do_not_miss_the_drift_of_a_fixed_pivot(integrator: bd.Integrator) -> None:
+    """At the steps, the drift was larger than at the few rows."""
+    mech, wheel = hinged_body(1.0, 0.3, (0.3, 0.1))
+    mech.add(bd.Moment("torque", on=wheel.at(0.0, 0.0), law=bd.sine(10.0, 1.0)))
+    mech.observe("hub", wheel.at(0.0, 0.0))
+    assert not sentences(lambda: bd.simulate(mech, integrator, t_end=1.0, output_step=0.1))
+
+
+def test_velocities_across_a_guide_have_no_errors() -> None:
+    """Between the steps of Radau, the drift of the guide is larger than at the steps."""
+    mech, crank = driven(bd.RigidBody("crank", 1.0, 1e-3), bd.run_up(30.0, 0.2))
+    section = rectangle(0.005, damping=1e-3)
+    rod = mech.add(bd.Beam("rod", bd.Line((0.04, 0.0), (0.24, 0.0)), section, elements=1))
+    mech.add(bd.Revolute("pin", crank.at(0.04, 0.0), rod.start))
+    mech.add(bd.PointMass("slider", 1.0, on=rod.end))
+    mech.add(bd.PointOnLine("guide", mech.ground.at(0.0, 0.0), rod.end, direction=(1.0, 0.0)))
+    mech.observe("slider", rod.end)
+    run = bd.simulate(mech, t_end=0.3)
+    assert run["slider.y_dot"].abs().max() > 1e-7
+    assert not run.errors.table()["total"]["slider.y_dot [m/s]"]
+
+
 def test_regression_errors_of_the_acceleration_of_a_fixed_pivot_are_not_estimated() -> None:
     """The estimated error was 290 % of half the range."""
     run = bd.simulate(four_bar(), t_end=0.6, output_step=1e-3)
