@@ -409,6 +409,15 @@ def factorize_saddle_point(
     Callable or None
         Function from b, (n + m,), to x, (n + m,). None if the matrix is singular or not finite.
     """
-    n = block.shape[0]
-    blocks = (0, 0, 0, block), (0, 0, n, reactions), (0, n, 0, rows)
-    return SaddlePencil(n + rows.shape[0], blocks).factorize()
+    # Rows of beams without resultants are not scaled: their stiff parts are better pivots.
+    matrix = block
+    if rows.shape[0]:
+        matrix = sp.block_array([[block, reactions], [rows, None]])
+    saddle_point = sp.csc_array(matrix)
+    saddle_point.sort_indices()
+    solver = create_factorization(saddle_point, dtype=saddle_point.dtype.type)
+    try:
+        solver.factorize(saddle_point.data)
+    except SingularMatrixError:
+        return None
+    return solver.solve
