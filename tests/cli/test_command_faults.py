@@ -107,9 +107,12 @@ def interrupt(*arguments, **options):
     return write(*arguments)
 files._write_columns = interrupt
 """
+# A signal within half a second after another one is ignored.
 WHILE_DRAWING = """
+import time
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 def interrupt(self, *arguments, **settings):
+    time.sleep(0.6)
     send_signal()
 FigureCanvasAgg.print_png = interrupt
 """
@@ -122,7 +125,7 @@ MOMENTS = {
     "pilot run": (AT_STEP.format(at="{5}"), ALL_FILES, "of the pilot run"),
     "integrating": (AT_STEP.format(at="{100}"), RESUMABLE_FILES, "interrupted at t = 0"),
     "integrating with IDA": (
-        AT_STEP.format(at="{150}").replace("radau", "ida").replace("RadauStepper", "IdaStepper"),
+        AT_STEP.format(at="{150}").replace("radau.stepper", "ida.ida").replace("Radau", "Ida"),
         RESUMABLE_FILES,
         "interrupted at t = 0",
     ),

@@ -84,7 +84,7 @@ def test_encodings_of_python_files_are_read(file, content):
     [
         (
             ("# \xe4\n" + HEAD).encode("latin-1"),
-            "model.py: the import failed: UnicodeDecodeError: 'utf-8' codec",
+            "model.py: the import failed: SyntaxError at line 1: invalid or missing encoding",
         ),
         (
             ("# coding: klingon\n" + HEAD).encode(),
@@ -98,7 +98,7 @@ def test_encodings_of_python_files_are_read(file, content):
             b"import beamdae\0\n",
             "model.py: the import failed: SyntaxError at line 1: ",
         ),
-        (bytes(range(256)), "model.py: the import failed: SyntaxError at line 1: "),
+        (bytes(range(256)), "model.py: the import failed: UnicodeDecodeError: 'utf-8' codec"),
         (b"", "model.py: the file contains no model; decorate a function"),
         (HEAD + "def broken(:\n", "model.py: the import failed: SyntaxError at line 2: "),
         ("(" * 1000, "model.py: the import failed: SyntaxError at line 1: too many nested"),

@@ -140,7 +140,7 @@ ERRORS = {
                 "--integrator must be one of 'auto', 'ida', 'radau', 'generalized-alpha'",
             ),
             ("run --step 0.1", "--step is not a setting of auto (only of generalized-alpha"),
-            ("run --rtol 0", "rtol must be positive"),
+            ("run --rtol 0", "rtol must lie in [1e-14, 0.1], got 0"),
             (
                 "run --integrator ida --option formulation=index9",
                 "formulation must be one of 'stabilized-index1', 'ggl', 'index2', 'index1',",

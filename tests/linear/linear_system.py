@@ -5,6 +5,8 @@ import ctypes
 import numpy as np
 
 from beamdae.core.library import load_core
+from beamdae.core.linear_solver import LinearSolver
+from beamdae.core.return_codes import DONE, NEW_PIVOTS
 from beamdae.core.tables import Layout
 
 
@@ -48,3 +50,19 @@ class LinearSystem:
             return function(table.ctypes.data, vector)
 
         return call, numbers
+
+
+def refactorize(plan, factors, nonzeros):
+    """Return True if the pivots of a plan suit the matrix with these non-zeros."""
+    nonzeros = nonzeros.astype(factors.x.dtype)
+    system = LinearSystem(LinearSolver(plan, factors), nonzeros, np.zeros_like(factors.x))
+    code = system.factorize()
+    assert code in (DONE, NEW_PIVOTS)
+    assert system.linear.needs_pivots == (code == NEW_PIVOTS)
+    assert system.linear.factorizations == (code == DONE)
+    return code == DONE
+
+
+def solve(plan, factors, right):
+    """Replace a right-hand side by the solution with the last factors."""
+    LinearSystem(LinearSolver(plan, factors), factors.matrix, right).solve()

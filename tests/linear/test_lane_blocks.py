@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 from chains import chain_of_beams, integrator_matrices, pattern_of_elements
+from linear_system import refactorize, solve
 from numpy.testing import assert_allclose
-from systems import refactorize, solve
 
 import beamdae as bd
 from beamdae.linear.elimination import allocate_factors

@@ -7,9 +7,8 @@ from chains import backward_error, chain_of_beams, integrator_matrices
 from hub_beam import hub_beam
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from linear_system import LinearSystem
+from linear_system import LinearSystem, refactorize, solve
 from numpy.testing import assert_allclose
-from systems import refactorize, solve
 
 import beamdae as bd
 from beamdae.core.linear_solver import LinearSolver

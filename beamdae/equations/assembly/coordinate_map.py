@@ -6,13 +6,12 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import accumulate
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.equations.equations_of_motion import InputTerm
 from beamdae.errors import BeamdaeError
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.laws import Law
@@ -25,6 +24,9 @@ from beamdae.symbolic.kernel_groups import Statement
 from beamdae.symbolic.signals import SignalNumbers
 from beamdae.symbolic.sparse_operators import assemble_csr
 from beamdae.symbolic.statements import SX, Piece
+
+if TYPE_CHECKING:
+    from beamdae.equations.equations_of_motion import InputTerm
 
 Array = np.ndarray
 
@@ -203,6 +205,9 @@ class NumberStore:
 
     def input_terms(self, inputs: Mapping[str, Input]) -> tuple[InputTerm, ...]:
         """Return the inputs with the indices of their numbers in p."""
+        # Imported here, because drawings place coordinates without equations.
+        from beamdae.equations.equations_of_motion import InputTerm
+
         return tuple(
             InputTerm(name, x.unit, x.reference, tuple(self._inputs.get(name, ())), x.law)
             for name, x in inputs.items()

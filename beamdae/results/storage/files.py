@@ -29,10 +29,11 @@ from beamdae.errors import (
     short_repr,
 )
 from beamdae.input_files import register_output, require_output
-from beamdae.results.outcome import Status
 
 if TYPE_CHECKING:
     import pandas as pd
+
+    from beamdae.results.outcome import Status
 
 # Names of scratch files contain the id and the host name of the writing process.
 _SCRATCH = re.compile(r"\.(?P<process>\d+)@(?P<node>[^@]*)@[0-9a-f]+\.scratch(\.\w+)?")
