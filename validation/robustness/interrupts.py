@@ -202,8 +202,9 @@ def _try_command(name: str, delay: float, folder: Path, environment: dict[str, s
         return f"unfinished files: {remains}"
     if _RESULTS in errors:
         file = folder / errors.rpartition(_RESULTS)[2].strip()
-        tables = [file] if file.suffix == ".csv" else [*file.glob("*.csv")]
-        if not tables or not all("\n" in x.read_text() for x in tables):
+        # Tables of a study are in a folder; pictures begin with a line break, too.
+        files = [file] if file.is_file() else [*file.glob("*.csv")]
+        if not files or not all(b"\n" in x.read_bytes() for x in files):
             return f"no results in {file.name}"
     is_late = after > _MAX_TIME_AFTER_INTERRUPT
     return f"{after:.1f} s later" if is_late else ""

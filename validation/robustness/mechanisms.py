@@ -32,7 +32,7 @@ INTEGRATORS: dict[str, Callable[..., bd.Integrator]] = {
     "Radau": bd.Radau,
     "GeneralizedAlpha": lambda rtol, **limits: bd.GeneralizedAlpha(rtol=rtol, **limits),
 }
-_RUN_TIME_LIMIT, _REFERENCE_TIME_LIMIT = 20.0, 30.0  # s
+_RUN_TIME_LIMIT, _REFERENCE_TIME_LIMIT = 10.0, 30.0  # s
 # Steps of the references: they do not pass over short contacts and crossings.
 _MIN_REFERENCE_STEPS = 1000
 _ROWS = 400  # of a run
