@@ -201,7 +201,7 @@ def _try_command(name: str, delay: float, folder: Path, environment: dict[str, s
     if remains := [x.name for x in folder.rglob("*.scratch")]:
         return f"unfinished files: {remains}"
     if _RESULTS in errors:
-        file = folder / errors.rpartition(_RESULTS)[2].strip()
+        file = folder / errors.rpartition(_RESULTS)[2].splitlines()[0].strip()
         # Tables of a study are in a folder; pictures begin with a line break, too.
         files = [file] if file.is_file() else [*file.glob("*.csv")]
         if not files or not all(b"\n" in x.read_bytes() for x in files):
