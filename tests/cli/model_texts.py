@@ -109,6 +109,20 @@ def swing(speed=1.0, turns=1, section=bd.Section.rectangle(STEEL, width=0.02, he
         raise ValueError("too fast")
     return mech
 """
+TRUSS = """
+import beamdae as bd
+
+
+@bd.model(t_end=1.0)
+def truss(rise=0.2, load=1.0):
+    mech = bd.Mechanism()
+    crown = mech.add(bd.PointMass("crown", 1.0, at=(0.0, rise)))
+    for name, x in (("left", -1.0), ("right", 1.0)):
+        mech.add(bd.Spring(name, mech.ground.at(x, 0.0), crown.point, 1000.0))
+    mech.add(bd.Force("press", crown.point, (0.0, -load)))
+    mech.observe("crown", crown.point)
+    return mech
+"""
 STRUT = """
 import beamdae as bd
 

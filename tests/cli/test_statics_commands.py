@@ -8,22 +8,11 @@ import pandas as pd
 import pytest
 from command_line import invoke
 from matplotlib.image import imread
-from model_texts import STRUT
+from model_texts import STRUT, TRUSS
 
-TRUSS = """
-import beamdae as bd
-
-
-@bd.model(t_end=1.0)
-def truss(rise=0.2, load=1.0):
-    mech = bd.Mechanism()
-    crown = mech.add(bd.PointMass("crown", 1.0, at=(0.0, rise)))
-    for name, x in (("left", -1.0), ("right", 1.0)):
-        mech.add(bd.Spring(name, mech.ground.at(x, 0.0), crown.point, 1000.0))
-    mech.add(bd.Force("press", crown.point, (0.0, -load)))
-    mech.observe("crown", crown.point)
-    return mech
-
+TRUSSES = (
+    TRUSS
+    + '''
 
 calls = []
 
@@ -41,11 +30,7 @@ def falling():
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     mech.add(bd.PointMass("stone", 1.0, at=(0.0, 0.0)))
     return mech
-"""
 
-LOW_TRUSS = (
-    TRUSS
-    + '''
 
 @bd.model(t_end=1.0)
 def low_truss(height=200.0):
@@ -58,7 +43,7 @@ def low_truss(height=200.0):
 @pytest.fixture
 def static(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    Path("truss.py").write_text(LOW_TRUSS)
+    Path("truss.py").write_text(TRUSSES)
 
     def run(*arguments, model="truss"):
         return invoke("static", "truss.py", "--model", model, *arguments)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 from command_line import invoke
-from model_texts import COLUMN, CROSS, OSCILLATOR, SHAKER, SPRUNG, STRUT, SWING, VAN_DER_POL
+from model_texts import COLUMN, CROSS, OSCILLATOR, SHAKER, SPRUNG, STRUT, SWING, TRUSS, VAN_DER_POL
 
 STRIP = """
 import numpy as np
@@ -38,20 +38,6 @@ def arm(mass=2.0, note=""):
     mech.observe("tip", bob.at(1.0, 0.0))
     return mech
 '''
-TRUSS = """
-import beamdae as bd
-
-
-@bd.model(t_end=1.0)
-def truss(rise=0.2, load=1.0):
-    mech = bd.Mechanism()
-    crown = mech.add(bd.PointMass("crown", 1.0, at=(0.0, rise)))
-    for name, x in (("left", -1.0), ("right", 1.0)):
-        mech.add(bd.Spring(name, mech.ground.at(x, 0.0), crown.point, 1000.0))
-    mech.add(bd.Force("press", crown.point, (0.0, -load)))
-    mech.observe("crown", crown.point)
-    return mech
-"""
 SWEEPS = """
 import beamdae as bd
 

@@ -489,19 +489,18 @@ def estimate_period(solution: Solution, since: float, times: Array) -> float | N
     Differences are measured relative to the ranges of (q, v) in the second half of the run.
     """
     trajectory, is_angle = solution.trajectory, solution.equations.is_angle
+    reference = trajectory.at(np.array([since]))[1]
 
-    def states(times: Array) -> Array:
+    def changes(times: Array) -> Array:
         state = trajectory.at(times)[1]
-        return np.hstack([state.q, state.v])
+        q, v = state.q - reference.q, state.v - reference.v
+        return np.hstack([q - np.where(is_angle, FULL_TURN * np.round(q / FULL_TURN), 0.0), v])
 
-    changes, n = states(times) - states(np.array([since])), len(is_angle)
-    q = changes[:, :n]
-    q -= np.where(is_angle, FULL_TURN * np.round(q / FULL_TURN), 0.0)
     middle = 0.5 * (trajectory.start + trajectory.end)
-    ranges = np.ptp(states(np.linspace(middle, trajectory.end, _RETURN_SAMPLES)), axis=0)
-    largest = np.repeat([np.max(x) for x in np.split(ranges, 2)], n)
+    ranges = np.ptp(changes(np.linspace(middle, trajectory.end, _RETURN_SAMPLES)), axis=0)
+    largest = np.repeat([np.max(x) for x in np.split(ranges, 2)], len(is_angle))
     ranges[ranges <= _REST_RATIO * largest] = np.inf
-    distance = np.max(np.abs(changes / ranges), axis=1)
+    distance = np.max(np.abs(changes(times) / ranges), axis=1)
     has_left = np.maximum.accumulate(distance > 2.0 * _RETURN_DISTANCE)
     is_near = has_left & (distance < _RETURN_DISTANCE)
     if not is_near.any():
