@@ -174,10 +174,12 @@ def test_very_short_runs_end(integrator):
 
 
 # A signal between `open` and `with` leaves the file to the garbage collector, which closes it.
-# Python drops signals in callbacks of weak references and of the collector; hypothesis has one.
-@pytest.mark.filterwarnings("ignore:.*unclosed file:pytest.PytestUnraisableExceptionWarning")
-@pytest.mark.filterwarnings("ignore:.*callback:pytest.PytestUnraisableExceptionWarning")
-@pytest.mark.filterwarnings("ignore:.*WeakValueDict:pytest.PytestUnraisableExceptionWarning")
+# Python drops signals in callbacks of weak references and of the collector; hypothesis and
+# `tempfile` have some.
+@pytest.mark.filterwarnings(
+    "ignore:.*(unclosed file|callback|WeakValueDict|finalize object)"
+    ":pytest.PytestUnraisableExceptionWarning"
+)
 @pytest.mark.filterwarnings("ignore:unclosed file:ResourceWarning")
 @pytest.mark.slow(reason="signals at many moments of runs")
 @pytest.mark.parametrize(
