@@ -180,6 +180,10 @@ class Problem(ABC):
     def monitor(self, point: Point) -> Any:
         """Return what must change continuously along a curve, such as its stability."""
 
+    def determinant(self, x: Array, p: float) -> Any:
+        """Return the determinant of a monitor that contains one, between points of a curve."""
+        raise NotImplementedError
+
     def measure(self, step: Array) -> float:
         """Return the size of a step in natural sizes: by default, the largest change."""
         return float(np.max(np.abs(step * self.weights), initial=0.0))

@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+import scipy
 
 from beamdae import deferred
 from beamdae.analysis.eigenproblems.eigensolution import UNSTABLE, classify_modes
@@ -178,9 +179,6 @@ class Bode(HasTable, HasPage):
         """
         import pandas as pd
 
-        # Imported here because importing scipy.signal takes as long as a short run.
-        from scipy.signal import find_peaks
-
         f, poles = self.frequencies, np.sort_complex(1j * self.model.poles.conj())
         poles = poles[poles.real >= 0.0] if len(poles) else np.zeros(1, complex)
         first = np.diff(poles.real, prepend=-np.inf) > _MIN_WIDTH * poles.real
@@ -194,7 +192,7 @@ class Bode(HasTable, HasPage):
                 continue
             size = np.abs(x.response)
             levels = np.log(np.maximum(size, _NOISE_RANGE * size.max()))
-            peaks = find_peaks(levels, prominence=prominence)[0].tolist()
+            peaks = scipy.signal.find_peaks(levels, prominence=prominence)[0].tolist()
             # Rounding errors divide the peaks of nearly undamped resonances.
             highest = {nearest[k]: k for k in sorted(peaks, key=size.__getitem__)}
             for k in sorted({*highest.values(), int(np.argmax(size))}):

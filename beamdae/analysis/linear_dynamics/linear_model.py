@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
+import scipy
 import scipy.linalg as la
 
 from beamdae import deferred
@@ -51,9 +52,6 @@ from beamdae.results.displays import HasPage
 from beamdae.symbolic.statements import Variable
 
 Array = np.ndarray
-
-if TYPE_CHECKING:
-    from scipy.signal import StateSpace
 
 Matrices = tuple[Array, Array, Array, Array]
 
@@ -142,7 +140,7 @@ class LinearModel(HasPage):
         return poles[np.argsort(np.abs(poles), kind="stable")]
 
     @single_threaded
-    def state_space(self, every: float | None = None) -> StateSpace:
+    def state_space(self, every: float | None = None) -> scipy.signal.StateSpace:
         """Return the model as a `scipy.signal.StateSpace`, for step and impulse responses.
 
         Parameters
@@ -176,23 +174,21 @@ class LinearModel(HasPage):
         >>> np.linalg.eigvals(plant.A - plant.B @ [[4.0]] @ plant.C).round(9).tolist()
         [0.6]
         """
-        from scipy.signal import StateSpace, cont2discrete
-
         if every is None:
-            return StateSpace(self.A, self.B, self.C, self.D)
+            return scipy.signal.StateSpace(self.A, self.B, self.C, self.D)
         step = require_positive("state_space", "every", every)
         # Elements of A of stiff structures differ so much that the exponential needs balancing.
         balanced, (scale, _) = la.matrix_balance(self.A, permute=False, separate=True)
         rows = scale[:, None]
         with np.errstate(all="ignore"):
-            a, b, *_ = cont2discrete((balanced, self.B / rows, self.C, self.D), step)
+            a, b, *_ = scipy.signal.cont2discrete((balanced, self.B / rows, self.C, self.D), step)
         a, b = rows * a / scale, rows * b
         if not (np.isfinite(a).all() and np.isfinite(b).all()):
             raise BeamdaeError(
                 f"state_space: an unstable motion exceeds the range of numbers within {step:g} s; "
                 "use a shorter interval."
             )
-        return StateSpace(a, b, self.C, self.D, dt=step)
+        return scipy.signal.StateSpace(a, b, self.C, self.D, dt=step)
 
     @single_threaded
     def frequency_response(self, frequencies: Any) -> Array:

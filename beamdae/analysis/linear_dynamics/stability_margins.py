@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+import scipy
 import scipy.linalg as la
 import scipy.optimize as opt
 
@@ -482,11 +483,8 @@ def _connect(first: Matrices, second: Matrices) -> Matrices:
 
 def _as_system(controller: Any, count: int, every: Any) -> tuple[Matrices, float | None]:
     """Return the matrices of a controller with one command, and its sampling interval."""
-    # Imported here because importing scipy.signal takes as long as a short run.
-    from scipy.signal import dlti, lti
-
     interval = None if every is None else require_positive("margins", "every", every)
-    if isinstance(controller, (lti, dlti)):
+    if isinstance(controller, (scipy.signal.lti, scipy.signal.dlti)):
         system = controller.to_ss()
         matrices, own = (system.A, system.B, system.C, system.D), getattr(system, "dt", None)
         is_invalid = own is True or (own is not None and not own > 0.0)

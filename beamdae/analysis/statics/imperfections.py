@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import scipy
 
 from beamdae import deferred
 from beamdae.analysis.statics.linear_buckling import Buckling
@@ -60,10 +61,8 @@ _Slope = Callable[[Array], Array]
 
 def _differentiate_motion(s: Array, motion: Array) -> _Slope:
     """Return the slope of displacements and rotations (3, k) at the arc lengths s (k,)."""
-    # Imported here because the import takes as long as a short run, and few models need it.
-    from scipy.interpolate import make_interp_spline
-
-    slope: _Slope = make_interp_spline(s, motion.T, min(_SPLINE_DEGREE, len(s) - 1)).derivative()
+    degree = min(_SPLINE_DEGREE, len(s) - 1)
+    slope: _Slope = scipy.interpolate.make_interp_spline(s, motion.T, degree).derivative()
     return slope
 
 
