@@ -1,9 +1,11 @@
-"""Steps do not pass over what begins and ends between two of them, however short it is."""
+"""Steps at breakpoints of laws, at short passages, and of forces that are switched off."""
 
 import casadi as ca
 import numpy as np
 import pytest
-from mechanisms import free_ball
+from conformance import integrators
+from mechanisms import ALLOY, cantilever, free_ball, hinged_body, mass_on_rail, rectangle, symbols
+from numpy.testing import assert_allclose
 from scipy.interpolate import PchipInterpolator
 
 import beamdae as bd
@@ -218,3 +220,203 @@ def test_runs_end_where_an_argument_leaves_a_table_for_a_short_time(method, seed
     run = bd.simulate(mech, METHODS[method], t_end=1.0)
     assert run.status.kind == "limited"
     assert run.trajectory.end == pytest.approx(place - 0.4 * width, rel=1e-9)
+
+
+# Breakpoints of laws: restarts, jumps, resolution and the energy balance.
+
+every_integrator = integrators(rtol=1e-7, step=1e-3)
+
+
+def driven_bar(law):
+    mech, bar = hinged_body(2.0, 0.1, (0.5, 0.0), name="bar", gravity=9.81)
+    mech.add(bd.Driver("motor", mech.ground.at(0.0, 0.0), bar.at(0.0, 0.0), law=law))
+    return mech
+
+
+@every_integrator
+def test_driver_angle_jump_ends_the_run(integrator):
+    solution = bd.simulate(driven_bar(bd.piecewise((0.3, 0.0), 0.8)), integrator, t_end=1.0)
+    assert not solution.status.success
+    assert "positions jump by 0.8 (m or rad) at t = 0.3 s" in solution.status.sentence
+    assert_allclose(solution.t[-1], 0.3, rtol=1e-12)
+
+
+@every_integrator
+def test_driver_speed_jump_counts_as_work(integrator):
+    law = bd.piecewise((0.3, 0.0), lambda t: 2.0 * (t - 0.3))
+    solution = bd.simulate(driven_bar(law), integrator, t_end=1.0, output_step=0.1)
+    assert solution.status.success
+    # Inertia about the hinge 0.6 kg m^2 at 2 rad/s, and the weight lifted to sin(1.4 rad) / 2.
+    expected = 0.5 * 0.6 * 2.0**2 + 2.0 * 9.81 * 0.5 * np.sin(1.4)
+    # The work error of first-order steps equals their relative step length.
+    first_order = integrator.accuracy.name == "step" and integrator.order == 1
+    rtol = integrator.step if first_order else 1e-5
+    assert_allclose(solution.energies["energy.work_of_drivers [J]"].iloc[-1], expected, rtol=rtol)
+    assert solution.quality.energy_imbalance < rtol
+
+
+@pytest.mark.parametrize(
+    "timing", [{"breakpoints": (7.98, 8.02)}, {"time_scale": 0.04}], ids=["breakpoints", "scale"]
+)
+def test_constrained_system_has_breakpoints_and_time_scale(timing):
+    t, q, v = symbols()
+    push = ca.if_else(ca.logic_and(t > 7.98, t < 8.02), 100.0, 0.0)
+    mass = bd.ConstrainedSystem(t=t, q=q, v=v, mass=1.0, force=push, q0=[0.0], v0=[0.0], **timing)
+    solution = bd.simulate(mass, bd.Ida(1e-6), t_end=10.0)
+    assert_allclose(solution.v[-1], 4.0, rtol=1e-3)
+
+
+def test_strongly_damped_beam_dissipates_its_strain_energy():
+    """Sign of the dissipation: all strain energy of a release is dissipated."""
+    line, section = (
+        bd.Line((0.0, 0.0), (0.5, 0.0)),
+        rectangle(0.01, 0.03, material=ALLOY, damping=0.02),
+    )
+    mech = cantilever(2, line, section, load=(0.0, bd.piecewise((1.0, 50.0), 0.0)))
+    solution = bd.simulate(mech, bd.Ida(1e-5), t_end=3.0)
+    ledger = solution.energies.iloc[-1]
+    work = ledger["energy.work_of_loads [J]"]
+    # Work of the quasi-static push, F^2 L^3 / (3 EI), which is dissipated entirely.
+    assert_allclose(work, 50.0**2 * 0.5**3 / (3.0 * 70e9 * 0.03 * 0.01**3 / 12.0), rtol=0.02)
+    assert_allclose(ledger["energy.dissipated [J]"], work, rtol=1e-3)
+    assert solution.quality.energy_imbalance < 1e-3
+
+
+@pytest.mark.slow(reason="half a second")
+def test_regression_drift_at_a_breakpoint_is_not_reported_as_a_jump():
+    """The restart corrected a drift of 1.3e-3, which was reported as a jump of the run-up."""
+    from slider_crank import slider_crank
+
+    drifting = bd.Ida(1e-3, formulation="index1")
+    solution = bd.simulate(slider_crank(frame="chord"), drifting, t_end=0.6)
+    assert solution.status.success
+    assert solution.quality.max_position_drift > 1e-4
+
+
+# Loads of inactive forces are zero in columns, events, controllers, equilibria and derivatives.
+
+OFF = 0.1  # position at which the spring is deactivated [m]
+LOADS = ("spring [N]", "load.Fx [N]", "power.power [W]", "measured [N]", "push.Fx [N]")
+
+
+def build(stiffness=100.0):
+    """A mass on a guide between two springs, one of which is cut when the mass passes `OFF`."""
+    mech, mass = mass_on_rail(1.0, 0.3)
+    left, right = mech.ground.at(-1.0, 0.0), mech.ground.at(1.0, 0.0)
+    spring = mech.add(bd.Spring("spring", left, mass.point, stiffness, free_length=1.0))
+    mech.add(bd.Spring("other", right, mass.point, 5.0, free_length=0.8))
+    mech.observe("mass", mass.point)
+    mech.observe("spring", spring.force)
+    mech.observe("load", spring.load_on("b"))
+    mech.observe("power", spring.power)
+    mech.observe("elongation", spring.elongation)
+    measured = mech.sensor("measured", spring.force)
+    push = mech.add(bd.Force("push force", mass.point, (lambda t: 0.5 * measured, 0.0)))
+    mech.observe("push", push.force)
+    return mech, spring
+
+
+@bd.model(t_end=0.5)
+def cut(stiffness=100.0):
+    mech, spring = build(stiffness)
+    mech.when("mass.x", OFF, "down", bd.deactivate(spring), "cut")
+    mech.when("measured", 1.0, "down", "record", "unloaded")
+    return mech
+
+
+METHOD = bd.GeneralizedAlpha(step=2e-3)
+
+
+@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.parametrize(
+    "method", [METHOD, bd.Radau(1e-7), bd.Ida(1e-7)], ids=["alpha", "radau", "ida"]
+)
+def test_regression_loads_of_a_cut_spring_are_zero(method):
+    run = bd.simulate(cut(), method, output_step=0.02)
+    record = run.event_records[0]
+    after = run.t > record.t
+    assert record.name == "cut"
+    assert after.any()
+    for header in LOADS:
+        assert np.all(run.columns[header][after] == 0.0)
+        assert run.columns[header][~after][-1] != 0.0
+    # Deformations are not loads.
+    assert np.all(run.columns["elongation [m]"][after] != 0.0)
+    # The table of events contains the load before the action.
+    assert run.events["spring [N]"].iloc[0] == pytest.approx(100.0 * OFF, rel=1e-4)
+    # The measured load no longer acts through the other force: the energy balance would miss it.
+    assert run.quality.energy_imbalance < 1e-3
+
+
+@pytest.mark.slow(reason="half a second and more")
+def test_regression_derivatives_of_loads_of_a_cut_spring():
+    run = bd.sensitivities(cut, "stiffness", METHOD, output_step=0.1, estimate_error=False)
+    step = 1e-3
+    ends = [bd.simulate(cut(stiffness=100.0 + d), METHOD, 0.5, 0.1) for d in (step, -step)]
+    for header in LOADS:
+        difference = (ends[0].columns[header] - ends[1].columns[header]) / (2.0 * step)
+        values = run.columns.observed["stiffness"][header]
+        assert_allclose(values, difference, atol=1e-6 * np.max(np.abs(difference)))
+
+
+@pytest.mark.slow(reason="half a second and more")
+def test_regression_gradient_of_the_integral_of_a_load_that_ends():
+    objective = bd.quantities.TimeIntegral("spring")
+
+    def value(stiffness):
+        parameters = {"stiffness": stiffness}
+        return bd.gradient(
+            cut, objective, "stiffness", METHOD, parameters=parameters, estimate_error=False
+        )
+
+    step = 1e-2
+    difference = (value(100.0 + step).value - value(100.0 - step).value) / (2.0 * step)
+    assert value(100.0).derivatives["stiffness"] == pytest.approx(difference, rel=1e-5)
+
+
+def test_regression_equilibria_and_linear_models_without_the_load():
+    mech, spring = build()
+    mech.deactivate(spring)
+    path = bd.equilibrium(mech)
+    assert path.columns["mass.x [m]"][-1] == pytest.approx(0.2)  # free length of the other spring
+    linear = bd.linearize(mech, about=path)
+    for header in LOADS:
+        if header in path.columns:
+            assert path.columns[header][-1] == 0.0
+        row = [x.header for x in linear.outputs].index(header)
+        assert not linear.C[row].any()
+        assert linear.output_values[row] == 0.0
+
+
+def test_regression_formulas_of_inactive_forces_need_not_be_finite():
+    mech, mass = free_ball((0.1, 0.0), velocity=(-1.0, 0.0), name="mass")
+    spring = mech.add(
+        bd.Spring(
+            "spring", mech.ground.at(-1.0, 0.0), mass.point, law=lambda u, v: (u + 0.1) ** 0.5
+        )
+    )
+    mech.observe("spring", spring.force)
+    mech.when("mass.x", 0.05, "down", bd.deactivate(spring))
+    run = bd.simulate(mech, METHOD, 0.5)
+    assert run.status.success
+    assert run.columns["spring [N]"][-1] == 0.0
+
+
+@pytest.mark.slow(reason="a quarter of a second")
+def test_regression_controllers_read_zero_for_a_cut_spring():
+    mech, spring = build()
+    mech.when("mass.x", OFF, "down", bd.deactivate(spring), "cut")
+    held = mech.input("held", 0.0, unit="N")
+    reads = mech.sensor("read", spring.force)
+    mech.add(bd.Controller("logger", 0.01, [reads], [held], lambda sample: sample.reads[0]))
+    run = bd.simulate(mech, METHOD, 0.5, output_step=0.01)
+    after = run.t > run.event_records[0].t + 0.011
+    assert np.all(run.columns["held [N]"][after] == 0.0)
+    assert np.all(run.columns["held [N]"][1:10] > 0.0)
+
+
+def test_regression_columns_added_after_the_run():
+    mech, spring = build()
+    mech.when("mass.x", OFF, "down", bd.deactivate(spring), "cut")
+    run = bd.simulate(mech, METHOD, 0.5).observe("added", spring.load_on("b"))
+    assert np.all(run.columns["added.Fx [N]"][run.t > run.event_records[0].t] == 0.0)
