@@ -105,7 +105,7 @@ def parts(variant=TANGENT):
     return mech, disk, beam
 
 
-# Joints between points of bodies; for sliders on beams see test_sliding.
+# Joints between points of bodies; for sliders on beams see test_beam_contact.
 OF_POINTS = {x: make for x, make in JOINTS.items() if not x.startswith("sliding")} | NONHOLONOMIC
 every_joint_of_points = pytest.mark.parametrize("make", OF_POINTS.values(), ids=list(OF_POINTS))
 every_frame = pytest.mark.parametrize(
