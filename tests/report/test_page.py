@@ -4,7 +4,6 @@ import json
 import math
 import re
 from copy import deepcopy
-from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -28,7 +27,6 @@ from pages import (
     selected_options,
     study_page,
     sweep_page,
-    tool_buttons,
     visible_ranges,
     wait_until,
 )
@@ -442,37 +440,18 @@ def test_the_page_defines_the_initial_axes(show):
     assert tab.inner_text("#precision h2") == "steps over error"
 
 
-def download_chart(tab, key):
-    with tab.expect_download() as download:
-        tool_buttons(tab, key).filter(has_text="SVG").click()
-    return download.value
-
-
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_charts_are_saved_as_self_contained_pictures(open_page, scheme):
-    tab = open_page(study_page(), color_scheme=scheme)
-    select_only(tab, 2, 5)
-    svg = download_chart(tab, "observed").path().read_text()
-    root = ElementTree.fromstring(svg)
-    texts = ["".join(x.itertext()) for x in root.iter() if x.tag.endswith("text")]
-    # Titles of the axes and entries of the legend.
-    for text in ("tip.x [m]", "t [s]", "Ida(rtol=0.001)", "GeneralizedAlpha(step=0.002)"):
-        assert text in texts
-    # Colors of the light scheme in the file, also if the screen is dark.
-    assert "#0072b2" in svg
-    assert "var(" not in svg
-    assert tab.evaluate("document.documentElement.className") == ""
-
-
-def test_charts_with_odd_names_are_saved(show):
-    page = odd_page()
-    tab = show(page)
-    select_only(tab, 2)
-    choice = tab.get_by_label("Observed: quantity")
-    # Characters that XML does not allow, and XML tags.
-    for k in (5, 7, 8):
-        choice.select_option(index=k)
-        ElementTree.fromstring(download_chart(tab, "observed").path().read_text())
+def test_regression_legends_of_several_lines_do_not_cover_the_axis(phone):
+    """The second line of a legend lay on the title of the axis."""
+    page = study_page()
+    page["families"] = [f"family number {k}" for k in range(len(page["cases"]))]
+    for case, family in zip(page["cases"], page["families"], strict=True):
+        case["family"] = family
+    texts = phone(page).locator("[data-chart=scatter] svg text").all()
+    bottoms = {x.text_content(): x.bounding_box() for x in texts}
+    entries = [box["y"] for text, box in bottoms.items() if text in page["families"]]
+    assert len(set(entries)) > 1
+    title = bottoms["wall time [s]"]
+    assert min(entries) > title["y"] + title["height"]
 
 
 def bar_length(tab):
