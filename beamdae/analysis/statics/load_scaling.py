@@ -144,10 +144,6 @@ class FactorEquations(NamedTuple):
         """Return R, (n + m,)."""
         return np.asarray(self.interpolate(*(x.residual(q, lam) for x in self[:2])))
 
-    def by_factor(self, q: Array, lam: Array) -> Array:
-        """Return the derivative of R by mu, (n + m,)."""
-        return self.rate * (self.last.residual(q, lam) - self.first.residual(q, lam))
-
     def matrix(self, q: Array, lam: Array) -> sp.csc_array:
         """Return the Jacobian of R with respect to x."""
         return sp.csc_array(self.interpolate(*(x.matrix(q, lam) for x in self[:2])))
