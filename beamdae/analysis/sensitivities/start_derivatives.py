@@ -42,7 +42,7 @@ from beamdae.equations.structure import (
 )
 from beamdae.integrators.alpha.family import JERK_INTERVAL, STIFF_TIME, AlphaParameters
 from beamdae.symbolic.sums.kernel_sums import SumPlan, set_time
-from beamdae.symbolic.sums.sum_derivatives import StackedSum, directional_plan, transposed_plan
+from beamdae.symbolic.sums.sum_derivatives import directional_plan, transposed_plan
 from beamdae.symbolic.sums.sum_evaluator import SumEvaluator
 
 Array = np.ndarray
@@ -128,10 +128,10 @@ class _Sum:
     moving: Difference | None
 
     @cached_property
-    def along(self) -> StackedSum:
-        """Directional derivatives, with the inputs (x, dx, dp)."""
+    def along(self) -> SumEvaluator:
+        """Directional derivative, with the inputs (x, dx, dp)."""
         plan = plan_along(self.equations, self.moving, self.plan, self.n_inputs)
-        return StackedSum(plan, self.equations.p)
+        return SumEvaluator(plan, self.equations.p)
 
     @cached_property
     def transposed(self) -> SumEvaluator:
@@ -178,12 +178,13 @@ class _SumDerivative(LinearOperator):
         self._sum, self._time, self._x, self._delta = total, time, x, delta
 
     def _matmat(self, changes: Array) -> Array:
-        directions, shifts = changes[:-1].T, changes[-1]
-        rows = np.hstack([np.broadcast_to(self._x, (len(shifts), len(self._x))), directions])
-        result = self._sum.along(self._time, rows, self._sum.size)
+        total, (*directions, shifts) = self._sum.along, changes
+        set_time(total, *self._time)
+        rows = (np.concatenate([self._x, x]) for x in np.array(directions).T)
+        result = np.column_stack([total(x, self._sum.size) for x in rows])
         if shifts.any():
-            result += np.multiply.outer(shifts, self.time_rate)
-        return result.T
+            result += np.multiply.outer(self.time_rate, shifts)
+        return result
 
     @property
     def time_rate(self) -> Array:
