@@ -61,7 +61,7 @@ from beamdae.analysis.sensitivities.neighbors import (
     Difference,
     Neighbors,
 )
-from beamdae.analysis.sensitivities.start_derivatives import plan_along
+from beamdae.analysis.sensitivities.start_derivatives import StartDerivatives
 from beamdae.analysis.statics.load_scaling import build_loading
 from beamdae.analysis.statics.static_problem import StaticProblem
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
@@ -297,8 +297,7 @@ def _derive_statics(
     part = difference.between(here.equations, neighbors)
     base = part.base
     n, size, dp = base.n, 2 * base.n + base.m, part.along(lambda e: e.p)
-    moving = part if part.moves_operators else None
-    total = SumEvaluator(plan_along(base, moving, _plan_residual, size), base.p)
+    total = SumEvaluator(StartDerivatives.of(part).plan_along(_plan_residual, size), base.p)
     set_time(total, *here.time)
 
     def differentiate(x: Array) -> Array:

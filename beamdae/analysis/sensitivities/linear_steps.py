@@ -30,7 +30,6 @@ from beamdae.analysis.sensitivities.neighbors import derivative_call
 from beamdae.analysis.sensitivities.start_derivatives import (
     Directions,
     StartDerivatives,
-    plan_along,
     plan_transpose,
 )
 from beamdae.core.return_codes import DONE
@@ -355,7 +354,7 @@ def differentiate_steps(
         motion[:] = along.reshape(motion.shape)
     else:
         motion[:, :2] = starts[:, : 2 * n].reshape(count, 2, n)
-    plan = plan_along(maps.equations, maps.moving, steps.residual, steps.n_inputs)
+    plan = maps.plan_along(steps.residual, steps.n_inputs)
     stages = steps.count * len(steps.nodes)
     results = np.zeros(((stages + 1) * count, 3 * n + equations.m))
     results[:count] = starts
