@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import copy
-import warnings
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -36,11 +34,11 @@ from beamdae.analysis.sensitivities.sensitivity_result import (
 )
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.measures import TIME
-from beamdae.errors import BeamdaeError, BeamdaeWarning, require_mapping, require_names, short_repr
+from beamdae.errors import BeamdaeError, require_mapping, require_names, short_repr
 from beamdae.integrators import Integrator
 from beamdae.integrators.integrator import require_integrator
 from beamdae.results.solution import Solution
-from beamdae.simulation import as_equations, simulate, unchecked
+from beamdae.simulation import as_equations, silenced, simulate
 
 Array = np.ndarray
 
@@ -289,7 +287,7 @@ class FitProblem:
         """
         times, solutions = self._shift_times(evaluation.values), {}
         for experiment, run in evaluation.runs.items():
-            with _without_warnings():
+            with silenced():
                 mechanism, t_end = change(run.solution.equations), self._t_end[experiment]
                 other = simulate(mechanism, method, t_end, start=self.start, keep_steps=True)
                 if other.trajectory.end < t_end:
@@ -340,7 +338,7 @@ class FitProblem:
         fitted = dict(zip(self.names, values.tolist(), strict=False))
         settings = {"parameters": self._settings[experiment] | fitted, "start": self.start}
         # The result evaluates the warnings of the last run.
-        with _without_warnings():
+        with silenced():
             run = differentiate_run(self.model, self.names, self.integrator, t_end, **settings)
             if run.solution.trajectory.end < t_end:
                 raise BeamdaeError(
@@ -385,14 +383,6 @@ class FitProblem:
         projected -= inverse[:count].T @ ((scaled * residuals) @ weighted)
         jacobian = np.hstack([effects, matrix])
         return Evaluation(values, runs, residuals, coefficients, projected, jacobian)
-
-
-@contextmanager
-def _without_warnings() -> Any:
-    """Skip the warnings and the checks of runs."""
-    with warnings.catch_warnings(), unchecked():
-        warnings.simplefilter("ignore", BeamdaeWarning)
-        yield
 
 
 def unexplained_share(problem: FitProblem, evaluation: Evaluation) -> float:
