@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -300,8 +300,10 @@ class DesignProblem:
             self._designs[key] = design
         return self._designs[key]
 
-    def repeat(self, values: Array, mechanism: Any, integrator: Integrator | None) -> Array:
-        """Return the values (1 + C,) of a design with another mechanism and integrator.
+    def repeat(
+        self, values: Array, change: Callable[[Any], Any], integrator: Integrator | None
+    ) -> Array:
+        """Return the values (1 + C,) of a design after a change of its mechanism and integrator.
 
         Raises
         ------
@@ -309,14 +311,8 @@ class DesignProblem:
             If an analysis fails.
         """
         settings, flat = replace(self.settings, integrator=integrator), self._move(values)
-        flat = replace(flat, whole=transform_mechanisms(flat.whole, lambda _: mechanism))
+        flat = replace(flat, whole=transform_mechanisms(flat.whole, change))
         return replace(self, settings=settings)._analyze(flat).values
-
-    def start_of(self, equations: EquationsOfMotion) -> Any:
-        """Return the start of the runs and equilibria of a design."""
-        mechanism = equations.mechanism
-        assert mechanism is not None
-        return mechanism.start if self.settings.start is None else self.settings.start
 
     def _analyze(self, flat: FlatModel) -> Design:
         model, analyses = DesignModel(flat), dict[tuple[str, ...], Analysis]()
