@@ -13,11 +13,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu, spsolve
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
-from beamdae.equations.starts.closing import (
-    close_joints,
-    find_least_change,
-    select_independent,
-)
+from beamdae.equations.starts.closing import close_joints
 from beamdae.equations.starts.dependent_constraints import require_independent_constraints
 from beamdae.equations.starts.rigid_motions import compute_rigid_motions
 from beamdae.equations.starts.state_evaluator import StateEvaluator
@@ -86,9 +82,13 @@ class ConsistencySolver(StateEvaluator):
         g_dot = self.constraint_levels(time, q, v)[1]
         if not g_dot.any():
             return v
-        fixed = select_independent(self, time, q, v, np.array(prescribed, int))
-        gaps = np.concatenate([g_dot, np.zeros(len(fixed))])
-        return v + find_least_change(self, time, q, v, gaps, fixed)
+        change = self.solve_saddle(time, q, v, 0.0, -g_dot)[0]
+        if len(prescribed):
+            fixed = build_selection(prescribed, self.equations.n)
+            rows = sp.vstack([self.constraint_matrix(time, q), fixed])
+            values = np.append(-g_dot, np.zeros(len(prescribed)))
+            change = _solve_least_change(self.mass_matrix(time, q), rows, values)
+        return v + change
 
     def complete(self, time: Array, q: Array, v: Array) -> State:
         """Return the state at consistent (q, v), with the rates of first-order states."""
