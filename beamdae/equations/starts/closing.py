@@ -388,16 +388,18 @@ class _Path:
 
     @cached_property
     def stiffness(self) -> float:
-        """Largest stiffness relative to the largest inertia [1/s^2]; 1 without stiffness.
+        """Largest stiffness, or load, relative to the largest inertia [1/s^2]; 1 without both.
 
-        Stiff parts count only if there are no others: their forces are unknowns.
+        Loads count because their rounding errors must not exceed the forces of the inertia, and
+        stiff parts only if there are no other stiffnesses: their forces are unknowns.
         """
         e = self.evaluator.equations
-        squares = e.without_states(e.position_scales**2)
+        scales = e.without_states(e.position_scales)
+        squares, loads = scales**2, np.max(scales * np.abs(self._drawn_force))
         elastic, inertial = (self.matrix(self.begin, *x) for x in ((1.0, 0.0), (0.0, 1.0)))
         stiffness, inertia = (
             np.max(squares * np.abs(x.diagonal()[: e.n])) for x in (elastic, inertial)
         )
         stiff = slice(e.n + self._form.joint_count, e.n + self._form.equations.m)
         strains = np.max(elastic.power(2)[stiff, : e.n] @ squares, initial=0.0)
-        return float((stiffness or strains) / inertia) or 1.0
+        return float(max(stiffness or strains, loads) / inertia) or 1.0
