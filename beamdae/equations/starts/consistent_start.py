@@ -9,12 +9,14 @@ from typing import Any
 import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
-from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu, spsolve
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.starts.closing import close_joints
-from beamdae.equations.starts.dependent_constraints import require_independent_constraints
+from beamdae.equations.starts.dependent_constraints import (
+    group_tied,
+    require_independent_constraints,
+)
 from beamdae.equations.starts.rigid_motions import compute_rigid_motions
 from beamdae.equations.starts.state_evaluator import StateEvaluator
 from beamdae.errors import BeamdaeError
@@ -272,7 +274,10 @@ class ConsistencySolver(StateEvaluator):
         if not np.any(is_open):
             return v
         gradients = sp.csr_array(self.constraint_matrix(time, q))
-        groups, groups_of_rows = self._connected_groups(gradients)
+        # Parts whose coordinates a constraint contains move together.
+        ties = np.split(e.part_indices[gradients.indices], gradients.indptr[1:-1])
+        groups, groups_of_rows = np.split(group_tied(len(e.parts), ties), [len(e.parts)])
+        groups = groups[e.part_indices]
         motions = sp.csc_array(e.position_scales[:, None] * compute_rigid_motions(e, q))
         mass = self.mass_matrix(time, q)
         given_vectors = np.flatnonzero([part.given_velocities for part in e.parts])
@@ -298,19 +303,6 @@ class ConsistencySolver(StateEvaluator):
         e = self.equations
         columns = np.split(shapes.indices, shapes.indptr[1:-1])
         return np.array([2 * e.part_indices[x[0]] + np.any(e.is_angle[x]) for x in columns])
-
-    def _connected_groups(self, gradients: sp.csr_array) -> tuple[Array, Array]:
-        """Return the number of the group of each coordinate, (n,), and of each constraint, (m,).
-
-        Parts and constraints connect their coordinates; `gradients` is G.
-        """
-        e, joints = self.equations, gradients.tocoo()
-        # Parts, then constraints.
-        size = len(e.parts) + e.m
-        pairs = e.part_indices[joints.col], len(e.parts) + joints.row
-        graph = sp.coo_array((np.ones(joints.nnz), pairs), shape=(size, size))
-        groups = connected_components(graph, directed=False)[1]
-        return groups[e.part_indices], groups[len(e.parts) :]
 
     def _solve_with_friction(
         self, time: Array, q: Array, v: Array, stiff_time: float
