@@ -93,8 +93,10 @@ class ConsistencySolver(StateEvaluator):
         return v + change
 
     def complete(self, time: Array, q: Array, v: Array) -> State:
-        """Return the state at consistent (q, v), with the rates of first-order states."""
-        v = self.with_state_rates(time, q, v)
+        """Return the state at consistent (q, v), with the rates x' = f of first-order states."""
+        if len(self.equations.states):
+            # The rows of these states are x' - f.
+            v = v - self._is_state * self.force(time, q, v)
         return State(q, v, *self.acceleration(time, q, v))
 
     def close_positions(
@@ -107,14 +109,6 @@ class ConsistencySolver(StateEvaluator):
         values = requested or {}
         selected = np.array(list(values), int)
         return close_joints(self, time, q, selected, np.array(list(values.values()), float))
-
-    def with_state_rates(self, time: Array, q: Array, v: Array) -> Array:
-        """Return velocities with the rates x' = f(t, q, v, x) of the first-order states."""
-        e = self.equations
-        if not len(e.states):
-            return v
-        # The rows of these states are x' - f.
-        return v - self._is_state * self.force(time, q, v)
 
     @property
     def _is_state(self) -> Array:
