@@ -295,8 +295,9 @@ typedef struct {
     Reals velocity_weights, velocity_rounding_weights;
     Reals2 rows; /* (t, q, v, a, lam) of the stages */
     /* Rounding errors of q relative to those near the origin, largest weighted correction of an
-       iteration that stagnates, and the error test of multipliers. */
-    double rounding_ratio, stagnation_limit, multiplier_tolerance, shortest_tested_step;
+       iteration that stagnates, errors of laws that end it, and the error test of multipliers. */
+    double rounding_ratio, stagnation_limit, law_tolerance, multiplier_tolerance;
+    double shortest_tested_step;
     int64_t filled, most;               /* rows, and steps to take */
     double t, branch, end, factors_step; /* step of the factors, 0 without factors */
     int64_t iterations;                 /* in the last step, with their last rate of convergence */

@@ -12,8 +12,8 @@
 /* The iteration stagnates at its rounding errors if a correction shrinks by less than this
    factor. */
 #define STAGNATION_RATE 0.5
-/* Errors of the laws of resultants after the last correction, relative to the largest resultant. */
-#define LAW_TOLERANCE 1e-7
+/* Relative rounding error of positions in the laws of resultants, two units in the last place. */
+#define POSITION_ROUNDING 0x1p-51
 /* The local error of the embedded third-order method is of order 4. */
 #define ERROR_EXPONENT 0.25
 #define SAFETY 0.9
@@ -221,24 +221,31 @@ double max_modulus(Complexes x, Reals weights) {
     return largest;
 }
 
-/* Largest residual of the laws of resultants in the stages, relative to the largest resultant. */
+/* Largest residual, beyond rounding errors, of the laws of resultants in the stages, relative to the
+   largest resultant. */
 static double law_error(const RadauWorkspace *run) {
-    const int64_t count = run->base.reduction.law_starts.size - 1;
+    const KinematicReduction *at = &run->base.reduction;
+    const double *laws = resultant_derivatives(&run->base) + at->force_rows.size;
+    const int64_t count = at->law_starts.size - 1, first = run->form.size - count;
     double error = 0.0, largest = 0.0;
     for (int i = 0; i < 3; i++) {
-        const Reals residual = row(run->stage_residuals, i), rates = row(run->base.rates, i);
-        for (int64_t k = residual.size - count; k < residual.size; k++) {
-            error = join_largest(error, fabs(residual.at[k]));
-            largest = join_largest(largest, fabs(rates.at[k]));
+        const double *residual = row(run->stage_residuals, i).at + first;
+        const double *y = row(run->base.stages, i).at, *rates = row(run->base.rates, i).at + first;
+        for (int64_t k = 0; k < count; k++) {
+            double size = 0.0;
+            for (uint32_t e = at->law_starts.at[k]; e < at->law_starts.at[k + 1]; e++)
+                size += fabs(laws[e] * y[at->law_columns.at[e]]);
+            error = join_largest(error, fabs(residual[k]) - POSITION_ROUNDING * size);
+            largest = join_largest(largest, fabs(rates[k]));
         }
     }
-    return largest > 0.0 ? error / largest : 0.0;
+    return error > 0.0 ? error / largest : 0.0;
 }
 
 static int iterate_newton(RadauWorkspace *run, double h) {
     Stages *base = &run->base;
     const Reals weights = run->iteration_weights;
-    double previous = INFINITY, rate = FIRST_RATE, last_law_error = INFINITY;
+    double previous = INFINITY, rate = FIRST_RATE, last_ratio = 0.0;
     for (int k = 0; k < MAX_ITERATIONS; k++) {
         run->iterations = k + 1;
         if (k > 0) set_stages(base, h);
@@ -254,22 +261,23 @@ static int iterate_newton(RadauWorkspace *run, double h) {
         if (!isfinite(real_size) || !isfinite(complex_size)) return NOT_FINITE;
         const double size = largest_of(real_size, complex_size);
         if (k > 0) {
-            rate = previous > 0.0 ? size / previous : 0.0;
-            if (rate > STAGNATION_RATE && size <= run->stagnation_limit) {
+            /* Corrections may alternate: the first one also changes forces, which the norm does not
+               contain and which cause most of the second. */
+            const double ratio = previous > 0.0 ? size / previous : 0.0;
+            rate = k > 1 ? sqrt(ratio * last_ratio) : ratio;
+            last_ratio = ratio;
+            if (rate > STAGNATION_RATE && size <= run->stagnation_limit &&
+                error <= run->law_tolerance) {
                 run->rate = rate;
                 return DONE;
             }
-            if (rate > 1.0) break;
+            if (k > 1 && rate > 1.0) break;
         }
-        /* The laws are quadratic functions of corrections, up to rounding errors. */
-        const int obeys = error * rate * rate <= LAW_TOLERANCE ||
-                          error > STAGNATION_RATE * last_law_error;
-        if (rate < 1.0 && size * rate <= 1.0 - rate && obeys) {
+        if (rate < 1.0 && size * rate <= 1.0 - rate && error * rate <= run->law_tolerance) {
             run->rate = k > 0 ? rate : 0.0;
             return DONE;
         }
         previous = size;
-        last_law_error = error;
     }
     return NOT_CONVERGED;
 }
@@ -279,9 +287,11 @@ static int iterate_newton(RadauWorkspace *run, double h) {
 static void determine_resultants(RadauWorkspace *run) {
     const Reals residual = row(run->stage_residuals, 0);
     const int64_t count = run->base.reduction.law_starts.size - 1;
+    if (count == 0) return;
     const Reals resultants = from(run->base.yp, residual.size - count);
     fill(resultants, 0.0);
     evaluate_residual(&run->form, run->t, run->branch, run->base.y, run->base.yp, residual);
+    run->residuals++;
     copy(resultants, from(residual, residual.size - count));
 }
 

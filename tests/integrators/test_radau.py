@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from four_bar import four_bar
 from hub_beam import hub_beam
 from mechanisms import driven, rectangle, symbols
 from numpy.testing import assert_allclose
@@ -232,3 +233,22 @@ def test_steps_do_not_depend_on_slenderness_and_stiffness(build, stiffness):
     assert stiff.steps < 1.3 * soft.steps
     # The laws of stiffer parts take more iterations.
     assert stiff.residual_calls < 2.5 * soft.residual_calls
+
+
+@pytest.mark.parametrize("rtol", [1e-3, 1e-5, 1e-7])
+@pytest.mark.parametrize("model", [hub_beam, slider_crank, four_bar], ids=lambda m: m.name)
+def test_iterations_of_mechanisms_rarely_fail(model, rtol):
+    """Each second correction undid a part of the first, and was read as divergence."""
+    counts = bd.simulate(model(), bd.Radau(rtol), t_end=0.7).statistics
+    assert counts.newton_failures <= 2 + 0.1 * counts.steps
+
+
+@pytest.mark.parametrize("stiffness", [1e3, 1e6, 1e10])
+def test_forces_of_springs_accelerate_their_masses(stiffness):
+    """Forces of stiff springs were wrong by up to 40 times their size."""
+    mech, time = chain_of_springs(stiffness)
+    mech.observe("pull", mech.part("spring 4").force)
+    run = bd.simulate(mech, bd.Radau(1e-3), t_end=time)
+    run = run.at_times(np.unique([t for part in run.trajectory.intervals for t in part.t]))
+    pull = np.linalg.norm(run.a[:, -2:] + [0.0, 9.81], axis=1)  # of the last mass of 1 kg
+    assert_allclose(np.abs(run.observed["pull [N]"]), pull, rtol=0, atol=1e-3 * pull.max())

@@ -408,8 +408,8 @@ def _open_loop(model: LinearModel, at: Any, controller: Any, every: Any, delay: 
     matrix = a - b @ c / (1.0 + gain)
     slowest = _slowest(own, matrix)
     closed, computed, poles = (_find_poles(x, slowest, interval) for x in (matrix, plant.A, law[0]))
-    # Poles slower than those of modes are free motions, whose errors are those of the closed loop.
-    errors = np.abs(computed[np.abs(computed) < 0.5 * slowest])
+    # Free motions have poles of zero; the computed ones show the errors of the closed loop.
+    errors = np.sort(np.abs(computed))[: np.count_nonzero(own == 0.0)]
     rounding = max(_ERROR_RATIO * np.max(errors, initial=0.0), _ZERO_RATIO * slowest)
     closed[np.abs(closed) <= rounding] = 0.0
     if interval is not None:

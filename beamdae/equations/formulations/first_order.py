@@ -247,7 +247,10 @@ def plan_residual(structure: Structure, name: str) -> SumPlan:
 
 @cache_on_owner
 def plan_jacobian(structure: Structure, name: str, apart: bool) -> tuple[sp.csc_array, SumPlan]:
-    """Return pattern and plan of dR/dy + c dR/dy' or, if `apart`, of both derivatives."""
+    """Return pattern and plan of dR/dy + c dR/dy' or, if `apart`, of both derivatives.
+
+    Those of mixed equations are planned apart only.
+    """
     form = FORMULATIONS[name]
     n, m, size = structure.n, structure.m, _size(structure, form)
     total, layout = create_matrix_sum(), _input_layout(structure, form)

@@ -16,14 +16,17 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.structure import ForceTerm, Structure, cache_on_owner
 
 
-def introduce_unknown_resultants(e: EquationsOfMotion) -> EquationsOfMotion:
+def mix_equations(e: EquationsOfMotion) -> EquationsOfMotion:
     """Return equations with the same numbers and the resultants of all forces as unknowns."""
-    return replace(e, structure=_introduce_resultants(e.structure))
+    return replace(e, structure=_mix_structure(e.structure))
 
 
 @cache_on_owner
-def _introduce_resultants(structure: Structure) -> Structure:
-    total, begin, forces = sum(x.count * x.kernel.mixed.resultants for x in structure.forces), 0, []
+def _mix_structure(structure: Structure) -> Structure:
+    total = sum(x.count * x.kernel.mixed.resultants for x in structure.forces)
+    if not total:
+        return structure
+    begin, forces = 0, []
     for term in structure.forces:
         if term.kernel.mixed.resultants:
             term = _extend_term(term, begin, total)

@@ -34,10 +34,10 @@ class Radau(AdaptiveIntegrator):
     for the index-2 form, which has the same stages). RADAU5: Hairer & Wanner, Solving ODEs II,
     1996, section IV.8.
 
-    Departures from RADAU5: the error estimate includes constraints, axial and shear forces of beams
+    Departures from RADAU5: the error estimate includes constraints. Axial and shear forces of beams
     and forces of springs are unknowns of Newton's iteration, so that steps do not depend on
-    slenderness and stiffness, an iteration that stagnates at rounding errors has converged, and
-    error weights come from the scales of the mechanism.
+    slenderness and stiffness. An iteration that stagnates at rounding errors has converged. Error
+    weights come from the scales of the mechanism.
 
     Parameters
     ----------

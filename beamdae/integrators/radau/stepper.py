@@ -21,7 +21,7 @@ from beamdae.equations.formulations.first_order import (
     formulate_first_order,
     reduce_kinematics,
 )
-from beamdae.equations.formulations.mixed_equations import introduce_unknown_resultants
+from beamdae.equations.formulations.mixed_equations import mix_equations
 from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
 from beamdae.integrators.error_control import (
     POSITION_ROUNDING,
@@ -192,6 +192,7 @@ class RadauStepper:
             "velocity_rounding_weights": 1.0 / near_origin,
             "rounding_ratio": scales.rounding_ratio,
             "stagnation_limit": _MAX_STAGNATION_FRACTION / fraction,
+            "law_tolerance": fraction * local,
         }
 
     @property
@@ -294,9 +295,8 @@ class RadauStepper:
 
 
 def formulate_stages(equations: EquationsOfMotion) -> FirstOrderForm:
-    """Return the form of the stages, with the resultants of beams as unknowns."""
-    mixed = introduce_unknown_resultants(equations)
-    return formulate_first_order(mixed, STABILIZED_FORM, apart=True)
+    """Return the form of the stages, with the resultants of beams and springs as unknowns."""
+    return formulate_first_order(mix_equations(equations), STABILIZED_FORM, apart=True)
 
 
 def _local_tolerance(rtol: float, policy: str, periods: float, form: FirstOrderForm) -> float:
