@@ -19,7 +19,12 @@ from beamdae.equations.formulations.first_order import State
 from beamdae.equations.smooth_intervals import SAME_TIME, branch_time
 from beamdae.errors import BeamdaeError, ProgressError, list_first
 from beamdae.integrators.events.stop_search import StopSearch
-from beamdae.integrators.events.switching import MethodCache, apply_event, initial_configuration
+from beamdae.integrators.events.switching import (
+    MethodCache,
+    StallCheck,
+    apply_event,
+    initial_configuration,
+)
 from beamdae.integrators.events.watches import Stop
 from beamdae.integrators.integrator import (
     PROBE_SHARE,
@@ -253,7 +258,7 @@ class _RunInProgress:
         self._plan, self._limits, self._label = plan, limits, label
         self._configuration = initial_configuration(equations)
         self.methods = MethodCache(method_on, plan, self._configuration)
-        self.method = self.methods.first
+        self.method, self._stall_check = self.methods.first, StallCheck(plan.duration)
         if limits.pace_check is not None:
             limits.pace_check.relative_limit = self.method.steps_per_check / STEPS_PER_CHECK
         self._search = StopSearch(equations, rtol)
@@ -489,12 +494,9 @@ class _RunInProgress:
 
     def _switch_parts(self, event: EventTerm) -> Stop | None:
         """Apply the actions of an event; return the next stop at the same time."""
-        detector, methods, t = self.detector, self.methods, self._history.end
+        detector, t = self.detector, self._history.end
         assert detector is not None
         assert self._configuration is not None
-        stall = methods.stall_reason(event, t, self._plan.duration)
-        if stall and not detector.repeats_impacts:
-            return Stop(t, t, stall)
         try:
             result = apply_event(
                 self._equations,
@@ -507,13 +509,13 @@ class _RunInProgress:
             )
             self._configuration, self._plan = result.configuration, result.plan
             self._interval_ends = result.ends
-            self.method = methods.get(result.plan, result.configuration)
+            self.method = self.methods.get(result.plan, result.configuration)
             self._adapt_to_active_parts()
         except BeamdaeError as problem:
             raise BeamdaeError(f"event {event.name}: {problem}") from problem
         self._begin_segment(t, result.branch, result.state)
         detector.record_switch(self._segments[-1], result.impulses, result.energy_lost)
-        if stall := methods.unresolved_impact_reason(event, result.impulses, self._plan.duration):
+        if stall := self._stall_check.reason(event, t, result.impulses):
             return Stop(t, t, stall)
         following = detector.next_simultaneous_event(self._segments[-1])
         return Stop(t, t, event=following) if following else None
