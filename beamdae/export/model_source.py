@@ -237,7 +237,6 @@ class _SourceWriter:
             "outputs": np.zeros(len(x.outputs)),
             "direction": np.zeros(2 * len(values)),
             "numbers": np.zeros(LANE_WIDTH * len(x.numbers.targets)),
-            "zeros": np.zeros(2 * (n + m)),
             "output": self._sum(outputs),
             "output_direction": self._sum(direction),
         }

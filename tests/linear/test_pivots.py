@@ -350,7 +350,7 @@ def test_useless_pivots_in_the_band_are_replaced():
     links, others = np.eye(half) + few, more - np.diag(np.diag(more))
     # The pivots of the band are rounding noise, and the border is not.
     matrix = sp.csc_array(np.block([[1e-17 * np.eye(half), links], [links.T, others]]))
-    assert compute_bordered_ordering(matrix).border == half
+    assert compute_bordered_ordering(matrix).in_border.sum() == half
     right = rng.normal(size=2 * half)
     x = factorize(matrix, matrix.data).solve(right)
     assert backward_error(matrix, matrix.data, x, right) < 1e-10
