@@ -14,8 +14,8 @@ from beamdae.beams.exact.element import ExactElement
 from beamdae.beams.floating_frame.element import FloatingFrameElement
 from beamdae.core.library import FOLDER
 from beamdae.equations.assembly.assemble import equations_of_motion
+from beamdae.export.archive import C_FOLDER
 from beamdae.export.c_code import Tables, write_kernel, write_operations, write_point_kernel
-from beamdae.export.fmu import C_FOLDER
 from beamdae.native.lane_kernels import LANE_WIDTH, rewrite
 from beamdae.native.object_code import is_native_enabled
 from beamdae.symbolic.sums.rotations import rotate_kernel
