@@ -9,16 +9,14 @@ from typing import Any
 import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
-from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu, spsolve
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
-from beamdae.equations.starts.closing import (
-    close_joints,
-    find_least_change,
-    select_independent,
+from beamdae.equations.starts.closing import close_joints
+from beamdae.equations.starts.dependent_constraints import (
+    group_tied,
+    require_independent_constraints,
 )
-from beamdae.equations.starts.dependent_constraints import require_independent_constraints
 from beamdae.equations.starts.rigid_motions import compute_rigid_motions
 from beamdae.equations.starts.state_evaluator import StateEvaluator
 from beamdae.errors import BeamdaeError
@@ -34,7 +32,6 @@ _OPENING_TOLERANCE = 1e-12  # velocity of a closed joint, relative to the larges
 _ROUNDING = 1e-9  # smaller velocities, relative to the largest, are zero
 _MAX_LAW_JUMP = 1e-3  # [rad], or relative to the length; allows for rounded numbers in laws
 _ASYMMETRY_TOLERANCE = 1e-9  # rounding in a mass matrix, relative to its largest entry
-_MAX_EIGENVALUE_COORDINATES = 300  # beyond this, only the signs of the diagonal are checked
 _MAX_FRICTION_ITERATIONS = 50
 _FRICTION_TOLERANCE = 1e-10  # relative change
 _MAX_FRICTION_ROUNDING = 1e-6  # relative changes that do not decrease, of badly scaled matrices
@@ -86,13 +83,19 @@ class ConsistencySolver(StateEvaluator):
         g_dot = self.constraint_levels(time, q, v)[1]
         if not g_dot.any():
             return v
-        fixed = select_independent(self, time, q, v, np.array(prescribed, int))
-        gaps = np.concatenate([g_dot, np.zeros(len(fixed))])
-        return v + find_least_change(self, time, q, v, gaps, fixed)
+        change = self.solve_saddle(time, q, v, 0.0, -g_dot)[0]
+        if len(prescribed):
+            fixed = build_selection(prescribed, self.equations.n)
+            rows = sp.vstack([self.constraint_matrix(time, q), fixed])
+            values = np.append(-g_dot, np.zeros(len(prescribed)))
+            change = _solve_least_change(self.mass_matrix(time, q), rows, values)
+        return v + change
 
     def complete(self, time: Array, q: Array, v: Array) -> State:
-        """Return the state at consistent (q, v), with the rates of first-order states."""
-        v = self.with_state_rates(time, q, v)
+        """Return the state at consistent (q, v), with the rates x' = f of first-order states."""
+        if len(self.equations.states):
+            # The rows of these states are x' - f.
+            v = v - self._is_state * self.force(time, q, v)
         return State(q, v, *self.acceleration(time, q, v))
 
     def close_positions(
@@ -105,14 +108,6 @@ class ConsistencySolver(StateEvaluator):
         values = requested or {}
         selected = np.array(list(values), int)
         return close_joints(self, time, q, selected, np.array(list(values.values()), float))
-
-    def with_state_rates(self, time: Array, q: Array, v: Array) -> Array:
-        """Return velocities with the rates x' = f(t, q, v, x) of the first-order states."""
-        e = self.equations
-        if not len(e.states):
-            return v
-        # The rows of these states are x' - f.
-        return v - self._is_state * self.force(time, q, v)
 
     @property
     def _is_state(self) -> Array:
@@ -197,8 +192,6 @@ class ConsistencySolver(StateEvaluator):
     def require_inertia(self) -> None:
         """Reject a mass matrix that is not symmetric or not positive semidefinite at the start.
 
-        For more than 300 coordinates, definiteness is judged only by the signs of the diagonal.
-
         Raises
         ------
         BeamdaeError
@@ -218,12 +211,14 @@ class ConsistencySolver(StateEvaluator):
                 f"row and column differ by {asymmetry.data[worst]:.3g}); correct the inertia "
                 "forces of the part."
             )
-        inertia, coordinate = _smallest_inertia(mass)
-        if inertia < -_ASYMMETRY_TOLERANCE * size:
+        # Pivots without inertia are positive, too.
+        shift = _ASYMMETRY_TOLERANCE * (size or 1.0)
+        if not _is_definite(mass + shift * sp.eye_array(e.n)):
+            (inertia,), vectors = la.eigh(mass.toarray(), subset_by_index=(0, 0))
             raise BeamdaeError(
-                f"{e.q_names[coordinate]}: the mass matrix has a negative eigenvalue "
-                f"of {inertia:.3g} or less along this coordinate; correct the inertia "
-                "forces of the part."
+                f"{e.q_names[int(np.argmax(np.abs(vectors)))]}: the mass matrix has a negative "
+                f"eigenvalue of {inertia:.3g} along this coordinate; correct the inertia forces of "
+                "the part."
             )
 
     def require_continuous(self, branch_before: float, time: Array, q: Array) -> None:
@@ -272,7 +267,10 @@ class ConsistencySolver(StateEvaluator):
         if not np.any(is_open):
             return v
         gradients = sp.csr_array(self.constraint_matrix(time, q))
-        groups, groups_of_rows = self._connected_groups(gradients)
+        # Parts whose coordinates a constraint contains move together.
+        ties = np.split(e.part_indices[gradients.indices], gradients.indptr[1:-1])
+        groups, groups_of_rows = np.split(group_tied(len(e.parts), ties), [len(e.parts)])
+        groups = groups[e.part_indices]
         motions = sp.csc_array(e.position_scales[:, None] * compute_rigid_motions(e, q))
         mass = self.mass_matrix(time, q)
         given_vectors = np.flatnonzero([part.given_velocities for part in e.parts])
@@ -298,19 +296,6 @@ class ConsistencySolver(StateEvaluator):
         e = self.equations
         columns = np.split(shapes.indices, shapes.indptr[1:-1])
         return np.array([2 * e.part_indices[x[0]] + np.any(e.is_angle[x]) for x in columns])
-
-    def _connected_groups(self, gradients: sp.csr_array) -> tuple[Array, Array]:
-        """Return the number of the group of each coordinate, (n,), and of each constraint, (m,).
-
-        Parts and constraints connect their coordinates; `gradients` is G.
-        """
-        e, joints = self.equations, gradients.tocoo()
-        # Parts, then constraints.
-        size = len(e.parts) + e.m
-        pairs = e.part_indices[joints.col], len(e.parts) + joints.row
-        graph = sp.coo_array((np.ones(joints.nnz), pairs), shape=(size, size))
-        groups = connected_components(graph, directed=False)[1]
-        return groups[e.part_indices], groups[len(e.parts) :]
 
     def _solve_with_friction(
         self, time: Array, q: Array, v: Array, stiff_time: float
@@ -348,23 +333,14 @@ class ConsistencySolver(StateEvaluator):
         )
 
 
-def _smallest_inertia(mass: sp.csc_array) -> tuple[float, int]:
-    """Return the smallest eigenvalue and its dominant coordinate; (0, 0) if all are positive.
-
-    For more than 300 coordinates, return the smallest diagonal entry and its coordinate.
-    """
-    if mass.shape[0] > _MAX_EIGENVALUE_COORDINATES:
-        diagonal = mass.diagonal()
-        return float(diagonal.min()), int(diagonal.argmin())
-    dense = mass.toarray()
+def _is_definite(matrix: sp.sparray) -> bool:
+    """Return True if a symmetric matrix is positive definite: all diagonal pivots are positive."""
+    options = {"SymmetricMode": True}
     try:
-        np.linalg.cholesky(dense)
-    except np.linalg.LinAlgError:
-        pass
-    else:
-        return 0.0, 0
-    values, vectors = la.eigh(dense, subset_by_index=(0, 0))
-    return float(values[0]), int(np.argmax(np.abs(vectors[:, 0])))
+        factors = splu(sp.csc_array(matrix), "MMD_AT_PLUS_A", 0.0, options=options)
+    except RuntimeError:
+        return False
+    return bool(np.all(factors.U.diagonal() > 0.0))
 
 
 def velocity_size(e: EquationsOfMotion, v: Array) -> float:
