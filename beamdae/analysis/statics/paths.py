@@ -17,6 +17,7 @@ from beamdae.analysis.continuation.critical import (
 )
 from beamdae.analysis.continuation.critical import CriticalPoint as CurvePoint
 from beamdae.analysis.continuation.engine import (
+    ROUNDING,
     Control,
     CurveError,
     Point,
@@ -417,9 +418,9 @@ def _choose_steps(path: StagePath) -> Steps:
 def _leave_free_position(path: StagePath, targets: Sequence[float]) -> bool:
     """Begin a path where a motion has no stiffness; return True if it can be followed.
 
-    If a small load makes the motion stiff, the path is followed from its first point. If loads do
-    no work in the motion, it is held. Otherwise, the mechanism moves far under the load, and the
-    path begins at the first load step.
+    If a small load makes the motion stiff, and the tangent there leads back, the path is followed
+    from its first point. If loads do no work in the motion, it is held. Otherwise, the mechanism
+    moves far under the load, and the path begins at the first load step.
     """
     begin, problem = path.end, path.problem
     reach = float(np.clip(targets[0] - begin.p, -1.0, 1.0)) if path.by_load else 1.0
@@ -431,7 +432,11 @@ def _leave_free_position(path: StagePath, targets: Sequence[float]) -> bool:
             if problem.measure(loaded.x - begin.x) > _MAX_INITIAL_MOTION:
                 continue
             if start is begin and not loaded.monitor.free:
-                path.tangent = loaded.tangent(prescribe_parameter) * (float(np.sign(reach)) or 1.0)
+                tangent = loaded.tangent(prescribe_parameter)
+                missed = loaded.minus(begin) - (mu - begin.p) * tangent
+                if problem.measure(missed[:-1]) > ROUNDING:
+                    continue
+                path.tangent = tangent * (float(np.sign(reach)) or 1.0)
                 return True
             held = hold_neutral_motions(problem.point(loaded.x, mu)).problem
             first = held.point(begin.x, begin.p)
