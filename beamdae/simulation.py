@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -19,6 +20,7 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.smooth_intervals import SAME_TIME
 from beamdae.errors import (
     BeamdaeError,
+    BeamdaeWarning,
     format_distinct,
     is_valid_path,
     path_as_text,
@@ -554,6 +556,13 @@ def unchecked() -> Iterator[None]:
         yield
     finally:
         _is_unchecked.reset(token)
+
+
+@contextmanager
+def silenced() -> Iterator[None]:
+    """Within the context, analyses issue no warnings and measure no errors, as in searches."""
+    with warnings.catch_warnings(action="ignore", category=BeamdaeWarning), unchecked():
+        yield
 
 
 def is_unchecked() -> bool:

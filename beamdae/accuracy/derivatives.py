@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Collection
 from dataclasses import replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
 from beamdae.accuracy.errors import FACTOR, Errors, Refined, measure_errors
-from beamdae.accuracy.refinement import refine, refine_mechanism
+from beamdae.accuracy.refinement import refine_mechanism
 from beamdae.accuracy.runs import (
     RTOL_BESIDE_ACCURATE_STEPS,
     refine_method,
@@ -19,7 +19,6 @@ from beamdae.analysis.fit.problem import MIN_SINGULAR_RATIO, Evaluation, FitProb
 from beamdae.analysis.gradients.gradients import Gradient
 from beamdae.analysis.optimization.search import SearchResult
 from beamdae.analysis.sensitivities.sensitivities import Sensitivities
-from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import hold_messages
 from beamdae.parts.mechanism import AS_DRAWN, Mechanism
 from beamdae.results.columns import largest_of_kind
@@ -27,6 +26,7 @@ from beamdae.results.solution import Solution
 from beamdae.simulation import unchecked
 
 Array = np.ndarray
+Result = TypeVar("Result")
 
 # Errors of derivatives are relative to at least this fraction of the largest derivative of the same
 # unit, and to that of a relative change of the column or the objective by the same change of the
@@ -104,21 +104,36 @@ def _measure(
     request = AS_DRAWN if start is None or start.request is None else start.request
 
     def repeat_values(causes: Collection[str]) -> tuple[_Values, Refined]:
-        refined = Refined()
-
-        def change(mechanism: Any) -> Any:
-            nonlocal refined
-            if isinstance(mechanism, Mechanism):
-                mechanism, refined = refine_mechanism(mechanism, request, causes)
-                refined = refined.with_steps(run.made_by)
-            return mechanism
-
-        with hold_messages(), unchecked():
-            return evaluate(repeat(change, method)), refined
+        return _repeat(lambda change: evaluate(repeat(change, method)), causes, request, run)
 
     compare = partial(_compare, headers, relative_to)
     failed = Errors.unchecked(headers, peaks, "a refined repetition fails", has_failed=True)
     return replace(measure_errors(failed, values, repeat_values, compare), has_accuracy=False)
+
+
+def _repeat(
+    compute: Callable[[Callable[[Any], Any]], Result],
+    causes: Collection[str],
+    start: Any,
+    run: Solution | None,
+) -> tuple[Result, Refined]:
+    """Return what `compute` returns for a function that refines mechanisms, and what it refines.
+
+    `start` is that of the runs, None for that of the mechanisms; `run` is one of those that are
+    repeated with other steps.
+    """
+    refined = Refined()
+
+    def change(mechanism: Any) -> Any:
+        nonlocal refined
+        if isinstance(mechanism, Mechanism):
+            request = mechanism.start if start is None else start
+            mechanism, refined = refine_mechanism(mechanism, request, causes)
+        return mechanism
+
+    with hold_messages(), unchecked():
+        result = compute(change)
+    return result, refined if run is None else refined.with_steps(run.made_by)
 
 
 def _compare(
@@ -163,19 +178,16 @@ def measure_design(search: SearchResult) -> Errors:
     results = [x for x in design.results if hasattr(x, "equations")]
     if not results:
         return Errors.unchecked(headers, values, "no quantity depends on steps or beams")
-    equations = results[0].equations
     run = next((x for x in results if isinstance(x, Solution)), None)
     method = None if run is None else refine_method(run)
-
-    start = problem.start_of(equations)
     bounds = np.array([0.0, *(abs(x.bound) for x in problem.limits)])
     sizes = np.maximum(np.abs(values), np.where(bounds > 0.0, bounds, np.abs(first.values)))
 
     def repeat(causes: Collection[str]) -> tuple[Array, Refined]:
-        refinement = refine(equations, start, causes)
-        found = ratios * problem.repeat(best.numbers, refinement.equations.mechanism, method)
-        refined = refinement.refined
-        return found, refined if run is None else refined.with_steps(run.made_by)
+        def compute(change: Callable[[Any], Any]) -> Array:
+            return ratios * problem.repeat(best.numbers, change, method)
+
+        return _repeat(compute, causes, problem.settings.start, run)
 
     compare = partial(Errors.of_values, headers, scales=sizes)
     unchecked = Errors.unchecked(headers, values, "the refined design cannot be analyzed")
@@ -203,15 +215,8 @@ def measure_fit(problem: FitProblem, evaluation: Evaluation) -> Errors:
 
     def repeat(causes: Collection[str]) -> tuple[Array, Refined]:
         """Return the change of the residuals."""
-        refined = Refined()
-
-        def change(equations: EquationsOfMotion) -> Any:
-            nonlocal refined
-            refinement = refine(equations, problem.start_of(equations), causes)
-            refined = refinement.refined.with_steps(run.made_by)
-            return refinement.equations.mechanism
-
-        return problem.change_of_residuals(evaluation, change, method), refined
+        compute = partial(problem.change_of_residuals, evaluation, method)
+        return _repeat(compute, causes, problem.start, run)
 
     def compare(first: Array, second: Array, refined: Refined) -> Errors:
         changes = second - first

@@ -17,7 +17,6 @@
 typedef struct { double *at; int64_t size; } Reals;
 typedef struct { double *at; int64_t rows, columns; } Reals2;
 typedef struct { double *at; int64_t n0, n1, n2; } Reals3;
-typedef struct { double *at; int64_t n0, n1, n2, n3; } Reals4;
 typedef struct { double _Complex *at; int64_t size; } Complexes;
 typedef struct { uint32_t *at; int64_t size; } Indices;
 typedef struct { uint32_t *at; int64_t rows, columns; } Indices2;
@@ -97,12 +96,15 @@ static inline Reals from(Reals x, int64_t begin) { return part(x, begin, x.size)
 
 static inline Reals row(Reals2 x, int64_t i) { return (Reals){x.at + i * x.columns, x.columns}; }
 
-static inline double entry3(Reals3 x, int64_t i, int64_t j, int64_t k) {
-    return x.at[(i * x.n1 + j) * x.n2 + k];
+/* Consecutive rows. */
+static inline Reals2 rows_of(Reals2 x, int64_t first, int64_t count) {
+    return (Reals2){x.at + first * x.columns, count, x.columns};
 }
 
-static inline double entry4(Reals4 x, int64_t i, int64_t j, int64_t k, int64_t l) {
-    return x.at[((i * x.n1 + j) * x.n2 + k) * x.n3 + l];
+static inline Reals flat(Reals2 x) { return (Reals){x.at, x.rows * x.columns}; }
+
+static inline Reals2 slice(Reals3 x, int64_t i) {
+    return (Reals2){x.at + i * x.n1 * x.n2, x.n1, x.n2};
 }
 
 static inline double largest_of(double a, double b) { return b > a ? b : a; }

@@ -475,10 +475,8 @@ typedef struct {
 int propagate_disturbances(VariationalWorkspace *run);
 
 typedef struct {
-    Reals4 predict;
-    Reals3 velocity, acceleration, reaction;
-    Reals4 blocks;
-    Reals2 factors, after;
+    Reals3 predict, update, velocity, reaction, blocks;
+    Reals2 factors;
 } StepTables;
 
 /* Loop over the steps of a run, `forward` or `backward`; see analysis/sensitivities. */
@@ -505,9 +503,9 @@ typedef struct {
     Reals scales;
     Indices corrected;
     Reals right; /* right-hand side or solution, all stages */
-    /* One stage a row; then z by direction, (4 k, n), or derivatives of the objective with respect
-       to z, (4, n), and a work array, (4, n). */
-    Reals2 positions, velocities, accelerations, reactions, motion, before;
+    /* z by direction, (4 k, n), or derivatives of the objective with respect to z, (4, n); vectors
+       that the step tables multiply, see `StepTables`, or derivatives with respect to them. */
+    Reals2 motion, predicted, before, after;
     /* Directional derivative of the residual of a stage with the inputs (x, dx), or gradient of
        weights . residual with the inputs (x, weights). */
     Sum change;

@@ -28,10 +28,10 @@ static int factorize_step(LinearSteps *run) {
         set_matrix_factors(&run->matrix, c[0], c[1], c[2], c[3], c[4], c[5]);
         evaluate_sum(&run->matrix, run->inputs, run->parts);
         for (int64_t j = 0; j < s; j++) {
-            const Reals4 shares = run->tables.blocks;
-            scale(block, entry4(shares, k, i, j, 0), run->parts);
-            for (int64_t part = 1; part < shares.n3; part++)
-                add_to(block, entry4(shares, k, i, j, part), from(run->parts, part * size));
+            const Reals shares = row(slice(run->tables.blocks, k), s * i + j);
+            scale(block, shares.at[0], run->parts);
+            for (int64_t part = 1; part < shares.size; part++)
+                add_to(block, shares.at[part], from(run->parts, part * size));
             const uint32_t *targets = run->targets.at + (s * i + j) * run->targets.columns;
             PICK(run->nonzeros.at, targets, block.at, run->entries.at, 0, size);
         }
@@ -39,24 +39,27 @@ static int factorize_step(LinearSteps *run) {
     return factorize(&run->linear, run->nonzeros);
 }
 
+/* Add a matrix, or its transpose, times rows to the rows of `out`. */
+static void add_product(Reals2 out, Reals2 matrix, int transposed, Reals2 x) {
+    for (int64_t i = 0; i < matrix.rows; i++)
+        for (int64_t j = 0; j < matrix.columns; j++) {
+            const double entry = matrix.at[i * matrix.columns + j];
+            if (entry != 0.0)
+                add_to(row(out, transposed ? j : i), entry, row(x, transposed ? i : j));
+        }
+}
+
 static void differentiate_step(LinearSteps *run, int64_t k) {
     const int64_t n = run->n, s = run->nodes.size, step = run->step;
     const int64_t unknowns = run->rows.size, first = n + run->corrected.size;
-    const StepTables *tables = &run->tables;
-    const Reals changes = from(run->inputs, run->n_inputs), next_a = row(run->before, 3);
-    Reals z[4];
-    for (int b = 0; b < 4; b++) z[b] = row(run->motion, 4 * k + b);
+    const Reals2 z = rows_of(run->motion, 4 * k, 4), u = rows_of(run->before, 4, s);
+    const Reals2 w = rows_of(run->before, 4 + s, s), reaction = slice(run->tables.reaction, step);
+    fill(flat(run->predicted), 0.0);
+    add_product(run->predicted, slice(run->tables.predict, step), 0, z);
     for (int64_t i = 0; i < s; i++) {
         set_state(run, s * step + 1 + i, 1.0);
-        for (int64_t j = 0; j < 2; j++) {
-            const Reals change = part(changes, j * n, (j + 1) * n);
-            combine2(change, entry4(tables->predict, step, i, j, 0), z[0],
-                     entry4(tables->predict, step, i, j, 1), z[1]);
-            combine3(change, 1.0, change, entry4(tables->predict, step, i, j, 2), z[2],
-                     entry4(tables->predict, step, i, j, 3), z[3]);
-        }
-        copy(row(run->positions, i), changes);
-        copy(row(run->velocities, i), from(changes, n));
+        copy(part(run->inputs, run->n_inputs, run->n_inputs + 2 * n),
+             flat(rows_of(run->predicted, 2 * i, 2)));
         set_time(&run->change, stage_time(run, i), run->branch);
         evaluate_with_data(&run->change, row(run->data, k), run->inputs, run->result);
         if (run->shifts.at[k] != 0.0)
@@ -66,36 +69,25 @@ static void differentiate_step(LinearSteps *run, int64_t k) {
             right.at[e] = run->scales.at[e] * run->result.at[run->rows.at[e]];
     }
     solve(&run->linear, run->right);
-    const double *after = row(tables->after, step).at;
-    combine4(next_a, after[0], z[0], after[1], z[1], after[2], z[2], after[3], z[3]);
-    add_to(next_a, after[4], from(run->right, (s - 1) * unknowns));
-    /* Accelerations serve as work array for the corrections of velocities. */
+    copy(flat(rows_of(run->before, 0, 4)), flat(z));
+    for (int64_t i = 0; i < s; i++) copy(row(u, i), from(run->right, i * unknowns));
+    fill(flat(w), 0.0);
+    add_product(w, slice(run->tables.velocity, step), 0, u);
     for (int64_t i = 0; i < s; i++) {
-        const Reals correction = row(run->accelerations, i);
-        fill(correction, 0.0);
-        for (int64_t j = 0; j < s; j++)
-            add_to(correction, entry3(tables->velocity, step, i, j),
-                   from(run->right, j * unknowns));
         const double *x = run->right.at + i * unknowns + n;
-        PICK(correction.at, run->corrected.at, x, run->entries.at, 0, run->corrected.size);
+        PICK(row(w, i).at, run->corrected.at, x, run->entries.at, 0, run->corrected.size);
     }
+    fill(flat(run->after), 0.0);
+    add_product(run->after, slice(run->tables.update, step), 0, run->before);
     for (int64_t i = 0; i < s; i++) {
         const Reals result = row(run->stages, (s * step + i) * run->shifts.size + k);
-        combine2(part(result, 0, n), 1.0, row(run->positions, i), -1.0,
-                 from(run->right, i * unknowns));
-        combine2(part(result, n, 2 * n), 1.0, row(run->velocities, i), -1.0,
-                 row(run->accelerations, i));
-        fill(from(result, 2 * n), 0.0);
-        for (int64_t j = 0; j < s; j++) {
-            add_to(part(result, 2 * n, 3 * n), -entry3(tables->acceleration, step, i, j),
-                   row(run->accelerations, j));
-            add_to(from(result, 3 * n), -entry3(tables->reaction, step, i, j),
+        copy(part(result, 0, 3 * n), flat(rows_of(run->after, 3 * i, 3)));
+        fill(from(result, 3 * n), 0.0);
+        for (int64_t j = 0; j < s; j++)
+            add_to(from(result, 3 * n), row(reaction, i).at[j],
                    from(run->right, j * unknowns + first));
-        }
     }
-    const Reals last = row(run->stages, (s * step + s - 1) * run->shifts.size + k);
-    for (int b = 0; b < 3; b++) copy(z[b], from(last, b * n));
-    copy(z[3], next_a);
+    copy(flat(z), flat(rows_of(run->after, 3 * s - 3, 4)));
 }
 
 /* Differentiate steps along all directions; return DONE, NEW_PIVOTS or SINGULAR. */
@@ -110,43 +102,30 @@ int forward(LinearSteps *run) {
 }
 
 static void transpose_step(LinearSteps *run) {
-    const int64_t n = run->n, m = run->m, s = run->nodes.size, step = run->step;
+    const int64_t n = run->n, s = run->nodes.size, step = run->step, n_inputs = run->n_inputs;
     const int64_t unknowns = run->rows.size, corrected = run->corrected.size;
-    const int64_t first = n + corrected, n_inputs = run->n_inputs;
+    const Reals2 z = rows_of(run->before, 0, 4), u = rows_of(run->before, 4, s);
+    const Reals2 w = rows_of(run->before, 4 + s, s), reaction = slice(run->tables.reaction, step);
     const Reals weights = from(run->inputs, n_inputs), gradient = run->result;
-    const StepTables *tables = &run->tables;
-    const double *after = row(tables->after, step).at;
-    Reals z[4];
-    for (int b = 0; b < 4; b++) z[b] = row(run->motion, b);
-    for (int64_t i = 0; i < s; i++) {
-        const Reals seed = row(run->stages, s * step + i);
-        copy(row(run->positions, i), seed);
-        copy(row(run->velocities, i), from(seed, n));
-        copy(row(run->reactions, i), from(seed, 2 * n));
-    }
-    add_to(row(run->positions, s - 1), 1.0, z[0]);
-    add_to(row(run->velocities, s - 1), 1.0, z[1]);
-    for (int64_t i = 0; i < s; i++) {
-        const Reals correction = row(run->accelerations, i);
-        combine2(correction, -1.0, row(run->velocities, i),
-                 -entry3(tables->acceleration, step, s - 1, i), z[2]);
-        const Reals x = part(run->right, i * unknowns, (i + 1) * unknowns);
-        scale(part(x, 0, n), -1.0, row(run->positions, i));
-        fill(from(x, n), 0.0);
-        PICK(x.at + n, run->entries.at, correction.at, run->corrected.at, 0, corrected);
-        for (int64_t j = 0; j < corrected; j++) correction.at[run->corrected.at[j]] = 0.0;
-        for (int64_t j = 0; j < s; j++)
-            add_to(part(x, first, first + m), -entry3(tables->reaction, step, j, i),
-                   row(run->reactions, j));
-    }
-    const int64_t last = (s - 1) * unknowns;
-    add_to(part(run->right, last, last + n), after[4], z[3]);
+    fill(flat(run->after), 0.0);
     for (int64_t i = 0; i < s; i++)
+        copy(flat(rows_of(run->after, 3 * i, 2)), row(run->stages, s * step + i));
+    add_to(flat(rows_of(run->after, 3 * s - 3, 4)), 1.0, flat(run->motion));
+    fill(flat(run->before), 0.0);
+    add_product(run->before, slice(run->tables.update, step), 1, run->after);
+    for (int64_t i = 0; i < s; i++) {
+        const Reals x = part(run->right, i * unknowns, (i + 1) * unknowns);
+        const Reals lam = part(x, n + corrected, n + corrected + run->m), rates = row(w, i);
+        fill(from(x, n), 0.0);
+        PICK(x.at + n, run->entries.at, rates.at, run->corrected.at, 0, corrected);
+        for (int64_t j = 0; j < corrected; j++) rates.at[run->corrected.at[j]] = 0.0;
         for (int64_t j = 0; j < s; j++)
-            add_to(part(run->right, i * unknowns, i * unknowns + n),
-                   entry3(tables->velocity, step, j, i), row(run->accelerations, j));
+            add_to(lam, row(reaction, j).at[i], from(row(run->stages, s * step + j), 2 * n));
+    }
+    add_product(u, slice(run->tables.velocity, step), 1, w);
+    for (int64_t i = 0; i < s; i++)
+        copy(part(run->right, i * unknowns, i * unknowns + n), row(u, i));
     solve(&run->linear, run->right);
-    for (int b = 0; b < 4; b++) scale(row(run->before, b), after[b], z[3]);
     for (int64_t i = 0; i < s; i++) {
         const double *x = run->right.at + i * unknowns;
         fill(weights, 0.0);
@@ -155,15 +134,10 @@ static void transpose_step(LinearSteps *run) {
         set_time(&run->change, stage_time(run, i), run->branch);
         evaluate_sum(&run->change, run->inputs, gradient);
         add_to(run->numbers, 1.0, from(gradient, n_inputs));
-        const Reals q = row(run->positions, i), v = row(run->velocities, i);
-        add_to(q, 1.0, gradient);
-        add_to(v, 1.0, from(gradient, n));
-        for (int b = 0; b < 4; b++)
-            combine3(row(run->before, b), 1.0, row(run->before, b),
-                     entry4(tables->predict, step, i, 0, b), q,
-                     entry4(tables->predict, step, i, 1, b), v);
+        copy(flat(rows_of(run->predicted, 2 * i, 2)), gradient);
     }
-    for (int b = 0; b < 4; b++) copy(z[b], row(run->before, b));
+    add_product(z, slice(run->tables.predict, step), 1, run->predicted);
+    copy(flat(run->motion), flat(z));
 }
 
 /* Transpose steps, the last one first; return DONE, NEW_PIVOTS or SINGULAR. */

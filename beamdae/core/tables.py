@@ -31,7 +31,7 @@ _DTYPES = {
 _ARRAYS = {
     f"{name}{suffix}": (np.dtype(dtype), n_axes)
     for name, dtype in _DTYPES.items()
-    for suffix, n_axes in (("", 1), ("2", 2), ("3", 3), ("4", 4))
+    for suffix, n_axes in (("", 1), ("2", 2), ("3", 3))
 }
 # Field that holds attributes of the same object.
 _BASE = "base"

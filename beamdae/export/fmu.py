@@ -2,17 +2,29 @@
 
 from __future__ import annotations
 
-import math
+import io
+import os
 import re
+import shlex
+import tempfile
+import uuid
+import zipfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
 
 from beamdae.beams.damping import EXAMPLE_DAMPING, find_undamped_beams
-from beamdae.core.compilers import PLATFORMS, Platform, current_platform
+from beamdae.core.compilers import (
+    PLATFORMS,
+    Platform,
+    compile_library,
+    current_platform,
+    find_compiler,
+)
+from beamdae.core.library import FOLDER
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.watched_terms import compile_surface_gaps, compile_table_arguments
 from beamdae.errors import (
@@ -29,9 +41,13 @@ from beamdae.errors import (
     suggest,
     warn_user,
 )
-from beamdae.export.archive import StepTimes, compile_archive, list_sources, pack_archive
-from beamdae.export.model_description import Description
-from beamdae.export.model_source import ExportedModel, Output, Value
+from beamdae.export.c_code import UnsupportedOperationError, format_string
+from beamdae.export.model_description import (
+    Description,
+    write_build_description,
+    write_description,
+)
+from beamdae.export.model_source import ExportedModel, Output, Value, write_model_source
 from beamdae.export.parameter_maps import map_numbers
 from beamdae.export.preliminary_runs import plan_radau, warn_of_fixed_steps, warn_of_trial_run
 from beamdae.integrators.alpha.family import family_parameters
@@ -52,10 +68,37 @@ from beamdae.results.storage.files import require_file_path, write_bytes
 from beamdae.simulation import as_equations, unpack_model
 
 PART = "export_fmu"
+C_FOLDER = Path(__file__).parent / "c"
+_SHARED_SOURCES = ("instance.c", "points.c", "variables.c")
+_SHARED_HEADERS = (
+    "stepper.h",
+    "instance.h",
+    "tables.h",
+    "points.h",
+    "variables.h",
+    "model.h",
+)
+# Parts of the core besides the loop of the method.
+_CORE_SOURCES = ("linear.c", "sums.c", "steps.c")
+_CORE_HEADERS = ("core.h", "arrays.h", "elimination.h")
+_INTERFACE_HEADERS = {
+    2: ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h"),
+    3: ("fmi3Functions.h", "fmi3FunctionTypes.h", "fmi3PlatformTypes.h"),
+}
+# Of binaries, besides those of the core.
+_FLAGS = ("-O2", "-fvisibility=hidden", "-s")
 _DEFAULT_STEP = 1e-3  # s, of the communication with adaptive steps
 # Settings of GeneralizedAlpha whose defaults alone the C code knows.
 _FIXED_SETTINGS = ("rtol", "formulation", "start")
 _MAX_NAMES = 3  # of beams in a warning
+# Entries of the archive have the same date, so that equal models give equal files.
+_DATE = (1980, 1, 1, 0, 0, 0)
+_FILE_MODE = 0o100755  # regular, executable file
+_LICENSE = """\
+The sources of this FMU were written by beamdae and are licensed under the MIT license.
+The headers fmi2*.h and fmi3*.h are licensed under the 2-Clause BSD license by the Modelica
+Association Project "FMI"; the files contain the text of the license.
+"""
 
 
 @dataclass(frozen=True)
@@ -78,8 +121,6 @@ class ExportedFmu:
         Names of the platforms of the binaries.
     size
         Size of the file [bytes].
-    step_times
-        Measured times of a step; None if they were not measured.
     warnings
         Warnings that the call issued.
     """
@@ -93,7 +134,6 @@ class ExportedFmu:
     outputs: tuple[str, ...]
     platforms: tuple[str, ...]
     size: int
-    step_times: StepTimes | None = None
     warnings: tuple[str, ...] = field(default=(), repr=False)
 
 
@@ -113,7 +153,6 @@ def export_fmu(
     t_end: float | None = None,
     platforms: Sequence[str] | None = None,
     real_time: int | None = None,
-    timed_steps: int = 0,
 ) -> ExportedFmu:
     """Export a model as an FMU for co-simulation, which needs neither Python nor beamdae.
 
@@ -184,9 +223,6 @@ def export_fmu(
         Number of Newton iterations of every step, each step with one factorization, so that all
         steps take the same time. From 2 on, diverging iterations are errors. By default, the number
         follows from the tolerance. Requires generalized-alpha.
-    timed_steps
-        Number of steps to be measured on this machine; see `ExportedFmu.step_times`. With Radau,
-        these are communication steps at which inputs change.
 
     Returns
     -------
@@ -227,7 +263,6 @@ def export_fmu(
     require_core(f"{PART}: the FMU", "")
     targets = _require_platforms(platforms, fmi)
     iterations = 0 if real_time is None else require_count(PART, "real_time", real_time)
-    timed_steps = require_count(PART, "timed_steps", timed_steps, least=0)
     built, end, origin = unpack_model(PART, model, t_end)
     stop = require_positive(PART, "t_end", end)
     names = _require_parameters(model, parameters)
@@ -242,7 +277,6 @@ def export_fmu(
     steps = _plan_steps(equations, method, step, stop)
     exported = ExportedModel(
         equations=equations,
-        duration=stop,
         outputs=selected_outputs,
         numbers=map_numbers(
             PART,
@@ -256,6 +290,7 @@ def export_fmu(
         **steps,
     )
     kind = "radau" if is_adaptive else "alpha"
+    loops = "model.c", f"{kind}_steps.c", *_SHARED_SOURCES, f"{kind}.c", *_CORE_SOURCES
     description = Description(
         name=origin.get("name", file.stem),
         identifier=re.sub(r"\W|^(?=\d)", "_", file.stem, flags=re.ASCII),
@@ -264,17 +299,12 @@ def export_fmu(
         stop=stop,
         values=exported.numbers.values,
         outputs=exported.outputs,
-        sources=list_sources(kind, fmi),
+        sources=(*loops, f"fmi{fmi}.c"),
         internal_step=None if isinstance(method, Radau) else method.step,
     )
     _require_unique_names(description)
-    contents, binaries, step_times = compile_archive(
-        PART, exported, description, fmi, targets, timed_steps
-    )
-    if step_times is not None and is_adaptive:
-        # The benchmark compares numbers of iterations, which adaptive steps choose.
-        step_times = step_times._replace(error=math.nan)
-    write_bytes(file, pack_archive(contents | binaries))
+    contents, binaries = _compile(exported, description, fmi, targets)
+    write_bytes(file, _pack(contents | binaries))
     values = exported.numbers.values
     return ExportedFmu(
         path=file,
@@ -286,7 +316,6 @@ def export_fmu(
         outputs=tuple(x.name for x in exported.outputs),
         platforms=tuple(x.name for x in targets),
         size=file.stat().st_size,
-        step_times=step_times,
     )
 
 
@@ -377,6 +406,18 @@ def _warn_of_undamped_beams(equations: EquationsOfMotion) -> None:
             f"({list_first(beams, _MAX_NAMES)}), which adaptive steps resolve: they become very "
             f"short; set damping= of the sections, such as {EXAMPLE_DAMPING:g} s."
         )
+
+
+def _pack(contents: Mapping[str, bytes]) -> bytes:
+    """Return a ZIP archive."""
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w") as archive:
+        for name, content in contents.items():
+            info = zipfile.ZipInfo(name, _DATE)
+            info.compress_type = zipfile.ZIP_DEFLATED
+            info.external_attr = _FILE_MODE << 16
+            archive.writestr(info, content)
+    return stream.getvalue()
 
 
 def _require_exportable(e: EquationsOfMotion) -> None:
@@ -524,3 +565,47 @@ def _require_unique_names(description: Description) -> None:
                 f"{PART}: several variables have the name {name}; rename one, or select inputs, "
                 "outputs and parameters."
             )
+
+
+def _compile(
+    exported: ExportedModel,
+    description: Description,
+    fmi: int,
+    targets: Sequence[Platform],
+) -> tuple[dict[str, bytes], dict[str, bytes]]:
+    """Return texts and binaries of the archive by name."""
+    try:
+        model_source = write_model_source(exported)
+    except UnsupportedOperationError as problem:
+        raise BeamdaeError(
+            f"{PART}: a formula of the model has no C expression ({problem}); use other functions."
+        ) from None
+    # Equal models have equal tokens.
+    contents = model_source + write_description(description, fmi)
+    token = f"{{{uuid.uuid5(uuid.NAMESPACE_URL, contents)}}}"
+    description = replace(description, token=token)
+    sources = {"model.c": f"{model_source}\nconst char model_token[] = {format_string(token)};\n"}
+    headers = *_SHARED_HEADERS, *_CORE_HEADERS, *_INTERFACE_HEADERS[fmi]
+    for name in (*description.sources[1:], *headers):
+        file = C_FOLDER / name
+        sources[name] = (file if file.exists() else FOLDER / name).read_text("utf-8")
+    texts = {"modelDescription.xml": write_description(description, fmi)}
+    texts |= {f"sources/{name}": text for name, text in sources.items()}
+    texts["documentation/licenses/license.txt"] = _LICENSE
+    if fmi == 3:
+        texts["sources/buildDescription.xml"] = write_build_description(description)
+    binaries: dict[str, bytes] = {}
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        for source, text in sources.items():
+            (folder / source).write_text(text, "utf-8")
+        for target in targets:
+            compiler = find_compiler(PART, target)
+            library = folder / f"{target.name}{target.suffix}"
+            flags = [*_FLAGS, *shlex.split(os.environ.get("CFLAGS", ""))]
+            files = [folder / x for x in description.sources]
+            compile_library(PART, compiler, flags, files, library, target.suffix == ".dll")
+            place = target.fmi2_name if fmi == 2 else target.name
+            entry = f"binaries/{place}/{description.identifier}{target.suffix}"
+            binaries[entry] = library.read_bytes()
+    return {name: text.encode() for name, text in texts.items()}, binaries

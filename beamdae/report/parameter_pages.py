@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import warnings
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from beamdae.equations.measures import TIME
-from beamdae.errors import BeamdaeError, BeamdaeWarning
+from beamdae.errors import BeamdaeError
 from beamdae.model_parameters import split_unit
 from beamdae.report.analysis_pages import build_modes_page, build_path_page
 from beamdae.report.descriptions import describe
@@ -28,6 +27,7 @@ from beamdae.report.scene.run_scene import export_frames, export_run_frames
 from beamdae.results.columns import remove_unit
 from beamdae.results.equilibrium import Equilibrium
 from beamdae.results.solution import Solution
+from beamdae.simulation import silenced
 
 if TYPE_CHECKING:
     from beamdae.analysis.fit.result import Fit
@@ -120,8 +120,7 @@ def build_optimization_page(result: Optimization, title: str) -> Content:
 
     The cases are the evaluated designs; the first and the best one have a motion or a drawing.
     """
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", BeamdaeWarning)  # The optimization has issued them.
+    with silenced():  # The optimization has issued them.
         of_model = result.mechanism().build_warnings
     history, best, units = result.history(), result.best_number, result.units
     labels: list[str] = []

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import copy
-import warnings
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -34,13 +32,12 @@ from beamdae.analysis.sensitivities.sensitivity_result import (
     complete_parameters,
     require_parameters,
 )
-from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.measures import TIME
-from beamdae.errors import BeamdaeError, BeamdaeWarning, require_mapping, require_names, short_repr
+from beamdae.errors import BeamdaeError, require_mapping, require_names, short_repr
 from beamdae.integrators import Integrator
 from beamdae.integrators.integrator import require_integrator
 from beamdae.results.solution import Solution
-from beamdae.simulation import as_equations, simulate, unchecked
+from beamdae.simulation import as_equations, silenced, simulate
 
 Array = np.ndarray
 
@@ -273,14 +270,11 @@ class FitProblem:
         return self._project(values, runs, solutions, derivatives)
 
     def change_of_residuals(
-        self,
-        evaluation: Evaluation,
-        change: Callable[[EquationsOfMotion], Any],
-        method: Integrator,
+        self, evaluation: Evaluation, method: Integrator, change: Callable[[Any], Any]
     ) -> Array:
         """Return the change of the residuals (N,) of an evaluation in runs with another method.
 
-        `change` returns the mechanism that takes the place of that of the equations.
+        `change` returns the mechanism that takes the place of that of the model.
 
         Raises
         ------
@@ -288,21 +282,15 @@ class FitProblem:
             If a run fails.
         """
         times, solutions = self._shift_times(evaluation.values), {}
-        for experiment, run in evaluation.runs.items():
-            with _without_warnings():
-                mechanism, t_end = change(run.solution.equations), self._t_end[experiment]
-                other = simulate(mechanism, method, t_end, start=self.start, keep_steps=True)
-                if other.trajectory.end < t_end:
-                    raise BeamdaeError(f"fit: the run was {other.status.sentence}.")
-                solutions[experiment] = other.at_times(self._needed_times(experiment, times))
+        for experiment, t_end in self._t_end.items():
+            mechanism = change(self.model(**self._parameters(experiment, evaluation.values)))
+            other = simulate(mechanism, method, t_end, start=self.start, keep_steps=True)
+            if other.trajectory.end < t_end:
+                raise BeamdaeError(f"fit: the run was {other.status.sentence}.")
+            solutions[experiment] = other.at_times(self._needed_times(experiment, times))
         nothing = np.zeros((self.count, len(self.variables)))
         compared = self._project(evaluation.values, {}, solutions, nothing)
         return compared.residuals - evaluation.residuals
-
-    def start_of(self, equations: EquationsOfMotion) -> Any:
-        """Return the start of the runs of a model."""
-        mechanism = equations.mechanism
-        return self.start if self.start is not None or mechanism is None else mechanism.start
 
     def recorded_values(self, evaluation: Evaluation) -> Array:
         """Return the recorded values (N,) that an evaluation predicts."""
@@ -335,12 +323,15 @@ class FitProblem:
         # Bounds of shifts hold up to rounding.
         return np.unique(np.clip(times[self._rows[experiment]], 0.0, self._t_end[experiment]))
 
+    def _parameters(self, experiment: str, values: Array) -> dict[str, Any]:
+        fitted = zip(self.names, values.tolist(), strict=False)
+        return self._settings[experiment] | dict(fitted)
+
     def _run(self, experiment: str, values: Array, times: Array) -> Sensitivities:
         t_end, needed = self._t_end[experiment], self._needed_times(experiment, times)
-        fitted = dict(zip(self.names, values.tolist(), strict=False))
-        settings = {"parameters": self._settings[experiment] | fitted, "start": self.start}
+        settings = {"parameters": self._parameters(experiment, values), "start": self.start}
         # The result evaluates the warnings of the last run.
-        with _without_warnings():
+        with silenced():
             run = differentiate_run(self.model, self.names, self.integrator, t_end, **settings)
             if run.solution.trajectory.end < t_end:
                 raise BeamdaeError(
@@ -385,14 +376,6 @@ class FitProblem:
         projected -= inverse[:count].T @ ((scaled * residuals) @ weighted)
         jacobian = np.hstack([effects, matrix])
         return Evaluation(values, runs, residuals, coefficients, projected, jacobian)
-
-
-@contextmanager
-def _without_warnings() -> Any:
-    """Skip the warnings and the checks of runs."""
-    with warnings.catch_warnings(), unchecked():
-        warnings.simplefilter("ignore", BeamdaeWarning)
-        yield
 
 
 def unexplained_share(problem: FitProblem, evaluation: Evaluation) -> float:

@@ -25,16 +25,13 @@ from beamdae.analysis.sensitivities.differentiable_run import (
     require_differentiable_method,
 )
 from beamdae.analysis.sensitivities.linear_steps import Matrices, transpose_steps
-from beamdae.analysis.sensitivities.many_parameters import difference_models, is_regular
+from beamdae.analysis.sensitivities.many_parameters import is_regular
 from beamdae.analysis.sensitivities.neighbors import Difference, derivative_call, equations_key
 from beamdae.analysis.sensitivities.observable_derivatives import (
     differentiate_column,
     read_column,
 )
-from beamdae.analysis.sensitivities.requested_start import (
-    assemble_neighbors,
-    differentiate_starts,
-)
+from beamdae.analysis.sensitivities.requested_start import differentiate_starts
 from beamdae.analysis.sensitivities.restart_times import differentiate_event_time, find_stop
 from beamdae.analysis.sensitivities.run_chain import RunDerivative, node_state
 from beamdae.analysis.sensitivities.start_derivatives import StartDerivatives
@@ -285,12 +282,9 @@ class AdjointRun(DifferentiableRun):
         e = self.solution.equations
         if e.configurations is not None or e.redundant or find_stop(self.solution) is not None:
             return None
-        if not self.neighbors:
-            assemble = assemble_neighbors(e, self.settings["start"])
-            self.neighbors |= difference_models(self.model, names, e, assemble)
         seeds, *by_start = transpose_run(weights, self.solution, self.method)
         first = node_state(self.solution.trajectory.intervals[0], 0)
-        regular = {name: x for name, x in self.neighbors.items() if is_regular(x, e)}
+        regular = {name: x for name, x in self.difference(names).items() if is_regular(x, e)}
         starts = differentiate_starts([*regular.values()], *first)
         result = {
             name: seeds.contract(x) + float(np.hstack(by_start) @ np.hstack(start))

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -28,14 +27,14 @@ from beamdae.analysis.parameter_bounds import LOG_ORIGIN, ParameterScales, read_
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import (
     BeamdaeError,
-    BeamdaeWarning,
     list_first,
     require_sequence,
     short_repr,
 )
 from beamdae.integrators.integrator import Integrator
+from beamdae.model_functions import transform_mechanisms
 from beamdae.model_parameters import parse_unit, split_unit
-from beamdae.simulation import unchecked
+from beamdae.simulation import silenced
 
 Array = np.ndarray
 
@@ -79,7 +78,7 @@ class Design:
     @cached_property
     def gradients(self) -> Array:
         """Gradients (1 + C, k) of the values with respect to the numbers of the model."""
-        with _muted_warnings(), unchecked():
+        with silenced():
             return np.array([self._gradient(weights) for weights in self.weights])
 
     def _gradient(self, weights: Mapping[AnalysisQuantity, float]) -> Array:
@@ -107,16 +106,6 @@ class Design:
         quantity = limit.quantity
         maxima = {leaf: self.analyses[leaf.analysis].maximum(leaf) for leaf in quantity.leaves}
         return max(1.0, quantity.differentiate(maxima)[0] / value)
-
-
-@dataclass(frozen=True)
-class _FixedModel(FlatModel):
-    """Model with the same mechanism for all values."""
-
-    mechanism: Any
-
-    def __call__(self, **values: float) -> Any:
-        return self.mechanism
 
 
 @dataclass(frozen=True, eq=False)
@@ -311,28 +300,24 @@ class DesignProblem:
             self._designs[key] = design
         return self._designs[key]
 
-    def repeat(self, values: Array, mechanism: Any, integrator: Integrator | None) -> Array:
-        """Return the values (1 + C,) of a design with another mechanism and integrator.
+    def repeat(
+        self, values: Array, change: Callable[[Any], Any], integrator: Integrator | None
+    ) -> Array:
+        """Return the values (1 + C,) of a design after a change of its mechanism and integrator.
 
         Raises
         ------
         BeamdaeError
             If an analysis fails.
         """
-        settings = replace(self.settings, integrator=integrator)
-        flat = _FixedModel(self._move(values).whole, self.flat.entries, mechanism)
+        settings, flat = replace(self.settings, integrator=integrator), self._move(values)
+        flat = replace(flat, whole=transform_mechanisms(flat.whole, change))
         return replace(self, settings=settings)._analyze(flat).values
-
-    def start_of(self, equations: EquationsOfMotion) -> Any:
-        """Return the start of the runs and equilibria of a design."""
-        mechanism = equations.mechanism
-        assert mechanism is not None
-        return mechanism.start if self.settings.start is None else self.settings.start
 
     def _analyze(self, flat: FlatModel) -> Design:
         model, analyses = DesignModel(flat), dict[tuple[str, ...], Analysis]()
         results: dict[AnalysisQuantity, float] = {}
-        with _muted_warnings(), unchecked():
+        with silenced():
             for key, group in group_by_analysis(self.leaves).items():
                 analyses[key] = create_analysis(model, group, self.settings)
                 results |= {leaf: analyses[key].value(leaf) for leaf in group}
@@ -411,8 +396,3 @@ def _list_column_units(equations: EquationsOfMotion) -> dict[str, str]:
     headers = [x for observable in equations.observables for x in observable.headers]
     units = {variable.name: variable.unit for variable in equations.coordinates}
     return units | {name: split_unit(x)[1] for x in headers for name in (x, split_unit(x)[0])}
-
-
-def _muted_warnings() -> Any:
-    """Return a context without warnings of analyses: the result states those of the best design."""
-    return warnings.catch_warnings(action="ignore", category=BeamdaeWarning)

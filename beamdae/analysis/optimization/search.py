@@ -148,7 +148,6 @@ class Search:
         self._latest: tuple[Array, Linearization] | None = None
         # Evaluated designs by the variables of the search, in their order.
         self._known: dict[bytes, Trial] = {}
-        self._end: Trial | None = None  # design at which the present solver converged
 
     def run(self) -> SearchResult:
         """Search until convergence, a limit or an interrupt.
@@ -205,16 +204,15 @@ class Search:
     ) -> Status:
         """Minimize from the best design, and return why the solver ended."""
         problem, settings, best = self._problem, self._settings, self._best()
-        self._latest = self._end = None
+        self._latest = None
         points = [problem.variables.variables(best.numbers), *problem.variables.limits]
         smooth = SmoothProblem(self._values, self._gradients, len(problem.limits), *points)
         try:
-            x = solve(change(smooth), method, settings.tolerance, settings.max_evaluations)
+            solve(change(smooth), method, settings.tolerance, settings.max_evaluations)
         except _SearchEndError as end:
             return end.status
         except (BeamdaeError, ArithmeticError) as failure:
             return Status("failed", describe_failure(failure))
-        self._end = self._known.get(x[: len(problem.names)].tobytes())
         return Status("ok", "the solver ended")
 
     def _values(self, x: Array) -> tuple[float, Array]:
@@ -238,7 +236,6 @@ class Search:
         self._latest = x.copy(), point
         is_feasible = np.all(point.margins >= -FEASIBILITY_TOLERANCE)
         if is_feasible and point.measure_decrease()[0] <= self._settings.tolerance:
-            self._end = trial
             raise _SearchEndError("ok", "converged")
         return point.gradient, point.jacobian
 
@@ -330,7 +327,7 @@ class Search:
         # A solver that has converged to the smallest violation leaves the same one of these limits.
         margins = problem.log_margins(problem.margins(best.values))[0]
         limits = zip(problem.limits, margins <= _BLOCKING_SHARE * np.min(margins), strict=True)
-        blocking = [x.label for x, blocks in limits if blocks and best is self._end]
+        blocking = [x.label for x, blocks in limits if blocks and status.success]
         side, names = "most" if limit.sign > 0 else "least", list_first(blocking, _MAX_NAMES)
         return (
             "no evaluated design satisfies the constraints; in the best one "
@@ -357,17 +354,9 @@ class Search:
         return self._problem.violation(trial.values)
 
     def _best(self) -> Trial:
-        """Return the end of a solver that converged, or the best design.
-
-        The end is not the best one if it violates a limit, and another design does not.
-        """
+        """Return the design with the smallest violation, and with the best objective of these."""
         designs = [x for x in self._known.values() if not x.failure]
-        best = min(designs, key=lambda x: (self._violation(x), float(x.values[0])))
-        end = self._end
-        if end is None or end.failure:
-            return best
-        is_worse = self._violation(end) > 0.0 and self._violation(best) == 0.0
-        return best if is_worse else end
+        return min(designs, key=lambda x: (self._violation(x), float(x.values[0])))
 
 
 def search_from_starts(

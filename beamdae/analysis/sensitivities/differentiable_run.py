@@ -8,11 +8,11 @@ from dataclasses import dataclass, field, fields, replace
 from typing import Any, Self, TypeVar
 
 from beamdae import deferred
+from beamdae.analysis.sensitivities.many_parameters import difference_models
 from beamdae.analysis.sensitivities.neighbors import (
     Difference,
     NumericModel,
     derivative_call,
-    difference_model,
 )
 from beamdae.analysis.sensitivities.requested_start import assemble_neighbors
 from beamdae.analysis.sensitivities.run_chain import RunDerivative, differentiate_states
@@ -131,15 +131,19 @@ class DifferentiableRun:
     ) -> tuple[dict[str, Difference], dict[str, RunDerivative]]:
         """Return the models around the values of parameters, and the derivatives of the run."""
         self.require_end()
-        equations = self.solution.equations
-        assemble = assemble_neighbors(equations, self.settings["start"])
-        for name in names:
-            if name not in self.neighbors:
-                self.neighbors[name] = difference_model(self.model, name, equations, assemble)
-        missing = {x: self.neighbors[x] for x in names if x not in self._along}
+        differences = self.difference(names)
+        missing = {name: x for name, x in differences.items() if name not in self._along}
         if missing:
             self._along |= differentiate_states(self.solution, self.method, missing)
-        return {x: self.neighbors[x] for x in names}, {x: self._along[x] for x in names}
+        return differences, {x: self._along[x] for x in names}
+
+    def difference(self, names: Sequence[str]) -> dict[str, Difference]:
+        """Return the models around the values of parameters."""
+        equations = self.solution.equations
+        if missing := [x for x in names if x not in self.neighbors]:
+            assemble = assemble_neighbors(equations, self.settings["start"])
+            self.neighbors |= difference_models(self.model, missing, equations, assemble)
+        return {x: self.neighbors[x] for x in names}
 
 
 def assess_derivatives(estimate_error: Any, compute: Callable[[], Result]) -> Result:

@@ -61,7 +61,7 @@ from beamdae.analysis.sensitivities.neighbors import (
     Difference,
     Neighbors,
 )
-from beamdae.analysis.sensitivities.start_derivatives import plan_along
+from beamdae.analysis.sensitivities.start_derivatives import StartDerivatives
 from beamdae.analysis.statics.load_scaling import build_loading
 from beamdae.analysis.statics.static_problem import StaticProblem
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
@@ -77,8 +77,8 @@ from beamdae.equations.structure import Structure
 from beamdae.linear.factorizations import invert_to_power_of_two
 from beamdae.parts.mechanism import EQUILIBRIUM
 from beamdae.parts.rotation import Rotation
-from beamdae.symbolic.sums.kernel_sums import SumPlan
-from beamdae.symbolic.sums.sum_derivatives import StackedSum
+from beamdae.symbolic.sums.kernel_sums import SumPlan, set_time
+from beamdae.symbolic.sums.sum_evaluator import SumEvaluator
 
 Array = np.ndarray
 
@@ -297,13 +297,13 @@ def _derive_statics(
     part = difference.between(here.equations, neighbors)
     base = part.base
     n, size, dp = base.n, 2 * base.n + base.m, part.along(lambda e: e.p)
-    moving = part if part.moves_operators else None
-    total = StackedSum(plan_along(base, moving, _plan_residual, size), base.p)
+    total = SumEvaluator(StartDerivatives.of(part).plan_along(_plan_residual, size), base.p)
+    set_time(total, *here.time)
 
     def differentiate(x: Array) -> Array:
         inputs = np.concatenate([x[:n], np.zeros(n), x[n:], np.zeros(size), dp])
         with np.errstate(invalid="ignore"):
-            change = total(here.time, inputs, n + base.m)
+            change = total(inputs, n + base.m)
         if np.all(np.isfinite(change)):
             return change
         # The root of a stiffness has no derivative at zero.

@@ -5,9 +5,9 @@ stages predicts their positions and velocities P z, solves the linearized equati
 
     M u = r,    r = F_q (P z)_q + F_v (P z)_v + F_p dp + F_t dt,
 
-with its own matrix M for the corrections u of all stages, and ends at the last one:
-
-    x_v,i = sum V_ij x_q,j,    x_a,i = sum R_ij x_v,j,    x_lam,i = sum L_ij u_lam,j.
+with its own matrix M for the corrections u of all stages. The corrections of velocities are
+w = V u_q, except where joints make them unknowns, too; the states of all stages and the algorithmic
+acceleration a after the step are linear in (z, u_q, w), and multipliers in u_lam.
 
 `StepTables` contains these numbers for generalized-alpha, which has one stage, and for Radau IIA.
 The transposed equations, solved from the last step to the first, give the gradient of an objective;
@@ -18,6 +18,7 @@ The loops are in `linear_steps.c`.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -29,7 +30,6 @@ from beamdae.analysis.sensitivities.neighbors import derivative_call
 from beamdae.analysis.sensitivities.start_derivatives import (
     Directions,
     StartDerivatives,
-    plan_along,
     plan_transpose,
 )
 from beamdae.core.return_codes import DONE
@@ -66,25 +66,53 @@ class StepTables(NamedTuple):
     Attributes
     ----------
     predict
-        P, (steps, s, 2, 4).
-    velocity, acceleration, reaction
-        V, R and L, (steps, s, s).
+        P: (q, v) of each stage by z, (steps, 2s, 4).
+    update
+        (q, v, a) of each stage and the algorithmic acceleration after the step, by z, u_q and w of
+        all stages, (steps, 3s + 1, 4 + 2s).
+    velocity, reaction
+        V, and the multipliers by u_lam, (steps, s, s).
     blocks
-        Shares of the parts of the matrix of stage i in block (i, j) of M, (steps, s, s, parts).
+        Shares of the parts of the matrix of stage i in block (i, j) of M, (steps, s s, parts).
     factors
         Matrix factors of kernels, and the factor of multipliers in the matrix, (steps, 7).
-    after
-        Algorithmic acceleration after the step: shares of z, and of the correction u_q of the last
-        stage, (steps, 5).
     """
 
     predict: Array
+    update: Array
     velocity: Array
-    acceleration: Array
     reaction: Array
     blocks: Array
     factors: Array
-    after: Array
+
+
+def _tabulate_steps(
+    predict: Array, rates: Sequence[Array], after: Array, blocks: Array, factors: Array
+) -> StepTables:
+    """Return the coefficients of steps of s stages.
+
+    Parameters
+    ----------
+    predict
+        (q, v) of each stage by z, (steps, s, 2, 4).
+    rates
+        Shares of u_q in w, of w in accelerations and of u_lam in multipliers, with opposite signs,
+        (steps, s, s) each.
+    after
+        Algorithmic acceleration by z, and by u_q of the last stage, (steps, 5).
+    blocks, factors
+        See `StepTables`.
+    """
+    steps, s = predict.shape[:2]
+    velocity, acceleration, reaction = rates
+    update, stages = np.zeros((steps, 3 * s + 1, 4 + 2 * s)), np.arange(s)
+    for k in range(2):
+        update[:, 3 * stages + k, :4] = predict[:, :, k]
+        update[:, 3 * stages + k, 4 + k * s + stages] = -1.0
+    update[:, 3 * stages + 2, 4 + s :] = -acceleration
+    update[:, -1, :4], update[:, -1, 3 + s] = after[:, :4], after[:, 4]
+    tables = predict.reshape(steps, 2 * s, 4), update, velocity, -reaction, blocks, factors
+    return StepTables(*map(np.ascontiguousarray, tables))
 
 
 def _tabulate_alpha(member: AlphaParameters, h: Array) -> StepTables:
@@ -100,9 +128,8 @@ def _tabulate_alpha(member: AlphaParameters, h: Array) -> StepTables:
             predict[:, 0, k, b] = others[k][b] + gains[k] * after[:, b]
     after[:, 4] = -1.0 / c_f
     factors = np.stack([c_f, c_f * c_v, c_f * c_a, np.ones(count), 1.0 / c_v, 1.0 / c_f, c_f], -1)
-    blocks = np.ones((count, 1, 1, 1))
-    velocity, acceleration, reaction = (x[:, None, None] for x in (c_v, c_a / c_v, 1.0 / c_f))
-    return StepTables(predict, velocity, acceleration, reaction, blocks, factors, after)
+    rates = [x[:, None, None] for x in (c_v, c_a / c_v, 1.0 / c_f)]
+    return _tabulate_steps(predict, rates, after, np.ones((count, 1, 1)), factors)
 
 
 def _tabulate_radau(h: Array) -> StepTables:
@@ -112,9 +139,8 @@ def _tabulate_radau(h: Array) -> StepTables:
     predict[..., 0, 0] = predict[..., 1, 1] = 1.0
     predict[..., 0, 1] = h[..., 0] * C
     blocks = np.stack([np.broadcast_to(np.eye(s), rates.shape), rates, rates @ rates], -1)
-    return StepTables(
-        predict, rates, rates, rates, blocks, np.ones((steps, 7)), np.zeros((steps, 5))
-    )
+    blocks, after = blocks.reshape(steps, s * s, 3), np.zeros((steps, 5))
+    return _tabulate_steps(predict, [rates] * 3, after, blocks, np.ones((steps, 7)))
 
 
 # Matrices M of a run, and positions of the entries of their blocks, by the pattern of the blocks
@@ -232,7 +258,7 @@ class _Steps:
             "times": np.ascontiguousarray(self.interval.t),
             "nodes": self.nodes,
             "states": np.hstack(self.interval.rows),
-            "tables": StepTables(*map(np.ascontiguousarray, self.tables)),
+            "tables": self.tables,
             "parts": np.zeros(self.tables.blocks.shape[-1] * nnz + (s > 1)),
             "block": np.zeros(nnz),
             "nonzeros": matrix.nonzeros,
@@ -245,9 +271,9 @@ class _Steps:
             "scales": np.ones(len(self.rows)),
             "corrected": self.corrected.astype(np.uint32),
             "right": np.zeros(s * len(self.rows)),
-            **{x: np.zeros((s, n)) for x in ("positions", "velocities", "accelerations")},
-            "reactions": np.zeros((s, e.m)),
-            "before": np.zeros((4, n)),
+            "predicted": np.zeros((2 * s, n)),
+            "before": np.zeros((4 + 2 * s, n)),
+            "after": np.zeros((3 * s + 1, n)),
             "result": np.zeros(n_result + (len(e.p) if loop == "backward" else 0)),
             "data": np.zeros((0, 0)),
             "shifts": np.zeros(0),
@@ -328,7 +354,7 @@ def differentiate_steps(
         motion[:] = along.reshape(motion.shape)
     else:
         motion[:, :2] = starts[:, : 2 * n].reshape(count, 2, n)
-    plan = plan_along(maps.equations, maps.moving, steps.residual, steps.n_inputs)
+    plan = maps.plan_along(steps.residual, steps.n_inputs)
     stages = steps.count * len(steps.nodes)
     results = np.zeros(((stages + 1) * count, 3 * n + equations.m))
     results[:count] = starts

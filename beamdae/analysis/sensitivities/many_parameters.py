@@ -92,6 +92,10 @@ def difference_models(
     return result
 
 
+class _DependentError(BeamdaeError):
+    """No parameters can be changed together; each is differenced alone."""
+
+
 class _Changes:
     """Models with changed parameters; each is reduced to the vector (p, q0, v0)."""
 
@@ -139,7 +143,7 @@ class _Changes:
         trial = try_step(self.model, name, change, self._base, self._assemble, delta, (stencil,))
         is_independent = all(has_same_operators(self._base, e) for e in trial.difference.models)
         if not (is_independent and is_regular(trial.difference, self._base)):
-            raise BeamdaeError(f"{self.model.name}: the parameters cannot be changed together.")
+            raise _DependentError
         return trial
 
     def _find_affected(self, masks: Array) -> Array:
@@ -148,13 +152,15 @@ class _Changes:
         Raises
         ------
         BeamdaeError
-            If the model rejects a change, or no parameters can be changed together.
+            If the model rejects a change.
+        _DependentError
+            If no parameters can be changed together.
         """
         for k, name in enumerate(self._names):
             values = {name: float(self._values[k] + RELATIVE_DIFFERENCE * self._sizes[k])}
             changed = numbers_and_start(self._assemble(build_neighbor(self.model, values)))
             if len(changed) != len(self.here):
-                raise BeamdaeError(f"{self.model.name}: {name} changes the structure.")
+                raise _DependentError
             masks[k] = changed != self.here
             if k + 1 == _MAX_DENSE:
                 _group_disjoint(masks[:_MAX_DENSE])
@@ -165,7 +171,7 @@ class _Changes:
 
         Raises
         ------
-        BeamdaeError
+        _DependentError
             If they are not accurate.
         """
         groups, count = _group_disjoint(masks), len(masks)
@@ -175,7 +181,7 @@ class _Changes:
             shares[group] = 1.0
             trial = self._try_change(shares, CENTRAL, RELATIVE_DIFFERENCE)
             if not trial.is_smooth:
-                raise BeamdaeError(f"{self.model.name}: the change does not suit the parameters.")
+                raise _DependentError
             change = trial.difference.along(numbers_and_start)
             result[group] = np.where(masks[group], change, 0.0) / self._sizes[group, None]
         # The derivatives add up along a common change of all parameters.
@@ -184,7 +190,7 @@ class _Changes:
         parts = result * (shares * self._sizes)[:, None]
         error = np.abs(common.along(numbers_and_start) - parts.sum(axis=0))
         if np.any(error > _MAX_COMMON_ERROR * np.abs(parts).sum(axis=0) + self._rounding):
-            raise BeamdaeError(f"{self.model.name}: the parameters do not act independently.")
+            raise _DependentError
         return result
 
 
@@ -214,7 +220,7 @@ def _group_disjoint(masks: Array) -> list[list[int]]:
 
     Raises
     ------
-    BeamdaeError
+    _DependentError
         If all of them overlap.
     """
     groups: list[list[int]] = []
@@ -229,5 +235,5 @@ def _group_disjoint(masks: Array) -> list[list[int]]:
             groups.append([k])
             unions.append(mask.copy())
     if len(groups) == len(masks):
-        raise BeamdaeError("All parameters affect the same equations.")
+        raise _DependentError
     return groups

@@ -242,7 +242,7 @@ def difference_model(
     Forces that vanish at the value of the parameter may be missing in `base`, such as damping
     forces at damping = 0. The numbers at this value are then interpolated or extrapolated in the
     structure of the neighboring models. The operators of joints may depend on the parameter, as the
-    shape functions at joints of curved floating-frame beams do; see `plan_along`.
+    shape functions at joints of curved floating-frame beams do; see `directional_plan`.
 
     Parameters
     ----------

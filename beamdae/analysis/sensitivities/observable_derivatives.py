@@ -61,10 +61,7 @@ def differentiate_columns(
     for names in groups.values():
         e = differences[names[0]].base.without_loads_of(inactive)
         o = select(e)
-        arguments = _arguments(o, e, times, at)
-        by_q, by_v, by_p, by_lam, *by_a = (
-            _jacobian(o, k, arguments) for k in range(1, len(arguments))
-        )
+        jacobians = _differentiate_formula(o, e, times, at, 1)
         for name in names:
             x, difference = along[name], differences[name]
             change = difference.along(lambda e: select(e).operator)
@@ -73,23 +70,31 @@ def differentiate_columns(
                 for dx, y in ((x.q, at.q), (x.v, at.v), (x.a, at.a))
             )
             dp = difference.along(lambda e: e.p[select(e).data])
-            parts = [(by_q, dq), (by_v, dv), (by_lam, x.lam[:, o.rows]), *((by, da) for by in by_a)]
-            motion = sum(np.einsum("rij,ri->rj", by, dx) for by, dx in parts)
-            result[name] = motion + np.einsum("rij,i->rj", by_p, dp)
+            dp = np.broadcast_to(dp, (len(times), len(dp)))
+            result[name] = _multiply(jacobians, (dq, dv, dp, x.lam[:, o.rows], da))
     return result
 
 
-def _arguments(o: Observable, e: EquationsOfMotion, times: Array, at: State) -> tuple[Array, ...]:
-    """Return the arguments (t, q, v, p, lam) of the formula, and the accelerations if needed."""
+def _differentiate_formula(
+    o: Observable, e: EquationsOfMotion, times: Array, at: State, first: int = 0
+) -> list[Array]:
+    """Return the derivatives (rows, size, columns) by (t, q, v, p, lam), and a if needed.
+
+    Those by the arguments before `first` are omitted.
+    """
     motion = at.q, at.v, *([at.a] if o.has_accelerations else [])
     q, v, *a = (np.asarray(o.operator @ x.T).T for x in motion)
-    return times, q, v, e.p[o.data], at.lam[:, o.rows], *a
+    arguments = times, q, v, e.p[o.data], at.lam[:, o.rows], *a
+    return [
+        o.function.derivative(k)(*arguments).reshape(len(times), x.shape[-1], len(o.columns))
+        for k, x in enumerate(arguments[first:], first)
+    ]
 
 
-def _jacobian(o: Observable, k: int, arguments: tuple[Array, ...]) -> Array:
-    """Return the derivatives (rows, size, columns) by an argument of the formula."""
-    jacobian = o.function.derivative(k)(*arguments)
-    return jacobian.reshape(len(arguments[0]), arguments[k].shape[-1], len(o.columns))
+def _multiply(jacobians: Sequence[Array], changes: Sequence[Array]) -> Array:
+    """Return the sum of products (rows, columns) with changes (rows, size) of arguments."""
+    pairs = zip(jacobians, changes, strict=False)
+    return np.asarray(sum(np.einsum("rij,ri->rj", by, dx) for by, dx in pairs))
 
 
 def differentiate_run_columns(
@@ -222,11 +227,10 @@ def time_derivative(
             f"{o.name}: the time derivative of accelerations is unknown; do not observe them in "
             "this analysis."
         )
-    arguments = _arguments(o, equations, times, at)
-    a = np.asarray(o.operator @ at.a.T).T
+    by_time, by_q, by_v, _, by_lam = _differentiate_formula(o, equations, times, at)
     clock = np.tile([1.0, 0.0], (len(times), 1))
-    rates = (0, clock), (1, arguments[2]), (2, a), (4, lam_rates[:, o.rows])
-    return sum(np.einsum("rij,ri->rj", _jacobian(o, k, arguments), x) for k, x in rates)
+    v, a = (np.asarray(o.operator @ x.T).T for x in (at.v, at.a))
+    return _multiply((by_time, by_q, by_v, by_lam), (clock, v, a, lam_rates[:, o.rows]))
 
 
 def read_column(run: Solution, name: str) -> tuple[str, Array]:

@@ -14,7 +14,8 @@ from beamdae.analysis.periodic.monodromy import EXACT_RANK
 from beamdae.analysis.periodic.period_map import PeriodMap, PeriodRun
 from beamdae.analysis.periodic.periodic_solution import periodic
 from beamdae.analysis.periodic.shooting import DEFAULT_RTOL, ShootingMatrix
-from beamdae.analysis.sensitivities.neighbors import Difference, difference_model
+from beamdae.analysis.sensitivities.many_parameters import difference_models
+from beamdae.analysis.sensitivities.neighbors import Difference
 from beamdae.analysis.sensitivities.observable_derivatives import (
     differentiate_run_columns,
     time_derivative,
@@ -221,9 +222,9 @@ def periodic_sensitivities(
     assemble = partial(as_equations, _NAME, start=AS_DRAWN)
     drawn = assemble(model())
     base = replace(equations, q0=drawn.q0, v0=drawn.v0)
-    periods, trajectories, differences = {}, {}, {}
-    for name in names:
-        difference = differences[name] = difference_model(model, name, base, assemble)
+    periods, trajectories = {}, {}
+    differences = difference_models(model, names, base, assemble)
+    for name, difference in differences.items():
         stretch = 0.0
         if is_function:
             changed = [{**values, name: values[name] + x} for x in difference.steps]

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property, lru_cache, partial, reduce
+from functools import lru_cache, partial, reduce
 from operator import add, matmul
 from typing import Any, NamedTuple
 
@@ -42,7 +42,7 @@ from beamdae.equations.structure import (
 )
 from beamdae.integrators.alpha.family import JERK_INTERVAL, STIFF_TIME, AlphaParameters
 from beamdae.symbolic.sums.kernel_sums import SumPlan, set_time
-from beamdae.symbolic.sums.sum_derivatives import StackedSum, directional_plan, transposed_plan
+from beamdae.symbolic.sums.sum_derivatives import directional_plan, transposed_plan
 from beamdae.symbolic.sums.sum_evaluator import SumEvaluator
 
 Array = np.ndarray
@@ -51,8 +51,6 @@ Array = np.ndarray
 _STEP_FRACTION = 1e-3
 # Motion over which derivatives of forces are differenced, relative to that in a stiff time.
 _MOTION_FRACTION = 0.1
-# Stored factors of states, which several maps need.
-_MAX_STATES = 8
 _MAX_MATRICES = 256  # that select parts of vectors
 
 
@@ -114,91 +112,43 @@ def _take(operator: LinearOperator, size: int) -> LinearOperator:
     return _pick(operator.shape[0], 0, size) @ operator
 
 
-@dataclass(eq=False)
-class _Sum:
-    """Sum of kernels with inputs of size `n_inputs`, its directional derivative and gradient.
-
-    See `StartDerivatives` for `moving`.
-    """
-
-    equations: EquationsOfMotion
-    plan: PlanFunction
-    n_inputs: int
-    size: int
-    moving: Difference | None
-
-    @cached_property
-    def along(self) -> StackedSum:
-        """Directional derivatives, with the inputs (x, dx, dp)."""
-        plan = plan_along(self.equations, self.moving, self.plan, self.n_inputs)
-        return StackedSum(plan, self.equations.p)
-
-    @cached_property
-    def transposed(self) -> SumEvaluator:
-        """Derivatives of weights . sum by x and p, with the inputs (x, weights)."""
-        e = self.equations
-        plan = plan_transpose(e.structure, self.plan, self.n_inputs)
-        return SumEvaluator(plan, e.p)
-
-    @cached_property
-    def value(self) -> SumEvaluator:
-        """The sum, with the inputs x."""
-        plan = self.plan(self.equations.structure)
-        return SumEvaluator(plan, self.equations.p)
-
-
-def plan_along(
-    equations: EquationsOfMotion,
-    moving: Difference | None,
-    plan: PlanFunction,
-    n_inputs: int,
-) -> SumPlan:
-    """Return `directional_plan` of a sum; `plan` is a function of a module.
-
-    `moving` are the models at neighboring values of the parameter of all directions, if operators
-    of joints depend on it.
-    """
-    if moving is not None:
-        changes = (
-            moving.along(lambda e: plan(e.structure).gather_weights),
-            moving.along(lambda e: plan(e.structure).weights),
-        )
-        return directional_plan(plan(equations.structure), n_inputs, changes)
-    return _plan_direction(equations.structure, plan, n_inputs)
-
-
 class _SumDerivative(LinearOperator):
     """Derivative of a sum with respect to (x, p, t) at a time and at inputs x.
 
     Derivatives with respect to time are differences over +-`delta` [s], and not transposed.
     """
 
-    def __init__(self, total: _Sum, time: Array, x: Array, delta: float) -> None:
-        super().__init__(float, (total.size, len(x) + len(total.equations.p) + 1))
-        self._sum, self._time, self._x, self._delta = total, time, x, delta
+    def __init__(
+        self, maps: StartDerivatives, plan: PlanFunction, time: Array, x: Array, size: int, h: float
+    ) -> None:
+        super().__init__(float, (size, len(x) + len(maps.equations.p) + 1))
+        self._maps, self._plan, self._time, self._x = maps, plan, time, x
+        self._delta = _STEP_FRACTION * h
+
+    def _evaluator(self, plan: SumPlan, shift: float = 0.0) -> SumEvaluator:
+        result = SumEvaluator(plan, self._maps.equations.p)
+        set_time(result, self._time[0] + shift, self._time[1])
+        return result
 
     def _matmat(self, changes: Array) -> Array:
-        directions, shifts = changes[:-1].T, changes[-1]
-        rows = np.hstack([np.broadcast_to(self._x, (len(shifts), len(self._x))), directions])
-        result = self._sum.along(self._time, rows, self._sum.size)
-        if shifts.any():
-            result += np.multiply.outer(shifts, self.time_rate)
-        return result.T
+        total = self._evaluator(self._maps.plan_along(self._plan, len(self._x)))
+        rows = (np.concatenate([self._x, change]) for change in changes[:-1].T)
+        result = np.column_stack([total(x, self.shape[0]) for x in rows])
+        if changes[-1].any():
+            result += np.multiply.outer(self.time_rate, changes[-1])
+        return result
 
     @property
     def time_rate(self) -> Array:
         """Partial derivative with respect to time, (size,)."""
-        rate = self._evaluate(self._delta) - self._evaluate(-self._delta)
-        return np.asarray(rate / (2.0 * self._delta))
-
-    def _evaluate(self, shift: float) -> Array:
-        set_time(self._sum.value, self._time[0] + shift, self._time[1])
-        return self._sum.value(self._x, self._sum.size)
+        plan, delta = self._plan(self._maps.equations.structure), self._delta
+        before, after = (self._evaluator(plan, x)(self._x, self.shape[0]) for x in (-delta, delta))
+        return np.asarray((after - before) / (2.0 * delta))
 
     def _rmatvec(self, weights: Array) -> Array:
-        set_time(self._sum.transposed, *self._time)
-        size = self.shape[1] - 1
-        return np.append(self._sum.transposed(np.concatenate([self._x, weights]), size), 0.0)
+        plan = plan_transpose(self._maps.equations.structure, self._plan, len(self._x))
+        inputs, size = np.concatenate([self._x, weights]), self.shape[1] - 1
+        return np.append(self._evaluator(plan)(inputs, size), 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,8 +169,7 @@ class StartDerivatives:
 
     solver: ConsistencySolver
     moving: Difference | None = None
-    _sums: dict[PlanFunction, _Sum] = field(default_factory=dict, init=False, repr=False)
-    _factors: dict[Any, Any] = field(default_factory=dict, init=False, repr=False)
+    _plans: dict[PlanFunction, SumPlan] = field(default_factory=dict, init=False, repr=False)
 
     @classmethod
     def of(cls, difference: Difference) -> StartDerivatives:
@@ -374,9 +323,20 @@ class StartDerivatives:
 
         `h` is the step of the run.
         """
-        if plan not in self._sums:
-            self._sums[plan] = _Sum(self.equations, plan, len(x), size, self.moving)
-        return _SumDerivative(self._sums[plan], time, x, _STEP_FRACTION * h)
+        return _SumDerivative(self, plan, time, x, size, h)
+
+    def plan_along(self, plan: PlanFunction, n_inputs: int) -> SumPlan:
+        """Return `directional_plan` of a sum; `plan` is a function of a module."""
+        structure, moving = self.equations.structure, self.moving
+        if moving is None:
+            return _plan_direction(structure, plan, n_inputs)
+        if plan not in self._plans:
+            changes = (
+                moving.along(lambda e: plan(e.structure).gather_weights),
+                moving.along(lambda e: plan(e.structure).weights),
+            )
+            self._plans[plan] = directional_plan(plan(structure), n_inputs, changes)
+        return self._plans[plan]
 
     def _rows(
         self, operator: LinearOperator, level: int, *, with_force: bool = False
@@ -464,18 +424,10 @@ class StartDerivatives:
         lam: Array | None = None,
     ) -> LinearOperator:
         """Return the inverse of the saddle-point matrix."""
-        if not self.solver.has_friction:
-            lam = None  # The matrix does not depend on the multipliers.
-        states = (None if x is None else x.tobytes() for x in (time, q, v, lam))
-        key = coefficients, *states
         pattern = self.solver.sums.saddle_pattern
-        if key not in self._factors:
-            if len(self._factors) >= _MAX_STATES:
-                self._factors.clear()
-            nonzeros = self.solver.saddle_matrix(time, q, v, None, coefficients, lam)
-            matrix = (nonzeros, pattern.indices, pattern.indptr)
-            self._factors[key] = splu(sp.csc_array(matrix, shape=pattern.shape))
-        return _inverse(self._factors[key], pattern.shape[0])
+        nonzeros = self.solver.saddle_matrix(time, q, v, None, coefficients, lam)
+        matrix = sp.csc_array((nonzeros, pattern.indices, pattern.indptr), shape=pattern.shape)
+        return _inverse(splu(matrix), pattern.shape[0])
 
 
 class Directions(NamedTuple):

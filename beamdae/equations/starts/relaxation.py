@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import ceil
 from typing import NamedTuple, Protocol
@@ -12,17 +12,20 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.formulations.compliant_equations import introduce_resultants
+from beamdae.equations.formulations.tangents import Convert
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.starts.rigid_motions import DisplacementMeasure
 from beamdae.errors import BeamdaeError, list_first
 
 Array = np.ndarray
 
-_MAX_NAMES = 3  # of parts with friction in a message
-
 # Step sizes, in units of `position_scales`.
+_MAX_NAMES = 3  # of parts with friction in a message
 _MAX_STEP = 0.2  # small enough to close the joints by Newton's method
 _MAX_TRAVEL_SIZES = 1e4  # limit of the travel to which steps are relative
+_MAX_GAP_RATIO = 0.5  # correction that closes the joints, relative to the step
+_NEGLIGIBLE_GAP = 1e-9
 _CONVERGED_STEP = 1e-10
 
 # Steps by which joints that are open in the first positions are closed, relative to their scales:
@@ -31,7 +34,7 @@ _CLOSING_STEP = 0.01
 _CLOSING_STEPS = 100
 _MAX_CLOSING_STEP = 0.1
 
-# Iterations of Newton's method in a step.
+# Iterations of Newton's method in a step of a cautious flow.
 _MAX_ITERATIONS = 10
 _ITERATION_TOLERANCE = 1e-3  # last change, relative to the step
 _SHARE_REDUCTION = 0.25
@@ -55,6 +58,9 @@ _CONVERGED_ROUNDING_RATIO = 100.0  # steps below this multiple of their rounding
 class StaticSystem(Protocol):
     """Static equations in (q, lam), such as `StaticEquations`."""
 
+    def convert(self, change: Convert) -> StaticSystem:
+        """Return these static equations of converted equations of motion."""
+
     @property
     def equations(self) -> EquationsOfMotion:
         """Equations of motion, which provide the inertia."""
@@ -71,15 +77,17 @@ class StaticSystem(Protocol):
 
 
 class FlowStep(NamedTuple):
-    """Step of the gradient flow.
+    """Trial step of the gradient flow.
 
     Attributes
     ----------
     q, lam
-        Positions and multipliers at the end of the step.
+        Positions, and multipliers of joints and resultants at the end of the step.
     size
         Largest displacement in the step, relative to the scale of the coordinate plus its travel
         since the start; for angles, relative to the scale alone.
+    gap
+        Size of the correction that closes the joints after the step, in the same relative measure.
     rounding
         Change of the step due to rounding, in the same relative measure; large in directions
         without stiffness.
@@ -88,7 +96,15 @@ class FlowStep(NamedTuple):
     q: Array
     lam: Array
     size: float
+    gap: float
     rounding: float
+
+    @property
+    def is_near(self) -> bool:
+        """True if the step is small enough to stay on the same branch of the joints."""
+        return self.size <= _MAX_STEP and self.gap <= max(
+            _MAX_GAP_RATIO * self.size, _NEGLIGIBLE_GAP
+        )
 
     @property
     def is_steady(self) -> bool:
@@ -101,30 +117,42 @@ class FlowStep(NamedTuple):
 
 @dataclass(frozen=True)
 class GradientFlow:
-    """Steps of the implicit Euler method along the gradient flow of a mechanism.
+    """Implicit steps along the gradient flow of a mechanism.
 
-    Newton's method solves each of them. Forces may change abruptly within a step, such as those of
-    contacts: each change is shortened until the next one is not larger (natural monotonicity test:
-    Deuflhard, Newton Methods for Nonlinear Problems, 2004, section 3.3).
+    A step is one iteration of Newton's method for the implicit Euler method. A cautious flow, for
+    forces that change abruptly within steps, such as those of contacts, iterates to convergence. It
+    shortens each change until the next one is not larger (natural monotonicity test: Deuflhard,
+    Newton Methods for Nonlinear Problems, 2004, section 3.3).
 
     Attributes
     ----------
-    static, solver
-        Static equations, and the solver for consistent states of their `equations`.
+    static, mixed
+        Static equations, and the same with stiff forces as multipliers, see `introduce_resultants`:
+        as unknowns, they let stiff parts move like rigid ones.
+    solver, measure
+        Solver for consistent states, and measure of displacements.
     begin
         Positions (n,) at which the flow begins.
     gaps
-        Gaps (n + m,) by which the joints stay open, with zeros for the forces.
+        Gaps by which the joints are kept open, (m,).
+    is_cautious
+        See above.
     """
 
     static: StaticSystem
+    mixed: StaticSystem
     solver: ConsistencySolver
+    measure: DisplacementMeasure
     begin: Array
-    gaps: Array | float = 0.0
+    gaps: Array
+    is_cautious: bool = False
 
-    @cached_property
-    def _measure(self) -> DisplacementMeasure:
-        return DisplacementMeasure.of(self.static.equations)
+    @classmethod
+    def of(cls, static: StaticSystem, begin: Array) -> GradientFlow:
+        """Return the flow with closed joints."""
+        e, mixed = static.equations, static.convert(lambda x: introduce_resultants(x).equations)
+        solver, measure = ConsistencySolver(e), DisplacementMeasure.of(e)
+        return cls(static, mixed, solver, measure, begin, np.zeros(e.m))
 
     @cached_property
     def _perturbation(self) -> Array:
@@ -134,102 +162,90 @@ class GradientFlow:
         # States of fast filters are far smaller than their scale.
         return self.static.equations.without_states(_PERTURBATION * sizes * signs)
 
-    def _initial_acceleration(self) -> tuple[Array, Array]:
+    def initial_acceleration(self) -> tuple[Array, Array]:
         """Return the acceleration (n,) and the multipliers (m,) at rest in `begin`.
 
         Both follow from the forces of `static`, which may be a fraction of those in
-        `static.equations`.
+        `static.equations`. If the acceleration is zero, `begin` is an equilibrium with these
+        multipliers.
         """
         q, rates = self.begin, np.zeros(self.static.equations.m)
         force = self.static.residual(q, rates)[: len(q)]
         return self.solver.solve_saddle(self.static.time, q, None, -force, rates)
 
     def _residual(self, x: Array) -> Array:
-        n = len(self.begin)
-        return self.static.residual(x[:n], x[n:]) - self.gaps
+        n, last = len(self.begin), len(self.begin) + self.static.equations.m
+        total = self.mixed.residual(x[:n], x[n:])
+        total[n:last] -= self.gaps
+        total[last:] -= x[last:]
+        return total
 
-    def _try_step(self, q: Array, lam: Array, square: float) -> FlowStep | None:
-        """Return a step of pseudo-time T with T^2 = `square`.
+    def _matrix(self, x: Array) -> sp.csc_array:
+        n, last = len(self.begin), len(self.begin) + self.static.equations.m
+        compliance = sp.diags_array(np.repeat([0.0, 1.0], [last, len(x) - last]))
+        return sp.csc_array(self.mixed.matrix(x[:n], x[n:]) - compliance)
 
-        Returns None if a matrix is singular, `size` exceeds `_MAX_STEP`, or the iterations do not
-        converge.
+    def all_multipliers(self, lam: Array) -> Array:
+        """Return the multipliers of joints in `begin`, followed by the stiff forces there."""
+        forces = np.zeros(self.mixed.equations.m - len(lam))
+        x = np.concatenate([self.begin, lam, forces])
+        return np.append(lam, self._residual(x)[len(x) - len(forces) :])
+
+    def try_step(self, q: Array, lam: Array, square: float) -> FlowStep | None:
+        """Return a trial step of pseudo-time T with T^2 = `square`; `lam` are all multipliers.
+
+        Returns None if the matrix is singular, `size` exceeds `_MAX_STEP`, or the iterations of a
+        cautious flow do not converge.
         """
-        static, measure, n, m = self.static, self._measure, len(q), len(lam)
+        static, n, m = self.static, len(q), len(lam)
         mass = self.solver.mass_matrix(static.time, q)
         # No inertia in the rows and columns of the multipliers.
         ends = np.append(mass.indptr, np.full(m, mass.indptr[-1]))
         entries = (mass.data * (1.0 / square), mass.indices, ends)
         weight = sp.csc_array(entries, shape=(n + m, n + m))
-        way = np.minimum(measure.distances(q - self.begin), _MAX_TRAVEL_SIZES * measure.scale)
-        sizes = measure.scale + np.where(static.equations.is_angle, 0.0, way)
+        way = np.minimum(
+            self.measure.distances(q - self.begin), _MAX_TRAVEL_SIZES * self.measure.scale
+        )
+        sizes = self.measure.scale + np.where(self.static.equations.is_angle, 0.0, way)
 
         def size(change: Array) -> float:
-            return float(np.max(measure.distances(change[:n]) / sizes))
+            return float(np.max(self.measure.distances(change[:n]) / sizes))
 
         def unbalance(total: Array) -> Array:
             return self._residual(origin + total) + weight @ total
 
-        origin, total = np.concatenate([q, lam]), np.zeros(n + m)
-        for _ in range(_MAX_ITERATIONS):
-            last = origin + total
-            forces = self._residual(last)
+        x = origin = np.concatenate([q, lam])
+        total = np.zeros(n + m)
+        is_converged = not self.is_cautious
+        for _ in range(_MAX_ITERATIONS if self.is_cautious else 1):
+            last, forces = x, self._residual(x)
             try:
-                solve = splu(sp.csc_array(static.matrix(last[:n], last[n:]) + weight)).solve
+                solve = splu(sp.csc_array(self._matrix(x) + weight)).solve
             except RuntimeError:
                 return None
             change = -solve(forces + weight @ total)
             change_size, share = size(change), 1.0
-            while not size(solve(unbalance(total + share * change))) <= change_size:
-                share *= _SHARE_REDUCTION
-                if share < _SMALLEST_SHARE:
-                    return None
+            if self.is_cautious:
+                while not size(solve(unbalance(total + share * change))) <= change_size:
+                    share *= _SHARE_REDUCTION
+                    if share < _SMALLEST_SHARE:
+                        return None
             total = total + share * change
-            step_size = size(total)
+            x, step_size = origin + total, size(total)
             if not step_size <= _MAX_STEP:
                 return None
             if change_size <= max(_ITERATION_TOLERANCE * step_size, _CONVERGED_STEP):
-                moved = last + np.append(self._perturbation, np.zeros(m))
-                rounding = size(solve(self._residual(moved) - forces))
-                end = origin + total
-                return FlowStep(end[:n], end[n:], step_size, rounding)
-        return None
-
-    def follow(self, near: Array | None = None) -> tuple[Array, Array, bool]:
-        """Return the positions and multipliers at the end, and True if they are steady.
-
-        With the multipliers `near` of an equilibrium close by, the first step is the longest.
-        """
-        q, (a, lam) = self.begin, self._initial_acceleration()
-        acceleration = self._measure.farthest(a)
-        if acceleration == 0.0 and near is None:
-            return q, lam, True
-        square = first = _FIRST_STEP / (acceleration or 1.0)
-        last = _LAST_SQUARE_RATIO * first
-        if near is not None:
-            square, lam = last, near
-        is_last_tried = False
-        for _ in range(_MAX_STEPS):
-            step = self._try_step(q, lam, square)
-            if step is None:
-                square /= _SQUARE_GROWTH
-                if square < _SMALLEST_SQUARE_RATIO * first:
-                    break
-                continue
-            if step.is_steady and square < last and not is_last_tried:
-                # At an equilibrium, the steps up to the last one would only repeat rounding errors.
-                is_last_tried = True
-                final = self._try_step(step.q, step.lam, last)
-                if final is not None and final.is_steady:
-                    step, square = final, last
-            q, lam = step.q, step.lam
-            is_last = square >= last or step.rounding > _RELIABLE_ROUNDING
-            if step.is_steady and is_last:
-                return q, lam, True
-            if step.rounding <= _RELIABLE_ROUNDING:
-                square = min(square * _SQUARE_GROWTH, last)
-            elif step.rounding > _MAX_ROUNDING_RATIO * _RELIABLE_ROUNDING:
-                square /= _SQUARE_GROWTH
-        return q, lam, False
+                is_converged = True
+                break
+        if not is_converged:
+            return None
+        last = last + np.append(self._perturbation, np.zeros(m))
+        rounding = size(solve(self._residual(last) - forces))
+        gaps = self._residual(x)
+        gaps[:n] = 0.0
+        correction = -solve(gaps)
+        x = x + correction
+        return FlowStep(x[:n], x[n:], step_size, size(correction), rounding)
 
 
 def relax_to_equilibrium(
@@ -237,15 +253,17 @@ def relax_to_equilibrium(
 ) -> tuple[Array, Array]:
     """Return positions (n,) and multipliers (m,) of an equilibrium reached from `q`.
 
-    Implicit steps follow the gradient flow. Newton's method for a step has the matrix
+    Implicit steps follow the gradient flow. Each step solves a linear system with the matrix
 
-        [[M / T^2 + K, G^T], [G, 0]],
+        [[M / T^2 + K, G^T], [G, -C]],
 
-    where K is the stiffness of F + G^T lam. Short pseudo-times T keep steps small and lead to
-    stable equilibria; long pseudo-times converge quadratically. The step size does not depend on
-    the orientation of the mechanism. Joints that are open at `q`, because drivers begin beside the
-    drawing, are closed in short steps through equilibria, so that no contact is passed. Equilibria
-    at which joints are still open are appended to `passed`.
+    where K is the stiffness of F + G^T lam and C, of stiff forces, a compliance, and a second
+    system with this matrix to close the joints. Short pseudo-times T keep steps small and lead to
+    stable equilibria; long pseudo-times converge quadratically, like Newton's method. The step size
+    does not depend on the orientation of the mechanism. Joints that are open at `q`, because
+    drivers begin beside the drawing, are closed in short steps through equilibria. If steps do not
+    end, for example because they jump into stiff contacts and out of them, a cautious flow is
+    tried, see `GradientFlow`. Equilibria at which joints are still open are appended to `passed`.
 
     Raises
     ------
@@ -254,22 +272,21 @@ def relax_to_equilibrium(
         equilibrium is found. In the second case, the message names the coordinate that moved
         farthest.
     """
-    e, solver = static.equations, ConsistencySolver(static.equations)
-    begin = np.array(q)
-    gaps = static.residual(q, np.zeros(e.m))
-    gaps[: e.n] = 0.0
-    size = float(np.max(np.abs(gaps[e.n :]) / e.constraint_scales, initial=0.0))
+    e, begin = static.equations, np.array(q)
+    flow = GradientFlow.of(static, begin)
+    gaps = static.residual(q, np.zeros(e.m))[e.n :]
+    size = float(np.max(np.abs(gaps) / e.constraint_scales, initial=0.0))
     count = max(min(ceil(size / _CLOSING_STEP), _CLOSING_STEPS), ceil(size / _MAX_CLOSING_STEP))
     lam: Array | None = None
     for share in np.linspace(1.0, 0.0, count + 1)[:-1]:
-        q, lam, is_steady = GradientFlow(static, solver, q, share * gaps).follow(lam)
+        q, lam, is_steady = _relax(replace(flow, begin=q, gaps=share * gaps), lam)
         if not is_steady:
             q = begin
             break
         if passed is not None:
             passed.append(q)
-    begin = solver.state(static.time, q, np.zeros(e.n)).q
-    q, lam, is_steady = GradientFlow(static, solver, begin).follow()
+    begin = flow.solver.state(static.time, q, np.zeros(e.n)).q
+    q, lam, is_steady = _relax(replace(flow, begin=begin), None)
     if is_steady:
         return q, lam
     displacement = np.abs(q - begin)
@@ -288,6 +305,53 @@ def find_nearby_equilibrium(static: StaticSystem, q: Array) -> tuple[Array, Arra
 
     The first step is Newton's; if it is too long, shorter ones follow the gradient flow.
     """
-    flow = GradientFlow(static, ConsistencySolver(static.equations), q)
-    q, lam, is_steady = flow.follow(np.zeros(static.equations.m))
+    q, lam, is_steady = _relax(GradientFlow.of(static, q), np.zeros(static.equations.m))
     return (q, lam) if is_steady else None
+
+
+def _relax(flow: GradientFlow, lam: Array | None) -> tuple[Array, Array, bool]:
+    """Return the positions (n,) and multipliers (m,) at the end, and True if they are steady."""
+    for is_cautious in (False, True):
+        q, all_lam, is_steady = _follow(replace(flow, is_cautious=is_cautious), lam)
+        if is_steady:
+            break
+    return q, all_lam[: flow.static.equations.m], is_steady
+
+
+def _follow(flow: GradientFlow, near: Array | None) -> tuple[Array, Array, bool]:
+    """Return the positions and all multipliers at the end, and True if they are steady.
+
+    With the multipliers `near` of an equilibrium close by, its first step is the longest.
+    """
+    q, (a, joints) = flow.begin, flow.initial_acceleration()
+    lam = flow.all_multipliers(joints if near is None else near)
+    acceleration = flow.measure.farthest(a)
+    if acceleration == 0.0 and near is None:
+        return q, lam, True
+    square = first = _FIRST_STEP / (acceleration or 1.0)
+    last = _LAST_SQUARE_RATIO * first
+    if near is not None:
+        square = last
+    is_last_tried = False
+    for _ in range(_MAX_STEPS):
+        step = flow.try_step(q, lam, square)
+        if step is None or not step.is_near:
+            square /= _SQUARE_GROWTH
+            if square < _SMALLEST_SQUARE_RATIO * first:
+                break
+            continue
+        if step.is_steady and square < last and not is_last_tried:
+            # At an equilibrium, the steps up to the last one would only repeat rounding errors.
+            is_last_tried = True
+            final = flow.try_step(step.q, step.lam, last)
+            if final is not None and final.is_near and final.is_steady:
+                step, square = final, last
+        q, lam = step.q, step.lam
+        is_last = square >= last or step.rounding > _RELIABLE_ROUNDING
+        if step.is_steady and is_last:
+            return q, lam, True
+        if step.rounding <= _RELIABLE_ROUNDING:
+            square = min(square * _SQUARE_GROWTH, last)
+        elif step.rounding > _MAX_ROUNDING_RATIO * _RELIABLE_ROUNDING:
+            square /= _SQUARE_GROWTH
+    return q, lam, False

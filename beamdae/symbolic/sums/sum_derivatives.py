@@ -131,46 +131,6 @@ def direction_inputs(plan: SumPlan, n_inputs: int, p: Array, numbers: Array) -> 
     return local
 
 
-class StackedSum:
-    """Directional derivative for several directions together, in CasADi's virtual machine.
-
-    Parameters
-    ----------
-    plan
-        Result of `directional_plan`.
-    p
-        Numbers of the model.
-    """
-
-    def __init__(self, plan: SumPlan, p: Array) -> None:
-        self._plan, self._data = plan, p[plan.data_sources]
-        self._shared = np.zeros(plan.n_shared)
-
-    def __call__(self, time: Array, x: Array, size: int) -> Array:
-        """Return the derivatives (..., size) at (t, branch) for inputs (..., n)."""
-        self._shared[: len(time)] = time
-        plan, rows = self._plan, x.reshape(-1, x.shape[-1])
-        count = len(rows)
-        gather, scatter = plan.operators
-        local = gather @ rows.T[: gather.shape[1]]
-        local[plan.data_targets] = self._data[:, None]
-        out, first = np.zeros((scatter.shape[1], count)), 0
-        for kernel, start, lanes, copies in plan.batches:
-            shapes = [(height, lanes, count) for height in (kernel.n_local, kernel.n_out)]
-            inputs = local[start : start + kernel.n_local * lanes].reshape(shapes[0])[:, :copies]
-            outputs = out[first : first + kernel.n_out * lanes].reshape(shapes[1])[:, :copies]
-            first += kernel.n_out * lanes
-            changing = np.ones((copies, count), bool)
-            if kernel.linear_from is not None:
-                # A direction changes few kernels.
-                changing = inputs[kernel.linear_from :].any(axis=0)
-            if changing.any():
-                outputs[:, changing] = kernel.rows(self._shared, inputs[:, changing].T).T
-        result = np.zeros((count, size))
-        result[:, : scatter.shape[0]] = (scatter @ out).T
-        return result.reshape(*x.shape[:-1], size)
-
-
 def _directional_kernel(kernel: Kernel, with_value: bool) -> Kernel:
     """Return the kernel of (shared, (local, tangent)) for the derivative along the tangent.
 
