@@ -59,8 +59,7 @@ _MAX_CONTRACTION = 0.25
 _MAX_LAST_CONTRACTION = 0.6
 _MIN_STEP = 1e-6  # of the gaps at the beginning; below, the last contraction is permitted
 _STEP_FACTOR = 4.0
-_MAX_PREDICTED_ROTATION = 0.2  # [rad]; with the corrections, a step stays below `_MAX_ROTATION`
-_MAX_ROTATION = 0.3  # [rad]
+_MAX_PREDICTED_ROTATION = 0.2  # [rad]; with corrections that contract, a step stays below 0.3 rad
 
 # Requested coordinates whose mobility, relative to 1 / inertia, is smaller do not move.
 _MIN_MOBILITY = 1e-13
@@ -328,7 +327,7 @@ class _Path:
         """
         try:
             point = self._close(begin, remaining * self.drawn_gaps, max_contraction)
-            if point is None or self._rotation(point.q - begin.q) > _MAX_ROTATION:
+            if point is None:
                 return None
             return point, self._predict_rotation(point) if remaining else 0.0
         except (BeamdaeError, RuntimeError):  # SuperLU raises the latter if a matrix is singular.

@@ -288,9 +288,7 @@ def relax_to_equilibrium(
     begin = flow.solver.state(static.time, q, np.zeros(e.n)).q
     q, lam, is_steady = _relax(replace(flow, begin=begin), None)
     if is_steady:
-        # Without forces, all reactions are zero up to rounding.
-        is_loaded = np.any(static.residual(q, np.zeros(e.m))[: e.n])
-        return q, lam if is_loaded else np.zeros(e.m)
+        return q, lam
     displacement = np.abs(q - begin)
     worst = int(np.argmax(displacement / e.position_scales))
     sliding = list_first([*e.frictions], _MAX_NAMES)
