@@ -275,10 +275,6 @@ class _Steps:
             "before": np.zeros((4 + 2 * s, n)),
             "after": np.zeros((3 * s + 1, n)),
             "result": np.zeros(n_result + (len(e.p) if loop == "backward" else 0)),
-            "data": np.zeros((0, 0)),
-            "shifts": np.zeros(0),
-            "time_rates": np.zeros((0, self.size)),
-            "numbers": np.zeros(0),
             **fields,
         }
 
