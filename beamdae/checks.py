@@ -26,6 +26,7 @@ from beamdae.equations.starts.dependent_constraints import (
     ConstraintRank,
     DependentSet,
     analyze_constraint_rank,
+    describe_dependent_sets,
     find_dependent_sets,
 )
 from beamdae.equations.starts.mobility import (
@@ -58,12 +59,14 @@ from beamdae.parts.joints.joint import Joint
 from beamdae.parts.mechanism import AS_DRAWN, Mechanism, require_start
 from beamdae.parts.rotation import Rotation
 from beamdae.read_only import read_only_data
-from beamdae.report.summaries import describe_check
 from beamdae.results.solution import Solution
 from beamdae.results.start_changes import StartSummary, compare_start
 from beamdae.simulation import as_equations, simulate
 
 Array = np.ndarray
+
+_MAX_FREE_MOTIONS = 8  # in the description
+_MAX_ERRORS = 8
 
 # Largest numbers of constraints and coordinates for dense factorizations; the time grows with their
 # cube.
@@ -216,7 +219,7 @@ class Check:
         return "ready to run" + f", but {'; '.join(notes)}" * bool(notes)
 
     def _repr_html_(self) -> str:
-        from beamdae.report.summaries import format_html_table
+        from beamdae.report.tables import format_html_table
 
         return format_html_table(describe_check(self))
 
@@ -234,6 +237,80 @@ class Check:
     def ok(self) -> bool:
         """True if the mechanism can be run."""
         return not self.problem
+
+
+def describe_check(check: Check) -> dict[str, str]:
+    """Return the results of a `Check` as texts by topic, the verdict first."""
+    facts = {"verdict": check.verdict}
+    if check.mobility is not None:
+        states = f" - {check.states} states" if check.states else ""
+        facts["mobility"] = (
+            f"{check.rigid_mobility} with rigid beams and fixed drivers; {check.mobility} = "
+            f"{check.coordinates} coordinates{states} - {check.rank} independent constraints"
+        )
+        if dependent := describe_dependent_sets(check.dependent):
+            facts["dependent constraints"] = dependent
+        if check.free_motions:
+            motions = [*check.free_motions[:_MAX_FREE_MOTIONS]]
+            if omitted := len(check.free_motions) - len(motions):
+                motions.append(f"and {omitted} more")
+            facts["free motions"] = "; ".join(motions)
+    else:
+        facts["mobility"] = (
+            f"not computed: {check.coordinates} coordinates, {check.constraints} constraints"
+        )
+    if loose := "; ".join(", ".join(group) for group in check.loose):
+        facts["unconnected parts"] = f"no joint connects to the ground: {loose}"
+    facts["start"] = _describe_start(check)
+    if check.spectrum is not None:
+        facts |= _describe_frequencies(check.spectrum)
+    elif check.start is not None:
+        facts["frequencies"] = "not computed: too many coordinates or constraints"
+    if check.errors is not None and not check.errors.reason:
+        total = dict(zip(check.errors.headers, check.errors.total.tolist(), strict=True))
+        named = sorted((name for name in total if total[name] > 0.0), key=lambda x: -total[x])
+        if named:
+            facts["errors"] = list_first([f"{total[x]:.2g} ({x})" for x in named], _MAX_ERRORS)
+    if check.prediction is not None:
+        p = check.prediction
+        facts["predicted cost"] = (
+            f"about {_round(p.steps)} steps of {p.method}, {_round(p.seconds)} s, measured in "
+            f"{100.0 * p.covered_share:.3g} % of a run"
+        )
+    for k, warning in enumerate(check.warnings, start=1):
+        facts["warning" if len(check.warnings) == 1 else f"warning {k}"] = warning
+    return facts
+
+
+def _round(value: float) -> str:
+    """Return the value with one significant digit, without an exponent below a million."""
+    return f"{float(f'{value:.1g}'):g}"
+
+
+def _describe_start(check: Check) -> str:
+    if check.start is None:
+        return "no consistent start"
+    change = check.start.largest
+    if change is None:
+        text = "there are no coordinates"
+    elif change.displacement > 0.0:
+        distance = f"{change.displacement:.3g} m ({change.coordinate})"
+        text = f"closing the joints moves {change.part} by {distance}"
+    else:
+        text = "the joints are closed"
+    return f"{check.start.request}; {text}"
+
+
+def _describe_frequencies(frequencies: FrequencyRange) -> dict[str, str]:
+    if frequencies.massless:
+        return {"mass": f"singular: {frequencies.massless} has no inertia"}
+    facts = {}
+    lowest, highest = frequencies.lowest, frequencies.highest
+    if highest is not None and lowest is not None:
+        facts["frequencies"] = f"{lowest:.4g} to {highest:.4g} Hz"
+    if frequencies.growth:
+        facts["unstable"] = frequencies.growth
+    return facts
 
 
 @interruptible

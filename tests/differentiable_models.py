@@ -1,5 +1,6 @@
-"""Models whose derivatives are tested forward and backward."""
+"""Models whose derivatives are tested, and differences with which they are compared."""
 
+import numpy as np
 from mechanisms import EARTH, hinged_beam, rectangle
 
 import beamdae as bd
@@ -40,3 +41,25 @@ def skater(offset=0.1, spin=1.0, push=3.0):
     mech.add(bd.Force("push", sled.at(offset, 0.05), (push, 0.0)))
     mech.observe("sled", sled.at(0.0, 0.0))
     return mech
+
+
+# Differences of analyses with respect to parameters, which derivatives are compared with.
+
+WEIGHTS = {-2: 1 / 12, -1: -2 / 3, 1: 2 / 3, 2: -1 / 12}
+
+
+def differentiate(function, model, name, values, relative=1e-3):
+    """Return the fourth-order difference of a function of the mechanism by a parameter."""
+    value = values.get(name, model.parameters[name])
+    delta = relative * value
+    return sum(
+        weight / delta * np.asarray(function(model(**{**values, name: value + k * delta})))
+        for k, weight in WEIGHTS.items()
+    )
+
+
+def assert_close(actual, expected, value, size, tolerance):
+    """Compare derivatives; errors are relative to them, or to the size over the parameter."""
+    scale = np.maximum(np.abs(size) / abs(value), np.abs(expected))
+    error = np.abs(np.asarray(actual) - expected)
+    assert np.all(error <= tolerance * scale), error / scale

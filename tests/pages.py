@@ -281,8 +281,8 @@ def selected_options(choice):
     return choice.evaluate("list => [...list.selectedOptions].map((one) => one.textContent)")
 
 
-def tool_buttons(tab, key):
-    """Return the buttons of a chart: reset, SVG."""
+def reset_button(tab, key):
+    """Return the button of a chart that shows all."""
     return tab.locator(f"[data-chart={key}] .tools button")
 
 

@@ -12,7 +12,6 @@ import pytest
 from mechanisms import EARTH
 from robustness.inputs.bad_input import BAD_VALUES
 from robustness.inputs.catalog import USER_BASE_CLASSES, public_name_of
-from robustness.inputs.control_calls import CONTROL_CALLS
 from robustness.inputs.model_calls import (
     MECHANISM_CALLS,
     NUMBER_CALLS,
@@ -20,7 +19,7 @@ from robustness.inputs.model_calls import (
     SYSTEM_CALLS,
     VARIANT_CALLS,
 )
-from robustness.inputs.run_calls import INTEGRATOR_CALLS
+from robustness.inputs.run_calls import CONTROL_CALLS, INTEGRATOR_CALLS
 from robustness.inputs.sandbox import Sandbox
 from robustness.judge import check_sentence
 

@@ -180,24 +180,14 @@ def test_a_lock_that_is_a_hard_link_is_not_written(folder):
     assert Path("mine.txt").read_text() == "text"
 
 
-# Writes a file that is no program for this machine.
-FOREIGN = 'while [ "$1" != -o ]; do shift; done; echo foreign > "$2"'
-
-
-@pytest.mark.parametrize(
-    ("script", "message"),
-    [
-        *((x, "the C compiler .*cc failed; set") for x in ("exit 0", "exit 1", "echo wrong >&2")),
-        *((x, "steps cannot be timed .* CC") for x in (FOREIGN, f'{FOREIGN}; chmod +x "$2"')),
-    ],
-)
-def test_compilers_without_a_program_are_named(script, message, folder, monkeypatch):
+@pytest.mark.parametrize("script", ["exit 0", "exit 1", "echo wrong >&2"])
+def test_compilers_without_a_program_are_named(script, folder, monkeypatch):
     compiler = folder / "cc"
     compiler.write_text(f"#!/bin/sh\n{script}\n")
     compiler.chmod(0o755)
     monkeypatch.setenv("CC", str(compiler))
-    with pytest.raises(bd.BeamdaeError, match=message):
-        bd.export_fmu(load(), "ball.fmu", timed_steps=10)
+    with pytest.raises(bd.BeamdaeError, match=r"the C compiler .*cc failed; set"):
+        bd.export_fmu(load(), "ball.fmu")
     assert not Path("ball.fmu").exists()
 
 

@@ -152,7 +152,7 @@ def _judge_structure(name: str, case: Any) -> Outcome:
 
 
 def _judge_statement(name: str, case: Any) -> Outcome:
-    from error_statements.statements import compare, read_statement
+    from error_statements.cases import compare, read_statement
 
     solution = case.run()
     result = compare(case, solution, read_statement(solution))

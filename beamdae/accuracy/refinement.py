@@ -11,8 +11,12 @@ import scipy.sparse as sp
 from beamdae.accuracy.errors import CAUSES, Refined
 from beamdae.beams.beam import Beam
 from beamdae.beams.mesh import Mesh
-from beamdae.beams.prolongation import prolong_coordinates
-from beamdae.beams.remeshing import divide_meshes, list_fixed_beams, replace_beams
+from beamdae.beams.remeshing import (
+    divide_meshes,
+    list_fixed_beams,
+    prolong_coordinates,
+    replace_beams,
+)
 from beamdae.equations.assembly.assemble import equations_of_motion
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import hold_messages, set_fields

@@ -20,9 +20,9 @@ from beamdae.beams.kinematics import (
     Kinematics,
     MaterialPoint,
     create_custom_kinematics,
+    prolongation_matrix,
 )
 from beamdae.beams.mesh import Mesh, choose_mesh, intern_mesh
-from beamdae.beams.prolongation import prolongation_matrix
 from beamdae.beams.sections import Section, SectionLaw, Taper, VaryingSection, require_section
 from beamdae.beams.strains import (
     LargestStress,

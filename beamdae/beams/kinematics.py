@@ -16,13 +16,18 @@ from typing import Any, NamedTuple, TypeVar, cast
 import casadi as ca
 import numpy as np
 import scipy.sparse as sp
+from scipy.sparse.linalg import splu
 
 from beamdae.beams.element_data import require_free_curve
 from beamdae.beams.elements import NODE_SIZE, InterpolatedForces, PointElement
 from beamdae.beams.mesh import Mesh, consists_of_numbers, is_shareable
-from beamdae.beams.reference_frames import compute_frame_angle, resolve_frame
 from beamdae.beams.sections import Section, VaryingSection
-from beamdae.beams.shape_functions import gauss_points, lagrange_weights, shape_functions
+from beamdae.beams.shape_functions import (
+    gauss_points,
+    lagrange_weights,
+    node_positions,
+    shape_functions,
+)
 from beamdae.beams.strains import BENDING, slice_column
 from beamdae.curves.plane_curves import ARC_LENGTH_TOLERANCE, PlaneCurve
 from beamdae.errors import (
@@ -45,10 +50,14 @@ from beamdae.symbolic.statements import (
 Array = np.ndarray
 T = TypeVar("T")
 
+
 _MAX_NUMBERS = 1e6  # of the local coordinates at which strains are evaluated together
 _MAX_CACHED_GEOMETRIES = 32  # of earlier beams
 # Smaller absolute values of shape functions are rounding errors of zero.
 _MIN_SHAPE_FUNCTION = 1e-12
+# Distances between the ends of a curve, relative to the length of the curve.
+_MIN_DEFAULT_CHORD = 0.1  # for smaller distances, "tangent" is the default frame
+_MIN_CHORD = 1e-6  # for smaller distances, the direction of the chord is undefined
 
 
 class MaterialPoint(NamedTuple):
@@ -308,6 +317,12 @@ def geometric_property(build: Callable[[Any], T]) -> cached_property[T]:
     return cached_property(derive)
 
 
+def chord_vector(curve: PlaneCurve) -> Array:
+    """Return the vector from the start to the end of a curve [m], shape (2,)."""
+    ends = np.asarray(curve.point(np.array([0.0, curve.length])), float)
+    return ends[1] - ends[0]
+
+
 @read_only_data
 @dataclass(frozen=True, eq=False)
 class FormulationKinematics(Kinematics):
@@ -330,8 +345,13 @@ class FormulationKinematics(Kinematics):
     free_curve: PlaneCurve | None = None
 
     def __post_init__(self) -> None:
-        set_fields(self, frame=resolve_frame(self.name, self.mesh.curve, self.frame))
-        convert_fields(self, quadrature=choice_of("reduced", "full"))
+        if self.frame is None:
+            chord, length = chord_vector(self.mesh.curve), self.mesh.curve.length
+            is_open = np.hypot(*chord) >= _MIN_DEFAULT_CHORD * length
+            set_fields(self, frame="chord" if is_open else "tangent")
+        convert_fields(
+            self, frame=choice_of("tangent", "chord"), quadrature=choice_of("reduced", "full")
+        )
         _ = self.frame_angle
         if self.free_curve is not None:
             require_free_curve(self.name, self.free_curve, self.mesh.curve)
@@ -347,7 +367,16 @@ class FormulationKinematics(Kinematics):
     @cached_property
     def frame_angle(self) -> float:
         """Angle of the reference frame in the reference configuration [rad]."""
-        return compute_frame_angle(self.name, self.mesh.curve, str(self.frame))
+        curve = self.mesh.curve
+        if self.frame == "tangent":
+            return float(curve.tangent_angle(0.0))
+        chord = chord_vector(curve)
+        if np.hypot(*chord) < _MIN_CHORD * curve.length:
+            raise BeamdaeError(
+                f"{self.name}: frame 'chord' requires a curve with separate ends; use "
+                "frame='tangent' for a closed curve."
+            )
+        return float(np.arctan2(chord[1], chord[0]))
 
     @property
     @abstractmethod
@@ -436,6 +465,40 @@ class FormulationKinematics(Kinematics):
         """Return the section at arc length s [m] in all coordinates of its element."""
         create = super().element_point
         return self._geometry.derive(("in element", s, on_axis), lambda: create(s, on_axis))
+
+
+def prolongation_matrix(coarse: Kinematics, fine: Kinematics) -> sp.csc_array:
+    """Return the matrix that maps changes of coordinates to a beam with a finer mesh.
+
+    Nodal displacements and rotations are interpolated by the shape functions of the coarse
+    elements. The small angles between the axes of coarse and fine elements are neglected, so that
+    the result is a start for Newton's method, not a solution.
+
+    Parameters
+    ----------
+    coarse
+        Kinematics of a built-in formulation.
+    fine
+        Those of the same beam on a mesh whose elements are parts of those of the coarse mesh.
+    """
+    mesh, nodes = coarse.mesh, coarse.mesh.nodes
+    bounds, fine_bounds = mesh.element_bounds, fine.mesh.element_bounds
+    middles = 0.5 * (fine_bounds[1:] + fine_bounds[:-1])
+    elements = np.searchsorted(bounds, middles) - 1
+    frame, places = np.eye(coarse.rigid_coordinate_count), node_positions(fine.mesh.nodes)
+    blocks = []
+    for k, half, middle in zip(elements, 0.5 * fine.mesh.element_lengths, middles, strict=True):
+        start, end = bounds[k : k + 2]
+        xi = (2.0 * middle - start - end + 2.0 * half * places) / (end - start)
+        nodal = np.kron(shape_functions(nodes, xi), np.eye(NODE_SIZE))
+        block = sp.block_diag([frame, nodal])
+        blocks.append(sp.kron(np.eye(1, mesh.elements, k), block))
+    target = sp.csr_array(sp.vstack(blocks)) @ coarse.operator
+    # Elements share nodes, and all share the frame: the equations are consistent up to the
+    # neglected angles, and are solved in the least-squares sense.
+    operator = sp.csc_array(fine.operator)
+    normal = splu(sp.csc_matrix(operator.T @ operator))
+    return sp.csc_array(normal.solve((operator.T @ target).toarray()))
 
 
 def create_custom_kinematics(

@@ -1,12 +1,15 @@
-"""Copies of mechanisms in which beams have other meshes and formulations."""
+"""Copies of mechanisms in which beams have other meshes and formulations, and maps to them."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Iterator, Mapping
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from copy import deepcopy
 from functools import cached_property
 from inspect import getattr_static
 from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
 
 from beamdae.beams.beam import CUSTOM_FORMULATION, Beam, beams_of
 from beamdae.beams.mesh import Mesh, mesh_of_modes
@@ -147,3 +150,43 @@ def _named_quantities(mechanism: Mechanism) -> Iterator[tuple[str, Quantity]]:
         for quantity in (event.what, *(impact.on for impact in select_impacts(event.do))):
             if isinstance(quantity, Quantity):
                 yield str(event.name), quantity
+
+
+# Transfer of the coordinates of a beam to a finer mesh.
+
+Array = np.ndarray
+
+
+def prolong_coordinates(
+    names: Sequence[str],
+    fine_names: Sequence[str],
+    parts: Mapping[str, Part],
+    fine_parts: Mapping[str, Part],
+) -> tuple[sp.csc_array, Array]:
+    """Return the map from coordinates q of a mechanism to those of a copy with other meshes.
+
+    Parameters
+    ----------
+    names, fine_names
+        Names of the coordinates of the mechanism and of the copy.
+    parts, fine_parts
+        Their parts by name.
+
+    Returns
+    -------
+    prolongation, start
+        Matrix (n', n) and vector (n',): the coordinates are start + prolongation @ q.
+    """
+    old = {name: k for k, name in enumerate(names)}
+    new = {name: k for k, name in enumerate(fine_names)}
+    prolongation = sp.lil_array((len(new), len(old)))
+    start = np.zeros(len(new))
+    for name, coarse in parts.items():
+        fine = fine_parts[name]
+        rows = [new[f"{name}.{c.name}"] for c in fine.coordinates]
+        columns = [old[f"{name}.{c.name}"] for c in coarse.coordinates]
+        if rows:
+            block = coarse._prolongation_to(fine)
+            prolongation[np.ix_(rows, columns)] = block.toarray()
+            start[rows] = fine.initial_position - block @ coarse.initial_position
+    return sp.csc_array(prolongation), start

@@ -246,8 +246,9 @@ class ResultFiles:
         failures = [(prefix, x) for prefix, x in outcomes if x is not None and not x.success]
         reasons = [x.sentence for _, x in failures if x.kind == "interrupted"]
         if reasons or process.is_interrupted():
-            reason = (*reasons, "interrupted after the tables were written")[0]
-            print_error(f"{reason}; the results so far are in {self.paths[0]}")
+            acknowledge()
+            places = [f"the results so far are in {path}" for path in self.paths[:1]]
+            print_error("; ".join([*(reasons or ["interrupted"])[:1], *places]))
             raise typer.Exit(process.exit_code())
         is_incomplete = any(x.kind == "not run" for _, x in failures)
         for prefix, status in failures:

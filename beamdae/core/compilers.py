@@ -24,7 +24,6 @@ CORE_FLAGS = (
     "-fno-math-errno",
     "-fno-trapping-math",
 )
-_FMU_FLAGS = (*CORE_FLAGS, "-O2", "-fvisibility=hidden")
 _MAX_MESSAGE_LENGTH = 500
 
 
@@ -96,71 +95,25 @@ def find_compiler(part: str, target: Platform | None = None) -> list[str]:
     return [*command, "-target", target.zig_target] if target else command
 
 
-def compile_objects(
-    part: str, compiler: Sequence[str], target: Platform, sources: Sequence[Path], folder: Path
-) -> dict[str, Path]:
-    """Compile each source to an object file in `folder`; return the files by name of the source.
-
-    Flags in the environment variable CFLAGS are added.
+def compile_library(
+    part: str,
+    compiler: Sequence[str],
+    flags: Sequence[str],
+    sources: Sequence[Path],
+    file: Path,
+    is_windows: bool = sys.platform == "win32",
+) -> None:
+    """Compile sources to a shared library, by default for this machine.
 
     Raises
     ------
     BeamdaeError
         If the compiler fails; with the end of its message.
     """
-    further = shlex.split(os.environ.get("CFLAGS", ""))
-    position = () if target.suffix == ".dll" else ("-fPIC",)
-    objects = {}
-    for source in sources:
-        objects[source.name] = folder / f"{source.stem}.o"
-        output = ["-o", str(objects[source.name])]
-        flags = [*_FMU_FLAGS, *position, *further]
-        run_compiler(part, [*compiler, *flags, "-c", str(source), *output])
-    return objects
-
-
-def compile_library(
-    part: str, compiler: Sequence[str], flags: Sequence[str], sources: Sequence[Path], file: Path
-) -> None:
-    """Compile sources to a shared library for this machine that exports all functions.
-
-    Raises
-    ------
-    BeamdaeError
-        If the compiler fails.
-    """
-    position = () if sys.platform == "win32" else ("-fPIC",)
-    libraries = () if sys.platform == "win32" else ("-lm",)
+    position, libraries = ((), ()) if is_windows else (("-fPIC",), ("-lm",))
     names = [str(x) for x in sources]
     options = [*CORE_FLAGS, *flags, *position, "-shared", "-o", str(file)]
     run_compiler(part, [*compiler, *options, *names, *libraries])
-
-
-def link_library(
-    part: str, compiler: Sequence[str], target: Platform, objects: Sequence[Path], file: Path
-) -> None:
-    """Link object files to a shared library.
-
-    Raises
-    ------
-    BeamdaeError
-        If the linker fails.
-    """
-    file.parent.mkdir(parents=True, exist_ok=True)
-    libraries = () if target.suffix == ".dll" else ("-lm",)
-    names = [str(x) for x in objects]
-    run_compiler(part, [*compiler, "-shared", "-s", "-o", str(file), *names, *libraries])
-
-
-def link_program(part: str, compiler: Sequence[str], objects: Sequence[Path], file: Path) -> None:
-    """Link object files to a program for this machine.
-
-    Raises
-    ------
-    BeamdaeError
-        If the linker fails.
-    """
-    run_compiler(part, [*compiler, "-o", str(file), *(str(x) for x in objects), "-lm"])
 
 
 def run_compiler(part: str, command: Sequence[str]) -> None:

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import io
-import json
-import math
+import os
 import re
-import subprocess
+import shlex
 import tempfile
 import uuid
 import zipfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, NamedTuple, cast
+from typing import Any, cast
 
 import numpy as np
 
@@ -21,11 +20,9 @@ from beamdae.beams.damping import EXAMPLE_DAMPING, find_undamped_beams
 from beamdae.core.compilers import (
     PLATFORMS,
     Platform,
-    compile_objects,
+    compile_library,
     current_platform,
     find_compiler,
-    link_library,
-    link_program,
 )
 from beamdae.core.library import FOLDER
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
@@ -88,8 +85,9 @@ _INTERFACE_HEADERS = {
     2: ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h"),
     3: ("fmi3Functions.h", "fmi3FunctionTypes.h", "fmi3PlatformTypes.h"),
 }
+# Of binaries, besides those of the core.
+_FLAGS = ("-O2", "-fvisibility=hidden", "-s")
 _DEFAULT_STEP = 1e-3  # s, of the communication with adaptive steps
-_BENCHMARK = "benchmark.c"
 # Settings of GeneralizedAlpha whose defaults alone the C code knows.
 _FIXED_SETTINGS = ("rtol", "formulation", "start")
 _MAX_NAMES = 3  # of beams in a warning
@@ -101,35 +99,6 @@ The sources of this FMU were written by beamdae and are licensed under the MIT l
 The headers fmi2*.h and fmi3*.h are licensed under the 2-Clause BSD license by the Modelica
 Association Project "FMI"; the files contain the text of the license.
 """
-
-
-class StepTimes(NamedTuple):
-    """Measured times of one internal step on this machine [s].
-
-    Attributes
-    ----------
-    median, percentile, worst
-        Median, 99.9th percentile and maximum, in which other processes may interrupt the step.
-    processor
-        Maximum of the processor time, without interruptions (on Windows, the same as `worst`).
-    steps
-        Number of measured steps.
-    error
-        Largest difference of an output from steps whose iterations converge to rounding, relative
-        to the range of the output in the measured steps; NaN if the iterations of these steps do
-        not converge, and with adaptive steps, whose error is controlled.
-    row_exchanges
-        Number of matrices that could not be eliminated in the fixed order. The elimination with row
-        exchanges takes a time proportional to the cube of the number of unknowns.
-    """
-
-    median: float
-    percentile: float
-    worst: float
-    processor: float
-    steps: int
-    error: float
-    row_exchanges: int
 
 
 @dataclass(frozen=True)
@@ -152,8 +121,6 @@ class ExportedFmu:
         Names of the platforms of the binaries.
     size
         Size of the file [bytes].
-    step_times
-        Measured times of a step; None if they were not measured.
     warnings
         Warnings that the call issued.
     """
@@ -167,7 +134,6 @@ class ExportedFmu:
     outputs: tuple[str, ...]
     platforms: tuple[str, ...]
     size: int
-    step_times: StepTimes | None = None
     warnings: tuple[str, ...] = field(default=(), repr=False)
 
 
@@ -187,7 +153,6 @@ def export_fmu(
     t_end: float | None = None,
     platforms: Sequence[str] | None = None,
     real_time: int | None = None,
-    timed_steps: int = 0,
 ) -> ExportedFmu:
     """Export a model as an FMU for co-simulation, which needs neither Python nor beamdae.
 
@@ -258,9 +223,6 @@ def export_fmu(
         Number of Newton iterations of every step, each step with one factorization, so that all
         steps take the same time. From 2 on, diverging iterations are errors. By default, the number
         follows from the tolerance. Requires generalized-alpha.
-    timed_steps
-        Number of steps to be measured on this machine; see `ExportedFmu.step_times`. With Radau,
-        these are communication steps at which inputs change.
 
     Returns
     -------
@@ -301,7 +263,6 @@ def export_fmu(
     require_core(f"{PART}: the FMU", "")
     targets = _require_platforms(platforms, fmi)
     iterations = 0 if real_time is None else require_count(PART, "real_time", real_time)
-    timed_steps = require_count(PART, "timed_steps", timed_steps, least=0)
     built, end, origin = unpack_model(PART, model, t_end)
     stop = require_positive(PART, "t_end", end)
     names = _require_parameters(model, parameters)
@@ -316,7 +277,6 @@ def export_fmu(
     steps = _plan_steps(equations, method, step, stop)
     exported = ExportedModel(
         equations=equations,
-        duration=stop,
         outputs=selected_outputs,
         numbers=map_numbers(
             PART,
@@ -343,10 +303,7 @@ def export_fmu(
         internal_step=None if isinstance(method, Radau) else method.step,
     )
     _require_unique_names(description)
-    contents, binaries, step_times = _compile(exported, description, fmi, targets, timed_steps)
-    if step_times is not None and is_adaptive:
-        # The benchmark compares numbers of iterations, which adaptive steps choose.
-        step_times = step_times._replace(error=math.nan)
+    contents, binaries = _compile(exported, description, fmi, targets)
     write_bytes(file, _pack(contents | binaries))
     values = exported.numbers.values
     return ExportedFmu(
@@ -359,7 +316,6 @@ def export_fmu(
         outputs=tuple(x.name for x in exported.outputs),
         platforms=tuple(x.name for x in targets),
         size=file.stat().st_size,
-        step_times=step_times,
     )
 
 
@@ -616,9 +572,8 @@ def _compile(
     description: Description,
     fmi: int,
     targets: Sequence[Platform],
-    timed_steps: int,
-) -> tuple[dict[str, bytes], dict[str, bytes], StepTimes | None]:
-    """Return texts and binaries of the archive by name, and the times of steps."""
+) -> tuple[dict[str, bytes], dict[str, bytes]]:
+    """Return texts and binaries of the archive by name."""
     try:
         model_source = write_model_source(exported)
     except UnsupportedOperationError as problem:
@@ -640,44 +595,17 @@ def _compile(
     if fmi == 3:
         texts["sources/buildDescription.xml"] = write_build_description(description)
     binaries: dict[str, bytes] = {}
-    times = None
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         for source, text in sources.items():
             (folder / source).write_text(text, "utf-8")
-        (folder / _BENCHMARK).write_bytes((C_FOLDER / _BENCHMARK).read_bytes())
         for target in targets:
             compiler = find_compiler(PART, target)
-            is_timed = timed_steps > 0 and target == current_platform()
-            files = [folder / x for x in (*description.sources, *([_BENCHMARK] * is_timed))]
-            objects = compile_objects(PART, compiler, target, files, folder)
             library = folder / f"{target.name}{target.suffix}"
-            parts = [objects[x] for x in description.sources]
-            link_library(PART, compiler, target, parts, library)
+            flags = [*_FLAGS, *shlex.split(os.environ.get("CFLAGS", ""))]
+            files = [folder / x for x in description.sources]
+            compile_library(PART, compiler, flags, files, library, target.suffix == ".dll")
             place = target.fmi2_name if fmi == 2 else target.name
             entry = f"binaries/{place}/{description.identifier}{target.suffix}"
             binaries[entry] = library.read_bytes()
-            if is_timed:
-                # Windows runs only files with this suffix.
-                program = folder / "benchmark.exe"
-                interface = ("variables.c", f"fmi{fmi}.c")
-                parts = [x for name, x in objects.items() if name not in interface]
-                link_program(PART, compiler, parts, program)
-                times = _measure(program, timed_steps)
-    return {name: text.encode() for name, text in texts.items()}, binaries, times
-
-
-def _measure(program: Path, steps: int) -> StepTimes:
-    command, remedy = [str(program), str(steps)], ""
-    try:
-        result = subprocess.run(command, capture_output=True, text=True, check=False)
-        message = result.stdout.strip()
-        if not result.returncode:
-            return StepTimes(**json.loads(message))
-    except (OSError, ValueError) as problem:
-        message = str(problem)
-        remedy = "set the environment variable CC to a compiler for this machine, or "
-    raise BeamdaeError(
-        f"{PART}: steps cannot be timed ({message}); {remedy}pass timed_steps=0 to omit the "
-        "measurement."
-    )
+    return {name: text.encode() for name, text in texts.items()}, binaries

@@ -121,8 +121,6 @@ class ExportedModel:
         Consistent state at t = 0.
     method
         Work arrays of the steps.
-    duration
-        Default end time [s].
     outputs, numbers
         Outputs, and inputs and parameters.
     step
@@ -138,7 +136,6 @@ class ExportedModel:
     equations: EquationsOfMotion
     state: State
     method: Workspace
-    duration: float
     outputs: tuple[Output, ...]
     numbers: NumberMap
     step: float
@@ -189,7 +186,6 @@ class _SourceWriter:
             "n_values": len(values),
             "n_outputs": len(x.outputs),
             "step": format_number(x.step),
-            "duration": format_number(x.duration),
             "value_names": tables.rows(
                 "char *const", [format_string(value.name) for value in values]
             ),
@@ -241,7 +237,6 @@ class _SourceWriter:
             "outputs": np.zeros(len(x.outputs)),
             "direction": np.zeros(2 * len(values)),
             "numbers": np.zeros(LANE_WIDTH * len(x.numbers.targets)),
-            "zeros": np.zeros(2 * (n + m)),
             "output": self._sum(outputs),
             "output_direction": self._sum(direction),
         }

@@ -19,7 +19,12 @@ from beamdae.equations.formulations.first_order import State
 from beamdae.equations.smooth_intervals import SAME_TIME, branch_time
 from beamdae.errors import BeamdaeError, ProgressError, list_first
 from beamdae.integrators.events.stop_search import StopSearch
-from beamdae.integrators.events.switching import MethodCache, apply_event, initial_configuration
+from beamdae.integrators.events.switching import (
+    MethodCache,
+    StallCheck,
+    apply_event,
+    initial_configuration,
+)
 from beamdae.integrators.events.watches import Stop
 from beamdae.integrators.integrator import (
     PROBE_SHARE,
@@ -53,7 +58,7 @@ from beamdae.integrators.step_history import (
 )
 from beamdae.interrupts import Interrupted, acknowledge, attach_partial, raise_pending
 from beamdae.linear.blas_threads import single_threaded
-from beamdae.results.outcome import REACHED_END, EventRecord, Status
+from beamdae.results.outcome import REACHED_END, Status
 from beamdae.results.solution import Solution
 from beamdae.results.trajectory import Trajectory
 
@@ -174,11 +179,11 @@ def _drive(
         if run is None:
             raise
         acknowledge()
-        trajectory, status = run.finish_interrupted()
+        trajectory, status = run.finish(run.interruption())
     except ProgressError as error:
         assert run is not None
         problem = error.problem
-        trajectory, status = run.finish_failed(error)
+        trajectory, status = run.finish(run.failure(error))
     assert run is not None
     wall_time = clock.perf_counter() - run_began - compile_time
     peaks = [f"{name} at t = {t:.4g} s" for name, t in run.force_peaks.items()]
@@ -209,8 +214,8 @@ def _drive(
             **({"restarted_at": list_first(peaks, _MAX_LISTED_PEAKS)} if peaks else {}),
         },
         made_by=integrator,
-        event_records=run.event_records,
-        event_signs=run.event_signs,
+        event_records=() if run.detector is None else tuple(run.detector.records),
+        event_signs={} if run.detector is None else run.detector.signs,
     )
     if problem is not None:
         attach_partial(problem, solution)
@@ -253,11 +258,11 @@ class _RunInProgress:
         self._plan, self._limits, self._label = plan, limits, label
         self._configuration = initial_configuration(equations)
         self.methods = MethodCache(method_on, plan, self._configuration)
-        self.method = self.methods.first
+        self.method, self._stall_check = self.methods.first, StallCheck(plan.duration)
         if limits.pace_check is not None:
             limits.pace_check.relative_limit = self.method.steps_per_check / STEPS_PER_CHECK
         self._search = StopSearch(equations, rtol)
-        self._detector = self._search.detector
+        self.detector = self._search.detector
         self._sampler = Sampler(equations.with_loads_of(self._configuration), samples)
         self._adapt_to_active_parts()
         self.steps = 0
@@ -281,17 +286,13 @@ class _RunInProgress:
             self._sampler = Sampler(equations, self._samples)
 
     @property
-    def event_records(self) -> tuple[EventRecord, ...]:
-        return () if self._detector is None else tuple(self._detector.records)
-
-    @property
-    def event_signs(self) -> dict[str, int]:
-        """Sign of (quantity - threshold) of each event at the end of the run; 0 if unknown."""
-        return {} if self._detector is None else self._detector.signs
-
-    @property
     def _history(self) -> StepHistory:
         return self._segments[-1].history
+
+    @property
+    def _time(self) -> Array:
+        """Present (t, branch)."""
+        return np.array([self._history.end, self._segments[-1].branch])
 
     def _begin_segment(self, t: float, branch: float, state: State) -> None:
         configuration = self._configuration
@@ -304,32 +305,28 @@ class _RunInProgress:
 
     def execute(self) -> tuple[Trajectory, Status]:
         """Integrate to the end or an early stop; return the steps taken and the status."""
-        return self._collect(self._repeat_samples(self._integrate()))
-
-    def finish_interrupted(self) -> tuple[Trajectory, Status]:
-        """Return the steps taken before Ctrl-C and the status."""
-        sentence = f"interrupted at t = {self._history.end:.6g} s{self._label}"
-        return self._collect(Status("interrupted", sentence))
-
-    def finish_failed(self, reason: object) -> tuple[Trajectory, Status]:
-        """Return the steps taken before a failure outside the method, and the status."""
-        return self._collect(self._failure(reason))
-
-    def _repeat_samples(self, status: Status) -> Status:
-        """Return `status`, or a failure if a law returns other values for an earlier sample."""
-        if status.kind == "failed":
-            return status
+        status = self._integrate()
         try:
-            for sample in self._samples:
+            # Laws that return other values for an earlier sample have a memory.
+            for sample in self._samples if status.kind != "failed" else ():
                 sample.repeat()
         except BeamdaeError as problem:
-            return self._failure(problem)
-        return status
+            status = self.failure(problem)
+        return self.finish(status)
 
-    def _collect(self, status: Status) -> tuple[Trajectory, Status]:
+    def interruption(self) -> Status:
+        """Return the status of a run that Ctrl-C ends."""
+        return Status("interrupted", f"interrupted at t = {self._history.end:.6g} s{self._label}")
+
+    def failure(self, reason: object) -> Status:
+        """Return the status of a run that fails."""
+        return Status("failed", self._stopped(reason))
+
+    def finish(self, status: Status) -> tuple[Trajectory, Status]:
+        """Return the steps taken, and the status."""
         self._undo_sample_without_steps()
         if not self._history.drop_nonfinite():
-            status = self._failure(_NOT_FINITE)
+            status = self.failure(_NOT_FINITE)
         self.thinning.finish(self._segments)
         return self._trajectory(), status
 
@@ -339,13 +336,10 @@ class _RunInProgress:
     def _stopped(self, reason: object) -> str:
         return f"stopped at t = {self._history.end:.6g} s: {reason}"
 
-    def _failure(self, reason: object) -> Status:
-        return Status("failed", self._stopped(reason))
-
     def _integrate(self) -> Status:
         """Integrate all intervals, restart at their ends, and act at stops; return the status."""
         stop: Stop | None = None
-        if self._detector and (due := self._detector.find_due_event(self._segments[0])):
+        if self.detector and (due := self.detector.find_due_event(self._segments[0])):
             stop = Stop(self._history.end, self._history.end, event=due)
         if self._sampler.controllers:
             self._interval_ends = (self._history.end, *self._interval_ends)
@@ -372,7 +366,7 @@ class _RunInProgress:
                 # What steps have passed over precedes the failure.
                 stop = self._find_stop()
                 if stop is None:
-                    return self._failure(self._diagnose(problem))
+                    return self.failure(self._diagnose(problem))
             except MemoryError as problem:
                 reason = problem if isinstance(problem, OutOfMemoryError) else _NO_MEMORY
                 return Status("limited", self._stopped(reason))
@@ -418,10 +412,8 @@ class _RunInProgress:
     def _restart_state(self, start: float, branch: float, state: State) -> State:
         """Return a state consistent with the laws after the breakpoint `start` [s]."""
         time, starter = np.array([start, branch]), self._plan.starter
-        if self._is_sample(start):
-            # Only held values have changed.
-            v = starter.with_state_rates(time, state.q, state.v)
-            return State(state.q, v, *starter.acceleration(time, state.q, v))
+        if self._is_sample(start):  # Only held values have changed.
+            return starter.complete(time, state.q, state.v)
         starter.require_continuous(self._segments[-1].branch, time, state.q)
         return starter.state(time, state.q, state.v)
 
@@ -459,33 +451,30 @@ class _RunInProgress:
             return str(problem)
         from beamdae.integrators.stop_causes import diagnose_failure
 
-        history = self._history
-        time = np.array([history.end, self._segments[-1].branch])
-        ahead = history.end + PROBE_SHARE * (self._interval_ends[0] - history.end)
-        equations, state = self._plan.equations, history.last_state
-        causes = diagnose_failure(equations, time, state, ahead, problem.step)
+        t, state = self._history.end, self._history.last_state
+        ahead = t + PROBE_SHARE * (self._interval_ends[0] - t)
+        causes = diagnose_failure(self._plan.equations, self._time, state, ahead, problem.step)
         return "; ".join(filter(None, (str(problem), causes)))
 
     def _reason_not_to_continue(self) -> str:
         """Return the reason to stop a long run, or "", see `describe_hopeless_motion`."""
-        check, t = self._limits.pace_check, self._history.end
-        if check is None or not check.is_due(t, self.steps):
+        check, history = self._limits.pace_check, self._history
+        if check is None or not check.is_due(history.end, self.steps):
             return ""
-        from beamdae.integrators.stop_causes import (
-            describe_hopeless_motion,
-            describe_singular_position,
-        )
+        from beamdae.integrators import stop_causes
 
+        reason = ""
         # No rows can be added after thinned ones have been joined.
-        if self._history.is_finite and not self.thinning.report:
-            reason = describe_hopeless_motion(check, self._equations, self._trajectory())
-            if reason:
-                return reason
-        if not check.is_stalled:
-            return ""
-        time, equations = np.array([t, self._segments[-1].branch]), self._plan.equations
+        if history.is_finite and not self.thinning.report:
+            reason = stop_causes.describe_hopeless_motion(
+                check, self._equations, self._trajectory()
+            )
+        if reason or not check.is_stalled:
+            return reason
         return check.describe_stall(
-            describe_singular_position(equations, time, self._history.last_state)
+            stop_causes.describe_singular_position(
+                self._plan.equations, self._time, history.last_state
+            )
         )
 
     def _find_stop(self, reason: str = "") -> Stop | None:
@@ -505,31 +494,28 @@ class _RunInProgress:
 
     def _switch_parts(self, event: EventTerm) -> Stop | None:
         """Apply the actions of an event; return the next stop at the same time."""
-        detector, methods, t = self._detector, self.methods, self._history.end
+        detector, t = self.detector, self._history.end
         assert detector is not None
         assert self._configuration is not None
-        stall = methods.stall_reason(event, t, self._plan.duration)
-        if stall and not detector.repeats_impacts:
-            return Stop(t, t, stall)
         try:
             result = apply_event(
                 self._equations,
                 self._configuration,
                 self._plan,
                 event,
-                np.array([t, self._segments[-1].branch]),
+                self._time,
                 self._interval_ends,
                 self._history.last_state,
             )
             self._configuration, self._plan = result.configuration, result.plan
             self._interval_ends = result.ends
-            self.method = methods.get(result.plan, result.configuration)
+            self.method = self.methods.get(result.plan, result.configuration)
             self._adapt_to_active_parts()
         except BeamdaeError as problem:
             raise BeamdaeError(f"event {event.name}: {problem}") from problem
         self._begin_segment(t, result.branch, result.state)
         detector.record_switch(self._segments[-1], result.impulses, result.energy_lost)
-        if stall := methods.unresolved_impact_reason(event, result.impulses, self._plan.duration):
+        if stall := self._stall_check.reason(event, t, result.impulses):
             return Stop(t, t, stall)
         following = detector.next_simultaneous_event(self._segments[-1])
         return Stop(t, t, event=following) if following else None

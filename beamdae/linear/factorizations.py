@@ -33,50 +33,27 @@ _MIN_EXPONENT = -1000
 
 
 class Ordering(NamedTuple):
-    """Elimination order, the same for equations and unknowns.
+    """Elimination order, the same for equations and unknowns, and the kinds of unknowns.
 
     Attributes
     ----------
     order
         Indices of all unknowns, in the order of elimination.
-    border
-        Number of unknowns at the end of the order that are coupled with many others or have no
+    is_definition
+        Mask of the equations that define one unknown by another, such as q' = v.
+    in_border
+        Mask of the unknowns at the end of the order, which are coupled with many others or have no
         diagonal entry.
     """
 
     order: Array
-    border: int
+    is_definition: Array
+    in_border: Array
 
     @property
     def row_weights(self) -> Array:
         """Weights of the ordered rows: far below 1 in the border, 1 elsewhere."""
-        size = len(self.order)
-        return np.where(np.arange(size) < size - self.border, 1.0, _BORDER_WEIGHT)
-
-
-class UnknownKinds(NamedTuple):
-    """Masks of unknowns (and of their equations) by their part in the elimination.
-
-    Attributes
-    ----------
-    is_definition
-        Equations that define one unknown by another, such as q' = v.
-    in_border
-        Unknowns that are coupled with many others or have no diagonal entry.
-    """
-
-    is_definition: Array
-    in_border: Array
-
-
-def classify_unknowns(pattern: sp.csc_array) -> UnknownKinds:
-    """Return the kinds of the unknowns of a matrix with this pattern."""
-    rows = _pattern_rows(pattern)
-    is_definition = _find_definitions(rows)
-    rest, symmetric = _eliminate_definitions(rows, is_definition)
-    in_border = np.zeros(len(is_definition), bool)
-    in_border[rest] = _find_border(rows, rest, symmetric)
-    return UnknownKinds(is_definition, in_border)
+        return np.where(self.in_border[self.order], _BORDER_WEIGHT, 1.0)
 
 
 def compute_bordered_ordering(pattern: sp.csc_array) -> Ordering:
@@ -87,41 +64,24 @@ def compute_bordered_ordering(pattern: sp.csc_array) -> Ordering:
     border, in their order along the mechanism, because they would fill the band. Band and border
     are ordered by the reverse Cuthill-McKee algorithm, Proc. 24th Nat. Conf. ACM (1969) 157.
     """
-    rows = _pattern_rows(pattern)
-    is_definition = _find_definitions(rows)
-    rest, symmetric = _eliminate_definitions(rows, is_definition)
-    in_border = _find_border(rows, rest, symmetric)
-    band, path = np.flatnonzero(~in_border), order_along_band(symmetric)
+    ones = (np.ones(pattern.nnz), pattern.indices, pattern.indptr)
+    rows = sp.csr_array(sp.csc_array(ones, shape=pattern.shape))
+    has_diagonal = rows.diagonal() != 0.0
+    is_definition = has_diagonal & (np.diff(rows.indptr) <= _MAX_DEFINITION_ENTRIES)
+    rest = np.flatnonzero(~is_definition)
+    # The other unknowns after the elimination of the definitions.
+    remainder = rows[rest][:, rest] + rows[rest][:, is_definition] @ rows[is_definition][:, rest]
+    symmetric = sp.csr_array(remainder + remainder.T)
+    is_last = ~has_diagonal[rest] | has_many_couplings(np.diff(symmetric.indptr))
+    band, path = np.flatnonzero(~is_last), order_along_band(symmetric)
     parts = (
         np.flatnonzero(is_definition),
         rest[band[order_along_band(symmetric[band][:, band])]],
-        rest[path[in_border[path]]],
+        rest[path[is_last[path]]],
     )
-    assert sum(map(len, parts)) == pattern.shape[0]
-    return Ordering(np.concatenate(parts), len(parts[-1]))
-
-
-def _pattern_rows(pattern: sp.csc_array) -> sp.csr_array:
-    ones = (np.ones(pattern.nnz), pattern.indices, pattern.indptr)
-    return sp.csr_array(sp.csc_array(ones, shape=pattern.shape))
-
-
-def _find_definitions(rows: sp.csr_array) -> Array:
-    return (rows.diagonal() != 0.0) & (np.diff(rows.indptr) <= _MAX_DEFINITION_ENTRIES)
-
-
-def _eliminate_definitions(rows: sp.csr_array, is_definition: Array) -> tuple[Array, sp.csr_array]:
-    """Return the other unknowns, and their symmetric pattern after eliminating the definitions."""
-    rest = np.flatnonzero(~is_definition)
-    eliminated = rows[rest][:, is_definition] @ rows[is_definition][:, rest]
-    remainder = rows[rest][:, rest] + eliminated
-    return rest, sp.csr_array(remainder + remainder.T)
-
-
-def _find_border(rows: sp.csr_array, rest: Array, symmetric: sp.csr_array) -> Array:
-    couplings = np.diff(symmetric.indptr)
-    in_border = rows.diagonal()[rest] == 0.0
-    return in_border | has_many_couplings(couplings)
+    in_border = np.zeros(len(is_definition), bool)
+    in_border[rest] = is_last
+    return Ordering(np.concatenate(parts), is_definition, in_border)
 
 
 def has_many_couplings(couplings: Array) -> Array:

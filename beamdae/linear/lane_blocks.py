@@ -21,7 +21,7 @@ from beamdae.linear.elimination import (
     UNUSED_ENTRY,
     ZERO_ENTRY,
 )
-from beamdae.linear.factorizations import classify_unknowns
+from beamdae.linear.factorizations import compute_bordered_ordering
 
 Array = np.ndarray
 
@@ -100,11 +100,11 @@ def _split_lanes(indices: Array, first: int, count: int, size: int) -> Array:
 
 def find_blocks(pattern: sp.csc_array) -> BlockElimination | None:
     """Return the blocks of matrices with this pattern; None if too few, or with definitions."""
-    kinds = classify_unknowns(pattern)
+    ordering = compute_bordered_ordering(pattern)
     # Diagonal entries may be unsuitable pivots before definitions such as q' = v are eliminated.
-    if kinds.is_definition.any():
+    if ordering.is_definition.any():
         return None
-    batches = _choose_blocks(pattern, ~kinds.in_border)
+    batches = _choose_blocks(pattern, ~ordering.in_border)
     return _number_entries(pattern, batches) if batches else None
 
 

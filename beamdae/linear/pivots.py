@@ -45,7 +45,7 @@ def propose_plans(
 
     With `in_blocks`, the first plan eliminates blocks first (`lane_blocks`), if there are enough of
     them. The next plan takes pivots from the band if possible and from the border otherwise (see
-    `orderings.compute_bordered_ordering`); it is sparse but may be inaccurate. The last plan uses
+    `compute_bordered_ordering`); it is sparse but may be inaccurate. The last plan uses
     the column order of SuperLU and partial pivoting.
 
     Parameters

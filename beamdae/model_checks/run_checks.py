@@ -92,7 +92,7 @@ Array = np.ndarray
 _MAX_COORDINATES = 300  # of dense matrices
 _GROWTH = np.log(1e3)  # exponent in a run, from an imperfection to a deflection
 _LAST_PART = 0.05  # of a run, in which a mode grows at least by a factor of e
-_MAX_TRAVEL = 0.1  # of slow motions at their speed during the run, in natural sizes
+_MAX_TRAVEL = 0.1  # of slow motions while a mode grows by a factor of e, in natural sizes
 _ASYMMETRY = 1e-9  # of the stiffness of forces without a potential
 # Raised for singular positions, massless points, and values that are not finite
 _NOT_LINEARIZED = (BeamdaeError, ValueError)
@@ -115,14 +115,14 @@ def unstable_motion_warnings(run: RunData) -> Iterator[str]:
             f"exp({rate:.3g} t); start from other positions, or {remedy}."
         )
         return
-    t = end - _LAST_PART * duration
-    speed = float(np.max(np.abs(run.trajectory.at(np.array([t]))[1].v[0]) / e.position_scales))
-    if speed * duration > _MAX_TRAVEL:
+    span, state = _LAST_PART * duration, run.trajectory.at(np.array([end]))[1]
+    travel = (span * np.abs(state.v[0]) + span**2 * np.abs(state.a[0])) / e.position_scales
+    if np.max(travel) > _MAX_TRAVEL:
         return
-    if rate := _find_growth(run, t, 1.0 / (_LAST_PART * duration)):
+    if rate := _find_growth(run, end, 1.0 / span):
         yield (
-            f"run: at t = {t:.4g} s, the motion is slow but unstable, and the smallest disturbance "
-            f"leaves it as exp({rate:.3g} t); {remedy}."
+            f"run: at t = {end:.4g} s, the motion is slow but unstable, and the smallest "
+            f"disturbance leaves it as exp({rate:.3g} t); {remedy}."
         )
 
 

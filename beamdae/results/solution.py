@@ -108,7 +108,7 @@ class Solution(RunData, TimeSeries, HasPage):
         )
 
     def _repr_html_(self) -> str:
-        return deferred.module("report.summaries").summarize_as_html(self)
+        return deferred.module("report.tables").summarize_as_html(self)
 
     @property
     def observed(self) -> pd.DataFrame:

@@ -3,13 +3,13 @@
 import mechanisms
 import numpy as np
 import pytest
+from differentiable_models import assert_close, differentiate
 from four_bar import four_bar
 from leaf_spring_vehicle import leaf_spring_vehicle
 from mechanisms import clamped_beam, free_ball, hinged_body, rectangle
 from numpy.testing import assert_allclose
 from pendulum import pendulum
 from quick_return import quick_return
-from richardson import assert_close, differentiate
 from ring_mount import ring_mount
 from shallow_arch import shallow_arch
 

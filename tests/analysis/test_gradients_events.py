@@ -1,8 +1,8 @@
-"""Gradients by the adjoint across events, impacts and redundant joints, and of Radau runs."""
+"""Objectives of gradients, and gradients by the adjoint across events and redundant joints."""
 
 import numpy as np
 import pytest
-from mechanisms import clamped_beam, rectangle
+from mechanisms import clamped_beam, free_ball, rectangle
 from test_gradients import MULTIPLIERS, chain_rule, oscillator, skater, swing
 from test_sensitivities import parallel
 from test_sensitivities_events import (
@@ -21,6 +21,7 @@ from test_sensitivities_events import (
 
 import beamdae as bd
 from beamdae import quantities
+from beamdae.analysis.gradients.objectives import SampleGrid
 
 ALPHA, RADAU = bd.GeneralizedAlpha(step=4e-3), bd.Radau(rtol=1e-5)
 CASES = {
@@ -220,3 +221,116 @@ def test_regression_derivatives_of_axial_forces_between_steps():
     expected = (columns[1] - columns[0]) / (2.0 * step)
     # The overshoot of forces is limited, that of their derivatives is not.
     np.testing.assert_allclose(derivative, expected, atol=0.02 * np.abs(expected).max())
+
+
+# Objectives of gradients: values against closed forms, derivatives against differences.
+
+T = np.linspace(0.0, 2.0, 401)
+Y = np.sin(3.0 * T) - 0.2
+WEIGHTS = np.convolve(np.diff(T), [0.5, 0.5])  # trapezoidal rule
+GRID = SampleGrid(T, WEIGHTS, 0.0, 2.0)
+LEAVES = [
+    quantities.EndValue("tip.y"),
+    quantities.TimeIntegral("tip.y"),
+    quantities.TimeIntegral("tip.y", 2),
+    quantities.SmoothMaximum("tip.y", 12.0),
+    quantities.SquaredErrors("tip.y", T[::50], np.cos(T[::50]), 0.3),
+    quantities.SquaredErrors("tip.y", T[::50], np.where(T[::50] > 1.0, np.nan, 0.1), 0.1 + T[::50]),
+]
+
+
+@pytest.fixture(scope="module")
+def fall():
+    """A mass that falls freely from rest at y = 2 m: y = 2 - g t^2 / 2."""
+    mech, _ = free_ball((0.0, 2.0), gravity=9.81)
+    return bd.simulate(mech, bd.GeneralizedAlpha(step=1e-3), t_end=0.5)
+
+
+@pytest.mark.parametrize("term", LEAVES, ids=lambda x: type(x).__name__)
+def test_derivatives_are_those_of_the_values(term):
+    y = np.interp(term.sample_times(GRID), T, Y)
+    _, derivative = term.evaluate(y, WEIGHTS)
+    delta = 1e-6
+    differences = [
+        (term.evaluate(y + d, WEIGHTS)[0] - term.evaluate(y - d, WEIGHTS)[0]) / (2.0 * delta)
+        for d in delta * np.eye(len(y))
+    ]
+    np.testing.assert_allclose(derivative, differences, rtol=1e-6, atol=1e-8)
+
+
+def test_values_match_closed_forms(fall):
+    """The errors of the trapezoidal rule with steps of 1 ms are below 1e-5."""
+    t = 0.5
+    assert quantities.EndValue("ball.y").value(fall) == pytest.approx(2.0 - 9.81 * t**2 / 2.0)
+    assert quantities.TimeIntegral("ball.y").value(fall) == pytest.approx(
+        2.0 * t - 9.81 * t**3 / 6.0, rel=1e-5
+    )
+    assert quantities.TimeIntegral("ball.y_dot", 2).value(fall) == pytest.approx(
+        9.81**2 * t**3 / 3.0, rel=1e-5
+    )
+    # |y_dot| = g t: its p-norm is g T / (p + 1)^(1/p).
+    assert quantities.SmoothMaximum("ball.y_dot", 3.0).value(fall) == pytest.approx(
+        9.81 * t / 4.0 ** (1.0 / 3.0), rel=1e-5
+    )
+    times = [0.1, 0.2505]
+    values = [2.0 - 9.81 * x**2 / 2.0 + 0.02 for x in times]
+    assert quantities.SquaredErrors("ball.y", times, values, [0.01, 0.02]).value(
+        fall
+    ) == pytest.approx(5.0, rel=1e-6)
+
+
+def test_sums_and_multiples(fall):
+    end, integral = quantities.EndValue("ball.y"), quantities.TimeIntegral("ball.y", 2)
+    total = (2.0 * end - integral / 4.0).value(fall)
+    assert total == pytest.approx(2.0 * end.value(fall) - 0.25 * integral.value(fall))
+    assert sum([end, integral]).value(fall) == (end + integral).value(fall)
+
+
+def test_smooth_maximum_of_a_peak_is_below_the_maximum_by_the_stated_ratio():
+    t, tau = np.linspace(-0.5, 0.5, 20001), 0.1
+    peak = 3.0 * (1.0 - 0.5 * (t / tau) ** 2).clip(0.0)
+    weights = np.convolve(np.diff(t), [0.5, 0.5])
+    value, _ = quantities.SmoothMaximum("tip.y").evaluate(-peak, weights)
+    ratio = (np.sqrt(2.0 * np.pi / 50.0) * tau) ** 0.02
+    assert ratio == pytest.approx(0.935, abs=1e-3)
+    assert value == pytest.approx(3.0 * ratio, rel=1e-3)
+    assert quantities.SmoothMaximum("tip.y").evaluate(0.0 * t, weights)[0] == 0.0
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: quantities.EndValue(3), "column must be the name of a column, got 3"),
+        (lambda: quantities.TimeIntegral("a", 3), "power must be one of 1, 2, got 3"),
+        (
+            lambda: quantities.SmoothMaximum("a", 0.5),
+            "exponent must be between 1 and 1000, got 0.5",
+        ),
+        (lambda: quantities.SquaredErrors("a", [1.0, 0.5], [0.0, 0.0]), "ascending times"),
+        (lambda: quantities.SquaredErrors("a", [0.5, 1.0], [0.0]), "got 1 values for 2 times"),
+        (
+            lambda: quantities.SquaredErrors("a", [0.5], ["b"]),
+            "a value must be a number, got 'b'",
+        ),
+        (
+            lambda: quantities.SquaredErrors("a", [0.5], [0.0], 0.0),
+            "sigma must be positive, one number or one for each time .1., got 0.0",
+        ),
+        (lambda: quantities.EndValue("a") + 1.0, "[+] 1.0 is not supported"),
+        (lambda: quantities.EndValue("a") * "b", "[*] 'b' is not supported"),
+        (lambda: quantities.EndValue("a") / 0.0, "/ 0.0 is not supported"),
+        (lambda: quantities.EndValue("a").value(3), "needs a Solution, got 3"),
+    ],
+)
+def test_invalid_arguments_are_rejected(make, message):
+    with pytest.raises(bd.BeamdaeError, match=message):
+        make()
+
+
+def test_columns_and_times_must_exist_in_the_run(fall):
+    with pytest.raises(bd.BeamdaeError, match="selects several columns"):
+        quantities.EndValue("ball").value(fall)
+    with pytest.raises(bd.BeamdaeError, match=r"there is no column .bal\.y"):
+        quantities.EndValue("bal.y").value(fall)
+    with pytest.raises(bd.BeamdaeError, match=r"times must lie within the run, 0 to 0\.5 s"):
+        quantities.SquaredErrors("ball.y", [0.4, 0.6], [0.0, 0.0]).value(fall)

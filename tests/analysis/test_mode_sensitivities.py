@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from differentiable_models import assert_close, differentiate
 from four_bar import four_bar
 from mechanisms import clamped_beam, free_ball, hinged, mass_on_rail, rectangle
 from numpy.testing import assert_allclose
-from richardson import assert_close, differentiate
 from ring_mount import ring_mount
 from shallow_arch import shallow_arch
 

@@ -1,4 +1,4 @@
-"""Results of analyses can be copied and sent to other processes."""
+"""Results of analyses and functions can be copied and sent to other processes."""
 
 import copy
 import pickle
@@ -9,6 +9,7 @@ import pytest
 from mechanisms import free_ball, hinged, symbols
 
 import beamdae as bd
+from beamdae.function_pickler import pickle_with_functions
 
 METHOD = bd.GeneralizedAlpha(step=5e-3)
 
@@ -79,3 +80,23 @@ def test_regression_solutions_with_signals_can_be_pickled():
             again.equations.mechanism, method, t_end=0.1, inputs={"push": lambda t: 3.0 + t}
         )
         np.testing.assert_array_equal(rerun.table(), run.table())
+
+
+# Functions that are pickled by their code.
+
+
+def make_law(offset):
+    def law(t):
+        return (lambda x: x + offset)(t)
+
+    return law
+
+
+def test_regression_pickled_functions_keep_their_files():
+    """Since 3.1.3, cloudpickle replaces the file, so that workers lost the folder of a model."""
+    law = make_law(0.5)
+    copy = pickle.loads(pickle_with_functions(law))
+    assert copy is not law
+    assert copy(1.0) == law(1.0) == 1.5
+    assert copy.__code__.co_filename == __file__
+    assert copy.__code__ == law.__code__  # also the lambda inside

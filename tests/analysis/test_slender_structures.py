@@ -1,19 +1,22 @@
-"""Equilibria of slender structures: very soft in bending, but not free to move."""
+"""Equilibria of structures that are very soft in bending, unstiffened, or held by stiff springs."""
 
 import warnings
+from itertools import pairwise
 
 import numpy as np
 import pytest
-from mechanisms import EARTH, portal_points, rectangle, welded_frame
+from mechanisms import EARTH, free_ball, hinged_beam, portal_points, rectangle, welded_frame
+from numpy.testing import assert_allclose
+from scipy.optimize import brentq
 
 import beamdae as bd
 
 
-def strip(elements, height, joint=bd.Weld, **options):
-    """Return a horizontal steel strip of 1 m on a joint, under its weight."""
+def strip(elements, height, joint=bd.Weld, end=(1.0, 0.0), **options):
+    """Return a straight steel strip of 1 m from a joint, under its weight."""
     mech = bd.Mechanism(gravity=EARTH)
     section = rectangle(height)
-    beam = mech.add(bd.Beam("strip", bd.Line((0.0, 0.0), (1.0, 0.0)), section, elements, **options))
+    beam = mech.add(bd.Beam("strip", bd.Line((0.0, 0.0), end), section, elements, **options))
     mech.add(joint("support", mech.ground.at(0.0, 0.0), beam.start))
     mech.observe("tip", beam.end)
     return mech
@@ -40,9 +43,12 @@ def test_thin_strip_is_not_free(options, elements, height):
 
 @pytest.mark.slow(reason="half a second and more")
 @FORMULATIONS
-def test_hinged_strip_hangs_down(options):
-    # The model exceeds the limit for dense matrices; the frame rotates without stiffness.
-    path = bd.equilibrium(strip(20, 1e-2, joint=bd.Revolute, **options))
+@pytest.mark.parametrize(("elements", "height"), [(20, 1e-2), (20, 1e-4), (8, 3e-5)])
+@pytest.mark.parametrize("end", [(1.0, 0.0), (0.28, 0.96)])
+def test_hinged_strip_hangs_down(options, elements, height, end):
+    """The search for thin strips did not end."""
+    # The larger models exceed the limit for dense matrices; the frame rotates without stiffness.
+    path = bd.equilibrium(strip(elements, height, bd.Revolute, end, **options))
     assert path.stable
     assert path.columns["tip.y [m]"][-1] == pytest.approx(-1.0, abs=1e-5)
 
@@ -202,3 +208,239 @@ def test_regression_a_stiffer_part_does_not_hide_soft_springs():
     with pytest.warns(bd.BeamdaeWarning, match="unstable in 2 directions since"):
         path = bd.equilibrium(mech, to=1.3)
     assert [x.factor for x in path.critical] == pytest.approx([1.0, 1.0 / 0.9], rel=1e-9)
+
+
+# Load control from positions in which only the stretched structure carries the loads.
+
+AXIAL_STIFFNESS, WEIGHT, LENGTH = 4.45e5, 1.46, 30.0  # N, N/m, m
+
+
+def straight_cable(second_moment, angle=0.0, elements=20):
+    """Return a cable drawn straight between two hinges."""
+    area = 1e-5
+    material = bd.Material(E=AXIAL_STIFFNESS / area, nu=0.3, rho=WEIGHT / 9.81 / area)
+    end = (LENGTH * np.cos(angle), LENGTH * np.sin(angle))
+    section = bd.Section(material, area, second_moment)
+    mech, beam = hinged_beam(section, elements, end, name="cable", gravity=9.81, strain="exact")
+    mech.add(bd.Revolute("B", mech.ground.at(*end), beam.end))
+    mech.observe("middle", beam.at(LENGTH / 2))
+    return mech
+
+
+def sag(weight):
+    """Return the sag of the elastic catenary between level supports (Irvine 1981)."""
+    v = weight * LENGTH / 2
+
+    def stretch(h):
+        return h * LENGTH / AXIAL_STIFFNESS + 2 * h / weight * np.arcsinh(v / h) - LENGTH
+
+    h = brentq(stretch, 1.0, 1e6)
+    return v * LENGTH / (4 * AXIAL_STIFFNESS) + h / weight * (np.hypot(1.0, v / h) - 1.0)
+
+
+# The smallest bending stiffness is 1e-15 of the axial one, beyond double precision.
+@pytest.mark.parametrize("second_moment", [1e-11, 1e-12, 1e-14, 1e-20])
+def test_straight_cable_hangs_in_a_catenary(second_moment):
+    path = bd.equilibrium(straight_cable(second_moment))
+    assert path.status.success
+    assert path.unstable[-1] == 0
+    # The interpolation of 20 elements, and the bending stiffness at the hinges, leave 4e-7.
+    assert path["middle.y"].iloc[-1] == pytest.approx(-sag(WEIGHT), rel=2e-6)
+
+
+@pytest.mark.slow(reason="several runs")
+def test_path_of_a_straight_cable_is_continuous_through_each_target():
+    path = bd.equilibrium(straight_cable(1e-12), to=[1e-3, 0.5, 1.0])
+    middle = path["middle.y"]
+    for factor in (0.5, 1.0):
+        assert middle.loc[factor] == pytest.approx(-sag(factor * WEIGHT), rel=2e-6)
+    assert np.all(np.diff(middle) < 0.0)
+    assert np.max(np.abs(np.diff(middle))) < 0.1 * sag(WEIGHT)
+
+
+@pytest.mark.slow(reason="several runs")
+def test_inclined_cable_is_where_a_run_in_equilibrium_starts():
+    mech = straight_cable(1e-12, angle=np.pi / 6)
+    path = bd.equilibrium(mech)
+    run = bd.simulate(mech, t_end=1e-4, start="equilibrium")
+    assert path["middle.y"].iloc[-1] == pytest.approx(run["middle.y"].iloc[0], abs=1e-9)
+
+
+# Springs and bushings of any stiffness: stiff ones act as joints, and no digits are lost.
+
+EXACT_BEAMS = [{"formulation": "exact"}, {"strain": "exact"}]
+BOTH = pytest.mark.parametrize("options", EXACT_BEAMS, ids=["exact", "floating frame"])
+STIFFNESSES = 10.0 ** np.array([3, 6, 9, 12, 18])
+
+
+def connect(mech, name, points, stiffness, section, time=0.0):
+    """Join two points by a weld or by a bushing of so many bending stiffnesses of 1 m."""
+    k, c = stiffness * section.EI, time * stiffness * section.EI
+    if np.isinf(k):
+        mech.add(bd.Weld(name, *points))
+    else:
+        mech.add(bd.Bushing(name, *points, kx=k, ky=k, ktheta=k, cx=c, cy=c, ctheta=c))
+
+
+def column(stiffness, height, loads, time=0.0, **options):
+    """Return a column of 1 m on a bushing under loads, given in EI / L^2 by their axes."""
+    section = rectangle(height, damping=time)
+    mech, line = bd.Mechanism(), bd.Line((0.0, 0.0), (0.0, 1.0))
+    beam = mech.add(bd.Beam("column", line, section, 8, **options))
+    connect(mech, "foot", (mech.ground.at(0.0, 0.0), beam.start), stiffness, section, time)
+    for axes, load in loads.items():
+        force = tuple(section.EI * np.array(load))
+        mech.add(bd.Force(f"{axes} load", beam.end, force, axes=axes))
+    mech.observe("point", beam.end)
+    return mech
+
+
+def cantilever(stiffness, height, **options):
+    return column(stiffness, height, {"inertial": (0.03, -3.0)}, **options)
+
+
+def footing(stiffness, height, **options):
+    """Return a column on a rigid footing and under a rigid head, all of them on bushings."""
+    mech, section = bd.Mechanism(), rectangle(height)
+    foot = mech.add(bd.RigidBody("foot", mass=1.0, inertia=0.1, center=(0.1, -0.1)))
+    beam = mech.add(bd.Beam("column", bd.Line((0.0, 0.0), (0.0, 1.0)), section, 8, **options))
+    head = mech.add(bd.RigidBody("head", mass=1.0, inertia=0.1, center=(0.0, 1.0)))
+    soil = mech.ground.at(0.1, -0.2), foot.at(0.1, -0.2)
+    pairs = soil, (foot.at(0.0, 0.0), beam.start), (beam.end, head.at(0.0, 1.0))
+    for k, pair in enumerate(pairs):
+        connect(mech, f"bushing {k}", pair, stiffness, section)
+    mech.add(bd.Force("load", head.at(0.0, 1.0), (0.03 * section.EI, -3.0 * section.EI)))
+    mech.observe("point", beam.end)
+    return mech
+
+
+def portal(stiffness, height, **options):
+    mech, section = bd.Mechanism(), rectangle(height)
+    corners = [(0.0, 0.0), (0.0, 1.0), (1.0, 1.0), (1.0, 0.0)]
+    beams = [
+        mech.add(bd.Beam(f"beam {k}", bd.Line(*ends), section, 4, **options))
+        for k, ends in enumerate(pairwise(corners))
+    ]
+    feet = [(mech.ground.at(*x.point), x) for x in (beams[0].start, beams[-1].end)]
+    for k, pair in enumerate([*feet, *((a.end, b.start) for a, b in pairwise(beams))]):
+        connect(mech, f"corner {k}", pair, stiffness, section)
+    for k, point in enumerate((beams[0].end, beams[-1].start)):
+        mech.add(bd.Force(f"load {k}", point, (0.1 * k * section.EI, -6.0 * section.EI)))
+    mech.observe("point", beams[0].end)
+    return mech
+
+
+@pytest.mark.slow(reason="one to two seconds")
+@BOTH
+@pytest.mark.parametrize("height", [1e-2, 1e-5])
+@pytest.mark.parametrize("structure", [cantilever, footing, portal])
+def test_equilibria_on_stiff_bushings_tend_to_those_of_welds(structure, height, options):
+    def end(stiffness):
+        path = bd.equilibrium(structure(stiffness, height, **options))
+        assert path.stable
+        return np.array([path["point.x"].to_numpy()[-1], path["point.y"].to_numpy()[-1]])
+
+    welded = end(np.inf)
+    changes = [end(k) - welded for k in STIFFNESSES]
+    for k, change in zip(STIFFNESSES, changes, strict=True):
+        # The change is c / k + O(1 / k^2). Corrections end at 1e-10.
+        expected = changes[1] * STIFFNESSES[1] / k
+        assert_allclose(change, expected, rtol=100.0 / k + 1e-3, atol=1e-10)
+
+
+@pytest.mark.slow(reason="one second")
+@BOTH
+@pytest.mark.parametrize("height", [1e-3, 1e-5])
+@pytest.mark.parametrize("stiffness", [1e-2, 1.0, *STIFFNESSES])
+def test_critical_loads_of_a_column_on_a_bushing(stiffness, height, options):
+    path = bd.equilibrium(column(stiffness, height, {"inertial": (0.0, -25.0)}, **options))
+    # x tan(x) = k L / EI with x = L sqrt(P / EI).
+    ends = np.array([0.0, 0.5 * np.pi + 1e-9])
+    expected = [
+        brentq(lambda x: x * np.sin(x) - stiffness * np.cos(x), *(ends + n * np.pi)) ** 2
+        for n in range(2)
+    ]
+    # 8 elements; shear minus compression, P / GA - P / EA.
+    tolerance = 1e-6 + 5.0 * height**2
+    factors = [25.0 * point.factor for point in path.critical]
+    assert factors == pytest.approx(expected, rel=tolerance)
+    assert [point.kind for point in path.critical] == ["branch point"] * 2
+    assert path.unstable[-1] == 2
+
+
+@pytest.mark.slow(reason="several seconds")
+@BOTH
+@pytest.mark.parametrize("time", [0.0, 1e-3])
+def test_flutter_loads_on_stiff_bushings_tend_to_those_of_a_clamp(time, options):
+    def flutter(stiffness):
+        loads = {"body": (0.0, -25.0)}
+        path = bd.equilibrium(column(stiffness, 1e-3, loads, time, **options))
+        (point,) = path.critical
+        assert point.kind == "flutter point"
+        return point.factor
+
+    clamped = flutter(np.inf)
+    change = 1e6 * (flutter(1e6) - clamped)
+    for k in STIFFNESSES[3:]:
+        # Flutter points are bisected to 1e-7 of the load.
+        assert flutter(k) - clamped == pytest.approx(change / k, rel=1e-2, abs=3e-7)
+
+
+@pytest.mark.slow(reason="two seconds each")
+@BOTH
+@pytest.mark.parametrize("ends", [(0.0, 15.0), (15.0, 0.0), (0.5, 1.5)])
+@pytest.mark.parametrize("height", [1e-3, 1e-5])
+def test_stability_over_the_stiffness_of_a_bushing(height, ends, options):
+    @bd.model(t_end=1.0)
+    def model(exponent=3.0):
+        return column(10.0**exponent, height, {"inertial": (0.0, -2.0)}, **options)
+
+    first, last = ends
+    path = bd.equilibrium(model, over="exponent", from_=first, to=last, t=1.0)
+    assert path.status.success
+    (point,) = path.critical
+    x = np.sqrt(2.0)
+    assert 10.0**point.factor == pytest.approx(x * np.tan(x), rel=1e-5)
+    assert path.unstable[[0, -1]].tolist() == [int(first < last), int(last < first)]
+
+
+@pytest.mark.parametrize("ratio", [1e-6, 1e-3, 1.0, 1e3, 1e6, 1e9, 1e12, 1e15])
+def test_stiff_and_soft_bushings_between_links(ratio):
+    mech, stiffnesses = bd.Mechanism(), [1.0, ratio, 1.0]
+    last = mech.ground.at(0.0, 0.0)
+    for y, k in enumerate(stiffnesses):
+        ends = (0.0, float(y)), (0.0, y + 1.0)
+        link = mech.add(bd.RigidBody.rod(f"link {y}", *ends, mass=1.0))
+        joint = last, link.at(*ends[0])
+        mech.add(bd.Bushing(f"bushing {y}", *joint, kx=1e3 * k, ky=1e3 * k, ktheta=k))
+        last = link.at(*ends[1])
+    mech.add(bd.Force("load", last, (0.0, -1.0)))
+    path = bd.equilibrium(mech, to=1.2)
+    # Rotations under moments of the links; their reciprocal eigenvalues are critical loads.
+    sums = np.tril(np.ones((3, 3)))
+    factors = 1.0 / np.linalg.eigvalsh(sums / stiffnesses @ sums.T)[::-1]
+    expected = factors[(factors > 0.0) & (factors < 1.2)]
+    assert [point.factor for point in path.critical] == pytest.approx(expected, rel=3e-7)
+    assert path.unstable[-1] == len(expected)
+
+
+@pytest.mark.parametrize("stiffness", [1e-3, 1.0, 1e6, 1e12])
+@pytest.mark.parametrize("ends", [(0.0, -2.0), (-2.0, 0.0)])
+def test_preloads_of_stiff_springs(stiffness, ends):
+    # Two springs in line push a mass aside if twice their thrust exceeds the stiffness across.
+    @bd.model(t_end=1.0)
+    def model(tension=0.0):
+        mech, mass = free_ball(name="mass")
+        for x in (-1.0, 1.0):
+            at = mech.ground.at(x, 0.0)
+            name = f"spring {x}"
+            mech.add(bd.Spring(name, at, mass.point, stiffness, preload=tension))
+        across = mech.ground.at(0.0, -1.0), mass.point
+        mech.add(bd.Spring("across", *across, 3.0))
+        return mech
+
+    path = bd.equilibrium(model, over="tension", from_=ends[0], to=ends[1], t=1.0)
+    (point,) = path.critical
+    assert point.kind == "branch point"
+    assert point.factor == pytest.approx(-1.5, rel=1e-7)
+    assert sorted(path.unstable[[0, -1]].tolist()) == [0, 1]

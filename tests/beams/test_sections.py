@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from mechanisms import EARTH
+from mechanisms import EARTH, clamped_beam, rectangle
 from numpy.testing import assert_allclose
 from support import NumericEquations
 
@@ -186,3 +186,22 @@ def test_regression_gravity_in_other_units_has_a_warning(gravity, unit):
 @pytest.mark.parametrize("gravity", [9.81, 1.62, 100.0, 98.1, 0.0])
 def test_gravity_of_other_planets_and_centrifuges_has_no_warning(gravity):
     assert bd.Mechanism(gravity=(0.0, gravity)).gravity[1] == gravity
+
+
+# Angles of sections as drawn.
+
+SECTION = rectangle(0.01)
+
+
+@pytest.mark.parametrize("frame", ["tangent", "chord"])
+@pytest.mark.parametrize("elements", [2, 4])
+@pytest.mark.parametrize("formulation", ["floating frame", "exact"])
+def test_section_of_an_arc_is_normal_to_the_curve(formulation, elements, frame):
+    # The axis interpolated by two elements of a half circle is 0.03 rad off at its end.
+    options = {"formulation": formulation, "frame": frame}
+    mech, beam = clamped_beam(SECTION, elements, bd.Arc(1.0, np.pi), name="arc", **options)
+    mech.observe("end", beam.end)
+    mech.observe("middle", beam.at(1.0))
+    columns = bd.equilibrium(mech).columns
+    assert columns["end.angle [rad]"][-1] == pytest.approx(np.pi, abs=1e-12)
+    assert columns["middle.angle [rad]"][-1] == pytest.approx(1.0, abs=1e-12)

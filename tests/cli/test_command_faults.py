@@ -139,11 +139,11 @@ MOMENTS = {
         RESUMABLE_FILES,
         "interrupted at t = 0",
     ),
-    "writing": (WHILE_WRITING, ALL_FILES, "interrupted after the tables were written"),
+    "writing": (WHILE_WRITING, ALL_FILES, "interrupted; the results so far are in"),
     "drawing": (
         WHILE_DRAWING,
         ALL_FILES - {"arm.png"},
-        "interrupted after the tables were written",
+        "interrupted; the results so far are in",
     ),
     "integrating, then drawing": (
         AT_STEP.format(at="{100}") + WHILE_DRAWING,
@@ -232,7 +232,7 @@ runs._repeat = interrupt
     command = process("run", "model.py")
     output, errors = command.communicate(timeout=60)
     assert command.returncode == 130, errors
-    assert "interrupted after the tables were written" in errors
+    assert "interrupted; the results so far are in" in errors
     assert "the results so far are in results/arm.csv" in errors
     assert "error" not in output.split("observed")[1].splitlines()[0]
     assert Path("results/arm.png").exists()
@@ -262,6 +262,26 @@ def test_regression_a_swallowed_interrupt_ends_a_study_before_it_starts(here, nu
     assert (code, output) == (128 + number, "")
     assert errors.startswith("interrupted before any table was written")
     assert not Path("results").exists()
+
+
+@pytest.mark.slow(reason="starts a process")
+def test_regression_an_interrupt_that_a_library_swallows_is_reported_once(here):
+    """The drawing was reported as a result, and the interrupt was printed again."""
+    lines = """
+import beamdae.report.pictures.drawing as drawing
+create = drawing.create_drawing
+def interrupt(*arguments):
+    try:
+        send_signal()
+    except BaseException:
+        pass
+    return create(*arguments)
+drawing.create_drawing = interrupt
+"""
+    Path("model.py").write_text(MODEL.replace("# importing", lines), encoding="utf-8")
+    code, _, errors = shell("{beamdae} draw model.py")
+    assert code == 130
+    assert errors == "interrupted; the results so far are in results/arm_drawing.png\n"
 
 
 # Models that exit.

@@ -1,7 +1,14 @@
-"""Matrices of all forms, with nonholonomic constraints and friction that depends on reactions."""
+"""Matrices of all forms, energies of rows, and models that differ only in numbers."""
+
+import os
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
+from hub_beam import hub_beam
+from mechanisms import G, swing
+from numpy.testing import assert_allclose
+from slider_crank import slider_crank
 from support import ARC, VARIANTS, assert_derivative
 
 import beamdae as bd
@@ -76,3 +83,79 @@ def test_jacobian_of_step_equations(equations, stabilized):
     x_rows, r_rows = slice(step.size), slice(step.size, None)
     jacobian = whole[x_rows, x_rows] - whole[x_rows, r_rows] @ whole[r_rows, x_rows]
     assert_derivative(jacobian, lambda z: step.residual(TIME, at, z), x)
+
+
+# Energies of the rows of a run.
+
+
+def test_regression_rates_of_states_are_no_forces():
+    """Rates of states counted as forces: they caused false warnings, or hid residuals of bodies."""
+    mech = bd.Mechanism()
+    x, y = (mech.state(name, start=2.0) for name in "xy")
+    x.follows(y)
+    y.follows(10.0 * (1.0 - x * x) * y - x)
+    assert bd.simulate(mech, bd.Radau(), t_end=5.0).warnings == ()
+
+
+@pytest.mark.parametrize("method", [bd.GeneralizedAlpha(0.01), bd.Radau(1e-8), bd.Ida(1e-8)])
+def test_energies_do_not_depend_on_the_other_rows(method):
+    """Rows at steps, between them and at breakpoints have the energies of their states."""
+    mech = swing()
+    mech.add(bd.Force("push", mech.part("bob").at(1.0, 0.0), (bd.piecewise((0.05, 3.0), 0.0), 0)))
+    few, many = (bd.simulate(mech, method, 0.4, output_step=x) for x in (0.1, 0.005))
+    for name, values in few.energies.items():
+        assert_allclose(values, many.energies[name][::20], rtol=1e-9, atol=1e-9)
+    kinetic = 2.0 * (few.v[:, :2] ** 2).sum(axis=1) / 2.0 + 0.1 * few.v[:, 2] ** 2 / 2.0
+    # Energies between steps are interpolated.
+    assert_allclose(few.energies["energy.kinetic [J]"], kinetic, rtol=1e-7, atol=1e-14)
+    gravity = few.energies["energy.gravity [J]"].to_numpy()
+    assert_allclose(gravity - gravity[0], 2.0 * G * few.q[:, 1], rtol=1e-7, atol=1e-12)
+
+
+# Models that differ only in numbers are independent of each other, also in threads.
+
+# Fixed steps, adaptive steps, and both integrators of first-order forms.
+METHODS = [
+    bd.GeneralizedAlpha(step=2e-3),
+    bd.GeneralizedAlpha(rtol=1e-3),
+    bd.Ida(rtol=1e-3),
+    bd.Radau(rtol=1e-3),
+]
+
+
+def rows(method, case):
+    """Return all results of a run; cases are two structures with two sets of numbers each."""
+    model, scale = divmod(case, 2)
+    if model:
+        mechanism, t_end = slider_crank(elements=2, speed=2.0 + scale), 0.05
+    else:
+        mechanism, t_end = hub_beam(elements=2, torque=5.0 * (1.0 + scale)), 0.2
+    solution = bd.simulate(mechanism, method, t_end)
+    assert solution.status.success, solution.status.sentence
+    columns = np.column_stack(list(solution.all_columns().values()))
+    return np.hstack([columns, solution.q, solution.v, solution.lam])
+
+
+@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.parametrize("method", METHODS, ids=lambda method: repr(method)[:24])
+def test_no_number_of_one_model_leaks_into_another(method):
+    first = rows(method, 0)
+    other = rows(method, 1)
+    assert not np.array_equal(other, first)
+    assert np.array_equal(rows(method, 0), first)
+    assert np.array_equal(rows(method, 1), other)
+
+
+@pytest.mark.slow(reason="many rounds of threads")
+@pytest.mark.parametrize("method", METHODS, ids=lambda method: repr(method)[:24])
+def test_threads_that_share_a_structure_are_independent(method):
+    cases = [0, 1, 2, 3] * 2
+    with ThreadPoolExecutor(4) as pool:
+        results = list(pool.map(lambda case: rows(method, case), cases))
+    expected = [rows(method, case) for case in range(4)]
+    # Without machine code, rounding in LAPACK and NumPy depends on the alignment of arrays, which
+    # differs between threads: about 1e-7, against differences of order 1 between cases.
+    tolerance = 1e-4 if os.environ.get("BEAMDAE_NATIVE") == "off" else 0.0
+    for case, actual in zip(cases, results, strict=True):
+        size = np.max(np.abs(expected[case]))
+        assert np.all(np.abs(actual - expected[case]) <= tolerance * size)

@@ -2,9 +2,11 @@
 
 import sys
 import threading
+from pathlib import Path
 
 import numpy as np
 import pytest
+import sksundae
 from benchmarks.cases import PENDULUM
 from hub_beam import hub_beam
 from mechanisms import free_ball
@@ -14,6 +16,7 @@ from spin_up import spin_up
 from support import compiled, use_scikit_sundae
 
 import beamdae as bd
+from beamdae.sundials import UnavailableError, load_library
 
 FORMULATIONS = ("stabilized-index1", "ggl", "index2", "index1", "index3")
 
@@ -140,3 +143,36 @@ def test_regression_old_factors_do_not_reduce_the_steps():
     run = bd.simulate(equations, bd.Ida(rtol=1e-4), 10.0)
     assert run.statistics.steps < 18_000  # 15 230 with 20 to 100 steps per factorization
     assert run.statistics.factorizations > run.statistics.steps / 50
+
+
+# SUNDIALS functions come from the libraries that scikit-sundae loads.
+
+
+def test_version_is_that_of_scikit_sundae():
+    assert ".".join(map(str, load_library().version)) == sksundae.SUNDIALS_VERSION
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+def test_functions_belong_to_the_one_loaded_copy():
+    addresses = load_library().addresses
+    lines = [line.split() for line in Path("/proc/self/maps").read_text().splitlines()]
+    mapped = [line for line in lines if "libsundials_ida" in line[-1]]
+    assert len({line[-1] for line in mapped}) == 1
+    ranges = [[int(end, 16) for end in line[0].split("-")] for line in mapped]
+    assert any(low <= addresses["IDASolve"] < high for low, high in ranges)
+
+
+def catch_rejection():
+    with pytest.raises(UnavailableError) as problem:
+        load_library.__wrapped__()
+    return str(problem.value)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="there it is imported")
+def test_missing_compiled_module_is_reported(monkeypatch, tmp_path):
+    (tmp_path / "sksundae").mkdir()
+    (tmp_path / "sksundae" / "__init__.py").touch()
+    monkeypatch.setattr(sys, "path", [str(tmp_path)])
+    assert catch_rejection() == "scikit-sundae has no compiled IDA"
+    monkeypatch.setattr(sys, "path", [])
+    assert catch_rejection() == "scikit-sundae has no compiled IDA"

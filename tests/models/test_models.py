@@ -1,11 +1,13 @@
 """Every model file runs and reproduces stored numbers, which two methods confirmed."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from active_damping import active_damping
+from command_line import invoke
 from conformance import tuned
 from four_bar import four_bar
 from governor import governor
@@ -334,3 +336,109 @@ def test_check_reports_no_problem(name):
     check = bd.check(MODELS[name])
     assert not check.problem
     assert not check.dependent
+
+
+# Every model with a beam has a parameter for the formulation of the beam.
+
+# Model: column to compare, end time [s].
+COMPARED = {
+    "hub_beam": ("tip.y [m]", 0.1),
+    "slider_crank": ("slider.x [m]", 0.1),
+    "pendulum": ("tip.y [m]", 0.1),
+    "spin_up": ("tip.y [m]", 0.2),
+    "four_bar": ("rocker.x [m]", 0.1),
+    "leaf_spring_vehicle": ("axle.y [m]", 0.25),
+    "sliding_mass": ("tip.y [m]", 0.1),
+    "ring_mount": ("motor.y [m]", 0.05),
+    "shallow_arch": ("crown.y [m]", 0.01),
+    "active_damping": ("end.y [m]", 0.05),
+    "inverted_pendulum": ("bob.x [m]", 0.1),
+    "voice_coil_stage": ("platform.x [m]", 0.02),
+}
+WITHOUT_BEAMS = {"quick_return", "governor", "press"}
+
+
+def test_every_model_with_a_beam_is_compared():
+    assert set(COMPARED) == set(MODELS) - WITHOUT_BEAMS
+
+
+def slow_beyond(count):
+    marks = pytest.mark.slow(reason="a start in equilibrium, or more steps")
+    return [
+        pytest.param(name, marks=[marks] if k >= count else []) for k, name in enumerate(COMPARED)
+    ]
+
+
+@pytest.mark.parametrize("name", slow_beyond(2))
+def test_exact_and_floating_frame_beams_agree(name):
+    model, (column, t_end) = MODELS[name], COMPARED[name]
+    floating, exact = (
+        bd.simulate(model(formulation=formulation), bd.GeneralizedAlpha(1e-3), t_end).columns[
+            column
+        ]
+        for formulation in ("floating frame", "exact")
+    )
+    travel = np.max(np.abs(exact - exact[0]))
+    # Rotations relative to the frame change the strains: 1.4 % of this short motion for the hub
+    # beam, at most 0.5 % for the others.
+    assert 0.0 < np.max(np.abs(exact - floating)) < 0.02 * travel
+
+
+# `beamdae static` finds the equilibrium of every model or says why there is none.
+
+# Messages of models without a unique equilibrium.
+SENTENCES = {
+    # The torque starts at zero.
+    "hub_beam": "hub.angle: this coordinate can move without stiffness",
+    # The bead and its position on the rail slide off.
+    "sliding_mass": ": no equilibrium was found under the loads at t = 0 s",
+    # Only friction and speed balance the driving weight.
+    "governor": "rotor.angle: no equilibrium was found under the loads at t = 0 s",
+    "quick_return": "friction depends on the sliding velocity and is zero at rest",
+}
+ENDS = {"sliding_mass": 1, "governor": 2}
+# Without its weight, the strip is in equilibrium at any angle: rounding decides whether the first
+# row is stable, and whether load steps can begin there.
+INDIFFERENT = {"inverted_pendulum": "(last converged load factor: 0)"}
+
+
+@pytest.mark.slow(reason="a path and a picture of every model")
+@pytest.mark.parametrize("name", MODELS)
+def test_static_command_finds_equilibrium_or_says_why_not(name, tmp_path):
+    result = invoke(
+        *["static", str(FOLDER / f"{name}.py"), "--out", str(tmp_path)], env={"COLUMNS": "200"}
+    )
+    output = " ".join((result.stdout + result.stderr).split())
+    if name in INDIFFERENT and result.exit_code == 1:
+        assert INDIFFERENT[name] in output
+        return
+    assert result.exit_code == ENDS.get(name, 0), result.output
+    if name in SENTENCES:
+        assert SENTENCES[name] in output
+    else:
+        assert "warning" not in output
+    if result.exit_code == 2:
+        return
+    record = json.loads(Path(tmp_path / f"{name}_static.json").read_text())
+    if name not in INDIFFERENT:
+        assert record["stable"] == (name not in {"hub_beam", "sliding_mass"})
+    if result.exit_code == 0:
+        assert record["load factor"] == 1.0
+
+
+@pytest.mark.slow(reason="equilibria of every model by two methods")
+@pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
+@pytest.mark.parametrize("name", sorted(set(MODELS) - set(ENDS) - set(INDIFFERENT)))
+def test_relaxation_and_load_steps_give_the_same_equilibrium(name):
+    """Load steps against relaxation under the full load."""
+    path = bd.equilibrium(MODELS[name])
+    start = bd.equations_of_motion(MODELS[name](), start="equilibrium")
+    scale = start.position_scales
+    assert_allclose(path.q[-1] / scale, start.q0 / scale, atol=1e-9)
+    assert np.all(path.unstable == 0)
+
+
+def test_limit_load_of_the_shallow_arch():
+    path = bd.equilibrium(MODELS["shallow_arch"], to={"crown.y": 0.0})
+    (limit,) = path.critical
+    assert limit.factor * MODELS["shallow_arch"].parameters["load"] == pytest.approx(38.1, abs=0.05)

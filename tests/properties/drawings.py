@@ -4,8 +4,7 @@ from dataclasses import dataclass, field
 from random import Random
 
 from properties.bodies import GROUND, Body, Place, World
-from properties.forces import FORCES
-from properties.joints import JOINTS
+from properties.connections import FORCES, JOINTS
 from properties.similarity import Similarity, Wave
 
 import beamdae as bd

@@ -10,8 +10,8 @@ from random import Random
 
 import numpy as np
 from properties.bodies import CURVES, GROUND, THEORIES, Body, Place, World
+from properties.connections import FORCES
 from properties.drawings import BUILDERS, EXTERNAL_FORCES, FRICTION_JOINTS, Drawing, Piece
-from properties.forces import FORCES
 from properties.similarity import PROFILES, Similarity, Wave
 
 # Kinds of parts, bodies, curves, sections and settings of beams.

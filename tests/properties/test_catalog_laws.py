@@ -12,10 +12,9 @@ from properties.catalog_analyses import ANALYSES, FRAMES, FUNCTIONS
 from properties.catalog_models import ENTRIES, entry_model
 from properties.catalog_runs import METHODS, ROWS, RUN_LAWS, difference, reference_run
 from properties.drawings import BUILDERS, EXTERNAL_FORCES
-from properties.equilibrium_laws import EQUILIBRIUM_LAWS
 from properties.random_drawings import ALL_KINDS, draw_mechanism
 from properties.run_laws import RUN_LAWS as MOTIONS
-from properties.state_laws import STATE_LAWS, build_unless_contradictory
+from properties.state_laws import EQUILIBRIUM_LAWS, STATE_LAWS, build_unless_contradictory
 from sample_parts import find_public
 
 import beamdae as bd

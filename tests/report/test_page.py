@@ -15,12 +15,20 @@ from pages import (
     ROUNDING,
     T,
     build_case,
+    count_curves,
+    find_point,
+    find_row,
     find_violations,
     list_lines,
     odd_page,
     read_page,
+    read_tooltip,
+    screen_position,
     selected_options,
     study_page,
+    sweep_page,
+    visible_ranges,
+    wait_until,
 )
 
 import beamdae as bd
@@ -231,3 +239,296 @@ def test_the_page_of_a_run_with_data_in_a_browser(run, show):
     choices = tab.locator("#panels [data-panel] select")
     assert [selected_options(choices.nth(k)) for k in range(2)] == [["tip.y [m]"], ["all in J"]]
     assert find_violations(tab) == []
+
+
+# Charts of pages: curves, scatter plots and sliders of sweeps.
+
+PLOT = "[data-chart={}] .plot"
+
+
+def select_only(tab, *numbers):
+    """Select these cases and no others."""
+    tab.click("#clear")
+    for number in numbers:
+        find_row(tab, number).locator("td.label").click()
+
+
+def test_axes_show_the_multiples_of_units_of_pictures(show):
+    tab = show(study_page())
+    expected = {
+        ("Pa", 6): "MPa",
+        ("Pa", -3): "mPa",
+        ("m", -6): "µm",
+        ("m", 3): "10³ m",
+        ("m/s^2", -3): "mm/s^2",
+        ("N m", 3): "kN m",
+        ("-", -6): "10⁻⁶",
+        ("", 3): "10³",
+        ("Hz", 0): "Hz",
+        ("Hz", 9): "GHz",
+    }
+    assert tab.evaluate("pairs => pairs.map(([u, o]) => scaleUnit(u, o))", [*expected]) == [
+        *expected.values()
+    ]
+    sizes = [0.0, 3e-7, 9.9e-3, 1e-2, 1.0, 9999.0, 1e4, 2e8]
+    orders = tab.evaluate("sizes => sizes.map((x) => engineeringOrder([-x, x / 2]))", sizes)
+    assert orders == [0, -9, -3, 0, 0, 0, 3, 6]
+
+
+def test_values_are_read_in_the_unit_of_the_axis(show):
+    page = study_page()
+    t = np.linspace(0.0, 2.0, 101)
+    for case in page["cases"]:
+        case["curves"] = {"t": t, "observed": {"stress [Pa]": 1e8 * t}}
+    tab = show(page)
+    select_only(tab, 2)
+    assert "stress [MPa]" in tab.locator("[data-chart=observed] text").all_text_contents()
+    tab.mouse.move(*screen_position(tab, "observed", 1.0, 1e8))
+    number, unit = read_tooltip(tab).split()[-2:]
+    assert float(number) == pytest.approx(100.0, abs=2.0)
+    assert unit == "MPa"
+
+
+def test_regression_constants_but_for_rounding_errors_are_drawn_as_constants(show):
+    """661.753049 to 661.753051 MPa looked like a violent vibration."""
+    page = study_page()
+    for case in page["cases"]:
+        rounding = 661.75305 + 1e-6 * np.cos(9.0 * T)
+        case["curves"] = {"t": T, "observed": {"stress [MPa]": rounding}}
+    low, high = visible_ranges(show(page), "observed")[1]
+    assert high - low > 100.0
+
+
+def test_regression_rounding_noise_does_not_choose_a_logarithmic_axis(show):
+    """One case of 2e-12 N m beside 1172 and 1250 N m made the axis logarithmic from 1e-12."""
+    tab = show(study_page())
+    values = {
+        (2e-12, 1172.0, 1250.0): False,
+        (1e-12, 3e-12, 1250.0): False,
+        (0.0, 1.0, 1000.0): False,
+        (-1.0, 1000.0): False,
+        (100.0, 1172.0, 1250.0): False,
+        (): False,
+        (1.0, 1172.0, 1250.0): True,
+        (1e-4, 1.0, 1e4, 1e8): True,  # a parameter over twelve decades
+    }
+    needs = "needsLogAxis({ kind: 'number', value: (x) => x }, values)"
+    assert [tab.evaluate(f"values => {needs}", list(x)) for x in values] == [*values.values()]
+
+
+def test_values_are_read_at_the_pointer_and_by_keys(show):
+    tab = show(study_page())
+    select_only(tab, 2)
+    tab.mouse.move(*screen_position(tab, "observed", 1.0, 0.5))
+    words = read_tooltip(tab).split()
+    assert float(words[2]) == pytest.approx(1.0, abs=0.02)
+    assert float(words[-2]) == pytest.approx(-1.0, abs=1e-3)
+    # The motion, which is shorter, follows.
+    assert tab.inner_text("#time") == "t = 0.5 s"
+    tab.mouse.move(1, 1)
+    tab.locator(PLOT.format("observed")).focus()
+    for _ in range(len(T)):
+        tab.keyboard.press("ArrowRight")
+    words = tab.inner_text("#reading").split()
+    assert float(words[2]) == pytest.approx(2.0, abs=0.03)
+    assert tab.locator("[data-chart=observed] .time-line").count() == 1
+
+
+def test_the_choice_of_the_observed_column_persists(show):
+    tab = show(study_page())
+    choice = tab.get_by_label("Observed: quantity")
+    assert choice.input_value() == "tip.x [m]"
+    choice.select_option("hinge.F [N]")
+    assert choice.evaluate("select => select === document.activeElement")
+    for _ in range(2):
+        assert "hinge.F [N]" in tab.locator("[data-panel=observed] text").all_text_contents()
+        find_row(tab, 5).locator("td.label").click()
+
+
+@pytest.mark.parametrize("shortening", [1e-7, 2e-5])
+def test_regression_the_page_opens_on_a_column_that_moves_as_much_as_others(show, shortening):
+    """It opened on the shortening of a bent beam, 5e-8 m beside 5e-4 m across the beam."""
+    page = study_page()
+    for case in page["cases"]:
+        if case["curves"]:
+            columns = {"tip.x [m]": 1.0 - shortening * T, "tip.y [m]": 1e-3 * T}
+            columns["tip.F [N]"] = 1e-6 * T
+            case["curves"]["observed"] = columns
+    choice = show(page).get_by_label("Observed: quantity")
+    assert choice.input_value() == "tip.y [m]"
+    assert choice.locator("option").first.inner_text() == "tip.y [m]"
+
+
+def test_lines_differ_by_color_and_dashes(show):
+    tab = show(study_page())
+    select_only(tab, 2, 1, 5, 4)
+    lines = list_lines(tab)
+    assert len(lines) == 4
+    assert len({color for _, color, _ in lines}) == 4
+    assert len({dashes for *_, dashes in lines}) == 4
+    icons = tab.locator("#selection svg path").all()
+    assert len({icon.get_attribute("stroke-dasharray") for icon in icons}) == 4
+
+
+def test_entries_of_the_selection_remove_cases(show):
+    tab = show(study_page())
+    select_only(tab, 2, 5)
+    tab.locator(".selection-entry", has_text="Ida(rtol=0.001)").click()
+    assert count_curves(tab) == [1, 1, 1, 1]
+    assert not find_row(tab, 2).locator("input").is_checked()
+
+
+def test_entries_of_the_legend_hide_families(show):
+    tab = show(study_page())
+    drawn = "[data-chart=scatter] svg path[fill='#0072b2']"
+    entry = tab.locator("[data-chart=scatter] text", has_text=re.compile("^Ida$"))
+    entry.scroll_into_view_if_needed()
+    box = entry.bounding_box()
+    for shown in ("=== 0", "> 0"):
+        tab.mouse.click(box["x"] + 5.0, box["y"] + 5.0)
+        wait_until(tab, f'document.querySelectorAll("{drawn}").length {shown}')
+    assert tab.locator("#table tbody tr:visible").count() == 7
+
+
+def test_curves_of_the_same_unit_share_a_chart(show):
+    page = study_page()
+    page["cases"] = page["cases"][:2]
+    for case in page["cases"]:
+        case["curves"]["observed"] = {
+            "a [m]": T,
+            "b [m]": 2 * T,
+            "c [N]": T,
+        }
+    tab = show(page)
+    choice = tab.get_by_label("Observed: quantity")
+    assert choice.locator("option").all_inner_texts() == ["a [m]", "b [m]", "c [N]", "all in m"]
+    choice.select_option("all in m")
+    assert [name for name, *_ in list_lines(tab)] == [
+        "a [m], Ida(rtol=0.001)",
+        "b [m], Ida(rtol=0.001)",
+        "a [m], Ida(rtol=1e-05)",
+        "b [m], Ida(rtol=1e-05)",
+    ]
+    # Colors distinguish the two cases, dashes the names.
+    looks = [look for _, *look in list_lines(tab)]
+    assert looks[0][0] == looks[1][0] != looks[2][0] == looks[3][0]
+    assert looks[0][1] == looks[2][1] != looks[1][1] == looks[3][1]
+    select_only(tab, 2)
+    assert [name for name, *_ in list_lines(tab)] == ["a [m]", "b [m]"]
+    assert len({color for _, color, _ in list_lines(tab)}) == 2
+
+
+def test_axes_of_the_scatter_plot_show_any_two_quantities(show):
+    page = study_page()
+    page["columns"] += [{"key": "speed", "label": "speed", "unit": "m/s", "kind": "number"}]
+    for k, case in enumerate(page["cases"]):
+        case["values"]["speed"] = 2.0 + k
+    tab = show(page)
+    tab.get_by_label("x axis").select_option("speed [m/s]")
+    assert tab.inner_text("#precision h2") == "Error over speed"
+    assert_allclose(visible_ranges(tab, "scatter")[0], [2.0, 7.0])
+    tab.get_by_label("y axis").select_option("steps")
+    # The resolution of the reference belongs to errors only.
+    assert "resolution" not in tab.inner_text("#precision")
+    tab.mouse.move(*find_point(tab, 1))
+    assert "speed [m/s]\t3" in read_tooltip(tab)
+
+
+def test_the_page_defines_the_initial_axes(show):
+    page = study_page() | {"axes": {"x": "error", "y": "steps"}}
+    tab = show(page)
+    assert tab.inner_text("#precision h2") == "steps over error"
+
+
+def test_regression_legends_of_several_lines_do_not_cover_the_axis(phone):
+    """The second line of a legend lay on the title of the axis."""
+    page = study_page()
+    page["families"] = [f"family number {k}" for k in range(len(page["cases"]))]
+    for case, family in zip(page["cases"], page["families"], strict=True):
+        case["family"] = family
+    texts = phone(page).locator("[data-chart=scatter] svg text").all()
+    bottoms = {x.text_content(): x.bounding_box() for x in texts}
+    entries = [box["y"] for text, box in bottoms.items() if text in page["families"]]
+    assert len(set(entries)) > 1
+    title = bottoms["wall time [s]"]
+    assert min(entries) > title["y"] + title["height"]
+
+
+def bar_length(tab):
+    """Return the drawn length of the bar, in pixels."""
+    path = tab.locator("#stage .body.beam:not(.initial)").get_attribute("d")
+    points = np.array(re.findall(r"-?[\d.]+", path), float).reshape(-1, 2)
+    return np.hypot(*(points[-1] - points[0]))
+
+
+def slide(tab, axis, position):
+    tab.locator(f"#slider-{axis}").evaluate(
+        """(slider, value) => {
+            slider.value = value;
+            slider.dispatchEvent(new Event("input"));
+            slider.dispatchEvent(new Event("change"));
+        }""",
+        str(position),
+    )
+
+
+def test_sliders_show_the_nearest_stored_motion(show):
+    tab = show(sweep_page())
+    assert tab.inner_text("#shown") == "speed=1, height=0.1"
+    short = bar_length(tab)
+    tab.locator("#frame").fill("10")
+    tab.click("#clear")
+    slide(tab, 0, 2)
+    assert tab.locator("#sliders output").all_inner_texts() == ["4", "0.1"]
+    assert_allclose(bar_length(tab), 4.0 * short, rtol=0.01)
+    # The time persists, and the case next to the sliders is selected in place of the one before.
+    assert tab.inner_text("#time") == "t = 0.25 s"
+    slide(tab, 1, 1)
+    (entry,) = tab.locator(".selection-entry").all_inner_texts()
+    assert "speed=4, height=0.2" in entry
+    assert tab.inner_text("#shown") in ("speed=4, height=0.1", "speed=4, height=0.3")
+
+
+def test_a_selected_case_moves_the_sliders(show):
+    tab = show(sweep_page())
+    tab.click("#clear")
+    find_row(tab, 8).locator("td.label").click()
+    assert tab.locator("#sliders output").all_inner_texts() == ["4", "0.3"]
+    assert tab.inner_text("#shown") == "speed=4, height=0.3"
+
+
+def test_a_case_without_curves_says_why(show):
+    tab = show(sweep_page(without={4}))
+    tab.click("#clear")
+    find_row(tab, 4).locator("td.label").click()
+    note = tab.inner_text("#selection-notes")
+    assert "speed=2, height=0.2 has no curves on this page, which stores those of 8 of 9" in note
+    assert "trajectories/4.csv" in note
+
+
+def test_regression_a_measured_sweep_opens_on_its_responses(show):
+    """The page opened on an empty box with the text "No case of this model has curves."."""
+    page = sweep_page(without=range(9))
+    for case in page["cases"]:
+        case["frames"] = None
+    tab = show(page)
+    assert not tab.locator("#top").is_visible()
+    assert "has curves" not in tab.inner_text("main")
+    chart = tab.locator("[data-chart=scatter]").bounding_box()
+    assert chart["y"] + chart["height"] < 768
+
+
+def test_of_many_families_the_legend_names_the_first_and_the_last(show):
+    page = sweep_page()
+    for k, case in enumerate(page["cases"]):
+        case["family"] = case["series"] = f"height={k}"
+    texts = show(page).locator("[data-chart=scatter] text").all_text_contents()
+    assert [x for x in texts if x.startswith("height=")] == ["height=0", "height=8"]
+
+
+def test_columns_of_the_solver_are_shown_on_request(show):
+    tab = show(sweep_page())
+    heads = tab.locator("#table th .name")
+    assert "residuals" not in heads.all_inner_texts()
+    tab.get_by_label("solver columns").check()
+    assert "residuals" in heads.all_inner_texts()

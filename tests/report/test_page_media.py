@@ -11,10 +11,10 @@ from pages import (
     list_lines,
     odd_page,
     read_tooltip,
+    reset_button,
     screen_position,
     study_page,
     sweep_page,
-    tool_buttons,
     visible_ranges,
     wait_until,
 )
@@ -354,7 +354,7 @@ def test_a_button_resets_the_view(show, key):
     zoom_in(tab, key)
     for (low, high), (first, last) in zip(visible_ranges(tab, key), full, strict=True):
         assert first < low < high < last
-    tool_buttons(tab, key).first.click()
+    reset_button(tab, key).click()
     assert visible_ranges(tab, key) == full
 
 
@@ -409,7 +409,7 @@ def test_all_panels_share_the_range_of_time(show):
     assert times[0] != (0.0, 2.0)
     assert_allclose(times, [times[0]] * 4, atol=1e-3)
     _, zoomed = visible_ranges(tab, "observed")
-    tool_buttons(tab, "drift").first.click()
+    reset_button(tab, "drift").click()
     # The vertical range of each panel is independent.
     assert visible_ranges(tab, "observed") == ((0.0, 2.0), zoomed)
 

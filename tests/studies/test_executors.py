@@ -10,7 +10,6 @@ from concurrent.futures import Executor, Future
 
 import pandas as pd
 import pytest
-from slow_study import slow_study
 from study_models import swing
 from study_runs import LocalPool, SerialPool, create_executor, create_study_page, run_study
 
@@ -321,12 +320,35 @@ if __name__ == "__main__":
 """
 
 
+# Each of its eight models takes 0.3 s to build.
+SLOW_STUDY = """
+import time
+
+import beamdae as bd
+
+
+@bd.model(t_end=0.1)
+def slow(mass=1.0):
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    bob = mech.add(bd.RigidBody("bob", mass, inertia=0.1, center=(1.0, 0.0)))
+    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), bob.at(0.0, 0.0)))
+    mech.observe("end", bob.at(2.0, 0.0))
+    time.sleep(0.3)
+    return mech
+
+
+@bd.study(references=(bd.Ida(rtol=1e-6), bd.GeneralizedAlpha(step=1e-3)))
+def masses():
+    return [bd.Case(slow, {"mass": 1.0 + m}, bd.Ida(rtol=1e-4)) for m in range(8)]
+"""
+
+
 @pytest.mark.slow(reason="processes are interrupted as they start, work and end")
 @pytest.mark.parametrize(("line", "seconds"), [("ready", 0.1), ("ready", 0.8), ("done 2", 0.0)])
 @pytest.mark.parametrize("presses", [1, 3])
 def test_regression_interrupt_prints_no_traceback(tmp_path, line, seconds, presses):
     """Processes interrupted while they import or end used to print tracebacks."""
-    (tmp_path / "file.py").write_text(slow_study(cases=8, seconds=0.3))
+    (tmp_path / "file.py").write_text(SLOW_STUDY)
     (tmp_path / "driver.py").write_text(DRIVER)
     process = subprocess.Popen(
         [sys.executable, "driver.py"],

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from error_statements.cases import Comparison, judge_columns
 from error_statements.mechanisms import EXACT, FLOATING, PLASTIC, RUBBER, STEEL
-from error_statements.statements import Comparison, judge_columns
 
 import beamdae as bd
 

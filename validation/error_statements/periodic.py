@@ -10,9 +10,8 @@ from functools import partial
 
 import numpy as np
 import pandas as pd
-from error_statements.cases import compare_rows
+from error_statements.cases import Comparison, compare_rows, judge_columns
 from error_statements.mechanisms import PLASTIC, STEEL
-from error_statements.statements import Comparison, judge_columns
 
 import beamdae as bd
 

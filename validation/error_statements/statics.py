@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
+from error_statements.cases import Comparison, judge_columns
 from error_statements.mechanisms import STEEL
-from error_statements.statements import Comparison, judge_columns
 
 import beamdae as bd
 

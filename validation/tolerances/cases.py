@@ -19,9 +19,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from benchmarks import systems
-from tolerances.flexible_slider_crank import CRANK_END
-from tolerances.lumped_systems import kepler_motion
-from tolerances.mechanisms import double_four_bar_motion
+from tolerances.flexible_mechanisms import CRANK_END
+from tolerances.mechanisms import double_four_bar_motion, kepler_motion
 
 import beamdae as bd
 

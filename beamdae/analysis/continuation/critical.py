@@ -40,9 +40,9 @@ _WIDE = 100.0
 _HIDDEN_WIDTH, _NEIGHBOR_DISTANCE = 1e-2, 1e-3
 # Positions between two points at which interpolated quantities are examined.
 _SHARES = np.linspace(0.0, 1.0, 101)
-# Largest share of the derivative by the parameter along the critical mode where curves cross: it is
-# larger between two curves that pass each other.
-_MAX_IMPERFECTION = 1e-5
+# Largest distance between curves that cross, relative to the sizes of mode and parameter: others
+# pass each other.
+_MAX_IMPERFECTION = 2e-5
 
 
 class Determinant(NamedTuple):
@@ -285,7 +285,8 @@ def _find_root(
         part = segment.part(points[left], points[right], left, right)
         return root, part.at((root - left) / (right - left)), mode
     point = interpolate(points, root)
-    if not alternates and _opposes(point, border) > _MAX_IMPERFECTION:
+    largest = max(abs(low.point.p), abs(high.point.p))
+    if not alternates and _imperfection(point, border, largest) > _MAX_IMPERFECTION:
         raise CurveError("the stability changes abruptly")
     return root, point, mode
 
@@ -303,16 +304,23 @@ def _interpolate_root(values: dict[float, float], left: float, right: float) -> 
     return left + (right - left) * values[left] / (values[left] - values[right])
 
 
-def _opposes(point: Point, border: Array) -> float:
-    """Return the share of the derivative by the parameter that a singular Jacobian cannot balance.
+def _imperfection(point: Point, border: Array, parameter: float) -> float:
+    """Return the distance at which curves pass each other, relative to a size of the parameter.
 
-    It vanishes where curves cross. Elsewhere, a curve turns where its Jacobian is singular.
+    Where they cross, the critical mode feels neither the residual nor its derivative by the
+    parameter. The derivative grows with the distance, the residual with its square. `point` is
+    between points on both sides of the crossing, where the Jacobian is singular.
     """
-    by_parameter, weights = point.linearization.by_parameter, point.problem.mode_weights
-    share = point.bordered(border, border).solve(np.append(by_parameter, 0.0))[-1]
+    linear, weights = point.linearization, point.problem.mode_weights
+    factors = point.bordered(border, border)
+    residual, rate = (
+        abs(factors.solve(np.append(x, 0.0))[-1]) for x in (linear.residual, linear.by_parameter)
+    )
     sizes = np.divide(1.0, weights, out=np.zeros_like(weights), where=weights > 0.0)
-    whole = float(np.linalg.norm(sizes * by_parameter))
-    return abs(share) * float(np.linalg.norm(sizes * border)) / whole if whole else 0.0
+    whole = float(np.linalg.norm(sizes * linear.by_parameter) / np.linalg.norm(sizes * border))
+    if whole * parameter == 0.0:
+        return 0.0
+    return max(rate / whole, np.sqrt(residual / (whole * parameter)))
 
 
 def critical_mode(point: Point) -> Array:

@@ -57,9 +57,6 @@ _NAME = "periodic"
 # Steps of the variational equations are halved up to this number of times, until the largest
 # multiplier changes by at most this amount and by this fraction.
 _MAX_REFINEMENTS, _MULTIPLIER_TOLERANCE, _MAX_RELATIVE_CHANGE = 4, 1e-5, 0.1
-# Times at which a run is compared with a state, and those near a guessed period.
-_COMPARED_TIMES = 4001
-_PERIODS_NEAR_GUESS = np.linspace(0.6, 1.5, _COMPARED_TIMES)
 # Parts of the monodromy matrix below this fraction of its norm are neglected.
 _MULTIPLIER_RANK_TOLERANCE = 1e-6
 # A motion is a state of rest if its rates, relative to amplitudes and period, are below this value.
@@ -121,8 +118,9 @@ def periodic(
         integrator, but 1e-8 to 1e-3, or to 1e-6 for fixed steps. With the default, an iteration
         that stagnates at the errors of adaptive steps succeeds up to ten times this value.
     period_guess
-        Approximate period [s] if `period` is None, which a run of two periods corrects. Defaults to
-        the time after which the motion at the end time of the model recurs.
+        Approximate period [s] if `period` is None. A run of twice this duration shows the time
+        after which the motion recurs first. Defaults to the end time of the model, at which the
+        motion is settled.
     accuracy
         Largest error of the required columns [-], from 1e-6 to 0.1, see `Errors`.
     accuracy_columns
@@ -256,8 +254,8 @@ def _settle_freely(
 ) -> tuple[PeriodMap, Array, Array]:
     """Return the map with the period that a run shows, and the state (q, v) from which it repeats.
 
-    A run of two periods from the state after `settle` periods shows the period near a guess, unless
-    it ends early or does not recur. Without a guess, a run to the end time shows it.
+    A run of two guessed periods from the state after `settle` periods shows the period, unless it
+    ends early or does not recur. Without a guess, a run to the end time shows it.
 
     Raises
     ------
@@ -266,21 +264,18 @@ def _settle_freely(
     BeamdaeError
         If the period is no guess and the motion of the run does not recur.
     """
-    begin, period = period_map.begin, period_map.period
     q, v, _ = period_map.settle(settle)
-    estimate = None
     if is_guess:
         with suppress(IncompleteRunError):
-            run = period_map.run(q, v, periods=2)
-            estimate = estimate_period(run, begin, begin + period * _PERIODS_NEAR_GUESS)
-        return replace(period_map, period=estimate or period), q, v
+            estimate = estimate_period(period_map.run(q, v, periods=2), is_settled=False)
+            period_map = replace(period_map, period=estimate or period_map.period)
+        return period_map, q, v
     run = period_map.run(q, v)
-    end = begin + period
-    estimate = estimate_period(run, end, np.linspace(end, begin, _COMPARED_TIMES))
+    estimate = estimate_period(run, is_settled=True)
     if estimate is None:
         raise BeamdaeError(
-            f"periodic: the motion does not recur within {period:g} s; pass period_guess=, a "
-            "longer end time of the model or a start closer to the motion."
+            f"periodic: the motion does not recur within {period_map.period:g} s; pass "
+            "period_guess=, a longer end time of the model or a start closer to the motion."
         )
     period_map = replace(period_map, period=estimate)
     return period_map, *PeriodRun(period_map, run).end_state()

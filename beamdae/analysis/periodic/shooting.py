@@ -71,7 +71,7 @@ _DAMPING_RATIO = 0.1  # of corrections with a free period, relative to the devia
 # A run has returned to its final state where it differs by at most this fraction of the range of
 # each coordinate and velocity; coordinates with a far smaller range than others are at rest. Number
 # of times at which states are compared.
-_RETURN_DISTANCE, _REST_RATIO, _RETURN_SAMPLES = 0.2, 1e-6, 2001
+_RETURN_DISTANCE, _REST_RATIO, _RETURN_SAMPLES = 0.2, 1e-6, 4001
 # Errors of runs are amplified at resonances without damping.
 DAMPING_REMEDY = (
     "add damping, such as damping= of the sections, or, for small motions, use "
@@ -483,28 +483,28 @@ def settle_and_solve(
     return solve_shooting(period_map, q, v, tolerance, False, amplitudes)
 
 
-def estimate_period(solution: Solution, since: float, times: Array) -> float | None:
-    """Return the time from `since` to the first of `times` [s] near its state again, or None.
+def estimate_period(solution: Solution, is_settled: bool) -> float | None:
+    """Return the time [s] after which the state at the start of a run recurs first, or None.
 
-    Differences are measured relative to the ranges of (q, v) in the second half of the run.
+    If `is_settled`, it is the time since the last state that is near that at the end. Differences
+    are measured relative to the ranges of (q, v) in the second half of the run.
     """
     trajectory, is_angle = solution.trajectory, solution.equations.is_angle
-    reference = trajectory.at(np.array([since]))[1]
-
-    def changes(times: Array) -> Array:
-        state = trajectory.at(times)[1]
-        q, v = state.q - reference.q, state.v - reference.v
-        return np.hstack([q - np.where(is_angle, FULL_TURN * np.round(q / FULL_TURN), 0.0), v])
-
-    middle = 0.5 * (trajectory.start + trajectory.end)
-    ranges = np.ptp(changes(np.linspace(middle, trajectory.end, _RETURN_SAMPLES)), axis=0)
+    times = np.linspace(trajectory.start, trajectory.end, _RETURN_SAMPLES)
+    state = trajectory.at(times)[1]
+    first = -1 if is_settled else 0
+    q, v = state.q - state.q[first], state.v - state.v[first]
+    q -= np.where(is_angle, FULL_TURN * np.round(q / FULL_TURN), 0.0)
+    changes = np.hstack([q, v])
+    ranges = np.ptp(changes[_RETURN_SAMPLES // 2 :], axis=0)
     largest = np.repeat([np.max(x) for x in np.split(ranges, 2)], len(is_angle))
     ranges[ranges <= _REST_RATIO * largest] = np.inf
-    distance = np.max(np.abs(changes(times) / ranges), axis=1)
+    distance = np.max(np.abs(changes / ranges), axis=1)
+    distance = distance[::-1] if is_settled else distance
     has_left = np.maximum.accumulate(distance > 2.0 * _RETURN_DISTANCE)
     is_near = has_left & (distance < _RETURN_DISTANCE)
     if not is_near.any():
         return None
     first = int(np.argmax(is_near))
     last = first + int(np.argmin(np.append(is_near[first:], False)))
-    return float(abs(times[first + np.argmin(distance[first:last])] - since))
+    return float(times[first + np.argmin(distance[first:last])] - times[0])

@@ -135,13 +135,14 @@ class FactorEquations(NamedTuple):
         """Return a quantity, given those of both equations."""
         return (1.0 - self.share) * first + self.share * last
 
+    def convert(self, change: Convert) -> FactorEquations:
+        """Return these equations of converted equations of motion."""
+        ends = self.first.convert(change), self.last.convert(change)
+        return FactorEquations(*ends, change(self.equations), self.share, self.rate)
+
     def residual(self, q: Array, lam: Array) -> Array:
         """Return R, (n + m,)."""
         return np.asarray(self.interpolate(*(x.residual(q, lam) for x in self[:2])))
-
-    def by_factor(self, q: Array, lam: Array) -> Array:
-        """Return the derivative of R by mu, (n + m,)."""
-        return self.rate * (self.last.residual(q, lam) - self.first.residual(q, lam))
 
     def matrix(self, q: Array, lam: Array) -> sp.csc_array:
         """Return the Jacobian of R with respect to x."""
@@ -209,11 +210,11 @@ class LoadedEquations:
     def in_mixed_form(self, idle: Array | None) -> LoadedEquations:
         """Return the equations with the stiff forces as unknowns, see `introduce_resultants`."""
 
-        def convert(static: StaticEquations) -> StaticEquations:
-            return replace(static, equations=introduce_resultants(static.equations, idle).equations)
+        def mix(e: EquationsOfMotion) -> EquationsOfMotion:
+            return introduce_resultants(e, idle).equations
 
-        at, ends = self.at, (convert(self.unloaded), convert(self.loaded))
-        converted_at = None if at is None else lambda mu: convert(at(mu))
+        at, ends = self.at, (self.unloaded.convert(mix), self.loaded.convert(mix))
+        converted_at = None if at is None else lambda mu: at(mu).convert(mix)
         return replace(self, unloaded=ends[0], loaded=ends[1], at=converted_at)
 
     def motion_tangent(self, mu: float, state: State, convert: Convert | None = None) -> Tangent:

@@ -20,9 +20,9 @@ from beamdae.beams.kinematics import (
     MaterialPoint,
     Placement,
     PointValues,
+    chord_vector,
     geometric_property,
 )
-from beamdae.beams.reference_frames import chord_vector
 from beamdae.beams.shape_functions import gauss_points, shape_functions
 from beamdae.beams.strains import slice_column
 from beamdae.parts.attachments import rotate

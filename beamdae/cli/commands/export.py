@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -28,7 +27,6 @@ from beamdae.cli.results import Report, ResultFiles
 if TYPE_CHECKING:
     from beamdae.export.fmu import ExportedFmu
 
-_MICROSECONDS = 1e6
 _KILOBYTE = 1e3
 
 
@@ -81,9 +79,6 @@ def export_command(
         int | None,
         typer.Option(metavar="N", help="Take exactly N Newton iterations in every step."),
     ] = None,
-    timed_steps: Annotated[
-        int, typer.Option(help="Number of steps to measure on this machine, such as 100000.")
-    ] = 0,
 ) -> None:
     """Export a model as an FMU for co-simulation, which runs without Python.
 
@@ -109,7 +104,6 @@ def export_command(
         start=parse_start(start, model),
         platforms=_parse_platforms(platforms),
         real_time=real_time,
-        timed_steps=timed_steps,
     )
     content = Description(_describe(result), data=lambda: _json_results(result))
     Report(model.name, content).print()
@@ -124,7 +118,7 @@ def _parse_platforms(text: str | None) -> list[str] | None:
 
 
 def _describe(result: ExportedFmu) -> dict[str, str]:
-    facts = {
+    return {
         "interface": f"FMI {result.fmi}.0 for co-simulation",
         "integrator": result.integrator,
         "communication step": f"{result.communication_step:g} s",
@@ -134,22 +128,9 @@ def _describe(result: ExportedFmu) -> dict[str, str]:
         "binaries": ", ".join(result.platforms) or "none (sources only)",
         "size": f"{result.size / _KILOBYTE:.0f} kB",
     }
-    times = result.step_times
-    if times is not None:
-        median, percentile, worst, processor = (_MICROSECONDS * x for x in times[:4])
-        facts["time per step"] = (
-            f"median {median:.3g} us, 99.9 % below {percentile:.3g} us, worst {worst:.3g} us "
-            f"({processor:.3g} us without interruptions), {times.steps} steps"
-        )
-        if times.row_exchanges:
-            facts["row exchanges"] = f"in {times.row_exchanges} matrices, which are slow"
-        if math.isfinite(times.error):
-            facts["error of iterations"] = f"{times.error:.1e} of the range of an output"
-    return facts
 
 
 def _json_results(result: ExportedFmu) -> dict[str, Any]:
-    times = result.step_times
     return {
         "fmi": result.fmi,
         "integrator": result.integrator,
@@ -159,5 +140,4 @@ def _json_results(result: ExportedFmu) -> dict[str, Any]:
         "outputs": list(result.outputs),
         "platforms": list(result.platforms),
         "size": result.size,
-        "step times": None if times is None else times._asdict(),
     }

@@ -164,10 +164,9 @@ def check_command(
     Exits with 0 if the model can be run, and with 2 and a message for a usage or model error.
     """
     model, _ = load_model(path, model_name, settings)
-    from beamdae.checks import check
+    from beamdae.checks import check, describe_check
     from beamdae.parts.mechanism import Mechanism
     from beamdae.report.descriptions import Description
-    from beamdae.report.summaries import describe_check
 
     mechanism = model()
     result = check(mechanism, model.t_end, predict, parse_start(start, model))

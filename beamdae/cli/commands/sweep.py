@@ -158,7 +158,7 @@ def _create_measure(
     model: Model, modes: int | None, buckling: int | None, about: str | None
 ) -> dict[str, Any]:
     """Return the measures of --modes and --buckling."""
-    from beamdae.studies.sweeps import model_measures
+    from beamdae.studies.sweeps.sweep import buckling_factors, natural_frequencies
 
     def count(option: str, n: int) -> int:
         return require_count("sweep", option, n, most=_MAX_MEASURES)
@@ -166,9 +166,9 @@ def _create_measure(
     measure: dict[str, Any] = {}
     if modes is not None:
         state = find_state("sweep", model(), about)
-        measure |= model_measures.natural_frequencies(count("--modes", modes), state)
+        measure |= natural_frequencies(count("--modes", modes), state)
     if buckling is not None:
-        measure |= model_measures.buckling_factors(count("--buckling", buckling))
+        measure |= buckling_factors(count("--buckling", buckling))
     return measure
 
 

@@ -150,7 +150,10 @@ def build_terms(
         observables,
         events,
         controllers,
-        numbers.input_terms(statements.inputs),
+        tuple(
+            InputTerm(name, x.unit, x.reference, numbers.input_indices(name), x.law)
+            for name, x in statements.inputs.items()
+        ),
         numbers.activities,
         statements.of_parts,
     )

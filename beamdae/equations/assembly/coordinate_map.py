@@ -6,7 +6,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import accumulate
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -24,9 +24,6 @@ from beamdae.symbolic.kernel_groups import Statement
 from beamdae.symbolic.signals import SignalNumbers
 from beamdae.symbolic.sparse_operators import assemble_csr
 from beamdae.symbolic.statements import SX, Piece
-
-if TYPE_CHECKING:
-    from beamdae.equations.equations_of_motion import InputTerm
 
 Array = np.ndarray
 
@@ -203,12 +200,6 @@ class NumberStore:
         """Record the index in p of a number that is 0 while `part` is inactive."""
         self.activities[part] = (*self.activities.get(part, ()), index)
 
-    def input_terms(self, inputs: Mapping[str, Input]) -> tuple[InputTerm, ...]:
-        """Return the inputs with the indices of their numbers in p."""
-        # Imported here, because drawings place coordinates without equations.
-        from beamdae.equations.equations_of_motion import InputTerm
-
-        return tuple(
-            InputTerm(name, x.unit, x.reference, tuple(self._inputs.get(name, ())), x.law)
-            for name, x in inputs.items()
-        )
+    def input_indices(self, name: str) -> tuple[int, ...]:
+        """Return the indices in p of the numbers of an input."""
+        return tuple(self._inputs.get(name, ()))

@@ -221,8 +221,9 @@ def add_observable(
     require_unique_headers(e.coordinates, e.multipliers, observables)
     observed = copy(mechanism)
     observed.observables = ReadOnlyDict({**mechanism.observables, name: quantity})
-    added = {term.name: term.indices for term in numbers.input_terms(mechanism.inputs)}
-    inputs = tuple(x._replace(indices=(*x.indices, *added[x.name])) for x in e.inputs)
+    inputs = tuple(
+        x._replace(indices=(*x.indices, *numbers.input_indices(x.name))) for x in e.inputs
+    )
     p = read_only_copy(numbers.all(mechanism.inputs))
     return replace(
         e,

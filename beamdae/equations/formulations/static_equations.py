@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -16,6 +16,7 @@ from beamdae.equations.formulations.sums import (
     assemble_residual,
     create_matrix_sum,
 )
+from beamdae.equations.formulations.tangents import Convert
 from beamdae.equations.structure import Structure, cache_on_owner
 from beamdae.errors import BeamdaeError
 from beamdae.symbolic.force_kernel import STIFFNESS
@@ -104,6 +105,10 @@ class StaticEquations:
         # All factors are 1; the factors of damping and mass are not used.
         set_matrix_factors(self._tangent, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
         return self._evaluate(self._tangent, q, lam, self.pattern.nnz)
+
+    def convert(self, change: Convert) -> StaticEquations:
+        """Return these static equations of converted equations of motion."""
+        return replace(self, equations=change(self.equations))
 
     def matrix(self, q: Array, lam: Array) -> sp.csc_array:
         """Return the tangent, sparse (n + m, n + m)."""

@@ -71,45 +71,17 @@ _CONVERGED_CHANGE = 1e-10
 _SMALL_CHANGE = 1e-6
 
 
-def find_least_change(
-    evaluator: StateEvaluator, time: Array, q: Array, v: Array, gaps: Array, selected: Array
-) -> Array:
-    """Return the x, (n,), by which gaps vanish: G x = -gaps of joints, x_k of selected coordinates.
-
-    x is minimal in the metric of the mass matrix. The `selected` coordinates are independent; their
-    gaps follow those of the joints.
-    """
-    m = evaluator.equations.m
-    change = evaluator.solve_saddle(time, q, v, 0.0, -gaps[:m])[0]
-    if len(selected):
-        responses = _respond(evaluator, time, q, v, selected)
-        missing = -gaps[m:] - change[selected]
-        change = change + responses @ np.linalg.solve(responses[selected], missing)
-    return change
-
-
-def select_independent(
-    evaluator: StateEvaluator, time: Array, q: Array, v: Array | None, selected: Array
-) -> Array:
+def _select_independent(evaluator: StateEvaluator, time: Array, q: Array, selected: Array) -> Array:
     """Return those of the selected coordinates that can move independently."""
     if not len(selected):
         return selected
-    inertia = evaluator.mass_matrix(time, q).diagonal()[selected]
-    mobility = _respond(evaluator, time, q, v, selected)[selected]
-    weights = np.sqrt(np.abs(inertia))
-    scaled = np.ascontiguousarray(weights[:, None] * mobility * weights)
+    # Changes of positions due to unit forces on the selected coordinates.
+    forces = np.eye(len(q))[selected]
+    mobility = np.array([evaluator.solve_saddle(time, q, None, x, 0.0)[0] for x in forces])
+    weights = np.sqrt(np.abs(evaluator.mass_matrix(time, q).diagonal()[selected]))
+    scaled = np.ascontiguousarray(weights[:, None] * mobility[:, selected].T * weights)
     _, pivots, rank, _ = dpstrf(scaled, tol=_MIN_MOBILITY)
     return selected[np.sort(pivots[:rank] - 1)]
-
-
-def _respond(
-    evaluator: StateEvaluator, time: Array, q: Array, v: Array | None, selected: Array
-) -> Array:
-    """Return the changes of positions due to unit forces on coordinates, (n, k)."""
-    forces = np.zeros((len(selected), len(q)))
-    forces[np.arange(len(selected)), selected] = 1.0
-    changes = [evaluator.solve_saddle(time, q, v, x, 0.0)[0] for x in forces]
-    return np.reshape(changes, forces.shape).T
 
 
 def closing_matrices(
@@ -177,7 +149,7 @@ def close_joints(
     """
     targets = q.copy()
     targets[selected] = values
-    leading = select_independent(evaluator, time, q, None, selected)
+    leading = _select_independent(evaluator, time, q, selected)
     held = np.append(leading, np.setdiff1d(evaluator.equations.states, leading))
     path = _Path(evaluator, time, q, held, targets[held])
     closed_q, remaining = path.follow()
@@ -416,16 +388,18 @@ class _Path:
 
     @cached_property
     def stiffness(self) -> float:
-        """Largest stiffness relative to the largest inertia [1/s^2]; 1 without stiffness.
+        """Largest stiffness, or load, relative to the largest inertia [1/s^2]; 1 without both.
 
-        Stiff parts count only if there are no others: their forces are unknowns.
+        Loads count because their rounding errors must not exceed the forces of the inertia, and
+        stiff parts only if there are no other stiffnesses: their forces are unknowns.
         """
         e = self.evaluator.equations
-        squares = e.without_states(e.position_scales**2)
+        scales = e.without_states(e.position_scales)
+        squares, loads = scales**2, np.max(scales * np.abs(self._drawn_force))
         elastic, inertial = (self.matrix(self.begin, *x) for x in ((1.0, 0.0), (0.0, 1.0)))
         stiffness, inertia = (
             np.max(squares * np.abs(x.diagonal()[: e.n])) for x in (elastic, inertial)
         )
         stiff = slice(e.n + self._form.joint_count, e.n + self._form.equations.m)
         strains = np.max(elastic.power(2)[stiff, : e.n] @ squares, initial=0.0)
-        return float((stiffness or strains) / inertia) or 1.0
+        return float(max(stiffness or strains, loads) / inertia) or 1.0

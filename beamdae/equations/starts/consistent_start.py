@@ -9,16 +9,14 @@ from typing import Any
 import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
-from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu, spsolve
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
-from beamdae.equations.starts.closing import (
-    close_joints,
-    find_least_change,
-    select_independent,
+from beamdae.equations.starts.closing import close_joints
+from beamdae.equations.starts.dependent_constraints import (
+    group_tied,
+    require_independent_constraints,
 )
-from beamdae.equations.starts.dependent_constraints import require_independent_constraints
 from beamdae.equations.starts.rigid_motions import compute_rigid_motions
 from beamdae.equations.starts.state_evaluator import StateEvaluator
 from beamdae.errors import BeamdaeError
@@ -86,13 +84,19 @@ class ConsistencySolver(StateEvaluator):
         g_dot = self.constraint_levels(time, q, v)[1]
         if not g_dot.any():
             return v
-        fixed = select_independent(self, time, q, v, np.array(prescribed, int))
-        gaps = np.concatenate([g_dot, np.zeros(len(fixed))])
-        return v + find_least_change(self, time, q, v, gaps, fixed)
+        change = self.solve_saddle(time, q, v, 0.0, -g_dot)[0]
+        if len(prescribed):
+            fixed = build_selection(prescribed, self.equations.n)
+            rows = sp.vstack([self.constraint_matrix(time, q), fixed])
+            values = np.append(-g_dot, np.zeros(len(prescribed)))
+            change = _solve_least_change(self.mass_matrix(time, q), rows, values)
+        return v + change
 
     def complete(self, time: Array, q: Array, v: Array) -> State:
-        """Return the state at consistent (q, v), with the rates of first-order states."""
-        v = self.with_state_rates(time, q, v)
+        """Return the state at consistent (q, v), with the rates x' = f of first-order states."""
+        if len(self.equations.states):
+            # The rows of these states are x' - f.
+            v = v - self._is_state * self.force(time, q, v)
         return State(q, v, *self.acceleration(time, q, v))
 
     def close_positions(
@@ -105,14 +109,6 @@ class ConsistencySolver(StateEvaluator):
         values = requested or {}
         selected = np.array(list(values), int)
         return close_joints(self, time, q, selected, np.array(list(values.values()), float))
-
-    def with_state_rates(self, time: Array, q: Array, v: Array) -> Array:
-        """Return velocities with the rates x' = f(t, q, v, x) of the first-order states."""
-        e = self.equations
-        if not len(e.states):
-            return v
-        # The rows of these states are x' - f.
-        return v - self._is_state * self.force(time, q, v)
 
     @property
     def _is_state(self) -> Array:
@@ -272,7 +268,10 @@ class ConsistencySolver(StateEvaluator):
         if not np.any(is_open):
             return v
         gradients = sp.csr_array(self.constraint_matrix(time, q))
-        groups, groups_of_rows = self._connected_groups(gradients)
+        # Parts whose coordinates a constraint contains move together.
+        ties = np.split(e.part_indices[gradients.indices], gradients.indptr[1:-1])
+        groups, groups_of_rows = np.split(group_tied(len(e.parts), ties), [len(e.parts)])
+        groups = groups[e.part_indices]
         motions = sp.csc_array(e.position_scales[:, None] * compute_rigid_motions(e, q))
         mass = self.mass_matrix(time, q)
         given_vectors = np.flatnonzero([part.given_velocities for part in e.parts])
@@ -298,19 +297,6 @@ class ConsistencySolver(StateEvaluator):
         e = self.equations
         columns = np.split(shapes.indices, shapes.indptr[1:-1])
         return np.array([2 * e.part_indices[x[0]] + np.any(e.is_angle[x]) for x in columns])
-
-    def _connected_groups(self, gradients: sp.csr_array) -> tuple[Array, Array]:
-        """Return the number of the group of each coordinate, (n,), and of each constraint, (m,).
-
-        Parts and constraints connect their coordinates; `gradients` is G.
-        """
-        e, joints = self.equations, gradients.tocoo()
-        # Parts, then constraints.
-        size = len(e.parts) + e.m
-        pairs = e.part_indices[joints.col], len(e.parts) + joints.row
-        graph = sp.coo_array((np.ones(joints.nnz), pairs), shape=(size, size))
-        groups = connected_components(graph, directed=False)[1]
-        return groups[e.part_indices], groups[len(e.parts) :]
 
     def _solve_with_friction(
         self, time: Array, q: Array, v: Array, stiff_time: float

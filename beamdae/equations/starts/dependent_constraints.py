@@ -174,25 +174,38 @@ def build_constraint_jacobian(
 
 
 def list_tied_parts(e: EquationsOfMotion) -> list[Array]:
-    """Return the indices of the parts with coordinates that each joint constrains."""
-    ties = []
+    """Return the indices of the parts that each joint ties, and len(e.parts) for the ground.
+
+    Joints that constrain the coordinates of a single part tie it to the ground.
+    """
+    ground, ties = len(e.parts), []
     for joint in e.joints:
         copies = row_indices(joint.operator) // (joint.operator.shape[0] // joint.count)
         owners = e.part_indices[joint.operator.indices]
-        ties += [np.unique(owners[copies == copy]) for copy in range(joint.count)]
+        tied = (np.unique(owners[copies == copy]) for copy in range(joint.count))
+        ties += [x if len(x) > 1 else np.append(x, ground) for x in tied]
     return ties
+
+
+def group_tied(count: int, ties: Sequence[Array]) -> Array:
+    """Return the number of the group of each of `count` parts, then of each tie.
+
+    A group contains the parts that ties connect.
+    """
+    size, lengths = count + len(ties), [len(x) for x in ties]
+    pairs = (
+        np.concatenate([np.zeros(0, int), *ties]),
+        count + np.repeat(np.arange(len(ties)), lengths),
+    )
+    graph = sp.coo_array((np.ones(sum(lengths)), pairs), shape=(size, size))
+    return np.asarray(connected_components(graph, directed=False)[1])
 
 
 def has_closed_loops(e: EquationsOfMotion) -> bool:
     """Return True if joints or drivers form a loop; without loops, the rank of G is constant."""
-    # Parts, then the ground, then joints; those of one part tie it to the ground.
-    ground = len(e.parts)
-    ties = [x if len(x) > 1 else np.append(x, ground) for x in list_tied_parts(e)]
-    joints = ground + 1 + np.repeat(np.arange(len(ties)), [len(x) for x in ties])
-    pairs = np.concatenate(ties) if ties else np.zeros(0, int), joints
-    size = ground + 1 + len(ties)
-    graph = sp.coo_array((np.ones(len(joints)), pairs), shape=(size, size))
-    return len(joints) > size - connected_components(graph, directed=False)[0]
+    ties = list_tied_parts(e)
+    groups = group_tied(len(e.parts) + 1, ties)
+    return sum(map(len, ties)) >= len(groups) - groups.max()
 
 
 def scaled_null_space(rows: sp.csc_array, scales: Array) -> Array:

@@ -7,13 +7,13 @@ from collections.abc import Sequence
 import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
-from scipy.sparse.csgraph import connected_components
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.tangents import compute_tangent
 from beamdae.equations.starts.dependent_constraints import (
     RANK_TOLERANCE,
     ConstraintRank,
+    group_tied,
     list_tied_parts,
 )
 from beamdae.equations.starts.rigid_motions import collect_bodies, compute_rigid_motions
@@ -143,18 +143,14 @@ def find_loose_groups(e: EquationsOfMotion) -> tuple[tuple[str, ...], ...]:
 
     Joints and forces connect parts to each other; a force does not connect a part to the ground.
     """
-    coupled = plan_state_sums(e.structure).block.tocoo()
-    tied = list_tied_parts(e)
-    ties = [e.part_indices[[*coupled.coords]]]
-    ties += [np.stack([x[:1].repeat(len(x)), x]) for x in tied]
-    grounded = {int(x[0]) for x in tied if len(x) == 1}
-    grounded |= _find_parts_on_ground(e)
-    pairs = np.hstack(ties)
-    graph = sp.coo_array((np.ones(pairs.shape[1]), pairs), shape=(len(e.parts), len(e.parts)))
-    count, group = connected_components(graph.tocsr(), directed=False)
-    grounded_groups = {group[k] for k in grounded}
-    names = np.array([part.name for part in e.parts], object)
-    return tuple(tuple(names[group == k]) for k in range(count) if k not in grounded_groups)
+    ground, coupled = len(e.parts), plan_state_sums(e.structure).block.tocoo()
+    first, second = (e.part_indices[x] for x in coupled.coords)
+    pairs = np.column_stack(np.divmod(np.unique(first * ground + second), ground))
+    on_ground = (np.array([k, ground]) for k in _find_parts_on_ground(e))
+    groups = group_tied(ground + 1, [*list_tied_parts(e), *pairs, *on_ground])
+    of_parts, names = groups[:ground], np.array([part.name for part in e.parts], object)
+    loose = np.unique(of_parts[of_parts != groups[ground]])
+    return tuple(tuple(names[of_parts == k]) for k in loose)
 
 
 def _list_bodies_of_contacts(mechanism: Mechanism) -> set[str]:

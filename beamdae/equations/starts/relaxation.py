@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import ceil
 from typing import NamedTuple, Protocol
@@ -12,6 +12,8 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.formulations.compliant_equations import introduce_resultants
+from beamdae.equations.formulations.tangents import Convert
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.starts.rigid_motions import DisplacementMeasure
 from beamdae.errors import BeamdaeError, list_first
@@ -56,6 +58,9 @@ _CONVERGED_ROUNDING_RATIO = 100.0  # steps below this multiple of their rounding
 class StaticSystem(Protocol):
     """Static equations in (q, lam), such as `StaticEquations`."""
 
+    def convert(self, change: Convert) -> StaticSystem:
+        """Return these static equations of converted equations of motion."""
+
     @property
     def equations(self) -> EquationsOfMotion:
         """Equations of motion, which provide the inertia."""
@@ -77,7 +82,7 @@ class FlowStep(NamedTuple):
     Attributes
     ----------
     q, lam
-        Positions and multipliers at the end of the step.
+        Positions, and multipliers of joints and resultants at the end of the step.
     size
         Largest displacement in the step, relative to the scale of the coordinate plus its travel
         since the start; for angles, relative to the scale alone.
@@ -112,21 +117,42 @@ class FlowStep(NamedTuple):
 
 @dataclass(frozen=True)
 class GradientFlow:
-    """Implicit steps along the gradient flow of a mechanism from the positions `begin`, (n,).
+    """Implicit steps along the gradient flow of a mechanism.
 
     A step is one iteration of Newton's method for the implicit Euler method. A cautious flow, for
     forces that change abruptly within steps, such as those of contacts, iterates to convergence. It
     shortens each change until the next one is not larger (natural monotonicity test: Deuflhard,
-    Newton Methods for Nonlinear Problems, 2004, section 3.3). The joints are kept open by `gaps`,
-    (n + m,), with zeros for the forces.
+    Newton Methods for Nonlinear Problems, 2004, section 3.3).
+
+    Attributes
+    ----------
+    static, mixed
+        Static equations, and the same with stiff forces as multipliers, see `introduce_resultants`:
+        as unknowns, they let stiff parts move like rigid ones.
+    solver, measure
+        Solver for consistent states, and measure of displacements.
+    begin
+        Positions (n,) at which the flow begins.
+    gaps
+        Gaps by which the joints are kept open, (m,).
+    is_cautious
+        See above.
     """
 
     static: StaticSystem
-    begin: Array
-    gaps: Array | float
+    mixed: StaticSystem
     solver: ConsistencySolver
     measure: DisplacementMeasure
+    begin: Array
+    gaps: Array
     is_cautious: bool = False
+
+    @classmethod
+    def of(cls, static: StaticSystem, begin: Array) -> GradientFlow:
+        """Return the flow with closed joints."""
+        e, mixed = static.equations, static.convert(lambda x: introduce_resultants(x).equations)
+        solver, measure = ConsistencySolver(e), DisplacementMeasure.of(e)
+        return cls(static, mixed, solver, measure, begin, np.zeros(e.m))
 
     @cached_property
     def _perturbation(self) -> Array:
@@ -148,11 +174,25 @@ class GradientFlow:
         return self.solver.solve_saddle(self.static.time, q, None, -force, rates)
 
     def _residual(self, x: Array) -> Array:
-        n = len(self.begin)
-        return self.static.residual(x[:n], x[n:]) - self.gaps
+        n, last = len(self.begin), len(self.begin) + self.static.equations.m
+        total = self.mixed.residual(x[:n], x[n:])
+        total[n:last] -= self.gaps
+        total[last:] -= x[last:]
+        return total
+
+    def _matrix(self, x: Array) -> sp.csc_array:
+        n, last = len(self.begin), len(self.begin) + self.static.equations.m
+        compliance = sp.diags_array(np.repeat([0.0, 1.0], [last, len(x) - last]))
+        return sp.csc_array(self.mixed.matrix(x[:n], x[n:]) - compliance)
+
+    def all_multipliers(self, lam: Array) -> Array:
+        """Return the multipliers of joints in `begin`, followed by the stiff forces there."""
+        forces = np.zeros(self.mixed.equations.m - len(lam))
+        x = np.concatenate([self.begin, lam, forces])
+        return np.append(lam, self._residual(x)[len(x) - len(forces) :])
 
     def try_step(self, q: Array, lam: Array, square: float) -> FlowStep | None:
-        """Return a trial step of pseudo-time T with T^2 = `square`.
+        """Return a trial step of pseudo-time T with T^2 = `square`; `lam` are all multipliers.
 
         Returns None if the matrix is singular, `size` exceeds `_MAX_STEP`, or the iterations of a
         cautious flow do not converge.
@@ -180,7 +220,7 @@ class GradientFlow:
         for _ in range(_MAX_ITERATIONS if self.is_cautious else 1):
             last, forces = x, self._residual(x)
             try:
-                solve = splu(sp.csc_array(static.matrix(x[:n], x[n:]) + weight)).solve
+                solve = splu(sp.csc_array(self._matrix(x) + weight)).solve
             except RuntimeError:
                 return None
             change = -solve(forces + weight @ total)
@@ -215,15 +255,15 @@ def relax_to_equilibrium(
 
     Implicit steps follow the gradient flow. Each step solves a linear system with the matrix
 
-        [[M / T^2 + K, G^T], [G, 0]],
+        [[M / T^2 + K, G^T], [G, -C]],
 
-    where K is the stiffness of F + G^T lam, and a second system with this matrix to close the
-    joints. Short pseudo-times T keep steps small and lead to stable equilibria; long pseudo-times
-    converge quadratically, like Newton's method. The step size does not depend on the orientation
-    of the mechanism. Joints that are open at `q`, because drivers begin beside the drawing, are
-    closed in short steps through equilibria. If steps do not end, for example because they jump
-    into stiff contacts and out of them, a cautious flow is tried, see `GradientFlow`. Equilibria at
-    which joints are still open are appended to `passed`.
+    where K is the stiffness of F + G^T lam and C, of stiff forces, a compliance, and a second
+    system with this matrix to close the joints. Short pseudo-times T keep steps small and lead to
+    stable equilibria; long pseudo-times converge quadratically, like Newton's method. The step size
+    does not depend on the orientation of the mechanism. Joints that are open at `q`, because
+    drivers begin beside the drawing, are closed in short steps through equilibria. If steps do not
+    end, for example because they jump into stiff contacts and out of them, a cautious flow is
+    tried, see `GradientFlow`. Equilibria at which joints are still open are appended to `passed`.
 
     Raises
     ------
@@ -232,22 +272,21 @@ def relax_to_equilibrium(
         equilibrium is found. In the second case, the message names the coordinate that moved
         farthest.
     """
-    e, solver = static.equations, ConsistencySolver(static.equations)
-    begin, measure = np.array(q), DisplacementMeasure.of(e)
-    gaps = static.residual(q, np.zeros(e.m))
-    gaps[: e.n] = 0.0
-    size = float(np.max(np.abs(gaps[e.n :]) / e.constraint_scales, initial=0.0))
+    e, begin = static.equations, np.array(q)
+    flow = GradientFlow.of(static, begin)
+    gaps = static.residual(q, np.zeros(e.m))[e.n :]
+    size = float(np.max(np.abs(gaps) / e.constraint_scales, initial=0.0))
     count = max(min(ceil(size / _CLOSING_STEP), _CLOSING_STEPS), ceil(size / _MAX_CLOSING_STEP))
     lam: Array | None = None
     for share in np.linspace(1.0, 0.0, count + 1)[:-1]:
-        q, lam, is_steady = _relax(static, q, share * gaps, lam, solver, measure)
+        q, lam, is_steady = _relax(replace(flow, begin=q, gaps=share * gaps), lam)
         if not is_steady:
             q = begin
             break
         if passed is not None:
             passed.append(q)
-    q = begin = solver.state(static.time, q, np.zeros(e.n)).q
-    q, lam, is_steady = _relax(static, begin, 0.0, None, solver, measure)
+    begin = flow.solver.state(static.time, q, np.zeros(e.n)).q
+    q, lam, is_steady = _relax(replace(flow, begin=begin), None)
     if is_steady:
         # Without forces, all reactions are zero up to rounding.
         is_loaded = np.any(static.residual(q, np.zeros(e.m))[: e.n])
@@ -268,41 +307,33 @@ def find_nearby_equilibrium(static: StaticSystem, q: Array) -> tuple[Array, Arra
 
     The first step is Newton's; if it is too long, shorter ones follow the gradient flow.
     """
-    e, near = static.equations, np.zeros(static.equations.m)
-    solver, measure = ConsistencySolver(e), DisplacementMeasure.of(e)
-    q, lam, is_steady = _relax(static, q, 0.0, near, solver, measure)
+    q, lam, is_steady = _relax(GradientFlow.of(static, q), np.zeros(static.equations.m))
     return (q, lam) if is_steady else None
 
 
-def _relax(
-    static: StaticSystem,
-    q: Array,
-    gaps: Array | float,
-    lam: Array | None,
-    solver: ConsistencySolver,
-    measure: DisplacementMeasure,
-) -> tuple[Array, Array, bool]:
+def _relax(flow: GradientFlow, lam: Array | None) -> tuple[Array, Array, bool]:
+    """Return the positions (n,) and multipliers (m,) at the end, and True if they are steady."""
     for is_cautious in (False, True):
-        flow = GradientFlow(static, q, gaps, solver, measure, is_cautious)
-        result = _follow(flow, lam)
-        if result[2]:
+        q, all_lam, is_steady = _follow(replace(flow, is_cautious=is_cautious), lam)
+        if is_steady:
             break
-    return result
+    return q, all_lam[: flow.static.equations.m], is_steady
 
 
 def _follow(flow: GradientFlow, near: Array | None) -> tuple[Array, Array, bool]:
-    """Return the positions and multipliers at the end of a flow, and True if they are steady.
+    """Return the positions and all multipliers at the end, and True if they are steady.
 
     With the multipliers `near` of an equilibrium close by, its first step is the longest.
     """
-    q, (a, lam) = flow.begin, flow.initial_acceleration()
+    q, (a, joints) = flow.begin, flow.initial_acceleration()
+    lam = flow.all_multipliers(joints if near is None else near)
     acceleration = flow.measure.farthest(a)
     if acceleration == 0.0 and near is None:
         return q, lam, True
     square = first = _FIRST_STEP / (acceleration or 1.0)
     last = _LAST_SQUARE_RATIO * first
     if near is not None:
-        square, lam = last, near
+        square = last
     is_last_tried = False
     for _ in range(_MAX_STEPS):
         step = flow.try_step(q, lam, square)

@@ -16,7 +16,7 @@ and, through the strains of the state, centrifugal stiffening.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse as sp
@@ -190,6 +190,10 @@ class RotatingEquations:
     equations: EquationsOfMotion
     time: Array
     rotation: Rotation
+
+    def convert(self, change: Convert) -> RotatingEquations:
+        """Return these equations of converted equations of motion."""
+        return replace(self, equations=change(self.equations))
 
     def residual(self, q: Array, lam: Array) -> Array:
         """Return F + G^T lam and the constraints of a mechanism that rotates, (n + m,)."""

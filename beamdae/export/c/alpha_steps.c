@@ -15,11 +15,7 @@ static AlphaTable *table_of(Instance *s) { return (AlphaTable *)s->table; }
 
 void method_forget_factors(Instance *s) { table_of(s)->run.rate = INFINITY; }
 
-void method_reset(Instance *s) {
-    AlphaWorkspace *run = &table_of(s)->run;
-    run->current.h = model.step;
-    if (s->fixed_iterations > 0) run->fixed_iterations = s->fixed_iterations;
-}
+void method_reset(Instance *s) { table_of(s)->run.current.h = model.step; }
 
 /* Call the steps of the core. */
 static int take_steps(Instance *s) {

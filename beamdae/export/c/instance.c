@@ -119,7 +119,6 @@ void renew_pivots(Instance *s, LinearSolver *linear, int is_complex) {
     const int64_t n = linear->plan.scale.size, width = is_complex ? 2 : 1;
     if (!linear->needs_pivots) return;
     double *numbers = malloc(width * n * n * sizeof(double) + n * sizeof(uint32_t));
-    s->pivot_searches++;
     linear->needs_pivots = 0;
     linear->singular = !numbers;
     if (!numbers) return;
@@ -380,7 +379,3 @@ int instance_derivative(Instance *s, const double *direction, double *result) {
     free(state);
     return code;
 }
-
-void instance_fix_iterations(Instance *s, int count) { s->fixed_iterations = count; }
-
-unsigned long instance_pivot_searches(const Instance *s) { return s->pivot_searches; }

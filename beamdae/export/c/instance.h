@@ -24,8 +24,7 @@
 /* The table begins the block of all words of the instance. */
 struct Instance {
     Table *table;
-    int has_outputs, fixed_iterations;
-    unsigned long pivot_searches;
+    int has_outputs;
     /* End of the experiment [s]; not part of the state. */
     double stop;
     /* Solvers that eliminate full matrices, because pivots in the fixed order are not suitable. */

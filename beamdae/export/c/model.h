@@ -47,7 +47,7 @@ typedef struct { int64_t at, number; } Number;
 typedef struct {
     uint32_t n_inputs, n_values, n_outputs;
     int64_t n_words, n_state;
-    double step, duration;
+    double step;
     int64_t n_segments, n_constants, n_links, n_codes, n_numbers;
     const Segment *segments;
     const Constant *constants;

@@ -156,7 +156,7 @@ static int differentiate_step(Instance *s, double t) {
     if (code != DONE) return code;
     const Stages at = *stages;
     /* Zeros, apart from velocities, which are those of the positions. */
-    stages->y = x->tangent, stages->yp = x->base.zeros, stages->step_size.last_step = 0.0;
+    stages->y = x->tangent, stages->yp = x->zeros, stages->step_size.last_step = 0.0;
     stages->stages = x->tangent_stages, stages->rates = x->tangent_rates;
     predict_stages(stages, h);
     code = NOT_CONVERGED;

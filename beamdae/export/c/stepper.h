@@ -45,10 +45,4 @@ size_t instance_state_size(const Instance *instance);
 void instance_get_state(const Instance *instance, void *state);
 int instance_set_state(Instance *instance, const void *state);
 
-/* Number of Newton iterations of every step of generalized-alpha, from the next reset on; 0 for
-   that of the model. */
-void instance_fix_iterations(Instance *instance, int count);
-/* Number of matrices that required row exchanges, which are slower than the fixed order. */
-unsigned long instance_pivot_searches(const Instance *instance);
-
 #endif

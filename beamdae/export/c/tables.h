@@ -20,7 +20,7 @@ typedef struct {
     MotionBuffers starter;
     /* Work arrays. `inputs` are (q, v, a, lam), their derivatives, and those of the numbers p;
        `direction` are the values and their derivatives. */
-    Reals inputs, direction, rate, outputs, numbers, zeros;
+    Reals inputs, direction, rate, outputs, numbers;
     Sum output, residual_direction, output_direction;
 } Table;
 
@@ -47,8 +47,8 @@ typedef struct {
     Sum gap_sum;
     Reals gaps, before, begin;
     /* Derivatives of y and, for the last step, of w and of the stages, and inputs (y, y'), their
-       derivatives and those of the numbers p. */
-    Reals tangent;
+       derivatives and those of the numbers p. `zeros` are the rates y' of no motion. */
+    Reals tangent, zeros;
     Reals2 tangent_w, tangent_stages, tangent_rates;
     Reals stage;
 } RadauTable;

@@ -38,9 +38,6 @@ _CONSTRAINED_SHARE = 1e-6
 _PROBE_DISTANCE = 1e-6
 # ... and lower bound on the rate of the coordinates in this test [1/s].
 _MIN_RATE = 1e-3
-# Impacts that follow each other at one time because each of them closes the gap of another. With
-# restitution, the rates of the gaps decrease by a constant factor from one to the next.
-_MAX_REPEATED_IMPACTS = 100
 
 
 @dataclass
@@ -97,15 +94,11 @@ class EventSide:
 
 @dataclass(frozen=True)
 class _Crossing:
-    """Crossing of a threshold, possibly in a direction that the event ignores.
-
-    `is_repeated` is True if an impact at this time reverses the result of an earlier one.
-    """
+    """Crossing of a threshold, possibly in a direction that the event ignores."""
 
     t: float
     term: EventTerm
     direction: str
-    is_repeated: bool = False
 
     @property
     def is_event(self) -> bool:
@@ -139,8 +132,6 @@ class EventDetector:
     _pending: list[_Crossing] = field(default_factory=list)
     # Names of the events whose signs are those after an impact at the time of the last event.
     _after_impact: set[str] = field(default_factory=set)
-    # Number of repeated crossings at the time of the last event.
-    _repeats: int = 0
 
     @property
     def may_stop(self) -> bool:
@@ -157,14 +148,6 @@ class EventDetector:
         """Event of the last record."""
         name = self.records[-1].name
         return next(term for term in self.equations.events if term.name == name)
-
-    @property
-    def repeats_impacts(self) -> bool:
-        """True if the last event is a further impact at the time of an earlier one of this event.
-
-        False after so many of them that they must be considered to accumulate.
-        """
-        return 0 < self._repeats <= _MAX_REPEATED_IMPACTS
 
     def find_due_event(self, segment: RunSegment) -> EventTerm | None:
         """Record the first event that is due at the start, and return it."""
@@ -204,7 +187,7 @@ class EventDetector:
                 touches = not side.sign and abs(difference) <= _CONSTRAINED_SHARE * side.largest
                 departure = self._departure_sign(term, start)
                 direction = UP if departure > 0.0 else DOWN
-                closing = _Crossing(float(start.nodes[0]), term, direction, is_at_threshold)
+                closing = _Crossing(float(start.nodes[0]), term, direction)
                 is_reversed = is_at_threshold and departure * side.sign < 0.0
                 if closing.is_event and (is_reversed or (touches and departure)):
                     # The last impact closes this gap.
@@ -231,7 +214,6 @@ class EventDetector:
         if not self._pending:
             return None
         crossing = self._pending.pop(0)
-        self._repeats += crossing.is_repeated
         start = segment.interval()
         self._at_end.add(crossing.term.name)
         self._after_impact.discard(crossing.term.name)
@@ -292,7 +274,6 @@ class EventDetector:
         self._at_end.clear()
         self._pending.clear()
         self._after_impact.clear()
-        self._repeats = 0
         for crossing in crossings:
             name = crossing.term.name
             side, sign = self._sides[name], 1.0 if crossing.direction == UP else -1.0

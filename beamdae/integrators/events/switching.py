@@ -85,10 +85,8 @@ _MAX_GAP = 1e-3
 _MAX_SWITCHES = 200
 # ... within this fraction of its duration.
 _SWITCH_WINDOW = 1e-4
-# Impacts of one event accumulate if the time between them is less than this fraction of the run.
-_MIN_FLIGHT = 1e-9
-# They also accumulate if an impact after less than this fraction of the run has no impulse: the
-# bodies still separate, so that the flight is below the rounding errors of the positions.
+# Impacts accumulate if one has no impulse that follows after less than this fraction of the run:
+# the bodies still separate, so that the flight is below the rounding errors of the positions.
 _MAX_UNRESOLVED_FLIGHT = 1e-3
 _IMPACT_ADVICE = (
     "; activate a joint that keeps the bodies together with bd.activate(joint, as_is=True), or use "
@@ -234,9 +232,6 @@ class MethodCache:
         self.first = make(plan)
         self._methods = {self._key(configuration): self.first}
         self._past_counts: list[Statistics] = []
-        self._switch_times: list[float] = []
-        self._impact_times: dict[str, float] = {}
-        self._flights: dict[str, float] = {}
 
     @staticmethod
     def _key(configuration: Configuration | None) -> Any:
@@ -264,44 +259,38 @@ class MethodCache:
         ]
         return Statistics(**{name: sum(count[name] for count in counts) for name in counts[0]})
 
-    def stall_reason(self, event: EventTerm, t: float, duration: float) -> str | None:
-        """Return the reason why the run stalls at an event at time `t` [s], or None."""
-        if select_impacts(event.do):
-            flight = t - self._impact_times.get(event.name, -np.inf)
-            self._impact_times[event.name] = t
-            self._flights[event.name] = flight
-            if flight < _MIN_FLIGHT * duration:
-                return self._describe_accumulation(event, flight)
-        self._switch_times.append(t)
-        window = t - self._switch_times[-_MAX_SWITCHES:][0]
-        if len(self._switch_times) < _MAX_SWITCHES or window > _SWITCH_WINDOW * duration:
-            return None
+
+class StallCheck:
+    """Check of the events of a run of this duration [s], which may act ever more frequently."""
+
+    def __init__(self, duration: float) -> None:
+        self._duration = duration
+        self._times: list[float] = []
+        self._impact_times: dict[str, float] = {}
+
+    def reason(self, event: EventTerm, t: float, impulses: Mapping[str, float]) -> str:
+        """Return the reason why the run stalls after an event has acted at time `t` [s], or "".
+
+        `impulses` are those of the event, by constraint.
+        """
         advice = "; separate the thresholds of the events"
         if select_impacts(event.do):
             advice = _IMPACT_ADVICE
+            flight = t - self._impact_times.get(event.name, -np.inf)
+            self._impact_times[event.name] = t
+            is_resolved = any(impulses[x] for x in impulses if x.startswith(f"{event.name}."))
+            # Otherwise, bodies would sink into each other, because the next impact would be
+            # detected at the position that they have reached.
+            if not is_resolved and flight < _MAX_UNRESOLVED_FLIGHT * self._duration:
+                return (
+                    f"impacts of event {event.name} accumulate, and the last two are "
+                    f"{flight:.2g} s apart{advice}"
+                )
+        self._times.append(t)
+        window = t - self._times[-_MAX_SWITCHES:][0]
+        if len(self._times) < _MAX_SWITCHES or window > _SWITCH_WINDOW * self._duration:
+            return ""
         return (
             f"events acted {_MAX_SWITCHES} times within {window:.2g} s, the last one is "
             f"{event.name}{advice}"
-        )
-
-    def unresolved_impact_reason(
-        self, event: EventTerm, impulses: Mapping[str, float], duration: float
-    ) -> str | None:
-        """Return the reason why impacts of an event are not resolved any more, or None.
-
-        `impulses` are those of the last impact, by constraint. Without this check, bodies sink into
-        each other, because the next impact would be detected at the position that they have
-        reached.
-        """
-        flight = self._flights.get(event.name, np.inf)
-        if not select_impacts(event.do) or flight >= _MAX_UNRESOLVED_FLIGHT * duration:
-            return None
-        if not any(x for name, x in impulses.items() if name.startswith(f"{event.name}.")):
-            return self._describe_accumulation(event, flight)
-        return None
-
-    def _describe_accumulation(self, event: EventTerm, flight: float) -> str:
-        return (
-            f"impacts of event {event.name} accumulate, and the last two are {flight:.2g} s "
-            f"apart{_IMPACT_ADVICE}"
         )

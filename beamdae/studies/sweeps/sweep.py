@@ -6,7 +6,7 @@ import inspect
 from collections.abc import Callable, Collection, Iterable, Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -512,3 +512,36 @@ def _require_outputs(part: str, value: Any, columns: Collection[str]) -> dict[st
 def format_setting(value: Any) -> str:
     """Format a displayed parameter value; floats have six significant digits."""
     return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+# Model, further arguments and values of the last call of each analysis. The columns of a row share
+# one call.
+_last_calls: dict[str, tuple[Model, tuple[Any, ...], list[float]]] = {}
+
+
+def natural_frequencies(n: int, about: Any) -> dict[str, Measure]:
+    """Return functions of the first n natural frequencies [Hz] of a model, as of `modes`."""
+    select = partial(_measure_model, "frequencies", (about, n))
+    return {f"frequency {k} [Hz]": partial(select, k) for k in range(1, n + 1)}
+
+
+def buckling_factors(n: int) -> dict[str, Measure]:
+    """Return functions of the first n load factors of a model, as of `buckling`."""
+    select = partial(_measure_model, "factors", (n,))
+    return {f"buckling factor {k} [-]": partial(select, k) for k in range(1, n + 1)}
+
+
+def _measure_model(name: str, arguments: tuple[Any, ...], k: int, model: Model) -> float | None:
+    """Return the k-th value of an analysis, or None if there are fewer."""
+    last = _last_calls.get(name)
+    if last is None or last[0] is not model or last[1] != arguments:
+        from beamdae.analysis.linear_dynamics.natural_modes import compute_modes
+        from beamdae.analysis.statics.linear_buckling import buckling
+
+        analyze: Callable[..., Any] = compute_modes if name == "frequencies" else buckling
+        result = analyze(model, *arguments)
+        for sentence in result.warnings:
+            warn_user(sentence)
+        last = _last_calls[name] = model, arguments, getattr(result, name).tolist()
+    values = last[2]
+    return values[k - 1] if k <= len(values) else None

@@ -446,7 +446,6 @@ EXPORT_CALLS: dict[str, WorkingCall] = {
             "t_end": T_END,
             "platforms": [],
             "real_time": None,
-            "timed_steps": 0,
         },
         writes=True,
     ),

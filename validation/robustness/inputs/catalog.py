@@ -12,7 +12,7 @@ from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
-from robustness.inputs import analysis_calls, control_calls, model_calls, run_calls
+from robustness.inputs import analysis_calls, model_calls, run_calls
 from robustness.inputs.bad_input import BAD_VALUES, NO_BAD_VALUE, BadInput, try_input
 from robustness.inputs.command_line import command_inputs, file_inputs
 from robustness.inputs.sandbox import Sandbox, WorkingCall
@@ -43,7 +43,7 @@ WORKING_CALLS: dict[str, WorkingCall] = {
         analysis_calls.REFINEMENT_CALLS,
         analysis_calls.SENSITIVITY_CALLS,
         analysis_calls.EXPORT_CALLS,
-        control_calls.CONTROL_CALLS,
+        run_calls.CONTROL_CALLS,
     )
     for key, call in calls.items()
 }

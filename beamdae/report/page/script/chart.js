@@ -6,18 +6,16 @@ const PRINTED_TABLE_SCALE = 0.8; // ratio of the font sizes in media.css and tab
 const PRINTED_CHART_WIDTH = 500; // on A4 landscape, two charts side by side [px]
 const PRINTED_CURVE_WIDTH = 600; // one chart beside the motion [px]
 const MIN_RELATIVE_RANGE = 1e-7; // of values; smaller ranges are rounding errors
-const MAX_FILE_NAME_PART = 60; // characters of the page title and of the chart name
-const INVALID_XML_CHARACTERS = /[\u0000-\u0008\u000b\u000c\u000e-\u001f\ufffe\uffff]/g;
-const BLOB_LIFETIME = 60000; // [ms]
 const MAX_STEPS = 6; // between ticks that are multiples of a given step
 const MARGINS = { left: 4, right: 18, top: 30, bottom: 4 }; // around the axes and their labels [px]
-const LEGEND_HEIGHT = 24; // [px]
+const LEGEND_HEIGHT = 24; // of one line, with margins [px]
+const LEGEND_LINE = 20; // without margins [px]
 
 /*
  * Draw a chart, which keeps its visible range if it has been drawn before.
  *
  * `describe` is a function that returns
- *   name, label      name of exported files, label for screen readers
+ *   label            label for screen readers
  *   x, y             axes: title, log, isCount (whole numbers), step (ticks are its multiples), isTime (ends at the data)
  *   hasCursor        true if the tooltip reads all series at a value of x, otherwise it describes points
  *   series           series of ECharts, with data in the units of the axes: x, y, and of points their case and time
@@ -39,13 +37,8 @@ function createChart(id, describe, holder, ...before) {
 function createFrame(id) {
   const plot = html("div", { class: "plot", role: "group", tabindex: "0", keydown: (event) => handleKey(chart, event) });
   const marks = html("div", { class: "time-marks", "aria-hidden": "true" });
-  const button = (text, title, click) => html("button", { type: "button", title, "aria-label": title, click }, text);
-  const tools = html(
-    "div",
-    { class: "tools" },
-    button("Reset", "Reset: show all", () => resetView(chart, 0, 1)),
-    button("SVG", "save as SVG", () => savePicture(chart)),
-  );
+  const click = () => resetView(chart, 0, 1);
+  const tools = html("div", { class: "tools" }, html("button", { type: "button", title: "show all", click }, "Reset"));
   const element = html("div", { class: "chart", "data-chart": id }, tools, html("div", { class: "layers" }, plot, marks));
   const instance = echarts.init(plot, null, { renderer: "svg", width: 640, height: 400 });
   const chart = { id, plot, marks, element, instance, visited: -1 };
@@ -77,13 +70,18 @@ function drawChart(chart, width = chart.element.clientWidth) {
   const spec = chart.describe();
   const size = { width: width || 640, height: spec.height(width || 640) };
   Object.assign(chart, { spec, width });
-  plot.style.height = `${size.height}px`;
   plot.setAttribute("aria-label", spec.label);
   // A tooltip of a point that is no longer drawn would be an error.
   instance.dispatchAction({ type: "hideTip" });
   instance.resize(size);
   const dataZoom = before ? [] : listZooms(chart);
   instance.setOption({ ...describeChart(spec), dataZoom }, { replaceMerge: ["series"] });
+  // Further lines of the legend extend the chart.
+  const legend = instance.getViewOfComponentModel(instance.getModel().getComponent("legend")).group.getBoundingRect();
+  const further = Math.max(legend.height - LEGEND_LINE, 0);
+  instance.setOption({ grid: { bottom: MARGINS.bottom + (spec.legend ? LEGEND_HEIGHT + further : 0) } });
+  instance.resize({ ...size, height: size.height + further });
+  plot.style.height = `${size.height + further}px`;
   markTime(chart, motion.time);
 }
 
@@ -96,11 +94,9 @@ function toValue({ log }, position) {
   return log ? 10 ** position : position;
 }
 
-function describeChart(spec, isExported = false) {
+function describeChart(spec) {
   const [ink, muted, line, grid, background] = ["ink", "muted", "line", "grid", "background"].map(themeColor);
-  // Texts of saved pictures are attributes between double quotation marks.
-  const fontFamily = getComputedStyle(document.body).fontFamily.replaceAll('"', "'");
-  const textStyle = { color: ink, fontFamily, fontSize: 12 };
+  const textStyle = { color: ink, fontFamily: getComputedStyle(document.body).fontFamily, fontSize: 12 };
   const describeAxis = (axis, k) => {
     const values = spec.series.flatMap(({ data }) => data.map((entry) => entry[k])).filter(Number.isFinite);
     const extent = findExtent([values]);
@@ -122,14 +118,13 @@ function describeChart(spec, isExported = false) {
       splitLine: { lineStyle: { color: grid } },
     };
   };
-  const hasLegend = isExported ? spec.series.length > 1 : Boolean(spec.legend);
   const convert = (entry) => [fromValue(spec.x, entry[0]), fromValue(spec.y, entry[1]), ...entry.slice(2)];
   return {
     animation: false,
-    backgroundColor: isExported ? background : "transparent",
+    backgroundColor: "transparent",
     textStyle,
-    grid: { ...MARGINS, bottom: MARGINS.bottom + (hasLegend ? LEGEND_HEIGHT : 0), outerBoundsMode: "same", outerBoundsContain: "all" },
-    legend: { show: hasLegend, bottom: 0, textStyle, itemHeight: 10, data: isExported ? spec.series.map(({ name }) => name) : spec.legend || [] },
+    grid: { ...MARGINS, outerBoundsMode: "same", outerBoundsContain: "all" },
+    legend: { show: Boolean(spec.legend), bottom: 0, textStyle, itemHeight: 10, data: spec.legend || [] },
     tooltip: {
       trigger: spec.hasCursor ? "axis" : "item",
       confine: true,
@@ -261,20 +256,4 @@ function restoreScreen() {
   document.documentElement.classList.remove("light");
   document.querySelectorAll("table").forEach((table) => table.style.removeProperty("zoom"));
   showSelection();
-}
-
-// Save a picture in light colors with a legend.
-function savePicture(chart) {
-  document.documentElement.classList.add("light");
-  const size = { width: chart.instance.getWidth(), height: chart.instance.getHeight() };
-  const picture = echarts.init(null, null, { renderer: "svg", ssr: true, ...size });
-  const zooms = chart.instance.getOption().dataZoom.map(({ start, end }, k) => ({ type: "inside", [`${"xy"[k]}AxisIndex`]: 0, filterMode: "none", start, end }));
-  picture.setOption({ ...describeChart(chart.describe(), true), dataZoom: zooms });
-  document.documentElement.classList.remove("light");
-  const text = picture.renderToSVGString().replace(INVALID_XML_CHARACTERS, "\ufffd");
-  picture.dispose();
-  const url = URL.createObjectURL(new Blob([text], { type: "image/svg+xml" }));
-  const names = [page.title, chart.spec.name].map((name) => name.slice(0, MAX_FILE_NAME_PART));
-  html("a", { href: url, download: `${names.join("_").replace(/[^\p{L}\p{N}.=-]+/gu, "_")}.svg` }).click();
-  setTimeout(() => URL.revokeObjectURL(url), BLOB_LIFETIME);
 }

@@ -120,7 +120,6 @@ function describeCurves(panel, choice, over) {
   if (over) series.push(createMarks(page.portrait.marks.map(({ t, label }) => [...pointAt(lines[0], t).slice(0, 2), undefined, label]).filter(isKnown)));
   if (key === "error") series.push(createResolutionLine(y));
   return {
-    name: over ? `${choice.title} over ${over.title}` : choice.title,
     label: `${title}, ${choice.label}: press the arrow keys to read values`,
     x: over ? { title: over.title } : { title: timeTitle(), log: Boolean(timeAxis.log), isTime: true },
     y,

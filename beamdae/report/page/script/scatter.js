@@ -72,7 +72,6 @@ function describeScatter() {
     data: xs.map((value, k) => [value, ys[k]]),
   }));
   return {
-    name: `${y.label} over ${x.label}`,
     label: `${y.label} over ${x.label}, one point per case: press the arrow keys to visit and Enter to select points`,
     ...axes,
     series: [
