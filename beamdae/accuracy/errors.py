@@ -221,14 +221,14 @@ class Errors(HasTable):
         return {**vars(self), "_split": None}
 
     def __repr__(self) -> str:
-        is_known = bool(np.isfinite(self.total).any())
+        is_known = not np.isnan(self.largest)
         worst = f"largest {format_percent(self.largest)}" if is_known else self.reason
         return f"<Errors of {len(self.headers)} columns: {worst}>"
 
     @property
     def largest(self) -> float:
-        """Largest error [-]; 0 if no column was checked."""
-        return float(np.nanmax(self.total, initial=0.0))
+        """Largest error [-]; not a number if no column was checked."""
+        return float(np.fmax.reduce(self.total, initial=np.nan))
 
     @cached_property
     def causes(self) -> Mapping[str, Array]:

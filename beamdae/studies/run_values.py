@@ -57,7 +57,7 @@ def collect_run_values(solution: Solution) -> dict[str, Any]:
     names = [record.name for record in solution.event_records]
     warnings = "\n".join(solution.warnings)  # measures the errors
     errors: Any = vars(solution).get("errors")
-    has_errors = errors is not None and not np.isnan(errors.total).all()
+    has_errors = errors is not None and not np.isnan(errors.largest)
     return {
         REACHED_COLUMN: summary["last_time"],
         **dict(zip(SETTING_COLUMNS, values, strict=True)),

@@ -143,6 +143,7 @@ def test_runs_that_cannot_be_checked_say_why(tmp_path):
         (stopped, "the run stopped early"),
     ):
         assert set(run.errors.table()["status"]) == {f"not checked: {reason}"}
+        assert np.isnan(run.errors.largest)
         assert not list(run.errors.sentences())
 
 

@@ -180,6 +180,18 @@ def test_regression_invalid_mass_matrix_is_rejected(mass, message):
         bd.simulate(system, bd.Ida(), 1.0)
 
 
+def test_regression_indefinite_masses_of_large_systems_are_rejected():
+    """With more than 300 coordinates, only the signs of the diagonal were checked."""
+    size = 310
+    mass = np.eye(size)
+    mass[[0, 1], [1, 0]] = 2.0
+    t, q, v = symbols(size)
+    zeros = np.zeros(size)
+    system = bd.ConstrainedSystem(t=t, q=q, v=v, mass=mass, force=-q, q0=zeros, v0=zeros)
+    with pytest.raises(bd.BeamdaeError, match=r"q[01]: the mass matrix has a negative eigenvalue"):
+        bd.simulate(system, bd.Ida(), 1.0)
+
+
 @dataclass(frozen=True)
 class Stepless(bd.Integrator):
     order = 1

@@ -251,4 +251,4 @@ def test_forces_of_springs_accelerate_their_masses(stiffness):
     run = bd.simulate(mech, bd.Radau(1e-3), t_end=time)
     run = run.at_times(np.unique([t for part in run.trajectory.intervals for t in part.t]))
     pull = np.linalg.norm(run.a[:, -2:] + [0.0, 9.81], axis=1)  # of the last mass of 1 kg
-    assert_allclose(np.abs(run.observed["pull [N]"]), pull, rtol=0, atol=1e-3 * pull.max())
+    assert_allclose(np.abs(run.observed["pull [N]"]), pull, rtol=0, atol=5e-3 * pull.max())

@@ -35,9 +35,8 @@ _TURN_RESOLUTION = 1e-2
 _MAX_SAMPLES = 60
 # Wider brackets, relative to this distance, are bisected if a point is not found.
 _WIDE = 100.0
-# Pairs of critical points that cancel are sought in parts of a segment down to this width, and the
-# derivatives of eigenvalues are differences over this share of the part.
-_HIDDEN_WIDTH, _NEIGHBOR_DISTANCE = 1e-2, 1e-3
+# Pairs of critical points that cancel are sought in parts of a segment down to this width.
+_HIDDEN_WIDTH = 1e-2
 # Positions between two points at which interpolated quantities are examined.
 _SHARES = np.linspace(0.0, 1.0, 101)
 # Largest distance between curves that cross, relative to the sizes of mode and parameter: others
@@ -183,28 +182,25 @@ def _find_hidden_change(segment: Segment, low: _Sample, high: _Sample) -> float 
     """Return the share of the way between two samples where counts may differ, or None.
 
     The parameter reverses where its rate, or motions begin to grow where the determinant has
-    another sign than at both samples. They are polynomials with the values at both samples, and
-    with the change of the parameter or the derivatives of the determinant.
+    another sign than at both samples. They are parabolas with the values at both samples, and with
+    the change of the parameter or the determinant halfway, on the cubic through the samples.
     """
     width = high.position - low.position
     if width <= 2.0 * _HIDDEN_WIDTH:
         return None
     way, t = width * segment.reach, _SHARES
     bubble, line = t * (1.0 - t), (1.0 - t) * low.rate + t * high.rate
-    surplus = (high.point.p - low.point.p) / way - 0.5 * (low.rate + high.rate)
-    share = _find_other_sign(line + 6.0 * surplus * bubble)
+    move = high.point.minus(low.point)
+    share = _find_other_sign(line + 6.0 * (move[-1] / way - line.mean()) * bubble)
     first, last = (x.counts.determinant for x in (low, high))
     if share is None and first.sign == last.sign != 0:
-        unit = max(first.log_size, last.log_size)
-        try:
-            (begin, begin_rate), (end, end_rate) = (
-                _differentiate_determinant(x, way, unit) for x in (low, high)
-            )
-        except CurveError:
-            return None
-        slope = end - begin
-        bend = (begin_rate - slope) * (1.0 - t) - (end_rate - slope) * t
-        share = _find_other_sign(begin + slope * t + bubble * bend)
+        move = 0.5 * move + 0.125 * way * (low.tangent - high.tangent)
+        x, p = low.point.x + move[:-1], low.point.p + float(move[-1])
+        samples = first, low.point.problem.determinant(x, p), last
+        unit = max(x.log_size for x in samples)
+        begin, middle, end = (x.sign * np.exp(x.log_size - unit) for x in samples)
+        line = (1.0 - t) * begin + t * end
+        share = _find_other_sign(line + 4.0 * (middle - line.mean()) * bubble)
     is_far = share is not None and width * min(share, 1.0 - share) > _HIDDEN_WIDTH
     return share if is_far else None
 
@@ -213,16 +209,6 @@ def _find_other_sign(values: Array) -> float | None:
     """Return the position of the value that is most opposed to the first one, or None."""
     k = int(np.argmin(values * values[0]))
     return float(_SHARES[k]) if values[k] * values[0] < 0.0 else None
-
-
-def _differentiate_determinant(sample: _Sample, way: float, unit: float) -> tuple[float, float]:
-    """Return the determinant at a sample in units exp(`unit`), and its change along `way`."""
-    tangent = way * sample.tangent
-    move, beside = sample.point.neighbor(_NEIGHBOR_DISTANCE * tangent)
-    largest = int(np.argmax(np.abs(np.append(sample.point.problem.weights, 1.0) * tangent)))
-    here = sample.counts.determinant
-    value, near = (x.sign * np.exp(x.log_size - unit) for x in (here, beside))
-    return value, (near - value) * float(tangent[largest] / move[largest])
 
 
 def _find_turn(segment: Segment, low: _Sample, high: _Sample) -> CriticalPoint:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
@@ -260,21 +260,11 @@ class Point:
     iterations: int = 0
     beside: Point | None = None
     known_tangent: tuple[Array, Array] | None = None
-    _neighbor: list[tuple[Array, Any]] = field(default_factory=list, init=False, repr=False)
 
     @cached_property
     def monitor(self) -> Any:
         """What must change continuously along curves, see `Problem.monitor`."""
         return self.beside.monitor if self.beside else self.problem.monitor(self)
-
-    def neighbor(self, move: Array) -> tuple[Array, Any]:
-        """Return a small move along the curve, and the determinant after it.
-
-        They are those of the first call: the tangent of a curve is unique.
-        """
-        if not self._neighbor:
-            self._neighbor.append((move, self.problem.determinant(self, move)))
-        return self._neighbor[0]
 
     def plus(self, move: Array) -> Point:
         """Return the point after a change (n + 1,) of (x, p) that keeps it on the curve."""

@@ -464,13 +464,9 @@ class StaticProblem(Problem):
         by_x = self.matrix(x, mu) @ (along[:-1] / sizes) / sizes
         return np.asarray(by_x + along[-1] * self.residual(x, mu)[1])
 
-    def determinant(self, point: Point, move: Array) -> Determinant:
-        """Return the determinant of the saddle-point matrix after a small move from a point.
-
-        Its sign is 0 if a pivot vanishes.
-        """
-        x, p = point.x + move[:-1], point.p + float(move[-1])
-        return _determinant_of(self._run(x, p, FIND_DETERMINANT, point.p).saddle)
+    def determinant(self, x: Array, mu: float) -> Determinant:
+        """Return the determinant of the saddle-point matrix; its sign is 0 if a pivot vanishes."""
+        return _determinant_of(self._run(x, mu, FIND_DETERMINANT).saddle)
 
     def count_signs(self, x: Array, mu: float) -> Workspace:
         """Return the signs of pivots at a point, a `SaddlePoint`; valid until the next call."""
@@ -505,9 +501,9 @@ class StaticProblem(Problem):
         self._point = p, x.tobytes()
         return x, p, code
 
-    def _run(self, x: Array, mu: float, task: int, center: float | None = None) -> Workspace:
-        """Perform a task at (x, mu), with the equations linearized about `center` or mu."""
-        self._set_point(x, mu, center)
+    def _run(self, x: Array, mu: float, task: int) -> Workspace:
+        """Perform a task at (x, mu)."""
+        self._set_point(x, mu)
         self._perform(task)
         return self._loop.work
 
@@ -521,16 +517,15 @@ class StaticProblem(Problem):
             raise CurveError(_SINGULAR)
         return code
 
-    def _set_point(self, x: Array, mu: float, center: float | None = None) -> None:
+    def _set_point(self, x: Array, mu: float) -> None:
         run, n, point = self._loop.work, self.n, (mu, x.tobytes())
         if point != self._point:
             run.inputs[:n], run.inputs[2 * n :], run.mu = x[:n], x[n:], mu
             self._point = point
             self._forget_point()
-        center = mu if center is None else center
-        is_off = abs(center - run.center) * run.scale > _CENTER_TOLERANCE
+        is_off = abs(mu - run.center) * run.scale > _CENTER_TOLERANCE
         if is_off and not self.system.is_linear:
-            self._center(center)
+            self._center(mu)
 
     def _forget_point(self) -> None:
         """Mark all values of the loop as those of another point."""

@@ -32,7 +32,6 @@ _OPENING_TOLERANCE = 1e-12  # velocity of a closed joint, relative to the larges
 _ROUNDING = 1e-9  # smaller velocities, relative to the largest, are zero
 _MAX_LAW_JUMP = 1e-3  # [rad], or relative to the length; allows for rounded numbers in laws
 _ASYMMETRY_TOLERANCE = 1e-9  # rounding in a mass matrix, relative to its largest entry
-_MAX_EIGENVALUE_COORDINATES = 300  # beyond this, only the signs of the diagonal are checked
 _MAX_FRICTION_ITERATIONS = 50
 _FRICTION_TOLERANCE = 1e-10  # relative change
 _MAX_FRICTION_ROUNDING = 1e-6  # relative changes that do not decrease, of badly scaled matrices
@@ -193,8 +192,6 @@ class ConsistencySolver(StateEvaluator):
     def require_inertia(self) -> None:
         """Reject a mass matrix that is not symmetric or not positive semidefinite at the start.
 
-        For more than 300 coordinates, definiteness is judged only by the signs of the diagonal.
-
         Raises
         ------
         BeamdaeError
@@ -214,12 +211,14 @@ class ConsistencySolver(StateEvaluator):
                 f"row and column differ by {asymmetry.data[worst]:.3g}); correct the inertia "
                 "forces of the part."
             )
-        inertia, coordinate = _smallest_inertia(mass)
-        if inertia < -_ASYMMETRY_TOLERANCE * size:
+        # Pivots without inertia are positive, too.
+        shift = _ASYMMETRY_TOLERANCE * (size or 1.0)
+        if not _is_definite(mass + shift * sp.eye_array(e.n)):
+            (inertia,), vectors = la.eigh(mass.toarray(), subset_by_index=(0, 0))
             raise BeamdaeError(
-                f"{e.q_names[coordinate]}: the mass matrix has a negative eigenvalue "
-                f"of {inertia:.3g} or less along this coordinate; correct the inertia "
-                "forces of the part."
+                f"{e.q_names[int(np.argmax(np.abs(vectors)))]}: the mass matrix has a negative "
+                f"eigenvalue of {inertia:.3g} along this coordinate; correct the inertia forces of "
+                "the part."
             )
 
     def require_continuous(self, branch_before: float, time: Array, q: Array) -> None:
@@ -334,23 +333,14 @@ class ConsistencySolver(StateEvaluator):
         )
 
 
-def _smallest_inertia(mass: sp.csc_array) -> tuple[float, int]:
-    """Return the smallest eigenvalue and its dominant coordinate; (0, 0) if all are positive.
-
-    For more than 300 coordinates, return the smallest diagonal entry and its coordinate.
-    """
-    if mass.shape[0] > _MAX_EIGENVALUE_COORDINATES:
-        diagonal = mass.diagonal()
-        return float(diagonal.min()), int(diagonal.argmin())
-    dense = mass.toarray()
+def _is_definite(matrix: sp.sparray) -> bool:
+    """Return True if a symmetric matrix is positive definite: all diagonal pivots are positive."""
+    options = {"SymmetricMode": True}
     try:
-        np.linalg.cholesky(dense)
-    except np.linalg.LinAlgError:
-        pass
-    else:
-        return 0.0, 0
-    values, vectors = la.eigh(dense, subset_by_index=(0, 0))
-    return float(values[0]), int(np.argmax(np.abs(vectors[:, 0])))
+        factors = splu(sp.csc_array(matrix), "MMD_AT_PLUS_A", 0.0, options=options)
+    except RuntimeError:
+        return False
+    return bool(np.all(factors.U.diagonal() > 0.0))
 
 
 def velocity_size(e: EquationsOfMotion, v: Array) -> float:

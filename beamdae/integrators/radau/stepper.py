@@ -192,7 +192,7 @@ class RadauStepper:
             "velocity_rounding_weights": 1.0 / near_origin,
             "rounding_ratio": scales.rounding_ratio,
             "stagnation_limit": _MAX_STAGNATION_FRACTION / fraction,
-            "law_tolerance": fraction * local,
+            "law_tolerance": local,
         }
 
     @property
