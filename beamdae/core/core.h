@@ -475,7 +475,7 @@ typedef struct {
 int propagate_disturbances(VariationalWorkspace *run);
 
 typedef struct {
-    Reals3 predict, update, velocity, reaction, blocks;
+    Reals3 by_motion, by_corrections, velocity, reaction, blocks;
     Reals2 factors;
 } StepTables;
 
@@ -503,9 +503,10 @@ typedef struct {
     Reals scales;
     Indices corrected;
     Reals right; /* right-hand side or solution, all stages */
-    /* z by direction, (4 k, n), or derivatives of the objective with respect to z, (4, n); vectors
-       that the step tables multiply, see `StepTables`, or derivatives with respect to them. */
-    Reals2 motion, predicted, before, after;
+    /* z by direction, (4 k, n), or derivatives of the objective with respect to z, (4, n);
+       corrections (u_q, w), (2 s, n), and the result of a step, (3 s + 1, n), or derivatives with
+       respect to them. */
+    Reals2 motion, corrections, after;
     /* Directional derivative of the residual of a stage with the inputs (x, dx), or gradient of
        weights . residual with the inputs (x, weights). */
     Sum change;

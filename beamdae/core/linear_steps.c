@@ -52,14 +52,14 @@ static void add_product(Reals2 out, Reals2 matrix, int transposed, Reals2 x) {
 static void differentiate_step(LinearSteps *run, int64_t k) {
     const int64_t n = run->n, s = run->nodes.size, step = run->step;
     const int64_t unknowns = run->rows.size, first = n + run->corrected.size;
-    const Reals2 z = rows_of(run->motion, 4 * k, 4), u = rows_of(run->before, 4, s);
-    const Reals2 w = rows_of(run->before, 4 + s, s), reaction = slice(run->tables.reaction, step);
-    fill(flat(run->predicted), 0.0);
-    add_product(run->predicted, slice(run->tables.predict, step), 0, z);
+    const Reals2 z = rows_of(run->motion, 4 * k, 4), u = rows_of(run->corrections, 0, s);
+    const Reals2 w = rows_of(run->corrections, s, s), reaction = slice(run->tables.reaction, step);
+    fill(flat(run->after), 0.0);
+    add_product(run->after, slice(run->tables.by_motion, step), 0, z);
     for (int64_t i = 0; i < s; i++) {
         set_state(run, s * step + 1 + i, 1.0);
         copy(part(run->inputs, run->n_inputs, run->n_inputs + 2 * n),
-             flat(rows_of(run->predicted, 2 * i, 2)));
+             flat(rows_of(run->after, 3 * i, 2)));
         set_time(&run->change, stage_time(run, i), run->branch);
         evaluate_with_data(&run->change, row(run->data, k), run->inputs, run->result);
         if (run->shifts.at[k] != 0.0)
@@ -69,7 +69,6 @@ static void differentiate_step(LinearSteps *run, int64_t k) {
             right.at[e] = run->scales.at[e] * run->result.at[run->rows.at[e]];
     }
     solve(&run->linear, run->right);
-    copy(flat(rows_of(run->before, 0, 4)), flat(z));
     for (int64_t i = 0; i < s; i++) copy(row(u, i), from(run->right, i * unknowns));
     fill(flat(w), 0.0);
     add_product(w, slice(run->tables.velocity, step), 0, u);
@@ -77,8 +76,7 @@ static void differentiate_step(LinearSteps *run, int64_t k) {
         const double *x = run->right.at + i * unknowns + n;
         PICK(row(w, i).at, run->corrected.at, x, run->entries.at, 0, run->corrected.size);
     }
-    fill(flat(run->after), 0.0);
-    add_product(run->after, slice(run->tables.update, step), 0, run->before);
+    add_product(run->after, slice(run->tables.by_corrections, step), 0, run->corrections);
     for (int64_t i = 0; i < s; i++) {
         const Reals result = row(run->stages, (s * step + i) * run->shifts.size + k);
         copy(part(result, 0, 3 * n), flat(rows_of(run->after, 3 * i, 3)));
@@ -104,15 +102,15 @@ int forward(LinearSteps *run) {
 static void transpose_step(LinearSteps *run) {
     const int64_t n = run->n, s = run->nodes.size, step = run->step, n_inputs = run->n_inputs;
     const int64_t unknowns = run->rows.size, corrected = run->corrected.size;
-    const Reals2 z = rows_of(run->before, 0, 4), u = rows_of(run->before, 4, s);
-    const Reals2 w = rows_of(run->before, 4 + s, s), reaction = slice(run->tables.reaction, step);
+    const Reals2 u = rows_of(run->corrections, 0, s), w = rows_of(run->corrections, s, s);
+    const Reals2 reaction = slice(run->tables.reaction, step);
     const Reals weights = from(run->inputs, n_inputs), gradient = run->result;
     fill(flat(run->after), 0.0);
     for (int64_t i = 0; i < s; i++)
         copy(flat(rows_of(run->after, 3 * i, 2)), row(run->stages, s * step + i));
     add_to(flat(rows_of(run->after, 3 * s - 3, 4)), 1.0, flat(run->motion));
-    fill(flat(run->before), 0.0);
-    add_product(run->before, slice(run->tables.update, step), 1, run->after);
+    fill(flat(run->corrections), 0.0);
+    add_product(run->corrections, slice(run->tables.by_corrections, step), 1, run->after);
     for (int64_t i = 0; i < s; i++) {
         const Reals x = part(run->right, i * unknowns, (i + 1) * unknowns);
         const Reals lam = part(x, n + corrected, n + corrected + run->m), rates = row(w, i);
@@ -134,10 +132,10 @@ static void transpose_step(LinearSteps *run) {
         set_time(&run->change, stage_time(run, i), run->branch);
         evaluate_sum(&run->change, run->inputs, gradient);
         add_to(run->numbers, 1.0, from(gradient, n_inputs));
-        copy(flat(rows_of(run->predicted, 2 * i, 2)), gradient);
+        add_to(flat(rows_of(run->after, 3 * i, 2)), 1.0, gradient);
     }
-    add_product(z, slice(run->tables.predict, step), 1, run->predicted);
-    copy(flat(run->motion), flat(z));
+    fill(flat(run->motion), 0.0);
+    add_product(run->motion, slice(run->tables.by_motion, step), 1, run->after);
 }
 
 /* Transpose steps, the last one first; return DONE, NEW_PIVOTS or SINGULAR. */

@@ -207,10 +207,10 @@ def fit(
     scaling = Scaling(problem, bounds, log)
     first, known, table, best = np.ones(len(scaling.first)), None, None, None
     points = scaling.draw_starts(starts - 1, seed) if starts > 1 else ()
-    with suppress(ValueError, ArithmeticError):  # A search states the reason; others may succeed.
-        known = problem.evaluate(scaling.values(first))
     try:
         if starts > 1:
+            with suppress(ValueError, ArithmeticError):  # Searches from other values may succeed.
+                known = problem.evaluate(scaling.values(first))
             run_starts: Any = deferred.module("studies.fit_starts").run_starts
             first, table, is_interrupted = run_starts(
                 problem, scaling, max_evaluations, points, folder, jobs, progress
@@ -223,7 +223,7 @@ def fit(
                 raise Interrupted(
                     status.sentence, SearchResult(last, 1, status, nowhere, last), "fit"
                 )
-        end = search(problem, scaling, first, max_evaluations, None if best is not None else known)
+        end = search(problem, scaling, first, max_evaluations)
     except Interrupted as interrupt:
         if not isinstance(interrupt.partial, SearchResult):
             raise  # Interrupted in the first run.

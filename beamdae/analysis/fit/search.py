@@ -91,11 +91,9 @@ class SearchResult:
 class _Record:
     """Evaluations of a search: the first, the best, the latest and the latest accepted one."""
 
-    def __init__(
-        self, problem: FitProblem, scaling: Scaling, first: Array, known: Evaluation | None
-    ) -> None:
+    def __init__(self, problem: FitProblem, scaling: Scaling, first: Array) -> None:
         self.problem, self.scaling = problem, scaling
-        self.first = self.best = known or problem.evaluate(scaling.values(first))
+        self.first = self.best = problem.evaluate(scaling.values(first))
         self._accepted, self._known = first.tobytes(), {first.tobytes(): self.first}
         self._sums, self.failures = [self.first.chi_square], list[str]()
         if not np.isfinite(self.first.chi_square):
@@ -185,7 +183,6 @@ def local_search(
     max_evaluations: int,
     free: Array | None = None,
     is_rough: bool = False,
-    known: Evaluation | None = None,
 ) -> SearchResult:
     """Minimize the sum of squares from the variables `first` (K,).
 
@@ -193,7 +190,6 @@ def local_search(
     their first values by a small weight until the sum of squares hardly changes, then only
     combinations that the data do not determine, so that these stay there. A search that does not
     explain the data and makes no progress ends. With `is_rough`, it ends before the second part.
-    `known` is the first evaluation if it has been computed.
 
     Raises
     ------
@@ -203,7 +199,7 @@ def local_search(
         If Ctrl-C ends the search after its first evaluation, with the `SearchResult` at the best
         values as partial result.
     """
-    record, nowhere = _Record(problem, scaling, first, known), np.zeros(len(first), bool)
+    record, nowhere = _Record(problem, scaling, first), np.zeros(len(first), bool)
     free = ~nowhere if free is None else free
     if not free.any():
         status = Status("ok", "all parameters are fixed")
@@ -297,7 +293,6 @@ def search(
     scaling: Scaling,
     first: Array,
     max_evaluations: int,
-    known: Evaluation | None = None,
 ) -> SearchResult:
     """Minimize the sum of squares, if necessary from estimates by first parts of the data.
 
@@ -306,7 +301,7 @@ def search(
     BeamdaeError, Interrupted
         See `local_search`.
     """
-    end = local_search(problem, scaling, first, max_evaluations, known=known)
+    end = local_search(problem, scaling, first, max_evaluations)
     if not is_explained(problem, end.evaluation):
         try:
             end = _repeat_from_first_data(problem, scaling, first, end, max_evaluations)

@@ -366,10 +366,8 @@ def linearize_at_rest(frame: Frame, full_equations: EquationsOfMotion, about: st
         If joints cannot be closed, or the mass matrix is singular or invalid.
     """
     e, time, tangent_at, _ = frame
-    solver = ConsistencySolver(e)
-    solver.require_inertia()
-    q = solver.state(time, e.q0, np.zeros(e.n)).q
-    state = _release(e, tangent_at, solver.rest_state(q))
+    ConsistencySolver(e).require_inertia()
+    state = _release(e, tangent_at, rest_state(frame))
     rest = state._replace(a=np.zeros(e.n))
     tangent = tangent_at(rest)
     lin = Linearization(e, full_equations, about, time, rest, tangent, tangent_at=tangent_at)
@@ -395,6 +393,21 @@ def linearize_at_rest(frame: Frame, full_equations: EquationsOfMotion, about: st
         zero_square=_ZERO_SQUARE_RATIO * float(acceleration[worst]),
         tangent_at=tangent_at,
     )
+
+
+def rest_state(frame: Frame) -> State:
+    """Return the start positions of a frame, corrected to close the joints, at rest."""
+    e = frame.equations
+    solver = ConsistencySolver(e)
+    return solver.rest_state(solver.state(frame.time, e.q0, np.zeros(e.n)).q)
+
+
+def unbalances(change: Array, frame: Frame) -> bool:
+    """Return True if a change of the residual (n + m,) sets a frame at rest in motion."""
+    rest = rest_state(frame)
+    tangent = frame.tangent_at(rest)._replace(residual=change)
+    state = _release(frame.equations, lambda _: tangent, rest)
+    return _is_unbalanced(frame.equations, tangent, state)
 
 
 def _subtract_stiffness(

@@ -270,8 +270,8 @@ class ModeAnalysis(Analysis):
                 "differentiated, because its loads are not balanced there; use "
                 "Frequency(number, about='equilibrium')."
             )
-        names, settings = list(self._flat.entries), (self._about, False, 0.0)
-        return differentiate_modes(self._flat, names, self.result, *settings, difference_models)
+        names = list(self._flat.entries)
+        return differentiate_modes(self._flat, names, self.result, self._about, False, 0.0)
 
 
 class MassAnalysis(Analysis):

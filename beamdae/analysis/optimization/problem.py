@@ -137,7 +137,7 @@ class DesignProblem:
     settings: RunSettings
     scales: Array
     ratios: Array
-    _designs: dict[bytes, Design] = field(default_factory=dict, init=False)
+    _designs: dict[bytes, Design] = field(default_factory=dict)
 
     @property
     def quantities(self) -> tuple[Quantity, ...]:

@@ -332,7 +332,7 @@ def create_optimization(
         {"name": problem.flat.name, "parameters": dict(design.flat.whole.parameters)},
         tuple(dict.fromkeys(warnings)),
         # Stored analyses need much memory.
-        replace(search, problem=replace(problem)),
+        replace(search, problem=replace(problem, _designs={})),
         starts,
     )
     if errors is not None:

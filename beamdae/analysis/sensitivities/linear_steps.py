@@ -18,7 +18,6 @@ The loops are in `linear_steps.c`.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -65,11 +64,9 @@ class StepTables(NamedTuple):
 
     Attributes
     ----------
-    predict
-        P: (q, v) of each stage by z, (steps, 2s, 4).
-    update
-        (q, v, a) of each stage and the algorithmic acceleration after the step, by z, u_q and w of
-        all stages, (steps, 3s + 1, 4 + 2s).
+    by_motion, by_corrections
+        Prediction of (q, v, a) of each stage and of the algorithmic acceleration after the step, by
+        z, and its corrections, by u_q and w of all stages, (steps, 3s + 1, 4 and 2s).
     velocity, reaction
         V, and the multipliers by u_lam, (steps, s, s).
     blocks
@@ -78,69 +75,45 @@ class StepTables(NamedTuple):
         Matrix factors of kernels, and the factor of multipliers in the matrix, (steps, 7).
     """
 
-    predict: Array
-    update: Array
+    by_motion: Array
+    by_corrections: Array
     velocity: Array
     reaction: Array
     blocks: Array
     factors: Array
 
 
-def _tabulate_steps(
-    predict: Array, rates: Sequence[Array], after: Array, blocks: Array, factors: Array
-) -> StepTables:
-    """Return the coefficients of steps of s stages.
-
-    Parameters
-    ----------
-    predict
-        (q, v) of each stage by z, (steps, s, 2, 4).
-    rates
-        Shares of u_q in w, of w in accelerations and of u_lam in multipliers, with opposite signs,
-        (steps, s, s) each.
-    after
-        Algorithmic acceleration by z, and by u_q of the last stage, (steps, 5).
-    blocks, factors
-        See `StepTables`.
-    """
-    steps, s = predict.shape[:2]
-    velocity, acceleration, reaction = rates
-    update, stages = np.zeros((steps, 3 * s + 1, 4 + 2 * s)), np.arange(s)
-    for k in range(2):
-        update[:, 3 * stages + k, :4] = predict[:, :, k]
-        update[:, 3 * stages + k, 4 + k * s + stages] = -1.0
-    update[:, 3 * stages + 2, 4 + s :] = -acceleration
-    update[:, -1, :4], update[:, -1, 3 + s] = after[:, :4], after[:, 4]
-    tables = predict.reshape(steps, 2 * s, 4), update, velocity, -reaction, blocks, factors
-    return StepTables(*map(np.ascontiguousarray, tables))
-
-
 def _tabulate_alpha(member: AlphaParameters, h: Array) -> StepTables:
     """Return the coefficients of generalized-alpha for steps `h` [s]."""
     (c_v, c_a, c_f), count, f = member.coefficients(h), len(h), 1.0 / (1.0 - member.alpha_m)
-    after, predict = np.zeros((count, 5)), np.zeros((count, 1, 2, 4))
-    after[:, 2:4] = f * member.alpha_f, -f * member.alpha_m
+    by_motion, by_corrections = np.zeros((count, 4, 4)), np.zeros((count, 4, 2))
+    by_motion[:, 3, 2:] = f * member.alpha_f, -f * member.alpha_m
     # The positions and velocities of the second and third formula of `AlphaParameters`.
     gains = h * h * member.beta, h * member.gamma
     others = (1.0, h, 0.0, 0.5 * h * h - gains[0]), (0.0, 1.0, 0.0, h - gains[1])
     for k in range(2):
         for b in range(4):
-            predict[:, 0, k, b] = others[k][b] + gains[k] * after[:, b]
-    after[:, 4] = -1.0 / c_f
+            by_motion[:, k, b] = others[k][b] + gains[k] * by_motion[:, 3, b]
+    by_corrections[:, 0, 0] = by_corrections[:, 1, 1] = -1.0
+    by_corrections[:, 2, 1], by_corrections[:, 3, 0] = -c_a / c_v, -1.0 / c_f
+    velocity, reaction = (x[:, None, None] for x in (c_v, -1.0 / c_f))
     factors = np.stack([c_f, c_f * c_v, c_f * c_a, np.ones(count), 1.0 / c_v, 1.0 / c_f, c_f], -1)
-    rates = [x[:, None, None] for x in (c_v, c_a / c_v, 1.0 / c_f)]
-    return _tabulate_steps(predict, rates, after, np.ones((count, 1, 1)), factors)
+    blocks = np.ones((count, 1, 1))
+    return StepTables(by_motion, by_corrections, velocity, reaction, blocks, factors)
 
 
 def _tabulate_radau(h: Array) -> StepTables:
     """Return the coefficients of Radau IIA for steps `h` [s]."""
-    steps, s, h = len(h), len(C), h[:, None, None]
-    predict, rates = np.zeros((steps, s, 2, 4)), np.linalg.inv(A) / h
-    predict[..., 0, 0] = predict[..., 1, 1] = 1.0
-    predict[..., 0, 1] = h[..., 0] * C
+    steps, s, rates = len(h), len(C), np.linalg.inv(A) / h[:, None, None]
+    by_motion, by_corrections = (np.zeros((steps, 3 * s + 1, k)) for k in (4, 2 * s))
+    i = np.arange(s)
+    by_motion[:, 3 * i, 0] = by_motion[:, 3 * i + 1, 1] = 1.0
+    by_motion[:, 3 * i, 1] = h[:, None] * C
+    by_corrections[:, 3 * i, i] = by_corrections[:, 3 * i + 1, s + i] = -1.0
+    by_corrections[:, 3 * i + 2, s:] = -rates
     blocks = np.stack([np.broadcast_to(np.eye(s), rates.shape), rates, rates @ rates], -1)
-    blocks, after = blocks.reshape(steps, s * s, 3), np.zeros((steps, 5))
-    return _tabulate_steps(predict, [rates] * 3, after, blocks, np.ones((steps, 7)))
+    blocks, factors = blocks.reshape(steps, s * s, 3), np.ones((steps, 7))
+    return StepTables(by_motion, by_corrections, rates, -rates, blocks, factors)
 
 
 # Matrices M of a run, and positions of the entries of their blocks, by the pattern of the blocks
@@ -271,14 +244,9 @@ class _Steps:
             "scales": np.ones(len(self.rows)),
             "corrected": self.corrected.astype(np.uint32),
             "right": np.zeros(s * len(self.rows)),
-            "predicted": np.zeros((2 * s, n)),
-            "before": np.zeros((4 + 2 * s, n)),
+            "corrections": np.zeros((2 * s, n)),
             "after": np.zeros((3 * s + 1, n)),
             "result": np.zeros(n_result + (len(e.p) if loop == "backward" else 0)),
-            "data": np.zeros((0, 0)),
-            "shifts": np.zeros(0),
-            "time_rates": np.zeros((0, self.size)),
-            "numbers": np.zeros(0),
             **fields,
         }
 

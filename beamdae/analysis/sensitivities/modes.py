@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -14,22 +14,19 @@ from beamdae.analysis.linear_dynamics.linearization import (
     REFERENCE,
     Frame,
     frame_of,
-    linearize_at_rest,
     model_of_modes,
+    rest_state,
+    unbalances,
 )
 from beamdae.analysis.linear_dynamics.natural_modes import Modes, compute_modes
 from beamdae.analysis.sensitivities.implicit import Eigenpair, apply_pencil, linearize_at
-from beamdae.analysis.sensitivities.neighbors import (
-    Difference,
-    NumericModel,
-    difference_model,
-)
+from beamdae.analysis.sensitivities.many_parameters import difference_models
+from beamdae.analysis.sensitivities.neighbors import Difference, NumericModel
 from beamdae.analysis.sensitivities.sensitivity_result import (
     SensitivityResult,
     select_parameters,
 )
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.starts.initial_conditions import apply_initial_conditions
 from beamdae.errors import BeamdaeError, record_warnings, short_repr, warn_user
 from beamdae.interrupts import interruptible
@@ -220,7 +217,6 @@ def differentiate_modes(
     about: Any,
     damping: bool,
     t: float,
-    difference_all: Callable[..., Mapping[str, Difference]] | None = None,
 ) -> ModeSensitivities:
     """Return the derivatives of modes of a model; see `mode_sensitivities`."""
     lin = result._linearization
@@ -241,19 +237,19 @@ def differentiate_modes(
     state = _State.of(result, damping)
     pairs = _simple_pairs(model.name, result, state.select(state.full), damping)
     eigenvalues, shapes = {}, {}
-    known = {} if difference_all is None else difference_all(model, names, base, assemble)
-    for name in names:
-        difference = known.get(name) or difference_model(model, name, base, assemble)
+    for name, difference in difference_models(model, names, base, assemble).items():
         frames = [frame_of(e, about, t) for e in difference.models]
-        if follows_start and linearize_at_rest(frames[-1], base, "").warnings:
-            raise BeamdaeError(
-                f"{_NAME}: {name} of {model.name} moves the state out of equilibrium, so its modes "
-                "cannot be differentiated; use about='equilibrium'."
-            )
         along = np.zeros_like(state.x)
         if follows_start:
-            starts = [_closed_start(x) for x in frames]
-            along[: base.n] = difference.combine(starts)
+            starts = [rest_state(x) for x in frames]
+            along[: base.n] = difference.combine(x.q for x in starts)
+            pairs_at_rest = zip(frames, starts, strict=True)
+            rate = difference.combine(x.tangent_at(at).residual for x, at in pairs_at_rest)
+            if unbalances(difference.steps[-1] * rate, frame_of(base, about, t)):
+                raise BeamdaeError(
+                    f"{_NAME}: {name} of {model.name} moves the state out of equilibrium, so its "
+                    "modes cannot be differentiated; use about='equilibrium'."
+                )
         neighbors = state.follow(difference, frames, along, model.parameters[name])
         eigenvalues[name] = np.full(len(result), complex(np.nan, np.nan))
         shapes[name] = np.full(result.shapes.shape, complex(np.nan, np.nan))
@@ -296,12 +292,6 @@ def _simple_pairs(
             f"change a parameter so that the eigenvalues differ{undamped}."
         )
     return {k: pair for k, pair in pairs.items() if k not in repeated}
-
-
-def _closed_start(frame: Frame) -> Array:
-    """Return the positions of the start that close the joints."""
-    e = frame.equations
-    return ConsistencySolver(e).state(frame.time, e.q0, np.zeros(e.n)).q
 
 
 @dataclass(frozen=True)
