@@ -6,8 +6,6 @@ a path, with a limit of the stress at 50 sections at all times. The path and the
 a reference design, so that a design without deviation exists; it is not unique.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 from typing import Any, NamedTuple

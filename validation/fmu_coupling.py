@@ -7,8 +7,6 @@ rate and torque every communication step (Jacobi scheme). The reference is one r
 with the same controller as formulas and a first-order state.
 """
 
-from __future__ import annotations
-
 import tempfile
 from pathlib import Path
 from typing import Any

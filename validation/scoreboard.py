@@ -11,8 +11,6 @@ that is not stored, if it is not right), the worst digits are less by more than 
 takes over ten times as long and over 30 s longer.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import sys

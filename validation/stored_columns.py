@@ -1,7 +1,5 @@
 """Tables with different columns in one JSON file."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """Systems with published or closed-form motions from sources independent of this project."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property

@@ -1,7 +1,5 @@
 """Mechanisms of joints, springs, dampers, friction, contact, gears and beams with known motion."""
 
-from __future__ import annotations
-
 import numpy as np
 from benchmarks.cases import PublishedCase
 from scipy.integrate import solve_ivp

@@ -1,7 +1,5 @@
 """Natural frequencies of rings, arches, beams and rotating structures from analytic equations."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.polynomial import Chebyshev
 from scipy.linalg import eigh, eigvalsh, expm

@@ -1,7 +1,5 @@
 """Natural frequencies with published or closed-form references, by both beam formulations."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any
 

@@ -6,8 +6,6 @@ solution by shooting. Strains for moderate rotations are tested with a fifth of 
 compared with a solution of the same formulation with 128 elements.
 """
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Mapping
 from functools import cache

@@ -1,7 +1,5 @@
 """Periodic motions with closed-form references or references from special functions."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any

@@ -1,7 +1,5 @@
 """Cases of analyses, with reference values and their sources."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """Section forces of beams with closed-form references."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Mapping
 from dataclasses import replace

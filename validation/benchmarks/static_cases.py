@@ -1,7 +1,5 @@
 """Beams in equilibrium with published or closed-form results from independent sources."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from functools import partial
 from typing import Any

@@ -1,7 +1,5 @@
 """Models of systems with published or closed-form motions."""
 
-from __future__ import annotations
-
 import casadi as ca
 import numpy as np
 from scipy.special import ellipj, ellipk

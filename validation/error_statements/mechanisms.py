@@ -4,8 +4,6 @@ Every function takes the number of `elements` per beam and the `formulation` of 
 with friction also take the `friction_speed` [m/s].
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 import beamdae as bd

@@ -5,8 +5,6 @@ the reference are those of equal order. Where bending modes are far too fast, an
 the right frequency but a wrong number.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 from typing import Any

@@ -3,8 +3,6 @@
 Mechanisms are drawn from seeds; motions of exact beams with four times the elements are the truth.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 

@@ -6,8 +6,6 @@ the friction speed and 1e-6 is the uncertainty. Stored references are kept unles
 contain TEXT. Takes about ten minutes.
 """
 
-from __future__ import annotations
-
 import sys
 import time
 from pathlib import Path

@@ -4,8 +4,6 @@ Mechanisms are drawn at random; references have geometrically exact beams and ei
 elements.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any, NamedTuple

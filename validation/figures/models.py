@@ -3,8 +3,6 @@
 python validation/figures/models.py
 """
 
-from __future__ import annotations
-
 import io
 from pathlib import Path
 

@@ -5,8 +5,6 @@ continuity in random motion. Greek letters and minus signs are lost in the text 
 restored; Latin letters (areas, Jacobians, matrices) are taken as printed.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import cache, partial
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """Claims of the paper, with criteria and verdicts."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, NamedTuple
 

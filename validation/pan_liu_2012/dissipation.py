@@ -1,7 +1,5 @@
 """Numerical damping of generalized-alpha: axial vibrations that its step does not resolve."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 from pan_liu_2012.claims import UNDECIDED, Judgement, Tables, claim

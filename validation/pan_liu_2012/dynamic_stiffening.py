@@ -1,7 +1,5 @@
 """Dynamic stiffening: spin-up of a straight beam and of the paper's curved beam."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

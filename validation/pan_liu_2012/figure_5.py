@@ -1,7 +1,5 @@
 """Figures 5a to 5c: the pendulum's gauges and angular velocity, and their claims."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 from pan_liu_2012.claims import (

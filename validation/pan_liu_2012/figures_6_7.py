@@ -1,7 +1,5 @@
 """Figures 6 and 7: tip deformation of the hub beam by curved and straight elements."""
 
-from __future__ import annotations
-
 import pandas as pd
 from hub_beam import hub_beam
 from pan_liu_2012.claims import (

@@ -1,7 +1,5 @@
 """Figures 9 and 10: the slider-crank's rod by frame, strain and crank, and the claims."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 from pan_liu_2012.claims import (

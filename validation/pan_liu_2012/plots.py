@@ -1,7 +1,5 @@
 """One picture of the figures of the paper, with its axes, units and ranges."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any, NamedTuple
 

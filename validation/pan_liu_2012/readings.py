@@ -1,7 +1,5 @@
 """Data as printed and as used, and the ranges to which readings of lost numbers lead."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -8,8 +8,6 @@ tables.json, and figures.png. Wall times are in the table table_2_times and in t
 time [s]" of other tables.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import multiprocessing

@@ -1,7 +1,5 @@
 """Runs of a model, and the deviation between two runs."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Error in time of the paper's step of 1e-3 s, by system."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Table 2: elements and time for a converged tip deformation, and the table's claims."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np

@@ -8,8 +8,6 @@ beamdae; the tables of a missing tool are omitted. Times are processor times, th
 several turns.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from functools import partial

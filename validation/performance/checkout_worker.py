@@ -1,7 +1,5 @@
 """Worker that runs models of the checkout in PYTHONPATH; see `measurement.start_checkout`."""
 
-from __future__ import annotations
-
 import json
 import sys
 from functools import cache

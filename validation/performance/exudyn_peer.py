@@ -5,8 +5,6 @@ first output of the problem, or its end. Runs use one thread, write no files and
 factorizations (modified Newton); equilibria use a new matrix in each iteration.
 """
 
-from __future__ import annotations
-
 import contextlib
 import io
 import json

@@ -13,8 +13,6 @@ meshes; "ratio at equal error" does so for the fastest mesh of beamdae, of 2 to 
 error is at most Exudyn's. Errors are distances from the loaded point of the finest mesh [m].
 """
 
-from __future__ import annotations
-
 import argparse
 import time
 import warnings

@@ -1,7 +1,5 @@
 """Problems for timing both codes, in the form of `record/problem.schema.json`."""
 
-from __future__ import annotations
-
 import sys
 from math import cos, pi, radians, sin
 from pathlib import Path

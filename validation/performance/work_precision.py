@@ -13,8 +13,6 @@ setting runs once; the fastest few of each tool at each error then take turns. T
 `results`.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 import time

@@ -1,7 +1,5 @@
 """Laws, axes and attachments of a problem, as defined in problem.schema.json."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass

@@ -14,8 +14,6 @@ q, an attachment P = (x, y, rotation) is a point of a node or of a rigid body, a
 linear in the attachments: g = L P(q) + c(t). Paths of equilibria are followed by Newton's method.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from itertools import pairwise

@@ -7,8 +7,6 @@ python record.py score
 python record.py rebuild all --exudyn-python PATH
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

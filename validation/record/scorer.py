@@ -1,7 +1,5 @@
 """Scorer: compares CSV files of any tool with the references; requires numpy and pandas only."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path

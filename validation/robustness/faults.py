@@ -5,8 +5,6 @@ signals, locales, damaged records and caches, changed sources and lost clusters 
 (`tests/cli`, `tests/studies`, `tests/native`).
 """
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

@@ -3,8 +3,6 @@
 A use ends, or raises BeamdaeError. Forged files may contain any numbers.
 """
 
-from __future__ import annotations
-
 import copy
 import hashlib
 import json

@@ -5,8 +5,6 @@ time after the start of the call; commands also receive SIGTERM and SIGHUP. The 
 the call within a few seconds, and files named in the message of a command must be complete.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import signal

@@ -1,7 +1,5 @@
 """Accepted outcomes of a trial, and the rules for its messages."""
 
-from __future__ import annotations
-
 import re
 import traceback
 from collections.abc import Iterable

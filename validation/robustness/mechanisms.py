@@ -5,8 +5,6 @@ steps are the references. Mechanisms on which they disagree, because the motion 
 discontinuous, are not judged.
 """
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Callable
 from random import Random

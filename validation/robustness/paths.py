@@ -3,8 +3,6 @@
 Frames without an equilibrium under small loads, of which the program says so, are not judged.
 """
 
-from __future__ import annotations
-
 from properties.random_frames import check_path, draw_frame
 
 SEED_COUNT = 300

@@ -6,8 +6,6 @@ after a step of loads is not compared where no second method resolves its vibrat
 have two elements for the same reason.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -3,8 +3,6 @@
 Each function builds one mechanism with typical geometry and size.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Small parametric mechanisms of the tolerance study, in addition to those in models/."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq

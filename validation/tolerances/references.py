@@ -1,7 +1,5 @@
 """Stored references by two methods, their disagreement, and errors of runs against them."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cache

@@ -7,8 +7,6 @@ python validation/tolerances/run.py --references     recompute the references (h
 Options may be repeated.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 import warnings

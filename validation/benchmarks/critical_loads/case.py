@@ -1,7 +1,5 @@
 """One structure with its critical loads at any slenderness, and the comparison with beamdae."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """All cases of critical loads, which `cases.csv` lists with their sources."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

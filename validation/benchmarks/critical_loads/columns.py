@@ -1,7 +1,5 @@
 """Critical loads of columns and of systems of rigid bars."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from functools import cache, partial
 from typing import Any

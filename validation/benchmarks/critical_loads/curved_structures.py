@@ -1,7 +1,5 @@
 """Critical loads of arches and rings."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial

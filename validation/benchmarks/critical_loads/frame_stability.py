@@ -8,8 +8,6 @@ refer to L, forces to EI / L^2, masses to the mass of the column, and times to
 sqrt(rho A L^4 / EI).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 

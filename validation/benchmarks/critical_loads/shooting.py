@@ -5,8 +5,6 @@ chain from one support to the other; an equilibrium is critical where the Jacobi
 conditions is singular. Lengths refer to L, forces to EI / L^2.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """Adapter of beamdae: builds a mechanism from a problem and simulates it."""
 
-from __future__ import annotations
-
 import math
 import time
 import warnings

@@ -4,8 +4,6 @@ Both errors are of second order: `solve` extrapolates from half the elements and
 step, by Richardson's method.
 """
 
-from __future__ import annotations
-
 import math
 import sys
 import time

@@ -1,7 +1,5 @@
 """Working calls of analyses: modes, periodic motions, equilibria, section forces, refined runs."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A bad input, its trial in this process, and values that most arguments reject."""
 
-from __future__ import annotations
-
 import math
 import re
 import warnings

@@ -1,7 +1,5 @@
 """Catalog of all bad inputs: every value in place of every argument, bad models and commands."""
 
-from __future__ import annotations
-
 import inspect
 import random
 import re

@@ -1,7 +1,5 @@
 """Bad model files and bad command lines."""
 
-from __future__ import annotations
-
 import shlex
 import subprocess
 import sys

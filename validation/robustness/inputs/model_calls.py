@@ -3,8 +3,6 @@
 Most are the samples of the tests; the others are variants of these samples.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

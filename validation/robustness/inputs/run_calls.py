@@ -1,7 +1,5 @@
 """Working calls of models, integrators, solutions, studies and sweeps."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

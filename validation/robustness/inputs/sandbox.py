@@ -1,7 +1,5 @@
 """Small working mechanism in which bad values are tried, and short runs of it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from contextlib import chdir
 from dataclasses import dataclass

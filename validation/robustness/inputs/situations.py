@@ -1,7 +1,5 @@
 """Unphysical or inconsistent models: laws, curves, starts, joints, units and studies."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator
 from typing import Any
