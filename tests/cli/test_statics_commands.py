@@ -218,7 +218,9 @@ def test_a_self_excited_motion_is_written(periodic):
 def test_json_of_a_forced_motion(periodic):
     # With growth = 0, the oscillator is linear and undamped.
     options = ["--set", "force=1.0", "--set", "growth=0.0", "--period", "4", "--rtol", "1e-6"]
-    document = json.loads(periodic(*options, "--json").stdout)
+    document = json.loads(periodic(*options, "--t-start", "8s", "--json").stdout)
+    times = pd.read_csv("results/oscillator_periodic.csv")["t [s]"]
+    assert_allclose(times.iloc[[0, -1]], [8.0, 12.0], rtol=1e-12)
     assert document["status"] == "ok"
     assert document["stable"]
     half = document["observed"]["mass.x [m]"]["half range"]

@@ -23,6 +23,15 @@ if TYPE_CHECKING:
     from beamdae.model_functions import Model
     from beamdae.results.frequency_response import FrequencyResponse
 
+StartTime = Annotated[
+    float | None,
+    typer.Option(
+        parser=parse_seconds,
+        metavar="TIME",
+        help="Time from which on loads and drivers repeat, 0 by default.",
+    ),
+]
+
 
 def periodic_command(
     job: AccurateJob,
@@ -46,6 +55,7 @@ def periodic_command(
     integrator: IntegratorName = "radau",
     rtol: RelativeTolerance = None,
     start: Starts = None,
+    t_start: StartTime = None,
     settle: Annotated[
         int, typer.Option(help="Periods to run before the periodic motion is sought.")
     ] = 5,
@@ -68,7 +78,8 @@ def periodic_command(
             period,
             method,
             state,
-            settle=settle,
+            t_start or 0.0,
+            settle,
             period_guess=period_guess,
             **job.accuracy,
         )
@@ -100,6 +111,7 @@ def response_command(
         int, typer.Option(help="Periods to run before the first periodic motion is sought.")
     ] = 20,
     start: Starts = None,
+    t_start: StartTime = None,
     max_points: Annotated[int, typer.Option(help="Maximum number of points of the curve.")] = 400,
     plot: PlottedColumns = None,
 ) -> None:
@@ -130,6 +142,7 @@ def response_command(
                 settle=settle,
                 max_points=max_points,
                 start=initial_state,
+                t_start=t_start or 0.0,
                 progress=progress,
                 partial="return",
                 **job.accuracy,
