@@ -334,7 +334,7 @@ def wait_for_drawing(tab, before):
 
 def test_a_slider_moves_the_drawing_and_its_release_runs_the_model(open_live):
     tab = open_live(viewport={"width": 1366, "height": 768})
-    assert tab.locator("#title").text_content() == "swing"
+    assert tab.locator("#title").text_content() == "released_swing"
     assert tab.locator("#play").text_content() == "Pause"
     tab.get_by_label("run after each change").uncheck()
     tab.locator("#play").click()
