@@ -12,8 +12,6 @@
 /* The iteration stagnates at its rounding errors if a correction shrinks by less than this
    factor. */
 #define STAGNATION_RATE 0.5
-/* Relative rounding error of positions in the laws of resultants, two units in the last place. */
-#define POSITION_ROUNDING 0x1p-51
 /* The local error of the embedded third-order method is of order 4. */
 #define ERROR_EXPONENT 0.25
 #define SAFETY 0.9
@@ -221,21 +219,24 @@ double max_modulus(Complexes x, Reals weights) {
     return largest;
 }
 
-/* Largest residual, beyond rounding errors, of the laws of resultants in the stages, relative to the
-   largest resultant. */
-static double law_error(const RadauWorkspace *run) {
+/* Largest residual, beyond rounding errors of positions and velocities, of the laws of resultants in
+   the stages, relative to the largest resultant. */
+static double law_error(const RadauWorkspace *run, double h) {
     const KinematicReduction *at = &run->base.reduction;
     const double *laws = resultant_derivatives(&run->base) + at->force_rows.size;
-    const int64_t count = at->law_starts.size - 1, first = run->form.size - count;
+    const int64_t count = at->law_starts.size - 1, first = run->form.size - count, n = run->form.n;
     double error = 0.0, largest = 0.0;
     for (int i = 0; i < 3; i++) {
         const double *residual = row(run->stage_residuals, i).at + first;
-        const double *y = row(run->base.stages, i).at, *rates = row(run->base.rates, i).at + first;
+        const double *rates = row(run->base.rates, i).at + first;
         for (int64_t k = 0; k < count; k++) {
-            double size = 0.0;
-            for (uint32_t e = at->law_starts.at[k]; e < at->law_starts.at[k + 1]; e++)
-                size += fabs(laws[e] * y[at->law_columns.at[e]]);
-            error = join_largest(error, fabs(residual[k]) - POSITION_ROUNDING * size);
+            double rounding = 0.0;
+            for (uint32_t e = at->law_starts.at[k]; e < at->law_starts.at[k + 1]; e++) {
+                const int64_t column = at->law_columns.at[e], coordinate = column % n;
+                const double size = fabs(laws[e]) / run->velocity_rounding_weights.at[coordinate];
+                rounding += column < n ? size : size / h;
+            }
+            error = join_largest(error, fabs(residual[k]) - run->rounding_ratio * rounding);
             largest = join_largest(largest, fabs(rates[k]));
         }
     }
@@ -254,7 +255,7 @@ static int iterate_newton(RadauWorkspace *run, double h) {
                               row(base->stages, i), row(base->rates, i),
                               row(run->stage_residuals, i));
         run->residuals += 3;
-        const double error = law_error(run);
+        const double error = law_error(run, h);
         correct_stages(run, h);
         const double real_size = max_norm(part(base->real_change, 0, weights.size), weights);
         const double complex_size = max_modulus(base->complex_change, weights);
