@@ -50,7 +50,6 @@ from beamdae.symbolic.statements import (
 Array = np.ndarray
 T = TypeVar("T")
 
-
 _MAX_NUMBERS = 1e6  # of the local coordinates at which strains are evaluated together
 _MAX_CACHED_GEOMETRIES = 32  # of earlier beams
 # Smaller absolute values of shape functions are rounding errors of zero.

@@ -19,6 +19,8 @@ from beamdae.parts.mechanism import Mechanism
 from beamdae.parts.part import Part
 from beamdae.symbolic.statements import Quantity
 
+Array = np.ndarray
+
 
 def replace_beams(
     mechanism: Mechanism,
@@ -150,11 +152,6 @@ def _named_quantities(mechanism: Mechanism) -> Iterator[tuple[str, Quantity]]:
         for quantity in (event.what, *(impact.on for impact in select_impacts(event.do))):
             if isinstance(quantity, Quantity):
                 yield str(event.name), quantity
-
-
-# Transfer of the coordinates of a beam to a finer mesh.
-
-Array = np.ndarray
 
 
 def prolong_coordinates(

@@ -226,18 +226,17 @@ static double law_error(const RadauWorkspace *run, double h) {
     const double *laws = resultant_derivatives(&run->base) + at->force_rows.size;
     const int64_t count = at->law_starts.size - 1, first = run->form.size - count, n = run->form.n;
     double error = 0.0, largest = 0.0;
-    for (int i = 0; i < 3; i++) {
-        const double *residual = row(run->stage_residuals, i).at + first;
-        const double *rates = row(run->base.rates, i).at + first;
-        for (int64_t k = 0; k < count; k++) {
-            double rounding = 0.0;
-            for (uint32_t e = at->law_starts.at[k]; e < at->law_starts.at[k + 1]; e++) {
-                const int64_t column = at->law_columns.at[e], coordinate = column % n;
-                const double size = fabs(laws[e]) / run->velocity_rounding_weights.at[coordinate];
-                rounding += column < n ? size : size / h;
-            }
-            error = join_largest(error, fabs(residual[k]) - run->rounding_ratio * rounding);
-            largest = join_largest(largest, fabs(rates[k]));
+    for (int64_t k = 0; k < count; k++) {
+        double rounding = 0.0;
+        for (uint32_t e = at->law_starts.at[k]; e < at->law_starts.at[k + 1]; e++) {
+            const int64_t column = at->law_columns.at[e], coordinate = column % n;
+            const double size = fabs(laws[e]) / run->velocity_rounding_weights.at[coordinate];
+            rounding += column < n ? size : size / h;
+        }
+        for (int i = 0; i < 3; i++) {
+            const double residual = row(run->stage_residuals, i).at[first + k];
+            error = join_largest(error, fabs(residual) - run->rounding_ratio * rounding);
+            largest = join_largest(largest, fabs(row(run->base.rates, i).at[first + k]));
         }
     }
     return error > 0.0 ? error / largest : 0.0;

@@ -191,7 +191,7 @@ def _find_hidden_change(segment: Segment, low: _Sample, high: _Sample) -> float 
     way, t = width * segment.reach, _SHARES
     bubble, line = t * (1.0 - t), (1.0 - t) * low.rate + t * high.rate
     move = high.point.minus(low.point)
-    share = _find_other_sign(line + 6.0 * (move[-1] / way - line.mean()) * bubble)
+    share = _find_other_sign(line + 6.0 * (move[-1] / way - line.mean()) * bubble, low.rate)
     first, last = (x.counts.determinant for x in (low, high))
     if share is None and first.sign == last.sign != 0:
         move = 0.5 * move + 0.125 * way * (low.tangent - high.tangent)
@@ -200,15 +200,15 @@ def _find_hidden_change(segment: Segment, low: _Sample, high: _Sample) -> float 
         unit = max(x.log_size for x in samples)
         begin, middle, end = (x.sign * np.exp(x.log_size - unit) for x in samples)
         line = (1.0 - t) * begin + t * end
-        share = _find_other_sign(line + 4.0 * (middle - line.mean()) * bubble)
+        share = _find_other_sign(line + 4.0 * (middle - line.mean()) * bubble, first.sign)
     is_far = share is not None and width * min(share, 1.0 - share) > _HIDDEN_WIDTH
     return share if is_far else None
 
 
-def _find_other_sign(values: Array) -> float | None:
-    """Return the position of the value that is most opposed to the first one, or None."""
-    k = int(np.argmin(values * values[0]))
-    return float(_SHARES[k]) if values[k] * values[0] < 0.0 else None
+def _find_other_sign(values: Array, sign: float) -> float | None:
+    """Return the position of the value that is most opposed to a sign, or None."""
+    k = int(np.argmin(values * sign))
+    return float(_SHARES[k]) if values[k] * sign < 0.0 else None
 
 
 def _find_turn(segment: Segment, low: _Sample, high: _Sample) -> CriticalPoint:
