@@ -67,9 +67,9 @@ class StopSearch:
         """Watch the forces of the active parts, those of the plan."""
         self._watches, self._starter = self._of_all_parts, plan.starter
         if self._rtol is not None and (terms := compile_formula_forces(plan.equations)):
-            from beamdae.integrators.events.force_peaks import watch_forces
+            from beamdae.integrators.events.force_peaks import ForcePeakWatch
 
-            self._watches += (watch_forces(terms, self._arguments, plan, self._rtol),)
+            self._watches += (ForcePeakWatch(terms, self._arguments, plan, self._rtol),)
 
     def begin(self, steps: int) -> None:
         """Begin a segment after this number of steps of the run."""

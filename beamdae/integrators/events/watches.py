@@ -121,7 +121,7 @@ def find_dips(t: Array, values: Array, evaluate: Callable[[Array], Array]) -> Ar
 
     `evaluate` is the function of times that has the `values` at the times `t`.
     """
-    k = _list_possible_dips(t, values)
+    k, _ = find_turns(t, values[:, None])
     if not len(k):
         return k
     signs = np.sign(values[k])
@@ -149,20 +149,25 @@ def locate_minima(left: Array, right: Array, evaluate: Callable[[Array], Array])
     return center
 
 
-def _list_possible_dips(t: Array, values: Array) -> Array:
-    """Return the indices of samples beside which a function may pass zero and return.
+def find_turns(t: Array, values: Array) -> tuple[Array, Array]:
+    """Return rows and columns of samples (rows, k) beside which functions may pass zero and return.
 
     These samples and both of their neighbors have equal signs, the distance from zero is not larger
     than at the neighbors, and lines through two of the samples reach zero before the third one:
     a convex distance would be above these lines.
     """
     distance, signs = np.abs(values), np.sign(values)
-    is_one_sided = (signs[:-2] == signs[1:-1]) & (signs[1:-1] == signs[2:]) & (signs[1:-1] != 0.0)
-    is_smallest = (distance[1:-1] <= distance[:-2]) & (distance[1:-1] <= distance[2:])
+    before, at, after = distance[:-2], distance[1:-1], distance[2:]
+    is_one_sided = (signs[:-2] == signs[1:-1]) & (signs[1:-1] == signs[2:]) & (at > 0.0)
+    is_smallest = (at <= before) & (at <= after)
     with np.errstate(divide="ignore", invalid="ignore"):
-        slopes, lengths = np.abs(np.diff(distance) / np.diff(t)), np.diff(t)
+        slopes, lengths = (
+            np.abs(np.diff(distance, axis=0)) / np.diff(t)[:, None],
+            np.diff(t)[:, None],
+        )
         change = np.maximum(slopes[:-1] * lengths[1:], slopes[1:] * lengths[:-1])
-    return 1 + np.flatnonzero(is_one_sided & is_smallest & (distance[1:-1] < change))
+    rows, columns = np.nonzero(is_one_sided & is_smallest & (at < change))
+    return rows + 1, columns
 
 
 def locate_root(evaluate: Callable[[Array], Array], start: float, end: float) -> float:
