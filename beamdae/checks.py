@@ -5,7 +5,6 @@ from __future__ import annotations
 import time as clock
 import warnings
 from collections.abc import Iterator, Mapping
-from copy import copy
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -18,12 +17,10 @@ from beamdae.analysis.eigenproblems.eigensolution import (
     compute_frequency_range,
 )
 from beamdae.beams.damping import EXAMPLE_DAMPING, find_undamped_beams
-from beamdae.equations.assembly.assemble import equations_of_motion
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.smooth_intervals import time_on_branch
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.starts.dependent_constraints import (
-    ConstraintRank,
     DependentSet,
     analyze_constraint_rank,
     describe_dependent_sets,
@@ -33,7 +30,6 @@ from beamdae.equations.starts.mobility import (
     find_free_groups,
     find_free_motions,
     find_loose_groups,
-    find_unheld_motions,
 )
 from beamdae.equations.starts.reduced_equations import drop_dependent_constraints
 from beamdae.equations.starts.rigid_motions import describe_free_motion
@@ -55,8 +51,7 @@ from beamdae.model_checks.contacts import (
 )
 from beamdae.model_checks.run_checks import switch_warnings
 from beamdae.model_functions import HasOrigin, Model
-from beamdae.parts.joints.joint import Joint
-from beamdae.parts.mechanism import AS_DRAWN, Mechanism, require_start
+from beamdae.parts.mechanism import Mechanism, require_start
 from beamdae.parts.rotation import Rotation
 from beamdae.read_only import read_only_data
 from beamdae.results.solution import Solution
@@ -78,7 +73,6 @@ _MAX_PILOT_TIME = 3.0
 # Steps of a run, minutes of small models, from which on beams without damping have a warning.
 _MIN_STEPS_OF_LONG_RUN = 5e4
 _MAX_NAMES = 3
-_FORCE_SAMPLES = 7  # times at which forces along free motions are evaluated
 
 
 @dataclass(frozen=True)
@@ -168,10 +162,6 @@ class Check:
     free_groups
         Groups of `loose` that no spring or other force holds in place, without bodies of contacts.
         Empty for models with inactive parts.
-    unheld_motions
-        Those of the `free_motions`, except of `free_groups`, along which no spring, damper or load
-        acts, and in models without drivers no weight and no initial velocity, without bodies of
-        contacts. Empty for models with inactive parts, controllers, inputs or events.
     """
 
     name: str
@@ -191,7 +181,6 @@ class Check:
     warnings: tuple[str, ...] = ()
     errors: Errors | None = None
     free_groups: tuple[tuple[str, ...], ...] = ()
-    unheld_motions: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         return f"<Check of {self.name}: mobility {self.mobility}; {self.verdict}>"
@@ -200,8 +189,8 @@ class Check:
     def verdict(self) -> str:
         """The reason why a run is not possible, or "ready to run".
 
-        The latter is followed by the number of warnings, the groups of `free_groups`, the
-        `unheld_motions` and the rate of a motion that grows from the start.
+        The latter is followed by the number of warnings, the groups of `free_groups` and the rate
+        of a motion that grows from the start.
         """
         if self.problem:
             return self.problem
@@ -211,9 +200,6 @@ class Check:
         if self.free_groups:
             groups = "; ".join(list_first(group, _MAX_NAMES) for group in self.free_groups)
             notes.append(f"no joint or spring connects {groups} to the ground")
-        elif self.unheld_motions:
-            motions = list_first(self.unheld_motions, _MAX_NAMES)
-            notes.append(f"no driver, spring or load acts along a free motion: {motions}")
         if self.spectrum is not None and self.spectrum.growth:
             notes.append(self.spectrum.growth)
         return "ready to run" + f", but {'; '.join(notes)}" * bool(notes)
@@ -402,8 +388,7 @@ def check(
             rank=joints.rank,
             rigid_mobility=len(motions),
             dependent=find_dependent_sets(solver, time, q, v, joints),
-            free_motions=_describe_motions(equations, q, motions),
-            unheld_motions=_unheld_motions(equations, q, v, joints, end or 1.0),
+            free_motions=tuple(describe_free_motion(equations, q, x) for x in motions),
         )
         if state is not None and equations.n <= _MAX_COORDINATES:
             spectrum = compute_frequency_range(starter.equations, time, state)
@@ -461,37 +446,6 @@ def _collect_warnings(
         if starts_in_equilibrium(equations):
             sentences += deep_rest_warnings(equations, time[None], state.q[None])
     return (*sentences, *switch_warnings(equations.mechanism))
-
-
-def _unheld_motions(
-    equations: EquationsOfMotion, q: Array, v: Array, joints: ConstraintRank, end: float
-) -> tuple[str, ...]:
-    """Return `Check.unheld_motions` at a start; `joints` is the rank of all constraints."""
-    mechanism = equations.mechanism
-    if mechanism is None or mechanism.events or mechanism.inputs or equations.controllers:
-        return ()
-    samples = np.linspace(0.0, end, _FORCE_SAMPLES).tolist()
-    times = [time_on_branch(equations.breakpoints, t, end) for t in samples]
-    laws = [law for x in mechanism.parts.values() if isinstance(x, Joint) for law in x.laws]
-    if any(np.ptp([law.at(t) for t in samples]) for law in laws):
-        # Drivers may be meant to swing bodies on which only weight acts, but seldom.
-        weightless = copy(mechanism)
-        weightless.gravity, weightless.gravity_laws = np.zeros(2), None
-        weightless.observables, weightless.start = {}, AS_DRAWN
-        equations, reactions = equations_of_motion(weightless), np.zeros(equations.m)
-    elif np.any(v):
-        return ()
-    else:
-        try:
-            _, reactions = ConsistencySolver(equations).acceleration(times[0], q, v)
-        except BeamdaeError:
-            return ()  # constraints are dependent, or a motion has no inertia
-    motions = find_unheld_motions(equations, times, q, reactions, joints, end)
-    return _describe_motions(equations, q, motions)
-
-
-def _describe_motions(e: EquationsOfMotion, q: Array, motions: list[Array]) -> tuple[str, ...]:
-    return tuple(describe_free_motion(e, q, x) for x in motions)
 
 
 def _constraint_residuals(

@@ -11,8 +11,6 @@ from mechanisms import (
     EARTH,
     clamped_beam,
     driven,
-    free_ball,
-    hinged_body,
     mass_on_rail,
     rectangle,
     symbols,
@@ -169,60 +167,6 @@ def test_regression_verdicts_name_parts_that_can_move_away(add, is_free):
     free = ", but no joint or spring connects stage, probe to the ground"
     assert findings.verdict == "ready to run" + free * is_free
     assert findings.verdict in str(findings)
-
-
-@pytest.mark.parametrize(
-    "add",
-    [
-        None,
-        lambda g, ram: bd.PointOnLine("guide", g.at(0.0, -0.24), ram, direction=(0.0, 1.0)),
-        lambda g, ram: bd.Spring("spring", g.at(1.0, -0.24), ram, 10.0, free_length=1.0),
-        lambda g, ram: bd.Spring("damper", g.at(1.0, -0.24), ram, damping=10.0),
-        lambda g, ram: bd.Force("late", ram, (lambda t: t**2, 0.0)),
-        # Without a force or a stiffness at the start.
-        lambda g, ram: bd.ForceLaw("cubic", ram, lambda p, t: (-(p.position[0] ** 3), 0.0)),
-        lambda g, ram: bd.Contact("stop", ram, bd.LineSurface(g.at(0.01, 0.0), (0.0, 1.0)), 1e6),
-    ],
-    ids=["unguided", "guide", "spring", "damper", "force", "cubic", "contact"],
-)
-def test_regression_verdicts_name_free_motions_along_which_nothing_acts(add):
-    """A press whose ram had no guide was ready to run without a word."""
-    mech = bd.Mechanism(gravity=EARTH)
-    ground = mech.ground
-    crank = mech.add(bd.RigidBody("crank", 10.0, 0.05))
-    mech.add(bd.Revolute("shaft", ground.at(0.0, 0.0), crank.at(0.0, 0.0)))
-    mech.add(bd.Driver("motor", ground.at(0.0, 0.0), crank.at(0.0, 0.0), lambda t: 6.0 * t))
-    line = bd.Line((0.0, 0.06), (0.0, -0.24))
-    rod = mech.add(bd.Beam("rod", line, rectangle(0.05, 0.03), elements=2))
-    ram = mech.add(bd.PointMass("ram", 20.0, at=(0.0, -0.24)))
-    mech.add(bd.Revolute("pin", crank.at(0.0, 0.06), rod.start))
-    mech.add(bd.Revolute("wrist", rod.end, ram.point))
-    mech.add(bd.ForceLaw("process", ram.point, lambda p, t: (0.0, 1e3 * p.position[1])))
-    if add:
-        mech.add(add(ground, ram.point))
-    findings = bd.check(mech, t_end=1.0, predict=False)
-    assert findings.ok
-    motion = "rod can rotate about (0, 0.06), ram can translate along (1, 0)"
-    assert findings.unheld_motions == (() if add else (motion,))
-    no_part = f", but no driver, spring or load acts along a free motion: {motion}"
-    assert findings.verdict == "ready to run" + ("" if add else no_part)
-
-
-@pytest.mark.parametrize(
-    ("gravity", "velocity", "count"), [(0.0, 0.0, 1), (0.0, 1.0, 0), (9.81, 0.0, 0)]
-)
-def test_pendulums_and_bodies_with_a_velocity_are_not_in_the_verdict(gravity, velocity, count):
-    mech, _ = hinged_body(
-        1.0, 0.1, (0.5, 0.0), name="bar", gravity=gravity, angular_velocity=velocity
-    )
-    assert len(bd.check(mech, t_end=1.0, predict=False).unheld_motions) == count
-
-
-def test_rods_of_constant_length_are_no_drivers():
-    """A stone on a rope, which its weight moves, had no load along its free motion."""
-    mech, stone = free_ball((1.0, 0.0), name="stone", gravity=9.81)
-    mech.add(bd.Distance("rope", mech.ground.at(0.0, 0.0), stone.point))
-    assert bd.check(mech, t_end=1.0, predict=False).unheld_motions == ()
 
 
 def test_regression_verdicts_name_motions_that_grow_from_the_start():

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
@@ -17,8 +15,7 @@ from beamdae.equations.starts.dependent_constraints import (
     list_tied_parts,
 )
 from beamdae.equations.starts.rigid_motions import collect_bodies, compute_rigid_motions
-from beamdae.equations.starts.state_evaluator import StateEvaluator, plan_state_sums
-from beamdae.parts.mechanism import Mechanism
+from beamdae.equations.starts.state_evaluator import plan_state_sums
 
 Array = np.ndarray
 
@@ -27,78 +24,7 @@ Array = np.ndarray
 # the run.
 _STIFFNESS_ROUNDING = 1e-13
 _DURATION = 1.0  # of a motion from a state [s], if there is no run
-# Displacements along a free motion at which forces are evaluated, relative to the length of the
-# mechanism: springs with a clearance act later.
-_DISPLACEMENTS = (0.0, 1e-3, -1e-3, 0.1, -0.1, 1.0, -1.0)
 _MIN_SHARE = 1e-9  # smaller coefficients of rigid motions, relative to the largest, are zero
-
-
-def find_unheld_motions(
-    e: EquationsOfMotion,
-    times: Sequence[Array],
-    q: Array,
-    reactions: Array,
-    constraint_rank: ConstraintRank,
-    duration: float,
-) -> list[Array]:
-    """Return those of the `find_free_motions` along which no force and no damping acts.
-
-    Bodies of contacts are excluded, because contacts may hold them later.
-
-    Parameters
-    ----------
-    e
-        The equations of motion.
-    times, q
-        Times (t, branch) of forces that depend on time, and coordinates of the start.
-    reactions
-        Multipliers (m,), whose changes of direction hold a pendulum; zero to disregard them.
-    constraint_rank
-        Rank of the constraints at the start.
-    duration
-        Time of the run [s].
-    """
-    mechanism = e.mechanism
-    motions = find_free_motions(e, q, constraint_rank)
-    if mechanism is None or mechanism.inactive or not motions:
-        return []
-    waiting = _list_bodies_of_contacts(mechanism)
-    rows = [np.arange(x.rows.start, x.rows.stop) for x in e.parts if x.name in waiting]
-    of_contacts = np.concatenate([np.zeros(0, int), *rows])
-    evaluator, scales, zero = StateEvaluator(e), e.position_scales, np.zeros(e.n)
-    stiffness, damping, mass = _scaled_matrices(e, times[0], q, reactions)
-    inertia, matrices = abs(mass).max() / duration, [stiffness, damping]
-    limits = [_STIFFNESS_ROUNDING * (abs(x).max() + inertia) for x in matrices]
-    limit_of_force = _STIFFNESS_ROUNDING * (abs(stiffness).max() + inertia / duration)
-    unheld = []
-    for motion in motions:
-        shape = motion / scales
-        shape /= np.max(np.abs(shape))
-        forces = (
-            (scales * evaluator.force(time, q + factor * scales * shape, zero)) @ shape
-            for time in times
-            for factor in _DISPLACEMENTS
-        )
-        if (
-            not np.any(motion[of_contacts])
-            and all(
-                max(np.abs(x @ shape).max(), np.abs(x.T @ shape).max()) <= limit
-                for x, limit in zip(matrices, limits, strict=True)
-            )
-            and all(abs(force) <= limit_of_force for force in forces)
-        ):
-            unheld.append(motion)
-    return unheld
-
-
-def _scaled_matrices(
-    e: EquationsOfMotion, time: Array, q: Array, reactions: Array
-) -> list[sp.csr_array]:
-    """Return stiffness, damping and mass at rest with scaled rows and columns, (n, n) each."""
-    to_scaled, zero = sp.diags_array(e.position_scales), np.zeros(e.n)
-    tangent = compute_tangent(e, time, State(q, zero, zero, reactions))
-    matrices = tangent.stiffness, tangent.damping, tangent.mass
-    return [sp.csr_array(to_scaled @ x @ to_scaled) for x in matrices]
 
 
 def find_free_motions(
@@ -153,10 +79,6 @@ def find_loose_groups(e: EquationsOfMotion) -> tuple[tuple[str, ...], ...]:
     return tuple(tuple(names[of_parts == k]) for k in loose)
 
 
-def _list_bodies_of_contacts(mechanism: Mechanism) -> set[str]:
-    return {body.name for part in mechanism.parts.values() if part.gaps for body in part.bodies}
-
-
 def find_free_groups(
     e: EquationsOfMotion, time: Array, q: Array, duration: float = _DURATION
 ) -> tuple[tuple[str, ...], ...]:
@@ -177,7 +99,7 @@ def find_free_groups(
     mechanism = e.mechanism
     if mechanism is None or mechanism.inactive:
         return ()
-    waiting = _list_bodies_of_contacts(mechanism)
+    waiting = {body.name for part in mechanism.parts.values() if part.gaps for body in part.bodies}
     bodies = {x.name: x for x in collect_bodies(e)}
     candidates = {
         group: positions
@@ -187,7 +109,11 @@ def find_free_groups(
     }
     if not candidates:
         return ()
-    stiffness, _, mass = _scaled_matrices(e, time, q, np.zeros(e.m))
+    to_scaled, zero = sp.diags_array(e.position_scales), np.zeros(e.n)
+    tangent = compute_tangent(e, time, State(q, zero, zero, np.zeros(e.m)))
+    stiffness, mass = (
+        sp.csr_array(to_scaled @ x @ to_scaled) for x in (tangent.stiffness, tangent.mass)
+    )
     rows_of = {part.name: np.arange(part.rows.start, part.rows.stop) for part in e.parts}
     free = []
     for group, positions in candidates.items():
