@@ -24,6 +24,7 @@ from beamdae.equations.starts.dependent_constraints import (
     has_closed_loops,
 )
 from beamdae.equations.starts.state_evaluator import StateEvaluator
+from beamdae.results.singular_positions import count_samples
 from beamdae.results.solution import Solution
 from beamdae.results.trajectory import Interval, Trajectory
 
@@ -86,10 +87,6 @@ _SIGNIFICANT = 10.0
 _DENSE_NODES = 3
 # Largest number of nodes that determine a polynomial, and that are evaluated together elsewhere.
 _MAX_FITTED, _BLOCK = 256, 1024
-# Sampled rows of a run that search for singular positions: their number times the cube of the
-# number of constraints.
-_SAMPLING_WORK = 2e7
-_SAMPLES = (24, 400)
 
 
 def balance_reactions(solution: Solution) -> Solution:
@@ -131,8 +128,7 @@ def _balance(whole: EquationsOfMotion, interval: Interval) -> Interval:
     if not has_closed_loops(e) or len(q) < _DEGREE:
         return interval
     jacobian = build_constraint_jacobian(e)
-    count = int(np.clip(_SAMPLING_WORK / e.m**3, *_SAMPLES))
-    sampled = np.unique(np.linspace(0, len(q) - 1, count).astype(int))
+    sampled = np.unique(np.linspace(0, len(q) - 1, count_samples(e.m)).astype(int))
     values = jacobian.smallest_singular_values(interval.times[sampled], q[sampled])
     if not values.min() < _NEARLY_SINGULAR * values.max():
         return interval

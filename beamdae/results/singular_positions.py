@@ -10,11 +10,11 @@ import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.starts.dependent_constraints import (
-    ConstraintJacobian,
     build_constraint_jacobian,
     has_closed_loops,
 )
 from beamdae.errors import format_count
+from beamdae.results.sampled_functions import find_turns, locate_minima
 from beamdae.results.trajectory import Trajectory
 
 Array = np.ndarray
@@ -25,16 +25,15 @@ Array = np.ndarray
 # 7e-3.
 _SINGULAR_RATIO = 4e-3
 
-# The number of samples of a run decreases with the cube of the number of constraints.
-_MIN_SAMPLES = 24
-_MAX_SAMPLES = 400
-_SAMPLING_WORK = 2e7  # number of samples times the cube of the number of constraints
+# Number of samples of a run times the cube of the number of constraints, and limits of the number.
+_SAMPLING_WORK = 2e7
+_SAMPLES = (24, 400)
+_MAX_MINIMA = 64  # maximum number of minima to locate
 
-_MAX_MINIMA = 64  # maximum number of minima to refine
-_REFINEMENTS = 3
-_REFINEMENT_SAMPLES = 17  # samples per refinement of a minimum
-# A minimum may reach zero between two samples if its neighbors differ by at least this factor.
-_STEEP_RATIO = 1.5
+
+def count_samples(m: int) -> int:
+    """Return the number of samples of a run that search for singular positions."""
+    return int(np.clip(_SAMPLING_WORK / m**3, *_SAMPLES))
 
 
 @dataclass(frozen=True)
@@ -59,7 +58,7 @@ def find_singular_positions(
     """Find the positions of a run at which the constraint Jacobian G is nearly singular.
 
     In each segment of the run with constant active joints, the smallest singular value of G is
-    sampled at up to 401 times, and the time of each minimum that may be zero is refined. Loops that
+    sampled at up to 401 times, and each minimum that may be zero is located. Loops that
     are closed by the elasticity of a beam do not lose rank. If redundant constraints are removed, G
     contains only the independent constraints.
     """
@@ -81,65 +80,32 @@ def _find_in_stretch(
     first = trajectory.intervals[0]
     regular = (first.times[0], first.state.q[0]) if equations.redundant else None
     jacobian = build_constraint_jacobian(equations, regular)
-    samples = int(np.clip(_SAMPLING_WORK / equations.m**3, _MIN_SAMPLES, _MAX_SAMPLES))
-    t = np.linspace(start, end, samples + 1)
-    values = _smallest_singular_values(jacobian, trajectory, t)
-    minima = _select_minima(values)
-    if not len(minima):
+    t = np.linspace(start, end, count_samples(equations.m) + 1)
+
+    def smallest_at(times: Array) -> Array:
+        order = np.argsort(times, axis=None)
+        ascending, values = times.ravel()[order], np.empty(times.size)
+        q = trajectory.positions_at(ascending)
+        values[order] = jacobian.smallest_singular_values(trajectory.time_rows(ascending), q)
+        return values.reshape(times.shape)
+
+    values = smallest_at(t)
+    limit = _SINGULAR_RATIO * values.max()
+    is_low = values < limit
+    # Minima that may be zero, and the beginnings of stretches below the limit.
+    turns, _ = find_turns(t, values[:, None])
+    (entries,) = np.nonzero(is_low[1:] & ~is_low[:-1])
+    near = np.union1d(turns[~is_low[turns]], entries + 1)
+    near = near[np.diff(near, prepend=-1) > 1][:_MAX_MINIMA]  # neighbors share a minimum
+    if not len(near):
         return []
-    distance = t[1] - t[0]
-    at, minimum = _refine_minima(jacobian, trajectory, t[minima], distance)
-    singular = at[minimum < _SINGULAR_RATIO * values.max()]
-    if not len(singular):
-        return []
-    times, state = trajectory.at(singular)
+    times = locate_minima(t[near - 1], t[np.minimum(near + 1, len(t) - 1)], smallest_at)
+    singular = times[smallest_at(times) < limit]
+    rows, state = trajectory.at(singular)
     return [
-        SingularPosition(float(when), tuple(jacobian.singular_joints(time, q)))
-        for when, time, q in zip(singular, times, state.q, strict=True)
+        SingularPosition(float(when), tuple(jacobian.singular_joints(row, q)))
+        for when, row, q in zip(singular, rows, state.q, strict=True)
     ]
-
-
-def _select_minima(values: Array) -> Array:
-    """Return the indices of at most 64 samples near which the singular value may vanish.
-
-    These are steep minima above the threshold and the first sample of each stretch below it, except
-    the first sample of the run.
-    """
-    is_low = values < _SINGULAR_RATIO * values.max()
-    following = np.append(values[1:], np.inf)
-    preceding = np.append(np.inf, values[:-1])
-    is_minimum = (values <= preceding) & (values < following)
-    # A function that vanishes between two samples decreases steeply toward its zero.
-    neighbor = np.maximum(preceding, np.where(np.isinf(following), 0.0, following))
-    is_steep = _STEEP_RATIO * values < neighbor
-    is_first_low = is_low & ~np.append(False, is_low[:-1])
-    (samples,) = np.nonzero((is_minimum & is_steep & ~is_low) | is_first_low)
-    return samples[samples > 0][:_MAX_MINIMA]
-
-
-def _smallest_singular_values(
-    jacobian: ConstraintJacobian, trajectory: Trajectory, t: Array
-) -> Array:
-    q = trajectory.positions_at(t)
-    return jacobian.smallest_singular_values(trajectory.time_rows(t), q)
-
-
-def _refine_minima(
-    jacobian: ConstraintJacobian, trajectory: Trajectory, at: Array, width: float
-) -> tuple[Array, Array]:
-    """Return refined times and values of minima, given their times with accuracy `width` [s]."""
-    minimum = np.full(len(at), np.inf)
-    for _ in range(_REFINEMENTS):
-        samples = at[:, None] + width * np.linspace(-1.0, 1.0, _REFINEMENT_SAMPLES)
-        samples = np.clip(samples, trajectory.intervals[0].t[0], trajectory.end)
-        order = np.argsort(samples, axis=None)
-        values = np.empty(samples.shape)
-        values.flat[order] = _smallest_singular_values(jacobian, trajectory, samples.ravel()[order])
-        best = np.argmin(values, axis=1)[:, None]
-        at = np.take_along_axis(samples, best, axis=1).ravel()
-        minimum = np.take_along_axis(values, best, axis=1).ravel()
-        width *= 2.0 / (_REFINEMENT_SAMPLES - 1)
-    return at, minimum
 
 
 def singularity_warnings(positions: tuple[SingularPosition, ...]) -> tuple[str, ...]:

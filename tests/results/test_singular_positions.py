@@ -12,7 +12,6 @@ from beamdae.equations.starts.dependent_constraints import (
     has_closed_loops,
 )
 from beamdae.results.singular_positions import (
-    _smallest_singular_values,
     find_singular_positions,
     singularity_warnings,
 )
@@ -184,8 +183,5 @@ def test_smallest_singular_values_of_the_constraint_jacobian():
 def test_regression_singular_values_interpolate_positions_only(monkeypatch):
     """Velocities, accelerations and multipliers took half of the time of this check."""
     equations, trajectory = prescribed_trajectory(rhombus(), motion_on("straight"), 0.1)
-    jacobian, t = build_constraint_jacobian(equations), np.linspace(0.0, 0.1, 30)
-    times, state = trajectory.at(t)
-    expected = jacobian.smallest_singular_values(times, state.q)
     monkeypatch.setattr(Interval, "at", None)
-    np.testing.assert_array_equal(_smallest_singular_values(jacobian, trajectory, t), expected)
+    assert find_singular_positions(equations, trajectory) == ()

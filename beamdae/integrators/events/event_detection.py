@@ -14,12 +14,12 @@ from beamdae.integrators.events.watches import (
     Scalar,
     Stop,
     evaluate_inside,
-    locate_root,
     sample_scalars,
 )
 from beamdae.integrators.step_history import RunSegment
 from beamdae.parts.events import select_impacts
 from beamdae.results.outcome import DOWN, UP, EventRecord
+from beamdae.results.sampled_functions import locate_root
 from beamdae.results.trajectory import Interval
 
 Array = np.ndarray

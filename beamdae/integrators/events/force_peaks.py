@@ -19,9 +19,10 @@ import numpy as np
 from beamdae.equations.equations_of_motion import State
 from beamdae.equations.watched_terms import FormulaForceTerm, TableArgumentTerm
 from beamdae.integrators.error_control import motion_rate
-from beamdae.integrators.events.watches import Stop, find_turns, locate_minima
+from beamdae.integrators.events.watches import Stop
 from beamdae.integrators.run_plan import RunPlan
 from beamdae.integrators.step_history import RunSegment
+from beamdae.results.sampled_functions import find_turns, locate_minima
 from beamdae.results.trajectory import Interval
 
 Array = np.ndarray
