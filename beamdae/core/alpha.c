@@ -386,11 +386,16 @@ static double multiplier_error(const AlphaWorkspace *run) {
     return pow(MULTIPLIER_DIFFERENCE * largest / c_f, 1.5);
 }
 
-/* Error of the step h relative to the tolerance, from the change of the algorithmic acceleration. */
+/* Error of the step h relative to the tolerance, from the change of the algorithmic acceleration.
+   It causes errors of positions of order h^3, and of velocities of order h^2, which the power 3/2
+   makes as large in motions with the rate of the scales: forces that are shorter than a step hardly
+   change positions. */
 static double estimate_error(AlphaWorkspace *run, double h, int has_extrapolated) {
     combine2(run->a_predicted, 1.0, run->current.a, -1.0, run->a_n);
-    const double change = max_norm(run->a_predicted, run->weights);
-    const double error = fabs(run->defect) * h * h * change / run->tolerance;
+    const double position = h * h * max_norm(run->a_predicted, run->weights);
+    const double velocity = h * max_norm(run->a_predicted, run->velocity_weights);
+    const double largest = join_largest(position, velocity * sqrt(velocity));
+    const double error = fabs(run->defect) * largest / run->tolerance;
     if (has_extrapolated && h > run->shortest_tested_step)
         return largest_of(error, multiplier_error(run));
     return error;

@@ -240,6 +240,7 @@ typedef struct {
     MotionBuffers jerk; /* normal to the constraints: it corrects velocities if the step changes */
     Reals constraint_rate;
     int64_t corrects_velocities;
+    Reals velocity_weights; /* reciprocal scales of velocities, 0 if they are not tested */
     Reals multiplier_weights; /* see `MultiplierTolerances` */
     double multiplier_tolerance, shortest_tested_step;
     Reals lam_before; /* at the start of the step before */

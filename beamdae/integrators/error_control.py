@@ -404,6 +404,18 @@ def _max_lightly_damped_frequency(mode: Mode) -> float:
     return mode.frequency * STABLE_DAMPING_RATIO / mode.damping_ratio
 
 
+def weigh_velocities(plan: RunPlan, scales: Array) -> Array:
+    """Return reciprocal scales of the velocities [s/m or s/rad], (n,), given those of positions.
+
+    Velocities of first-order states, and all if a mode is stiff, are not tested: their weights are
+    zero.
+    """
+    rate = motion_rate(plan)
+    fastest = max((mode.frequency for mode in plan.fastest_modes()), default=0.0)
+    tested = np.full(len(scales), float(fastest <= STIFF_RATIO_RADAU * rate))
+    return plan.equations.without_states(tested / (scales * rate))
+
+
 class MultiplierTolerances(NamedTuple):
     """Tolerances of the error test of multipliers, by default none.
 

@@ -30,6 +30,7 @@ from beamdae.integrators.error_control import (
     count_periods,
     motion_scales,
     plan_multiplier_tolerances,
+    weigh_velocities,
 )
 from beamdae.integrators.integrator import (
     Accuracy,
@@ -101,9 +102,10 @@ class GeneralizedAlpha(Integrator):
         rho_inf = 1); see `family.family_parameters`.
     rtol
         Relative tolerance for adaptive steps. Defaults to None: steps are fixed. Adaptive steps
-        follow an estimate of the local error of positions (`family.AlphaParameters.defect`),
-        calibrated to keep the position errors of a run below 100 rtol; multipliers are tested only
-        if joints and drivers prescribe all motions.
+        follow an estimate of the local errors of positions (`family.AlphaParameters.defect`) and,
+        without natural modes that are much faster than the motion, of velocities, calibrated to
+        keep the position errors of a run below 100 rtol; multipliers are tested only if joints and
+        drivers prescribe all motions.
         Motion that changes abruptly (orbits, stick-slip) and the deflections of freely vibrating
         beams may exceed this bound, which `Auto` and `Radau` keep (validation/tolerances). Steps
         are at most a twentieth of the run and a quarter of the time scale of the laws. With rho_inf
@@ -245,6 +247,7 @@ class GeneralizedAlpha(Integrator):
             largest=plan.longest_step("GeneralizedAlpha", None),
             duration=plan.duration,
             tolerance=local_tolerance(self.rtol, count_periods(plan), is_one_sided),
+            velocity_weights=weigh_velocities(plan, _limited_scales(plan)),
             multipliers=plan_multiplier_tolerances(plan, motion_scales(plan), self.rtol),
         )
 

@@ -258,6 +258,7 @@ class AdaptiveAlphaStepper(AlphaStepper):
         largest: float,
         duration: float,
         tolerance: float,
+        velocity_weights: Array,
         multipliers: MultiplierTolerances = UNTESTED_MULTIPLIERS,
     ) -> None:
         jerk, matrix = make_motion_buffers(form.equations, plan_constraint_levels)
@@ -272,6 +273,7 @@ class AdaptiveAlphaStepper(AlphaStepper):
             jerk=jerk,
             constraint_rate=np.zeros(form.equations.m),
             corrects_velocities=int(start.index3 and form.equations.m > 0),
+            velocity_weights=velocity_weights,
             multiplier_weights=multipliers.weights.copy(),
             multiplier_tolerance=multipliers.tolerance,
             shortest_tested_step=multipliers.shortest_step,
