@@ -11,6 +11,7 @@ import numpy as np
 from scipy import signal
 
 from beamdae.analysis.fit.data import (
+    COLUMN,
     EXPERIMENT,
     SIGMA,
     VALUE,
@@ -121,8 +122,6 @@ class FitProblem:
         The data.
     sensors
         Unknown properties of sensors: shifts, then scales and offsets.
-    first_values
-        First values (K,) of the parameters of the model and of the shifts.
     weights
         Reciprocal standard deviations (N,) of the data.
     """
@@ -156,10 +155,6 @@ class FitProblem:
         }
         fitted = read_fit_data(measured, headers, sigma)
         self._set_data(fitted, read_sensors(fitted, scale, offset, shift))
-        self.first_values = np.array(
-            [self.parameters[name] for name in self.names]
-            + [float(np.clip(0.0, *shift.bounds)) for shift in self.shifts]
-        )
         if self.count < (unknowns := len(self.estimated)):
             raise BeamdaeError(
                 f"fit: {self.count} data do not determine {unknowns} parameters; add data or fit "
@@ -188,6 +183,12 @@ class FitProblem:
             given[name] = {x: self.model.complete({x: values[x]})[x] for x in values}
         return {name: given.get(name, {}) for name in known}
 
+    @property
+    def first_values(self) -> Array:
+        """First values (K,) of the parameters of the model and of the shifts."""
+        shifts = [float(np.clip(0.0, *x.bounds)) for x in self.shifts]
+        return np.array([self.parameters[name] for name in self.names] + shifts)
+
     def _set_data(self, data: MeasuredData, sensors: tuple[Sensor, ...]) -> None:
         self.data, self.sensors = data, sensors
         self._times, self._values, sigma = (data.table[x].to_numpy() for x in (TIME, VALUE, SIGMA))
@@ -215,9 +216,26 @@ class FitProblem:
 
     def with_first_data(self, share: float) -> FitProblem:
         """Return a problem with the data of the first `share` of the time of each column."""
-        other = copy.copy(self)
         data, rows = self.data.first(share)
-        other._set_data(data, tuple(replace(x, rows=x.rows[rows]) for x in self.sensors))
+        return self._with(data, tuple(replace(x, rows=x.rows[rows]) for x in self.sensors))
+
+    def with_sensors(self, kinds: Sequence[str]) -> FitProblem:
+        """Return a problem in which each column has further unknown properties of its sensor.
+
+        Columns for which they are unknown already, or whose values are constant, are omitted.
+        """
+        columns = dict[str, list[str]]()
+        for kind in kinds:
+            known = [x.rows for x in self.sensors if x.kind == kind]
+            others = self.data.table[~np.any([np.zeros(self.count, bool), *known], axis=0)]
+            parts = others.groupby(COLUMN, sort=False)[VALUE]
+            columns[kind] = [str(x) for x, values in parts if varies(values.to_numpy())]
+        further = read_sensors(self.data, *(columns.get(x, []) for x in (SCALE, OFFSET, SHIFT)))
+        return self._with(self.data, (*self.sensors, *further))
+
+    def _with(self, data: MeasuredData, sensors: tuple[Sensor, ...]) -> FitProblem:
+        other = copy.copy(self)
+        other._set_data(data, sensors)
         return other
 
     @property
@@ -295,15 +313,6 @@ class FitProblem:
     def recorded_values(self, evaluation: Evaluation) -> Array:
         """Return the recorded values (N,) that an evaluation predicts."""
         return self._values + evaluation.residuals / self.weights
-
-    def rates(self, evaluation: Evaluation) -> Array:
-        """Return the time derivatives (N,) of the recorded values over the sigma of the data."""
-        times = self._shift_times(evaluation.values)
-        result = self.weights * self._scale_rows(evaluation.coefficients)
-        for source, rows in self.data.rows:
-            run = evaluation.runs[source.experiment].solution
-            result[rows] *= differentiate_column(run, source.header, times[rows])
-        return np.nan_to_num(result)
 
     def _scale_rows(self, coefficients: Array) -> Array:
         """Return the scale of each of the data, (N,)."""
@@ -436,6 +445,7 @@ class Scaling(ParameterScales):
     """
 
     def __init__(self, problem: FitProblem, bounds: Any, log: Any) -> None:
+        self._given = bounds, log
         self._names, values, shifts = problem.variables, problem.first_values, problem.shifts
         first = dict(zip(problem.names, values.tolist(), strict=False))
         logarithmic = set(require_names("fit", "log", log, "a list of names of parameters"))
@@ -461,6 +471,10 @@ class Scaling(ParameterScales):
         origins = np.where(is_linear, 0.0, np.where(self.is_log, LOG_ORIGIN, _ORIGIN))
         sizes = np.array([*[1.0] * len(first), *(x.size for x in shifts)])
         super().__init__(values, sizes, origins, lower, upper)
+
+    def of(self, problem: FitProblem) -> Scaling:
+        """Return the scales of a problem with other sensors."""
+        return Scaling(problem, *self._given)
 
     def draw_starts(self, count: int, seed: int) -> Array:
         """Return first values (count, K) of further searches; see `draw_starts`."""
