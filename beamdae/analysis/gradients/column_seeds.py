@@ -49,18 +49,12 @@ class ColumnSeeds:
     numbers: Array
     operators: dict[int, Array]
 
-    def contract(self, difference: Difference, along: Trajectory | None = None) -> float:
-        """Return the derivative with respect to a parameter at constant states of the run.
-
-        `along` are the derivatives of the states if these change.
-        """
+    def contract(self, difference: Difference) -> float:
+        """Return the derivative with respect to a parameter at constant states of the run."""
         result = float(self.numbers @ difference.along(lambda e: e.p))
         for k, by in self.operators.items():
             change = difference.along(lambda e, k=k: e.observables[k].operator)
             result += float(change.multiply(by).sum())
-        for by, interval in zip(self.states, along.intervals if along else (), strict=False):
-            q, v, _, lam = interval.rows
-            result += float(np.sum(by * np.hstack([q, v, lam])))
         return result
 
 

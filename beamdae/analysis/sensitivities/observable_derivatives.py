@@ -103,6 +103,7 @@ def differentiate_run_columns(
     times: Array,
     trajectories: Mapping[str, Trajectory],
     differences: Mapping[str, Difference],
+    numbers: Sequence[int] | None = None,
 ) -> dict[str, Array]:
     """Return the derivatives of observed columns of a run, (rows, columns), by parameter.
 
@@ -118,8 +119,11 @@ def differentiate_run_columns(
         Derivatives of the states by parameter.
     differences
         Models at neighboring values, by parameter.
+    numbers
+        Indices of the observables; None for all of them.
     """
-    observables = equations.observables
+    numbers = range(len(equations.observables)) if numbers is None else numbers
+    observables = [equations.observables[k] for k in numbers]
     ends = np.cumsum([0, *(len(x.columns) for x in observables)])
     result = {name: np.zeros((len(times), ends[-1])) for name in trajectories}
     are_elastic = np.array([x.is_elastic for x in observables], bool)
@@ -128,7 +132,7 @@ def differentiate_run_columns(
             rows, at = join_points(points, trajectory)
             along = {name: join_points(points, x)[1] for name, x in trajectories.items()}
             for k in np.flatnonzero(are_elastic == kind).tolist():
-                select = partial(observable_of, k)
+                select = partial(observable_of, numbers[k])
                 changes = differentiate_columns(select, rows, at, along, differences, inactive)
                 for name, change in changes.items():
                     for x, part in zip(points, split_points(points, change), strict=True):
