@@ -215,7 +215,11 @@ def measure_fit(problem: FitProblem, evaluation: Evaluation) -> Errors:
 
     def repeat(causes: Collection[str]) -> tuple[Array, Refined]:
         """Return the change of the residuals."""
-        compute = partial(problem.change_of_residuals, evaluation, method)
+
+        def compute(change: Callable[[Any], Any]) -> Array:
+            other = problem.repeat(values, method, change)
+            return other.residuals - evaluation.residuals
+
         return _repeat(compute, causes, problem.start, run)
 
     def compare(first: Array, second: Array, refined: Refined) -> Errors:

@@ -37,8 +37,8 @@ from beamdae.equations.measures import TIME
 from beamdae.errors import BeamdaeError, require_mapping, require_names, short_repr
 from beamdae.integrators import Integrator
 from beamdae.integrators.integrator import require_integrator
-from beamdae.results.solution import Solution
-from beamdae.simulation import as_equations, silenced, simulate
+from beamdae.model_functions import transform_mechanisms
+from beamdae.simulation import as_equations, silenced
 
 Array = np.ndarray
 
@@ -274,41 +274,31 @@ class FitProblem:
         """
         times = self._shift_times(values)
         runs = {x: self._run(x, values, times) for x in self.data.experiments}
-        derivatives = np.zeros((self.count, len(self.variables)))
+        model, derivatives = np.empty(self.count), np.zeros((self.count, len(self.variables)))
         for source, rows in self.data.rows:
             run = runs[source.experiment]
-            at = _nearest_rows(run.t, times[rows])
+            # The times are among those of the run up to rounding.
+            at = np.minimum(np.searchsorted(run.t, times[rows]), len(run.t) - 1)
+            model[rows] = run.solution.columns[source.header][at]
             for j, name in enumerate(self.names):
                 derivatives[rows, j] = run.sensitivity(source.header, name).to_numpy()[at]
             for j, shift in enumerate(self.shifts, len(self.names)):
                 if shift.rows[rows.start]:
                     rates = differentiate_column(run.solution, source.header, times[rows])
                     derivatives[rows, j] = -rates
-        solutions = {x: run.solution for x, run in runs.items()}
-        return self._project(values, runs, solutions, derivatives)
+        return self._project(values, runs, model, derivatives)
 
-    def change_of_residuals(
-        self, evaluation: Evaluation, method: Integrator, change: Callable[[Any], Any]
-    ) -> Array:
-        """Return the change of the residuals (N,) of an evaluation in runs with another method.
-
-        `change` returns the mechanism that takes the place of that of the model.
+    def repeat(self, values: Array, method: Integrator, change: Callable[[Any], Any]) -> Evaluation:
+        """Return `evaluate` by runs of changed mechanisms with another integrator.
 
         Raises
         ------
         BeamdaeError
             If a run fails.
         """
-        times, solutions = self._shift_times(evaluation.values), {}
-        for experiment, t_end in self._t_end.items():
-            mechanism = change(self.model(**self._parameters(experiment, evaluation.values)))
-            other = simulate(mechanism, method, t_end, start=self.start, keep_steps=True)
-            if other.trajectory.end < t_end:
-                raise BeamdaeError(f"fit: the run was {other.status.sentence}.")
-            solutions[experiment] = other.at_times(self._needed_times(experiment, times))
-        nothing = np.zeros((self.count, len(self.variables)))
-        compared = self._project(evaluation.values, {}, solutions, nothing)
-        return compared.residuals - evaluation.residuals
+        other = copy.copy(self)
+        other.model, other.integrator = transform_mechanisms(self.model, change), method
+        return other.evaluate(values)
 
     def recorded_values(self, evaluation: Evaluation) -> Array:
         """Return the recorded values (N,) that an evaluation predicts."""
@@ -327,17 +317,14 @@ class FitProblem:
             times[shift.rows] -= value
         return times
 
-    def _needed_times(self, experiment: str, times: Array) -> Array:
-        """Return the ascending times of the rows of an experiment, within its run."""
-        # Bounds of shifts hold up to rounding.
-        return np.unique(np.clip(times[self._rows[experiment]], 0.0, self._t_end[experiment]))
-
     def _parameters(self, experiment: str, values: Array) -> dict[str, Any]:
         fitted = zip(self.names, values.tolist(), strict=False)
         return self._settings[experiment] | dict(fitted)
 
     def _run(self, experiment: str, values: Array, times: Array) -> Sensitivities:
-        t_end, needed = self._t_end[experiment], self._needed_times(experiment, times)
+        t_end = self._t_end[experiment]
+        # Bounds of shifts hold up to rounding.
+        needed = np.unique(np.clip(times[self._rows[experiment]], 0.0, t_end))
         settings = {"parameters": self._parameters(experiment, values), "start": self.start}
         # The result evaluates the warnings of the last run.
         with silenced():
@@ -353,17 +340,13 @@ class FitProblem:
         self,
         values: Array,
         runs: Mapping[str, Sensitivities],
-        solutions: Mapping[str, Solution],
+        model: Array,
         derivatives: Array,
     ) -> Evaluation:
         """Solve for scales and offsets, and differentiate the remaining residuals.
 
         Reactions that grow without bounds are left out: their residuals are zero.
         """
-        times, model = self._shift_times(values), np.empty(self.count)
-        for source, rows in self.data.rows:
-            run = solutions[source.experiment]
-            model[rows] = run.columns[source.header][_nearest_rows(run.t, times[rows])]
         is_missing, count = np.isnan(model), len(self._scaled)
         if is_missing.all():
             raise BeamdaeError(
@@ -375,7 +358,8 @@ class FitProblem:
         matrix = (np.vstack([scaled * model, offset]) * weights).T
         remainder = (self._values - np.where(scaled.any(axis=0), 0.0, model)) * weights
         # Columns of equal size, so that the rank does not depend on units.
-        sizes = column_lengths(matrix)
+        sizes = np.linalg.norm(matrix, axis=0)
+        sizes = np.where(sizes == 0.0, 1.0, sizes)
         inverse = np.linalg.pinv(matrix / sizes) / sizes[:, None]
         coefficients = inverse @ remainder
         residuals = matrix @ coefficients - remainder
@@ -420,17 +404,6 @@ def varies(values: Array) -> bool:
     changes = values - values.mean()
     is_rounding = np.abs(changes) <= np.sqrt(len(values)) * np.spacing(np.abs(values).max())
     return find_correlation([np.where(is_rounding, 0.0, changes)]) > 0.0
-
-
-def _nearest_rows(times: Array, needed: Array) -> Array:
-    """Return the rows at needed times, which are among the times up to rounding."""
-    return np.minimum(np.searchsorted(times, needed), len(times) - 1)
-
-
-def column_lengths(matrix: Array) -> Array:
-    """Return the Euclidean lengths of columns; 1 for those that are zero."""
-    lengths = np.linalg.norm(matrix, axis=0)
-    return np.where(lengths == 0.0, 1.0, lengths)
 
 
 # Logarithm of the ratio of the first value of a parameter that is not in `log` to those about zero
