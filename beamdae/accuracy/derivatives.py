@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -37,28 +37,31 @@ _MIN_EFFECT = 1e-3
 _OMITTED_ROWS = 0.01
 
 
-class _Values(NamedTuple):
-    """Derivatives (rows, columns) to compare, and the sizes (columns,) of their errors."""
-
-    rows: Array
-    sizes: Array
-
-
 def measure_sensitivities(result: Sensitivities) -> Errors:
     """Return the errors of the derivatives of observed columns over time."""
     headers = tuple(result.columns.columns())
     if not headers:
         return Errors.unchecked((), np.zeros(0), "no column is observed")
+    sizes = _measure_effects(result)
 
-    def evaluate(other: Sensitivities) -> _Values:
+    def evaluate(other: Sensitivities) -> Array:
         # An event may stop the other run earlier.
         is_reached = result.t <= other.solution.trajectory.end
         other = other.at_times(result.t[is_reached])
         rows = np.stack(list(other.columns.columns().values()), axis=1)
-        rows = np.concatenate([rows, np.repeat(rows[-1:], np.sum(~is_reached), axis=0)])
-        return _Values(rows, _measure_effects(other))
+        return np.concatenate([rows, np.repeat(rows[-1:], np.sum(~is_reached), axis=0)])
 
-    return _measure(result, headers, result._repeat, evaluate, "its mean size")
+    def compare(first: Array, second: Array, refined: Refined) -> Errors:
+        peaks, others = (np.abs(x).max(axis=0) for x in (first, second))
+        differences = np.sort(np.abs(first - second), axis=0)
+        count = len(differences) - int(_OMITTED_ROWS * len(differences))
+        mean, largest = np.sqrt(np.mean(differences[:count] ** 2, axis=0)), differences[-1]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            total, rows = (np.where(x == 0.0, 0.0, x / sizes) for x in (mean, largest))
+        relative_to = ("its mean size",) * len(headers)
+        return Errors(headers, peaks, others, FACTOR * total, rows, refined, relative_to)
+
+    return _measure(result, headers, evaluate, compare)
 
 
 def measure_gradient(result: Gradient) -> Errors:
@@ -71,44 +74,44 @@ def measure_gradient(result: Gradient) -> Errors:
         for name, x in result.derivatives.items()
         for k in range(np.size(x))
     ]
-
-    def evaluate(other: Gradient) -> _Values:
-        sizes = np.abs(np.concatenate([np.ravel(x) for x in result.parameters.values()]))
-        sizes = np.where(sizes > 0.0, sizes, 1.0)
-        largest = float(np.max(sizes * np.abs(other.array)))
-        largest = max(largest, _MIN_EFFECT * abs(other.value))
-        return _Values(
-            np.append(other.value, other.array)[None], np.append(abs(other.value), largest / sizes)
-        )
-
     headers = ("objective [-]", *(f"d(objective)/d({x}) [per unit of {x}]" for x in names))
-    relative_to = "the largest effect of a parameter"
-    return _measure(result, headers, result._repeat, evaluate, relative_to)
+    sizes = np.abs(np.concatenate([np.ravel(x) for x in result.parameters.values()]))
+    sizes = np.where(sizes > 0.0, sizes, 1.0)
+    largest = float(np.max(sizes * np.abs(result.array)))
+    scales = max(largest, _MIN_EFFECT * abs(result.value)) / sizes
+
+    def evaluate(other: Gradient) -> Array:
+        return np.append(other.value, other.array)
+
+    def compare(first: Array, second: Array, refined: Refined) -> Errors:
+        sizes = np.append(abs(second[0]), scales)
+        relative_to = "the largest effect of a parameter"
+        return Errors.of_values(headers, first, second, refined, sizes, relative_to)
+
+    return _measure(result, headers, evaluate, compare)
 
 
 def _measure(
     result: Any,
-    headers: tuple[str, ...],
-    repeat: Callable[[Callable[[Any], Any], Any], Any] | None,
-    evaluate: Callable[[Any], _Values],
-    relative_to: str,
+    headers: Sequence[str],
+    evaluate: Callable[[Any], Array],
+    compare: Callable[[Array, Array, Refined], Errors],
 ) -> Errors:
-    """Return the errors of a result that `repeat` computes with other mechanisms and methods."""
+    """Return the errors of the values that `evaluate` returns for a result and its repetition."""
     run, values = result.solution, evaluate(result)
-    peaks = np.abs(values.rows).max(axis=0)
-    if repeat is None:
+    peaks = np.abs(np.atleast_2d(values)).max(axis=0)
+    if result._repeat is None:
         reason = "the derivatives come from another process"
         return Errors.unchecked(headers, peaks, reason)
     method = refine_method(run, RTOL_BESIDE_ACCURATE_STEPS)
     start = run.equations.start
     request = AS_DRAWN if start is None or start.request is None else start.request
 
-    def repeat_values(causes: Collection[str]) -> tuple[_Values, Refined]:
-        return _repeat(lambda change: evaluate(repeat(change, method)), causes, request, run)
+    def repeat(causes: Collection[str]) -> tuple[Array, Refined]:
+        return _repeat(lambda x: evaluate(result._repeat(x, method)), causes, request, run)
 
-    compare = partial(_compare, headers, relative_to)
     failed = Errors.unchecked(headers, peaks, "a refined repetition fails", has_failed=True)
-    return replace(measure_errors(failed, values, repeat_values, compare), has_accuracy=False)
+    return replace(measure_errors(failed, values, repeat, compare), has_accuracy=False)
 
 
 def _repeat(
@@ -134,19 +137,6 @@ def _repeat(
     with hold_messages(), unchecked():
         result = compute(change)
     return result, refined if run is None else refined.with_steps(run.made_by)
-
-
-def _compare(
-    headers: tuple[str, ...], relative_to: str, first: _Values, second: _Values, refined: Refined
-) -> Errors:
-    peaks, others = (np.abs(x.rows).max(axis=0) for x in (first, second))
-    differences = np.sort(np.abs(first.rows - second.rows), axis=0)
-    count = len(differences) - int(_OMITTED_ROWS * len(differences))
-    mean, largest = np.sqrt(np.mean(differences[:count] ** 2, axis=0)), differences[-1]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        total, rows = (np.where(x == 0.0, 0.0, x / second.sizes) for x in (mean, largest))
-    of_columns = (relative_to,) * len(headers)
-    return Errors(headers, peaks, others, FACTOR * total, rows, refined, of_columns)
 
 
 def _measure_effects(result: Sensitivities) -> Array:
