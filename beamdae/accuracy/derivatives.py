@@ -42,26 +42,28 @@ def measure_sensitivities(result: Sensitivities) -> Errors:
     headers = tuple(result.columns.columns())
     if not headers:
         return Errors.unchecked((), np.zeros(0), "no column is observed")
-    sizes = _measure_effects(result)
 
     def evaluate(other: Sensitivities) -> Array:
+        """Return the derivatives, and their sizes in the last row."""
         # An event may stop the other run earlier.
         is_reached = result.t <= other.solution.trajectory.end
         other = other.at_times(result.t[is_reached])
         rows = np.stack(list(other.columns.columns().values()), axis=1)
-        return np.concatenate([rows, np.repeat(rows[-1:], np.sum(~is_reached), axis=0)])
+        missing = np.repeat(rows[-1:], np.sum(~is_reached), axis=0)
+        return np.vstack([rows, missing, _measure_effects(other)])
 
     def compare(first: Array, second: Array, refined: Refined) -> Errors:
-        peaks, others = (np.abs(x).max(axis=0) for x in (first, second))
-        differences = np.sort(np.abs(first - second), axis=0)
+        peaks, others = (np.abs(x[:-1]).max(axis=0) for x in (first, second))
+        differences = np.sort(np.abs(first - second)[:-1], axis=0)
         count = len(differences) - int(_OMITTED_ROWS * len(differences))
         mean, largest = np.sqrt(np.mean(differences[:count] ** 2, axis=0)), differences[-1]
         with np.errstate(divide="ignore", invalid="ignore"):
-            total, rows = (np.where(x == 0.0, 0.0, x / sizes) for x in (mean, largest))
+            total, rows = (np.where(x == 0.0, 0.0, x / second[-1]) for x in (mean, largest))
         relative_to = ("its mean size",) * len(headers)
         return Errors(headers, peaks, others, FACTOR * total, rows, refined, relative_to)
 
-    return _measure(result, headers, evaluate, compare)
+    peaks = np.array([np.max(np.abs(x)) for x in result.columns.columns().values()])
+    return _measure(result, headers, peaks, evaluate, compare)
 
 
 def measure_gradient(result: Gradient) -> Errors:
@@ -77,29 +79,29 @@ def measure_gradient(result: Gradient) -> Errors:
     headers = ("objective [-]", *(f"d(objective)/d({x}) [per unit of {x}]" for x in names))
     sizes = np.abs(np.concatenate([np.ravel(x) for x in result.parameters.values()]))
     sizes = np.where(sizes > 0.0, sizes, 1.0)
-    largest = float(np.max(sizes * np.abs(result.array)))
-    scales = max(largest, _MIN_EFFECT * abs(result.value)) / sizes
 
     def evaluate(other: Gradient) -> Array:
         return np.append(other.value, other.array)
 
     def compare(first: Array, second: Array, refined: Refined) -> Errors:
-        sizes = np.append(abs(second[0]), scales)
+        value, largest = abs(second[0]), np.max(sizes * np.abs(second[1:]))
+        scales = np.append(value, max(largest, _MIN_EFFECT * value) / sizes)
         relative_to = "the largest effect of a parameter"
-        return Errors.of_values(headers, first, second, refined, sizes, relative_to)
+        return Errors.of_values(headers, first, second, refined, scales, relative_to)
 
-    return _measure(result, headers, evaluate, compare)
+    peaks = np.abs(evaluate(result))
+    return _measure(result, headers, peaks, evaluate, compare)
 
 
 def _measure(
     result: Any,
     headers: Sequence[str],
+    peaks: Array,
     evaluate: Callable[[Any], Array],
     compare: Callable[[Array, Array, Refined], Errors],
 ) -> Errors:
     """Return the errors of the values that `evaluate` returns for a result and its repetition."""
-    run, values = result.solution, evaluate(result)
-    peaks = np.abs(np.atleast_2d(values)).max(axis=0)
+    run = result.solution
     if result._repeat is None:
         reason = "the derivatives come from another process"
         return Errors.unchecked(headers, peaks, reason)
@@ -111,7 +113,7 @@ def _measure(
         return _repeat(lambda x: evaluate(result._repeat(x, method)), causes, request, run)
 
     failed = Errors.unchecked(headers, peaks, "a refined repetition fails", has_failed=True)
-    return replace(measure_errors(failed, values, repeat, compare), has_accuracy=False)
+    return replace(measure_errors(failed, evaluate(result), repeat, compare), has_accuracy=False)
 
 
 def _repeat(

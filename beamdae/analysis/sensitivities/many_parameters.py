@@ -33,9 +33,7 @@ from beamdae.analysis.sensitivities.neighbors import (
     try_step,
     warn_without_effect,
 )
-from beamdae.analysis.sensitivities.requested_start import start_adds_velocities
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.smooth_intervals import time_on_branch
 from beamdae.errors import BeamdaeError
 
 Array = np.ndarray
@@ -195,16 +193,11 @@ class _Changes:
 
 
 def is_regular(difference: Difference, base: EquationsOfMotion) -> bool:
-    """Return True if neighboring models differ from `base` only in their numbers and start.
-
-    Drivers that move at the start set bodies in motion and are not regular.
-    """
-    time = time_on_branch(base.breakpoints, 0.0)
+    """Return True if neighboring models differ from `base` only in their numbers and start."""
     return difference.is_regular or all(
         e.structure == base.structure
         and forms_of(e) == forms_of(base)
         and e.breakpoints == base.breakpoints
-        and not start_adds_velocities(e, time)
         for e in difference.models
     )
 
