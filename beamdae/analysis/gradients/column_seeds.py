@@ -61,7 +61,10 @@ class ColumnSeeds:
 def differentiate_objective(
     weights: Mapping[Objective, float], equations: EquationsOfMotion, trajectory: Trajectory
 ) -> ColumnSeeds:
-    """Return the derivatives of a weighted sum of objectives by the states of a run."""
+    """Return the derivatives of a weighted sum of objectives by the states of a run.
+
+    The parts of the model are active during the whole run.
+    """
     size = 2 * equations.n + equations.m
     # By columns: most objectives depend on few of them, and only these need memory.
     states = [np.zeros((len(x.nodes), size), order="F") for x in trajectory.intervals]
@@ -71,28 +74,21 @@ def differentiate_objective(
         times, column = term.sample_times(grid), _Column.of(equations, term.column)
         key = times.tobytes(), column.is_elastic
         if key not in points_at:
-            points_at[key] = [
-                (inactive, points, *join_points(points, trajectory, limited=True))
-                for inactive, points in group_times(trajectory, times, column.is_elastic)
-            ]
-        samples, arguments = np.zeros(len(times)), []
-        for inactive, points, rows, at in points_at[key]:
-            active = equations.without_loads_of(inactive)
-            values, inputs = column._replace(equations=active).evaluate(rows, at)
-            arguments.append(inputs)
-            for x, part in zip(points, split_points(points, values), strict=True):
-                samples[x.here] = _values_at_times(x, trajectory, part)
-        by_samples = term.evaluate(samples, grid.weights)[1]
-        for (_, points, _, at), inputs in zip(points_at[key], arguments, strict=True):
-            by_values = [
-                by_samples[x.here] if x.weights is None else x.weights.T @ by_samples[x.here]
-                for x in points
-            ]
-            by = factor * np.concatenate(by_values)
-            for columns, by_states in column.gradient(result, inputs, at, by):
-                for x, part in zip(points, split_points(points, by_states), strict=True):
-                    interval = trajectory.intervals[x.interval]
-                    _add_to_nodes(x, interval, result.states[x.interval], columns, part)
+            ((_, points),) = group_times(trajectory, times, column.is_elastic)
+            points_at[key] = points, *join_points(points, trajectory, limited=True)
+        points, rows, at = points_at[key]
+        values, arguments = column.evaluate(rows, at)
+        parts = zip(points, split_points(points, values), strict=True)
+        samples = np.concatenate([_values_at_times(x, trajectory, part) for x, part in parts])
+        by_samples = factor * term.evaluate(samples, grid.weights)[1]
+        by_values = [
+            by_samples[x.here] if x.weights is None else x.weights.T @ by_samples[x.here]
+            for x in points
+        ]
+        for columns, by_states in column.gradient(result, arguments, at, np.concatenate(by_values)):
+            for x, part in zip(points, split_points(points, by_states), strict=True):
+                interval = trajectory.intervals[x.interval]
+                _add_to_nodes(x, interval, result.states[x.interval], columns, part)
     return result
 
 
