@@ -37,7 +37,6 @@ Array = np.ndarray
 _OPTIMALITY_TOLERANCE, _MIN_DECREASE = 0.05, 0.1
 # Relative difference of the maximum over a run from its assumed ratio to the smooth maximum.
 _RATIO_TOLERANCE = 1e-3
-_BLOCKING_SHARE = 0.99  # of the largest violation, of limits that contradict each other
 _MAX_ROUNDS = 6  # of searches with other ratios of maxima
 _MAX_NAMES = 3  # in a sentence
 _INTERRUPTED = Status("interrupted", "interrupted before the end of all searches")
@@ -315,22 +314,20 @@ class Search:
         return Status("limited" if status.success else status.kind, sentence)
 
     def _describe_violation(self, status: Status, units: tuple[str, ...]) -> str:
-        """Return the limit that the best design violates most, and those that block."""
+        """Return the limit that the best design violates most, and all that it violates."""
         problem, best = self._problem, self._best()
         worst = int(np.argmin(problem.margins(best.values)))
         limit, value = problem.limits[worst], problem.ratios[worst] * best.values[1 + worst]
         numbers = format_distinct(limit.bound, float(value), digits=4)
         allowed, actual = (format_with_unit(x, units[1 + worst]) for x in numbers)
-        # A solver that has converged to the smallest violation leaves the same one of these limits.
-        margins = problem.log_margins(problem.margins(best.values))[0]
-        limits = zip(problem.limits, margins <= _BLOCKING_SHARE * np.min(margins), strict=True)
-        blocking = [x.label for x, blocks in limits if blocks and status.success]
-        side, names = "most" if limit.sign > 0 else "least", list_first(blocking, _MAX_NAMES)
+        limits = zip(problem.limits, problem.margins(best.values), problem.tolerances, strict=True)
+        violated = [x.label for x, margin, tolerance in limits if -margin > tolerance]
+        side, names = "most" if limit.sign > 0 else "least", list_first(violated, _MAX_NAMES)
         return (
             "no evaluated design satisfies the constraints; in the best one "
             f"{limit.quantity.label} is {actual}, but the limit is at {side} {allowed}; "
             + ("" if status.success else f"{status.sentence}; ")
-            + (f"{names} cannot be satisfied by small changes; " if blocking else "")
+            + (f"{names} cannot be satisfied by small changes; " if status.success else "")
             + "the search is local, start it from other values (parameters={name: value}) or "
             "increase starts="
         )
