@@ -197,43 +197,31 @@ def measure_fit(problem: FitProblem, evaluation: Evaluation) -> Errors:
     headers += [f"{x.experiment}: {x.header}" if x.experiment else x.header for x in sources]
     predictions = problem.recorded_values(evaluation)
     rows = [x for _, x in problem.data.rows]
-    peaks = [float(np.max(np.abs(predictions[x]))) for x in rows]
     sizes = np.where(values, values, 1.0)
     jacobian = evaluation.projected_jacobian * sizes
     measured = problem.data.table["value"].to_numpy()
-    half_ranges = np.array([0.5 * np.ptp(measured[x]) for x in rows])
     run = next(iter(evaluation.runs.values())).solution
     method = refine_method(run, RTOL_BESIDE_ACCURATE_STEPS)
 
     def repeat(causes: Collection[str]) -> tuple[Array, Refined]:
-        """Return the change of the residuals."""
-
         def compute(change: Callable[[Any], Any]) -> Array:
-            other = problem.repeat(values, method, change)
-            return other.residuals - evaluation.residuals
+            return problem.recorded_values(problem.repeat(values, method, change))
 
         return _repeat(compute, causes, problem.start, run)
 
     def compare(first: Array, second: Array, refined: Refined) -> Errors:
-        changes = second - first
+        changes = (second - first) * problem.weights
         shifts = -np.linalg.lstsq(jacobian, changes, rcond=MIN_SINGULAR_RATIO)[0] * sizes
         names = headers[: len(values)]
-        of_estimates = Errors.of_values(names, values, values + shifts, refined, sizes)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            differences = np.where(problem.weights > 0.0, changes / problem.weights, 0.0)
-        largest = np.array([np.max(np.abs(differences[x])) for x in rows]) / half_ranges
-        peaks_of_companion = [float(np.max(np.abs((predictions + differences)[x]))) for x in rows]
-        of_columns = Errors(
-            tuple(headers[len(values) :]),
-            np.array(peaks),
-            np.array(peaks_of_companion),
-            FACTOR * largest,
-            largest,
-            refined,
-            ("half the range of the data",) * len(rows),
-        )
-        return Errors.join([of_estimates, of_columns])
+        errors = [Errors.of_values(names, values, values + shifts, refined, sizes)]
+        for header, x in zip(headers[len(values) :], rows, strict=True):
+            # The headline is the largest magnitude.
+            here, there = (np.append(np.abs(y[x]).max(), y[x])[None] for y in (first, second))
+            scale = np.array([0.5 * np.ptp(measured[x])])
+            relative_to = "half the range of the data"
+            errors.append(Errors.of_values([header], here, there, refined, scale, relative_to))
+        return Errors.join(errors)
 
-    none = np.zeros(len(problem.weights))
+    peaks = [np.abs(predictions[x]).max() for x in rows]
     unchecked = Errors.unchecked(headers, np.append(values, peaks), "a refined run fails")
-    return replace(measure_errors(unchecked, none, repeat, compare), has_accuracy=False)
+    return replace(measure_errors(unchecked, predictions, repeat, compare), has_accuracy=False)

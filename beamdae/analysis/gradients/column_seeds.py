@@ -17,14 +17,10 @@ from beamdae.analysis.sensitivities.observable_derivatives import (
     ColumnPoints,
     group_times,
     join_points,
-    select_column,
+    locate_column,
     split_points,
 )
 from beamdae.equations.equations_of_motion import EquationsOfMotion, Observable, State
-from beamdae.equations.structure import cache_on_owner
-from beamdae.errors import BeamdaeError
-from beamdae.results.columns import remove_unit
-from beamdae.results.run_data import coordinate_headers
 from beamdae.results.trajectory import Interval, Trajectory
 
 Array = np.ndarray
@@ -126,7 +122,7 @@ class _Column(NamedTuple):
 
     @classmethod
     def of(cls, equations: EquationsOfMotion, name: str) -> _Column:
-        return cls(equations, *locate_column(equations, name))
+        return cls(equations, *locate_column(equations, name)[1:])
 
     @property
     def observable(self) -> Observable:
@@ -173,36 +169,3 @@ class _Column(NamedTuple):
                 yield first + acting, part @ operator
         if by_lam.size:
             yield 2 * n + np.arange(self.equations.m)[o.rows], by_lam
-
-
-@cache_on_owner
-def locate_column(equations: EquationsOfMotion, name: str) -> tuple[int | None, int]:
-    """Return the indices of an observable and of its column.
-
-    Coordinates have None in place of the observable.
-
-    Raises
-    ------
-    BeamdaeError
-        If the name selects no column or several columns, or an acceleration.
-    """
-    observed = {
-        header: (number, column)
-        for number, o in enumerate(equations.observables)
-        for column, header in enumerate(o.headers)
-    }
-    # Observed columns take precedence, and the headers of all coordinates take long to compare.
-    matches = [header for header in observed if name in (header, remove_unit(header))]
-    if len(matches) == 1:
-        (header,) = matches
-    else:
-        coordinates = coordinate_headers(equations)[1:]
-        header = select_column(name, coordinates, list(observed))
-        if header not in observed:
-            return None, coordinates.index(header)
-    if equations.observables[observed[header][0]].has_accelerations:
-        raise BeamdaeError(
-            f"gradient: the objective must not contain accelerations, got {header}; use a "
-            "velocity, a force or bd.sensitivities."
-        )
-    return observed[header]

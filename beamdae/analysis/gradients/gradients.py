@@ -13,7 +13,6 @@ from beamdae import deferred
 from beamdae.analysis.gradients.column_seeds import (
     ColumnSeeds,
     differentiate_objective,
-    locate_column,
 )
 from beamdae.analysis.gradients.flat_model import FlatModel, flatten_model
 from beamdae.analysis.gradients.objectives import (
@@ -32,6 +31,7 @@ from beamdae.analysis.sensitivities.neighbors import Difference, derivative_call
 from beamdae.analysis.sensitivities.observable_derivatives import (
     differentiate_column,
     differentiate_run_columns,
+    locate_column,
     read_column,
 )
 from beamdae.analysis.sensitivities.requested_start import differentiate_starts
@@ -269,7 +269,14 @@ class AdjointRun(DifferentiableRun):
 
     def gradient(self, weights: Mapping[Objective, float]) -> Array:
         """Return the gradient (k,) of a weighted sum of objectives."""
-        names = list(self.model.entries)
+        names, equations = list(self.model.entries), self.solution.equations
+        for term in weights:
+            header, number, _ = locate_column(equations, term.column)
+            if number is not None and equations.observables[number].has_accelerations:
+                raise BeamdaeError(
+                    f"gradient: the objective must not contain accelerations, got {header}; use a "
+                    "velocity, a force or bd.sensitivities."
+                )
         with single_threaded:
             result = self._transpose(weights, names) or self._contract(weights, names)
         return np.array([result[x] for x in names])
@@ -372,7 +379,7 @@ def differentiate_along(
         bounds.append((end, np.array([by_name[name] for name in derivatives])))
     grid, result = SampleGrid.of(trajectory), np.zeros(len(derivatives))
     for term, factor in weights.items():
-        times, (number, column) = term.sample_times(grid), locate_column(equations, term.column)
+        times, (_, number, column) = term.sample_times(grid), locate_column(equations, term.column)
         values = read_column(solution.at_times(times), term.column)[1]
         value, by_values = term.evaluate(values, grid.weights)
         if number is None:
