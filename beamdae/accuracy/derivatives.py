@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -37,28 +37,33 @@ _MIN_EFFECT = 1e-3
 _OMITTED_ROWS = 0.01
 
 
-class _Values(NamedTuple):
-    """Derivatives (rows, columns) to compare, and the sizes (columns,) of their errors."""
-
-    rows: Array
-    sizes: Array
-
-
 def measure_sensitivities(result: Sensitivities) -> Errors:
     """Return the errors of the derivatives of observed columns over time."""
     headers = tuple(result.columns.columns())
     if not headers:
         return Errors.unchecked((), np.zeros(0), "no column is observed")
 
-    def evaluate(other: Sensitivities) -> _Values:
+    def evaluate(other: Sensitivities) -> Array:
+        """Return the derivatives, and their sizes in the last row."""
         # An event may stop the other run earlier.
         is_reached = result.t <= other.solution.trajectory.end
         other = other.at_times(result.t[is_reached])
         rows = np.stack(list(other.columns.columns().values()), axis=1)
-        rows = np.concatenate([rows, np.repeat(rows[-1:], np.sum(~is_reached), axis=0)])
-        return _Values(rows, _measure_effects(other))
+        missing = np.repeat(rows[-1:], np.sum(~is_reached), axis=0)
+        return np.vstack([rows, missing, _measure_effects(other)])
 
-    return _measure(result, headers, result._repeat, evaluate, "its mean size")
+    def compare(first: Array, second: Array, refined: Refined) -> Errors:
+        peaks, others = (np.abs(x[:-1]).max(axis=0) for x in (first, second))
+        differences = np.sort(np.abs(first - second)[:-1], axis=0)
+        count = len(differences) - int(_OMITTED_ROWS * len(differences))
+        mean, largest = np.sqrt(np.mean(differences[:count] ** 2, axis=0)), differences[-1]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            total, rows = (np.where(x == 0.0, 0.0, x / second[-1]) for x in (mean, largest))
+        relative_to = ("its mean size",) * len(headers)
+        return Errors(headers, peaks, others, FACTOR * total, rows, refined, relative_to)
+
+    peaks = np.array([np.max(np.abs(x)) for x in result.columns.columns().values()])
+    return _measure(result, headers, peaks, evaluate, compare)
 
 
 def measure_gradient(result: Gradient) -> Errors:
@@ -71,44 +76,44 @@ def measure_gradient(result: Gradient) -> Errors:
         for name, x in result.derivatives.items()
         for k in range(np.size(x))
     ]
-
-    def evaluate(other: Gradient) -> _Values:
-        sizes = np.abs(np.concatenate([np.ravel(x) for x in result.parameters.values()]))
-        sizes = np.where(sizes > 0.0, sizes, 1.0)
-        largest = float(np.max(sizes * np.abs(other.array)))
-        largest = max(largest, _MIN_EFFECT * abs(other.value))
-        return _Values(
-            np.append(other.value, other.array)[None], np.append(abs(other.value), largest / sizes)
-        )
-
     headers = ("objective [-]", *(f"d(objective)/d({x}) [per unit of {x}]" for x in names))
-    relative_to = "the largest effect of a parameter"
-    return _measure(result, headers, result._repeat, evaluate, relative_to)
+    sizes = np.abs(np.concatenate([np.ravel(x) for x in result.parameters.values()]))
+    sizes = np.where(sizes > 0.0, sizes, 1.0)
+
+    def evaluate(other: Gradient) -> Array:
+        return np.append(other.value, other.array)
+
+    def compare(first: Array, second: Array, refined: Refined) -> Errors:
+        value, largest = abs(second[0]), np.max(sizes * np.abs(second[1:]))
+        scales = np.append(value, max(largest, _MIN_EFFECT * value) / sizes)
+        relative_to = "the largest effect of a parameter"
+        return Errors.of_values(headers, first, second, refined, scales, relative_to)
+
+    peaks = np.abs(evaluate(result))
+    return _measure(result, headers, peaks, evaluate, compare)
 
 
 def _measure(
     result: Any,
-    headers: tuple[str, ...],
-    repeat: Callable[[Callable[[Any], Any], Any], Any] | None,
-    evaluate: Callable[[Any], _Values],
-    relative_to: str,
+    headers: Sequence[str],
+    peaks: Array,
+    evaluate: Callable[[Any], Array],
+    compare: Callable[[Array, Array, Refined], Errors],
 ) -> Errors:
-    """Return the errors of a result that `repeat` computes with other mechanisms and methods."""
-    run, values = result.solution, evaluate(result)
-    peaks = np.abs(values.rows).max(axis=0)
-    if repeat is None:
+    """Return the errors of the values that `evaluate` returns for a result and its repetition."""
+    run = result.solution
+    if result._repeat is None:
         reason = "the derivatives come from another process"
         return Errors.unchecked(headers, peaks, reason)
     method = refine_method(run, RTOL_BESIDE_ACCURATE_STEPS)
     start = run.equations.start
     request = AS_DRAWN if start is None or start.request is None else start.request
 
-    def repeat_values(causes: Collection[str]) -> tuple[_Values, Refined]:
-        return _repeat(lambda change: evaluate(repeat(change, method)), causes, request, run)
+    def repeat(causes: Collection[str]) -> tuple[Array, Refined]:
+        return _repeat(lambda x: evaluate(result._repeat(x, method)), causes, request, run)
 
-    compare = partial(_compare, headers, relative_to)
     failed = Errors.unchecked(headers, peaks, "a refined repetition fails", has_failed=True)
-    return replace(measure_errors(failed, values, repeat_values, compare), has_accuracy=False)
+    return replace(measure_errors(failed, evaluate(result), repeat, compare), has_accuracy=False)
 
 
 def _repeat(
@@ -134,19 +139,6 @@ def _repeat(
     with hold_messages(), unchecked():
         result = compute(change)
     return result, refined if run is None else refined.with_steps(run.made_by)
-
-
-def _compare(
-    headers: tuple[str, ...], relative_to: str, first: _Values, second: _Values, refined: Refined
-) -> Errors:
-    peaks, others = (np.abs(x.rows).max(axis=0) for x in (first, second))
-    differences = np.sort(np.abs(first.rows - second.rows), axis=0)
-    count = len(differences) - int(_OMITTED_ROWS * len(differences))
-    mean, largest = np.sqrt(np.mean(differences[:count] ** 2, axis=0)), differences[-1]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        total, rows = (np.where(x == 0.0, 0.0, x / second.sizes) for x in (mean, largest))
-    of_columns = (relative_to,) * len(headers)
-    return Errors(headers, peaks, others, FACTOR * total, rows, refined, of_columns)
 
 
 def _measure_effects(result: Sensitivities) -> Array:
@@ -205,39 +197,31 @@ def measure_fit(problem: FitProblem, evaluation: Evaluation) -> Errors:
     headers += [f"{x.experiment}: {x.header}" if x.experiment else x.header for x in sources]
     predictions = problem.recorded_values(evaluation)
     rows = [x for _, x in problem.data.rows]
-    peaks = [float(np.max(np.abs(predictions[x]))) for x in rows]
     sizes = np.where(values, values, 1.0)
     jacobian = evaluation.projected_jacobian * sizes
     measured = problem.data.table["value"].to_numpy()
-    half_ranges = np.array([0.5 * np.ptp(measured[x]) for x in rows])
     run = next(iter(evaluation.runs.values())).solution
     method = refine_method(run, RTOL_BESIDE_ACCURATE_STEPS)
 
     def repeat(causes: Collection[str]) -> tuple[Array, Refined]:
-        """Return the change of the residuals."""
-        compute = partial(problem.change_of_residuals, evaluation, method)
+        def compute(change: Callable[[Any], Any]) -> Array:
+            return problem.recorded_values(problem.repeat(values, method, change))
+
         return _repeat(compute, causes, problem.start, run)
 
     def compare(first: Array, second: Array, refined: Refined) -> Errors:
-        changes = second - first
+        changes = (second - first) * problem.weights
         shifts = -np.linalg.lstsq(jacobian, changes, rcond=MIN_SINGULAR_RATIO)[0] * sizes
         names = headers[: len(values)]
-        of_estimates = Errors.of_values(names, values, values + shifts, refined, sizes)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            differences = np.where(problem.weights > 0.0, changes / problem.weights, 0.0)
-        largest = np.array([np.max(np.abs(differences[x])) for x in rows]) / half_ranges
-        peaks_of_companion = [float(np.max(np.abs((predictions + differences)[x]))) for x in rows]
-        of_columns = Errors(
-            tuple(headers[len(values) :]),
-            np.array(peaks),
-            np.array(peaks_of_companion),
-            FACTOR * largest,
-            largest,
-            refined,
-            ("half the range of the data",) * len(rows),
-        )
-        return Errors.join([of_estimates, of_columns])
+        errors = [Errors.of_values(names, values, values + shifts, refined, sizes)]
+        for header, x in zip(headers[len(values) :], rows, strict=True):
+            # The headline is the largest magnitude.
+            here, there = (np.append(np.abs(y[x]).max(), y[x])[None] for y in (first, second))
+            scale = np.array([0.5 * np.ptp(measured[x])])
+            relative_to = "half the range of the data"
+            errors.append(Errors.of_values([header], here, there, refined, scale, relative_to))
+        return Errors.join(errors)
 
-    none = np.zeros(len(problem.weights))
+    peaks = [np.abs(predictions[x]).max() for x in rows]
     unchecked = Errors.unchecked(headers, np.append(values, peaks), "a refined run fails")
-    return replace(measure_errors(unchecked, none, repeat, compare), has_accuracy=False)
+    return replace(measure_errors(unchecked, predictions, repeat, compare), has_accuracy=False)

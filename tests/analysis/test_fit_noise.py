@@ -69,18 +69,16 @@ def test_regression_improbable_chi_square_is_stated(exact):
     assert "chi-square" not in repr(estimated)
 
 
-# Errors of the data: values at the times of a vibration x(t), what the message states, and the
-# true size. Delayed data begin after the start.
+# Errors of the data: values at the times of a vibration x(t), the property of the sensor that the
+# message states, and its true value. Delayed data begin after the start.
 ERRORS = {
-    "mirrored": (lambda x, t: 2.0 - x(t), r"that are mirrored \(scale (\S+); reverse", -1.0),
-    "inches": (lambda x, t: 1.0 + (x(t) - 1.0) / 25.4, r"that are scaled \(scale (\S+);", 1 / 25.4),
-    "three times": (lambda x, t: 3.0 * x(t) - 2.0, r"that are scaled \(scale (\S+);", 3.0),
-    "millimeters": (lambda x, t: 1e3 * x(t) - 999.0, r"that are scaled \(scale (\S+);", 1e3),
-    "offset": (lambda x, t: x(t) + 0.75, r"a constant error of mass.x of (\S+) m", 0.75),
-    "late": (lambda x, t: x(t - 0.02), r"data that are late by about (\S+) s", 0.02),
-    "early": (lambda x, t: x(t + 0.02), r"data that are early by about (\S+) s", 0.02),
-    "half a period late": (lambda x, t: x(t - 0.5), r"that are late by about (\S+) s", 0.5),
-    "half a period early": (lambda x, t: x(t + 0.5), r"that are early by about (\S+) s", 0.5),
+    "mirrored": (lambda x, t: 2.0 - x(t), "scale", -1.0),
+    "inches": (lambda x, t: 1.0 + (x(t) - 1.0) / 25.4, "scale", 1 / 25.4),
+    "three times": (lambda x, t: 3.0 * x(t) - 2.0, "scale", 3.0),
+    "millimeters": (lambda x, t: 1e3 * x(t) - 999.0, "scale", 1e3),
+    "offset": (lambda x, t: x(t) + 0.75, "offset", 0.75),
+    "late": (lambda x, t: x(t - 0.02), "shift", 0.02),
+    "early": (lambda x, t: x(t + 0.02), "shift", -0.02),
 }
 
 
@@ -89,26 +87,25 @@ ERRORS = {
 @pytest.mark.parametrize("error", ERRORS)
 def test_regression_errors_of_the_data_are_named_with_their_size(error, stiffness, sigma):
     """Searches took up to 231 s, some without naming the error or with another one."""
-    change, pattern, size = ERRORS[error]
-    is_delay = "late" in error or "early" in error
-    times = TIMES + 0.6 * is_delay
+    change, kind, size = ERRORS[error]
+    times = TIMES + 0.6 * (kind == "shift")
     run = bd.simulate(oscillator(**TRUE), METHOD, t_end=4.0)
     values = change(lambda t: run.at_times(t)["mass.x"].to_numpy() + white(1e-4), times)
     options = {"parameters": {"stiffness": stiffness, "damping": 0.7}}
     if sigma:
-        options["sigma"] = sigma * (abs(size) if "scale" in pattern else 1.0)
+        options["sigma"] = sigma * (abs(size) if kind == "scale" else 1.0)
     data = {"t [s]": times, "mass.x": values}
-    with pytest.warns(bd.BeamdaeWarning, match=pattern):
+    with pytest.warns(bd.BeamdaeWarning, match=rf"a fit with .*{kind}=\['mass.x'\]"):
         result = bd.fit(oscillator, data, list(TRUE), METHOD, **options)
     # Short delays change the estimates little.
-    assert result.status.kind == ("ok" if size == 0.02 else "limited")
+    assert result.status.kind == ("ok" if kind == "shift" else "limited")
     assert result.evaluations <= 40
-    named = re.search(pattern, " ".join([result.status.sentence, *result.warnings]))[1]
+    sentences = " ".join([result.status.sentence, *result.warnings])
+    named = re.search(rf"{kind} of mass.x = ([-\d.e+]+)", sentences)[1]
     assert float(named) == pytest.approx(size, rel=0.1)
-    sensor = {"shift": "mass.x"} if is_delay else {"scale": "mass.x", "offset": "mass.x"}
-    if "half" not in error:
-        right = bd.fit(oscillator, data, list(TRUE), METHOD, **sensor, **options)
-        assert right.parameters == pytest.approx(TRUE, rel=0.02)
+    sensor = {"shift": "mass.x"} if kind == "shift" else {"scale": "mass.x", "offset": "mass.x"}
+    right = bd.fit(oscillator, data, list(TRUE), METHOD, **sensor, **options)
+    assert right.parameters == pytest.approx(TRUE, rel=0.02)
 
 
 def test_loads_far_from_their_first_values_are_fitted():
@@ -131,7 +128,7 @@ def test_mirrored_data_within_bounds_are_named(exact, starts):
     """NumPy warned of an invalid product of a lower bound of zero."""
     bounds = {"stiffness": (0.0, 90.0), "damping": (0.0, 2.0)}
     first = {"stiffness": 39.0, "damping": 0.7}
-    with pytest.warns(bd.BeamdaeWarning, match="mirrored"):
+    with pytest.warns(bd.BeamdaeWarning, match="scale of mass.x = -1,"):
         result = fit(2.0 - exact, bounds=bounds, starts=starts, parameters=first)
     assert result.status.kind == "limited"
     assert result.evaluations <= 30
@@ -146,33 +143,15 @@ def plucked(stiffness=4870.0, damping=1.0):
     return mech
 
 
-@pytest.mark.parametrize("delay", [0.015, -0.02])
-def test_regression_smallest_of_equivalent_delays_is_named(delay):
+def test_regression_smallest_of_equivalent_delays_is_named():
     """A wrong damping compensated periods: data late by 0.015 s looked early by 0.436 s."""
-    times = np.linspace(0.0, 1.0, 201) + max(delay, 0.0)
+    times = np.linspace(0.015, 1.015, 201)
     method = bd.GeneralizedAlpha(step=0.002)
-    run = bd.simulate(plucked(damping=3.0), method).at_times(times - delay)
+    run = bd.simulate(plucked(damping=3.0), method).at_times(times - 0.015)
     noise = np.random.default_rng(0).normal(scale=1e-4, size=times.size)
     data = {"t [s]": times, "mass.x": run["mass.x"].to_numpy() + noise}
-    with pytest.warns(bd.BeamdaeWarning, match="would reduce the residuals"):
-        result = bd.fit(plucked, data, "damping", method)
-    pattern = r"data that are (\w+) by about ([\d.]+) s"
-    side, number = re.search(pattern, result.status.sentence).groups()
-    assert side == ("late" if delay > 0.0 else "early")
-    assert float(number) == pytest.approx(abs(delay), rel=0.15)
-
-
-@pytest.mark.parametrize("delay", [0.02, 0.03])
-def test_regression_delays_of_data_that_begin_at_the_start_are_named(delay):
-    """Data could not be later than their first time: the fit had other causes, or none."""
-    method, times = bd.GeneralizedAlpha(step=0.002), np.linspace(0.0, 1.0, 201)
-    run = bd.simulate(plucked(damping=3.0), method).at_times(times)["mass.x"]
-    noise = np.random.default_rng(0).normal(scale=1e-4, size=times.size)
-    data = {"t [s]": times, "mass.x": np.interp(times - delay, times, run) + noise}
-    with pytest.warns(bd.BeamdaeWarning, match="are late by .*omit data before 0.0"):
-        result = bd.fit(plucked, data, ["stiffness", "damping"], method)
-    number = re.search(r"by about ([\d.]+) s", result.status.sentence).group(1)
-    assert float(number) == pytest.approx(delay, rel=0.1)
+    with pytest.warns(bd.BeamdaeWarning, match="shift of mass.x = 0.015 s"):
+        bd.fit(plucked, data, "damping", method)
 
 
 @pytest.mark.parametrize("delay", [0.02, 0.15])
@@ -184,7 +163,7 @@ def test_regression_delays_of_one_column_are_named(delay):
     data = exact | {"two.x": moved["two.x"]}
     first = {"k1": 57.0, "k2": 85.0, "damping": 0.4}
     options = {"sigma": sigma, "parameters": first, "log": list(first)}
-    message = r"values of two.x that are late by about 0.*shift=\['two.x'\]"
+    message = rf"shift=\['two.x'\] .*shift of two.x = {delay:g}"
     with pytest.warns(bd.BeamdaeWarning, match=message):
         bd.fit(chain, data, list(first), method, **options)
 
@@ -480,7 +459,7 @@ def test_regression_one_mirrored_column_beside_others_is_named(shift):
     data["two.x"] = 4.0 - data["two.x"]
     first = {"k1": 54.0, "k2": 80.0, "damping": 0.4}
     options = {"sigma": sigma, "parameters": first, "log": list(first), "shift": shift}
-    with pytest.warns(bd.BeamdaeWarning, match="data of two.x that are mirrored"):
+    with pytest.warns(bd.BeamdaeWarning, match="scale of two.x = -1, offset of two.x = 4 m"):
         result = bd.fit(chain, data, list(first), method, **options)
     assert result.evaluations <= 30
 
@@ -534,46 +513,24 @@ def suggested_causes(values, sigma=5e-4, times=TIMES, **parameters):
     return next(x for x in result.warnings if "does not explain" in x)
 
 
-def test_regression_a_wrong_clock_of_a_free_vibration_is_named_with_the_scale_like_it():
-    """An offset that left 1.3 times sigma was recommended.
-
-    With a free stiffness, the sag m g / k alone determines the frequency, and a scale of the sag
-    has the same effect as the clock.
-    """
-    sentence = suggested_causes(dropped_mass(TIMES / 1.02))
-    named = re.search(
-        r"times that are (\S+) % too long .* values of mass.y that are (\S+) %", sentence
-    )
-    assert float(named[1]) == pytest.approx(2.0, rel=0.1)
-    assert float(named[2]) == pytest.approx(4.0, rel=0.1)
-    assert "offset=" not in sentence
-
-
-def test_regression_a_wrong_clock_of_a_driven_motion_is_named_alone():
-    """The frequency of the force is known, so that a scale leaves other residuals."""
-    method, clock = bd.GeneralizedAlpha(step=5e-3), 1.01
-    model = dropped(stiffness=100.0, damping=0.8, force=8.0)
-    run = bd.simulate(model, method, t_end=2.0).at_times(TIMES / clock)
-    sentence = suggested_causes(run["mass.y"].to_numpy(), force=8.0)
-    named = re.search(r"times that are (\S+) % too long \(check the sampling rate", sentence)
-    assert float(named[1]) == pytest.approx(1.0, rel=0.1)
-    assert "scale=" not in sentence
-    assert "offset=" not in sentence
-
-
 @pytest.mark.parametrize(
     ("change", "cause", "size"),
     [
-        (lambda t: dropped_mass(t) + 2e-3, "constant error of mass.y of", 0.002),
-        (lambda t: 0.96 * dropped_mass(t), "values of mass.y that are", 4.0),
-        (lambda t: dropped_mass(np.maximum(t - 3e-3, 0.0)), "data that are late by about", 0.003),
+        (lambda t: dropped_mass(t) + 2e-3, "offset of mass.y = ", 0.002),
+        (lambda t: 0.96 * dropped_mass(t), "scale of mass.y = ", 0.96),
+        # The sag m g / k determines the frequency, and a scale has the same effect as the clock.
+        (lambda t: dropped_mass(t / 1.02), "scale of mass.y = ", 0.96),
     ],
-    ids=["offset", "scale", "delay"],
+    ids=["offset", "scale", "clock"],
 )
 def test_regression_errors_that_explain_all_but_the_noise_of_sigma_are_named(change, cause, size):
-    """Scales were not named, and delays not beside much noise."""
+    """Scales were not named."""
     sentence = suggested_causes(change(TIMES))
-    assert float(sentence.partition(cause)[2].split()[0]) == pytest.approx(size, rel=0.1)
+    assert float(sentence.partition(cause)[2].split()[0].rstrip(");")) == pytest.approx(
+        size, rel=0.05
+    )
+    # Other properties do not differ from those of a perfect sensor.
+    assert sentence.count(" of mass.y = ") == 1
 
 
 def test_columns_with_constant_errors_are_named_together():

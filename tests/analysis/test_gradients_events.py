@@ -11,12 +11,12 @@ from test_sensitivities_events import (
     broken,
     caught,
     deflected,
-    driven,
     falling,
     held,
     moving,
     redirected,
     struck,
+    struck_driven,
 )
 
 import beamdae as bd
@@ -31,7 +31,7 @@ CASES = {
     "keeps its gap": (held, ["angle", "rate"], None),
     "new law": (redirected, ["angle", "later"], None),
     "transmitted impact": (struck, ["wall", "tilt", "restitution"], None),
-    "impact with driver": (driven, ["rate", "wall"], None),
+    "impact with driver": (struck_driven, ["rate", "wall"], None),
     "breaks at a reaction": (broken, ["limit", "mass"], None),
     "contact": (deflected, ["offset", "stiffness", "radius"], None),
     "redundant joints": (parallel, ["length", "height"], 0.05),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -205,12 +204,10 @@ def fit(
         data_columns,
     )
     scaling = Scaling(problem, bounds, log)
-    first, known, table, best = np.ones(len(scaling.first)), None, None, None
+    first, table, best = np.ones(len(scaling.first)), None, None
     points = scaling.draw_starts(starts - 1, seed) if starts > 1 else ()
     try:
         if starts > 1:
-            with suppress(ValueError, ArithmeticError):  # Searches from other values may succeed.
-                known = problem.evaluate(scaling.values(first))
             run_starts: Any = deferred.module("studies.fit_starts").run_starts
             first, table, is_interrupted = run_starts(
                 problem, scaling, max_evaluations, points, folder, jobs, progress
@@ -220,9 +217,7 @@ def fit(
                 last = problem.evaluate(scaling.values(first))
                 status = Status("interrupted", "interrupted before the end of all searches")
                 nowhere = np.zeros(len(first), bool)
-                raise Interrupted(
-                    status.sentence, SearchResult(last, 1, status, nowhere, last), "fit"
-                )
+                raise Interrupted(status.sentence, SearchResult(last, 1, status, nowhere), "fit")
         end = search(problem, scaling, first, max_evaluations)
     except Interrupted as interrupt:
         if not isinstance(interrupt.partial, SearchResult):
@@ -231,7 +226,7 @@ def fit(
         end = interrupt.partial
     if best is not None:
         # Those of the search from the best start, whose end is evaluated again.
-        end = replace(end, evaluations=int(best["evaluations"]), first=known or end.first)
+        end = replace(end, evaluations=int(best["evaluations"]))
     result = create_fit(problem, scaling, end, table)
     if result.status.kind == "interrupted":
         if partial == "raise":

@@ -8,13 +8,21 @@ from functools import cached_property
 
 import numpy as np
 
-from beamdae.analysis.fit.problem import MIN_SINGULAR_RATIO
+from beamdae.analysis.fit.problem import (
+    MIN_SINGULAR_RATIO,
+    Evaluation,
+    FitProblem,
+    Scaling,
+)
+from beamdae.analysis.fit.sensors import SCALE
 from beamdae.read_only import read_only_data
 
 Array = np.ndarray
 
 # Combinations of relative changes of parameters with a larger standard deviation are undetermined.
 MAX_RELATIVE_DEVIATION = 1.0
+# Changes of parameters below this ratio to their first value are relative to the first value.
+_MIN_RELATIVE_VALUE = 1e-3
 # Parameters with smaller shares of a direction are not named.
 _MIN_NAMED_SHARE = 0.05
 
@@ -107,3 +115,24 @@ class Information:
             subject = "Changes of" if len(shares) == 1 else "Joint changes of"
             sentences.append(f"{subject} {', '.join(shares)} {effect}.")
         return sentences
+
+
+def find_covariance(
+    problem: FitProblem, scaling: Scaling, end: Evaluation, at_bounds: Array, sigma: float
+) -> tuple[Information, Information, Array]:
+    """Return the information on all estimates, that on free ones, and the covariance."""
+    estimates, jacobian = end.estimates, end.jacobian / sigma
+    # Changes are relative to the values, or to the first values near zero, or to typical sizes.
+    typical = np.append(scaling.sizes, [x.size for x in problem.linear])
+    has_size = np.isin(problem.estimated, [x.name for x in problem.sensors if x.kind != SCALE])
+    is_small = has_size | (np.abs(estimates) < _MIN_RELATIVE_VALUE * typical)
+    sizes = np.where(is_small, typical, np.abs(estimates))
+    # The covariance of the others holds fixed what is at a bound or has no effect of its own.
+    effects = np.linalg.norm(jacobian * np.maximum(sizes, typical), axis=0)
+    is_fixed = effects * MAX_RELATIVE_DEVIATION < 1.0
+    is_fixed[: len(at_bounds)] |= at_bounds
+    whole, free = (Information(jacobian, x) for x in (sizes, np.where(is_fixed, 0.0, sizes)))
+    covariance = free.covariance
+    variances = np.where(is_fixed, np.diag(whole.covariance), np.diag(covariance))
+    np.fill_diagonal(covariance, variances)
+    return whole, free, covariance

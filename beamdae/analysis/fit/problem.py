@@ -11,6 +11,7 @@ import numpy as np
 from scipy import signal
 
 from beamdae.analysis.fit.data import (
+    COLUMN,
     EXPERIMENT,
     SIGMA,
     VALUE,
@@ -36,8 +37,8 @@ from beamdae.equations.measures import TIME
 from beamdae.errors import BeamdaeError, require_mapping, require_names, short_repr
 from beamdae.integrators import Integrator
 from beamdae.integrators.integrator import require_integrator
-from beamdae.results.solution import Solution
-from beamdae.simulation import as_equations, silenced, simulate
+from beamdae.model_functions import transform_mechanisms
+from beamdae.simulation import as_equations, silenced
 
 Array = np.ndarray
 
@@ -121,8 +122,6 @@ class FitProblem:
         The data.
     sensors
         Unknown properties of sensors: shifts, then scales and offsets.
-    first_values
-        First values (K,) of the parameters of the model and of the shifts.
     weights
         Reciprocal standard deviations (N,) of the data.
     """
@@ -156,10 +155,6 @@ class FitProblem:
         }
         fitted = read_fit_data(measured, headers, sigma)
         self._set_data(fitted, read_sensors(fitted, scale, offset, shift))
-        self.first_values = np.array(
-            [self.parameters[name] for name in self.names]
-            + [float(np.clip(0.0, *shift.bounds)) for shift in self.shifts]
-        )
         if self.count < (unknowns := len(self.estimated)):
             raise BeamdaeError(
                 f"fit: {self.count} data do not determine {unknowns} parameters; add data or fit "
@@ -188,6 +183,12 @@ class FitProblem:
             given[name] = {x: self.model.complete({x: values[x]})[x] for x in values}
         return {name: given.get(name, {}) for name in known}
 
+    @property
+    def first_values(self) -> Array:
+        """First values (K,) of the parameters of the model and of the shifts."""
+        shifts = [float(np.clip(0.0, *x.bounds)) for x in self.shifts]
+        return np.array([self.parameters[name] for name in self.names] + shifts)
+
     def _set_data(self, data: MeasuredData, sensors: tuple[Sensor, ...]) -> None:
         self.data, self.sensors = data, sensors
         self._times, self._values, sigma = (data.table[x].to_numpy() for x in (TIME, VALUE, SIGMA))
@@ -215,9 +216,26 @@ class FitProblem:
 
     def with_first_data(self, share: float) -> FitProblem:
         """Return a problem with the data of the first `share` of the time of each column."""
-        other = copy.copy(self)
         data, rows = self.data.first(share)
-        other._set_data(data, tuple(replace(x, rows=x.rows[rows]) for x in self.sensors))
+        return self._with(data, tuple(replace(x, rows=x.rows[rows]) for x in self.sensors))
+
+    def with_sensors(self, kinds: Sequence[str]) -> FitProblem:
+        """Return a problem in which each column has further unknown properties of its sensor.
+
+        Columns for which they are unknown already, or whose values are constant, are omitted.
+        """
+        columns = dict[str, list[str]]()
+        for kind in kinds:
+            known = [x.rows for x in self.sensors if x.kind == kind]
+            others = self.data.table[~np.any([np.zeros(self.count, bool), *known], axis=0)]
+            parts = others.groupby(COLUMN, sort=False)[VALUE]
+            columns[kind] = [str(x) for x, values in parts if varies(values.to_numpy())]
+        further = read_sensors(self.data, *(columns.get(x, []) for x in (SCALE, OFFSET, SHIFT)))
+        return self._with(self.data, (*self.sensors, *further))
+
+    def _with(self, data: MeasuredData, sensors: tuple[Sensor, ...]) -> FitProblem:
+        other = copy.copy(self)
+        other._set_data(data, sensors)
         return other
 
     @property
@@ -256,54 +274,35 @@ class FitProblem:
         """
         times = self._shift_times(values)
         runs = {x: self._run(x, values, times) for x in self.data.experiments}
-        derivatives = np.zeros((self.count, len(self.variables)))
+        model, derivatives = np.empty(self.count), np.zeros((self.count, len(self.variables)))
         for source, rows in self.data.rows:
             run = runs[source.experiment]
-            at = _nearest_rows(run.t, times[rows])
+            # The times are among those of the run up to rounding.
+            at = np.minimum(np.searchsorted(run.t, times[rows]), len(run.t) - 1)
+            model[rows] = run.solution.columns[source.header][at]
             for j, name in enumerate(self.names):
                 derivatives[rows, j] = run.sensitivity(source.header, name).to_numpy()[at]
             for j, shift in enumerate(self.shifts, len(self.names)):
                 if shift.rows[rows.start]:
                     rates = differentiate_column(run.solution, source.header, times[rows])
                     derivatives[rows, j] = -rates
-        solutions = {x: run.solution for x, run in runs.items()}
-        return self._project(values, runs, solutions, derivatives)
+        return self._project(values, runs, model, derivatives)
 
-    def change_of_residuals(
-        self, evaluation: Evaluation, method: Integrator, change: Callable[[Any], Any]
-    ) -> Array:
-        """Return the change of the residuals (N,) of an evaluation in runs with another method.
-
-        `change` returns the mechanism that takes the place of that of the model.
+    def repeat(self, values: Array, method: Integrator, change: Callable[[Any], Any]) -> Evaluation:
+        """Return `evaluate` by runs of changed mechanisms with another integrator.
 
         Raises
         ------
         BeamdaeError
             If a run fails.
         """
-        times, solutions = self._shift_times(evaluation.values), {}
-        for experiment, t_end in self._t_end.items():
-            mechanism = change(self.model(**self._parameters(experiment, evaluation.values)))
-            other = simulate(mechanism, method, t_end, start=self.start, keep_steps=True)
-            if other.trajectory.end < t_end:
-                raise BeamdaeError(f"fit: the run was {other.status.sentence}.")
-            solutions[experiment] = other.at_times(self._needed_times(experiment, times))
-        nothing = np.zeros((self.count, len(self.variables)))
-        compared = self._project(evaluation.values, {}, solutions, nothing)
-        return compared.residuals - evaluation.residuals
+        other = copy.copy(self)
+        other.model, other.integrator = transform_mechanisms(self.model, change), method
+        return other.evaluate(values)
 
     def recorded_values(self, evaluation: Evaluation) -> Array:
         """Return the recorded values (N,) that an evaluation predicts."""
         return self._values + evaluation.residuals / self.weights
-
-    def rates(self, evaluation: Evaluation) -> Array:
-        """Return the time derivatives (N,) of the recorded values over the sigma of the data."""
-        times = self._shift_times(evaluation.values)
-        result = self.weights * self._scale_rows(evaluation.coefficients)
-        for source, rows in self.data.rows:
-            run = evaluation.runs[source.experiment].solution
-            result[rows] *= differentiate_column(run, source.header, times[rows])
-        return np.nan_to_num(result)
 
     def _scale_rows(self, coefficients: Array) -> Array:
         """Return the scale of each of the data, (N,)."""
@@ -318,17 +317,14 @@ class FitProblem:
             times[shift.rows] -= value
         return times
 
-    def _needed_times(self, experiment: str, times: Array) -> Array:
-        """Return the ascending times of the rows of an experiment, within its run."""
-        # Bounds of shifts hold up to rounding.
-        return np.unique(np.clip(times[self._rows[experiment]], 0.0, self._t_end[experiment]))
-
     def _parameters(self, experiment: str, values: Array) -> dict[str, Any]:
         fitted = zip(self.names, values.tolist(), strict=False)
         return self._settings[experiment] | dict(fitted)
 
     def _run(self, experiment: str, values: Array, times: Array) -> Sensitivities:
-        t_end, needed = self._t_end[experiment], self._needed_times(experiment, times)
+        t_end = self._t_end[experiment]
+        # Bounds of shifts hold up to rounding.
+        needed = np.unique(np.clip(times[self._rows[experiment]], 0.0, t_end))
         settings = {"parameters": self._parameters(experiment, values), "start": self.start}
         # The result evaluates the warnings of the last run.
         with silenced():
@@ -344,17 +340,13 @@ class FitProblem:
         self,
         values: Array,
         runs: Mapping[str, Sensitivities],
-        solutions: Mapping[str, Solution],
+        model: Array,
         derivatives: Array,
     ) -> Evaluation:
         """Solve for scales and offsets, and differentiate the remaining residuals.
 
         Reactions that grow without bounds are left out: their residuals are zero.
         """
-        times, model = self._shift_times(values), np.empty(self.count)
-        for source, rows in self.data.rows:
-            run = solutions[source.experiment]
-            model[rows] = run.columns[source.header][_nearest_rows(run.t, times[rows])]
         is_missing, count = np.isnan(model), len(self._scaled)
         if is_missing.all():
             raise BeamdaeError(
@@ -366,7 +358,8 @@ class FitProblem:
         matrix = (np.vstack([scaled * model, offset]) * weights).T
         remainder = (self._values - np.where(scaled.any(axis=0), 0.0, model)) * weights
         # Columns of equal size, so that the rank does not depend on units.
-        sizes = column_lengths(matrix)
+        sizes = np.linalg.norm(matrix, axis=0)
+        sizes = np.where(sizes == 0.0, 1.0, sizes)
         inverse = np.linalg.pinv(matrix / sizes) / sizes[:, None]
         coefficients = inverse @ remainder
         residuals = matrix @ coefficients - remainder
@@ -413,17 +406,6 @@ def varies(values: Array) -> bool:
     return find_correlation([np.where(is_rounding, 0.0, changes)]) > 0.0
 
 
-def _nearest_rows(times: Array, needed: Array) -> Array:
-    """Return the rows at needed times, which are among the times up to rounding."""
-    return np.minimum(np.searchsorted(times, needed), len(times) - 1)
-
-
-def column_lengths(matrix: Array) -> Array:
-    """Return the Euclidean lengths of columns; 1 for those that are zero."""
-    lengths = np.linalg.norm(matrix, axis=0)
-    return np.where(lengths == 0.0, 1.0, lengths)
-
-
 # Logarithm of the ratio of the first value of a parameter that is not in `log` to those about zero
 # where its variable is linear.
 _ORIGIN = 5.3
@@ -436,6 +418,7 @@ class Scaling(ParameterScales):
     """
 
     def __init__(self, problem: FitProblem, bounds: Any, log: Any) -> None:
+        self._given = bounds, log
         self._names, values, shifts = problem.variables, problem.first_values, problem.shifts
         first = dict(zip(problem.names, values.tolist(), strict=False))
         logarithmic = set(require_names("fit", "log", log, "a list of names of parameters"))
@@ -461,6 +444,10 @@ class Scaling(ParameterScales):
         origins = np.where(is_linear, 0.0, np.where(self.is_log, LOG_ORIGIN, _ORIGIN))
         sizes = np.array([*[1.0] * len(first), *(x.size for x in shifts)])
         super().__init__(values, sizes, origins, lower, upper)
+
+    def of(self, problem: FitProblem) -> Scaling:
+        """Return the scales of a problem with other sensors."""
+        return Scaling(problem, *self._given)
 
     def draw_starts(self, count: int, seed: int) -> Array:
         """Return first values (count, K) of further searches; see `draw_starts`."""

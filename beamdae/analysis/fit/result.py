@@ -14,14 +14,14 @@ from scipy.special import chdtrc, stdtrit
 
 from beamdae import deferred
 from beamdae.analysis.fit.data import COLUMN, EXPERIMENT, SIGMA, VALUE
-from beamdae.analysis.fit.information import MAX_RELATIVE_DEVIATION, Information
+from beamdae.analysis.fit.information import Information, find_covariance
 from beamdae.analysis.fit.problem import FitProblem, Scaling
 from beamdae.analysis.fit.profile import ProfileLikelihood, trace_profile
 from beamdae.analysis.fit.residual_checks import (
     check_bounds,
     check_errors,
     check_residuals,
-    suggest_causes,
+    suggest_sensors,
 )
 from beamdae.analysis.fit.search import SearchResult
 from beamdae.analysis.fit.sensors import OFFSET, SCALE, SHIFT
@@ -39,8 +39,6 @@ from beamdae.results.solution import Solution
 Array = np.ndarray
 
 _UPPER_PROBABILITY = 0.975  # of the upper limits of intervals of 95 %
-# Changes of parameters below this ratio to their first value are relative to the first value.
-_MIN_RELATIVE_VALUE = 1e-3
 # Searches with a larger difference of their sums of squares, in variances, have other minima.
 _MAX_SUM_DIFFERENCE = 0.1
 
@@ -463,7 +461,7 @@ def create_fit(problem: FitProblem, scaling: Scaling, search: SearchResult, star
         rounding = float(np.finfo(float).eps) * (float(data[VALUE].abs().max()) or 1.0)
         freedom = max(problem.count - len(values), 1)
         sigma = max(float(np.sqrt(end.chi_square / freedom)), rounding)
-    whole, information, covariance = _find_covariance(problem, scaling, search, sigma)
+    whole, information, covariance = find_covariance(problem, scaling, end, search.at_bounds, sigma)
     undetermined = whole.describe_undetermined(values, problem.units) if search.explains else []
     status, sentences, errors = _check(problem, scaling, search, sigma)
     mean_squares = (data[SIGMA] ** 2).groupby(data[COLUMN], sort=False).mean()
@@ -491,27 +489,6 @@ def create_fit(problem: FitProblem, scaling: Scaling, search: SearchResult, star
     return fit
 
 
-def _find_covariance(
-    problem: FitProblem, scaling: Scaling, search: SearchResult, sigma: float
-) -> tuple[Information, Information, Array]:
-    """Return the information on all estimates, that on free ones, and the covariance."""
-    estimates, jacobian = search.evaluation.estimates, search.evaluation.jacobian / sigma
-    # Changes are relative to the values, or to the first values near zero, or to typical sizes.
-    typical = np.append(scaling.sizes, [x.size for x in problem.linear])
-    has_size = np.isin(problem.estimated, [x.name for x in problem.sensors if x.kind != SCALE])
-    is_small = has_size | (np.abs(estimates) < _MIN_RELATIVE_VALUE * typical)
-    sizes = np.where(is_small, typical, np.abs(estimates))
-    # The covariance of the others holds fixed what is at a bound or has no effect of its own.
-    effects = np.linalg.norm(jacobian * np.maximum(sizes, typical), axis=0)
-    is_fixed = effects * MAX_RELATIVE_DEVIATION < 1.0
-    is_fixed[: len(search.at_bounds)] |= search.at_bounds
-    whole, free = (Information(jacobian, x) for x in (sizes, np.where(is_fixed, 0.0, sizes)))
-    covariance = free.covariance
-    variances = np.where(is_fixed, np.diag(whole.covariance), np.diag(covariance))
-    np.fill_diagonal(covariance, variances)
-    return whole, free, covariance
-
-
 def _check(
     problem: FitProblem, scaling: Scaling, search: SearchResult, sigma: float
 ) -> tuple[Status, list[str], Any]:
@@ -519,20 +496,21 @@ def _check(
     end, status = search.evaluation, search.status
     residuals, errors = end.residuals / sigma, None
     sentences = list(check_bounds(problem, scaling, search))
-    if not search.explains:
-        causes = suggest_causes(problem, end, search.first)
-        advice = "check signs, units and times of the data and start=, or start from other values"
-        return Status("limited", f"{status.sentence}; {causes}{advice}"), sentences, errors
-    if status.success or not search.failures:
-        sentences += check_residuals(problem, search, residuals)
-    # Data without noise are computed by runs that are as accurate.
-    is_computed = end.chi_square <= problem.rounding and not problem.data.is_sigma_known
-    if status.kind != "interrupted" and not is_computed:
-        try:
+    try:
+        if not search.explains:
+            causes = suggest_sensors(problem, scaling, search)
+            advice = (
+                "check signs, units and times of the data and start=, or start from other values"
+            )
+            return Status("limited", f"{status.sentence}; {causes}{advice}"), sentences, errors
+        if status.success or not search.failures:
+            sentences += check_residuals(problem, scaling, search, residuals)
+        # Data without noise are computed by runs that are as accurate.
+        is_computed = end.chi_square <= problem.rounding and not problem.data.is_sigma_known
+        if status.kind != "interrupted" and not is_computed:
             errors = deferred.module("accuracy.derivatives").measure_fit(problem, end)
             sentences += check_errors(end, errors, sigma, residuals)
-        except KeyboardInterrupt:
-            acknowledge()
-            sentence = "interrupted while the accuracy of the runs was checked"
-            status = Status("interrupted", sentence)
+    except KeyboardInterrupt:
+        acknowledge()
+        status = Status("interrupted", "interrupted while the end of the search was checked")
     return status, sentences, errors

@@ -66,8 +66,6 @@ class SearchResult:
         Status and reason of the end of the search, see `Fit`.
     at_bounds
         True (K,) for variables at a bound.
-    first
-        The first evaluation.
     failures
         Sentence on runs that failed during the search, or "".
     explains
@@ -78,7 +76,6 @@ class SearchResult:
     evaluations: int
     status: Status
     at_bounds: Array
-    first: Evaluation
     failures: str = ""
     explains: bool = True
 
@@ -89,14 +86,14 @@ class SearchResult:
 
 
 class _Record:
-    """Evaluations of a search: the first, the best, the latest and the latest accepted one."""
+    """Evaluations of a search: the best, the latest and the latest accepted one."""
 
     def __init__(self, problem: FitProblem, scaling: Scaling, first: Array) -> None:
         self.problem, self.scaling = problem, scaling
-        self.first = self.best = problem.evaluate(scaling.values(first))
-        self._accepted, self._known = first.tobytes(), {first.tobytes(): self.first}
-        self._sums, self.failures = [self.first.chi_square], list[str]()
-        if not np.isfinite(self.first.chi_square):
+        self.best = problem.evaluate(scaling.values(first))
+        self._accepted, self._known = first.tobytes(), {first.tobytes(): self.best}
+        self._sums, self.failures = [self.best.chi_square], list[str]()
+        if not np.isfinite(self.best.chi_square):
             raise BeamdaeError(
                 "fit: the first run has no finite sum of squared residuals; choose other first "
                 "values in parameters, or check the data."
@@ -203,7 +200,7 @@ def local_search(
     free = ~nowhere if free is None else free
     if not free.any():
         status = Status("ok", "all parameters are fixed")
-        return SearchResult(record.best, 1, status, nowhere, record.first)
+        return SearchResult(record.best, 1, status, nowhere)
     sigma, ending, explains = 1.0, "", True
     if not problem.data.is_sigma_known:
         sigma = float(_GUESSED_SIGMA * np.sqrt(problem.data.variation / problem.count))
@@ -224,7 +221,7 @@ def local_search(
     except KeyboardInterrupt:
         sentence = f"interrupted after {format_count(record.count, 'evaluation')}"
         status = Status("interrupted", sentence)
-        partial = SearchResult(record.best, record.count, status, nowhere, record.first)
+        partial = SearchResult(record.best, record.count, status, nowhere)
         raise Interrupted(sentence, partial) from None
     x = scaling.variables(end.values)
     is_bound = (end.values == scaling.bounds[0]) | (end.values == scaling.bounds[1])
@@ -248,7 +245,6 @@ def local_search(
         record.count,
         status,
         free & is_bound,
-        record.first,
         failures,
         explains or status.success,
     )
@@ -355,7 +351,7 @@ def _repeat_from_first_data(
         if not is_explained(part, other.evaluation):
             break
         first = scaling.variables(other.evaluation.values)
-    return replace(best, evaluations=spent, first=end.first)
+    return replace(best, evaluations=spent)
 
 
 def is_explained(problem: FitProblem, evaluation: Evaluation) -> bool:

@@ -17,14 +17,10 @@ from beamdae.analysis.sensitivities.observable_derivatives import (
     ColumnPoints,
     group_times,
     join_points,
-    select_column,
+    locate_column,
     split_points,
 )
 from beamdae.equations.equations_of_motion import EquationsOfMotion, Observable, State
-from beamdae.equations.structure import cache_on_owner
-from beamdae.errors import BeamdaeError
-from beamdae.results.columns import remove_unit
-from beamdae.results.run_data import coordinate_headers
 from beamdae.results.trajectory import Interval, Trajectory
 
 Array = np.ndarray
@@ -49,25 +45,22 @@ class ColumnSeeds:
     numbers: Array
     operators: dict[int, Array]
 
-    def contract(self, difference: Difference, along: Trajectory | None = None) -> float:
-        """Return the derivative with respect to a parameter at constant states of the run.
-
-        `along` are the derivatives of the states if these change.
-        """
+    def contract(self, difference: Difference) -> float:
+        """Return the derivative with respect to a parameter at constant states of the run."""
         result = float(self.numbers @ difference.along(lambda e: e.p))
         for k, by in self.operators.items():
             change = difference.along(lambda e, k=k: e.observables[k].operator)
             result += float(change.multiply(by).sum())
-        for by, interval in zip(self.states, along.intervals if along else (), strict=False):
-            q, v, _, lam = interval.rows
-            result += float(np.sum(by * np.hstack([q, v, lam])))
         return result
 
 
 def differentiate_objective(
     weights: Mapping[Objective, float], equations: EquationsOfMotion, trajectory: Trajectory
 ) -> ColumnSeeds:
-    """Return the derivatives of a weighted sum of objectives by the states of a run."""
+    """Return the derivatives of a weighted sum of objectives by the states of a run.
+
+    The parts of the model are active during the whole run.
+    """
     size = 2 * equations.n + equations.m
     # By columns: most objectives depend on few of them, and only these need memory.
     states = [np.zeros((len(x.nodes), size), order="F") for x in trajectory.intervals]
@@ -77,28 +70,21 @@ def differentiate_objective(
         times, column = term.sample_times(grid), _Column.of(equations, term.column)
         key = times.tobytes(), column.is_elastic
         if key not in points_at:
-            points_at[key] = [
-                (inactive, points, *join_points(points, trajectory, limited=True))
-                for inactive, points in group_times(trajectory, times, column.is_elastic)
-            ]
-        samples, arguments = np.zeros(len(times)), []
-        for inactive, points, rows, at in points_at[key]:
-            active = equations.without_loads_of(inactive)
-            values, inputs = column._replace(equations=active).evaluate(rows, at)
-            arguments.append(inputs)
-            for x, part in zip(points, split_points(points, values), strict=True):
-                samples[x.here] = _values_at_times(x, trajectory, part)
-        by_samples = term.evaluate(samples, grid.weights)[1]
-        for (_, points, _, at), inputs in zip(points_at[key], arguments, strict=True):
-            by_values = [
-                by_samples[x.here] if x.weights is None else x.weights.T @ by_samples[x.here]
-                for x in points
-            ]
-            by = factor * np.concatenate(by_values)
-            for columns, by_states in column.gradient(result, inputs, at, by):
-                for x, part in zip(points, split_points(points, by_states), strict=True):
-                    interval = trajectory.intervals[x.interval]
-                    _add_to_nodes(x, interval, result.states[x.interval], columns, part)
+            ((_, points),) = group_times(trajectory, times, column.is_elastic)
+            points_at[key] = points, *join_points(points, trajectory, limited=True)
+        points, rows, at = points_at[key]
+        values, arguments = column.evaluate(rows, at)
+        parts = zip(points, split_points(points, values), strict=True)
+        samples = np.concatenate([_values_at_times(x, trajectory, part) for x, part in parts])
+        by_samples = factor * term.evaluate(samples, grid.weights)[1]
+        by_values = [
+            by_samples[x.here] if x.weights is None else x.weights.T @ by_samples[x.here]
+            for x in points
+        ]
+        for columns, by_states in column.gradient(result, arguments, at, np.concatenate(by_values)):
+            for x, part in zip(points, split_points(points, by_states), strict=True):
+                interval = trajectory.intervals[x.interval]
+                _add_to_nodes(x, interval, result.states[x.interval], columns, part)
     return result
 
 
@@ -136,7 +122,7 @@ class _Column(NamedTuple):
 
     @classmethod
     def of(cls, equations: EquationsOfMotion, name: str) -> _Column:
-        return cls(equations, *locate_column(equations, name))
+        return cls(equations, *locate_column(equations, name)[1:])
 
     @property
     def observable(self) -> Observable:
@@ -183,36 +169,3 @@ class _Column(NamedTuple):
                 yield first + acting, part @ operator
         if by_lam.size:
             yield 2 * n + np.arange(self.equations.m)[o.rows], by_lam
-
-
-@cache_on_owner
-def locate_column(equations: EquationsOfMotion, name: str) -> tuple[int | None, int]:
-    """Return the indices of an observable and of its column.
-
-    Coordinates have None in place of the observable.
-
-    Raises
-    ------
-    BeamdaeError
-        If the name selects no column or several columns, or an acceleration.
-    """
-    observed = {
-        header: (number, column)
-        for number, o in enumerate(equations.observables)
-        for column, header in enumerate(o.headers)
-    }
-    # Observed columns take precedence, and the headers of all coordinates take long to compare.
-    matches = [header for header in observed if name in (header, remove_unit(header))]
-    if len(matches) == 1:
-        (header,) = matches
-    else:
-        coordinates = coordinate_headers(equations)[1:]
-        header = select_column(name, coordinates, list(observed))
-        if header not in observed:
-            return None, coordinates.index(header)
-    if equations.observables[observed[header][0]].has_accelerations:
-        raise BeamdaeError(
-            f"gradient: the objective must not contain accelerations, got {header}; use a "
-            "velocity, a force or bd.sensitivities."
-        )
-    return observed[header]

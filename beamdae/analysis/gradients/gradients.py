@@ -18,6 +18,7 @@ from beamdae.analysis.gradients.flat_model import FlatModel, flatten_model
 from beamdae.analysis.gradients.objectives import (
     Objective,
     Quantity,
+    SampleGrid,
 )
 from beamdae.analysis.sensitivities.differentiable_run import (
     DifferentiableRun,
@@ -26,9 +27,11 @@ from beamdae.analysis.sensitivities.differentiable_run import (
 )
 from beamdae.analysis.sensitivities.linear_steps import Matrices, transpose_steps
 from beamdae.analysis.sensitivities.many_parameters import is_regular
-from beamdae.analysis.sensitivities.neighbors import Difference, derivative_call, equations_key
+from beamdae.analysis.sensitivities.neighbors import Difference, derivative_call
 from beamdae.analysis.sensitivities.observable_derivatives import (
     differentiate_column,
+    differentiate_run_columns,
+    locate_column,
     read_column,
 )
 from beamdae.analysis.sensitivities.requested_start import differentiate_starts
@@ -266,7 +269,14 @@ class AdjointRun(DifferentiableRun):
 
     def gradient(self, weights: Mapping[Objective, float]) -> Array:
         """Return the gradient (k,) of a weighted sum of objectives."""
-        names = list(self.model.entries)
+        names, equations = list(self.model.entries), self.solution.equations
+        for term in weights:
+            header, number, _ = locate_column(equations, term.column)
+            if number is not None and equations.observables[number].has_accelerations:
+                raise BeamdaeError(
+                    f"gradient: the objective must not contain accelerations, got {header}; use a "
+                    "velocity, a force or bd.sensitivities."
+                )
         with single_threaded:
             result = self._transpose(weights, names) or self._contract(weights, names)
         return np.array([result[x] for x in names])
@@ -355,59 +365,46 @@ def differentiate_along(
         Models at neighboring values, and derivatives of the run, by parameter.
     """
     solution = bound_reactions(solution)
-    trajectory, groups = solution.trajectory, dict[Any, list[str]]()
-    for name, x in differences.items():
-        groups.setdefault(equations_key(x.base), []).append(name)
-    result = {}
-    for names in groups.values():
-        base = differences[names[0]].base
-        seeds = differentiate_objective(weights, base, trajectory)
-        for name in names:
-            result[name] = seeds.contract(differences[name], derivatives[name].trajectory)
-    shifts = np.array([derivatives[x].shifts for x in result])
-    ends = _differentiate_end_time(solution, differences, derivatives)
+    equations, trajectory = solution.equations, solution.trajectory
+    along = {name: x.trajectory for name, x in derivatives.items()}
+    # Times of restarts and of the end [s], and their derivatives by parameter.
+    shifts = np.array([x.shifts for x in derivatives.values()])
+    restarts = [float(x.t[0]) for x in trajectory.intervals]
+    bounds = [(t, dt) for t, dt in zip(restarts, shifts.T, strict=True) if dt.any()]
+    stop = find_stop(solution)
+    if stop is not None:
+        last = {name: x.intervals[-1] for name, x in along.items()}
+        end, interval = trajectory.end, trajectory.intervals[-1]
+        by_name = differentiate_event_time(equations, stop, interval, end, last, differences)
+        bounds.append((end, np.array([by_name[name] for name in derivatives])))
+    grid, result = SampleGrid.of(trajectory), np.zeros(len(derivatives))
     for term, factor in weights.items():
-        value = term.evaluate_run(solution) if shifts.any() or any(ends.values()) else 0.0
-        for k in np.flatnonzero(shifts.any(axis=0)).tolist():
-            rate = _restart_rate(term, value, solution, float(trajectory.intervals[k].t[0]))
-            for name, shift in zip(result, shifts[:, k].tolist(), strict=True):
-                result[name] += factor * shift * rate
-        if any(ends.values()):
-            rate = _end_rate(term, value, solution)
-            result = {name: x + factor * ends[name] * rate for name, x in result.items()}
-    return result
+        times, (_, number, column) = term.sample_times(grid), locate_column(equations, term.column)
+        values = read_column(solution.at_times(times), term.column)[1]
+        value, by_values = term.evaluate(values, grid.weights)
+        if number is None:
+            states = {name: x.at(times)[1] for name, x in along.items()}
+            rows = {name: np.hstack([x.q, x.v, x.lam]) for name, x in states.items()}
+        else:
+            rows = differentiate_run_columns(
+                equations, trajectory, times, along, differences, [number]
+            )
+        result += factor * np.array([by_values @ rows[name][:, column] for name in derivatives])
+        for t, dt in bounds:
+            result += factor * _rate_by_time(term, value, solution, t) * dt
+    return dict(zip(derivatives, result.tolist(), strict=True))
 
 
-def _differentiate_end_time(
-    solution: Solution,
-    differences: Mapping[str, Difference],
-    derivatives: Mapping[str, RunDerivative],
-) -> dict[str, float]:
-    """Return the derivatives of the end of the run by parameter; zero without a stop."""
-    stop, trajectory = find_stop(solution), solution.trajectory
-    if stop is None:
-        return dict.fromkeys(derivatives, 0.0)
-    along = {name: x.trajectory.intervals[-1] for name, x in derivatives.items()}
-    last, end = trajectory.intervals[-1], trajectory.end
-    return differentiate_event_time(solution.equations, stop, last, end, along, differences)
+def _rate_by_time(term: Objective, value: float, solution: Solution, t: float) -> float:
+    """Return the derivative of a term with respect to the time `t` [s] of a restart or the end.
 
-
-def _restart_rate(term: Objective, value: float, solution: Solution, t: float) -> float:
-    """Return the derivative of a term with respect to the time `t` [s] of a restart.
-
-    The states are those at fixed times, so that only integrals of columns that jump have a
-    derivative.
+    The states are those at fixed times, so that at restarts only integrals of columns that jump
+    have a derivative.
     """
-    run, trajectory = solution.at_times(np.array([t, np.nextafter(t, np.inf)])), solution.trajectory
-    duration, (_, sides) = trajectory.end - trajectory.start, read_column(run, term.column)
-    before, after = (term.end_derivative(value, float(y), 0.0, duration) for y in sides)
-    return before - after
-
-
-def _end_rate(term: Objective, value: float, solution: Solution) -> float:
-    """Return the derivative of a term with respect to the end time of the run."""
     trajectory = solution.trajectory
-    end, duration = np.array([trajectory.end]), trajectory.end - trajectory.start
-    header, (y,) = read_column(solution.at_times(end), term.column)
-    (rate,) = differentiate_column(solution, header, end)
-    return term.end_derivative(value, float(y), float(rate), duration)
+    is_end, duration = t == trajectory.end, trajectory.end - trajectory.start
+    sides = np.array([t] if is_end else [t, np.nextafter(t, np.inf)])
+    header, values = read_column(solution.at_times(sides), term.column)
+    rate = float(differentiate_column(solution, header, sides)[0]) if is_end else 0.0
+    before, *after = (term.end_derivative(value, y, rate, duration) for y in values.tolist())
+    return before - sum(after)

@@ -1,4 +1,4 @@
-"""Search of an optimum: the policy that both solvers share, and searches from several designs."""
+"""Search of an optimum: its policy, and searches from several designs."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from beamdae.analysis.optimization.problem import (
     DesignProblem,
     require_units,
 )
-from beamdae.analysis.optimization.solvers import Method, SmoothProblem, relax_limits, solve
+from beamdae.analysis.optimization.slsqp import SmoothProblem, relax_limits, solve
 from beamdae.analysis.parameter_bounds import draw_starts
 from beamdae.errors import (
     BeamdaeError,
@@ -37,7 +37,6 @@ Array = np.ndarray
 _OPTIMALITY_TOLERANCE, _MIN_DECREASE = 0.05, 0.1
 # Relative difference of the maximum over a run from its assumed ratio to the smooth maximum.
 _RATIO_TOLERANCE = 1e-3
-_BLOCKING_SHARE = 0.99  # of the largest violation, of limits that contradict each other
 _MAX_ROUNDS = 6  # of searches with other ratios of maxima
 _MAX_NAMES = 3  # in a sentence
 _INTERRUPTED = Status("interrupted", "interrupted before the end of all searches")
@@ -47,7 +46,6 @@ _INTERRUPTED = Status("interrupted", "interrupted before the end of all searches
 class SearchSettings:
     """Arguments of `optimize` for a search."""
 
-    method: Method
     max_evaluations: int
     tolerance: float
     progress: Callable[[int, float, float], object] | None
@@ -190,25 +188,23 @@ class Search:
     def _search(self) -> Status:
         """Search until the maxima of the best design are those assumed."""
         for _ in range(_MAX_ROUNDS):
-            status = self._solve(self._settings.method)
+            status = self._solve()
             if status.success and self._violation(self._best()):
-                status = self._solve("SLSQP", relax_limits)
+                status = self._solve(relax_limits)
                 if status.success and not self._violation(self._best()):
-                    status = self._solve(self._settings.method)
+                    status = self._solve()
             if not self._adopt_best() or not status.success:
                 break
         return status
 
-    def _solve(
-        self, method: Method, change: Callable[[SmoothProblem], SmoothProblem] = lambda x: x
-    ) -> Status:
+    def _solve(self, change: Callable[[SmoothProblem], SmoothProblem] = lambda x: x) -> Status:
         """Minimize from the best design, and return why the solver ended."""
         problem, settings, best = self._problem, self._settings, self._best()
         self._latest = None
         points = [problem.variables.variables(best.numbers), *problem.variables.limits]
         smooth = SmoothProblem(self._values, self._gradients, len(problem.limits), *points)
         try:
-            solve(change(smooth), method, settings.tolerance, settings.max_evaluations)
+            solve(change(smooth), settings.tolerance, settings.max_evaluations)
         except _SearchEndError as end:
             return end.status
         except (BeamdaeError, ArithmeticError) as failure:
@@ -318,22 +314,20 @@ class Search:
         return Status("limited" if status.success else status.kind, sentence)
 
     def _describe_violation(self, status: Status, units: tuple[str, ...]) -> str:
-        """Return the limit that the best design violates most, and those that block."""
+        """Return the limit that the best design violates most, and all that it violates."""
         problem, best = self._problem, self._best()
         worst = int(np.argmin(problem.margins(best.values)))
         limit, value = problem.limits[worst], problem.ratios[worst] * best.values[1 + worst]
         numbers = format_distinct(limit.bound, float(value), digits=4)
         allowed, actual = (format_with_unit(x, units[1 + worst]) for x in numbers)
-        # A solver that has converged to the smallest violation leaves the same one of these limits.
-        margins = problem.log_margins(problem.margins(best.values))[0]
-        limits = zip(problem.limits, margins <= _BLOCKING_SHARE * np.min(margins), strict=True)
-        blocking = [x.label for x, blocks in limits if blocks and status.success]
-        side, names = "most" if limit.sign > 0 else "least", list_first(blocking, _MAX_NAMES)
+        limits = zip(problem.limits, problem.margins(best.values), problem.tolerances, strict=True)
+        violated = [x.label for x, margin, tolerance in limits if -margin > tolerance]
+        side, names = "most" if limit.sign > 0 else "least", list_first(violated, _MAX_NAMES)
         return (
             "no evaluated design satisfies the constraints; in the best one "
             f"{limit.quantity.label} is {actual}, but the limit is at {side} {allowed}; "
             + ("" if status.success else f"{status.sentence}; ")
-            + (f"{names} cannot be satisfied by small changes; " if blocking else "")
+            + (f"{names} cannot be satisfied by small changes; " if status.success else "")
             + "the search is local, start it from other values (parameters={name: value}) or "
             "increase starts="
         )

@@ -18,10 +18,8 @@ import numpy as np
 from beamdae.analysis.sensitivities.neighbors import (
     CENTRAL,
     RELATIVE_DIFFERENCE,
-    TWO_NEIGHBORS,
     Difference,
     NumericModel,
-    Stencil,
     Trial,
     build_neighbor,
     difference_model,
@@ -33,22 +31,16 @@ from beamdae.analysis.sensitivities.neighbors import (
     try_step,
     warn_without_effect,
 )
-from beamdae.analysis.sensitivities.requested_start import start_adds_velocities
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.smooth_intervals import time_on_branch
 from beamdae.errors import BeamdaeError
 
 Array = np.ndarray
 
-# Change of parameters whose value is zero, relative to that of others.
-_SIZE_AT_ZERO = 0.1
-# Parameters are searched for those that affect the same numbers if they are at least this many; the
-# search ends if no two of the other number can be changed together.
-_MIN_SEARCHED, _MAX_DENSE = 4, 8
+# Parameters are searched for those that affect the same numbers if they are at least this many.
+_MIN_SEARCHED = 4
 # Largest error of the sum of the derivatives along a common change of all parameters, relative to
-# the sum of their magnitudes, and difference of this change.
+# the sum of their magnitudes.
 _MAX_COMMON_ERROR = 1e-6
-_COMMON_DIFFERENCE = 1e-2
 
 
 # The latest parameters of a model function with the entries that they affect, (k, size), or None if
@@ -108,11 +100,9 @@ class _Changes:
     ) -> None:
         self.model, self._names, self._base, self._assemble = model, tuple(names), base, assemble
         self._values = np.array([float(model.parameters[x]) for x in names])
-        self._sizes = np.where(self._values != 0.0, np.abs(self._values), _SIZE_AT_ZERO)
+        differences = np.array([first_difference(x) for x in self._values])
+        self._sizes = differences / RELATIVE_DIFFERENCE
         self.here = numbers_and_start(base)
-        # Errors of differences over the relative change of the verification.
-        rounding = sizes_and_rounding(base)[1]
-        self._rounding = rounding / (TWO_NEIGHBORS.steps[1] * _COMMON_DIFFERENCE)
 
     def differentiate(self) -> Array | None:
         """Return the derivatives (k, size) by groups, or None if there are no groups."""
@@ -126,13 +116,13 @@ class _Changes:
                 return self._differentiate_groups(masks)
         derivatives = masks = None
         with suppress(BeamdaeError):
-            masks = self._find_affected(np.zeros(shape, bool))
+            masks = self._find_affected()
             derivatives = self._differentiate_groups(masks)
         # Unless the search succeeds, it is not repeated.
         known[key] = None if derivatives is None else masks
         return derivatives
 
-    def _try_change(self, shares: Array, stencil: Stencil, delta: float) -> Trial:
+    def _try_change(self, shares: Array) -> Trial:
         """Return the models at relative changes by shares * x about x = 0."""
 
         def change(x: float) -> dict[str, float]:
@@ -140,31 +130,30 @@ class _Changes:
             return {self._names[k]: float(values[k]) for k in np.flatnonzero(shares)}
 
         name = ", ".join(self._names)
-        trial = try_step(self.model, name, change, self._base, self._assemble, delta, (stencil,))
+        trial = try_step(
+            self.model, name, change, self._base, self._assemble, RELATIVE_DIFFERENCE, (CENTRAL,)
+        )
         is_independent = all(has_same_operators(self._base, e) for e in trial.difference.models)
         if not (is_independent and is_regular(trial.difference, self._base)):
             raise _DependentError
         return trial
 
-    def _find_affected(self, masks: Array) -> Array:
-        """Set `masks` (k, size) where a parameter affects an entry, and return them.
+    def _find_affected(self) -> Array:
+        """Return True (k, size) where a parameter affects an entry.
 
         Raises
         ------
         BeamdaeError
-            If the model rejects a change.
-        _DependentError
-            If no parameters can be changed together.
+            If the model rejects a change, or a parameter changes the number of entries.
         """
-        for k, name in enumerate(self._names):
-            values = {name: float(self._values[k] + RELATIVE_DIFFERENCE * self._sizes[k])}
+        masks = []
+        for name, value, size in zip(self._names, self._values, self._sizes, strict=True):
+            values = {name: float(value + RELATIVE_DIFFERENCE * size)}
             changed = numbers_and_start(self._assemble(build_neighbor(self.model, values)))
             if len(changed) != len(self.here):
                 raise _DependentError
-            masks[k] = changed != self.here
-            if k + 1 == _MAX_DENSE:
-                _group_disjoint(masks[:_MAX_DENSE])
-        return masks
+            masks.append(changed != self.here)
+        return np.array(masks)
 
     def _differentiate_groups(self, masks: Array) -> Array:
         """Return the derivatives (k, size) with parameters changed in groups.
@@ -179,32 +168,28 @@ class _Changes:
         for group in groups:
             shares = np.zeros(count)
             shares[group] = 1.0
-            trial = self._try_change(shares, CENTRAL, RELATIVE_DIFFERENCE)
+            trial = self._try_change(shares)
             if not trial.is_smooth:
                 raise _DependentError
             change = trial.difference.along(numbers_and_start)
             result[group] = np.where(masks[group], change, 0.0) / self._sizes[group, None]
         # The derivatives add up along a common change of all parameters.
         shares = np.random.default_rng(0).choice([-1.0, -0.5, 0.5, 1.0], count)
-        common = self._try_change(shares, TWO_NEIGHBORS, _COMMON_DIFFERENCE).difference
+        common = self._try_change(shares).difference
         parts = result * (shares * self._sizes)[:, None]
         error = np.abs(common.along(numbers_and_start) - parts.sum(axis=0))
-        if np.any(error > _MAX_COMMON_ERROR * np.abs(parts).sum(axis=0) + self._rounding):
+        rounding = sizes_and_rounding(self._base)[1] / RELATIVE_DIFFERENCE
+        if np.any(error > _MAX_COMMON_ERROR * np.abs(parts).sum(axis=0) + rounding):
             raise _DependentError
         return result
 
 
 def is_regular(difference: Difference, base: EquationsOfMotion) -> bool:
-    """Return True if neighboring models differ from `base` only in their numbers and start.
-
-    Drivers that move at the start set bodies in motion and are not regular.
-    """
-    time = time_on_branch(base.breakpoints, 0.0)
+    """Return True if neighboring models differ from `base` only in their numbers and start."""
     return difference.is_regular or all(
         e.structure == base.structure
         and forms_of(e) == forms_of(base)
         and e.breakpoints == base.breakpoints
-        and not start_adds_velocities(e, time)
         for e in difference.models
     )
 

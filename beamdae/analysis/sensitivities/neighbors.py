@@ -140,8 +140,6 @@ class NumericModel(Protocol):
 
 
 CENTRAL = Stencil((-2.0, -1.0, 1.0, 2.0))
-# Of second order, with a difference that is a hundred times smaller.
-TWO_NEIGHBORS = Stencil((-0.01, 0.01))
 STENCILS = CENTRAL, Stencil((1.0, 2.0, 3.0, 4.0)), Stencil((-1.0, -2.0, -3.0, -4.0))
 
 

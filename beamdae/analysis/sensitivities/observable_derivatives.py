@@ -15,8 +15,9 @@ from beamdae.equations.equations_of_motion import (
     Observable,
     State,
 )
+from beamdae.equations.structure import cache_on_owner
 from beamdae.errors import BeamdaeError
-from beamdae.results.columns import require_one_column, select_columns
+from beamdae.results.columns import remove_unit, require_one_column, select_columns
 from beamdae.results.run_data import coordinate_headers
 from beamdae.results.solution import Solution
 from beamdae.results.trajectory import Trajectory
@@ -103,6 +104,7 @@ def differentiate_run_columns(
     times: Array,
     trajectories: Mapping[str, Trajectory],
     differences: Mapping[str, Difference],
+    numbers: Sequence[int] | None = None,
 ) -> dict[str, Array]:
     """Return the derivatives of observed columns of a run, (rows, columns), by parameter.
 
@@ -118,8 +120,11 @@ def differentiate_run_columns(
         Derivatives of the states by parameter.
     differences
         Models at neighboring values, by parameter.
+    numbers
+        Indices of the observables; None for all of them.
     """
-    observables = equations.observables
+    numbers = range(len(equations.observables)) if numbers is None else numbers
+    observables = [equations.observables[k] for k in numbers]
     ends = np.cumsum([0, *(len(x.columns) for x in observables)])
     result = {name: np.zeros((len(times), ends[-1])) for name in trajectories}
     are_elastic = np.array([x.is_elastic for x in observables], bool)
@@ -128,7 +133,7 @@ def differentiate_run_columns(
             rows, at = join_points(points, trajectory)
             along = {name: join_points(points, x)[1] for name, x in trajectories.items()}
             for k in np.flatnonzero(are_elastic == kind).tolist():
-                select = partial(observable_of, k)
+                select = partial(observable_of, numbers[k])
                 changes = differentiate_columns(select, rows, at, along, differences, inactive)
                 for name, change in changes.items():
                     for x, part in zip(points, split_points(points, change), strict=True):
@@ -233,31 +238,44 @@ def time_derivative(
     return _multiply((by_time, by_q, by_v, by_lam), (clock, v, a, lam_rates[:, o.rows]))
 
 
+@cache_on_owner
+def locate_column(equations: EquationsOfMotion, name: str) -> tuple[str, int | None, int]:
+    """Return the header of a column, and the indices of its observable and in this one.
+
+    Coordinates have None in place of the observable.
+
+    Raises
+    ------
+    BeamdaeError
+        If the name selects no column or several columns.
+    """
+    observed = {
+        header: (number, column)
+        for number, o in enumerate(equations.observables)
+        for column, header in enumerate(o.headers)
+    }
+    # Observed columns take precedence, and the headers of all coordinates take long to compare.
+    matches = [header for header in observed if name in (header, remove_unit(header))]
+    if len(matches) != 1:
+        coordinates = coordinate_headers(equations)[1:]
+        matches = select_columns([*coordinates, *observed], name, observed=[*observed])
+        header = require_one_column("Objective", name, matches)
+        if header not in observed:
+            return header, None, coordinates.index(header)
+        matches = [header]
+    return matches[0], *observed[matches[0]]
+
+
 def read_column(run: Solution, name: str) -> tuple[str, Array]:
     """Return the header and the values of a column at the output times of a run.
 
     Raises
     ------
     BeamdaeError
-        If the name selects no column or several columns.
+        As `locate_column`.
     """
-    headers = coordinate_headers(run.equations)
-    header = select_column(name, headers[1:], list(run.columns))
-    if header in run.columns:
-        return header, run.columns[header]
-    return header, run.coordinate_columns()[header]
-
-
-def select_column(name: str, coordinates: list[str], observed: list[str]) -> str:
-    """Return the header of the column with this name; observed columns take precedence.
-
-    Raises
-    ------
-    BeamdaeError
-        If the name selects no column or several columns.
-    """
-    selected = select_columns([*coordinates, *observed], name, observed=observed)
-    return require_one_column("Objective", name, selected)
+    header, number, _ = locate_column(run.equations, name)
+    return header, (run.coordinate_columns() if number is None else run.columns)[header]
 
 
 def differentiate_column(run: Solution, header: str, times: Array) -> Array:
