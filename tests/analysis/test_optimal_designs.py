@@ -1,4 +1,4 @@
-"""Designs with known optima: bars, frames, arches, columns and mechanisms."""
+"""Designs with known optima: bars, frames, arches, columns and mechanisms, by both solvers."""
 
 import warnings
 
@@ -13,7 +13,10 @@ from beamdae import quantities
 
 E, RHO = 210e9, 7850.0
 STEEL = bd.Material(E=E, nu=0.3, rho=RHO)
-pytestmark = pytest.mark.slow(reason="searches")
+pytestmark = [
+    pytest.mark.slow(reason="searches"),
+    pytest.mark.parametrize("method", ["SLSQP", "IPOPT"]),
+]
 
 
 def two_bars(width_0, width_1):
@@ -32,12 +35,12 @@ def truss(width_0=0.01, width_1=0.02):
     return two_bars(width_0, width_1)
 
 
-def test_lightest_pair_of_bars_with_a_limit_of_the_deflection_is_symmetric():
+def test_lightest_pair_of_bars_with_a_limit_of_the_deflection_is_symmetric(method):
     # v = P (1 / k0 + 1 / k1) / 2 with k = E A / L; the sum of k is smallest if they are equal.
     volume = quantities.ParameterFunction(lambda width_0, width_1: width_0 + width_1, "volume")
     limit = quantities.at_least(quantities.EquilibriumValue("node.y"), -1e-5)
     bounds = {"width_0": (1e-3, 1.0), "width_1": (1e-3, 1.0)}
-    design = bd.optimize(truss, volume, list(bounds), limit, bounds)
+    design = bd.optimize(truss, volume, list(bounds), limit, bounds, method=method)
     assert design.status.success
     stiffness = 1e4 / 1e-5
     expected = stiffness * np.sqrt(2.0) / (E * 1e-2)
@@ -66,14 +69,14 @@ def cantilever(height=0.03, width=0.02):
 
 
 @pytest.mark.parametrize(("stress", "sag"), [(50e6, 1e-2), (400e6, 5e-4)])
-def test_lightest_cantilever_with_limits_of_stress_and_deflection(stress, sag):
+def test_lightest_cantilever_with_limits_of_stress_and_deflection(method, stress, sag):
     # Thin and tall is best: the width is at its lower bound, the height follows from one limit.
     limits = [
         quantities.at_most(quantities.EquilibriumValue("root"), stress),
         quantities.at_least(quantities.EquilibriumValue("tip.y"), -sag),
     ]
     bounds = {"height": (0.005, 0.1), "width": (0.01, 0.1)}
-    design = bd.optimize(cantilever, quantities.Mass(), list(bounds), limits, bounds)
+    design = bd.optimize(cantilever, quantities.Mass(), list(bounds), limits, bounds, method=method)
     assert design.status.success
     assert design.at_bounds == ("width",)
     strong = np.sqrt(6.0 * 100.0 * 0.5 / (0.01 * stress))
@@ -83,7 +86,7 @@ def test_lightest_cantilever_with_limits_of_stress_and_deflection(stress, sag):
     assert active == [strong > stiff, stiff > strong]
 
 
-def test_lightest_cantilever_with_a_limit_of_the_frequency():
+def test_lightest_cantilever_with_a_limit_of_the_frequency(method):
     # The frequency of a cantilever is 3.516 / (2 pi L^2) sqrt(E h^2 / 12 rho).
     goal = quantities.at_least(quantities.Frequency(1), 60.0)
     bounds = {"height": (0.005, 0.1)}
@@ -92,7 +95,7 @@ def test_lightest_cantilever_with_a_limit_of_the_frequency():
         return beam_model(height, 0.02, 0.5, (0.0, 0.0))
 
     model = bd.model(t_end=1.0)(build)
-    design = bd.optimize(model, quantities.Mass(), "height", goal, bounds)
+    design = bd.optimize(model, quantities.Mass(), "height", goal, bounds, method=method)
     height = 60.0 * 2.0 * np.pi * 0.25 / 3.51602 * np.sqrt(12.0 * RHO / E)
     assert design.status.success
     assert design.parameters["height"] == pytest.approx(height, rel=2e-3)
@@ -101,13 +104,15 @@ def test_lightest_cantilever_with_a_limit_of_the_frequency():
     assert design.constraints[0].multiplier == pytest.approx(multiplier, rel=5e-3)
 
 
-def test_largest_tip_mass_with_a_limit_of_the_frequency():
+def test_largest_tip_mass_with_a_limit_of_the_frequency(method):
     def build(mass=0.5):
         return beam_model(0.01, 0.02, 0.5, (0.0, 0.0), mass, elements=3)
 
     limit = quantities.at_least(quantities.Frequency(1), 10.0)
     mass = quantities.ParameterFunction(lambda mass: mass, "mass")
-    design = bd.optimize(bd.model(t_end=1.0)(build), -mass, "mass", limit, {"mass": (0.1, 20.0)})
+    design = bd.optimize(
+        bd.model(t_end=1.0)(build), -mass, "mass", limit, {"mass": (0.1, 20.0)}, method=method
+    )
     assert design.status.success
     # Frequency equation of a cantilever with a tip mass of the ratio r to its own mass.
     own = RHO * 0.02 * 0.01 * 0.5
@@ -123,11 +128,11 @@ def column(height=0.02, width=0.02):
     return beam_model(height, width, 1.0, (-1e3, 0.0), elements=4)
 
 
-def test_lightest_column_with_a_limit_of_the_critical_load():
+def test_lightest_column_with_a_limit_of_the_critical_load(method):
     # P = pi^2 E I / (4 L^2) in the plane: thin and tall.
     limit = quantities.at_least(quantities.CriticalLoad(to=40.0, step=2.0), 3.0)
     bounds = {"height": (0.01, 0.05), "width": (0.01, 0.05)}
-    design = bd.optimize(column, quantities.Mass(), list(bounds), limit, bounds)
+    design = bd.optimize(column, quantities.Mass(), list(bounds), limit, bounds, method=method)
     assert design.status.success
     height = (3e3 * 4.0 * 12.0 / (np.pi**2 * E * 0.01)) ** (1.0 / 3.0)
     assert design.parameters == pytest.approx({"height": height, "width": 0.01}, rel=1e-3)
@@ -142,13 +147,13 @@ def arch(rise=0.2, stiffness=1e3):
     return mech
 
 
-def test_cheapest_arch_with_a_limit_of_the_snapping_load():
+def test_cheapest_arch_with_a_limit_of_the_snapping_load(method):
     cost = quantities.ParameterFunction(
         lambda rise, stiffness: 20.0 * rise + stiffness / 1e3, "cost"
     )
     limit = quantities.at_least(quantities.CriticalLoad(to={"crown.y": 0.0}, step=0.05), 5.0)
     bounds = {"rise": (0.05, 1.0), "stiffness": (10.0, 1e5)}
-    design = bd.optimize(arch, cost, list(bounds), limit, bounds)
+    design = bd.optimize(arch, cost, list(bounds), limit, bounds, method=method)
     assert design.status.success
 
     # The limit load is 2 k (l^(2/3) - 1)^(3/2) with l^2 = 1 + rise^2.
@@ -176,10 +181,10 @@ def portal(column_height=0.03, beam_height=0.03):
     return mech
 
 
-def test_lightest_portal_frame_with_a_limit_of_the_sway():
+def test_lightest_portal_frame_with_a_limit_of_the_sway(method):
     limit = quantities.at_most(quantities.EquilibriumValue("corner.x"), 2e-3)
     bounds = {"column_height": (0.01, 0.1), "beam_height": (0.01, 0.1)}
-    design = bd.optimize(portal, quantities.Mass(), list(bounds), limit, bounds)
+    design = bd.optimize(portal, quantities.Mass(), list(bounds), limit, bounds, method=method)
     assert design.status.success
 
     # Slope deflection: u = F L^3 / (24 E I) (2 + 3 k) / (0.5 + 3 k), k = I of the beam / I.
@@ -209,7 +214,7 @@ def winch(inertia=0.2, duration=bd.param(0.3, "s")):
     return mech
 
 
-def test_fastest_motion_with_a_limit_of_the_peak_torque():
+def test_fastest_motion_with_a_limit_of_the_peak_torque(method):
     time = quantities.ParameterFunction(lambda duration, **_: duration, "duration", "s")
     # The peak torque is J (pi / T)^2.
     torque = quantities.SmoothMaximum("drive.M")
@@ -220,6 +225,7 @@ def test_fastest_motion_with_a_limit_of_the_peak_torque():
         quantities.at_most(torque, 40.0),
         {"duration": (0.1, 0.5)},
         bd.GeneralizedAlpha(step=1e-3),
+        method=method,
     )
     assert design.status.success
     assert design.parameters["duration"] == pytest.approx(np.pi * np.sqrt(0.2 / 40.0), rel=3e-3)
@@ -236,7 +242,7 @@ def catapult(stiffness=30.0, damping=1.0):
     return mech
 
 
-def test_damper_with_the_smallest_integral_of_squared_deflections():
+def test_damper_with_the_smallest_integral_of_squared_deflections(method):
     design = bd.optimize(
         catapult,
         quantities.TimeIntegral("mass.x", 2),
@@ -244,13 +250,14 @@ def test_damper_with_the_smallest_integral_of_squared_deflections():
         bounds={"damping": (0.1, 50.0)},
         parameters={"stiffness": 400.0},
         integrator=bd.GeneralizedAlpha(step=2e-4),
+        method=method,
     )
     assert design.status.success
     # Over all time, the integral is (z + 1 / (4 z)) / w with the damping ratio z: z = 1/2.
     assert design.parameters["damping"] == pytest.approx(2.0 * 0.5 * 20.0, rel=1e-2)
 
 
-def test_failed_analyses_do_not_end_a_search():
+def test_failed_analyses_do_not_end_a_search(method):
     best = (4.0 * 100.0 * 0.5**3 / (E * 0.02 * 1e-3)) ** (1.0 / 3.0)
 
     def build(height=0.09):
@@ -266,7 +273,7 @@ def test_failed_analyses_do_not_end_a_search():
     cost = quantities.ParameterFunction(lambda height: -1.0 / height, "cost")
     model = bd.model(t_end=1.0)(build)
     for objective in (quantities.Mass(), cost):
-        design = bd.optimize(model, objective, "height", limit, bounds)
+        design = bd.optimize(model, objective, "height", limit, bounds, method=method)
         assert design.status.success
         assert design.parameters["height"] == pytest.approx(best, rel=2e-3)
     history = design.history()
@@ -275,7 +282,7 @@ def test_failed_analyses_do_not_end_a_search():
 
 
 @pytest.mark.parametrize("stress", [1e6, 40e6])
-def test_infeasible_problems_name_the_limits_that_block(stress):
+def test_infeasible_problems_name_the_limits_that_block(method, stress):
     # Even the largest section has 3 MPa; 1 kg permits 40 MPa only with a smaller deflection.
     limits = [
         quantities.at_most(quantities.EquilibriumValue("root"), stress),
@@ -285,7 +292,9 @@ def test_infeasible_problems_name_the_limits_that_block(stress):
     bounds = {"height": (0.005, 0.05), "width": (0.02, 0.05)}
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        design = bd.optimize(cantilever, quantities.Mass(), list(bounds), limits, bounds)
+        design = bd.optimize(
+            cantilever, quantities.Mass(), list(bounds), limits, bounds, method=method
+        )
     text = str(caught[0].message)
     assert design.status.kind == "limited"
     assert f"root at equilibrium <= {stress:g}, mass <= 0.2 cannot be satisfied" in text

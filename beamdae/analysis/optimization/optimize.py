@@ -11,6 +11,7 @@ from beamdae.analysis.optimization.problem import create_problem
 from beamdae.analysis.optimization.quantities import Limit
 from beamdae.analysis.optimization.result import Optimization, create_optimization
 from beamdae.analysis.optimization.search import SearchSettings, search_from_starts
+from beamdae.analysis.optimization.solvers import METHODS, Method
 from beamdae.analysis.parameter_bounds import MAX_SEED, MAX_STARTS
 from beamdae.errors import (
     list_first,
@@ -47,6 +48,7 @@ def optimize(
     *,
     parameters: Mapping[str, Any] | None = None,
     start: Any = None,
+    method: Method = "SLSQP",
     max_evaluations: int = 200,
     tolerance: float = 1e-7,
     starts: int = 1,
@@ -56,10 +58,9 @@ def optimize(
 ) -> Optimization:
     """Find parameters of a model that minimize a quantity under constraints.
 
-    The search, by sequential quadratic programming (SLSQP; Kraft, ACM Trans. Math. Softw. 20 (1994)
-    262, doi:10.1145/192115.192124), uses exact gradients: of runs by the adjoint (see `gradient`),
-    of equilibria, critical loads and natural frequencies by their derivatives (see
-    `equilibrium_sensitivities` and `mode_sensitivities`). Quantities of the same
+    The search uses exact gradients: of runs by the adjoint (see `gradient`), of equilibria,
+    critical loads and natural frequencies by their derivatives (see `equilibrium_sensitivities`
+    and `mode_sensitivities`). Quantities of the same
     run, equilibrium path or modes share one analysis per design. The parameters are scaled by their
     first values or the widths of their bounds, the constraints by their limits, and the objective
     by its first value. To maximize a quantity, minimize -quantity.
@@ -96,6 +97,11 @@ def optimize(
     parameters
         Values of parameters that differ from the defaults. For those in `by`, the search begins
         with these values.
+    method
+        "SLSQP": sequential quadratic programming (Kraft, ACM Trans. Math. Softw. 20 (1994) 262,
+        doi:10.1145/192115.192124), for up to about a thousand numbers. "IPOPT": an
+        interior-point method (Waechter & Biegler, Math. Program. 106 (2006) 25,
+        doi:10.1007/s10107-004-0559-y), which usually needs more evaluations.
     max_evaluations
         Maximum number of evaluated designs of a search.
     tolerance
@@ -156,6 +162,7 @@ def optimize(
     >>> print(f"{1e3 * result.parameters['height']:.1f} mm")
     16.8 mm
     """
+    require_choice("optimize", "method", method, METHODS)
     require_choice("optimize", "partial", partial, PARTIAL_RESULTS)
     max_evaluations = require_count("optimize", "max_evaluations", max_evaluations)
     tolerance = require_positive("optimize", "tolerance", tolerance)
@@ -164,7 +171,7 @@ def optimize(
     require_progress("optimize", progress, 3)
     run_settings = RunSettings(integrator, t_end, start)
     problem = create_problem(model, objective, by, subject_to, bounds, parameters, run_settings)
-    settings = SearchSettings(max_evaluations, tolerance, progress)
+    settings = SearchSettings(method, max_evaluations, tolerance, progress)
     search, rows = search_from_starts(problem, settings, starts, seed)
     result = create_optimization(search, rows)
     if search.progress_error is not None:

@@ -1,4 +1,4 @@
-"""Search of an optimum: its policy, and searches from several designs."""
+"""Search of an optimum: the policy that both solvers share, and searches from several designs."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from beamdae.analysis.optimization.problem import (
     DesignProblem,
     require_units,
 )
-from beamdae.analysis.optimization.slsqp import SmoothProblem, relax_limits, solve
+from beamdae.analysis.optimization.solvers import Method, SmoothProblem, relax_limits, solve
 from beamdae.analysis.parameter_bounds import draw_starts
 from beamdae.errors import (
     BeamdaeError,
@@ -46,6 +46,7 @@ _INTERRUPTED = Status("interrupted", "interrupted before the end of all searches
 class SearchSettings:
     """Arguments of `optimize` for a search."""
 
+    method: Method
     max_evaluations: int
     tolerance: float
     progress: Callable[[int, float, float], object] | None
@@ -188,23 +189,25 @@ class Search:
     def _search(self) -> Status:
         """Search until the maxima of the best design are those assumed."""
         for _ in range(_MAX_ROUNDS):
-            status = self._solve()
+            status = self._solve(self._settings.method)
             if status.success and self._violation(self._best()):
-                status = self._solve(relax_limits)
+                status = self._solve("SLSQP", relax_limits)
                 if status.success and not self._violation(self._best()):
-                    status = self._solve()
+                    status = self._solve(self._settings.method)
             if not self._adopt_best() or not status.success:
                 break
         return status
 
-    def _solve(self, change: Callable[[SmoothProblem], SmoothProblem] = lambda x: x) -> Status:
+    def _solve(
+        self, method: Method, change: Callable[[SmoothProblem], SmoothProblem] = lambda x: x
+    ) -> Status:
         """Minimize from the best design, and return why the solver ended."""
         problem, settings, best = self._problem, self._settings, self._best()
         self._latest = None
         points = [problem.variables.variables(best.numbers), *problem.variables.limits]
         smooth = SmoothProblem(self._values, self._gradients, len(problem.limits), *points)
         try:
-            solve(change(smooth), settings.tolerance, settings.max_evaluations)
+            solve(change(smooth), method, settings.tolerance, settings.max_evaluations)
         except _SearchEndError as end:
             return end.status
         except (BeamdaeError, ArithmeticError) as failure:

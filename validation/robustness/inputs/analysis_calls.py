@@ -606,6 +606,7 @@ SENSITIVITY_CALLS: dict[str, WorkingCall] = {
             "t_end": T_END,
             "parameters": {"spin": 1},
             "start": {"bob.angle": -1.0},
+            "method": "SLSQP",
             "max_evaluations": 3,
             "tolerance": 1e-6,
             "starts": 2,
