@@ -49,7 +49,6 @@ from beamdae.model_checks.contacts import (
     start_inside_warnings,
     starts_in_equilibrium,
 )
-from beamdae.model_checks.run_checks import switch_warnings
 from beamdae.model_functions import HasOrigin, Model
 from beamdae.parts.mechanism import Mechanism, require_start
 from beamdae.parts.rotation import Rotation
@@ -153,7 +152,7 @@ class Check:
         Reason why the mechanism cannot be run, or "".
     warnings
         Sentences about the start (see `StartSummary.warning`), sections that are higher than
-        their beams are long, event actions without effect, contacts that start inside a surface,
+        their beams are long, contacts that start inside a surface,
         columns with errors above 4 %, and beams without damping in runs with more than 50 000
         predicted steps.
     errors
@@ -445,7 +444,7 @@ def _collect_warnings(
         sentences += start_inside_warnings(equations, starter.equations, time, state)
         if starts_in_equilibrium(equations):
             sentences += deep_rest_warnings(equations, time[None], state.q[None])
-    return (*sentences, *switch_warnings(equations.mechanism))
+    return tuple(sentences)
 
 
 def _constraint_residuals(

@@ -271,9 +271,6 @@ class _RunInProgress:
         # Ends of the unfinished intervals; events may add more.
         self._interval_ends = tuple(end for _, end in plan.intervals)
         self._segments: list[RunSegment] = []
-        # Segments and number of rows before the last sample, and the history and number of rows
-        # after it.
-        self._last_sample: tuple[list[RunSegment], int, StepHistory, int] | None = None
         self.thinning = StepThinning(times)
         start, end = plan.intervals[0]
         self._begin_segment(start, branch_time(start, end), plan.state)
@@ -324,7 +321,6 @@ class _RunInProgress:
 
     def finish(self, status: Status) -> tuple[Trajectory, Status]:
         """Return the steps taken, and the status."""
-        self._undo_sample_without_steps()
         if not self._history.drop_nonfinite():
             status = self.failure(_NOT_FINITE)
         self.thinning.finish(self._segments)
@@ -377,7 +373,6 @@ class _RunInProgress:
         following = self._sampler.next_stop(start, end)
         self._interval_ends = (following, *([end] if following < end else []), *ends)
         branch = branch_time(start, following)
-        before = list(self._segments), self._history.count
         # Measured before the jump of laws.
         state = self._sampler.sample(start, branch, self._history.last_state)
         # An event at the time of the sample has begun a segment of one row: the method has not.
@@ -393,17 +388,7 @@ class _RunInProgress:
             if self.steps == 0:
                 self._segments.clear()
             self._begin_segment(start, branch, state)
-        self._last_sample = *before, self._history, self._history.count
         return None
-
-    def _undo_sample_without_steps(self) -> None:
-        """Drop the state after a sample without further steps: a continued run samples there."""
-        if not self._sampler.controllers or self._last_sample is None:
-            return
-        segments, count, history, sampled_count = self._last_sample
-        if history is self._history and history.count == sampled_count:
-            self._segments[:] = segments
-            self._history.drop_jump(count)
 
     def _is_sample(self, t: float) -> bool:
         """Return True if only held values change at the end of an interval at `t` [s]."""

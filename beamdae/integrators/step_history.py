@@ -100,10 +100,6 @@ class StepHistory:
         """Append the state after a jump at the last time, as a step of length zero."""
         self._write(np.tile(np.concatenate(((self.end,), *state)), (self._rows_per_step, 1)))
 
-    def drop_jump(self, count: int) -> None:
-        """Drop the last rows, those of a jump, if there are more than `count` rows."""
-        self._count, self._tail = min(self._count, count), None
-
     def _write(self, rows: Array) -> None:
         # Checked here because the rows are still in the processor cache.
         self._is_finite &= bool(np.isfinite(rows).all())

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Iterator, Mapping
-from copy import copy
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from beamdae.beams.beam import BeamAttachment
-from beamdae.equations.assembly.assemble import equations_of_motion
 from beamdae.equations.assembly.observables import compile_quantities
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.starts.rigid_motions import collect_bodies
@@ -77,19 +74,19 @@ def _deep_starts(
                 inside.append((part, gap, depth))
     if not inside:
         return
-    pressures: dict[str, float] = defaultdict(float)
+    # Forces of contacts have kinks.
+    others = StateEvaluator(active).smooth_force(time, state.q, state.v)
+    points = {x.name: x.points for x in collect_bodies(active) if len(x.points)}
+    limits = {
+        name: _MAX_START_RATIO * np.linalg.norm(np.sum(others[rows], axis=0))
+        for name, rows in points.items()
+    }
     for part, _, _ in inside:
         force = _evaluate(equations, part.name, part.force, time, state, state.q)
-        for body in {x.name for x in part.bodies}:
-            pressures[body] += float(np.linalg.norm(force))
-    others = _forces_without({part.name for part, _, _ in inside}, active, time, state)
-    points = {x.name: x.points for x in collect_bodies(active) if len(x.points)}
+        for body in {x.name for x in part.bodies} & set(limits):
+            limits[body] -= np.linalg.norm(force)
     for part, gap, depth in inside:
-        bodies = {x.name for x in part.bodies} & set(points)
-        if any(
-            pressures[x] > _MAX_START_RATIO * np.linalg.norm(np.sum(others[points[x]], axis=0))
-            for x in bodies
-        ):
+        if any(limits.get(x.name, 0.0) < 0.0 for x in part.bodies):
             yield (
                 f"{part.name}: {gap.point} starts {depth:.3g} m inside the surface, far deeper "
                 f"than at rest; {gap.remedy}, or build the model with "
@@ -139,14 +136,6 @@ def _evaluate(
     """Return the values of a quantity of a part at positions `q`."""
     (compiled,) = compile_quantities(_mechanism_of(equations), [(name, quantity)])
     return compiled.rows(time[None], q[None], state.v[None])[0]
-
-
-def _forces_without(names: set[str], active: EquationsOfMotion, time: Array, state: State) -> Array:
-    """Return the generalized forces F of all active parts but those of these names, (n,)."""
-    mechanism = copy(_mechanism_of(active))
-    mechanism.parts = {name: x for name, x in mechanism.parts.items() if name not in names}
-    mechanism.observables, mechanism.events = {}, []
-    return StateEvaluator(equations_of_motion(mechanism)).force(time, state.q, state.v)
 
 
 def deep_contact_warnings(run: RunData) -> Iterator[str]:

@@ -211,45 +211,6 @@ def test_gaps_of_impacts_that_start_closed_are_reported_if_they_close(start, wor
     assert all(x.startswith(f"bounce: the gap of the impact {words}") for x in sentences)
 
 
-# Actions without effect ---------------------------------------------------------------------------
-
-
-def hinged_disk():
-    mech, disk = hinged_body(1.0, 0.1, (0.5, 0.0), name="disk", gravity=G)
-    line = bd.Line((2.0, 0.0), (3.0, 0.0))
-    beam = mech.add(bd.Beam("beam", line, STRIP, elements=2))
-    mech.add(bd.Weld("clamp", mech.ground.at(2.0, 0.0), beam.start))
-    return mech, disk, beam
-
-
-def test_actions_without_effect_are_reported():
-    mech, _, beam = hinged_disk()
-    mech.observe("tip", beam.end)
-    off, on = (mech.add(bd.Force(name, beam.end, (0.0, 1.0))) for name in ("off", "on"))
-    mech.deactivate(off)
-    actions = (bd.activate(on), bd.deactivate(off), bd.impact(mech.part("hinge")))
-    mech.when("tip.y", -9.0, do=actions, name="e")
-    assert [x.partition(",")[0] for x in bd.check(mech, predict=False).warnings] == [
-        "off: the part is inactive from the start and no event activates it",
-        "e: on is always active",
-        "e: hinge is always active",
-        "e: off is always inactive",
-    ]
-    mech.when("tip.y", -8.0, do=bd.activate(off), name="f")
-    assert len(bd.check(mech, predict=False).warnings) == 2
-
-
-def test_inactive_joints_of_impacts_are_stops():
-    mech, disk, _ = hinged_disk()
-    mech.observe("disk", disk.at(0.0, 0.0))
-    stop = mech.add(bd.Driver("stop", mech.ground.at(0.0, 0.0), disk.at(0.0, 0.0), law=-0.5))
-    mech.deactivate(stop)
-    (warning,) = bd.check(mech, predict=False).warnings
-    assert "stop: the part is inactive from the start" in warning
-    mech.when("disk.angle", -0.5, "down", do=bd.impact(stop), name="hit")
-    assert bd.check(mech, predict=False).warnings == ()
-
-
 # Start --------------------------------------------------------------------------------------------
 
 

@@ -72,24 +72,19 @@ class EventSide:
             self.near = 0.0
         return np.where(away, np.sign(finite), 0.0)
 
-    def begin_near(self, difference: float) -> None:
-        """Start at the threshold, up to rounding and the changes made by a consistent start."""
-        self.near = max(_LEAVING_FACTOR * abs(difference), _CONSTRAINED_SHARE * self.largest)
-
-    def begin_from(self, sign: float, difference: float) -> None:
-        """Start on the side on which an earlier run ended, possibly at the threshold."""
-        self.sign = sign
-        if abs(difference) <= _CONSTRAINED_SHARE * self.largest:
-            self.begin_on(sign, difference)
-
-    def begin_on(self, sign: float, difference: float) -> None:
-        """Start at the threshold, up to rounding, on the side given by `sign`.
+    def begin(self, sign: float, difference: float, is_held: bool = False) -> None:
+        """Start on the side given by `sign`, possibly at the threshold.
 
         A quantity that starts on the other side crosses the threshold once it is farther away than
         at the start. With a multiple of this distance, a ball that rests after many bounces would
-        sink into the floor, by a constant factor from each bounce to the next.
+        sink into the floor, by a constant factor from each bounce to the next. Joints may hold a
+        quantity there up to the tolerance of the run.
         """
-        self.sign, self.near = sign, abs(difference)
+        self.sign, constrained = sign, _CONSTRAINED_SHARE * self.largest
+        if is_held:
+            self.near = max(_LEAVING_FACTOR * abs(difference), constrained)
+        elif abs(difference) <= constrained:
+            self.near = abs(difference)
 
 
 @dataclass(frozen=True)
@@ -198,10 +193,10 @@ class EventDetector:
             if was_impact:
                 # A quantity that stays at its threshold is on the side from which it came.
                 sign = side.sign if term.name in self._after_impact else -side.sign
-                side.begin_on(self._departure_sign(term, start) or sign, difference)
+                side.begin(self._departure_sign(term, start) or sign, difference)
                 self._after_impact.add(term.name)
             else:
-                side.begin_near(difference)
+                side.begin(side.sign, difference, is_held=True)
         if self.last_event.direction == 0 and not was_impact:
             # The quantity may leave its threshold in either direction.
             self._sides[self.last_event.name].sign = 0.0
@@ -312,12 +307,11 @@ class EventDetector:
             size = {"rad": 1.0, "m": equations.length}.get(unit, 0.0)
             side = self._sides[term.name] = EventSide(largest=max(abs(term.crosses), size))
             if term.occurred_at_start:
-                side.begin_near(difference)
-                side.sign = float(term.side)
+                side.begin(float(term.side), difference, is_held=True)
             elif term.due:
                 side.sign = -float(term.due)
             elif term.side:
-                side.begin_from(float(term.side), difference)
+                side.begin(float(term.side), difference)
         return self._sides[term.name]
 
     def _scalar(self, term: EventTerm, interval: Interval) -> Scalar:
