@@ -33,7 +33,7 @@ _ROUNDING = 1e-9  # smaller velocities, relative to the largest, are zero
 _MAX_LAW_JUMP = 1e-3  # [rad], or relative to the length; allows for rounded numbers in laws
 _ASYMMETRY_TOLERANCE = 1e-9  # rounding in a mass matrix, relative to its largest entry
 _MAX_FRICTION_ITERATIONS = 50
-_FRICTION_TOLERANCE = 1e-6  # relative change, whose square is the error of Newton's method
+_FRICTION_TOLERANCE = 1e-8  # relative change, whose square is the error of Newton's method
 
 
 @dataclass(frozen=True)
