@@ -202,20 +202,20 @@ def test_steps_begin_within_an_interval_shorter_than_the_first_step():
 
 
 @pytest.mark.parametrize(
-    ("force", "rtol", "words"),
+    ("force", "rtol", "kind", "words"),
     [
-        (lambda t: ca.sqrt(0.5 - t), 1e-3, "not finite"),
-        (lambda t: ca.sqrt(0.5 - t), 1e-6, "not finite"),
-        (lambda t: 1.0 / (0.5 - t) ** 2, 1e-3, "error test failed"),
+        (lambda t: ca.sqrt(0.5 - t), 1e-3, "failed", "not finite at a step of"),
+        (lambda t: ca.sqrt(0.5 - t), 1e-6, "failed", "not finite at a step of"),
+        # The velocity becomes infinite, too.
+        (lambda t: 1.0 / (0.5 - t) ** 2, 1e-3, "limited", "steps have shrunk to"),
     ],
 )
-def test_adaptive_steps_approach_the_singularity_of_a_law(force, rtol, words):
+def test_adaptive_steps_approach_the_singularity_of_a_law(force, rtol, kind, words):
     t, q, v = (ca.SX.sym(name) for name in "tqv")
     system = bd.ConstrainedSystem(t=t, q=q, v=v, mass=[1], force=force(t), q0=[0], v0=[0])
     solution = bd.simulate(system, replace(ADAPTIVE, rtol=rtol), 1.0, 1e-3)
-    assert solution.status.kind == "failed"
+    assert solution.status.kind == kind
     assert words in solution.status.sentence
-    assert "at a step of" in solution.status.sentence
     # Steps are at least 1e-12 of the run.
     assert_allclose(solution.trajectory.end, 0.5, rtol=0.0, atol=1e-5)
     assert np.all(np.isfinite(solution.q))
