@@ -39,19 +39,17 @@ from beamdae.analysis.statics.load_scaling import LoadedEquations
 from beamdae.analysis.statics.pivot_signs import (
     ASYMMETRY_TOLERANCE,
     NEGLIGIBLE_STIFFNESS,
+    PivotSigns,
     SaddlePattern,
-    allocate_saddle_point,
     plan_saddle_point,
     scale_by_reference,
 )
 from beamdae.core.return_codes import (
     CORRECT,
     CORRECTED,
-    COUNT_SIGNS,
     DONE,
     EVALUATE_FORCES,
     EVALUATE_TANGENT,
-    FIND_DETERMINANT,
     SINGULAR,
 )
 from beamdae.core.tables import Workspace
@@ -313,7 +311,7 @@ class StaticProblem(Problem):
                 residual=residual,
                 tangent=tangent,
                 forces=np.zeros(size),
-                nonzeros=np.zeros(nnz + 1),
+                nonzeros=np.zeros(nnz),
             )
 
         def make(native: bool) -> Workspace:
@@ -326,8 +324,7 @@ class StaticProblem(Problem):
                 unloaded=unloaded,
                 loaded=loaded,
                 linear=matrix.make_solver(),
-                saddle=allocate_saddle_point(plan.saddle, np.append(plan.tangent_targets, nnz)),
-                nonzeros=np.zeros(nnz + 1),
+                nonzeros=np.zeros(nnz),
                 scaled=matrix.nonzeros,
                 products=np.ones(nnz),
                 sizes=np.ones(size + 1),
@@ -353,15 +350,15 @@ class StaticProblem(Problem):
         self._point, bordered = (np.nan, b""), plan.bordered
         self._center(begin)
         self._run(self.start(reference.q0), begin, EVALUATE_TANGENT)
+        tangent = run.nonzeros[plan.tangent_targets]
         run.sizes[:-1] = scale_by_reference(
-            run.saddle,
-            run.nonzeros[plan.tangent_targets],
-            reference.part_scales,
-            self.rigid_size,
+            plan.saddle, tangent, reference.part_scales, self.rigid_size
         )
         run.added[:held] = run.sizes[bordered.indices[plan.added_targets[:held]]] ** -2.0
         self._forget_point()
         run.products[:] = run.sizes[bordered.indices] * run.sizes[column_indices(bordered)]
+        tangent *= run.products[plan.tangent_targets]
+        self._reference = plan.saddle.largest_stiffness(tangent)
 
     @property
     def scales(self) -> Array:
@@ -408,14 +405,15 @@ class StaticProblem(Problem):
         motion.
         """
         x, p = point.x, point.p
-        signs = self.count_signs(x, p)
+        signs = self.signs(x, p)
         if signs.size <= NEGLIGIBLE_STIFFNESS:
             return Count(0, 0, free=2 * self.n - self.rigid_size)
         m = len(x) - self.n
-        free = signs.above - signs.below
-        by_signs = Count(signs.below - m, 0, free=free)
+        (below, log_size), (above, _) = signs.count_negative(1.0), signs.count_negative(-1.0)
+        free = above - below
+        by_signs = Count(below - m, 0, free=free)
         if free == 0:
-            by_signs = by_signs._replace(determinant=_determinant_of(signs))
+            by_signs = by_signs._replace(determinant=_determinant_of(below, log_size))
         if signs.asymmetry <= ASYMMETRY_TOLERANCE * signs.size or self.rigid_size >= 2 * self.n:
             return by_signs
         try:
@@ -427,7 +425,7 @@ class StaticProblem(Problem):
             return factors.solve(right)[: self.n]
 
         # Close to a critical point, the symmetric part has another sign in the softest motion.
-        is_sign_right = free > 0 or _has_negative_determinant(factors) == (signs.below % 2 == 1)
+        is_sign_right = free > 0 or _has_negative_determinant(factors) == (below % 2 == 1)
         if is_sign_right and has_potential(respond, self.n, m):
             return by_signs
         motion, scales = self.system.linearize_motion(x, p, self.idle), self.scales
@@ -466,11 +464,11 @@ class StaticProblem(Problem):
 
     def determinant(self, x: Array, mu: float) -> Determinant:
         """Return the determinant of the saddle-point matrix; its sign is 0 if a pivot vanishes."""
-        return _determinant_of(self._run(x, mu, FIND_DETERMINANT).saddle)
+        return _determinant_of(*self.signs(x, mu).count_negative(1.0))
 
-    def count_signs(self, x: Array, mu: float) -> Workspace:
-        """Return the signs of pivots at a point, a `SaddlePoint`; valid until the next call."""
-        return self._run(x, mu, COUNT_SIGNS).saddle
+    def signs(self, x: Array, mu: float) -> PivotSigns:
+        """Return the signs of pivots at a point."""
+        return PivotSigns(self._plan.saddle, self.matrix(x, mu).data, self._reference)
 
     def correct(self, control: Control, target: float, x: Array, p: float) -> Point:
         """Return the solution at which the control has the value `target`, by Newton's method."""
@@ -558,8 +556,8 @@ class StaticProblem(Problem):
             self._prepare_loop(compiles=True)
 
 
-def _determinant_of(signs: Workspace) -> Determinant:
-    return Determinant() if signs.below < 0 else Determinant((-1) ** signs.below, signs.log_size)
+def _determinant_of(negative: int, log_size: float) -> Determinant:
+    return Determinant() if negative < 0 else Determinant((-1) ** negative, log_size)
 
 
 def _has_negative_determinant(factors: SuperLU) -> bool:
