@@ -35,7 +35,7 @@ from beamdae.analysis.continuation.engine import (
     Row,
 )
 from beamdae.analysis.eigenproblems.slow_motions import count_growing
-from beamdae.analysis.statics.load_scaling import LoadedEquations
+from beamdae.analysis.statics.load_scaling import FactorEquations, LoadedEquations
 from beamdae.analysis.statics.pivot_signs import (
     ASYMMETRY_TOLERANCE,
     NEGLIGIBLE_STIFFNESS,
@@ -261,7 +261,7 @@ class StaticProblem(Problem):
     system, held, idle
         See above.
     mixed
-        The load stage with the forces of beams and springs as unknowns.
+        Equations with the forces of beams and springs as unknowns, linear about the begin.
     pattern
         CSC pattern of the tangent F_x, (n + m, n + m).
     n, rigid_size
@@ -278,8 +278,8 @@ class StaticProblem(Problem):
             # The stiffness of a spring may begin or end at zero.
             idle = find_idle_forces(system.unloaded) | find_idle_forces(system.loaded)
         self.system, self.held, self.idle = system, held or {}, idle
-        self.mixed = system.in_mixed_form(idle)
-        first, last = self.mixed.unloaded.equations, self.mixed.loaded.equations
+        self.mixed = self._linearize_by_parameter(system.ends[0])
+        first, last = self.mixed.first.equations, self.mixed.last.equations
         self.n, self.rigid_size = last.n, last.n + system.equations.m
         if system.is_linear:
             structures = _split_structures(first, last)
@@ -301,8 +301,8 @@ class StaticProblem(Problem):
         Natural sizes are set by the tangent in the reference configuration, without loads.
         """
         plan, size, nnz = self._plan, self.pattern.shape[0], self._plan.bordered.nnz
-        reference, ends = self.mixed.equations, (self.mixed.unloaded, self.mixed.loaded)
-        held, begin = len(self.held), self.system.ends[0]
+        held, begin, ends = len(self.held), self.system.ends[0], self.mixed[:2]
+        reference = self.mixed.equations
         matrix = FactorizedMatrix.from_pattern(plan.bordered)
 
         def make_part(plans: tuple[SumPlan, SumPlan], k: int, native: bool) -> Workspace:
@@ -520,11 +520,17 @@ class StaticProblem(Problem):
         run = self._loop.work
         run.has_forces = run.has_tangent = run.has_factors = 0
 
+    def _linearize_by_parameter(self, value: float) -> FactorEquations:
+        """Return the equations in mixed form, linear about a value of the parameter."""
+        return self.system.at_factor(value).convert(
+            lambda e: introduce_resultants(e, self.idle).equations
+        )
+
     def _center(self, value: float) -> None:
         """Evaluate the equations, and their derivative by the parameter, about a value of it."""
         run = self._loop.work
         try:
-            here = self.mixed.at_factor(value)
+            here = self._linearize_by_parameter(value)
         except BeamdaeError as error:
             raise CurveError(f"the model cannot be built ({str(error).rstrip('.')})") from None
         ends = (run.common, here.first), (run.unloaded, here.first), (run.loaded, here.last)
