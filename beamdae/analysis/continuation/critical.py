@@ -7,10 +7,12 @@ disturbances that alternate from period to period begin to grow at a period doub
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
+import scipy.linalg as la
 
 from beamdae.analysis.continuation.engine import (
     REGULAR_DISTANCE,
@@ -35,6 +37,8 @@ _TURN_RESOLUTION = 1e-2
 _MAX_SAMPLES = 60
 # Wider brackets, relative to this distance, are bisected if a point is not found.
 _WIDE = 100.0
+# Points of narrower parts of a segment are found together.
+_CLUSTER_WIDTH = 1e-2
 # Pairs of critical points that cancel are sought in parts of a segment down to this width.
 _HIDDEN_WIDTH = 1e-2
 # Positions between two points at which interpolated quantities are examined.
@@ -156,18 +160,20 @@ def _explain(
         return [] if share is None else split(share)
     # The critical motion itself does not grow.
     stable = min(low, high, key=lambda x: x.counts.unstable).point
-    is_single = abs(change) + abs(doublings) == 1 and not flutter and not (doublings and turns)
-    if is_single or not changes:
-        found = _find_root(segment, low, high, bool(doublings))
-        if found is not None:
-            position, point, mode = found
-            kind = DOUBLING if doublings else LIMIT if turns else BRANCH
-            return [CriticalPoint(position, kind, replace(point, beside=stable), mode)]
+    count = max(abs(change) + abs(doublings), 1)
+    is_simple = not flutter and not (doublings and (turns or change)) and not (turns and count > 1)
+    if is_simple and (count == 1 or width <= _CLUSTER_WIDTH):
+        kind = DOUBLING if doublings else LIMIT if turns else BRANCH
+        roots = _find_roots(segment, low, high, count, bool(doublings))
+        if roots:
+            points = {x: replace(point, beside=stable) for x, (point, _) in roots.items()}
+            modes = ((x, mode) for x, (_, modes) in roots.items() for mode in modes)
+            return [CriticalPoint(x, kind, points[x], mode) for x, mode in modes]
     if width > (resolution if changes else _TURN_RESOLUTION):
         return split(0.5)
     if not changes:
         return [_find_turn(segment, low, high)]
-    mode = critical_mode(low.point)
+    mode = critical_modes(low.point)[:, 0]
     # Growing motions that merge to a growing oscillation, or the reverse, are no critical point.
     growing = abs(change + 2 * flutter)
     limits = int(turns and growing > 0)
@@ -217,64 +223,116 @@ def _find_turn(segment: Segment, low: _Sample, high: _Sample) -> CriticalPoint:
     move = share * high.point.minus(low.point)
     move[-1] = 0.5 * low.rate * share * width * segment.reach
     point = replace(low.point.plus(move), beside=low.point)
-    return CriticalPoint(low.position + share * width, BRANCH, point, critical_mode(low.point))
+    mode = critical_modes(low.point)[:, 0]
+    return CriticalPoint(low.position + share * width, BRANCH, point, mode)
 
 
-def _find_root(
-    segment: Segment, low: _Sample, high: _Sample, alternates: bool
-) -> tuple[float, Point, Array] | None:
-    """Return position, point and mode where the Jacobian is singular.
+@dataclass(frozen=True, eq=False)
+class _Samples:
+    """Test functions at points of a segment; one is zero where the Jacobian is singular.
 
-    The root of the test function is interpolated between samples at a distance, because rounding
-    moves points closer to a crossing along the critical mode. The result is None without a sign
-    change, or if the samples do not suffice.
+    Attributes
+    ----------
+    segment
+        The segment.
+    test
+        Function that returns the values (k,) of the test functions at a point, and modes (n, k).
+    points, values, modes
+        Points, values and modes by position.
     """
 
-    def test(point: Point) -> tuple[float, Array]:
-        return _test_singularity(select(point), border)
+    segment: Segment
+    test: Callable[[Point], tuple[Array, Array]]
+    points: dict[float, Point] = field(default_factory=dict)
+    values: dict[float, Array] = field(default_factory=dict)
+    modes: dict[float, Array] = field(default_factory=dict)
+
+    def add(self, position: float, point: Point) -> None:
+        """Add a point."""
+        self.points[position] = point
+        self.values[position], self.modes[position] = self.test(point)
+
+    def add_between(self, left: float, right: float, position: float) -> None:
+        """Add the point at a position between two others."""
+        ends = (left, self.points[left]), (right, self.points[right])
+        self.add(position, _point_between(self.segment, *ends, position))
+
+    def find_root(self, k: int) -> tuple[float, float, float] | None:
+        """Return the root of test function `k`, and the samples around it.
+
+        The root is interpolated between samples at a distance, because rounding moves points closer
+        to a crossing along the critical modes. The result is None if the samples do not suffice.
+        """
+        for _ in range(_MAX_SAMPLES):
+            values = {position: float(x[k]) for position, x in self.values.items()}
+            left = max(x for x in values if values[x] > 0.0)
+            right = min(x for x in values if values[x] <= 0.0)
+            root = _interpolate_root(values, left, right)
+            # Long steps may pass a critical point at their very beginning.
+            distance = REGULAR_DISTANCE * min(1.0, 4.0 * min(root, 1.0 - root) + _RESOLUTION)
+            is_left_far, is_right_far = (abs(x - root) > 2.0 * distance for x in (left, right))
+            if not (is_left_far or is_right_far):
+                return root, left, right
+            aimed = root - distance if is_left_far else root + distance
+            aimed = min(max(aimed, left + 0.5 * distance), right - 0.5 * distance)
+            try:
+                self.add_between(left, right, aimed)
+            except CurveError:
+                if right - left <= _WIDE * distance:
+                    return root, left, right
+                self.add_between(left, right, 0.5 * (left + right))
+        return None
+
+
+def _find_roots(
+    segment: Segment, low: _Sample, high: _Sample, count: int, alternates: bool
+) -> dict[float, tuple[Point, list[Array]]]:
+    """Return the points where the Jacobian is singular, and their modes, by position.
+
+    Of `count` motions, it becomes singular in each; there are no points without a sign change, or
+    if samples do not suffice.
+    """
 
     def select(point: Point) -> Point:
         # Motions alternate where the sum of monodromy matrix and identity is singular.
         linear = point.linearization
         return replace(point, linearization=linear.alternating) if alternates else point
 
-    border = low.point.problem.mode_weights**2 * critical_mode(select(low.point))
-    (first, _), (last, mode) = test(low.point), test(high.point)
-    if first * last >= 0.0:
-        return None
-    values, points = {low.position: first, high.position: last}, dict([low[:2], high[:2]])
-    left, right = low.position, high.position
+    def test(point: Point) -> tuple[Array, Array]:
+        # Relative to those at `low`, values fall in the order of their roots.
+        singularity, modes = _test_singularity(select(point), border)
+        triangle, vectors = la.schur(la.solve(unit, singularity))
+        order = np.argsort(np.diag(triangle))
+        return np.diag(triangle)[order], modes @ vectors[:, order]
 
-    for _ in range(_MAX_SAMPLES):
-        root = _interpolate_root(values, left, right)
-        # Long steps may pass a critical point at their very beginning.
-        distance = REGULAR_DISTANCE * min(1.0, 4.0 * min(root, 1.0 - root) + _RESOLUTION)
-        is_left_far, is_right_far = (abs(x - root) > 2.0 * distance for x in (left, right))
-        if not (is_left_far or is_right_far):
-            break
-        aimed = root - distance if is_left_far else root + distance
-        aimed = min(max(aimed, left + 0.5 * distance), right - 0.5 * distance)
-        try:
-            point = _point_between(segment, (left, points[left]), (right, points[right]), aimed)
-        except CurveError:
-            if right - left <= _WIDE * distance:
-                break
-            aimed = 0.5 * (left + right)
-            point = _point_between(segment, (left, points[left]), (right, points[right]), aimed)
-        points[aimed] = point
-        values[aimed], mode = test(point)
-        left, right = (aimed, right) if values[aimed] * first > 0.0 else (left, aimed)
-    else:
-        return None
-    root = _interpolate_root(values, left, right)
-    if low.rate * high.rate < 0.0:
-        part = segment.part(points[left], points[right], left, right)
-        return root, part.at((root - left) / (right - left)), mode
-    point = interpolate(points, root)
-    largest = max(abs(low.point.p), abs(high.point.p))
-    if not alternates and _imperfection(point, border, largest) > _MAX_IMPERFECTION:
-        raise CurveError("the stability changes abruptly")
-    return root, point, mode
+    weights = low.point.problem.mode_weights[:, None]
+    border = weights**2 * critical_modes(select(low.point), count)
+    unit, _ = _test_singularity(select(low.point), border)
+    samples = _Samples(segment, test)
+    samples.add(*low[:2])
+    samples.add(*high[:2])
+    found: dict[float, tuple[Point, list[Array]]] = {}
+    if np.any(samples.values[high.position] >= 0.0):
+        return found
+    for k in range(count):
+        bracket = samples.find_root(k)
+        if bracket is None:
+            return {}
+        root, left, right = bracket
+        mode, points = samples.modes[right][:, k], samples.points
+        nearest = next((x for x in found if abs(x - root) <= _RESOLUTION), None)
+        if nearest is not None:
+            found[nearest][1].append(mode)
+        elif low.rate * high.rate < 0.0:
+            part = segment.part(points[left], points[right], left, right)
+            found[root] = part.at((root - left) / (right - left)), [mode]
+        else:
+            point = interpolate(points, root)
+            largest = max(abs(low.point.p), abs(high.point.p))
+            if not alternates and _imperfection(point, border, largest) > _MAX_IMPERFECTION:
+                raise CurveError("the stability changes abruptly")
+            found[root] = point, [mode]
+    return found
 
 
 def _interpolate_root(values: dict[float, float], left: float, right: float) -> float:
@@ -293,36 +351,45 @@ def _interpolate_root(values: dict[float, float], left: float, right: float) -> 
 def _imperfection(point: Point, border: Array, parameter: float) -> float:
     """Return the distance at which curves pass each other, relative to a size of the parameter.
 
-    Where they cross, the critical mode feels neither the residual nor its derivative by the
+    Where they cross, the critical modes feel neither the residual nor its derivative by the
     parameter. The derivative grows with the distance, the residual with its square. `point` is
     between points on both sides of the crossing, where the Jacobian is singular.
     """
-    linear, weights = point.linearization, point.problem.mode_weights
+    linear, weights, (n, count) = point.linearization, point.problem.mode_weights, border.shape
     factors = point.bordered(border, border)
     residual, rate = (
-        abs(factors.solve(np.append(x, 0.0))[-1]) for x in (linear.residual, linear.by_parameter)
+        np.max(np.abs(factors.solve(np.append(x, np.zeros(count)))[n:]))
+        for x in (linear.residual, linear.by_parameter)
     )
     sizes = np.divide(1.0, weights, out=np.zeros_like(weights), where=weights > 0.0)
-    whole = float(np.linalg.norm(sizes * linear.by_parameter) / np.linalg.norm(sizes * border))
+    modes = np.min(np.linalg.norm(sizes[:, None] * border, axis=0))
+    whole = float(np.linalg.norm(sizes * linear.by_parameter) / modes)
     if whole * parameter == 0.0:
         return 0.0
-    return max(rate / whole, np.sqrt(residual / (whole * parameter)))
+    return float(max(rate / whole, np.sqrt(residual / (whole * parameter))))
 
 
-def critical_mode(point: Point) -> Array:
-    """Return the direction in which the Jacobian is smallest, by inverse iteration.
+def critical_modes(point: Point, count: int = 1) -> Array:
+    """Return directions (n, count) in which the Jacobian is smallest, by inverse iteration.
 
-    Its largest entry is 1 in sizes that make all parts equally stiff.
+    Their largest entries are 1 in sizes that make all parts equally stiff.
     """
-    weights = point.problem.mode_weights
-    mode = np.cos(np.arange(len(weights)) ** 2.0) / np.where(weights > 0.0, weights, 1.0)
+    weights = point.problem.mode_weights[:, None]
+    modes = np.cos(np.arange(len(weights))[:, None] ** 2.0 * np.arange(1.0, 1.0 + count))
+    modes = modes / np.where(weights > 0.0, weights, 1.0)
     for _ in range(3):
-        _, mode = _test_singularity(point, weights**2 * mode)
-        mode = mode / np.max(np.abs(weights * mode))
-    return mode
+        _, modes = _test_singularity(point, weights**2 * modes)
+        modes = modes / np.max(np.abs(weights * modes), axis=0)
+    return modes
 
 
-def _test_singularity(point: Point, border: Array) -> tuple[float, Array]:
-    """Return g and v of [[J, b], [b^T, 0]] (v, g) = (0, 1): g is zero where J is singular."""
-    solution = point.bordered(border, border).solve(np.append(np.zeros(len(border)), 1.0))
-    return float(solution[-1]), solution[:-1]
+def _test_singularity(point: Point, border: Array) -> tuple[Array, Array]:
+    """Return G (k, k) and V (n, k) of [[J, B], [B^T, 0]] (V, G) = (0, 1) for a border B, (n, k).
+
+    G is singular where J is.
+    """
+    n, count = border.shape
+    factors = point.bordered(border, border)
+    right = np.pad(np.eye(count), ((0, 0), (n, 0)))
+    solution = np.column_stack([factors.solve(x) for x in right])
+    return solution[n:], solution[:n]

@@ -142,13 +142,17 @@ class Linearization:
     def bordered(self, column: Array, row: Array, corner: float) -> Any:
         """Return the factors of [[J, column], [row, corner]], with a method `solve(right)`.
 
+        Several columns and rows, (n, k) each, have corners of zero.
+
         Raises
         ------
         CurveError
             If the matrix is singular or not finite.
         """
-        scaled = factorize_bordered(self.jacobian, column * self.sizes, row * self.sizes, corner)
-        return scaled._replace(sizes=np.append(np.broadcast_to(self.sizes, len(row)), 1.0))
+        column, row = ((x.T * self.sizes).T for x in (column, row))
+        scaled = factorize_bordered(self.jacobian, column, row, corner)
+        ones = np.ones(scaled.matrix.shape[0] - len(row))
+        return scaled._replace(sizes=np.append(np.broadcast_to(self.sizes, len(row)), ones))
 
 
 class Problem(ABC):
@@ -299,24 +303,30 @@ class Point:
 def factorize_bordered(
     jacobian: sp.csc_array, column: Array, row: Array, corner: float = 0.0
 ) -> RefinedFactors:
-    """Return the factors of [[J, column], [row, corner]].
+    """Return the factors of [[J, column], [row, corner]]; see `Linearization.bordered`.
 
     Raises
     ------
     CurveError
         If the matrix is singular or not finite.
     """
-    n, starts = len(row), jacobian.indptr
-    entries = np.concatenate([np.insert(jacobian.data, starts[1:], row), column, [corner]])
-    if not np.isfinite(entries).all():
+    matrix = jacobian
+    for left, below in zip(np.atleast_2d(column.T), np.atleast_2d(row.T), strict=True):
+        added = np.zeros(matrix.shape[0] - len(row))
+        matrix = _add_border(matrix, np.append(left, added), np.append(below, added), corner)
+    if not np.isfinite(matrix.data).all():
         raise CurveError("the equations are not finite")
-    rows = np.append(np.insert(jacobian.indices, starts[1:], n), np.arange(n + 1))
-    starts = np.append(starts + np.arange(n + 1), len(entries))
-    matrix = sp.csc_array((entries, rows, starts))
     try:
         return RefinedFactors(matrix, splu(matrix))
     except RuntimeError:
         raise CurveError("the tangent is singular") from None
+
+
+def _add_border(matrix: sp.csc_array, column: Array, row: Array, corner: float) -> sp.csc_array:
+    n, starts = len(row), matrix.indptr
+    entries = np.concatenate([np.insert(matrix.data, starts[1:], row), column, [corner]])
+    rows = np.append(np.insert(matrix.indices, starts[1:], n), np.arange(n + 1))
+    return sp.csc_array((entries, rows, np.append(starts + np.arange(n + 1), len(entries))))
 
 
 def prescribe_parameter(x: Array, p: float) -> Row:

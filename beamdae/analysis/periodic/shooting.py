@@ -230,9 +230,10 @@ class PeriodLinearization:
         the deviation (Yamashita & Fukushima, Computing Suppl. 15 (2001) 239).
         """
         run, jacobian = self.matrix.run, self.matrix.jacobian
-        to, back = (la.block_diag(x, 1.0) for x in run.energy_coordinates)
-        matrix = np.vstack([np.column_stack([jacobian, column]), np.append(row, corner)])
-        matrix = to @ matrix @ back
+        column, row = (x.reshape(len(x), -1) for x in (column, row))
+        end = np.eye(column.shape[1])
+        to, back = (la.block_diag(x, end) for x in run.energy_coordinates)
+        matrix = to @ np.block([[jacobian, column], [row.T, corner * end]]) @ back
         if not np.isfinite(matrix).all():
             raise CurveError("the linearized equations are not finite")
         left, sizes, right = np.linalg.svd(matrix)

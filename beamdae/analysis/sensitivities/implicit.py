@@ -42,7 +42,7 @@ from itertools import pairwise
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.analysis.continuation.critical import critical_mode
+from beamdae.analysis.continuation.critical import critical_modes
 from beamdae.analysis.continuation.engine import (
     Control,
     CurveError,
@@ -396,7 +396,7 @@ class SingularPoint:
 
     def __init__(self, point: Point, is_limit: bool) -> None:
         self.point, self._is_limit = point, is_limit
-        border = point.problem.mode_weights**2 * critical_mode(point)
+        border = point.problem.mode_weights**2 * critical_modes(point)[:, 0]
         self._factors, linear = point.bordered(border, border, 0.0), point.linearization
         # Derivatives of x and h by xi and mu.
         mode, self._by_xi = self._solve(np.zeros_like(point.x), 1.0)

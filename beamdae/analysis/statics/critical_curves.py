@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.analysis.continuation.critical import BRANCH, Count, critical_mode
+from beamdae.analysis.continuation.critical import BRANCH, Count, critical_modes
 from beamdae.analysis.continuation.engine import (
     CurveError,
     Linearization,
@@ -108,7 +108,7 @@ class CriticalCurve(Problem):
         problem, reference = family(0.0)
         self._scales, self._n, self._size = problem.scales, problem.n, len(reference)
         self._energy = abs(problem.matrix(first.x, first.p)).max()
-        self._first_mode = (critical_mode(first) / self._scales)[: self._n]
+        self._first_mode = (critical_modes(first)[:, 0] / self._scales)[: self._n]
         u, weights = (first.x - reference) / self._scales, problem.weights * self._scales
         self.first = np.append(u, [first.p, 0.0][: 1 + (kind == BRANCH)])
         self._weights = np.zeros_like(self.first)
