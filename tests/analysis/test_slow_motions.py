@@ -76,6 +76,13 @@ def test_slenderness_does_not_enter_rounding(shape, formulation, elements, dampi
         assert_allclose(frequencies[1][: len(expected)], expected, rtol=1e-6)
 
 
+@pytest.mark.parametrize(("elements", "damping"), [(4, 1e-4), (32, 1e-6)])
+def test_damped_free_strips_have_three_free_motions(elements, damping):
+    """Two were found while the motions without stiffness and damping took part in the inverse."""
+    modes = bd.modes(frame("free", 1e2, "floating frame", elements, damping), n=8)
+    assert modes.kinds == ("free motion",) * 3 + ("vibration",) * 5
+
+
 def chain(beams, damping, formulation="floating frame", joint=bd.Revolute):
     """Return a cantilever of short beams in a row, with springs and dampers at its joints."""
     mech = bd.Mechanism()
