@@ -69,17 +69,6 @@ typedef struct {
     Complexes full;
 } ComplexSolver;
 
-typedef struct {
-    Indices starts, positions, sources, upper_starts, upper_rows, lower_starts, lower_rows;
-} FixedOrder;
-
-typedef struct {
-    FixedOrder plan;
-    Reals lower, pivots; /* entries of the unit factor below the diagonal */
-    Indices first;       /* first entry of each column of `lower` that has not been used yet */
-    Reals x;             /* work array by position */
-} FixedOrderFactors;
-
 int factorize(LinearSolver *linear, Reals nonzeros);
 int factorize_complex(ComplexSolver *linear, Complexes nonzeros);
 void solve(LinearSolver *linear, Reals right);
@@ -87,8 +76,6 @@ void solve_complex(ComplexSolver *linear, Complexes right);
 /* One right-hand side per lane; solutions are not refined, and plans have no blocks. */
 void solve_lanes(LinearSolver *linear, Reals right);
 void solve_complex_lanes(ComplexSolver *linear, Complexes right);
-/* Number of negative pivots, or -1 if a pivot or its reciprocal is not finite. */
-int64_t count_negative_pivots(FixedOrderFactors *run, Reals nonzeros);
 
 /* Sums of kernels */
 
@@ -388,32 +375,10 @@ typedef struct {
 } LoadPart;
 
 typedef struct {
-    Indices targets, diagonal;
-} SaddlePattern;
-
-typedef struct {
-    SaddlePattern pattern;
-    FixedOrderFactors factors;
-    Indices left, right; /* those of the pattern, as indices of the tangent */
-    /* Weights of the terms in natural sizes, their products with the first factors, differences of
-       opposite entries, the saddle-point matrix, and ones for norms. */
-    Reals weights, values, skew, nonzeros, ones;
-    /* Largest entry of the stiffness at the start, where its terms determine rounding errors: the
-       stiffness may vanish at a critical point; its largest entry, at least `reference`; and the
-       largest difference of opposite entries. */
-    double reference, size, asymmetry;
-    /* Negative pivots with a shift slightly below and above zero; -1 if a pivot vanishes. Logarithm
-       of the magnitude of the determinant with the first shift. */
-    int64_t below, above;
-    double log_size;
-} SaddlePoint;
-
-typedef struct {
     LoadPart common, unloaded, loaded; /* C, U and L */
     LinearSolver linear;               /* of the bordered matrix */
-    SaddlePoint saddle;                /* symmetric elimination of the tangent */
-    /* Non-zeros of the bordered matrix and a 1; in natural sizes; products of the sizes of their
-       rows and columns; and sizes of the unknowns, then 1, (n + m + 1,). */
+    /* Non-zeros of the bordered matrix; in natural sizes; products of the sizes of their rows and
+       columns; and sizes of the unknowns, then 1, (n + m + 1,). */
     Reals nonzeros, scaled, products, sizes;
     Reals inputs;                   /* (q, 0, lam), with the zeros of velocities and accelerations */
     Reals forces, by_factor;        /* F and F_mu, (n + m,) */
@@ -438,10 +403,9 @@ typedef struct {
     int64_t has_forces, has_tangent, has_factors;
 } StaticWorkspace;
 
-/* Tasks of `perform_task`: forces; tangent; correct the point by Newton's method until it is a
-   solution or, if the control is not linear, once; determinant of the tangent, with a shift slightly
-   above zero; and its negative pivots with both shifts. */
-enum { EVALUATE_FORCES, EVALUATE_TANGENT, CORRECT, FIND_DETERMINANT, COUNT_SIGNS };
+/* Tasks of `perform_task`: forces; tangent; and correct the point by Newton's method until it is a
+   solution or, if the control is not linear, once. */
+enum { EVALUATE_FORCES, EVALUATE_TANGENT, CORRECT };
 
 int perform_task(StaticWorkspace *run);
 

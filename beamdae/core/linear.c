@@ -158,37 +158,3 @@ typedef ComplexSolver complex_Solver;
 #define LANE ComplexVector
 #define NAME(x) complex_##x
 #include "elimination.h"
-
-/* The order depends on the pattern only, so that no search for pivots is needed, and the matrix has
-   as many negative eigenvalues as negative pivots (Sylvester's law of inertia). Of the symmetric
-   matrix, entries below the diagonal count. */
-int64_t count_negative_pivots(FixedOrderFactors *run, Reals nonzeros) {
-    const FixedOrder *plan = &run->plan;
-    const uint32_t *lower_starts = plan->lower_starts.at, *lower_rows = plan->lower_rows.at;
-    double *x = run->x.at, *lower = run->lower.at, *pivots = run->pivots.at;
-    uint32_t *first = run->first.at;
-    int64_t count = 0;
-    fill(run->x, 0.0);
-    for (int64_t j = 0; j < run->x.size; j++) {
-        for (uint32_t e = plan->starts.at[j]; e < plan->starts.at[j + 1]; e++)
-            x[plan->positions.at[e]] = nonzeros.at[plan->sources.at[e]];
-        for (uint32_t p = plan->upper_starts.at[j]; p < plan->upper_starts.at[j + 1]; p++) {
-            const uint32_t k = plan->upper_rows.at[p];
-            x[k] = 0.0;
-            /* The rows of each column ascend, so that its first unused entry is in row j. */
-            const double factor = lower[first[k]] * pivots[k];
-            for (uint32_t q = first[k]; q < lower_starts[k + 1]; q++)
-                x[lower_rows[q]] -= lower[q] * factor;
-            first[k]++;
-        }
-        const double pivot = x[j];
-        if (pivot == 0.0 || !isfinite(pivot) || !isfinite(1.0 / pivot)) return -1;
-        pivots[j] = pivot, first[j] = lower_starts[j], x[j] = 0.0;
-        count += pivot < 0.0;
-        for (uint32_t q = lower_starts[j]; q < lower_starts[j + 1]; q++) {
-            lower[q] = x[lower_rows[q]] / pivot;
-            x[lower_rows[q]] = 0.0;
-        }
-    }
-    return count;
-}

@@ -21,46 +21,6 @@
 #define MAX_CORRECTION 0.5
 #define CORRECTION_GROWTH 10.0
 #define MAX_PREDICTION_ERROR 0.3
-/* Shifts relative to the largest entry of the stiffness. Above 2e-16, signs of pivots are right for
-   all zero eigenvalues that were tried: free beams with h/L = 1e-5 to 3e-2 and 2 to 128 elements in
-   any position, prestressed beams, and linkages of up to 60 bodies. */
-#define SHIFT_RATIO 1e-15
-
-/* Negative pivots of the tangent; see analysis/statics/pivot_signs.py. */
-
-static void assemble_saddle_point(SaddlePoint *run, Reals tangent) {
-    const Reals values = run->values;
-    const int64_t pairs = run->skew.size;
-    for (int64_t k = 0; k < values.size; k++)
-        values.at[k] = run->weights.at[k] * tangent.at[run->left.at[k]];
-    combine2(run->skew, 1.0, values, -1.0, from(values, pairs));
-    run->size = largest_of(2.0 * max_norm(part(values, 0, 2 * pairs), run->ones), run->reference);
-    run->asymmetry = 2.0 * max_norm(run->skew, run->ones);
-    fill(run->nonzeros, 0.0);
-    ADD_WEIGHTED(run->nonzeros.at, run->pattern.targets.at, values.at, tangent.at, run->right.at, 0,
-                 values.size);
-}
-
-static void shift_diagonal(SaddlePoint *run, double shift) {
-    const Indices diagonal = run->pattern.diagonal;
-    for (int64_t k = 0; k < diagonal.size; k++) run->nonzeros.at[diagonal.at[k]] += shift;
-}
-
-static void find_determinant(SaddlePoint *run, Reals tangent) {
-    assemble_saddle_point(run, tangent);
-    shift_diagonal(run, SHIFT_RATIO * run->size);
-    run->below = count_negative_pivots(&run->factors, run->nonzeros);
-    run->log_size = 0.0;
-    for (int64_t k = 0; k < run->factors.pivots.size; k++)
-        run->log_size += log(fabs(run->factors.pivots.at[k]));
-}
-
-static void count_signs(SaddlePoint *run, Reals tangent) {
-    find_determinant(run, tangent);
-    shift_diagonal(run, -2.0 * SHIFT_RATIO * run->size);
-    run->above = count_negative_pivots(&run->factors, run->nonzeros);
-}
-
 /* Forces and tangent */
 
 static void evaluate_forces(StaticWorkspace *run) {
@@ -89,7 +49,6 @@ static void evaluate_tangent(StaticWorkspace *run) {
              loaded->nonzeros);
     ADD(run->nonzeros.at, run->added_targets.at, run->added.at, run->counting.at, 0,
         run->added.size);
-    run->nonzeros.at[run->scaled.size] = 1.0;
     run->has_tangent = 1;
     run->has_factors = 0;
 }
@@ -186,12 +145,7 @@ static int correct(StaticWorkspace *run) {
 
 int perform_task(StaticWorkspace *run) {
     if (run->task == CORRECT) return correct(run);
-    if (run->task == EVALUATE_FORCES) {
-        evaluate_forces(run);
-        return DONE;
-    }
-    evaluate_tangent(run);
-    if (run->task == FIND_DETERMINANT) find_determinant(&run->saddle, run->nonzeros);
-    if (run->task == COUNT_SIGNS) count_signs(&run->saddle, run->nonzeros);
+    if (run->task == EVALUATE_FORCES) evaluate_forces(run);
+    if (run->task == EVALUATE_TANGENT) evaluate_tangent(run);
     return DONE;
 }

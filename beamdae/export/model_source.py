@@ -37,9 +37,9 @@ from beamdae.export.c_code import (
 from beamdae.export.image import Image
 from beamdae.integrators.compiled_run import make_motion_buffers
 from beamdae.integrators.radau.stepper import formulate_stages
-from beamdae.linear.elimination import N_EXTRA_ENTRIES, EliminationPlan, empty_plan
+from beamdae.linear.elimination import N_EXTRA_ENTRIES, EliminationPlan
 from beamdae.linear.factorizations import has_many_couplings, order_along_band
-from beamdae.linear.pivots import FixedOrder
+from beamdae.linear.pivots import plan_in_order
 from beamdae.native.lane_code import LANE_WIDTH
 from beamdae.native.lane_kernels import rewrite
 from beamdae.symbolic.local_symbols import MATRIX_SHARED
@@ -425,14 +425,11 @@ def plan_elimination(
     numbers = sp.csc_array((np.arange(1, count), pattern.indices, pattern.indptr), pattern.shape)
     whole = sp.csc_array(numbers + count * sp.eye_array(size, dtype=int, format="csc"))
     whole.sort_indices()
-    plan, pivots = FixedOrder.of(whole, order), order.astype(np.uint32)
-    fields = plan._asdict() | {
-        "scale": np.ones(size),
-        "matrix_starts": pattern.indptr.astype(np.uint32),
-        "matrix_rows": pattern.indices.astype(np.uint32),
-        "n_entries": pattern.nnz + N_EXTRA_ENTRIES,
-        "rows": pivots,
-        "columns": pivots,
-        "sources": ((whole.data - 1) % count)[plan.sources].astype(np.uint32),
-    }
-    return empty_plan()._replace(**fields)
+    plan = plan_in_order(whole, order)
+    return plan._replace(
+        scale=np.ones(size),
+        matrix_starts=pattern.indptr.astype(np.uint32),
+        matrix_rows=pattern.indices.astype(np.uint32),
+        n_entries=pattern.nnz + N_EXTRA_ENTRIES,
+        sources=((whole.data - 1) % count)[plan.sources].astype(np.uint32),
+    )

@@ -3,9 +3,6 @@
 Pivots are chosen once for many matrices with the same pattern; for each matrix, `elimination` only
 computes the values of the factors. Row scales and pivots depend on the values of the matrix for
 which they were chosen. The fill depends only on the pattern and the pivots and is therefore cached.
-
-In a fixed order, which depends on the pattern only, no search for pivots is needed, and the matrix
-has as many negative eigenvalues as negative pivots (Sylvester's law of inertia).
 """
 
 from __future__ import annotations
@@ -225,6 +222,12 @@ def _plan_pivots(
     )
 
 
+def plan_in_order(pattern: sp.csc_array, order: Array) -> EliminationPlan:
+    """Return the plan of symmetric patterns with pivots in this order, as `_analyze_pattern`."""
+    rows = order.astype(np.intp).tobytes()
+    return _analyze_pattern(_PatternKey.of(pattern.indptr, pattern.indices), rows, rows)
+
+
 @bounded_cache(_MAX_CACHED_BYTES, array_bytes)
 def _analyze_pattern(key: _PatternKey, row_bytes: bytes, column_bytes: bytes) -> EliminationPlan:
     """Return the plan for pivots in these rows and columns, without matrix and scaling."""
@@ -304,37 +307,3 @@ def compute_fill(starts: list[int], indices: list[int]) -> tuple[list[list[int]]
                     followed_rows[k] = below[k][: position + 1]
                     is_pruned[k] = True
     return above, below
-
-
-class FixedOrder(NamedTuple):
-    """Pattern of the matrix and of its factors; a position is an index in the order of elimination.
-
-    Attributes
-    ----------
-    starts, positions, sources
-        Columns of the matrix, by position: their starts, the positions of their rows, and the
-        indices of their CSC non-zeros.
-    upper_starts, upper_rows, lower_starts, lower_rows
-        Columns of the factors above and below the diagonal: their starts, and the positions of
-        their rows, ascending.
-    """
-
-    starts: Array
-    positions: Array
-    sources: Array
-    upper_starts: Array
-    upper_rows: Array
-    lower_starts: Array
-    lower_rows: Array
-
-    @classmethod
-    def of(cls, pattern: sp.csc_array, order: Array) -> FixedOrder:
-        """Return the elimination of matrices with this CSC pattern, which includes the diagonal."""
-        position = np.empty(len(order), int)
-        position[order] = np.arange(len(order))
-        numbers = (np.arange(pattern.nnz), position[pattern.indices], pattern.indptr)
-        permuted = sp.csc_array(numbers, shape=pattern.shape)[:, order]
-        upper, lower = compute_fill(permuted.indptr.tolist(), permuted.indices.tolist())
-        arrays = (permuted.indptr, permuted.indices, permuted.data)
-        flat = (*flatten_columns(upper), *flatten_columns(lower))
-        return cls(*(np.asarray(x).astype(np.uint32) for x in (*arrays, *flat)))

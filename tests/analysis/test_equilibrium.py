@@ -84,7 +84,7 @@ def slide_on_rail(*load):
 
 def test_start_chooses_a_position_that_no_load_determines():
     mech, _ = slide_on_rail(0.0, -3.0)
-    with pytest.warns(bd.BeamdaeWarning, match=r"slide\.x is free .* start={'slide\.x': \.\.\.}"):
+    with pytest.warns(bd.BeamdaeWarning, match="check that the loads move the prescribed"):
         assert not bd.equilibrium(mech, to={"slide.x": 0.5}).status.success
     with pytest.warns(
         bd.BeamdaeWarning, match=r"depends on the start; .* start={'slide\.x': \.\.\.}\.$"

@@ -10,7 +10,6 @@ from numpy.testing import assert_allclose
 from scipy.linalg import lstsq, null_space
 
 import beamdae as bd
-from beamdae.analysis.continuation import spectrum
 from beamdae.analysis.eigenproblems import slow_motions
 from beamdae.analysis.linear_dynamics.linearization import linearize_about
 
@@ -75,6 +74,13 @@ def test_slenderness_does_not_enter_rounding(shape, formulation, elements, dampi
     assert_allclose(frequencies[1], frequencies[0], rtol=1e-6)
     if elements > 4:
         assert_allclose(frequencies[1][: len(expected)], expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize(("elements", "damping"), [(4, 1e-4), (32, 1e-6)])
+def test_damped_free_strips_have_three_free_motions(elements, damping):
+    """Two were found while the motions without stiffness and damping took part in the inverse."""
+    modes = bd.modes(frame("free", 1e2, "floating frame", elements, damping), n=8)
+    assert modes.kinds == ("free motion",) * 3 + ("vibration",) * 5
 
 
 def chain(beams, damping, formulation="floating frame", joint=bd.Revolute):
@@ -143,7 +149,7 @@ def test_problems_that_do_not_converge_use_dense_matrices_or_end_in_one_sentence
     damping, monkeypatch
 ):
     expected = bd.modes(damped_strip(64), n=3, damping=damping).eigenvalues
-    monkeypatch.setattr(spectrum, "_MAX_SEARCHES", 0)
+    monkeypatch.setattr(slow_motions, "_MAX_SEARCHES", 0)
     dense = bd.modes(damped_strip(64), n=3, damping=damping).eigenvalues
     assert_allclose(dense, expected, rtol=1e-6)
     monkeypatch.setattr(slow_motions, "_MAX_FALLBACK_COORDINATES", 0)

@@ -1,5 +1,6 @@
 """Equilibria over the time, a driver, an input or a parameter, and drivers beside the drawing."""
 
+import re
 from itertools import pairwise
 
 import numpy as np
@@ -249,8 +250,8 @@ def test_paths_end_where_loads_jump_with_a_remedy():
     mech.add(bd.Force("pull", mass.point, (bd.piecewise((1.0, 0.0), 60.0), 0.0)))
     mech.observe("mass", mass.point)
     path = bd.equilibrium(mech, over="t", to=2.0)
-    assert "the loads jump at t = 1 s, so begin another path there with from_=" in (
-        path.status.sentence
+    assert re.search(
+        r"last converged t \[s\]: (1|0\.99).*jumps of their laws", path.status.sentence
     )
     after = bd.equilibrium(mech, over="t", from_=1.0, to=2.0, start=path)
     assert after.status.success

@@ -271,7 +271,7 @@ class ParameterDirection:
                 getattr(here.mixed, part),
                 [getattr(x.mixed, part).equations for x in neighbors],
             )
-            for part in ("unloaded", "loaded")
+            for part in ("first", "last")
         ]
 
     def along(self, change: Array) -> Direction:
@@ -379,7 +379,7 @@ def differentiate_equilibrium(equilibrium: RegularPoint, difference: Difference)
     problem = equilibrium.point.problem
     assert isinstance(problem, StaticProblem)
     models = [introduce_resultants(e, problem.idle).equations for e in difference.models]
-    forces = _derive_statics(difference, problem.mixed.loaded, models)(equilibrium.point.x)
+    forces = _derive_statics(difference, problem.mixed.last, models)(equilibrium.point.x)
     return equilibrium.respond(np.append(forces, 0.0))[: problem.n]
 
 

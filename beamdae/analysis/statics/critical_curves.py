@@ -211,6 +211,6 @@ class CriticalCurve(Problem):
         """
         if self.kind == BRANCH and abs(point.x[-1]) > _MAX_FORCE:
             raise CurveError("the structure loses its symmetry, and the branch point vanishes")
-        signs = self.family(point.p)[0].count_signs(*self.state(point.x, point.p))
+        signs = self.family(point.p)[0].signs(*self.state(point.x, point.p))
         has_potential = signs.asymmetry <= ASYMMETRY_TOLERANCE * signs.size
         return Count(self._second_mode(point)[0] if has_potential else -1, 0)

@@ -13,9 +13,9 @@ from scipy.sparse.linalg import splu
 
 from beamdae import deferred
 from beamdae.analysis.continuation.engine import CurveError, Point, prescribe_parameter
-from beamdae.analysis.continuation.spectrum import find_slow_space
 from beamdae.analysis.eigenproblems.eigensolution import locate_largest
 from beamdae.analysis.eigenproblems.linearized_equations import is_symmetric_matrix
+from beamdae.analysis.eigenproblems.slow_motions import find_slow_space
 from beamdae.analysis.statics.load_scaling import build_loading, require_one_stage
 from beamdae.analysis.statics.paths import (
     describe_zero_loads,
@@ -59,9 +59,6 @@ _SEARCH_RATIO = 2.0
 # Largest residual of the linearized path, relative to the load, up to which it counts as the path.
 # Columns drawn with a tilt that causes 0.011 have first factors that are 0.26 % too low.
 _MAX_IMBALANCE = 0.02
-# Under loads without a potential, first factors of larger motions, in natural sizes, are not
-# checked: flutter far below them takes seconds to minutes to locate.
-_MAX_CHECKED_MOTION = 0.05
 # Inverse factors below this fraction of the largest are lost in rounding; imaginary parts up to the
 # second fraction are rounding.
 _MIN_INVERSE_RATIO = 1e-9
@@ -192,11 +189,9 @@ def buckling(
     factor along the linear response to the loads. The factors
     are exact if the displacements before buckling are negligible, as for straight columns and rings
     under pressure. If the first one deviates by more than 3 % from the first critical point of the
-    equilibrium path, which may be the onset of flutter, `Buckling.warnings` contains a warning; use
-    `equilibrium` instead. Loads without a potential have a warning if there is no factor, or one
-    of a motion above 5 % of the size of the mechanism, which is not checked. So
-    have factors that differ by more than 4 % from those of halved elements with exact strains; see
-    `Buckling.errors`.
+    equilibrium path, or the loads have no potential, so that the structure may flutter,
+    `Buckling.warnings` contains a warning; use `equilibrium` instead. So have factors that differ
+    by more than 4 % from those of halved elements with exact strains; see `Buckling.errors`.
 
     Parameters
     ----------
@@ -306,46 +301,32 @@ def _check_prebuckling(begin: Point, solution: _Solution) -> list[str]:
     """Return warnings if the equilibrium path differs from its linearization, or if it may.
 
     There is none if the points of the linearization are in equilibrium, as those of columns whose
-    imperfections are rounding errors of the drawing. Otherwise, there is one if the first critical
-    point of the path is not at the factor `first`, or if the path cannot be followed. Displacements
-    are not judged by their size, because even a rotation by the ratio of thickness to length makes
-    the linearized stiffness of a slender beam useless; nor by the factor from an equilibrium on the
-    way, because its difference from the first factor changes sign with the rise of an arch.
+    imperfections are rounding errors of the drawing, or if the first critical point of the path is
+    at the first factor. Displacements are not judged by their size, because even a rotation by the
+    ratio of thickness to length makes the linearized stiffness of a slender beam useless.
     """
-    has_potential, motion = solution.has_potential, solution.motion
-    first = float(np.min(solution.factors, initial=np.inf))
-    if has_potential and not np.isfinite(first):
-        return []
-    if not has_potential and not motion * first <= _MAX_CHECKED_MOTION:
+    if not solution.has_potential:
         return [
             f"{_NAME}: the loads have no potential, so the structure may flutter, which linear "
             "buckling does not show; use equilibrium with a target load factor."
         ]
-    if has_potential:
-        factors = (1.0 - _MAX_ERROR) * first, (1.0 + _MAX_ERROR) * first
-        ends = [begin.plus(mu * solution.response) for mu in factors]
-        count, before, after = (x.monitor.divergent for x in (begin, *ends))
-        if before == count < after and max(map(_imbalance, ends)) < _MAX_IMBALANCE:
-            return []
-    # Without a potential, a direction may be stable again soon after the first factor.
-    targets = ((1.0 + _MAX_ERROR) * first, _SEARCH_RATIO * first)
-    path = follow_to_critical_point(begin, targets)
-    if path.critical:
-        first_point = next(iter(path.critical.values()))
-        kind, factor = first_point.kind, first_point.point.p
-        if abs(factor - first) <= _MAX_ERROR * factor:
-            return []
-        reason = f"the first critical point of the path is a {kind} at {factor:.5g}"
-    elif path.status.success or path.end.p > (1.0 + _MAX_ERROR) * first:
-        reason = f"the path has no critical point up to the load factor {path.end.p:.5g}"
-    else:
-        reason = f"the path could not be followed beyond the load factor {path.end.p:.5g}"
-    cause = "displacements before buckling are not negligible"
-    if not has_potential:
-        cause = "the loads have no potential"
+    first = float(np.min(solution.factors, initial=np.inf))
+    if not np.isfinite(first):
+        return []
+    targets = (1.0 - _MAX_ERROR) * first, (1.0 + _MAX_ERROR) * first
+    ends = [begin.plus(mu * solution.response) for mu in targets]
+    count, before, after = (x.monitor.divergent for x in (begin, *ends))
+    if before == count < after and max(map(_imbalance, ends)) < _MAX_IMBALANCE:
+        return []
+    path = follow_to_critical_point(begin, (targets[1], _SEARCH_RATIO * first))
+    found = [one.point.p for one in path.critical.values()]
+    if found and abs(found[0] - first) <= _MAX_ERROR * found[0]:
+        return []
+    reason = f"is at {found[0]:.5g}" if found else f"lies beyond {path.end.p:.5g}"
     return [
-        f"{_NAME}: {cause}: {reason}, but the first linear factor is {first:.5g}; use equilibrium "
-        "with control='arc length' instead."
+        f"{_NAME}: displacements before buckling are not negligible: the first critical point of "
+        f"the path {reason}, but the first linear factor is {first:.5g}; use equilibrium with "
+        "control='arc length' instead."
     ]
 
 

@@ -20,7 +20,6 @@ from beamdae.analysis.statics.path_parameters import PathParameter
 from beamdae.equations.assembly.assemble import equations_of_motion
 from beamdae.equations.assembly.building import remove_forces
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
-from beamdae.equations.formulations.compliant_equations import introduce_resultants
 from beamdae.equations.formulations.static_equations import StaticEquations
 from beamdae.equations.formulations.tangents import Convert, Tangent, tangent_of
 from beamdae.equations.smooth_intervals import time_on_branch
@@ -206,16 +205,6 @@ class LoadedEquations:
         # The step must not lead into the next piece of a law.
         time = np.array([beside.time[0], here.time[1]])
         return FactorEquations(here, replace(beside, time=time), here.equations, 0.0, 1.0 / step)
-
-    def in_mixed_form(self, idle: Array | None) -> LoadedEquations:
-        """Return the equations with the stiff forces as unknowns, see `introduce_resultants`."""
-
-        def mix(e: EquationsOfMotion) -> EquationsOfMotion:
-            return introduce_resultants(e, idle).equations
-
-        at, ends = self.at, (self.unloaded.convert(mix), self.loaded.convert(mix))
-        converted_at = None if at is None else lambda mu: at(mu).convert(mix)
-        return replace(self, unloaded=ends[0], loaded=ends[1], at=converted_at)
 
     def motion_tangent(self, mu: float, state: State, convert: Convert | None = None) -> Tangent:
         """Return converted equations of motion linearized about `state` at a value of mu.

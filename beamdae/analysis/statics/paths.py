@@ -77,10 +77,10 @@ _CLOSED_PATH = (
     "more branch point, for example with switch=[1, 1]"
 )
 _REMEDIES = {
-    (DISPLACEMENT, True): "check that the loads move the prescribed column",
-    (DISPLACEMENT, False): "use control='arc length' to continue where a displacement reverses",
-    (LOAD, True): "even 1e-8 of the largest step fails, so check the size of the loads",
-    (LOAD, False): "use control='arc length' to continue past the maximum of a load",
+    DISPLACEMENT: "check that the loads move the prescribed column, or use control='arc length' to "
+    "continue where a displacement reverses",
+    LOAD: "check the size of the loads and jumps of their laws, or use control='arc length' to "
+    "continue past the maximum of a load",
 }
 
 
@@ -208,7 +208,7 @@ def trace_path(loading: Loading, q: Array, settings: PathSettings) -> Equilibriu
         status = path.status
         if not status.success:
             sentence = f"{status.sentence} (last converged {loading.quantity}: {path.end.p:.6g})"
-            remedy = _find_remedy(path) if path.is_stuck else ""
+            remedy = _REMEDIES.get(path.settings.control) if path.is_stuck else None
             status = Status(status.kind, f"{sentence}; {remedy}" if remedy else sentence)
             break
     columns = np.arange(len(loading.stages) + (loading.parameter is not None))
@@ -479,20 +479,3 @@ def free_coordinate(point: Point) -> str:
 def dominant_coordinate(e: EquationsOfMotion, mode: Array) -> str:
     """Return the name of the coordinate that moves most in a mode, relative to its natural size."""
     return e.q_names[locate_largest(mode[: e.n] / e.position_scales * prefer_angles(e))]
-
-
-def _find_remedy(path: StagePath) -> str:
-    """Return why steps probably fail, and a remedy; "" if unknown."""
-    system, end, is_first = path.end.problem.system, path.end, len(path.points) == 1
-    first, last = system.ends
-    if system.time_at(first)[0] != system.time_at(last)[0]:
-        distance = _FIRST_LOADS[-1] * abs(last - first)
-        for jump in system.equations.breakpoints:
-            if abs(jump - end.p) <= distance:
-                return f"the loads jump at t = {jump:g} s, so begin another path there with from_="
-    if path.settings.control == DISPLACEMENT and is_first and (free := free_coordinate(end)):
-        return (
-            f"{free} is free to move under the loads, which do not change it; choose its value "
-            f"with start={{{free!r}: ...}}, and set to= to a load factor"
-        )
-    return _REMEDIES.get((path.settings.control, is_first), "")

@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property, partial, reduce
+from functools import cached_property, reduce
 from itertools import compress
 from typing import Any, NamedTuple
 
@@ -34,24 +34,22 @@ from beamdae.analysis.continuation.engine import (
     Problem,
     Row,
 )
-from beamdae.analysis.continuation.spectrum import count_growing, has_potential
-from beamdae.analysis.statics.load_scaling import LoadedEquations
+from beamdae.analysis.eigenproblems.slow_motions import count_growing
+from beamdae.analysis.statics.load_scaling import FactorEquations, LoadedEquations
 from beamdae.analysis.statics.pivot_signs import (
     ASYMMETRY_TOLERANCE,
     NEGLIGIBLE_STIFFNESS,
+    PivotSigns,
     SaddlePattern,
-    allocate_saddle_point,
     plan_saddle_point,
     scale_by_reference,
 )
 from beamdae.core.return_codes import (
     CORRECT,
     CORRECTED,
-    COUNT_SIGNS,
     DONE,
     EVALUATE_FORCES,
     EVALUATE_TANGENT,
-    FIND_DETERMINANT,
     SINGULAR,
 )
 from beamdae.core.tables import Workspace
@@ -82,6 +80,10 @@ Array = np.ndarray
 _INTERPRETED_EVALUATIONS = 1000
 
 _SINGULAR = "the tangent stiffness is singular at the next point"
+
+# Motions with the least stiffness, and the asymmetry in them below which forces have a potential:
+# forces normal to sections instead of the axis do work on shear strains.
+_SOFT_COUNT, _MIN_ASYMMETRY = 6, 1e-3
 
 # Distance of a parameter from the value about which equations are linearized, in steps.
 _CENTER_TOLERANCE = 1e-6
@@ -259,7 +261,7 @@ class StaticProblem(Problem):
     system, held, idle
         See above.
     mixed
-        The load stage with the forces of beams and springs as unknowns.
+        Equations with the forces of beams and springs as unknowns, linear about the begin.
     pattern
         CSC pattern of the tangent F_x, (n + m, n + m).
     n, rigid_size
@@ -276,8 +278,8 @@ class StaticProblem(Problem):
             # The stiffness of a spring may begin or end at zero.
             idle = find_idle_forces(system.unloaded) | find_idle_forces(system.loaded)
         self.system, self.held, self.idle = system, held or {}, idle
-        self.mixed = system.in_mixed_form(idle)
-        first, last = self.mixed.unloaded.equations, self.mixed.loaded.equations
+        self.mixed = self._linearize_by_parameter(system.ends[0])
+        first, last = self.mixed.first.equations, self.mixed.last.equations
         self.n, self.rigid_size = last.n, last.n + system.equations.m
         if system.is_linear:
             structures = _split_structures(first, last)
@@ -299,8 +301,8 @@ class StaticProblem(Problem):
         Natural sizes are set by the tangent in the reference configuration, without loads.
         """
         plan, size, nnz = self._plan, self.pattern.shape[0], self._plan.bordered.nnz
-        reference, ends = self.mixed.equations, (self.mixed.unloaded, self.mixed.loaded)
-        held, begin = len(self.held), self.system.ends[0]
+        held, begin, ends = len(self.held), self.system.ends[0], self.mixed[:2]
+        reference = self.mixed.equations
         matrix = FactorizedMatrix.from_pattern(plan.bordered)
 
         def make_part(plans: tuple[SumPlan, SumPlan], k: int, native: bool) -> Workspace:
@@ -313,7 +315,7 @@ class StaticProblem(Problem):
                 residual=residual,
                 tangent=tangent,
                 forces=np.zeros(size),
-                nonzeros=np.zeros(nnz + 1),
+                nonzeros=np.zeros(nnz),
             )
 
         def make(native: bool) -> Workspace:
@@ -326,8 +328,7 @@ class StaticProblem(Problem):
                 unloaded=unloaded,
                 loaded=loaded,
                 linear=matrix.make_solver(),
-                saddle=allocate_saddle_point(plan.saddle, np.append(plan.tangent_targets, nnz)),
-                nonzeros=np.zeros(nnz + 1),
+                nonzeros=np.zeros(nnz),
                 scaled=matrix.nonzeros,
                 products=np.ones(nnz),
                 sizes=np.ones(size + 1),
@@ -353,15 +354,15 @@ class StaticProblem(Problem):
         self._point, bordered = (np.nan, b""), plan.bordered
         self._center(begin)
         self._run(self.start(reference.q0), begin, EVALUATE_TANGENT)
+        tangent = run.nonzeros[plan.tangent_targets]
         run.sizes[:-1] = scale_by_reference(
-            run.saddle,
-            run.nonzeros[plan.tangent_targets],
-            reference.part_scales,
-            self.rigid_size,
+            plan.saddle, tangent, reference.part_scales, self.rigid_size
         )
         run.added[:held] = run.sizes[bordered.indices[plan.added_targets[:held]]] ** -2.0
         self._forget_point()
         run.products[:] = run.sizes[bordered.indices] * run.sizes[column_indices(bordered)]
+        tangent *= run.products[plan.tangent_targets]
+        self._reference = plan.saddle.largest_stiffness(tangent)
 
     @property
     def scales(self) -> Array:
@@ -408,14 +409,15 @@ class StaticProblem(Problem):
         motion.
         """
         x, p = point.x, point.p
-        signs = self.count_signs(x, p)
+        signs = self.signs(x, p)
         if signs.size <= NEGLIGIBLE_STIFFNESS:
             return Count(0, 0, free=2 * self.n - self.rigid_size)
         m = len(x) - self.n
-        free = signs.above - signs.below
-        by_signs = Count(signs.below - m, 0, free=free)
+        (below, log_size), (above, _) = signs.count_negative(1.0), signs.count_negative(-1.0)
+        free = above - below
+        by_signs = Count(below - m, 0, free=free)
         if free == 0:
-            by_signs = by_signs._replace(determinant=_determinant_of(signs))
+            by_signs = by_signs._replace(determinant=_determinant_of(below, log_size))
         if signs.asymmetry <= ASYMMETRY_TOLERANCE * signs.size or self.rigid_size >= 2 * self.n:
             return by_signs
         try:
@@ -423,28 +425,14 @@ class StaticProblem(Problem):
         except RuntimeError:
             return by_signs
 
-        def respond(right: Array, factors: SuperLU = factors) -> Array:
-            return factors.solve(right)[: self.n]
-
         # Close to a critical point, the symmetric part has another sign in the softest motion.
-        is_sign_right = free > 0 or _has_negative_determinant(factors) == (signs.below % 2 == 1)
-        if is_sign_right and has_potential(respond, self.n, m):
+        is_sign_right = free > 0 or _has_negative_determinant(factors) == (below % 2 == 1)
+        if is_sign_right and _has_potential(factors, self.n):
             return by_signs
-        motion, scales = self.system.linearize_motion(x, p, self.idle), self.scales
-        _, damping, mass = (
-            sp.csc_array(y * scales * scales[:, None]) for y in motion.pencil.matrices
-        )
-        shift, flexibility = 0.0, respond
-        if self.held:
-            # The springs that hold motions, of stiffness 1, would take part in others: inertia
-            # replaces them, about the rate of stiffness 1 and all inertia.
-            shift, matrix = float(mass.diagonal().sum()) ** -0.5, self.matrix(x, p)
-            for k in self.held:
-                matrix[k, k] -= 1.0
-            about = splu(sp.csc_matrix(matrix + shift * damping + shift**2 * mass))
-            flexibility = partial(respond, factors=about)
-        count = count_growing(flexibility, damping[:, : self.n], mass[:, : self.n], shift)
-        return count._replace(free=free)
+        motion = self.system.linearize_motion(x, p, self.idle)
+        # Inertia holds motions without stiffness, about the rate of stiffness 1 and all inertia.
+        inertia = motion.tangent.mass.diagonal() @ self.scales[: self.n] ** 2
+        return count_growing(motion, float(inertia) ** -0.5 if self.held else 0.0, free)
 
     def residual(self, x: Array, mu: float) -> tuple[Array, Array]:
         """Return F and F_mu at x = (q, lam), (n + m,) each."""
@@ -466,11 +454,11 @@ class StaticProblem(Problem):
 
     def determinant(self, x: Array, mu: float) -> Determinant:
         """Return the determinant of the saddle-point matrix; its sign is 0 if a pivot vanishes."""
-        return _determinant_of(self._run(x, mu, FIND_DETERMINANT).saddle)
+        return _determinant_of(*self.signs(x, mu).count_negative(1.0))
 
-    def count_signs(self, x: Array, mu: float) -> Workspace:
-        """Return the signs of pivots at a point, a `SaddlePoint`; valid until the next call."""
-        return self._run(x, mu, COUNT_SIGNS).saddle
+    def signs(self, x: Array, mu: float) -> PivotSigns:
+        """Return the signs of pivots at a point."""
+        return PivotSigns(self._plan.saddle, self.matrix(x, mu).data, self._reference)
 
     def correct(self, control: Control, target: float, x: Array, p: float) -> Point:
         """Return the solution at which the control has the value `target`, by Newton's method."""
@@ -532,11 +520,17 @@ class StaticProblem(Problem):
         run = self._loop.work
         run.has_forces = run.has_tangent = run.has_factors = 0
 
+    def _linearize_by_parameter(self, value: float) -> FactorEquations:
+        """Return the equations in mixed form, linear about a value of the parameter."""
+        return self.system.at_factor(value).convert(
+            lambda e: introduce_resultants(e, self.idle).equations
+        )
+
     def _center(self, value: float) -> None:
         """Evaluate the equations, and their derivative by the parameter, about a value of it."""
         run = self._loop.work
         try:
-            here = self.mixed.at_factor(value)
+            here = self._linearize_by_parameter(value)
         except BeamdaeError as error:
             raise CurveError(f"the model cannot be built ({str(error).rstrip('.')})") from None
         ends = (run.common, here.first), (run.unloaded, here.first), (run.loaded, here.last)
@@ -558,8 +552,23 @@ class StaticProblem(Problem):
             self._prepare_loop(compiles=True)
 
 
-def _determinant_of(signs: Workspace) -> Determinant:
-    return Determinant() if signs.below < 0 else Determinant((-1) ** signs.below, signs.log_size)
+def _has_potential(factors: SuperLU, n: int) -> bool:
+    """Return True if the motions with the least stiffness feel no asymmetry of the stiffness."""
+    size = factors.shape[0]
+
+    def move(forces: Array) -> Array:
+        zeros = np.zeros((size - n, forces.shape[1]))
+        return np.asarray(factors.solve(np.vstack([forces, zeros]))[:n])
+
+    vectors = np.cos(np.outer(np.arange(n) ** 2.0, np.arange(1.0, min(_SOFT_COUNT, n) + 1.0)))
+    for _ in range(2):
+        vectors = np.linalg.qr(move(vectors))[0]
+    reduced = vectors.T @ move(vectors)
+    return bool(np.abs(reduced - reduced.T).max() <= _MIN_ASYMMETRY * np.abs(reduced).max())
+
+
+def _determinant_of(negative: int, log_size: float) -> Determinant:
+    return Determinant() if negative < 0 else Determinant((-1) ** negative, log_size)
 
 
 def _has_negative_determinant(factors: SuperLU) -> bool:
