@@ -8,13 +8,13 @@ import inspect
 import re
 import sys
 import traceback
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import wraps
 from pathlib import Path
 from types import CodeType, ModuleType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from beamdae.cli.process import RUNS, import_before_models
 from beamdae.errors import (
@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 
 
 PREFIX = "example:"
+Choice = TypeVar("Choice")
 
 # Python 3.13 and later suggest arguments themselves.
 _SUGGESTION = re.compile(r"\. Did you mean '\w+'\?$")
@@ -231,37 +232,43 @@ class ModelFile:
                 f"{self.path}: the file contains no model; decorate a function with "
                 "@bd.model(t_end=...)."
             )
-        name = select_name(name, models, f"{self.path}: the file contains several models")
-        if not (isinstance(name, str) and name in models):
-            raise BeamdaeError(
-                f"{self.path}: there is no model {short_repr(name)}{suggest(name, models)}; "
-                f"available models: {', '.join(models)}."
-            )
+        model = select_by_name(self.path, "model", models, name)
         # A model that is assigned to two variables is counted once.
-        functions = {id(model.build) for model in self._all_models() if model.name == name}
+        functions = {id(x.build) for x in self._all_models() if x.name == model.name}
         if len(functions) > 1:
             raise BeamdaeError(
-                f"{self.path}: {len(functions)} models are called {short_repr(name)}; "
+                f"{self.path}: {len(functions)} models are called {short_repr(model.name)}; "
                 "give the functions different names."
             )
-        return models[name]
+        return model
 
     def _all_models(self) -> list[Model]:
         return [value for value in vars(self._module).values() if isinstance(value, Model)]
 
 
-def select_name(name: str | None, names: Iterable[str], problem: str) -> str:
-    """Return `name`, or the only one of `names` if `name` is None.
+def select_by_name(
+    path: Path, kind: str, choices: Mapping[str, Choice], name: str | None
+) -> Choice:
+    """Return the model, study or sweep of a file called `name`; the only one if `name` is None.
 
     Raises
     ------
     BeamdaeError
-        If `name` is None and there are several names; the message begins with `problem`.
+        If there is none with this name, or `name` is None and there are several.
     """
-    names = list(names)
-    if name is None and len(names) > 1:
-        raise BeamdaeError(f"{problem} ({', '.join(names)}); choose one by name (--model).")
-    return names[0] if name is None else name
+    if name is None and len(choices) > 1:
+        raise BeamdaeError(
+            f"{path}: the file contains more than one {kind} ({', '.join(choices)}); choose one by "
+            "name (--model)."
+        )
+    if name is None:
+        return next(iter(choices.values()))
+    if not (isinstance(name, str) and name in choices):
+        raise BeamdaeError(
+            f"{path}: there is no {kind} {short_repr(name)}{suggest(name, choices)}; choose one "
+            f"of: {', '.join(choices)}."
+        )
+    return choices[name]
 
 
 @contextmanager

@@ -63,7 +63,8 @@ _GENERATED_GLOBALS = {
     "__path__",
     "__spec__",
 }
-_GLOBAL_READS = {"LOAD_GLOBAL", "LOAD_NAME"}
+_GLOBAL_READS = ("LOAD_GLOBAL", "LOAD_NAME")
+_IMPORTS = ("IMPORT_NAME",)
 _PICKLE_PROTOCOL = 4
 # Names of the parts, for error messages, and their values.
 Parts = Iterable[tuple[str, Any]]
@@ -254,27 +255,21 @@ def _decompose_function(value: FunctionType) -> tuple[str, Parts]:
         *((f"its default {k}", x) for k, x in enumerate(value.__defaults__ or ())),
         *((f"its default {k}", x) for k, x in (value.__kwdefaults__ or {}).items()),
         *cells,
-        *((f"its global {k}", scope[k]) for k in _global_names(code) if k in scope),
-        *((f"its import {k}", sys.modules.get(k)) for k in _import_names(code)),
+        *((f"its global {k}", scope[k]) for k in _names_read(code, _GLOBAL_READS) if k in scope),
+        *((f"its import {k}", sys.modules.get(k)) for k in _names_read(code, _IMPORTS)),
         *((f"its attribute {k}", x) for k, x in vars(value).items()),
     ]
     return f"function {value.__qualname__}", parts
 
 
 @cache
-def _global_names(code: CodeType) -> tuple[str, ...]:
-    """Return the names of the globals that a code object and its nested functions read."""
-    names = {x.argval for x in dis.get_instructions(code) if x.opname in _GLOBAL_READS}
-    names = names.union(*(_global_names(c) for c in code.co_consts if isinstance(c, CodeType)))
+def _names_read(code: CodeType, instructions: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the names that instructions of a code object and its nested functions read."""
+    names = {x.argval for x in dis.get_instructions(code) if x.opname in instructions}
+    for nested in code.co_consts:
+        if isinstance(nested, CodeType):
+            names.update(_names_read(nested, instructions))
     return tuple(sorted(names - _GENERATED_GLOBALS))
-
-
-@cache
-def _import_names(code: CodeType) -> tuple[str, ...]:
-    """Return the names of the modules that a code object and its nested functions import."""
-    names = {x.argval for x in dis.get_instructions(code) if x.opname == "IMPORT_NAME"}
-    names = names.union(*(_import_names(c) for c in code.co_consts if isinstance(c, CodeType)))
-    return tuple(sorted(names))
 
 
 @_decompose.register

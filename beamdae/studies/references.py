@@ -164,7 +164,7 @@ def build_reference(
         )
     worst = remove_unit(columns[int(np.argmax(differences[agrees]))])
     sentence = (
-        f"Reference: {labels[0]}; {labels[1]} differs by {uncertainty:.2g} of the amplitude of "
+        f"reference {labels[0]}; {labels[1]} differs by {uncertainty:.2g} of the amplitude of "
         f"{worst}, so errors below {RESOLUTION_FACTOR:g} times this are upper bounds (<)"
     )
     if disputed:

@@ -124,7 +124,7 @@ def test_unreadable_paths_are_refused(file, tmp_path):
         "stage.py by name (--model sampled)."
     )
     assert refusal(3) == "load_model: path must be a model file, got 3."
-    assert "no model ['swing'] (did you mean 'swing'?); available models: swing." in refusal(
+    assert "no model ['swing'] (did you mean 'swing'?); choose one of: swing." in refusal(
         file(HEAD + MODEL), ["swing"]
     )
 

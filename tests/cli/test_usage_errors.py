@@ -341,14 +341,14 @@ ERRORS = {
         [
             ("compare", "speeds is a sweep; use beamdae sweep."),
             ("compare --model speeds", "speeds is a sweep; use"),
-            ("compare --model nine", "there is no model 'nine'; available models: swing."),
+            ("compare --model nine", "there is no model 'nine'; choose one of: swing."),
             (
                 "sweep",
-                "the file contains several sweeps (speeds, others); choose one by name (--model).",
+                "more than one sweep (speeds, others); choose one by name (--model).",
             ),
             (
                 "sweep --model speed",
-                "there is no sweep 'speed' (did you mean 'speeds'?); available sweeps: speeds,",
+                "there is no sweep 'speed' (did you mean 'speeds'?); choose one of: speeds,",
             ),
         ],
     ),

@@ -28,7 +28,7 @@ from beamdae.cli.study_outputs import (
     results_folder_name,
     run_and_write,
 )
-from beamdae.errors import BeamdaeError, suggest
+from beamdae.errors import BeamdaeError
 
 # NumPy and CasADi are imported inside functions, so that --help responds quickly.
 if TYPE_CHECKING:
@@ -111,7 +111,7 @@ def _create_report(results: StudyResults) -> StudyReport:
 
 def _select_study(path: Path, name: str | None, settings: dict[str, str]) -> Study:
     """Return a study of the file, or a study of one of its models with the default integrators."""
-    from beamdae.cli.model_file import ModelFile, select_name
+    from beamdae.cli.model_file import ModelFile, select_by_name
     from beamdae.studies.case import Case, default_integrators
     from beamdae.studies.definition import Study
     from beamdae.studies.sweeps.sweep import Sweep
@@ -121,17 +121,13 @@ def _select_study(path: Path, name: str | None, settings: dict[str, str]) -> Stu
     studies = {key: study for key, study in file.studies.items() if key not in sweeps}
     if name in sweeps or (name is None and sweeps and not studies):
         raise BeamdaeError(f"{path}: {name or sweeps[0]} is a sweep; use beamdae sweep.")
-    if name in studies or (studies and name is None):
+    if studies and (name in studies or name not in file.models):
+        study = select_by_name(path, "study", studies, name)
         if settings:
             raise BeamdaeError(
                 f"--set {next(iter(settings))}: a study defines all parameters; omit --set."
             )
-        return studies[select_name(name, studies, f"{path}: the file contains several studies")]
-    if studies and name is not None and name not in file.models:
-        raise BeamdaeError(
-            f"{path}: there is no study {name!r}{suggest(name, studies)}; available "
-            f"studies: {', '.join(studies)}."
-        )
+        return study
     model = file.model(name)
     values = {key: model.complete({key: value})[key] for key, value in settings.items()}
     cases = tuple(Case(model, values, integrator) for integrator in default_integrators())

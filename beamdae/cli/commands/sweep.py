@@ -36,7 +36,7 @@ from beamdae.cli.study_outputs import (
     results_folder_name,
     run_and_write,
 )
-from beamdae.errors import BeamdaeError, require_count, suggest
+from beamdae.errors import BeamdaeError, require_count
 
 # NumPy and CasADi are imported inside functions, so that --help responds quickly.
 if TYPE_CHECKING:
@@ -209,7 +209,7 @@ def _split_at_commas(text: str) -> list[str]:
 
 def _sweep_of_file(file: ModelFile, name: str | None) -> Sweep:
     """Return the sweep called `name`, or the only sweep of the file."""
-    from beamdae.cli.model_file import select_name
+    from beamdae.cli.model_file import select_by_name
     from beamdae.studies.sweeps.sweep import Sweep
 
     models = file.models
@@ -221,13 +221,7 @@ def _sweep_of_file(file: ModelFile, name: str | None) -> Sweep:
             f"{file.path}: the file contains no sweep; vary a parameter with --over "
             f"NAME=VALUES (parameters: {parameters or 'none'})."
         )
-    name = select_name(name, sweeps, f"{file.path}: the file contains several sweeps")
-    if name not in sweeps:
-        raise BeamdaeError(
-            f"{file.path}: there is no sweep {name!r}{suggest(name, sweeps)}; available "
-            f"sweeps: {', '.join(sweeps)}."
-        )
-    return sweeps[name]
+    return select_by_name(file.path, "sweep", sweeps, name)
 
 
 def _create_report(results: StudyResults) -> StudyReport:

@@ -240,7 +240,7 @@ def require_file_path(name: str, path: Any) -> Path:
     return Path(text)
 
 
-def write_text(path: Path, text: str, kind: str = "") -> Path:
+def write_text(path: Path, text: str) -> Path:
     """Write a text as UTF-8 with `atomic_write` and return the path.
 
     Line endings are not translated. Characters that UTF-8 cannot encode (lone surrogates) are
@@ -251,12 +251,12 @@ def write_text(path: Path, text: str, kind: str = "") -> Path:
     BeamdaeError
         If the file cannot be written.
     """
-    return write_bytes(path, text.encode("utf-8", errors="backslashreplace"), kind=kind)
+    return write_bytes(path, text.encode("utf-8", errors="backslashreplace"))
 
 
-def write_bytes(path: Path, content: bytes, durable: bool = True, kind: str = "") -> Path:
-    """Write bytes with `atomic_write` and return the path; see there for the options."""
-    with atomic_write(path, durable, kind) as scratch:
+def write_bytes(path: Path, content: bytes, durable: bool = True) -> Path:
+    """Write bytes with `atomic_write` and return the path; see there for `durable`."""
+    with atomic_write(path, durable) as scratch:
         scratch.write_bytes(content)
     return path
 
