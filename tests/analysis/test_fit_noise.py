@@ -154,6 +154,20 @@ def test_regression_smallest_of_equivalent_delays_is_named():
         bd.fit(plucked, data, "damping", method)
 
 
+@pytest.mark.parametrize("delay", [0.01, 0.02])
+def test_regression_delays_of_data_that_begin_at_the_start_are_named(delay):
+    """Data could not be later than their first time: the fit had other causes, or none."""
+    method, times = bd.GeneralizedAlpha(step=0.002), np.linspace(0.0, 1.0, 201)
+    run = bd.simulate(plucked(damping=3.0), method).at_times(times)["mass.x"]
+    noise = np.random.default_rng(0).normal(scale=1e-4, size=times.size)
+    data = {"t [s]": times, "mass.x": np.interp(times - delay, times, run) + noise}
+    with pytest.warns(bd.BeamdaeWarning, match="shift of mass.x = ") as caught:
+        bd.fit(plucked, data, ["stiffness", "damping"], method)
+    named = [x for x in caught if "shift of mass.x = " in str(x.message)]
+    number = re.search(r"shift of mass.x = ([\d.]+) s", str(named[0].message))[1]
+    assert float(number) == pytest.approx(delay, rel=0.1)
+
+
 @pytest.mark.parametrize("delay", [0.02, 0.15])
 def test_regression_delays_of_one_column_are_named(delay):
     """Only delays of all data were."""

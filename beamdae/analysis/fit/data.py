@@ -136,11 +136,15 @@ class MeasuredData:
         means = self.table.groupby([EXPERIMENT, COLUMN])[VALUE].transform("mean")
         return float((((self.table[VALUE] - means) / self.table[SIGMA]) ** 2).sum())
 
-    def first(self, share: float) -> tuple[MeasuredData, Array]:
-        """Return the first `share` of the time, at least two values a source, and their rows."""
+    def within(self, begin: float, end: float) -> tuple[MeasuredData, Array]:
+        """Return the data between two shares of the time, and their rows.
+
+        One of the shares is 0 or 1; at least two values a source remain.
+        """
         groups = self.table.groupby([EXPERIMENT, COLUMN])
-        is_early = self.table[TIME] <= share * groups[TIME].transform("max")
-        rows = (is_early | (groups.cumcount() < 2)).to_numpy()
+        last = groups[TIME].transform("max")
+        is_within = self.table[TIME].between(begin * last, end * last)
+        rows = (is_within | (groups.cumcount(ascending=begin == 0.0) < 2)).to_numpy()
         return replace(self, table=self.table[rows]), rows
 
     def find(self, name: str, experiment: str | None = None) -> list[Source]:

@@ -214,9 +214,9 @@ class FitProblem:
                 "of the model."
             )
 
-    def with_first_data(self, share: float) -> FitProblem:
-        """Return a problem with the data of the first `share` of the time of each column."""
-        data, rows = self.data.first(share)
+    def within(self, begin: float, end: float) -> FitProblem:
+        """Return a problem with the data between two shares of the time of each column."""
+        data, rows = self.data.within(begin, end)
         return self._with(data, tuple(replace(x, rows=x.rows[rows]) for x in self.sensors))
 
     def with_sensors(self, kinds: Sequence[str]) -> FitProblem:

@@ -155,6 +155,8 @@ def check_errors(
 # Share of the squares of the residuals, without those of the noise of a given sigma, that unknown
 # sensors explain if they are named, and evaluations of a fit with them.
 _MIN_EXPLAINED_SHARE, _MAX_EVALUATIONS = 0.85, 30
+# Delays are sought up to this share of the time, in the data after it.
+_MAX_DELAY = 0.1
 _MIN_DEVIATIONS = 3.0  # of named properties from those of a perfect sensor, in standard deviations
 
 
@@ -164,22 +166,25 @@ def suggest_sensors(problem: FitProblem, scaling: Scaling, search: SearchResult)
     One fit has unknown scales and offsets of all columns, the other one unknown delays. Those that
     differ from a perfect sensor are named.
     """
-    left, is_known = search.chi_square, problem.data.is_sigma_known
-    noise = min(float(is_known) * problem.count, left)
-    most, best = noise + (1.0 - _MIN_EXPLAINED_SHARE) * (left - noise), None
-    for kinds in ((SCALE, OFFSET), (SHIFT,)):
-        with suppress(ValueError, ArithmeticError):  # Data from the start on have no delay.
-            other = problem.with_sensors(kinds)
+    is_known, least, best = problem.data.is_sigma_known, 1.0 - _MIN_EXPLAINED_SHARE, None
+    for kinds, begin in (((SCALE, OFFSET), 0.0), ((SHIFT,), _MAX_DELAY)):
+        rows = problem.data.within(begin, 1.0)[1]
+        left = float(np.sum(search.evaluation.residuals[rows] ** 2))
+        noise = min(float(is_known) * np.sum(rows), left)
+        with suppress(ValueError, ArithmeticError):  # There are no such sensors, or no run.
+            other = problem.within(begin, 1.0).with_sensors(kinds)
             variables = scaling.of(other)
             first = np.ones(len(other.variables))
             if search.explains:
                 first[: len(scaling.first)] = scaling.variables(search.evaluation.values)
             end = local_search(other, variables, first, _MAX_EVALUATIONS)
-            if end.chi_square <= most:
-                most, best = end.chi_square, (other, variables, end)
+            unexplained = (end.chi_square - noise) / (left - noise) if left > noise else 1.0
+            if unexplained <= least:
+                least, best = unexplained, (other, variables, end, left)
     if best is None:
         return ""
-    other, variables, end = best
+    other, variables, end, left = best
+    most = end.chi_square
     sigma = 1.0 if is_known else float(np.sqrt(most / max(other.count - len(other.estimated), 1)))
     covariance = find_covariance(other, variables, end.evaluation, end.at_bounds, sigma)[2]
     values = dict(zip(other.estimated, end.evaluation.estimates.tolist(), strict=True))
