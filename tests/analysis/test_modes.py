@@ -29,6 +29,7 @@ from numpy.testing import assert_allclose
 from scipy.optimize import brentq
 
 import beamdae as bd
+from beamdae.analysis.continuation import spectrum
 from beamdae.analysis.eigenproblems import slow_motions
 from beamdae.analysis.eigenproblems.eigensolution import _normalize
 from beamdae.analysis.linear_dynamics.linearization import linearize_about
@@ -405,7 +406,8 @@ def test_modes_about_an_instant_of_a_run():
 def test_dense_and_sparse_solvers_agree(damping, counts, rtol, monkeypatch):
     mech = cantilever(12, damping=damping)
     dense = [bd.modes(mech, n=n) for n in counts]
-    monkeypatch.setattr(slow_motions, "_MAX_DENSE", 10)
+    for module in (slow_motions, spectrum):
+        monkeypatch.setattr(module, "MAX_DENSE", 10)
     for n, expected in zip(counts, dense, strict=True):
         sparse = bd.modes(mech, n=n)
         # Rounding of the axial stiffness, 1e9 times that of the lowest mode, limits the agreement.

@@ -10,6 +10,7 @@ from numpy.testing import assert_allclose
 from scipy.linalg import lstsq, null_space
 
 import beamdae as bd
+from beamdae.analysis.continuation import spectrum
 from beamdae.analysis.eigenproblems import slow_motions
 from beamdae.analysis.linear_dynamics.linearization import linearize_about
 
@@ -149,7 +150,7 @@ def test_problems_that_do_not_converge_use_dense_matrices_or_end_in_one_sentence
     damping, monkeypatch
 ):
     expected = bd.modes(damped_strip(64), n=3, damping=damping).eigenvalues
-    monkeypatch.setattr(slow_motions, "_MAX_SEARCHES", 0)
+    monkeypatch.setattr(spectrum, "_MAX_SEARCHES", 0)
     dense = bd.modes(damped_strip(64), n=3, damping=damping).eigenvalues
     assert_allclose(dense, expected, rtol=1e-6)
     monkeypatch.setattr(slow_motions, "_MAX_FALLBACK_COORDINATES", 0)

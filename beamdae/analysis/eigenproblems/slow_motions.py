@@ -17,9 +17,13 @@ from typing import NamedTuple
 import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
-from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
 
 from beamdae.analysis.continuation.critical import Count
+from beamdae.analysis.continuation.spectrum import (
+    EXTRA_VALUES,
+    MAX_DENSE,
+    find_slow_space,
+)
 from beamdae.analysis.eigenproblems.linearized_equations import (
     ROUNDING_RATIO,
     LinearizedEquations,
@@ -34,15 +38,8 @@ Array = np.ndarray
 # of the eigenvalue, and real parts up to this fraction of the largest one, are rounding errors, and
 # reciprocal eigenvalues, or their squares without damping, below this fraction of the largest one.
 _SLOW_COUNT, _ROUNDING_OF_TYPE, _ROUNDING_OF_GROWTH, _NEGLIGIBLE = 20, 1e-6, 1e-13, 1e-7
-# Largest numbers of coordinates for dense matrices: always, and if ARPACK does not find the slowest
-# motions.
-_MAX_DENSE, _MAX_FALLBACK_COORDINATES = 300, 800
-# Relative accuracy of ARPACK, and in clusters; numbers of eigenvalues beyond the wanted ones, and
-# of searches and their restarts.
-_ARPACK_TOLERANCE, _CLUSTER_TOLERANCE, _CLUSTER_VECTORS = 1e-12, 1e-3, 80
-_EXTRA_VALUES, _MAX_SEARCHES, _MAX_RESTARTS = 2, 30, 20
-# Directions of found motions below this fraction of the others depend on them.
-_DEPENDENCE_RATIO = 1e-10
+# Largest number of coordinates for dense matrices if ARPACK does not find the slowest motions.
+_MAX_FALLBACK_COORDINATES = 800
 # A shift s^2 is kept between the first multiple of the smallest square that is not zero (0 if none
 # is zero) and this square. Otherwise, it becomes the second multiple, at least the third of itself.
 _MIN_SQUARE_SHARE, _SQUARE_RATIO, _MIN_REDUCTION = 1e-6, 0.4, 1e-2
@@ -67,93 +64,6 @@ _FREE_ROUNDING = 1e-13
 # The loss of a mode determines its decay unless its momentum, relative to that of an undamped mode,
 # is below this number, as where modes of rotating bodies coalesce.
 _MIN_MOMENTUM = 1e-3
-
-
-class SlowSpace(NamedTuple):
-    """Invariant space of the flexibility.
-
-    Attributes
-    ----------
-    basis, images
-        Orthonormal motions (N, k), and their images under the flexibility.
-    is_complete
-        True if it contains all wanted motions.
-    """
-
-    basis: Array
-    images: Array
-    is_complete: bool
-
-    @property
-    def reduced(self) -> Array:
-        """Flexibility in this space, (k, k)."""
-        return np.asarray(self.basis.T @ self.images)
-
-
-def find_slow_space(
-    respond: Callable[[Array], Array],
-    size: int,
-    number: int,
-    find_missing: Callable[[Array, float], float] | None = lambda *_: 0.0,
-) -> SlowSpace:
-    """Return motions that span the slowest modes, or all motions of small systems.
-
-    Found motions are removed from the flexibility, and the largest eigenvalue of the rest tells
-    which modes are complete. So copies of multiple eigenvalues are found, too.
-
-    Parameters
-    ----------
-    respond
-        Flexibility, from motions (N, k) to their images.
-    size, number
-        N, and number of eigenvalues of the first search.
-    find_missing
-        Function from eigenvalues of the flexibility to the number of missing modes, if all that are
-        larger than the second argument are known. None to search once more, for oscillations:
-        strong damping slows many motions down to nearly the same decay.
-    """
-    if size <= max(_MAX_DENSE, 2 * number):
-        return SlowSpace(np.eye(size), respond(np.eye(size)), True)
-    basis, images = np.zeros((2, size, 0))
-
-    def remove(y: Array) -> Array:
-        return y - basis @ (basis.T @ y)
-
-    def multiply(y: Array) -> Array:
-        return remove(respond(remove(y.reshape(-1, 1))))
-
-    operator = LinearOperator((size, size), multiply, dtype=float)
-    tolerance, bound = _ARPACK_TOLERANCE, np.inf
-    for k in range(_MAX_SEARCHES):
-        if basis.shape[1] + number > size // 2:
-            break
-        start = np.random.default_rng(k).standard_normal(size)
-        settings = {"v0": start, "tol": tolerance, "maxiter": _MAX_RESTARTS}
-        if tolerance > _ARPACK_TOLERANCE:
-            number, settings["ncv"] = _EXTRA_VALUES, _CLUSTER_VECTORS
-        try:
-            which = "LI" if k and find_missing is None else "LM"
-            found, vectors = eigs(operator, number, which=which, **settings)
-        except ArpackNoConvergence as error:
-            # Decays at nearly the same rate are not separated.
-            found, vectors = error.eigenvalues, error.eigenvectors
-            if not len(found) and tolerance > _ARPACK_TOLERANCE:
-                break
-            tolerance = _CLUSTER_TOLERANCE
-        if k and len(found):
-            bound = float(np.max(np.abs(found)))
-        new = la.orth(remove(np.hstack([vectors.real, vectors.imag])), _DEPENDENCE_RATIO)
-        basis, images = np.hstack([basis, new]), np.hstack([images, respond(new)])
-        if find_missing is None:
-            if k:
-                return SlowSpace(basis, images, True)
-            continue
-        inverses = la.eigvals(basis.T @ images)
-        missing = int(np.ceil(find_missing(inverses[inverses != 0.0], (1.0 - tolerance) * bound)))
-        if missing <= 0:
-            return SlowSpace(basis, images, True)
-        number = _EXTRA_VALUES + (2 * missing if k else 0)
-    return SlowSpace(basis, images, False)
 
 
 class MasslessError(BeamdaeError):
@@ -326,8 +236,8 @@ def _find_motions(
     scales = _find_scales(lin, s)
     # Others than admissible motions are lost in the flexibility.
     admissible = (1 + lin.has_rates) * (n - lin.equations.m)
-    number = (1 + lin.has_rates) * (count or n) + _EXTRA_VALUES
-    if n > _MAX_DENSE and 2 * number < admissible:
+    number = (1 + lin.has_rates) * (count or n) + EXTRA_VALUES
+    if n > MAX_DENSE and 2 * number < admissible:
         sizes = scales[:, None]
         space = find_slow_space(
             lambda y: apply(sizes * y) / sizes, len(scales), number, find_missing
@@ -422,7 +332,7 @@ def count_growing(lin: LinearizedEquations, s: float, free: int) -> Count:
     def apply(y: Array) -> Array:
         return invert(sizes * y) / sizes
 
-    if n <= _MAX_DENSE:
+    if n <= MAX_DENSE:
         values = la.eigvals(apply(np.eye(len(sizes))))
     else:
         further = {"find_missing": None} if is_damped else {}

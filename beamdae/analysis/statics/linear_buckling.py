@@ -13,9 +13,9 @@ from scipy.sparse.linalg import splu
 
 from beamdae import deferred
 from beamdae.analysis.continuation.engine import CurveError, Point, prescribe_parameter
+from beamdae.analysis.continuation.spectrum import find_slow_space
 from beamdae.analysis.eigenproblems.eigensolution import locate_largest
 from beamdae.analysis.eigenproblems.linearized_equations import is_symmetric_matrix
-from beamdae.analysis.eigenproblems.slow_motions import find_slow_space
 from beamdae.analysis.statics.load_scaling import build_loading, require_one_stage
 from beamdae.analysis.statics.paths import (
     describe_zero_loads,

@@ -34,6 +34,7 @@ from beamdae.analysis.continuation.engine import (
     Problem,
     Row,
 )
+from beamdae.analysis.continuation.spectrum import has_potential
 from beamdae.analysis.eigenproblems.slow_motions import count_growing
 from beamdae.analysis.statics.load_scaling import FactorEquations, LoadedEquations
 from beamdae.analysis.statics.pivot_signs import (
@@ -80,10 +81,6 @@ Array = np.ndarray
 _INTERPRETED_EVALUATIONS = 1000
 
 _SINGULAR = "the tangent stiffness is singular at the next point"
-
-# Motions with the least stiffness, and the asymmetry in them below which forces have a potential:
-# forces normal to sections instead of the axis do work on shear strains.
-_SOFT_COUNT, _MIN_ASYMMETRY = 6, 1e-3
 
 # Distance of a parameter from the value about which equations are linearized, in steps.
 _CENTER_TOLERANCE = 1e-6
@@ -427,7 +424,7 @@ class StaticProblem(Problem):
 
         # Close to a critical point, the symmetric part has another sign in the softest motion.
         is_sign_right = free > 0 or _has_negative_determinant(factors) == (below % 2 == 1)
-        if is_sign_right and _has_potential(factors, self.n):
+        if is_sign_right and has_potential(lambda right: factors.solve(right)[: self.n], self.n, m):
             return by_signs
         motion = self.system.linearize_motion(x, p, self.idle)
         # Inertia holds motions without stiffness, about the rate of stiffness 1 and all inertia.
@@ -550,21 +547,6 @@ class StaticProblem(Problem):
         if evaluations[0] > _INTERPRETED_EVALUATIONS:
             evaluations[:] = 0
             self._prepare_loop(compiles=True)
-
-
-def _has_potential(factors: SuperLU, n: int) -> bool:
-    """Return True if the motions with the least stiffness feel no asymmetry of the stiffness."""
-    size = factors.shape[0]
-
-    def move(forces: Array) -> Array:
-        zeros = np.zeros((size - n, forces.shape[1]))
-        return np.asarray(factors.solve(np.vstack([forces, zeros]))[:n])
-
-    vectors = np.cos(np.outer(np.arange(n) ** 2.0, np.arange(1.0, min(_SOFT_COUNT, n) + 1.0)))
-    for _ in range(2):
-        vectors = np.linalg.qr(move(vectors))[0]
-    reduced = vectors.T @ move(vectors)
-    return bool(np.abs(reduced - reduced.T).max() <= _MIN_ASYMMETRY * np.abs(reduced).max())
 
 
 def _determinant_of(negative: int, log_size: float) -> Determinant:

@@ -1,0 +1,133 @@
+"""Slow motions of linear systems.
+
+The equations are M q'' + D q' + K q + G^T lam = 0, G q - C lam = 0. Eigenvalues are computed from
+the flexibility, the inverse of the saddle-point matrix of K, G and C: slow motions are then its
+largest ones, whatever the stiffest ones are. Large systems use an invariant space found by ARPACK.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+import scipy.linalg as la
+from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
+
+Array = np.ndarray
+
+# Motions with the least stiffness, and the asymmetry in them below which forces have a potential:
+# forces normal to sections instead of the axis do work on shear strains.
+_SOFT_COUNT = 6
+_MIN_ASYMMETRY = 1e-3
+# Largest number of coordinates for dense matrices.
+MAX_DENSE = 300
+# Relative accuracy of ARPACK, and in clusters; numbers of eigenvalues beyond the wanted ones, and
+# of searches and their restarts.
+_ARPACK_TOLERANCE, _CLUSTER_TOLERANCE, _CLUSTER_VECTORS = 1e-12, 1e-3, 80
+EXTRA_VALUES, _MAX_SEARCHES, _MAX_RESTARTS = 2, 30, 20
+# Directions of found motions below this fraction of the others depend on them.
+_DEPENDENCE_RATIO = 1e-10
+
+
+class SlowSpace(NamedTuple):
+    """Invariant space of the flexibility.
+
+    Attributes
+    ----------
+    basis, images
+        Orthonormal motions (N, k), and their images under the flexibility.
+    is_complete
+        True if it contains all wanted motions.
+    """
+
+    basis: Array
+    images: Array
+    is_complete: bool
+
+    @property
+    def reduced(self) -> Array:
+        """Flexibility in this space, (k, k)."""
+        return np.asarray(self.basis.T @ self.images)
+
+
+def find_slow_space(
+    respond: Callable[[Array], Array],
+    size: int,
+    number: int,
+    find_missing: Callable[[Array, float], float] | None = lambda *_: 0.0,
+) -> SlowSpace:
+    """Return motions that span the slowest modes, or all motions of small systems.
+
+    Found motions are removed from the flexibility, and the largest eigenvalue of the rest tells
+    which modes are complete. So copies of multiple eigenvalues are found, too.
+
+    Parameters
+    ----------
+    respond
+        Flexibility, from motions (N, k) to their images.
+    size, number
+        N, and number of eigenvalues of the first search.
+    find_missing
+        Function from eigenvalues of the flexibility to the number of missing modes, if all that are
+        larger than the second argument are known. None to search once more, for oscillations:
+        strong damping slows many motions down to nearly the same decay.
+    """
+    if size <= max(MAX_DENSE, 2 * number):
+        return SlowSpace(np.eye(size), respond(np.eye(size)), True)
+    basis, images = np.zeros((2, size, 0))
+
+    def remove(y: Array) -> Array:
+        return y - basis @ (basis.T @ y)
+
+    def multiply(y: Array) -> Array:
+        return remove(respond(remove(y.reshape(-1, 1))))
+
+    operator = LinearOperator((size, size), multiply, dtype=float)
+    tolerance, bound = _ARPACK_TOLERANCE, np.inf
+    for k in range(_MAX_SEARCHES):
+        if basis.shape[1] + number > size // 2:
+            break
+        start = np.random.default_rng(k).standard_normal(size)
+        settings = {"v0": start, "tol": tolerance, "maxiter": _MAX_RESTARTS}
+        if tolerance > _ARPACK_TOLERANCE:
+            number, settings["ncv"] = EXTRA_VALUES, _CLUSTER_VECTORS
+        try:
+            which = "LI" if k and find_missing is None else "LM"
+            found, vectors = eigs(operator, number, which=which, **settings)
+        except ArpackNoConvergence as error:
+            # Decays at nearly the same rate are not separated.
+            found, vectors = error.eigenvalues, error.eigenvectors
+            if not len(found) and tolerance > _ARPACK_TOLERANCE:
+                break
+            tolerance = _CLUSTER_TOLERANCE
+        if k and len(found):
+            bound = float(np.max(np.abs(found)))
+        new = la.orth(remove(np.hstack([vectors.real, vectors.imag])), _DEPENDENCE_RATIO)
+        basis, images = np.hstack([basis, new]), np.hstack([images, respond(new)])
+        if find_missing is None:
+            if k:
+                return SlowSpace(basis, images, True)
+            continue
+        inverses = la.eigvals(basis.T @ images)
+        missing = int(np.ceil(find_missing(inverses[inverses != 0.0], (1.0 - tolerance) * bound)))
+        if missing <= 0:
+            return SlowSpace(basis, images, True)
+        number = EXTRA_VALUES + (2 * missing if k else 0)
+    return SlowSpace(basis, images, False)
+
+
+def has_potential(respond: Callable[[Array], Array], n: int, m: int) -> bool:
+    """Return True if the motions with the least stiffness feel no asymmetry of the stiffness.
+
+    `respond` leads from forces and changes of constraints (n + m, k) to displacements (n, k).
+    """
+
+    def move(forces: Array) -> Array:
+        return respond(np.vstack([forces, np.zeros((m, forces.shape[1]))]))
+
+    vectors = np.cos(np.outer(np.arange(n) ** 2.0, np.arange(1.0, min(_SOFT_COUNT, n) + 1.0)))
+    for _ in range(2):
+        vectors = np.linalg.qr(move(vectors))[0]
+    reduced = vectors.T @ move(vectors)
+    return bool(np.abs(reduced - reduced.T).max() <= _MIN_ASYMMETRY * np.abs(reduced).max())
