@@ -1,4 +1,4 @@
-"""Slow motions of linear systems.
+"""Slow motions of linear systems, and growing motions about an equilibrium.
 
 The equations are M q'' + D q' + K q + G^T lam = 0, G q - C lam = 0. Eigenvalues are computed from
 the flexibility, the inverse of the saddle-point matrix of K, G and C: slow motions are then its
@@ -12,7 +12,10 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy.linalg as la
+import scipy.sparse as sp
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
+
+from beamdae.analysis.continuation.critical import Count
 
 Array = np.ndarray
 
@@ -20,8 +23,15 @@ Array = np.ndarray
 # forces normal to sections instead of the axis do work on shear strains.
 _SOFT_COUNT = 6
 _MIN_ASYMMETRY = 1e-3
-# Largest number of coordinates for dense matrices.
-MAX_DENSE = 300
+# Imaginary parts below this fraction of the eigenvalue are rounding errors; and real parts below
+# this fraction of the largest eigenvalue.
+_ROUNDING, _ROUNDING_OF_GROWTH = 1e-6, 1e-13
+# Reciprocal eigenvalues, or their squares without damping, below this fraction of the largest one
+# are rounding errors.
+_NEGLIGIBLE = 1e-7
+# Largest number of coordinates for dense matrices; beyond, number of the slowest motions that are
+# sought.
+MAX_DENSE, _SLOW_COUNT = 300, 20
 # Relative accuracy of ARPACK, and in clusters; numbers of eigenvalues beyond the wanted ones, and
 # of searches and their restarts.
 _ARPACK_TOLERANCE, _CLUSTER_TOLERANCE, _CLUSTER_VECTORS = 1e-12, 1e-3, 80
@@ -117,6 +127,30 @@ def find_slow_space(
     return SlowSpace(basis, images, False)
 
 
+def invert_motion(
+    respond: Callable[[Array], Array],
+    damping: sp.csc_array | None,
+    mass: sp.csc_array,
+    s: float = 0.0,
+) -> Callable[[Array], Array]:
+    """Return the inverse of a linear motion about a shift s.
+
+    With y = (x, l x), its eigenvalues are 1 / (l - s); without damping, those for y = x are
+    1 / (s^2 - l^2). `respond` is the flexibility at the shift, from forces and changes of
+    constraints, to which `damping` and `mass` lead.
+    """
+    n = mass.shape[1]
+
+    def apply(y: Array) -> Array:
+        x = y[:n]
+        if damping is None:
+            return respond(mass @ x)
+        image = -respond(mass @ (y[n:] + s * x) + damping @ x)
+        return np.vstack([image, x + s * image])
+
+    return apply
+
+
 def has_potential(respond: Callable[[Array], Array], n: int, m: int) -> bool:
     """Return True if the motions with the least stiffness feel no asymmetry of the stiffness.
 
@@ -131,3 +165,36 @@ def has_potential(respond: Callable[[Array], Array], n: int, m: int) -> bool:
         vectors = np.linalg.qr(move(vectors))[0]
     reduced = vectors.T @ move(vectors)
     return bool(np.abs(reduced - reduced.T).max() <= _MIN_ASYMMETRY * np.abs(reduced).max())
+
+
+def count_growing(
+    respond: Callable[[Array], Array], damping: sp.csc_array, mass: sp.csc_array, s: float = 0.0
+) -> Count:
+    """Return the number of growing motions; see `invert_motion` for the arguments.
+
+    In large systems, they are those among the slowest ones. About a shift s, motions without
+    stiffness, l = 0, are not counted.
+    """
+    is_damped, n = damping.nnz > 0 and abs(damping).max() > 0.0, mass.shape[1]
+    apply, size = invert_motion(respond, damping if is_damped else None, mass, s), n + n * is_damped
+    if n <= MAX_DENSE:
+        values = la.eigvals(apply(np.eye(size)))
+    else:
+        further = {"find_missing": None} if is_damped else {}
+        values = la.eigvals(find_slow_space(apply, size, _SLOW_COUNT, **further).reduced)
+    # Others are rounding errors of the slowest one.
+    values = values[np.abs(values) > _NEGLIGIBLE * np.abs(values).max(initial=0.0)]
+    # With w = 1 / (l - s), 1 / l = w / (1 + s w); with w = 1 / (s^2 - l^2), -1 / l^2 is
+    # w / (1 - s^2 w).
+    ratios = 1.0 + s * values if is_damped else 1.0 - s**2 * values
+    has_stiffness = np.abs(ratios) > _ROUNDING
+    values = values[has_stiffness] / ratios[has_stiffness]
+    is_real = np.abs(values.imag) <= _ROUNDING * np.abs(values)
+    values = np.where(is_real, values.real, values)
+    if is_damped:
+        growing = values.real > _ROUNDING_OF_GROWTH * np.abs(values).max(initial=0.0)
+        divergent, oscillating = growing & is_real, growing & ~is_real
+    else:
+        # Reciprocals of squared eigenvalues: real ones do not oscillate if they are positive.
+        divergent, oscillating = is_real & (values.real < 0.0), ~is_real
+    return Count(int(divergent.sum()), int(oscillating.sum()) // 2)

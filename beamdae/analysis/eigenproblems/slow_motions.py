@@ -18,11 +18,11 @@ import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
 
-from beamdae.analysis.continuation.critical import Count
 from beamdae.analysis.continuation.spectrum import (
     EXTRA_VALUES,
     MAX_DENSE,
     find_slow_space,
+    invert_motion,
 )
 from beamdae.analysis.eigenproblems.linearized_equations import (
     ROUNDING_RATIO,
@@ -34,10 +34,6 @@ from beamdae.errors import BeamdaeError
 
 Array = np.ndarray
 
-# Growing motions: number of the slowest ones of large systems; imaginary parts up to this fraction
-# of the eigenvalue, and real parts up to this fraction of the largest one, are rounding errors, and
-# reciprocal eigenvalues, or their squares without damping, below this fraction of the largest one.
-_SLOW_COUNT, _ROUNDING_OF_TYPE, _ROUNDING_OF_GROWTH, _NEGLIGIBLE = 20, 1e-6, 1e-13, 1e-7
 # Largest number of coordinates for dense matrices if ARPACK does not find the slowest motions.
 _MAX_FALLBACK_COORDINATES = 800
 # A shift s^2 is kept between the first multiple of the smallest square that is not zero (0 if none
@@ -291,14 +287,8 @@ def _null_space(rows: Array) -> Array:
     return la.qr((rows / lengths).T)[0][:, len(rows) :] if len(rows) else np.eye(rows.shape[1])
 
 
-def _invert(
-    lin: LinearizedEquations, s: float, has_rates: bool | None = None
-) -> Callable[[Array], Array]:
-    """Return the inverse of the linearization about a shift s.
-
-    With y = (x, l x), its eigenvalues are 1 / (l - s); without `has_rates`, those for y = x are
-    1 / (s^2 - l^2).
-    """
+def _invert(lin: LinearizedEquations, s: float) -> Callable[[Array], Array]:
+    """Return the inverse of the linearization about a shift, see `invert_motion`."""
     n, pencil = lin.equations.n, lin.pencil
     _, damping, mass = (x[:, :n] for x in pencil.matrices)
     solve = pencil.factorize(s)
@@ -308,51 +298,8 @@ def _invert(
             "that can move."
         )
 
-    def apply(y: Array) -> Array:
-        x = y[:n]
-        if not (lin.has_rates if has_rates is None else has_rates):
-            return solve(mass @ x)[:n]
-        image = -solve(mass @ (y[n:] + s * x) + damping @ x)[:n]
-        return np.vstack([image, x + s * image])
-
-    return apply
-
-
-def count_growing(lin: LinearizedEquations, s: float, free: int) -> Count:
-    """Return the number of growing motions, of large systems among the slowest ones.
-
-    About a shift s, `free` motions without stiffness, l = 0, are not counted.
-    """
-    n, damping = lin.equations.n, lin.pencil.matrices[1]
-    is_damped = damping.nnz > 0 and abs(damping).max() > 0.0
-    sizes = _find_scales(lin, s or 1.0)[:n]
-    sizes = np.tile(sizes, 1 + is_damped)[:, None]
-    invert = _invert(lin, s, is_damped)
-
-    def apply(y: Array) -> Array:
-        return invert(sizes * y) / sizes
-
-    if n <= MAX_DENSE:
-        values = la.eigvals(apply(np.eye(len(sizes))))
-    else:
-        further = {"find_missing": None} if is_damped else {}
-        values = la.eigvals(find_slow_space(apply, len(sizes), _SLOW_COUNT, **further).reduced)
-    # Others are rounding errors of the slowest one.
-    values = values[np.abs(values) > _NEGLIGIBLE * np.abs(values).max(initial=0.0)]
-    # With w = 1 / (l - s), 1 / l = w / (1 + s w); with w = 1 / (s^2 - l^2), -1 / l^2 is
-    # w / (1 - s^2 w).
-    ratios = 1.0 + s * values if is_damped else 1.0 - s**2 * values
-    has_stiffness = np.abs(ratios) > _ROUNDING_OF_TYPE
-    values = values[has_stiffness] / ratios[has_stiffness]
-    is_real = np.abs(values.imag) <= _ROUNDING_OF_TYPE * np.abs(values)
-    values = np.where(is_real, values.real, values)
-    if is_damped:
-        growing = values.real > _ROUNDING_OF_GROWTH * np.abs(values).max(initial=0.0)
-        divergent, oscillating = growing & is_real, growing & ~is_real
-    else:
-        # Reciprocals of squared eigenvalues: real ones do not oscillate if they are positive.
-        divergent, oscillating = is_real & (values.real < 0.0), ~is_real
-    return Count(int(divergent.sum()), int(oscillating.sum()) // 2, free=free)
+    damping = damping if lin.has_rates else None
+    return invert_motion(lambda forces: solve(forces)[:n], damping, mass, s)
 
 
 def solve_damped(lin: LinearizedEquations, count: int | None) -> tuple[Array, Array]:

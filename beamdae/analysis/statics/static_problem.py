@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property, reduce
+from functools import cached_property, partial, reduce
 from itertools import compress
 from typing import Any, NamedTuple
 
@@ -34,8 +34,7 @@ from beamdae.analysis.continuation.engine import (
     Problem,
     Row,
 )
-from beamdae.analysis.continuation.spectrum import has_potential
-from beamdae.analysis.eigenproblems.slow_motions import count_growing
+from beamdae.analysis.continuation.spectrum import count_growing, has_potential
 from beamdae.analysis.statics.load_scaling import FactorEquations, LoadedEquations
 from beamdae.analysis.statics.pivot_signs import (
     ASYMMETRY_TOLERANCE,
@@ -422,14 +421,28 @@ class StaticProblem(Problem):
         except RuntimeError:
             return by_signs
 
+        def respond(right: Array, factors: SuperLU = factors) -> Array:
+            return factors.solve(right)[: self.n]
+
         # Close to a critical point, the symmetric part has another sign in the softest motion.
         is_sign_right = free > 0 or _has_negative_determinant(factors) == (below % 2 == 1)
-        if is_sign_right and has_potential(lambda right: factors.solve(right)[: self.n], self.n, m):
+        if is_sign_right and has_potential(respond, self.n, m):
             return by_signs
-        motion = self.system.linearize_motion(x, p, self.idle)
-        # Inertia holds motions without stiffness, about the rate of stiffness 1 and all inertia.
-        inertia = motion.tangent.mass.diagonal() @ self.scales[: self.n] ** 2
-        return count_growing(motion, float(inertia) ** -0.5 if self.held else 0.0, free)
+        motion, scales = self.system.linearize_motion(x, p, self.idle), self.scales
+        _, damping, mass = (
+            sp.csc_array(y * scales * scales[:, None]) for y in motion.pencil.matrices
+        )
+        shift, flexibility = 0.0, respond
+        if self.held:
+            # The springs that hold motions, of stiffness 1, would take part in others: inertia
+            # replaces them, about the rate of stiffness 1 and all inertia.
+            shift, matrix = float(mass.diagonal().sum()) ** -0.5, self.matrix(x, p)
+            for k in self.held:
+                matrix[k, k] -= 1.0
+            about = splu(sp.csc_matrix(matrix + shift * damping + shift**2 * mass))
+            flexibility = partial(respond, factors=about)
+        count = count_growing(flexibility, damping[:, : self.n], mass[:, : self.n], shift)
+        return count._replace(free=free)
 
     def residual(self, x: Array, mu: float) -> tuple[Array, Array]:
         """Return F and F_mu at x = (q, lam), (n + m,) each."""
