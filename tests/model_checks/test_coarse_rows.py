@@ -220,6 +220,19 @@ def test_the_sentence_names_value_rows_and_remedy(tmp_path):
     assert re.search(r", where they reach only \S+ m, also in \S+, \S+; ", sentence)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
+def test_regression_missed_extremes_come_before_notes_on_the_model():
+    """The head of a page showed notes, and extremes that the rows miss were below them."""
+    mech = ball()
+    cart = mech.add(bd.RigidBody("cart", mass=1.0, inertia=0.1))
+    law = bd.piecewise((0.2, 0.0), lambda t: t - 0.2)
+    mech.add(bd.Driver("turn", mech.ground.at(5.0, 0.0), cart.at(0.0, 0.0), law=law))
+    mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), cart.at(0.0, 0.0)))
+    first, second = bd.simulate(mech, t_end=0.6).warnings
+    assert "the output rows miss" in first
+    assert second.startswith("turn: the slope of its law jumps at t = 0.2 s")
+
+
 @pytest.mark.slow(reason="half a second")
 def test_stresses_of_damping_at_an_impact_have_an_error_by_the_elements():
     """Strain rates at a jump of velocities depend on the length of the element."""
