@@ -265,8 +265,8 @@ class _Samples:
         """
         for _ in range(_MAX_SAMPLES):
             values = {position: float(x[k]) for position, x in self.values.items()}
-            left = max(x for x in values if values[x] > 0.0)
             right = min(x for x in values if values[x] <= 0.0)
+            left = max(x for x in values if x < right)
             root = _interpolate_root(values, left, right)
             # Long steps may pass a critical point at their very beginning.
             distance = REGULAR_DISTANCE * min(1.0, 4.0 * min(root, 1.0 - root) + _RESOLUTION)
@@ -301,17 +301,20 @@ def _find_roots(
     def test(point: Point) -> tuple[Array, Array]:
         # Relative to those at `low`, values fall in the order of their roots.
         singularity, modes = _test_singularity(select(point), border)
-        triangle, vectors = la.schur(la.solve(unit, singularity))
+        triangle, vectors = la.schur(inverse @ singularity)
         order = np.argsort(np.diag(triangle))
         return np.diag(triangle)[order], modes @ vectors[:, order]
 
     weights = low.point.problem.mode_weights[:, None]
     border = weights**2 * critical_modes(select(low.point), count)
-    unit, _ = _test_singularity(select(low.point), border)
+    found: dict[float, tuple[Point, list[Array]]] = {}
+    try:
+        inverse = np.linalg.inv(_test_singularity(select(low.point), border)[0])
+    except np.linalg.LinAlgError:  # The sample is a critical point.
+        return found
     samples = _Samples(segment, test)
     samples.add(*low[:2])
     samples.add(*high[:2])
-    found: dict[float, tuple[Point, list[Array]]] = {}
     if np.any(samples.values[high.position] >= 0.0):
         return found
     for k in range(count):
@@ -392,4 +395,6 @@ def _test_singularity(point: Point, border: Array) -> tuple[Array, Array]:
     factors = point.bordered(border, border)
     right = np.pad(np.eye(count), ((0, 0), (n, 0)))
     solution = np.column_stack([factors.solve(x) for x in right])
+    if not np.isfinite(solution).all():
+        raise CurveError("the tangent is not finite")
     return solution[n:], solution[:n]
