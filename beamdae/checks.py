@@ -152,9 +152,8 @@ class Check:
         Reason why the mechanism cannot be run, or "".
     warnings
         Sentences about the start (see `StartSummary.warning`), sections that are higher than
-        their beams are long, contacts that start inside a surface,
-        columns with errors above 4 %, and beams without damping in runs with more than 50 000
-        predicted steps.
+        their beams are long, contacts that start inside a surface, columns with errors above 4 %,
+        and beams without damping in runs with more than 50 000 predicted steps.
     errors
         Errors of the observed columns, see `Solution.errors`, if there are any and the predicted
         run is complete; otherwise None.

@@ -308,8 +308,13 @@ def needs_radau(plan: RunPlan, rtol: float) -> bool:
         return True
     if count_periods(plan) > _MANY_PERIODS:
         return True
+    return _has_stiff_modes(plan, STIFF_RATIO_BDF)
+
+
+def _has_stiff_modes(plan: RunPlan, ratio: float) -> bool:
+    """Return True if a mode is more than `ratio` times faster than the motion."""
     fastest = max((mode.frequency for mode in plan.fastest_modes()), default=0.0)
-    return fastest > STIFF_RATIO_BDF * motion_rate(plan)
+    return fastest > ratio * motion_rate(plan)
 
 
 def resolve_error_control(
@@ -410,10 +415,9 @@ def weigh_velocities(plan: RunPlan, scales: Array) -> Array:
     Velocities of first-order states, and all if a mode is stiff, are not tested: their weights are
     zero.
     """
-    rate = motion_rate(plan)
-    fastest = max((mode.frequency for mode in plan.fastest_modes()), default=0.0)
-    tested = np.full(len(scales), float(fastest <= STIFF_RATIO_RADAU * rate))
-    return plan.equations.without_states(tested / (scales * rate))
+    if _has_stiff_modes(plan, STIFF_RATIO_RADAU):
+        return np.zeros(len(scales))
+    return plan.equations.without_states(1.0 / (scales * motion_rate(plan)))
 
 
 class MultiplierTolerances(NamedTuple):

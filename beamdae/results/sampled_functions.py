@@ -45,10 +45,8 @@ def find_turns(t: Array, values: Array) -> tuple[Array, Array]:
     is_one_sided = (signs[:-2] == signs[1:-1]) & (signs[1:-1] == signs[2:]) & (at > 0.0)
     is_smallest = (at <= before) & (at <= after)
     with np.errstate(divide="ignore", invalid="ignore"):
-        slopes, lengths = (
-            np.abs(np.diff(distance, axis=0)) / np.diff(t)[:, None],
-            np.diff(t)[:, None],
-        )
+        lengths = np.diff(t)[:, None]
+        slopes = np.abs(np.diff(distance, axis=0)) / lengths
         change = np.maximum(slopes[:-1] * lengths[1:], slopes[1:] * lengths[:-1])
     rows, columns = np.nonzero(is_one_sided & is_smallest & (at < change))
     return rows + 1, columns

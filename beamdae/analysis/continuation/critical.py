@@ -37,10 +37,9 @@ _TURN_RESOLUTION = 1e-2
 _MAX_SAMPLES = 60
 # Wider brackets, relative to this distance, are bisected if a point is not found.
 _WIDE = 100.0
-# Points of narrower parts of a segment are found together.
+# Points of narrower parts of a segment are found together, and pairs of points that cancel are not
+# sought in them.
 _CLUSTER_WIDTH = 1e-2
-# Pairs of critical points that cancel are sought in parts of a segment down to this width.
-_HIDDEN_WIDTH = 1e-2
 # Positions between two points at which interpolated quantities are examined.
 _SHARES = np.linspace(0.0, 1.0, 101)
 # Largest distance between curves that cross, relative to the sizes of mode and parameter: others
@@ -158,17 +157,14 @@ def _explain(
     if not (turns or changes):
         share = _find_hidden_change(segment, low, high)
         return [] if share is None else split(share)
-    # The critical motion itself does not grow.
-    stable = min(low, high, key=lambda x: x.counts.unstable).point
     count = max(abs(change) + abs(doublings), 1)
     is_simple = not flutter and not (doublings and (turns or change)) and not (turns and count > 1)
     if is_simple and (count == 1 or width <= _CLUSTER_WIDTH):
         kind = DOUBLING if doublings else LIMIT if turns else BRANCH
         roots = _find_roots(segment, low, high, count, bool(doublings))
         if roots:
-            points = {x: replace(point, beside=stable) for x, (point, _) in roots.items()}
-            modes = ((x, mode) for x, (_, modes) in roots.items() for mode in modes)
-            return [CriticalPoint(x, kind, points[x], mode) for x, mode in modes]
+            located = ((x, point, mode) for x, (point, modes) in roots.items() for mode in modes)
+            return [CriticalPoint(x, kind, point, mode) for x, point, mode in located]
     if width > (resolution if changes else _TURN_RESOLUTION):
         return split(0.5)
     if not changes:
@@ -180,8 +176,13 @@ def _explain(
     oscillations = min(abs(flutter), (growing - limits) // 2)
     kinds = [LIMIT] * limits + [FLUTTER] * oscillations
     kinds += [BRANCH] * (growing - limits - 2 * oscillations) + [DOUBLING] * abs(doublings)
-    point = replace(low.point, beside=stable)
+    point = replace(low.point, beside=_stable_side(low, high))
     return [CriticalPoint(low.position, kind, point, mode) for kind in kinds]
+
+
+def _stable_side(low: _Sample, high: _Sample) -> Point:
+    """Return the point with fewer growing motions, as at the critical point between both."""
+    return min(low, high, key=lambda x: x.counts.unstable).point
 
 
 def _find_hidden_change(segment: Segment, low: _Sample, high: _Sample) -> float | None:
@@ -192,7 +193,7 @@ def _find_hidden_change(segment: Segment, low: _Sample, high: _Sample) -> float 
     the change of the parameter or the determinant halfway, on the cubic through the samples.
     """
     width = high.position - low.position
-    if width <= 2.0 * _HIDDEN_WIDTH:
+    if width <= 2.0 * _CLUSTER_WIDTH:
         return None
     way, t = width * segment.reach, _SHARES
     bubble, line = t * (1.0 - t), (1.0 - t) * low.rate + t * high.rate
@@ -207,7 +208,7 @@ def _find_hidden_change(segment: Segment, low: _Sample, high: _Sample) -> float 
         begin, middle, end = (x.sign * np.exp(x.log_size - unit) for x in samples)
         line = (1.0 - t) * begin + t * end
         share = _find_other_sign(line + 4.0 * (middle - line.mean()) * bubble, first.sign)
-    is_far = share is not None and width * min(share, 1.0 - share) > _HIDDEN_WIDTH
+    is_far = share is not None and width * min(share, 1.0 - share) > _CLUSTER_WIDTH
     return share if is_far else None
 
 
@@ -317,6 +318,7 @@ def _find_roots(
     samples.add(*high[:2])
     if np.any(samples.values[high.position] >= 0.0):
         return found
+    beside = _stable_side(low, high)
     for k in range(count):
         bracket = samples.find_root(k)
         if bracket is None:
@@ -328,13 +330,14 @@ def _find_roots(
             found[nearest][1].append(mode)
         elif low.rate * high.rate < 0.0:
             part = segment.part(points[left], points[right], left, right)
-            found[root] = part.at((root - left) / (right - left)), [mode]
+            point = part.at((root - left) / (right - left))
+            found[root] = replace(point, beside=beside), [mode]
         else:
             point = interpolate(points, root)
             largest = max(abs(low.point.p), abs(high.point.p))
             if not alternates and _imperfection(point, border, largest) > _MAX_IMPERFECTION:
                 raise CurveError("the stability changes abruptly")
-            found[root] = point, [mode]
+            found[root] = replace(point, beside=beside), [mode]
     return found
 
 

@@ -214,10 +214,13 @@ class FitProblem:
                 "of the model."
             )
 
-    def within(self, begin: float, end: float) -> FitProblem:
-        """Return a problem with the data between two shares of the time of each column."""
+    def within(self, begin: float, end: float) -> tuple[FitProblem, Array]:
+        """Return the problem with the data between two shares of the time, and their rows.
+
+        See `MeasuredData.within`.
+        """
         data, rows = self.data.within(begin, end)
-        return self._with(data, tuple(replace(x, rows=x.rows[rows]) for x in self.sensors))
+        return self._with(data, tuple(replace(x, rows=x.rows[rows]) for x in self.sensors)), rows
 
     def with_sensors(self, kinds: Sequence[str]) -> FitProblem:
         """Return a problem in which each column has further unknown properties of its sensor.

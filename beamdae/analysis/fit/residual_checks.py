@@ -168,11 +168,11 @@ def suggest_sensors(problem: FitProblem, scaling: Scaling, search: SearchResult)
     """
     is_known, least, best = problem.data.is_sigma_known, 1.0 - _MIN_EXPLAINED_SHARE, None
     for kinds, begin in (((SCALE, OFFSET), 0.0), ((SHIFT,), _MAX_DELAY)):
-        rows = problem.data.within(begin, 1.0)[1]
+        part, rows = problem.within(begin, 1.0)
         left = float(np.sum(search.evaluation.residuals[rows] ** 2))
         noise = min(float(is_known) * np.sum(rows), left)
         with suppress(ValueError, ArithmeticError):  # There are no such sensors, or no run.
-            other = problem.within(begin, 1.0).with_sensors(kinds)
+            other = part.with_sensors(kinds)
             variables = scaling.of(other)
             first = np.ones(len(other.variables))
             if search.explains:

@@ -333,7 +333,7 @@ def _repeat_from_first_data(
     """
     spent, best = end.evaluations, end
     for share in (*_FIRST_SHARES, 1.0):
-        part = problem.within(0.0, share) if share < 1.0 else problem
+        part = problem.within(0.0, share)[0] if share < 1.0 else problem
         if part.data.variation < _MIN_PART_VARIATION * problem.data.variation:
             continue
         limit = max_evaluations - spent

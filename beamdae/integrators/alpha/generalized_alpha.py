@@ -236,7 +236,8 @@ class GeneralizedAlpha(Integrator):
         index3 = self.formulation == "index3"
         form = formulate_step(plan.equations, not index3)
         start = AlphaStart(self._member, plan.starter, index3, self.start == "cured")
-        common = (form, start, _limited_scales(plan), self.newton_tolerance)
+        scales = _limited_scales(plan)
+        common = (form, start, scales, self.newton_tolerance)
         if self.rtol is None:
             stepper = PlainAlpha if load_core() is None else FixedAlphaStepper
             return stepper(*common, step=self.step)
@@ -247,7 +248,7 @@ class GeneralizedAlpha(Integrator):
             largest=plan.longest_step("GeneralizedAlpha", None),
             duration=plan.duration,
             tolerance=local_tolerance(self.rtol, count_periods(plan), is_one_sided),
-            velocity_weights=weigh_velocities(plan, _limited_scales(plan)),
+            velocity_weights=weigh_velocities(plan, scales),
             multipliers=plan_multiplier_tolerances(plan, motion_scales(plan), self.rtol),
         )
 
