@@ -55,8 +55,6 @@ typedef struct {
     EliminationPlan plan;
     Factors factors;
     int64_t needs_pivots, is_untried, singular, factorizations, solves;
-    Indices lane_rows, lane_columns;
-    Reals lane_x;
     Reals full; /* Not empty if the full matrix is eliminated instead, see elimination.h. */
 } LinearSolver;
 
@@ -64,8 +62,6 @@ typedef struct {
     EliminationPlan plan;
     ComplexFactors factors;
     int64_t needs_pivots, is_untried, singular, factorizations, solves;
-    Indices lane_rows, lane_columns;
-    Complexes lane_x;
     Complexes full;
 } ComplexSolver;
 
@@ -73,9 +69,8 @@ int factorize(LinearSolver *linear, Reals nonzeros);
 int factorize_complex(ComplexSolver *linear, Complexes nonzeros);
 void solve(LinearSolver *linear, Reals right);
 void solve_complex(ComplexSolver *linear, Complexes right);
-/* One right-hand side per lane; solutions are not refined, and plans have no blocks. */
-void solve_lanes(LinearSolver *linear, Reals right);
-void solve_complex_lanes(ComplexSolver *linear, Complexes right);
+/* One right-hand side a row; `lanes` is a work array of 4 LANES (size) numbers. */
+void solve_rows(LinearSolver *linear, Reals2 right, Reals lanes);
 
 /* Sums of kernels */
 
@@ -251,7 +246,6 @@ typedef struct {
     int64_t is_retry; /* 1 if the previous attempt at this step was rejected */
 } StepSizeState;
 
-/* Stages, of the motion or of a block of disturbances. */
 typedef struct {
     Tableau tableau;
     LinearSolver real_solver;
@@ -409,36 +403,6 @@ enum { EVALUATE_FORCES, EVALUATE_TANGENT, CORRECT };
 
 int perform_task(StaticWorkspace *run);
 
-/* Variational equations for some steps of Radau IIA. Stages are those of a block of disturbances,
-   one per vector lane; their `yp` is zero, and `last_step` is 0 before the first step. */
-typedef struct {
-    Stages base;
-    FirstOrderBuffers form; /* its Jacobian has the parts of the reduced matrices */
-    /* Times, states and rates of the run at the stages, three rows per step; and steps. */
-    Reals times;
-    Reals2 states, state_rates;
-    Reals h;
-    /* Disturbances of y at the start and at the end of a step, one block per row, and W in the last
-       and in the current step, three rows per block. */
-    Reals2 disturbances, ends, disturbances_w, ends_w;
-    /* Reciprocal natural sizes of (q, v), and reciprocal errors of the stages of the block. */
-    Reals scales, weights;
-    Reals2 jacobians; /* parts of the reduced matrices, one row per stage */
-    /* All parts side by side, by rows: starts of the rows, columns, and indices of the entries in a
-       row of `jacobians`. */
-    Indices row_starts, entry_columns, entry_sources;
-    /* Reduced residuals of the stages, and factors of the parts: reduced stage, reduced rates, and
-       accelerations. */
-    Reals2 residuals;
-    Reals unknowns;
-    /* Error of the stages, relative to the disturbance at the start of the step, largest rate of
-       convergence in the current step, and a time inside the interval. */
-    double tolerance, rate, branch;
-    int64_t steps, next, count; /* of steps, the next step, and of blocks */
-} VariationalWorkspace;
-
-int propagate_disturbances(VariationalWorkspace *run);
-
 typedef struct {
     Reals3 by_motion, by_corrections, velocity, reaction, blocks;
     Reals2 factors;
@@ -467,10 +431,11 @@ typedef struct {
     Indices rows;
     Reals scales;
     Indices corrected;
-    Reals right; /* right-hand side or solution, all stages */
+    Reals2 right; /* right-hand sides or solutions, all stages, one direction a row */
+    Reals lanes;  /* see `solve_rows` */
     /* z by direction, (4 k, n), or derivatives of the objective with respect to z, (4, n);
-       corrections (u_q, w), (2 s, n), and the result of a step, (3 s + 1, n), or derivatives with
-       respect to them. */
+       corrections (u_q, w), (2 s, n), and the result of a step by direction, (k (3 s + 1), n), or
+       derivatives with respect to them. */
     Reals2 motion, corrections, after;
     /* Directional derivative of the residual of a stage with the inputs (x, dx), or gradient of
        weights . residual with the inputs (x, weights). */
@@ -480,8 +445,8 @@ typedef struct {
        derivatives of the residual with respect to time at the stages. */
     Reals2 data;
     Reals shifts;
-    /* Results, derivatives of (q, v, a, lam) at the stages, one direction a row; backward:
-       derivatives of the objective with respect to (q, v, lam) at the stages. */
+    /* Results, derivatives of (q, v, a, lam) at the stages, one direction a row, or none;
+       backward: derivatives of the objective with respect to (q, v, lam) at the stages. */
     Reals2 time_rates, stages;
     Reals numbers;      /* backward: derivatives with respect to p, summed over the steps */
     int64_t step, last; /* index of the step, and of that at which the loop ends */

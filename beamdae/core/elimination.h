@@ -351,31 +351,4 @@ void NAME(solve)(NAME(Solver) *linear, ARRAY right) {
     for (int64_t i = 0; i < size; i++) right.at[i] = solution[i];
 }
 
-void NAME(solve_each_lane)(NAME(Solver) *linear, ARRAY right) {
-    const EliminationPlan *plan = &linear->plan;
-    const NAME(Factors) *factors = &linear->factors;
-    const uint32_t *upper_starts = plan->upper_starts.at, *lower_starts = plan->lower_starts.at;
-    LANE *restrict x = (LANE *)linear->lane_x.at;
-    const int64_t size = plan->rows.size;
-    linear->solves += LANES;
-    for (int64_t k = 0; k < size; k++) {
-        x[k] = NAME(gather)(right.at, linear->lane_rows.at + LANES * k);
-        x[k] = NAME(scale_lane)(plan->scale.at[plan->rows.at[k]], x[k]);
-    }
-    for (int64_t k = 0; k < size; k++)
-        for (uint32_t q = lower_starts[k]; q < lower_starts[k + 1]; q++) {
-            LANE *to = x + plan->lower_rows.at[q];
-            *to = NAME(add_scaled)(*to, -factors->lower.at[q], x[k]);
-        }
-    for (int64_t k = size - 1; k >= 0; k--) {
-        x[k] = NAME(times_number)(factors->inverse.at[k], x[k]);
-        for (uint32_t p = upper_starts[k]; p < upper_starts[k + 1]; p++) {
-            LANE *to = x + plan->upper_rows.at[p];
-            *to = NAME(add_scaled)(*to, -factors->upper.at[p], x[k]);
-        }
-    }
-    for (int64_t k = 0; k < size; k++)
-        NAME(scatter)(right.at, linear->lane_columns.at + LANES * k, x[k]);
-}
-
 #undef SUBSTITUTE

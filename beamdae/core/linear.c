@@ -64,11 +64,6 @@ static inline Vector real_subtract_product(Vector z, Vector x, Vector y) {
 }
 static inline Vector real_broadcast(double x) { return broadcast(x); }
 static inline Vector real_invert_lane(Vector x) { return inverse(x); }
-static inline Vector real_scale_lane(double a, Vector x) { return scaled(a, x); }
-static inline Vector real_times_number(double a, Vector x) { return scaled(a, x); }
-static inline Vector real_add_scaled(Vector z, double a, Vector x) {
-    return plus(z, scaled(a, x));
-}
 static inline double real_product(double x, double y) { return x * y; }
 static inline double real_invert(double x) { return 1.0 / x; }
 static inline double real_modulus(double x) { return fabs(x); }
@@ -105,16 +100,6 @@ static inline ComplexVector complex_invert_lane(ComplexVector x) {
     const Vector reciprocal = inverse(plus(times(x.re, x.re), times(x.im, x.im)));
     return (ComplexVector){times(x.re, reciprocal), times(negative(x.im), reciprocal)};
 }
-static inline ComplexVector complex_scale_lane(double a, ComplexVector x) {
-    return (ComplexVector){scaled(a, x.re), scaled(a, x.im)};
-}
-static inline ComplexVector complex_times_number(Complex a, ComplexVector x) {
-    return complex_times(x, complex_broadcast(a));
-}
-static inline ComplexVector complex_add_scaled(ComplexVector z, Complex a, ComplexVector x) {
-    const ComplexVector p = complex_times_number(a, x);
-    return (ComplexVector){plus(z.re, p.re), plus(z.im, p.im)};
-}
 static inline Complex complex_product(Complex x, Complex y) { return multiply_complex(x, y); }
 /* Smith's division, which does not overflow. */
 static inline Complex complex_invert(Complex x) {
@@ -136,12 +121,10 @@ typedef Factors real_Factors;
 typedef LinearSolver real_Solver;
 #define real_factorize factorize
 #define real_solve solve
-#define real_solve_each_lane solve_lanes
 typedef ComplexFactors complex_Factors;
 typedef ComplexSolver complex_Solver;
 #define complex_factorize factorize_complex
 #define complex_solve solve_complex
-#define complex_solve_each_lane solve_complex_lanes
 
 #define NUMBER double
 #define ARRAY Reals
@@ -158,3 +141,60 @@ typedef ComplexSolver complex_Solver;
 #define LANE ComplexVector
 #define NAME(x) complex_##x
 #include "elimination.h"
+
+/* Replace the right-hand side of each lane by the solution, without refinement. */
+static void substitute_lanes(const LinearSolver *linear, Vector *right, Vector *x) {
+    const EliminationPlan *plan = &linear->plan;
+    const uint32_t *upper_starts = plan->upper_starts.at, *upper_rows = plan->upper_rows.at;
+    const uint32_t *lower_starts = plan->lower_starts.at, *lower_rows = plan->lower_rows.at;
+    const double *lower = linear->factors.lower.at, *upper = linear->factors.upper.at;
+    const int64_t size = plan->rows.size;
+    for (int64_t k = 0; k < size; k++) x[k] = right[plan->rows.at[k]];
+    for (int64_t k = 0; k < size; k++)
+        for (uint32_t q = lower_starts[k]; q < lower_starts[k + 1]; q++)
+            x[lower_rows[q]] = minus(x[lower_rows[q]], scaled(lower[q], x[k]));
+    for (int64_t k = size - 1; k >= 0; k--) {
+        x[k] = scaled(linear->factors.inverse.at[k], x[k]);
+        for (uint32_t p = upper_starts[k]; p < upper_starts[k + 1]; p++)
+            x[upper_rows[p]] = minus(x[upper_rows[p]], scaled(upper[p], x[k]));
+    }
+    for (int64_t k = 0; k < size; k++) right[plan->columns.at[k]] = x[k];
+}
+
+/* As `solve`, for at most `LANES` rows and a plan without blocks. */
+static void solve_lanes(LinearSolver *linear, Reals2 rows, Vector *lanes) {
+    const EliminationPlan *plan = &linear->plan;
+    const uint32_t *starts = plan->matrix_starts.at, *matrix_rows = plan->matrix_rows.at;
+    const double *matrix = linear->factors.matrix.at, *scale = plan->scale.at;
+    const int64_t size = plan->scale.size;
+    Vector *right = lanes, *x = lanes + size, *residual = lanes + 2 * size;
+    linear->solves += rows.rows;
+    for (int64_t i = 0; i < size; i++) {
+        double numbers[LANES] = {0.0};
+        for (int64_t l = 0; l < rows.rows; l++) numbers[l] = scale[i] * row(rows, l).at[i];
+        right[i] = x[i] = *(const Vector *)numbers;
+    }
+    substitute_lanes(linear, x, lanes + 3 * size);
+    for (int64_t count = linear->factors.refinements.at[0]; count > 0; count--) {
+        for (int64_t i = 0; i < size; i++) residual[i] = right[i];
+        for (int64_t j = 0; j < size; j++)
+            for (uint32_t e = starts[j]; e < starts[j + 1]; e++) {
+                Vector *to = residual + matrix_rows[e];
+                *to = minus(*to, scaled(matrix[e], x[j]));
+            }
+        substitute_lanes(linear, residual, lanes + 3 * size);
+        for (int64_t i = 0; i < size; i++) x[i] = plus(x[i], residual[i]);
+    }
+    for (int64_t i = 0; i < size; i++)
+        for (int64_t l = 0; l < rows.rows; l++) row(rows, l).at[i] = ((const double *)(x + i))[l];
+}
+
+void solve_rows(LinearSolver *linear, Reals2 right, Reals lanes) {
+    const int in_lanes = linear->plan.batches.rows == 0 && linear->full.size == 0;
+    int64_t k = 0;
+    for (; in_lanes && k + 1 < right.rows; k += LANES) {
+        const int64_t rest = right.rows - k;
+        solve_lanes(linear, rows_of(right, k, rest < LANES ? rest : LANES), (Vector *)lanes.at);
+    }
+    for (; k < right.rows; k++) solve(linear, row(right, k));
+}

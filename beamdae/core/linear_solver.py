@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
 
 from beamdae.linear.elimination import (
-    LANES,
     EliminationPlan,
     Factors,
-    aligned_zeros,
     allocate_factors,
     empty_plan,
-    index_lanes,
 )
 
 Array = np.ndarray
@@ -59,26 +56,3 @@ class LinearSolver:
         """Use the pivots of another plan, and allocate its factors."""
         self.plan, self.factors = plan, allocate_factors(plan, self.factors.matrix.dtype)
         self.is_untried = 1
-
-
-@dataclass(slots=True)
-class LaneSolver(LinearSolver):
-    """Linear solver for several right-hand sides, one per vector lane; its plans have no blocks.
-
-    Attributes
-    ----------
-    lane_rows, lane_columns
-        Indices in all lanes of right-hand sides: rows and columns of the pivots, by position.
-    lane_x
-        Work array of lanes by position.
-    """
-
-    lane_rows: Array = field(default_factory=lambda: np.zeros(0, np.uint32))
-    lane_columns: Array = field(default_factory=lambda: np.zeros(0, np.uint32))
-    lane_x: Array = field(default_factory=lambda: np.zeros(0))
-
-    def set_plan(self, plan: EliminationPlan) -> None:
-        """Use the pivots of another plan, and allocate its factors."""
-        LinearSolver.set_plan(self, plan)
-        self.lane_rows, self.lane_columns = map(index_lanes, (plan.rows, plan.columns))
-        self.lane_x = aligned_zeros(LANES * len(plan.rows), self.factors.matrix.dtype)

@@ -49,43 +49,51 @@ static void add_product(Reals2 out, Reals2 matrix, int transposed, Reals2 x) {
         }
 }
 
-static void differentiate_step(LinearSteps *run, int64_t k) {
-    const int64_t n = run->n, s = run->nodes.size, step = run->step;
-    const int64_t unknowns = run->rows.size, first = n + run->corrected.size;
-    const Reals2 z = rows_of(run->motion, 4 * k, 4), u = rows_of(run->corrections, 0, s);
-    const Reals2 w = rows_of(run->corrections, s, s), reaction = slice(run->tables.reaction, step);
-    fill(flat(run->after), 0.0);
-    add_product(run->after, slice(run->tables.by_motion, step), 0, z);
+/* Predict the stages along direction k, and set its right-hand side. */
+static void predict_direction(LinearSteps *run, int64_t k) {
+    const int64_t n = run->n, s = run->nodes.size, step = run->step, unknowns = run->rows.size;
+    const Reals2 after = rows_of(run->after, k * (3 * s + 1), 3 * s + 1);
+    fill(flat(after), 0.0);
+    add_product(after, slice(run->tables.by_motion, step), 0, rows_of(run->motion, 4 * k, 4));
     for (int64_t i = 0; i < s; i++) {
         set_state(run, s * step + 1 + i, 1.0);
         copy(part(run->inputs, run->n_inputs, run->n_inputs + 2 * n),
-             flat(rows_of(run->after, 3 * i, 2)));
+             flat(rows_of(after, 3 * i, 2)));
         set_time(&run->change, stage_time(run, i), run->branch);
         evaluate_with_data(&run->change, row(run->data, k), run->inputs, run->result);
         if (run->shifts.at[k] != 0.0)
             add_to(run->result, run->shifts.at[k], row(run->time_rates, s * step + i));
-        const Reals right = part(run->right, i * unknowns, (i + 1) * unknowns);
+        const Reals right = part(row(run->right, k), i * unknowns, (i + 1) * unknowns);
         for (int64_t e = 0; e < unknowns; e++)
             right.at[e] = run->scales.at[e] * run->result.at[run->rows.at[e]];
     }
-    solve(&run->linear, run->right);
-    for (int64_t i = 0; i < s; i++) copy(row(u, i), from(run->right, i * unknowns));
+}
+
+/* Correct the stages along direction k by the solution of its equations. */
+static void correct_direction(LinearSteps *run, int64_t k) {
+    const int64_t n = run->n, s = run->nodes.size, step = run->step;
+    const int64_t unknowns = run->rows.size, first = n + run->corrected.size;
+    const Reals2 u = rows_of(run->corrections, 0, s), w = rows_of(run->corrections, s, s);
+    const Reals2 after = rows_of(run->after, k * (3 * s + 1), 3 * s + 1);
+    const Reals2 reaction = slice(run->tables.reaction, step);
+    const Reals solution = row(run->right, k);
+    for (int64_t i = 0; i < s; i++) copy(row(u, i), from(solution, i * unknowns));
     fill(flat(w), 0.0);
     add_product(w, slice(run->tables.velocity, step), 0, u);
     for (int64_t i = 0; i < s; i++) {
-        const double *x = run->right.at + i * unknowns + n;
+        const double *x = solution.at + i * unknowns + n;
         PICK(row(w, i).at, run->corrected.at, x, run->entries.at, 0, run->corrected.size);
     }
-    add_product(run->after, slice(run->tables.by_corrections, step), 0, run->corrections);
-    for (int64_t i = 0; i < s; i++) {
+    add_product(after, slice(run->tables.by_corrections, step), 0, run->corrections);
+    for (int64_t i = 0; i < s && run->stages.rows > 0; i++) {
         const Reals result = row(run->stages, (s * step + i) * run->shifts.size + k);
-        copy(part(result, 0, 3 * n), flat(rows_of(run->after, 3 * i, 3)));
+        copy(part(result, 0, 3 * n), flat(rows_of(after, 3 * i, 3)));
         fill(from(result, 3 * n), 0.0);
         for (int64_t j = 0; j < s; j++)
             add_to(from(result, 3 * n), row(reaction, i).at[j],
-                   from(run->right, j * unknowns + first));
+                   from(solution, j * unknowns + first));
     }
-    copy(flat(z), flat(rows_of(run->after, 3 * s - 3, 4)));
+    copy(flat(rows_of(run->motion, 4 * k, 4)), flat(rows_of(after, 3 * s - 3, 4)));
 }
 
 /* Differentiate steps along all directions; return DONE, NEW_PIVOTS or SINGULAR. */
@@ -93,7 +101,9 @@ int forward(LinearSteps *run) {
     while (run->step < run->last) {
         const int code = factorize_step(run);
         if (code != DONE) return code;
-        for (int64_t k = 0; k < run->shifts.size; k++) differentiate_step(run, k);
+        for (int64_t k = 0; k < run->shifts.size; k++) predict_direction(run, k);
+        solve_rows(&run->linear, run->right, run->lanes);
+        for (int64_t k = 0; k < run->shifts.size; k++) correct_direction(run, k);
         run->step++;
     }
     return DONE;
@@ -105,6 +115,7 @@ static void transpose_step(LinearSteps *run) {
     const Reals2 u = rows_of(run->corrections, 0, s), w = rows_of(run->corrections, s, s);
     const Reals2 reaction = slice(run->tables.reaction, step);
     const Reals weights = from(run->inputs, n_inputs), gradient = run->result;
+    const Reals right = row(run->right, 0);
     fill(flat(run->after), 0.0);
     for (int64_t i = 0; i < s; i++)
         copy(flat(rows_of(run->after, 3 * i, 2)), row(run->stages, s * step + i));
@@ -112,7 +123,7 @@ static void transpose_step(LinearSteps *run) {
     fill(flat(run->corrections), 0.0);
     add_product(run->corrections, slice(run->tables.by_corrections, step), 1, run->after);
     for (int64_t i = 0; i < s; i++) {
-        const Reals x = part(run->right, i * unknowns, (i + 1) * unknowns);
+        const Reals x = part(right, i * unknowns, (i + 1) * unknowns);
         const Reals lam = part(x, n + corrected, n + corrected + run->m), rates = row(w, i);
         fill(from(x, n), 0.0);
         PICK(x.at + n, run->entries.at, rates.at, run->corrected.at, 0, corrected);
@@ -122,10 +133,10 @@ static void transpose_step(LinearSteps *run) {
     }
     add_product(u, slice(run->tables.velocity, step), 1, w);
     for (int64_t i = 0; i < s; i++)
-        copy(part(run->right, i * unknowns, i * unknowns + n), row(u, i));
-    solve(&run->linear, run->right);
+        copy(part(right, i * unknowns, i * unknowns + n), row(u, i));
+    solve(&run->linear, right);
     for (int64_t i = 0; i < s; i++) {
-        const double *x = run->right.at + i * unknowns;
+        const double *x = right.at + i * unknowns;
         fill(weights, 0.0);
         GATHER(weights.at, run->rows.at, run->scales.at, x, run->entries.at, 0, unknowns);
         set_state(run, s * step + 1 + i, 1.0);

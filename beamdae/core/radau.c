@@ -32,7 +32,7 @@
 
 static inline double entry(Reals2 x, int64_t i, int64_t j) { return x.at[i * x.columns + j]; }
 
-/* Stages; also of disturbances, see disturbances.c. */
+/* Stages */
 
 static inline double real_eigenvalue(const Stages *run) { return run->tableau.eigenvalues.at[0]; }
 

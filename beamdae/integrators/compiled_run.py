@@ -15,7 +15,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from beamdae.core.library import load_core
-from beamdae.core.linear_solver import LaneSolver, LinearSolver
+from beamdae.core.linear_solver import LinearSolver
 from beamdae.core.return_codes import DONE, NEW_PIVOTS
 from beamdae.core.tables import Loop, Workspace
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
@@ -44,14 +44,11 @@ class FactorizedMatrix:
     pivot_source
         Matrix with the same pattern whose pivots are tried first, because a search for pivots takes
         longer than many factorizations; None if there is none.
-    in_lanes
-        True if right-hand sides hold one system per vector lane.
     """
 
     pattern: sp.csc_array
     nonzeros: Array
     pivot_source: FactorizedMatrix | None = None
-    in_lanes: bool = False
     _plan: EliminationPlan | None = field(default=None, init=False)
     _plans: Iterator[EliminationPlan] = field(default_factory=lambda: iter(()), init=False)
     _planned_nonzeros: Array = field(default_factory=lambda: np.full(1, np.nan), init=False)
@@ -62,15 +59,13 @@ class FactorizedMatrix:
         pattern: sp.csc_array,
         dtype: type = float,
         pivot_source: FactorizedMatrix | None = None,
-        in_lanes: bool = False,
     ) -> FactorizedMatrix:
         """Return a zero matrix with this pattern."""
-        return cls(pattern, np.zeros(pattern.nnz, dtype), pivot_source, in_lanes)
+        return cls(pattern, np.zeros(pattern.nnz, dtype), pivot_source)
 
     def make_solver(self) -> LinearSolver:
         """Return the solver for a loop."""
-        dtype = self.nonzeros.dtype.type
-        return (LaneSolver if self.in_lanes else LinearSolver).empty(dtype)
+        return LinearSolver.empty(self.nonzeros.dtype.type)
 
     def renew_pivots(self, linear: LinearSolver) -> None:
         """Set the next proposed pivots in `linear`; mark `linear` as singular if there are none."""
@@ -80,7 +75,7 @@ class FactorizedMatrix:
             # inaccurate solutions; the same proposals for the same matrix would never end.
             is_repeated = np.array_equal(self.nonzeros, self._planned_nonzeros)
             if not (linear.is_untried or is_repeated):
-                candidates = propose_plans(self.pattern, self.nonzeros, not self.in_lanes)
+                candidates = propose_plans(self.pattern, self.nonzeros)
                 self._plans = chain(self._source_plans(), candidates)
                 self._planned_nonzeros = self.nonzeros.copy()
             plan = next(self._plans, None)

@@ -29,11 +29,6 @@ def aligned_zeros(size: int, dtype: Any = float) -> Array:
     return numbers[first : first + size]
 
 
-def index_lanes(indices: Array) -> Array:
-    """Return the flat, unsigned indices of all lanes of these entries."""
-    return (LANES * indices.astype(np.uint32)[:, None] + np.arange(LANES, dtype=np.uint32)).ravel()
-
-
 class EliminationPlan(NamedTuple):
     """Pivots of a matrix and the pattern of its factors.
 

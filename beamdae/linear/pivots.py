@@ -35,15 +35,13 @@ Array = np.ndarray
 _MAX_CACHED_BYTES = 8 * 2**20
 
 
-def propose_plans(
-    pattern: sp.csc_array, nonzeros: Array, in_blocks: bool = True
-) -> Iterator[EliminationPlan]:
+def propose_plans(pattern: sp.csc_array, nonzeros: Array) -> Iterator[EliminationPlan]:
     """Yield elimination plans for a matrix and similar matrices, the preferred plan first.
 
-    With `in_blocks`, the first plan eliminates blocks first (`lane_blocks`), if there are enough of
-    them. The next plan takes pivots from the band if possible and from the border otherwise (see
-    `compute_bordered_ordering`); it is sparse but may be inaccurate. The last plan uses
-    the column order of SuperLU and partial pivoting.
+    The first plan eliminates blocks first (`lane_blocks`), if there are enough of them. The next
+    plan takes pivots from the band if possible and from the border otherwise (see
+    `compute_bordered_ordering`); it is sparse but may be inaccurate. The last plan uses the column
+    order of SuperLU and partial pivoting.
 
     Parameters
     ----------
@@ -51,8 +49,6 @@ def propose_plans(
         CSC pattern of a square matrix; its values are not used.
     nonzeros
         CSC non-zeros, real or complex.
-    in_blocks
-        False for plans without blocks.
 
     Raises
     ------
@@ -67,7 +63,7 @@ def propose_plans(
         raise SingularMatrixError("the matrix is singular")
     key = _PatternKey.of(pattern.indptr, pattern.indices)
     scale = _compute_row_scale(key, nonzeros)
-    blocks = _find_blocks(key) if in_blocks else None
+    blocks = _find_blocks(key)
     # Nothing is yielded inside `with`: an interrupt while a generator is closed there is lost.
     plan = None
     if blocks is not None:

@@ -79,7 +79,7 @@ def test_interpreted_kernels_agree(monkeypatch):
     compiled = run.monodromy(tolerance=EXACT_RANK)
     monkeypatch.setenv("BEAMDAE_NATIVE", "off")
     variational = VariationalEquations(run.period_map.equations)
-    interpreted = variational.propagate(run.solution.trajectory, run.basis, run.scales)
+    interpreted = variational.propagate(run.solution.trajectory, run.basis)
     np.testing.assert_allclose(run.projection @ interpreted, compiled, atol=1e-9)
 
 

@@ -7,44 +7,30 @@ run of `Radau`, this is the derivative of the discrete solution with respect to 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
 
 from beamdae.analysis.continuation.engine import CurveError
-from beamdae.core.tables import Workspace
+from beamdae.analysis.sensitivities.linear_steps import Matrices, propagate_disturbances
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
-from beamdae.equations.formulations.first_order import (
-    FirstOrderForm,
-    KinematicReduction,
-    formulate_first_order,
-    reduce_kinematics,
-)
+from beamdae.equations.formulations.first_order import FirstOrderForm, formulate_first_order
 from beamdae.equations.formulations.tangents import compute_tangent
 from beamdae.equations.starts.state_evaluator import StateEvaluator
 from beamdae.errors import BeamdaeError
-from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
-from beamdae.integrators.radau.coefficients import TABLEAU, C
+from beamdae.integrators.radau.coefficients import C
+from beamdae.integrators.radau.stepper import STABILIZED_FORM
 from beamdae.integrators.step_history import interpolate_balanced
-from beamdae.linear.elimination import LANES, aligned_zeros, index_lanes
+from beamdae.linear.elimination import LANES
 from beamdae.results.trajectory import Interval, Trajectory
 from beamdae.symbolic.sparse_operators import column_indices
-from beamdae.symbolic.sums.kernel_sums import SumPlan
 
 Array = np.ndarray
 
-_FORM = "stabilized-index1"
-_STAGES = 3
-# Number of steps per call of the compiled loop, which limits the memory of its stages.
-_STEPS_PER_CALL = 64
-# Maximum number of times a step of the variational equations is halved.
-_MAX_HALVINGS = 10
 # Rows of the constraint Jacobian whose length is below this fraction of the longest are zero.
 _ZERO_ROW_RATIO = 1e-10
 # Energy of a disturbance of natural size, relative to that of the motion, which is added because
@@ -60,7 +46,7 @@ _OVERSAMPLING = 2
 
 
 class LinearizationError(BeamdaeError, CurveError):
-    """Raised if the stage equations of a linearized step cannot be solved."""
+    """Raised if the equations of a linearized step cannot be solved."""
 
 
 @dataclass(frozen=True)
@@ -72,64 +58,15 @@ class VariationalEquations:
     @cached_property
     def form(self) -> FirstOrderForm:
         """First-order form with R_y and R_y' evaluated separately."""
-        return formulate_first_order(self.equations, _FORM, apart=True)
+        return formulate_first_order(self.equations, STABILIZED_FORM, apart=True)
 
     @cached_property
     def _evaluator(self) -> StateEvaluator:
         return StateEvaluator(self.equations)
 
     @cached_property
-    def _loop(self) -> StepLoop[Workspace]:
-        form = self.form
-        pattern, jacobian, reduction = reduce_kinematics(form)
-        real = FactorizedMatrix.from_pattern(pattern, in_lanes=True)
-        complex_ = FactorizedMatrix.from_pattern(pattern, complex, real, in_lanes=True)
-
-        n, size, reduced_size = form.equations.n, form.size, pattern.shape[0]
-        parts = _arrange_parts(pattern, jacobian, n)
-        rows, blocks = _STAGES * _STEPS_PER_CALL, -(-2 * n // LANES)
-        vectors = ("y", "yp", "real_change", "complex_real", "complex_imaginary")
-        stages = ("w", "last_w", "stages", "rates")
-
-        buffers = form.buffers()
-        buffers.jacobian = jacobian.sum(True, form.equations.p)
-        lanes: dict[str, Any] = {name: _lane_zeros(size)[0] for name in vectors}
-        lanes |= {name: _lane_zeros(size, _STAGES) for name in stages}
-        work = Workspace(
-            "VariationalWorkspace",
-            tableau=TABLEAU,
-            form=buffers,
-            real_solver=real.make_solver(),
-            complex_solver=complex_.make_solver(),
-            reduction=KinematicReduction(*map(index_lanes, reduction)),
-            step_size=Workspace("StepSizeState", longest=math.inf),
-            times=np.zeros(rows),
-            states=np.zeros((rows, size)),
-            state_rates=np.zeros((rows, size)),
-            h=np.zeros(_STEPS_PER_CALL),
-            disturbances=_lane_zeros(size, blocks),
-            ends=_lane_zeros(size, blocks),
-            disturbances_w=_lane_zeros(size, _STAGES * blocks),
-            ends_w=_lane_zeros(size, _STAGES * blocks),
-            scales=np.zeros(2 * n),
-            weights=_lane_zeros(2 * n)[0],
-            jacobians=np.zeros((_STAGES, 3 * pattern.nnz + 1)),
-            real_nonzeros=real.nonzeros,
-            complex_nonzeros=complex_.nonzeros,
-            row_starts=parts.indptr.astype(np.uint32),
-            entry_columns=parts.indices.astype(np.uint32),
-            entry_sources=parts.data.astype(np.uint32),
-            right=_lane_zeros(reduced_size)[0],
-            complex_right=_lane_zeros(reduced_size, dtype=complex)[0],
-            extrapolation=np.zeros((_STAGES, _STAGES)),
-            velocities=_lane_zeros(n)[0],
-            complex_change=_lane_zeros(size, dtype=complex)[0],
-            residuals=_lane_zeros(reduced_size, _STAGES),
-            unknowns=_lane_zeros(parts.shape[1])[0],
-            **lanes,
-        )
-        pairs = (work.real_solver, real), (work.complex_solver, complex_)
-        return StepLoop("propagate_disturbances", work, *pairs)
+    def _matrices(self) -> Matrices:
+        return Matrices()
 
     def admissible_disturbances(
         self, trajectory: Trajectory, scales: Array
@@ -175,17 +112,8 @@ class VariationalEquations:
         by_y[form.pattern.indices, column_indices(form.pattern)] = nonzeros[: form.pattern.nnz]
         return by_y[2 * n : 2 * (n + m), : 2 * n] * scales
 
-    def propagate(
-        self,
-        trajectory: Trajectory,
-        disturbances: Array,
-        scales: Array,
-        tolerance: float = EXACT_RANK,
-        refinement: int = 0,
-    ) -> Array:
+    def propagate(self, trajectory: Trajectory, disturbances: Array, refinement: int = 0) -> Array:
         """Propagate initial `disturbances` (2 n, k) of (q, v) to the end of a run.
-
-        Steps in which the iteration of the stages does not converge are halved.
 
         Parameters
         ----------
@@ -193,91 +121,38 @@ class VariationalEquations:
             The run.
         disturbances
             Disturbances (2 n, k) at the start.
-        scales
-            Natural sizes (2 n,) of (q, v).
-        tolerance
-            Error of the stages, relative to the disturbance.
         refinement
             Number of times the steps of the run are halved; -1 to join two steps.
 
         Raises
         ------
         LinearizationError
-            If the iteration of the stages does not converge in steps that were halved this often.
+            If the linearized equations of a step cannot be solved.
         """
-        work, (n_state, columns) = self._loop.work, disturbances.shape
-        work.count, work.tolerance = -(-columns // LANES), tolerance
-        work.scales[:] = 1.0 / scales
-        # Blocks, state, lanes.
-        blocks = work.disturbances[: work.count].reshape(work.count, -1, LANES)
-        by_column = np.zeros((work.count * LANES, n_state))
-        by_column[:columns] = disturbances.T
-        blocks[:] = 0.0
-        blocks[:, :n_state] = by_column.reshape(work.count, LANES, n_state).transpose(0, 2, 1)
+        rows = disturbances.T
         for interval in trajectory.intervals:
-            work.step_size.last_step = 0.0
-            numbers, done = np.arange(len(interval.t)), 0
-            count = max(round(numbers[-1] * 2.0**refinement), 1)
-            nodes = np.interp(np.linspace(0.0, numbers[-1], count + 1), numbers, interval.t)
-            shortest = 2.0**-_MAX_HALVINGS * np.min(np.diff(nodes))
-            while done < len(nodes) - 1:
-                stop = min(done + _STEPS_PER_CALL, len(nodes) - 1)
-                done += self._take_steps(interval, nodes[done : stop + 1])
-                if done < stop:
-                    middle = np.mean(nodes[done : done + 2])
-                    if middle - nodes[done] < shortest:
-                        raise LinearizationError(
-                            f"periodic: the equations linearized at t = {nodes[done]:.6g} s "
-                            "cannot be solved; use a smaller rtol."
-                        )
-                    nodes = np.insert(nodes, done + 1, middle)
-        by_column = blocks[:, :n_state].transpose(0, 2, 1).reshape(-1, n_state)
-        return by_column[:columns].T.copy()
+            stages = self._at_stages(interval, refinement)
+            try:
+                rows = propagate_disturbances(self.equations, stages, rows, self._matrices)
+            except BeamdaeError as problem:
+                raise LinearizationError(str(problem)) from problem
+        return rows.T
 
-    def _take_steps(self, interval: Interval, nodes: Array) -> int:
-        """Propagate the disturbances through steps with these ends; return the number of steps.
-
-        It is smaller if the next step fails.
-        """
-        work, h, n = self._loop.work, np.diff(nodes), self.equations.n
+    def _at_stages(self, interval: Interval, refinement: int) -> Interval:
+        """Return the states at the stages of steps that are the halved steps of an interval."""
+        if refinement == 0 and interval.nodes_per_step == len(C):
+            return interval
+        numbers = np.arange(len(interval.t))
+        count = max(round(numbers[-1] * 2.0**refinement), 1)
+        ends = np.interp(np.linspace(0.0, numbers[-1], count + 1), numbers, interval.t)
+        h = np.diff(ends)
         # Rounding may put the last stage beyond the end.
-        times = np.minimum((nodes[:-1, None] + h[:, None] * C).ravel(), interval.t[-1])
-        first = int(np.searchsorted(interval.nodes, nodes[0]))
-        ends = interval.nodes[first : first + len(times) + 1 : _STAGES]
-        if interval.nodes_per_step == _STAGES and np.array_equal(ends, nodes):
-            state = State(*(x[first + 1 : first + 1 + len(times)] for x in interval.rows))
-        else:
-            state = interpolate_balanced(interval, times, np.repeat(h, _STAGES), self._evaluator)
-        stages = slice(0, len(times))
-        work.times[stages], work.h[: len(h)] = times, h
-        work.states[stages, : 2 * n] = np.hstack([state.q, state.v])
-        rates = np.hstack([state.v, state.a, state.lam])
-        work.state_rates[stages, : rates.shape[1]] = rates
-        work.branch, work.steps, work.next = interval.branch, len(h), 0
-        self._loop()
-        return work.next
-
-
-def _arrange_parts(pattern: sp.csc_array, plan: SumPlan, n: int) -> sp.csr_array:
-    """Return the three parts of a reduced matrix side by side, with indices in place of entries.
-
-    The indices are those of the result of `plan`. The third part has only columns of `n`
-    coordinates, see `reduce_kinematics`.
-    """
-    targets = np.unique(np.concatenate([plan.add_targets, plan.weighted_targets]))
-    sources = targets[targets < 3 * pattern.nnz].astype(np.intp)
-    part, entry = np.divmod(sources, pattern.nnz)
-    columns = part * pattern.shape[0] + column_indices(pattern)[entry]
-    shape = (pattern.shape[0], 2 * pattern.shape[0] + n)
-    # Indices from 1 on: zeros would not be stored.
-    parts = sp.csr_array(sp.coo_array((sources + 1, (pattern.indices[entry], columns)), shape))
-    parts.data -= 1
-    return parts
-
-
-def _lane_zeros(size: int, rows: int = 1, dtype: type = float) -> Array:
-    """Return rows of zeros for `size` entries of all lanes each."""
-    return aligned_zeros(rows * size * LANES, dtype).reshape(rows, -1)
+        times = np.minimum((ends[:-1, None] + h[:, None] * C).ravel(), interval.t[-1])
+        steps = np.repeat(h, len(C))
+        states = interpolate_balanced(interval, times, steps, self._evaluator)
+        start = (x[:1] for x in interval.rows)
+        rows = State(*map(np.concatenate, zip(start, states, strict=True)))
+        return Interval(np.append(ends[0], times), rows, interval.branch, len(C))
 
 
 def _symmetrize(matrix: sp.csc_array, scales: Array) -> Array:

@@ -11,7 +11,6 @@ import numpy as np
 from beamdae.analysis.continuation.engine import CurveError
 from beamdae.analysis.periodic.load_periods import FULL_TURN
 from beamdae.analysis.periodic.monodromy import (
-    EXACT_RANK,
     VariationalEquations,
     assemble_monodromy,
 )
@@ -40,8 +39,6 @@ _OUTPUT_TIMES = 201  # in a period, including both ends
 # linearization: Newton's method leaves them to the run (Lust, Roose, Spence & Champneys, SIAM J.
 # Sci. Comput. 19 (1998) 1188). With 1e-2, kept matrices do not reduce the deviation of stiff beams.
 NEWTON_RANK_TOLERANCE = 1e-4
-# Error of the stages of the variational equations, relative to the rank tolerance of a matrix.
-_STAGE_TOLERANCE_RATIO = 1e-2
 
 
 class IncompleteRunError(BeamdaeError, CurveError):
@@ -273,9 +270,7 @@ class PeriodRun:
         directions, to, _ = self._disturbances
         return np.asarray(directions.T @ to)
 
-    def propagate(
-        self, disturbances: Array, tolerance: float = EXACT_RANK, refinement: int = 0
-    ) -> Array:
+    def propagate(self, disturbances: Array, refinement: int = 0) -> Array:
         """Propagate disturbances (k, j) over the period; both are in terms of `basis`.
 
         Raises
@@ -284,11 +279,7 @@ class PeriodRun:
             As `VariationalEquations.propagate`.
         """
         return self.projection @ self.period_map.variational.propagate(
-            self.solution.trajectory,
-            self.basis @ disturbances,
-            self.scales,
-            tolerance,
-            refinement,
+            self.solution.trajectory, self.basis @ disturbances, refinement
         )
 
     def monodromy(
@@ -309,11 +300,8 @@ class PeriodRun:
         LinearizationError
             As `VariationalEquations.propagate`.
         """
-        stage_tolerance = max(EXACT_RANK, _STAGE_TOLERANCE_RATIO * tolerance)
         columns = np.column_stack([self.projection @ self.difference, *directions])
-        return assemble_monodromy(
-            lambda x: self.propagate(x, stage_tolerance, refinement), columns, tolerance
-        )
+        return assemble_monodromy(lambda x: self.propagate(x, refinement), columns, tolerance)
 
     @property
     def rate(self) -> Array:

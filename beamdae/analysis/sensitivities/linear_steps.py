@@ -40,6 +40,7 @@ from beamdae.equations.formulations.first_order import (
     reduce_kinematics,
 )
 from beamdae.equations.formulations.step_equations import formulate_step, plan_step_sums
+from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.structure import Structure
 from beamdae.errors import BeamdaeError
 from beamdae.integrators import GeneralizedAlpha, Radau
@@ -47,6 +48,7 @@ from beamdae.integrators.alpha.family import AlphaParameters, family_parameters
 from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
 from beamdae.integrators.radau.coefficients import A, C
 from beamdae.integrators.radau.stepper import STABILIZED_FORM
+from beamdae.linear.elimination import LANES, aligned_zeros
 from beamdae.results.trajectory import Interval
 from beamdae.symbolic.sums.kernel_sums import SumPlan
 from beamdae.symbolic.sums.sum_derivatives import direction_inputs, motion_plan
@@ -243,7 +245,7 @@ class _Steps:
             "rows": self.rows.astype(np.uint32),
             "scales": np.ones(len(self.rows)),
             "corrected": self.corrected.astype(np.uint32),
-            "right": np.zeros(s * len(self.rows)),
+            "right": np.zeros((1, s * len(self.rows))),
             "corrections": np.zeros((2 * s, n)),
             "after": np.zeros((3 * s + 1, n)),
             "result": np.zeros(n_result + (len(e.p) if loop == "backward" else 0)),
@@ -259,15 +261,18 @@ class _Steps:
         )
         return StepLoop(loop, work, (work.linear, matrix))
 
-    def run(self, loop: StepLoop[Workspace], first: int, last: int) -> None:
-        """Run a loop from step `first` to step `last`, which may be before it."""
+    def run(self, call: str, loop: StepLoop[Workspace], first: int, last: int) -> None:
+        """Run a loop from step `first` to step `last`, which may be before it.
+
+        `call` is the function that the user called, for messages.
+        """
         run = loop.work
         run.step, run.last = int(first), int(last)
         run.scales[:] = self._scales(min(first, last))
         code = loop()
         if code != DONE or not np.all(np.isfinite(run.motion)):
             raise BeamdaeError(
-                f"{derivative_call()}: the matrix of the step after t = "
+                f"{call}: the matrix of the step after t = "
                 f"{self.interval.t[min(run.step, self.count - 1)]:g} s is singular, or derivatives "
                 "are not finite; use smaller steps or tolerances, or check the model."
             )
@@ -322,21 +327,12 @@ def differentiate_steps(
         motion[:] = along.reshape(motion.shape)
     else:
         motion[:, :2] = starts[:, : 2 * n].reshape(count, 2, n)
-    plan = maps.plan_along(steps.residual, steps.n_inputs)
     stages = steps.count * len(steps.nodes)
     results = np.zeros(((stages + 1) * count, 3 * n + equations.m))
     results[:count] = starts
 
-    loop = steps.make_loop(
-        "forward",
-        motion_plan(plan, steps.n_inputs),
-        maps.equations,
-        motion=motion.reshape(-1, n).copy(),
-        data=direction_inputs(plan, steps.n_inputs, maps.equations.p, directions.numbers),
-        shifts=shifts,
-        time_rates=_time_rates(steps, maps) if shifts.any() else np.zeros((0, steps.size)),
-        stages=results[count:],
-    )
+    rates = _time_rates(steps, maps) if shifts.any() else None
+    loop = _make_forward_loop(steps, directions, motion, shifts, rates, results[count:])
     z = loop.work.motion.reshape(count, 4, n)
     for first, last in steps.parts:
         if first > 0:
@@ -345,8 +341,66 @@ def differentiate_steps(
             jerks = maps.along(jerk_map, state, directions.numbers, shifts)
             z[:, 1] += square * jerks
             z[:, 3] = (1.0 - ratio) * z[:, 2] + ratio * z[:, 3]
-        steps.run(loop, first, last)
+        steps.run(derivative_call(), loop, first, last)
     return results.reshape(stages + 1, count, -1)
+
+
+def propagate_disturbances(
+    equations: EquationsOfMotion, interval: Interval, disturbances: Array, matrices: Matrices
+) -> Array:
+    """Return the disturbances of (q, v) at the end of an interval, one a row, (k, 2 n).
+
+    Parameters
+    ----------
+    equations, interval
+        Equations and states of a run of `Radau`.
+    disturbances
+        Those at the start, (k, 2 n).
+    matrices
+        Matrices of the other intervals.
+
+    Raises
+    ------
+    BeamdaeError
+        If the matrix is singular at a step.
+    """
+    steps, count, n = _Steps(Radau(), equations, interval, matrices), len(disturbances), equations.n
+    maps = StartDerivatives(ConsistencySolver(equations))
+    directions = Directions(maps, np.arange(count), np.zeros((count, len(equations.p))))
+    motion = np.zeros((count, 4, n))
+    motion[:, :2] = disturbances.reshape(count, 2, n)
+    loop = _make_forward_loop(
+        steps, directions, motion, np.zeros(count), None, np.zeros((0, 3 * n + equations.m))
+    )
+    steps.run("periodic", loop, 0, steps.count)
+    return loop.work.motion.reshape(count, 4, n)[:, :2].reshape(count, 2 * n)
+
+
+def _make_forward_loop(
+    steps: _Steps,
+    directions: Directions,
+    motion: Array,
+    shifts: Array,
+    time_rates: Array | None,
+    results: Array,
+) -> StepLoop[Workspace]:
+    """Return the loop for directions from `motion` (k, 4, n) on; None for no rates of time."""
+    maps, (count, _, n), s = directions.maps, motion.shape, len(steps.nodes)
+    plan = maps.plan_along(steps.residual, steps.n_inputs)
+    size = s * len(steps.rows)
+    return steps.make_loop(
+        "forward",
+        motion_plan(plan, steps.n_inputs),
+        maps.equations,
+        motion=motion.reshape(-1, n).copy(),
+        data=direction_inputs(plan, steps.n_inputs, maps.equations.p, directions.numbers),
+        shifts=shifts,
+        time_rates=np.zeros((0, steps.size)) if time_rates is None else time_rates,
+        stages=results,
+        right=np.zeros((count, size)),
+        lanes=aligned_zeros(4 * LANES * size),
+        after=np.zeros((count * (3 * s + 1), n)),
+    )
 
 
 def _time_rates(steps: _Steps, maps: StartDerivatives) -> Array:
@@ -407,7 +461,7 @@ def transpose_steps(
             run.motion[:3] += by_state[: 3 * e.n].reshape(3, e.n)
             run.motion[2] += (1.0 - ratio) * run.motion[3]
             run.motion[3] *= ratio
-        steps.run(loop, last, first)
+        steps.run(derivative_call(), loop, last, first)
     numbers += run.numbers
     if not steps.is_alpha:
         return np.concatenate([*run.motion[:2], np.zeros(e.n + e.m)]), numbers
