@@ -1,8 +1,8 @@
 """Variational equations of a run: propagation of disturbances, and the monodromy matrix.
 
 The residual R(t, y, y') = 0 in the stabilized index-1 form is linearized along the run,
-R_y dy + R_y' dy' = 0, and integrated by Radau IIA of order 5 on nodes of the run. On the steps of a
-run of `Radau`, this is the derivative of the discrete solution with respect to its start.
+R_y dy + R_y' dy' = 0, and integrated by Radau IIA of order 5 with the steps of the run. For a run of
+`Radau`, this is the derivative of the discrete solution with respect to its start.
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ _ZERO_ROW_RATIO = 1e-10
 _MIN_ENERGY_RATIO = 1e-8
 # Prevents a threshold of zero if there are no constraints.
 _TINY = 1e-300
-# Smaller singular values of the propagated disturbances, relative to the largest, are zero: they
-# are not larger than the errors of the stages.
+# Smaller singular values of the propagated disturbances, relative to the largest, are zero: linear
+# equations are solved with about this accuracy.
 EXACT_RANK = 1e-8
 # Random disturbances reveal the range of the matrix if they outnumber its rank by this number.
 _OVERSAMPLING = 2
