@@ -152,48 +152,27 @@ def close_joints(
     held = np.append(leading, np.setdiff1d(evaluator.equations.states, leading))
     path = _Path(evaluator, time, q, held, targets[held])
     closed_q, remaining = path.follow()
-    if remaining:
-        raise _describe_failure(path, selected, values, closed_q, remaining)
-    scales = evaluator.equations.position_scales[selected]
-    errors = np.abs(closed_q[selected] - values) / scales
-    if np.max(errors, initial=0.0) > _AGREEMENT_TOLERANCE:
+    e, gaps = evaluator.equations, path.drawn_gaps
+    if remaining and (worst := int(np.argmax(np.abs(gaps) / path.scales))) < e.m:
+        gap = abs(gaps[worst])
+        raise BeamdaeError(
+            f"{e.lam_names[worst]}: the joints cannot be closed at t = {time[0]:g} s because a "
+            f"gap of {remaining * gap:.6g} (m or rad) remains of {gap:.6g}; check the dimensions "
+            "of the parts and the start values."
+        )
+    errors = np.abs(closed_q[selected] - values) / e.position_scales[selected]
+    if remaining or np.max(errors, initial=0.0) > _AGREEMENT_TOLERANCE:
+        pairs = zip(selected, values, strict=True)
         k = selected[np.argmax(errors)]
-        reason = f"{evaluator.equations.q_names[k]} is {closed_q[k]:.6g} with the other values"
-        if len(selected) == 1:
-            reason = "joints, drivers or a dead center fix this coordinate in the drawing"
-        raise _create_start_error(evaluator, selected, values, reason)
+        raise BeamdaeError(
+            f"start: the joints cannot be closed with "
+            f"{', '.join(f'{e.q_names[i]} = {x:g}' for i, x in pairs)}, because {e.q_names[k]} "
+            f"can be led only to {closed_q[k]:.6g} on the branch of the drawing; specify fewer or "
+            "different positions."
+        )
     if closed_q is not q:
         closed_q[selected] = values
     return closed_q
-
-
-def _describe_failure(
-    path: _Path, selected: Array, values: Array, q: Array, remaining: float
-) -> BeamdaeError:
-    """Return the error of a path that ends at `q`, where this fraction of the gaps remains."""
-    e, gaps = path.evaluator.equations, path.drawn_gaps
-    worst = int(np.argmax(np.abs(gaps) / path.scales))
-    if worst < e.m:
-        gap = abs(gaps[worst])
-        return BeamdaeError(
-            f"{e.lam_names[worst]}: the joints cannot be closed at t = {path.time[0]:g} s because "
-            f"a gap of {remaining * gap:.6g} (m or rad) remains of {gap:.6g}; check the dimensions "
-            "of the parts and the start values."
-        )
-    k = path.held[worst - e.m]
-    reason = f"{e.q_names[k]} can be led only to {q[k]:.6g} on the branch of the drawing"
-    return _create_start_error(path.evaluator, selected, values, reason)
-
-
-def _create_start_error(
-    evaluator: StateEvaluator, selected: Array, values: Array, reason: str
-) -> BeamdaeError:
-    names = evaluator.equations.q_names
-    request = ", ".join(f"{names[k]} = {x:g}" for k, x in zip(selected, values, strict=True))
-    return BeamdaeError(
-        f"start: the joints cannot be closed with {request}, because {reason}; specify fewer or "
-        "different positions."
-    )
 
 
 class _Point(NamedTuple):
