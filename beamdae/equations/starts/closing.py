@@ -13,6 +13,7 @@ slender beams are not strained by rounding errors.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -125,8 +126,7 @@ def close_joints(
     evaluator: StateEvaluator,
     time: Array,
     q: Array,
-    selected: Array,
-    values: Array,
+    requested: Mapping[int, float],
 ) -> Array:
     """Return positions (n,) on the branch of `q` at which the joints are closed.
 
@@ -138,16 +138,16 @@ def close_joints(
         (t, branch).
     q
         Positions (n,), with unstrained beams.
-    selected, values
-        Indices of requested coordinates and their values, (k,) each.
+    requested
+        Values of coordinates, by index.
 
     Raises
     ------
     BeamdaeError
         If constraints depend on each other, joints cannot be closed or values cannot be reached.
     """
-    targets = q.copy()
-    targets[selected] = values
+    selected, targets = np.array([*requested], int), q.copy()
+    targets[selected] = values = np.array([*requested.values()], float)
     leading = _select_independent(evaluator, time, q, selected)
     held = np.append(leading, np.setdiff1d(evaluator.equations.states, leading))
     path = _Path(evaluator, time, q, held, targets[held])
@@ -162,13 +162,12 @@ def close_joints(
         )
     errors = np.abs(closed_q[selected] - values) / e.position_scales[selected]
     if remaining or np.max(errors, initial=0.0) > _AGREEMENT_TOLERANCE:
-        pairs = zip(selected, values, strict=True)
+        request = ", ".join(f"{e.q_names[i]} = {x:g}" for i, x in requested.items())
         k = selected[np.argmax(errors)]
         raise BeamdaeError(
-            f"start: the joints cannot be closed with "
-            f"{', '.join(f'{e.q_names[i]} = {x:g}' for i, x in pairs)}, because {e.q_names[k]} "
-            f"can be led only to {closed_q[k]:.6g} on the branch of the drawing; specify fewer or "
-            "different positions."
+            f"start: the joints cannot be closed with {request}, because {e.q_names[k]} can be led "
+            f"only to {closed_q[k]:.6g} on the branch of the drawing; specify fewer or different "
+            "positions."
         )
     if closed_q is not q:
         closed_q[selected] = values
@@ -242,9 +241,14 @@ class _Path:
             end = max(remaining - step, 0.0)
             is_smallest = step <= _MIN_STEP
             contraction = _MAX_LAST_CONTRACTION if is_smallest else _MAX_CONTRACTION
-            taken = self._take_step(point, end, contraction)
-            if taken is not None:
-                (point, rotation), remaining, step = taken, end, step * _STEP_FACTOR
+            try:
+                closed = self._close(point, end * self.drawn_gaps, contraction)
+                if closed is not None and end > 0.0:
+                    rotation = self._predict_rotation(closed)
+            except (BeamdaeError, RuntimeError):  # SuperLU raises the latter for singular matrices.
+                closed = None
+            if closed is not None:
+                point, remaining, step = closed, end, step * _STEP_FACTOR
             elif not is_smallest:
                 step /= _STEP_FACTOR
             else:
@@ -290,27 +294,10 @@ class _Path:
         scales = self.evaluator.equations.position_scales
         return float(_GAP_ROUNDING * (1.0 + np.max(np.abs(q) / scales, initial=0.0)))
 
-    def _rotation(self, change: Array) -> float:
-        return float(np.max(np.abs(change[self.evaluator.equations.is_angle]), initial=0.0))
-
     def _predict_rotation(self, point: _Point) -> float:
         """Return the largest rotation [rad] that would close the gaps of the drawing."""
-        return self._rotation(self._change(point, self.drawn_gaps, _INERTIA_SHARE).q)
-
-    def _take_step(
-        self, begin: _Point, remaining: float, max_contraction: float
-    ) -> tuple[_Point, float] | None:
-        """Return the point near `begin` at which this fraction of the gaps remains, or None.
-
-        The `_predict_rotation` of the point follows, unless the path ends there.
-        """
-        try:
-            point = self._close(begin, remaining * self.drawn_gaps, max_contraction)
-            if point is None:
-                return None
-            return point, self._predict_rotation(point) if remaining else 0.0
-        except (BeamdaeError, RuntimeError):  # SuperLU raises the latter if a matrix is singular.
-            return None
+        change = self._change(point, self.drawn_gaps, _INERTIA_SHARE).q
+        return float(np.max(np.abs(change[self.evaluator.equations.is_angle]), initial=0.0))
 
     def _close(self, begin: _Point, remaining_gaps: Array, max_contraction: float) -> _Point | None:
         """Return a point with these gaps by Newton's method, or None if it does not contract."""
