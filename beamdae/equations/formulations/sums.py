@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse as sp
@@ -16,9 +15,6 @@ from beamdae.symbolic.local_symbols import MATRIX_SHARED
 from beamdae.symbolic.sums.kernel_sums import Kernel
 from beamdae.symbolic.sums.rotations import rotate_kernel
 from beamdae.symbolic.sums.sum_builder import KernelCopies, LocalInput, SumBuilder
-
-if TYPE_CHECKING:
-    from beamdae.equations.equations_of_motion import EquationsOfMotion
 
 Array = np.ndarray
 
@@ -46,12 +42,6 @@ class InputLayout:
     lam: int = 0
     mu: int = 0
     resultants: int = 0
-
-
-def term_data(equations: EquationsOfMotion, term: ForceTerm | ConstraintTerm) -> Array:
-    """Return the numbers of the kernel of a term, (n_data, count), one column per copy."""
-    numbers = equations.p[term.data].reshape((-1, term.count), order="F")
-    return numbers[: term.kernel.local.n_data]
 
 
 def _local_inputs(operator: sp.csr_array, *offsets: int) -> list[LocalInput]:

@@ -13,6 +13,7 @@ slender beams are not strained by rounding errors.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -125,8 +126,7 @@ def close_joints(
     evaluator: StateEvaluator,
     time: Array,
     q: Array,
-    selected: Array,
-    values: Array,
+    requested: Mapping[int, float],
 ) -> Array:
     """Return positions (n,) on the branch of `q` at which the joints are closed.
 
@@ -138,62 +138,40 @@ def close_joints(
         (t, branch).
     q
         Positions (n,), with unstrained beams.
-    selected, values
-        Indices of requested coordinates and their values, (k,) each.
+    requested
+        Values of coordinates, by index.
 
     Raises
     ------
     BeamdaeError
         If constraints depend on each other, joints cannot be closed or values cannot be reached.
     """
-    targets = q.copy()
-    targets[selected] = values
+    selected, targets = np.array([*requested], int), q.copy()
+    targets[selected] = values = np.array([*requested.values()], float)
     leading = _select_independent(evaluator, time, q, selected)
     held = np.append(leading, np.setdiff1d(evaluator.equations.states, leading))
     path = _Path(evaluator, time, q, held, targets[held])
     closed_q, remaining = path.follow()
-    if remaining:
-        raise _describe_failure(path, selected, values, closed_q, remaining)
-    scales = evaluator.equations.position_scales[selected]
-    errors = np.abs(closed_q[selected] - values) / scales
-    if np.max(errors, initial=0.0) > _AGREEMENT_TOLERANCE:
+    e, gaps = evaluator.equations, path.drawn_gaps
+    if remaining and (worst := int(np.argmax(np.abs(gaps) / path.scales))) < e.m:
+        gap = abs(gaps[worst])
+        raise BeamdaeError(
+            f"{e.lam_names[worst]}: the joints cannot be closed at t = {time[0]:g} s because a "
+            f"gap of {remaining * gap:.6g} (m or rad) remains of {gap:.6g}; check the dimensions "
+            "of the parts and the start values."
+        )
+    errors = np.abs(closed_q[selected] - values) / e.position_scales[selected]
+    if remaining or np.max(errors, initial=0.0) > _AGREEMENT_TOLERANCE:
+        request = ", ".join(f"{e.q_names[i]} = {x:g}" for i, x in requested.items())
         k = selected[np.argmax(errors)]
-        reason = f"{evaluator.equations.q_names[k]} is {closed_q[k]:.6g} with the other values"
-        if len(selected) == 1:
-            reason = "joints, drivers or a dead center fix this coordinate in the drawing"
-        raise _create_start_error(evaluator, selected, values, reason)
+        raise BeamdaeError(
+            f"start: the joints cannot be closed with {request}, because {e.q_names[k]} can be led "
+            f"only to {closed_q[k]:.6g} on the branch of the drawing; specify fewer or different "
+            "positions."
+        )
     if closed_q is not q:
         closed_q[selected] = values
     return closed_q
-
-
-def _describe_failure(
-    path: _Path, selected: Array, values: Array, q: Array, remaining: float
-) -> BeamdaeError:
-    """Return the error of a path that ends at `q`, where this fraction of the gaps remains."""
-    e, gaps = path.evaluator.equations, path.drawn_gaps
-    worst = int(np.argmax(np.abs(gaps) / path.scales))
-    if worst < e.m:
-        gap = abs(gaps[worst])
-        return BeamdaeError(
-            f"{e.lam_names[worst]}: the joints cannot be closed at t = {path.time[0]:g} s because "
-            f"a gap of {remaining * gap:.6g} (m or rad) remains of {gap:.6g}; check the dimensions "
-            "of the parts and the start values."
-        )
-    k = path.held[worst - e.m]
-    reason = f"{e.q_names[k]} can be led only to {q[k]:.6g} on the branch of the drawing"
-    return _create_start_error(path.evaluator, selected, values, reason)
-
-
-def _create_start_error(
-    evaluator: StateEvaluator, selected: Array, values: Array, reason: str
-) -> BeamdaeError:
-    names = evaluator.equations.q_names
-    request = ", ".join(f"{names[k]} = {x:g}" for k, x in zip(selected, values, strict=True))
-    return BeamdaeError(
-        f"start: the joints cannot be closed with {request}, because {reason}; specify fewer or "
-        "different positions."
-    )
 
 
 class _Point(NamedTuple):
@@ -263,9 +241,14 @@ class _Path:
             end = max(remaining - step, 0.0)
             is_smallest = step <= _MIN_STEP
             contraction = _MAX_LAST_CONTRACTION if is_smallest else _MAX_CONTRACTION
-            taken = self._take_step(point, end, contraction)
-            if taken is not None:
-                (point, rotation), remaining, step = taken, end, step * _STEP_FACTOR
+            try:
+                closed = self._close(point, end * self.drawn_gaps, contraction)
+                if closed is not None and end > 0.0:
+                    rotation = self._predict_rotation(closed)
+            except (BeamdaeError, RuntimeError):  # SuperLU raises the latter for singular matrices.
+                closed = None
+            if closed is not None:
+                point, remaining, step = closed, end, step * _STEP_FACTOR
             elif not is_smallest:
                 step /= _STEP_FACTOR
             else:
@@ -311,27 +294,10 @@ class _Path:
         scales = self.evaluator.equations.position_scales
         return float(_GAP_ROUNDING * (1.0 + np.max(np.abs(q) / scales, initial=0.0)))
 
-    def _rotation(self, change: Array) -> float:
-        return float(np.max(np.abs(change[self.evaluator.equations.is_angle]), initial=0.0))
-
     def _predict_rotation(self, point: _Point) -> float:
         """Return the largest rotation [rad] that would close the gaps of the drawing."""
-        return self._rotation(self._change(point, self.drawn_gaps, _INERTIA_SHARE).q)
-
-    def _take_step(
-        self, begin: _Point, remaining: float, max_contraction: float
-    ) -> tuple[_Point, float] | None:
-        """Return the point near `begin` at which this fraction of the gaps remains, or None.
-
-        The `_predict_rotation` of the point follows, unless the path ends there.
-        """
-        try:
-            point = self._close(begin, remaining * self.drawn_gaps, max_contraction)
-            if point is None:
-                return None
-            return point, self._predict_rotation(point) if remaining else 0.0
-        except (BeamdaeError, RuntimeError):  # SuperLU raises the latter if a matrix is singular.
-            return None
+        change = self._change(point, self.drawn_gaps, _INERTIA_SHARE).q
+        return float(np.max(np.abs(change[self.evaluator.equations.is_angle]), initial=0.0))
 
     def _close(self, begin: _Point, remaining_gaps: Array, max_contraction: float) -> _Point | None:
         """Return a point with these gaps by Newton's method, or None if it does not contract."""

@@ -82,13 +82,10 @@ class ConsistencySolver(StateEvaluator):
         g_dot = self.constraint_levels(time, q, v)[1]
         if not g_dot.any():
             return v
-        change = self.solve_saddle(time, q, v, 0.0, -g_dot)[0]
-        if len(prescribed):
-            fixed = build_selection(prescribed, self.equations.n)
-            rows = sp.vstack([self.constraint_matrix(time, q), fixed])
-            values = np.append(-g_dot, np.zeros(len(prescribed)))
-            change = _solve_least_change(self.mass_matrix(time, q), rows, values)
-        return v + change
+        if not len(prescribed):
+            return v + self.solve_saddle(time, q, v, 0.0, -g_dot)[0]
+        gradients, fixed = self.constraint_matrix(time, q), build_selection(prescribed, len(v))
+        return v + _solve_least_change(self.mass_matrix(time, q), gradients, -g_dot, fixed)
 
     def complete(self, time: Array, q: Array, v: Array) -> State:
         """Return the state at consistent (q, v), with the rates x' = f of first-order states."""
@@ -104,9 +101,7 @@ class ConsistencySolver(StateEvaluator):
 
         `requested` are values of coordinates by index. See `close_joints`.
         """
-        values = requested or {}
-        selected = np.array(list(values), int)
-        return close_joints(self, time, q, selected, np.array(list(values.values()), float))
+        return close_joints(self, time, q, requested or {})
 
     @property
     def _is_state(self) -> Array:
@@ -269,32 +264,28 @@ class ConsistencySolver(StateEvaluator):
         # Parts whose coordinates a constraint contains move together.
         ties = np.split(e.part_indices[gradients.indices], gradients.indptr[1:-1])
         groups, groups_of_rows = np.split(group_tied(len(e.parts), ties), [len(e.parts)])
-        groups = groups[e.part_indices]
+        groups_of_coordinates = groups[e.part_indices]
         motions = sp.csc_array(e.position_scales[:, None] * compute_rigid_motions(e, q))
-        mass = self.mass_matrix(time, q)
+        # Number of the vector of each rigid motion: of a translation or of a rotation.
+        columns = np.split(motions.indices, motions.indptr[1:-1])
+        vectors = np.array([2 * e.part_indices[x[0]] + np.any(e.is_angle[x]) for x in columns])
         given_vectors = np.flatnonzero([part.given_velocities for part in e.parts])
+        mass, prescribed_rows = self.mass_matrix(time, q), np.asarray(prescribed, int)
         for group in np.unique(groups_of_rows[is_open]):
-            rows = np.flatnonzero(groups_of_rows == group)
-            inside = sp.diags_array((groups == group).astype(float)) @ motions
-            shapes = sp.csc_array(inside[:, np.diff(inside.tocsc().indptr) > 0])
-            vectors = self._vectors_of(shapes)
-            v = v + _rigid_change(
-                shapes,
-                vectors,
-                np.isin(vectors, given_vectors),
+            rows, inside = groups_of_rows == group, groups[vectors // 2] == group
+            fixed = prescribed_rows[groups_of_coordinates[prescribed_rows] == group]
+            change = _rigid_change(
+                motions[:, inside],
+                vectors[inside],
+                given_vectors,
                 mass,
                 gradients[rows],
                 g_dot[rows],
-                np.where(groups == group, v, 0.0),
-                np.array([k for k in prescribed if groups[k] == group], int),
+                np.where(groups_of_coordinates == group, v, 0.0),
+                fixed,
             )
+            v = v + change
         return v
-
-    def _vectors_of(self, shapes: sp.csc_array) -> Array:
-        """Return the number of the vector of each rigid motion: of a translation or a rotation."""
-        e = self.equations
-        columns = np.split(shapes.indices, shapes.indptr[1:-1])
-        return np.array([2 * e.part_indices[x[0]] + np.any(e.is_angle[x]) for x in columns])
 
     def _solve_with_friction(
         self, time: Array, q: Array, v: Array, stiff_time: float
@@ -348,26 +339,18 @@ def velocity_size(e: EquationsOfMotion, v: Array) -> float:
     return max(1.0, float(np.max(np.abs(v) / e.position_scales, initial=0.0)))
 
 
-def _solve_least_change(weight: Any, rows: Any, values: Array) -> Array:
-    """Return the x with rows @ x = values that minimizes x . weight x.
+def _solve_least_change(weight: Any, rows: Any, values: Array, fixed: Any) -> Array:
+    """Return the x with rows @ x = values and fixed @ x = 0 that minimizes x . weight x.
 
-    Parameters
-    ----------
-    weight, rows
-        Sparse matrices (n, n) and (k, n); dependent rows are allowed.
-    values
-        Right-hand side (k,).
-
-    Returns
-    -------
-    numpy.ndarray
-        x, (n,); nan if `weight` is singular on the null space of `rows`.
+    All matrices are sparse, and `rows` and `fixed` may depend on each other. x is nan if `weight`
+    is singular on their null space.
     """
-    n, count = weight.shape[0], rows.shape[0]
-    size = float(abs(weight).max()) or 1.0
+    rows, size = sp.vstack([rows, fixed]), float(abs(weight).max()) or 1.0
+    count, n = rows.shape
     regularization = sp.eye_array(count) * (_REGULARIZATION / size)
     matrix = sp.block_array([[weight, rows.T], [rows, -regularization]], format="csc")
-    right = np.concatenate([np.zeros(n), values])
+    right = np.zeros(n + count)
+    right[n : n + len(values)] = values
     try:
         return splu(matrix).solve(right)[:n]
     except RuntimeError:
@@ -377,7 +360,7 @@ def _solve_least_change(weight: Any, rows: Any, values: Array) -> Array:
 def _rigid_change(
     shapes: sp.csc_array,
     vectors: Array,
-    is_given: Array,
+    given_vectors: Array,
     mass: sp.csc_array,
     gradients: sp.csr_array,
     g_dot: Array,
@@ -386,8 +369,8 @@ def _rigid_change(
 ) -> Array:
     """Return a change of v (n,) in the span of `shapes` by which g_dot vanishes, or zeros.
 
-    Velocities of v at the indices `prescribed`, vectors of which a shape `is_given`, and vectors
-    that are not zero do not change; `vectors` are the numbers of the vectors of `shapes`.
+    Velocities of v at the indices `prescribed`, `given_vectors`, and vectors that are not zero do
+    not change; `vectors` are the numbers of the vectors of `shapes`.
     """
     amplitudes = spsolve(sp.csc_array(shapes.T @ shapes), shapes.T @ v)
     weight, rows = shapes.T @ mass @ shapes, sp.csr_array(gradients @ shapes)
@@ -396,15 +379,13 @@ def _rigid_change(
     lengths[lengths == 0.0] = 1.0
     rows, values = sp.diags_array(1.0 / lengths) @ rows, -g_dot / lengths
     fixed = sp.csr_array(shapes[prescribed])
-    is_given = is_given | (np.abs(amplitudes) > _ROUNDING * np.max(np.abs(amplitudes)))
+    is_given = np.isin(vectors, given_vectors)
+    is_given |= np.abs(amplitudes) > _ROUNDING * np.max(np.abs(amplitudes))
     is_given[fixed.indices] = False
     given = np.flatnonzero(np.isin(vectors, vectors[is_given]))
-    fixed = sp.vstack([fixed, build_selection(given.tolist(), shapes.shape[1])])
-    change = shapes @ _solve_least_change(
-        weight / abs(weight).max(),
-        sp.vstack([rows, fixed]),
-        np.concatenate([values, np.zeros(fixed.shape[0])]),
-    )
+    fixed = sp.vstack([fixed, build_selection(given.tolist(), len(vectors))])
+    weight = weight / abs(weight).max()
+    change = shapes @ _solve_least_change(weight, rows, values, fixed)
     errors = np.abs(np.concatenate([gradients @ change + g_dot, change[prescribed]]))
     # False also if no solution was found, for which the change is not finite.
     is_possible = np.max(errors) <= _RIGID_START_TOLERANCE * np.max(np.abs(g_dot))

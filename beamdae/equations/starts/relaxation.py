@@ -81,7 +81,7 @@ class FlowStep(NamedTuple):
 
     Attributes
     ----------
-    q, lam
+    x
         Positions, and multipliers of joints and resultants at the end of the step.
     size
         Largest displacement in the step, relative to the scale of the coordinate plus its travel
@@ -93,8 +93,7 @@ class FlowStep(NamedTuple):
         without stiffness.
     """
 
-    q: Array
-    lam: Array
+    x: Array
     size: float
     gap: float
     rounding: float
@@ -162,17 +161,6 @@ class GradientFlow:
         # States of fast filters are far smaller than their scale.
         return self.static.equations.without_states(_PERTURBATION * sizes * signs)
 
-    def initial_acceleration(self) -> tuple[Array, Array]:
-        """Return the acceleration (n,) and the multipliers (m,) at rest in `begin`.
-
-        Both follow from the forces of `static`, which may be a fraction of those in
-        `static.equations`. If the acceleration is zero, `begin` is an equilibrium with these
-        multipliers.
-        """
-        q, rates = self.begin, np.zeros(self.static.equations.m)
-        force = self.static.residual(q, rates)[: len(q)]
-        return self.solver.solve_saddle(self.static.time, q, None, -force, rates)
-
     def _residual(self, x: Array) -> Array:
         n, last = len(self.begin), len(self.begin) + self.static.equations.m
         total = self.mixed.residual(x[:n], x[n:])
@@ -185,26 +173,19 @@ class GradientFlow:
         compliance = sp.diags_array(np.repeat([0.0, 1.0], [last, len(x) - last]))
         return sp.csc_array(self.mixed.matrix(x[:n], x[n:]) - compliance)
 
-    def all_multipliers(self, lam: Array) -> Array:
-        """Return the multipliers of joints in `begin`, followed by the stiff forces there."""
-        forces = np.zeros(self.mixed.equations.m - len(lam))
-        x = np.concatenate([self.begin, lam, forces])
-        return np.append(lam, self._residual(x)[len(x) - len(forces) :])
-
-    def try_step(self, q: Array, lam: Array, square: float) -> FlowStep | None:
-        """Return a trial step of pseudo-time T with T^2 = `square`; `lam` are all multipliers.
+    def try_step(self, origin: Array, square: float) -> FlowStep | None:
+        """Return a trial step of pseudo-time T with T^2 = `square`.
 
         Returns None if the matrix is singular, `size` exceeds `_MAX_STEP`, or the iterations of a
         cautious flow do not converge.
         """
-        static, n, m = self.static, len(q), len(lam)
-        mass = self.solver.mass_matrix(static.time, q)
+        n = len(self.begin)
+        weight = self.solver.mass_matrix(self.static.time, origin[:n]) * (1.0 / square)
         # No inertia in the rows and columns of the multipliers.
-        ends = np.append(mass.indptr, np.full(m, mass.indptr[-1]))
-        entries = (mass.data * (1.0 / square), mass.indices, ends)
-        weight = sp.csc_array(entries, shape=(n + m, n + m))
+        weight.resize(len(origin), len(origin))
         way = np.minimum(
-            self.measure.distances(q - self.begin), _MAX_TRAVEL_SIZES * self.measure.scale
+            self.measure.distances(origin[:n] - self.begin),
+            _MAX_TRAVEL_SIZES * self.measure.scale,
         )
         sizes = self.measure.scale + np.where(self.static.equations.is_angle, 0.0, way)
 
@@ -214,9 +195,7 @@ class GradientFlow:
         def unbalance(total: Array) -> Array:
             return self._residual(origin + total) + weight @ total
 
-        x = origin = np.concatenate([q, lam])
-        total = np.zeros(n + m)
-        is_converged = not self.is_cautious
+        x, total, is_converged = origin, np.zeros(len(origin)), not self.is_cautious
         for _ in range(_MAX_ITERATIONS if self.is_cautious else 1):
             last, forces = x, self._residual(x)
             try:
@@ -239,13 +218,13 @@ class GradientFlow:
                 break
         if not is_converged:
             return None
-        last = last + np.append(self._perturbation, np.zeros(m))
-        rounding = size(solve(self._residual(last) - forces))
+        perturbed = last.copy()
+        perturbed[:n] += self._perturbation
+        rounding = size(solve(self._residual(perturbed) - forces))
         gaps = self._residual(x)
         gaps[:n] = 0.0
         correction = -solve(gaps)
-        x = x + correction
-        return FlowStep(x[:n], x[n:], step_size, size(correction), rounding)
+        return FlowStep(x + correction, step_size, size(correction), rounding)
 
 
 def relax_to_equilibrium(
@@ -312,29 +291,36 @@ def find_nearby_equilibrium(static: StaticSystem, q: Array) -> tuple[Array, Arra
 def _relax(flow: GradientFlow, lam: Array | None) -> tuple[Array, Array, bool]:
     """Return the positions (n,) and multipliers (m,) at the end, and True if they are steady."""
     for is_cautious in (False, True):
-        q, all_lam, is_steady = _follow(replace(flow, is_cautious=is_cautious), lam)
+        x, is_steady = _follow(replace(flow, is_cautious=is_cautious), lam)
         if is_steady:
             break
-    return q, all_lam[: flow.static.equations.m], is_steady
+    e = flow.static.equations
+    return x[: e.n], x[e.n : e.n + e.m], is_steady
 
 
-def _follow(flow: GradientFlow, near: Array | None) -> tuple[Array, Array, bool]:
-    """Return the positions and all multipliers at the end, and True if they are steady.
+def _follow(flow: GradientFlow, near: Array | None) -> tuple[Array, bool]:
+    """Return the positions and multipliers at the end, and True if they are steady.
 
     With the multipliers `near` of an equilibrium close by, its first step is the longest.
     """
-    q, (a, joints) = flow.begin, flow.initial_acceleration()
-    lam = flow.all_multipliers(joints if near is None else near)
+    static, q = flow.static, flow.begin
+    n, m = static.equations.n, static.equations.m
+    # The forces may be a fraction of those in `static.equations`.
+    force = static.residual(q, np.zeros(m))[:n]
+    a, joints = flow.solver.solve_saddle(static.time, q, None, -force, 0.0)
+    x = np.zeros(n + flow.mixed.equations.m)
+    x[:n], x[n : n + m] = q, joints if near is None else near
+    x[n + m :] = flow._residual(x)[n + m :]
     acceleration = flow.measure.farthest(a)
     if acceleration == 0.0 and near is None:
-        return q, lam, True
+        return x, True
     square = first = _FIRST_STEP / (acceleration or 1.0)
     last = _LAST_SQUARE_RATIO * first
     if near is not None:
         square = last
     is_last_tried = False
     for _ in range(_MAX_STEPS):
-        step = flow.try_step(q, lam, square)
+        step = flow.try_step(x, square)
         if step is None or not step.is_near:
             square /= _SQUARE_GROWTH
             if square < _SMALLEST_SQUARE_RATIO * first:
@@ -343,15 +329,14 @@ def _follow(flow: GradientFlow, near: Array | None) -> tuple[Array, Array, bool]
         if step.is_steady and square < last and not is_last_tried:
             # At an equilibrium, the steps up to the last one would only repeat rounding errors.
             is_last_tried = True
-            final = flow.try_step(step.q, step.lam, last)
+            final = flow.try_step(step.x, last)
             if final is not None and final.is_near and final.is_steady:
                 step, square = final, last
-        q, lam = step.q, step.lam
-        is_last = square >= last or step.rounding > _RELIABLE_ROUNDING
-        if step.is_steady and is_last:
-            return q, lam, True
+        x = step.x
+        if step.is_steady and (square >= last or step.rounding > _RELIABLE_ROUNDING):
+            return x, True
         if step.rounding <= _RELIABLE_ROUNDING:
             square = min(square * _SQUARE_GROWTH, last)
         elif step.rounding > _MAX_ROUNDING_RATIO * _RELIABLE_ROUNDING:
             square /= _SQUARE_GROWTH
-    return q, lam, False
+    return x, False

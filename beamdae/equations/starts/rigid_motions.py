@@ -206,23 +206,13 @@ class DisplacementMeasure:
             point[body.points[:, 1]] = body.points[:, 0]
         return cls(e.position_scales, point)
 
-    def distances(self, changes: Array) -> Array:
-        """Return the displacement of each coordinate, or of its point if it has one, (..., n)."""
-        n = len(self.point)
-        starts = np.arange(0, changes.size, n)[:, None]
-        points = (starts + self.point).ravel()
+    def distances(self, change: Array) -> Array:
+        """Return the displacement of each coordinate, or of its point if it has one, (n,)."""
         # Solutions of nearly singular systems may overflow; their displacement is infinite.
         with np.errstate(over="ignore"):
-            squares = np.bincount(points, (changes**2).ravel(), changes.size)
-        return np.asarray(np.sqrt(squares)[points].reshape(changes.shape))
+            squares = np.bincount(self.point, change**2, len(change))
+        return np.asarray(np.sqrt(squares)[self.point])
 
     def farthest(self, change: Array) -> float:
         """Return the largest displacement relative to the scale of its coordinate."""
-        return self.farthest_of_rows(change[None])[0]
-
-    def farthest_of_rows(self, changes: Array) -> list[float]:
-        """Return the result of `farthest` for each row of `changes` (k, n)."""
-        ratios: list[float] = np.max(
-            self.distances(changes) / self.scale, axis=1, initial=0.0
-        ).tolist()
-        return ratios
+        return float(np.max(self.distances(change) / self.scale, initial=0.0))
