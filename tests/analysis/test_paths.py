@@ -178,6 +178,37 @@ def test_equal_columns_have_a_branch_point_of_two_modes():
     assert_allclose([x.factor for x in path.critical], 0.25 * np.pi**2, rtol=1e-4)
 
 
+@pytest.mark.parametrize("deviation", [0.0, 1e-12, 1e-9])
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"to": 1.5, "step": 0.25},
+        {"to": [0.5, 1.0, 1.5], "step": 0.2},
+        {"to": 1.25, "control": "arc length"},
+        {"to": {"sled.y": -1.5}, "step": 0.25},
+    ],
+)
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_regression_steps_that_end_at_the_critical_load_pass_it(count, settings, deviation):
+    """The tangent was singular at a sample of the path, or halfway between two."""
+    mech = bd.Mechanism()
+    sled = mech.add(bd.RigidBody("sled", 1.0, 0.1, (0.0, 0.0)))
+    mech.add(bd.Prismatic("rail", mech.ground.at(0.0, 0.0), sled.at(0.0, 0.0), (0.0, 1.0)))
+    mech.add(bd.Spring("bed", mech.ground.at(0.0, -9.0), sled.at(0.0, 0.0), float(count)))
+    mech.observe("sled", sled.at(0.0, 0.0))
+    for k in range(count):
+        foot, stiffness = sled.at(k, 0.0), 1.0 + (2.0 * (k % 2) - 1.0) * deviation
+        bar = mech.add(bd.RigidBody(f"bar {k}", 1.0, 0.1, (k, 0.5)))
+        mech.add(bd.Revolute(f"hinge {k}", foot, bar.at(k, 0.0)))
+        mech.add(bd.TorsionSpring(f"spring {k}", foot, bar.at(k, 0.0), stiffness))
+        mech.add(bd.Force(f"press {k}", bar.at(k, 1.0), (0.0, -1.0)))
+    path = bd.equilibrium(mech, **settings)
+    assert path.status.success
+    assert [point.kind for point in path.critical] == ["branch point"] * count
+    assert_allclose([point.factor for point in path.critical], 1.0, atol=2.0 * deviation + 1e-7)
+    assert path.unstable[-1] == count
+
+
 @pytest.mark.slow(reason="a fifth of a second")
 def test_unstable_ends_of_load_control_warn():
     with pytest.warns(bd.BeamdaeWarning, match="since the branch point at load factor 1, where"):

@@ -345,8 +345,8 @@ def _follow(
             tangent = path.tangent
             if tangent is None and steps.by_arc_length and not path.by_load:
                 tangent = path.end.tangent(prescribe_parameter)
+            passed, recent = [*path.critical.values()], list[CurvePoint]()
             for segment, found in follow(path.end, control, target, steps, explain_counts, tangent):
-                passed = [*path.critical.values()]
                 for one in found:
                     path.critical[len(path.points)] = one
                     path.points.append(one.point)
@@ -356,6 +356,8 @@ def _follow(
                     if steps.by_arc_length and _is_among(passed, one, steps):
                         path.fail(_CLOSED_PATH)
                         return count
+                # Branch points in adjacent segments are different ones, at any distance.
+                passed, recent = passed + recent, found
                 path.points.append(segment.end)
                 path.tangent = segment.direction
                 is_reached = control(path.end.x, path.end.p).value == target
