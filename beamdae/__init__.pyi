@@ -26,7 +26,7 @@ from .beams.beam_loads import DistributedForce as DistributedForce
 from .beams.beam_loads import MovingForce as MovingForce
 from .beams.damping import AirDrag as AirDrag
 from .beams.damping import RayleighDamping as RayleighDamping
-from .beams.materials import Material as Material
+from .beams.sections import Material as Material
 from .beams.sections import Section as Section
 from .beams.sections import taper as taper
 from .beams.sliding import SlidingOnBeam as SlidingOnBeam

@@ -237,7 +237,7 @@ GROUPS = (
         """
         Section beams.sections
         taper beams.sections
-        Material beams.materials
+        Material beams.sections
         """,
     ),
     _create_group(

@@ -12,9 +12,8 @@ import casadi as ca
 import numpy as np
 
 from beamdae.native.instructions import evaluate_instructions, read_instructions
-from beamdae.native.lane_code import BINARY_FUNCTIONS, LIBRARY_NAMES
+from beamdae.native.lane_code import BINARY_FUNCTIONS, FIND, LIBRARY_NAMES, PICK
 from beamdae.native.point_programs import Call, Load, Loop, Mix, Place, Program, Set, Spread, Step
-from beamdae.native.table_functions import FIND, PICK
 from beamdae.symbolic.table_lookups import has_lookups
 
 Array = np.ndarray
@@ -181,7 +180,7 @@ def write_point_kernel(
 
 
 def _write_call(name: str, operands: Sequence[str], count: int) -> list[str]:
-    """Return the results of a call of a function of `beamdae.native.table_functions`."""
+    """Return the results of a call of a function of `beamdae.native.lane_code`."""
     argument, rows = operands[0], operands[1:]
     match = re.fullmatch(r"LOAD\((\d+)\)", rows[0])
     first = int(match[1]) if match else 0
