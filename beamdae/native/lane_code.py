@@ -19,7 +19,12 @@ from typing import Any, NamedTuple
 
 import casadi as ca
 
-from beamdae.native.instructions import evaluate_instructions, read_instructions
+from beamdae.native.instructions import (
+    by_operation,
+    evaluate_instructions,
+    operation_codes,
+    read_instructions,
+)
 from beamdae.native.llvm import MachineCodeError, library_address
 
 # Functions that read single rows of tables: kernels call them instead of evaluating all rows, so
@@ -174,83 +179,66 @@ _SOURCES = ("instructions.py", "lane_code.py")
 
 # {r}: result, {T}: type of the operands {x} and {y}, {B}: type of truth values, {s}: suffix of
 # intrinsics.
-_INLINE_TEMPLATES = {
-    ca.OP_ADD: "{r} = fadd {T} {x}, {y}",
-    ca.OP_SUB: "{r} = fsub {T} {x}, {y}",
-    ca.OP_MUL: "{r} = fmul {T} {x}, {y}",
-    ca.OP_DIV: "{r} = fdiv {T} {x}, {y}",
-    ca.OP_NEG: "{r} = fneg {T} {x}",
-    ca.OP_SQ: "{r} = fmul {T} {x}, {x}",
-    ca.OP_TWICE: "{r} = fadd {T} {x}, {x}",
-    ca.OP_INV: "{r} = fdiv {T} {one}, {x}",
-    ca.OP_SQRT: "{r} = call {T} @llvm.sqrt.{s}({T} {x})",
-    ca.OP_FABS: "{r} = call {T} @llvm.fabs.{s}({T} {x})",
-    ca.OP_FLOOR: "{r} = call {T} @llvm.floor.{s}({T} {x})",
-    ca.OP_CEIL: "{r} = call {T} @llvm.ceil.{s}({T} {x})",
-    ca.OP_COPYSIGN: "{r} = call {T} @llvm.copysign.{s}({T} {x}, {T} {y})",
-    ca.OP_LT: "{r}.a = fcmp olt {T} {x}, {y}\n{r} = uitofp {B} {r}.a to {T}",
-    ca.OP_LE: "{r}.a = fcmp ole {T} {x}, {y}\n{r} = uitofp {B} {r}.a to {T}",
-    ca.OP_EQ: "{r}.a = fcmp oeq {T} {x}, {y}\n{r} = uitofp {B} {r}.a to {T}",
-    ca.OP_NE: "{r}.a = fcmp une {T} {x}, {y}\n{r} = uitofp {B} {r}.a to {T}",
-    ca.OP_NOT: "{r}.a = fcmp oeq {T} {x}, zeroinitializer\n{r} = uitofp {B} {r}.a to {T}",
+_INLINE_TEMPLATES = by_operation(
+    ADD="{r} = fadd {T} {x}, {y}",
+    SUB="{r} = fsub {T} {x}, {y}",
+    MUL="{r} = fmul {T} {x}, {y}",
+    DIV="{r} = fdiv {T} {x}, {y}",
+    NEG="{r} = fneg {T} {x}",
+    SQ="{r} = fmul {T} {x}, {x}",
+    TWICE="{r} = fadd {T} {x}, {x}",
+    INV="{r} = fdiv {T} {one}, {x}",
+    SQRT="{r} = call {T} @llvm.sqrt.{s}({T} {x})",
+    FABS="{r} = call {T} @llvm.fabs.{s}({T} {x})",
+    FLOOR="{r} = call {T} @llvm.floor.{s}({T} {x})",
+    CEIL="{r} = call {T} @llvm.ceil.{s}({T} {x})",
+    COPYSIGN="{r} = call {T} @llvm.copysign.{s}({T} {x}, {T} {y})",
+    LT="{r}.a = fcmp olt {T} {x}, {y}\n{r} = uitofp {B} {r}.a to {T}",
+    LE="{r}.a = fcmp ole {T} {x}, {y}\n{r} = uitofp {B} {r}.a to {T}",
+    EQ="{r}.a = fcmp oeq {T} {x}, {y}\n{r} = uitofp {B} {r}.a to {T}",
+    NE="{r}.a = fcmp une {T} {x}, {y}\n{r} = uitofp {B} {r}.a to {T}",
+    NOT="{r}.a = fcmp oeq {T} {x}, zeroinitializer\n{r} = uitofp {B} {r}.a to {T}",
     # NaN is true.
-    ca.OP_AND: (
+    AND=(
         "{r}.a = fcmp une {T} {x}, zeroinitializer\n{r}.b = fcmp une {T} {y}, zeroinitializer\n"
         "{r}.c = and {B} {r}.a, {r}.b\n{r} = uitofp {B} {r}.c to {T}"
     ),
-    ca.OP_OR: (
+    OR=(
         "{r}.a = fcmp une {T} {x}, zeroinitializer\n{r}.b = fcmp une {T} {y}, zeroinitializer\n"
         "{r}.c = or {B} {r}.a, {r}.b\n{r} = uitofp {B} {r}.c to {T}"
     ),
-    ca.OP_IF_ELSE_ZERO: (
+    IF_ELSE_ZERO=(
         "{r}.a = fcmp oeq {T} {x}, zeroinitializer\n"
         "{r} = select {B} {r}.a, {T} zeroinitializer, {T} {y}"
     ),
     # If one operand is NaN, return the other; of two zeros, return the first.
-    ca.OP_FMIN: (
+    FMIN=(
         "{r}.a = fcmp ogt {T} {x}, {y}\n{r}.b = fcmp uno {T} {x}, {x}\n"
         "{r}.c = or {B} {r}.a, {r}.b\n{r} = select {B} {r}.c, {T} {y}, {T} {x}"
     ),
-    ca.OP_FMAX: (
+    FMAX=(
         "{r}.a = fcmp olt {T} {x}, {y}\n{r}.b = fcmp uno {T} {x}, {x}\n"
         "{r}.c = or {B} {r}.a, {r}.b\n{r} = select {B} {r}.c, {T} {y}, {T} {x}"
     ),
     # Zeros and NaN are returned unchanged.
-    ca.OP_SIGN: (
+    SIGN=(
         "{r}.a = fcmp olt {T} {x}, zeroinitializer\n{r}.b = fcmp ogt {T} {x}, zeroinitializer\n"
         "{r}.c = select {B} {r}.b, {T} {one}, {T} {x}\n"
         "{r} = select {B} {r}.a, {T} {minus_one}, {T} {r}.c"
     ),
-}
+)
 
+# Functions of the C library that have the names of their operations.
+_FUNCTIONS = (
+    "exp expm1 log log1p pow sin cos tan asin acos atan atan2 sinh cosh tanh asinh acosh atanh erf "
+    "hypot fmod remainder"
+)
+LIBRARY_FUNCTIONS = _FUNCTIONS.split()
 # Functions of the C library by operation.
 LIBRARY_NAMES = {
-    ca.OP_EXP: "exp",
-    ca.OP_EXPM1: "expm1",
-    ca.OP_LOG: "log",
-    ca.OP_LOG1P: "log1p",
-    ca.OP_POW: "pow",
     ca.OP_CONSTPOW: "pow",
-    ca.OP_SIN: "sin",
-    ca.OP_COS: "cos",
-    ca.OP_TAN: "tan",
-    ca.OP_ASIN: "asin",
-    ca.OP_ACOS: "acos",
-    ca.OP_ATAN: "atan",
-    ca.OP_ATAN2: "atan2",
-    ca.OP_SINH: "sinh",
-    ca.OP_COSH: "cosh",
-    ca.OP_TANH: "tanh",
-    ca.OP_ASINH: "asinh",
-    ca.OP_ACOSH: "acosh",
-    ca.OP_ATANH: "atanh",
-    ca.OP_ERF: "erf",
-    ca.OP_HYPOT: "hypot",
-    ca.OP_FMOD: "fmod",
-    ca.OP_REMAINDER: "remainder",
+    **dict(zip(operation_codes(_FUNCTIONS.upper()), LIBRARY_FUNCTIONS, strict=True)),
 }
-
-LIBRARY_FUNCTIONS = tuple(dict.fromkeys(LIBRARY_NAMES.values()))
 BINARY_FUNCTIONS = ("pow", "atan2", "hypot", "fmod", "remainder")
 
 

@@ -32,11 +32,10 @@ from beamdae.report.scene.scene import (
 if TYPE_CHECKING:
     from beamdae.beams.beam_loads import DistributedForce, MovingForce
     from beamdae.beams.sliding import SlidingOnBeam
-    from beamdae.parts.forces.contact import Contact
+    from beamdae.parts.forces.contact import CircleSurface, Contact
     from beamdae.parts.forces.force_law import ForceLaw
     from beamdae.parts.forces.loads import Force, Moment
     from beamdae.parts.forces.springs import Bushing, Spring, TorsionSpring
-    from beamdae.parts.forces.surfaces import CircleSurface
     from beamdae.parts.joints.drivers import Distance, Driver, TranslationalDriver
     from beamdae.parts.joints.guides import PointOnLine, Prismatic
     from beamdae.parts.joints.joint import Joint, Revolute, Weld
@@ -379,7 +378,7 @@ def draw_bushing(part: Bushing, builder: SceneBuilder) -> int:
 
 def draw_contact(part: Contact, builder: SceneBuilder) -> int:
     """Draw the surface, with hatches on its inaccessible side, and the contact point."""
-    from beamdae.parts.forces.surfaces import CircleSurface
+    from beamdae.parts.forces.contact import CircleSurface
 
     surface, point = part.surface, builder.add_attachment(part.point)
     if isinstance(surface, CircleSurface):
