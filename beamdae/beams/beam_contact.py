@@ -26,8 +26,7 @@ from beamdae.parts.forces.contact import (
     require_unit_of_stiffness,
 )
 from beamdae.parts.forces.load_observables import ObservablePower
-from beamdae.parts.part import RegularizedFriction, SurfaceGap
-from beamdae.parts.point_parts import FORCE
+from beamdae.parts.part import FORCE, RegularizedFriction, SurfaceGap
 from beamdae.symbolic.statements import (
     ForceStatement,
     Quantity,

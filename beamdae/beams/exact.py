@@ -18,8 +18,14 @@ import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.beams.element_data import ElementDataLayout, assemble_point_data, is_damped
-from beamdae.beams.elements import NODE_SIZE, PointElement, PointMotion
+from beamdae.beams.elements import (
+    NODE_SIZE,
+    ElementDataLayout,
+    PointElement,
+    PointMotion,
+    assemble_point_data,
+    is_damped,
+)
 from beamdae.beams.kinematics import (
     FormulationKinematics,
     MaterialPoint,
@@ -32,7 +38,7 @@ from beamdae.beams.shape_functions import gauss_points, shape_functions, weigh_n
 from beamdae.beams.strains import slice_column
 from beamdae.parts.attachments import rotate
 from beamdae.parts.observables import express_displacement
-from beamdae.parts.point_parts import PointFormula
+from beamdae.parts.part import PointFormula
 from beamdae.read_only import read_only_data
 from beamdae.symbolic.formula import Formula, FormulaExpression, constant_formula
 from beamdae.symbolic.sparse_operators import build_selection

@@ -20,13 +20,15 @@ import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.beams.element_data import (
+from beamdae.beams.elements import (
+    NODE_SIZE,
     ElementDataLayout,
+    PointElement,
+    PointMotion,
     assemble_point_data,
     compute_prestrains,
     is_damped,
 )
-from beamdae.beams.elements import NODE_SIZE, PointElement, PointMotion
 from beamdae.beams.kinematics import (
     FormulationKinematics,
     MaterialPoint,

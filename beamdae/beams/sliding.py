@@ -23,7 +23,7 @@ from beamdae.errors import BeamdaeError, choice_of, convert_fields, require_choi
 from beamdae.parts.attachments import Attachment, require_attachment, rotate
 from beamdae.parts.events import Event
 from beamdae.parts.joints.joint import GapFormula, KinematicConstraint, meeting_tolerance
-from beamdae.parts.point_parts import FORCE, PlacedPoint
+from beamdae.parts.part import FORCE, PlacedPoint
 from beamdae.symbolic.formula import Formula
 from beamdae.symbolic.statements import (
     SX,

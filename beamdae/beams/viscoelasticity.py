@@ -17,8 +17,13 @@ import numpy as np
 import scipy.sparse as sp
 
 from beamdae.beams.beam import Beam, require_beam
-from beamdae.beams.element_data import STIFFNESS_VALUES
-from beamdae.beams.elements import NODE_SIZE, RESULTANTS, InterpolatedForces, PointElement
+from beamdae.beams.elements import (
+    NODE_SIZE,
+    RESULTANTS,
+    STIFFNESS_VALUES,
+    InterpolatedForces,
+    PointElement,
+)
 from beamdae.beams.kinematics import PointValues
 from beamdae.beams.shape_functions import gauss_points, lagrange_weights
 from beamdae.beams.strains import AXIAL, SHEAR, STRAIN_SIZE, identity

@@ -39,8 +39,7 @@ from beamdae.parts.forces.friction import (
 )
 from beamdae.parts.forces.loads import ForceFormula, PointForce
 from beamdae.parts.laws import MIN_STEPS_PER_TIME_SCALE, Law, as_law
-from beamdae.parts.part import RegularizedFriction, SurfaceGap
-from beamdae.parts.point_parts import PlacedPoint, observe_points
+from beamdae.parts.part import PlacedPoint, RegularizedFriction, SurfaceGap, observe_points
 from beamdae.symbolic.formula import constant_formula
 from beamdae.symbolic.statements import (
     SX,

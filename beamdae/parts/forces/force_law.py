@@ -25,7 +25,7 @@ from beamdae.parts.forces.formula_checks import (
     require_function,
 )
 from beamdae.parts.forces.loads import ForceFormula, PointForce
-from beamdae.parts.point_parts import LOAD, PlacedPoint
+from beamdae.parts.part import LOAD, PlacedPoint
 from beamdae.symbolic.signals import as_scalar
 from beamdae.symbolic.statements import (
     SX,

@@ -27,7 +27,7 @@ from beamdae.parts.attachments import (
 )
 from beamdae.parts.forces.load_observables import POWER
 from beamdae.parts.laws import Law, as_law
-from beamdae.parts.point_parts import FORCE, MOMENT, PlacedPoint, PointPart
+from beamdae.parts.part import FORCE, MOMENT, PlacedPoint, PointPart
 from beamdae.symbolic.statements import (
     SX,
     ForceKernel,
