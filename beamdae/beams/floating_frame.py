@@ -81,11 +81,7 @@ class FloatingFrameElement(PointElement):
 
     strain: str = "nonlinear"
     prestressed: bool = False
-
-    @property
-    def frame_size(self) -> int:
-        """Number of coordinates of the floating frame."""
-        return FRAME_SIZE
+    frame_size = FRAME_SIZE
 
     @property
     def layout(self) -> ElementDataLayout:
@@ -324,6 +320,7 @@ class FloatingFrame(FormulationKinematics):
 
     strain: str = "exact"
     continuity: str = "cartesian"
+    rigid_coordinate_count = FRAME_SIZE
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -369,11 +366,6 @@ class FloatingFrame(FormulationKinematics):
         if self.frame == "tangent":
             return (*frame, *nodal[NODE_SIZE:])
         return (*frame, *nodal[2:-3], Variable("chord", "m"), nodal[-1])
-
-    @property
-    def rigid_coordinate_count(self) -> int:
-        """Number of leading coordinates that describe a rigid motion: those of the frame."""
-        return FRAME_SIZE
 
     @property
     def frame_follows_section(self) -> bool:

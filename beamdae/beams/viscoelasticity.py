@@ -98,16 +98,12 @@ class StandardLinearSolid(ObservablePower):
     relaxation_time: float
 
     load_distribution = "none"
+    is_state = True
 
     def __post_init__(self) -> None:
         convert_fields(self)
         require_beam(self.name, self.beam)
         convert_fields(self, ratio=require_positive, relaxation_time=require_positive)
-
-    @property
-    def is_state(self) -> bool:
-        """True: the strains of the damper have no inertia."""
-        return True
 
     @property
     def scale(self) -> float:

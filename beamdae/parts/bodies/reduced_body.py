@@ -338,6 +338,7 @@ class ReducedBody(Part):
     angular_velocity: float | None = None
 
     point_syntax = "its .at(node)"
+    rigid_coordinate_count = _FRAME
 
     def __post_init__(self) -> None:
         name = require_name("ReducedBody", self.name)
@@ -446,11 +447,6 @@ class ReducedBody(Part):
         """Name and unit of the position and angle of the frame, and of the modal coordinates."""
         frame = (Variable("x", "m"), Variable("y", "m"), Variable("angle", "rad"))
         return (*frame, *(Variable(f"mode{k + 1}", "m") for k in range(self._count)))
-
-    @property
-    def rigid_coordinate_count(self) -> int:
-        """Number of leading coordinates of a rigid motion, 3."""
-        return _FRAME
 
     @property
     def initial_position(self) -> Array:

@@ -402,6 +402,7 @@ class Contact(PointForce):
     max_step: float | None = None
     static: float | None = None
     stribeck: float | None = None
+    _observed_points = ("point",)
 
     def __post_init__(self) -> None:
         convert_fields(self, point=require_attachment)
@@ -480,11 +481,6 @@ class Contact(PointForce):
     def points(self) -> dict[str, Attachment]:
         """The point and the attachment of the surface, by the names "point" and "surface"."""
         return {"point": self.point, "surface": self.surface.on}
-
-    @property
-    def _observed_points(self) -> tuple[str, ...]:
-        """Name of the point."""
-        return ("point",)
 
     @property
     @rebuilt_for_mesh

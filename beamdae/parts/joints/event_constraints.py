@@ -182,11 +182,7 @@ class ClosedGap(Part):
 
     name: str
     gap: Quantity
-
-    @property
-    def attachments(self) -> tuple[Attachment, ...]:
-        """Empty, because the constraint uses the pieces of the gap quantity."""
-        return ()
+    attachments = ()
 
     def constraints(self) -> list[ConstraintStatement]:
         """Return the constraint on the gap."""

@@ -153,7 +153,7 @@ def find_travel(
 
 def draw_translational_driver(part: TranslationalDriver, builder: SceneBuilder) -> int:
     """Draw an arrow in the direction of the driver."""
-    a, b = builder.add_attachment(part.a), builder.add_attachment(part.b)
+    a, b = map(builder.add_attachment, (part.a, part.b))
     row = builder.add_pose(np.column_stack([builder.pose(b)[:, :2], builder.pose(a)[:, 2]]))
     shaft, tip = (
         [(0.0, 0.0), (0.8 * _SHAFT_LENGTH, 0.0)],
@@ -166,7 +166,7 @@ def draw_translational_driver(part: TranslationalDriver, builder: SceneBuilder) 
 
 def draw_distance(part: Distance, builder: SceneBuilder) -> int:
     """Draw a link between two pins."""
-    a, b = builder.add_attachment(part.a), builder.add_attachment(part.b)
+    a, b = map(builder.add_attachment, (part.a, part.b))
     builder.add_link("link", a, b)
     return builder.add_midpoint(_draw_pin(builder, a), _draw_pin(builder, b))
 
@@ -184,7 +184,7 @@ def draw_driver(part: Driver, builder: SceneBuilder) -> int:
 
 def draw_gear(part: Gear, builder: SceneBuilder) -> int:
     """Draw a line between the points and, for meshing wheels without a shape, the pitch circles."""
-    a, b = builder.add_attachment(part.a), builder.add_attachment(part.b)
+    a, b = map(builder.add_attachment, (part.a, part.b))
     builder.add_link("gear", a, b)
     distance = math.dist(part.a.point, part.b.point)
     share = abs(1.0 - part.ratio)
@@ -298,7 +298,7 @@ _SUPPORTED = ("joint", "hinge", "link", "driver", "spring-damper", "torsion spri
 
 def draw_spring_damper(part: Spring, builder: SceneBuilder) -> int:
     """Draw a coil, a dashpot or both side by side, or a spiral if the points stay close."""
-    a, b = builder.add_attachment(part.a), builder.add_attachment(part.b)
+    a, b = map(builder.add_attachment, (part.a, part.b))
     longest = np.max(np.hypot(*builder.relative_position(a, b).T))
     has_damper = part.damping > 0.0
     if longest < _COINCIDENT_DISTANCE * builder.size:
@@ -349,7 +349,7 @@ def _spiral() -> Array:
 
 def draw_torsion_spring(part: TorsionSpring, builder: SceneBuilder) -> int:
     """Draw a spiral, or a drum with a vane for a damper, and a line between distant points."""
-    a, b = builder.add_attachment(part.a), builder.add_attachment(part.b)
+    a, b = map(builder.add_attachment, (part.a, part.b))
     # The moment depends only on the angles of the bodies; the part is drawn at the first point.
     inner = builder.add_pose(np.column_stack([builder.pose(a)[:, :2], builder.pose(b)[:, 2]]))
     if part.damping > 0.0 and part.stiffness == 0.0:
@@ -366,7 +366,7 @@ def draw_torsion_spring(part: TorsionSpring, builder: SceneBuilder) -> int:
 
 def draw_bushing(part: Bushing, builder: SceneBuilder) -> int:
     """Draw a ring on the first body and a pin on the second body, connected by four spokes."""
-    a, b = builder.add_attachment(part.a), builder.add_attachment(part.b)
+    a, b = map(builder.add_attachment, (part.a, part.b))
     center = np.subtract(part.b.point, part.a.point) / builder.size
     builder.add_rigid("spring", a, circle(_BUSHING_RADIUS, 40) + center)
     for direction in circle(1.0, 4)[:4] @ [(0.5**0.5, 0.5**0.5), (-(0.5**0.5), 0.5**0.5)]:
