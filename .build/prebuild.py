@@ -40,7 +40,7 @@ from sample_parts import SAMPLES, SampleMechanism, find_public  # noqa: E402
 import beamdae as bd  # noqa: E402
 from beamdae import catalog  # noqa: E402
 from beamdae.beams.beam import EXACT_FORMULATION, FORMULATIONS  # noqa: E402
-from beamdae.beams.floating_frame.kinematics import STRAINS  # noqa: E402
+from beamdae.beams.floating_frame import STRAINS  # noqa: E402
 from beamdae.cli.model_file import ModelFile  # noqa: E402
 from beamdae.core import library  # noqa: E402
 from beamdae.core.compilers import PLATFORMS  # noqa: E402

@@ -19,9 +19,8 @@ if (
 
 import lazy_loader
 
-from beamdae.argument_names import explain_arguments
 from beamdae.catalog import NAMES, PACKAGES, attributes_by_module
-from beamdae.errors import suggest
+from beamdae.errors import explain_arguments, suggest
 from beamdae.interrupts import interruptible
 
 _load, __dir__, __all__ = lazy_loader.attach(

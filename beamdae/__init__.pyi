@@ -26,7 +26,7 @@ from .beams.beam_loads import DistributedForce as DistributedForce
 from .beams.beam_loads import MovingForce as MovingForce
 from .beams.damping import AirDrag as AirDrag
 from .beams.damping import RayleighDamping as RayleighDamping
-from .beams.materials import Material as Material
+from .beams.sections import Material as Material
 from .beams.sections import Section as Section
 from .beams.sections import taper as taper
 from .beams.sliding import SlidingOnBeam as SlidingOnBeam
@@ -65,7 +65,9 @@ from .parts.event_actions import change_law as change_law
 from .parts.event_actions import deactivate as deactivate
 from .parts.event_actions import impact as impact
 from .parts.events import Event as Event
+from .parts.forces.contact import CircleSurface as CircleSurface
 from .parts.forces.contact import Contact as Contact
+from .parts.forces.contact import LineSurface as LineSurface
 from .parts.forces.force_law import ForceLaw as ForceLaw
 from .parts.forces.friction import Friction as Friction
 from .parts.forces.loads import Force as Force
@@ -73,8 +75,6 @@ from .parts.forces.loads import Moment as Moment
 from .parts.forces.springs import Bushing as Bushing
 from .parts.forces.springs import Spring as Spring
 from .parts.forces.springs import TorsionSpring as TorsionSpring
-from .parts.forces.surfaces import CircleSurface as CircleSurface
-from .parts.forces.surfaces import LineSurface as LineSurface
 from .parts.joints.drivers import Distance as Distance
 from .parts.joints.drivers import Driver as Driver
 from .parts.joints.drivers import TranslationalDriver as TranslationalDriver

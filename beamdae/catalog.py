@@ -160,8 +160,8 @@ GROUPS = (
         Bushing parts.forces.springs
         Contact parts.forces.contact
         BeamContact beams.beam_contact
-        LineSurface parts.forces.surfaces
-        CircleSurface parts.forces.surfaces
+        LineSurface parts.forces.contact
+        CircleSurface parts.forces.contact
         Friction parts.forces.friction
         RayleighDamping beams.damping
         AirDrag beams.damping
@@ -237,7 +237,7 @@ GROUPS = (
         """
         Section beams.sections
         taper beams.sections
-        Material beams.materials
+        Material beams.sections
         """,
     ),
     _create_group(

@@ -25,44 +25,62 @@ _SUPPORTED_MAJOR_VERSION = 7
 _TEST_VECTOR_LENGTH = 3
 # Marks half a buffer to which nothing has been written.
 _UNCHANGED = -1
-# C prototypes of SUNDIALS 7 for double precision and 32-bit indices, without MPI.
-_address, _real, _index = ctypes.c_void_p, ctypes.c_double, ctypes.c_int32
-_code, _int, _long = ctypes.c_int, ctypes.c_int, ctypes.c_long
-
-
-# (result, *arguments) -> functions.
-_SIGNATURES: dict[tuple[Any, ...], tuple[str, ...]] = {
-    (_code, *[_address] * 4, _int): ("SUNDIALSGetVersionNumber",),
-    (_code, _int, _address): ("SUNContext_Create",),
-    (_code, _address): ("SUNContext_ClearErrHandlers", "SUNContext_Free", "SUNLinSolFree"),
-    # Called before the index width is known: a 64-bit integer also passes a 32-bit index.
-    (_address, ctypes.c_int64, _address): ("N_VNew_Serial",),
-    (_address, _index, _address, _address): ("N_VMake_Serial",),
-    (_address, _address): ("N_VGetArrayPointer", "SUNBandMatrix_Data", "IDACreate"),
-    (None, _address): ("N_VDestroy", "SUNMatDestroy", "IDAFree"),
-    (_address, *[_index] * 3, _address): ("SUNBandMatrix",),
-    (_address, *[_address] * 3): ("SUNLinSol_Band",),
-    (_code, _address, _address, _real, _address, _address): ("IDAInit",),
-    (_code, _address, _real, _address, _address): ("IDAReInit",),
-    (_code, _address, _real, _address): ("IDASVtolerances",),
-    (_code, _address, _address, _address): ("IDASetLinearSolver",),
-    (_code, _address, _int): (
-        *("IDASetMaxNonlinIters", "IDASetMaxConvFails", "IDASetMaxOrd", "IDASetSuppressAlg"),
-    ),
-    (_code, _address, _long): ("IDASetMaxNumSteps",),
-    (_code, _address, _real): (
-        *("IDASetInitStep", "IDASetMinStep", "IDASetMaxStep", "IDASetStopTime"),
-    ),
-    (_code, _address, _real, *[_address] * 3, _int): ("IDASolve",),
-    (_code, _address, _address): (
-        *("N_VBufSize_Serial", "IDASetUserData", "IDASetJacFn", "IDASetId"),
-        *("IDAGetNumErrTestFails", "IDAGetNumNonlinSolvConvFails", "IDAGetNumStepSolveFails"),
-        *("IDAGetLastOrder", "IDAGetEstLocalErrors"),
-    ),
+# C prototypes of SUNDIALS 7 for double precision and 32-bit indices, without MPI: result, name and
+# arguments. When N_VNew_Serial is called, the index width is unknown: a 64-bit integer also passes
+# a 32-bit index.
+_PROTOTYPES = """
+int SUNDIALSGetVersionNumber address address address address int
+int SUNContext_Create int address
+int SUNContext_ClearErrHandlers address
+int SUNContext_Free address
+int SUNLinSolFree address
+address N_VNew_Serial int64 address
+address N_VMake_Serial index address address
+address N_VGetArrayPointer address
+address SUNBandMatrix_Data address
+address IDACreate address
+none N_VDestroy address
+none SUNMatDestroy address
+none IDAFree address
+address SUNBandMatrix index index index address
+address SUNLinSol_Band address address address
+int IDAInit address address real address address
+int IDAReInit address real address address
+int IDASVtolerances address real address
+int IDASetLinearSolver address address address
+int IDASetMaxNonlinIters address int
+int IDASetMaxConvFails address int
+int IDASetMaxOrd address int
+int IDASetSuppressAlg address int
+int IDASetMaxNumSteps address long
+int IDASetInitStep address real
+int IDASetMinStep address real
+int IDASetMaxStep address real
+int IDASetStopTime address real
+int IDASolve address real address address address int
+int N_VBufSize_Serial address address
+int IDASetUserData address address
+int IDASetJacFn address address
+int IDASetId address address
+int IDAGetNumErrTestFails address address
+int IDAGetNumNonlinSolvConvFails address address
+int IDAGetNumStepSolveFails address address
+int IDAGetLastOrder address address
+int IDAGetEstLocalErrors address address
+"""
+_TYPES: dict[str, Any] = {
+    "none": None,
+    "address": ctypes.c_void_p,
+    "real": ctypes.c_double,
+    "int": ctypes.c_int,
+    "long": ctypes.c_long,
+    "index": ctypes.c_int32,
+    "int64": ctypes.c_int64,
 }
 # Calls through these prototypes release the interpreter lock.
 PROTOTYPES = {
-    name: ctypes.CFUNCTYPE(*signature) for signature, names in _SIGNATURES.items() for name in names
+    name: ctypes.CFUNCTYPE(*(_TYPES[x] for x in (result, *arguments)))
+    for result, name, *arguments in map(str.split, _PROTOTYPES.strip().splitlines())
 }
 
 
@@ -222,29 +240,29 @@ _MAX_STEPS_PER_CALL = 500
 
 # Codes above this value have different meanings in IDASolve and in linear solvers.
 _FIRST_COMMON_STATUS = -20
-_STATUS_DESCRIPTIONS = {
-    -1: "too many steps in one call",
-    -2: "rtol and atol are too small for double precision",
-    -3: "the error test failed too often, or at the smallest step",
-    -4: "Newton's iteration failed too often, or at the smallest step",
-    -5: "the linear solver could not be initialized",
-    -6: "the setup of the linear solver failed",
-    -7: "the linear solver failed",
-    -8: "the residual cannot be evaluated",
-    -9: "the residual failed repeatedly",
-    -12: "the residual failed at the start",
-    -14: "IDA could not recover after the residual had failed",
-    -15: "Newton's iteration could not be initialized",
-    -16: "the setup of Newton's iteration failed",
-    -17: "Newton's iteration failed",
-    -20: "IDA has no memory block",
-    -21: "there is not enough memory",
-    -22: "an argument is out of range",
-    -23: "IDA was not initialized",
-    -24: "an error weight is zero",
-    -28: "a vector operation failed",
-    -29: "the context is missing",
-}
+_STATUSES = """
+-1 too many steps in one call
+-2 rtol and atol are too small for double precision
+-3 the error test failed too often, or at the smallest step
+-4 Newton's iteration failed too often, or at the smallest step
+-5 the linear solver could not be initialized
+-6 the setup of the linear solver failed
+-7 the linear solver failed
+-8 the residual cannot be evaluated
+-9 the residual failed repeatedly
+-12 the residual failed at the start
+-14 IDA could not recover after the residual had failed
+-15 Newton's iteration could not be initialized
+-16 the setup of Newton's iteration failed
+-17 Newton's iteration failed
+-20 IDA has no memory block
+-21 there is not enough memory
+-22 an argument is out of range
+-23 IDA was not initialized
+-24 an error weight is zero
+-28 a vector operation failed
+-29 the context is missing
+"""
 
 
 class IdaError(Exception):
@@ -262,7 +280,8 @@ class SolverPointers(NamedTuple):
 
 def describe_status(status: int) -> str:
     """Return a description of a negative status of IDA."""
-    return _STATUS_DESCRIPTIONS.get(status, f"error {status} of SUNDIALS")
+    descriptions = dict(line.split(" ", 1) for line in _STATUSES.strip().splitlines())
+    return descriptions.get(str(status), f"error {status} of SUNDIALS")
 
 
 # C memory of solvers. The memory of a deleted solver is freed when the next solver is created,

@@ -13,8 +13,8 @@ from support import ARC
 
 import beamdae as bd
 from beamdae import catalog
-from beamdae.beams.exact.kinematics import GeometricallyExact
-from beamdae.beams.floating_frame.kinematics import FloatingFrame
+from beamdae.beams.exact import GeometricallyExact
+from beamdae.beams.floating_frame import FloatingFrame
 from beamdae.beams.sections import VaryingSection
 from beamdae.equations.formulations.first_order import FIRST_ORDER
 

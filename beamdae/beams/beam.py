@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.beams.floating_frame.kinematics import FloatingFrame
+from beamdae.beams.floating_frame import FloatingFrame
 from beamdae.beams.kinematics import (
     Kinematics,
     MaterialPoint,
@@ -73,7 +73,7 @@ from beamdae.symbolic.statements import (
 )
 
 if TYPE_CHECKING:
-    from beamdae.beams.exact.kinematics import GeometricallyExact
+    from beamdae.beams.exact import GeometricallyExact
 
 Array = np.ndarray
 
@@ -970,7 +970,7 @@ def beams_of(mechanism: Mechanism | None) -> list[Beam]:
 def _kinematics_type(formulation: str) -> type[FloatingFrame] | type[GeometricallyExact]:
     if formulation == _DEFAULT_FORMULATION:
         return FloatingFrame
-    from beamdae.beams.exact.kinematics import GeometricallyExact
+    from beamdae.beams.exact import GeometricallyExact
 
     return GeometricallyExact
 

@@ -19,11 +19,14 @@ from beamdae.errors import (
     set_fields,
 )
 from beamdae.parts.attachments import Attachment
-from beamdae.parts.forces.contact import Contact, require_unit_of_stiffness
+from beamdae.parts.forces.contact import (
+    CircleSurface,
+    Contact,
+    LineSurface,
+    require_unit_of_stiffness,
+)
 from beamdae.parts.forces.load_observables import ObservablePower
-from beamdae.parts.forces.surfaces import CircleSurface, LineSurface
-from beamdae.parts.part import RegularizedFriction, SurfaceGap
-from beamdae.parts.point_parts import FORCE
+from beamdae.parts.part import FORCE, RegularizedFriction, SurfaceGap
 from beamdae.symbolic.statements import (
     ForceStatement,
     Quantity,

@@ -124,6 +124,7 @@ class DistributedForce(ObservableBeamLoad):
     beam: Beam
     law: Any
     axes: str = "inertial"
+    load_distribution = "line"
 
     def __post_init__(self) -> None:
         convert_fields(self)
@@ -144,11 +145,6 @@ class DistributedForce(ObservableBeamLoad):
         if callable(self.law):
             return ()
         return tuple(as_law(self.name, component) for component in self.law)
-
-    @property
-    def load_distribution(self) -> str:
-        """Distribution "line": the load acts along the curve."""
-        return "line"
 
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
         """Return the loads at the inertia points of all elements."""
@@ -257,6 +253,7 @@ class MovingForce(ObservablePower):
     force: tuple[float, float]
     speed: float
     start: float = 0.0
+    load_distribution = "shares"
 
     def __post_init__(self) -> None:
         convert_fields(self)
@@ -312,11 +309,6 @@ class MovingForce(ObservablePower):
         time_scale = float(mesh.element_lengths.min()) / abs(self.speed)
         pieces = (Formula(_zero_force),) * (len(times) + 1)
         return (Law(pieces, tuple(map(float, times)), time_scale),)
-
-    @property
-    def load_distribution(self) -> str:
-        """Distribution "shares": the nodes share one force."""
-        return "shares"
 
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
         """Return one load statement per node of the beam."""

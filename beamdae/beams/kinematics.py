@@ -18,8 +18,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
-from beamdae.beams.element_data import require_free_curve
-from beamdae.beams.elements import NODE_SIZE, InterpolatedForces, PointElement
+from beamdae.beams.elements import NODE_SIZE, InterpolatedForces, PointElement, require_free_curve
 from beamdae.beams.mesh import Mesh, consists_of_numbers, is_shareable
 from beamdae.beams.sections import Section, VaryingSection
 from beamdae.beams.shape_functions import (

@@ -23,7 +23,7 @@ from beamdae.errors import BeamdaeError, choice_of, convert_fields, require_choi
 from beamdae.parts.attachments import Attachment, require_attachment, rotate
 from beamdae.parts.events import Event
 from beamdae.parts.joints.joint import GapFormula, KinematicConstraint, meeting_tolerance
-from beamdae.parts.point_parts import FORCE, PlacedPoint
+from beamdae.parts.part import FORCE, PlacedPoint
 from beamdae.symbolic.formula import Formula
 from beamdae.symbolic.statements import (
     SX,
@@ -202,6 +202,7 @@ class SlidingOnBeam(KinematicConstraint):
     a: Attachment
     beam: Beam
     ends: str = "record"
+    load_distribution = "shares"
 
     def __post_init__(self) -> None:
         convert_fields(self, ends=choice_of("record", "stop"))
@@ -323,11 +324,6 @@ class SlidingOnBeam(KinematicConstraint):
     def gap_parameters(self) -> tuple[float, ...]:
         """Length of the beam [m]."""
         return (self.beam.length,)
-
-    @property
-    def load_distribution(self) -> str:
-        """Distribution "shares": the nodes share the reaction."""
-        return "shares"
 
     def constraints(self) -> list[ConstraintStatement]:
         """Return the two constraint equations, x and y.

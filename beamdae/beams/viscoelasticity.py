@@ -17,8 +17,13 @@ import numpy as np
 import scipy.sparse as sp
 
 from beamdae.beams.beam import Beam, require_beam
-from beamdae.beams.element_data import STIFFNESS_VALUES
-from beamdae.beams.elements import NODE_SIZE, RESULTANTS, InterpolatedForces, PointElement
+from beamdae.beams.elements import (
+    NODE_SIZE,
+    RESULTANTS,
+    STIFFNESS_VALUES,
+    InterpolatedForces,
+    PointElement,
+)
 from beamdae.beams.kinematics import PointValues
 from beamdae.beams.shape_functions import gauss_points, lagrange_weights
 from beamdae.beams.strains import AXIAL, SHEAR, STRAIN_SIZE, identity
@@ -93,16 +98,12 @@ class StandardLinearSolid(ObservablePower):
     relaxation_time: float
 
     load_distribution = "none"
+    is_state = True
 
     def __post_init__(self) -> None:
         convert_fields(self)
         require_beam(self.name, self.beam)
         convert_fields(self, ratio=require_positive, relaxation_time=require_positive)
-
-    @property
-    def is_state(self) -> bool:
-        """True: the strains of the damper have no inertia."""
-        return True
 
     @property
     def scale(self) -> float:

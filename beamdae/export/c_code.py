@@ -11,10 +11,9 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from beamdae.native.instructions import evaluate_instructions, read_instructions
-from beamdae.native.lane_code import BINARY_FUNCTIONS, LIBRARY_NAMES
+from beamdae.native.instructions import by_operation, evaluate_instructions, read_instructions
+from beamdae.native.lane_code import BINARY_FUNCTIONS, FIND, LIBRARY_NAMES, PICK
 from beamdae.native.point_programs import Call, Load, Loop, Mix, Place, Program, Set, Spread, Step
-from beamdae.native.table_functions import FIND, PICK
 from beamdae.symbolic.table_lookups import has_lookups
 
 Array = np.ndarray
@@ -23,35 +22,35 @@ _NUMBERS_PER_LINE = 12
 
 # C expressions of operations of CasADi with the operands {x} and {y}: those of numbers and vectors,
 # and those of numbers.
-_ARITHMETIC = {
-    ca.OP_ASSIGN: "{x}",
-    ca.OP_ADD: "{x} + {y}",
-    ca.OP_SUB: "{x} - {y}",
-    ca.OP_MUL: "{x} * {y}",
-    ca.OP_DIV: "{x} / {y}",
-    ca.OP_NEG: "-{x}",
-    ca.OP_SQ: "{x} * {x}",
-    ca.OP_TWICE: "{x} + {x}",
-    ca.OP_INV: "1.0 / {x}",
-}
-_EXPRESSIONS = {
-    ca.OP_LT: "{x} < {y}",
-    ca.OP_LE: "{x} <= {y}",
-    ca.OP_EQ: "{x} == {y}",
-    ca.OP_NE: "{x} != {y}",
-    ca.OP_NOT: "{x} == 0.0",
-    ca.OP_AND: "{x} != 0.0 && {y} != 0.0",
-    ca.OP_OR: "{x} != 0.0 || {y} != 0.0",
-    ca.OP_IF_ELSE_ZERO: "{x} != 0.0 ? {y} : 0.0",
-    ca.OP_SIGN: "{x} < 0.0 ? -1.0 : {x} > 0.0 ? 1.0 : {x}",
-    ca.OP_SQRT: "sqrt({x})",
-    ca.OP_FABS: "fabs({x})",
-    ca.OP_FLOOR: "floor({x})",
-    ca.OP_CEIL: "ceil({x})",
-    ca.OP_COPYSIGN: "copysign({x}, {y})",
-    ca.OP_FMIN: "fmin({x}, {y})",
-    ca.OP_FMAX: "fmax({x}, {y})",
-} | {
+_ARITHMETIC = by_operation(
+    ASSIGN="{x}",
+    ADD="{x} + {y}",
+    SUB="{x} - {y}",
+    MUL="{x} * {y}",
+    DIV="{x} / {y}",
+    NEG="-{x}",
+    SQ="{x} * {x}",
+    TWICE="{x} + {x}",
+    INV="1.0 / {x}",
+)
+_EXPRESSIONS = by_operation(
+    LT="{x} < {y}",
+    LE="{x} <= {y}",
+    EQ="{x} == {y}",
+    NE="{x} != {y}",
+    NOT="{x} == 0.0",
+    AND="{x} != 0.0 && {y} != 0.0",
+    OR="{x} != 0.0 || {y} != 0.0",
+    IF_ELSE_ZERO="{x} != 0.0 ? {y} : 0.0",
+    SIGN="{x} < 0.0 ? -1.0 : {x} > 0.0 ? 1.0 : {x}",
+    SQRT="sqrt({x})",
+    FABS="fabs({x})",
+    FLOOR="floor({x})",
+    CEIL="ceil({x})",
+    COPYSIGN="copysign({x}, {y})",
+    FMIN="fmin({x}, {y})",
+    FMAX="fmax({x}, {y})",
+) | {
     code: f"{name}({{x}}, {{y}})" if name in BINARY_FUNCTIONS else f"{name}({{x}})"
     for code, name in LIBRARY_NAMES.items()
 }
@@ -181,7 +180,7 @@ def write_point_kernel(
 
 
 def _write_call(name: str, operands: Sequence[str], count: int) -> list[str]:
-    """Return the results of a call of a function of `beamdae.native.table_functions`."""
+    """Return the results of a call of a function of `beamdae.native.lane_code`."""
     argument, rows = operands[0], operands[1:]
     match = re.fullmatch(r"LOAD\((\d+)\)", rows[0])
     first = int(match[1]) if match else 0

@@ -1,4 +1,7 @@
-"""Export of models as functional mock-up units (FMUs) for co-simulation."""
+"""Export of models as functional mock-up units (FMUs) for co-simulation.
+
+Runs before an export give the settings of Radau (a pilot run) and warnings (a trial run).
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,7 @@ import shlex
 import tempfile
 import uuid
 import zipfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, cast
@@ -25,8 +28,13 @@ from beamdae.core.compilers import (
     find_compiler,
 )
 from beamdae.core.library import FOLDER
+from beamdae.core.tables import Workspace
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
-from beamdae.equations.watched_terms import compile_surface_gaps, compile_table_arguments
+from beamdae.equations.watched_terms import (
+    SurfaceGapTerm,
+    compile_surface_gaps,
+    compile_table_arguments,
+)
 from beamdae.errors import (
     BeamdaeError,
     list_first,
@@ -49,15 +57,18 @@ from beamdae.export.model_description import (
 )
 from beamdae.export.model_source import ExportedModel, Output, Value, write_model_source
 from beamdae.export.parameter_maps import map_numbers
-from beamdae.export.preliminary_runs import plan_radau, warn_of_fixed_steps, warn_of_trial_run
 from beamdae.integrators.alpha.family import family_parameters
 from beamdae.integrators.alpha.generalized_alpha import GeneralizedAlpha
 from beamdae.integrators.alpha.stepper import AlphaStepper
 from beamdae.integrators.compiled_run import require_core
+from beamdae.integrators.drive import drive
+from beamdae.integrators.error_control import motion_scales
 from beamdae.integrators.integrator import Integrator
+from beamdae.integrators.pilot_run import PILOT_RTOL
 from beamdae.integrators.radau.radau import Radau
+from beamdae.integrators.radau.stepper import RadauStepper
 from beamdae.integrators.reaction_balance import remove_redundant
-from beamdae.integrators.run_plan import plan_run
+from beamdae.integrators.run_plan import RunPlan, plan_run
 from beamdae.interrupts import interruptible
 from beamdae.model_functions import Model
 from beamdae.parts.laws import Law
@@ -65,7 +76,7 @@ from beamdae.parts.mechanism import Mechanism
 from beamdae.parts.signals import Input
 from beamdae.results.columns import remove_unit, select_columns
 from beamdae.results.storage.files import require_file_path, write_bytes
-from beamdae.simulation import as_equations, unpack_model
+from beamdae.simulation import as_equations, compute_output_times, unpack_model
 
 PART = "export_fmu"
 C_FOLDER = Path(__file__).parent / "c"
@@ -609,3 +620,83 @@ def _compile(
             entry = f"binaries/{place}/{description.identifier}{target.suffix}"
             binaries[entry] = library.read_bytes()
     return {name: text.encode() for name, text in texts.items()}, binaries
+
+
+Array = np.ndarray
+_MAX_TRIAL_STEPS = 20_000
+
+
+def plan_radau(
+    equations: EquationsOfMotion, times: Array, integrator: Radau
+) -> tuple[Workspace, float]:
+    """Return the steps that Radau takes in a run over `times` [s], with its pilot run.
+
+    The lower bound on 2 / h^2 of the first step h [1/s^2] follows the work arrays.
+    """
+    method = replace(integrator, max_steps=1, time_limit=None)
+    pilot = replace(method, rtol=PILOT_RTOL)
+    plans: list[RunPlan] = []
+
+    def method_on(plan: RunPlan) -> RadauStepper:
+        plans.append(plan)
+        return method.method_on(plan)
+
+    # The main run ends after one step.
+    drive(method, equations, times, method_on, None, pilot.method_on)
+    stepper = method.method_on(plans[-1])
+    local = stepper.resolved_options["local_tolerance"]
+    return stepper.workspace, motion_scales(plans[-1]).rate ** 2 / local
+
+
+def warn_of_fixed_steps(call: str, gaps: Sequence[SurfaceGapTerm], step: float) -> None:
+    """Warn about contacts in a model that is exported with fixed steps of `step` [s]."""
+    names = list(dict.fromkeys(gap.part for gap in gaps))
+    if not names:
+        return
+    contacts = list_first(names, _MAX_NAMES)
+    warn_user(
+        f"{call}: fixed steps of {step:g} s are inaccurate where contacts ({contacts}) last only "
+        "a few steps, and pass over shorter ones; choose Radau, or halve the step until the "
+        "results stay the same."
+    )
+
+
+def warn_of_trial_run(
+    call: str,
+    equations: EquationsOfMotion,
+    t_end: float,
+    method: GeneralizedAlpha | Radau,
+    outputs: Collection[str],
+) -> None:
+    """Issue the warnings of a run to `t_end` [s] with the method of an FMU.
+
+    The run has the default values of inputs and parameters. The errors of the columns `outputs`
+    (headers) are measured. Runs of more than `_MAX_TRIAL_STEPS` steps are omitted
+    (generalized-alpha) or end there (Radau).
+    """
+    method = replace(method, time_limit=None)
+    if isinstance(method, Radau):
+        method = replace(method, max_steps=_MAX_TRIAL_STEPS)
+    elif t_end > _MAX_TRIAL_STEPS * method.step:
+        return
+    run = method.integrate(equations, compute_output_times(call, t_end, None))
+    # An FMU has other output rows.
+    omitted = {*equations.build_warnings, *run.row_warnings}
+    messages = [x for x in run.model_warnings if x not in omitted]
+    if run.status.kind == "failed":
+        messages.append(run.status.sentence)
+    elif run.status.kind == "limited":
+        messages.append(
+            f"{_MAX_TRIAL_STEPS} adaptive steps end at t = {run.trajectory.end:.3g} s of "
+            f"{t_end:g} s; the FMU takes as many: damp fast vibrations, or choose GeneralizedAlpha."
+        )
+    else:
+        messages += run.errors.select(outputs).sentences()
+    for sentence in messages:
+        warn_user(f"{call}: in a trial run, {sentence}")
+    # An FMU does not search its steps for these peaks.
+    if peaks := run.integrator.get("restarted_at"):
+        warn_user(
+            f"{call}: adaptive steps of an FMU may pass over short peaks of forces ({peaks}); "
+            "choose GeneralizedAlpha with steps much shorter than the peaks."
+        )

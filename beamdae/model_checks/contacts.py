@@ -191,7 +191,7 @@ def _list_sizes(equations: EquationsOfMotion, name: str) -> Iterator[tuple[float
     """
     # Imported here, because few models have contacts.
     from beamdae.equations.starts.mobility import find_loose_groups
-    from beamdae.parts.forces.surfaces import CircleSurface
+    from beamdae.parts.forces.contact import CircleSurface
 
     assert equations.mechanism is not None
     contact: Any = equations.mechanism.parts[name]

@@ -20,6 +20,16 @@ Operate = Callable[[Any, list[SX], int], Sequence[SX]]
 _TINY_BASE = 1e-300
 
 
+def operation_codes(names: str) -> list[int]:
+    """Return CasADi's codes of operations by name, such as those of "SIN COS"."""
+    return [getattr(ca, f"OP_{name}") for name in names.split()]
+
+
+def by_operation(**values: T) -> dict[int, T]:
+    """Return values by CasADi's code of the operation that is the name of the argument."""
+    return dict(zip(operation_codes(" ".join(values)), values.values(), strict=True))
+
+
 def read_instructions(function: ca.Function) -> list[Instruction]:
     """Return the instructions of an SX function."""
     operations: list[Any] = read_operations(function)

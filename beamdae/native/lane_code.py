@@ -13,15 +13,164 @@ import struct
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import casadi as ca
 
-from beamdae.native.instructions import evaluate_instructions, read_instructions
+from beamdae.native.instructions import (
+    by_operation,
+    evaluate_instructions,
+    operation_codes,
+    read_instructions,
+)
 from beamdae.native.llvm import MachineCodeError, library_address
-from beamdae.native.table_functions import FIND, PICK, SPREAD, write_lane_functions
+
+# Functions that read single rows of tables: kernels call them instead of evaluating all rows, so
+# that neither compilation nor evaluation takes longer for long tables. `symbolic.table_lookups`
+# differentiates them.
+FIND = "table_find"
+PICK = "table_pick"
+SPREAD = "table_spread"
+
+_MAX_FUNCTIONS = 256
+
+
+def _define(name: str, inputs: list[Any], output: Any, is_linear: bool = True) -> ca.Function:
+    # Rows are constant in derivatives. CasADi would not set derivatives of a function without any
+    # differentiable input.
+    options: dict[str, Any] = {"never_inline": True, "is_diff_in": [False, is_linear]}
+    return ca.Function(name, inputs, [output], options)
+
+
+@lru_cache(_MAX_FUNCTIONS)
+def find_function(count: int) -> ca.Function:
+    """Return the function (x, axis) of the last row k < count - 1 with axis[k] <= x, or 0."""
+    x, axis = ca.MX.sym("x"), ca.MX.sym("axis", count)
+    return _define(FIND, [x, axis], ca.low(axis, x, {"lookup_mode": "binary"}), False)
+
+
+@lru_cache(_MAX_FUNCTIONS)
+def pick_function(count: int, width: int) -> ca.Function:
+    """Return the function (k, numbers) of `width` of `count` numbers, starting with number k."""
+    row, numbers = ca.MX.sym("row"), ca.MX.sym("numbers", count)
+    return _define(PICK, [row, numbers], ca.vertcat(*(numbers[row + i] for i in range(width))))
+
+
+@lru_cache(_MAX_FUNCTIONS)
+def spread_function(count: int, width: int) -> ca.Function:
+    """Return the function (k, values) of `count` zeros, with the values starting at number k."""
+    row, values, numbers = ca.MX.sym("row"), ca.MX.sym("values", width), ca.MX.zeros(count)
+    for i in range(width):
+        numbers.nz[row + i] = values[i]
+    return _define(SPREAD, [row, values], numbers)
+
+
+# %rows is the first row of the table; rows are `padded` doubles apart. The bisection is that of
+# `casadi_low`, so that axes which do not ascend give the same row, too.
+_LANE_FUNCTIONS = """
+define internal {T} @lanes.find(ptr %rows, i64 %padded, i64 %n, {T} %x) noinline nounwind {{
+begin:
+%last = sub i64 %n, 1
+%lastbutone = sub i64 %n, 2
+br label %lane
+lane:
+%l = phi i64 [0, %begin], [%l.next, %done]
+%r = phi {T} [zeroinitializer, %begin], [%r.next, %done]
+%z = extractelement {T} %x, i64 %l
+%p = getelementptr double, ptr %rows, i64 %l
+%p.second = getelementptr double, ptr %p, i64 %padded
+%second = load double, ptr %p.second, align 8
+%isbefore = fcmp olt double %z, %second
+br i1 %isbefore, label %done, label %after
+after:
+%o.last = mul i64 %padded, %last
+%p.last = getelementptr double, ptr %p, i64 %o.last
+%final = load double, ptr %p.last, align 8
+%isafter = fcmp ogt double %z, %final
+br i1 %isafter, label %done, label %bisect
+bisect:
+%start = phi i64 [0, %after], [%start.next, %bisect]
+%stop = phi i64 [%last, %after], [%stop.next, %bisect]
+%sum = add i64 %start, %stop
+%pivot = lshr i64 %sum, 1
+%o = mul i64 %padded, %pivot
+%p.pivot = getelementptr double, ptr %p, i64 %o
+%value = load double, ptr %p.pivot, align 8
+%isless = fcmp olt double %z, %value
+%start.next = select i1 %isless, i64 %start, i64 %pivot
+%stop.next = select i1 %isless, i64 %pivot, i64 %stop
+%bound = select i1 %isless, i64 %stop, i64 %start
+%isfound = icmp eq i64 %pivot, %bound
+br i1 %isfound, label %done, label %bisect
+done:
+%k = phi i64 [0, %lane], [%lastbutone, %after], [%pivot, %bisect]
+%kd = sitofp i64 %k to double
+%r.next = insertelement {T} %r, double %kd, i64 %l
+%l.next = add i64 %l, 1
+%more = icmp slt i64 %l.next, {W}
+br i1 %more, label %lane, label %end
+end:
+ret {T} %r.next
+}}
+define internal {T} @lanes.pick(ptr %rows, i64 %padded, {T} %k) noinline nounwind {{
+begin:
+br label %lane
+lane:
+%l = phi i64 [0, %begin], [%l.next, %lane]
+%r = phi {T} [zeroinitializer, %begin], [%r.next, %lane]
+%kd = extractelement {T} %k, i64 %l
+%ki = fptosi double %kd to i64
+%o = mul i64 %padded, %ki
+%i = add i64 %o, %l
+%p = getelementptr double, ptr %rows, i64 %i
+%value = load double, ptr %p, align 8
+%r.next = insertelement {T} %r, double %value, i64 %l
+%l.next = add i64 %l, 1
+%more = icmp slt i64 %l.next, {W}
+br i1 %more, label %lane, label %end
+end:
+ret {T} %r.next
+}}
+define internal void @lanes.clear(ptr %rows, i64 %padded, i64 %n) noinline nounwind {{
+begin:
+br label %row
+row:
+%k = phi i64 [0, %begin], [%k.next, %row]
+%o = mul i64 %padded, %k
+%p = getelementptr double, ptr %rows, i64 %o
+store {T} zeroinitializer, ptr %p, align 8
+%k.next = add i64 %k, 1
+%more = icmp slt i64 %k.next, %n
+br i1 %more, label %row, label %end
+end:
+ret void
+}}
+define internal void @lanes.put(ptr %rows, i64 %padded, {T} %k, {T} %x) noinline nounwind {{
+begin:
+br label %lane
+lane:
+%l = phi i64 [0, %begin], [%l.next, %lane]
+%kd = extractelement {T} %k, i64 %l
+%ki = fptosi double %kd to i64
+%o = mul i64 %padded, %ki
+%i = add i64 %o, %l
+%p = getelementptr double, ptr %rows, i64 %i
+%value = extractelement {T} %x, i64 %l
+store double %value, ptr %p, align 8
+%l.next = add i64 %l, 1
+%more = icmp slt i64 %l.next, {W}
+br i1 %more, label %lane, label %end
+end:
+ret void
+}}"""
+
+
+def write_lane_functions(vector: str, width: int) -> str:
+    """Return the IR of the functions for vectors of the LLVM type `vector` with `width` lanes."""
+    return _LANE_FUNCTIONS.format(T=vector, W=width)
+
 
 # Copies per vector.
 LANE_WIDTH = 8
@@ -30,83 +179,66 @@ _SOURCES = ("instructions.py", "lane_code.py")
 
 # {r}: result, {T}: type of the operands {x} and {y}, {B}: type of truth values, {s}: suffix of
 # intrinsics.
-_INLINE_TEMPLATES = {
-    ca.OP_ADD: "{r} = fadd {T} {x}, {y}",
-    ca.OP_SUB: "{r} = fsub {T} {x}, {y}",
-    ca.OP_MUL: "{r} = fmul {T} {x}, {y}",
-    ca.OP_DIV: "{r} = fdiv {T} {x}, {y}",
-    ca.OP_NEG: "{r} = fneg {T} {x}",
-    ca.OP_SQ: "{r} = fmul {T} {x}, {x}",
-    ca.OP_TWICE: "{r} = fadd {T} {x}, {x}",
-    ca.OP_INV: "{r} = fdiv {T} {one}, {x}",
-    ca.OP_SQRT: "{r} = call {T} @llvm.sqrt.{s}({T} {x})",
-    ca.OP_FABS: "{r} = call {T} @llvm.fabs.{s}({T} {x})",
-    ca.OP_FLOOR: "{r} = call {T} @llvm.floor.{s}({T} {x})",
-    ca.OP_CEIL: "{r} = call {T} @llvm.ceil.{s}({T} {x})",
-    ca.OP_COPYSIGN: "{r} = call {T} @llvm.copysign.{s}({T} {x}, {T} {y})",
-    ca.OP_LT: "{r}.a = fcmp olt {T} {x}, {y}\n{r} = uitofp {B} {r}.a to {T}",
-    ca.OP_LE: "{r}.a = fcmp ole {T} {x}, {y}\n{r} = uitofp {B} {r}.a to {T}",
-    ca.OP_EQ: "{r}.a = fcmp oeq {T} {x}, {y}\n{r} = uitofp {B} {r}.a to {T}",
-    ca.OP_NE: "{r}.a = fcmp une {T} {x}, {y}\n{r} = uitofp {B} {r}.a to {T}",
-    ca.OP_NOT: "{r}.a = fcmp oeq {T} {x}, zeroinitializer\n{r} = uitofp {B} {r}.a to {T}",
+_INLINE_TEMPLATES = by_operation(
+    ADD="{r} = fadd {T} {x}, {y}",
+    SUB="{r} = fsub {T} {x}, {y}",
+    MUL="{r} = fmul {T} {x}, {y}",
+    DIV="{r} = fdiv {T} {x}, {y}",
+    NEG="{r} = fneg {T} {x}",
+    SQ="{r} = fmul {T} {x}, {x}",
+    TWICE="{r} = fadd {T} {x}, {x}",
+    INV="{r} = fdiv {T} {one}, {x}",
+    SQRT="{r} = call {T} @llvm.sqrt.{s}({T} {x})",
+    FABS="{r} = call {T} @llvm.fabs.{s}({T} {x})",
+    FLOOR="{r} = call {T} @llvm.floor.{s}({T} {x})",
+    CEIL="{r} = call {T} @llvm.ceil.{s}({T} {x})",
+    COPYSIGN="{r} = call {T} @llvm.copysign.{s}({T} {x}, {T} {y})",
+    LT="{r}.a = fcmp olt {T} {x}, {y}\n{r} = uitofp {B} {r}.a to {T}",
+    LE="{r}.a = fcmp ole {T} {x}, {y}\n{r} = uitofp {B} {r}.a to {T}",
+    EQ="{r}.a = fcmp oeq {T} {x}, {y}\n{r} = uitofp {B} {r}.a to {T}",
+    NE="{r}.a = fcmp une {T} {x}, {y}\n{r} = uitofp {B} {r}.a to {T}",
+    NOT="{r}.a = fcmp oeq {T} {x}, zeroinitializer\n{r} = uitofp {B} {r}.a to {T}",
     # NaN is true.
-    ca.OP_AND: (
+    AND=(
         "{r}.a = fcmp une {T} {x}, zeroinitializer\n{r}.b = fcmp une {T} {y}, zeroinitializer\n"
         "{r}.c = and {B} {r}.a, {r}.b\n{r} = uitofp {B} {r}.c to {T}"
     ),
-    ca.OP_OR: (
+    OR=(
         "{r}.a = fcmp une {T} {x}, zeroinitializer\n{r}.b = fcmp une {T} {y}, zeroinitializer\n"
         "{r}.c = or {B} {r}.a, {r}.b\n{r} = uitofp {B} {r}.c to {T}"
     ),
-    ca.OP_IF_ELSE_ZERO: (
+    IF_ELSE_ZERO=(
         "{r}.a = fcmp oeq {T} {x}, zeroinitializer\n"
         "{r} = select {B} {r}.a, {T} zeroinitializer, {T} {y}"
     ),
     # If one operand is NaN, return the other; of two zeros, return the first.
-    ca.OP_FMIN: (
+    FMIN=(
         "{r}.a = fcmp ogt {T} {x}, {y}\n{r}.b = fcmp uno {T} {x}, {x}\n"
         "{r}.c = or {B} {r}.a, {r}.b\n{r} = select {B} {r}.c, {T} {y}, {T} {x}"
     ),
-    ca.OP_FMAX: (
+    FMAX=(
         "{r}.a = fcmp olt {T} {x}, {y}\n{r}.b = fcmp uno {T} {x}, {x}\n"
         "{r}.c = or {B} {r}.a, {r}.b\n{r} = select {B} {r}.c, {T} {y}, {T} {x}"
     ),
     # Zeros and NaN are returned unchanged.
-    ca.OP_SIGN: (
+    SIGN=(
         "{r}.a = fcmp olt {T} {x}, zeroinitializer\n{r}.b = fcmp ogt {T} {x}, zeroinitializer\n"
         "{r}.c = select {B} {r}.b, {T} {one}, {T} {x}\n"
         "{r} = select {B} {r}.a, {T} {minus_one}, {T} {r}.c"
     ),
-}
+)
 
+# Functions of the C library that have the names of their operations.
+_FUNCTIONS = (
+    "exp expm1 log log1p pow sin cos tan asin acos atan atan2 sinh cosh tanh asinh acosh atanh erf "
+    "hypot fmod remainder"
+)
+LIBRARY_FUNCTIONS = _FUNCTIONS.split()
 # Functions of the C library by operation.
 LIBRARY_NAMES = {
-    ca.OP_EXP: "exp",
-    ca.OP_EXPM1: "expm1",
-    ca.OP_LOG: "log",
-    ca.OP_LOG1P: "log1p",
-    ca.OP_POW: "pow",
     ca.OP_CONSTPOW: "pow",
-    ca.OP_SIN: "sin",
-    ca.OP_COS: "cos",
-    ca.OP_TAN: "tan",
-    ca.OP_ASIN: "asin",
-    ca.OP_ACOS: "acos",
-    ca.OP_ATAN: "atan",
-    ca.OP_ATAN2: "atan2",
-    ca.OP_SINH: "sinh",
-    ca.OP_COSH: "cosh",
-    ca.OP_TANH: "tanh",
-    ca.OP_ASINH: "asinh",
-    ca.OP_ACOSH: "acosh",
-    ca.OP_ATANH: "atanh",
-    ca.OP_ERF: "erf",
-    ca.OP_HYPOT: "hypot",
-    ca.OP_FMOD: "fmod",
-    ca.OP_REMAINDER: "remainder",
+    **dict(zip(operation_codes(_FUNCTIONS.upper()), LIBRARY_FUNCTIONS, strict=True)),
 }
-
-LIBRARY_FUNCTIONS = tuple(dict.fromkeys(LIBRARY_NAMES.values()))
 BINARY_FUNCTIONS = ("pow", "atan2", "hypot", "fmod", "remainder")
 
 
@@ -281,7 +413,7 @@ class _LaneWriter:
     library
         Names of the C library functions that the function calls.
     has_tables
-        True if the function calls functions of `table_functions`.
+        True if the function calls functions that read tables.
     """
 
     name: str
@@ -339,7 +471,7 @@ class _LaneWriter:
         return [_Operand(False, result)]
 
     def _call(self, name: str, operands: list[_Operand], count: int) -> list[_Operand]:
-        """Write a call of a function of `table_functions`; return its `count` results."""
+        """Write a call of a function that reads a table; return its `count` results."""
         self.has_tables = True
         if name == SPREAD:
             number = len(self._spreads)

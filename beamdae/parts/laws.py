@@ -27,7 +27,7 @@ from beamdae.errors import (
     short_repr,
     warn_of_degrees,
 )
-from beamdae.native.instructions import read_operations
+from beamdae.native.instructions import by_operation, read_operations
 from beamdae.parts.forces.formula_checks import JUMP_OPERATIONS
 from beamdae.parts.tables import Table, locked_pieces
 from beamdae.symbolic.formula import Formula, FormulaExpression, constant_formula
@@ -43,12 +43,9 @@ from beamdae.symbolic.statements import SX
 from beamdae.symbolic.table_lookups import TableCall, record_calls
 
 # Operations with jumps or kinks, at which an integrator would not stop.
-_NONSMOOTH_OPERATIONS = JUMP_OPERATIONS | {
-    ca.OP_FABS: "np.abs",
-    ca.OP_COPYSIGN: "np.copysign",
-    ca.OP_FMIN: "np.minimum",
-    ca.OP_FMAX: "np.maximum",
-}
+_NONSMOOTH_OPERATIONS = JUMP_OPERATIONS | by_operation(
+    FABS="np.abs", COPYSIGN="np.copysign", FMIN="np.minimum", FMAX="np.maximum"
+)
 # Times after the start [s] at which the expression of a law is compared with its function.
 _SAMPLE_TIMES = (0.0, 0.37, 1.9, 11.3)
 # Largest difference at these times, relative to the largest value.

@@ -18,7 +18,7 @@ from beamdae.parts.attachments import (
     rotate,
     suggest_point,
 )
-from beamdae.parts.point_parts import PlacedPoint, observe_points
+from beamdae.parts.part import PlacedPoint, observe_points
 from beamdae.parts.signals import NO_UNIT, Value, find_unit, require_formula
 from beamdae.symbolic.formula import (
     MAX_SHARED_KERNELS,

@@ -130,16 +130,8 @@ class Activity(Signal):
     """
 
     name: str
-
-    @property
-    def reference(self) -> float:
-        """1, for active parts."""
-        return 1.0
-
-    @property
-    def data(self) -> Sequence[float]:
-        """The factor."""
-        return (1.0,)
+    reference = 1.0
+    data = (1.0,)
 
     def express(self, local: Local) -> SX:
         """Return the factor."""
@@ -255,6 +247,8 @@ class State(Part, Value):
     unit: str = "-"
     scale: float = 1.0
     laws: tuple[Law, ...] = field(init=False, default=())
+    is_state = True
+    rows = 1
 
     def __post_init__(self) -> None:
         convert_fields(self, start=require_finite, scale=require_positive)
@@ -294,11 +288,6 @@ class State(Part, Value):
         return self.start
 
     @property
-    def is_state(self) -> bool:
-        """True."""
-        return True
-
-    @property
     def coordinates(self) -> tuple[Variable, ...]:
         """The state, named "value"."""
         return (Variable("value", self.unit),)
@@ -312,11 +301,6 @@ class State(Part, Value):
     def initial_velocity(self) -> np.ndarray:
         """Zero; the rate at the start follows from the formula."""
         return np.zeros(1)
-
-    @property
-    def rows(self) -> int:
-        """One coordinate."""
-        return 1
 
     @property
     def pieces(self) -> tuple[Piece, ...]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from datetime import datetime
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from beamdae.equations.measures import TIME
 from beamdae.report.descriptions import describe
@@ -25,10 +25,12 @@ from beamdae.report.pictures.time_plots import PlotSelection
 from beamdae.report.scene.run_scene import FRAMES_PER_PERIOD, export_run_frames
 from beamdae.report.tables import format_number, range_rows, run_facts
 from beamdae.results.columns import Header, observed_columns
-from beamdae.results.frequency_response import FrequencyResponse
 from beamdae.results.outcome import accuracy_of
-from beamdae.results.periodic_motion import PeriodicMotion
 from beamdae.results.solution import Solution
+
+if TYPE_CHECKING:
+    from beamdae.results.frequency_response import FrequencyResponse
+    from beamdae.results.periodic_motion import PeriodicMotion
 
 _MAX_RESPONSE_MOTIONS = 25  # motions on the page of a response
 _ID = "run"  # id of the case of the run and of its group

@@ -196,6 +196,8 @@ class NonholonomicKernel(ConstraintKernel):
         A v + b, shape (n_multipliers,).
     """
 
+    is_holonomic = False
+
     @property
     def inputs(self) -> list[SX]:
         """Symbols on which the constraints may depend: (time, q, v, data)."""
@@ -210,11 +212,6 @@ class NonholonomicKernel(ConstraintKernel):
         if not error and not ca.is_linear(self.constraint, x.v):
             return "the nonholonomic constraint must be linear in the velocities"
         return error
-
-    @property
-    def is_holonomic(self) -> bool:
-        """False: the constraints are imposed on velocities only."""
-        return False
 
     def effective_levels(
         self, levels: tuple[int, ...], stabilized: bool

@@ -12,6 +12,7 @@ import numpy as np
 
 from beamdae.native.instructions import (
     evaluate_instructions,
+    operation_codes,
     read_instructions,
     read_operations,
     repeat_operation,
@@ -37,39 +38,15 @@ Tangents = tuple[tuple[int, ...], ...]
 
 # Sums and products of powers, sines and cosines are broad; values of other operations may be zero
 # except for a short time.
-_BROAD_OPERATIONS = {
-    ca.OP_ASSIGN,
-    ca.OP_ADD,
-    ca.OP_SUB,
-    ca.OP_MUL,
-    ca.OP_NEG,
-    ca.OP_SQ,
-    ca.OP_TWICE,
-    ca.OP_SIN,
-    ca.OP_COS,
-}
+_BROAD_OPERATIONS = set(operation_codes("ASSIGN ADD SUB MUL NEG SQ TWICE SIN COS"))
 
 # Operations with jumps or kinks, and calls of tables.
-_ABRUPT_OPERATIONS = {
-    ca.OP_LT,
-    ca.OP_LE,
-    ca.OP_EQ,
-    ca.OP_NE,
-    ca.OP_NOT,
-    ca.OP_AND,
-    ca.OP_OR,
-    ca.OP_IF_ELSE_ZERO,
-    ca.OP_SIGN,
-    ca.OP_FABS,
-    ca.OP_FLOOR,
-    ca.OP_CEIL,
-    ca.OP_FMOD,
-    ca.OP_REMAINDER,
-    ca.OP_COPYSIGN,
-    ca.OP_FMIN,
-    ca.OP_FMAX,
-    ca.OP_CALL,
-}
+_ABRUPT_OPERATIONS = set(
+    operation_codes(
+        "LT LE EQ NE NOT AND OR IF_ELSE_ZERO SIGN FABS FLOOR CEIL FMOD REMAINDER COPYSIGN FMIN "
+        "FMAX CALL"
+    )
+)
 
 # Functions of points may contain the symbols of signals, which statements replace.
 _FREE_SIGNALS = {"allow_free": True}

@@ -12,14 +12,7 @@ SX = ca.SX
 
 # Shared inputs of the kernels of all matrices: (t, branch), then the `MatrixFactors`.
 MATRIX_SHARED = ("t", "branch", "c_q", "c_v", "c_a", "c_l", "c_h", "c_r")
-SHARED_T = MATRIX_SHARED.index("t")
-SHARED_BRANCH = MATRIX_SHARED.index("branch")
-C_Q = MATRIX_SHARED.index("c_q")
-C_V = MATRIX_SHARED.index("c_v")
-C_A = MATRIX_SHARED.index("c_a")
-C_L = MATRIX_SHARED.index("c_l")
-C_H = MATRIX_SHARED.index("c_h")
-C_R = MATRIX_SHARED.index("c_r")
+SHARED_T, SHARED_BRANCH, C_Q, C_V, C_A, C_L, C_H, C_R = range(len(MATRIX_SHARED))
 
 
 class MatrixFactors(NamedTuple):

@@ -17,7 +17,7 @@ import casadi as ca
 
 from beamdae.errors import BeamdaeError
 from beamdae.native.instructions import rebuild_output, repeat_operation
-from beamdae.native.table_functions import (
+from beamdae.native.lane_code import (
     FIND,
     PICK,
     SPREAD,

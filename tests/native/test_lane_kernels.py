@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
-from beamdae.beams.floating_frame.element import FloatingFrameElement
+from beamdae.beams.floating_frame import FloatingFrameElement
 from beamdae.native.lane_code import is_supported, write_lane_module
 from beamdae.native.lane_kernels import LANE_WIDTH, build_lane_kernel, pad_copies
 

@@ -11,8 +11,8 @@ from numpy.testing import assert_allclose
 from properties.catalog_models import ENTRIES, entry_model
 
 import beamdae as bd
-from beamdae.beams.exact.element import ExactElement
-from beamdae.beams.floating_frame.element import FloatingFrameElement
+from beamdae.beams.exact import ExactElement
+from beamdae.beams.floating_frame import FloatingFrameElement
 from beamdae.core.library import FOLDER
 from beamdae.core.tables import Workspace
 from beamdae.equations.assembly.assemble import equations_of_motion

@@ -12,9 +12,13 @@ from pendulum import pendulum
 
 import beamdae as bd
 from beamdae.parts.part import Drawing
-from beamdae.report.scene.beam_colors import available_colors
 from beamdae.report.scene.mechanism_scene import MAX_BEAM_SECTIONS
-from beamdae.report.scene.run_scene import build_run_scene, export_run_frames, frame_times
+from beamdae.report.scene.run_scene import (
+    available_colors,
+    build_run_scene,
+    export_run_frames,
+    frame_times,
+)
 
 FRAMES = 11
 

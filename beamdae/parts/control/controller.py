@@ -149,6 +149,9 @@ class Controller(Part):
     state: Any = ()
     delay: int = 0
     seed: int = 0
+    bodies = ()  # The mechanism checks the parts to which the quantities refer.
+    is_state = True  # The values have no inertia.
+    scale = 1.0  # The values may have different units.
 
     def __post_init__(self) -> None:
         name = require_name("Controller", self.name)
@@ -185,11 +188,6 @@ class Controller(Part):
         )
 
     @property
-    def bodies(self) -> tuple[Part, ...]:
-        """Empty: the mechanism checks the parts to which the quantities refer."""
-        return ()
-
-    @property
     def quantities(self) -> tuple[Quantity, ...]:
         """Quantities that the law reads."""
         quantities = tuple(as_quantity(self.name, read) for read in self.reads)
@@ -216,16 +214,6 @@ class Controller(Part):
         ]
         state = [Variable(f"state{k + 1}", "-") for k in range(len(self.state))]
         return (*driven, *waiting, *state)
-
-    @property
-    def is_state(self) -> bool:
-        """True: the values have no inertia."""
-        return True
-
-    @property
-    def scale(self) -> float:
-        """One: the values may have different units."""
-        return 1.0
 
     @property
     def initial_position(self) -> Array:

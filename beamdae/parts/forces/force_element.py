@@ -24,7 +24,7 @@ from beamdae.parts.forces.formula_checks import (
     require_function,
 )
 from beamdae.parts.forces.loads import ForceFormula, PointForce
-from beamdae.parts.point_parts import PlacedPoint
+from beamdae.parts.part import PlacedPoint
 from beamdae.parts.tables import Table
 from beamdae.symbolic.force_kernel import CompliantForm, mix_law
 from beamdae.symbolic.formula import (

@@ -25,7 +25,7 @@ from beamdae.parts.forces.formula_checks import (
     require_function,
 )
 from beamdae.parts.forces.loads import ForceFormula, PointForce
-from beamdae.parts.point_parts import LOAD, PlacedPoint
+from beamdae.parts.part import LOAD, PlacedPoint
 from beamdae.symbolic.signals import as_scalar
 from beamdae.symbolic.statements import (
     SX,
@@ -195,6 +195,7 @@ class ForceLaw(PointForce):
     law: Callable[..., Any]
     energy: Callable[..., Any] | None = None
     dissipative: bool = False
+    _is_shared = False
 
     def __post_init__(self) -> None:
         convert_fields(self)
@@ -256,10 +257,6 @@ class ForceLaw(PointForce):
     def _formula(self) -> ForceFormula:
         inclinations = tuple(x.inclination for x in self.on)
         return _LawFormula(self.name, inclinations, self.law, self.energy, self.dissipative)
-
-    @property
-    def _is_shared(self) -> bool:
-        return False
 
     @property
     @rebuilt_for_mesh

@@ -14,7 +14,7 @@ from beamdae.errors import (
     format_exception,
     short_repr,
 )
-from beamdae.native.instructions import read_instructions
+from beamdae.native.instructions import by_operation, read_instructions
 from beamdae.symbolic.signals import (
     SMOOTH_ALTERNATIVES,
     FormulaError,
@@ -26,17 +26,17 @@ from beamdae.symbolic.statements import SX
 from beamdae.symbolic.table_lookups import inside_formula
 
 # Operations with jumps, as users write them; np.maximum and np.abs only have kinks.
-JUMP_OPERATIONS = {
-    ca.OP_LT: "<",
-    ca.OP_LE: "<=",
-    ca.OP_EQ: "==",
-    ca.OP_NE: "!=",
-    ca.OP_IF_ELSE_ZERO: "np.where",
-    ca.OP_FLOOR: "np.floor",
-    ca.OP_CEIL: "np.ceil",
-    ca.OP_FMOD: "np.fmod",
-    ca.OP_SIGN: "np.sign",
-}
+JUMP_OPERATIONS = by_operation(
+    LT="<",
+    LE="<=",
+    EQ="==",
+    NE="!=",
+    IF_ELSE_ZERO="np.where",
+    FLOOR="np.floor",
+    CEIL="np.ceil",
+    FMOD="np.fmod",
+    SIGN="np.sign",
+)
 _PERIODIC_ALTERNATIVE = (
     "for values that repeat with an angle or time, a sum of np.sin and np.cos or a table with "
     "outside='repeat'"

@@ -22,8 +22,7 @@ from beamdae.errors import (
 from beamdae.parts.attachments import Attachment, normalize, require_angle, rotate
 from beamdae.parts.forces.loads import ForceFormula, PointForce
 from beamdae.parts.joints.joint import Joint, Revolute
-from beamdae.parts.part import RegularizedFriction
-from beamdae.parts.point_parts import MOMENT, PlacedPoint
+from beamdae.parts.part import MOMENT, PlacedPoint, RegularizedFriction
 from beamdae.symbolic.formula import constant_formula
 from beamdae.symbolic.statements import (
     SX,

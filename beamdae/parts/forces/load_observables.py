@@ -15,8 +15,7 @@ import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.parts.part import Part
-from beamdae.parts.point_parts import FORCE, MOMENT
+from beamdae.parts.part import FORCE, MOMENT, Part
 from beamdae.symbolic.signals import SignalNumbers
 from beamdae.symbolic.statements import (
     SX,

@@ -27,7 +27,7 @@ from beamdae.parts.attachments import (
 )
 from beamdae.parts.forces.load_observables import POWER
 from beamdae.parts.laws import Law, as_law
-from beamdae.parts.point_parts import FORCE, MOMENT, PlacedPoint, PointPart
+from beamdae.parts.part import FORCE, MOMENT, PlacedPoint, PointPart
 from beamdae.symbolic.statements import (
     SX,
     ForceKernel,
@@ -262,6 +262,7 @@ class Force(_Load):
     on: Attachment
     law: Any
     axes: str = "inertial"
+    inputs = FORCE
 
     def __post_init__(self) -> None:
         convert_fields(self, on=require_movable, axes=choice_of("inertial", "body"))
@@ -273,11 +274,6 @@ class Force(_Load):
     def laws(self) -> tuple[Law, ...]:
         """Time laws of both components."""
         return tuple(as_law(self.name, component) for component in self.law)
-
-    @property
-    def inputs(self) -> tuple[Variable, ...]:
-        """Names and units of both components."""
-        return FORCE
 
     @property
     def points(self) -> dict[str, Attachment]:
@@ -326,6 +322,8 @@ class Moment(_Load):
     on: Attachment
     law: Any
     reaction_on: Attachment | None = None
+    inputs = (MOMENT,)
+    _observed_points = ("on",)
 
     def __post_init__(self) -> None:
         convert_fields(self, on=require_movable, reaction_on=optional(require_attachment))
@@ -348,16 +346,6 @@ class Moment(_Load):
     def laws(self) -> tuple[Law, ...]:
         """Time law of the moment, as a tuple of one entry."""
         return (as_law(self.name, self.law),)
-
-    @property
-    def inputs(self) -> tuple[Variable, ...]:
-        """Name and unit of the moment."""
-        return (MOMENT,)
-
-    @property
-    def _observed_points(self) -> tuple[str, ...]:
-        """The point "on"."""
-        return ("on",)
 
     @property
     def _formula(self) -> ForceFormula:

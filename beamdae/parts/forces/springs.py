@@ -23,7 +23,7 @@ from beamdae.parts.forces.force_element import (
     ForceElement,
     LinearLaw,
 )
-from beamdae.parts.point_parts import LOAD
+from beamdae.parts.part import LOAD
 from beamdae.symbolic.statements import SX, Quantity, Variable
 
 # Length added under the square root of the distance, relative to the reference length. It makes the

@@ -21,7 +21,7 @@ from beamdae.parts.attachments import require_direction, rotate
 from beamdae.parts.joints.guides import project_along
 from beamdae.parts.joints.joint import GapFormula, Joint, meeting_tolerance
 from beamdae.parts.laws import Law, as_law
-from beamdae.parts.point_parts import PlacedPoint
+from beamdae.parts.part import PlacedPoint
 from beamdae.symbolic.signals import find_signals, with_references
 from beamdae.symbolic.statements import SX, Local, Quantity, Variable, rebuilt_for_mesh
 

@@ -17,8 +17,7 @@ from beamdae.parts.joints.joint import (
     list_functions,
 )
 from beamdae.parts.laws import Law
-from beamdae.parts.part import Part
-from beamdae.parts.point_parts import PlacedPoint
+from beamdae.parts.part import Part, PlacedPoint
 from beamdae.symbolic.compiled import RowFunction
 from beamdae.symbolic.formula import MAX_SHARED_KERNELS, FormulaExpression
 from beamdae.symbolic.signals import with_references
@@ -183,11 +182,7 @@ class ClosedGap(Part):
 
     name: str
     gap: Quantity
-
-    @property
-    def attachments(self) -> tuple[Attachment, ...]:
-        """Empty, because the constraint uses the pieces of the gap quantity."""
-        return ()
+    attachments = ()
 
     def constraints(self) -> list[ConstraintStatement]:
         """Return the constraint on the gap."""

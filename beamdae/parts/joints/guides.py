@@ -9,7 +9,7 @@ import casadi as ca
 from beamdae.errors import BeamdaeError, convert_fields
 from beamdae.parts.attachments import Attachment, normalize, require_direction, rotate
 from beamdae.parts.joints.joint import Joint, meeting_tolerance
-from beamdae.parts.point_parts import PlacedPoint
+from beamdae.parts.part import PlacedPoint
 from beamdae.symbolic.statements import SX, Variable
 
 

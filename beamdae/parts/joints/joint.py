@@ -19,7 +19,7 @@ from beamdae.parts.attachments import (
     require_attachment,
 )
 from beamdae.parts.laws import Law
-from beamdae.parts.point_parts import PlacedPoint, PointPart
+from beamdae.parts.part import PlacedPoint, PointPart
 from beamdae.symbolic.formula import Formula, constant_formula
 from beamdae.symbolic.statements import (
     SX,

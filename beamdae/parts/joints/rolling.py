@@ -29,7 +29,7 @@ from beamdae.parts.attachments import (
 )
 from beamdae.parts.joints.guides import project_across, project_along
 from beamdae.parts.joints.joint import Joint, KinematicConstraint, MovingPoint
-from beamdae.parts.point_parts import PlacedPoint
+from beamdae.parts.part import PlacedPoint
 from beamdae.symbolic.statements import SX, Quantity, Variable
 
 

@@ -20,8 +20,9 @@ from beamdae.report.pictures.scene_artists import (
     create_norm,
     padded_extent,
 )
-from beamdae.report.scene.beam_colors import BeamColors, available_colors
 from beamdae.report.scene.run_scene import (
+    BeamColors,
+    available_colors,
     build_run_scene,
     choose_run_scale,
     export_frames,

@@ -360,5 +360,21 @@ def save_figure(figure: Figure, path: Path) -> Path:
     with atomic_write(path) as scratch, warnings.catch_warnings():
         # Characters missing from the font are drawn as boxes; tables show them correctly.
         warnings.filterwarnings("ignore", message="Glyph .* missing from")
-        figure.savefig(scratch, dpi=_RESOLUTION, format=kind)
+        if kind == "png":
+            _write_png(figure, scratch)
+        else:
+            figure.savefig(scratch, dpi=_RESOLUTION, format=kind)
     return path
+
+
+def _write_png(figure: Figure, path: Path) -> None:
+    """Write a figure as `savefig` does, which draws it twice."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    dpi, canvas = figure.dpi, figure.canvas
+    figure.set_dpi(_RESOLUTION)
+    try:
+        FigureCanvasAgg(figure).print_png(path)
+    finally:
+        figure.set_dpi(dpi)
+        figure.set_canvas(canvas)

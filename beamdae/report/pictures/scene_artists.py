@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.text import Text
 
-    from beamdae.report.scene.beam_colors import BeamColors
+    from beamdae.report.scene.run_scene import BeamColors
 
 Array = np.ndarray
 

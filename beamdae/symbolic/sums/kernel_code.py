@@ -26,8 +26,13 @@ from beamdae.native.instructions import (
 )
 from beamdae.native.lane_code import LANE_WIDTH
 from beamdae.native.lane_kernels import LaneKernel, Rewrite, build_lane_kernel, build_loop_kernel
-from beamdae.native.point_code import write_point_module
-from beamdae.native.point_programs import Output, PointLoop, Program, write_point_program
+from beamdae.native.point_programs import (
+    Output,
+    PointLoop,
+    Program,
+    write_point_module,
+    write_point_program,
+)
 from beamdae.symbolic.local_symbols import SX
 
 # Coefficients of (sin x - x) / x^3 and of (cos x - 1 + x^2 / 2) / x^4, in powers of x^2, for

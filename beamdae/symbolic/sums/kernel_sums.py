@@ -34,7 +34,7 @@ from beamdae.native.lane_kernels import (
 )
 from beamdae.native.object_code import is_native_enabled
 from beamdae.symbolic.compiled import Compiled, RowFunction, keep_latest
-from beamdae.symbolic.local_symbols import C_A, C_H, C_L, C_Q, C_R, C_V, SHARED_BRANCH, SHARED_T
+from beamdae.symbolic.local_symbols import C_Q, SHARED_BRANCH, SHARED_T
 from beamdae.symbolic.sums.kernel_code import BatchRows, PointSum, Tiles, expand_sines, find_tiles
 from beamdae.symbolic.table_lookups import has_lookups, remove_zero_lookups
 
@@ -654,12 +654,7 @@ def set_matrix_factors(
     total: SharedInputs, c_q: float, c_v: float, c_a: float, c_l: float, c_h: float, c_r: float
 ) -> None:
     """Set the factors of the parts of a matrix, see `local_symbols.MatrixFactors`."""
-    total.shared[C_Q] = c_q
-    total.shared[C_V] = c_v
-    total.shared[C_A] = c_a
-    total.shared[C_L] = c_l
-    total.shared[C_H] = c_h
-    total.shared[C_R] = c_r
+    total.shared[C_Q:] = c_q, c_v, c_a, c_l, c_h, c_r
 
 
 def evaluate_sum(total: Sum, x: Array, result: Array) -> None:
