@@ -290,7 +290,7 @@ class Point:
     def tangent(self, control: Control) -> Array:
         """Return the tangent (n + 1,) along which the control increases by 1."""
         gradient = control(self.x, self.p).gradient
-        if self.known_tangent and self.known_tangent[0] is gradient:
+        if self.known_tangent and np.array_equal(self.known_tangent[0], gradient):
             tangent = self.known_tangent[1]
         else:
             factors = self.bordered(self.linearization.by_parameter, gradient[:-1], gradient[-1])
@@ -372,9 +372,8 @@ class Segment:
         First and last point.
     control, values
         Control that changes monotonically along the curve, and its values at both points.
-    begin_tangent, end_tangent
-        Tangents (n + 1,) at both points, with respect to the control; None to compute that at the
-        end.
+    begin_tangent
+        Tangent (n + 1,) at the first point, with respect to the control.
     """
 
     begin: Point
@@ -382,7 +381,6 @@ class Segment:
     control: Control
     values: tuple[float, float]
     begin_tangent: Array
-    end_tangent: Array | None = None
 
     @property
     def reach(self) -> float:
@@ -416,7 +414,7 @@ class Segment:
         CurveError
             If it is not unique.
         """
-        return self.end.tangent(self.control) if self.end_tangent is None else self.end_tangent
+        return self.end.tangent(self.control)
 
     @property
     def direction(self) -> Array:
@@ -426,7 +424,7 @@ class Segment:
     def part(self, begin: Point, end: Point, first: float, last: float) -> Segment:
         """Return the part between two points at the positions `first` and `last`."""
         low, high = (self.values[0] + x * self.reach for x in (first, last))
-        return replace(self, begin=begin, end=end, values=(low, high), end_tangent=None)
+        return replace(self, begin=begin, end=end, values=(low, high))
 
     def end_at(self, share: float, critical: list[Any]) -> tuple[Segment, list[Any]]:
         """Return the part up to a position where the tangent may be singular.
@@ -438,9 +436,11 @@ class Segment:
         before, after = points[share - d], points[share + d]
         found = [one for one in critical if one.position <= share + ROUNDING]
         is_after = any(one.position > share - d for one in found)
-        end = replace(interpolate(points, share), beside=after if is_after else before)
+        end = interpolate(points, share)
         tangent = after.minus(before) * (0.5 / (d * self.reach))
-        return replace(self.part(self.begin, end, 0.0, share), end_tangent=tangent), found
+        known = self.control(end.x, end.p).gradient, tangent
+        end = replace(end, beside=after if is_after else before, known_tangent=known)
+        return self.part(self.begin, end, 0.0, share), found
 
 
 def interpolate(points: dict[float, Point], position: float) -> Point:
@@ -553,8 +553,8 @@ def follow(
                     size, last = size * _CUT, None
                     if size < steps.smallest * usual:
                         raise
-        taken = 0.0 if isinstance(trial.control, ArcLength) else abs(trial.reach)
-        along = trial.begin_tangent * np.sign(trial.reach)
+        taken = 0.0 if isinstance(segment.control, ArcLength) else abs(segment.reach)
+        along = segment.begin_tangent * np.sign(segment.reach)
         last = along, segment.end.minus(begin), taken
         size = growth * (taken or size)
         # A step that is shortened to meet a target does not shorten the next step.

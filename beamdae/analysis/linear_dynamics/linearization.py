@@ -20,11 +20,7 @@ import scipy.sparse as sp
 from beamdae.analysis.eigenproblems.linearized_equations import LinearizedEquations
 from beamdae.analysis.eigenproblems.slow_motions import MasslessError
 from beamdae.analysis.eigenproblems.turning import find_turning
-from beamdae.analysis.statics.load_scaling import (
-    LoadedEquations,
-    active_stage,
-    build_loading,
-)
+from beamdae.analysis.statics.load_scaling import active_stage, build_loading
 from beamdae.beams.remeshing import resolve_modes
 from beamdae.equations.commands import limit_warnings
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
@@ -313,17 +309,6 @@ def linearize_motion(full_equations: EquationsOfMotion, instant: Instant) -> Lin
     return Linearization(equations, full_equations, description, time, state, tangent, warnings)
 
 
-def _load_path_end(
-    full_equations: EquationsOfMotion, path: Equilibrium
-) -> tuple[LoadedEquations, float]:
-    """Return the equations of the last load stage of a path, and its load factor."""
-    mechanism = full_equations.mechanism
-    loads = None if mechanism is None else [list(stage) for stage in path.loads]
-    systems = build_loading(mechanism or full_equations, full_equations, loads, path.t).systems
-    stage = active_stage(path.factors[-1])
-    return systems[stage], float(path.factors[-1, stage]) if path.loads else 1.0
-
-
 class Frame(NamedTuple):
     """Equations about whose states of rest or steady rotation a model is linearized.
 
@@ -348,7 +333,10 @@ class Frame(NamedTuple):
 def frame_of(full_equations: EquationsOfMotion, about: Any, t: float) -> Frame:
     """Return the equations of a model for the state `about`, see `modes`."""
     if isinstance(about, Equilibrium):
-        system, factor = _load_path_end(full_equations, about)
+        model, stage = full_equations.mechanism, active_stage(about.factors[-1])
+        loads = None if model is None else [list(names) for names in about.loads]
+        loading = build_loading(model or full_equations, full_equations, loads, about.t)
+        system, factor = loading.systems[stage], about.factors[-1, stage] if about.loads else 1.0
         equations = replace(system.equations, q0=full_equations.q0, v0=full_equations.v0)
         return Frame(equations, system.loaded.time, partial(system.motion_tangent, factor))
     equations, time = active_equations(full_equations, None, t)

@@ -520,7 +520,13 @@ def _find_crossovers(loop: _Loop) -> list[Crossover]:
     # Phases above -180 degrees [turns], continuous from the first to the last end of each interval.
     first = np.angle(-values[:-1]) / _FULL_TURN - f[:-1] * loop.delay
     last = first + np.angle(values[1:] / values[:-1]) / _FULL_TURN - np.diff(f) * loop.delay
-    crossovers, critical = [], _list_ends(loop)
+    # Both ends of all frequencies.
+    ends, crossovers = [(0.0, loop.at(0.0))], []
+    if loop.every is not None:
+        ends.append((0.5 / loop.every, loop.at(0.5 / loop.every)))
+    elif not loop.delay:
+        ends.append((math.inf, complex(loop.system[3][0, 0])))
+    critical = [(x, abs(value)) for x, value in ends if np.isfinite(value) and value.real < 0.0]
     for k in np.flatnonzero((sizes[:-1] * sizes[1:] < 0.0) | (sizes[:-1] == 0.0)).tolist():
         x = _find_root(lambda x: math.log(abs(loop.at(x))), f[k], f[k + 1])
         lag = (loop.lag(x) - _FULL_TURN * x * loop.delay) % _FULL_TURN
@@ -547,16 +553,6 @@ def _find_crossovers(loop: _Loop) -> list[Crossover]:
 
 def _find_root(function: Callable[[float], float], low: float, high: float) -> float:
     return float(opt.brentq(function, low, high, xtol=1e-14 * high, rtol=1e-13))
-
-
-def _list_ends(loop: _Loop) -> list[tuple[float, float]]:
-    """Return frequency and magnitude at the ends of all frequencies where L is negative."""
-    ends = [(0.0, loop.at(0.0))]
-    if loop.every is not None:
-        ends.append((0.5 / loop.every, loop.at(0.5 / loop.every)))
-    elif not loop.delay:
-        ends.append((math.inf, complex(loop.system[3][0, 0])))
-    return [(f, abs(x)) for f, x in ends if np.isfinite(x) and x.real < 0.0]
 
 
 def _sample(loop: _Loop) -> Array:

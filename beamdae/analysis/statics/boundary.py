@@ -1,35 +1,49 @@
-"""Critical loads as a function of a parameter of the model: `bd.boundary`."""
+"""Critical loads as a function of a parameter of the model: `bd.boundary`.
+
+A critical point solves F(x, mu, p) = 0, g = 0, where F_x is singular if and only if g is zero. At a
+branch point, F_mu is in the range of F_x, too: t is zero. Both follow from F_x bordered by its
+softest mode c (Griewank & Reddien, SIAM J. Numer. Anal. 21 (1984) 176; Govaerts, Numerical Methods
+for Bifurcations of Dynamical Equilibria, SIAM (2000)):
+
+    [F_x c; c^T 0] [v z; g t] = [0 -F_mu; 1 0],   [F_x c; c^T 0]^T [w; g] = [0; 1],
+    dg = -w^T dF_x v,   dt = -w^T (dF_x z + dF_mu).
+
+The equations of branch points contain a multiple of c as a further force, which is zero for
+symmetric structures (Moore, Numer. Funct. Anal. Optim. 2 (1980) 441).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+import scipy.sparse as sp
 
 from beamdae import deferred
-from beamdae.analysis.continuation.critical import BRANCH, FLUTTER, LIMIT, explain_counts
+from beamdae.analysis.continuation.critical import (
+    BRANCH,
+    FLUTTER,
+    LIMIT,
+    Count,
+    critical_modes,
+    explain_counts,
+)
 from beamdae.analysis.continuation.engine import (
     CurveError,
+    Linearization,
     Point,
+    Problem,
     Segment,
     Steps,
+    factorize_bordered,
     follow,
     prescribe_parameter,
 )
 from beamdae.analysis.parameter_range import ParameterRange
-from beamdae.analysis.statics.critical_curves import (
-    CHANGE_SIZE,
-    CriticalCurve,
-    Family,
-    create_family,
-)
-from beamdae.analysis.statics.load_scaling import (
-    LoadedEquations,
-    build_loading,
-    require_one_stage,
-)
+from beamdae.analysis.statics.load_scaling import build_loading, require_one_stage
 from beamdae.analysis.statics.static_equilibrium import trace_critical_points
 from beamdae.analysis.statics.static_problem import StaticProblem
 from beamdae.equations.assembly.assemble import equations_of_motion
@@ -61,6 +75,23 @@ _NAME = "boundary"
 LOAD = "load"
 CUSP, TURNING, HILLTOP, DOUBLE = "cusp", "turning point", "hilltop", "double branch point"
 
+# Size of a change of the parameter by its range, or of motion and load factor by five times those
+# at the first point: small, because rounding errors of solutions are measured in these sizes, too.
+_CHANGE_SIZE = 0.05
+_RELATIVE_CHANGE = 0.2 * _CHANGE_SIZE
+# Smallest motion, in natural sizes, to which others are relative: rounding errors are not measured.
+_MIN_MOTION = 1e-6
+# Differences of the tangent along a motion, in natural sizes: near the cube root of rounding, since
+# places where the curve turns have relative errors of its square.
+_DIFFERENCE = 1e-5
+# Grid of shares of the range on which the equations are differenced, for the convergence only.
+_GRID = 2.0**-10
+# Work of the load in a mode, relative to its largest value, above which a mode has a limit.
+_MIN_WORK = 1e-6
+# Multiple of c, in natural sizes, up to which it is a rounding error.
+_MAX_FORCE = 1e-12
+# Models kept for parameters that are evaluated again.
+_MAX_MODELS = 8
 # Default step along a curve, see `boundary`.
 _STEP = 0.05
 # Accuracy of hilltops at which the extended system is regular, relative to the step.
@@ -179,10 +210,10 @@ def boundary(
     """Follow a critical point of an equilibrium path while a parameter of the model changes.
 
     The first point lies on the path of the model with the first value of the parameter. Limit and
-    branch points are followed by arc length as solutions of an extended system, see
-    `critical_curves`, so that a curve can reverse at a cusp. Branch points are those of symmetric
-    structures. Flutter points are located for values of the parameter in equal steps, by bisection
-    with the stability of the linearized motion, see `equilibrium`.
+    branch points are followed by arc length as solutions of an extended system, so that a curve
+    can reverse at a cusp. Branch points are those of symmetric structures. Flutter points are
+    located for values of the parameter in equal steps, by bisection with the stability of the
+    linearized motion, see `equilibrium`.
 
     Parameters
     ----------
@@ -268,14 +299,9 @@ def boundary(
             f"the kind {kind!r}{end}."
         )
 
-    def load_model(share: float) -> LoadedEquations:
-        mechanism = span.build(share)
-        equations = equations_of_motion(mechanism, AS_DRAWN)
-        return build_loading(mechanism, equations, list(loads), path.t).systems[0]
-
     points, special, status = list[_CurvePoint](), list[BoundaryPoint](), REACHED_END
     with single_threaded:
-        family = create_family(load_model)
+        family = _create_family(span, list(loads), path.t)
         row = rows[number - 1]
         first = family(0.0)[0].point_at(path.q[row], float(path.factors[row, -1]))
         follow_points = _follow_flutter if kind == FLUTTER else _follow_curve
@@ -330,9 +356,9 @@ class _CurvePoint(NamedTuple):
 _Points = Iterator[tuple[_CurvePoint, list[tuple[str, _CurvePoint]]]]
 
 
-def _follow_curve(family: Family, kind: str, first: Point, step: float) -> _Points:
+def _follow_curve(family: _Family, kind: str, first: Point, step: float) -> _Points:
     """Yield limit or branch points along their curve, which ends at an end of the range."""
-    curve = CriticalCurve(family, kind, first)
+    curve = _CriticalCurve(family, kind, first)
 
     def at(point: Point) -> _CurvePoint:
         x, factor = curve.state(point.x, point.p)
@@ -353,7 +379,7 @@ def _follow_curve(family: Family, kind: str, first: Point, step: float) -> _Poin
     end = curve.correct(prescribe_parameter, 0.0, curve.first, 0.0)
     yield at(end), []
     tangent = end.tangent(prescribe_parameter)
-    steps = Steps(CHANGE_SIZE * step, True, CHANGE_SIZE, step)
+    steps = Steps(_CHANGE_SIZE * step, True, _CHANGE_SIZE, step)
     target, previous = np.nan, tangent
     while end.p != target:
         target = 1.0 if tangent[-1] > 0.0 else 0.0
@@ -364,7 +390,7 @@ def _follow_curve(family: Family, kind: str, first: Point, step: float) -> _Poin
                 break
 
 
-def _follow_flutter(family: Family, kind: str, first: Point, step: float) -> _Points:
+def _follow_flutter(family: _Family, kind: str, first: Point, step: float) -> _Points:
     """Yield flutter points for values of the parameter in equal steps."""
     near, (_, last) = first, family(0.0)
     for share in np.linspace(0.0, 1.0, int(np.ceil(1.0 / step)) + 1).tolist():
@@ -398,3 +424,165 @@ def _locate_flutter(problem: StaticProblem, x: Array, mu: float) -> tuple[Point,
             return min(flutter, key=lambda point: abs(point.p - mu)), min(ends)
         width *= _WINDOW_GROWTH
     raise CurveError(f"no flutter point was found near the load factor {mu:.6g}; reduce step")
+
+
+class _Equations(NamedTuple):
+    """F, F_mu and F_x in natural sizes."""
+
+    residual: Array
+    by_factor: Array
+    stiffness: sp.csc_array
+
+
+# Static equations, and the unknowns (n + m,) of the drawing, for shares of a range.
+_Family = Callable[[float], tuple[StaticProblem, Array]]
+
+
+def _create_family(span: ParameterRange, loads: list[str], t: float) -> _Family:
+    """Return static equations as a function of the share of the range of a parameter.
+
+    It raises CurveError if a model cannot be built, or has another number of unknowns.
+    """
+
+    @lru_cache(_MAX_MODELS)
+    def at(share: float) -> tuple[StaticProblem, Array]:
+        try:
+            mechanism = span.build(share)
+            equations = equations_of_motion(mechanism, AS_DRAWN)
+            problem = StaticProblem(build_loading(mechanism, equations, loads, t).systems[0])
+        except BeamdaeError as error:
+            raise CurveError(f"the model cannot be built ({error})") from None
+        reference = problem.start(problem.system.equations.q0)
+        if share and len(reference) != len(at(0.0)[1]):
+            raise CurveError("the parameter changes the number of coordinates or joints")
+        return problem, reference
+
+    return at
+
+
+class _CriticalCurve(Problem):
+    """Equations of limit or branch points for the curve engine; the parameter is a share.
+
+    The unknowns are the displacements from the drawing (n + m,) in natural sizes, the load factor
+    and, for branch points, the multiple of c.
+
+    Parameters
+    ----------
+    family
+        Static equations as a function of the parameter.
+    kind
+        `LIMIT` or `BRANCH`.
+    first
+        Critical point of the first member.
+    """
+
+    def __init__(self, family: _Family, kind: str, first: Point) -> None:
+        self.family, self.kind = family, kind
+        problem, reference = family(0.0)
+        self._scales, self._n, self._size = problem.scales, problem.n, len(reference)
+        self._energy = abs(problem.matrix(first.x, first.p)).max()
+        self._first_mode = (critical_modes(first)[:, 0] / self._scales)[: self._n]
+        u, weights = (first.x - reference) / self._scales, problem.weights * self._scales
+        self.first = np.append(u, [first.p, 0.0][: 1 + (kind == BRANCH)])
+        self._weights = np.zeros_like(self.first)
+        motion = max(np.max(np.abs(u * weights)), _MIN_MOTION)
+        self._weights[: self._size] = _RELATIVE_CHANGE / motion * weights
+        self._weights[self._size] = _RELATIVE_CHANGE / (abs(first.p) or 1.0)
+
+    @property
+    def weights(self) -> Array:
+        """Inverse natural sizes of the unknowns, and 0 for multipliers."""
+        return self._weights
+
+    def state(self, x: Array, share: float) -> tuple[Array, float]:
+        """Return the static unknowns (n + m,) and the load factor."""
+        u = x[: self._size]
+        return self.family(share)[1] + self._scales * u, float(x[self._size])
+
+    def _evaluate(self, x: Array, share: float) -> _Equations:
+        problem, _ = self.family(share)
+        state, sizes = self.state(x, share), self._scales / self._energy
+        residual, by_factor = problem.residual(*state)
+        own = self._scales / problem.scales
+        stiffness = sp.csc_array(problem.matrix(*state) * own * own[:, None] / self._energy)
+        return _Equations(sizes * residual, sizes * by_factor, stiffness)
+
+    def _border(self, stiffness: sp.csc_array) -> tuple[Array, Any]:
+        """Return the softest mode (n + m,) and factors of the stiffness bordered by it.
+
+        It contains no multipliers, which may far exceed the coordinates of the mode.
+        """
+        border, end = np.zeros(self._size), np.append(np.zeros(self._size), 1.0)
+        border[: self._n] = self._first_mode
+        mode = factorize_bordered(stiffness, border, border).solve(end)[: self._n]
+        border[: self._n] = mode / np.linalg.norm(mode)
+        return border, factorize_bordered(stiffness, border, border)
+
+    def linearize(self, x: Array, p: float, last: Any = None) -> Linearization:
+        """Return the equations, linearized about a point."""
+        here, n, is_branch = self._evaluate(x, p), self._size, self.kind == BRANCH
+        # Toward the middle, because no model may exist beyond the ends of the range.
+        beside = _GRID * float(np.round(p / _GRID + np.copysign(0.75, 0.5 - p)))
+        near, shift = self._evaluate(x, beside), beside - p
+        unit = np.zeros_like(x)
+        unit[n] = 1.0
+        # The tangent is linear in the load factor.
+        by_factor = self._evaluate(x + unit, p).stiffness - here.stiffness
+        mode, factors = self._border(here.stiffness)
+        end = np.append(np.zeros(n), 1.0)
+        left = factors.solve(end, "T")[:n]
+        residual, column = here.residual, here.by_factor[:, None]
+        rights = [(end, 0.0)]
+        if is_branch:
+            residual, column = residual + x[n + 1] * mode, np.stack([here.by_factor, mode], axis=1)
+            rights.append((np.append(-here.by_factor, 0.0), 1.0))
+        tests, rows, rates = [], [], []
+        for right, along_load in rights:
+            solution = factors.solve(right)
+            motion = solution[:n]
+            step = along_load * unit
+            step[:n] = motion
+            size = _DIFFERENCE / np.max(np.abs(motion[: self._n]))
+            ahead, behind = (self._evaluate(x + d * step, p).stiffness for d in (size, -size))
+            by_x = -left @ (ahead - behind) / (2.0 * size)
+            rows.append(np.append(by_x, [-left @ by_factor @ motion, 0.0][: 1 + is_branch]))
+            change = (near.stiffness - here.stiffness) @ motion
+            rates.append(-left @ (change + along_load * (near.by_factor - here.by_factor)) / shift)
+            tests.append(solution[-1])
+        jacobian = sp.vstack([sp.hstack([here.stiffness, column]), np.array(rows)])
+        return Linearization(
+            np.append(residual, tests),
+            np.append((near.residual - here.residual) / shift, rates),
+            sp.csc_array(jacobian),
+        )
+
+    def _second_mode(self, point: Point) -> tuple[int, float]:
+        """Return the number of negative eigenvalues and the work of the load in the softest mode.
+
+        The critical mode is excluded, and the work is relative to its largest value.
+        """
+        equations = self._evaluate(point.x, point.p)
+        border = sp.csc_array(self._border(equations.stiffness)[0][:, None])
+        bordered = sp.block_array([[equations.stiffness, border], [border.T, None]])
+        values, vectors = np.linalg.eigh(bordered.toarray())
+        mode = vectors[: self._n, np.argmin(np.abs(values))]
+        load = equations.by_factor[: self._n]
+        size = max(np.linalg.norm(load) * np.linalg.norm(mode), np.finfo(float).tiny)
+        return int(np.sum(values < 0.0)) - self._size + self._n - 1, abs(load @ mode) / size
+
+    def has_limit(self, point: Point) -> bool:
+        """Return True if the load does work in the softest mode besides the critical one."""
+        return self._second_mode(point)[1] > _MIN_WORK
+
+    def monitor(self, point: Point) -> Count:
+        """Return the number of unstable directions besides the critical one; -1 if unknown.
+
+        Raises
+        ------
+        CurveError
+            If a branch point requires a further force.
+        """
+        if self.kind == BRANCH and abs(point.x[-1]) > _MAX_FORCE:
+            raise CurveError("the structure loses its symmetry, and the branch point vanishes")
+        signs = self.family(point.p)[0].signs(*self.state(point.x, point.p))
+        return Count(self._second_mode(point)[0] if signs.is_symmetric else -1, 0)

@@ -356,17 +356,13 @@ def _equations_without(
     """Return the equations without the named loads and without initially inactive parts."""
     # Assembling equations takes longer than a few load steps. The known ones contain inactive parts
     # and weight, and may begin at other positions.
-    equations = None
     if full_equations.configurations is None:
         if not names:
             return full_equations
         if full_equations.start is None and GRAVITY not in names:
             equations = remove_forces(full_equations, names)
-    return equations or equations_of_motion(_remove_loads(mechanism, names))
-
-
-def _remove_loads(mechanism: Mechanism, names: set[str]) -> Mechanism:
-    """Return the mechanism without the named loads and without initially inactive parts."""
+            if equations is not None:
+                return equations
     rest = copy(mechanism)
     excluded_names = names | mechanism.inactive
     rest.parts = {name: part for name, part in rest.parts.items() if name not in excluded_names}
@@ -374,4 +370,4 @@ def _remove_loads(mechanism: Mechanism, names: set[str]) -> Mechanism:
     rest.removed = frozenset(excluded_names)
     if GRAVITY in names:
         rest.gravity, rest.gravity_laws = np.zeros(2), None
-    return rest
+    return equations_of_motion(rest)

@@ -201,9 +201,8 @@ def trace_path(loading: Loading, q: Array, settings: PathSettings) -> Equilibriu
             critical.append(CriticalPoint(one.kind, *place, moves, count))
         points += path.points
         stages += [k] * len(path.points)
-        cause = describe_zero_loads(path.end, loading.parameter)
-        others = (describe_zero_loads(point, loading.parameter) for point in path.points[:-1])
-        if cause and len(path.points) > 1 and all(others):
+        causes = (describe_zero_loads(point, loading.parameter) for point in reversed(path.points))
+        if len(path.points) > 1 and all(cause := x for x in causes):
             notes.append(f"equilibrium: all points of the path are equal, because {cause}.")
         status = path.status
         if not status.success:
@@ -313,19 +312,16 @@ def _follow_stage(path: StagePath) -> None:
             return
         path.points.append(first)
     _follow(path, targets, steps)
-    while path.is_stuck and path.by_load and _may_move_far(path):
-        # The mechanism moves far under a small load, until it is stretched or rests.
+    # At the begin of a path, and where a held motion becomes stiff, the mechanism may move far
+    # under a small load, until it is stretched or rests.
+    while path.is_stuck and path.by_load and len(path.points) < settings.max_points:
+        if len(path.points) > 1 and not path.end.problem.held:
+            return
         stuck, path.status, path.is_stuck = path.status, REACHED_END, False
         if not _begin_under_load(path, targets):
             path.status, path.is_stuck = stuck, True
             return
         _follow(path, targets, _choose_steps(path))
-
-
-def _may_move_far(path: StagePath) -> bool:
-    """Return True at the begin of a path, and where a motion is held that may become stiff."""
-    is_held = bool(path.end.problem.held)
-    return len(path.points) == 1 or (is_held and len(path.points) < path.settings.max_points)
 
 
 def _follow(

@@ -26,6 +26,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
+from beamdae.analysis.continuation.critical import Determinant
 from beamdae.linear.factorizations import compute_bordered_ordering
 from beamdae.symbolic.sparse_operators import column_indices
 
@@ -33,7 +34,7 @@ Array = np.ndarray
 
 # Asymmetry up to which the stiffness is treated as symmetric, relative to its largest entry. It is
 # small because a follower load is small compared with the axial stiffness of a thin beam.
-ASYMMETRY_TOLERANCE = 1e-13
+_ASYMMETRY_TOLERANCE = 1e-13
 # If no entry of the stiffness exceeds this value [J], all are zeros or rounding errors, as without
 # loads and springs. The thermal energy of a coordinate is larger (2e-21 J at room temperature).
 NEGLIGIBLE_STIFFNESS = 1e-22
@@ -96,8 +97,8 @@ class PivotSigns:
     size
         Largest entry of the stiffness, at least `reference`: that at the start, where its terms
         determine rounding errors, since the stiffness may vanish at a critical point.
-    asymmetry
-        Largest difference of opposite entries of the stiffness.
+    is_symmetric
+        True if the stiffness is symmetric, so that forces have a potential.
     """
 
     def __init__(self, plan: SaddlePattern, tangent: Array, reference: float) -> None:
@@ -106,14 +107,15 @@ class PivotSigns:
         pairs = np.where(plan.is_stiffness, tangent, 0.0)
         pairs = np.append(pairs, -pairs)
         skew = np.bincount(plan.targets[: len(pairs)], pairs, count)
-        self.asymmetry = float(np.max(np.abs(skew), initial=0.0))
+        asymmetry = np.max(np.abs(skew), initial=0.0)
+        self.is_symmetric = bool(asymmetry <= _ASYMMETRY_TOLERANCE * self.size)
         # -C becomes -C / (1 - C).
         x[plan.reduced] /= 1.0 + x[plan.reduced]
         terms = plan.shares * x[plan.left] * x[plan.right]
         self._nonzeros = np.bincount(plan.targets, terms, count)
 
-    def count_negative(self, side: float) -> tuple[int, float]:
-        """Return the number of negative pivots, and the logarithm of the determinant's magnitude.
+    def count_negative(self, side: float) -> tuple[int, Determinant]:
+        """Return the number of negative pivots, and the determinant.
 
         The shift is slightly below (`side` 1) or above (-1) zero. The number is -1 if a pivot
         vanishes.
@@ -125,11 +127,12 @@ class PivotSigns:
         try:
             factors = splu(matrix, "NATURAL", 0.0, relax=1, panel_size=1, options=options)
         except RuntimeError:
-            return -1, 0.0
+            return -1, Determinant()
         pivots = factors.U.diagonal()
         if not (np.array_equal(factors.perm_r, factors.perm_c) and np.isfinite(pivots).all()):
-            return -1, 0.0
-        return int(np.sum(pivots < 0.0)), float(np.sum(np.log(np.abs(pivots))))
+            return -1, Determinant()
+        negative, log_size = int(np.sum(pivots < 0.0)), float(np.sum(np.log(np.abs(pivots))))
+        return negative, Determinant((-1) ** negative, log_size)
 
 
 def scale_by_reference(plan: SaddlePattern, tangent: Array, sizes: Array, rigid: int) -> Array:

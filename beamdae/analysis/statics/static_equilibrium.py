@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -12,14 +12,12 @@ from beamdae import deferred
 from beamdae.analysis.continuation.engine import Point
 from beamdae.analysis.eigenproblems.turning import find_turning
 from beamdae.analysis.statics.load_scaling import (
-    Loading,
     build_loading,
     vary_parameter,
 )
 from beamdae.analysis.statics.path_parameters import resolve_parameter
 from beamdae.analysis.statics.path_settings import PathSettings
 from beamdae.analysis.statics.paths import (
-    EquilibriumPath,
     free_coordinate,
     tabulate_points,
     trace_path,
@@ -265,7 +263,16 @@ def _trace(
         if parameter is not None and rows["numbers"] is not None:
             last = parameter.equations_at(points[-1].p)
             equations = replace(last, start=equations.start)
-        configurations = equations.configurations
+        # Contacts on the way; the equations have the numbers of the end.
+        begin_row = -1 if rows["numbers"] is not None else 0
+        at_end, times = loading.systems[-1].at_factor(points[-1].p).equations, rows["times"]
+        times = np.array([times[begin_row]] * len(path.approach) + [*times[begin_row:]])
+        q = np.array([*path.approach, *rows["q"][begin_row:]])
+        configurations, critical = equations.configurations, {one.row for one in path.critical}
+        names = [""]
+        for row, point in enumerate(points):
+            # At a critical point, the critical mode has no stiffness either.
+            names.append(names[-1] if row in critical else free_coordinate(point))
         inactive = () if configurations is None else configurations.initially_inactive
         return Equilibrium(
             equations=equations,
@@ -281,25 +288,13 @@ def _trace(
                 *start_warnings,
                 *friction_warnings(equations, IGNORED, inactive),
                 *_turning_notes(points[-1]),
-                *_describe_deep_contacts(loading, path),
+                *deep_rest_warnings(at_end, times, q),
                 *path.notes,
             ),
-            free_coordinates=_free_coordinates(path),
+            free_coordinates=tuple(names[1:]),
             over="" if parameter is None else parameter.header,
             **rows,
         )
-
-
-def _describe_deep_contacts(loading: Loading, path: EquilibriumPath) -> Iterator[str]:
-    """Yield a warning about contacts that are entered too deep on the way to the end."""
-    system, points = loading.systems[-1], path.points
-    if loading.parameter is not None and loading.parameter.time is not None:
-        points = points[-1:]  # whose numbers are those of the equations
-    q = [*path.approach, *(point.x[: system.equations.n] for point in points)]
-    times = [system.time_at(points[0].p)] * len(path.approach)
-    times += [system.time_at(point.p) for point in points]
-    equations = system.at_factor(points[-1].p).equations
-    yield from deep_rest_warnings(equations, np.array(times), np.array(q))
 
 
 def _add_meaningless_strain(equations: EquationsOfMotion, q: Array, status: Status) -> Status:
@@ -343,16 +338,6 @@ def _rotation_remedy(speed: float) -> str:
         f"the first row of a short run with start=bd.rotation({speed:.10g}) "
         f"(--start rotation={speed:.10g}) is the steady rotation"
     )
-
-
-def _free_coordinates(path: EquilibriumPath) -> tuple[str, ...]:
-    """Return the value of `Equilibrium.free_coordinates`."""
-    critical = {one.row for one in path.critical}
-    names = [""]
-    for row, point in enumerate(path.points):
-        # At a critical point, the critical mode has no stiffness either.
-        names.append(names[-1] if row in critical else free_coordinate(point))
-    return tuple(names[1:])
 
 
 def initial_positions(name: str, model: Any, start: Any) -> tuple[EquationsOfMotion, Array]:

@@ -32,12 +32,10 @@ from beamdae.analysis.continuation.engine import (
     Linearization,
     Point,
     Problem,
-    Row,
 )
 from beamdae.analysis.continuation.spectrum import count_growing, has_potential
 from beamdae.analysis.statics.load_scaling import FactorEquations, LoadedEquations
 from beamdae.analysis.statics.pivot_signs import (
-    ASYMMETRY_TOLERANCE,
     NEGLIGIBLE_STIFFNESS,
     PivotSigns,
     SaddlePattern,
@@ -409,12 +407,12 @@ class StaticProblem(Problem):
         if signs.size <= NEGLIGIBLE_STIFFNESS:
             return Count(0, 0, free=2 * self.n - self.rigid_size)
         m = len(x) - self.n
-        (below, log_size), (above, _) = signs.count_negative(1.0), signs.count_negative(-1.0)
+        (below, determinant), (above, _) = map(signs.count_negative, (1.0, -1.0))
         free = above - below
         by_signs = Count(below - m, 0, free=free)
         if free == 0:
-            by_signs = by_signs._replace(determinant=_determinant_of(below, log_size))
-        if signs.asymmetry <= ASYMMETRY_TOLERANCE * signs.size or self.rigid_size >= 2 * self.n:
+            by_signs = by_signs._replace(determinant=determinant)
+        if signs.is_symmetric or self.rigid_size >= 2 * self.n:
             return by_signs
         try:
             factors = splu(sp.csc_matrix(self.matrix(x, p)))
@@ -464,7 +462,7 @@ class StaticProblem(Problem):
 
     def determinant(self, x: Array, mu: float) -> Determinant:
         """Return the determinant of the saddle-point matrix; its sign is 0 if a pivot vanishes."""
-        return _determinant_of(*self.signs(x, mu).count_negative(1.0))
+        return self.signs(x, mu).count_negative(1.0)[1]
 
     def signs(self, x: Array, mu: float) -> PivotSigns:
         """Return the signs of pivots at a point."""
@@ -472,32 +470,30 @@ class StaticProblem(Problem):
 
     def correct(self, control: Control, target: float, x: Array, p: float) -> Point:
         """Return the solution at which the control has the value `target`, by Newton's method."""
-        run, code = self._loop.work, CORRECTED
+        run, n, code = self._loop.work, self.n, CORRECTED
         run.corrections.restart()
         x = x.copy()
         x[list(self.held)] = list(self.held.values())
         while code == CORRECTED:
             row = control(x, p)
-            x, p, code = self._correct(row, target, x, p)
+            if not np.array_equal(run.row, row.gradient):
+                run.row[:], run.has_factors = row.gradient, 0
+            self._set_point(x, p)
+            run.deviation = row.value - target
+            run.is_linear = int(row.is_linear and self.system.is_linear)
+            code = self._perform(CORRECT)
+            x, p = np.append(run.inputs[:n], run.inputs[2 * n :]), run.mu
+            self._point = p, x.tobytes()
         count = run.corrections.count
         tangent = (row.gradient, run.right.copy()) if row.is_linear else None
-        self._compile_if_used(count)
+        evaluations, is_interpreted = self._plan.evaluations, not self._is_native
+        evaluations += count
+        if is_interpreted and is_native_enabled() and evaluations[0] > _INTERPRETED_EVALUATIONS:
+            evaluations[:] = 0
+            self._prepare_loop(compiles=True)
         if code != DONE:
             raise CurveError(FAILURES[code])
         return Point(self, x, p, self.linearize(x, p), count, known_tangent=tangent)
-
-    def _correct(self, row: Row, target: float, x: Array, p: float) -> tuple[Array, float, int]:
-        """Return a corrected point and the code of the loop."""
-        run, n = self._loop.work, self.n
-        if not np.array_equal(run.row, row.gradient):
-            run.row[:], run.has_factors = row.gradient, 0
-        self._set_point(x, p)
-        run.deviation = row.value - target
-        run.is_linear = int(row.is_linear and self.system.is_linear)
-        code = self._perform(CORRECT)
-        x, p = np.append(run.inputs[:n], run.inputs[2 * n :]), run.mu
-        self._point = p, x.tobytes()
-        return x, p, code
 
     def _run(self, x: Array, mu: float, task: int) -> Workspace:
         """Perform a task at (x, mu)."""
@@ -550,20 +546,6 @@ class StaticProblem(Problem):
                 set_time(total, *static.time)
         run.center, run.scale = value - here.share / here.rate, here.rate
         self._forget_point()
-
-    def _compile_if_used(self, count: int) -> None:
-        """Add `count` evaluations; compile the kernels and the loop after many."""
-        if self._is_native or not is_native_enabled():
-            return
-        evaluations = self._plan.evaluations
-        evaluations += count
-        if evaluations[0] > _INTERPRETED_EVALUATIONS:
-            evaluations[:] = 0
-            self._prepare_loop(compiles=True)
-
-
-def _determinant_of(negative: int, log_size: float) -> Determinant:
-    return Determinant() if negative < 0 else Determinant((-1) ** negative, log_size)
 
 
 def _has_negative_determinant(factors: SuperLU) -> bool:
