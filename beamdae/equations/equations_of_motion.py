@@ -6,7 +6,7 @@ They include a structure, which models that differ only in numbers share, and th
 from __future__ import annotations
 
 import pickle
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -87,7 +87,7 @@ class Observable:
     @property
     def headers(self) -> list[str]:
         """CSV headers of the columns, such as 'tip.x [m]'."""
-        return format_headers(self.name, self.columns)
+        return list(format_headers(self.name, self.columns))
 
     @cached_property
     def active_columns(self) -> tuple[Array, sp.csr_array]:
@@ -104,13 +104,9 @@ class Observable:
         return np.asarray(self.function(times, *local, p[self.data], lam[:, self.rows]))
 
 
-def format_headers(name: str, columns: Sequence[Variable]) -> list[str]:
-    """Return the CSV headers of the columns of an observable."""
-    return list(_format_headers(name, tuple(columns)))
-
-
 @lru_cache(maxsize=1024)  # each run formats the headers of its observables several times
-def _format_headers(name: str, columns: tuple[Variable, ...]) -> tuple[str, ...]:
+def format_headers(name: str, columns: tuple[Variable, ...]) -> tuple[str, ...]:
+    """Return the headers of columns, such as "tip.x [m]"."""
     return tuple(
         Variable(".".join(filter(None, (name, column.name))), column.unit).header
         for column in columns
@@ -467,6 +463,19 @@ class EquationsOfMotion:
     def is_driven(self) -> bool:
         """True if joints and drivers, if independent, prescribe all motions."""
         return self.m > 0 and self.m + len(self.states) == self.n
+
+    @cached_property
+    def has_friction(self) -> bool:
+        """True if forces depend on the multipliers, as friction in joints does."""
+        return any(term.rows is not None for term in self.forces)
+
+    @property
+    def multipliers_matter(self) -> bool:
+        """True if forces depend on the multipliers, or joints and drivers prescribe all motions.
+
+        Positions and velocities then do not reveal errors of the multipliers.
+        """
+        return self.is_driven or self.has_friction
 
     def without_states(self, x: Array) -> Array:
         """Return a copy of values (..., n) of the coordinates with zeros for first-order states."""

@@ -30,20 +30,15 @@ def hash_model(equations: EquationsOfMotion) -> str:
     for term in terms:
         kernel = term.kernel
         if id(kernel) not in functions:
-            functions[id(kernel)] = _hash_formulas(term)
+            outputs = [ca.densify(x) for x in kernel.outputs]
+            text: str = ca.Function("kernel", kernel.inputs, outputs).serialize()
+            functions[id(kernel)] = hashlib.sha256(text.encode()).digest()
         digest.update(functions[id(kernel)])
         digest.update(_number_bytes(e.p[term.data]))
         digest.update(_operator_bytes(term.operator))
         if term.rows is not None:
             digest.update(_operator_bytes(term.rows))
     return digest.hexdigest()
-
-
-def _hash_formulas(term: ForceTerm | ConstraintTerm) -> bytes:
-    kernel = term.kernel
-    outputs = [ca.densify(x) for x in kernel.outputs]
-    text: str = ca.Function("kernel", kernel.inputs, outputs).serialize()
-    return hashlib.sha256(text.encode()).digest()
 
 
 def _operator_bytes(operator: sp.csr_array) -> bytes:

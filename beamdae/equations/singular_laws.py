@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -14,7 +13,7 @@ from beamdae.parts.gravity import GravityLaws
 from beamdae.parts.laws import Law
 from beamdae.parts.part import Part
 from beamdae.symbolic.compiled import RowFunction
-from beamdae.symbolic.formula import MAX_SHARED_KERNELS, Formula
+from beamdae.symbolic.formula import Formula, compile_kind
 from beamdae.symbolic.signals import with_references
 
 Array = np.ndarray
@@ -69,7 +68,7 @@ def select_unbounded_laws(laws: Iterable[tuple[str, Law]]) -> tuple[PartLaw, ...
         formula, numbers = law.formula, np.zeros(0)
         if isinstance(formula, Formula):
             numbers = np.array(formula.numbers, float)
-            function = _compile_kind(formula.kind, len(numbers))
+            function = compile_kind(_compile_law, formula.kind, len(numbers))
         else:
             function = _compile_law(formula, ca.SX(0, 1))
         if function is not None:
@@ -77,23 +76,13 @@ def select_unbounded_laws(laws: Iterable[tuple[str, Law]]) -> tuple[PartLaw, ...
     return tuple(part_laws.values())
 
 
-@lru_cache(maxsize=MAX_SHARED_KERNELS)
-def _compile_kind(kind: Callable[..., Any], count: int) -> RowFunction | None:
-    numbers = ca.SX.sym("numbers", count)
-    return _compile_law(Formula(kind, numbers), numbers)
-
-
 def _compile_law(law: Callable[[ca.SX], ca.SX], numbers: ca.SX) -> RowFunction | None:
     """Compile a law as a function of (t, branch) and numbers; None if it is always finite."""
     time = ca.SX.sym("t", 2)
     function = ca.Function("law", [time, numbers], [ca.densify(with_references(law(time)))])
-    return RowFunction(function) if _may_become_infinite(function) else None
-
-
-def _may_become_infinite(function: ca.Function) -> bool:
-    """Return True if operations on time, the first input, may be infinite at a finite time."""
-    return any(
-        # Divisions by numbers are finite.
+    # Divisions by numbers are finite.
+    may_become_infinite = any(
         any(flags[1:] if code == ca.OP_DIV else flags) and code not in _FINITE_OPERATIONS
         for code, flags in trace_dependence(function, {(0, 0), (0, 1)})
     )
+    return RowFunction(function) if may_become_infinite else None

@@ -11,15 +11,14 @@ import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.equations.assembly.coordinate_map import select_input_laws
+from beamdae.equations.assembly.building import list_force_statements
 from beamdae.equations.assembly.observables import CompiledQuantity, compile_quantities
 from beamdae.equations.equations_of_motion import ControllerTerm, EquationsOfMotion, State
 from beamdae.equations.structure import cache_on_owner
 from beamdae.symbolic.compiled import Compiled
 from beamdae.symbolic.force_kernel import ForceKernel
-from beamdae.symbolic.kernel_groups import group_by_kernel
 from beamdae.symbolic.signals import find_signals
-from beamdae.symbolic.statements import Local, Quantity, TableArgument, Variable, apply_laws
+from beamdae.symbolic.statements import Local, Quantity, TableArgument, Variable
 
 
 class SurfaceGapTerm(NamedTuple):
@@ -85,15 +84,11 @@ class TableArgumentTerm:
 
     def continues_as_constant(self, side: int) -> bool:
         """Return True if the table is zero or constant at its first (0) or last (-1) row."""
-        edge, neighbor, rounding = self._edge(side)
-        return any(bool(np.max(np.abs(x)) <= rounding) for x in (edge, edge - neighbor))
-
-    def _edge(self, side: int) -> tuple[Array, Array, float]:
-        """Return the scaled values of a row at an edge and of its neighbor, and their rounding."""
         largest = float(np.max(np.abs(self.table.values))) or 1.0
         rows = np.moveaxis(self.table.values / largest, self.axis, 0)
         rounding = max(_ROUNDING_OF_RANGE * float(np.ptp(rows)), _ROUNDING_OF_VALUES)
-        return rows[side], rows[1 if side == 0 else -2], rounding
+        edge, neighbor = rows[side], rows[1 if side == 0 else -2]
+        return any(bool(np.max(np.abs(x)) <= rounding) for x in (edge, edge - neighbor))
 
     @property
     def rounding(self) -> float:
@@ -256,14 +251,10 @@ def _name_copies(equations: EquationsOfMotion) -> list[list[str]]:
 
     Equations of a `ConstrainedSystem` have no statements: their forces are called "force".
     """
-    laws = select_input_laws({} if equations.mechanism is None else equations.mechanism.inputs)
-    forces = [apply_laws(x, laws) for part in equations.statements for x in part.forces]
-    if not forces:
+    statements = list_force_statements(equations)
+    if not statements:
         return [["force"] * term.count for term in equations.forces]
-    return [
-        [forces[k].part for k in group.members for _ in range(forces[k].count)]
-        for group in group_by_kernel(forces)
-    ]
+    return [[x.part for x in members for _ in range(x.count)] for members in statements]
 
 
 def compile_formula_forces(

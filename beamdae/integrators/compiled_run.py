@@ -162,7 +162,7 @@ def make_motion_buffers(
         "MotionBuffers",
         n=n,
         m=m,
-        has_friction=int(any(term.rows is not None for term in equations.forces)),
+        has_friction=int(equations.has_friction),
         q=np.zeros(n),
         v=np.zeros(n),
         lam=np.zeros(m),

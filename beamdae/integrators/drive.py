@@ -194,10 +194,13 @@ def _drive(
 
         end = float(times[-1])
         status = name_cause(status, equations, trajectory, samples, end, integrator)
+    output_times = times[times <= trajectory.end * (1.0 + SAME_TIME)]
+    if trajectory.end > output_times[-1] * (1.0 + SAME_TIME):
+        output_times = np.append(output_times, trajectory.end)
     solution = Solution(
         equations,
         trajectory,
-        _output_times(times, trajectory.end),
+        output_times,
         status,
         replace(
             run.methods.counts,
@@ -361,8 +364,20 @@ class _RunInProgress:
                     raise
                 # What steps have passed over precedes the failure.
                 stop = self._find_stop()
-                if stop is None:
-                    return self.failure(self._diagnose(problem))
+                if stop is not None:
+                    continue
+                sentence = str(problem)
+                if isinstance(problem, StepError):
+                    # With the causes that the state shows.
+                    from beamdae.integrators.stop_causes import diagnose_failure
+
+                    t, state = self._history.end, self._history.last_state
+                    ahead = t + PROBE_SHARE * (self._interval_ends[0] - t)
+                    causes = diagnose_failure(
+                        self._plan.equations, self._time, state, ahead, problem.step
+                    )
+                    sentence = "; ".join(filter(None, (sentence, causes)))
+                return self.failure(sentence)
             except MemoryError as problem:
                 reason = problem if isinstance(problem, OutOfMemoryError) else _NO_MEMORY
                 return Status("limited", self._stopped(reason))
@@ -384,7 +399,12 @@ class _RunInProgress:
         elif stop := self._find_stop():
             return stop
         else:
-            state = self._restart_state(start, branch, state)
+            time, starter = np.array([start, branch]), self._plan.starter
+            if self._is_sample(start):  # Only held values have changed.
+                state = starter.complete(time, state.q, state.v)
+            else:
+                starter.require_continuous(self._segments[-1].branch, time, state.q)
+                state = starter.state(time, state.q, state.v)
             if self.steps == 0:
                 self._segments.clear()
             self._begin_segment(start, branch, state)
@@ -393,14 +413,6 @@ class _RunInProgress:
     def _is_sample(self, t: float) -> bool:
         """Return True if only held values change at the end of an interval at `t` [s]."""
         return bool(self._sampler.controllers) and t not in self._equations.breakpoints
-
-    def _restart_state(self, start: float, branch: float, state: State) -> State:
-        """Return a state consistent with the laws after the breakpoint `start` [s]."""
-        time, starter = np.array([start, branch]), self._plan.starter
-        if self._is_sample(start):  # Only held values have changed.
-            return starter.complete(time, state.q, state.v)
-        starter.require_continuous(self._segments[-1].branch, time, state.q)
-        return starter.state(time, state.q, state.v)
 
     def _integrate_to(self, end: float) -> Stop | None:
         """Take steps until `end` [s], or until something stops them; return the stop."""
@@ -429,17 +441,6 @@ class _RunInProgress:
                 if reason or (reason := self._reason_not_to_continue()):
                     stop = self._find_stop(reason)
         return stop
-
-    def _diagnose(self, problem: Exception) -> str:
-        """Return the reason of a failure; for steps, with the causes that the state shows."""
-        if not isinstance(problem, StepError):
-            return str(problem)
-        from beamdae.integrators.stop_causes import diagnose_failure
-
-        t, state = self._history.end, self._history.last_state
-        ahead = t + PROBE_SHARE * (self._interval_ends[0] - t)
-        causes = diagnose_failure(self._plan.equations, self._time, state, ahead, problem.step)
-        return "; ".join(filter(None, (str(problem), causes)))
 
     def _reason_not_to_continue(self) -> str:
         """Return the reason to stop a long run, or "", see `describe_hopeless_motion`."""
@@ -504,11 +505,3 @@ class _RunInProgress:
             return Stop(t, t, stall)
         following = detector.next_simultaneous_event(self._segments[-1])
         return Stop(t, t, event=following) if following else None
-
-
-def _output_times(times: Array, end: float) -> Array:
-    """Return the output times up to `end` [s] of a run, which is the last of them."""
-    times_until_end = times[times <= end * (1.0 + SAME_TIME)]
-    if end > times_until_end[-1] * (1.0 + SAME_TIME):
-        times_until_end = np.append(times_until_end, end)
-    return times_until_end

@@ -211,21 +211,17 @@ class ErrorControl:
         """
         k = self.max_order
         asymptotic = _ASYMPTOTIC_FACTORS[k] * rtol ** ((k + 1) / k)
-        factor = self._period_factor(scales.periods, is_free=form.equations.m == 0)
+        # Errors accumulate over the periods.
+        if self.policy not in ("velocities", "all"):
+            factor = scales.periods**-_PERIOD_EXPONENT
+        elif form.equations.m == 0:
+            factor = scales.periods**-_PERIOD_EXPONENT_ORBITS
+        else:
+            exponents = _PERIOD_EXPONENT_CONSTRAINED, _PERIOD_EXPONENT_LONG
+            factor = reduce_tolerance(scales.periods, *exponents)
         if k == _LIMITED_ORDER and any(part.rigid_count == 0 for part in form.equations.parts):
             factor *= _ABSOLUTE_BEAM_FACTOR
         return float(factor * min(_LINEAR_FACTOR * rtol, asymptotic) / np.sqrt(form.size))
-
-    def _period_factor(self, periods: float, is_free: bool) -> float:
-        """Return the factor by which errors that accumulate over the periods reduce the tolerance.
-
-        `is_free` is True without constraints.
-        """
-        if self.policy not in ("velocities", "all"):
-            return periods**-_PERIOD_EXPONENT
-        if is_free:
-            return periods**-_PERIOD_EXPONENT_ORBITS
-        return reduce_tolerance(periods, _PERIOD_EXPONENT_CONSTRAINED, _PERIOD_EXPONENT_LONG)
 
     def absolute_tolerances(
         self, tolerance: float, scales: MotionScales, form: FirstOrderForm, iterated: bool = False
@@ -282,12 +278,6 @@ class ErrorControl:
         return tested
 
 
-def _largest_velocity(plan: RunPlan) -> float:
-    """Return the scale of the velocities of points during a run [m/s]."""
-    relative = plan.equations.without_states(plan.scales / plan.equations.position_scales)
-    return motion_rate(plan) * plan.equations.length * float(np.max(relative, initial=0.0))
-
-
 def needs_radau(plan: RunPlan, rtol: float) -> bool:
     """Return True if BDF would be less accurate at a tolerance, or slower, than Radau.
 
@@ -304,7 +294,9 @@ def needs_radau(plan: RunPlan, rtol: float) -> bool:
     if len(equations.nonholonomic_rows) or equations.controllers:
         return True
     speeds = [x.speed for x in equations.frictions.values()]
-    if min(speeds, default=np.inf) < _MIN_SPEED_RATIO * rtol * _largest_velocity(plan):
+    motion = equations.without_states(plan.scales / equations.position_scales)
+    velocity = motion_rate(plan) * equations.length * float(np.max(motion, initial=0.0))  # [m/s]
+    if min(speeds, default=np.inf) < _MIN_SPEED_RATIO * rtol * velocity:
         return True
     if count_periods(plan) > _MANY_PERIODS:
         return True
@@ -368,7 +360,10 @@ def resolve_error_control(
     modes = fastest_modes()
     fastest = max((mode.frequency for mode in modes), default=0.0)
     stiff = stiff_ratio * rate
-    light = max((_max_lightly_damped_frequency(mode) for mode in modes), default=0.0)
+    # The damping ratio due to material damping is proportional to frequency: BDF of order 5 is
+    # stable for modes above this frequency [rad/s].
+    shares = (STABLE_DAMPING_RATIO / max(x.damping_ratio, STABLE_DAMPING_RATIO) for x in modes)
+    light = max((x.frequency * share for x, share in zip(modes, shares, strict=True)), default=0.0)
     overdamped = all(
         mode.damping_ratio > STABLE_DAMPING_RATIO for mode in modes if mode.frequency > stiff
     )
@@ -395,18 +390,6 @@ def resolve_error_control(
         reason,
         max_order == "auto" and order == _LIMITED_ORDER,
     )
-
-
-def _max_lightly_damped_frequency(mode: Mode) -> float:
-    """Return the highest frequency [rad/s] at which modes of a body may be lightly damped.
-
-    `mode` is the fastest mode of the body. The damping ratio due to material damping is
-    proportional to frequency, so that BDF of order 5 is stable for modes above the frequency
-    returned.
-    """
-    if mode.damping_ratio <= STABLE_DAMPING_RATIO:
-        return mode.frequency
-    return mode.frequency * STABLE_DAMPING_RATIO / mode.damping_ratio
 
 
 def weigh_velocities(plan: RunPlan, scales: Array) -> Array:

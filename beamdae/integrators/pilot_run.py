@@ -80,30 +80,17 @@ def run_pilot(
     for _ in range(_MAX_PILOT_RUNS):
         trajectory, status = execute(plan, pilot_limits)
         previous = {} if plan.amplitudes is None else plan.amplitudes.by_part
-        measured = _measure_amplitudes(plan, trajectory, status)
-        is_short, plan = measured.amplitudes is plan.amplitudes, measured
-        if is_short or plan.amplitudes is None:
+        measured = Amplitudes.from_trajectory(plan.equations, trajectory)
+        ended_by_event = status.success and status is not REACHED_END
+        covered = trajectory.end - start
+        if not (ended_by_event or covered >= _MIN_COVERAGE * plan.duration):
+            # The rate is that at the beginning of the run, if the motion repeats.
+            repeats = measured.rate * covered > 2.0 * np.pi * _MIN_PARTIAL_PERIODS
+            if plan.amplitudes is None and repeats:
+                plan = replace(plan, partial_rate=measured.rate)
             break
-        by_part = plan.amplitudes.by_part
+        plan, by_part = replace(plan, amplitudes=measured), measured.by_part
         ratio = min(x / previous.get(name, 1.0) for name, x in by_part.items())
         if not (ratio < _REPEAT_RATIO and status.success):
             break
     return plan
-
-
-def _measure_amplitudes(plan: RunPlan, trajectory: Trajectory, status: Status) -> RunPlan:
-    """Return the plan with the amplitudes of a pilot run, unless it was too short."""
-    ended_by_event = status.success and status is not REACHED_END
-    covered = trajectory.end - plan.intervals[0][0]
-    if ended_by_event or covered >= _MIN_COVERAGE * plan.duration:
-        return replace(plan, amplitudes=Amplitudes.from_trajectory(plan.equations, trajectory))
-    if plan.amplitudes is None:
-        return replace(plan, partial_rate=_partial_rate(plan, trajectory))
-    return plan
-
-
-def _partial_rate(plan: RunPlan, trajectory: Trajectory) -> float:
-    """Return the rate of the motion [1/s] at the beginning of a run, or 0 if it does not repeat."""
-    rate = Amplitudes.from_trajectory(plan.equations, trajectory).rate
-    duration = trajectory.end - plan.intervals[0][0]
-    return rate if rate * duration > 2.0 * np.pi * _MIN_PARTIAL_PERIODS else 0.0

@@ -97,7 +97,7 @@ def balance_reactions(solution: Solution) -> Solution:
     depend on reactions are not changed.
     """
     e = solution.equations
-    if any(term.rows is not None for term in e.forces):
+    if e.has_friction:
         return solution
     balanced = [_balance(e, interval) for interval in solution.trajectory.intervals]
     if all(x is y for x, y in zip(balanced, solution.trajectory.intervals, strict=True)):

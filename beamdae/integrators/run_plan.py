@@ -12,7 +12,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
-from beamdae.equations.equations_of_motion import EquationsOfMotion, PartCoordinates, State
+from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.smooth_intervals import branch_time, plan_ends, time_on_branch
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.integrators.compiled_run import FactorizedMatrix
@@ -45,8 +45,17 @@ def estimate_fastest_modes(
     fastest body does not mask slower ones. Bodies without stiffness or inertia are omitted.
     """
     stiffness, damping, mass = solver.linearize_forces(time, state)
-    count, body = _find_bodies(solver.equations, stiffness, mass)
-    x = np.cos(np.arange(solver.equations.n) ** 2.0)
+    e = solver.equations
+    # The first coordinate of each part is coupled to the others.
+    first = np.zeros(e.n, np.intp)
+    for part in e.parts:
+        first[part.rows] = part.rows.start
+    entries = [(x.indices, column_indices(x), np.abs(x.data) > 0.0) for x in (stiffness, mass)]
+    rows = np.concatenate([first, *(i[is_coupled] for i, _, is_coupled in entries)])
+    columns = np.concatenate([np.arange(e.n), *(j[is_coupled] for _, j, is_coupled in entries)])
+    graph = sp.csr_array((np.ones(len(rows)), (rows, columns)), shape=(e.n, e.n))
+    count, body = connected_components(graph, directed=False)
+    x = np.cos(np.arange(e.n) ** 2.0)
     for _ in range(_POWER_ITERATIONS):
         x = solver.solve_saddle(time, state.q, state.v, stiffness @ x, 0.0)[0]
         size = np.zeros(count)
@@ -60,21 +69,6 @@ def estimate_fastest_modes(
     frequency = np.sqrt(np.abs(elastic[is_elastic]) / inertia[is_elastic])
     ratio = dissipated[is_elastic] / (2.0 * frequency * inertia[is_elastic])
     return tuple(Mode(float(w), float(z)) for w, z in zip(frequency, ratio, strict=True))
-
-
-def _find_bodies(equations: EquationsOfMotion, *matrices: sp.csc_array) -> tuple[int, Array]:
-    """Return the number of bodies that the matrices couple, and the body of each coordinate."""
-    n = equations.n
-    # The first coordinate of each part is coupled to the others.
-    first = np.zeros(n, np.intp)
-    for part in equations.parts:
-        first[part.rows] = part.rows.start
-    entries = [(x.indices, column_indices(x), np.abs(x.data) > 0.0) for x in matrices]
-    rows = np.concatenate([first, *(i[is_coupled] for i, _, is_coupled in entries)])
-    columns = np.concatenate([np.arange(n), *(j[is_coupled] for _, j, is_coupled in entries)])
-    graph = sp.csr_array((np.ones(len(rows)), (rows, columns)), shape=(n, n))
-    count, body = connected_components(graph, directed=False)
-    return int(count), body
 
 
 # Smallest amplitude of a part, relative to the largest amplitude of all parts, ...
@@ -144,7 +138,10 @@ class Amplitudes:
         single coordinate of a constrained system; for bodies, the largest one is that of all bodies
         if one moves. If nothing moves, all amplitudes are 1.
         """
-        angles, sizes = equations.is_angle, _coordinate_sizes(equations)
+        angles, sizes = equations.is_angle, np.ones(equations.n)
+        for part in equations.parts:
+            sizes[part.rows] = part.size
+        sizes[angles] = 1.0
         q, v = (
             np.concatenate([getattr(i.state, x) for i in trajectory.intervals]) / sizes
             for x in ("q", "v")
@@ -165,18 +162,24 @@ class Amplitudes:
         references = {
             part.name: largest if part.is_state else largest_of_bodies for part in equations.parts
         }
-        by_part = {
-            part.name: _round_to_two_digits(
-                max(amplitudes[part.name], _min_share(equations, part) * references[part.name])
-            )
-            for part in equations.parts
-        }
+        by_part = {}
+        for part in equations.parts:
+            is_separate = part.is_state or equations.mechanism is None
+            is_single = part.rows.stop - part.rows.start == 1
+            share = _MIN_COORDINATE_SHARE if is_separate and is_single else _MIN_PART_SHARE
+            least = share * references[part.name]
+            by_part[part.name] = _round_to_two_digits(max(amplitudes[part.name], least))
         scales = sizes.copy()
         for part in equations.parts:
             scales[part.rows] *= by_part[part.name]
         part_scales = scales.copy()
         for part in () if is_at_rest else equations.parts:
-            for rows in _group_deformations(equations, part):
+            # Deformations of the same kind, such as u1, u2, ...
+            groups: dict[str, list[int]] = {}
+            for row in range(part.deformations.start, part.deformations.stop):
+                kind = equations.coordinates[row].name.rstrip("0123456789")
+                groups.setdefault(kind, []).append(row)
+            for rows in groups.values():
                 amplitude = float(np.max(half_ranges[rows]))
                 scales[rows] = sizes[rows] * _deformation_scale(amplitude, by_part[part.name])
             rotations = q[:, part.rows][:, angles[part.rows]]
@@ -184,7 +187,10 @@ class Amplitudes:
                 bending = 0.5 * float(np.max(np.ptp(rotations - rotations[:, :1], axis=0)))
                 scale = min(_deformation_scale(bending, by_part[part.name]), by_part[part.name])
                 scales[part.rows] = sizes[part.rows] * scale
-        weights = _step_weights(trajectory)
+        # The duration [s] that each step represents.
+        times = [interval.t for interval in trajectory.intervals]
+        weights = np.concatenate([np.gradient(t) if len(t) > 1 else np.zeros(1) for t in times])
+        weights = weights if weights.any() else np.ones(len(weights))
         variance = np.average((q - np.average(q, axis=0, weights=weights)) ** 2, 0, weights)
         variance[angles] = np.minimum(variance[angles], _MAX_ANGLE_VARIANCE)
         mean_square_rate = np.average(v**2, 0, weights)
@@ -202,14 +208,6 @@ class Amplitudes:
         return cls(by_part, scales, part_scales, _round_to_two_digits(max(rates, default=0.0)))
 
 
-def _group_deformations(equations: EquationsOfMotion, part: PartCoordinates) -> list[list[int]]:
-    """Return lists of the rows of deformations of the same kind, such as u1, u2, ..."""
-    groups: dict[str, list[int]] = {}
-    for row in range(part.deformations.start, part.deformations.stop):
-        groups.setdefault(equations.coordinates[row].name.rstrip("0123456789"), []).append(row)
-    return list(groups.values())
-
-
 def _deformation_scale(amplitude: float, part_amplitude: float) -> float:
     """Return the scale of a deformation; see `Amplitudes.scales`."""
     amplitude = _round_to_two_digits(amplitude)
@@ -217,30 +215,9 @@ def _deformation_scale(amplitude: float, part_amplitude: float) -> float:
     return min(enlarged, max(amplitude, SMALL_DEFORMATION_SHARE * part_amplitude))
 
 
-def _min_share(equations: EquationsOfMotion, part: PartCoordinates) -> float:
-    is_separate = part.is_state or equations.mechanism is None
-    is_single = part.rows.stop - part.rows.start == 1
-    return _MIN_COORDINATE_SHARE if is_separate and is_single else _MIN_PART_SHARE
-
-
 def _round_to_two_digits(value: float) -> float:
     # Rounding errors of the pilot run must not change the main run.
     return float(f"{value:.1e}")
-
-
-def _step_weights(trajectory: Trajectory) -> Array:
-    """Return the duration [s] that each step represents, or ones if all durations are zero."""
-    times = [interval.t for interval in trajectory.intervals]
-    weights = np.concatenate([np.gradient(t) if len(t) > 1 else np.zeros(1) for t in times])
-    return weights if weights.any() else np.ones(len(weights))
-
-
-def _coordinate_sizes(equations: EquationsOfMotion) -> Array:
-    """Return, for each coordinate, the size [m] of its part, or 1 for an angle; (n,)."""
-    size = np.ones(equations.n)
-    for part in equations.parts:
-        size[part.rows] = part.size
-    return np.where(equations.is_angle, 1.0, size)
 
 
 # Least number of steps in a run; with `MIN_STEPS_PER_TIME_SCALE` it sets the default longest step.

@@ -371,11 +371,9 @@ class RunSegment:
         self.history.thin(times, self.branch, self._measure, is_final)
 
     @cached_property
-    def _balance(self) -> BalanceRows:
-        return BalanceRows(self.equations)
-
-    def _measure(self, interval: Interval) -> Array:
-        return self._balance(interval.times, *interval.rows)
+    def _measure(self) -> Callable[[Interval], Array]:
+        balance = BalanceRows(self.equations)
+        return lambda interval: balance(interval.times, *interval.rows)
 
     def interval(self) -> Interval:
         """Return all steps as an interval with the multipliers of all parts."""

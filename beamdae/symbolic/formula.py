@@ -8,8 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from beamdae.bounded_cache import bounded_cache
@@ -46,6 +48,13 @@ class Formula:
     def __call__(self, *arguments: Any) -> Any:
         """Return `kind(*arguments, numbers)`."""
         return self.kind(*arguments, self.numbers)
+
+
+@lru_cache(maxsize=MAX_SHARED_KERNELS)
+def compile_kind(compile_formula: Callable[..., Any], kind: Any, count: int, *sizes: int) -> Any:
+    """Return `compile_formula(formula, numbers, *sizes)` of a formula with `count` numbers."""
+    numbers = ca.SX.sym("numbers", count)
+    return compile_formula(Formula(kind, numbers), numbers, *sizes)
 
 
 def _return_numbers(numbers: Any) -> Any:

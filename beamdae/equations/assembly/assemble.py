@@ -93,19 +93,37 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
         from beamdae.equations.assembly.configurations import build_configurations
 
         configurations = build_configurations(snapshot, coordinate_map, equations_of_motion)
-    _require_motion(coordinate_map.n)
+    if coordinate_map.n == 0:
+        raise BeamdaeError("Mechanism: there is no body that can move; add at least one.")
+    require_memory(
+        "Mechanism",
+        f"a run with {coordinate_map.n} coordinates",
+        _BYTES_PER_COORDINATE * coordinate_map.n,
+        "use fewer bodies or fewer elements",
+    )
     statements = _collect_statements(mechanism, snapshot, coordinate_map)
     if configurations is not None:
         statements = replace(statements, switched_parts=configurations.switched_parts)
     placed = _place(mechanism, statements, coordinate_map)
     terms = build_terms(statements, placed["coordinates"], placed["parts"], coordinate_map)
+    is_redundant = mechanism.redundant == MINIMUM_NORM
+    if is_redundant and configurations is not None:
+        raise BeamdaeError(
+            f"Mechanism: redundant={MINIMUM_NORM!r} is not supported with inactive "
+            "parts, impacts or events that switch parts; omit these or remove the "
+            "redundant constraints."
+        )
+    time_scales = [law.time_scale for law in mechanism.laws if law.time_scale is not None]
+    gravity = filter(None, [mechanism.gravity_laws])
     equations = EquationsOfMotion(
         **placed,
-        **_collect_laws(mechanism),
+        breakpoints=tuple(sorted({b for law in mechanism.laws for b in law.breakpoints})),
+        time_scale=min(time_scales, default=None),
+        laws=collect_unbounded_laws([*mechanism.parts.values(), *gravity]),
         **vars(terms),
         configurations=configurations,
         mechanism=snapshot,
-        redundant=_removes_redundant(mechanism, configurations),
+        redundant=is_redundant,
         build_warnings=_warn_of_unused_commands(mechanism, terms),
     ).without_loads_of(mechanism.removed)
     if start == AS_DRAWN:
@@ -137,17 +155,6 @@ def _prepare(mechanism: Mechanism, start: Any) -> Mechanism:
 def _add_warnings(mechanism: Mechanism, messages: Iterable[str]) -> None:
     # Parts are prepared once, but the mechanism may be assembled again.
     mechanism.build_warnings = tuple(dict.fromkeys([*mechanism.build_warnings, *messages]))
-
-
-def _require_motion(n: int) -> None:
-    if n == 0:
-        raise BeamdaeError("Mechanism: there is no body that can move; add at least one.")
-    require_memory(
-        "Mechanism",
-        f"a run with {n} coordinates",
-        _BYTES_PER_COORDINATE * n,
-        "use fewer bodies or fewer elements",
-    )
 
 
 def _collect_statements(
@@ -189,7 +196,10 @@ def _place(
 
     def measure(members: Sequence[Part]) -> float:
         extent = measure_extent(members, [x for x in members if id(x) in joints])
-        return extent or _shortest_connection(members)
+        # Otherwise, the shortest distance between the attachments of a spring, or of a similar
+        # part. A long spring may only approximate a force in one direction.
+        distances = (measure_extent((), [x]) for x in members if x.acts_between_attachments)
+        return extent or min((x for x in distances if x > 0.0), default=0.0)
 
     length = measure(parts) or 1.0
     groups = _connected_parts(parts, coordinate_map)
@@ -205,31 +215,22 @@ def _place(
         "q0": read_only_copy(q0),
         "v0": read_only_copy(np.concatenate([part.initial_velocity for part in parts])),
         "length": length,
-        "parts": _part_coordinates(parts, coordinate_map, length, group_sizes),
+        # If the outline of a part is empty or a single point, its size is `length`.
+        "parts": tuple(
+            PartCoordinates(
+                part.name,
+                coordinate_map.slice_of(part),
+                part.scale or measure_extent([part]) or length,
+                group_sizes[id(part)],
+                part.rigid_coordinate_count,
+                part.frame_follows_section,
+                part.is_state,
+                part.given_velocities,
+            )
+            for part in parts
+            if coordinate_map.sizes[id(part)]
+        ),
     }
-
-
-def _collect_laws(mechanism: Mechanism) -> dict[str, Any]:
-    """Return the fields of `EquationsOfMotion` on time laws."""
-    time_scales = [law.time_scale for law in mechanism.laws if law.time_scale is not None]
-    gravity = filter(None, [mechanism.gravity_laws])
-    return {
-        "breakpoints": tuple(sorted({b for law in mechanism.laws for b in law.breakpoints})),
-        "time_scale": min(time_scales, default=None),
-        "laws": collect_unbounded_laws([*mechanism.parts.values(), *gravity]),
-    }
-
-
-def _removes_redundant(mechanism: Mechanism, configurations: Any) -> bool:
-    if mechanism.redundant != MINIMUM_NORM:
-        return False
-    if configurations is not None:
-        raise BeamdaeError(
-            f"Mechanism: redundant={MINIMUM_NORM!r} is not supported with inactive "
-            "parts, impacts or events that switch parts; omit these or remove the "
-            "redundant constraints."
-        )
-    return True
 
 
 def _warn_of_unused_commands(mechanism: Mechanism, terms: Terms) -> tuple[str, ...]:
@@ -242,15 +243,6 @@ def _warn_of_unused_commands(mechanism: Mechanism, terms: Terms) -> tuple[str, .
                 warn_user(sentence)
         _add_warnings(mechanism, messages)
     return mechanism.build_warnings
-
-
-def _shortest_connection(parts: Sequence[Part]) -> float:
-    """Return the shortest distance between the attachments of a spring, or of a similar part.
-
-    It is 0 without such parts. A long spring may only approximate a force in one direction.
-    """
-    distances = [measure_extent((), [part]) for part in parts if part.acts_between_attachments]
-    return min((x for x in distances if x > 0.0), default=0.0)
 
 
 @lru_cache(maxsize=_MAX_CACHED_NAMES)
@@ -306,32 +298,6 @@ def _connected_parts(parts: Sequence[Part], coordinate_map: CoordinateMap) -> li
                 merged = groups[id(part)] + groups[id(body)]
                 groups.update((id(member), merged) for member in merged)
     return list({id(group): group for group in groups.values()}.values())
-
-
-def _part_coordinates(
-    parts: Sequence[Part],
-    coordinate_map: CoordinateMap,
-    length: float,
-    group_sizes: dict[int, float],
-) -> tuple[PartCoordinates, ...]:
-    """Return the coordinates and the size of each part that has coordinates.
-
-    If the outline of a part is empty or a single point, its size is `length`.
-    """
-    return tuple(
-        PartCoordinates(
-            part.name,
-            coordinate_map.slice_of(part),
-            part.scale or measure_extent([part]) or length,
-            group_sizes[id(part)],
-            part.rigid_coordinate_count,
-            part.frame_follows_section,
-            part.is_state,
-            part.given_velocities,
-        )
-        for part in parts
-        if coordinate_map.sizes[id(part)]
-    )
 
 
 def _require_drawn_attachments(

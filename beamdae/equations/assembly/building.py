@@ -10,7 +10,11 @@ from typing import Any
 import numpy as np
 
 from beamdae.equations.assembly.coordinate_map import CoordinateMap, NumberStore, select_input_laws
-from beamdae.equations.assembly.observables import ObservableBuilder, require_unique_headers
+from beamdae.equations.assembly.observables import (
+    ObservableBuilder,
+    locate_parts,
+    require_unique_headers,
+)
 from beamdae.equations.assembly.statement_checks import select_multipliers
 from beamdae.equations.equations_of_motion import (
     ControllerTerm,
@@ -122,7 +126,7 @@ def build_terms(
     multipliers = tuple(
         Variable(f"{s.part}.{x.name}", x.unit) for s in constraints for x in s.multipliers
     )
-    rows = _locate_multipliers(constraints)
+    rows = locate_parts(s.part for s in constraints for _ in s.multipliers)
     structure = Structure(
         len(coordinates),
         len(multipliers),
@@ -157,16 +161,6 @@ def build_terms(
         numbers.activities,
         statements.of_parts,
     )
-
-
-def _locate_multipliers(constraints: Sequence[ConstraintStatement]) -> dict[str, slice]:
-    """Return the slice of the multipliers of each part, whose constraints are contiguous."""
-    rows: dict[str, slice] = {}
-    end = 0
-    for statement in constraints:
-        first, end = end, end + len(statement.multipliers)
-        rows[statement.part] = slice(rows.get(statement.part, slice(first, end)).start, end)
-    return rows
 
 
 def _build_force_terms(
@@ -250,14 +244,9 @@ def remove_forces(e: EquationsOfMotion, parts: Collection[str]) -> EquationsOfMo
 
     The numbers remain. The result is None if a force of another part shares a kernel with them.
     """
-    laws_of_inputs = select_input_laws({} if e.mechanism is None else e.mechanism.inputs)
-    owned = [
-        (s.part.name, apply_laws(force, laws_of_inputs)) for s in e.statements for force in s.forces
-    ]
     forces = []
-    groups = group_by_kernel([force for _, force in owned])
-    for term, group in zip(e.structure.forces, groups, strict=True):
-        is_removed = {owned[k][0] in parts for k in group.members}
+    for term, members in zip(e.forces, list_force_statements(e), strict=True):
+        is_removed = {x.part in parts for x in members}
         if len(is_removed) > 1:
             return None
         if is_removed == {False}:
@@ -269,6 +258,13 @@ def remove_forces(e: EquationsOfMotion, parts: Collection[str]) -> EquationsOfMo
         observables=(),
         events=(),
     )
+
+
+def list_force_statements(e: EquationsOfMotion) -> list[list[ForceStatement]]:
+    """Return the statements of each force term of a mechanism."""
+    laws = select_input_laws({} if e.mechanism is None else e.mechanism.inputs)
+    forces = [apply_laws(x, laws) for part in e.statements for x in part.forces]
+    return [[forces[k] for k in group.members] for group in group_by_kernel(forces)]
 
 
 def _express_time(local: Local) -> SX:

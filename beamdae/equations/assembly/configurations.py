@@ -92,13 +92,11 @@ class Configurations:
                     f"{short_repr(name)}: an earlier run switched this part, but the model has no "
                     "joint or force of this name; use the model of the earlier run."
                 )
-        if frozen_gaps:
-            # Not cached, because the same offsets do not recur.
+        # Not cached with frozen gaps, because the same offsets do not recur.
+        active = None if frozen_gaps else self._assembled.get(inactive)
+        if active is None:
             active = self.assemble(self._active_mechanism(inactive, frozen_gaps))
-        elif inactive in self._assembled:
-            active = self._assembled[inactive]
-        else:
-            active = self.assemble(self._active_mechanism(inactive, frozen_gaps))
+        if not frozen_gaps:
             self._assembled[inactive] = active
         time_scales = [x.time_scale for x in (whole, active) if x.time_scale is not None]
         equations = replace(
@@ -121,15 +119,6 @@ class Configurations:
         q: Array,
     ) -> Configuration:
         """Return the configuration after the actions of an event at `time` and positions `q`."""
-        inactive, frozen_gaps = self.switch_parts(now, event, time, q)
-        if inactive == now.inactive and frozen_gaps == now.frozen_gaps:
-            return replace(now)
-        return self.configuration_without(whole, inactive, frozen_gaps)
-
-    def switch_parts(
-        self, now: Configuration, event: EventTerm, time: Array, q: Array
-    ) -> tuple[frozenset[str], FrozenGaps]:
-        """Return the inactive parts and frozen gaps after an event at `time` and positions `q`."""
         inactive, frozen_gaps = now.inactive, dict(now.frozen_gaps)
         for switch in select_switches(event.do):
             inactive = inactive.difference(switch.on).union(switch.off)
@@ -141,7 +130,9 @@ class Configurations:
                 if name in follows_event:
                     gap = FrozenGap((), event.name, float(time[0]))
                 frozen_gaps[name] = self._freeze_gap(name, gap, time, q)
-        return inactive, frozen_gaps
+        if inactive == now.inactive and frozen_gaps == now.frozen_gaps:
+            return replace(now)
+        return self.configuration_without(whole, inactive, frozen_gaps)
 
     def impact_equations(
         self, whole: EquationsOfMotion, now: Configuration, event: str, impacts: Iterable[Impact]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from itertools import accumulate
 from typing import Any
 
@@ -19,7 +19,7 @@ from beamdae.parts.mechanism import Mechanism
 from beamdae.parts.part import Part
 from beamdae.parts.signals import Activity, Input
 from beamdae.symbolic.compiled import RowFunction
-from beamdae.symbolic.formula import MAX_SHARED_KERNELS, Formula
+from beamdae.symbolic.formula import Formula, compile_kind
 from beamdae.symbolic.kernel_groups import Statement
 from beamdae.symbolic.signals import SignalNumbers
 from beamdae.symbolic.sparse_operators import assemble_csr
@@ -110,22 +110,16 @@ def locate_attachments(
             kind = (formula.kind, len(formula.numbers), size)
             kinds.setdefault(kind, []).append((k, local, formula.numbers))
         else:
-            positions[k] = _compile_position(formula, size, SX(0, 1))(local[None], np.zeros(0))
+            positions[k] = _compile_position(formula, SX(0, 1), size)(local[None], np.zeros(0))
     for kind, members in kinds.items():
         rows, local_rows, numbers = zip(*members, strict=True)
-        function = _compile_position_kind(*kind)
+        function = compile_kind(_compile_position, *kind)
         positions[list(rows)] = function(np.array(local_rows), np.array(numbers, float))
     return positions
 
 
-@lru_cache(maxsize=MAX_SHARED_KERNELS)
-def _compile_position_kind(kind: Callable[..., Any], count: int, size: int) -> RowFunction:
-    numbers = SX.sym("numbers", count)
-    return _compile_position(Formula(kind, numbers), size, numbers)
-
-
 def _compile_position(
-    formula: Callable[[SX], tuple[SX, SX]], size: int, numbers: SX
+    formula: Callable[[SX], tuple[SX, SX]], numbers: SX, size: int
 ) -> RowFunction:
     """Return the compiled function from rows of (local coordinates, numbers) to rows of (x, y)."""
     q = SX.sym("q", size)

@@ -210,10 +210,7 @@ def add_observable(
     switched_parts = () if e.configurations is None else e.configurations.switched_parts
     numbers = NumberStore(e.p, switched_parts)
     numbers.activities |= e.activities
-    rows: dict[str, slice] = {}
-    for row, multiplier in enumerate(e.lam_names):
-        part = multiplier.rpartition(".")[0]
-        rows[part] = slice(rows.get(part, slice(row, row)).start, row + 1)
+    rows = locate_parts(multiplier.rpartition(".")[0] for multiplier in e.lam_names)
     laws = select_input_laws(mechanism.inputs)
     builder = ObservableBuilder(coordinate_map, numbers, laws, rows, e.statements)
     new_observable = builder.build(name, quantity)
@@ -233,6 +230,14 @@ def add_observable(
         mechanism=observed,
         activities=numbers.activities,
     )
+
+
+def locate_parts(names: Iterable[str]) -> dict[str, slice]:
+    """Return the slice of each part, given the name of the part of each multiplier."""
+    rows: dict[str, slice] = {}
+    for row, part in enumerate(names):
+        rows[part] = slice(rows.get(part, slice(row, row)).start, row + 1)
+    return rows
 
 
 def _with_activity(kernel: QuantityKernel, columns: Sequence[Variable]) -> QuantityKernel:
@@ -269,23 +274,20 @@ def require_unique_headers(
     """Reject duplicate headers of observed columns, and of coordinates and multipliers."""
     columns = tuple((observable.name, observable.columns) for observable in observed)
     try:
-        _require_unique_columns(columns)
+        _require_unique(columns, tuple(coordinates), tuple(multipliers))
     except TypeError:  # names of other types than str
-        _require_unique_columns.__wrapped__(columns)
-    _require_unique_coordinates(tuple(coordinates), tuple(multipliers))
+        _require_unique.__wrapped__(columns, tuple(coordinates), tuple(multipliers))
 
 
 # Models are often built again with the same coordinates and columns.
 @lru_cache(maxsize=_MAX_CACHED_CHECKS)
-def _require_unique_columns(observed: tuple[tuple[str, tuple[Variable, ...]], ...]) -> None:
+def _require_unique(
+    observed: tuple[tuple[str, tuple[Variable, ...]], ...],
+    coordinates: tuple[Variable, ...],
+    multipliers: tuple[Variable, ...],
+) -> None:
     headers = [header for name, columns in observed for header in format_headers(name, columns)]
     require_unique("observed columns", "headers", [*headers, *LEDGER_COLUMNS, TIME])
-
-
-@lru_cache(maxsize=_MAX_CACHED_CHECKS)
-def _require_unique_coordinates(
-    coordinates: tuple[Variable, ...], multipliers: tuple[Variable, ...]
-) -> None:
     rates = [coordinate.rate for coordinate in coordinates]
     lam = [Variable(f"lam.{multiplier.name}", multiplier.unit) for multiplier in multipliers]
     headers = [column.header for column in (*coordinates, *rates, *lam)]

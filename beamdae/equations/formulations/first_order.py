@@ -29,7 +29,7 @@ without resultants.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -267,40 +267,39 @@ def plan_jacobian(structure: Structure, name: str, apart: bool) -> tuple[sp.csc_
     # c_l = c scales G^T if time integrals of the multipliers are the unknowns.
     reaction, by_c = (SCALED_GRADIENT, below) if form.impulses else (GRADIENT, 0)
     for term, copies in add_tangents(total, structure, layout, sums):
+        add, on_q, on_s = partial(total.add_matrix, copies), term.operator, term.resultants
         for output, block in enumerate(blocks):
-            total.add_matrix(copies, output, term.operator, term.operator, block)
-        if term.resultants is not None:
+            add(output, on_q, on_q, block)
+        if on_s is not None:
             first = size - structure.resultant_count
-            total.add_matrix(copies, 0, term.operator, term.resultants, (by_c + n, first))
+            add(0, on_q, on_s, (by_c + n, first))
             for output, column in ((0, 0), (1, n)):
-                total.add_matrix(copies, output, term.resultants, term.operator, (first, column))
+                add(output, on_s, on_q, (first, column))
         if term.rows is not None:
-            block = (by_c + n, 2 * n)
-            total.add_matrix(copies, len(sums) + reaction, term.operator, term.rows, block)
+            add(len(sums) + reaction, on_q, term.rows, (by_c + n, 2 * n))
     for joint, copies in add_joint_matrices(total, structure, layout, form.levels, form.stabilized):
-        on_q, on_g = joint.operator, joint.rows
+        add, on_q, on_g = partial(total.add_matrix, copies), joint.operator, joint.rows
         levels, corrects = joint.kernel.effective_levels(form.levels, form.stabilized)
-        total.add_matrix(copies, reaction, on_g, on_q, (by_c + n, 2 * n), transposed=True)
-        total.add_matrix(copies, REACTION_STIFFNESS, on_q, on_q, (n, 0))
+        add(reaction, on_g, on_q, (by_c + n, 2 * n), transposed=True)
+        add(REACTION_STIFFNESS, on_q, on_q, (n, 0))
         if corrects:
             block = (by_c, 2 * n + m)
-            total.add_matrix(copies, reaction, on_g, on_q, block, transposed=True, factors=factors)
-            total.add_matrix(copies, CORRECTION_STIFFNESS, on_q, on_q, (0, 0), factors=factors)
+            add(reaction, on_g, on_q, block, transposed=True, factors=factors)
+            add(CORRECTION_STIFFNESS, on_q, on_q, (0, 0), factors=factors)
         level_output = FIRST_LEVEL + corrects
         for k, level in enumerate(levels):
             row = 2 * n + k * m
             if level == NO_LEVEL:
-                block = (by_c + row, 2 * n + m)
                 identity = level_output + 1 + reaction
-                total.add_matrix(copies, identity, on_g, on_g, block)
+                add(identity, on_g, on_g, (by_c + row, 2 * n + m))
             elif level == 0:
-                total.add_matrix(copies, GRADIENT, on_g, on_q, (row, 0))
+                add(GRADIENT, on_g, on_q, (row, 0))
             elif level == 1:
-                total.add_matrix(copies, level_output, on_g, on_q, (row, 0))
-                total.add_matrix(copies, GRADIENT, on_g, on_q, (row, n))
+                add(level_output, on_g, on_q, (row, 0))
+                add(GRADIENT, on_g, on_q, (row, n))
             else:
                 for k_derivative, block in enumerate(((row, 0), (row, n), (below + row, n))):
-                    total.add_matrix(copies, level_output + k_derivative, on_g, on_q, block)
+                    add(level_output + k_derivative, on_g, on_q, block)
     return total.matrix((size, size), 2 if apart else 1)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 import scipy.sparse as sp
@@ -205,34 +205,34 @@ def _plan_iteration_matrix(
     if stabilized:
         sums = ((STIFFNESS,), (DAMPING, MASS))
     for term, copies in add_tangents(total, structure, layout, sums):
-        on_q = term.operator
+        add, on_q = partial(total.add_matrix, copies), term.operator
         for output in range(len(sums)):
-            total.add_matrix(copies, output, on_q, on_q, (0, 0))
+            add(output, on_q, on_q, (0, 0))
         if term.rows is not None:
-            total.add_matrix(copies, len(sums), on_q, term.rows, (0, n))
+            add(len(sums), on_q, term.rows, (0, n))
         if stabilized:
-            total.add_matrix(copies, 0, on_q, sp.csr_array(on_q @ corrected), (0, r))
+            add(0, on_q, sp.csr_array(on_q @ corrected), (0, r))
     levels = (0, 1) if stabilized else (0,)
     for joint, copies in add_joint_matrices(total, structure, layout, levels, False):
-        on_q, on_g = joint.operator, joint.rows
+        add, on_q, on_g = partial(total.add_matrix, copies), joint.operator, joint.rows
         nonholonomic = not joint.kernel.is_holonomic
         if not (nonholonomic and stabilized):
-            total.add_matrix(copies, GRADIENT, on_g, on_q, (n, 0))
-        total.add_matrix(copies, GRADIENT, on_g, on_q, (0, n), transposed=True)
-        total.add_matrix(copies, REACTION_STIFFNESS, on_q, on_q, (0, 0))
+            add(GRADIENT, on_g, on_q, (n, 0))
+        add(GRADIENT, on_g, on_q, (0, n), transposed=True)
+        add(REACTION_STIFFNESS, on_q, on_q, (0, 0))
         if nonholonomic and not stabilized:
-            total.add_matrix(copies, FIRST_LEVEL, on_g, on_q, (n, 0))
+            add(FIRST_LEVEL, on_g, on_q, (n, 0))
         if stabilized:
             on_r = sp.csr_array(on_q @ corrected)
-            total.add_matrix(copies, REACTION_STIFFNESS, on_q, on_r, (0, r))
+            add(REACTION_STIFFNESS, on_q, on_r, (0, r))
             if nonholonomic:
                 identity = FIRST_LEVEL + 1
-                total.add_matrix(copies, identity, on_g, on_g, (n, eta))
+                add(identity, on_g, on_g, (n, eta))
             else:
-                total.add_matrix(copies, GRADIENT, on_g, on_r, (n, r))
-            total.add_matrix(copies, GRADIENT, on_g, on_q, (eta, 0))
-            total.add_matrix(copies, FIRST_LEVEL, on_g, on_q, (eta, 0))
-            total.add_matrix(copies, FIRST_LEVEL, on_g, on_r, (eta, r))
+                add(GRADIENT, on_g, on_r, (n, r))
+            add(GRADIENT, on_g, on_q, (eta, 0))
+            add(FIRST_LEVEL, on_g, on_q, (eta, 0))
+            add(FIRST_LEVEL, on_g, on_r, (eta, r))
     if not stabilized:
         return total.matrix((n + m, n + m))
     for joint, copies in add_joint_matrices(total, structure, anchor, (), False):

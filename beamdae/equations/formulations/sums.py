@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import scipy.sparse as sp
@@ -188,17 +189,19 @@ def assemble_balance(structure: Structure, layout: InputLayout) -> SumBuilder:
     reaction, static, level = residual + n, residual + 2 * n, residual + 3 * n
     for term in structure.forces:
         copies = _add_force(total, layout, term, term.kernel.balance_kernel, scalars=1)
-        total.add_column(copies, 0, term.operator, residual)
-        total.add_column(copies, 1, term.operator, static)
-        total.add_column(copies, 2, _summation(term.count, *_FORCE_SCALARS), 0)
+        add = partial(total.add_column, copies)
+        add(0, term.operator, residual)
+        add(1, term.operator, static)
+        add(2, _summation(term.count, *_FORCE_SCALARS), 0)
     for joint in structure.joints:
         inputs = _joint_inputs(joint, layout, (1,), False)
         copies = total.add(joint.kernel.balance_kernel, inputs, joint.data, joint.count)
-        total.add_column(copies, 0, joint.operator, residual)
-        total.add_column(copies, 0, joint.operator, reaction)
-        total.add_column(copies, 1, joint.rows, level)
-        total.add_column(copies, 2, joint.rows, level + m)
-        total.add_column(copies, 3, _summation(joint.count, _DRIVER_POWER), 0)
+        add = partial(total.add_column, copies)
+        add(0, joint.operator, residual)
+        add(0, joint.operator, reaction)
+        add(1, joint.rows, level)
+        add(2, joint.rows, level + m)
+        add(3, _summation(joint.count, _DRIVER_POWER), 0)
     return total
 
 
@@ -263,10 +266,11 @@ def add_saddle_point(
             total.add_matrix(copies, len(sums), term.operator, term.rows, (0, n))
     levels = (0,) if with_reaction_stiffness else ()
     for joint, copies in add_joint_matrices(total, structure, layout, levels, False):
-        total.add_matrix(copies, GRADIENT, joint.rows, joint.operator, (n, 0))
-        total.add_matrix(copies, GRADIENT, joint.rows, joint.operator, (0, n), transposed=True)
+        add, on_q = partial(total.add_matrix, copies), joint.operator
+        add(GRADIENT, joint.rows, on_q, (n, 0))
+        add(GRADIENT, joint.rows, on_q, (0, n), transposed=True)
         if with_reaction_stiffness:
-            total.add_matrix(copies, REACTION_STIFFNESS, joint.operator, joint.operator, (0, 0))
+            add(REACTION_STIFFNESS, on_q, on_q, (0, 0))
 
 
 def create_matrix_sum() -> SumBuilder:

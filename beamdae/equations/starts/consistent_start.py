@@ -139,7 +139,7 @@ class ConsistencySolver(StateEvaluator):
             If forces, or derivatives of forces or constraints, are not finite, a motion has no
             inertia, or no solution of the equations with friction is found.
         """
-        if self.has_friction:
+        if self.equations.has_friction:
             return self._solve_with_friction(time, q, v, stiff_time)
         coefficients = (stiff_time**2, 0.0, 1.0)
         force, gamma = self.force(time, q, v), -self.constraint_levels(time, q, v)[2]
@@ -207,7 +207,14 @@ class ConsistencySolver(StateEvaluator):
             )
         # Pivots without inertia are positive, too.
         shift = _ASYMMETRY_TOLERANCE * (size or 1.0)
-        if not _is_definite(mass + shift * sp.eye_array(e.n)):
+        shifted, options = sp.csc_array(mass + shift * sp.eye_array(e.n)), {"SymmetricMode": True}
+        try:
+            # All diagonal pivots of a positive definite matrix are positive.
+            factors = splu(shifted, "MMD_AT_PLUS_A", 0.0, options=options)
+            is_definite = bool(np.all(factors.U.diagonal() > 0.0))
+        except RuntimeError:
+            is_definite = False
+        if not is_definite:
             (inertia,), vectors = la.eigh(mass.toarray(), subset_by_index=(0, 0))
             raise BeamdaeError(
                 f"{e.q_names[int(np.argmax(np.abs(vectors)))]}: the mass matrix has a negative "
@@ -319,16 +326,6 @@ class ConsistencySolver(StateEvaluator):
             f"satisfy the equations at t = {time[0]:g} s (Painleve's paradox); {check}reduce "
             "the coefficient of friction or increase the regularization velocity."
         )
-
-
-def _is_definite(matrix: sp.sparray) -> bool:
-    """Return True if a symmetric matrix is positive definite: all diagonal pivots are positive."""
-    options = {"SymmetricMode": True}
-    try:
-        factors = splu(sp.csc_array(matrix), "MMD_AT_PLUS_A", 0.0, options=options)
-    except RuntimeError:
-        return False
-    return bool(np.all(factors.U.diagonal() > 0.0))
 
 
 def velocity_size(e: EquationsOfMotion, v: Array) -> float:

@@ -56,67 +56,49 @@ def apply_initial_conditions(
     if start == AS_DRAWN:
         return equations
     with single_threaded:
-        return _solve_initial_conditions(equations, start, t)
-
-
-def _solve_initial_conditions(
-    equations: EquationsOfMotion, start: Any, t: float
-) -> EquationsOfMotion:
-    time = time_on_branch(equations.breakpoints, t)
-    # Redundant constraints make the closing problem singular.
-    independent = select_independent_constraints(equations.initially_active, time)
-    if start == EQUILIBRIUM:
-        v = np.zeros(equations.n)
-        closed_q = ConsistencySolver(independent).close_positions(time, independent.q0)
-        q, _ = relax_to_equilibrium(StaticEquations(independent, time), independent.q0)
-        request = Start(EQUILIBRIUM, equations.q0, v, False, closed_q, EQUILIBRIUM)
-    elif isinstance(start, Rotation):
-        closed_q, q, v = _rotate_steadily(independent, time, start)
-        description = f"rotation at {start.speed:g} rad/s about {start.center}"
-        request = Start(description, equations.q0, v, False, closed_q, start)
-    else:
-        positions, velocities = _split_by_kind(equations, start)
-        requested_q, requested_v = np.array(equations.q0), np.array(equations.v0)
-        requested_q[list(positions)] = list(positions.values())
-        requested_v[list(velocities)] = list(velocities.values())
-        q = ConsistencySolver(independent).close_positions(time, independent.q0, positions)
-        v = _project_velocities(independent, time, q, requested_v, list(velocities))
-        description = ", ".join(f"{name} = {value:g}" for name, value in start.items())
-        rigid = {k for x in equations.parts for k in range(x.rigid.start, x.rigid.stop)}
-        repeated = start if rigid.issuperset((*positions, *velocities)) else None
-        request = Start(
-            description or AS_DRAWN, requested_q, requested_v, bool(positions), None, repeated
-        )
+        time = time_on_branch(equations.breakpoints, t)
+        # Redundant constraints make the closing problem singular.
+        independent = select_independent_constraints(equations.initially_active, time)
+        if start == EQUILIBRIUM:
+            v = np.zeros(equations.n)
+            closed_q = ConsistencySolver(independent).close_positions(time, independent.q0)
+            q, _ = relax_to_equilibrium(StaticEquations(independent, time), independent.q0)
+            request = Start(EQUILIBRIUM, equations.q0, v, False, closed_q, EQUILIBRIUM)
+        elif isinstance(start, Rotation):
+            solver = ConsistencySolver(independent)
+            # Checked first: about another center or at another speed, no steady state may exist.
+            closed_q = solver.state(time, independent.q0, np.zeros(independent.n)).q
+            rotation = _require_rotation(solver, time, start, closed_q)
+            q, v, *_ = find_steady_rotation(
+                independent, time, rotation, closed_q, frozen_forces=True
+            )
+            _require_rotation(solver, time, rotation, q)
+            description = f"rotation at {start.speed:g} rad/s about {start.center}"
+            request = Start(description, equations.q0, v, False, closed_q, start)
+        else:
+            positions, velocities = _split_by_kind(equations, start)
+            requested_q, requested_v = np.array(equations.q0), np.array(equations.v0)
+            requested_q[list(positions)] = list(positions.values())
+            requested_v[list(velocities)] = list(velocities.values())
+            q = ConsistencySolver(independent).close_positions(time, independent.q0, positions)
+            v = _project_velocities(independent, time, q, requested_v, list(velocities))
+            description = ", ".join(f"{name} = {value:g}" for name, value in start.items())
+            rigid = {k for x in equations.parts for k in range(x.rigid.start, x.rigid.stop)}
+            repeated = start if rigid.issuperset((*positions, *velocities)) else None
+            request = Start(
+                description or AS_DRAWN, requested_q, requested_v, bool(positions), None, repeated
+            )
     sentences = equations.build_warnings
-    if request.description == EQUILIBRIUM or isinstance(start, Rotation):
-        sentences += _warn_of_unused_velocities(equations, request.description)
+    moving = [x.name for x in equations.parts if not x.is_state and np.any(equations.v0[x.rows])]
+    if moving and (start == EQUILIBRIUM or isinstance(start, Rotation)):
+        sentence = (
+            f"start: the given velocity of {list_first(moving, _MAX_NAMES)} is not used, because "
+            f"the run starts in {request.description}; remove it, or use start= with velocities by "
+            "name."
+        )
+        warn_user(sentence)
+        sentences += (sentence,)
     return replace(equations, q0=q, v0=v, start=request, build_warnings=sentences)
-
-
-def _warn_of_unused_velocities(e: EquationsOfMotion, description: str) -> tuple[str, ...]:
-    """Issue and return a warning of bodies whose given velocities are not used, if any."""
-    moving = [x.name for x in e.parts if not x.is_state and np.any(e.v0[x.rows])]
-    if not moving:
-        return ()
-    sentence = (
-        f"start: the given velocity of {list_first(moving, _MAX_NAMES)} is not used, because the "
-        f"run starts in {description}; remove it, or use start= with velocities by name."
-    )
-    warn_user(sentence)
-    return (sentence,)
-
-
-def _rotate_steadily(
-    e: EquationsOfMotion, time: Array, rotation: Rotation
-) -> tuple[Array, Array, Array]:
-    """Return the closed positions of the drawing, and the state (q, v) of a steady rotation."""
-    solver = ConsistencySolver(e)
-    # Checked first: about another center or at another speed, no steady state may exist.
-    q = solver.state(time, e.q0, np.zeros(e.n)).q
-    rotation = _require_rotation(solver, time, rotation, q)
-    state = find_steady_rotation(e, time, rotation, q, frozen_forces=True)
-    _require_rotation(solver, time, rotation, state.q)
-    return q, state.q, state.v
 
 
 def _require_rotation(

@@ -143,11 +143,6 @@ class StateEvaluator:
         return plan_state_sums(self.equations.structure)
 
     @cached_property
-    def has_friction(self) -> bool:
-        """True if forces depend on the multipliers, as friction in joints does."""
-        return any(term.rows is not None for term in self.equations.forces)
-
-    @cached_property
     def _saddle(self) -> SumEvaluator:
         return SumEvaluator(self.sums.saddle, self.equations.p)
 
@@ -313,7 +308,7 @@ class StateEvaluator:
         n, m = self.equations.n, self.equations.m
         right = np.concatenate([np.zeros(n) + force, np.zeros(m) + rates])
         v = np.zeros(n) if v is None else v
-        lam = np.zeros(m) if lam is None or not self.has_friction else lam
+        lam = np.zeros(m) if lam is None or not self.equations.has_friction else lam
         arguments = np.concatenate([time, q, v, coefficients, lam])
         # The solver keeps the factors of the last call.
         if not np.array_equal(arguments, self._factorized.pop("arguments", np.zeros(0))):

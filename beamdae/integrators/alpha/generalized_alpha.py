@@ -236,7 +236,12 @@ class GeneralizedAlpha(Integrator):
         index3 = self.formulation == "index3"
         form = formulate_step(plan.equations, not index3)
         start = AlphaStart(self._member, plan.starter, index3, self.start == "cured")
-        scales = _limited_scales(plan)
+        scales = plan.scales
+        if plan.amplitudes is not None:
+            # Not reduced by small deformations: the accelerations of the index-3 form are
+            # inaccurate in constrained directions, and these errors reduced the steps until the
+            # run failed.
+            scales = np.maximum(scales, SMALL_DEFORMATION_SHARE * plan.amplitudes.part_scales)
         common = (form, start, scales, self.newton_tolerance)
         if self.rtol is None:
             stepper = PlainAlpha if load_core() is None else FixedAlphaStepper
@@ -251,17 +256,6 @@ class GeneralizedAlpha(Integrator):
             velocity_weights=weigh_velocities(plan, scales),
             multipliers=plan_multiplier_tolerances(plan, motion_scales(plan), self.rtol),
         )
-
-
-def _limited_scales(plan: RunPlan) -> Array:
-    """Return the scales of coordinates [m or rad], (n,), not reduced by small deformations.
-
-    The accelerations of the index-3 form are inaccurate in constrained directions. With scales as
-    small as the deformations, these errors reduced the steps until the run failed.
-    """
-    if plan.amplitudes is None:
-        return plan.scales
-    return np.maximum(plan.scales, SMALL_DEFORMATION_SHARE * plan.amplitudes.part_scales)
 
 
 def local_tolerance(rtol: float, periods: float = 1.0, is_one_sided: bool = False) -> float:

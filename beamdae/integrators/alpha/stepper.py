@@ -82,8 +82,6 @@ class AlphaStepper:
         matrix, weights = FactorizedMatrix.from_pattern(form.pattern), 1.0 / scales
         size = float(np.max(form.equations.position_scales * weights))
         n, m, member = form.equations.n, form.equations.m, start.member
-        has_friction = any(term.rows is not None for term in form.equations.forces)
-        tests_reactions = has_friction or form.equations.is_driven
 
         def make_motion() -> Motion:
             q, v, ddq, a = np.zeros((4, n))
@@ -112,7 +110,7 @@ class AlphaStepper:
             change=np.zeros(form.pattern.shape[0]),
             nonzeros=matrix.nonzeros,
             weights=weights,
-            reaction_weights=np.full(m, float(tests_reactions)),
+            reaction_weights=np.full(m, float(form.equations.multipliers_matter)),
             rows=allocate_rows(1 + 3 * n + m, self.steps_per_check),
             newton_tolerance=newton_tolerance,
             min_correction_limit=INCREMENT_ROUNDING * max(1.0, size),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
 
@@ -248,28 +247,29 @@ class EventDetector:
             side = self._side(term, float(differences[0]))
             signs = side.signs(differences)
             signs_by_term.append(signs)
-            differences_at = partial(evaluate_inside, scalar, interval)
-            located = _locate_crossings(t, differences, signs, side.sign, differences_at)
-            crossings += [_Crossing(when, term, direction) for when, direction in located]
+            sign_before, differences_at = side.sign, partial(evaluate_inside, scalar, interval)
+            for k in np.flatnonzero(signs).tolist():
+                sign = float(signs[k])
+                if sign_before == -sign:
+                    when = float(t[max(k - 1, 0)])
+                    # Otherwise, the quantity was already at its threshold, or jumped.
+                    if k > 0 and differences[k - 1] * sign < 0.0:
+                        when = locate_root(differences_at, when, float(t[k]))
+                    crossings.append(_Crossing(when, term, UP if sign > 0.0 else DOWN))
+                sign_before = sign
         crossings.sort(key=lambda crossing: (crossing.t, crossing.ends_segment))
         end = next((crossing.t for crossing in crossings if crossing.ends_segment), float(t[-1]))
         for term, signs in zip(events, signs_by_term, strict=True):
             nonzero_signs = signs[(t <= end) & (signs != 0.0)]
             if len(nonzero_signs):
                 self._sides[term.name].sign = float(nonzero_signs[-1])
-        crossings_until_end = [crossing for crossing in crossings if crossing.t <= end]
-        event = self._record_crossings(crossings_until_end, end, interval)
-        return None if event is None else Stop(end, end, event=event)
-
-    def _record_crossings(
-        self, crossings: list[_Crossing], end: float, interval: Interval
-    ) -> EventTerm | None:
-        """Record events and update signs; return the event that ends the segment, or None."""
         terminal: EventTerm | None = None
         self._at_end.clear()
         self._pending.clear()
         self._after_impact.clear()
         for crossing in crossings:
+            if crossing.t > end:
+                break
             name = crossing.term.name
             side, sign = self._sides[name], 1.0 if crossing.direction == UP else -1.0
             if crossing.t == end:
@@ -284,7 +284,7 @@ class EventDetector:
                 self._record(crossing, interval.branch, state)
             if crossing.ends_segment:
                 terminal = crossing.term
-        return terminal
+        return None if terminal is None else Stop(end, end, event=terminal)
 
     def _record(self, crossing: _Crossing, branch: float, state: State) -> None:
         needs_action = crossing.ends_segment and isinstance(crossing.term.do, tuple)
@@ -330,37 +330,3 @@ class EventDetector:
 
     def _start_difference(self, term: EventTerm, start: Interval) -> float:
         return float(self._differences(term, start, start.nodes, start.rows)[0])
-
-
-def _locate_crossings(
-    t: Array,
-    differences: Array,
-    signs: Array,
-    sign_before: float,
-    differences_at: Callable[[Array], Array],
-) -> list[tuple[float, str]]:
-    """Return the time [s] and direction of every sign change."""
-    located = []
-    for k in np.flatnonzero(signs):
-        sign = float(signs[k])
-        if sign_before == -sign:
-            time = _locate_crossing(t, differences, int(k), sign, differences_at)
-            located.append((time, UP if sign > 0.0 else DOWN))
-        sign_before = sign
-    return located
-
-
-def _locate_crossing(
-    t: Array, differences: Array, k: int, sign: float, differences_at: Callable[[Array], Array]
-) -> float:
-    """Return the time [s] of the sign change detected at sample `k`.
-
-    Brent's method locates it, unless the quantity jumps or starts at its threshold.
-    """
-    if k == 0:
-        return float(t[0])
-    begin, end = float(t[k - 1]), float(t[k])
-    # The quantity was already at its threshold, or jumped.
-    if not differences[k - 1] * sign < 0.0:
-        return begin
-    return locate_root(differences_at, begin, end)

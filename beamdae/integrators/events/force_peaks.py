@@ -121,7 +121,10 @@ class ForcePeakWatch:
                 highest = int(np.argmax(np.abs(of_peak).max(axis=1)))
                 last = len(near.t) - 1
                 left, probe, right = (near.t[np.clip(highest + x, 0, last)] for x in (-1, 0, 1))
-            if self._weigh(term, t[k], interval, _integrate(times, values)) > 1.0:
+            order = np.argsort(times, kind="stable")
+            times, values = times[order], values[order]
+            impulse = 0.5 * np.diff(times) @ (values[1:] + values[:-1])
+            if self._weigh(term, t[k], interval, impulse) > 1.0:
                 (feet,) = np.nonzero(height[:k] <= _FOOT * height[k])
                 begin = max(t[feet].max(initial=-np.inf), interval.nodes[step[k]])
                 return Stop(float(begin), float(probe), force=term.part)
@@ -163,13 +166,6 @@ def _peak_threshold(force: Array, at_nodes: Array, first: int, step: Array) -> A
     size, largest = highest - lowest, np.maximum(np.abs(highest), np.abs(lowest))
     change = np.abs(at_nodes[step + 1] - at_nodes[step])
     return np.maximum(np.maximum(_MIN_PEAK * size, _ROUNDING * largest), change)
-
-
-def _integrate(times: Array, values: Array) -> Array:
-    """Return the integral (size,) of values (k, size) at times (k,) [s] in any order."""
-    order = np.argsort(times, kind="stable")
-    times, values = times[order], values[order]
-    return 0.5 * np.diff(times) @ (values[1:] + values[:-1])
 
 
 class _Samples:

@@ -89,7 +89,7 @@ class IdaStepper:
     ) -> None:
         self._form = formulate_first_order(plan.equations, formulation)
         self._scales = scales = motion_scales(plan)
-        multipliers_matter = _multipliers_matter(plan.equations)
+        multipliers_matter = plan.equations.multipliers_matter
         iterated = multipliers_matter or len(plan.equations.nonholonomic_rows) > 0
         self._control = resolve_error_control(
             error_control,
@@ -213,13 +213,6 @@ class IdaStepper:
                 "the model near this time, or use another formulation"
             )
         return describe_status(code)
-
-
-def _multipliers_matter(equations: EquationsOfMotion) -> bool:
-    """Return True if forces depend on multipliers or all motions are prescribed."""
-    return equations.is_driven or any(
-        force.rows is not None for force in equations.structure.forces
-    )
 
 
 def _make_solver(
