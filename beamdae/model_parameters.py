@@ -20,69 +20,74 @@ from beamdae.errors import (
     unbox_scalar,
 )
 
-_STANDARD_GRAVITY = Fraction("9.80665")  # m/s^2, ISO 80000-3
-# Factor and unit by symbol; base units are their own, and numbers have none. Factors are exact, but
-# for those of angles, which contain pi.
-_UNITS: Mapping[str, tuple[Fraction | float, str]] = {
-    **{unit: (Fraction(1), unit) for unit in ("m", "s", "rad", "K", "A")},
-    **{number: (Fraction(1), "") for number in ("1", "-", "ε", "strain")},
-    "g": (Fraction(1, 1000), "kg"),
-    "N": (Fraction(1), "kg m/s^2"),
-    "Nm": (Fraction(1), "N m"),
-    "J": (Fraction(1), "N m"),
-    "W": (Fraction(1), "J/s"),
-    "Pa": (Fraction(1), "N/m^2"),
-    "Hz": (Fraction(1), "s^-1"),
-    "V": (Fraction(1), "W/A"),
+# Definitions of units with prefixes by symbol, in other units; base units are their own.
+_UNITS = {
+    "m": "1 m",
+    "s": "1 s",
+    "rad": "1 rad",
+    "K": "1 K",
+    "A": "1 A",
+    "ε": "1",
+    "strain": "1",
+    "g": "0.001 kg",
+    "N": "1 kg m/s^2",
+    "Nm": "1 N m",
+    "J": "1 N m",
+    "W": "1 J/s",
+    "Pa": "1 N/m^2",
+    "Hz": "1 s^-1",
+    "V": "1 W/A",
+    "bar": "1e5 Pa",
+    "Ncm": "0.01 N m",
+    "Nmm": "0.001 N m",
+    "gn": "9.80665 m/s^2",  # ISO 80000-3
+}
+_UNITS_WITHOUT_PREFIX = {
+    "1": "1",
+    "-": "1",
+    "sec": "1 s",
+    "min": "60 s",
+    "h": "3600 s",
+    "in": "0.0254 m",
+    "ft": "0.3048 m",
+    "lb": "0.45359237 kg",
+    "lbf": "4.4482216152605 N",
+    "kgf": "9.80665 N",
+    "psi": "6894.757293168361 Pa",
+    "ksi": "6894757.293168361 Pa",
+    "kip": "4448.2216152605 N",
+    "klbf": "4448.2216152605 N",
+    "microstrain": "1e-6",
+    "ue": "1e-6",  # as files without Greek letters write microstrain
+    "µe": "1e-6",
+    "μe": "1e-6",
+    "ppm": "1e-6",
+    "‰": "0.001",
+    "%": "0.01",
+}
+_PREFIXES = {
+    "": "1",
+    "G": "1e9",
+    "M": "1e6",
+    "k": "1e3",
+    "c": "1e-2",
+    "m": "1e-3",
+    "u": "1e-6",
+    "µ": "1e-6",  # micro sign
+    "μ": "1e-6",  # Greek letter, as many keyboards type it
+    "n": "1e-9",
+}
+# Factor and unit by symbol; numbers have no unit. Factors are exact, but for those of angles.
+_SYMBOLS: dict[str, tuple[Fraction | float, str]] = {
     "deg": (math.pi / 180.0, "rad"),
     "°": (math.pi / 180.0, "rad"),
     "rev": (2.0 * math.pi, "rad"),
     "rpm": (math.pi / 30.0, "rad/s"),
-    "sec": (Fraction(1), "s"),
-    "min": (Fraction(60), "s"),
-    "h": (Fraction(3600), "s"),
-    "in": (Fraction("0.0254"), "m"),
-    "ft": (Fraction("0.3048"), "m"),
-    "lb": (Fraction("0.45359237"), "kg"),
-    "lbf": (Fraction("4.4482216152605"), "N"),
-    "kgf": (_STANDARD_GRAVITY, "N"),
-    "psi": (Fraction("6894.757293168361"), "Pa"),
-    "ksi": (Fraction("6894757.293168361"), "Pa"),
-    "kip": (Fraction("4448.2216152605"), "N"),
-    "klbf": (Fraction("4448.2216152605"), "N"),
-    "bar": (Fraction(10**5), "Pa"),
-    "Ncm": (Fraction(1, 100), "N m"),
-    "Nmm": (Fraction(1, 1000), "N m"),
-    "gn": (_STANDARD_GRAVITY, "m/s^2"),
-    "microstrain": (Fraction(1, 10**6), ""),
-    "ue": (Fraction(1, 10**6), ""),  # as files without Greek letters write microstrain
-    "µe": (Fraction(1, 10**6), ""),
-    "μe": (Fraction(1, 10**6), ""),
-    "ppm": (Fraction(1, 10**6), ""),
-    "‰": (Fraction(1, 1000), ""),
-    "%": (Fraction(1, 100), ""),
 }
-_PREFIXES = {
-    "": Fraction(1),
-    "G": Fraction(10**9),
-    "M": Fraction(10**6),
-    "k": Fraction(10**3),
-    "c": Fraction(1, 10**2),
-    "m": Fraction(1, 10**3),
-    "u": Fraction(1, 10**6),
-    "µ": Fraction(1, 10**6),  # micro sign
-    "μ": Fraction(1, 10**6),  # Greek letter, as many keyboards type it
-    "n": Fraction(1, 10**9),
-}
-_WITHOUT_PREFIX = {"deg", "°", "rev", "rpm", "sec", "min", "h", "in", "ft", "lb", "lbf", "kgf"}
-_WITHOUT_PREFIX |= {"psi", "ksi", "kip", "klbf", "microstrain", "ue", "µe", "μe", "ppm"}
-_WITHOUT_PREFIX |= {"‰", "%", "1", "-"}
-_SYMBOLS = {
-    prefix + symbol: (size * factor, unit)
-    for symbol, (factor, unit) in _UNITS.items()
-    for prefix, size in _PREFIXES.items()
-    if not (prefix and symbol in _WITHOUT_PREFIX)
-}
+for _prefix, _size in _PREFIXES.items():
+    for _symbol, _definition in (_UNITS if _prefix else _UNITS | _UNITS_WITHOUT_PREFIX).items():
+        _number, _, _unit = _definition.partition(" ")
+        _SYMBOLS[_prefix + _symbol] = Fraction(_size) * Fraction(_number), _unit
 _FACTOR = re.compile(r"([^\W\d]+|°|‰|%|1|-)(?:\^?(-?[1-9]))?")
 _PRODUCT = re.compile(r"[ *·⋅.]+|(?<=[^\W\d])-(?=[^\W\d])")
 _SUPERSCRIPTS = str.maketrans("²³⁻¹", "23-1")
