@@ -7,19 +7,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from beamdae.cli.option_values import parse_seconds, split_names
+from beamdae.cli.job import ModelJob
+from beamdae.cli.option_values import split_names
 from beamdae.cli.options import (
     FixedStep,
     FurtherSettings,
-    ModelName,
-    ModelPath,
     RelativeTolerance,
-    Settings,
     Starts,
     accuracy_option,
     create_integrator,
-    load_model,
-    parse_start,
+    time_option,
 )
 from beamdae.cli.output import require_writable
 from beamdae.cli.results import Report, ResultFiles
@@ -31,10 +28,8 @@ _KILOBYTE = 1e3
 
 
 def export_command(
-    path: ModelPath,
+    job: ModelJob,
     fmu: Annotated[Path, typer.Option(metavar="FILE.fmu", help="File to write.")],
-    settings: Settings = None,
-    model_name: ModelName = None,
     integrator: Annotated[
         str,
         accuracy_option(
@@ -46,9 +41,7 @@ def export_command(
     option: FurtherSettings = None,
     communication_step: Annotated[
         float | None,
-        typer.Option(
-            parser=parse_seconds,
-            metavar="TIME",
+        time_option(
             help="Default communication step in seconds, or with a unit. Defaults to --step, or "
             "1 ms.",
         ),
@@ -85,9 +78,9 @@ def export_command(
     Exits with 0 if the FMU was written, and with 2 for a usage or model error, for example if the
     model cannot be exported.
     """
-    model, file = load_model(path, model_name, settings)
+    model = job.model
     named = {"rtol": rtol, "step": step}
-    method = create_integrator("export", integrator, named, file, option)
+    method = create_integrator("export", integrator, named, job.file, option)
     require_writable(("--fmu", [fmu]))
     from beamdae.export.fmu import export_fmu
     from beamdae.report.descriptions import Description
@@ -101,7 +94,7 @@ def export_command(
         outputs=None if outputs is None else split_names(outputs),
         parameters=split_names(parameters),
         fmi=fmi,
-        start=parse_start(start, model),
+        start=job.start(start),
         platforms=_parse_platforms(platforms),
         real_time=real_time,
     )

@@ -12,23 +12,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from beamdae.cli import process
+from beamdae.cli.job import ModelJob
 from beamdae.cli.model_file import (
     PREFIX,
     example_file,
     example_names,
     examples_folder,
 )
-from beamdae.cli.option_values import parse_assignments, parse_ends, parse_seconds
-from beamdae.cli.options import (
-    EndTime,
-    ModelName,
-    ModelPath,
-    Out,
-    Settings,
-    Starts,
-    load_model,
-    parse_start,
-)
+from beamdae.cli.option_values import parse_assignments, parse_ends
+from beamdae.cli.options import EndTime, Out, Repeated, Starts, time_option
 from beamdae.cli.output import create_console, record_results, record_warning, require_writable
 from beamdae.cli.results import Report, ResultFiles
 from beamdae.errors import BeamdaeError
@@ -122,16 +114,15 @@ def new_command(
 
 
 def draw_command(
-    path: ModelPath,
-    settings: Settings = None,
-    model_name: ModelName = None,
+    job: ModelJob,
     out: Out = Path("results"),
 ) -> None:
     """Draw a model with its joints, supports, loads and part names (PNG).
 
     Exits with 0 on success, 1 if drawing failed, and 2 for a usage or model error.
     """
-    model, _ = load_model(path, model_name, settings, process.MODELS)
+    job.needs = process.MODELS
+    model = job.model
     picture = out / f"{model.name}_drawing.png"
     require_writable(("--out", (picture,)))
     from beamdae.parts.mechanism import Mechanism
@@ -151,9 +142,7 @@ def draw_command(
 
 
 def check_command(
-    path: ModelPath,
-    settings: Settings = None,
-    model_name: ModelName = None,
+    job: ModelJob,
     start: Starts = None,
     predict: Annotated[
         bool, typer.Option(help="Predict steps and wall time from at most 1 s of the run.")
@@ -163,13 +152,13 @@ def check_command(
 
     Exits with 0 if the model can be run, and with 2 and a message for a usage or model error.
     """
-    model, _ = load_model(path, model_name, settings)
+    model = job.model
     from beamdae.checks import check, describe_check
     from beamdae.parts.mechanism import Mechanism
     from beamdae.report.descriptions import Description
 
     mechanism = model()
-    result = check(mechanism, model.t_end, predict, parse_start(start, model))
+    result = check(mechanism, model.t_end, predict, job.start(start))
     parts = mechanism.parts if isinstance(mechanism, Mechanism) else {}
     for sentence in result.warnings:
         record_warning(sentence)
@@ -189,23 +178,19 @@ def _json_results(check: Check) -> dict[str, Any]:
 
 
 def view_command(
-    path: ModelPath,
-    settings: Settings = None,
+    job: ModelJob,
     ranges: Annotated[
-        list[str] | None,
+        Repeated,
         typer.Option(
             "--range",
             metavar="NAME=FIRST:LAST",
             help="Ends of the slider of a parameter, for example radius=50cm:2m; repeatable.",
         ),
     ] = None,
-    model_name: ModelName = None,
     t_end: EndTime = None,
     time_limit: Annotated[
         float,
-        typer.Option(
-            parser=parse_seconds, metavar="TIME", help="Maximum wall time of a run in seconds."
-        ),
+        time_option(help="Maximum wall time of a run in seconds."),
     ] = 10.0,
     port: Annotated[int, typer.Option(help="Port of the server; 0 chooses a free port.")] = 0,
     browser: Annotated[
@@ -217,7 +202,7 @@ def view_command(
     The page is served on this computer only, at the printed address, until Ctrl-C. Exits with 130
     after Ctrl-C, and with 2 and a message for a usage or model error.
     """
-    model, _ = load_model(path, model_name, settings)
+    model = job.model
     from beamdae.live import LiveView, create_session
 
     texts = parse_assignments(ranges, "--range")

@@ -114,7 +114,7 @@ def run_command(
     named = {"rtol": rtol, "step": step, "time_limit": time_limit}
     method = create_integrator("run", integrator, named, job.file, option)
     names = None if sensitivities is None else split_names(sensitivities)
-    accuracy = job.accuracy["accuracy"]
+    accuracy = job.accuracy
     is_verified = verify or None
     _reject_combinations(
         "--accuracy", accuracy, {"--verify": is_verified, "--checkpoint": checkpoint}
@@ -125,7 +125,7 @@ def run_command(
     if data_columns and data is None:
         raise BeamdaeError("run: --data-column requires --data; use both options or neither.")
     checkpoints = ("--checkpoint", () if checkpoint is None else (checkpoint,))
-    files = job.plan("", job.path(".json"), others=checkpoints)
+    files = job.plan("", job.output(".json"), others=checkpoints)
     columns = parse_assignments(data_columns, "--data-column")
     charts = select_charts(job, split_names(plot), x, data, columns)
     earlier = None
@@ -257,7 +257,7 @@ def can_resume(solution: Solution) -> bool:
     return not status.success and is_early and PILOT_RUN_SUFFIX not in status.sentence
 
 
-def integrate_run(job: Job, integrator: Any, **settings: Any) -> Solution:
+def integrate_run(job: AccurateJob, integrator: Any, **settings: Any) -> Solution:
     """Simulate the model and return the solution, even if interrupted.
 
     `settings` are arguments of `simulate`, among them `t_end`.
@@ -269,7 +269,7 @@ def integrate_run(job: Job, integrator: Any, **settings: Any) -> Solution:
     """
     from beamdae.simulation import simulate, unchecked
 
-    accuracy = job.accuracy["accuracy"]
+    accuracy = job.accuracy
     task = "" if accuracy is None else f"accuracy {accuracy:g}"
     with show_run_progress(settings["t_end"] or job.model.t_end, task) as show_progress:
 
@@ -287,7 +287,7 @@ def integrate_run(job: Job, integrator: Any, **settings: Any) -> Solution:
                     integrator,
                     progress=update,
                     partial="return",
-                    **job.accuracy,
+                    **job.requirement,
                     **settings,
                 )
         except KeyboardInterrupt:
@@ -334,7 +334,7 @@ def _errors_by_column(solution: Solution) -> dict[str, Any]:
 
 
 def describe_run(
-    job: Job,
+    job: AccurateJob,
     table: Path,
     solution: Solution,
     sentences: Sequence[str],
@@ -365,7 +365,7 @@ def describe_run(
     from beamdae.results.outcome import REACHED_END
     from beamdae.results.storage.files import write_metadata
 
-    required = _required_accuracy(solution, job.accuracy["accuracy"])
+    required = _required_accuracy(solution, job.accuracy)
     errors, warnings = _errors_by_column(solution), [*sentences, *solution.model_warnings]
     if errors or sentences:
         with process.defer_interrupts():
