@@ -341,7 +341,7 @@ def parse_unit(unit: str) -> tuple[Fraction | float, dict[str, int]] | None:
     """
     if len(unit) > _MAX_UNIT_LENGTH:
         return None
-    unit = _normalize_powers(unit)
+    unit = unit.translate(_SUPERSCRIPTS).replace("**", "^")
     if _MISLEADING.fullmatch(unit):
         return None
     if unit in _PER_MINUTE:
@@ -367,10 +367,6 @@ def parse_unit(unit: str) -> tuple[Fraction | float, dict[str, int]] | None:
                 exponents[base] = exponents.get(base, 0) + power * exponent
     exponents = {base: exponent for base, exponent in exponents.items() if exponent}
     return None if _is_weight(symbols, exponents) else (factor, exponents)
-
-
-def _normalize_powers(unit: str) -> str:
-    return unit.translate(_SUPERSCRIPTS).replace("**", "^")
 
 
 def _is_weight(symbols: Set[str], exponents: Mapping[str, int]) -> bool:

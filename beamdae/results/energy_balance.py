@@ -212,7 +212,8 @@ class EnergyLedger:
     @cached_property
     def quality(self) -> Quality:
         """Largest residual, drift and energy imbalance over the steps."""
-        rows = self._step_rows
+        # Energies and works (steps + 1, 6) [J] at all steps.
+        rows = np.hstack([self._select_steps(self.energies), np.concatenate(self.works)])
         # The datum of a potential is arbitrary, and an attractive potential is negative. For
         # potentials, the energy exchanged is therefore the range.
         kinetic, works = rows[:, 0], rows[:, 3:]
@@ -233,19 +234,10 @@ class EnergyLedger:
         )
 
     @cached_property
-    def _step_rows(self) -> Array:
-        """Energies and works (steps + 1, 6) [J] at all steps."""
-        return np.hstack([self._select_steps(self.energies), np.concatenate(self.works)])
-
-    @cached_property
     def _largest_norms(self) -> list[float]:
-        columns = np.ascontiguousarray(self._step_norms.T)
+        columns = np.ascontiguousarray(self._select_steps(self.norms).T)
         # Unbounded reactions are NaN, see `integrators.reaction_balance`.
         return [float(x) for x in np.fmax.reduce(columns, axis=1)]
-
-    @cached_property
-    def _step_norms(self) -> Array:
-        return self._select_steps(self.norms)
 
     def _select_steps(self, values: tuple[Array, ...]) -> Array:
         """Select the rows at the steps from rows at the nodes of each interval."""
