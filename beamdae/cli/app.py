@@ -19,6 +19,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperCommand, TyperGroup
 
+from beamdae import deferred
 from beamdae.cli import process
 from beamdae.cli.options import output_option
 from beamdae.cli.output import CommandOutput, hold_warnings, print_error, use_output
@@ -146,7 +147,9 @@ def _run_to_exit_code(command: Callable[[], None]) -> int:
             return _report_interrupt("")
         if is_out_of_memory(problem):
             problem = BeamdaeError(_OUT_OF_MEMORY)
-        elif isinstance(problem, FileNotFoundError) and _is_working_folder_deleted():
+        elif isinstance(problem, FileNotFoundError) and deferred.module(
+            "results.storage.files"
+        ).is_in_deleted_folder(Path()):
             problem = BeamdaeError(_DELETED_FOLDER)
         if not isinstance(problem, BeamdaeError):
             raise
@@ -156,12 +159,6 @@ def _run_to_exit_code(command: Callable[[], None]) -> int:
         print_error(f"error: the model ended the run with {type(problem).__name__}({problem}).")
         return USAGE_ERROR
     return 0
-
-
-def _is_working_folder_deleted() -> bool:
-    from beamdae.results.storage.files import is_in_deleted_folder
-
-    return is_in_deleted_folder(Path())
 
 
 def _report_interrupt(reason: str) -> int:

@@ -107,7 +107,15 @@ class LocalPool:
                             yield message
                         else:
                             if message is not None and not any(reasons):
-                                _warn_of_missing_processes(self.workers, message)
+                                reason = getattr(message, "strerror", None)
+                                reason = reason or format_message(message)
+                                warnings.warn(
+                                    f"study: not all of the {self.workers} worker processes can be "
+                                    f"started ({reason}); the cases run in fewer processes or in "
+                                    "the main process.",
+                                    KernelWarning,
+                                    stacklevel=2,
+                                )
                             reasons.append(message)
                     if interrupts.received:
                         raise KeyboardInterrupt
@@ -279,16 +287,6 @@ def _run_in_process(serialized: bytes) -> Outcome:
     return outcome
 
 
-def _warn_of_missing_processes(workers: int, problem: BaseException) -> None:
-    reason = getattr(problem, "strerror", None) or format_message(problem)
-    warnings.warn(
-        f"study: not all of the {workers} worker processes can be started ({reason}); the cases "
-        "run in fewer processes or in the main process.",
-        KernelWarning,
-        stacklevel=3,
-    )
-
-
 def _lose(reason: str) -> Outcome:
     return Outcome(Status("not run", reason), is_final=False)
 
@@ -353,37 +351,6 @@ class FuturePool:
 TaskExecutor = SerialPool | LocalPool | FuturePool
 
 
-def _connect_to_dask(label: str, address: str) -> FuturePool:
-    """Return a pool that runs tasks on the workers of a Dask scheduler."""
-    try:
-        from distributed import Client
-    except ImportError:
-        raise BeamdaeError(
-            f"{label} requires Dask, which is not installed; run pip install 'beamdae[cluster]'."
-        ) from None
-    try:
-        client = Client(address, timeout=_CONNECT_TIMEOUT)
-    except Exception as problem:  # of many kinds, depending on the scheme of the address
-        raise BeamdaeError(
-            f"{label} does not answer ({format_message(problem)}); start a Dask scheduler or "
-            "correct the address."
-        ) from problem
-    workers = sum(client.nthreads().values())
-    if not workers:
-        client.close()
-        raise BeamdaeError(f"{label} has no workers; start at least one worker.")
-    # The outcomes report a lost connection; the client would log tracebacks of its own tasks.
-    logger = logging.getLogger("distributed.client")
-    level = logger.level
-    logger.setLevel(logging.CRITICAL)
-
-    def close() -> None:
-        client.close()
-        logger.setLevel(level)
-
-    return FuturePool(client.get_executor(pure=False), workers, close, "Dask cluster")
-
-
 def create_executor(part: str, prefix: str, workers: Any, scheduler: Any) -> TaskExecutor:
     """Return a pool of local processes or, with a `scheduler`, one that uses its workers.
 
@@ -408,8 +375,34 @@ def create_executor(part: str, prefix: str, workers: Any, scheduler: Any) -> Tas
             f"{part}: {prefix}scheduler must be the address of a Dask scheduler or an executor "
             f"of concurrent.futures, got {short_repr(scheduler)}."
         )
-    name = shorten_text(scheduler, _MAX_ADDRESS_LETTERS)
-    return _connect_to_dask(f"{part}: {prefix}scheduler {name}", scheduler)
+    label = f"{part}: {prefix}scheduler {shorten_text(scheduler, _MAX_ADDRESS_LETTERS)}"
+    try:
+        from distributed import Client
+    except ImportError:
+        raise BeamdaeError(
+            f"{label} requires Dask, which is not installed; run pip install 'beamdae[cluster]'."
+        ) from None
+    try:
+        client = Client(scheduler, timeout=_CONNECT_TIMEOUT)
+    except Exception as problem:  # of many kinds, depending on the scheme of the address
+        raise BeamdaeError(
+            f"{label} does not answer ({format_message(problem)}); start a Dask scheduler or "
+            "correct the address."
+        ) from problem
+    threads = sum(client.nthreads().values())
+    if not threads:
+        client.close()
+        raise BeamdaeError(f"{label} has no workers; start at least one worker.")
+    # The outcomes report a lost connection; the client would log tracebacks of its own tasks.
+    logger = logging.getLogger("distributed.client")
+    level = logger.level
+    logger.setLevel(logging.CRITICAL)
+
+    def close() -> None:
+        client.close()
+        logger.setLevel(level)
+
+    return FuturePool(client.get_executor(pure=False), threads, close, "Dask cluster")
 
 
 def _count_cores() -> int:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -20,9 +20,6 @@ from beamdae.cli.options import (
 )
 from beamdae.cli.output import require_writable
 from beamdae.cli.results import Report, ResultFiles
-
-if TYPE_CHECKING:
-    from beamdae.export.fmu import ExportedFmu
 
 _KILOBYTE = 1e3
 
@@ -98,20 +95,7 @@ def export_command(
         platforms=_parse_platforms(platforms),
         real_time=real_time,
     )
-    content = Description(_describe(result), data=lambda: _json_results(result))
-    Report(model.name, content).print()
-    ResultFiles([result.path]).finish()
-
-
-def _parse_platforms(text: str | None) -> list[str] | None:
-    """Return the platforms of --platforms: none for "none", and None without this option."""
-    if text is None:
-        return None
-    return [] if text == "none" else split_names(text)
-
-
-def _describe(result: ExportedFmu) -> dict[str, str]:
-    return {
+    facts = {
         "interface": f"FMI {result.fmi}.0 for co-simulation",
         "integrator": result.integrator,
         "communication step": f"{result.communication_step:g} s",
@@ -121,10 +105,7 @@ def _describe(result: ExportedFmu) -> dict[str, str]:
         "binaries": ", ".join(result.platforms) or "none (sources only)",
         "size": f"{result.size / _KILOBYTE:.0f} kB",
     }
-
-
-def _json_results(result: ExportedFmu) -> dict[str, Any]:
-    return {
+    data = {
         "fmi": result.fmi,
         "integrator": result.integrator,
         "communication step": result.communication_step,
@@ -134,3 +115,12 @@ def _json_results(result: ExportedFmu) -> dict[str, Any]:
         "platforms": list(result.platforms),
         "size": result.size,
     }
+    Report(model.name, Description(facts, data=lambda: data)).print()
+    ResultFiles([result.path]).finish()
+
+
+def _parse_platforms(text: str | None) -> list[str] | None:
+    """Return the platforms of --platforms: none for "none", and None without this option."""
+    if text is None:
+        return None
+    return [] if text == "none" else split_names(text)

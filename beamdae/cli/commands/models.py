@@ -7,7 +7,7 @@ import warnings
 from dataclasses import asdict, replace
 from keyword import iskeyword
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -26,8 +26,7 @@ from beamdae.cli.results import Report, ResultFiles
 from beamdae.errors import BeamdaeError
 
 if TYPE_CHECKING:
-    from beamdae.checks import Check
-    from beamdae.model_functions import Model
+    pass
 
 
 # Names that the starter model imports; a model function must not replace them.
@@ -165,16 +164,12 @@ def check_command(
     facts = describe_check(result)
     name = f"{model.name}: {facts.pop('verdict')}"
     types = {name: type(part).__name__ for name, part in parts.items()}
-    data = _json_results(result) | {"parts": types}
+    values = asdict(replace(result, errors=None))
+    del values["name"], values["warnings"], values["errors"]
+    data = {"ok": result.ok, "mobility": result.mobility, **values, "parts": types}
     Report(name, Description(facts, data=lambda: data)).print()
     if not result.ok:
         raise BeamdaeError(result.problem)
-
-
-def _json_results(check: Check) -> dict[str, Any]:
-    results = asdict(replace(check, errors=None))
-    del results["name"], results["warnings"], results["errors"]
-    return {"ok": check.ok, "mobility": check.mobility, **results}
 
 
 def view_command(
@@ -206,7 +201,8 @@ def view_command(
     from beamdae.live import LiveView, create_session
 
     texts = parse_assignments(ranges, "--range")
-    ends = {name: _parse_range(model, name, text) for name, text in texts.items()}
+    units = {name: info.unit for name, info in model.parameter_info.items()}
+    ends = {name: parse_ends("--range", name, x, units.get(name, "")) for name, x in texts.items()}
     live = LiveView(create_session(model, ends, t_end, time_limit), port, is_embedded=False)
     try:
         if problem := live.session.draw({}).get("error"):
@@ -223,8 +219,3 @@ def view_command(
             live.wait()
     finally:
         live.close()
-
-
-def _parse_range(model: Model, name: str, text: str) -> tuple[float, float]:
-    info = model.parameter_info.get(name)
-    return parse_ends("--range", name, text, info.unit if info else "")
