@@ -33,7 +33,8 @@ def is_at_rest(equations: EquationsOfMotion, trajectory: Trajectory, largest_for
     largest_force
         Largest entry of the forces and the reactions in the run.
     """
-    return is_motionless(equations, trajectory) and has_rounding_forces(
+    is_selected = np.ones(equations.n, bool)
+    return _moves_by_rounding(equations, trajectory, is_selected) and has_rounding_forces(
         equations, trajectory, largest_force
     )
 
@@ -60,11 +61,6 @@ def has_rounding_forces(
     # Without accelerations and multipliers, the residual consists of forces.
     residuals = (evaluate(times, *state)[0, _RESIDUAL] for state in states)
     return bool(largest_force <= max(residuals))
-
-
-def is_motionless(equations: EquationsOfMotion, trajectory: Trajectory) -> bool:
-    """Return True if coordinates change by rounding errors only, whatever the forces are."""
-    return _moves_by_rounding(equations, trajectory, np.ones(equations.n, bool))
 
 
 def _moves_by_rounding(

@@ -50,7 +50,7 @@ _GENERATED_GLOBALS = {
     "__path__",
     "__spec__",
 }
-_SCALARS = {*map(type, (None, ..., NotImplemented)), bool, float, complex, str, bytes}
+_SCALARS = {*map(type, (None, ..., NotImplemented)), bool, int, float, complex, str, bytes}
 _GLOBAL_READS = ("LOAD_GLOBAL", "LOAD_NAME")
 _IMPORTS = ("IMPORT_NAME",)
 _PICKLE_PROTOCOL = 4
@@ -107,9 +107,10 @@ class _Hasher:
         self._in_module = False
 
     def digest(self, value: Any) -> bytes:
-        encoded = _encode_scalar(value)
-        if encoded is not None:
-            return hashlib.sha256(encoded).digest()
+        if type(value) in _SCALARS:
+            # Decimal conversion of long integers takes quadratic time.
+            text = hex(value) if type(value) is int else repr(value)
+            return hashlib.sha256(text.encode()).digest()
         in_module = self._in_module
         key = (id(value), in_module)
         if key in self._digests:
@@ -146,14 +147,6 @@ class _Hasher:
         if isinstance(value, (set, frozenset)):
             digests.sort()
         return hashlib.sha256(b"\0".join([kind.encode(), *digests])).digest()
-
-
-def _encode_scalar(value: Any) -> bytes | None:
-    """Return a scalar of a built-in type as bytes, or None for any other value."""
-    if type(value) is int:
-        # Hexadecimal, because decimal conversion of long integers takes quadratic time.
-        return hex(value).encode()
-    return repr(value).encode() if type(value) in _SCALARS else None
 
 
 @singledispatch
