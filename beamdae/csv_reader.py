@@ -219,7 +219,9 @@ def _find_table(
                         *table,
                     ]
                 header = k - 1 - (len(before) > 1 and _is_row_of_units(before[-1]))
-                if header >= 0 and _is_header(before[header], len(cells)):
+                names = before[header] if header >= 0 else []
+                # Names of at least as many columns.
+                if len(names) >= len(cells) and not any(map(_is_value, filter(None, names[:1]))):
                     return separator, table[header:]
             before.append(cells)
     chosen = next((x for x in separators if x in table[0]), None)
@@ -272,11 +274,6 @@ def _is_value(cell: str) -> bool:
     if cell and isinstance(parse_numbers([number]), np.ndarray):
         return True
     return any(_read_time_stamp(cell, x) is not None for x in (True, False))
-
-
-def _is_header(cells: Sequence[str], count: int) -> bool:
-    """Return True for names of at least `count` columns."""
-    return len(cells) >= count and not any(map(_is_value, filter(None, cells[:1])))
 
 
 def _is_row_of_units(cells: Sequence[str]) -> bool:

@@ -80,8 +80,8 @@ def reading_inputs(folder: str | os.PathLike[str]) -> Iterator[None]:
         _active_folders.pop()
 
 
-def _register_opened_file(path: str, mode: str | None, flags: int) -> None:
-    if not _active_folders or is_written(mode, flags):
+def _register_opened_file(path: str, is_written: bool) -> None:
+    if not _active_folders or is_written:
         return
     if not path.endswith(".pyc"):
         register_input(path)
@@ -89,12 +89,13 @@ def _register_opened_file(path: str, mode: str | None, flags: int) -> None:
         register_input(find_source(path))
 
 
-# Functions of the path, the mode and the flags of each file that Python opens.
-_listeners: list[Callable[[str, str | None, int], None]] = []
+# Functions of the path of each file that Python opens, and of True if it is opened for writing.
+Listener = Callable[[str, bool], None]
+_listeners: list[Listener] = []
 
 
-def watch_files(listener: Callable[[str, str | None, int], None]) -> None:
-    """Call a function with path, mode and flags of each file that Python opens from now on."""
+def watch_files(listener: Listener) -> None:
+    """Call a function for each file that Python opens from now on."""
     if not _listeners:
         sys.addaudithook(_handle_event)  # It cannot be removed.
     if listener not in _listeners:
@@ -105,15 +106,11 @@ def _handle_event(event: str, arguments: tuple[Any, ...]) -> None:
     if event != "open" or not isinstance(arguments[0], (str, bytes)):
         return
     path, mode, flags = arguments
+    is_written = bool(set(mode or "") & _WRITE_MODES or (flags or 0) & _WRITE_FLAGS)
     for listener in _listeners:
         # Paths that cannot be resolved cannot be opened either.
         with suppress(OSError, ValueError):
-            listener(os.fsdecode(path), mode, flags or 0)
-
-
-def is_written(mode: str | None, flags: int) -> bool:
-    """Return True if a file is opened for writing."""
-    return bool((mode and set(mode) & _WRITE_MODES) or flags & _WRITE_FLAGS)
+            listener(os.fsdecode(path), is_written)
 
 
 @cache

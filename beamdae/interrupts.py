@@ -19,7 +19,7 @@ import sys
 import threading
 import time as clock
 from collections.abc import Callable, Collection, Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass, replace
 from types import FrameType
@@ -159,7 +159,10 @@ def interruptible(function: Callable[Parameters, Result]) -> Callable[Parameters
         handlers, running = _replace_handlers(), _running.get()
         try:
             _running.set((*running, name))
-            with _ignored_underflow():
+            # Tiny numbers become zero, also after `np.seterr(all="raise")`. The help of the command
+            # line is printed without NumPy.
+            numpy = sys.modules.get("numpy")
+            with nullcontext() if numpy is None else numpy.errstate(under="ignore"):
                 result = function(*arguments, **options)
         except KeyboardInterrupt as problem:
             acknowledge()
@@ -200,13 +203,6 @@ def interruptible(function: Callable[Parameters, Result]) -> Callable[Parameters
             _restore_handlers(handlers)
 
     return call
-
-
-def _ignored_underflow() -> AbstractContextManager[Any]:
-    """Return a context in which tiny numbers become zero, also after `np.seterr(all="raise")`."""
-    # The help of the command line is printed without NumPy.
-    numpy = sys.modules.get("numpy")
-    return nullcontext() if numpy is None else numpy.errstate(under="ignore")
 
 
 def _end_call(name: str, reason: str = "", partial: Any = None) -> Interrupted:

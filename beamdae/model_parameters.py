@@ -20,71 +20,74 @@ from beamdae.errors import (
     unbox_scalar,
 )
 
-
-def _read_units(table: str) -> dict[str, tuple[Fraction | float, str]]:
-    rows = map(str.split, table.strip().splitlines())
-    return {symbol: (Fraction(factor), " ".join(unit)) for symbol, factor, *unit in rows}
-
-
-# Symbols with exact factors and units; base units are their own, and numbers have none.
-_WITH_PREFIX = _read_units("""
-m 1 m
-s 1 s
-rad 1 rad
-K 1 K
-A 1 A
-ε 1
-strain 1
-g 1/1000 kg
-N 1 kg m/s^2
-Nm 1 N m
-J 1 N m
-W 1 J/s
-Pa 1 N/m^2
-Hz 1 s^-1
-V 1 W/A
-bar 100000 Pa
-Ncm 1/100 N m
-Nmm 1/1000 N m
-gn 9.80665 m/s^2
-""")
-_WITHOUT_PREFIX = _read_units("""
-1 1
-- 1
-sec 1 s
-min 60 s
-h 3600 s
-in 0.0254 m
-ft 0.3048 m
-lb 0.45359237 kg
-lbf 4.4482216152605 N
-kgf 9.80665 N
-psi 6894.757293168361 Pa
-ksi 6894757.293168361 Pa
-kip 4448.2216152605 N
-klbf 4448.2216152605 N
-microstrain 1e-6
-ue 1e-6
-µe 1e-6
-μe 1e-6
-ppm 1e-6
-‰ 1/1000
-% 1/100
-""")
-# Exponents of ten. Micro has its own sign, and a Greek letter, as many keyboards type it.
-_PREFIXES = {"": 0, "G": 9, "M": 6, "k": 3, "c": -2, "m": -3, "u": -6, "µ": -6, "μ": -6, "n": -9}
-_SYMBOLS: Mapping[str, tuple[Fraction | float, str]] = {
-    **{
-        prefix + symbol: (Fraction(10) ** exponent * factor, unit)
-        for symbol, (factor, unit) in _WITH_PREFIX.items()
-        for prefix, exponent in _PREFIXES.items()
-    },
-    **_WITHOUT_PREFIX,
+# Definitions of units with prefixes by symbol, in other units; base units are their own.
+_UNITS = {
+    "m": "1 m",
+    "s": "1 s",
+    "rad": "1 rad",
+    "K": "1 K",
+    "A": "1 A",
+    "ε": "1",
+    "strain": "1",
+    "g": "0.001 kg",
+    "N": "1 kg m/s^2",
+    "Nm": "1 N m",
+    "J": "1 N m",
+    "W": "1 J/s",
+    "Pa": "1 N/m^2",
+    "Hz": "1 s^-1",
+    "V": "1 W/A",
+    "bar": "1e5 Pa",
+    "Ncm": "0.01 N m",
+    "Nmm": "0.001 N m",
+    "gn": "9.80665 m/s^2",  # ISO 80000-3
+}
+_UNITS_WITHOUT_PREFIX = {
+    "1": "1",
+    "-": "1",
+    "sec": "1 s",
+    "min": "60 s",
+    "h": "3600 s",
+    "in": "0.0254 m",
+    "ft": "0.3048 m",
+    "lb": "0.45359237 kg",
+    "lbf": "4.4482216152605 N",
+    "kgf": "9.80665 N",
+    "psi": "6894.757293168361 Pa",
+    "ksi": "6894757.293168361 Pa",
+    "kip": "4448.2216152605 N",
+    "klbf": "4448.2216152605 N",
+    "microstrain": "1e-6",
+    "ue": "1e-6",  # as files without Greek letters write microstrain
+    "µe": "1e-6",
+    "μe": "1e-6",
+    "ppm": "1e-6",
+    "‰": "0.001",
+    "%": "0.01",
+}
+_PREFIXES = {
+    "": "1",
+    "G": "1e9",
+    "M": "1e6",
+    "k": "1e3",
+    "c": "1e-2",
+    "m": "1e-3",
+    "u": "1e-6",
+    "µ": "1e-6",  # micro sign
+    "μ": "1e-6",  # Greek letter, as many keyboards type it
+    "n": "1e-9",
+}
+# Factor and unit by symbol; numbers have no unit. Factors are exact, but for those of angles.
+_SYMBOLS: dict[str, tuple[Fraction | float, str]] = {
     "deg": (math.pi / 180.0, "rad"),
     "°": (math.pi / 180.0, "rad"),
     "rev": (2.0 * math.pi, "rad"),
     "rpm": (math.pi / 30.0, "rad/s"),
 }
+for _prefix, _size in _PREFIXES.items():
+    for _symbol, _definition in (_UNITS if _prefix else _UNITS | _UNITS_WITHOUT_PREFIX).items():
+        _number, _, _unit = _definition.partition(" ")
+        _SYMBOLS[_prefix + _symbol] = Fraction(_size) * Fraction(_number), _unit
 _FACTOR = re.compile(r"([^\W\d]+|°|‰|%|1|-)(?:\^?(-?[1-9]))?")
 _PRODUCT = re.compile(r"[ *·⋅.]+|(?<=[^\W\d])-(?=[^\W\d])")
 _SUPERSCRIPTS = str.maketrans("²³⁻¹", "23-1")
@@ -338,7 +341,7 @@ def parse_unit(unit: str) -> tuple[Fraction | float, dict[str, int]] | None:
     """
     if len(unit) > _MAX_UNIT_LENGTH:
         return None
-    unit = _normalize_powers(unit)
+    unit = unit.translate(_SUPERSCRIPTS).replace("**", "^")
     if _MISLEADING.fullmatch(unit):
         return None
     if unit in _PER_MINUTE:
@@ -364,10 +367,6 @@ def parse_unit(unit: str) -> tuple[Fraction | float, dict[str, int]] | None:
                 exponents[base] = exponents.get(base, 0) + power * exponent
     exponents = {base: exponent for base, exponent in exponents.items() if exponent}
     return None if _is_weight(symbols, exponents) else (factor, exponents)
-
-
-def _normalize_powers(unit: str) -> str:
-    return unit.translate(_SUPERSCRIPTS).replace("**", "^")
 
 
 def _is_weight(symbols: Set[str], exponents: Mapping[str, int]) -> bool:

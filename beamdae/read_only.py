@@ -60,7 +60,9 @@ def read_only(value: Any, depth: int = 0, known: dict[int, tuple[Any, Any]] | No
 def _protect(value: Any, depth: int, known: dict[int, tuple[Any, Any]]) -> Any:
     kind: Any = type(value)
     if isinstance(value, np.ndarray):
-        return _view(value)
+        view = value.view() if value.flags.writeable else value
+        view.setflags(write=False)
+        return view
     if kind is dict:
         return ReadOnlyDict(
             {key: read_only(entry, depth + 1, known) for key, entry in value.items()}
@@ -187,11 +189,3 @@ def _protect_result(function: Callable[[Any], Any]) -> Callable[[Any], Any]:
         return read_only(function(self))
 
     return compute
-
-
-def _view(array: np.ndarray) -> np.ndarray:
-    if not array.flags.writeable:
-        return array
-    view = array.view()
-    view.setflags(write=False)
-    return view

@@ -201,7 +201,12 @@ def simulate(
         return solution
     model, t_end, description = unpack_model("simulate", model, t_end)
     if inputs is not None:
-        model = _replace_inputs(model, inputs)
+        if not isinstance(model, Mechanism):
+            raise BeamdaeError(
+                f"simulate: inputs require a mechanism, got {short_repr(model)}; change the "
+                "numbers of the model instead."
+            )
+        model = model.with_inputs(inputs)
     method = integrators.Auto() if integrator is None else integrator
     require_integrator("simulate", method)
     require_progress("simulate", progress)
@@ -354,15 +359,6 @@ def _reach_accuracy(
     )
     solution: Solution = until.reach_accuracy(runs, model, accuracy, columns)
     return solution
-
-
-def _replace_inputs(model: Any, inputs: Mapping[str, Any]) -> Mechanism:
-    if not isinstance(model, Mechanism):
-        raise BeamdaeError(
-            f"simulate: inputs require a mechanism, got {short_repr(model)}; change the numbers of "
-            "the model instead."
-        )
-    return model.with_inputs(inputs)
 
 
 def unpack_model(caller: str, model: Any, t_end: float | None) -> tuple[Any, float, dict[str, Any]]:

@@ -10,6 +10,7 @@ import sys
 import warnings
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import is_dataclass
 from functools import cache, wraps
 from importlib import import_module
 from pathlib import Path
@@ -18,8 +19,8 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperCommand, TyperGroup
 
+from beamdae import deferred
 from beamdae.cli import process
-from beamdae.cli.job import Job, job_parameters
 from beamdae.cli.options import output_option
 from beamdae.cli.output import CommandOutput, hold_warnings, print_error, use_output
 from beamdae.errors import BeamdaeError, short_repr
@@ -83,17 +84,17 @@ _GROUP_OF_COMMAND = {name: group for group, names in _GROUPS.items() for name in
 def wrap_command(name: str, command: Callable[..., None]) -> Callable[..., None]:
     """Add --quiet and --json to a command, and turn its errors into messages and exit codes."""
     own = list(inspect.signature(command, eval_str=True).parameters.values())
-    kind: Any = own[0].annotation if own else None
-    has_job = isinstance(kind, type) and issubclass(kind, Job)
-    arguments, of_job = job_parameters(kind) if has_job else ([], [])
-    own = own[has_job:]
+    job_type: Any = own[0].annotation if own and is_dataclass(own[0].annotation) else None
+    of_job: list[inspect.Parameter] = []
+    if job_type is not None:
+        own = own[1:]
+        of_job = list(inspect.signature(job_type, eval_str=True).parameters.values())[1:]
 
     def call_command(options: dict[str, Any]) -> None:
-        if has_job:
-            of_command = {x.name: options.pop(x.name) for x in own}
-            command(kind.create(name, options), **of_command)
-        else:
-            command(**options)
+        arguments = []
+        if job_type is not None:
+            arguments.append(job_type(name, **{x.name: options.pop(x.name) for x in of_job}))
+        command(*arguments, **options)
 
     @wraps(command)
     def run_and_exit(*, quiet: bool, as_json: bool, verbose: bool = False, **options: Any) -> None:
@@ -126,7 +127,7 @@ def wrap_command(name: str, command: Callable[..., None]) -> Callable[..., None]
     ]
     parameters = [
         x.replace(kind=inspect.Parameter.KEYWORD_ONLY)
-        for x in (*arguments, *own, *of_job, *outputs)
+        for x in (*of_job[:1], *own, *of_job[1:], *outputs)
     ]
     run_and_exit.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     run_and_exit.__annotations__ = {x.name: x.annotation for x in parameters}
@@ -146,7 +147,9 @@ def _run_to_exit_code(command: Callable[[], None]) -> int:
             return _report_interrupt("")
         if is_out_of_memory(problem):
             problem = BeamdaeError(_OUT_OF_MEMORY)
-        elif isinstance(problem, FileNotFoundError) and _is_working_folder_deleted():
+        elif isinstance(problem, FileNotFoundError) and deferred.module(
+            "results.storage.files"
+        ).is_in_deleted_folder(Path()):
             problem = BeamdaeError(_DELETED_FOLDER)
         if not isinstance(problem, BeamdaeError):
             raise
@@ -156,12 +159,6 @@ def _run_to_exit_code(command: Callable[[], None]) -> int:
         print_error(f"error: the model ended the run with {type(problem).__name__}({problem}).")
         return USAGE_ERROR
     return 0
-
-
-def _is_working_folder_deleted() -> bool:
-    from beamdae.results.storage.files import is_in_deleted_folder
-
-    return is_in_deleted_folder(Path())
 
 
 def _report_interrupt(reason: str) -> int:

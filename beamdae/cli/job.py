@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import inspect
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from beamdae.cli.option_values import split_names
+from beamdae.cli import process
+from beamdae.cli.option_values import parse_assignments, split_names
 from beamdae.cli.options import (
     AccurateColumns,
     ModelName,
@@ -19,9 +19,9 @@ from beamdae.cli.options import (
     Picture,
     RequiredAccuracy,
     Settings,
-    load_model,
     parse_start,
 )
+from beamdae.cli.output import record_results
 from beamdae.cli.results import Report, ResultFiles, run_analysis
 from beamdae.errors import BeamdaeError
 
@@ -29,75 +29,66 @@ if TYPE_CHECKING:
     from beamdae.cli.model_file import ModelFile
     from beamdae.model_functions import Model
 
-# Arguments and options of a command with a job, by name: annotation and default value.
-_ARGUMENTS: dict[str, tuple[Any, Any]] = {"path": (ModelPath, inspect.Parameter.empty)}
-_OPTIONS: dict[str, tuple[Any, Any]] = {
-    "settings": (Settings, None),
-    "model_name": (ModelName, None),
-    "page": (Page, True),
-    "picture": (Picture, True),
-    "out": (Out, Path("results")),
-}
-_ACCURACY_OPTIONS: dict[str, tuple[Any, Any]] = {
-    "accuracy": (RequiredAccuracy, None),
-    "accuracy_columns": (AccurateColumns, None),
-}
-
 
 @dataclass
-class Job:
-    """Model of a command, and the files that it writes.
+class ModelJob:
+    """Model of a command, whose fields are its name, its first argument and its options.
 
     Attributes
     ----------
     command
         Name of the command.
-    model, file
-        The model with the values of --set as defaults, and its file.
-    out, page, picture
-        Output folder, and True for files that are written.
-    selection
-        Arguments --model and --set of the command line.
-    accuracy
-        Arguments of an analysis for --accuracy and --columns.
+    needs
+        Module that is imported before the model, see `ModelFile`.
     """
 
     command: str
-    model: Model
-    file: ModelFile
-    out: Path
-    page: bool
-    picture: bool
-    selection: list[str] = field(default_factory=list)
-    accuracy: dict[str, Any] = field(default_factory=dict)
+    path: ModelPath
+    settings: Settings = None
+    model_name: ModelName = None
 
-    @classmethod
-    def create(cls, command: str, options: Mapping[str, Any]) -> Job:
-        """Load the model of a command with the options of `job_parameters`."""
-        x = dict(options)
-        model, file = load_model(x["path"], x["model_name"], x["settings"])
-        named = [("--model", x["model_name"]), *(("--set", y) for y in x["settings"] or ())]
-        selection = [text for pair in named if pair[1] for text in pair]
-        job = cls(command, model, file, x["out"], x["page"], x["picture"], selection)
-        if "accuracy" in x:
-            accuracy, columns = x["accuracy"], x["accuracy_columns"]
-            if columns and accuracy is None:
-                raise BeamdaeError(
-                    f"{command}: --columns requires --accuracy; use both options or neither."
-                )
-            job.accuracy = {"accuracy": accuracy, "accuracy_columns": split_names(columns) or None}
-        return job
+    needs = process.RUNS
+
+    @cached_property
+    def file(self) -> ModelFile:
+        """File of the model."""
+        from beamdae.cli.model_file import ModelFile
+
+        return ModelFile(self.path, self.needs)
+
+    @cached_property
+    def model(self) -> Model:
+        """The model with the values of --set as defaults."""
+        model = self.file.model(self.model_name)
+        model = replace(model, parameters=model.complete(parse_assignments(self.settings)))
+        record_results(lambda: {"model": {"name": model.name, "parameters": model.parameters}})
+        return model
+
+    def start(self, texts: list[str] | None) -> Any:
+        """Return the start described by --start, or None without this option."""
+        return parse_start(texts, self.model)
+
+
+@dataclass
+class Job(ModelJob):
+    """Model of a command that analyzes it, and the files that it writes."""
+
+    page: Page = True
+    picture: Picture = True
+    out: Out = Path("results")
+
+    @property
+    def selection(self) -> list[str]:
+        """Arguments --model and --set of the command line."""
+        named = [("--model", self.model_name), *(("--set", x) for x in self.settings or ())]
+        return [text for option, value in named if value for text in (option, value)]
 
     @cached_property
     def mechanism(self) -> Any:
         """What the model function returns."""
         return self.model()
 
-    def start(self, texts: list[str] | None) -> Any:
-        """Return the start described by --start, or None without this option."""
-        return parse_start(texts, self.model)
-
-    def path(self, suffix: str) -> Path:
+    def output(self, suffix: str) -> Path:
         """Return the path of an output file, whose name is that of the model with a suffix."""
         return self.out / f"{self.model.name}{suffix}"
 
@@ -194,20 +185,21 @@ class Job:
         )
 
 
+@dataclass
 class AccurateJob(Job):
     """Job of an analysis that can refine its result to a required accuracy."""
 
+    accuracy: RequiredAccuracy = None
+    accuracy_columns: AccurateColumns = None
 
-def job_parameters(kind: type[Job]) -> tuple[list[inspect.Parameter], list[inspect.Parameter]]:
-    """Return the parameters of a command for its job: the arguments, and the options."""
-    options = _OPTIONS | (_ACCURACY_OPTIONS if kind is AccurateJob else {})
-    arguments, keywords = (
-        [
-            inspect.Parameter(
-                name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation
+    def __post_init__(self) -> None:
+        if self.accuracy_columns and self.accuracy is None:
+            raise BeamdaeError(
+                f"{self.command}: --columns requires --accuracy; use both options or neither."
             )
-            for name, (annotation, default) in group.items()
-        ]
-        for group in (_ARGUMENTS, options)
-    )
-    return arguments, keywords
+
+    @property
+    def requirement(self) -> dict[str, Any]:
+        """Arguments of the analysis for --accuracy and --columns."""
+        columns = split_names(self.accuracy_columns) or None
+        return {"accuracy": self.accuracy, "accuracy_columns": columns}

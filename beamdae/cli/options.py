@@ -12,14 +12,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from beamdae.catalog import INTEGRATORS
-from beamdae.cli import process
 from beamdae.cli.option_values import (
     parse_accuracy,
     parse_assignments,
     parse_named_number,
     parse_seconds,
 )
-from beamdae.cli.output import record_results
 from beamdae.errors import BeamdaeError, require_choice, short_repr, suggest
 
 if TYPE_CHECKING:
@@ -27,6 +25,8 @@ if TYPE_CHECKING:
     from beamdae.model_functions import Model
     from beamdae.parts.rotation import Rotation
 
+Repeated = list[str] | None  # type of options that may be repeated
+time_option = partial(typer.Option, parser=parse_seconds, metavar="TIME")
 # Options in panels of the help of their own.
 output_option = partial(typer.Option, rich_help_panel="Outputs")
 accuracy_option = partial(typer.Option, rich_help_panel="Integrator and accuracy")
@@ -57,7 +57,7 @@ ModelName = Annotated[
     ),
 ]
 Settings = Annotated[
-    list[str] | None,
+    Repeated,
     typer.Option(
         "--set",
         metavar="NAME=VALUE",
@@ -65,7 +65,7 @@ Settings = Annotated[
     ),
 ]
 Starts = Annotated[
-    list[str] | None,
+    Repeated,
     typer.Option(
         "--start",
         metavar="START",
@@ -81,7 +81,7 @@ StartCount = Annotated[
 ]
 StartSeed = Annotated[int, expert_option(help="Seed of the random points.")]
 Bounds = Annotated[
-    list[str] | None,
+    Repeated,
     typer.Option(
         metavar="NAME=LOW:HIGH",
         help="Bounds of a parameter, with or without units, or one of them, as in LOW:; "
@@ -89,7 +89,7 @@ Bounds = Annotated[
     ),
 ]
 Loads = Annotated[
-    list[str] | None,
+    Repeated,
     typer.Option(
         "--load",
         metavar="NAME",
@@ -110,10 +110,8 @@ About = Annotated[
 ]
 LoadTime = Annotated[
     float,
-    typer.Option(
+    time_option(
         "--t",
-        parser=parse_seconds,
-        metavar="TIME",
         help="Time in seconds, or with a unit, at which laws are evaluated.",
     ),
 ]
@@ -144,23 +142,19 @@ FixedStep = Annotated[
 ]
 EndTime = Annotated[
     float | None,
-    typer.Option(
-        parser=parse_seconds,
-        metavar="TIME",
+    time_option(
         help="End time in seconds, or with a unit (500ms). Defaults to the model's end time.",
     ),
 ]
 OutputStep = Annotated[
     float | None,
-    typer.Option(
-        parser=parse_seconds,
-        metavar="TIME",
+    time_option(
         help="Time between output rows in seconds, or with a unit. Defaults to 1/1000 of the run "
         "(compare and sweep: 1/400).",
     ),
 ]
 FurtherSettings = Annotated[
-    list[str] | None,
+    Repeated,
     expert_option(
         "--option",
         metavar="NAME=VALUE",
@@ -187,7 +181,7 @@ RequiredAccuracy = Annotated[
     ),
 ]
 AccurateColumns = Annotated[
-    list[str] | None,
+    Repeated,
     accuracy_option(
         "--columns",
         metavar="NAME",
@@ -197,7 +191,7 @@ AccurateColumns = Annotated[
     ),
 ]
 ComparedColumns = Annotated[
-    list[str] | None,
+    Repeated,
     accuracy_option(
         "--columns",
         metavar="NAME",
@@ -222,7 +216,7 @@ Page = Annotated[
 ]
 Picture = Annotated[bool, output_option(metavar="", help="Write the picture (PNG).")]
 PlottedColumns = Annotated[
-    list[str] | None,
+    Repeated,
     output_option(
         "--plot",
         metavar="NAME",
@@ -231,7 +225,7 @@ PlottedColumns = Annotated[
     ),
 ]
 DataColumns = Annotated[
-    list[str] | None,
+    Repeated,
     output_option(
         "--data-column",
         metavar="NAME=COLUMN",
@@ -251,19 +245,6 @@ Pictures = Annotated[
     bool, output_option("--picture/--no-picture", metavar="", help="Write pictures (PNG).")
 ]
 Out = Annotated[Path, output_option(help="Output folder.")]
-
-
-def load_model(
-    path: Path, name: str | None, settings: list[str] | None, needs: str = process.RUNS
-) -> tuple[Model, ModelFile]:
-    """Return a model with the values of --set as defaults, and its file; see `ModelFile`."""
-    from beamdae.cli.model_file import ModelFile
-
-    file = ModelFile(path, needs)
-    model = file.model(name)
-    model = replace(model, parameters=model.complete(parse_assignments(settings)))
-    record_results(lambda: {"model": {"name": model.name, "parameters": model.parameters}})
-    return model, file
 
 
 def find_state(command: str, mechanism: Any, about: str | None, speed: float | None = None) -> Any:

@@ -10,7 +10,21 @@ from typing import TYPE_CHECKING, Any
 
 from beamdae.cli import process
 from beamdae.cli.option_values import split_names
-from beamdae.cli.options import parse_start
+from beamdae.cli.options import (
+    EndTime,
+    Jobs,
+    ModelName,
+    Out,
+    OutputStep,
+    Page,
+    Pictures,
+    Scheduler,
+    Settings,
+    Starts,
+    StudyPath,
+    TimeLimit,
+    parse_start,
+)
 from beamdae.cli.output import require_writable
 from beamdae.cli.progress import show_study_progress
 from beamdae.cli.results import Report, ResultFiles, run_analysis
@@ -43,39 +57,6 @@ def results_folder_name(stem: str, settings: Mapping[str, Any]) -> str:
     return name
 
 
-def apply_run_options(
-    command: str,
-    study: Study,
-    time_limit: float | None,
-    t_end: float | None,
-    output_step: float | None,
-    start: list[str] | None,
-    columns: list[str] | None,
-) -> Study:
-    """Return the study with the settings of runs and the columns of options, for all its cases.
-
-    Raises
-    ------
-    BeamdaeError
-        If a value is not positive, or a start has the wrong form.
-    """
-    if time_limit is not None:
-        limit = require_positive(command, "--time-limit", time_limit)
-        study = replace(study, time_limit=limit)
-    if t_end is not None:
-        study = replace(study, t_end=t_end)
-    if output_step is not None:
-        study = replace(study, output_step=output_step)
-    if columns:
-        study = replace(study, columns=tuple(split_names(columns)))
-    if start:
-        from beamdae.parts.mechanism import require_start
-
-        state = require_start(command, parse_start(start, study.cases[0].configured()))
-        study = replace(study, cases=tuple(replace(case, start=state) for case in study.cases))
-    return study
-
-
 @dataclass(frozen=True)
 class StudyReport:
     """Report on the results of a study.
@@ -101,93 +82,126 @@ class StudyReport:
     pictures: Mapping[str, Callable[[], Any]]
 
 
-def run_and_write(
-    command: str,
-    study: Study,
-    folder: Path,
-    create_report: Callable[[StudyResults], StudyReport],
-    executor: tuple[int | None, str | None],
-    files: tuple[bool, bool],
-) -> None:
-    """Run a study, write its tables, print its results, and write its page and pictures.
+@dataclass
+class StudyJob:
+    """Study of a command, whose fields are its name, its first argument and its options.
 
-    The command exits with 1 if no case succeeded or a reference or file is missing, with 3 if
-    processes or a cluster failed so that runs are missing, and with 130 or 143 after an interrupt.
-    SIGTERM skips the page and the pictures.
-
-    Parameters
+    Attributes
     ----------
-    command, study, folder
-        Name of the command, the study, and the folder of its results.
-    create_report
-        Function that returns the report on the results, after writing further tables.
-    executor
-        Values of --jobs and --scheduler.
-    files
-        True to write the page, and the pictures.
-
-    Raises
-    ------
-    BeamdaeError
-        If the folder cannot be written.
+    command
+        Name of the command.
     """
-    has_page, has_pictures = files
-    # All existing files, the case table, and a file in the folder of the records.
-    existing = [path for path in folder.glob("*.*") if path.suffix in _FILE_SUFFIXES]
-    planned = [*existing, folder / "cases.csv", folder / "outcomes" / "record.json"]
-    require_writable(("--out", dict.fromkeys(planned)))
-    page = folder / PAGE_FILE
-    written, n_runs = ResultFiles(table=planned[-2], page=page if has_page else None), 0
 
-    def analyze() -> StudyReport:
-        try:
-            # The exception may have been swallowed, for example by a callback of other code.
-            if process.is_interrupted():
-                raise KeyboardInterrupt
-            from beamdae.studies.executors import create_executor
-            from beamdae.studies.study_run import run_study
+    command: str
+    path: StudyPath
+    settings: Settings = None
+    model_name: ModelName = None
+    out: Out = Path("results")
+    time_limit: TimeLimit = None
+    t_end: EndTime = None
+    output_step: OutputStep = None
+    start: Starts = None
+    jobs: Jobs = None
+    scheduler: Scheduler = None
+    page: Page = True
+    picture: Pictures = True
 
-            with show_study_progress() as show_progress:
+    def run(
+        self,
+        study: Study,
+        columns: list[str] | None,
+        create_report: Callable[[StudyResults], StudyReport],
+    ) -> None:
+        """Run a study, write its tables, print its results, and write its page and pictures.
 
-                def update(progress: StudyProgress) -> None:
-                    nonlocal n_runs
-                    n_runs = progress.total
-                    show_progress(progress)
+        The command exits with 1 if no case succeeded or a reference or file is missing, with 3 if
+        processes or a cluster failed so that runs are missing, and with 130 or 143 after an
+        interrupt. SIGTERM skips the page and the pictures.
 
-                runner = create_executor(command, "--", *executor)
-                return create_report(run_study(study, folder, runner, update))
-        except KeyboardInterrupt:
-            reason = f"interrupted before any table was written; {_RESUME_HINT}"
-            raise Interrupted(reason) from None
+        Parameters
+        ----------
+        study, columns
+            The study, and the observed columns of its errors or responses by an option.
+        create_report
+            Function that returns the report on the results, after writing further tables.
 
-    def write_tables(study: StudyReport) -> list[Path]:
-        written.note_earlier((page, *map(folder.joinpath, study.pictures)))
-        return study.tables
+        Raises
+        ------
+        BeamdaeError
+            If an option is not valid, or the folder cannot be written.
+        """
+        study, folder = self._configure(study, columns), self.out / study.name
+        # All existing files, the case table, and a file in the folder of the records.
+        existing = [path for path in folder.glob("*.*") if path.suffix in _FILE_SUFFIXES]
+        planned = [*existing, folder / "cases.csv", folder / "outcomes" / "record.json"]
+        require_writable(("--out", dict.fromkeys(planned)))
+        page = folder / PAGE_FILE
+        written, n_runs = ResultFiles(table=planned[-2], page=page if self.page else None), 0
 
-    def describe(study: StudyReport) -> Report:
-        from beamdae.report import tables
+        def analyze() -> StudyReport:
+            try:
+                # The exception may have been swallowed, for example by a callback of other code.
+                if process.is_interrupted():
+                    raise KeyboardInterrupt
+                from beamdae.studies.executors import create_executor
+                from beamdae.studies.study_run import run_study
 
-        written.failed |= study.results.failed
-        rows = study.results.table
-        failed = tables.failure_sentences(rows[~rows["status"].isin(MISSING_KINDS)])
-        failures = [*study.report.failures, *failed]
-        status = _describe_end(study.results, n_runs)
-        return replace(study.report, failures=failures, status=status)
+                with show_study_progress() as show_progress:
 
-    def write_pictures(study: StudyReport) -> None:
-        for name, create in study.pictures.items() if has_pictures else ():
-            written.draw(folder / name, create)
+                    def update(progress: StudyProgress) -> None:
+                        nonlocal n_runs
+                        n_runs = progress.total
+                        show_progress(progress)
 
-    run_analysis(
-        written,
-        lambda _: study.name,
-        analyze,
-        write_tables,
-        describe,
-        lambda study, path, _: study.write_page(path),
-        lambda *_: None,
-        write_pictures,
-    )
+                    runner = create_executor(self.command, "--", self.jobs, self.scheduler)
+                    return create_report(run_study(study, folder, runner, update))
+            except KeyboardInterrupt:
+                reason = f"interrupted before any table was written; {_RESUME_HINT}"
+                raise Interrupted(reason) from None
+
+        def write_tables(study: StudyReport) -> list[Path]:
+            written.note_earlier((page, *map(folder.joinpath, study.pictures)))
+            return study.tables
+
+        def describe(study: StudyReport) -> Report:
+            from beamdae.report import tables
+
+            written.failed |= study.results.failed
+            rows = study.results.table
+            failed = tables.failure_sentences(rows[~rows["status"].isin(MISSING_KINDS)])
+            failures = [*study.report.failures, *failed]
+            status = _describe_end(study.results, n_runs)
+            return replace(study.report, failures=failures, status=status)
+
+        def write_pictures(study: StudyReport) -> None:
+            for name, create in study.pictures.items() if self.picture else ():
+                written.draw(folder / name, create)
+
+        run_analysis(
+            written,
+            lambda _: study.name,
+            analyze,
+            write_tables,
+            describe,
+            lambda study, path, _: study.write_page(path),
+            lambda *_: None,
+            write_pictures,
+        )
+
+    def _configure(self, study: Study, columns: list[str] | None) -> Study:
+        """Return the study with the settings of runs and the columns, for all its cases."""
+        settings: dict[str, Any] = {"t_end": self.t_end, "output_step": self.output_step}
+        if self.time_limit is not None:
+            limit = require_positive(self.command, "--time-limit", self.time_limit)
+            settings["time_limit"] = limit
+        settings["columns"] = tuple(split_names(columns)) or None
+        if self.start:
+            from beamdae.parts.mechanism import require_start
+
+            start = parse_start(self.start, study.cases[0].configured())
+            start = require_start(self.command, start)
+            settings["cases"] = tuple(replace(case, start=start) for case in study.cases)
+        return replace(study, **{name: x for name, x in settings.items() if x is not None})
 
 
 def _describe_end(results: StudyResults, n_runs: int) -> Status | None:

@@ -33,7 +33,8 @@ def is_at_rest(equations: EquationsOfMotion, trajectory: Trajectory, largest_for
     largest_force
         Largest entry of the forces and the reactions in the run.
     """
-    return is_motionless(equations, trajectory) and has_rounding_forces(
+    is_selected = np.ones(equations.n, bool)
+    return _moves_by_rounding(equations, trajectory, is_selected) and has_rounding_forces(
         equations, trajectory, largest_force
     )
 
@@ -60,11 +61,6 @@ def has_rounding_forces(
     # Without accelerations and multipliers, the residual consists of forces.
     residuals = (evaluate(times, *state)[0, _RESIDUAL] for state in states)
     return bool(largest_force <= max(residuals))
-
-
-def is_motionless(equations: EquationsOfMotion, trajectory: Trajectory) -> bool:
-    """Return True if coordinates change by rounding errors only, whatever the forces are."""
-    return _moves_by_rounding(equations, trajectory, np.ones(equations.n, bool))
 
 
 def _moves_by_rounding(
@@ -212,7 +208,8 @@ class EnergyLedger:
     @cached_property
     def quality(self) -> Quality:
         """Largest residual, drift and energy imbalance over the steps."""
-        rows = self._step_rows
+        # Energies and works (steps + 1, 6) [J] at all steps.
+        rows = np.hstack([self._select_steps(self.energies), np.concatenate(self.works)])
         # The datum of a potential is arbitrary, and an attractive potential is negative. For
         # potentials, the energy exchanged is therefore the range.
         kinetic, works = rows[:, 0], rows[:, 3:]
@@ -233,19 +230,10 @@ class EnergyLedger:
         )
 
     @cached_property
-    def _step_rows(self) -> Array:
-        """Energies and works (steps + 1, 6) [J] at all steps."""
-        return np.hstack([self._select_steps(self.energies), np.concatenate(self.works)])
-
-    @cached_property
     def _largest_norms(self) -> list[float]:
-        columns = np.ascontiguousarray(self._step_norms.T)
+        columns = np.ascontiguousarray(self._select_steps(self.norms).T)
         # Unbounded reactions are NaN, see `integrators.reaction_balance`.
         return [float(x) for x in np.fmax.reduce(columns, axis=1)]
-
-    @cached_property
-    def _step_norms(self) -> Array:
-        return self._select_steps(self.norms)
 
     def _select_steps(self, values: tuple[Array, ...]) -> Array:
         """Select the rows at the steps from rows at the nodes of each interval."""

@@ -274,19 +274,16 @@ class Equilibrium(HasColumns, HasPage):
         """
         row = require_count("Equilibrium.at", "row", row, 0, len(self.q) - 1)
         is_end = row == len(self.q) - 1
+        names = "times", "numbers", "factors", "q", "lam", "unstable", "free_coordinates"
+        values = {name: getattr(self, name) for name in names}
+        rows: dict[str, Any] = {x: None if y is None else y[: row + 1] for x, y in values.items()}
         return replace(
             self,
             status=self.status if is_end else Status("ok", f"row {row} of a longer path"),
             equations=self._equations_of_row(row),
             t=self.t if self.times is None else float(self.times[row, 0]),
-            times=None if self.times is None else self.times[: row + 1],
-            numbers=None if self.numbers is None else self.numbers[: row + 1],
-            factors=self.factors[: row + 1],
-            q=self.q[: row + 1],
-            lam=self.lam[: row + 1],
-            unstable=self.unstable[: row + 1],
-            free_coordinates=self.free_coordinates[: row + 1],
             critical=tuple(point for point in self.critical if point.row <= row),
+            **rows,
         )
 
     @cached_property

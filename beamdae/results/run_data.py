@@ -12,7 +12,7 @@ This module does not import pandas, because importing pandas takes as long as a 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -167,7 +167,11 @@ class RunData:
         headers = e.observed_headers
         if not headers:
             return {}
-        rows = self._evaluate_rows(self._observe)
+        count, blocks = self._rows_at_once, []
+        for k in range(0, max(len(self.t), 1), count):
+            times, state = self._states_of_rows(slice(k, k + count))
+            blocks.append(self._observe(times, *state))
+        rows = blocks[0] if len(blocks) == 1 else np.concatenate(blocks)
         self._interpolate_elastic(self.t, rows)
         return dict(zip(headers, rows.T, strict=True))
 
@@ -210,7 +214,8 @@ class RunData:
         """Columns at the steps and the rows, with extremes between adaptive steps."""
         arguments = self.equations, self.trajectory, self.t, self.columns, self._magnitudes
         measures = measure_steps(*arguments)
-        if self._has_fixed_steps or not self.trajectory.stores_all_steps:
+        has_fixed_steps = self.integrator.get("rtol") is None
+        if has_fixed_steps or not self.trajectory.stores_all_steps:
             return measures
         times, values = self._refine(measures.times, measures.values)
         return measures._replace(times=times, values=values)
@@ -256,10 +261,6 @@ class RunData:
         """Mean of each observed column over the run, by header."""
         means = measure_means(self.trajectory, len(self.columns), self._observe)
         return ColumnDict(dict(zip(self.columns, means.tolist(), strict=True)))
-
-    @property
-    def _has_fixed_steps(self) -> bool:
-        return self.integrator.get("rtol") is None
 
     @cached_property
     def missed_peaks(self) -> ColumnDict:
@@ -375,13 +376,6 @@ class RunData:
     @cached_property
     def _energy_ledger(self) -> EnergyLedger:
         return EnergyLedger.of(self.equations, self.trajectory)
-
-    def _evaluate_rows(self, rows: Callable[..., Array]) -> Array:
-        count, blocks = self._rows_at_once, []
-        for k in range(0, max(len(self.t), 1), count):
-            times, state = self._states_of_rows(slice(k, k + count))
-            blocks.append(rows(times, *state))
-        return blocks[0] if len(blocks) == 1 else np.concatenate(blocks)
 
     def _states_of_rows(self, rows: slice) -> tuple[Array, State]:
         """Return rows (t, branch) and the states at some of the output times."""

@@ -15,7 +15,6 @@ from beamdae import deferred
 from beamdae.equations import measures
 from beamdae.equations.assembly.assemble import equations_of_motion
 from beamdae.equations.assembly.observables import add_observable
-from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import (
     BeamdaeError,
     format_distinct,
@@ -510,26 +509,9 @@ class Solution(RunData, TimeSeries, HasPage):
         return _unpickle, (pickle_with_signals((mechanism, self.made_by)), pack_run(self))
 
 
-def unpack_solution(
-    equations: EquationsOfMotion, packed: PackedRun, made_by: Any = None
-) -> Solution:
-    """Reconstruct a solution from the output of `pack_run`.
-
-    Parameters
-    ----------
-    equations
-        The equations of the run; their start may differ.
-    packed
-        The packed run, which contains the start.
-    made_by
-        The integrator of the run.
-    """
-    from beamdae.results.storage.packed_run import unpack_fields
-
-    return Solution(**unpack_fields(equations, packed), made_by=made_by)
-
-
 def _unpickle(source: bytes, packed: PackedRun) -> Solution:
+    from beamdae.results.storage.packed_run import unpack_solution
+
     # CasADi expressions cannot be pickled, so the equations are assembled again.
     mechanism, made_by = pickle.loads(source)
     return unpack_solution(equations_of_motion(mechanism, AS_DRAWN), packed, made_by)

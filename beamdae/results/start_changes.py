@@ -127,7 +127,12 @@ def _describe_displacement(e: EquationsOfMotion, q: Array, change: StartChange |
     """
     if change is None or not change.displacement > _MAX_UNREPORTED_DISPLACEMENT * e.length:
         return ""
-    is_driven = _are_joints_closed(e, q)
+    # Only drivers have gaps at the requested positions.
+    parts = {} if e.mechanism is None else e.mechanism.parts
+    gaps = StateEvaluator(e).position_gaps(time_on_branch(e.breakpoints, 0.0), q)
+    is_open = np.abs(gaps) > _MIN_OPEN_GAP * e.constraint_scales
+    names = [e.lam_names[k].rpartition(".")[0] for k in np.flatnonzero(is_open)]
+    is_driven = all(name in parts and parts[name].laws for name in names)
     if is_driven and change.displacement < _MAX_PRELOAD * e.length:
         return ""
     cause = "the joints are not closed in the reference configuration, and closing them displaces"
@@ -142,15 +147,6 @@ def _describe_displacement(e: EquationsOfMotion, q: Array, change: StartChange |
         f"{change.part}: {cause} this part by {change.displacement:.3g} m (mostly "
         f"{change.coordinate}) in a mechanism of {e.length:.3g} m; {remedy}."
     )
-
-
-def _are_joints_closed(e: EquationsOfMotion, q: Array) -> bool:
-    """Return True if only drivers have gaps at the positions `q` (n,)."""
-    parts = {} if e.mechanism is None else e.mechanism.parts
-    gaps = StateEvaluator(e).position_gaps(time_on_branch(e.breakpoints, 0.0), q)
-    is_open = np.abs(gaps) > _MIN_OPEN_GAP * e.constraint_scales
-    names = [e.lam_names[k].rpartition(".")[0] for k in np.flatnonzero(is_open)]
-    return all(name in parts and parts[name].laws for name in names)
 
 
 def _describe_lost_velocity(e: EquationsOfMotion, requested: Array, state: State) -> str:

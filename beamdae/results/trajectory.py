@@ -354,10 +354,6 @@ class Interval:
             return motion, motion
         return motion, self._weights_of_degree(t, _DEGREE_OF_REACTIONS)
 
-    def velocity_weights_at(self, t: Array) -> sp.csr_array:
-        """Return the field `velocities` of `weights_at` at times (j,) [s]."""
-        return self._weights_of_degree(t, _DEGREE_OF_MOTION)
-
     def _weights_of_degree(self, t: Array, degree: int) -> sp.csr_array:
         """Return the Lagrange weights (j, k) of the nodes at times (j,) [s]."""
         return self._lagrange_weights(t, _preceding_node(self.nodes, t), degree)
@@ -377,7 +373,7 @@ class Interval:
         ndarray
             Values at the times, (j, c).
         """
-        return self.velocity_weights_at(t) @ values
+        return self._weights_of_degree(t, _DEGREE_OF_MOTION) @ values
 
     def integrate_to_steps(self, rates: Array) -> Array:
         """Integrate rates from the start of the interval to each of its steps.

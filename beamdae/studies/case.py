@@ -197,12 +197,14 @@ class Case:
         digests = {} if digests is None else digests
         kind = type(self.integrator)
         code = cached_digest(digests, kind, lambda: _digest_code(kind.__name__, kind))
+
+        def digest_settings() -> str:
+            names = [x.name for x in fields(self.integrator)]  # type: ignore[arg-type]
+            parts = [(x, f"{kind.__name__}: {x}", getattr(self.integrator, x)) for x in names]
+            return repr(sorted((name, _digest_value(part, x)) for name, part, x in parts))
+
         # All cases of a sweep have the same integrator.
-        settings = cached_digest(
-            digests,
-            self.integrator,
-            lambda: repr(sorted(_digest_settings(self.integrator).items())),
-        )
+        settings = cached_digest(digests, self.integrator, digest_settings)
         mechanism = self.mechanism_fingerprint(digests)
         content = f"[{mechanism!r}, {code!r}, {settings}, {t_end!r}, {output_step!r}]"
         return digest(content)[:FINGERPRINT_LENGTH]
@@ -244,14 +246,6 @@ def _digest_code(name: str, code: Any) -> str:
             f"{name}: {problem.location} must be {_REPRODUCIBLE_VALUES}, got an object "
             f"of type {problem.kind}; create this object inside the function."
         ) from None
-
-
-def _digest_settings(integrator: Integrator) -> dict[str, str]:
-    kind = type(integrator).__name__
-    return {
-        x.name: _digest_value(f"{kind}: {x.name}", getattr(integrator, x.name))
-        for x in fields(integrator)  # type: ignore[arg-type]
-    }
 
 
 @cache

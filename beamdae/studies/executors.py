@@ -5,16 +5,18 @@ from __future__ import annotations
 import logging
 import math
 import os
+import pickle
 import signal
+import subprocess
 import sys
 import threading
 import time as clock
 import warnings
-from collections import deque
-from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import CancelledError, Executor, as_completed
-from contextlib import contextmanager, suppress
-from typing import TYPE_CHECKING, Any
+from contextlib import suppress
+from queue import Empty, SimpleQueue
+from typing import Any
 
 from beamdae.errors import (
     BeamdaeError,
@@ -31,10 +33,6 @@ from beamdae.results.outcome import Status
 from beamdae.studies.case_run import run_task
 from beamdae.studies.file_reads import clear_module_reads
 from beamdae.studies.tasks import Outcome, Task, describe_exception
-
-if TYPE_CHECKING:
-    from multiprocessing.connection import Connection
-
 
 _KILL_DELAY = 60.0  # time after the time limit of a task until its process is killed [s]
 _MAX_ATTEMPTS = 2  # per task, if its process dies
@@ -76,8 +74,7 @@ class LocalPool:
 
     A crash of a process ends one task only, which is run once more in another process. Interrupts
     are raised between results, after all processes have been killed. If the system cannot start all
-    processes, fewer are used; if it can start none, the tasks run in this process, which starts no
-    threads for the others: systems limit these, too.
+    processes, fewer are used; if it can start none, the tasks run in this process.
     """
 
     def __init__(self, workers: int | None = None) -> None:
@@ -85,250 +82,194 @@ class LocalPool:
 
     def run_tasks(self, tasks: Sequence[Task]) -> TaskResults:
         """Yield the result of each task in the order of completion."""
-        waiting = deque((task, 1) for task in tasks)
-        idle: list[_Process] = []
-        running: dict[_Process, tuple[Task, int, float]] = {}
-        results: list[tuple[Task, Outcome]] = []
-        capacity = self.workers
-
-        def reduce_capacity(problem: BaseException) -> int:
-            if capacity == self.workers:
-                _warn_of_missing_processes(self.workers, problem)
-            return len(running) + len(idle)
-
+        waiting: SimpleQueue[Task] = SimpleQueue()
+        for task in tasks:
+            waiting.put(task)
+        # Results, and the reason for which each thread ends: None or an exception.
+        messages: SimpleQueue[Any] = SimpleQueue()
+        workers = [_Worker() for _ in range(min(self.workers, len(tasks)))]
+        threads = [
+            threading.Thread(target=worker.run_waiting, args=(waiting, messages), daemon=True)
+            for worker in workers
+        ]
+        reasons: list[BaseException | None] = []
         with DeferredInterrupts() as interrupts:
             try:
-                while running or (waiting and capacity) or results:
-                    # Start the next tasks first, so that they run while the caller handles results.
-                    while waiting and len(running) < capacity:
-                        task, attempt = waiting.popleft()
-                        serialized = _serialize_task(task)
-                        if isinstance(serialized, Outcome):
-                            results.append((task, serialized))
-                            continue
-                        try:
-                            process = idle.pop() if idle else _Process()
-                        # A daemonic process must not start others; browsers have no processes.
-                        except (AssertionError, ImportError, OSError, RuntimeError) as problem:
-                            waiting.appendleft((task, attempt))
-                            capacity = reduce_capacity(problem)
-                            break
-                        process.submit(serialized)
-                        limit = task.time_limit
-                        span = math.inf if limit is None else task.repetitions * limit + _KILL_DELAY
-                        running[process] = task, attempt, clock.monotonic() + span
-                    yield from results
+                for thread in threads:
+                    try:
+                        thread.start()
+                    except RuntimeError as problem:
+                        messages.put(problem)
+                while len(reasons) < len(threads):
+                    with suppress(Empty):
+                        message = messages.get(timeout=_POLL_INTERVAL)
+                        if isinstance(message, tuple):
+                            yield message
+                        else:
+                            if message is not None and not any(reasons):
+                                reason = getattr(message, "strerror", None)
+                                reason = reason or format_message(message)
+                                warnings.warn(
+                                    f"study: not all of the {self.workers} worker processes can be "
+                                    f"started ({reason}); the cases run in fewer processes or in "
+                                    "the main process.",
+                                    KernelWarning,
+                                    stacklevel=2,
+                                )
+                            reasons.append(message)
                     if interrupts.received:
                         raise KeyboardInterrupt
-                    if running:
-                        _wait_for_messages(running)
-                    results = []
-                    for process, (task, attempt, deadline) in [*running.items()]:
-                        try:
-                            outcome = process.fetch()
-                            if outcome is None and clock.monotonic() > deadline:
-                                process.kill()
-                                reason = "killed because the run did not stop at the time limit"
-                                outcome = Outcome(Status("limited", reason))
-                        except EOFError as problem:
-                            process.kill()
-                            if not process.has_started:
-                                del running[process]
-                                waiting.appendleft((task, attempt))
-                                capacity = reduce_capacity(problem)
-                                continue
-                            if attempt < _MAX_ATTEMPTS:
-                                del running[process]
-                                waiting.appendleft((task, attempt + 1))
-                                continue
-                            status = Status("failed", f"the process died {attempt} times")
-                            outcome = Outcome(status, is_final=False)
-                        if outcome is not None:
-                            del running[process]
-                            results.append((task, outcome))
-                            if process.is_alive:
-                                idle.append(process)
-                            else:
-                                process.kill()
+                    for worker in workers:
+                        worker.kill_if_due()
             finally:
-                for process in (*idle, *running):
-                    process.kill()
-        # A task that has ended a process could end this one.
-        for task in (task for task, attempt in waiting if attempt > 1):
-            yield task, _lose("no process can be started for a second try")
-        yield from SerialPool().run_tasks([task for task, attempt in waiting if attempt == 1])
+                unfinished = list(_take_all(waiting))
+                for thread, worker in zip(threads, workers, strict=True):
+                    while thread.is_alive():
+                        worker.kill()
+                        thread.join(_POLL_INTERVAL)
+        yield from SerialPool().run_tasks(unfinished)
 
 
-class _Process:
-    """Local process that runs one task at a time, and sends None when it has started.
+def _take_all(queue: SimpleQueue[Task]) -> Iterator[Task]:
+    with suppress(Empty):
+        while True:
+            yield queue.get_nowait()
 
-    Attributes
-    ----------
-    connection
-        The pipe to the process.
-    has_started
-        True after the process has sent its first message.
+
+class _Worker:
+    """Local process that runs one task at a time, and is replaced if it ends.
+
+    A thread runs tasks; the main thread calls only `kill` and `kill_if_due`.
     """
 
     def __init__(self) -> None:
-        # Imported here, because browsers have no processes.
-        from multiprocessing import get_context
+        self._process: subprocess.Popen[bytes] | None = None
+        self._deadline = math.inf
 
-        context = get_context("spawn")
-        self.connection, other = context.Pipe()
-        self._process = context.Process(target=_serve, args=(other,))
-        self._task, self.has_started = b"", False
-        with _isolated_start():
-            self._process.start()
-        other.close()
+    def run_waiting(self, waiting: SimpleQueue[Task], messages: SimpleQueue[Any]) -> None:
+        """Run waiting tasks until none is left or no process can be started."""
+        reason = None
+        for task in _take_all(waiting):
+            try:
+                messages.put((task, self._run(task)))
+            except Exception as problem:
+                waiting.put(task)
+                reason = problem
+                break
+        self._end()
+        messages.put(reason)
 
-    @property
-    def sentinel(self) -> int:
-        """Handle that becomes ready when the process ends."""
-        return self._process.sentinel
-
-    @property
-    def is_alive(self) -> bool:
-        """True until the process has ended."""
-        return self._process.is_alive()
-
-    def submit(self, task: bytes) -> None:
-        """Start a task, as soon as the process has started."""
-        self._task = task
-        if self.has_started:
-            self._send()
-
-    def _send(self) -> None:
-        # `fetch` notices the end of a process.
-        with suppress(OSError):
-            self.connection.send_bytes(self._task)
-        self._task = b""
-
-    def fetch(self) -> Outcome | None:
-        """Return the outcome of the task, or None while it runs.
-
-        Raises
-        ------
-        EOFError
-            If the process has ended without an outcome.
-        """
-        is_alive = self.is_alive
-        if not is_alive:
-            # Its child processes would keep the pipe open in the middle of a message.
-            self._kill_group()
-        try:
-            if self.connection.poll():
-                outcome: Outcome | None = self.connection.recv()
-                if outcome is None:
-                    self.has_started = True
-                    self._send()
+    def _run(self, task: Task) -> Outcome:
+        serialized = _serialize_task(task)
+        if isinstance(serialized, Outcome):
+            return serialized
+        limit = task.time_limit
+        span = math.inf if limit is None else task.repetitions * limit + _KILL_DELAY
+        for attempt in range(_MAX_ATTEMPTS):
+            try:
+                process = self._process or self._start()
+            except OSError:
+                # A task that has ended a process could end this one.
+                if attempt:
+                    return _lose("no process can be started for a second try")
+                raise
+            self._deadline = clock.monotonic() + span
+            outcome: Outcome | None = self._exchange(process, serialized)
+            is_late, self._deadline = clock.monotonic() > self._deadline, math.inf
+            if outcome is not None:
                 return outcome
-        except OSError as problem:
-            raise EOFError(problem.strerror) from None
-        if not is_alive:
-            raise EOFError("a process ended")
-        return None
+            if is_late:
+                reason = "killed because the run did not stop at the time limit"
+                return Outcome(Status("limited", reason))
+        status = Status("failed", f"the process died {_MAX_ATTEMPTS} times")
+        return Outcome(status, is_final=False)
+
+    def _start(self) -> subprocess.Popen[bytes]:
+        """Start a process that runs neither the main program nor files of the working folder."""
+        # A session of its own, which Ctrl-C in a terminal does not reach.
+        process = self._process = subprocess.Popen(
+            [sys.executable, "-P", "-c", _PROGRAM, *sys.path],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
+            start_new_session=True,
+        )
+        if self._exchange(process) is None:
+            raise OSError("a process ended")
+        return process
+
+    def _exchange(self, process: subprocess.Popen[bytes], message: bytes = b"") -> Any:
+        """Send a message if there is one, and return the next answer; None if the process ends."""
+        assert process.stdin is not None
+        assert process.stdout is not None
+        try:
+            if message:
+                pickle.dump(message, process.stdin)
+                process.stdin.flush()
+            return pickle.load(process.stdout)
+        except (EOFError, OSError, pickle.UnpicklingError):
+            self._end()
+            return None
+
+    def _end(self) -> None:
+        self.kill()
+        if self._process is not None:
+            # Closing flushes a message that the process has not read.
+            with suppress(OSError), self._process:
+                pass
+        self._process = None
+
+    def kill_if_due(self) -> None:
+        """Kill the process after its deadline; if it has ended, kill its child processes."""
+        process = self._process
+        is_late = clock.monotonic() > self._deadline
+        if process is not None and (is_late or process.poll() is not None):
+            # Child processes would keep the pipe open.
+            self.kill()
 
     def kill(self) -> None:
         """Kill the process and its process group, which contains its child processes."""
-        self._kill_group()
-        self._process.kill()
-        self._process.join()
-        self.connection.close()
-
-    def _kill_group(self) -> None:
-        if hasattr(os, "killpg"):
-            # A process that has just started has no group yet.
-            with suppress(ProcessLookupError, PermissionError):
-                os.killpg(self._process.pid or 0, signal.SIGKILL)
+        process = self._process
+        if process is not None:
+            if hasattr(os, "killpg"):
+                with suppress(ProcessLookupError, PermissionError):
+                    os.killpg(process.pid, signal.SIGKILL)
+            process.kill()
 
 
-def _wait_for_messages(processes: Iterable[_Process]) -> None:
-    """Wait until a process sends a message or ends, at most for the time between checks."""
-    from multiprocessing.connection import wait
-
-    wait(
-        [x for process in processes for x in (process.connection, process.sentinel)], _POLL_INTERVAL
-    )
+_PROGRAM = (
+    "import sys; sys.path[:] = sys.argv[1:]; from beamdae.studies.executors import serve; serve()"
+)
 
 
-@contextmanager
-def _isolated_start() -> Iterator[None]:
-    """Isolate processes that are started in this block.
-
-    They ignore Ctrl-C, have one BLAS thread, and run neither the main program nor files of the
-    working folder, which may be deleted while they start.
-    """
-    from multiprocessing import resource_tracker, spawn, util
-
-    internals: Any = util
-    prepare, flags = spawn.get_preparation_data, internals._args_from_interpreter_flags
-    entries = os.environ
-    added = {"OPENBLAS_NUM_THREADS": "1"}.items() - entries.items()
-    omitted = {"dir", "init_main_from_name", "init_main_from_path"}
-    before = {name: entries.get(name) for name, _ in added}
-    mask: Any = None
-    try:
-        # Not an environment variable, which the option -E disables.
-        internals._args_from_interpreter_flags = lambda: [*flags(), "-P"]
-        if hasattr(signal, "pthread_sigmask"):
-            # Otherwise, Python starts the tracker with the first process and unblocks the signal.
-            resource_tracker.ensure_running()
-            mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-        entries.update(added)
-        spawn.get_preparation_data = lambda name: {
-            key: x for key, x in prepare(name).items() if key not in omitted
-        }
-        yield
-    finally:
-        spawn.get_preparation_data = prepare
-        internals._args_from_interpreter_flags = flags
-        for name, value in before.items():
-            if value is None:
-                entries.pop(name, None)
-            else:
-                entries[name] = value
-        if mask is not None:
-            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
-
-
-def _serve(connection: Connection) -> None:
-    """Run the tasks that another process sends, and send their outcomes."""
-    _isolate_process()
-    connection.send(None)
-    with suppress(EOFError):
-        while True:
-            connection.send(_run_in_process(connection.recv_bytes()))
-
-
-def _isolate_process() -> None:
-    """Make this process a group leader without Ctrl-C and streams that ends with its parent."""
+def serve() -> None:
+    """Run the tasks from standard input, and write their outcomes to standard output."""
+    source, sink = (os.fdopen(os.dup(k), mode) for k, mode in ((0, "rb"), (1, "wb")))
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    if hasattr(os, "setsid"):
-        with suppress(OSError):
-            os.setsid()
     null = os.open(os.devnull, os.O_RDWR)
-    for descriptor in (0, 1, 2):
+    for descriptor in (0, 1):
         os.dup2(null, descriptor)
-    os.close(null)
     for stream in (sys.stdout, sys.stderr):
         # A character that cannot be encoded must not end a run.
-        if stream is not None and hasattr(stream, "reconfigure"):
-            stream.reconfigure(errors="backslashreplace")
-    # Without this thread, the process could outlive a study by the duration of a case.
-    threading.Thread(target=_exit_with_parent, daemon=True).start()
+        stream.reconfigure(errors="backslashreplace")  # type: ignore[union-attr]
     # Entered once: entering and leaving this context for each run takes 0.5 ms.
     single_threaded.__enter__()
+    tasks: SimpleQueue[bytes] = SimpleQueue()
+    threading.Thread(target=_receive, args=(source, tasks), daemon=True).start()
+    answer: Any = True  # ready
+    while True:
+        pickle.dump(answer, sink)
+        sink.flush()
+        answer = _run_in_process(tasks.get())
 
 
-def _exit_with_parent() -> None:
-    """Wait for the end of the process that started this one, then end this process group."""
-    from multiprocessing import parent_process
-
-    parent = parent_process()
-    assert parent is not None
-    parent.join()
-    if hasattr(os, "killpg") and os.getpgrp() == os.getpid():
+def _receive(source: Any, tasks: SimpleQueue[bytes]) -> None:
+    """Receive tasks; when the process that sends them has ended, end this process group."""
+    with suppress(EOFError):
+        while True:
+            tasks.put(pickle.load(source))
+    if hasattr(os, "killpg"):
         os.killpg(0, signal.SIGKILL)
     os._exit(0)
 
@@ -344,16 +285,6 @@ def _run_in_process(serialized: bytes) -> Outcome:
         # The model has forked, and this is the child.
         os._exit(0)
     return outcome
-
-
-def _warn_of_missing_processes(workers: int, problem: BaseException) -> None:
-    reason = getattr(problem, "strerror", None) or format_message(problem)
-    warnings.warn(
-        f"study: not all of the {workers} worker processes can be started ({reason}); the cases "
-        "run in fewer processes or in the main process.",
-        KernelWarning,
-        stacklevel=3,
-    )
 
 
 def _lose(reason: str) -> Outcome:
@@ -420,37 +351,6 @@ class FuturePool:
 TaskExecutor = SerialPool | LocalPool | FuturePool
 
 
-def _connect_to_dask(label: str, address: str) -> FuturePool:
-    """Return a pool that runs tasks on the workers of a Dask scheduler."""
-    try:
-        from distributed import Client
-    except ImportError:
-        raise BeamdaeError(
-            f"{label} requires Dask, which is not installed; run pip install 'beamdae[cluster]'."
-        ) from None
-    try:
-        client = Client(address, timeout=_CONNECT_TIMEOUT)
-    except Exception as problem:  # of many kinds, depending on the scheme of the address
-        raise BeamdaeError(
-            f"{label} does not answer ({format_message(problem)}); start a Dask scheduler or "
-            "correct the address."
-        ) from problem
-    workers = sum(client.nthreads().values())
-    if not workers:
-        client.close()
-        raise BeamdaeError(f"{label} has no workers; start at least one worker.")
-    # The outcomes report a lost connection; the client would log tracebacks of its own tasks.
-    logger = logging.getLogger("distributed.client")
-    level = logger.level
-    logger.setLevel(logging.CRITICAL)
-
-    def close() -> None:
-        client.close()
-        logger.setLevel(level)
-
-    return FuturePool(client.get_executor(pure=False), workers, close, "Dask cluster")
-
-
 def create_executor(part: str, prefix: str, workers: Any, scheduler: Any) -> TaskExecutor:
     """Return a pool of local processes or, with a `scheduler`, one that uses its workers.
 
@@ -475,8 +375,34 @@ def create_executor(part: str, prefix: str, workers: Any, scheduler: Any) -> Tas
             f"{part}: {prefix}scheduler must be the address of a Dask scheduler or an executor "
             f"of concurrent.futures, got {short_repr(scheduler)}."
         )
-    name = shorten_text(scheduler, _MAX_ADDRESS_LETTERS)
-    return _connect_to_dask(f"{part}: {prefix}scheduler {name}", scheduler)
+    label = f"{part}: {prefix}scheduler {shorten_text(scheduler, _MAX_ADDRESS_LETTERS)}"
+    try:
+        from distributed import Client
+    except ImportError:
+        raise BeamdaeError(
+            f"{label} requires Dask, which is not installed; run pip install 'beamdae[cluster]'."
+        ) from None
+    try:
+        client = Client(scheduler, timeout=_CONNECT_TIMEOUT)
+    except Exception as problem:  # of many kinds, depending on the scheme of the address
+        raise BeamdaeError(
+            f"{label} does not answer ({format_message(problem)}); start a Dask scheduler or "
+            "correct the address."
+        ) from problem
+    threads = sum(client.nthreads().values())
+    if not threads:
+        client.close()
+        raise BeamdaeError(f"{label} has no workers; start at least one worker.")
+    # The outcomes report a lost connection; the client would log tracebacks of its own tasks.
+    logger = logging.getLogger("distributed.client")
+    level = logger.level
+    logger.setLevel(logging.CRITICAL)
+
+    def close() -> None:
+        client.close()
+        logger.setLevel(level)
+
+    return FuturePool(client.get_executor(pure=False), threads, close, "Dask cluster")
 
 
 def _count_cores() -> int:

@@ -13,7 +13,7 @@ from functools import cache, lru_cache
 from pathlib import Path
 
 from beamdae.errors import working_folder
-from beamdae.input_files import find_source, is_written, register_input, watch_files
+from beamdae.input_files import find_source, register_input, watch_files
 from beamdae.results.storage.documents import open_regular_file
 
 # Replaces the hash of a file that changed after it was read; differs from every hash.
@@ -40,11 +40,11 @@ class _FileWatcher:
         self.written: set[str] = set()
         self.folder = Path()
 
-    def record(self, path: str, mode: str | None, flags: int) -> None:
+    def record(self, path: str, is_written: bool) -> None:
         absolute = _absolute(path)
         if is_installed(absolute):
             return
-        if is_written(mode, flags):
+        if is_written:
             self.written.add(absolute)
             return
         is_code = path.endswith((".py", ".pyc"))

@@ -8,31 +8,18 @@ version.
 
 from __future__ import annotations
 
-import copyreg
 import dis
 import hashlib
-import struct
 import sys
 from collections.abc import Iterable, Iterator
 from functools import _lru_cache_wrapper, cache, cached_property, singledispatch
 from inspect import getattr_static
-from types import (
-    BuiltinFunctionType,
-    CellType,
-    CodeType,
-    FunctionType,
-    GetSetDescriptorType,
-    MappingProxyType,
-    MemberDescriptorType,
-    MethodDescriptorType,
-    MethodType,
-    ModuleType,
-    WrapperDescriptorType,
-)
+from types import CodeType, FunctionType, ModuleType
 from typing import Any
 
 import numpy as np
 
+from beamdae.function_pickler import FunctionPickler
 from beamdae.read_only import ReadOnlyDict
 from beamdae.studies.file_reads import PACKAGE_FOLDER, is_installed
 
@@ -63,9 +50,11 @@ _GENERATED_GLOBALS = {
     "__path__",
     "__spec__",
 }
+_SCALARS = {*map(type, (None, ..., NotImplemented)), bool, int, float, complex, str, bytes}
 _GLOBAL_READS = ("LOAD_GLOBAL", "LOAD_NAME")
 _IMPORTS = ("IMPORT_NAME",)
 _PICKLE_PROTOCOL = 4
+_REDUCERS = FunctionPickler.dispatch_table  # also of methods, properties and cells
 # Names of the parts, for error messages, and their values.
 Parts = Iterable[tuple[str, Any]]
 
@@ -118,9 +107,10 @@ class _Hasher:
         self._in_module = False
 
     def digest(self, value: Any) -> bytes:
-        encoded = _encode_scalar(value)
-        if encoded is not None:
-            return hashlib.sha256(encoded).digest()
+        if type(value) in _SCALARS:
+            # Decimal conversion of long integers takes quadratic time.
+            text = hex(value) if type(value) is int else repr(value)
+            return hashlib.sha256(text.encode()).digest()
         in_module = self._in_module
         key = (id(value), in_module)
         if key in self._digests:
@@ -159,33 +149,17 @@ class _Hasher:
         return hashlib.sha256(b"\0".join([kind.encode(), *digests])).digest()
 
 
-def _encode_scalar(value: Any) -> bytes | None:
-    """Return a scalar of a built-in type as bytes, or None for any other value."""
-    kind = type(value)
-    if value is None or value is Ellipsis or value is NotImplemented or kind is bool:
-        return repr(value).encode()
-    if kind is int:
-        # Hexadecimal, because decimal conversion of long integers takes quadratic time.
-        return b"int %x" % value if value >= 0 else b"int -%x" % -value
-    if kind is float:
-        return b"float " + struct.pack(">d", value)
-    if kind is complex:
-        return b"complex " + struct.pack(">dd", value.real, value.imag)
-    if kind is str:
-        return b"str " + value.encode("utf-8", "surrogatepass")
-    return b"bytes " + value if kind is bytes else None
-
-
 @singledispatch
 def _decompose(value: Any) -> tuple[str, Parts]:
     """Return the kind of a value and its parts; by default, the parts of its pickle."""
     try:
-        reducer = copyreg.dispatch_table.get(type(value))
+        reducer = _REDUCERS.get(type(value))
         reduced = reducer(value) if reducer else value.__reduce_ex__(_PICKLE_PROTOCOL)
     except Exception as problem:  # __reduce__ can raise any error.
         raise FingerprintError(value) from problem
     if isinstance(reduced, str):
-        return f"name {type(value).__module__}.{reduced}", ()
+        module = getattr(value, "__module__", None) or type(value).__module__
+        return f"name {module}.{reduced}", ()
     function, arguments, state, items, pairs = (*reduced, None, None, None)[:5]
     parts = [("", function), *(("", x) for x in arguments), ("", None)]
     parts += _state_parts(value, state)
@@ -219,9 +193,8 @@ def _decompose_collection(value: Any) -> tuple[str, Parts]:
 
 
 @_decompose.register(dict)
-@_decompose.register(MappingProxyType)
 def _decompose_mapping(value: Any) -> tuple[str, Parts]:
-    if type(value) not in (dict, MappingProxyType, ReadOnlyDict):
+    if type(value) not in (dict, ReadOnlyDict):
         return _decompose_pickle(value)
     parts: list[tuple[str, Any]] = []
     for key, x in value.items():
@@ -287,7 +260,9 @@ def _decompose_class(value: type) -> tuple[str, Parts]:
     imported: Any = module
     for name in value.__qualname__.split("."):
         imported = getattr(imported, name, None)
-    if imported is value and _is_installed_module(module):
+    # Some built-in types, such as that of functions, cannot be imported.
+    is_named = imported is value or value.__module__ == "builtins"
+    if is_named and _is_installed_module(module):
         return f"class {_versioned_name(value.__module__)} {value.__qualname__}", ()
     members = {k: x for k, x in vars(value).items() if k not in _GENERATED_MEMBERS}
     bases = [("", x) for x in (*value.__bases__, type(value))]
@@ -318,40 +293,6 @@ def _versioned_name(module_name: str | None) -> str:
     return f"{module_name} {getattr(package, '__version__', '')}"
 
 
-@_decompose.register
-def _decompose_builtin(value: BuiltinFunctionType) -> tuple[str, Parts]:
-    owner = value.__self__
-    bound = [] if owner is None or isinstance(owner, ModuleType) else [("", owner)]
-    return f"builtin {value.__module__} {value.__qualname__}", bound
-
-
-@_decompose.register(GetSetDescriptorType)
-@_decompose.register(MemberDescriptorType)
-@_decompose.register(MethodDescriptorType)
-@_decompose.register(WrapperDescriptorType)
-def _decompose_descriptor(value: Any) -> tuple[str, Parts]:
-    return f"member {value.__qualname__}", ()
-
-
-@_decompose.register(MethodType)
-@_decompose.register(property)
-@_decompose.register(cached_property)
-@_decompose.register(staticmethod)
-@_decompose.register(classmethod)
-def _decompose_wrapper(value: Any) -> tuple[str, Parts]:
-    """Decompose a method or property into its functions and the object it is bound to."""
-    names = ("__func__", "__self__", "fget", "fset", "fdel", "func")
-    return type(value).__name__, [("", getattr(value, name, None)) for name in names]
-
-
 @_decompose.register(_lru_cache_wrapper)
 def _decompose_cached_function(value: Any) -> tuple[str, Parts]:
     return "cached function", [("", value.__wrapped__), ("", value.cache_parameters())]
-
-
-@_decompose.register
-def _decompose_cell(value: CellType) -> tuple[str, Parts]:
-    try:
-        return "cell", [("", value.cell_contents)]
-    except ValueError:
-        return "empty cell", ()

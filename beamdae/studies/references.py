@@ -215,7 +215,10 @@ def select_error_columns(reference: pd.DataFrame, columns: Sequence[str] = ()) -
         raise BeamdaeError(
             "compare: the model observes nothing to compare; add observed columns to the model."
         )
-    moving = _select_moving_columns(reference, candidates, 0.0 if columns else _MIN_RELATIVE_MOTION)
+    ranges = pd.Series(np.ptp(reference[candidates].to_numpy(), axis=0), candidates)
+    largest = ranges.groupby(lambda name: Header.of(name).unit).transform("max")
+    least = 0.0 if columns else _MIN_RELATIVE_MOTION
+    moving = [str(c) for c in ranges.index[ranges > least * largest]]
     constant = [c for c in candidates if c not in moving]
     if not moving or (columns and constant):
         raise BeamdaeError(
@@ -223,14 +226,6 @@ def select_error_columns(reference: pd.DataFrame, columns: Sequence[str] = ()) -
             f"constant in {', '.join(constant)}; observe or select columns that vary."
         )
     return moving
-
-
-def _select_moving_columns(
-    table: pd.DataFrame, columns: Sequence[str], min_relative_motion: float
-) -> list[str]:
-    ranges = pd.Series(np.ptp(table[list(columns)].to_numpy(), axis=0), list(columns))
-    largest = ranges.groupby(lambda name: Header.of(name).unit).transform("max")
-    return [str(c) for c in ranges.index[ranges > min_relative_motion * largest]]
 
 
 def compute_amplitudes(reference: pd.DataFrame, columns: Sequence[str]) -> np.ndarray:

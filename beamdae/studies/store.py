@@ -7,7 +7,7 @@ import hashlib
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from io import StringIO
 from pathlib import Path
 from typing import Any
@@ -25,7 +25,6 @@ from beamdae.results.storage.files import (
     write_bytes,
 )
 from beamdae.studies.file_reads import changed_files
-from beamdae.studies.run_values import COUNT_COLUMNS
 from beamdae.studies.tasks import TRAJECTORY, Outcome, Rows, Task
 
 Array = np.ndarray
@@ -34,33 +33,25 @@ _LOCK_FILE = ".lock"
 
 
 @dataclass(frozen=True)
-class StoredRows:
-    """Trajectory of a record: its file, checksum and columns, and the measures of these columns."""
-
-    file: str
-    sha256: str
-    columns: tuple[str, ...]
-    measures: dict[str, list[float]]
-
-
-@dataclass(frozen=True)
 class Record:
     """Outcome of a task on disk; for the fields, see `Outcome` and `Task`.
 
-    `counts` are the `values` in the columns of counts of the case table.
+    `columns` and `sha256` are the headers and the checksum of the trajectory, if there is one.
     """
 
     status: Status
-    counts: dict[str, int | None]
     values: dict[str, float | int | str | bool | None]
-    rows: StoredRows | None
+    columns: tuple[str, ...] | None
+    sha256: str
+    measures: dict[str, list[float]]
     frames: dict[str, Any] | None
     read: dict[str, str | None]
+    file: str
     time_limit: float | None
     repetitions: int
 
 
-_FORMAT = Format(FileKind("record", "run the case again"), 7, Record)
+_FORMAT = Format(FileKind("record", "run the case again"), 8, Record)
 
 
 @dataclass(frozen=True)
@@ -87,24 +78,26 @@ class Store:
         BeamdaeError
             If a file cannot be written. Existing files are not damaged.
         """
-        rows = None
+        columns, digest, file = None, "", ""
         if outcome.rows is not None:
-            write_bytes(self.folder / "trajectories" / task.file, outcome.text, durable=False)
+            columns, file = outcome.rows.headers, task.file
+            write_bytes(self.folder / "trajectories" / file, outcome.text, durable=False)
             digest = hashlib.sha256(outcome.text).hexdigest()
+        record = Record(
+            outcome.status,
+            outcome.values,
+            columns,
+            digest,
             # Tables and plots of large studies need only the measures.
-            rows = asdict(StoredRows(task.file, digest, outcome.rows.headers, outcome.measures))
-        content = {
-            "status": asdict(outcome.status),
-            "counts": {k: x for k, x in outcome.values.items() if k in COUNT_COLUMNS},
-            "values": {k: x for k, x in outcome.values.items() if k not in COUNT_COLUMNS},
-            "rows": rows,
-            "frames": outcome.frames,
-            "read": outcome.read,
-            "time_limit": task.time_limit,
-            "repetitions": task.repetitions,
-        }
-        write_bytes(self.record_path(task), _FORMAT.write(content), durable=False)
-        return replace(outcome, file="" if rows is None else task.file, text=b"")
+            outcome.measures,
+            outcome.frames,
+            outcome.read,
+            file,
+            task.time_limit,
+            task.repetitions,
+        )
+        write_bytes(self.record_path(task), _FORMAT.write(record), durable=False)
+        return replace(outcome, file=file, text=b"")
 
     def load(self, task: Task) -> Outcome | None:
         """Return the stored outcome of a task, or None if there is none that can be used.
@@ -116,23 +109,22 @@ class Store:
             record = _FORMAT.read(self.record_path(task))
             if not _is_usable(task, record):
                 return None
-            stored, rows = record.rows, None
-            if stored is not None:
-                path = self.folder / "trajectories" / Path(stored.file).name
-                if hashlib.sha256(read_bytes(path, TRAJECTORY)).hexdigest() != stored.sha256:
+            rows = None
+            if record.columns is not None:
+                path = self.folder / "trajectories" / Path(record.file).name
+                if hashlib.sha256(read_bytes(path, TRAJECTORY)).hexdigest() != record.sha256:
                     return None
-                rows = Rows(stored.columns, path)
+                rows = Rows(record.columns, path)
         except FileContentError:
             return None
-        measures, file = ({}, "") if stored is None else (stored.measures, stored.file)
         return Outcome(
             record.status,
-            record.counts | record.values,
+            record.values,
             rows,
-            measures,
+            record.measures,
             record.frames,
             record.read,
-            file,
+            record.file,
         )
 
 

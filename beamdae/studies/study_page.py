@@ -177,7 +177,9 @@ def _create_cases(
     is_stored: bool,
 ) -> list[Content]:
     study, ranks = results.study, _rank_cases(results.study)
-    max_rows = _max_rows_per_case(results, with_curves)
+    drawn = (case for k, case in enumerate(study.cases) if k in with_curves)
+    curves = filter(None, (results.outcome(case).rows for case in drawn))
+    max_rows = compute_row_limit(sum(len(x.headers) for x in curves))
     rows = results.table.replace({np.nan: None}).astype(object).to_dict("records")
     values = shown.astype(object).where(shown.notna(), None).to_dict("records")
     cases: list[Content] = []
@@ -230,21 +232,11 @@ def _create_curves(
         return None
     reference = results.references.get(group)
     exact = None if reference is None else reference.table
-    columns = {TIME: table.index.to_numpy(), **_column_arrays(table)}
+    columns = {TIME: table.index.to_numpy(), **{str(x): table[x].to_numpy() for x in table}}
     if reference is None or exact is None or not set(reference.columns) <= set(table):
         return select_curves(columns, max_rows)
     error = compute_deviations(table, exact, reference.columns).max(axis=1).reindex(table.index)
     return select_curves(columns, max_rows, error.to_numpy())
-
-
-def _column_arrays(table: pd.DataFrame) -> dict[str, np.ndarray]:
-    return {str(name): table[name].to_numpy() for name in table}
-
-
-def _max_rows_per_case(results: StudyResults, with_curves: set[int]) -> int:
-    cases = [case for k, case in enumerate(results.study.cases) if k in with_curves]
-    rows = filter(None, (results.outcome(case).rows for case in cases))
-    return compute_row_limit(sum(len(x.headers) for x in rows))
 
 
 def list_plots(results: StudyResults) -> dict[str, Callable[[], Figure | None]]:

@@ -263,7 +263,8 @@ def run_study(
         except ProgressError as error:
             progress_error = error.problem
         results = _evaluate_outcomes(plan, folder, outcomes)
-        _write_tables(results)
+        for name, table in results.tables.items():
+            write_escaped_table(folder / name, table)
         results = replace(results, interrupted=interrupted or interrupts.received)
         if progress_error is not None:
             attach_partial(progress_error, results)
@@ -309,7 +310,11 @@ def _run_missing_tasks(
         # Needed even if nothing is missing: an executor releases its resources when exhausted.
         with closing(executor.run_tasks(missing)) as results:
             for task, outcome in results:
-                _require_columns(plan, task, outcome)
+                is_first_model = task.case.model is plan.study.cases[0].model
+                if plan.study.columns and is_first_model and outcome.rows is not None:
+                    # Raises an error if the model does not observe the columns of the study.
+                    headers = observed_columns(outcome.rows.headers)
+                    select_observed_columns(plan.study.name, plan.study.columns, headers)
                 for message in outcome.kernel_warnings:
                     if message not in issued_messages:
                         issued_messages.add(message)
@@ -328,17 +333,6 @@ def _run_missing_tasks(
     finally:
         interrupts.immediate = False
     return False
-
-
-def _require_columns(plan: StudyPlan, task: Task, outcome: Outcome) -> None:
-    """Raise an error if the model of the first case does not observe the columns of the study.
-
-    This is checked after each run of the model, because models are built only when tasks run.
-    """
-    study = plan.study
-    if study.columns and task.case.model is study.cases[0].model and outcome.rows is not None:
-        headers = observed_columns(outcome.rows.headers)
-        select_observed_columns(study.name, study.columns, headers)
 
 
 def _evaluate_outcomes(
@@ -385,8 +379,3 @@ def _create_row(
         failed = Outcome(Status("failed", str(problem)), outcome.values)
         row = tabulate_case(case, group, failed, REFERENCE_NOT_RUN)
     return row | {"trajectory": f"trajectories/{outcome.file}" if outcome.file else ""}
-
-
-def _write_tables(results: StudyResults) -> None:
-    for name, table in results.tables.items():
-        write_escaped_table(results.folder / name, table)

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import copyreg
 import re
-import sys
 import time as clock
 import unicodedata
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import _lru_cache_wrapper, cached_property, lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -193,37 +190,6 @@ def describe_exception(problem: BaseException, function: str = "the model") -> s
         code = "" if problem.code is None else short_repr(problem.code)
         return f"{function} called sys.exit({code})"
     return format_exception(problem)
-
-
-def _create_cached_property(
-    function: Callable[[Any], Any], name: str | None
-) -> cached_property[Any]:
-    rebuilt = cached_property(function)
-    if name is not None:
-        rebuilt.__set_name__(object, name)
-    return rebuilt
-
-
-def _create_cached_function(
-    function: Callable[..., Any], parameters: dict[str, Any]
-) -> _lru_cache_wrapper[Any]:
-    return lru_cache(**parameters)(function)
-
-
-def _reduce_cached_function(function: _lru_cache_wrapper[Any]) -> Any:
-    """Reduce an importable function to its name, and other functions to their definition."""
-    module = sys.modules.get(function.__module__)
-    if getattr(module, function.__qualname__, None) is function:
-        return function.__qualname__
-    return _create_cached_function, (function.__wrapped__, function.cache_parameters())
-
-
-# Neither can be pickled: in CPython 3.11, a cached property contains a lock, and a cached function
-# contains its cache.
-copyreg.pickle(cached_property, lambda x: (_create_cached_property, (x.func, x.attrname)))
-
-
-copyreg.pickle(_lru_cache_wrapper, _reduce_cached_function)
 
 
 @dataclass(frozen=True)

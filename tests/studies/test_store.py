@@ -136,7 +136,7 @@ def test_regression_invalid_records_are_not_used(filled, name):
         {"status": {"kind": "splendid", "sentence": ""}},
         {"status": {"kind": "ok"}},
         {"values": {"steps": [1]}},
-        {"rows": {"columns": []}},
+        {"columns": [1]},
         {"repetitions": None},
         {"read": []},
         {"time_limit": "x"},

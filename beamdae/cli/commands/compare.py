@@ -6,28 +6,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from beamdae.cli.option_values import parse_assignments
-from beamdae.cli.options import (
-    ComparedColumns,
-    EndTime,
-    Jobs,
-    ModelName,
-    Out,
-    OutputStep,
-    Page,
-    Pictures,
-    Scheduler,
-    Settings,
-    Starts,
-    StudyPath,
-    TimeLimit,
-)
+from beamdae.cli.options import ComparedColumns
 from beamdae.cli.results import Report
-from beamdae.cli.study_outputs import (
-    StudyReport,
-    apply_run_options,
-    results_folder_name,
-    run_and_write,
-)
+from beamdae.cli.study_outputs import StudyJob, StudyReport, results_folder_name
 from beamdae.errors import BeamdaeError
 
 # NumPy and CasADi are imported inside functions, so that --help responds quickly.
@@ -36,21 +17,7 @@ if TYPE_CHECKING:
     from beamdae.studies.study_run import StudyResults
 
 
-def compare_command(
-    path: StudyPath,
-    settings: Settings = None,
-    model_name: ModelName = None,
-    compared: ComparedColumns = None,
-    out: Out = Path("results"),
-    time_limit: TimeLimit = None,
-    t_end: EndTime = None,
-    output_step: OutputStep = None,
-    start: Starts = None,
-    jobs: Jobs = None,
-    scheduler: Scheduler = None,
-    page: Page = True,
-    picture: Pictures = True,
-) -> None:
+def compare_command(job: StudyJob, compared: ComparedColumns = None) -> None:
     """Run a study, or one model with several integrators, and compare with a reference.
 
     Finished cases are stored in the results folder: run the same command again to resume. Exits
@@ -58,10 +25,8 @@ def compare_command(
     or model error, 3 if processes or a cluster failed before all cases were run, 130 after Ctrl-C,
     and 143 after SIGTERM.
     """
-    study = _select_study(path, model_name, parse_assignments(settings))
-    study = apply_run_options("compare", study, time_limit, t_end, output_step, start, compared)
-    folder, files = out / study.name, (page, picture)
-    run_and_write("compare", study, folder, _create_report, (jobs, scheduler), files)
+    study = _select_study(job.path, job.model_name, parse_assignments(job.settings))
+    job.run(study, compared, _create_report)
 
 
 def _create_report(results: StudyResults) -> StudyReport:

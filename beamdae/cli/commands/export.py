@@ -3,38 +3,30 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
 import typer
 
-from beamdae.cli.option_values import parse_seconds, split_names
+from beamdae.cli.job import ModelJob
+from beamdae.cli.option_values import split_names
 from beamdae.cli.options import (
     FixedStep,
     FurtherSettings,
-    ModelName,
-    ModelPath,
     RelativeTolerance,
-    Settings,
     Starts,
     accuracy_option,
     create_integrator,
-    load_model,
-    parse_start,
+    time_option,
 )
 from beamdae.cli.output import require_writable
 from beamdae.cli.results import Report, ResultFiles
-
-if TYPE_CHECKING:
-    from beamdae.export.fmu import ExportedFmu
 
 _KILOBYTE = 1e3
 
 
 def export_command(
-    path: ModelPath,
+    job: ModelJob,
     fmu: Annotated[Path, typer.Option(metavar="FILE.fmu", help="File to write.")],
-    settings: Settings = None,
-    model_name: ModelName = None,
     integrator: Annotated[
         str,
         accuracy_option(
@@ -46,9 +38,7 @@ def export_command(
     option: FurtherSettings = None,
     communication_step: Annotated[
         float | None,
-        typer.Option(
-            parser=parse_seconds,
-            metavar="TIME",
+        time_option(
             help="Default communication step in seconds, or with a unit. Defaults to --step, or "
             "1 ms.",
         ),
@@ -85,9 +75,9 @@ def export_command(
     Exits with 0 if the FMU was written, and with 2 for a usage or model error, for example if the
     model cannot be exported.
     """
-    model, file = load_model(path, model_name, settings)
+    model = job.model
     named = {"rtol": rtol, "step": step}
-    method = create_integrator("export", integrator, named, file, option)
+    method = create_integrator("export", integrator, named, job.file, option)
     require_writable(("--fmu", [fmu]))
     from beamdae.export.fmu import export_fmu
     from beamdae.report.descriptions import Description
@@ -101,24 +91,11 @@ def export_command(
         outputs=None if outputs is None else split_names(outputs),
         parameters=split_names(parameters),
         fmi=fmi,
-        start=parse_start(start, model),
+        start=job.start(start),
         platforms=_parse_platforms(platforms),
         real_time=real_time,
     )
-    content = Description(_describe(result), data=lambda: _json_results(result))
-    Report(model.name, content).print()
-    ResultFiles([result.path]).finish()
-
-
-def _parse_platforms(text: str | None) -> list[str] | None:
-    """Return the platforms of --platforms: none for "none", and None without this option."""
-    if text is None:
-        return None
-    return [] if text == "none" else split_names(text)
-
-
-def _describe(result: ExportedFmu) -> dict[str, str]:
-    return {
+    facts = {
         "interface": f"FMI {result.fmi}.0 for co-simulation",
         "integrator": result.integrator,
         "communication step": f"{result.communication_step:g} s",
@@ -128,10 +105,7 @@ def _describe(result: ExportedFmu) -> dict[str, str]:
         "binaries": ", ".join(result.platforms) or "none (sources only)",
         "size": f"{result.size / _KILOBYTE:.0f} kB",
     }
-
-
-def _json_results(result: ExportedFmu) -> dict[str, Any]:
-    return {
+    data = {
         "fmi": result.fmi,
         "integrator": result.integrator,
         "communication step": result.communication_step,
@@ -141,3 +115,12 @@ def _json_results(result: ExportedFmu) -> dict[str, Any]:
         "platforms": list(result.platforms),
         "size": result.size,
     }
+    Report(model.name, Description(facts, data=lambda: data)).print()
+    ResultFiles([result.path]).finish()
+
+
+def _parse_platforms(text: str | None) -> list[str] | None:
+    """Return the platforms of --platforms: none for "none", and None without this option."""
+    if text is None:
+        return None
+    return [] if text == "none" else split_names(text)

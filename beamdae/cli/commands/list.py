@@ -13,7 +13,7 @@ import typer
 from beamdae.cli.model_file import resolve_path
 from beamdae.cli.results import Report
 from beamdae.errors import BeamdaeError
-from beamdae.model_parameters import ModelParameter, read_docstring
+from beamdae.model_parameters import ModelParameter, format_with_unit, read_docstring
 
 # Decorators of beamdae that define a model, or a study or sweep.
 _MODEL, _STUDIES = "model", ("study", "sweep")
@@ -175,45 +175,35 @@ def list_command(
             "@bd.model(t_end=...)."
         )
     tables = {
-        "models": _tabulate_models(models),
+        "models": [
+            {
+                "model": x["name"],
+                "file": Path(x["file"]).name,
+                "t_end [s]": x["t_end"],
+                "parameters": ", ".join(
+                    f"{name}={format_with_unit(value, x['units'].get(name, ''))}"
+                    for name, value in x["parameters"].items()
+                ),
+                "about": x["about"],
+            }
+            for x in models
+        ],
         "studies": [{"study": x["name"], "file": Path(x["file"]).name} for x in studies],
         "problems": [
             {"file": Path(x["file"]).name, "cannot be listed": x["problem"]} for x in problems
         ],
     }
     for each in () if path.is_dir() else models:
-        tables[f"parameters of {each['name']}"] = _tabulate_parameters(each)
+        tables[f"parameters of {each['name']}"] = [
+            {
+                str(each["name"]): name,
+                "default": str(value),
+                "unit": each["units"].get(name, ""),
+                "description": each["descriptions"].get(name, ""),
+            }
+            for name, value in each["parameters"].items()
+        ]
     data = {"models": models, "studies": studies, "problems": problems}
     Report("", Description({}, tables, lambda: data), source="--json", max_rows=sys.maxsize).print()
     if problems:
         raise typer.Exit(1)
-
-
-def _tabulate_models(models: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    from beamdae.model_parameters import format_with_unit
-
-    return [
-        {
-            "model": x["name"],
-            "file": Path(x["file"]).name,
-            "t_end [s]": x["t_end"],
-            "parameters": ", ".join(
-                f"{name}={format_with_unit(value, x['units'].get(name, ''))}"
-                for name, value in x["parameters"].items()
-            ),
-            "about": x["about"],
-        }
-        for x in models
-    ]
-
-
-def _tabulate_parameters(model: dict[str, Any]) -> list[dict[str, Any]]:
-    return [
-        {
-            str(model["name"]): name,
-            "default": str(value),
-            "unit": model["units"].get(name, ""),
-            "description": model["descriptions"].get(name, ""),
-        }
-        for name, value in model["parameters"].items()
-    ]

@@ -7,35 +7,26 @@ import warnings
 from dataclasses import asdict, replace
 from keyword import iskeyword
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from beamdae.cli import process
+from beamdae.cli.job import ModelJob
 from beamdae.cli.model_file import (
     PREFIX,
     example_file,
     example_names,
     examples_folder,
 )
-from beamdae.cli.option_values import parse_assignments, parse_ends, parse_seconds
-from beamdae.cli.options import (
-    EndTime,
-    ModelName,
-    ModelPath,
-    Out,
-    Settings,
-    Starts,
-    load_model,
-    parse_start,
-)
+from beamdae.cli.option_values import parse_assignments, parse_ends
+from beamdae.cli.options import EndTime, Out, Repeated, Starts, time_option
 from beamdae.cli.output import create_console, record_results, record_warning, require_writable
 from beamdae.cli.results import Report, ResultFiles
 from beamdae.errors import BeamdaeError
 
 if TYPE_CHECKING:
-    from beamdae.checks import Check
-    from beamdae.model_functions import Model
+    pass
 
 
 # Names that the starter model imports; a model function must not replace them.
@@ -122,16 +113,15 @@ def new_command(
 
 
 def draw_command(
-    path: ModelPath,
-    settings: Settings = None,
-    model_name: ModelName = None,
+    job: ModelJob,
     out: Out = Path("results"),
 ) -> None:
     """Draw a model with its joints, supports, loads and part names (PNG).
 
     Exits with 0 on success, 1 if drawing failed, and 2 for a usage or model error.
     """
-    model, _ = load_model(path, model_name, settings, process.MODELS)
+    job.needs = process.MODELS
+    model = job.model
     picture = out / f"{model.name}_drawing.png"
     require_writable(("--out", (picture,)))
     from beamdae.parts.mechanism import Mechanism
@@ -151,9 +141,7 @@ def draw_command(
 
 
 def check_command(
-    path: ModelPath,
-    settings: Settings = None,
-    model_name: ModelName = None,
+    job: ModelJob,
     start: Starts = None,
     predict: Annotated[
         bool, typer.Option(help="Predict steps and wall time from at most 1 s of the run.")
@@ -163,49 +151,41 @@ def check_command(
 
     Exits with 0 if the model can be run, and with 2 and a message for a usage or model error.
     """
-    model, _ = load_model(path, model_name, settings)
+    model = job.model
     from beamdae.checks import check, describe_check
     from beamdae.parts.mechanism import Mechanism
     from beamdae.report.descriptions import Description
 
     mechanism = model()
-    result = check(mechanism, model.t_end, predict, parse_start(start, model))
+    result = check(mechanism, model.t_end, predict, job.start(start))
     parts = mechanism.parts if isinstance(mechanism, Mechanism) else {}
     for sentence in result.warnings:
         record_warning(sentence)
     facts = describe_check(result)
     name = f"{model.name}: {facts.pop('verdict')}"
     types = {name: type(part).__name__ for name, part in parts.items()}
-    data = _json_results(result) | {"parts": types}
+    values = asdict(replace(result, errors=None))
+    del values["name"], values["warnings"], values["errors"]
+    data = {"ok": result.ok, "mobility": result.mobility, **values, "parts": types}
     Report(name, Description(facts, data=lambda: data)).print()
     if not result.ok:
         raise BeamdaeError(result.problem)
 
 
-def _json_results(check: Check) -> dict[str, Any]:
-    results = asdict(replace(check, errors=None))
-    del results["name"], results["warnings"], results["errors"]
-    return {"ok": check.ok, "mobility": check.mobility, **results}
-
-
 def view_command(
-    path: ModelPath,
-    settings: Settings = None,
+    job: ModelJob,
     ranges: Annotated[
-        list[str] | None,
+        Repeated,
         typer.Option(
             "--range",
             metavar="NAME=FIRST:LAST",
             help="Ends of the slider of a parameter, for example radius=50cm:2m; repeatable.",
         ),
     ] = None,
-    model_name: ModelName = None,
     t_end: EndTime = None,
     time_limit: Annotated[
         float,
-        typer.Option(
-            parser=parse_seconds, metavar="TIME", help="Maximum wall time of a run in seconds."
-        ),
+        time_option(help="Maximum wall time of a run in seconds."),
     ] = 10.0,
     port: Annotated[int, typer.Option(help="Port of the server; 0 chooses a free port.")] = 0,
     browser: Annotated[
@@ -217,11 +197,12 @@ def view_command(
     The page is served on this computer only, at the printed address, until Ctrl-C. Exits with 130
     after Ctrl-C, and with 2 and a message for a usage or model error.
     """
-    model, _ = load_model(path, model_name, settings)
+    model = job.model
     from beamdae.live import LiveView, create_session
 
     texts = parse_assignments(ranges, "--range")
-    ends = {name: _parse_range(model, name, text) for name, text in texts.items()}
+    units = {name: info.unit for name, info in model.parameter_info.items()}
+    ends = {name: parse_ends("--range", name, x, units.get(name, "")) for name, x in texts.items()}
     live = LiveView(create_session(model, ends, t_end, time_limit), port, is_embedded=False)
     try:
         if problem := live.session.draw({}).get("error"):
@@ -238,8 +219,3 @@ def view_command(
             live.wait()
     finally:
         live.close()
-
-
-def _parse_range(model: Model, name: str, text: str) -> tuple[float, float]:
-    info = model.parameter_info.get(name)
-    return parse_ends("--range", name, text, info.unit if info else "")

@@ -20,6 +20,7 @@ from beamdae.cli.options import (
     Jobs,
     LoadTime,
     RelativeTolerance,
+    Repeated,
     StartCount,
     Starts,
     StartSeed,
@@ -63,7 +64,7 @@ def fit_command(
         str, typer.Option(metavar="NAME,...", help="Parameters whose logarithms are varied.")
     ] = "",
     sigma: Annotated[
-        list[str] | None,
+        Repeated,
         typer.Option(
             metavar="[COLUMN=]VALUE",
             help="Standard deviation of the errors of the data, in the unit of the column or with "
@@ -71,14 +72,14 @@ def fit_command(
         ),
     ] = None,
     experiment: Annotated[
-        list[str] | None,
+        Repeated,
         typer.Option(
             metavar="EXPERIMENT:NAME=VALUE",
             help="Value of a parameter in one experiment of the data; repeatable.",
         ),
     ] = None,
     scale: Annotated[
-        list[str] | None,
+        Repeated,
         typer.Option(
             metavar="COLUMN",
             help="Column, or EXPERIMENT:COLUMN, with an unknown scale; '*' for all columns; "
@@ -86,14 +87,14 @@ def fit_command(
         ),
     ] = None,
     offset: Annotated[
-        list[str] | None,
+        Repeated,
         typer.Option(
             metavar="COLUMN",
             help="Column with an unknown offset, or several separated by commas; repeatable.",
         ),
     ] = None,
     shift: Annotated[
-        list[str] | None,
+        Repeated,
         typer.Option(
             metavar="COLUMN[=LOW:HIGH]",
             help="Column with an unknown delay of its times, and bounds in seconds; repeatable.",
@@ -145,7 +146,7 @@ def fit_command(
         "starts": starts,
         "seed": seed,
     }
-    residuals, searches = job.path("_fit_residuals.csv"), job.path("_fit_starts.csv")
+    residuals, searches = job.output("_fit_residuals.csv"), job.output("_fit_starts.csv")
     files = job.plan("_fit", residuals, *[searches] * (starts > 1))
 
     def analyze() -> Fit:
@@ -153,7 +154,7 @@ def fit_command(
 
         with ExitStack() as stack:
             if starts > 1:
-                options.update(folder=job.path("_fit_starts"), jobs=jobs)
+                options.update(folder=job.output("_fit_starts"), jobs=jobs)
                 options["progress"] = stack.enter_context(show_study_progress())
             return fit(model, data, partial="return", **options)
 
@@ -217,14 +218,14 @@ def optimize_command(
         str | None, typer.Option(metavar="QUANTITY", help="Quantity to maximize instead.")
     ] = None,
     at_most: Annotated[
-        list[str] | None,
+        Repeated,
         typer.Option(
             metavar="QUANTITY=LIMIT",
             help="Upper limit of a quantity, with its sign; repeatable.",
         ),
     ] = None,
     at_least: Annotated[
-        list[str] | None,
+        Repeated,
         typer.Option(
             metavar="QUANTITY=LIMIT",
             help="Lower limit of a quantity, with its sign; repeatable.",
@@ -248,7 +249,7 @@ def optimize_command(
     if (minimize is None) == (maximize is None):
         raise BeamdaeError("optimize: pass either --minimize or --maximize.")
     model = job.model
-    history, searches = job.path("_designs.csv"), job.path("_design_starts.csv")
+    history, searches = job.output("_designs.csv"), job.output("_design_starts.csv")
     files = job.plan("_design", history, *[searches] * (starts > 1))
     texts = [minimize or maximize, *(at_most or []), *(at_least or [])]
     if t and not any(str(x).startswith("equilibrium:") for x in texts):

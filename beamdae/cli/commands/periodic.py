@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from beamdae.cli.job import AccurateJob
-from beamdae.cli.option_values import parse_assignments, parse_ends, parse_seconds
+from beamdae.cli.option_values import parse_assignments, parse_ends
 from beamdae.cli.options import (
     IntegratorName,
     PlottedColumns,
     RelativeTolerance,
     Starts,
     create_periodic_integrator,
+    time_option,
 )
 from beamdae.cli.progress import show_curve_progress
 from beamdae.errors import BeamdaeError, require_positive
@@ -25,9 +26,7 @@ if TYPE_CHECKING:
 
 StartTime = Annotated[
     float | None,
-    typer.Option(
-        parser=parse_seconds,
-        metavar="TIME",
+    time_option(
         help="Time from which on loads and drivers repeat, 0 by default.",
     ),
 ]
@@ -37,18 +36,14 @@ def periodic_command(
     job: AccurateJob,
     period: Annotated[
         float | None,
-        typer.Option(
-            parser=parse_seconds,
-            metavar="TIME",
+        time_option(
             help="Period of loads and drivers in seconds, or with a unit. Without it, the period "
             "of a self-excited or free motion is found.",
         ),
     ] = None,
     period_guess: Annotated[
         float | None,
-        typer.Option(
-            parser=parse_seconds,
-            metavar="TIME",
+        time_option(
             help="Approximate period in seconds, to be refined.",
         ),
     ] = None,
@@ -81,7 +76,7 @@ def periodic_command(
             t_start or 0.0,
             settle,
             period_guess=period_guess,
-            **job.accuracy,
+            **job.requirement,
         )
 
     job.run(files, "one period", analyze, names=plotted)
@@ -98,9 +93,7 @@ def response_command(
     ],
     period: Annotated[
         float | None,
-        typer.Option(
-            parser=parse_seconds,
-            metavar="TIME",
+        time_option(
             help="Period of the loads in seconds, if it does not depend on the parameter. By "
             "default, the parameter is a frequency in its unit, such as Hz (default) or rad/s.",
         ),
@@ -145,7 +138,7 @@ def response_command(
                 t_start=t_start or 0.0,
                 progress=progress,
                 partial="return",
-                **job.accuracy,
+                **job.requirement,
             )
 
     job.run(files, "periodic motions", analyze, names=plotted)

@@ -114,7 +114,7 @@ def run_command(
     named = {"rtol": rtol, "step": step, "time_limit": time_limit}
     method = create_integrator("run", integrator, named, job.file, option)
     names = None if sensitivities is None else split_names(sensitivities)
-    accuracy = job.accuracy["accuracy"]
+    accuracy = job.accuracy
     is_verified = verify or None
     _reject_combinations(
         "--accuracy", accuracy, {"--verify": is_verified, "--checkpoint": checkpoint}
@@ -125,7 +125,7 @@ def run_command(
     if data_columns and data is None:
         raise BeamdaeError("run: --data-column requires --data; use both options or neither.")
     checkpoints = ("--checkpoint", () if checkpoint is None else (checkpoint,))
-    files = job.plan("", job.path(".json"), others=checkpoints)
+    files = job.plan("", job.output(".json"), others=checkpoints)
     columns = parse_assignments(data_columns, "--data-column")
     charts = select_charts(job, split_names(plot), x, data, columns)
     earlier = None
@@ -257,7 +257,7 @@ def can_resume(solution: Solution) -> bool:
     return not status.success and is_early and PILOT_RUN_SUFFIX not in status.sentence
 
 
-def integrate_run(job: Job, integrator: Any, **settings: Any) -> Solution:
+def integrate_run(job: AccurateJob, integrator: Any, **settings: Any) -> Solution:
     """Simulate the model and return the solution, even if interrupted.
 
     `settings` are arguments of `simulate`, among them `t_end`.
@@ -269,7 +269,7 @@ def integrate_run(job: Job, integrator: Any, **settings: Any) -> Solution:
     """
     from beamdae.simulation import simulate, unchecked
 
-    accuracy = job.accuracy["accuracy"]
+    accuracy = job.accuracy
     task = "" if accuracy is None else f"accuracy {accuracy:g}"
     with show_run_progress(settings["t_end"] or job.model.t_end, task) as show_progress:
 
@@ -287,7 +287,7 @@ def integrate_run(job: Job, integrator: Any, **settings: Any) -> Solution:
                     integrator,
                     progress=update,
                     partial="return",
-                    **job.accuracy,
+                    **job.requirement,
                     **settings,
                 )
         except KeyboardInterrupt:
@@ -311,30 +311,8 @@ def measure_errors(solution: Solution, verify: bool) -> tuple[str, ...]:
         return tuple(errors.sentences())
 
 
-def _required_accuracy(solution: Solution, required: float | None) -> dict[str, Any]:
-    from beamdae.results.outcome import accuracy_of
-
-    reached = accuracy_of(solution)
-    if reached is None:
-        return {}
-    status = {"status": reached.kind, "reason": reached.sentence}
-    return {"accuracy": {"required": required, **status}}
-
-
-def _errors_by_column(solution: Solution) -> dict[str, Any]:
-    """Return the errors of each observed column, if they are known; missing errors are None."""
-    errors = vars(solution).get("errors")
-    if errors is None:
-        return {}
-    columns = {name: x.tolist() for name, x in errors.columns().items()}
-    return {
-        column: {name: x[k] if math.isfinite(x[k]) else None for name, x in columns.items()}
-        for k, column in enumerate(solution.columns)
-    }
-
-
 def describe_run(
-    job: Job,
+    job: AccurateJob,
     table: Path,
     solution: Solution,
     sentences: Sequence[str],
@@ -362,11 +340,22 @@ def describe_run(
     from beamdae.report.descriptions import Description
     from beamdae.report.tables import column_extremes, range_rows, run_facts
     from beamdae.results.columns import remove_unit
-    from beamdae.results.outcome import REACHED_END
+    from beamdae.results.outcome import REACHED_END, accuracy_of
     from beamdae.results.storage.files import write_metadata
 
-    required = _required_accuracy(solution, job.accuracy["accuracy"])
-    errors, warnings = _errors_by_column(solution), [*sentences, *solution.model_warnings]
+    warnings = [*sentences, *solution.model_warnings]
+    known = vars(solution).get("errors")
+    required: dict[str, Any] = {}
+    errors: dict[str, Any] = {}
+    if (reached := accuracy_of(solution)) is not None:
+        status = {"status": reached.kind, "reason": reached.sentence}
+        required = {"accuracy": {"required": job.accuracy, **status}}
+    if known is not None:
+        columns = {name: x.tolist() for name, x in known.columns().items()}
+        errors = {
+            column: {name: x[k] if math.isfinite(x[k]) else None for name, x in columns.items()}
+            for k, column in enumerate(solution.columns)
+        }
     if errors or sentences:
         with process.defer_interrupts():
             write_metadata(table, solution.metadata(errors=errors, warnings=warnings) | required)
@@ -379,7 +368,7 @@ def describe_run(
             f"RMS difference {rms}, largest {largest} at t = {x['t']:.5g} s "
             f"({format_count(int(x['count']), 'value')})"
         )
-    extremes, known = solution.step_extremes, vars(solution).get("errors")
+    extremes = solution.step_extremes
     derivatives = {} if solution.derivatives is None else solution.derivatives.columns()
     tables = {
         "Observed": range_rows(solution.columns, known, extremes),

@@ -11,7 +11,7 @@ import typer
 
 from beamdae.cli.job import AccurateJob
 from beamdae.cli.option_values import parse_named_number, split_names
-from beamdae.cli.options import HorizontalColumn, Loads, LoadTime, PlottedColumns, Starts
+from beamdae.cli.options import HorizontalColumn, Loads, LoadTime, PlottedColumns, Repeated, Starts
 from beamdae.cli.output import withdraw_warnings
 from beamdae.errors import BeamdaeError
 
@@ -24,7 +24,7 @@ def static_command(
     job: AccurateJob,
     load: Loads = None,
     to: Annotated[
-        list[str] | None,
+        Repeated,
         typer.Option(
             metavar="TARGET",
             help="Load factor to reach, or COLUMN=VALUE of an observed position, with or without a "
@@ -81,7 +81,7 @@ def static_command(
     """
     model = job.model
     plotted, abscissa = job.select_columns(plot, x, _list_headers)
-    files = job.plan("_static", job.path("_static.json"))
+    files = job.plan("_static", job.output("_static.json"))
     parse_value = _value_parser(model, over)
     if over is None:
         targets, size = _parse_targets(model, to, step, control == "arc length" or bool(switch))
@@ -99,7 +99,7 @@ def static_command(
         "start": job.start(start),
         "over": over,
         "from_": None if begin is None else parse_value("--from", begin),
-        **job.accuracy,
+        **job.requirement,
     }
 
     def analyze() -> Equilibrium:
@@ -194,6 +194,6 @@ def buckling_command(
     def analyze() -> Any:
         from beamdae.analysis.statics.linear_buckling import buckling
 
-        return buckling(job.model, number, loads, t, initial_state, **job.accuracy)
+        return buckling(job.model, number, loads, t, initial_state, **job.requirement)
 
     job.run(files, "linear buckling", analyze)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -11,31 +10,15 @@ import typer
 from beamdae.cli.option_values import SPACED_FORMS, parse_assignments, parse_spaced_values
 from beamdae.cli.options import (
     About,
-    EndTime,
     FixedStep,
     IntegratorName,
-    Jobs,
-    ModelName,
-    Out,
-    OutputStep,
-    Page,
-    Pictures,
     RelativeTolerance,
-    Scheduler,
-    Settings,
-    Starts,
-    StudyPath,
-    TimeLimit,
+    Repeated,
     create_integrator,
     find_state,
 )
 from beamdae.cli.results import Report
-from beamdae.cli.study_outputs import (
-    StudyReport,
-    apply_run_options,
-    results_folder_name,
-    run_and_write,
-)
+from beamdae.cli.study_outputs import StudyJob, StudyReport, results_folder_name
 from beamdae.errors import BeamdaeError, require_count
 
 # NumPy and CasADi are imported inside functions, so that --help responds quickly.
@@ -50,16 +33,16 @@ _MAX_MEASURES = 100
 
 
 def sweep_command(
-    path: StudyPath,
+    job: StudyJob,
     over: Annotated[
-        list[str] | None,
+        Repeated,
         typer.Option(
             metavar="NAME=VALUES",
             help=f"Parameter to vary and its values: {_VALUE_FORMS}; repeatable.",
         ),
     ] = None,
     of: Annotated[
-        list[str] | None,
+        Repeated,
         typer.Option(
             metavar="COLUMN",
             help="Observed column to evaluate, for example tip.y, or several separated by commas; "
@@ -75,20 +58,9 @@ def sweep_command(
         typer.Option(metavar="N", help="Compute N buckling load factors instead of runs."),
     ] = None,
     about: About = None,
-    settings: Settings = None,
-    model_name: ModelName = None,
     integrator: IntegratorName = "auto",
     rtol: RelativeTolerance = None,
     step: FixedStep = None,
-    out: Out = Path("results"),
-    time_limit: TimeLimit = None,
-    t_end: EndTime = None,
-    output_step: OutputStep = None,
-    start: Starts = None,
-    jobs: Jobs = None,
-    scheduler: Scheduler = None,
-    page: Page = True,
-    picture: Pictures = True,
 ) -> None:
     """Run a model over all combinations of parameter values; write a table, plots and a page.
 
@@ -107,28 +79,26 @@ def sweep_command(
     if modes is not None or buckling is not None:
         if not over:
             raise BeamdaeError("sweep: --modes and --buckling require --over NAME=VALUES.")
-        settings_of_runs = {"--of": of, "--time-limit": time_limit, "--t-end": t_end}
-        settings_of_runs |= {"--output-step": output_step, "--start": start}
+        settings_of_runs = {"--of": of, "--time-limit": job.time_limit, "--t-end": job.t_end}
+        settings_of_runs |= {"--output-step": job.output_step, "--start": job.start}
         reason = (
             "is an option of runs, but with --modes or --buckling the model is not run; omit it."
         )
         _reject_options(method_options | settings_of_runs, reason)
-        model = ModelFile(path).model(model_name)
+        model = ModelFile(job.path).model(job.model_name)
         measure = _create_measure(model, modes, buckling, about)
         kind = "_".join(["sweep", *(["modes"] * bool(modes)), *(["buckling"] * bool(buckling))])
-        sweep = _sweep_from_options(model, over, settings, measure, kind=kind)
+        sweep = _sweep_from_options(model, over, job.settings, measure, kind=kind)
     elif over:
-        file = ModelFile(path)
+        file = ModelFile(job.path)
         method = create_integrator("sweep", integrator, {"rtol": rtol, "step": step}, file)
-        model = file.model(model_name)
-        sweep = _sweep_from_options(model, over, settings, None, method)
+        model = file.model(job.model_name)
+        sweep = _sweep_from_options(model, over, job.settings, None, method)
     else:
         reason = "requires --over; to change a sweep in a file, edit the file."
-        _reject_options({"--set": settings, **method_options}, reason)
-        sweep = _sweep_of_file(ModelFile(path), model_name)
-    study = apply_run_options("sweep", sweep, time_limit, t_end, output_step, start, of)
-    folder, files = out / study.name, (page, picture)
-    run_and_write("sweep", study, folder, _create_report, (jobs, scheduler), files)
+        _reject_options({"--set": job.settings, **method_options}, reason)
+        sweep = _sweep_of_file(ModelFile(job.path), job.model_name)
+    job.run(sweep, of, _create_report)
 
 
 def _sweep_from_options(

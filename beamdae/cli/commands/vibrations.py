@@ -20,7 +20,7 @@ from beamdae.cli.option_values import (
     parse_spaced_values,
     split_names,
 )
-from beamdae.cli.options import About, LoadTime, find_state
+from beamdae.cli.options import About, LoadTime, Repeated, find_state
 from beamdae.cli.results import Report
 from beamdae.errors import BeamdaeError, require_count, short_repr, warn_user
 
@@ -108,14 +108,14 @@ def modes_command(
         raise BeamdaeError(
             "modes: --multiple requires several speeds; repeat --speed or give START:STOP:COUNT."
         )
-    accuracy = job.accuracy["accuracy"]
+    accuracy = job.accuracy
     for option, value in (("--animate", animated_modes), ("--accuracy", accuracy)):
         if value and not is_single:
             raise BeamdaeError(
                 f"modes: {option} does not support several speeds; give one --speed."
             )
-    resonances = job.path("_resonances.csv")
-    animations = {k: job.path(f"_mode_{k}.gif") for k in animated_modes}
+    resonances = job.output("_resonances.csv")
+    animations = {k: job.output(f"_mode_{k}.gif") for k in animated_modes}
     files = job.plan("_modes", *(animations.values() if is_single else [resonances]))
     mechanism = job.mechanism
     state = find_state("modes", mechanism, about, speeds[0] if speeds else None)
@@ -126,7 +126,7 @@ def modes_command(
 
         if is_single:
             # Its warnings are printed with the result.
-            modes = compute_modes(mechanism, state, count, damping, **job.accuracy)
+            modes = compute_modes(mechanism, state, count, damping, **job.requirement)
             if number is not None and len(modes) < number:
                 warn_user(f"modes: --number is {number}, but the number of modes is {len(modes)}.")
             for k in animations:
@@ -183,7 +183,7 @@ def parse_frequencies(text: str) -> tuple[list[float] | None, tuple[float, float
 def bode_command(
     job: AccurateJob,
     inputs: Annotated[
-        list[str] | None,
+        Repeated,
         typer.Option(
             "--input",
             metavar="NAME",
@@ -192,7 +192,7 @@ def bode_command(
         ),
     ] = None,
     outputs: Annotated[
-        list[str] | None,
+        Repeated,
         typer.Option(
             "--output",
             metavar="NAME",
@@ -236,7 +236,7 @@ def bode_command(
                 "inputs, such as a force" if not linear.inputs else "outputs, such as an observable"
             )
             raise BeamdaeError(f"bode: the model has no {kind}; add one.")
-        return bode(linear, grid, ends, **job.accuracy)
+        return bode(linear, grid, ends, **job.requirement)
 
     job.run(files, "linear response", analyze, complete=partial(_add_margins, mechanism.outputs))
 

@@ -79,7 +79,13 @@ def collect_applied_loads(
     assert mechanism is not None
     collector = _LoadCollector(beam, mechanism, times, state)
     gravity_factor = factors.get(GRAVITY, 1.0)
-    gravity = gravity_factor * _evaluate_gravity(mechanism, times)
+    gravity: Array = np.broadcast_to(mechanism.gravity, (len(times), 2))  # [m/s^2]
+    if mechanism.gravity_laws is not None:
+        local = Local(0)
+        laws = (law(local.time) for law in mechanism.gravity_laws.laws)
+        function = ca.Function("gravity", [local.time], [ca.densify(ca.vertcat(*laws))])
+        gravity = RowFunction(function)(times)
+    gravity = gravity_factor * gravity
     collector.add_inertia_and_weight(gravity)
     constant_gravity = None if gravity_factor == 1.0 else gravity[0]
     for statement in _list_statements(equations.statements, constant_gravity):
@@ -87,16 +93,6 @@ def collect_applied_loads(
         if statement.part is not beam and statement.part.load_distribution != "none" and factor:
             collector.add_statement(statement, factor)
     return collector.collect()
-
-
-def _evaluate_gravity(mechanism: Mechanism, times: Array) -> Array:
-    """Return the gravitational acceleration (rows, 2) [m/s^2] at rows (t, branch)."""
-    laws = mechanism.gravity_laws
-    if laws is None:
-        return np.broadcast_to(mechanism.gravity, (len(times), 2))
-    local = Local(0)
-    acceleration = ca.densify(ca.vertcat(*(law(local.time) for law in laws.laws)))
-    return RowFunction(ca.Function("gravity", [local.time], [acceleration]))(times)
 
 
 class _PartStatement(NamedTuple):
@@ -201,12 +197,6 @@ class _LoadCollector:
         """Return x, y and rotation, (rows, sections, 3)."""
         return evaluate_sections(position_and_angle, at, *self._beam_state)
 
-    def _move_to_start(self, position: Array, force: Array, moment: Array) -> Array:
-        """Return wrenches about the start of the beam, given forces and moments at positions."""
-        arm = position - self._start[:, None]
-        transport = arm[..., 0] * force[..., 1] - arm[..., 1] * force[..., 0]
-        return np.concatenate([force, (moment + transport)[..., None]], axis=-1)
-
     def _evaluate_statement(self, entry: _PartStatement, gravity: Array | None = None) -> Array:
         """Return the forces of a statement in the local coordinates of its pieces, (rows, n).
 
@@ -291,7 +281,10 @@ class _LoadCollector:
         stacked = stacked.reshape(rows, count, -1, size)
         work = stacked @ forces[..., None]
         loads = np.linalg.solve(stacked @ stacked.swapaxes(2, 3), work).reshape(*motion.shape)
-        wrenches = self._move_to_start(motion[..., :2], loads[..., :2], loads[..., 2])
+        # About the start of the beam.
+        arm, force = motion[..., :2] - self._start[:, None], loads[..., :2]
+        transport = arm[..., 0] * force[..., 1] - arm[..., 1] * force[..., 0]
+        wrenches = np.concatenate([force, (loads[..., 2] + transport)[..., None]], axis=-1)
         return wrenches.reshape(rows, count, -1, 3)
 
 

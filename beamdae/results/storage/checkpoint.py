@@ -20,7 +20,7 @@ from beamdae.results.run_data import RunData
 from beamdae.results.storage.documents import FileKind, Format
 
 # Files of runs, whose last states are checkpoints.
-SAVED_RUN, SAVED_RUN_VERSION = FileKind("saved run", "simulate and save the run again"), 4
+SAVED_RUN, SAVED_RUN_VERSION = FileKind("saved run", "simulate and save the run again"), 5
 
 
 @read_only_data
@@ -106,7 +106,7 @@ class Checkpoint:
         """
         path = Path(path)
         # Decoding does not make data read-only.
-        checkpoint = replace(_FORMAT.read_archive(path)[0].checkpoint)
+        checkpoint = replace(_FORMAT.read_archive(path).checkpoint)
         for values in ({"t": checkpoint.t}, checkpoint.q, checkpoint.v):
             for name, value in values.items():
                 require_finite(str(path), name, value)

@@ -15,7 +15,7 @@ import zipfile
 import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from io import BufferedReader
 from pathlib import Path
 from typing import Any, BinaryIO, Generic, TypeVar, cast
@@ -43,7 +43,7 @@ _MAX_JSON_BYTES = 100_000_000
 # Control characters would be executed by a terminal; line breaks and tabs are part of messages.
 _CONTROL_CHARACTER = re.compile(r"\x7f|(?<!\\)(?:\\\\)*\\(?:u00[0189][0-9a-f]|[bf])")
 _CHECKSUM = "checksum"
-_CONTENT = "document"  # array that contains the JSON text
+_CONTENT, _NUMBERS = "document", "numbers"  # arrays of the JSON text, and of all other numbers
 
 
 class ContentError(Exception):
@@ -156,9 +156,9 @@ class Format(Generic[_T]):
     version: int
     content: type[_T]
 
-    def write(self, content: Mapping[str, Any]) -> bytes:
-        """Return the text of a document; `content` has the fields of the type."""
-        return self._format(content, {})
+    def write(self, content: _T) -> bytes:
+        """Return the text of a document without arrays."""
+        return self._encode(content)[0]
 
     def read(self, path: Path) -> _T:
         """Return the content of the document at `path`.
@@ -171,18 +171,16 @@ class Format(Generic[_T]):
         """
         raw = read_bytes(path, self.kind, _MAX_JSON_BYTES)
         with self.kind.errors_of(path):
-            return self._parse(raw, {})
+            return self._decode(raw, {})
 
-    def write_archive(
-        self, stream: BinaryIO, content: Mapping[str, Any], arrays: Mapping[str, Array]
-    ) -> None:
-        """Write an archive of the document and arrays."""
-        members: dict[str, Any] = {**arrays}
-        members[_CONTENT] = np.frombuffer(self._format(content, arrays), np.uint8)
+    def write_archive(self, stream: BinaryIO, content: _T) -> None:
+        """Write an archive of the document and of the numbers of its arrays."""
+        text, arrays = self._encode(content)
+        members: dict[str, Any] = {_CONTENT: np.frombuffer(text, np.uint8), **arrays}
         np.savez(stream, **members)
 
-    def read_archive(self, path: Path) -> tuple[_T, dict[str, Array]]:
-        """Return content and arrays of the archive at `path`; for errors, see `read`."""
+    def read_archive(self, path: Path) -> _T:
+        """Return the content of the archive at `path`; for errors, see `read`."""
         with open_result(path, self.kind) as stream, self.kind.errors_of(path):
             with zipfile.ZipFile(stream) as archive:
                 members = archive.infolist()
@@ -193,15 +191,30 @@ class Format(Generic[_T]):
             stream.seek(0)
             with np.load(stream, allow_pickle=False) as archive:
                 arrays = {name: archive[name] for name in archive.files}
-            return self._parse(arrays.pop(_CONTENT).tobytes(), arrays), arrays
+            return self._decode(arrays.pop(_CONTENT).tobytes(), arrays)
 
-    def _format(self, content: Mapping[str, Any], arrays: Mapping[str, Array]) -> bytes:
-        plain = {"format": self.kind.name, "version": self.version, **content}
-        plain = json.loads(json.dumps(plain, default=_as_plain))
+    def _encode(self, content: _T) -> tuple[bytes, dict[str, Array]]:
+        """Return the text, in which arrays are lists [first number, *shape], and the numbers."""
+        blocks: list[Array] = []
+        size = 0
+
+        def encode(value: Any) -> Any:
+            nonlocal size
+            if isinstance(value, np.ndarray):
+                blocks.append(np.asarray(value, float).ravel())
+                size += value.size
+                return [size - value.size, *value.shape]
+            if isinstance(value, np.generic):
+                return value.item()
+            return {field.name: getattr(value, field.name) for field in fields(value)}
+
+        header = {"format": self.kind.name, "version": self.version}
+        plain = json.loads(json.dumps(header | encode(content), default=encode))
+        arrays = {_NUMBERS: np.concatenate(blocks)} if blocks else {}
         document = {**plain, _CHECKSUM: checksum(plain, arrays)}
-        return f"{json.dumps(document)}\n".encode()
+        return f"{json.dumps(document)}\n".encode(), arrays
 
-    def _parse(self, raw: bytes, arrays: Mapping[str, Array]) -> _T:
+    def _decode(self, raw: bytes, arrays: Mapping[str, Array]) -> _T:
         plain = json.loads(raw)
         if not isinstance(plain, dict) or plain.get("format") != self.kind.name:
             raise ValueError(raw)
@@ -210,26 +223,21 @@ class Format(Generic[_T]):
             raise ContentError(f"version must be {self.version}, got {short_repr(version)}")
         if expected != checksum(plain, arrays):
             raise ContentError("the content has changed since it was written (wrong checksum)")
-        return convert(plain, self.content)
+        if _CONTROL_CHARACTER.search(json.dumps(plain)):
+            raise ContentError("the content must not contain control characters")
 
+        def read_array(_: type, place: Any) -> Array:
+            first, *shape = place
+            return arrays[_NUMBERS][first : first + math.prod(shape)].reshape(shape)
 
-def convert(plain: Any, content: type[_T]) -> _T:
-    """Return the content of a JSON value that was read.
-
-    Raises
-    ------
-    ContentError
-        If a field is missing or has a wrong type, or a text contains control characters.
-    """
-    if _CONTROL_CHARACTER.search(json.dumps(plain)):
-        raise ContentError("the content must not contain control characters")
-    try:
-        # Decoding does not call the function __init__, which makes data read-only.
-        return replace(cast("Any", msgspec.convert(plain, content, dec_hook=_as_array)))
-    except msgspec.ValidationError as problem:
-        what, _, where = str(problem).replace("`", "").partition(" - at ")
-        field = where.removeprefix("$").removeprefix(".") or "the content"
-        raise ContentError(f"{field}: {what[:1].lower()}{what[1:]}") from None
+        try:
+            # Decoding does not call the function __init__, which makes data read-only.
+            content: Any = msgspec.convert(plain, self.content, dec_hook=read_array)
+        except msgspec.ValidationError as problem:
+            what, _, where = str(problem).replace("`", "").partition(" - at ")
+            field = where.removeprefix("$").removeprefix(".") or "the content"
+            raise ContentError(f"{field}: {what[:1].lower()}{what[1:]}") from None
+        return cast("_T", replace(content))
 
 
 def checksum(content: Any, arrays: Mapping[str, Array] | None = None) -> str:
@@ -241,11 +249,6 @@ def checksum(content: Any, arrays: Mapping[str, Array] | None = None) -> str:
     return digest.hexdigest()
 
 
-def _as_plain(value: Any) -> Any:
-    """Return the number or the list of a NumPy scalar or array."""
-    return value.tolist()
-
-
-def _as_array(kind: type, value: Any) -> Array:
-    """Return a list of numbers as the array of a field."""
-    return np.array(value, float)
+def as_plain(value: Any) -> Any:
+    """Return a value as JSON has it: arrays become lists."""
+    return json.loads(json.dumps(value, default=lambda x: x.tolist()))

@@ -294,7 +294,10 @@ def atomic_write(path: Path, durable: bool = True, kind: str = "") -> Iterator[P
         try:
             yield scratch
             if durable:
-                _flush_to_disk(scratch)
+                # Otherwise the renamed file could reach the disk before its content. Some file
+                # systems report a full disk only here.
+                with open(scratch, "rb+") as file:
+                    os.fsync(file.fileno())
             _replace_file(target, scratch)
             if durable:
                 register_output(target)
@@ -330,16 +333,6 @@ def _is_written_directly(target: Path) -> bool:
         # Such as /dev/stdout and /dev/fd/1.
         return str(target.parent) in ("/dev", f"/proc/{os.getpid()}/fd")
     return target.exists() and not (target.is_file() or target.is_dir())
-
-
-def _flush_to_disk(file: Path) -> None:
-    # Otherwise the renamed file could reach the disk before its content. Some file systems report a
-    # full disk only here.
-    descriptor = os.open(file, os.O_RDWR)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
 
 
 def _replace_file(target: Path, scratch: Path) -> None:

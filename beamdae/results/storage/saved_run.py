@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,16 +15,11 @@ from beamdae.input_files import CHECKPOINT, register_input
 from beamdae.read_only import read_only_data
 from beamdae.results.column_derivatives import ColumnDerivatives, require_derivatives
 from beamdae.results.outcome import Statistics, Status
-from beamdae.results.solution import Solution, unpack_solution
+from beamdae.results.solution import Solution
 from beamdae.results.storage.checkpoint import SAVED_RUN, SAVED_RUN_VERSION, Checkpoint
-from beamdae.results.storage.documents import Format
+from beamdae.results.storage.documents import Format, as_plain
 from beamdae.results.storage.files import atomic_write, require_file_path
-from beamdae.results.storage.packed_run import (
-    PackedRun,
-    PlainRun,
-    pack_run,
-    unpack_derivatives,
-)
+from beamdae.results.storage.packed_run import PackedRun, pack_run, unpack_solution
 from beamdae.results.time_series import TimeSeries
 
 if TYPE_CHECKING:
@@ -32,12 +27,10 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 
-_TABLE, _COORDINATES = "table", "coordinates"  # arrays with one row per column
-
 
 @dataclass(frozen=True)
 class SavedContent:
-    """Content of a saved run beside its arrays.
+    """Content of a saved run.
 
     Attributes
     ----------
@@ -46,7 +39,7 @@ class SavedContent:
     run
         Data of the run.
     table, coordinates
-        Headers of the tables.
+        Columns of the tables by header.
     metadata
         Metadata of the run, see `Solution.metadata`.
     checkpoint
@@ -55,9 +48,9 @@ class SavedContent:
 
     label: str
     identity: str
-    run: PlainRun
-    table: list[str]
-    coordinates: list[str]
+    run: PackedRun
+    table: dict[str, Array]
+    coordinates: dict[str, Array]
     metadata: dict[str, Any]
     checkpoint: Checkpoint
 
@@ -172,24 +165,17 @@ def save_run(run: Solution, path: str | Path) -> Path:
         If the file cannot be written.
     """
     file = require_file_path("save", path)
-    packed, table = pack_run(run), run.all_columns()
-    coordinates = run.coordinate_columns()
-    arrays = {
-        **packed.arrays,
-        _TABLE: np.stack(list(table.values())),
-        _COORDINATES: np.stack(list(coordinates.values())),
-    }
-    content = {
-        "label": run.label,
-        "identity": hash_model(run.equations),
-        "run": asdict(packed.plain),
-        "table": list(table),
-        "coordinates": list(coordinates),
-        "metadata": run.metadata(),
-        "checkpoint": asdict(Checkpoint.of(run)),
-    }
+    content = SavedContent(
+        run.label,
+        hash_model(run.equations),
+        pack_run(run),
+        run.all_columns(),
+        run.coordinate_columns(),
+        as_plain(run.metadata()),
+        Checkpoint.of(run),
+    )
     with atomic_write(file, kind=CHECKPOINT) as scratch, open(scratch, "wb") as stream:
-        _FORMAT.write_archive(stream, content, arrays)
+        _FORMAT.write_archive(stream, content)
     return file
 
 
@@ -204,19 +190,17 @@ def load_saved_run(path: Any, equations: EquationsOfMotion | None) -> SavedRun |
     """
     file = require_file_path("load", path)
     register_input(file, CHECKPOINT)
-    content, arrays = _FORMAT.read_archive(file)
-    packed = PackedRun(arrays, content.run)
+    content = _FORMAT.read_archive(file)
+    run = content.run
     with _FORMAT.kind.errors_of(file):
-        columns = dict(zip(content.table, arrays[_TABLE], strict=True))
-        states = dict(zip(content.coordinates, arrays[_COORDINATES], strict=True))
         if equations is None:
             metadata = {**content.metadata, "label": content.label, "file": file.name}
-            derivatives = unpack_derivatives(packed)
-            run = content.run
-            return SavedRun(run.status, run.statistics, metadata, columns, states, derivatives)
+            tables = content.table, content.coordinates
+            derivatives = run.derivatives and replace(run.derivatives)
+            return SavedRun(run.status, run.statistics, metadata, *tables, derivatives)
         if hash_model(equations) != content.identity:
             raise BeamdaeError(
                 f"{file}: the file contains a run of a model with other parts or values; "
                 "pass the model of this run, or omit the model to load only the tables."
             )
-        return unpack_solution(equations, packed)
+        return unpack_solution(equations, run)

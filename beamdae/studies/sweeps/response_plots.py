@@ -153,7 +153,12 @@ def plot_curves(
         axes = (scale.label, "")
         drawn.append(figures.Panel(panel.title, panel.label, lines, axes, (scale.scale, "linear")))
     is_failed = (table[STATUS] != "ok").to_numpy()
-    entries = _list_entries(styles if len(labels) > 1 else {}, bool(is_failed.any()))
+    legend = styles if len(labels) > 1 else {}
+    entries = dict(list(legend.items())[:_MAX_LEGEND_CURVES])
+    if len(legend) > _MAX_LEGEND_CURVES:
+        entries[f"and {len(legend) - _MAX_LEGEND_CURVES} more"] = {"ls": "none"}
+    if is_failed.any():
+        entries["did not reach the end time"] = _FAILURE_STYLE
     figure = figures.draw_panels(drawn, "", entries, x_label=None)
     failures = np.unique(scale.positions[is_failed])
     heights = np.full(len(failures), _FAILURE_HEIGHT)
@@ -238,14 +243,6 @@ def choose_response(table: pd.DataFrame, panel: Panel) -> Panel:
     lines = lines or dict(panel.lines)
     name = max(lines, key=lambda x: np.nanmax(np.abs(_extract_numbers(table[lines[x]])), initial=0))
     return panel._replace(lines={name: lines[name]}).split()[0]
-
-
-def _list_entries(styles: dict[str, dict[str, Any]], any_failed: bool) -> dict[str, dict[str, Any]]:
-    """Return the first entries of the legend, and that of failed runs."""
-    entries = dict(list(styles.items())[:_MAX_LEGEND_CURVES])
-    if len(styles) > _MAX_LEGEND_CURVES:
-        entries[f"and {len(styles) - _MAX_LEGEND_CURVES} more"] = {"ls": "none"}
-    return entries | ({"did not reach the end time": _FAILURE_STYLE} if any_failed else {})
 
 
 def plot_maps(

@@ -37,7 +37,6 @@ from beamdae.studies.sweeps.sweep import (
     WARNINGS,
     Sweep,
 )
-from beamdae.studies.tasks import Outcome
 
 Array = np.ndarray
 
@@ -77,11 +76,14 @@ def tabulate_responses(results: StudyResults, study: Sweep) -> pd.DataFrame:
         outcome = results.outcome(case)
         status, values = outcome.status, outcome.values
         error = values.get(MEASURED_ERROR_COLUMN, np.nan)
+        of_run = outcome.measures if status.success else {}
+        missing = [np.nan] * len(MEASURES)
+        numbers = [x for header in headers for x in of_run.get(header, missing)]
         outputs = {x: values.get(format_output_column(x)) for x in study.outputs}
         row = {
             **{study.header(name): value for name, value in setting.items()},
             STATUS: status.kind,
-            **dict(zip(measures, _measure_run(outcome, headers), strict=True)),
+            **dict(zip(measures, numbers, strict=True)),
             **{name: np.nan if x is None else x for name, x in outputs.items()},
             **({} if study.is_measured else {MEASURED_ERROR_COLUMN: error}),
             WALL_TIME_COLUMN: values.get(WALL_TIME_COLUMN, np.nan),
@@ -93,13 +95,6 @@ def tabulate_responses(results: StudyResults, study: Sweep) -> pd.DataFrame:
     table = pd.DataFrame(rows)
     first = [*map(study.header, study.parameters), STATUS, *study.outputs]
     return table[[*first, *(c for c in table if c not in first)]]
-
-
-def _measure_run(outcome: Outcome, headers: list[str]) -> list[float]:
-    """Return all measures of each observed column; NaN if the run or the column is missing."""
-    measures = outcome.measures if outcome.status.success else {}
-    missing = [np.nan] * len(MEASURES)
-    return [value for header in headers for value in measures.get(header, missing)]
 
 
 def select_characteristic(results: StudyResults, study: Sweep) -> list[str]:

@@ -229,7 +229,11 @@ class SweepResults(HasCsv):
             if any(as_real(setting[x]) is not None for setting in settings):
                 number = convert_text(name, x, value, self.sweep.units.get(x, ""))
                 parameters = {**parameters, x: number}
-        rows = [row for row, setting in enumerate(settings) if _matches(setting, parameters)]
+        rows = [
+            row
+            for row, setting in enumerate(settings)
+            if all(_is_same_value(setting[x], unbox_scalar(y)) for x, y in parameters.items())
+        ]
         if not rows:
             raise BeamdaeError(f"{name}: no case has {request}; see `table` for all cases.")
         first = settings[rows[0]]
@@ -369,10 +373,6 @@ def idle_parameter_warnings(swept: SweepResults) -> Iterator[str]:
                 f"{sweep.name}: all responses are equal for all values of {name}; the model may "
                 "not use this parameter, or no observed column depends on it."
             )
-
-
-def _matches(setting: Mapping[str, Any], parameters: Mapping[str, Any]) -> bool:
-    return all(_is_same_value(setting[x], unbox_scalar(value)) for x, value in parameters.items())
 
 
 def _is_same_value(displayed: Any, value: Any) -> bool:
