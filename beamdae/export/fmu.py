@@ -82,7 +82,6 @@ PART = "export_fmu"
 C_FOLDER = Path(__file__).parent / "c"
 _SHARED_SOURCES = ("instance.c", "points.c", "variables.c")
 _SHARED_HEADERS = (
-    "stepper.h",
     "instance.h",
     "tables.h",
     "points.h",

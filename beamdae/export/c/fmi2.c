@@ -1,7 +1,6 @@
 /* FMI 2.0 Co-Simulation interface of an exported model. */
 
 #include "fmi2Functions.h"
-#include "model.h"
 #include "variables.h"
 
 #include <stdio.h>
@@ -21,15 +20,11 @@ static fmi2Status report(const Component *c, const char *message) {
     return fmi2Error;
 }
 
-static fmi2Status check(const Component *c, const char *message) {
-    return message ? report(c, message) : fmi2OK;
+static fmi2Status check(const Component *c, int code) {
+    return code ? report(c, c->instance->message) : fmi2OK;
 }
 
 static Instance *instance_of(fmi2Component c) { return ((Component *)c)->instance; }
-
-static fmi2Status check_code(const Component *c, int code) {
-    return check(c, code == 0 ? NULL : instance_message(c->instance));
-}
 
 const char *fmi2GetTypesPlatform(void) { return fmi2TypesPlatform; }
 
@@ -88,7 +83,7 @@ fmi2Status fmi2Terminate(fmi2Component c) {
 }
 
 fmi2Status fmi2Reset(fmi2Component c) {
-    return check_code(c, instance_reset(instance_of(c)));
+    return check(c, instance_reset(instance_of(c)));
 }
 
 fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n,
@@ -129,7 +124,7 @@ fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate *state) {
 }
 
 fmi2Status fmi2SerializedFMUstateSize(fmi2Component c, fmi2FMUstate state, size_t *size) {
-    *size = serialized_size(instance_of(c));
+    *size = serialized_size();
     return fmi2OK;
 }
 

@@ -1,7 +1,6 @@
 /* FMI 3.0 Co-Simulation interface of an exported model. */
 
 #include "fmi3Functions.h"
-#include "model.h"
 #include "variables.h"
 
 #include <stdlib.h>
@@ -20,15 +19,11 @@ static fmi3Status report(const Component *c, const char *message) {
     return fmi3Error;
 }
 
-static fmi3Status check(const Component *c, const char *message) {
-    return message ? report(c, message) : fmi3OK;
+static fmi3Status check(const Component *c, int code) {
+    return code ? report(c, c->instance->message) : fmi3OK;
 }
 
 static Instance *instance_of(fmi3Instance c) { return ((Component *)c)->instance; }
-
-static fmi3Status check_code(const Component *c, int code) {
-    return check(c, code == 0 ? NULL : instance_message(c->instance));
-}
 
 const char *fmi3GetVersion(void) { return fmi3Version; }
 
@@ -83,8 +78,8 @@ void fmi3FreeInstance(fmi3Instance instance) {
 fmi3Status fmi3EnterInitializationMode(fmi3Instance c, fmi3Boolean with_tolerance,
                                        fmi3Float64 tolerance, fmi3Float64 start,
                                        fmi3Boolean with_stop, fmi3Float64 stop) {
-    const char *message = set_experiment(instance_of(c), start, with_stop, stop);
-    return check(c, message ? message : enter_initialization(instance_of(c)));
+    if (set_experiment(instance_of(c), start, with_stop, stop)) return check(c, -1);
+    return check(c, enter_initialization(instance_of(c)));
 }
 
 fmi3Status fmi3ExitInitializationMode(fmi3Instance c) {
@@ -92,7 +87,7 @@ fmi3Status fmi3ExitInitializationMode(fmi3Instance c) {
 }
 
 fmi3Status fmi3Reset(fmi3Instance c) {
-    return check_code(c, instance_reset(instance_of(c)));
+    return check(c, instance_reset(instance_of(c)));
 }
 
 fmi3Status fmi3GetFloat64(fmi3Instance c, const Reference vr[], size_t n,
@@ -121,7 +116,7 @@ fmi3Status fmi3FreeFMUState(fmi3Instance c, fmi3FMUState *state) {
 }
 
 fmi3Status fmi3SerializedFMUStateSize(fmi3Instance c, fmi3FMUState state, size_t *size) {
-    *size = serialized_size(instance_of(c));
+    *size = serialized_size();
     return fmi3OK;
 }
 
@@ -149,9 +144,9 @@ fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 t, fmi3Float64 step,
                       fmi3Boolean no_set_state, fmi3Boolean *event_handling,
                       fmi3Boolean *terminate, fmi3Boolean *early_return, fmi3Float64 *last_time) {
     *event_handling = *terminate = *early_return = fmi3False;
-    const char *message = do_step(instance_of(c), t, step);
+    const int code = do_step(instance_of(c), t, step);
     *last_time = instance_time(instance_of(c));
-    return check(c, message);
+    return check(c, code);
 }
 
 /* Functions without effect, and functions of features that the FMU does not have. */

@@ -90,8 +90,6 @@ void instance_free(Instance *s) {
     free(s);
 }
 
-const char *instance_message(const Instance *s) { return s->message; }
-
 int instance_reset(Instance *s) {
     s->message[0] = 0;
     s->stop = INFINITY;
@@ -99,19 +97,7 @@ int instance_reset(Instance *s) {
     return 0;
 }
 
-size_t instance_state_size(const Instance *s) { return model.n_state * sizeof(int64_t); }
-
-void instance_get_state(const Instance *s, void *state) {
-    memcpy(state, s->table, instance_state_size(s));
-    clear_addresses(state);
-}
-
-int instance_set_state(Instance *s, const void *state) {
-    memcpy(s->table, state, instance_state_size(s));
-    write_addresses(s->table);
-    refresh_numbers(s);
-    return 0;
-}
+size_t instance_state_size(void) { return model.n_state * sizeof(int64_t); }
 
 /* Pivots */
 
@@ -308,13 +294,7 @@ int instance_advance(Instance *s, double end) {
     return advance(s, end);
 }
 
-void instance_set_stop(Instance *s, double stop) { s->stop = stop; }
-
 double instance_time(const Instance *s) { return s->table->t + s->table->offset; }
-
-int64_t *instance_mode(Instance *s) { return &s->table->mode; }
-
-double instance_value(const Instance *s, Index value) { return s->table->values.at[value]; }
 
 int instance_set_value(Instance *s, Index value, double number) {
     Table *x = s->table;
@@ -370,11 +350,11 @@ int instance_derivative(Instance *s, const double *direction, double *result) {
         return fail(s, "Directional derivatives exist after the first step, not at t = %.9g s.",
                     x->t);
     if (follow_values(s)) return -1;
-    void *state = malloc(instance_state_size(s));
+    void *state = malloc(instance_state_size());
     if (!state) return fail(s, "Out of memory at t = %.9g s.", x->t);
-    memcpy(state, x, instance_state_size(s));
+    memcpy(state, x, instance_state_size());
     const int code = method_derivative(s, direction, (Reals){result, x->outputs.size});
-    memcpy(x, state, instance_state_size(s));
+    memcpy(x, state, instance_state_size());
     refresh_numbers(s);
     free(state);
     return code;

@@ -1,14 +1,20 @@
 /* Instances of exported models, and the functions of the method, which alpha_steps.c or
-   radau_steps.c defines. */
+   radau_steps.c defines.
+
+   The file instance.c is the same for all models, alpha_steps.c or radau_steps.c calls the steps of
+   the core, and model.c contains the kernels and numbers of one model. Instances share no
+   variables. */
 
 #ifndef BEAMDAE_INSTANCE_H
 #define BEAMDAE_INSTANCE_H
 
 #include "model.h"
-#include "stepper.h"
 #include "tables.h"
 
 #include <float.h>
+#include <stddef.h>
+
+#define MESSAGE_SIZE 256
 
 /* Difference of equal times relative to the step of the model. */
 #define SAME_TIME 1e-6
@@ -21,17 +27,39 @@
 /* Those of the starts, and of real and complex matrices of steps. */
 #define MAX_SOLVERS 3
 
-/* The table begins the block of all words of the instance. */
-struct Instance {
+typedef uint32_t Index;
+
+/* The table begins the block of all words of the instance. The stop time, the end of the
+   experiment [s], and the message of the last error are not part of the state. */
+typedef struct {
     Table *table;
     int has_outputs;
-    /* End of the experiment [s]; not part of the state. */
     double stop;
     /* Solvers that eliminate full matrices, because pivots in the fixed order are not suitable. */
     LinearSolver *full_solvers[MAX_SOLVERS];
     int n_full_solvers;
     char message[MESSAGE_SIZE];
-};
+} Instance;
+
+/* Functions that return int return 0, or -1 after an error, which `message` describes. */
+
+Instance *instance_create(void);
+void instance_free(Instance *s);
+/* Return to the start values of the model at time zero. */
+int instance_reset(Instance *s);
+/* Compute accelerations and reactions from positions, velocities and values. */
+int instance_initialize(Instance *s);
+int instance_advance(Instance *s, double end);
+double instance_time(const Instance *s);
+int instance_set_value(Instance *s, Index value, double number);
+/* Return NULL after an error. */
+const double *instance_outputs(Instance *s);
+/* Derivative of all outputs along a direction of the values that were held in the last internal
+   step (generalized-alpha) or communication step (Radau), for the same positions and velocities at
+   its beginning. */
+int instance_derivative(Instance *s, const double *direction, double *result);
+/* The state is a block of bytes without addresses. */
+size_t instance_state_size(void);
 
 /* Write the message of an error at the time t; return -1. */
 int fail(Instance *s, const char *text, double t);
