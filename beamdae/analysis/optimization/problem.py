@@ -103,8 +103,10 @@ class Design:
         """
         if min(limit.sign * value, limit.sign * limit.bound) <= 0.0:
             return 1.0
-        quantity = limit.quantity
-        maxima = {leaf: self.analyses[leaf.analysis].maximum(leaf) for leaf in quantity.leaves}
+        quantity, maxima = limit.quantity, dict[AnalysisQuantity, float]()
+        for key in {x.analysis for x in quantity.leaves}:
+            analysis = self.analyses[key]
+            maxima |= analysis.maxima() if analysis.maxima else analysis.values
         return max(1.0, quantity.differentiate(maxima)[0] / value)
 
 
@@ -320,7 +322,7 @@ class DesignProblem:
         with silenced():
             for key, group in group_by_analysis(self.leaves).items():
                 analyses[key] = create_analysis(model, group, self.settings)
-                results |= {leaf: analyses[key].value(leaf) for leaf in group}
+                results |= analyses[key].values
         numbers, weights = zip(*(x.differentiate(results) for x in self.quantities), strict=True)
         for quantity, number in zip(self.quantities, numbers, strict=True):
             if not np.isfinite(number):

@@ -43,9 +43,9 @@ _MIN_SEARCHED = 4
 _MAX_COMMON_ERROR = 1e-6
 
 
-# The latest parameters of a model function with the entries that they affect, (k, size), or None if
-# no groups were found: searches of an optimum differentiate the same parameters repeatedly.
-_latest_effects: WeakKeyDictionary[Callable[..., Any], dict[Any, Array | None]]
+# The latest parameters of a model function with the entries that they affect, (k, size), or False
+# if no groups were found: searches of an optimum differentiate the same parameters repeatedly.
+_latest_effects: WeakKeyDictionary[Callable[..., Any], dict[Any, Any]]
 _latest_effects = WeakKeyDictionary()
 
 
@@ -71,16 +71,28 @@ def difference_models(
     """
     rows = None
     if base.configurations is None and len(names) >= _MIN_SEARCHED:
-        rows = _Changes(model, names, base, assemble).differentiate()
+        latest = _latest_effects.setdefault(model.build, {})
+        key = tuple(names), len(numbers_and_start(base))
+        masks = latest.get(key)
+        found: Any = False
+        for known in () if masks is False else (None,) if masks is None else (masks, None):
+            with suppress(BeamdaeError):
+                rows, found = _differentiate_groups(model, names, base, assemble, known)
+                break
+        # Unless the search for groups succeeds, it is not repeated.
+        latest[key] = found
     if rows is None:
         return {x: difference_model(model, x, base, assemble) for x in names}
     result = {}
     for name, row in zip(names, rows, strict=True):
         if not np.any(row):
             warn_without_effect(model.name, name)
-        delta = first_difference(float(model.parameters[name]))
-        models = tuple(_move(base, x * delta * row) for x in CENTRAL.steps)
-        result[name] = Difference(models, CENTRAL, delta, name, base, is_regular=True)
+        delta, models = first_difference(float(model.parameters[name])), []
+        for x in CENTRAL.steps:
+            moved = numbers_and_start(base) + x * delta * row
+            p, q0, v0 = np.split(moved, [len(base.p), len(base.p) + base.n])
+            models.append(replace(base, p=p, q0=q0, v0=v0))
+        result[name] = Difference(tuple(models), CENTRAL, delta, name, base, is_regular=True)
     return result
 
 
@@ -88,100 +100,73 @@ class _DependentError(BeamdaeError):
     """No parameters can be changed together; each is differenced alone."""
 
 
-class _Changes:
-    """Models with changed parameters; each is reduced to the vector (p, q0, v0)."""
+def _differentiate_groups(
+    model: NumericModel,
+    names: Sequence[str],
+    base: EquationsOfMotion,
+    assemble: Callable[[Any], EquationsOfMotion],
+    masks: Array | None,
+) -> tuple[Array, Array]:
+    """Return the derivatives (k, size) of the numbers and the start, by groups, and the masks.
 
-    def __init__(
-        self,
-        model: NumericModel,
-        names: Sequence[str],
-        base: EquationsOfMotion,
-        assemble: Callable[[Any], EquationsOfMotion],
-    ) -> None:
-        self.model, self._names, self._base, self._assemble = model, tuple(names), base, assemble
-        self._values = np.array([float(model.parameters[x]) for x in names])
-        differences = np.array([first_difference(x) for x in self._values])
-        self._sizes = differences / RELATIVE_DIFFERENCE
-        self.here = numbers_and_start(base)
+    `masks` are True (k, size) where a parameter affects an entry; None if this is unknown.
 
-    def differentiate(self) -> Array | None:
-        """Return the derivatives (k, size) by groups, or None if there are no groups."""
-        shape = len(self._names), len(self.here)
-        known, key = _latest_effects.setdefault(self.model.build, {}), (self._names, shape)
-        if key in known:
-            masks = known[key]
-            if masks is None:
-                return None
-            with suppress(BeamdaeError):
-                return self._differentiate_groups(masks)
-        derivatives = masks = None
-        with suppress(BeamdaeError):
-            masks = self._find_affected()
-            derivatives = self._differentiate_groups(masks)
-        # Unless the search succeeds, it is not repeated.
-        known[key] = None if derivatives is None else masks
-        return derivatives
+    Raises
+    ------
+    BeamdaeError
+        If all parameters depend on each other, the derivatives are not accurate, the model rejects
+        a change, or a parameter changes the number of entries.
+    """
+    values, here = np.array([float(model.parameters[x]) for x in names]), numbers_and_start(base)
+    sizes = np.array([first_difference(x) for x in values]) / RELATIVE_DIFFERENCE
 
-    def _try_change(self, shares: Array) -> Trial:
+    def change(shares: Array) -> Trial:
         """Return the models at relative changes by shares * x about x = 0."""
 
-        def change(x: float) -> dict[str, float]:
-            values = self._values + x * shares * self._sizes
-            return {self._names[k]: float(values[k]) for k in np.flatnonzero(shares)}
+        def move(x: float) -> dict[str, float]:
+            moved = values + x * shares * sizes
+            return {names[k]: float(moved[k]) for k in np.flatnonzero(shares).tolist()}
 
-        name = ", ".join(self._names)
-        trial = try_step(
-            self.model, name, change, self._base, self._assemble, RELATIVE_DIFFERENCE, (CENTRAL,)
-        )
-        is_independent = all(has_same_operators(self._base, e) for e in trial.difference.models)
-        if not (is_independent and is_regular(trial.difference, self._base)):
+        name = ", ".join(names)
+        trial = try_step(model, name, move, base, assemble, RELATIVE_DIFFERENCE, (CENTRAL,))
+        is_independent = all(has_same_operators(base, e) for e in trial.difference.models)
+        if not (is_independent and is_regular(trial.difference, base)):
             raise _DependentError
         return trial
 
-    def _find_affected(self) -> Array:
-        """Return True (k, size) where a parameter affects an entry.
-
-        Raises
-        ------
-        BeamdaeError
-            If the model rejects a change, or a parameter changes the number of entries.
-        """
-        masks = []
-        for name, value, size in zip(self._names, self._values, self._sizes, strict=True):
-            values = {name: float(value + RELATIVE_DIFFERENCE * size)}
-            changed = numbers_and_start(self._assemble(build_neighbor(self.model, values)))
-            if len(changed) != len(self.here):
+    if masks is None:
+        rows = []
+        for name, value in zip(names, values + RELATIVE_DIFFERENCE * sizes, strict=True):
+            rows.append(numbers_and_start(assemble(build_neighbor(model, {name: float(value)}))))
+            if len(rows[-1]) != len(here):
                 raise _DependentError
-            masks.append(changed != self.here)
-        return np.array(masks)
-
-    def _differentiate_groups(self, masks: Array) -> Array:
-        """Return the derivatives (k, size) with parameters changed in groups.
-
-        Raises
-        ------
-        _DependentError
-            If they are not accurate.
-        """
-        groups, count = _group_disjoint(masks), len(masks)
-        result = np.zeros(masks.shape)
-        for group in groups:
-            shares = np.zeros(count)
-            shares[group] = 1.0
-            trial = self._try_change(shares)
-            if not trial.is_smooth:
-                raise _DependentError
-            change = trial.difference.along(numbers_and_start)
-            result[group] = np.where(masks[group], change, 0.0) / self._sizes[group, None]
-        # The derivatives add up along a common change of all parameters.
-        shares = np.random.default_rng(0).choice([-1.0, -0.5, 0.5, 1.0], count)
-        common = self._try_change(shares).difference
-        parts = result * (shares * self._sizes)[:, None]
-        error = np.abs(common.along(numbers_and_start) - parts.sum(axis=0))
-        rounding = sizes_and_rounding(self._base)[1] / RELATIVE_DIFFERENCE
-        if np.any(error > _MAX_COMMON_ERROR * np.abs(parts).sum(axis=0) + rounding):
+        masks = np.array(rows) != here
+    groups: list[tuple[list[int], Array]] = []
+    for k, mask in enumerate(masks):
+        for group, union in groups:
+            if not np.any(union & mask):
+                group.append(k)
+                union |= mask
+                break
+        else:
+            groups.append(([k], mask.copy()))
+    if len(groups) == len(masks):
+        raise _DependentError
+    result = np.zeros(masks.shape)
+    for group, _ in groups:
+        trial = change(np.isin(np.arange(len(names)), group) * 1.0)
+        if not trial.is_smooth:
             raise _DependentError
-        return result
+        along = trial.difference.along(numbers_and_start)
+        result[group] = np.where(masks[group], along, 0.0) / sizes[group, None]
+    # The derivatives add up along a common change of all parameters.
+    shares = np.random.default_rng(0).choice([-1.0, -0.5, 0.5, 1.0], len(names))
+    parts = result * (shares * sizes)[:, None]
+    error = np.abs(change(shares).difference.along(numbers_and_start) - parts.sum(axis=0))
+    rounding = sizes_and_rounding(base)[1] / RELATIVE_DIFFERENCE
+    if np.any(error > _MAX_COMMON_ERROR * np.abs(parts).sum(axis=0) + rounding):
+        raise _DependentError
+    return result, masks
 
 
 def is_regular(difference: Difference, base: EquationsOfMotion) -> bool:
@@ -192,33 +177,3 @@ def is_regular(difference: Difference, base: EquationsOfMotion) -> bool:
         and e.breakpoints == base.breakpoints
         for e in difference.models
     )
-
-
-def _move(base: EquationsOfMotion, change: Array) -> EquationsOfMotion:
-    """Return equations with changed numbers and start."""
-    p, q0, v0 = np.split(numbers_and_start(base) + change, [len(base.p), len(base.p) + base.n])
-    return replace(base, p=p, q0=q0, v0=v0)
-
-
-def _group_disjoint(masks: Array) -> list[list[int]]:
-    """Return groups of rows of masks that do not overlap, by a greedy search.
-
-    Raises
-    ------
-    _DependentError
-        If all of them overlap.
-    """
-    groups: list[list[int]] = []
-    unions: list[Array] = []
-    for k, mask in enumerate(masks):
-        for group, union in zip(groups, unions, strict=True):
-            if not np.any(union & mask):
-                group.append(k)
-                union |= mask
-                break
-        else:
-            groups.append([k])
-            unions.append(mask.copy())
-    if len(groups) == len(masks):
-        raise _DependentError
-    return groups
