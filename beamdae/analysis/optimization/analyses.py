@@ -35,12 +35,12 @@ from beamdae.analysis.optimization.quantities import (
     ParameterFunction,
 )
 from beamdae.analysis.sensitivities.differentiable_run import require_differentiable_method
-from beamdae.analysis.sensitivities.many_parameters import difference_models
 from beamdae.analysis.sensitivities.modes import differentiate_modes
 from beamdae.analysis.sensitivities.neighbors import (
     STENCILS,
     Difference,
     Neighbors,
+    difference_models,
     first_difference,
 )
 from beamdae.analysis.sensitivities.observable_derivatives import read_column

@@ -8,14 +8,17 @@ from dataclasses import dataclass, field, fields, replace
 from typing import Any, Self, TypeVar
 
 from beamdae import deferred
-from beamdae.analysis.sensitivities.many_parameters import difference_models
 from beamdae.analysis.sensitivities.neighbors import (
     Difference,
     NumericModel,
     derivative_call,
+    difference_models,
 )
-from beamdae.analysis.sensitivities.requested_start import assemble_neighbors
-from beamdae.analysis.sensitivities.run_chain import RunDerivative, differentiate_states
+from beamdae.analysis.sensitivities.run_chain import (
+    RunDerivative,
+    assemble_neighbors,
+    differentiate_states,
+)
 from beamdae.errors import (
     BeamdaeError,
     require_choice,

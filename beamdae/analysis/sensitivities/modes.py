@@ -20,8 +20,7 @@ from beamdae.analysis.linear_dynamics.linearization import (
 )
 from beamdae.analysis.linear_dynamics.natural_modes import Modes, compute_modes
 from beamdae.analysis.sensitivities.implicit import Eigenpair, apply_pencil, linearize_at
-from beamdae.analysis.sensitivities.many_parameters import difference_models
-from beamdae.analysis.sensitivities.neighbors import Difference, NumericModel
+from beamdae.analysis.sensitivities.neighbors import Difference, NumericModel, difference_models
 from beamdae.analysis.sensitivities.sensitivity_result import (
     SensitivityResult,
     select_parameters,

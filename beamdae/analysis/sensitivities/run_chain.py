@@ -1,4 +1,4 @@
-"""Derivatives of the states of a run, across breakpoints, events, impacts and switches.
+"""Derivatives of the states of a run: its start, breakpoints, events, impacts and switches.
 
 At a restart whose time t depends on the parameter, with the states x = (q, v) and their rates f
 before (-) and after (+) it, the derivatives s at fixed time change from s- to
@@ -13,25 +13,24 @@ doi:10.1016/S0168-9274(98)00125-1.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from beamdae.analysis.sensitivities.linear_steps import Matrices, differentiate_steps
-from beamdae.analysis.sensitivities.neighbors import (
-    Difference,
-    derivative_call,
+from beamdae.analysis.sensitivities.implicit import (
+    RegularPoint,
+    differentiate_equilibrium,
+    find_unique_equilibrium,
 )
-from beamdae.analysis.sensitivities.requested_start import differentiate_starts
-from beamdae.analysis.sensitivities.restart_times import (
-    differentiate_breakpoint,
-    differentiate_event_time,
-    event_number,
-    find_event,
-    require_inner_breakpoints,
-    time_rounding,
+from beamdae.analysis.sensitivities.linear_steps import Matrices, differentiate_steps
+from beamdae.analysis.sensitivities.neighbors import Difference, derivative_call
+from beamdae.analysis.sensitivities.observable_derivatives import (
+    differentiate_columns,
+    group_times,
+    join_points,
+    time_derivative,
 )
 from beamdae.analysis.sensitivities.start_derivatives import (
     Directions,
@@ -44,6 +43,7 @@ from beamdae.equations.equations_of_motion import (
     ImpactEquations,
     State,
 )
+from beamdae.equations.smooth_intervals import SAME_TIME, time_on_branch
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.starts.reduced_equations import ReducedEquations, keep_constraints
 from beamdae.equations.starts.state_evaluator import StateEvaluator
@@ -55,10 +55,262 @@ from beamdae.integrators.reaction_balance import bound_reactions, remove_redunda
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.memory import require_memory
 from beamdae.parts.events import select_impacts
+from beamdae.parts.mechanism import AS_DRAWN
+from beamdae.results.outcome import EventRecord
 from beamdae.results.solution import Solution
 from beamdae.results.trajectory import Interval, Trajectory
+from beamdae.simulation import as_equations
 
 Array = np.ndarray
+
+# Slowest rate of an event quantity at an event, relative to the range of the quantity and to the
+# duration of the interval before it. A parabola that passes its threshold with a slower rate
+# exceeds it by less than 1e-8 of its range, which runs do not resolve.
+_MIN_EVENT_RATE = 1e-4
+
+
+def time_rounding(trajectory: Trajectory) -> float:
+    """Return the difference up to which times of a run are the same [s]."""
+    return SAME_TIME * max(abs(trajectory.start), abs(trajectory.end))
+
+
+def event_number(equations: EquationsOfMotion, name: str) -> int:
+    """Return the index of an event."""
+    return next(k for k, x in enumerate(equations.events) if x.name == name)
+
+
+def find_event(solution: Solution, t: float) -> EventRecord | None:
+    """Return the record of the event that acts at `t` [s], or None.
+
+    Raises
+    ------
+    BeamdaeError
+        If the derivative does not exist, because several events act, or the event is at the end of
+        the run or at a breakpoint.
+    """
+    records = _records_at(solution, t, stops=False)
+    if not records:
+        return None
+    rounding, times = time_rounding(solution.trajectory), solution.equations.breakpoints
+    for at, place in (
+        (solution.trajectory.end, "the end of the run"),
+        *((x, "a breakpoint of a law") for x in times),
+    ):
+        if abs(t - at) <= rounding:
+            raise BeamdaeError(
+                f"{derivative_call()}: event {records[0].name} acts at {place}, t = {t:g} s, where "
+                "the derivatives do not exist; separate the two times."
+            )
+    return records[0]
+
+
+def find_stop(solution: Solution) -> int | None:
+    """Return the index of the event that stopped a run, None if it reached its end time.
+
+    Raises
+    ------
+    BeamdaeError
+        If several events stop the run at the same time.
+    """
+    records = _records_at(solution, solution.trajectory.end, stops=True)
+    return event_number(solution.equations, records[0].name) if records else None
+
+
+def _records_at(solution: Solution, t: float, *, stops: bool) -> list[EventRecord]:
+    """Return the record of the event that acts at `t` [s], or stops the run, if there is one."""
+    equations, rounding = solution.equations, time_rounding(solution.trajectory)
+
+    def is_sought(name: str) -> bool:
+        action = equations.events[event_number(equations, name)].do
+        return action == "stop" if stops else not isinstance(action, str)
+
+    records = [x for x in solution.event_records if abs(x.t - t) <= rounding and is_sought(x.name)]
+    # Impacts that close each other's gaps occur several times.
+    names = list(dict.fromkeys(x.name for x in records))
+    if len(records if not stops else names) > 1:
+        raise BeamdaeError(
+            f"{derivative_call()}: events {' and '.join(names)} act at the same time, t = {t:g} s, "
+            "where the derivatives do not exist; separate the two times."
+        )
+    return records
+
+
+def differentiate_breakpoint(difference: Difference, t: float, rounding: float) -> float:
+    """Return the derivative of the breakpoint at `t` [s]; zero if there is none.
+
+    Raises
+    ------
+    BeamdaeError
+        If breakpoints at this time move apart.
+    """
+    moves = breakpoint_derivatives(difference)
+    at = [dt for b, dt in moves if abs(b - t) <= rounding]
+    if at and max(at) != min(at):
+        raise BeamdaeError(
+            f"{derivative_call()}: {difference.name} moves one of several breakpoints at t = "
+            f"{t:g} s, where the derivatives do not exist; separate their times."
+        )
+    return at[0] if at else 0.0
+
+
+def require_inner_breakpoints(difference: Difference, trajectory: Trajectory) -> None:
+    """Reject a parameter that moves a breakpoint across the start or the end of the run."""
+    rounding = time_rounding(trajectory)
+    for b, dt in breakpoint_derivatives(difference):
+        if dt and min(abs(b - trajectory.start), abs(b - trajectory.end)) <= rounding:
+            raise BeamdaeError(
+                f"{derivative_call()}: {difference.name} moves the breakpoint of a law at t = "
+                f"{b:g} s across the start or the end of the run, where the derivatives do "
+                "not exist; choose another value, or another t_end."
+            )
+
+
+def differentiate_event_time(
+    equations: EquationsOfMotion,
+    number: int,
+    interval: Interval,
+    t: float,
+    along: Mapping[str, Interval],
+    differences: Mapping[str, Difference],
+) -> dict[str, float]:
+    """Return the derivatives of the time of an event [s] by parameter.
+
+    Parameters
+    ----------
+    equations, number
+        Equations of all parts, and index of the event in them.
+    interval, t
+        Interval of the run that contains the event, and the time of the event [s].
+    along
+        Derivatives of the states of the interval, by parameter.
+    differences
+        Models at neighboring values, by parameter.
+
+    Raises
+    ------
+    BeamdaeError
+        If the event quantity hardly changes at the event.
+    """
+    term, here = equations.events[number], np.array([t])
+    # Elastic forces follow from the states at several nodes, with weights, others from that at t.
+    is_elastic = term.observable.is_elastic
+    ((inactive, points),) = group_times(Trajectory((interval,)), here, is_elastic)
+    times, at = join_points(points, Trajectory((interval,)))
+    active = equations.without_loads_of(inactive)
+    values = term.evaluate_difference(
+        active.p, interval.times, interval.rows.q, interval.rows.v, interval.rows.lam
+    )
+    duration = max(float(interval.nodes[-1] - interval.nodes[0]), np.finfo(float).tiny)
+    if is_elastic:
+        rate = float(interval.force_rates_at(values, here)[0])
+    else:
+        lam_rates = interval.derivative_at(here).lam
+        rate = float(time_derivative(term.observable, active, times, at, lam_rates)[0, term.column])
+    if not abs(rate) > _MIN_EVENT_RATE * float(np.ptp(values)) / duration:
+        raise BeamdaeError(
+            f"{derivative_call()}: the quantity of event {term.name} only touches its value at t = "
+            f"{t:g} s, where the derivatives do not exist; choose other values of the parameters."
+        )
+    changes = differentiate_columns(
+        lambda e: e.events[number].observable,
+        times,
+        at,
+        {name: join_points(points, Trajectory((x,)))[1] for name, x in along.items()},
+        differences,
+        inactive,
+    )
+    weights = points[0].weights
+    return {
+        name: (
+            differences[name].along(lambda e: e.events[number].crosses)
+            - float((change if weights is None else weights @ change)[0, term.column])
+        )
+        / rate
+        + 0.0  # not -0.0
+        for name, change in changes.items()
+    }
+
+
+def breakpoint_derivatives(difference: Difference) -> list[tuple[float, float]]:
+    """Return pairs of a breakpoint [s] and its derivative."""
+    derivatives = difference.along(lambda e: np.array(e.breakpoints))
+    return list(zip(difference.base.breakpoints, derivatives.tolist(), strict=True))
+
+
+def differentiate_starts(
+    differences: Sequence[Difference], time: Array, at: State
+) -> list[tuple[Array, Array]]:
+    """Return the derivatives of the requested initial positions and velocities along parameters.
+
+    `time` and `at` are (t, branch) and the state at the start of the run.
+    """
+    bases = {id(x.base): x.base for x in differences}
+    equilibria = {key: find_unique_equilibrium(e) for key, e in bases.items()}
+    return [_differentiate_start(x, time, at, equilibria[id(x.base)]) for x in differences]
+
+
+def _differentiate_start(
+    difference: Difference, time: Array, at: State, equilibrium: RegularPoint | None
+) -> tuple[Array, Array]:
+    base = difference.base
+    models = (base, *difference.models)
+    if np.array_equal(at.q, base.q0) and not any(start_adds_velocities(e, time) for e in models):
+        dq, dv = difference.along(lambda e: e.q0), difference.along(lambda e: e.v0)
+    else:
+
+        def start(e: EquationsOfMotion) -> Array:
+            return np.concatenate(ConsistencySolver(e).start_state(time, e.q0, e.v0)[:2])
+
+        dq, dv = np.split(difference.along(start), 2)
+    return dq if equilibrium is None else differentiate_equilibrium(equilibrium, difference), dv
+
+
+def assemble_neighbors(base: EquationsOfMotion, start: Any) -> Callable[[Any], EquationsOfMotion]:
+    """Return the function that assembles models at neighboring values of parameters.
+
+    If the run starts in a unique equilibrium, that of its neighbors is not searched: they start at
+    that of the run, whose derivative follows from the static equations.
+
+    Parameters
+    ----------
+    base, start
+        Equations of the run, and its start; None for that of the model.
+    """
+
+    def assemble(mechanism: Any) -> EquationsOfMotion:
+        return as_equations(derivative_call(), mechanism, start)
+
+    time = time_on_branch(base.breakpoints, 0.0)
+    if (
+        base.configurations is not None
+        or base.redundant
+        or len(base.states)
+        or start_adds_velocities(base, time)
+        or find_unique_equilibrium(base) is None
+    ):
+        return assemble
+
+    def assemble_as_drawn(mechanism: Any) -> EquationsOfMotion:
+        neighbor = as_equations(derivative_call(), mechanism, AS_DRAWN)
+        if neighbor.n != base.n:  # Rejected by the caller.
+            return neighbor
+        result = replace(neighbor, q0=base.q0, v0=base.v0, start=base.start)
+        return assemble(mechanism) if start_adds_velocities(result, time) else result
+
+    return assemble_as_drawn
+
+
+def start_adds_velocities(equations: EquationsOfMotion, time: Array) -> bool:
+    """Return True if bodies are set in motion at the start, see `ConsistencySolver.start_state`."""
+    kernels = [joint.kernel for joint in equations.structure.joints]
+    if not np.any(equations.v0) and all(x.is_scleronomic for x in kernels):
+        return False
+    solver = ConsistencySolver(equations)
+    return not np.array_equal(
+        solver.rigid_velocities(time, equations.q0, equations.v0), equations.v0
+    )
+
+
 Starts = Mapping[str, tuple[Array, Array]]
 
 # Copies of the derivatives of all steps that are in memory at the same time.

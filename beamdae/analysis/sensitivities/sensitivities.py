@@ -18,7 +18,7 @@ from beamdae.analysis.sensitivities.differentiable_run import (
 )
 from beamdae.analysis.sensitivities.neighbors import Difference
 from beamdae.analysis.sensitivities.observable_derivatives import differentiate_run_columns
-from beamdae.analysis.sensitivities.restart_times import differentiate_event_time, event_number
+from beamdae.analysis.sensitivities.run_chain import differentiate_event_time, event_number
 from beamdae.analysis.sensitivities.sensitivity_result import (
     SensitivityResult,
     require_parameters,

@@ -17,11 +17,11 @@ from beamdae.analysis.sensitivities.implicit import (
     RegularPoint,
     SingularPoint,
 )
-from beamdae.analysis.sensitivities.many_parameters import difference_models
 from beamdae.analysis.sensitivities.neighbors import (
     Difference,
     NumericModel,
     difference_model,
+    difference_models,
 )
 from beamdae.analysis.sensitivities.observable_derivatives import (
     differentiate_columns,
