@@ -323,14 +323,26 @@ def local_search(
     if not free.any():
         status = Status("ok", "all parameters are fixed")
         return SearchResult(record.best, 1, status, nowhere)
-    sigma, ending, explains = 1.0, "", True
-    if not problem.data.is_sigma_known:
+    sigma, ending, explains, is_known = 1.0, "", True, problem.data.is_sigma_known
+    if not is_known:
         sigma = float(_GUESSED_SIGMA * np.sqrt(problem.data.variation / problem.count))
     attraction = _PRIOR_WEIGHT * sigma * np.eye(len(first))
     try:
         x, success = record.minimize(first, free, attraction, _ROUGH_TOLERANCE, max_evaluations)
         if success and not is_rough:
-            attraction = _attract_undetermined(record, x, free)
+            end, slopes = record.accept(x), scaling.derivatives(x)
+            freedom = max(problem.count - len(problem.estimated), 1)
+            sigma = float(np.sqrt(end.chi_square / freedom))
+            sigma = min(sigma, 1.0) if is_known else sigma
+            # Near zero, changes are relative to the first value.
+            sizes = np.maximum(slopes, scaling.sizes)
+            information = Information(end.projected_jacobian, sizes * free)
+            singular = information.singular
+            limit = max(sigma / MAX_RELATIVE_DEVIATION, MIN_SINGULAR_RATIO * singular[0])
+            directions = information.directions[singular < (limit or np.inf)]
+            # Orthonormal directions in the variables.
+            basis, _ = np.linalg.qr((directions * sizes / slopes).T)
+            attraction = _PRIOR_WEIGHT * sigma * basis.T
             x, success = record.minimize(x, free, attraction, _TOLERANCE, max_evaluations)
         end = record.accept(x)
         if not success:
@@ -345,65 +357,32 @@ def local_search(
         status = Status("interrupted", sentence)
         partial = SearchResult(record.best, record.count, status, nowhere)
         raise Interrupted(sentence, partial) from None
-    x = scaling.variables(end.values)
+    x, status, failures = scaling.variables(end.values), Status("ok", "converged"), ""
     is_bound = (end.values == scaling.bounds[0]) | (end.values == scaling.bounds[1])
-    next_step = _measure_next_step(problem, scaling, end, attraction, free & ~is_bound)
-    status, failures = Status("ok", "converged"), ""
-    if next_step > _MAX_NEXT_STEP:
-        cause = "runs fail" if record.failures else "the columns jump or have a kink"
-        ended = (
-            f"the search ended next to values at which {cause}, {next_step:.2g} standard "
-            "deviations before a minimum"
-        )
-        status = Status("limited", ending or ended)
+    inner = free & ~is_bound
+    # The next step from rounding errors is arbitrary.
+    if inner.any() and end.chi_square > problem.rounding:
+        # It is long where a search ended before values at which runs fail or columns jump.
+        rows = np.vstack([end.projected_jacobian * scaling.derivatives(x), attraction])[:, inner]
+        residuals = np.append(end.residuals, attraction @ (x - 1.0))
+        change = rows @ np.linalg.lstsq(rows, residuals, MIN_SINGULAR_RATIO)[0]
+        freedom = max(problem.count - int(np.sum(inner)), 1)
+        next_step = float(np.linalg.norm(change) * np.sqrt(freedom / end.chi_square))
+        if next_step > _MAX_NEXT_STEP:
+            cause = "runs fail" if record.failures else "the columns jump or have a kink"
+            ended = (
+                f"the search ended next to values at which {cause}, {next_step:.2g} standard "
+                "deviations before a minimum"
+            )
+            status = Status("limited", ending or ended)
     if record.failures:
         count, last_one = format_count(len(record.failures), "run"), record.failures[-1]
         failures = (
             f"{count} failed, the last one: {last_one.removesuffix('.')}; pass bounds= that "
             "exclude such values"
         )
-    return SearchResult(
-        end,
-        record.count,
-        status,
-        free & is_bound,
-        failures,
-        explains or status.success,
-    )
-
-
-def _attract_undetermined(record: _Record, x: Array, free: Array) -> Array:
-    """Return the attraction (j, K) of the combinations that the data do not determine at `x`."""
-    problem, evaluation, slopes = record.problem, record.accept(x), record.scaling.derivatives(x)
-    freedom = max(problem.count - len(problem.estimated), 1)
-    sigma = float(np.sqrt(evaluation.chi_square / freedom))
-    sigma = min(sigma, 1.0) if problem.data.is_sigma_known else sigma
-    # Near zero, changes are relative to the first value.
-    sizes = np.maximum(slopes, record.scaling.sizes)
-    information = Information(evaluation.projected_jacobian, sizes * free)
-    singular = information.singular
-    limit = max(sigma / MAX_RELATIVE_DEVIATION, MIN_SINGULAR_RATIO * singular[0])
-    directions = information.directions[singular < (limit or np.inf)]
-    # Orthonormal directions in the variables.
-    basis, _ = np.linalg.qr((directions * sizes / slopes).T)
-    return np.asarray(_PRIOR_WEIGHT * sigma * basis.T)
-
-
-def _measure_next_step(
-    problem: FitProblem, scaling: Scaling, end: Evaluation, attraction: Array, free: Array
-) -> float:
-    """Return the length of the next Gauss-Newton step in standard deviations.
-
-    It is long where a search ended in front of values at which runs fail or columns jump.
-    """
-    if end.chi_square <= problem.rounding or not free.any():
-        return 0.0  # The next step from rounding errors is arbitrary.
-    x = scaling.variables(end.values)
-    jacobian = np.vstack([end.projected_jacobian * scaling.derivatives(x), attraction])[:, free]
-    residuals = np.append(end.residuals, attraction @ (x - 1.0))
-    change = jacobian @ np.linalg.lstsq(jacobian, residuals, MIN_SINGULAR_RATIO)[0]
-    freedom = max(problem.count - int(np.sum(free)), 1)
-    return float(np.linalg.norm(change) * np.sqrt(freedom / end.chi_square))
+    explains |= status.success
+    return SearchResult(end, record.count, status, free & is_bound, failures, explains)
 
 
 def search(
