@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -24,7 +24,6 @@ from beamdae.analysis.sensitivities.differentiable_run import (
 from beamdae.analysis.sensitivities.linear_steps import Matrices, transpose_steps
 from beamdae.analysis.sensitivities.neighbors import Difference, derivative_call, is_regular
 from beamdae.analysis.sensitivities.observable_derivatives import (
-    ColumnPoints,
     differentiate_column,
     differentiate_run_columns,
     group_times,
@@ -34,21 +33,20 @@ from beamdae.analysis.sensitivities.observable_derivatives import (
     split_points,
 )
 from beamdae.analysis.sensitivities.run_chain import (
-    RunDerivative,
     differentiate_event_time,
     differentiate_starts,
     find_stop,
     node_state,
 )
 from beamdae.analysis.sensitivities.start_derivatives import StartDerivatives
-from beamdae.equations.equations_of_motion import EquationsOfMotion, Observable, State
+from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.errors import (
     BeamdaeError,
     record_warnings,
     short_repr,
 )
-from beamdae.integrators import GeneralizedAlpha, Integrator, Radau
+from beamdae.integrators import GeneralizedAlpha, Integrator
 from beamdae.integrators.reaction_balance import bound_reactions
 from beamdae.interrupts import interruptible
 from beamdae.linear.blas_threads import single_threaded
@@ -56,7 +54,6 @@ from beamdae.memory import require_memory
 from beamdae.model_functions import Model, transform_mechanisms
 from beamdae.read_only import read_only_data
 from beamdae.results.solution import Solution
-from beamdae.results.trajectory import Interval, Trajectory
 
 Array = np.ndarray
 
@@ -89,121 +86,84 @@ class ColumnSeeds:
         return result
 
 
-def differentiate_objective(
-    weights: Mapping[Objective, float], equations: EquationsOfMotion, trajectory: Trajectory
-) -> ColumnSeeds:
+def differentiate_objective(weights: Mapping[Objective, float], solution: Solution) -> ColumnSeeds:
     """Return the derivatives of a weighted sum of objectives by the states of a run.
 
     The parts of the model are active during the whole run.
     """
-    size = 2 * equations.n + equations.m
+    equations, trajectory = solution.equations, solution.trajectory
+    n, m = equations.n, equations.m
     # By columns: most objectives depend on few of them, and only these need memory.
-    states = [np.zeros((len(x.nodes), size), order="F") for x in trajectory.intervals]
+    states = [np.zeros((len(x.nodes), 2 * n + m), order="F") for x in trajectory.intervals]
     result = ColumnSeeds(states, np.zeros(len(equations.p)), {})
     grid, points_at = SampleGrid.of(trajectory), dict[tuple[bytes, bool], Any]()
     for term, factor in weights.items():
-        times, column = term.sample_times(grid), _Column.of(equations, term.column)
-        key = times.tobytes(), column.is_elastic
+        times, (_, number, column) = term.sample_times(grid), locate_column(equations, term.column)
+        is_elastic = number is not None and equations.observables[number].is_elastic
+        key = times.tobytes(), is_elastic
         if key not in points_at:
-            ((_, points),) = group_times(trajectory, times, column.is_elastic)
-            points_at[key] = points, *join_points(points, trajectory, limited=True)
-        points, rows, at = points_at[key]
-        values, arguments = column.evaluate(rows, at)
-        parts = zip(points, split_points(points, values), strict=True)
-        samples = np.concatenate([_values_at_times(x, trajectory, part) for x, part in parts])
-        by_samples = factor * term.evaluate(samples, grid.weights)[1]
-        by_values = [
-            by_samples[x.here] if x.weights is None else x.weights.T @ by_samples[x.here]
-            for x in points
-        ]
-        for columns, by_states in column.gradient(result, arguments, at, np.concatenate(by_values)):
+            ((_, points),) = group_times(trajectory, times, is_elastic)
+            joined = join_points(points, trajectory, limited=True)
+            points_at[key] = solution.at_times(times), points, *joined
+        run, points, rows, at = points_at[key]
+        by_samples = factor * term.evaluate(read_column(run, term.column)[1], grid.weights)[1]
+        by_values = np.concatenate(
+            [
+                by_samples[x.here] if x.weights is None else x.weights.T @ by_samples[x.here]
+                for x in points
+            ]
+        )
+        blocks: Any = [(np.array([column]), by_values[:, None])]
+        if number is not None:
+            blocks = _differentiate_observable(
+                result, equations, number, column, rows, at, by_values
+            )
+        for columns, by_states in blocks:
             for x, part in zip(points, split_points(points, by_states), strict=True):
-                interval = trajectory.intervals[x.interval]
-                _add_to_nodes(x, interval, result.states[x.interval], columns, part)
+                interval, by_nodes = trajectory.intervals[x.interval], states[x.interval]
+                if x.nodes is not None:
+                    by_nodes[x.nodes[:, None], columns] += part
+                    continue
+                shares = interval.weights_at(x.times)
+                of_kinds = shares.positions, shares.velocities, shares.reactions
+                kind = min(int(columns[0]) // n, 2)
+                by_nodes[:, columns] += of_kinds[kind].T @ part
+                if kind == 0:
+                    by_nodes[:, n + columns] += shares.positions_by_velocities.T @ part
     return result
 
 
-def _values_at_times(points: ColumnPoints, trajectory: Trajectory, values: Array) -> Array:
-    """Return the values of a column at the times, given those at the states of the points."""
-    if points.weights is None:
-        return values
-    interval = trajectory.intervals[points.interval]
-    at_nodes = np.zeros((len(interval.nodes), 1))
-    at_nodes[points.nodes, 0] = values
-    return interval.interpolate_forces(at_nodes, points.times)[:, 0]
+def _differentiate_observable(
+    seeds: ColumnSeeds,
+    e: EquationsOfMotion,
+    number: int,
+    column: int,
+    rows: Array,
+    at: State,
+    by: Array,
+) -> Iterator[tuple[Array, Array]]:
+    """Yield columns of (q, v, lam), (c,), and the derivatives by them, (states, c).
 
-
-def _add_to_nodes(
-    points: ColumnPoints, interval: Interval, by_nodes: Array, columns: Array, by_states: Array
-) -> None:
-    """Add derivatives by columns of the states (q, v, lam) of points to those at the nodes."""
-    if points.nodes is not None:
-        by_nodes[points.nodes[:, None], columns] += by_states
-        return
-    weights, n = interval.weights_at(points.times), interval.rows.v.shape[1]
-    of_kinds = weights.positions, weights.velocities, weights.reactions
-    kind = min(int(columns[0]) // n, 2)
-    by_nodes[:, columns] += of_kinds[kind].T @ by_states
-    if kind == 0:
-        by_nodes[:, n + columns] += weights.positions_by_velocities.T @ by_states
-
-
-class _Column(NamedTuple):
-    """Column of an observable, or of the coordinates, if `number` is None."""
-
-    equations: EquationsOfMotion
-    number: int | None
-    column: int
-
-    @classmethod
-    def of(cls, equations: EquationsOfMotion, name: str) -> _Column:
-        return cls(equations, *locate_column(equations, name)[1:])
-
-    @property
-    def observable(self) -> Observable:
-        assert self.number is not None
-        return self.equations.observables[self.number]
-
-    @property
-    def is_elastic(self) -> bool:
-        return self.number is not None and self.observable.is_elastic
-
-    def evaluate(self, rows: Array, at: State) -> tuple[Array, tuple[Array, ...]]:
-        """Return the values (k,), and the arguments of the formula."""
-        if self.number is None:
-            return np.hstack([at.q, at.v, at.lam])[:, self.column], ()
-        # Operators have few columns; products with all coordinates would copy these.
-        o = self.observable
-        acting, operator = o.active_columns
-        q, v = (np.asarray(x[:, acting] @ operator.T) for x in (at.q, at.v))
-        arguments = rows, q, v, self.equations.p[o.data], at.lam[:, o.rows]
-        return o.function.output(self.column)(*arguments)[:, 0], arguments
-
-    def gradient(
-        self, seeds: ColumnSeeds, arguments: tuple[Array, ...], at: State, by: Array
-    ) -> Iterator[tuple[Array, Array]]:
-        """Yield columns of (q, v, lam), (c,), and the derivatives by them, (states, c).
-
-        Derivatives by the numbers are added to `seeds`; `by` are those by the values, (states,).
-        """
-        n = self.equations.n
-        if self.number is None:
-            yield np.array([self.column]), by[:, None]
-            return
-        o = self.observable
-        gradient = o.function.output(self.column).weighted_gradient()(*arguments, by[:, None])
-        ends = np.cumsum([arguments[1].shape[1], arguments[2].shape[1], arguments[3].shape[-1]])
-        *by_motion, by_p, by_lam = np.split(gradient, ends, axis=1)
-        seeds.numbers[o.data] += by_p.sum(axis=0)
-        acting, operator = o.active_columns
-        for first, part, x in zip((0, n), by_motion, (at.q, at.v), strict=True):
-            # Most columns depend either on positions or on velocities.
-            if part.any():
-                by_operator = seeds.operators.setdefault(self.number, np.zeros(o.operator.shape))
-                by_operator += part.T @ x
-                yield first + acting, part @ operator
-        if by_lam.size:
-            yield 2 * n + np.arange(self.equations.m)[o.rows], by_lam
+    Derivatives by the numbers are added to `seeds`; `by` are those by the values of a column of an
+    observable, (states,).
+    """
+    # Operators have few columns; products with all coordinates would copy these.
+    o = e.observables[number]
+    acting, operator = o.active_columns
+    q, v = (np.asarray(x[:, acting] @ operator.T) for x in (at.q, at.v))
+    function = o.function.output(column).weighted_gradient()
+    gradient = function(rows, q, v, e.p[o.data], at.lam[:, o.rows], by[:, None])
+    ends = np.cumsum([q.shape[1], v.shape[1], o.data.stop - o.data.start])
+    *by_motion, by_p, by_lam = np.split(gradient, ends, axis=1)
+    seeds.numbers[o.data] += by_p.sum(axis=0)
+    for first, part, x in zip((0, e.n), by_motion, (at.q, at.v), strict=True):
+        # Most columns depend either on positions or on velocities.
+        if part.any():
+            by_operator = seeds.operators.setdefault(number, np.zeros(o.operator.shape))
+            by_operator += part.T @ x
+            yield first + acting, part @ operator
+    if by_lam.size:
+        yield 2 * e.n + np.arange(e.m)[o.rows], by_lam
 
 
 # A vibration over 16 periods had derivatives with errors of 2 % with rtol=1e-3, 0.2 % with 1e-4
@@ -443,13 +403,31 @@ class AdjointRun(DifferentiableRun):
         e = self.solution.equations
         if e.configurations is not None or e.redundant or find_stop(self.solution) is not None:
             return None
-        seeds, *by_start = transpose_run(weights, self.solution, self.method)
-        first = node_state(self.solution.trajectory.intervals[0], 0)
+        solution = bound_reactions(self.solution)
+        start, n, intervals = (
+            StartDerivatives(ConsistencySolver(e)),
+            e.n,
+            solution.trajectory.intervals,
+        )
+        seeds, matrices = differentiate_objective(weights, solution), Matrices()
+        # Between two intervals, a law has a breakpoint: positions and velocities are continuous.
+        for k in reversed(range(len(intervals))):
+            interval, by_nodes = intervals[k], seeds.states[k]
+            by_start, by_p = transpose_steps(self.method, start, interval, by_nodes[1:], matrices)
+            by_start[: 2 * n] += by_nodes[0, : 2 * n]
+            by_start[3 * n :] += by_nodes[0, 2 * n :]
+            v = intervals[k - 1].rows.v[-1] if k else interval.rows.v[0]
+            first = node_state(interval, 0)
+            by_state, by_numbers = start.gradient(start.start_map(*first, v), by_start)
+            seeds.numbers += by_p + by_numbers
+            if k:
+                seeds.states[k - 1][-1, : 2 * n] += by_state[: 2 * n]
         regular = {name: x for name, x in self.difference(names).items() if is_regular(x, e)}
+        first = node_state(self.solution.trajectory.intervals[0], 0)
         starts = differentiate_starts([*regular.values()], *first)
         result = {
-            name: seeds.contract(x) + float(np.hstack(by_start) @ np.hstack(start))
-            for (name, x), start in zip(regular.items(), starts, strict=True)
+            name: seeds.contract(x) + float(by_state[: 2 * n] @ np.hstack(along))
+            for (name, x), along in zip(regular.items(), starts, strict=True)
         }
         if others := [x for x in names if x not in result]:
             result |= self._contract(weights, others)
@@ -459,91 +437,37 @@ class AdjointRun(DifferentiableRun):
         self, weights: Mapping[Objective, float], names: Sequence[str]
     ) -> dict[str, float]:
         """Return the derivatives of a weighted sum of objectives along those of the run."""
-        return differentiate_along(weights, self.solution, *self.differentiate(names))
-
-
-def transpose_run(
-    weights: Mapping[Objective, float], solution: Solution, method: GeneralizedAlpha | Radau
-) -> tuple[ColumnSeeds, Array, Array]:
-    """Sweep backwards over all intervals of a run.
-
-    Between two intervals, a law has a breakpoint: positions and velocities are continuous.
-
-    Returns
-    -------
-    tuple
-        Derivatives by the numbers p, through columns and steps, and derivatives by
-        the requested initial coordinates and velocities, (n,) each.
-
-    Raises
-    ------
-    BeamdaeError
-        If steps cannot be transposed.
-    """
-    solution = bound_reactions(solution)
-    equations, intervals = solution.equations, solution.trajectory.intervals
-    start, n = StartDerivatives(ConsistencySolver(equations)), equations.n
-    seeds = differentiate_objective(weights, equations, solution.trajectory)
-    matrices = Matrices()
-    for k in reversed(range(len(intervals))):
-        interval, by_nodes = intervals[k], seeds.states[k]
-        by_start, by_p = transpose_steps(method, start, interval, by_nodes[1:], matrices)
-        by_start[: 2 * n] += by_nodes[0, : 2 * n]
-        by_start[3 * n :] += by_nodes[0, 2 * n :]
-        v = intervals[k - 1].rows.v[-1] if k else interval.rows.v[0]
-        by_state, by_numbers = start.gradient(
-            start.start_map(*node_state(interval, 0), v), by_start
-        )
-        seeds.numbers += by_p + by_numbers
-        if k:
-            seeds.states[k - 1][-1, : 2 * n] += by_state[: 2 * n]
-    return seeds, by_state[:n], by_state[n : 2 * n]
-
-
-def differentiate_along(
-    weights: Mapping[Objective, float],
-    solution: Solution,
-    differences: Mapping[str, Difference],
-    derivatives: Mapping[str, RunDerivative],
-) -> dict[str, float]:
-    """Return the derivatives of a weighted sum of objectives by parameter.
-
-    Parameters
-    ----------
-    weights, solution
-        Weights of the objectives, and run.
-    differences, derivatives
-        Models at neighboring values, and derivatives of the run, by parameter.
-    """
-    solution = bound_reactions(solution)
-    equations, trajectory = solution.equations, solution.trajectory
-    along = {name: x.trajectory for name, x in derivatives.items()}
-    # Times of restarts and of the end [s], and their derivatives by parameter.
-    shifts = np.array([x.shifts for x in derivatives.values()])
-    restarts = [float(x.t[0]) for x in trajectory.intervals]
-    bounds = [(t, dt) for t, dt in zip(restarts, shifts.T, strict=True) if dt.any()]
-    stop = find_stop(solution)
-    if stop is not None:
-        last = {name: x.intervals[-1] for name, x in along.items()}
-        end, interval = trajectory.end, trajectory.intervals[-1]
-        by_name = differentiate_event_time(equations, stop, interval, end, last, differences)
-        bounds.append((end, np.array([by_name[name] for name in derivatives])))
-    grid, result = SampleGrid.of(trajectory), np.zeros(len(derivatives))
-    for term, factor in weights.items():
-        times, (_, number, column) = term.sample_times(grid), locate_column(equations, term.column)
-        values = read_column(solution.at_times(times), term.column)[1]
-        value, by_values = term.evaluate(values, grid.weights)
-        if number is None:
-            states = {name: x.at(times)[1] for name, x in along.items()}
-            rows = {name: np.hstack([x.q, x.v, x.lam]) for name, x in states.items()}
-        else:
-            rows = differentiate_run_columns(
-                equations, trajectory, times, along, differences, [number]
-            )
-        result += factor * np.array([by_values @ rows[name][:, column] for name in derivatives])
-        for t, dt in bounds:
-            result += factor * _rate_by_time(term, value, solution, t) * dt
-    return dict(zip(derivatives, result.tolist(), strict=True))
+        differences, derivatives = self.differentiate(names)
+        solution = bound_reactions(self.solution)
+        equations, trajectory = solution.equations, solution.trajectory
+        along = {name: x.trajectory for name, x in derivatives.items()}
+        # Times of restarts and of the end [s], and their derivatives by parameter.
+        shifts = np.array([x.shifts for x in derivatives.values()])
+        restarts = [float(x.t[0]) for x in trajectory.intervals]
+        bounds = [(t, dt) for t, dt in zip(restarts, shifts.T, strict=True) if dt.any()]
+        stop = find_stop(solution)
+        if stop is not None:
+            last = {name: x.intervals[-1] for name, x in along.items()}
+            end, interval = trajectory.end, trajectory.intervals[-1]
+            by_name = differentiate_event_time(equations, stop, interval, end, last, differences)
+            bounds.append((end, np.array([by_name[name] for name in names])))
+        grid, result = SampleGrid.of(trajectory), np.zeros(len(names))
+        for term, factor in weights.items():
+            times = term.sample_times(grid)
+            _, number, column = locate_column(equations, term.column)
+            values = read_column(solution.at_times(times), term.column)[1]
+            value, by_values = term.evaluate(values, grid.weights)
+            if number is None:
+                states = {name: x.at(times)[1] for name, x in along.items()}
+                rows = {name: np.hstack([x.q, x.v, x.lam]) for name, x in states.items()}
+            else:
+                rows = differentiate_run_columns(
+                    equations, trajectory, times, along, differences, [number]
+                )
+            result += factor * np.array([by_values @ rows[name][:, column] for name in names])
+            for t, dt in bounds:
+                result += factor * _rate_by_time(term, value, solution, t) * dt
+        return dict(zip(names, result.tolist(), strict=True))
 
 
 def _rate_by_time(term: Objective, value: float, solution: Solution, t: float) -> float:
